@@ -1,0 +1,65 @@
+//! Real devices: what a stage and a camera are to the rest of the program.
+
+pub mod wire;
+
+use std::time::Duration;
+
+use futures::future::BoxFuture;
+
+use crate::frame::{Frame, FrameKind};
+use crate::geometry::Pose;
+
+/// What a camera is asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CaptureRequest {
+    /// What the frame will show.
+    pub kind: FrameKind,
+    /// Position read back from the stages.
+    pub pose: Pose,
+    /// Exposure time.
+    pub exposure_s: f64,
+    /// Number of the repeat, from 0.
+    pub repeat: u32,
+}
+
+/// A frame with what the camera knows about its making.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Captured {
+    /// The counts.
+    pub frame: Frame,
+    /// When the exposure began, on the injected clock's monotonic time.
+    pub started_at: Duration,
+    /// The same moment as a UTC label.
+    pub started_utc: time::OffsetDateTime,
+}
+
+/// Anything that turns a request into a frame.
+pub trait Camera: Send {
+    /// One line for people and logs: make, model, serial number.
+    fn describe(&self) -> String;
+
+    /// Takes one frame. The future may be dropped to cancel; the next capture must still work.
+    fn capture<'a>(
+        &'a mut self,
+        request: &'a CaptureRequest,
+    ) -> BoxFuture<'a, Result<Captured, CameraError>>;
+}
+
+/// Why there is no frame.
+#[derive(Debug, thiserror::Error)]
+pub enum CameraError {
+    /// Nothing came in time.
+    #[error("no frame came within {waited_s:.1} s: {hint}")]
+    TimedOut {
+        /// How long was waited.
+        waited_s: f64,
+        /// What to look at.
+        hint: String,
+    },
+    /// A file or buffer came that is no frame.
+    #[error("what the camera delivered is not a frame: {0}")]
+    NotAFrame(#[from] crate::frame::FrameError),
+    /// The camera's program or device failed.
+    #[error("the camera failed: {0}")]
+    Failed(String),
+}

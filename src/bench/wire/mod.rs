@@ -1,0 +1,1 @@
+//! Stage protocols, one file each: pure encode and decode.

@@ -1,0 +1,65 @@
+//! The command line: one file per subcommand, each thin.
+//!
+//! JSON goes to stdout alone; progress, logs and errors go to stderr. Exit codes: 0 done, 1 no
+//! result, 2 bad usage or bad input, 130 after Ctrl-C once things are safe.
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Measures the ridge angle of micro-structured surfaces, says how sure it is, and why.
+#[derive(Debug, Parser)]
+#[command(name = "ridged", version, about, max_term_width = 100)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// One variant per subcommand; its arguments live in the subcommand's own file.
+#[derive(Debug, Subcommand)]
+pub enum Command {}
+
+/// Why a command ended without what was asked for.
+#[derive(Debug)]
+pub enum CliError {
+    /// The input or its use is wrong: exit 2.
+    BadInput(anyhow::Error),
+    /// The machine, the rig or the data gave no result: exit 1.
+    NoResult(anyhow::Error),
+    /// The user stopped it and everything is safe: exit 130.
+    Interrupted,
+}
+
+impl CliError {
+    /// Wraps an error about the user's input.
+    pub fn bad_input(error: impl Into<anyhow::Error>) -> Self {
+        CliError::BadInput(error.into())
+    }
+
+    /// Wraps an error about everything else.
+    pub fn no_result(error: impl Into<anyhow::Error>) -> Self {
+        CliError::NoResult(error.into())
+    }
+}
+
+/// Runs one command to its exit code; errors are printed with their causes.
+#[must_use]
+pub fn run(cli: Cli) -> ExitCode {
+    let outcome: Result<(), CliError> = match cli.command {};
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(CliError::BadInput(error)) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(2)
+        }
+        Err(CliError::NoResult(error)) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(1)
+        }
+        Err(CliError::Interrupted) => {
+            eprintln!("stopped by Ctrl-C; everything is safe");
+            ExitCode::from(130)
+        }
+    }
+}

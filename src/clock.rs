@@ -1,0 +1,141 @@
+//! Time as an argument: the daemon, the simulated rig and the tests each get the clock they need.
+//!
+//! Monotonic time orders and waits; UTC only labels. [`SystemClock`] is real time, [`ScaledClock`]
+//! runs a simulated rig faster than life, [`SteppedClock`] moves only when somebody sleeps on it, so
+//! a whole scan runs in a test without waiting and always the same way.
+
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use futures::future::BoxFuture;
+use time::OffsetDateTime;
+
+/// A source of time and the only way to wait.
+pub trait Clock: Send + Sync + 'static {
+    /// Monotonic time since the clock was made.
+    fn now(&self) -> Duration;
+    /// Wall-clock time, a label only: it may jump.
+    fn utc(&self) -> OffsetDateTime;
+    /// Completes when `duration` has passed on this clock.
+    fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()>;
+}
+
+/// Real time.
+#[derive(Debug)]
+pub struct SystemClock {
+    started: Instant,
+}
+
+impl SystemClock {
+    /// A clock that starts now.
+    #[must_use]
+    pub fn new() -> Self {
+        SystemClock {
+            started: Instant::now(),
+        }
+    }
+}
+
+impl Default for SystemClock {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Clock for SystemClock {
+    fn now(&self) -> Duration {
+        self.started.elapsed()
+    }
+
+    fn utc(&self) -> OffsetDateTime {
+        OffsetDateTime::now_utc()
+    }
+
+    fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {
+        Box::pin(tokio::time::sleep(duration))
+    }
+}
+
+/// Real time run faster (or slower) by a fixed factor, for a simulated rig.
+#[derive(Debug)]
+pub struct ScaledClock {
+    started: Instant,
+    started_utc: OffsetDateTime,
+    scale: f64,
+}
+
+impl ScaledClock {
+    /// A clock on which `scale` seconds pass in one real second. `scale` must be finite and
+    /// positive; anything else counts as 1.
+    #[must_use]
+    pub fn new(scale: f64) -> Self {
+        let scale = if scale.is_finite() && scale > 0.0 {
+            scale
+        } else {
+            1.0
+        };
+        ScaledClock {
+            started: Instant::now(),
+            started_utc: OffsetDateTime::now_utc(),
+            scale,
+        }
+    }
+}
+
+impl Clock for ScaledClock {
+    fn now(&self) -> Duration {
+        self.started.elapsed().mul_f64(self.scale)
+    }
+
+    fn utc(&self) -> OffsetDateTime {
+        self.started_utc + self.now()
+    }
+
+    fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {
+        Box::pin(tokio::time::sleep(duration.div_f64(self.scale)))
+    }
+}
+
+/// Time that stands still until somebody sleeps: each sleep moves it on at once.
+#[derive(Debug)]
+pub struct SteppedClock {
+    now: Mutex<Duration>,
+    epoch: OffsetDateTime,
+}
+
+impl SteppedClock {
+    /// A clock at zero, labelled with a fixed date so that tests repeat.
+    #[must_use]
+    pub fn new() -> Self {
+        SteppedClock {
+            now: Mutex::new(Duration::ZERO),
+            epoch: time::macros::datetime!(2026-01-01 00:00 UTC),
+        }
+    }
+
+    /// Moves time on by `duration`.
+    pub fn advance(&self, duration: Duration) {
+        *self.now.lock().expect("no holder of this lock panics") += duration;
+    }
+}
+
+impl Default for SteppedClock {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Clock for SteppedClock {
+    fn now(&self) -> Duration {
+        *self.now.lock().expect("no holder of this lock panics")
+    }
+
+    fn utc(&self) -> OffsetDateTime {
+        self.epoch + self.now()
+    }
+
+    fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {
+        self.advance(duration);
+        Box::pin(tokio::task::yield_now())
+    }
+}

@@ -1,0 +1,193 @@
+//! A camera frame: 16-bit grey counts, and the PNG that keeps them bit for bit.
+
+use std::io::Cursor;
+
+use serde::{Deserialize, Serialize};
+
+/// What a frame shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FrameKind {
+    /// The sample.
+    Sample,
+    /// Nothing: the lens is capped.
+    Dark,
+    /// The white reference.
+    Flat,
+}
+
+impl FrameKind {
+    /// The word used in files, requests and the database.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            FrameKind::Sample => "sample",
+            FrameKind::Dark => "dark",
+            FrameKind::Flat => "flat",
+        }
+    }
+}
+
+/// 16-bit grey counts (DN), row by row from the top left, right-aligned.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Frame {
+    width_px: u32,
+    height_px: u32,
+    pixels_dn: Vec<u16>,
+}
+
+/// Why bytes are not a frame.
+#[derive(Debug, thiserror::Error)]
+pub enum FrameError {
+    /// The file is no PNG, or a damaged or truncated one.
+    #[error("the file is not a readable PNG: {0}")]
+    Unreadable(#[from] png::DecodingError),
+    /// A PNG, but not 16-bit grey.
+    #[error("the file is a {found} PNG; frames are 16-bit grey")]
+    WrongFormat {
+        /// Colour type and depth found.
+        found: String,
+    },
+    /// Pixel count and size disagree, or the size is zero or beyond 2²⁸ pixels.
+    #[error("{pixels} pixels do not make a frame of {width_px} × {height_px}")]
+    WrongSize {
+        /// Width asked for.
+        width_px: u32,
+        /// Height asked for.
+        height_px: u32,
+        /// Pixels given.
+        pixels: usize,
+    },
+    /// The encoder failed.
+    #[error("the frame could not be encoded as PNG: {0}")]
+    Encoding(#[from] png::EncodingError),
+}
+
+/// Frames beyond this are refused before memory is taken for them.
+const PIXELS_MAX: u64 = 1 << 28;
+
+impl Frame {
+    /// A frame of `width_px` × `height_px` counts, row by row from the top left.
+    ///
+    /// # Errors
+    /// [`FrameError::WrongSize`] if the count of pixels does not fit the size.
+    pub fn new(width_px: u32, height_px: u32, pixels_dn: Vec<u16>) -> Result<Self, FrameError> {
+        let pixels = u64::from(width_px) * u64::from(height_px);
+        if pixels == 0 || pixels > PIXELS_MAX || pixels != pixels_dn.len() as u64 {
+            return Err(FrameError::WrongSize {
+                width_px,
+                height_px,
+                pixels: pixels_dn.len(),
+            });
+        }
+        Ok(Frame {
+            width_px,
+            height_px,
+            pixels_dn,
+        })
+    }
+
+    /// Width in pixels.
+    #[must_use]
+    pub fn width_px(&self) -> u32 {
+        self.width_px
+    }
+
+    /// Height in pixels.
+    #[must_use]
+    pub fn height_px(&self) -> u32 {
+        self.height_px
+    }
+
+    /// Counts, row by row from the top left.
+    #[must_use]
+    pub fn pixels_dn(&self) -> &[u16] {
+        &self.pixels_dn
+    }
+
+    /// Reads a 16-bit grey PNG. Untrusted input: a wrong or truncated file is an error.
+    ///
+    /// # Errors
+    /// [`FrameError`] says what is wrong with the bytes.
+    pub fn from_png(bytes: &[u8]) -> Result<Self, FrameError> {
+        let limits = png::Limits { bytes: 1 << 30 };
+        let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), limits);
+        decoder.set_transformations(png::Transformations::IDENTITY);
+        let mut reader = decoder.read_info()?;
+        let (width_px, height_px, color, depth) = {
+            let info = reader.info();
+            (info.width, info.height, info.color_type, info.bit_depth)
+        };
+        if color != png::ColorType::Grayscale || depth != png::BitDepth::Sixteen {
+            return Err(FrameError::WrongFormat {
+                found: format!("{}-bit {color:?}", depth as u8),
+            });
+        }
+        let pixels = u64::from(width_px) * u64::from(height_px);
+        if pixels > PIXELS_MAX {
+            return Err(FrameError::WrongSize {
+                width_px,
+                height_px,
+                pixels: pixels as usize,
+            });
+        }
+        let mut bytes = vec![0; pixels as usize * 2];
+        reader.next_frame(&mut bytes)?;
+        reader.finish()?;
+        let pixels_dn = bytes
+            .as_chunks::<2>()
+            .0
+            .iter()
+            .map(|b| u16::from_be_bytes(*b))
+            .collect();
+        Frame::new(width_px, height_px, pixels_dn)
+    }
+
+    /// The frame as a 16-bit grey PNG; the same frame gives the same bytes.
+    ///
+    /// # Errors
+    /// [`FrameError::Encoding`] if the encoder fails, which takes a lack of memory.
+    pub fn to_png(&self) -> Result<Vec<u8>, FrameError> {
+        let mut out = Vec::with_capacity(self.pixels_dn.len() * 2 + 128);
+        let mut encoder = png::Encoder::new(&mut out, self.width_px, self.height_px);
+        encoder.set_color(png::ColorType::Grayscale);
+        encoder.set_depth(png::BitDepth::Sixteen);
+        encoder.set_compression(png::Compression::Fast);
+        let mut writer = encoder.write_header()?;
+        let bytes: Vec<u8> = self
+            .pixels_dn
+            .iter()
+            .flat_map(|dn| dn.to_be_bytes())
+            .collect();
+        writer.write_image_data(&bytes)?;
+        writer.finish()?;
+        Ok(out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_survives_its_file_bit_for_bit() {
+        let pixels = (0..7 * 5).map(|i| (i * 1999 % 65536) as u16).collect();
+        let frame = Frame::new(7, 5, pixels).unwrap();
+        assert_eq!(Frame::from_png(&frame.to_png().unwrap()).unwrap(), frame);
+    }
+
+    #[test]
+    fn every_truncation_of_a_file_is_an_error() {
+        let png = Frame::new(3, 2, vec![1, 2, 3, 4, 5, 65535])
+            .unwrap()
+            .to_png()
+            .unwrap();
+        for end in 0..png.len() {
+            assert!(
+                Frame::from_png(&png[..end]).is_err(),
+                "{end} bytes of {} pass",
+                png.len()
+            );
+        }
+    }
+}

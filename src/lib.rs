@@ -1,0 +1,10 @@
+#![doc = include_str!("../ARCHITECTURE.md")]
+
+pub mod bench;
+pub mod cli;
+pub mod clock;
+pub mod frame;
+pub mod geometry;
+pub mod material;
+pub mod observation;
+pub mod units;

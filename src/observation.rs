@@ -1,0 +1,108 @@
+//! What a reduced measurement is: the waist between rig and physics.
+//!
+//! A reduction turns frames into one [`ObservationSet`]; a fit reads nothing else. Signals are in
+//! units of radiance for a lamp irradiance of 1 on a surface facing it (so a BRDF f gives
+//! f·cos θi). With a white reference the unit is absolute up to the reference's own uncertainty and
+//! the stray light, both of which the fit settles together with the flats; without one the unit is
+//! arbitrary and [`ObservationSet::white_reference`] is `None`.
+
+use crate::geometry::{Pose, RigGeometry};
+use crate::material::Material;
+use crate::units::Angle;
+
+/// One reduced measurement of the sample at one pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Observation {
+    /// Position read back from the stages, never the one asked for.
+    pub pose: Pose,
+    /// Signal in radiance units (see the module's head); stray light is still in it.
+    pub signal: f64,
+    /// Own standard uncertainty of `signal`: shot noise, read noise, repeats. Independent between
+    /// observations.
+    pub sigma: f64,
+    /// Errors that this observation has in common with all others.
+    pub shared: SharedErrors,
+    /// Frames that went into it.
+    pub n_frames: u32,
+}
+
+/// By how much one standard uncertainty of a source that all observations share moves this one.
+/// The sign is that of a positive deviation of the source.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SharedErrors {
+    /// White reference's certificate: change of `signal`.
+    pub white_reference: f64,
+    /// Lamp drift between the white reference and the sample: change of `signal`.
+    pub led_drift: f64,
+    /// Zero of the tilt stage beyond what the fit solves for: change of θc.
+    pub theta_c_zero: Angle,
+    /// Zero of the rotation stage beyond what the fit solves for: change of φs.
+    pub phi_s_zero: Angle,
+}
+
+/// The white reference seen at one camera tilt. Modelled as
+/// gain · [reflectance/π · cos θi(θc + δ) + stray light], δ the tilt's zero error.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FlatObservation {
+    /// Camera tilt read back from the stage.
+    pub theta_c: Angle,
+    /// Signal in the same unit as the observations'.
+    pub signal: f64,
+    /// Standard uncertainty of `signal`, independent between flats.
+    pub sigma: f64,
+}
+
+/// Certificate of the white reference: a Lambertian reflector.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WhiteReference {
+    /// Diffuse reflectance.
+    pub reflectance: f64,
+    /// Standard uncertainty of the reflectance.
+    pub reflectance_std: f64,
+}
+
+/// What is known of a quantity before the fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prior {
+    /// Expected value.
+    pub mean: f64,
+    /// Standard uncertainty.
+    pub std: f64,
+}
+
+/// A frame that was left out of the reduction, by name and reason.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct RejectedFrame {
+    /// File name as recorded.
+    pub file: String,
+    /// Stable word or short phrase: `saturated`, `black`, `unreadable`, `wrong size`, `shifted`, …
+    pub reason: String,
+}
+
+/// All that a fit needs to know about one sample (or one region of it).
+#[derive(Debug, Clone, PartialEq)]
+pub struct ObservationSet {
+    /// The rig that saw them.
+    pub rig: RigGeometry,
+    /// Nominal material with its uncertainty.
+    pub material: Material,
+    /// The sample's observations.
+    pub observations: Vec<Observation>,
+    /// The white reference over its tilts; empty without one.
+    pub flats: Vec<FlatObservation>,
+    /// Certificate of the white reference; `None` makes the scale free.
+    pub white_reference: Option<WhiteReference>,
+    /// Stray light in the signals' unit, as known before the fit (from flats, darks or the mount).
+    pub background: Prior,
+    /// Region of interest, where the sample has several.
+    pub region: Option<String>,
+    /// Where this region's lean direction stands relative to the rig's azimuth zero (90° for the odd
+    /// patches of a checkerboard): already part of the model's azimuth, not of the offset.
+    pub region_azimuth: Angle,
+    /// Frames used, darks and flats included.
+    pub n_frames_used: u32,
+    /// Frames left out.
+    pub rejected_frames: Vec<RejectedFrame>,
+    /// Sentences for the user.
+    pub warnings: Vec<String>,
+}

@@ -1,0 +1,146 @@
+//! Angles are a type, because the stage speaks degrees and the mathematics radians.
+//!
+//! Everything else is an `f64` whose name ends in its unit (`exposure_s`, `pixel_um`).
+
+use std::fmt;
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
+
+/// A plane angle. Built and read by unit name; radians inside.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Default)]
+pub struct Angle {
+    rad: f64,
+}
+
+impl Angle {
+    /// The zero angle.
+    pub const ZERO: Angle = Angle { rad: 0.0 };
+
+    /// An angle given in degrees.
+    #[must_use]
+    pub const fn from_deg(deg: f64) -> Self {
+        Angle {
+            rad: deg * (std::f64::consts::PI / 180.0),
+        }
+    }
+
+    /// An angle given in radians.
+    #[must_use]
+    pub const fn from_rad(rad: f64) -> Self {
+        Angle { rad }
+    }
+
+    /// The angle in degrees.
+    #[must_use]
+    pub fn deg(self) -> f64 {
+        self.rad.to_degrees()
+    }
+
+    /// The angle in radians.
+    #[must_use]
+    pub const fn rad(self) -> f64 {
+        self.rad
+    }
+
+    /// Sine and cosine, in that order.
+    #[must_use]
+    pub fn sin_cos(self) -> (f64, f64) {
+        self.rad.sin_cos()
+    }
+
+    /// Magnitude of the angle.
+    #[must_use]
+    pub fn abs(self) -> Self {
+        Angle {
+            rad: self.rad.abs(),
+        }
+    }
+
+    /// Whether the angle is a finite number.
+    #[must_use]
+    pub fn is_finite(self) -> bool {
+        self.rad.is_finite()
+    }
+
+    /// The same direction in (−180°, 180°].
+    #[must_use]
+    pub fn wrapped(self) -> Self {
+        let turn = std::f64::consts::TAU;
+        let r = self.rad.rem_euclid(turn);
+        Angle {
+            rad: if r > std::f64::consts::PI {
+                r - turn
+            } else {
+                r
+            },
+        }
+    }
+}
+
+impl fmt::Display for Angle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let precision = f.precision().unwrap_or(3);
+        write!(f, "{:.*}°", precision, self.deg())
+    }
+}
+
+impl Add for Angle {
+    type Output = Angle;
+    fn add(self, other: Angle) -> Angle {
+        Angle {
+            rad: self.rad + other.rad,
+        }
+    }
+}
+
+impl AddAssign for Angle {
+    fn add_assign(&mut self, other: Angle) {
+        self.rad += other.rad;
+    }
+}
+
+impl Sub for Angle {
+    type Output = Angle;
+    fn sub(self, other: Angle) -> Angle {
+        Angle {
+            rad: self.rad - other.rad,
+        }
+    }
+}
+
+impl Neg for Angle {
+    type Output = Angle;
+    fn neg(self) -> Angle {
+        Angle { rad: -self.rad }
+    }
+}
+
+impl Mul<f64> for Angle {
+    type Output = Angle;
+    fn mul(self, factor: f64) -> Angle {
+        Angle {
+            rad: self.rad * factor,
+        }
+    }
+}
+
+impl Div<f64> for Angle {
+    type Output = Angle;
+    fn div(self, divisor: f64) -> Angle {
+        Angle {
+            rad: self.rad / divisor,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wrapping_keeps_the_upper_end_and_drops_the_lower() {
+        assert!((Angle::from_deg(180.0).wrapped().deg() - 180.0).abs() < 1e-12);
+        assert!((Angle::from_deg(-180.0).wrapped().deg() - 180.0).abs() < 1e-12);
+        assert!((Angle::from_deg(359.0).wrapped().deg() + 1.0).abs() < 1e-12);
+        assert!((Angle::from_deg(-541.0).wrapped().deg() - 179.0).abs() < 1e-12);
+    }
+}
