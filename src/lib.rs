@@ -6,5 +6,6 @@ pub mod clock;
 pub mod frame;
 pub mod geometry;
 pub mod material;
+pub mod model;
 pub mod observation;
 pub mod units;

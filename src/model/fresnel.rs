@@ -1,0 +1,350 @@
+//! Fresnel reflection at a smooth boundary: the one place where N = n + ik meets an angle.
+//!
+//! Call [`reflectance`] (unpolarised value), [`Reflectances::at`] (R_s, R_p and their derivatives)
+//! or [`amplitudes`]. All take the cosine of the angle of incidence, so that grazing incidence
+//! loses no digits, and an index relative to the medium of incidence. Convention exp(−iωt),
+//! N = n + ik with k ≥ 0.
+//!
+//! With q² = N² − 1 + c² (c = cos θ, Im q ≥ 0) the amplitudes r_s = (c − q)/(c + q) and
+//! r_p = (N²c − q)/(N²c + q) are differences of nearly equal numbers when N is near 1. Multiplied
+//! out they are not:
+//!
+//! ```text
+//! r_s = −(N² − 1) / (c + q)²        r_p = (N² − 1) ((N² + 1) c² − 1) / (N² c + q)²
+//! ```
+//!
+//! and N² − 1 = (n − 1)(n + 1) − k² + 2ink is exact to rounding. These forms give 0 for N = 1,
+//! 1 at grazing, and R = 1 to rounding for total internal reflection. The sign of r_p is that of
+//! the electric field's component along p (r_p = −r_s at normal incidence).
+//!
+//! This module does not know about polarisation states; that is the ray tracer's.
+
+use nalgebra::Complex;
+
+use super::dual::Scalar;
+
+/// Amplitude reflection coefficients (r_s, r_p) at cos θ = `cos` for the relative index `eta + i k`.
+#[must_use]
+pub fn amplitudes(cos: f64, eta: f64, k: f64) -> (Complex<f64>, Complex<f64>) {
+    let parts = Parts::new(cos, eta, k);
+    (parts.r_s, parts.r_p)
+}
+
+/// Unpolarised reflectance (R_s + R_p)/2 at cos θ = `cos` for the relative index `eta + i k`.
+#[must_use]
+pub fn reflectance(cos: f64, eta: f64, k: f64) -> f64 {
+    let (r_s, r_p) = reflectances(cos, eta, k);
+    0.5 * (r_s + r_p)
+}
+
+/// 1 − [`reflectance`]: what enters.
+#[must_use]
+pub fn transmittance(cos: f64, eta: f64, k: f64) -> f64 {
+    1.0 - reflectance(cos, eta, k)
+}
+
+/// Power reflectances (R_s, R_p), each within [0, 1].
+#[must_use]
+pub fn reflectances(cos: f64, eta: f64, k: f64) -> (f64, f64) {
+    let lift = (eta - 1.0) * (eta + 1.0);
+    if k == 0.0 {
+        let q2 = lift + cos * cos;
+        if q2 <= 0.0 {
+            return if lift == 0.0 { (0.0, 0.0) } else { (1.0, 1.0) };
+        }
+        let q = q2.sqrt();
+        let n2 = eta * eta;
+        let sum_s = cos + q;
+        let sum_p = n2 * cos + q;
+        let r_s = lift / (sum_s * sum_s);
+        let r_p = lift * ((n2 + 1.0) * cos * cos - 1.0) / (sum_p * sum_p);
+        return ((r_s * r_s).min(1.0), (r_p * r_p).min(1.0));
+    }
+    let parts = Parts::new(cos, eta, k);
+    (parts.r_s.norm_sqr().min(1.0), parts.r_p.norm_sqr().min(1.0))
+}
+
+struct Parts {
+    n: Complex<f64>,
+    lift: Complex<f64>,
+    q: Complex<f64>,
+    sum_s: Complex<f64>,
+    sum_p: Complex<f64>,
+    r_s: Complex<f64>,
+    r_p: Complex<f64>,
+}
+
+impl Parts {
+    fn new(cos: f64, eta: f64, k: f64) -> Self {
+        let n = Complex::new(eta, k);
+        let n2 = n * n;
+        let lift = Complex::new((eta - 1.0) * (eta + 1.0) - k * k, 2.0 * eta * k);
+        let q = principal_sqrt(lift + cos * cos);
+        let sum_s = q + cos;
+        let sum_p = n2 * cos + q;
+        let matched = lift == Complex::new(0.0, 0.0);
+        let r_s = if matched {
+            lift
+        } else {
+            -lift / (sum_s * sum_s)
+        };
+        let r_p = if matched {
+            lift
+        } else {
+            lift * ((n2 + 1.0) * (cos * cos) - 1.0) / (sum_p * sum_p)
+        };
+        Parts {
+            n,
+            lift,
+            q,
+            sum_s,
+            sum_p,
+            r_s,
+            r_p,
+        }
+    }
+}
+
+/// The root with non-negative real and imaginary part of a number whose imaginary part is ≥ 0.
+/// The larger of the two parts is taken from the modulus, the smaller from the product, so that
+/// neither cancels.
+fn principal_sqrt(z: Complex<f64>) -> Complex<f64> {
+    let modulus = z.re.hypot(z.im);
+    if modulus == 0.0 {
+        return Complex::new(0.0, 0.0);
+    }
+    if z.re >= 0.0 {
+        let a = (0.5 * (modulus + z.re)).sqrt();
+        Complex::new(a, 0.5 * z.im / a)
+    } else {
+        let b = (0.5 * (modulus - z.re)).sqrt();
+        Complex::new(0.5 * z.im / b, b)
+    }
+}
+
+/// A reflectance with its derivatives to the cosine of the angle of incidence and to the index.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Slopes {
+    /// The reflectance, within [0, 1].
+    pub value: f64,
+    /// ∂/∂ cos θ.
+    pub cos: f64,
+    /// ∂/∂ n.
+    pub eta: f64,
+    /// ∂/∂ k.
+    pub k: f64,
+}
+
+/// R_s and R_p with their first derivatives.
+///
+/// One-sided: at the critical angle (q = 0) the derivatives are infinite; 0 is returned there, as
+/// on the side of total reflection.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reflectances {
+    /// Electric field perpendicular to the plane of incidence.
+    pub s: Slopes,
+    /// Electric field in the plane of incidence.
+    pub p: Slopes,
+}
+
+impl Reflectances {
+    /// Evaluates at cos θ = `cos` for the relative index `eta + i k`.
+    ///
+    /// Derivation: dq/dc = c/q and dq/dN = N/q give
+    /// ∂r_s/∂c = 2(N² − 1)/(q (c + q)²), ∂r_s/∂N = −2cN/(q (c + q)²),
+    /// ∂r_p/∂c = 2N²(N² − 1)/(q (N²c + q)²), ∂r_p/∂N = 2cN(2q² − N²)/(q (N²c + q)²);
+    /// dR = 2 Re(r* dr), dN = dn + i dk.
+    #[must_use]
+    pub fn at(cos: f64, eta: f64, k: f64) -> Self {
+        let (r_s, r_p) = reflectances(cos, eta, k);
+        let flat = |value: f64| Slopes {
+            value,
+            cos: 0.0,
+            eta: 0.0,
+            k: 0.0,
+        };
+        let z = Parts::new(cos, eta, k);
+        if z.q == Complex::new(0.0, 0.0) {
+            return Reflectances {
+                s: flat(r_s),
+                p: flat(r_p),
+            };
+        }
+        let slopes = |value: f64, r: Complex<f64>, dc: Complex<f64>, dn: Complex<f64>| {
+            let r = r.conj();
+            let dn = r * dn;
+            Slopes {
+                value,
+                cos: 2.0 * (r * dc).re,
+                eta: 2.0 * dn.re,
+                k: -2.0 * dn.im,
+            }
+        };
+        let ws = (z.q * z.sum_s * z.sum_s).inv();
+        let wp = (z.q * z.sum_p * z.sum_p).inv();
+        let n2 = z.n * z.n;
+        Reflectances {
+            s: slopes(r_s, z.r_s, z.lift * ws * 2.0, -z.n * ws * (2.0 * cos)),
+            p: slopes(
+                r_p,
+                z.r_p,
+                n2 * z.lift * wp * 2.0,
+                z.n * (z.q * z.q * 2.0 - n2) * wp * (2.0 * cos),
+            ),
+        }
+    }
+
+    /// (R_s + R_p)/2 with its derivatives.
+    #[must_use]
+    pub fn unpolarised(&self) -> Slopes {
+        Slopes {
+            value: 0.5 * (self.s.value + self.p.value),
+            cos: 0.5 * (self.s.cos + self.p.cos),
+            eta: 0.5 * (self.s.eta + self.p.eta),
+            k: 0.5 * (self.s.k + self.p.k),
+        }
+    }
+}
+
+/// (R_s, R_p) over any [`Scalar`].
+pub fn reflectances_of<S: Scalar>(cos: S, eta: S, k: S) -> (S, S) {
+    let r = Reflectances::at(cos.value(), eta.value(), k.value());
+    let lift = |x: Slopes| S::map3(x.value, [(cos, x.cos), (eta, x.eta), (k, x.k)]);
+    (lift(r.s), lift(r.p))
+}
+
+/// Unpolarised reflectance over any [`Scalar`].
+pub fn reflectance_of<S: Scalar>(cos: S, eta: S, k: S) -> S {
+    let (s, p) = reflectances_of(cos, eta, k);
+    (s + p) * 0.5
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const INDICES: [(f64, f64); 9] = [
+        (1.0, 0.0),
+        (1.0 + 1e-12, 0.0),
+        (1.54, 0.0),
+        (2.5, 0.0),
+        (0.65, 0.0),
+        (2.9, 3.1),
+        (0.15, 3.5),
+        (10.0, 30.0),
+        (1.0, 1e-9),
+    ];
+
+    #[test]
+    fn normal_incidence_is_the_squared_ratio_of_index_differences() {
+        for (eta, k) in INDICES {
+            let expected = ((eta - 1.0).powi(2) + k * k) / ((eta + 1.0).powi(2) + k * k);
+            for r in [reflectances(1.0, eta, k).0, reflectances(1.0, eta, k).1] {
+                assert!(
+                    (r - expected).abs() <= 8.0 * f64::EPSILON * expected,
+                    "{eta} {k}: {r} {expected}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn grazing_incidence_reflects_everything_unless_the_index_is_one() {
+        for (eta, k) in INDICES {
+            let (s, p) = reflectances(0.0, eta, k);
+            let expected = if eta == 1.0 && k == 0.0 { 0.0 } else { 1.0 };
+            assert!(
+                (s - expected).abs() < 1e-14 && (p - expected).abs() < 1e-14,
+                "{eta} {k}"
+            );
+        }
+    }
+
+    #[test]
+    fn brewsters_angle_lets_all_of_p_pass() {
+        let eta: f64 = 1.5;
+        let cos = (1.0 / (1.0 + eta * eta)).sqrt();
+        let (s, p) = reflectances(cos, eta, 0.0);
+        assert!(p < 1e-31, "{p}");
+        // ½ R_s there is ½ ((η² − 1)/(η² + 1))², 0.0739645 for 1.5.
+        assert!((0.5 * s - 0.073_964_497_041_420_12).abs() < 1e-16);
+    }
+
+    #[test]
+    fn total_internal_reflection_is_total() {
+        let eta: f64 = 1.0 / 1.5;
+        let critical = (1.0 - eta * eta).sqrt();
+        for cos in [0.0, 0.3, critical * 0.999_999] {
+            assert_eq!(reflectances(cos, eta, 0.0), (1.0, 1.0));
+            let (r_s, r_p) = amplitudes(cos, eta, 0.0);
+            assert!((r_s.norm() - 1.0).abs() < 1e-14 && (r_p.norm() - 1.0).abs() < 1e-14);
+        }
+        assert!(reflectances(critical * 1.001, eta, 0.0).0 < 1.0);
+    }
+
+    #[test]
+    fn an_index_barely_above_one_keeps_its_digits() {
+        let eps = 1.0 / f64::from(1u32 << 30);
+        // To leading order r_s = −ε/(2c²) and r_p = ε (2c² − 1)/(2c²).
+        for cos in [1.0, 0.6, 0.05] {
+            let (s, p) = reflectances(cos, 1.0 + eps, 0.0);
+            let s0 = (eps / (2.0 * cos * cos)).powi(2);
+            let p0 = (eps * (2.0 * cos * cos - 1.0) / (2.0 * cos * cos)).powi(2);
+            let next_order = 4.0 * eps / (cos * cos);
+            assert!((s - s0).abs() <= next_order * s0, "{cos}");
+            assert!((p - p0).abs() <= next_order * s0, "{cos}");
+        }
+    }
+
+    #[test]
+    fn the_derivatives_are_those_that_num_dual_finds_in_the_textbook_form() {
+        use num_dual::{DualNum, DualSVec64};
+        type D = DualSVec64<3>;
+        // Textbook real form (Wang et al. 2017, Eqs. 2–3): a, b of n cos θt = a + ib.
+        let textbook = |c: D, n: D, k: D| {
+            let s2 = -(c * c) + 1.0;
+            let d = n * n - k * k - s2;
+            let root = (d * d + n * n * k * k * 4.0).sqrt();
+            let a = ((root + d) * 0.5).sqrt();
+            let b = n * k / a;
+            let rs = ((c - a).powi(2) + b * b) / ((c + a).powi(2) + b * b);
+            let st = s2 / c;
+            let rp = rs * ((a - st).powi(2) + b * b) / ((a + st).powi(2) + b * b);
+            (rs, rp)
+        };
+        for (eta, k) in [
+            (1.54, 0.0),
+            (2.5, 0.0),
+            (2.9, 3.1),
+            (0.15, 3.5),
+            (10.0, 30.0),
+        ] {
+            for cos in [0.999, 0.8, 0.5, 0.2, 0.05] {
+                let var = |x: f64, i: usize| {
+                    D::new(
+                        x,
+                        num_dual::Derivative::derivative_generic(
+                            nalgebra::Const::<3>,
+                            nalgebra::Const::<1>,
+                            i,
+                        ),
+                    )
+                };
+                let (s, p) = textbook(var(cos, 0), var(eta, 1), var(k, 2));
+                let ours = Reflectances::at(cos, eta, k);
+                for (theirs, mine) in [(s, ours.s), (p, ours.p)] {
+                    let e = theirs
+                        .eps
+                        .unwrap_generic(nalgebra::Const::<3>, nalgebra::Const::<1>);
+                    assert!((theirs.re - mine.value).abs() < 1e-13);
+                    for (a, b) in [(e[0], mine.cos), (e[1], mine.eta), (e[2], mine.k)] {
+                        assert!(
+                            (a - b).abs() < 1e-11 * (1.0 + a.abs()),
+                            "{eta} {k} {cos}: {a} {b}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,206 @@
+//! PHYSICS in closed form: how much light a ridged surface sends to the camera.
+//!
+//! The one function to call: [`radiance`], or [`radiance_gradient`] in a fit. `Variant::Paper` is
+//! the BRDF as printed (Luongo et al. 2017, Eqs. 1–6), `Variant::Sawtooth` the full closed form of
+//! [`sawtooth`]. Pure functions of numbers: this room knows no files, no clock, no cameras and no
+//! statistics.
+//!
+//! Directions are unit vectors in the sample frame (u, v, n), see [`crate::geometry`]. Radiance is
+//! for irradiance 1 on a surface facing the lamp, so L = f cos θi.
+
+pub mod dual;
+pub mod fresnel;
+pub mod gauss;
+pub mod paper;
+pub mod sawtooth;
+
+use nalgebra::Vector3;
+
+use crate::geometry::{Directions, Pose, RigGeometry};
+use crate::material::Material;
+use dual::{Dual, Scalar};
+
+/// Which closed form.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Variant {
+    /// The BRDF as printed, masking to the pitch normal.
+    Paper,
+    /// Exact visibility, riser, diffuse and retro terms.
+    Sawtooth,
+}
+
+/// What the fit looks for in a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Surface {
+    /// Ridge angle θr, rad.
+    pub theta_r: f64,
+    /// Beckmann roughness along the ridges (tangent of slope).
+    pub alpha_u: f64,
+    /// Beckmann roughness across the ridges.
+    pub alpha_v: f64,
+    /// `Paper`: the lobe's ρd as printed. `Sawtooth`: the Lambertian-equivalent reflectance of a
+    /// flat piece at the rig's own angles.
+    pub rho_d: f64,
+    /// Factor on the light: `Paper` on the whole lobe, `Sawtooth` on single specular reflection
+    /// (squared on two reflections). 1 with an absolute scale.
+    pub amplitude: f64,
+}
+
+/// What is known beside the surface's shape.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Optics {
+    /// Real part of the index.
+    pub eta: f64,
+    /// Imaginary part of the index; 0 for a dielectric.
+    pub k: f64,
+    /// Angle between lamp and camera, rad; normalises ρd in `Sawtooth`.
+    pub theta_l: f64,
+    /// Angular radius of the lamp, rad; widens the lobes (α² + R²/8).
+    pub light_angular_radius: f64,
+}
+
+impl Optics {
+    /// The optics of a material on a rig.
+    #[must_use]
+    pub fn new(rig: &RigGeometry, material: &Material) -> Self {
+        let (eta, k) = material.index();
+        Optics {
+            eta,
+            k,
+            theta_l: rig.theta_l.rad(),
+            light_angular_radius: rig.light_angular_radius.rad(),
+        }
+    }
+}
+
+/// A radiance with its first derivatives (angles in radians).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gradient {
+    /// The radiance.
+    pub value: f64,
+    /// ∂/∂θr, per radian.
+    pub theta_r: f64,
+    /// ∂/∂αu.
+    pub alpha_u: f64,
+    /// ∂/∂αv.
+    pub alpha_v: f64,
+    /// ∂/∂ρd.
+    pub rho_d: f64,
+    /// ∂/∂A.
+    pub amplitude: f64,
+    /// ∂/∂n.
+    pub eta: f64,
+    /// ∂/∂k.
+    pub k: f64,
+    /// ∂/∂θc, per radian: camera and lamp tilt together.
+    pub theta_c: f64,
+    /// ∂/∂φs, per radian.
+    pub phi_s: f64,
+}
+
+/// Radiance for irradiance 1 on a surface facing the lamp; 0 where lamp or camera is not above
+/// the surface.
+#[must_use]
+pub fn radiance(
+    variant: Variant,
+    directions: &Directions,
+    surface: &Surface,
+    optics: &Optics,
+) -> f64 {
+    let q = parameters(surface, optics);
+    let (i, o): ([f64; 3], [f64; 3]) = (directions.incident.into(), directions.outgoing.into());
+    match variant {
+        Variant::Paper => paper::radiance_of(i, o, &q),
+        Variant::Sawtooth => sawtooth::radiance_of(i, o, &q),
+    }
+}
+
+/// Radiance and its exact derivatives at a true pose (mounting offsets already added).
+#[must_use]
+pub fn radiance_gradient(
+    variant: Variant,
+    rig: &RigGeometry,
+    pose: Pose,
+    surface: &Surface,
+    material: &Material,
+) -> Gradient {
+    type D = Dual<9>;
+    let optics = Optics::new(rig, material);
+    let q = sawtooth::Parameters {
+        theta_r: D::variable(surface.theta_r, 0),
+        alpha_u: D::variable(surface.alpha_u, 1),
+        alpha_v: D::variable(surface.alpha_v, 2),
+        rho_d: D::variable(surface.rho_d, 3),
+        amplitude: D::variable(surface.amplitude, 4),
+        eta: D::variable(optics.eta, 5),
+        k: D::variable(optics.k, 6),
+        theta_l: optics.theta_l,
+        light_angular_radius: optics.light_angular_radius,
+    };
+    let directions = rig.directions(pose);
+    let (sin, cos) = (pose.phi_s + rig.azimuth_zero).sin_cos();
+    let dual = |w: Vector3<f64>| {
+        let tilt = tilt_derivative(w, sin, cos);
+        let turn = turn_derivative(w);
+        [0, 1, 2].map(|j| {
+            let mut x = D::constant(w[j]);
+            x.partials[7] = tilt[j];
+            x.partials[8] = turn[j];
+            x
+        })
+    };
+    let (i, o) = (dual(directions.incident), dual(directions.outgoing));
+    let result = match variant {
+        Variant::Paper => paper::radiance_of(i, o, &q),
+        Variant::Sawtooth => sawtooth::radiance_of(i, o, &q),
+    };
+    let [
+        theta_r,
+        alpha_u,
+        alpha_v,
+        rho_d,
+        amplitude,
+        eta,
+        k,
+        theta_c,
+        phi_s,
+    ] = result.partials;
+    Gradient {
+        value: result.value,
+        theta_r,
+        alpha_u,
+        alpha_v,
+        rho_d,
+        amplitude,
+        eta,
+        k,
+        theta_c,
+        phi_s,
+    }
+}
+
+/// ∂ω/∂θc in the sample frame; `sin`, `cos` are those of the azimuth of v. Tilting turns a rig
+/// direction (x, y, z) about +y at the rate (z, 0, −x).
+fn tilt_derivative(w: Vector3<f64>, sin: f64, cos: f64) -> Vector3<f64> {
+    let x = w.x * sin + w.y * cos;
+    Vector3::new(w.z * sin, w.z * cos, -x)
+}
+
+/// ∂ω/∂φs in the sample frame.
+fn turn_derivative(w: Vector3<f64>) -> Vector3<f64> {
+    Vector3::new(w.y, -w.x, 0.0)
+}
+
+fn parameters(surface: &Surface, optics: &Optics) -> sawtooth::Parameters<f64> {
+    sawtooth::Parameters {
+        theta_r: surface.theta_r,
+        alpha_u: surface.alpha_u,
+        alpha_v: surface.alpha_v,
+        rho_d: surface.rho_d,
+        amplitude: surface.amplitude,
+        eta: optics.eta,
+        k: optics.k,
+        theta_l: optics.theta_l,
+        light_angular_radius: optics.light_angular_radius,
+    }
+}
