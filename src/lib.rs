@@ -8,4 +8,5 @@ pub mod geometry;
 pub mod material;
 pub mod model;
 pub mod observation;
+pub mod sim;
 pub mod units;

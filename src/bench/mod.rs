@@ -2,12 +2,61 @@
 
 pub mod wire;
 
+use std::fmt;
+use std::str::FromStr;
 use std::time::Duration;
 
 use futures::future::BoxFuture;
+use serde::{Deserialize, Serialize};
 
 use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
+
+/// The two axes of a rig, by the names that people, files and requests use.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AxisName {
+    /// Tilt of the camera, θc.
+    ThetaC,
+    /// Rotation of the sample, φs.
+    PhiS,
+}
+
+impl AxisName {
+    /// Both axes.
+    pub const ALL: [AxisName; 2] = [AxisName::ThetaC, AxisName::PhiS];
+
+    /// `theta_c` or `phi_s`.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            AxisName::ThetaC => "theta_c",
+            AxisName::PhiS => "phi_s",
+        }
+    }
+}
+
+impl fmt::Display for AxisName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// A name that is neither `theta_c` nor `phi_s`.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("no axis is called {0:?}; the axes are theta_c and phi_s")]
+pub struct UnknownAxis(pub String);
+
+impl FromStr for AxisName {
+    type Err = UnknownAxis;
+
+    fn from_str(name: &str) -> Result<Self, UnknownAxis> {
+        AxisName::ALL
+            .into_iter()
+            .find(|axis| axis.as_str() == name)
+            .ok_or_else(|| UnknownAxis(name.to_owned()))
+    }
+}
 
 /// What a camera is asked for.
 #[derive(Debug, Clone, PartialEq)]
