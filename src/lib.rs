@@ -3,6 +3,7 @@
 pub mod bench;
 pub mod cli;
 pub mod clock;
+pub mod fit;
 pub mod frame;
 pub mod geometry;
 pub mod material;

@@ -1,3 +1,4 @@
 //! Tests of the whole: one binary, one module per claim's home.
 
 mod imports;
+mod nist;

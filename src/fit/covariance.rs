@@ -1,0 +1,159 @@
+//! Covariance of fitted parameters by singular values of the column-scaled derivatives.
+//!
+//! The residuals are divided by their standard uncertainty, so the covariance is (JᵀJ)⁻¹; it is
+//! never formed. Columns are first scaled to length 1: a rank test on unscaled columns would judge
+//! units, not data. A direction whose singular value is below the tolerance is a null direction: it
+//! has no finite variance, and every parameter that takes part in it is reported as not identifiable.
+
+use nalgebra::DMatrix;
+
+/// Whether uncertainties are taken as given or scaled by the scatter of the residuals.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scaling {
+    /// The standard uncertainties of the observations are right.
+    Absolute,
+    /// They are right up to a factor: the Birge ratio √(χ²/ν).
+    Birge,
+}
+
+/// Covariance with its rank test.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Covariance {
+    /// n × n; only meaningful where [`Covariance::identifiable`] holds for row and column.
+    pub matrix: DMatrix<f64>,
+    /// Whether no null direction touches the parameter.
+    pub identifiable: Vec<bool>,
+    /// Null directions, as unit vectors in units of the scaled parameters.
+    pub null_directions: Vec<Vec<f64>>,
+    /// Singular values of the column-scaled derivatives, greatest first.
+    pub singular_values: Vec<f64>,
+    /// Observations less fitted directions.
+    pub degrees_of_freedom: usize,
+    /// χ²/ν before any scaling; NaN-free: 1 where ν = 0.
+    pub chi2_reduced: f64,
+}
+
+/// Relative singular value below which a direction counts as null.
+pub const RANK_TOLERANCE: f64 = 1e-10;
+
+/// A parameter takes part in a null direction from this share of it on.
+const PART_IN_NULL_DIRECTION: f64 = 1e-3;
+
+/// Covariance from the column-major m × n derivatives and the m residuals.
+#[must_use]
+pub fn covariance(jacobian: &[f64], m: usize, residuals: &[f64], scaling: Scaling) -> Covariance {
+    let n = jacobian.len() / m.max(1);
+    let lengths: Vec<f64> = (0..n)
+        .map(|j| {
+            let column = &jacobian[j * m..(j + 1) * m];
+            column.iter().map(|v| v * v).sum::<f64>().sqrt()
+        })
+        .collect();
+    // QR first: an SVD of the n × n triangle is as accurate and independent of m.
+    let rows = m.max(n);
+    let scaled = DMatrix::from_fn(rows, n, |i, j| {
+        if i < m && lengths[j] > 0.0 {
+            jacobian[i + j * m] / lengths[j]
+        } else {
+            0.0
+        }
+    });
+    let svd = scaled.qr().r().svd(false, true);
+    let v_t = svd.v_t.expect("asked for");
+    let mut order: Vec<usize> = (0..n).collect();
+    order.sort_by(|a, b| svd.singular_values[*b].total_cmp(&svd.singular_values[*a]));
+    let greatest = order.first().map_or(0.0, |k| svd.singular_values[*k]);
+    let mut matrix = DMatrix::zeros(n, n);
+    let mut identifiable: Vec<bool> = lengths.iter().map(|l| *l > 0.0).collect();
+    let mut null_directions = Vec::new();
+    let mut rank = 0;
+    for &k in &order {
+        let s = svd.singular_values[k];
+        let direction: Vec<f64> = v_t.row(k).iter().copied().collect();
+        if s <= RANK_TOLERANCE * greatest {
+            for (flag, part) in identifiable.iter_mut().zip(&direction) {
+                *flag &= part.abs() < PART_IN_NULL_DIRECTION;
+            }
+            null_directions.push(direction);
+            continue;
+        }
+        rank += 1;
+        for a in 0..n {
+            for b in 0..n {
+                matrix[(a, b)] += direction[a] * direction[b] / (s * s);
+            }
+        }
+    }
+    let degrees_of_freedom = m.saturating_sub(rank);
+    let chi2: f64 = residuals.iter().map(|r| r * r).sum();
+    let chi2_reduced = if degrees_of_freedom > 0 {
+        chi2 / degrees_of_freedom as f64
+    } else {
+        1.0
+    };
+    let factor = match scaling {
+        Scaling::Absolute => 1.0,
+        Scaling::Birge => chi2_reduced,
+    };
+    for a in 0..n {
+        for b in 0..n {
+            let lengths = lengths[a] * lengths[b];
+            if lengths > 0.0 {
+                matrix[(a, b)] *= factor / lengths;
+            }
+        }
+    }
+    Covariance {
+        matrix,
+        identifiable,
+        null_directions,
+        singular_values: order.iter().map(|k| svd.singular_values[*k]).collect(),
+        degrees_of_freedom,
+        chi2_reduced,
+    }
+}
+
+impl Covariance {
+    /// Standard uncertainties; infinite where a null direction takes part.
+    #[must_use]
+    pub fn standard_deviations(&self) -> Vec<f64> {
+        self.identifiable
+            .iter()
+            .enumerate()
+            .map(|(j, known)| {
+                if *known {
+                    self.matrix[(j, j)].sqrt()
+                } else {
+                    f64::INFINITY
+                }
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_straight_line_has_the_textbook_variances() {
+        // y = a + b x at x = 0..4, σ = 1: var b = 1/10, var a = 1/5 + 4/10.
+        let jacobian = [1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 1.0, 2.0, 3.0, 4.0];
+        let c = covariance(&jacobian, 5, &[0.0; 5], Scaling::Absolute);
+        assert!((c.matrix[(1, 1)] - 0.1).abs() < 1e-15);
+        assert!((c.matrix[(0, 0)] - 0.6).abs() < 1e-15);
+        assert!((c.matrix[(0, 1)] + 0.2).abs() < 1e-15);
+        assert_eq!(c.degrees_of_freedom, 3);
+    }
+
+    #[test]
+    fn a_null_direction_takes_its_parameters_along_and_leaves_the_others() {
+        // Columns 0 and 2 are proportional; 1 stands alone.
+        let jacobian = [1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 3.0, 3.0, 0.0];
+        let c = covariance(&jacobian, 3, &[0.0; 3], Scaling::Absolute);
+        assert_eq!(c.identifiable, vec![false, true, false]);
+        assert_eq!(c.null_directions.len(), 1);
+        assert!(c.standard_deviations()[0].is_infinite());
+        assert!(c.standard_deviations()[1].is_finite());
+    }
+}
