@@ -3,6 +3,8 @@
 //! JSON goes to stdout alone; progress, logs and errors go to stderr. Exit codes: 0 done, 1 no
 //! result, 2 bad usage or bad input, 130 after Ctrl-C once things are safe.
 
+pub mod eval;
+
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -18,7 +20,10 @@ pub struct Cli {
 
 /// One variant per subcommand; its arguments live in the subcommand's own file.
 #[derive(Debug, Subcommand)]
-pub enum Command {}
+pub enum Command {
+    /// Closed forms over a table of cases.
+    Eval(eval::Args),
+}
 
 /// Why a command ended without what was asked for.
 #[derive(Debug)]
@@ -46,7 +51,9 @@ impl CliError {
 /// Runs one command to its exit code; errors are printed with their causes.
 #[must_use]
 pub fn run(cli: Cli) -> ExitCode {
-    let outcome: Result<(), CliError> = match cli.command {};
+    let outcome: Result<(), CliError> = match cli.command {
+        Command::Eval(args) => eval::run(args),
+    };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(CliError::BadInput(error)) => {

@@ -9,10 +9,13 @@
 //! for irradiance 1 on a surface facing the lamp, so L = f cos θi.
 
 pub mod dual;
+pub mod flat_stack;
 pub mod fresnel;
 pub mod gauss;
 pub mod paper;
+pub mod polarisation;
 pub mod sawtooth;
+pub mod single_bounce;
 
 use nalgebra::Vector3;
 

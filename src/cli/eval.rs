@@ -1,0 +1,213 @@
+//! `ridged eval`: closed forms over a table of cases.
+//!
+//! The output has the input's columns, then the computed ones with 17 significant digits; a name
+//! that the input has already gets the suffix `_ridged`. A row without an answer has empty
+//! computed fields and the reason in the column `refused`. A new table is one file beside this
+//! one with a `Table`, and one line in [`Kind::table`].
+
+mod mueller;
+mod stack;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, anyhow};
+
+use super::CliError;
+
+/// Evaluates closed forms over a table.
+///
+/// Example: ridged eval stack --cases stacks.csv --out answers.csv
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Which closed form.
+    #[arg(value_enum)]
+    pub kind: Kind,
+    /// CSV file with one case per row.
+    #[arg(long, value_name = "IN.csv")]
+    pub cases: PathBuf,
+    /// CSV file to write: the input's columns and the computed ones.
+    #[arg(long, value_name = "OUT.csv")]
+    pub out: PathBuf,
+}
+
+/// The closed forms that can be tabulated.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+pub enum Kind {
+    /// n, k, alpha, theta_i_deg, theta_s_deg, phi_s_deg → m00…m33 of the unmasked single bounce.
+    Mueller,
+    /// stack, theta_deg → Rs, Rp, m22_re_z, m23_im_z, R_polarised, R_scalar of flat layers.
+    Stack,
+}
+
+impl Kind {
+    fn table(self) -> Table {
+        match self {
+            Kind::Mueller => mueller::TABLE,
+            Kind::Stack => stack::TABLE,
+        }
+    }
+}
+
+/// One closed form as a table: what it reads, what it writes, how.
+pub(super) struct Table {
+    /// Columns that the input must have.
+    pub inputs: &'static [&'static str],
+    /// Columns that are written.
+    pub outputs: &'static [&'static str],
+    /// The answer to a row, in the order of `outputs`, or why there is none.
+    pub compute: fn(&Row<'_>) -> Result<Vec<f64>, String>,
+}
+
+/// The needed columns of one case, in the order of [`Table::inputs`].
+pub(super) struct Row<'a> {
+    names: &'static [&'static str],
+    fields: Vec<&'a str>,
+}
+
+impl Row<'_> {
+    /// The text in a column.
+    pub fn text(&self, column: usize) -> &str {
+        self.fields[column].trim()
+    }
+
+    /// The finite number in a column.
+    pub fn number(&self, column: usize) -> Result<f64, String> {
+        let text = self.text(column);
+        match text.parse::<f64>() {
+            Ok(x) if x.is_finite() => Ok(x),
+            _ => Err(format!(
+                "{} = {text:?} is not a finite number",
+                self.names[column]
+            )),
+        }
+    }
+}
+
+/// Runs `ridged eval`.
+///
+/// # Errors
+/// Bad input where the file cannot be read, lacks a column or the output cannot be written.
+pub fn run(args: Args) -> Result<(), CliError> {
+    evaluate(&args.kind.table(), &args.cases, &args.out)
+}
+
+fn evaluate(table: &Table, cases: &Path, out: &Path) -> Result<(), CliError> {
+    let mut reader = csv::ReaderBuilder::new()
+        .flexible(true)
+        .from_path(cases)
+        .with_context(|| format!("cannot read the cases {}", cases.display()))
+        .map_err(CliError::bad_input)?;
+    let headers = reader
+        .headers()
+        .with_context(|| format!("{} has no header", cases.display()))
+        .map_err(CliError::bad_input)?
+        .clone();
+    let find = |name: &str| headers.iter().position(|h| h.trim() == name);
+    let columns = table
+        .inputs
+        .iter()
+        .map(|name| {
+            find(name).ok_or_else(|| {
+                CliError::bad_input(anyhow!("{} lacks the column {name}", cases.display()))
+            })
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    let mut writer = csv::Writer::from_path(out)
+        .with_context(|| format!("cannot write {}", out.display()))
+        .map_err(CliError::bad_input)?;
+    let written = |name: &str| match find(name) {
+        Some(_) => format!("{name}_ridged"),
+        None => name.to_owned(),
+    };
+    let mut head: Vec<String> = headers.iter().map(str::to_owned).collect();
+    head.extend(table.outputs.iter().copied().map(written));
+    head.push(written("refused"));
+    let unwritten = |e: csv::Error| {
+        CliError::no_result(anyhow!(e).context(format!("cannot write {}", out.display())))
+    };
+    writer.write_record(&head).map_err(unwritten)?;
+    for record in reader.records() {
+        let record = record
+            .with_context(|| format!("cannot read a row of {}", cases.display()))
+            .map_err(CliError::bad_input)?;
+        let answer = if record.len() == headers.len() {
+            (table.compute)(&Row {
+                names: table.inputs,
+                fields: columns.iter().map(|&i| &record[i]).collect(),
+            })
+        } else {
+            Err(format!(
+                "the row has {} fields, the header {}",
+                record.len(),
+                headers.len()
+            ))
+        };
+        let mut fields: Vec<String> = (0..headers.len())
+            .map(|i| record.get(i).unwrap_or_default().to_owned())
+            .collect();
+        let reason = match answer {
+            Ok(values) if values.iter().all(|v| v.is_finite()) => {
+                fields.extend(values.iter().map(|v| format!("{v:.16e}")));
+                String::new()
+            }
+            Ok(_) => "the result is not a finite number".to_owned(),
+            Err(reason) => reason,
+        };
+        fields.resize(headers.len() + table.outputs.len(), String::new());
+        fields.push(reason);
+        writer.write_record(&fields).map_err(unwritten)?;
+    }
+    writer
+        .flush()
+        .with_context(|| format!("cannot write {}", out.display()))
+        .map_err(CliError::no_result)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run_on(kind: Kind, input: &str) -> Vec<csv::StringRecord> {
+        let folder = tempfile::tempdir().unwrap();
+        let (cases, out) = (folder.path().join("in.csv"), folder.path().join("out.csv"));
+        std::fs::write(&cases, input).unwrap();
+        evaluate(&kind.table(), &cases, &out).unwrap();
+        let mut reader = csv::ReaderBuilder::new()
+            .has_headers(false)
+            .from_path(&out)
+            .unwrap();
+        reader.records().map(|r| r.unwrap()).collect()
+    }
+
+    #[test]
+    fn a_computed_name_that_is_taken_gets_a_suffix_and_a_bad_row_a_reason() {
+        let rows = run_on(
+            Kind::Stack,
+            "id,stack,theta_deg,Rs\na,1.5,10,0\nb,1.5/Xy,10,0\nc,1.5,95,0\nd,1.5,,0\ne,1.5\n",
+        );
+        let head: Vec<&str> = rows[0].iter().collect();
+        assert_eq!(
+            head,
+            "id,stack,theta_deg,Rs,Rs_ridged,Rp,m22_re_z,m23_im_z,R_polarised,R_scalar,refused"
+                .split(',')
+                .collect::<Vec<_>>()
+        );
+        assert!((rows[1][4].parse::<f64>().unwrap() - 0.041_659_486_67).abs() < 1e-11);
+        assert_eq!(rows[1][4].trim_start_matches('-').find('e'), Some(18));
+        assert_eq!(&rows[1][10], "");
+        for bad in &rows[2..] {
+            assert_eq!(&bad[4], "");
+            assert!(!bad[10].is_empty());
+        }
+        assert_eq!(rows.len(), 6);
+    }
+
+    #[test]
+    fn a_file_without_a_needed_column_is_bad_input() {
+        let folder = tempfile::tempdir().unwrap();
+        let cases = folder.path().join("in.csv");
+        std::fs::write(&cases, "stack\n1.5\n").unwrap();
+        let outcome = evaluate(&stack::TABLE, &cases, &folder.path().join("out.csv"));
+        assert!(matches!(outcome, Err(CliError::BadInput(_))));
+    }
+}

@@ -1,0 +1,210 @@
+//! Flat layers over each other, exactly: all orders of reflection between them, without
+//! interference (layers thicker than the lamp's coherence length) and without absorption inside.
+//!
+//! Call [`FlatStack::reflect`]. The recursion runs per channel x ∈ {s, p, z} from the bottom,
+//! R ← r + t↓ t↑ R / (1 − r↑ R), with z = r_s r_p* and q t_s t_p* as in
+//! [`super::polarisation`]. It is what the ray tracer must give on flat shapes.
+
+use nalgebra::Complex;
+
+use super::polarisation::{Boundary, Channel};
+
+/// Indices from the medium above down to the substrate, n + ik each.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FlatStack {
+    indices: Vec<Complex<f64>>,
+}
+
+/// Why a stack cannot be computed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum FlatStackError {
+    /// Fewer than two media.
+    #[error("a stack needs at least one layer below the medium above")]
+    Empty,
+    /// A layer's text is neither a number nor a known name.
+    #[error("layer {text:?} is neither an index greater than 0 nor one of Au550, Al550, Cu550")]
+    UnknownLayer {
+        /// What was written.
+        text: String,
+    },
+    /// Only the substrate may absorb here.
+    #[error("layer {position} absorbs: in this table only the last layer may")]
+    AbsorbingLayer {
+        /// 1 for the topmost layer.
+        position: usize,
+    },
+    /// The angle is outside [0°, 90°).
+    #[error("the angle of incidence must be in [0°, 90°)")]
+    Angle,
+}
+
+/// What a flat stack reflects at one angle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StackReflectance {
+    /// Powers of s and p and the complex factor z of U and V.
+    pub channel: Channel,
+    /// The answer of a computation that knows only unpolarised reflectances.
+    pub scalar: f64,
+}
+
+impl FlatStack {
+    /// From the medium above (first) down to the substrate (last).
+    ///
+    /// # Errors
+    /// Fewer than two media, an index that is not positive, or absorption above the substrate.
+    pub fn new(indices: Vec<Complex<f64>>) -> Result<Self, FlatStackError> {
+        if indices.len() < 2 {
+            return Err(FlatStackError::Empty);
+        }
+        for (position, index) in indices.iter().enumerate() {
+            let usable = index.re > 0.0 && index.im >= 0.0 && index.is_finite();
+            if !usable {
+                return Err(FlatStackError::UnknownLayer {
+                    text: index.to_string(),
+                });
+            }
+            if index.im > 0.0 && position + 1 < indices.len() {
+                return Err(FlatStackError::AbsorbingLayer { position });
+            }
+        }
+        Ok(FlatStack { indices })
+    }
+
+    /// From the form `1.3/1.5/Au550`: layers top first, under air.
+    ///
+    /// # Errors
+    /// As [`FlatStack::new`], and for a name that is not one of the three fixed metals.
+    pub fn parse(text: &str) -> Result<Self, FlatStackError> {
+        let mut indices = vec![Complex::new(1.0, 0.0)];
+        for layer in text.split('/') {
+            let layer = layer.trim();
+            let index = match (FIXED_METALS.iter().find(|m| m.0 == layer), layer.parse()) {
+                (Some(metal), _) => Complex::new(metal.1, metal.2),
+                (None, Ok(n)) if n > 0.0 && f64::is_finite(n) => Complex::new(n, 0.0),
+                _ => {
+                    return Err(FlatStackError::UnknownLayer {
+                        text: layer.to_owned(),
+                    });
+                }
+            };
+            indices.push(index);
+        }
+        FlatStack::new(indices)
+    }
+
+    /// Reflectance at the angle of incidence `theta_rad` in the medium above.
+    ///
+    /// # Errors
+    /// An angle that is not in [0°, 90°).
+    pub fn reflect(&self, theta_rad: f64) -> Result<StackReflectance, FlatStackError> {
+        if !(0.0..std::f64::consts::FRAC_PI_2).contains(&theta_rad) {
+            return Err(FlatStackError::Angle);
+        }
+        let (sin, cos) = theta_rad.sin_cos();
+        let above = self.indices[0].re;
+        // Cosine in each transparent layer; None from where total reflection keeps light out.
+        let mut cosines = vec![cos];
+        for index in &self.indices[1..] {
+            let s = above * sin / index.re;
+            if index.im > 0.0 || s >= 1.0 {
+                break;
+            }
+            cosines.push(((1.0 - s) * (1.0 + s)).sqrt());
+        }
+        let last = (self.indices.len() - 1).min(cosines.len());
+        let (mut s, mut p, mut z, mut scalar) = (0.0, 0.0, Complex::new(0.0, 0.0), 0.0);
+        for i in (0..last).rev() {
+            let (here, beyond) = (self.indices[i], self.indices[i + 1]);
+            let down = Boundary::new(here.re, beyond.re, beyond.im).at(cosines[i]);
+            let up = match cosines.get(i + 1) {
+                Some(&c) if beyond.im == 0.0 => Boundary::new(beyond.re, here.re, 0.0).at(c),
+                _ => down,
+            };
+            let order = |r: f64, t: f64, r_up: f64, t_up: f64, below: f64| {
+                r + t * t_up * below / (1.0 - r_up * below)
+            };
+            let (r, t) = (down.reflected, down.refracted);
+            let (r_up, t_up) = (up.reflected, up.refracted);
+            s = order(r.s, t.s, r_up.s, t_up.s, s);
+            p = order(r.p, t.p, r_up.p, t_up.p, p);
+            let complex = |c: Channel| Complex::new(c.re, c.im);
+            z = complex(r) + complex(t) * complex(t_up) * z / (1.0 - complex(r_up) * z);
+            scalar = order(
+                r.unpolarised(),
+                t.unpolarised(),
+                r_up.unpolarised(),
+                t_up.unpolarised(),
+                scalar,
+            );
+        }
+        Ok(StackReflectance {
+            channel: Channel {
+                s,
+                p,
+                re: z.re,
+                im: z.im,
+            },
+            scalar,
+        })
+    }
+}
+
+/// The metals that a stack may name, with the index that the name stands for, exactly (their tables
+/// at 550 nm, four decimals).
+pub const FIXED_METALS: [(&str, f64, f64); 3] = [
+    ("Au550", 0.3504, 2.7141),
+    ("Al550", 0.9586, 6.6870),
+    ("Cu550", 0.9582, 2.5771),
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_recursion_agrees_with_the_exact_table() {
+        let mut reader = csv::Reader::from_path("tests/data/polarised/flat_stack.csv").unwrap();
+        let mut rows = 0;
+        for record in reader.records() {
+            let record = record.unwrap();
+            let number = |i: usize| record[i].parse::<f64>().unwrap();
+            let r = FlatStack::parse(&record[0])
+                .unwrap()
+                .reflect(number(1).to_radians())
+                .unwrap();
+            let expected = [2, 3, 4, 5, 6, 7].map(number);
+            let found = [
+                r.channel.s,
+                r.channel.p,
+                r.channel.re,
+                r.channel.im,
+                r.channel.unpolarised(),
+                r.scalar,
+            ];
+            for (a, b) in found.iter().zip(expected) {
+                assert!((a - b).abs() < 1e-10, "{record:?}: {found:?}");
+            }
+            rows += 1;
+        }
+        assert_eq!(rows, 102);
+    }
+
+    #[test]
+    fn layers_that_make_no_sense_are_refused() {
+        assert!(FlatStack::parse("1.5/Xx").is_err());
+        assert!(FlatStack::parse("0").is_err());
+        assert!(FlatStack::parse("NaN").is_err());
+        assert!(FlatStack::parse("Au550/1.5").is_err());
+        assert!(FlatStack::parse("").is_err());
+        let stack = FlatStack::parse("1.5").unwrap();
+        assert_eq!(stack.reflect(2.0), Err(FlatStackError::Angle));
+    }
+
+    #[test]
+    fn a_rare_layer_reflects_totally_and_what_lies_below_does_not_matter() {
+        let glass = Complex::new(1.8, 0.0);
+        let stack = FlatStack::new(vec![glass, Complex::new(1.0, 0.0), glass]).unwrap();
+        let r = stack.reflect(1.2).unwrap();
+        assert!((r.channel.s - 1.0).abs() < 1e-15 && (r.channel.p - 1.0).abs() < 1e-15);
+    }
+}
