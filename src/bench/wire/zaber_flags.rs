@@ -1,0 +1,157 @@
+//! Warning flags of the Zaber ASCII protocol (firmware 7): what they mean and what they do to a move.
+
+use std::fmt;
+
+/// What a flag does to a move that was under way, or to the next one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum FlagClass {
+    /// The move failed and the position may be wrong.
+    Fault,
+    /// Another command or a hand on the knob ended the move early.
+    Interrupted,
+    /// The axis does not know where it is, or only from before the last power-up.
+    ReferenceLost,
+    /// Worth telling, no reason to distrust the position.
+    Informational,
+}
+
+macro_rules! flags {
+    ($($name:ident = $code:literal, $class:ident, $meaning:literal;)*) => {
+        /// A warning flag, in the order of priority in which a device shows them.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        pub enum Flag {
+            $(#[doc = $meaning] $name,)*
+            /// A flag that this table does not know: two printable characters.
+            Other([u8; 2]),
+        }
+
+        impl Flag {
+            /// Every flag of the table, highest priority first.
+            pub const ALL: &'static [Flag] = &[$(Flag::$name,)*];
+
+            /// The flag written with these two characters. Unknown capitals are [`Flag::Other`];
+            /// anything else is no flag.
+            #[must_use]
+            pub fn from_code(code: &str) -> Option<Self> {
+                match code {
+                    $($code => Some(Flag::$name),)*
+                    _ => match code.as_bytes() {
+                        [a, b] if a.is_ascii_uppercase() && b.is_ascii_alphanumeric() => {
+                            Some(Flag::Other([*a, *b]))
+                        }
+                        _ => None,
+                    },
+                }
+            }
+
+            /// The two characters on the wire.
+            #[must_use]
+            pub fn code(self) -> [char; 2] {
+                let bytes = match self {
+                    $(Flag::$name => *$code.as_bytes().first_chunk::<2>().expect("two characters"),)*
+                    Flag::Other(code) => code,
+                };
+                bytes.map(char::from)
+            }
+
+            /// What it means, for people: a cause and, where there is one, the way out.
+            #[must_use]
+            pub fn meaning(self) -> &'static str {
+                match self {
+                    $(Flag::$name => $meaning,)*
+                    Flag::Other(_) => "a flag this program does not know; see the controller's manual",
+                }
+            }
+
+            /// What it does to a move.
+            #[must_use]
+            pub fn class(self) -> FlagClass {
+                match self {
+                    $(Flag::$name => FlagClass::$class,)*
+                    Flag::Other([b'F', _]) => FlagClass::Fault,
+                    Flag::Other(_) => FlagClass::Informational,
+                }
+            }
+        }
+    };
+}
+
+flags! {
+    CriticalSystemError = "FF", Fault, "critical system error; the controller needs service";
+    PeripheralNotSupported = "FN", Fault, "the stage plugged in is not supported by this controller";
+    PeripheralInactive = "FZ", Fault, "the stage was exchanged and is not active yet; send 'activate'";
+    EmergencyStop = "FH", Fault, "hardware emergency stop: release the button, then enable the driver";
+    SupplyVoltage = "FV", Fault, "supply voltage out of range, driver off; check the power supply";
+    DriverOff = "FO", Fault, "the driver is disabled; enable it";
+    InrushCurrent = "FC", Fault, "current inrush error; enable the driver again";
+    MotorTemperature = "FM", Fault, "the motor is too hot; let it cool, then enable the driver";
+    DriverDisabled = "FD", Fault, "the driver switched itself off, likely too hot";
+    EncoderError = "FQ", Fault, "encoder error: the position may be wrong; home the axis";
+    IndexError = "FI", Fault, "encoder index error; home the axis";
+    EncoderSync = "FA", Fault, "analogue encoder out of step; home the axis";
+    Overdrive = "FR", Fault, "overdrive limit exceeded";
+    Stalled = "FS", Fault, "stalled and stopped: remove what blocks the axis, then home it";
+    Twisted = "FT", Fault, "lockstep axes twisted against each other";
+    OutOfBounds = "FB", Fault, "a stream left the travel range";
+    PathDeviation = "FP", Fault, "left the interpolated path";
+    LimitError = "FE", Fault, "a limit sensor was not reached or is faulty";
+    UnexpectedLimit = "WL", Fault, "ran into a limit sensor unexpectedly: steps were lost or the limits are wrong; home the axis";
+    SupplyVoltageLow = "WV", Informational, "supply voltage near its limits";
+    ControllerHot = "WT", Informational, "the controller is hot";
+    StallRecovered = "WS", Informational, "stalled and recovered by itself";
+    Displaced = "WM", Informational, "was pushed while standing";
+    InvalidCalibration = "WP", Informational, "the calibration stored does not fit the stage";
+    NoReference = "WR", ReferenceLost, "no reference position; home the axis";
+    NotHomed = "WH", ReferenceLost, "not homed since power-up; home the axis";
+    ManualControl = "NC", Interrupted, "somebody turns the knob";
+    MovementInterrupted = "NI", Interrupted, "another movement command ended the move early";
+    StreamDiscontinuity = "ND", Informational, "a stream ran out of points";
+    ValueRounded = "NR", Informational, "a value was rounded";
+    ValueTruncated = "NT", Informational, "a value was cut to its range";
+    UpdatePending = "NU", Informational, "a setting waits to take effect";
+    JoystickCalibrating = "NJ", Informational, "the joystick is being calibrated";
+    FirmwareUpdate = "NB", Informational, "the controller is in firmware update mode";
+}
+
+impl fmt::Display for Flag {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [a, b] = self.code();
+        write!(f, "{a}{b}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_flag_is_written_and_read_back() {
+        for flag in Flag::ALL {
+            assert_eq!(Flag::from_code(&flag.to_string()), Some(*flag));
+        }
+        assert_eq!(Flag::from_code("FX"), Some(Flag::Other(*b"FX")));
+        for no_flag in ["--", "", "F", "FSS", "ws", "é"] {
+            assert_eq!(Flag::from_code(no_flag), None, "{no_flag:?}");
+        }
+    }
+
+    #[test]
+    fn the_flags_that_end_a_move_are_those_of_the_vendors_client() {
+        // zaber-motion: ^(F\w|WL)$ fails a wait, NI and NC interrupt it, nothing else does.
+        for flag in Flag::ALL {
+            let code = flag.to_string();
+            let class = flag.class();
+            assert_eq!(
+                class == FlagClass::Fault,
+                code.starts_with('F') || code == "WL",
+                "{code}"
+            );
+            assert_eq!(
+                class == FlagClass::Interrupted,
+                code == "NI" || code == "NC",
+                "{code}"
+            );
+        }
+        assert_eq!(Flag::Other(*b"FX").class(), FlagClass::Fault);
+    }
+}
