@@ -9,5 +9,6 @@ pub mod geometry;
 pub mod material;
 pub mod model;
 pub mod observation;
+pub mod series;
 pub mod sim;
 pub mod units;

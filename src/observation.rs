@@ -77,6 +77,9 @@ pub struct RejectedFrame {
     pub file: String,
     /// Stable word or short phrase: `saturated`, `black`, `unreadable`, `wrong size`, `shifted`, …
     pub reason: String,
+    /// What was seen, in words and numbers; may be empty.
+    #[serde(default)]
+    pub detail: String,
 }
 
 /// All that a fit needs to know about one sample (or one region of it).

@@ -1,0 +1,380 @@
+//! `manifest.toml`: the rig, the camera, the references and the nominal material of a series.
+//!
+//! Keys that are not known are kept as notes (recorded series carry many); one that looks like a
+//! slip of a known key is refused, since a mistyped azimuth zero would otherwise count as 0.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::SeriesError;
+use super::rows::path_problem;
+use super::text::{line_of, meant};
+use crate::geometry::RigGeometry;
+use crate::material::Material;
+use crate::units::Angle;
+
+/// The form's name, the value of the manifest's `schema`.
+pub const SCHEMA: &str = "gonio-series-1";
+
+/// Keys that the program does not use, kept so that an export loses nothing.
+pub type Notes = BTreeMap<String, toml::Value>;
+
+/// What `manifest.toml` says.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// [`SCHEMA`].
+    pub schema: String,
+    /// Name of the series.
+    #[serde(default)]
+    pub name: String,
+    /// File name of the list of frames.
+    #[serde(default = "default_frames")]
+    pub frames: String,
+    /// Further keys.
+    #[serde(flatten)]
+    pub notes: Notes,
+    /// The rig.
+    pub rig: RigFacts,
+    /// The camera.
+    pub camera: CameraFacts,
+    /// The white reference, if there was one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub flat: Option<FlatFacts>,
+    /// How dark frames were taken.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dark: Option<DarkFacts>,
+    /// The sample.
+    pub sample: SampleFacts,
+}
+
+fn default_frames() -> String {
+    "frames.csv".to_owned()
+}
+
+/// `[rig]`: where lamp and camera stand.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RigFacts {
+    /// Angle θl between lamp and camera.
+    pub theta_l_deg: f64,
+    /// Azimuth φl of the lamp about the camera's axis; 0 in the tilt plane.
+    #[serde(default)]
+    pub light_azimuth_deg: f64,
+    /// Added to the recorded φs it gives the azimuth of v.
+    #[serde(default)]
+    pub azimuth_zero_deg: f64,
+    /// Half angle of the lamp seen from the sample.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub light_angular_radius_deg: Option<f64>,
+    /// Wavelength of the lamp.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wavelength_nm: Option<f64>,
+    /// Column and row of the rotation axis; (0, 0) is the outer corner of the first pixel. The
+    /// frame's centre by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rotation_axis_px: Option<[f64; 2]>,
+    /// `infinity` or `finite`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub light_distance: Option<String>,
+    /// `infinity` or `finite`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera_distance: Option<String>,
+    /// From the centre of tilt to the lamp, where it is finite.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub light_distance_mm: Option<f64>,
+    /// Radius of the lamp, where its distance is finite.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub light_radius_mm: Option<f64>,
+    /// From the centre of tilt to the camera's pupil, where it is finite.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera_distance_mm: Option<f64>,
+    /// Further keys.
+    #[serde(flatten)]
+    pub notes: Notes,
+}
+
+/// `[camera]`: how counts are made.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CameraFacts {
+    /// `orthographic` (telecentric) or `perspective`.
+    #[serde(default = "default_projection")]
+    pub projection: String,
+    /// Columns of a frame.
+    pub width_px: u32,
+    /// Rows of a frame.
+    pub height_px: u32,
+    /// Width of the field in the plane through the centre of tilt, across the view.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub field_width_mm: Option<f64>,
+    /// Height of the field.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub field_height_mm: Option<f64>,
+    /// Bits of the converter.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bit_depth: Option<u32>,
+    /// Count at which a pixel is full; by default what `bit_depth` allows, else 65535.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub saturation_dn: Option<f64>,
+    /// Counts per electron.
+    pub gain_dn_per_electron: f64,
+    /// Count without light and without dark current; dark frames replace it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub black_level_dn: Option<f64>,
+    /// Read noise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub read_noise_electrons_rms: Option<f64>,
+    /// Exposure times that the series has.
+    #[serde(default)]
+    pub exposures_s: Vec<f64>,
+    /// From the centre of tilt to the camera's pupil, where it is finite and `[rig]` does not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera_distance_mm: Option<f64>,
+    /// Further keys.
+    #[serde(flatten)]
+    pub notes: Notes,
+}
+
+fn default_projection() -> String {
+    "orthographic".to_owned()
+}
+
+/// `[flat]`: the white reference.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FlatFacts {
+    /// Diffuse reflectance from the certificate; without one the flats give no absolute scale.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reflectance: Option<f64>,
+    /// Its standard uncertainty.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reflectance_std: Option<f64>,
+    /// Further keys.
+    #[serde(flatten)]
+    pub notes: Notes,
+}
+
+/// `[dark]`: how dark frames were taken; notes only.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct DarkFacts {
+    /// All keys.
+    #[serde(flatten)]
+    pub notes: Notes,
+}
+
+/// What kind of matter the sample is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SampleKind {
+    /// Plastic, glass: `index_of_refraction`.
+    Dielectric,
+    /// Metal: `eta` and `k`.
+    Conductor,
+}
+
+/// `[sample]`: the nominal material and, where the sample has patches, their layout.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SampleFacts {
+    /// Dielectric or conductor.
+    pub kind: SampleKind,
+    /// n of a dielectric.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub index_of_refraction: Option<f64>,
+    /// Its standard uncertainty.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub index_of_refraction_std: Option<f64>,
+    /// n of a conductor (or of a dielectric).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub eta: Option<f64>,
+    /// k of a conductor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub k: Option<f64>,
+    /// Standard uncertainty of `eta`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub eta_std: Option<f64>,
+    /// Standard uncertainty of `k`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub k_std: Option<f64>,
+    /// Length of a pitch facet.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pitch_length_um: Option<f64>,
+    /// Further keys.
+    #[serde(flatten)]
+    pub notes: Notes,
+    /// Patches of different lean directions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub layout: Option<LayoutFacts>,
+}
+
+/// `[sample.layout]`: a board of square patches, alternately of two lean directions.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LayoutFacts {
+    /// Patches along the sample's x.
+    pub patches_x: u32,
+    /// Patches along the sample's y.
+    pub patches_y: u32,
+    /// Edge of a patch.
+    pub patch_size_mm: f64,
+    /// Centre of the board from the rotation axis.
+    #[serde(default)]
+    pub centre_mm: [f64; 2],
+    /// Lean direction of patches with i + j even, in words (`… v at phi_s …`).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub even_patches: Option<String>,
+    /// Lean direction of patches with i + j odd, in words (`… v at phi_s + 90 deg …`).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub odd_patches: Option<String>,
+    /// Further keys.
+    #[serde(flatten)]
+    pub notes: Notes,
+}
+
+impl LayoutFacts {
+    /// Lean direction of a patch relative to the sample's own azimuth; `odd` for i + j odd. Read
+    /// from the words of the manifest, 0° and 90° where they say nothing.
+    #[must_use]
+    pub fn lean_azimuth(&self, odd: bool) -> Angle {
+        let (words, default_deg) = if odd {
+            (&self.odd_patches, 90.0)
+        } else {
+            (&self.even_patches, 0.0)
+        };
+        Angle::from_deg(
+            words
+                .as_deref()
+                .and_then(degrees_after_phi_s)
+                .unwrap_or(default_deg),
+        )
+    }
+}
+
+/// 90 from `… v at phi_s + 90 deg …`, 0 from `… v at phi_s (…`, none without `phi_s`.
+fn degrees_after_phi_s(words: &str) -> Option<f64> {
+    let rest = words.split_once("phi_s")?.1.trim_start();
+    let (sign, rest) = if let Some(rest) = rest.strip_prefix('+') {
+        (1.0, rest)
+    } else if let Some(rest) = rest.strip_prefix('-').or_else(|| rest.strip_prefix('−')) {
+        (-1.0, rest)
+    } else {
+        return Some(0.0);
+    };
+    let number: String = rest
+        .trim_start()
+        .chars()
+        .take_while(|c| c.is_ascii_digit() || *c == '.')
+        .collect();
+    number.parse::<f64>().ok().map(|deg| sign * deg)
+}
+
+impl Manifest {
+    /// The manifest as the text of a TOML file.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("a manifest of numbers, text and tables is TOML")
+    }
+
+    /// The rig's angles, for directions.
+    #[must_use]
+    pub fn rig_geometry(&self) -> RigGeometry {
+        let rig = &self.rig;
+        let radius_deg = rig.light_angular_radius_deg.unwrap_or_else(|| {
+            match (rig.light_radius_mm, rig.light_distance_mm) {
+                (Some(radius), Some(distance)) => (radius / distance).atan().to_degrees(),
+                _ => 0.0,
+            }
+        });
+        RigGeometry {
+            theta_l: Angle::from_deg(rig.theta_l_deg),
+            light_azimuth: Angle::from_deg(rig.light_azimuth_deg),
+            azimuth_zero: Angle::from_deg(rig.azimuth_zero_deg),
+            light_angular_radius: Angle::from_deg(radius_deg),
+        }
+    }
+
+    /// The nominal material. A standard uncertainty that is not stated counts as 0.01.
+    #[must_use]
+    pub fn material(&self) -> Material {
+        const STD: f64 = 0.01;
+        let sample = &self.sample;
+        match sample.kind {
+            SampleKind::Dielectric => Material::Dielectric {
+                eta: sample
+                    .index_of_refraction
+                    .or(sample.eta)
+                    .expect("validate() refuses a dielectric without an index"),
+                eta_std: sample
+                    .index_of_refraction_std
+                    .or(sample.eta_std)
+                    .unwrap_or(STD),
+            },
+            SampleKind::Conductor => Material::Conductor {
+                eta: sample
+                    .eta
+                    .expect("validate() refuses a conductor without eta"),
+                k: sample.k.expect("validate() refuses a conductor without k"),
+                eta_std: sample.eta_std.unwrap_or(STD),
+                k_std: sample.k_std.unwrap_or(STD),
+            },
+        }
+    }
+
+    /// Whether lamp and camera are so far away that every pixel has the same directions.
+    #[must_use]
+    pub fn is_telecentric(&self) -> bool {
+        let finite = |d: &Option<String>| d.as_deref() == Some("finite");
+        self.camera.projection == "orthographic"
+            && !finite(&self.rig.light_distance)
+            && !finite(&self.rig.camera_distance)
+    }
+
+    /// Count at which a pixel is full.
+    #[must_use]
+    pub fn saturation_dn(&self) -> f64 {
+        self.camera.saturation_dn.unwrap_or_else(|| {
+            self.camera
+                .bit_depth
+                .map_or(65535.0, |bits| f64::from((1_u32 << bits.min(16)) - 1))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CHECKER: &str = include_str!("../../tests/data/series/checker/manifest.toml");
+    const STEEL: &str = include_str!("../../tests/data/series/steel-15/manifest.toml");
+
+    #[test]
+    fn a_manifest_survives_toml_and_json_with_its_notes() {
+        for text in [CHECKER, STEEL] {
+            let manifest = Manifest::from_toml(text, "").unwrap();
+            assert!(manifest.rig.notes.contains_key("tilt_plane"));
+            assert_eq!(
+                Manifest::from_toml(&manifest.to_toml(), "").unwrap(),
+                manifest
+            );
+            let json = serde_json::to_string(&manifest).unwrap();
+            assert_eq!(serde_json::from_str::<Manifest>(&json).unwrap(), manifest);
+        }
+    }
+
+    #[test]
+    fn a_layouts_words_give_the_lean_of_its_patches() {
+        let layout = Manifest::from_toml(CHECKER, "")
+            .unwrap()
+            .sample
+            .layout
+            .unwrap();
+        assert!(layout.lean_azimuth(false).deg().abs() < 1e-12);
+        assert!((layout.lean_azimuth(true).deg() - 90.0).abs() < 1e-12);
+        assert_eq!(degrees_after_phi_s("v at phi_s - 45.5 deg"), Some(-45.5));
+        assert_eq!(degrees_after_phi_s("anywhere"), None);
+    }
+
+    #[test]
+    fn twelve_bits_saturate_at_4095() {
+        let mut manifest = Manifest::from_toml(STEEL, "").unwrap();
+        assert!((manifest.saturation_dn() - 4095.0).abs() < 1e-9);
+        manifest.camera.saturation_dn = None;
+        assert!((manifest.saturation_dn() - 4095.0).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,306 @@
+//! A recorded series (`gonio-series-1`): a folder with `manifest.toml`, `frames.csv` and 16-bit PNG
+//! frames.
+//!
+//! [`Series::open`] reads and checks the two text files; frames are read one by one, so a series
+//! of any length needs the memory of one frame. [`write()`] makes such a folder, frames bit for
+//! bit. What the counts mean is the reduction's business, not this room's: nothing here looks at
+//! a pixel.
+
+mod check;
+mod manifest;
+mod rows;
+mod text;
+mod write;
+
+pub use manifest::{
+    CameraFacts, DarkFacts, FlatFacts, LayoutFacts, Manifest, Notes, RigFacts, SCHEMA, SampleFacts,
+    SampleKind,
+};
+pub use rows::FrameRow;
+pub use write::{WriteError, write};
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use crate::frame::{Frame, FrameError};
+
+/// A file of more bytes than this is no frame list and no manifest.
+const TEXT_BYTES_MAX: u64 = 64 << 20;
+
+/// Why a folder is not a series. The text names file, place, cause and remedy.
+#[derive(Debug, thiserror::Error)]
+pub enum SeriesError {
+    /// There is no such folder, or it is a file.
+    #[error("{folder} is no folder; give the folder that holds manifest.toml and frames.csv")]
+    NoFolder {
+        /// The path that was given.
+        folder: String,
+    },
+    /// A file that every series has is not there.
+    #[error("{folder} holds no {file}, so it is no recorded series; {remedy}")]
+    MissingFile {
+        /// The folder.
+        folder: String,
+        /// Name of the file that is missing.
+        file: String,
+        /// What to do.
+        remedy: String,
+    },
+    /// A file is there and cannot be read.
+    #[error("{file} cannot be read: {source}; check its permissions and that it is UTF-8 text")]
+    Unreadable {
+        /// The file.
+        file: String,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// A text file says something that it may not.
+    #[error("{file}{}: {key}{cause}; {remedy}", .line.map(|l| format!(" line {l}")).unwrap_or_default())]
+    Invalid {
+        /// The file.
+        file: String,
+        /// Line, from 1, where one is known.
+        line: Option<usize>,
+        /// Key or column with a colon and a space, or empty.
+        key: String,
+        /// What is wrong.
+        cause: String,
+        /// What to do.
+        remedy: String,
+    },
+}
+
+/// Why one frame of a series cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum FrameReadError {
+    /// The list names a file that is not there.
+    #[error("{file} is in the list of frames but not in the folder; restore it or drop its line")]
+    Missing {
+        /// File as recorded.
+        file: String,
+    },
+    /// The file is there and cannot be read.
+    #[error("{file} cannot be read: {source}")]
+    Unreadable {
+        /// File as recorded.
+        file: String,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// The bytes are no frame.
+    #[error("{file}: {source}")]
+    NotAFrame {
+        /// File as recorded.
+        file: String,
+        /// What is wrong with the bytes.
+        source: FrameError,
+    },
+    /// A link leads out of the series' folder.
+    #[error("{file} leads out of the folder of its series; copy the file into it")]
+    Outside {
+        /// File as recorded.
+        file: String,
+    },
+    /// Whatever else keeps the frames failed.
+    #[error("{file}: {source}")]
+    Store {
+        /// File as recorded.
+        file: String,
+        /// The keeper's reason.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+}
+
+/// A recorded series that was opened: its manifest and its list of frames, both checked.
+#[derive(Debug, Clone)]
+pub struct Series {
+    folder: PathBuf,
+    manifest: Manifest,
+    rows: Vec<FrameRow>,
+}
+
+impl Series {
+    /// Opens the series in `folder`: reads and checks `manifest.toml` and the list of frames. The
+    /// frames themselves are not touched.
+    ///
+    /// # Errors
+    /// [`SeriesError`] names file, line, key, cause and remedy.
+    pub fn open(folder: &Path) -> Result<Self, SeriesError> {
+        if !folder.is_dir() {
+            return Err(SeriesError::NoFolder {
+                folder: folder.display().to_string(),
+            });
+        }
+        let folder = folder
+            .canonicalize()
+            .map_err(|source| SeriesError::Unreadable {
+                file: folder.display().to_string(),
+                source,
+            })?;
+        let text = read_text(
+            &folder,
+            "manifest.toml",
+            "the README tells what to write into it",
+        )?;
+        let manifest = Manifest::from_toml(&text, "manifest.toml")?;
+        let list = read_text(
+            &folder,
+            &manifest.frames,
+            "it lists the frames, one line each",
+        )?;
+        let rows = FrameRow::read_all(&list, &manifest.frames)?;
+        Ok(Series {
+            folder,
+            manifest,
+            rows,
+        })
+    }
+
+    /// The folder, as an absolute path.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// What the manifest says.
+    #[must_use]
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// The list of frames, in the order of the file.
+    #[must_use]
+    pub fn rows(&self) -> &[FrameRow] {
+        &self.rows
+    }
+
+    /// Bytes of frame `index`'s file.
+    ///
+    /// # Errors
+    /// [`FrameReadError`] if the file is missing, unreadable or a link out of the folder.
+    ///
+    /// # Panics
+    /// If `index` is not below `rows().len()`.
+    pub fn read_bytes(&self, index: usize) -> Result<Vec<u8>, FrameReadError> {
+        let file = &self.rows[index].file;
+        let unreadable = |source: std::io::Error| match source.kind() {
+            std::io::ErrorKind::NotFound => FrameReadError::Missing { file: file.clone() },
+            _ => FrameReadError::Unreadable {
+                file: file.clone(),
+                source,
+            },
+        };
+        // The list was checked for `..`; a link could still lead elsewhere.
+        let path = self.folder.join(file).canonicalize().map_err(unreadable)?;
+        if !path.starts_with(&self.folder) {
+            return Err(FrameReadError::Outside { file: file.clone() });
+        }
+        std::fs::read(path).map_err(unreadable)
+    }
+
+    /// Frame `index`, decoded.
+    ///
+    /// # Errors
+    /// [`FrameReadError`] if the file cannot be read or is no 16-bit grey PNG.
+    ///
+    /// # Panics
+    /// If `index` is not below `rows().len()`.
+    pub fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
+        let bytes = self.read_bytes(index)?;
+        Frame::from_png(&bytes).map_err(|source| FrameReadError::NotAFrame {
+            file: self.rows[index].file.clone(),
+            source,
+        })
+    }
+}
+
+fn read_text(folder: &Path, file: &str, remedy: &str) -> Result<String, SeriesError> {
+    let path = folder.join(file);
+    let unreadable = |source: std::io::Error| match source.kind() {
+        std::io::ErrorKind::NotFound => SeriesError::MissingFile {
+            folder: folder.display().to_string(),
+            file: file.to_owned(),
+            remedy: remedy.to_owned(),
+        },
+        _ => SeriesError::Unreadable {
+            file: path.display().to_string(),
+            source,
+        },
+    };
+    let mut text = String::new();
+    std::fs::File::open(&path)
+        .and_then(|f| f.take(TEXT_BYTES_MAX).read_to_string(&mut text))
+        .map_err(unreadable)?;
+    Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::FrameKind;
+
+    fn recorded(name: &str) -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("tests/data/series")
+            .join(name)
+    }
+
+    #[test]
+    fn every_recorded_series_opens_and_each_frame_has_the_manifests_size() {
+        for (name, frames) in [
+            ("polymer-10", 354),
+            ("steel-15", 354),
+            ("checker", 31),
+            ("paper-rig-full", 57),
+        ] {
+            let series = Series::open(&recorded(name)).unwrap();
+            assert_eq!(series.rows().len(), frames, "{name}");
+            assert_eq!(series.manifest().name, name);
+            for kind in [FrameKind::Dark, FrameKind::Flat, FrameKind::Sample] {
+                let index = series.rows().iter().position(|r| r.kind == kind).unwrap();
+                let frame = series.read(index).unwrap();
+                assert_eq!(frame.width_px(), series.manifest().camera.width_px);
+            }
+        }
+    }
+
+    #[test]
+    fn a_folder_without_a_manifest_says_so() {
+        let empty = tempfile::tempdir().unwrap();
+        let said = Series::open(empty.path()).unwrap_err().to_string();
+        assert!(said.contains("manifest.toml"), "{said}");
+        let said = Series::open(&empty.path().join("nowhere"))
+            .unwrap_err()
+            .to_string();
+        assert!(said.contains("no folder"), "{said}");
+    }
+
+    #[test]
+    fn a_link_out_of_the_folder_is_not_followed() {
+        let place = tempfile::tempdir().unwrap();
+        let outside = place.path().join("secret.png");
+        std::fs::write(&outside, b"x").unwrap();
+        let folder = place.path().join("series");
+        std::fs::create_dir(&folder).unwrap();
+        std::fs::copy(
+            recorded("checker").join("manifest.toml"),
+            folder.join("manifest.toml"),
+        )
+        .unwrap();
+        std::fs::write(
+            folder.join("frames.csv"),
+            "file,kind,theta_c_deg,phi_s_deg,exposure_s\na.png,dark,0,0,0.04\nb.png,dark,0,0,0.04\n",
+        )
+        .unwrap();
+        std::os::unix::fs::symlink(&outside, folder.join("a.png")).unwrap();
+        let series = Series::open(&folder).unwrap();
+        assert!(matches!(
+            series.read_bytes(0),
+            Err(FrameReadError::Outside { .. })
+        ));
+        assert!(matches!(
+            series.read_bytes(1),
+            Err(FrameReadError::Missing { .. })
+        ));
+    }
+}

@@ -1,0 +1,307 @@
+//! `frames.csv`: one line per frame, where it is and at which pose it was taken.
+
+use std::collections::HashSet;
+use std::path::{Component, Path};
+
+use serde::{Deserialize, Serialize};
+
+use super::SeriesError;
+use super::text::meant;
+use crate::frame::FrameKind;
+use crate::geometry::Pose;
+
+/// One line of the list of frames.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FrameRow {
+    /// Path of the PNG, relative to the series' folder, with `/`.
+    pub file: String,
+    /// What the frame shows.
+    pub kind: FrameKind,
+    /// Camera tilt as read back from its stage; 0 for dark frames.
+    pub theta_c_deg: f64,
+    /// Sample azimuth as read back from its stage; 0 for dark frames, anything for flats.
+    pub phi_s_deg: f64,
+    /// Exposure time.
+    pub exposure_s: f64,
+    /// Number of the repeat, from 0.
+    pub repeat: u32,
+    /// UTC at the start of the exposure, RFC 3339; may be empty.
+    pub timestamp: String,
+}
+
+const REQUIRED: [&str; 5] = ["file", "kind", "theta_c_deg", "phi_s_deg", "exposure_s"];
+const OPTIONAL: [&str; 2] = ["repeat", "timestamp"];
+
+impl FrameRow {
+    /// Stage positions of the frame.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        Pose::from_deg(self.theta_c_deg, self.phi_s_deg)
+    }
+
+    /// Reads the text of a list of frames; `file` names it in errors. Columns are found by name;
+    /// `repeat` and `timestamp` may be missing and further columns are ignored.
+    ///
+    /// # Errors
+    /// [`SeriesError::Invalid`] with the line of the first thing that is wrong.
+    pub fn read_all(text: &str, file: &str) -> Result<Vec<FrameRow>, SeriesError> {
+        let invalid =
+            |line: Option<usize>, key: &str, cause: String, remedy: String| SeriesError::Invalid {
+                file: file.to_owned(),
+                line,
+                key: if key.is_empty() {
+                    String::new()
+                } else {
+                    format!("column `{key}`: ")
+                },
+                cause,
+                remedy,
+            };
+        let text = text.trim_start_matches('\u{feff}');
+        let mut reader = csv::ReaderBuilder::new()
+            .trim(csv::Trim::All)
+            .from_reader(text.as_bytes());
+        let broken = |error: csv::Error| {
+            let line = error.position().map(|p| p.line() as usize);
+            invalid(
+                line,
+                "",
+                match error.kind() {
+                    csv::ErrorKind::UnequalLengths {
+                        expected_len, len, ..
+                    } => format!("the line has {len} fields and the header {expected_len}"),
+                    _ => format!("the line is no CSV: {error}"),
+                },
+                "repair the line".to_owned(),
+            )
+        };
+        let headers = reader.headers().map_err(broken)?.clone();
+        let column = |name: &str| headers.iter().position(|h| h == name);
+        for name in REQUIRED {
+            if column(name).is_none() {
+                let found: Vec<&str> = headers
+                    .iter()
+                    .filter(|h| meant(h, &[name]).is_some())
+                    .collect();
+                return Err(invalid(
+                    Some(1),
+                    name,
+                    "the header does not have it".to_owned(),
+                    match found.first() {
+                        Some(slip) => format!("rename the column `{slip}`"),
+                        None => format!(
+                            "the header needs {}, and may have {}",
+                            REQUIRED.join(","),
+                            OPTIONAL.join(",")
+                        ),
+                    },
+                ));
+            }
+        }
+        let at = REQUIRED.map(|name| column(name).expect("its absence was refused above"));
+        let at_repeat = column("repeat");
+        let at_timestamp = column("timestamp");
+
+        let mut rows = Vec::new();
+        let mut seen = HashSet::new();
+        for record in reader.records() {
+            let record = record.map_err(broken)?;
+            let line = record.position().map(|p| p.line() as usize);
+            let number = |index: usize, name: &str| -> Result<f64, SeriesError> {
+                let field = &record[index];
+                match field.parse::<f64>() {
+                    Ok(x) if x.is_finite() => Ok(x),
+                    _ => Err(invalid(
+                        line,
+                        name,
+                        format!("`{field}` is not a finite number"),
+                        "write the position that was read back, or drop the frame's line"
+                            .to_owned(),
+                    )),
+                }
+            };
+            let path = record[at[0]].to_owned();
+            if let Some(cause) = path_problem(&path) {
+                return Err(invalid(
+                    line,
+                    "file",
+                    format!("`{path}` {cause}"),
+                    "write the path of a file in the series' own folder, relative to it".to_owned(),
+                ));
+            }
+            if !seen.insert(path.clone()) {
+                return Err(invalid(
+                    line,
+                    "file",
+                    format!("`{path}` is listed twice"),
+                    "keep one of the two lines".to_owned(),
+                ));
+            }
+            let kind = match &record[at[1]] {
+                "sample" => FrameKind::Sample,
+                "dark" => FrameKind::Dark,
+                "flat" => FrameKind::Flat,
+                other => {
+                    return Err(invalid(
+                        line,
+                        "kind",
+                        format!("`{other}` is unknown"),
+                        "a frame is a sample, a dark or a flat".to_owned(),
+                    ));
+                }
+            };
+            let theta_c_deg = number(at[2], "theta_c_deg")?;
+            if theta_c_deg.abs() >= 90.0 {
+                return Err(invalid(
+                    line,
+                    "theta_c_deg",
+                    format!("{theta_c_deg}° puts the camera behind the surface"),
+                    "tilts lie between −90° and 90°; are these degrees?".to_owned(),
+                ));
+            }
+            let phi_s_deg = number(at[3], "phi_s_deg")?;
+            let exposure_s = number(at[4], "exposure_s")?;
+            if exposure_s < 0.0 || (exposure_s == 0.0 && kind != FrameKind::Dark) {
+                return Err(invalid(
+                    line,
+                    "exposure_s",
+                    format!("{exposure_s} s is no exposure"),
+                    "write the exposure time in seconds, above 0".to_owned(),
+                ));
+            }
+            let repeat = match at_repeat.map(|i| &record[i]) {
+                None | Some("") => 0,
+                Some(field) => field.parse().map_err(|_| {
+                    invalid(
+                        line,
+                        "repeat",
+                        format!("`{field}` is not a whole number from 0"),
+                        "number the repeats 0, 1, 2, …".to_owned(),
+                    )
+                })?,
+            };
+            let timestamp = at_timestamp.map_or("", |i| &record[i]).to_owned();
+            rows.push(FrameRow {
+                file: path,
+                kind,
+                theta_c_deg,
+                phi_s_deg,
+                exposure_s,
+                repeat,
+                timestamp,
+            });
+        }
+        if rows.is_empty() {
+            return Err(invalid(
+                None,
+                "",
+                "it lists no frame".to_owned(),
+                "add one line per frame below the header".to_owned(),
+            ));
+        }
+        Ok(rows)
+    }
+
+    /// The text of a list of frames, header included.
+    #[must_use]
+    pub fn write_all(rows: &[FrameRow]) -> String {
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        for row in rows {
+            writer
+                .serialize(row)
+                .expect("a row of numbers and text goes into memory");
+        }
+        if rows.is_empty() {
+            writer
+                .write_record(REQUIRED.iter().chain(&OPTIONAL))
+                .expect("a header goes into memory");
+        }
+        String::from_utf8(writer.into_inner().expect("memory is flushed")).expect("rows are UTF-8")
+    }
+}
+
+/// Why a path may not name a frame.
+pub(super) fn path_problem(path: &str) -> Option<&'static str> {
+    if path.is_empty() {
+        return Some("is empty");
+    }
+    if path.contains(['\\', '\0', ':']) {
+        return Some("holds a character that no frame's path has");
+    }
+    for part in Path::new(path).components() {
+        match part {
+            Component::Normal(_) | Component::CurDir => {}
+            Component::ParentDir => return Some("leads out of the folder"),
+            Component::RootDir | Component::Prefix(_) => return Some("is an absolute path"),
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HEADER: &str = "file,kind,theta_c_deg,phi_s_deg,exposure_s,repeat,timestamp\n";
+
+    fn refusal(line: &str) -> String {
+        FrameRow::read_all(
+            &format!("{HEADER}a.png,dark,0,0,1,0,\n{line}\n"),
+            "frames.csv",
+        )
+        .unwrap_err()
+        .to_string()
+    }
+
+    #[test]
+    fn a_list_survives_its_file() {
+        let text = format!("{HEADER}frames/a.png,flat,-20.125,0.1,0.003,2,2026-03-02T09:00:00Z\n");
+        let rows = FrameRow::read_all(&text, "frames.csv").unwrap();
+        assert_eq!(rows[0].kind, FrameKind::Flat);
+        assert_eq!(
+            FrameRow::read_all(&FrameRow::write_all(&rows), "").unwrap(),
+            rows
+        );
+    }
+
+    #[test]
+    fn a_bad_line_is_named_with_its_column() {
+        for (line, column, word) in [
+            ("b.png,bias,0,0,1,0,", "kind", "bias"),
+            ("b.png,dark,NaN,0,1,0,", "theta_c_deg", "NaN"),
+            ("b.png,dark,0,inf,1,0,", "phi_s_deg", "inf"),
+            ("b.png,sample,95,0,1,0,", "theta_c_deg", "95"),
+            ("b.png,sample,0,0,-1,0,", "exposure_s", "-1"),
+            ("b.png,sample,0,0,0,0,", "exposure_s", "0 s"),
+            ("b.png,sample,0,0,1,x,", "repeat", "x"),
+            ("../b.png,sample,0,0,1,0,", "file", "out of the folder"),
+            ("/etc/b.png,sample,0,0,1,0,", "file", "absolute"),
+            ("C:\\b.png,sample,0,0,1,0,", "file", "character"),
+            ("a.png,sample,0,0,1,0,", "file", "twice"),
+        ] {
+            let said = refusal(line);
+            assert!(
+                said.contains("frames.csv line 3") && said.contains(column) && said.contains(word),
+                "{line}: {said}"
+            );
+        }
+        assert!(refusal("b.png,dark").contains("2 fields"));
+    }
+
+    #[test]
+    fn a_misspelt_column_is_told_its_right_name() {
+        let said = FrameRow::read_all("file,kind,theta_deg,phi_s_deg,exposure_s\n", "frames.csv")
+            .unwrap_err()
+            .to_string();
+        assert!(
+            said.contains("`theta_c_deg`") && said.contains("`theta_deg`"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn a_list_without_frames_is_refused() {
+        assert!(FrameRow::read_all(HEADER, "frames.csv").is_err());
+        assert!(FrameRow::read_all("", "frames.csv").is_err());
+    }
+}

@@ -1,0 +1,76 @@
+//! Where in a text a key stands, and which known word a misspelt one was meant to be.
+
+/// Line (from 1) on which `key` of `[section]` is set; the section's own line if the key is not
+/// there. `section` is empty for the top.
+pub(super) fn line_of(text: &str, section: &str, key: &str) -> Option<usize> {
+    let mut current = "";
+    let mut header = section.is_empty().then_some(1);
+    for (index, line) in text.lines().enumerate() {
+        let line = line.trim();
+        if let Some(name) = line.strip_prefix('[').and_then(|l| l.split(']').next()) {
+            current = name.trim();
+            if current == section {
+                header = Some(index + 1);
+            }
+        } else if current == section
+            && line
+                .split('=')
+                .next()
+                .is_some_and(|k| k.trim().trim_matches(['"', '\'']) == key)
+        {
+            return Some(index + 1);
+        }
+    }
+    header
+}
+
+/// The word of `known` that `word` was probably meant to be: at most two edits (one for short
+/// words) away, case aside.
+pub(super) fn meant<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
+    let edits_max = if word.len() < 6 { 1 } else { 2 };
+    known
+        .iter()
+        .map(|k| (edits(&word.to_lowercase(), &k.to_lowercase()), *k))
+        .filter(|(distance, _)| *distance <= edits_max)
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, k)| k)
+}
+
+/// Levenshtein distance in bytes.
+fn edits(a: &str, b: &str) -> usize {
+    let b = b.as_bytes();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, ca) in a.bytes().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, cb) in b.iter().enumerate() {
+            let replaced = diagonal + usize::from(ca != *cb);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_is_found_in_its_own_section() {
+        let text = "a = 1\n\n[rig]\n a = 2\n[camera]\n\"a\" = 3\n";
+        assert_eq!(line_of(text, "", "a"), Some(1));
+        assert_eq!(line_of(text, "rig", "a"), Some(4));
+        assert_eq!(line_of(text, "camera", "a"), Some(6));
+        assert_eq!(line_of(text, "camera", "b"), Some(5));
+        assert_eq!(line_of(text, "sample", "b"), None);
+    }
+
+    #[test]
+    fn two_slips_are_forgiven_and_three_are_not() {
+        let known = ["theta_l_deg", "width_px"];
+        assert_eq!(meant("theta_1_deg", &known), Some("theta_l_deg"));
+        assert_eq!(meant("thetal_dge", &known), None);
+        assert_eq!(meant("Width_px", &known), Some("width_px"));
+    }
+}
