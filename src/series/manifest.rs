@@ -7,9 +7,6 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::SeriesError;
-use super::rows::path_problem;
-use super::text::{line_of, meant};
 use crate::geometry::RigGeometry;
 use crate::material::Material;
 use crate::units::Angle;
