@@ -5,8 +5,10 @@
 //! computed fields and the reason in the column `refused`. A new table is one file beside this
 //! one with a `Table`, and one line in [`Kind::table`].
 
+mod brdf;
 mod mueller;
 mod stack;
+mod visibility;
 
 use std::path::{Path, PathBuf};
 
@@ -33,6 +35,11 @@ pub struct Args {
 /// The closed forms that can be tabulated.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 pub enum Kind {
+    /// theta_i, phi_i, theta_o, phi_o, theta_r (rad), alpha_u, alpha_v, rho_d, eta, k → f, d, g,
+    /// fresnel of the printed BRDF.
+    Brdf,
+    /// theta_r_deg, theta_i_proj_deg, theta_o_proj_deg → visible_and_lit_fraction of the sawtooth.
+    Visibility,
     /// n, k, alpha, theta_i_deg, theta_s_deg, phi_s_deg → m00…m33 of the unmasked single bounce.
     Mueller,
     /// stack, theta_deg → Rs, Rp, m22_re_z, m23_im_z, R_polarised, R_scalar of flat layers.
@@ -42,6 +49,8 @@ pub enum Kind {
 impl Kind {
     fn table(self) -> Table {
         match self {
+            Kind::Brdf => brdf::TABLE,
+            Kind::Visibility => visibility::TABLE,
             Kind::Mueller => mueller::TABLE,
             Kind::Stack => stack::TABLE,
         }
@@ -200,6 +209,47 @@ mod tests {
             assert!(!bad[10].is_empty());
         }
         assert_eq!(rows.len(), 6);
+    }
+
+    #[test]
+    fn the_reference_table_is_answered_row_by_row_with_its_text_kept() {
+        let rows = run_on(
+            Kind::Brdf,
+            include_str!("../../tests/data/brdf/reference.csv"),
+        );
+        assert_eq!(rows.len(), 3001);
+        let head: Vec<&str> = rows[0].iter().collect();
+        assert_eq!(
+            &head[16..],
+            [
+                "f_ridged",
+                "d_ridged",
+                "g_ridged",
+                "fresnel_ridged",
+                "refused"
+            ]
+        );
+        for row in &rows[1..] {
+            let x = |i: usize| row[i].parse::<f64>().unwrap();
+            let (f, cond, ours) = (x(11), x(15), x(16));
+            assert!(
+                (ours - f).abs() <= 4.0 * 0.5 * f64::EPSILON * (1.0 + cond) * f,
+                "{row:?}"
+            );
+            assert_eq!(&row[20], "");
+        }
+    }
+
+    #[test]
+    fn visibility_rows_out_of_range_are_refused_and_edge_on_is_dark() {
+        let rows = run_on(
+            Kind::Visibility,
+            "theta_r_deg,theta_i_proj_deg,theta_o_proj_deg\n10,0,0\nnan,0,0\n95,0,0\n20,-70,0\n",
+        );
+        assert_eq!(&rows[1][3], "1.0000000000000000e0");
+        assert_eq!(&rows[2][4], "theta_r_deg = \"nan\" is not a finite number");
+        assert_eq!(&rows[3][4], "theta_r_deg = 95 is not within 0 and 90");
+        assert_eq!(&rows[4][3], "0.0000000000000000e0");
     }
 
     #[test]

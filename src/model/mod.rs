@@ -8,6 +8,8 @@
 //! Directions are unit vectors in the sample frame (u, v, n), see [`crate::geometry`]. Radiance is
 //! for irradiance 1 on a surface facing the lamp, so L = f cos θi.
 
+pub mod brdf;
+pub mod double_double;
 pub mod dual;
 pub mod flat_stack;
 pub mod fresnel;

@@ -24,6 +24,10 @@ use std::f64::consts::PI;
 use super::dual::Scalar;
 use super::fresnel::{reflectance_of, reflectances_of};
 
+/// Two decimals that differ by 90 may differ by 90 ± 2⁻⁴⁶ as doubles (half a last bit of each input
+/// and of the difference).
+const EDGE_ON_DEG: f64 = 3e-14;
+
 /// Fraction of the facets' area that is both lit from and seen from two directions, given as
 /// signed angles from n of the directions projected on the n-v plane (degrees, + towards v).
 ///
@@ -39,8 +43,10 @@ pub fn visible_and_lit_fraction(
     theta_o_proj_deg: f64,
 ) -> f64 {
     let g = |a_deg: f64| {
-        let psi_deg = (a_deg - theta_r_deg).rem_euclid(360.0);
-        if (90.0..=270.0).contains(&psi_deg) {
+        let turn = a_deg - theta_r_deg;
+        let psi_deg = turn - 360.0 * (turn / 360.0).round();
+        // Degrees given as decimals: their difference is 90 when it is so to the last bits.
+        if psi_deg.abs() >= 90.0 - EDGE_ON_DEG {
             return 0.0;
         }
         let hidden = theta_r_deg.to_radians().tan() * psi_deg.to_radians().tan().max(0.0);
@@ -164,7 +170,7 @@ pub fn diffuse_transmittance<S: Scalar>(eta: S, k: S) -> S {
                 let term = if total {
                     let g = eta * t;
                     let mu = (g * g + one() - eta * eta).sqrt();
-                    (one::<S>() - super::fresnel::reflectance_of(mu, eta, k)) * g * eta
+                    (one::<S>() - reflectance_of(mu, eta, k)) * g * eta
                 } else {
                     let mu = S::constant(t);
                     (one::<S>() - reflectance_of(mu, eta, k)) * mu
@@ -350,7 +356,14 @@ mod tests {
     fn exactly_edge_on_counts_as_facing_away() {
         assert_eq!(visible_and_lit_fraction(20.0, -70.0, 0.0), 0.0);
         assert!(visible_and_lit_fraction(20.0, -69.999_999, 0.0) > 0.9);
-        assert_eq!(visible_and_lit_fraction(15.3, -74.7, -74.7), 0.0);
+        for tenths in 1..900 {
+            let theta_r_deg = f64::from(tenths) / 10.0;
+            let edge_deg = f64::from(tenths - 900) / 10.0;
+            assert_eq!(
+                visible_and_lit_fraction(theta_r_deg, edge_deg, edge_deg),
+                0.0
+            );
+        }
     }
 
     #[test]
