@@ -11,4 +11,6 @@ pub mod model;
 pub mod observation;
 pub mod series;
 pub mod sim;
+pub mod scan;
+pub mod store;
 pub mod units;

@@ -1,0 +1,284 @@
+//! The only record of what happens: page, log and store see the same events.
+//!
+//! An event is told after it is durable: the store gives it its number, then it is broadcast. So a
+//! listener that comes back with the last number it saw misses nothing and sees nothing twice.
+
+use serde::{Deserialize, Serialize};
+use time::OffsetDateTime;
+
+use super::state::ScanState;
+use crate::frame::FrameKind;
+
+/// What a person has to do at the rig before the scan can go on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum OperatorAction {
+    /// Dark frames come next.
+    CapLens,
+    /// White-reference frames come next.
+    PlaceWhiteReference,
+    /// The sample's frames come next.
+    PlaceSample,
+}
+
+impl OperatorAction {
+    /// The word used in files, requests and the database.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            OperatorAction::CapLens => "cap-lens",
+            OperatorAction::PlaceWhiteReference => "place-white-reference",
+            OperatorAction::PlaceSample => "place-sample",
+        }
+    }
+
+    /// The action of a word, if it is one.
+    #[must_use]
+    pub fn from_word(word: &str) -> Option<Self> {
+        [
+            OperatorAction::CapLens,
+            OperatorAction::PlaceWhiteReference,
+            OperatorAction::PlaceSample,
+        ]
+        .into_iter()
+        .find(|action| action.as_str() == word)
+    }
+
+    /// What to tell the person.
+    #[must_use]
+    pub const fn message(self) -> &'static str {
+        match self {
+            OperatorAction::CapLens => "Put the cap on the lens, then continue.",
+            OperatorAction::PlaceWhiteReference => {
+                "Take the cap off, put the white reference on the table, then continue."
+            }
+            OperatorAction::PlaceSample => {
+                "Take the cap off, put the sample on the table, then continue."
+            }
+        }
+    }
+
+    /// What kind of frames follow.
+    #[must_use]
+    pub const fn kind(self) -> FrameKind {
+        match self {
+            OperatorAction::CapLens => FrameKind::Dark,
+            OperatorAction::PlaceWhiteReference => FrameKind::Flat,
+            OperatorAction::PlaceSample => FrameKind::Sample,
+        }
+    }
+}
+
+/// An operator step as it is shown to people.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct OperatorStep {
+    /// What to do.
+    pub action: OperatorAction,
+    /// The same in words.
+    pub message: &'static str,
+}
+
+impl From<OperatorAction> for OperatorStep {
+    fn from(action: OperatorAction) -> Self {
+        OperatorStep {
+            action,
+            message: action.message(),
+        }
+    }
+}
+
+/// How far a scan is.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Progress {
+    /// Kind of frames being taken; `None` before the first and after the last.
+    pub phase: Option<FrameKind>,
+    /// Points committed.
+    pub shots_done: u32,
+    /// Points of the plan, less those that valid calibrations save.
+    pub shots_total: u32,
+    /// Frames committed at accepted points.
+    pub frames_done: u32,
+    /// Frames of the plan, less those that valid calibrations save.
+    pub frames_total: u32,
+    /// Share of the predicted time that is done, 0 to 1.
+    pub fraction: f64,
+    /// Time spent moving and exposing so far; waiting for people not counted.
+    pub elapsed_s: f64,
+    /// Predicted time to go, from the pace so far; `None` when unknown.
+    pub time_left_s: Option<f64>,
+}
+
+/// What an axis did.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct AxisEvent {
+    /// Position read back; `None` when unknown.
+    pub position_deg: Option<f64>,
+    /// Where it was sent; `None` when at rest.
+    pub target_deg: Option<f64>,
+}
+
+/// What the rig is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RigActivity {
+    /// At rest and free.
+    Idle,
+    /// On its way to a position.
+    Moving,
+    /// Looking for the reference.
+    Homing,
+    /// Held by a scan.
+    Scanning,
+    /// Stopped by somebody.
+    Stopped,
+}
+
+/// Fitted ridge angle in short.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ShortValue {
+    /// Estimate.
+    pub value: f64,
+    /// Expanded uncertainty.
+    pub expanded: f64,
+}
+
+/// Something that happened.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "lowercase")]
+pub enum Event {
+    /// The rig began or ended a move.
+    Rig {
+        /// What it is doing.
+        activity: RigActivity,
+        /// Camera tilt.
+        theta_c: AxisEvent,
+        /// Sample azimuth.
+        phi_s: AxisEvent,
+    },
+    /// A scan changed its state.
+    Scan {
+        /// Which.
+        scan_id: i64,
+        /// State before.
+        previous: ScanState,
+        /// State now.
+        state: ScanState,
+        /// Why, where it is not the plan's own course.
+        reason: Option<String>,
+        /// What a person has to do, while waiting for it.
+        operator: Option<OperatorAction>,
+        /// How far it is.
+        progress: Progress,
+    },
+    /// A frame is durable.
+    Frame {
+        /// Scan it belongs to.
+        scan_id: i64,
+        /// The frame.
+        frame_id: i64,
+        /// What it shows.
+        kind: FrameKind,
+        /// Camera tilt read back.
+        theta_c_deg: f64,
+        /// Sample azimuth read back.
+        phi_s_deg: f64,
+        /// Exposure time.
+        exposure_s: f64,
+        /// Number of the repeat, from 0.
+        repeat: u32,
+        /// Mean of all counts.
+        mean_dn: f64,
+        /// Largest count.
+        max_dn: u16,
+        /// Pixels at or above the saturation level.
+        saturated_px: u32,
+        /// Whether the point counts; a rejected frame is kept all the same.
+        accepted: bool,
+        /// Why it does not count.
+        reason: Option<String>,
+        /// How far the scan is.
+        progress: Progress,
+    },
+    /// A fit began or ended.
+    Fit {
+        /// Which.
+        fit_id: i64,
+        /// Scan it is of.
+        scan_id: i64,
+        /// running, completed, failed, cancelled or interrupted.
+        state: String,
+        /// Variant asked for or found.
+        variant: String,
+        /// How the fit ended.
+        status: Option<String>,
+        /// The ridge angle in degrees, where the data can tell it.
+        theta_r_deg: Option<ShortValue>,
+    },
+    /// Something needs a person's attention.
+    Alarm {
+        /// Stable word.
+        code: String,
+        /// What happened and what to do.
+        message: String,
+        /// Scan concerned.
+        scan_id: Option<i64>,
+    },
+}
+
+impl Event {
+    /// Type as it is named on the wire.
+    #[must_use]
+    pub const fn kind(&self) -> &'static str {
+        match self {
+            Event::Rig { .. } => "rig",
+            Event::Scan { .. } => "scan",
+            Event::Frame { .. } => "frame",
+            Event::Fit { .. } => "fit",
+            Event::Alarm { .. } => "alarm",
+        }
+    }
+
+    /// Scan it belongs to.
+    #[must_use]
+    pub const fn scan_id(&self) -> Option<i64> {
+        match self {
+            Event::Rig { .. } => None,
+            Event::Scan { scan_id, .. }
+            | Event::Frame { scan_id, .. }
+            | Event::Fit { scan_id, .. } => Some(*scan_id),
+            Event::Alarm { scan_id, .. } => *scan_id,
+        }
+    }
+}
+
+/// An event with its number and time: durable, then told.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordedEvent {
+    /// Number, growing without reuse.
+    pub id: i64,
+    /// When it was recorded.
+    pub at: OffsetDateTime,
+    /// What happened.
+    pub event: Event,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_event_survives_its_json() {
+        let event = Event::Scan {
+            scan_id: 3,
+            previous: ScanState::Running,
+            state: ScanState::WaitingForOperator,
+            reason: None,
+            operator: Some(OperatorAction::PlaceWhiteReference),
+            progress: Progress::default(),
+        };
+        let json = serde_json::to_value(&event).unwrap();
+        assert_eq!(json["type"], event.kind());
+        assert_eq!(json["operator"], "place-white-reference");
+        assert_eq!(serde_json::from_value::<Event>(json).unwrap(), event);
+    }
+}
