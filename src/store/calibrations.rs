@@ -1,0 +1,220 @@
+//! Calibrations: dark and white-reference frames that more than one scan may use.
+
+use sqlx::FromRow;
+
+use super::{Page, PageRequest, Store, StoreError};
+use crate::frame::FrameKind;
+
+/// A calibration to be added once its frames are committed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewCalibration {
+    /// Dark or flat.
+    pub kind: FrameKind,
+    /// Scan that took the frames.
+    pub scan_id: i64,
+    /// Rig and camera settings they hold for.
+    pub rig_id: i64,
+    /// Exposures.
+    pub exposures_s: Vec<f64>,
+    /// Tilts; empty for dark frames.
+    pub theta_c_deg: Vec<f64>,
+    /// Frames.
+    pub n_frames: u32,
+}
+
+/// A calibration as it is kept.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Calibration {
+    /// Its number.
+    pub id: i64,
+    /// `dark` or `flat`.
+    pub kind: String,
+    /// Scan that took the frames.
+    pub scan_id: i64,
+    /// Rig and camera settings they hold for.
+    pub rig_id: i64,
+    /// Exposures, ascending.
+    pub exposures_s: Vec<f64>,
+    /// Tilts, ascending; empty for dark frames.
+    pub theta_c_deg: Vec<f64>,
+    /// Frames.
+    pub n_frames: u32,
+    /// RFC 3339 UTC.
+    pub created_at: String,
+}
+
+#[derive(FromRow)]
+struct Row {
+    id: i64,
+    kind: String,
+    scan_id: i64,
+    rig_id: i64,
+    exposures_s: String,
+    theta_c_deg: String,
+    n_frames: u32,
+    created_at: String,
+}
+
+impl TryFrom<Row> for Calibration {
+    type Error = StoreError;
+
+    fn try_from(row: Row) -> Result<Self, StoreError> {
+        let list = |text: &str| {
+            serde_json::from_str(text).map_err(|e| StoreError::bad_row("calibrations", e))
+        };
+        Ok(Calibration {
+            id: row.id,
+            scan_id: row.scan_id,
+            rig_id: row.rig_id,
+            exposures_s: list(&row.exposures_s)?,
+            theta_c_deg: list(&row.theta_c_deg)?,
+            kind: row.kind,
+            n_frames: row.n_frames,
+            created_at: row.created_at,
+        })
+    }
+}
+
+impl Store {
+    /// Adds a calibration and makes its scan a user of it.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn add_calibration(&self, new: &NewCalibration) -> Result<i64, StoreError> {
+        let list = |values: &[f64]| {
+            let mut values = values.to_vec();
+            values.sort_by(f64::total_cmp);
+            serde_json::to_string(&values).map_err(|e| StoreError::bad_row("calibrations", e))
+        };
+        let mut transaction = self.writer().begin().await?;
+        let id = sqlx::query(
+            "INSERT INTO calibrations (kind, scan_id, rig_id, exposures_s, theta_c_deg, n_frames, created_at)
+             VALUES (?, ?, ?, ?, ?, ?, ?)",
+        )
+        .bind(new.kind.as_str())
+        .bind(new.scan_id)
+        .bind(new.rig_id)
+        .bind(list(&new.exposures_s)?)
+        .bind(list(&new.theta_c_deg)?)
+        .bind(new.n_frames)
+        .bind(self.now_text())
+        .execute(&mut *transaction)
+        .await?
+        .last_insert_rowid();
+        sqlx::query("INSERT INTO scan_calibrations (scan_id, calibration_id) VALUES (?, ?)")
+            .bind(new.scan_id)
+            .bind(id)
+            .execute(&mut *transaction)
+            .await?;
+        transaction.commit().await?;
+        Ok(id)
+    }
+
+    /// Calibrations, newest first.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn calibrations(&self, page: PageRequest) -> Result<Page<Calibration>, StoreError> {
+        let rows = sqlx::query_as::<_, Row>(
+            "SELECT * FROM calibrations WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2",
+        )
+        .bind(page.cursor)
+        .bind(page.limit + 1)
+        .fetch_all(self.readers())
+        .await?;
+        let rows = rows
+            .into_iter()
+            .map(Calibration::try_from)
+            .collect::<Result<_, _>>()?;
+        Ok(Page::cut(rows, page.limit, |c: &Calibration| c.id))
+    }
+
+    /// Newest calibration of a kind for a rig that was made at or after `since` (RFC 3339 UTC) and
+    /// has all these exposures and tilts.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn usable_calibration(
+        &self,
+        kind: FrameKind,
+        rig_id: i64,
+        exposures_s: &[f64],
+        theta_c_deg: &[f64],
+        since: &str,
+    ) -> Result<Option<Calibration>, StoreError> {
+        let rows = sqlx::query_as::<_, Row>(
+            "SELECT * FROM calibrations WHERE kind = ? AND rig_id = ? AND created_at >= ? ORDER BY id DESC",
+        )
+        .bind(kind.as_str())
+        .bind(rig_id)
+        .bind(since)
+        .fetch_all(self.readers())
+        .await?;
+        let has = |have: &[f64], want: &[f64]| {
+            want.iter()
+                .all(|w| have.iter().any(|h| (h - w).abs() < 1e-9))
+        };
+        for row in rows {
+            let calibration = Calibration::try_from(row)?;
+            if has(&calibration.exposures_s, exposures_s)
+                && has(&calibration.theta_c_deg, theta_c_deg)
+            {
+                return Ok(Some(calibration));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Numbers of the calibrations that a scan uses, its own included.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn calibrations_of_scan(&self, scan_id: i64) -> Result<Vec<i64>, StoreError> {
+        Ok(sqlx::query_scalar(
+            "SELECT calibration_id FROM scan_calibrations WHERE scan_id = ? ORDER BY calibration_id",
+        )
+        .bind(scan_id)
+        .fetch_all(self.readers())
+        .await?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::scans::tests::planned;
+    use crate::store::tests::open;
+
+    #[tokio::test]
+    async fn a_calibration_counts_for_its_rig_exposures_and_age_only() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let scan = planned(&store).await;
+        let rig_id = scan.rig_id.unwrap();
+        store
+            .add_calibration(&NewCalibration {
+                kind: FrameKind::Flat,
+                scan_id: scan.id,
+                rig_id,
+                exposures_s: vec![0.06, 0.02],
+                theta_c_deg: vec![-10.0, 0.0, 10.0],
+                n_frames: 6,
+            })
+            .await
+            .unwrap();
+        let finds = async |rig_id, exposures: &[f64], tilts: &[f64], since| {
+            store
+                .usable_calibration(FrameKind::Flat, rig_id, exposures, tilts, since)
+                .await
+                .unwrap()
+                .is_some()
+        };
+        let past = "2000-01-01T00:00:00.000Z";
+        assert!(finds(rig_id, &[0.02], &[0.0, 10.0], past).await);
+        assert!(!finds(rig_id + 1, &[0.02], &[0.0], past).await);
+        assert!(!finds(rig_id, &[0.18], &[0.0], past).await);
+        assert!(!finds(rig_id, &[0.02], &[20.0], past).await);
+        assert!(!finds(rig_id, &[0.02], &[0.0], "2100-01-01T00:00:00.000Z").await);
+        assert_eq!(store.calibrations_of_scan(scan.id).await.unwrap().len(), 1);
+    }
+}

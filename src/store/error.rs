@@ -1,0 +1,149 @@
+//! What can go wrong in the store, as situations that a caller can tell apart.
+
+use std::io;
+use std::path::PathBuf;
+
+use crate::frame::FrameError;
+use crate::scan::ScanState;
+
+/// Why the store could not do what was asked.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// Another process has the folder.
+    #[error(
+        "the data folder {} is in use by another ridged ({holder}); stop it, or give another folder with --data",
+        folder.display()
+    )]
+    InUse {
+        /// The folder.
+        folder: PathBuf,
+        /// What the lock file says about the other process.
+        holder: String,
+    },
+    /// There is no store in the folder.
+    #[error(
+        "there is no store in {}; `ridged serve`, `scan` or `import` makes one, --data names another folder",
+        folder.display()
+    )]
+    Missing {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// The folder or a file in it cannot be used.
+    #[error("{what} ({}) cannot be used: {source}", path.display())]
+    File {
+        /// What it is.
+        what: &'static str,
+        /// Where it is.
+        path: PathBuf,
+        /// What the operating system says.
+        source: io::Error,
+    },
+    /// No space is left.
+    #[error(
+        "the disk is full: {detail}; free some space, then go on; nothing that was committed is lost"
+    )]
+    DiskFull {
+        /// What was to be written.
+        detail: String,
+    },
+    /// The database does not pass its own check.
+    #[error(
+        "the database is damaged ({detail}); nothing was changed: keep the folder as it is and restore a copy of it"
+    )]
+    Damaged {
+        /// What the check found.
+        detail: String,
+    },
+    /// The database was made by a newer program, or a migration failed.
+    #[error(
+        "the database does not fit this program: {0}; use the ridged that made it or a newer one"
+    )]
+    Migration(#[from] sqlx::migrate::MigrateError),
+    /// There is no such row.
+    #[error("there is no {noun} {id}")]
+    NotFound {
+        /// What was looked for.
+        noun: &'static str,
+        /// Its number.
+        id: i64,
+    },
+    /// The state table does not permit it.
+    #[error("scan {scan_id} is {current}; it cannot become {asked}")]
+    StateConflict {
+        /// Which scan.
+        scan_id: i64,
+        /// Where it stands.
+        current: ScanState,
+        /// What was asked.
+        asked: ScanState,
+    },
+    /// A frame's file is not what was kept.
+    #[error("the file of frame {sha256} {problem}; restore it from a copy of the data folder")]
+    FrameDamaged {
+        /// Content hash and name of the file.
+        sha256: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// The frame could not be encoded or decoded.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    /// The same Idempotency-Key came with a different request.
+    #[error("the Idempotency-Key was used for a different request; take a new key")]
+    KeyReused,
+    /// A row does not hold what this program wrote into it.
+    #[error("a row of {table} cannot be read: {detail}; was the database changed by hand?")]
+    BadRow {
+        /// Which table.
+        table: &'static str,
+        /// What is wrong.
+        detail: String,
+    },
+    /// Anything else the database says.
+    #[error("the database refused: {0}")]
+    Database(#[source] sqlx::Error),
+}
+
+impl From<sqlx::Error> for StoreError {
+    fn from(error: sqlx::Error) -> Self {
+        /// Primary result codes of SQLite (the low byte of the extended ones).
+        const CORRUPT: i32 = 11;
+        const FULL: i32 = 13;
+        const NOT_A_DATABASE: i32 = 26;
+        let code = error
+            .as_database_error()
+            .and_then(|e| e.code())
+            .and_then(|code| code.parse::<i32>().ok())
+            .map(|code| code & 0xff);
+        match code {
+            Some(FULL) => StoreError::DiskFull {
+                detail: "the database could not grow".into(),
+            },
+            Some(CORRUPT | NOT_A_DATABASE) => StoreError::Damaged {
+                detail: error.to_string(),
+            },
+            _ => StoreError::Database(error),
+        }
+    }
+}
+
+impl StoreError {
+    /// An I/O error on a file of the store; a full disk keeps its own name.
+    pub(super) fn file(what: &'static str, path: impl Into<PathBuf>, source: io::Error) -> Self {
+        let path = path.into();
+        match source.kind() {
+            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => StoreError::DiskFull {
+                detail: format!("{what} {} could not be written", path.display()),
+            },
+            _ => StoreError::File { what, path, source },
+        }
+    }
+
+    pub(super) fn bad_row(table: &'static str, detail: impl ToString) -> Self {
+        StoreError::BadRow {
+            table,
+            detail: detail.to_string(),
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! Events: numbered when they are committed, told afterwards.
+
+use sqlx::{FromRow, Sqlite, Transaction};
+
+use super::{Store, StoreError, utc_of, utc_text};
+use crate::scan::{Event, RecordedEvent};
+
+#[derive(FromRow)]
+struct Row {
+    id: i64,
+    at: String,
+    body: String,
+}
+
+impl TryFrom<Row> for RecordedEvent {
+    type Error = StoreError;
+
+    fn try_from(row: Row) -> Result<Self, StoreError> {
+        Ok(RecordedEvent {
+            id: row.id,
+            at: utc_of(&row.at).ok_or_else(|| StoreError::bad_row("events", &row.at))?,
+            event: serde_json::from_str(&row.body).map_err(|e| StoreError::bad_row("events", e))?,
+        })
+    }
+}
+
+impl Store {
+    /// Commits one event by itself.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn record(&self, event: Event) -> Result<RecordedEvent, StoreError> {
+        let mut transaction = self.writer().begin().await?;
+        let recorded = self.record_in(&mut transaction, event).await?;
+        transaction.commit().await?;
+        Ok(recorded)
+    }
+
+    /// Adds an event to a transaction: it is durable together with what it tells.
+    pub(super) async fn record_in(
+        &self,
+        transaction: &mut Transaction<'_, Sqlite>,
+        event: Event,
+    ) -> Result<RecordedEvent, StoreError> {
+        let at = self.inner.clock.utc();
+        let body = serde_json::to_string(&event).map_err(|e| StoreError::bad_row("events", e))?;
+        let id = sqlx::query("INSERT INTO events (at, kind, scan_id, body) VALUES (?, ?, ?, ?)")
+            .bind(utc_text(at))
+            .bind(event.kind())
+            .bind(event.scan_id())
+            .bind(body)
+            .execute(&mut **transaction)
+            .await?
+            .last_insert_rowid();
+        Ok(RecordedEvent { id, at, event })
+    }
+
+    /// Events with numbers above `after`, oldest first, at most `limit`.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn events_after(
+        &self,
+        after: i64,
+        limit: u32,
+    ) -> Result<Vec<RecordedEvent>, StoreError> {
+        sqlx::query_as::<_, Row>("SELECT id, at, body FROM events WHERE id > ? ORDER BY id LIMIT ?")
+            .bind(after)
+            .bind(limit)
+            .fetch_all(self.readers())
+            .await?
+            .into_iter()
+            .map(RecordedEvent::try_from)
+            .collect()
+    }
+
+    /// Number of the newest event; 0 if there is none.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn last_event_id(&self) -> Result<i64, StoreError> {
+        Ok(
+            sqlx::query_scalar("SELECT COALESCE(MAX(id), 0) FROM events")
+                .fetch_one(self.readers())
+                .await?,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::tests::open;
+
+    fn alarm(code: &str) -> Event {
+        Event::Alarm {
+            code: code.into(),
+            message: "look".into(),
+            scan_id: None,
+        }
+    }
+
+    #[tokio::test]
+    async fn a_listener_that_comes_back_gets_what_it_missed_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let first = store.record(alarm("a")).await.unwrap();
+        store.record(alarm("b")).await.unwrap();
+        store.record(alarm("c")).await.unwrap();
+        let missed = store.events_after(first.id, 10).await.unwrap();
+        let events: Vec<Event> = missed.into_iter().map(|e| e.event).collect();
+        assert_eq!(events, [alarm("b"), alarm("c")]);
+    }
+}

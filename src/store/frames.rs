@@ -1,0 +1,556 @@
+//! Frames: the file first, durable and named by its content; then the row.
+
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+use sqlx::{FromRow, Sqlite, Transaction};
+use time::OffsetDateTime;
+
+use super::scans::{NewScan, Origin};
+use super::{Page, PageRequest, Store, StoreError, utc_text};
+use crate::frame::{Frame, FrameKind};
+use crate::geometry::Pose;
+use crate::scan::{Event, Progress, RecordedEvent, ScanState};
+
+/// A frame file that is durable but not yet named by a row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct KeptFile {
+    /// Content hash, in hex; the file's name.
+    pub sha256: String,
+    /// Size of the file.
+    pub bytes: u64,
+    /// Width of the image.
+    pub width_px: u32,
+    /// Height of the image.
+    pub height_px: u32,
+    /// Mean count.
+    pub mean_dn: f64,
+    /// Largest count.
+    pub max_dn: u16,
+    /// Pixels at or above the saturation level.
+    pub saturated_px: u32,
+}
+
+/// A visit to a point of the plan, to be committed with its frames.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewShot {
+    /// Scan it belongs to.
+    pub scan_id: i64,
+    /// Place in the plan.
+    pub plan_index: u32,
+    /// 0, then one more for each retake.
+    pub attempt: u32,
+    /// What the frames show.
+    pub kind: FrameKind,
+    /// Pose of the plan; `None` where it does not matter.
+    pub asked: Option<Pose>,
+    /// Position read back.
+    pub pose: Pose,
+    /// Why it does not count; `None` if it does.
+    pub rejected: Option<String>,
+    /// When the first exposure began.
+    pub taken_at: OffsetDateTime,
+}
+
+/// A frame of a shot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewFrame {
+    /// Its durable file.
+    pub file: KeptFile,
+    /// File name in a series.
+    pub name: String,
+    /// Exposure time.
+    pub exposure_s: f64,
+    /// Number of the repeat, from 0.
+    pub repeat: u32,
+    /// Start of the exposure.
+    pub taken_at: OffsetDateTime,
+}
+
+/// A frame of a recorded series.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImportedFrame {
+    /// Its durable file.
+    pub file: KeptFile,
+    /// File name in the series.
+    pub name: String,
+    /// What it shows.
+    pub kind: FrameKind,
+    /// Tilt as recorded.
+    pub theta_c_deg: f64,
+    /// Azimuth as recorded.
+    pub phi_s_deg: f64,
+    /// Exposure time.
+    pub exposure_s: f64,
+    /// Number of the repeat.
+    pub repeat: u32,
+    /// As recorded.
+    pub timestamp: String,
+}
+
+/// A frame as it is kept.
+#[derive(Debug, Clone, PartialEq, FromRow)]
+pub struct FrameRecord {
+    /// Its number.
+    pub id: i64,
+    /// Scan it belongs to.
+    pub scan_id: i64,
+    /// File name in a series.
+    pub name: String,
+    /// What it shows: sample, dark or flat.
+    pub kind: String,
+    /// Tilt read back.
+    pub theta_c_deg: f64,
+    /// Azimuth read back.
+    pub phi_s_deg: f64,
+    /// Exposure time.
+    pub exposure_s: f64,
+    /// Number of the repeat, from 0.
+    pub repeat: u32,
+    /// Start of the exposure, UTC.
+    pub timestamp: String,
+    /// Content hash and name of the file.
+    pub sha256: String,
+    /// Size of the file.
+    pub bytes: i64,
+    /// Width of the image.
+    pub width_px: u32,
+    /// Height of the image.
+    pub height_px: u32,
+    /// Mean count.
+    pub mean_dn: f64,
+    /// Largest count.
+    pub max_dn: u16,
+    /// Pixels at or above the saturation level.
+    pub saturated_px: u32,
+    /// Whether it counts.
+    pub accepted: bool,
+    /// Why it does not.
+    pub reason: Option<String>,
+}
+
+const COLUMNS: &str =
+    "id, scan_id, name, kind, theta_c_deg, phi_s_deg, exposure_s, repeat, timestamp,
+    sha256, bytes, width_px, height_px, mean_dn, max_dn, saturated_px, accepted, reason";
+
+/// Hex of the SHA-256 of `bytes`.
+#[must_use]
+pub fn sha256_hex(bytes: &[u8]) -> String {
+    Sha256::digest(bytes)
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect()
+}
+
+/// Where the file of a content hash lies below the store's folder.
+fn relative_path(sha256: &str) -> PathBuf {
+    let (folder, name) = sha256.split_at(sha256.len().min(2));
+    Path::new("frames").join(folder).join(format!("{name}.png"))
+}
+
+impl Store {
+    /// Makes a frame durable and says what a row needs to know of it. Encoding and writing happen
+    /// on a thread for blocking work.
+    ///
+    /// # Errors
+    /// [`StoreError::DiskFull`], or what the encoder or the disk says.
+    pub async fn keep_frame(
+        &self,
+        frame: Frame,
+        saturation_dn: u16,
+    ) -> Result<KeptFile, StoreError> {
+        let store = self.clone();
+        blocking(move || {
+            let png = frame.to_png()?;
+            store.keep_file(&png, &frame, saturation_dn)
+        })
+        .await
+    }
+
+    /// Makes a PNG durable byte for byte after reading it as a frame.
+    ///
+    /// # Errors
+    /// [`StoreError::Frame`] if it is none, [`StoreError::DiskFull`], or what the disk says.
+    pub async fn keep_png(&self, png: Vec<u8>, saturation_dn: u16) -> Result<KeptFile, StoreError> {
+        let store = self.clone();
+        blocking(move || {
+            let frame = Frame::from_png(&png)?;
+            store.keep_file(&png, &frame, saturation_dn)
+        })
+        .await
+    }
+
+    fn keep_file(
+        &self,
+        png: &[u8],
+        frame: &Frame,
+        saturation_dn: u16,
+    ) -> Result<KeptFile, StoreError> {
+        let sha256 = sha256_hex(png);
+        let path = self.folder().join(relative_path(&sha256));
+        // A file of that name is that content, unless the disk has lost some: then it is renewed.
+        if std::fs::read(&path).is_ok_and(|kept| kept == png) {
+            tracing::debug!(sha256, "frame {sha256} was kept before");
+        } else {
+            self.inner
+                .disk
+                .write_durably(&path, png)
+                .map_err(|e| StoreError::file("the frame file", &path, e))?;
+        }
+        let pixels = frame.pixels_dn();
+        let sum: u64 = pixels.iter().map(|dn| u64::from(*dn)).sum();
+        Ok(KeptFile {
+            sha256,
+            bytes: png.len() as u64,
+            width_px: frame.width_px(),
+            height_px: frame.height_px(),
+            mean_dn: sum as f64 / pixels.len() as f64,
+            max_dn: pixels.iter().copied().max().unwrap_or(0),
+            saturated_px: pixels.iter().filter(|dn| **dn >= saturation_dn).count() as u32,
+        })
+    }
+
+    /// Commits a visit to a point: shot, frames and the events that tell of them, all or nothing.
+    ///
+    /// # Errors
+    /// [`StoreError::DiskFull`], or what the database says.
+    pub async fn commit_shot(
+        &self,
+        shot: &NewShot,
+        frames: &[NewFrame],
+        progress: Progress,
+    ) -> Result<Vec<RecordedEvent>, StoreError> {
+        let mut transaction = self.writer().begin().await?;
+        let accepted = shot.rejected.is_none();
+        let shot_id = sqlx::query(
+            "INSERT INTO shots (scan_id, plan_index, attempt, kind, asked_theta_c_deg, asked_phi_s_deg,
+               theta_c_deg, phi_s_deg, accepted, reason, taken_at) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        )
+        .bind(shot.scan_id)
+        .bind(shot.plan_index)
+        .bind(shot.attempt)
+        .bind(shot.kind.as_str())
+        .bind(shot.asked.map(|pose| pose.theta_c.deg()))
+        .bind(shot.asked.map(|pose| pose.phi_s.deg()))
+        .bind(shot.pose.theta_c.deg())
+        .bind(shot.pose.phi_s.deg())
+        .bind(accepted)
+        .bind(&shot.rejected)
+        .bind(utc_text(shot.taken_at))
+        .execute(&mut *transaction)
+        .await?
+        .last_insert_rowid();
+        let mut events = Vec::with_capacity(frames.len());
+        for frame in frames {
+            let (theta_c_deg, phi_s_deg) = (shot.pose.theta_c.deg(), shot.pose.phi_s.deg());
+            let id = insert_frame(
+                &mut transaction,
+                shot.scan_id,
+                Some(shot_id),
+                &ImportedFrame {
+                    file: frame.file.clone(),
+                    name: frame.name.clone(),
+                    kind: shot.kind,
+                    theta_c_deg,
+                    phi_s_deg,
+                    exposure_s: frame.exposure_s,
+                    repeat: frame.repeat,
+                    timestamp: utc_text(frame.taken_at),
+                },
+                shot.rejected.as_deref(),
+            )
+            .await?;
+            let event = Event::Frame {
+                scan_id: shot.scan_id,
+                frame_id: id,
+                kind: shot.kind,
+                theta_c_deg,
+                phi_s_deg,
+                exposure_s: frame.exposure_s,
+                repeat: frame.repeat,
+                mean_dn: frame.file.mean_dn,
+                max_dn: frame.file.max_dn,
+                saturated_px: frame.file.saturated_px,
+                accepted,
+                reason: shot.rejected.clone(),
+                progress,
+            };
+            events.push(self.record_in(&mut transaction, event).await?);
+        }
+        transaction.commit().await?;
+        Ok(events)
+    }
+
+    /// Commits a recorded series as a completed scan; its files must be durable already.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn import_scan(
+        &self,
+        new: &NewScan,
+        frames: &[ImportedFrame],
+    ) -> Result<(i64, RecordedEvent), StoreError> {
+        let mut transaction = self.writer().begin().await?;
+        let scan_id = self
+            .insert_scan(&mut transaction, new, Origin::Import, ScanState::Completed)
+            .await?;
+        for frame in frames {
+            insert_frame(&mut transaction, scan_id, None, frame, None).await?;
+        }
+        let count = frames.len() as u32;
+        let event = Event::Scan {
+            scan_id,
+            previous: ScanState::Planned,
+            state: ScanState::Completed,
+            reason: Some("imported".into()),
+            operator: None,
+            progress: Progress {
+                frames_done: count,
+                frames_total: count,
+                fraction: 1.0,
+                ..Progress::default()
+            },
+        };
+        let event = self.record_in(&mut transaction, event).await?;
+        transaction.commit().await?;
+        Ok((scan_id, event))
+    }
+
+    /// One frame.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], or what the database says.
+    pub async fn frame(&self, id: i64) -> Result<FrameRecord, StoreError> {
+        sqlx::query_as(sqlx::AssertSqlSafe(format!(
+            "SELECT {COLUMNS} FROM frames WHERE id = ?"
+        )))
+        .bind(id)
+        .fetch_optional(self.readers())
+        .await?
+        .ok_or(StoreError::NotFound { noun: "frame", id })
+    }
+
+    /// Frames of a scan in the order taken, optionally of one kind.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn frames_of_scan(
+        &self,
+        scan_id: i64,
+        kind: Option<FrameKind>,
+        page: PageRequest,
+    ) -> Result<Page<FrameRecord>, StoreError> {
+        let rows: Vec<FrameRecord> = sqlx::query_as(sqlx::AssertSqlSafe(format!(
+            "SELECT {COLUMNS} FROM frames WHERE scan_id = ?1 AND (?2 IS NULL OR id > ?2)
+               AND (?3 IS NULL OR kind = ?3) ORDER BY id LIMIT ?4"
+        )))
+        .bind(scan_id)
+        .bind(page.cursor)
+        .bind(kind.map(FrameKind::as_str))
+        .bind(page.limit + 1)
+        .fetch_all(self.readers())
+        .await?;
+        Ok(Page::cut(rows, page.limit, |row: &FrameRecord| row.id))
+    }
+
+    /// Every accepted frame that a reduction of the scan reads: its own, and those of the
+    /// calibrations it uses; own frames first, in the order taken.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn frames_for_reduction(&self, scan_id: i64) -> Result<Vec<FrameRecord>, StoreError> {
+        Ok(sqlx::query_as(sqlx::AssertSqlSafe(format!(
+            "SELECT {COLUMNS} FROM frames f WHERE accepted = 1 AND (scan_id = ?1 OR EXISTS (
+               SELECT 1 FROM scan_calibrations u JOIN calibrations c ON c.id = u.calibration_id
+               WHERE u.scan_id = ?1 AND c.scan_id = f.scan_id AND c.kind = f.kind))
+             ORDER BY scan_id <> ?1, id"
+        )))
+        .bind(scan_id)
+        .fetch_all(self.readers())
+        .await?)
+    }
+
+    /// Places of the plan that have an accepted shot, and how many frames count.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn shots_done(&self, scan_id: i64) -> Result<Vec<u32>, StoreError> {
+        Ok(sqlx::query_scalar(
+            "SELECT DISTINCT plan_index FROM shots WHERE scan_id = ? AND accepted = 1 ORDER BY plan_index",
+        )
+        .bind(scan_id)
+        .fetch_all(self.readers())
+        .await?)
+    }
+
+    /// Frames of rejected visits.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn frames_rejected(&self, scan_id: i64) -> Result<u32, StoreError> {
+        Ok(
+            sqlx::query_scalar("SELECT COUNT(*) FROM frames WHERE scan_id = ? AND accepted = 0")
+                .bind(scan_id)
+                .fetch_one(self.readers())
+                .await?,
+        )
+    }
+
+    /// Bytes of a frame file, checked against its hash. Blocking.
+    ///
+    /// # Errors
+    /// [`StoreError::FrameDamaged`] if the file is missing or not what was kept.
+    pub fn read_png(&self, sha256: &str) -> Result<Vec<u8>, StoreError> {
+        let path = self.folder().join(relative_path(sha256));
+        let damaged = |problem: String| StoreError::FrameDamaged {
+            sha256: sha256.into(),
+            problem,
+        };
+        let bytes = std::fs::read(&path).map_err(|e| damaged(format!("cannot be read ({e})")))?;
+        if sha256_hex(&bytes) != sha256 {
+            return Err(damaged("is not what was kept (its hash differs)".into()));
+        }
+        Ok(bytes)
+    }
+}
+
+async fn insert_frame(
+    transaction: &mut Transaction<'_, Sqlite>,
+    scan_id: i64,
+    shot_id: Option<i64>,
+    frame: &ImportedFrame,
+    rejected: Option<&str>,
+) -> Result<i64, StoreError> {
+    Ok(sqlx::query(
+        "INSERT INTO frames (scan_id, shot_id, name, kind, theta_c_deg, phi_s_deg, exposure_s, repeat,
+           timestamp, sha256, bytes, width_px, height_px, mean_dn, max_dn, saturated_px, accepted, reason)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+    )
+    .bind(scan_id)
+    .bind(shot_id)
+    .bind(&frame.name)
+    .bind(frame.kind.as_str())
+    .bind(frame.theta_c_deg)
+    .bind(frame.phi_s_deg)
+    .bind(frame.exposure_s)
+    .bind(frame.repeat)
+    .bind(&frame.timestamp)
+    .bind(&frame.file.sha256)
+    .bind(frame.file.bytes as i64)
+    .bind(frame.file.width_px)
+    .bind(frame.file.height_px)
+    .bind(frame.file.mean_dn)
+    .bind(frame.file.max_dn)
+    .bind(frame.file.saturated_px)
+    .bind(rejected.is_none())
+    .bind(rejected)
+    .execute(&mut **transaction)
+    .await?
+    .last_insert_rowid())
+}
+
+async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, StoreError> + Send + 'static,
+) -> Result<T, StoreError> {
+    tokio::task::spawn_blocking(work)
+        .await
+        .expect("keeping a frame does not panic")
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::store::disk::{Disk, RealDisk};
+    use crate::store::scans::tests::planned;
+    use crate::store::tests::open;
+    use std::sync::Arc;
+
+    fn frame() -> Frame {
+        Frame::new(2, 2, vec![1, 2, 3, 65535]).unwrap()
+    }
+
+    pub(crate) async fn commit(store: &Store, scan_id: i64, plan_index: u32) -> String {
+        let file = store.keep_frame(frame(), 65535).await.unwrap();
+        let sha256 = file.sha256.clone();
+        let at = time::macros::datetime!(2026-01-01 00:00 UTC);
+        let shot = NewShot {
+            scan_id,
+            plan_index,
+            attempt: 0,
+            kind: FrameKind::Sample,
+            asked: Some(Pose::from_deg(10.0, 20.0)),
+            pose: Pose::from_deg(10.001, 20.0),
+            rejected: None,
+            taken_at: at,
+        };
+        let frames = [NewFrame {
+            file,
+            name: format!("frames/{plan_index}.png"),
+            exposure_s: 0.1,
+            repeat: 0,
+            taken_at: at,
+        }];
+        let events = store
+            .commit_shot(&shot, &frames, Progress::default())
+            .await
+            .unwrap();
+        assert_eq!(events.len(), 1);
+        sha256
+    }
+
+    #[tokio::test]
+    async fn a_committed_frame_keeps_the_position_read_back_and_its_counts() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let scan = planned(&store).await;
+        let sha256 = commit(&store, scan.id, 0).await;
+        let rows = store.frames_for_reduction(scan.id).await.unwrap();
+        assert_eq!(rows.len(), 1);
+        assert!((rows[0].theta_c_deg - 10.001).abs() < 1e-12);
+        assert_eq!(rows[0].saturated_px, 1);
+        let kept = Frame::from_png(&store.read_png(&sha256).unwrap()).unwrap();
+        assert_eq!(kept, frame());
+        assert_eq!(store.shots_done(scan.id).await.unwrap(), [0]);
+    }
+
+    #[tokio::test]
+    async fn a_file_that_rotted_is_found_when_it_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let scan = planned(&store).await;
+        let sha256 = commit(&store, scan.id, 0).await;
+        let path = folder.path().join(relative_path(&sha256));
+        let mut bytes = std::fs::read(&path).unwrap();
+        bytes[40] ^= 1;
+        std::fs::write(&path, bytes).unwrap();
+        assert!(matches!(
+            store.read_png(&sha256),
+            Err(StoreError::FrameDamaged { .. })
+        ));
+    }
+
+    struct FullDisk;
+
+    impl Disk for FullDisk {
+        fn write_durably(&self, _: &Path, _: &[u8]) -> std::io::Result<()> {
+            Err(std::io::ErrorKind::StorageFull.into())
+        }
+        fn free_bytes(&self, folder: &Path) -> std::io::Result<u64> {
+            RealDisk.free_bytes(folder)
+        }
+    }
+
+    #[tokio::test]
+    async fn a_full_disk_has_its_own_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let clock = Arc::new(crate::clock::SteppedClock::new());
+        let (store, _) = Store::open(folder.path(), Arc::new(FullDisk), clock)
+            .await
+            .unwrap();
+        let refused = store.keep_frame(frame(), 65535).await;
+        assert!(
+            matches!(refused, Err(StoreError::DiskFull { .. })),
+            "{refused:?}"
+        );
+    }
+}

@@ -1,0 +1,343 @@
+//! Keeps everything: SQLite beside content-addressed frame files, in one folder that is its own
+//! backup when copied.
+//!
+//! [`Store::open`] takes the folder for one process, checks it, and puts right what a kill left
+//! behind. The order is always: frame file durable, then its row committed, then the event told;
+//! no row points to a file that could be missing. Rows are added, never changed or deleted (the
+//! database itself refuses it). The store knows no hardware, no HTTP, and does no arithmetic on
+//! what it keeps.
+//!
+//! ```text
+//! ridged-data/
+//!   ridged.sqlite      the rows (with -wal and -shm beside it while open)
+//!   frames/ab/cd….png  frames, named by the SHA-256 of the file
+//!   quarantine/        files that no row names, found at a start
+//!   lock               held by the process that writes
+//! ```
+
+pub mod calibrations;
+pub mod disk;
+mod error;
+pub mod events;
+pub mod fits;
+pub mod frames;
+pub mod idempotency;
+pub mod observations;
+mod recovery;
+pub mod samples;
+pub mod scans;
+
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{Read, Seek, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use sqlx::migrate::Migrator;
+use sqlx::sqlite::{
+    SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
+};
+use time::OffsetDateTime;
+use time::format_description::well_known::Rfc3339;
+
+use crate::clock::Clock;
+use disk::Disk;
+
+pub use error::StoreError;
+pub use recovery::Recovery;
+
+static MIGRATIONS: Migrator = sqlx::migrate!("./migrations");
+
+/// Name and version written into every scan, reduction and fit.
+pub const PROGRAM: &str = concat!("ridged ", env!("CARGO_PKG_VERSION"));
+
+/// A handle to the store; cheap to clone. The folder is free again when the last one is gone.
+#[derive(Clone)]
+pub struct Store {
+    inner: Arc<Inner>,
+}
+
+struct Inner {
+    folder: PathBuf,
+    /// One connection: SQLite has one writer, and waiting for it here keeps the order of events.
+    writer: SqlitePool,
+    readers: SqlitePool,
+    disk: Arc<dyn Disk>,
+    clock: Arc<dyn Clock>,
+    /// Held for the life of the store; `None` for a reader beside a running daemon.
+    _lock: Option<File>,
+}
+
+impl std::fmt::Debug for Store {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Store({})", self.inner.folder.display())
+    }
+}
+
+/// One page of a list.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Page<T> {
+    /// The rows.
+    pub items: Vec<T>,
+    /// Hand it back to get the rows after these; `None` at the end.
+    pub next_cursor: Option<i64>,
+}
+
+impl<T> Page<T> {
+    /// Cuts `rows`, which were asked for with one more than `limit`, to a page.
+    fn cut(mut rows: Vec<T>, limit: u32, id_of: impl Fn(&T) -> i64) -> Self {
+        let more = rows.len() > limit as usize;
+        rows.truncate(limit as usize);
+        let next_cursor = if more { rows.last().map(id_of) } else { None };
+        Page {
+            items: rows,
+            next_cursor,
+        }
+    }
+}
+
+/// Which part of a list is wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PageRequest {
+    /// Rows at most.
+    pub limit: u32,
+    /// From the page before.
+    pub cursor: Option<i64>,
+}
+
+impl Default for PageRequest {
+    fn default() -> Self {
+        PageRequest {
+            limit: 100,
+            cursor: None,
+        }
+    }
+}
+
+impl Store {
+    /// Opens or makes the store in `folder` for writing, checks it, and puts right what a kill left
+    /// behind: half frames go to quarantine, scans and fits that were running become interrupted.
+    ///
+    /// # Errors
+    /// [`StoreError::InUse`] if another process has it, [`StoreError::Damaged`] if the database
+    /// fails its check, else what the disk or the database says.
+    pub async fn open(
+        folder: &Path,
+        disk: Arc<dyn Disk>,
+        clock: Arc<dyn Clock>,
+    ) -> Result<(Store, Recovery), StoreError> {
+        fs::create_dir_all(folder.join("frames"))
+            .map_err(|e| StoreError::file("the data folder", folder, e))?;
+        let lock = take_lock(folder)?;
+        let store = Store::connect(folder, disk, clock, Some(lock)).await?;
+        let check: Vec<String> = sqlx::query_scalar("PRAGMA integrity_check")
+            .fetch_all(&store.inner.writer)
+            .await?;
+        if check != ["ok"] {
+            return Err(StoreError::Damaged {
+                detail: check.join("; "),
+            });
+        }
+        MIGRATIONS.run(&store.inner.writer).await?;
+        let recovery = store.recover().await?;
+        Ok((store, recovery))
+    }
+
+    /// Opens an existing store for reading only, also beside a running daemon.
+    ///
+    /// # Errors
+    /// [`StoreError::Missing`] if there is none, else what the disk or the database says.
+    pub async fn open_for_reading(
+        folder: &Path,
+        disk: Arc<dyn Disk>,
+        clock: Arc<dyn Clock>,
+    ) -> Result<Store, StoreError> {
+        if !folder.join(DATABASE).is_file() {
+            return Err(StoreError::Missing {
+                folder: folder.into(),
+            });
+        }
+        Store::connect(folder, disk, clock, None).await
+    }
+
+    async fn connect(
+        folder: &Path,
+        disk: Arc<dyn Disk>,
+        clock: Arc<dyn Clock>,
+        lock: Option<File>,
+    ) -> Result<Store, StoreError> {
+        let options = SqliteConnectOptions::new()
+            .filename(folder.join(DATABASE))
+            .create_if_missing(lock.is_some())
+            .journal_mode(SqliteJournalMode::Wal)
+            // FULL: a committed point survives a power cut, not only a kill.
+            .synchronous(SqliteSynchronous::Full)
+            .foreign_keys(true)
+            .busy_timeout(Duration::from_secs(10));
+        let writer = SqlitePoolOptions::new()
+            .max_connections(1)
+            .connect_with(options.clone())
+            .await?;
+        let readers = SqlitePoolOptions::new()
+            .max_connections(4)
+            .connect_with(options.create_if_missing(false).pragma("query_only", "ON"))
+            .await?;
+        Ok(Store {
+            inner: Arc::new(Inner {
+                folder: folder.into(),
+                writer,
+                readers,
+                disk,
+                clock,
+                _lock: lock,
+            }),
+        })
+    }
+
+    /// Writes what is still in the log into the database file and closes it.
+    pub async fn close(&self) {
+        self.inner.readers.close().await;
+        self.inner.writer.close().await;
+    }
+
+    /// The folder of the store.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.inner.folder
+    }
+
+    /// Bytes that may still be written.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn free_bytes(&self) -> Result<u64, StoreError> {
+        self.inner
+            .disk
+            .free_bytes(&self.inner.folder)
+            .map_err(|e| StoreError::file("the data folder", &self.inner.folder, e))
+    }
+
+    fn writer(&self) -> &SqlitePool {
+        &self.inner.writer
+    }
+
+    fn readers(&self) -> &SqlitePool {
+        &self.inner.readers
+    }
+
+    fn now_text(&self) -> String {
+        utc_text(self.inner.clock.utc())
+    }
+}
+
+const DATABASE: &str = "ridged.sqlite";
+
+fn take_lock(folder: &Path) -> Result<File, StoreError> {
+    let path = folder.join("lock");
+    let error = |e| StoreError::file("the lock file", &path, e);
+    let mut lock = OpenOptions::new()
+        .read(true)
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .open(&path)
+        .map_err(error)?;
+    match lock.try_lock() {
+        Ok(()) => {}
+        Err(TryLockError::WouldBlock) => {
+            let mut holder = String::new();
+            lock.read_to_string(&mut holder).ok();
+            return Err(StoreError::InUse {
+                folder: folder.into(),
+                holder: holder.trim().to_owned(),
+            });
+        }
+        Err(TryLockError::Error(e)) => return Err(error(e)),
+    }
+    // The lock is the operating system's; the text only tells people who has it.
+    lock.set_len(0).map_err(error)?;
+    lock.rewind().map_err(error)?;
+    writeln!(lock, "process {}", std::process::id()).map_err(error)?;
+    Ok(lock)
+}
+
+/// RFC 3339 UTC with milliseconds, as everywhere in the store.
+#[must_use]
+pub fn utc_text(at: OffsetDateTime) -> String {
+    let at = at.to_offset(time::UtcOffset::UTC);
+    let (year, month, day) = at.to_calendar_date();
+    let (hour, minute, second, milli) = at.to_hms_milli();
+    format!(
+        "{year:04}-{:02}-{day:02}T{hour:02}:{minute:02}:{second:02}.{milli:03}Z",
+        u8::from(month)
+    )
+}
+
+/// Reads what [`utc_text`] wrote.
+pub(crate) fn utc_of(text: &str) -> Option<OffsetDateTime> {
+    OffsetDateTime::parse(text, &Rfc3339).ok()
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::clock::SteppedClock;
+    use disk::RealDisk;
+
+    pub(crate) async fn open(folder: &Path) -> Result<(Store, Recovery), StoreError> {
+        Store::open(folder, Arc::new(RealDisk), Arc::new(SteppedClock::new())).await
+    }
+
+    #[tokio::test]
+    async fn a_second_process_is_refused_until_the_first_is_gone() {
+        let folder = tempfile::tempdir().unwrap();
+        let (first, _) = open(folder.path()).await.unwrap();
+        // A lock belongs to the open file, so a second opening stands for a second process.
+        let second = open(folder.path()).await;
+        assert!(
+            matches!(second, Err(StoreError::InUse { .. })),
+            "{second:?}"
+        );
+        first.close().await;
+        drop(first);
+        open(folder.path()).await.unwrap();
+    }
+
+    #[tokio::test]
+    async fn a_damaged_database_is_refused_and_left_as_it_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        store.close().await;
+        drop(store);
+        let path = folder.path().join(DATABASE);
+        let mut bytes = fs::read(&path).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle..middle + 4096].fill(0x5a);
+        fs::write(&path, &bytes).unwrap();
+        let refused = open(folder.path()).await;
+        assert!(
+            matches!(refused, Err(StoreError::Damaged { .. })),
+            "{refused:?}"
+        );
+        assert_eq!(fs::read(&path).unwrap(), bytes);
+    }
+
+    #[tokio::test]
+    async fn measured_rows_cannot_be_changed_or_deleted() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let sample = samples::tests::polymer(&store).await;
+        for sql in ["UPDATE samples SET name = 'other'", "DELETE FROM samples"] {
+            let refused = sqlx::query(sql).execute(store.writer()).await;
+            assert!(refused.is_err(), "{sql}");
+        }
+        assert_eq!(store.sample(sample.id).await.unwrap(), sample);
+    }
+
+    #[test]
+    fn times_are_utc_with_milliseconds() {
+        let at = time::macros::datetime!(2026-03-02 09:00:01.77 +2);
+        assert_eq!(utc_text(at), "2026-03-02T07:00:01.770Z");
+        assert_eq!(utc_of("2026-03-02T07:00:01.770Z"), Some(at));
+    }
+}

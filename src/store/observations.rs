@@ -1,0 +1,308 @@
+//! Reductions: the observations of a scan with everything a fit reads beside them.
+
+use serde::{Deserialize, Serialize};
+use sqlx::FromRow;
+
+use super::{PROGRAM, Store, StoreError};
+use crate::geometry::{Pose, RigGeometry};
+use crate::material::Material;
+use crate::observation::{
+    FlatObservation, Observation, ObservationSet, Prior, RejectedFrame, SharedErrors,
+    WhiteReference,
+};
+use crate::units::Angle;
+
+/// Everything of an [`ObservationSet`] but the observations, in degrees, as JSON.
+#[derive(Serialize, Deserialize)]
+struct Context {
+    theta_l_deg: f64,
+    light_azimuth_deg: f64,
+    azimuth_zero_deg: f64,
+    light_angular_radius_deg: f64,
+    material: Material,
+    /// Tilt in degrees, signal, sigma.
+    flats: Vec<(f64, f64, f64)>,
+    /// Reflectance and its standard uncertainty.
+    white_reference: Option<(f64, f64)>,
+    /// Mean and standard uncertainty.
+    background: (f64, f64),
+    region_azimuth_deg: f64,
+    n_frames_used: u32,
+    rejected_frames: Vec<RejectedFrame>,
+    warnings: Vec<String>,
+}
+
+#[derive(FromRow)]
+struct Row {
+    theta_c_deg: f64,
+    phi_s_deg: f64,
+    signal: f64,
+    sigma: f64,
+    white_reference: f64,
+    led_drift: f64,
+    theta_c_zero_deg: f64,
+    phi_s_zero_deg: f64,
+    n_frames: u32,
+}
+
+impl Store {
+    /// Keeps a reduction. `last_frame_id` is the newest frame it knows of.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn add_observations(
+        &self,
+        scan_id: i64,
+        last_frame_id: i64,
+        set: &ObservationSet,
+    ) -> Result<i64, StoreError> {
+        let context = Context {
+            theta_l_deg: set.rig.theta_l.deg(),
+            light_azimuth_deg: set.rig.light_azimuth.deg(),
+            azimuth_zero_deg: set.rig.azimuth_zero.deg(),
+            light_angular_radius_deg: set.rig.light_angular_radius.deg(),
+            material: set.material,
+            flats: set
+                .flats
+                .iter()
+                .map(|f| (f.theta_c.deg(), f.signal, f.sigma))
+                .collect(),
+            white_reference: set
+                .white_reference
+                .map(|w| (w.reflectance, w.reflectance_std)),
+            background: (set.background.mean, set.background.std),
+            region_azimuth_deg: set.region_azimuth.deg(),
+            n_frames_used: set.n_frames_used,
+            rejected_frames: set.rejected_frames.clone(),
+            warnings: set.warnings.clone(),
+        };
+        let context = serde_json::to_string(&context)
+            .map_err(|e| StoreError::bad_row("observation_sets", e))?;
+        let mut transaction = self.writer().begin().await?;
+        let id = sqlx::query(
+            "INSERT INTO observation_sets (scan_id, region, context, last_frame_id, program, created_at)
+             VALUES (?, ?, ?, ?, ?, ?)",
+        )
+        .bind(scan_id)
+        .bind(&set.region)
+        .bind(context)
+        .bind(last_frame_id)
+        .bind(PROGRAM)
+        .bind(self.now_text())
+        .execute(&mut *transaction)
+        .await?
+        .last_insert_rowid();
+        for (position, o) in set.observations.iter().enumerate() {
+            sqlx::query(
+                "INSERT INTO observations (set_id, position, theta_c_deg, phi_s_deg, signal, sigma,
+                   white_reference, led_drift, theta_c_zero_deg, phi_s_zero_deg, n_frames)
+                 VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            )
+            .bind(id)
+            .bind(position as i64)
+            .bind(o.pose.theta_c.deg())
+            .bind(o.pose.phi_s.deg())
+            .bind(o.signal)
+            .bind(o.sigma)
+            .bind(o.shared.white_reference)
+            .bind(o.shared.led_drift)
+            .bind(o.shared.theta_c_zero.deg())
+            .bind(o.shared.phi_s_zero.deg())
+            .bind(o.n_frames)
+            .execute(&mut *transaction)
+            .await?;
+        }
+        transaction.commit().await?;
+        Ok(id)
+    }
+
+    /// Number of the newest reduction of a scan's region by this program that knows every frame up
+    /// to `last_frame_id`; `None` if it has to be done anew.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn current_observations(
+        &self,
+        scan_id: i64,
+        region: Option<&str>,
+        last_frame_id: i64,
+    ) -> Result<Option<i64>, StoreError> {
+        Ok(sqlx::query_scalar(
+            "SELECT id FROM observation_sets WHERE scan_id = ? AND region IS ? AND last_frame_id = ?
+               AND program = ? ORDER BY id DESC LIMIT 1",
+        )
+        .bind(scan_id)
+        .bind(region)
+        .bind(last_frame_id)
+        .bind(PROGRAM)
+        .fetch_optional(self.readers())
+        .await?)
+    }
+
+    /// A reduction as it was kept.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], or what the database says.
+    pub async fn observations(&self, set_id: i64) -> Result<ObservationSet, StoreError> {
+        let (region, context): (Option<String>, String) =
+            sqlx::query_as("SELECT region, context FROM observation_sets WHERE id = ?")
+                .bind(set_id)
+                .fetch_optional(self.readers())
+                .await?
+                .ok_or(StoreError::NotFound {
+                    noun: "reduction",
+                    id: set_id,
+                })?;
+        let context: Context = serde_json::from_str(&context)
+            .map_err(|e| StoreError::bad_row("observation_sets", e))?;
+        let rows: Vec<Row> = sqlx::query_as(
+            "SELECT theta_c_deg, phi_s_deg, signal, sigma, white_reference, led_drift, theta_c_zero_deg,
+               phi_s_zero_deg, n_frames FROM observations WHERE set_id = ? ORDER BY position",
+        )
+        .bind(set_id)
+        .fetch_all(self.readers())
+        .await?;
+        Ok(ObservationSet {
+            rig: RigGeometry {
+                theta_l: Angle::from_deg(context.theta_l_deg),
+                light_azimuth: Angle::from_deg(context.light_azimuth_deg),
+                azimuth_zero: Angle::from_deg(context.azimuth_zero_deg),
+                light_angular_radius: Angle::from_deg(context.light_angular_radius_deg),
+            },
+            material: context.material,
+            observations: rows.iter().map(observation).collect(),
+            flats: context
+                .flats
+                .iter()
+                .map(|(theta_c_deg, signal, sigma)| FlatObservation {
+                    theta_c: Angle::from_deg(*theta_c_deg),
+                    signal: *signal,
+                    sigma: *sigma,
+                })
+                .collect(),
+            white_reference: context
+                .white_reference
+                .map(|(reflectance, reflectance_std)| WhiteReference {
+                    reflectance,
+                    reflectance_std,
+                }),
+            background: Prior {
+                mean: context.background.0,
+                std: context.background.1,
+            },
+            region,
+            region_azimuth: Angle::from_deg(context.region_azimuth_deg),
+            n_frames_used: context.n_frames_used,
+            rejected_frames: context.rejected_frames,
+            warnings: context.warnings,
+        })
+    }
+
+    #[cfg(test)]
+    pub(crate) async fn add_empty_set(&self, scan_id: i64) -> i64 {
+        self.add_observations(scan_id, 0, &tests::set(0))
+            .await
+            .unwrap()
+    }
+}
+
+fn observation(row: &Row) -> Observation {
+    Observation {
+        pose: Pose::from_deg(row.theta_c_deg, row.phi_s_deg),
+        signal: row.signal,
+        sigma: row.sigma,
+        shared: SharedErrors {
+            white_reference: row.white_reference,
+            led_drift: row.led_drift,
+            theta_c_zero: Angle::from_deg(row.theta_c_zero_deg),
+            phi_s_zero: Angle::from_deg(row.phi_s_zero_deg),
+        },
+        n_frames: row.n_frames,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::scans::tests::planned;
+    use crate::store::tests::open;
+
+    pub(super) fn set(n: u32) -> ObservationSet {
+        ObservationSet {
+            rig: RigGeometry::IN_PLANE,
+            material: Material::Conductor {
+                eta: 2.9,
+                k: 3.1,
+                eta_std: 0.02,
+                k_std: 0.02,
+            },
+            observations: (0..n)
+                .map(|i| Observation {
+                    pose: Pose::from_deg(f64::from(i), 90.0),
+                    signal: 0.1 / f64::from(i + 3),
+                    sigma: 1e-4,
+                    shared: SharedErrors {
+                        white_reference: 5e-4,
+                        led_drift: 1e-4,
+                        theta_c_zero: Angle::from_deg(0.02),
+                        phi_s_zero: Angle::from_deg(0.02),
+                    },
+                    n_frames: 3,
+                })
+                .collect(),
+            flats: vec![FlatObservation {
+                theta_c: Angle::from_deg(5.0),
+                signal: 0.31,
+                sigma: 1e-4,
+            }],
+            white_reference: Some(WhiteReference {
+                reflectance: 0.99,
+                reflectance_std: 0.005,
+            }),
+            background: Prior {
+                mean: 0.0,
+                std: 0.01,
+            },
+            region: None,
+            region_azimuth: Angle::ZERO,
+            n_frames_used: 9,
+            rejected_frames: vec![],
+            warnings: vec!["a sentence".into()],
+        }
+    }
+
+    #[tokio::test]
+    async fn kept_observations_come_back_to_the_last_bit_of_their_degrees() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let scan = planned(&store).await;
+        let id = store.add_observations(scan.id, 7, &set(20)).await.unwrap();
+        let kept = store.observations(id).await.unwrap();
+        assert_eq!(kept.observations.len(), 20);
+        for (kept, given) in kept.observations.iter().zip(&set(20).observations) {
+            assert_eq!(kept.signal, given.signal);
+            assert_eq!(kept.sigma, given.sigma);
+            // Degrees are kept, radians computed: a rounding of 1 ulp each way.
+            assert!((kept.pose.theta_c - given.pose.theta_c).abs().rad() < 1e-15);
+        }
+        assert_eq!(kept.white_reference, set(0).white_reference);
+        assert_eq!(kept.warnings, set(0).warnings);
+    }
+
+    #[tokio::test]
+    async fn a_later_frame_puts_a_reduction_out_of_date() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let scan = planned(&store).await;
+        let id = store.add_observations(scan.id, 7, &set(1)).await.unwrap();
+        let current = async |region, last| {
+            store
+                .current_observations(scan.id, region, last)
+                .await
+                .unwrap()
+        };
+        assert_eq!(current(None, 7).await, Some(id));
+        assert_eq!(current(None, 8).await, None);
+        assert_eq!(current(Some("even"), 7).await, None);
+    }
+}

@@ -1,0 +1,177 @@
+//! What a start puts right after a kill: nothing committed is touched.
+
+use std::collections::HashMap;
+use std::fs;
+use std::path::Path;
+
+use super::{Store, StoreError};
+use crate::scan::{Progress, RecordedEvent, ScanState};
+
+/// What was found and done at a start.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Recovery {
+    /// Files that no row names, moved to `quarantine/`: half frames and frames without a commit.
+    pub quarantined: Vec<String>,
+    /// Frames whose file is missing or has another size than the row says.
+    pub damaged: Vec<String>,
+    /// Scans that were under way and are now marked interrupted.
+    pub interrupted_scans: Vec<i64>,
+    /// Fits that were under way and are now marked interrupted.
+    pub interrupted_fits: Vec<i64>,
+    /// The events that tell of it.
+    pub events: Vec<RecordedEvent>,
+}
+
+impl Store {
+    pub(super) async fn recover(&self) -> Result<Recovery, StoreError> {
+        let mut found = Recovery::default();
+        let rows: Vec<(String, i64)> =
+            sqlx::query_as("SELECT sha256, MAX(bytes) FROM frames GROUP BY sha256")
+                .fetch_all(self.writer())
+                .await?;
+        let rows: HashMap<String, u64> = rows
+            .into_iter()
+            .map(|(sha256, bytes)| (sha256, bytes as u64))
+            .collect();
+        let mut present = HashMap::new();
+        self.sweep(&rows, &mut present, &mut found)
+            .map_err(|e| StoreError::file("the frame folder", self.folder().join("frames"), e))?;
+        for (sha256, bytes) in &rows {
+            if present.get(sha256) != Some(bytes) {
+                found.damaged.push(sha256.clone());
+            }
+        }
+        found.damaged.sort();
+
+        let open: Vec<i64> = sqlx::query_scalar(
+            "SELECT scan_id FROM scan_states WHERE id IN (SELECT MAX(id) FROM scan_states GROUP BY scan_id)
+             AND state IN ('planned', 'waiting-for-operator', 'running', 'pausing', 'paused') ORDER BY scan_id",
+        )
+        .fetch_all(self.writer())
+        .await?;
+        for scan_id in open {
+            let reason = "the daemon ended while the scan was under way";
+            let event = self
+                .change_state(
+                    scan_id,
+                    ScanState::Interrupted,
+                    Some(reason),
+                    None,
+                    Progress::default(),
+                )
+                .await?;
+            found.events.push(event);
+            found.interrupted_scans.push(scan_id);
+        }
+        for fit in self.open_fits().await? {
+            found.events.push(self.interrupt_fit(fit).await?);
+            found.interrupted_fits.push(fit);
+        }
+        Ok(found)
+    }
+
+    /// Looks at every file below `frames/`; those that no row names go to quarantine.
+    fn sweep(
+        &self,
+        rows: &HashMap<String, u64>,
+        present: &mut HashMap<String, u64>,
+        found: &mut Recovery,
+    ) -> std::io::Result<()> {
+        for folder in fs::read_dir(self.folder().join("frames"))? {
+            let folder = folder?.path();
+            if !folder.is_dir() {
+                continue;
+            }
+            let prefix = file_name(&folder);
+            for file in fs::read_dir(&folder)? {
+                let file = file?;
+                let path = file.path();
+                let name = file_name(&path);
+                let sha256 = format!("{prefix}{}", name.strip_suffix(".png").unwrap_or(&name));
+                if name.ends_with(".png") && rows.contains_key(&sha256) {
+                    present.insert(sha256, file.metadata()?.len());
+                } else {
+                    let quarantine = self.folder().join("quarantine");
+                    fs::create_dir_all(&quarantine)?;
+                    fs::rename(&path, quarantine.join(format!("{prefix}{name}")))?;
+                    found.quarantined.push(format!("{prefix}{name}"));
+                }
+            }
+        }
+        found.quarantined.sort();
+        Ok(())
+    }
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name()
+        .map(|name| name.to_string_lossy().into_owned())
+        .unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::Frame;
+    use crate::store::frames::tests::commit;
+    use crate::store::scans::tests::planned;
+    use crate::store::tests::open;
+
+    #[tokio::test]
+    async fn a_kill_loses_nothing_committed_and_keeps_nothing_half_done() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let scan = planned(&store).await;
+        store
+            .change_state(scan.id, ScanState::Running, None, None, Progress::default())
+            .await
+            .unwrap();
+        let committed = commit(&store, scan.id, 0).await;
+        // A frame whose row never came, and one that was still being written.
+        let orphan = store
+            .keep_frame(Frame::new(1, 1, vec![7]).unwrap(), 65535)
+            .await
+            .unwrap();
+        fs::write(
+            folder
+                .path()
+                .join("frames")
+                .join(&committed[..2])
+                .join("half.part"),
+            b"x",
+        )
+        .unwrap();
+        store.close().await;
+        drop(store);
+
+        let (store, found) = open(folder.path()).await.unwrap();
+        assert_eq!(found.interrupted_scans, [scan.id]);
+        assert_eq!(found.quarantined.len(), 2);
+        assert!(
+            found
+                .quarantined
+                .contains(&format!("{}.png", orphan.sha256))
+        );
+        assert_eq!(found.damaged, Vec::<String>::new());
+        assert_eq!(
+            store.scan(scan.id).await.unwrap().state,
+            ScanState::Interrupted
+        );
+        store.read_png(&committed).unwrap();
+        let told = store.events_after(0, 100).await.unwrap();
+        assert_eq!(told.last(), found.events.last());
+    }
+
+    #[tokio::test]
+    async fn a_frame_whose_file_is_gone_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let scan = planned(&store).await;
+        let sha256 = commit(&store, scan.id, 0).await;
+        store.close().await;
+        drop(store);
+        fs::remove_dir_all(folder.path().join("frames").join(&sha256[..2])).unwrap();
+        let (_, found) = open(folder.path()).await.unwrap();
+        assert_eq!(found.damaged, [sha256]);
+    }
+}

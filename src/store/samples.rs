@@ -1,0 +1,190 @@
+//! Samples: what lies on the table and what it is made of.
+
+use serde::{Deserialize, Serialize};
+use sqlx::FromRow;
+
+use super::{Page, PageRequest, Store, StoreError};
+use crate::material::Material;
+
+/// How a simulated rig paints a sample; a real rig ignores it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "surface", rename_all = "lowercase", deny_unknown_fields)]
+pub enum SimulatedSurface {
+    /// The path-traced polymer with ridges of 10°.
+    Traced,
+    /// The closed form at these parameters.
+    Model {
+        /// Ridge angle.
+        theta_r_deg: f64,
+        /// Roughness along the ridges.
+        alpha_u: f64,
+        /// Roughness across the ridges.
+        alpha_v: f64,
+        /// Diffuse reflectance seen outside.
+        rho_d: f64,
+    },
+}
+
+/// A sample to be added.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewSample {
+    /// What people call it.
+    pub name: String,
+    /// Index of refraction with uncertainty.
+    pub material: Material,
+    /// Free text.
+    pub note: Option<String>,
+    /// For a simulated rig.
+    pub simulated: Option<SimulatedSurface>,
+}
+
+/// A sample as it is kept.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// Its number.
+    pub id: i64,
+    /// What people call it.
+    pub name: String,
+    /// Index of refraction with uncertainty.
+    pub material: Material,
+    /// Free text.
+    pub note: Option<String>,
+    /// For a simulated rig.
+    pub simulated: Option<SimulatedSurface>,
+    /// RFC 3339 UTC.
+    pub created_at: String,
+}
+
+#[derive(FromRow)]
+struct Row {
+    id: i64,
+    name: String,
+    material: String,
+    note: Option<String>,
+    simulated: Option<String>,
+    created_at: String,
+}
+
+impl TryFrom<Row> for Sample {
+    type Error = StoreError;
+
+    fn try_from(row: Row) -> Result<Sample, StoreError> {
+        let bad = |e| StoreError::bad_row("samples", e);
+        Ok(Sample {
+            id: row.id,
+            name: row.name,
+            material: serde_json::from_str(&row.material).map_err(bad)?,
+            note: row.note,
+            simulated: row
+                .simulated
+                .as_deref()
+                .map(serde_json::from_str)
+                .transpose()
+                .map_err(bad)?,
+            created_at: row.created_at,
+        })
+    }
+}
+
+impl Store {
+    /// Adds a sample.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn add_sample(&self, new: &NewSample) -> Result<Sample, StoreError> {
+        let bad = |e| StoreError::bad_row("samples", e);
+        let simulated = new
+            .simulated
+            .map(|s| serde_json::to_string(&s))
+            .transpose()
+            .map_err(bad)?;
+        let id = sqlx::query(
+            "INSERT INTO samples (name, material, note, simulated, created_at) VALUES (?, ?, ?, ?, ?)",
+        )
+        .bind(&new.name)
+        .bind(serde_json::to_string(&new.material).map_err(bad)?)
+        .bind(&new.note)
+        .bind(simulated)
+        .bind(self.now_text())
+        .execute(self.writer())
+        .await?
+        .last_insert_rowid();
+        self.sample(id).await
+    }
+
+    /// One sample.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], or what the database says.
+    pub async fn sample(&self, id: i64) -> Result<Sample, StoreError> {
+        sqlx::query_as::<_, Row>("SELECT * FROM samples WHERE id = ?")
+            .bind(id)
+            .fetch_optional(self.readers())
+            .await?
+            .ok_or(StoreError::NotFound { noun: "sample", id })?
+            .try_into()
+    }
+
+    /// Samples, newest first.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn samples(&self, page: PageRequest) -> Result<Page<Sample>, StoreError> {
+        let rows = sqlx::query_as::<_, Row>(
+            "SELECT * FROM samples WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2",
+        )
+        .bind(page.cursor)
+        .bind(page.limit + 1)
+        .fetch_all(self.readers())
+        .await?;
+        let samples = rows
+            .into_iter()
+            .map(Sample::try_from)
+            .collect::<Result<_, _>>()?;
+        Ok(Page::cut(samples, page.limit, |s: &Sample| s.id))
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::store::tests::open;
+
+    pub(crate) async fn polymer(store: &Store) -> Sample {
+        store
+            .add_sample(&NewSample {
+                name: "polymer".into(),
+                material: Material::Dielectric {
+                    eta: 1.54,
+                    eta_std: 0.005,
+                },
+                note: None,
+                simulated: Some(SimulatedSurface::Traced),
+            })
+            .await
+            .unwrap()
+    }
+
+    #[tokio::test]
+    async fn pages_of_samples_join_without_gap_or_repeat() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        for _ in 0..5 {
+            polymer(&store).await;
+        }
+        let mut ids = Vec::new();
+        let mut cursor = None;
+        loop {
+            let page = store
+                .samples(PageRequest { limit: 2, cursor })
+                .await
+                .unwrap();
+            ids.extend(page.items.iter().map(|s| s.id));
+            cursor = page.next_cursor;
+            if cursor.is_none() {
+                break;
+            }
+        }
+        assert_eq!(ids, [5, 4, 3, 2, 1]);
+    }
+}

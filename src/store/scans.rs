@@ -1,0 +1,457 @@
+//! Scans, their states and the rigs they were made with.
+
+use sqlx::{FromRow, Sqlite, Transaction};
+
+use super::{PROGRAM, Page, PageRequest, Store, StoreError};
+use crate::scan::{Event, OperatorAction, Plan, Progress, RecordedEvent, ScanState};
+
+/// Where a scan came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Origin {
+    /// Taken by a rig of this daemon.
+    Rig,
+    /// A recorded series.
+    Import,
+}
+
+impl Origin {
+    /// The word used in requests and the database.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Origin::Rig => "rig",
+            Origin::Import => "import",
+        }
+    }
+}
+
+/// A scan to be added.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewScan {
+    /// What is scanned.
+    pub sample_id: i64,
+    /// Rig it is made with; `None` for an import.
+    pub rig_id: Option<i64>,
+    /// Series name in an export.
+    pub name: String,
+    /// The whole plan; `None` for an import.
+    pub plan: Option<Plan>,
+    /// `manifest.toml` as a reduction reads it.
+    pub manifest: String,
+    /// An import's `frames.csv`, byte for byte.
+    pub frames_csv: Option<String>,
+    /// Calibrations of other scans that this one uses.
+    pub calibration_ids: Vec<i64>,
+}
+
+/// A scan as it is kept, with its latest state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scan {
+    /// Its number.
+    pub id: i64,
+    /// Sample.
+    pub sample_id: i64,
+    /// The sample's name.
+    pub sample_name: String,
+    /// Rig it was made with.
+    pub rig_id: Option<i64>,
+    /// Rig or import.
+    pub origin: Origin,
+    /// Series name in an export.
+    pub name: String,
+    /// The plan; `None` for an import.
+    pub plan: Option<Plan>,
+    /// Where it stands.
+    pub state: ScanState,
+    /// Why it stands there.
+    pub reason: Option<String>,
+    /// What a person has to do.
+    pub operator: Option<OperatorAction>,
+    /// RFC 3339 UTC.
+    pub created_at: String,
+    /// When it first did something.
+    pub started_at: Option<String>,
+    /// When it came to its present state.
+    pub state_at: String,
+}
+
+impl Scan {
+    /// When it came to its end, if it did.
+    #[must_use]
+    pub fn ended_at(&self) -> Option<&str> {
+        self.state.is_end().then_some(self.state_at.as_str())
+    }
+}
+
+/// Which scans are wanted.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct ScanFilter {
+    /// Of this sample.
+    pub sample_id: Option<i64>,
+    /// In this state.
+    pub state: Option<ScanState>,
+}
+
+#[derive(FromRow)]
+struct Row {
+    id: i64,
+    sample_id: i64,
+    sample_name: String,
+    rig_id: Option<i64>,
+    origin: String,
+    name: String,
+    plan: Option<String>,
+    state: String,
+    reason: Option<String>,
+    operator: Option<String>,
+    created_at: String,
+    started_at: Option<String>,
+    state_at: String,
+}
+
+impl TryFrom<Row> for Scan {
+    type Error = StoreError;
+
+    fn try_from(row: Row) -> Result<Scan, StoreError> {
+        Ok(Scan {
+            id: row.id,
+            sample_id: row.sample_id,
+            sample_name: row.sample_name,
+            rig_id: row.rig_id,
+            origin: match row.origin.as_str() {
+                "import" => Origin::Import,
+                _ => Origin::Rig,
+            },
+            name: row.name,
+            plan: row
+                .plan
+                .as_deref()
+                .map(serde_json::from_str)
+                .transpose()
+                .map_err(|e| StoreError::bad_row("scans", e))?,
+            state: state_of(&row.state)?,
+            reason: row.reason,
+            operator: row.operator.as_deref().and_then(OperatorAction::from_word),
+            created_at: row.created_at,
+            started_at: row.started_at,
+            state_at: row.state_at,
+        })
+    }
+}
+
+fn state_of(word: &str) -> Result<ScanState, StoreError> {
+    ScanState::from_word(word)
+        .ok_or_else(|| StoreError::bad_row("scan_states", format!("`{word}` is no state")))
+}
+
+const SELECT: &str =
+    "SELECT s.id, s.sample_id, p.name AS sample_name, s.rig_id, s.origin, s.name, s.plan,
+       t.state, t.reason, t.operator, s.created_at, t.at AS state_at,
+       (SELECT MIN(at) FROM scan_states WHERE scan_id = s.id AND state <> 'planned') AS started_at
+     FROM scans s
+     JOIN samples p ON p.id = s.sample_id
+     JOIN scan_states t ON t.id = (SELECT MAX(id) FROM scan_states WHERE scan_id = s.id)";
+
+impl Store {
+    /// Number of the rig with these settings (canonical JSON); a new row if they are new.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn rig(&self, settings: &str) -> Result<i64, StoreError> {
+        let mut transaction = self.writer().begin().await?;
+        sqlx::query("INSERT OR IGNORE INTO rigs (settings, created_at) VALUES (?, ?)")
+            .bind(settings)
+            .bind(self.now_text())
+            .execute(&mut *transaction)
+            .await?;
+        let id = sqlx::query_scalar("SELECT id FROM rigs WHERE settings = ?")
+            .bind(settings)
+            .fetch_one(&mut *transaction)
+            .await?;
+        transaction.commit().await?;
+        Ok(id)
+    }
+
+    /// Adds a scan in state planned.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn add_scan(&self, new: &NewScan) -> Result<(Scan, RecordedEvent), StoreError> {
+        let mut transaction = self.writer().begin().await?;
+        let id = self
+            .insert_scan(&mut transaction, new, Origin::Rig, ScanState::Planned)
+            .await?;
+        let event = self
+            .record_in(
+                &mut transaction,
+                Event::Scan {
+                    scan_id: id,
+                    previous: ScanState::Planned,
+                    state: ScanState::Planned,
+                    reason: None,
+                    operator: None,
+                    progress: Progress::default(),
+                },
+            )
+            .await?;
+        transaction.commit().await?;
+        Ok((self.scan(id).await?, event))
+    }
+
+    pub(super) async fn insert_scan(
+        &self,
+        transaction: &mut Transaction<'_, Sqlite>,
+        new: &NewScan,
+        origin: Origin,
+        state: ScanState,
+    ) -> Result<i64, StoreError> {
+        let plan = new
+            .plan
+            .as_ref()
+            .map(serde_json::to_string)
+            .transpose()
+            .map_err(|e| StoreError::bad_row("scans", e))?;
+        let id = sqlx::query(
+            "INSERT INTO scans (sample_id, rig_id, origin, name, plan, manifest, frames_csv, program, created_at)
+             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        )
+        .bind(new.sample_id)
+        .bind(new.rig_id)
+        .bind(origin.as_str())
+        .bind(&new.name)
+        .bind(plan)
+        .bind(&new.manifest)
+        .bind(&new.frames_csv)
+        .bind(PROGRAM)
+        .bind(self.now_text())
+        .execute(&mut **transaction)
+        .await?
+        .last_insert_rowid();
+        self.insert_state(transaction, id, state, None, None)
+            .await?;
+        for calibration in &new.calibration_ids {
+            sqlx::query("INSERT INTO scan_calibrations (scan_id, calibration_id) VALUES (?, ?)")
+                .bind(id)
+                .bind(calibration)
+                .execute(&mut **transaction)
+                .await?;
+        }
+        Ok(id)
+    }
+
+    async fn insert_state(
+        &self,
+        transaction: &mut Transaction<'_, Sqlite>,
+        scan_id: i64,
+        state: ScanState,
+        reason: Option<&str>,
+        operator: Option<OperatorAction>,
+    ) -> Result<(), StoreError> {
+        sqlx::query(
+            "INSERT INTO scan_states (scan_id, state, reason, operator, at) VALUES (?, ?, ?, ?, ?)",
+        )
+        .bind(scan_id)
+        .bind(state.as_str())
+        .bind(reason)
+        .bind(operator.map(OperatorAction::as_str))
+        .bind(self.now_text())
+        .execute(&mut **transaction)
+        .await?;
+        Ok(())
+    }
+
+    /// Takes a scan to its next state, if the state table permits it.
+    ///
+    /// # Errors
+    /// [`StoreError::StateConflict`], [`StoreError::NotFound`], or what the database says.
+    pub async fn change_state(
+        &self,
+        scan_id: i64,
+        next: ScanState,
+        reason: Option<&str>,
+        operator: Option<OperatorAction>,
+        progress: Progress,
+    ) -> Result<RecordedEvent, StoreError> {
+        let mut transaction = self.writer().begin().await?;
+        let current: String = sqlx::query_scalar(
+            "SELECT state FROM scan_states WHERE scan_id = ? ORDER BY id DESC LIMIT 1",
+        )
+        .bind(scan_id)
+        .fetch_optional(&mut *transaction)
+        .await?
+        .ok_or(StoreError::NotFound {
+            noun: "scan",
+            id: scan_id,
+        })?;
+        let previous = state_of(&current)?;
+        if !previous.may_become(next) {
+            return Err(StoreError::StateConflict {
+                scan_id,
+                current: previous,
+                asked: next,
+            });
+        }
+        self.insert_state(&mut transaction, scan_id, next, reason, operator)
+            .await?;
+        let event = self
+            .record_in(
+                &mut transaction,
+                Event::Scan {
+                    scan_id,
+                    previous,
+                    state: next,
+                    reason: reason.map(Into::into),
+                    operator,
+                    progress,
+                },
+            )
+            .await?;
+        transaction.commit().await?;
+        Ok(event)
+    }
+
+    /// One scan.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], or what the database says.
+    pub async fn scan(&self, id: i64) -> Result<Scan, StoreError> {
+        sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(format!("{SELECT} WHERE s.id = ?")))
+            .bind(id)
+            .fetch_optional(self.readers())
+            .await?
+            .ok_or(StoreError::NotFound { noun: "scan", id })?
+            .try_into()
+    }
+
+    /// Scans, newest first.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn scans(
+        &self,
+        filter: ScanFilter,
+        page: PageRequest,
+    ) -> Result<Page<Scan>, StoreError> {
+        let rows = sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(format!(
+            "{SELECT} WHERE (?1 IS NULL OR s.id < ?1) AND (?2 IS NULL OR s.sample_id = ?2)
+               AND (?3 IS NULL OR t.state = ?3) ORDER BY s.id DESC LIMIT ?4"
+        )))
+        .bind(page.cursor)
+        .bind(filter.sample_id)
+        .bind(filter.state.map(ScanState::as_str))
+        .bind(page.limit + 1)
+        .fetch_all(self.readers())
+        .await?;
+        let scans = rows
+            .into_iter()
+            .map(Scan::try_from)
+            .collect::<Result<_, _>>()?;
+        Ok(Page::cut(scans, page.limit, |s: &Scan| s.id))
+    }
+
+    /// `manifest.toml` of a scan, as a reduction reads it.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], or what the database says.
+    pub async fn manifest(&self, scan_id: i64) -> Result<String, StoreError> {
+        sqlx::query_scalar("SELECT manifest FROM scans WHERE id = ?")
+            .bind(scan_id)
+            .fetch_optional(self.readers())
+            .await?
+            .ok_or(StoreError::NotFound {
+                noun: "scan",
+                id: scan_id,
+            })
+    }
+
+    /// `frames.csv` of an imported series, byte for byte; `None` for a scan of a rig.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], or what the database says.
+    pub async fn frames_csv(&self, scan_id: i64) -> Result<Option<String>, StoreError> {
+        sqlx::query_scalar("SELECT frames_csv FROM scans WHERE id = ?")
+            .bind(scan_id)
+            .fetch_optional(self.readers())
+            .await?
+            .ok_or(StoreError::NotFound {
+                noun: "scan",
+                id: scan_id,
+            })
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::store::samples::tests::polymer;
+    use crate::store::tests::open;
+
+    pub(crate) async fn planned(store: &Store) -> Scan {
+        let sample_id = polymer(store).await.id;
+        let new = NewScan {
+            sample_id,
+            rig_id: Some(store.rig("{}").await.unwrap()),
+            name: "scan".into(),
+            plan: None,
+            manifest: "schema = \"gonio-series-1\"".into(),
+            frames_csv: None,
+            calibration_ids: vec![],
+        };
+        store.add_scan(&new).await.unwrap().0
+    }
+
+    #[tokio::test]
+    async fn a_state_that_the_table_forbids_is_refused_and_nothing_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let scan = planned(&store).await;
+        let told = store.last_event_id().await.unwrap();
+        let refused = store
+            .change_state(
+                scan.id,
+                ScanState::Completed,
+                None,
+                None,
+                Progress::default(),
+            )
+            .await;
+        assert!(matches!(refused, Err(StoreError::StateConflict { .. })));
+        assert_eq!(store.last_event_id().await.unwrap(), told);
+        assert_eq!(store.scan(scan.id).await.unwrap().state, ScanState::Planned);
+    }
+
+    #[tokio::test]
+    async fn the_latest_state_counts_and_the_filter_finds_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let scan = planned(&store).await;
+        planned(&store).await;
+        store
+            .change_state(
+                scan.id,
+                ScanState::WaitingForOperator,
+                None,
+                Some(OperatorAction::CapLens),
+                Progress::default(),
+            )
+            .await
+            .unwrap();
+        let waiting = ScanFilter {
+            state: Some(ScanState::WaitingForOperator),
+            ..ScanFilter::default()
+        };
+        let found = store.scans(waiting, PageRequest::default()).await.unwrap();
+        assert_eq!(found.items.len(), 1);
+        assert_eq!(found.items[0].operator, Some(OperatorAction::CapLens));
+        assert!(found.items[0].started_at.is_some());
+    }
+
+    #[tokio::test]
+    async fn the_same_rig_is_one_row_and_a_changed_rig_another() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let first = store.rig("{\"a\":1}").await.unwrap();
+        assert_eq!(store.rig("{\"a\":1}").await.unwrap(), first);
+        assert_ne!(store.rig("{\"a\":2}").await.unwrap(), first);
+    }
+}
