@@ -16,6 +16,8 @@ pub trait Scalar:
     + Neg<Output = Self>
     + Mul<f64, Output = Self>
 {
+    /// Whether derivatives travel along: then no term may be left out for being 0.
+    const CARRIES_DERIVATIVES: bool = true;
     /// A constant.
     fn constant(value: f64) -> Self;
     /// The value without derivatives.
@@ -76,6 +78,7 @@ pub trait Scalar:
 }
 
 impl Scalar for f64 {
+    const CARRIES_DERIVATIVES: bool = false;
     fn constant(value: f64) -> Self {
         value
     }

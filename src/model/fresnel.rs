@@ -206,6 +206,37 @@ impl Reflectances {
     }
 }
 
+/// Unpolarised reflectance of a dielectric with its derivatives: [`Reflectances::at`] for k = 0 in
+/// real arithmetic (∂R/∂k is 0 there, R being even in k).
+#[must_use]
+pub fn dielectric_slopes(cos: f64, eta: f64) -> Slopes {
+    let lift = (eta - 1.0) * (eta + 1.0);
+    let q2 = lift + cos * cos;
+    if q2 <= 0.0 {
+        let value = if lift == 0.0 { 0.0 } else { 1.0 };
+        return Slopes {
+            value,
+            cos: 0.0,
+            eta: 0.0,
+            k: 0.0,
+        };
+    }
+    let q = q2.sqrt();
+    let n2 = eta * eta;
+    let per_s = 1.0 / (cos + q);
+    let per_p = 1.0 / (n2 * cos + q);
+    let (s2, p2) = (per_s * per_s, per_p * per_p);
+    let r_s = lift * s2;
+    let r_p = lift * ((n2 + 1.0) * cos * cos - 1.0) * p2;
+    let per_q = 2.0 / q;
+    Slopes {
+        value: (0.5 * (r_s * r_s + r_p * r_p)).min(1.0),
+        cos: per_q * (n2 * lift * p2 * r_p - r_s * r_s),
+        eta: per_q * cos * eta * (r_s * s2 + r_p * (2.0 * q2 - n2) * p2),
+        k: 0.0,
+    }
+}
+
 /// (R_s, R_p) over any [`Scalar`].
 pub fn reflectances_of<S: Scalar>(cos: S, eta: S, k: S) -> (S, S) {
     let r = Reflectances::at(cos.value(), eta.value(), k.value());

@@ -14,8 +14,11 @@ pub mod dual;
 pub mod flat_stack;
 pub mod fresnel;
 pub mod gauss;
+mod gradient_paper;
+mod gradient_sawtooth;
 pub mod paper;
 pub mod polarisation;
+pub mod prepared;
 pub mod sawtooth;
 pub mod single_bounce;
 
@@ -121,6 +124,8 @@ pub fn radiance(
 }
 
 /// Radiance and its exact derivatives at a true pose (mounting offsets already added).
+///
+/// For many poses build a [`prepared::OpticsTable`] and a [`prepared::Prepared`] once.
 #[must_use]
 pub fn radiance_gradient(
     variant: Variant,
@@ -129,8 +134,20 @@ pub fn radiance_gradient(
     surface: &Surface,
     material: &Material,
 ) -> Gradient {
+    let table = prepared::OpticsTable::new(&Optics::new(rig, material));
+    prepared::Prepared::new(variant, surface, &table).gradient(rig, pose)
+}
+
+/// The same gradient by derivative-carrying numbers: slow, and the fast one's judge.
+#[must_use]
+pub fn gradient_by_dual_numbers(
+    variant: Variant,
+    rig: &RigGeometry,
+    pose: Pose,
+    surface: &Surface,
+    optics: &Optics,
+) -> Gradient {
     type D = Dual<9>;
-    let optics = Optics::new(rig, material);
     let q = sawtooth::Parameters {
         theta_r: D::variable(surface.theta_r, 0),
         alpha_u: D::variable(surface.alpha_u, 1),

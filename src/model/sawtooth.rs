@@ -191,7 +191,7 @@ pub fn radiance_of<S: Scalar>(i: [S; 3], o: [S; 3], q: &Parameters<S>) -> S {
     let ray_i = Ray::new(i, q);
     let ray_o = Ray::new(o, q);
     let mut sum = single(i, o, &ray_i, &ray_o, q);
-    if q.rho_d.value() != 0.0 {
+    if S::CARRIES_DERIVATIVES || q.rho_d.value() != 0.0 {
         sum = sum + diffuse(&ray_i, &ray_o, q);
     }
     sum = sum + retro(&ray_i, &ray_o, q) + retro(&ray_o, &ray_i, q);

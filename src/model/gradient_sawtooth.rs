@@ -1,0 +1,585 @@
+//! The full sawtooth with its derivatives, by hand (see [`super::prepared`]).
+//!
+//! Names and terms are those of [`super::sawtooth`]. Each term adds to the sum L (o·n) and to the
+//! derivatives of the sum to what it was made of (`Back`); at the end those are led back to the
+//! directions and the parameters.
+
+use std::f64::consts::{FRAC_1_SQRT_2, PI};
+
+use super::fresnel::{Reflectances, Slopes};
+use super::gradient_paper::to_alpha;
+use super::prepared::{Partials, Prepared};
+
+/// One direction in the corner frame (see `sawtooth::Ray`).
+struct Ray {
+    u: f64,
+    e: f64,
+    /// Signed ω·m.
+    m: f64,
+    rho: f64,
+    sigma: f64,
+    x: f64,
+    y: f64,
+    facet: Boundary,
+    riser: Boundary,
+    /// T(ω_m) ω_m and T(ω_ρ) ω_ρ.
+    a: f64,
+    b: f64,
+}
+
+/// Reflectance of a wall for one direction; the polarised parts only on metal.
+struct Boundary {
+    f: Slopes,
+    parts: Option<Reflectances>,
+}
+
+/// Derivatives of the sum to one direction's numbers.
+#[derive(Default, Clone, Copy)]
+struct Back {
+    u: f64,
+    e: f64,
+    m: f64,
+    sigma: f64,
+    x: f64,
+    y: f64,
+    a: f64,
+    b: f64,
+    facet_f: f64,
+    riser_f: f64,
+    /// Led straight to cos, n, k where the polarised parts count.
+    facet_cos: f64,
+    riser_cos: f64,
+}
+
+/// Derivatives of the sum to what both directions share.
+#[derive(Default)]
+struct Shared {
+    p: f64,
+    r: f64,
+    alpha_u: f64,
+    alpha_v: f64,
+    amplitude: f64,
+    eta: f64,
+    k: f64,
+}
+
+const DARK: Slopes = Slopes {
+    value: 1.0,
+    cos: 0.0,
+    eta: 0.0,
+    k: 0.0,
+};
+
+impl Boundary {
+    /// A wall that the direction does not see: all reflected, nothing changes.
+    fn unseen() -> Self {
+        Boundary {
+            f: DARK,
+            parts: None,
+        }
+    }
+
+    fn new(q: &Prepared, cos: f64) -> Self {
+        if cos <= 0.0 {
+            return Boundary::unseen();
+        }
+        let optics = &q.table.optics;
+        if optics.k == 0.0 {
+            Boundary {
+                f: q.table.reflectance(cos),
+                parts: None,
+            }
+        } else {
+            let parts = Reflectances::at(cos, optics.eta, optics.k);
+            Boundary {
+                f: parts.unpolarised(),
+                parts: Some(parts),
+            }
+        }
+    }
+}
+
+impl Ray {
+    fn new(q: &Prepared, w: [f64; 3], walls: bool) -> Self {
+        let (s, c) = (q.sin, q.cos);
+        let e = w[1] * c - w[2] * s;
+        let m = w[1] * s + w[2] * c;
+        let rho = (-e).max(0.0);
+        let sigma = if m <= 0.0 {
+            c
+        } else if e > 0.0 {
+            (s * e / m).min(c)
+        } else {
+            0.0
+        };
+        let (x, y) = if rho <= 0.0 {
+            (0.0, 0.0)
+        } else if m <= 0.0 {
+            (c, 0.0)
+        } else if s * rho < c * m {
+            (s * rho / m, s)
+        } else {
+            (c, c * m / rho)
+        };
+        let (facet, riser) = if walls {
+            (Boundary::new(q, m), Boundary::new(q, rho))
+        } else {
+            (Boundary::unseen(), Boundary::unseen())
+        };
+        let a = (1.0 - facet.f.value) * m.max(0.0);
+        let b = (1.0 - riser.f.value) * rho;
+        Ray {
+            u: w[0],
+            e,
+            m,
+            rho,
+            sigma,
+            x,
+            y,
+            facet,
+            riser,
+            a,
+            b,
+        }
+    }
+
+    /// Leads the derivatives to sigma, x, y, a, b and the reflectances back to e, m, p, r, n, k.
+    fn lead_back(&self, q: &Prepared, g: &mut Back, shared: &mut Shared) {
+        let (s, c) = (q.sin, q.cos);
+        let (e, m) = (self.e, self.m);
+        if m <= 0.0 || (e > 0.0 && self.sigma >= c) {
+            shared.p += g.sigma;
+        } else if e > 0.0 {
+            let per_m = g.sigma / m;
+            shared.r += per_m * e;
+            g.e += per_m * s;
+            g.m -= per_m * self.sigma;
+        }
+        if self.rho > 0.0 {
+            if m <= 0.0 {
+                shared.p += g.x;
+            } else if s * self.rho < c * m {
+                shared.r += g.x * self.rho / m + g.y;
+                g.e -= g.x * s / m;
+                g.m -= g.x * self.x / m;
+            } else {
+                shared.p += g.x + g.y * m / self.rho;
+                g.m += g.y * c / self.rho;
+                g.e += g.y * self.y / self.rho;
+            }
+            g.riser_f -= g.b * self.rho;
+            g.riser_cos += g.b * (1.0 - self.riser.f.value) + g.riser_f * self.riser.f.cos;
+            g.e -= g.riser_cos;
+            shared.eta += g.riser_f * self.riser.f.eta;
+            shared.k += g.riser_f * self.riser.f.k;
+        }
+        if m > 0.0 {
+            g.facet_f -= g.a * m;
+            g.m += g.facet_cos + g.a * (1.0 - self.facet.f.value) + g.facet_f * self.facet.f.cos;
+            shared.eta += g.facet_f * self.facet.f.eta;
+            shared.k += g.facet_f * self.facet.f.k;
+        }
+    }
+}
+
+pub(super) fn partials(q: &Prepared, i: [f64; 3], o: [f64; 3]) -> Partials {
+    let (s, c) = (q.sin, q.cos);
+    // On an opaque surface without a wall to meet only single reflection is left.
+    let diffuse = !q.opaque;
+    let walls = diffuse || i[1] * c < i[2] * s || o[1] * c < o[2] * s;
+    let ray_i = Ray::new(q, i, walls);
+    let ray_o = Ray::new(q, o, walls);
+    let (mut gi, mut go) = (Back::default(), Back::default());
+    let mut shared = Shared::default();
+
+    let mut sum = single(q, &ray_i, &ray_o, &mut gi, &mut go, &mut shared);
+    let mut exchange = [0.0; 3];
+    let mut diffuse_sum = 0.0;
+    if diffuse {
+        diffuse_sum = self::diffuse(
+            q,
+            &ray_i,
+            &ray_o,
+            &mut gi,
+            &mut go,
+            &mut shared,
+            &mut exchange,
+        );
+        sum += q.c_d * diffuse_sum;
+    }
+    sum += retro(q, &ray_i, &ray_o, &mut gi, &mut go, &mut shared);
+    sum += retro(q, &ray_o, &ray_i, &mut go, &mut gi, &mut shared);
+
+    ray_i.lead_back(q, &mut gi, &mut shared);
+    ray_o.lead_back(q, &mut go, &mut shared);
+
+    let per_n = 1.0 / o[2];
+    let value = sum * per_n;
+    let mut out = Partials {
+        value,
+        // de = −m dθ, dm = e dθ, dp = −s dθ, dr = c dθ.
+        theta_r: per_n
+            * (gi.m * ray_i.e - gi.e * ray_i.m + go.m * ray_o.e - go.e * ray_o.m - shared.p * s
+                + shared.r * c),
+        alpha_u: per_n * shared.alpha_u,
+        alpha_v: per_n * shared.alpha_v,
+        rho_d: 0.0,
+        amplitude: per_n * shared.amplitude,
+        eta: per_n * shared.eta,
+        k: per_n * shared.k,
+        incident: back_to_sample(&gi, s, c, per_n),
+        outgoing: back_to_sample(&go, s, c, per_n),
+    };
+    out.outgoing[2] -= value * per_n;
+    // c_d and κ: c_d = ρd · diffuse[0](n, k), κ likewise.
+    let mut to_kappa = 0.0;
+    for (coefficient, weight) in q.exchange.iter().zip(exchange) {
+        out.theta_r += per_n * q.c_d * weight * coefficient.partials[0];
+        to_kappa += q.c_d * weight * coefficient.partials[1];
+    }
+    let table = &q.table;
+    if diffuse {
+        out.rho_d = per_n * (diffuse_sum * table.diffuse[0] + to_kappa * q.kappa[1]);
+        out.eta +=
+            per_n * (diffuse_sum * q.surface.rho_d * table.diffuse[1] + to_kappa * q.kappa[2]);
+        out.k += per_n * (diffuse_sum * q.surface.rho_d * table.diffuse[2] + to_kappa * q.kappa[3]);
+    }
+    out
+}
+
+fn back_to_sample(g: &Back, s: f64, c: f64, scale: f64) -> [f64; 3] {
+    [
+        g.u * scale,
+        (g.e * c + g.m * s) * scale,
+        (g.m * c - g.e * s) * scale,
+    ]
+}
+
+/// (a) Single reflection.
+fn single(
+    q: &Prepared,
+    i: &Ray,
+    o: &Ray,
+    gi: &mut Back,
+    go: &mut Back,
+    shared: &mut Shared,
+) -> f64 {
+    let hidden = i.sigma.max(o.sigma);
+    let seen = q.cos - hidden;
+    let on_facet = i.m > 0.0 && o.m > 0.0 && seen > 0.0;
+    let on_riser = i.rho > 0.0 && o.rho > 0.0;
+    if !on_facet && !on_riser {
+        return 0.0;
+    }
+    let (hu, he, hm) = (i.u + o.u, i.e + o.e, i.m + o.m);
+    let h2 = hu * hu + he * he + hm * hm;
+    let length = h2.sqrt();
+    let f = q.table.reflectance(0.5 * length);
+    let quarter = 0.25 * q.surface.amplitude;
+    let mut lobes = 0.0;
+    // To h_u, h_e, h_m of the lobes (without F and A/4).
+    let mut to_h = [0.0; 3];
+    if on_facet {
+        let l = lobe(q, hu, he, hm, h2);
+        let part = seen * l.d;
+        lobes += part;
+        to_h[0] += part * l.to_u;
+        to_h[1] += part * l.to_y;
+        to_h[2] += part * l.to_z;
+        shared.alpha_u += quarter * f.value * part * l.to_alpha_u;
+        shared.alpha_v += quarter * f.value * part * l.to_alpha_v;
+        let bare = quarter * f.value * l.d;
+        shared.p += bare;
+        if i.sigma > o.sigma {
+            gi.sigma -= bare;
+        } else {
+            go.sigma -= bare;
+        }
+    }
+    if on_riser {
+        let l = lobe(q, hu, hm, -he, h2);
+        let part = q.sin * l.d;
+        lobes += part;
+        to_h[0] += part * l.to_u;
+        to_h[1] -= part * l.to_z;
+        to_h[2] += part * l.to_y;
+        shared.alpha_u += quarter * f.value * part * l.to_alpha_u;
+        shared.alpha_v += quarter * f.value * part * l.to_alpha_v;
+        shared.r += quarter * f.value * l.d;
+    }
+    // |h|² in D (squared) and in the Fresnel angle cos = |h|/2.
+    let to_h2 = quarter * lobes * (f.value * 2.0 / h2 + f.cos * 0.25 / length);
+    let back = quarter * f.value;
+    for g in [gi, go] {
+        g.u += back * to_h[0] + to_h2 * 2.0 * hu;
+        g.e += back * to_h[1] + to_h2 * 2.0 * he;
+        g.m += back * to_h[2] + to_h2 * 2.0 * hm;
+    }
+    shared.amplitude += 0.25 * f.value * lobes;
+    shared.eta += quarter * lobes * f.eta;
+    shared.k += quarter * lobes * f.k;
+    quarter * f.value * lobes
+}
+
+/// D and its logarithmic derivatives at fixed |h|².
+struct Lobe {
+    d: f64,
+    to_u: f64,
+    to_y: f64,
+    to_z: f64,
+    to_alpha_u: f64,
+    to_alpha_v: f64,
+}
+
+/// D about the wall's normal, the half vector's components being (u, y, z).
+fn lobe(q: &Prepared, u: f64, y: f64, z: f64, h2: f64) -> Lobe {
+    if z <= 0.0 {
+        return Lobe {
+            d: 0.0,
+            to_u: 0.0,
+            to_y: 0.0,
+            to_z: 0.0,
+            to_alpha_u: 0.0,
+            to_alpha_v: 0.0,
+        };
+    }
+    let per_z = 1.0 / z;
+    let (a, b) = (u * per_z, y * per_z);
+    let (au, bv) = (a / q.au2, b / q.av2);
+    let exponent = a * au + b * bv;
+    let widen = h2 * per_z * per_z;
+    Lobe {
+        d: (-exponent).exp() * q.peak * widen * widen,
+        to_u: -2.0 * au * per_z,
+        to_y: -2.0 * bv * per_z,
+        to_z: (2.0 * exponent - 4.0) * per_z,
+        to_alpha_u: to_alpha(a * au, q.au2, q.surface.alpha_u),
+        to_alpha_v: to_alpha(b * bv, q.av2, q.surface.alpha_v),
+    }
+}
+
+/// (b) Diffuse light without its factor c_d (which the derivatives do carry). `exchange` receives
+/// the products that the three exchange coefficients multiply.
+fn diffuse(
+    q: &Prepared,
+    i: &Ray,
+    o: &Ray,
+    gi: &mut Back,
+    go: &mut Back,
+    shared: &mut Shared,
+    exchange: &mut [f64; 3],
+) -> f64 {
+    let (r, p, c_d) = (q.sin, q.cos, q.c_d);
+    let (fi, fo) = (i.facet.f.value, o.facet.f.value);
+    let (ri, ro) = (i.riser.f.value, o.riser.f.value);
+    let facets = i.a * o.a;
+    let risers = i.b * o.b;
+
+    let seen = (p - i.sigma.max(o.sigma)).max(0.0);
+    let hop_i = (i.x - o.sigma).max(0.0);
+    let hop_o = (o.x - i.sigma).max(0.0);
+    let both_x = i.x.min(o.x);
+    let both_y = i.y.min(o.y);
+    let per_facets = seen + ri * hop_i + ro * hop_o + ri * ro * both_x;
+    let per_risers = r + fi * i.y + fo * o.y + fi * fo * both_y;
+    let mut sum = facets * per_facets + risers * per_risers;
+
+    let cf = c_d * facets;
+    let cr = c_d * risers;
+    if seen > 0.0 {
+        shared.p += cf;
+        if i.sigma > o.sigma {
+            gi.sigma -= cf;
+        } else {
+            go.sigma -= cf;
+        }
+    }
+    if hop_i > 0.0 {
+        gi.x += cf * ri;
+        go.sigma -= cf * ri;
+    }
+    if hop_o > 0.0 {
+        go.x += cf * ro;
+        gi.sigma -= cf * ro;
+    }
+    if i.x < o.x {
+        gi.x += cf * ri * ro;
+    } else {
+        go.x += cf * ri * ro;
+    }
+    gi.riser_f += cf * (hop_i + ro * both_x);
+    go.riser_f += cf * (hop_o + ri * both_x);
+    shared.r += cr;
+    gi.y += cr * fi;
+    go.y += cr * fo;
+    if i.y < o.y {
+        gi.y += cr * fi * fo;
+    } else {
+        go.y += cr * fi * fo;
+    }
+    gi.facet_f += cr * (i.y + fo * both_y);
+    go.facet_f += cr * (o.y + fi * both_y);
+
+    // Exchange: E_f = a (p − σ + F_ρ X), E_r = b (r + F_m Y).
+    let open = |w: &Ray| p - w.sigma + w.riser.f.value * w.x;
+    let deep = |w: &Ray| r + w.facet.f.value * w.y;
+    let (open_i, open_o, deep_i, deep_o) = (open(i), open(o), deep(i), deep(o));
+    let (ef_i, ef_o) = (i.a * open_i, o.a * open_o);
+    let (er_i, er_o) = (i.b * deep_i, o.b * deep_o);
+    let [c1, c2, c3] = [
+        q.exchange[0].value,
+        q.exchange[1].value,
+        q.exchange[2].value,
+    ];
+    *exchange = [ef_i * ef_o, ef_o * er_i + er_o * ef_i, er_i * er_o];
+    sum += c1 * exchange[0] + c2 * exchange[1] + c3 * exchange[2];
+    let mut exchanged = |w: &Ray, g: &mut Back, open_w: f64, deep_w: f64, ef: f64, er: f64| {
+        // ef and er belong to the other direction.
+        let to_ef = c_d * (c1 * ef + c2 * er);
+        let to_er = c_d * (c2 * ef + c3 * er);
+        g.a += to_ef * open_w;
+        g.b += to_er * deep_w;
+        let (ea, eb) = (to_ef * w.a, to_er * w.b);
+        shared.p += ea;
+        g.sigma -= ea;
+        g.x += ea * w.riser.f.value;
+        g.riser_f += ea * w.x;
+        shared.r += eb;
+        g.y += eb * w.facet.f.value;
+        g.facet_f += eb * w.y;
+    };
+    exchanged(i, gi, open_i, deep_i, ef_o, er_o);
+    exchanged(o, go, open_o, deep_o, ef_i, er_i);
+
+    gi.a += c_d * o.a * per_facets;
+    go.a += c_d * i.a * per_facets;
+    gi.b += c_d * o.b * per_risers;
+    go.b += c_d * i.b * per_risers;
+    sum
+}
+
+/// Beyond this exponent the retro lobe is below 1e-43 of its peak and left out.
+const RETRO_EXPONENT_MAX: f64 = 100.0;
+
+/// (c) The retro lobe: `a` meets the facet, `b` the riser.
+fn retro(q: &Prepared, a: &Ray, b: &Ray, ga: &mut Back, gb: &mut Back, shared: &mut Shared) -> f64 {
+    if a.m <= 0.0 || b.rho <= 0.0 || q.sin <= 0.0 {
+        return 0.0;
+    }
+    let (r, p) = (q.sin, q.cos);
+    let surface = &q.surface;
+    let au2 = surface.alpha_u * surface.alpha_u;
+    let spread = 0.5 * (a.m * a.m + b.rho * b.rho);
+    let v_u = au2 * spread + q.lamp;
+    let v_v = surface.alpha_v * surface.alpha_v + q.lamp;
+    let x = 0.5 * (a.u + b.u);
+    let exponent_u = x * x / (2.0 * v_u);
+    if exponent_u > RETRO_EXPONENT_MAX {
+        return 0.0;
+    }
+    let m_b = b.m.max(0.0);
+    let beta_a = a.e.atan2(a.m);
+    let beta_b = b.e.atan2(m_b);
+    let y = 0.5 * (beta_b - beta_a);
+    let exponent_v = y * y / (2.0 * v_v);
+    if exponent_u + exponent_v > RETRO_EXPONENT_MAX {
+        return 0.0;
+    }
+    let tilt = -0.5 * (beta_a + beta_b);
+
+    // Length of the wall pair that sends light back, with its derivatives.
+    let (mut to_p, mut to_r, mut to_sigma, mut to_tilt) = (0.0, 0.0, 0.0, 0.0);
+    let length = if a.sigma <= 0.0 {
+        to_r = 1.0;
+        r
+    } else {
+        let kept = tilt.clamp(0.02, 1.5);
+        let tan = kept.tan();
+        let per_tan = 1.0 / tan;
+        let far = p * per_tan;
+        let length = far.min(r) - a.sigma * per_tan;
+        if length <= 0.0 {
+            return 0.0;
+        }
+        to_sigma = -per_tan;
+        let mut cut = -a.sigma;
+        if far < r {
+            to_p = per_tan;
+            cut += p;
+        } else {
+            to_r = 1.0;
+        }
+        if kept == tilt {
+            // d(1/tan)/dtilt = −(1 + tan²)/tan².
+            to_tilt = -cut * (1.0 + per_tan * per_tan);
+        }
+        length
+    };
+    let z = tilt / surface.alpha_v;
+    let phi = 0.5 * libm::erfc(-z * FRAC_1_SQRT_2);
+    let gauss = (-exponent_u - exponent_v).exp() / (2.0 * PI * (v_u * v_v).sqrt());
+    let amplitude2 = surface.amplitude * surface.amplitude;
+    let bare = 0.25 * phi * b.rho * gauss * length;
+    let product = match (&a.facet.parts, &b.riser.parts) {
+        (Some(fa), Some(fb)) => 0.5 * (fa.s.value * fb.s.value + fa.p.value * fb.p.value),
+        _ => a.facet.f.value * b.riser.f.value,
+    };
+    let value = amplitude2 * bare * product;
+    shared.amplitude += 2.0 * surface.amplitude * bare * product;
+    // Reflectances.
+    let to_product = amplitude2 * bare;
+    if let (Some(fa), Some(fb)) = (&a.facet.parts, &b.riser.parts) {
+        let half = 0.5 * to_product;
+        ga.facet_cos += half * (fa.s.cos * fb.s.value + fa.p.cos * fb.p.value);
+        gb.riser_cos += half * (fb.s.cos * fa.s.value + fb.p.cos * fa.p.value);
+        shared.eta += half
+            * (fa.s.eta * fb.s.value
+                + fa.p.eta * fb.p.value
+                + fb.s.eta * fa.s.value
+                + fb.p.eta * fa.p.value);
+        shared.k += half
+            * (fa.s.k * fb.s.value
+                + fa.p.k * fb.p.value
+                + fb.s.k * fa.s.value
+                + fb.p.k * fa.p.value);
+    } else {
+        ga.facet_f += to_product * b.riser.f.value;
+        gb.riser_f += to_product * a.facet.f.value;
+    }
+    // Length.
+    let per_length = value / length;
+    shared.p += per_length * to_p;
+    shared.r += per_length * to_r;
+    ga.sigma += per_length * to_sigma;
+    // Φ(tilt/αv) and the tilt's other place.
+    let slope = amplitude2 * product * 0.25 * b.rho * gauss * length * (-0.5 * z * z).exp()
+        / (2.0 * PI).sqrt();
+    let to_tilt = per_length * to_tilt + slope / surface.alpha_v;
+    shared.alpha_v -= slope * z / surface.alpha_v;
+    // ω_ρ of the leaving direction (−e).
+    let mut to_rho_b = value / b.rho;
+    // The two normal densities.
+    let to_x = -value * x / v_u;
+    let to_v_u = value * (exponent_u - 0.5) / v_u;
+    let to_y = -value * y / v_v;
+    let to_v_v = value * (exponent_v - 0.5) / v_v;
+    ga.u += 0.5 * to_x;
+    gb.u += 0.5 * to_x;
+    shared.alpha_u += to_v_u * 2.0 * surface.alpha_u * spread;
+    ga.m += to_v_u * au2 * a.m;
+    to_rho_b += to_v_u * au2 * b.rho;
+    gb.e -= to_rho_b;
+    shared.alpha_v += to_v_v * 2.0 * surface.alpha_v;
+    // β = atan2(e, m).
+    let to_beta_a = -0.5 * (to_y + to_tilt);
+    let to_beta_b = 0.5 * (to_y - to_tilt);
+    let ra = 1.0 / (a.e * a.e + a.m * a.m);
+    ga.e += to_beta_a * a.m * ra;
+    ga.m -= to_beta_a * a.e * ra;
+    let rb = 1.0 / (b.e * b.e + m_b * m_b);
+    gb.e += to_beta_b * m_b * rb;
+    if b.m > 0.0 {
+        gb.m -= to_beta_b * b.e * rb;
+    }
+    value
+}

@@ -1,0 +1,380 @@
+//! The inner loop of every fit: one parameter set, many poses, value and all first derivatives.
+//!
+//! [`OpticsTable`] holds what hangs on the index alone (built once per fit unless the index is
+//! free), [`Prepared`] what hangs on the parameters (once per trial), and
+//! [`Prepared::partials`] does one pose. The derivatives are written by hand, backwards from the
+//! radiance to the corner-frame components of the two directions, and checked against the
+//! derivative-carrying numbers of [`super::dual`] that run through the forms of
+//! [`super::sawtooth`] and [`super::paper`].
+
+use crate::geometry::{Directions, Pose, RigGeometry};
+
+use super::dual::Dual;
+use super::fresnel::{Reflectances, Slopes, dielectric_slopes};
+use super::sawtooth::diffuse_transmittance;
+use super::{Gradient, Optics, Surface, Variant};
+
+/// A radiance with its derivatives to the parameters and to the components of both directions.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Partials {
+    /// The radiance.
+    pub value: f64,
+    /// ∂/∂θr, per radian.
+    pub theta_r: f64,
+    /// ∂/∂αu.
+    pub alpha_u: f64,
+    /// ∂/∂αv.
+    pub alpha_v: f64,
+    /// ∂/∂ρd.
+    pub rho_d: f64,
+    /// ∂/∂A.
+    pub amplitude: f64,
+    /// ∂/∂n.
+    pub eta: f64,
+    /// ∂/∂k.
+    pub k: f64,
+    /// ∂/∂ω_i along u, v, n, each component free.
+    pub incident: [f64; 3],
+    /// ∂/∂ω_o along u, v, n.
+    pub outgoing: [f64; 3],
+}
+
+impl Partials {
+    /// The derivatives to the two stage angles instead of the directions, for `directions` that a
+    /// rig makes of a pose whose azimuth of v has these `sin` and `cos`.
+    #[must_use]
+    pub fn on_rig(&self, directions: &Directions, sin: f64, cos: f64) -> Gradient {
+        let mut theta_c = 0.0;
+        let mut phi_s = 0.0;
+        for (w, g) in [
+            (directions.incident, self.incident),
+            (directions.outgoing, self.outgoing),
+        ] {
+            // Tilting turns a rig direction (x, y, z) about +y at the rate (z, 0, −x); turning the
+            // sample turns (u, v) at the rate (v, −u).
+            theta_c += w.z * (g[0] * sin + g[1] * cos) - (w.x * sin + w.y * cos) * g[2];
+            phi_s += w.y * g[0] - w.x * g[1];
+        }
+        Gradient {
+            value: self.value,
+            theta_r: self.theta_r,
+            alpha_u: self.alpha_u,
+            alpha_v: self.alpha_v,
+            rho_d: self.rho_d,
+            amplitude: self.amplitude,
+            eta: self.eta,
+            k: self.k,
+            theta_c,
+            phi_s,
+        }
+    }
+}
+
+/// What hangs on the index and the angle between lamp and camera alone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OpticsTable {
+    /// The optics it was made for.
+    pub optics: Optics,
+    /// 1/(π T(1) T(cos θl)) with ∂/∂n, ∂/∂k.
+    pub(super) diffuse: [f64; 3],
+    /// π T̄² with ∂/∂n, ∂/∂k.
+    pub(super) exchange: [f64; 3],
+}
+
+impl OpticsTable {
+    /// Integrates T̄ (a few microseconds).
+    #[must_use]
+    pub fn new(optics: &Optics) -> Self {
+        let eta = Dual::<2>::variable(optics.eta, 0);
+        let k = Dual::<2>::variable(optics.k, 1);
+        let t = |cos: f64| {
+            let f = Reflectances::at(cos, optics.eta, optics.k).unpolarised();
+            Dual {
+                value: 1.0 - f.value,
+                partials: [-f.eta, -f.k],
+            }
+        };
+        let one = Dual {
+            value: 1.0,
+            partials: [0.0; 2],
+        };
+        let diffuse = one / (t(1.0) * t(optics.theta_l.cos()) * std::f64::consts::PI);
+        let t_bar = diffuse_transmittance(eta, k);
+        let exchange = t_bar * t_bar * std::f64::consts::PI;
+        let parts = |x: Dual<2>| [x.value, x.partials[0], x.partials[1]];
+        OpticsTable {
+            optics: *optics,
+            diffuse: parts(diffuse),
+            exchange: parts(exchange),
+        }
+    }
+
+    /// Unpolarised reflectance with derivatives, the short way for a dielectric.
+    pub(super) fn reflectance(&self, cos: f64) -> Slopes {
+        if self.optics.k == 0.0 {
+            dielectric_slopes(cos, self.optics.eta)
+        } else {
+            Reflectances::at(cos, self.optics.eta, self.optics.k).unpolarised()
+        }
+    }
+}
+
+/// One parameter set, ready for many poses.
+#[derive(Debug, Clone, Copy)]
+pub struct Prepared {
+    variant: Variant,
+    pub(super) table: OpticsTable,
+    pub(super) surface: Surface,
+    pub(super) opaque: bool,
+    pub(super) sin: f64,
+    pub(super) cos: f64,
+    /// α² + R²/8 along and across the ridges.
+    pub(super) au2: f64,
+    pub(super) av2: f64,
+    /// R²/16, the lamp's share in the retro lobe's variances.
+    pub(super) lamp: f64,
+    /// 1/(π √(au2 av2)).
+    pub(super) peak: f64,
+    /// c_d.
+    pub(super) c_d: f64,
+    /// Coefficients of the exchange term, E_f E_f, E_f E_r (both ways), E_r E_r, each a
+    /// [`Dual`] over θr and κ.
+    pub(super) exchange: [Dual<2>; 3],
+    /// κ = π c_d T̄² and its derivatives to ρd, n, k.
+    pub(super) kappa: [f64; 4],
+}
+
+impl Prepared {
+    /// Hoists everything that no pose changes.
+    #[must_use]
+    pub fn new(variant: Variant, surface: &Surface, table: &OpticsTable) -> Self {
+        let (sin, cos) = surface.theta_r.sin_cos();
+        let radius = table.optics.light_angular_radius;
+        let lamp = radius * radius / 16.0;
+        let au2 = surface.alpha_u * surface.alpha_u + 2.0 * lamp;
+        let av2 = surface.alpha_v * surface.alpha_v + 2.0 * lamp;
+        let c_d = surface.rho_d * table.diffuse[0];
+        let kappa = [
+            c_d * table.exchange[0],
+            table.diffuse[0] * table.exchange[0],
+            surface.rho_d
+                * (table.diffuse[1] * table.exchange[0] + table.diffuse[0] * table.exchange[1]),
+            surface.rho_d
+                * (table.diffuse[2] * table.exchange[0] + table.diffuse[0] * table.exchange[2]),
+        ];
+        Prepared {
+            variant,
+            table: *table,
+            surface: *surface,
+            opaque: false,
+            sin,
+            cos,
+            au2,
+            av2,
+            lamp,
+            peak: 1.0 / (std::f64::consts::PI * (au2 * av2).sqrt()),
+            c_d,
+            exchange: exchange_coefficients(sin, cos, kappa[0]),
+            kappa,
+        }
+    }
+
+    /// The same for a surface whose ρd is 0 and stays 0: its diffuse terms and ∂/∂ρd are left out,
+    /// which saves half the time on metal.
+    #[must_use]
+    pub fn opaque(self) -> Self {
+        Prepared {
+            opaque: self.surface.rho_d == 0.0,
+            ..self
+        }
+    }
+
+    /// Radiance and all partial derivatives for one pair of directions.
+    #[must_use]
+    pub fn partials(&self, directions: &Directions) -> Partials {
+        let i = [
+            directions.incident.x,
+            directions.incident.y,
+            directions.incident.z,
+        ];
+        let o = [
+            directions.outgoing.x,
+            directions.outgoing.y,
+            directions.outgoing.z,
+        ];
+        if i[2] <= 0.0 || o[2] <= 0.0 {
+            return Partials::default();
+        }
+        match self.variant {
+            Variant::Paper => super::gradient_paper::partials(self, i, o),
+            Variant::Sawtooth => super::gradient_sawtooth::partials(self, i, o),
+        }
+    }
+
+    /// [`Self::partials`] at a true pose of a rig, with the derivatives to the stage angles.
+    #[must_use]
+    pub fn gradient(&self, rig: &RigGeometry, pose: Pose) -> Gradient {
+        let (sin, cos) = (pose.phi_s + rig.azimuth_zero).sin_cos();
+        let directions = rig.directions(pose);
+        self.partials(&directions).on_rig(&directions, sin, cos)
+    }
+}
+
+/// The exchange term is c_d [C₁ E_f(o) E_f(i) + C₂ (E_f(o) E_r(i) + E_r(o) E_f(i)) + C₃ E_r(o) E_r(i)]
+/// with C₁ = (1/d − 1)/p, C₂ = κ g/(2 p r d), C₃ = (1/d − 1)/r, g = p + r − 1, d = 1 − κ² g²/(4 p r):
+/// the view factors p φ_fr = r φ_rf = g/2 put into the two-wall radiosity. Derivatives to θr and κ.
+fn exchange_coefficients(sin: f64, cos: f64, kappa: f64) -> [Dual<2>; 3] {
+    let constant = |value: f64| Dual {
+        value,
+        partials: [0.0; 2],
+    };
+    if sin <= 0.0 {
+        return [constant(0.0); 3];
+    }
+    let p = Dual {
+        value: cos,
+        partials: [-sin, 0.0],
+    };
+    let r = Dual {
+        value: sin,
+        partials: [cos, 0.0],
+    };
+    let k = Dual {
+        value: kappa,
+        partials: [0.0, 1.0],
+    };
+    // p + r − 1 = r − r²/(1 + p): exact for small ridges.
+    let gap = r - r * r / (p + constant(1.0));
+    let half = k * gap * 0.5;
+    let loss = half * half / (p * r);
+    let d = constant(1.0) - loss;
+    [loss / d / p, half / (p * r * d), loss / d / r]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{Surface, gradient_by_dual_numbers};
+    use crate::units::Angle;
+
+    /// Random rigs, poses and surfaces: a stream of numbers in [0, 1) from a fixed seed.
+    struct Stream(u64);
+
+    impl Stream {
+        fn next(&mut self) -> f64 {
+            self.0 = self
+                .0
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            (self.0 >> 11) as f64 / (1u64 << 53) as f64
+        }
+        fn between(&mut self, low: f64, high: f64) -> f64 {
+            low + (high - low) * self.next()
+        }
+    }
+
+    struct Draw {
+        rig: RigGeometry,
+        pose: Pose,
+        surface: Surface,
+        optics: Optics,
+    }
+
+    fn draw(s: &mut Stream) -> Draw {
+        let rig = RigGeometry {
+            theta_l: Angle::from_deg(s.between(0.0, 40.0)),
+            light_azimuth: Angle::from_deg(s.between(-180.0, 180.0)),
+            azimuth_zero: Angle::from_deg(s.between(-180.0, 180.0)),
+            light_angular_radius: Angle::from_deg(s.between(0.0, 2.0)),
+        };
+        let metal = s.next() < 0.4;
+        let (eta, k) = if metal {
+            (s.between(0.1, 4.0), s.between(0.5, 8.0))
+        } else {
+            (s.between(1.2, 2.5), 0.0)
+        };
+        let rho_d = if s.next() < 0.2 {
+            0.0
+        } else {
+            s.between(0.01, 0.9)
+        };
+        Draw {
+            rig,
+            pose: Pose::from_deg(s.between(-60.0, 60.0), s.between(-180.0, 180.0)),
+            surface: Surface {
+                theta_r: s.between(0.002, 0.7),
+                alpha_u: 10f64.powf(s.between(-1.5, 0.0)),
+                alpha_v: 10f64.powf(s.between(-1.5, 0.0)),
+                rho_d,
+                amplitude: s.between(0.3, 1.5),
+            },
+            optics: Optics {
+                eta,
+                k,
+                theta_l: rig.theta_l.rad(),
+                light_angular_radius: rig.light_angular_radius.rad(),
+            },
+        }
+    }
+
+    fn list(g: &Gradient) -> [f64; 10] {
+        [
+            g.value,
+            g.theta_r,
+            g.alpha_u,
+            g.alpha_v,
+            g.rho_d,
+            g.amplitude,
+            g.eta,
+            g.k,
+            g.theta_c,
+            g.phi_s,
+        ]
+    }
+
+    #[test]
+    fn the_gradient_by_hand_is_the_gradient_by_dual_numbers() {
+        let mut s = Stream(7);
+        for variant in [Variant::Paper, Variant::Sawtooth] {
+            let mut lit = 0;
+            for n in 0..4000 {
+                let d = draw(&mut s);
+                let table = OpticsTable::new(&d.optics);
+                let fast = Prepared::new(variant, &d.surface, &table).gradient(&d.rig, d.pose);
+                let slow = gradient_by_dual_numbers(variant, &d.rig, d.pose, &d.surface, &d.optics);
+                lit += usize::from(slow.value > 1e-6);
+                for (j, (a, b)) in list(&fast).into_iter().zip(list(&slow)).enumerate() {
+                    // A few hundred operations on terms that may cancel against each other; the
+                    // scale of a derivative is the value over the parameter's own scale.
+                    let scale = b.abs() + slow.value.abs() + 1e-9;
+                    assert!(
+                        (a - b).abs() <= 2e-10 * scale,
+                        "{variant:?} draw {n}, derivative {j}: {a} against {b}; {:?} {:?} {:?}",
+                        d.surface,
+                        d.optics,
+                        d.pose
+                    );
+                }
+            }
+            assert!(lit > 1500, "{lit}");
+        }
+    }
+
+    #[test]
+    fn an_opaque_surface_loses_nothing_but_the_diffuse_slope() {
+        let mut s = Stream(11);
+        for _ in 0..500 {
+            let mut d = draw(&mut s);
+            d.surface.rho_d = 0.0;
+            let full = Prepared::new(Variant::Sawtooth, &d.surface, &OpticsTable::new(&d.optics));
+            let a = full.gradient(&d.rig, d.pose);
+            let b = full.opaque().gradient(&d.rig, d.pose);
+            for (j, (x, y)) in list(&a).into_iter().zip(list(&b)).enumerate() {
+                assert!(
+                    j == 4 || (x - y).abs() <= 1e-13 * (x.abs() + a.value),
+                    "{j} {x} {y}"
+                );
+            }
+        }
+    }
+}
