@@ -1,0 +1,402 @@
+//! What is fitted: the observation model and its parameters.
+//!
+//! ```text
+//! sample   signal = g · [L(θc + δ, φs + Δφ) + correction] + B
+//! flat     signal = g · ρw/π · cos θi(θc + δ) + B
+//! prior    B      = mean ± std
+//! ```
+//!
+//! L is the variant's radiance, g the gain of the signals (1 where the white reference is exact; the
+//! flats carry it), B the stray light, which is in samples and flats alike, δ and Δφ the zeros of the
+//! stages. B always has a prior: left to the sample alone it is nearly collinear with the diffuse
+//! term. The corrections are fixed numbers per observation: what a dearer tier of the model adds to
+//! the closed form.
+//!
+//! Inside, θr is signed and the roughnesses are logarithms: the fit may pass through θr = 0 and
+//! comes out on the other side as (−θr, φs + 180°), which is the same surface.
+
+use std::f64::consts::PI;
+
+use super::least_squares::LeastSquares;
+use super::solver::Bounds;
+use crate::geometry::Pose;
+use crate::model::{Gradient, Surface, Variant, radiance_gradient};
+use crate::observation::ObservationSet;
+use crate::units::Angle;
+
+/// What a fit can look for, in the order in which reports list it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Quantity {
+    /// Ridge angle θr.
+    ThetaR,
+    /// Roughness along the ridges.
+    AlphaU,
+    /// Roughness across the ridges.
+    AlphaV,
+    /// Diffuse reflectance.
+    RhoD,
+    /// Gain g of the signals.
+    Scale,
+    /// Stray light B.
+    Background,
+    /// Zero of the rotation stage Δφ.
+    AzimuthOffset,
+    /// Zero of the tilt stage δ.
+    TiltOffset,
+}
+
+impl Quantity {
+    /// All of them.
+    pub const ALL: [Quantity; 8] = [
+        Quantity::ThetaR,
+        Quantity::AlphaU,
+        Quantity::AlphaV,
+        Quantity::RhoD,
+        Quantity::Scale,
+        Quantity::Background,
+        Quantity::AzimuthOffset,
+        Quantity::TiltOffset,
+    ];
+}
+
+/// Values of all quantities in natural units: angles in radians, θr signed, roughness as is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Values {
+    /// Signed ridge angle, rad.
+    pub theta_r: f64,
+    /// Roughness along the ridges.
+    pub alpha_u: f64,
+    /// Roughness across the ridges.
+    pub alpha_v: f64,
+    /// Diffuse reflectance.
+    pub rho_d: f64,
+    /// Gain of the signals.
+    pub scale: f64,
+    /// Stray light in the signals' unit.
+    pub background: f64,
+    /// Zero of the rotation stage, rad.
+    pub azimuth_offset: f64,
+    /// Zero of the tilt stage, rad.
+    pub tilt_offset: f64,
+}
+
+impl Values {
+    /// One of them, as the solver sees it (roughnesses as logarithms).
+    #[must_use]
+    pub fn inner(&self, quantity: Quantity) -> f64 {
+        match quantity {
+            Quantity::ThetaR => self.theta_r,
+            Quantity::AlphaU => self.alpha_u.ln(),
+            Quantity::AlphaV => self.alpha_v.ln(),
+            Quantity::RhoD => self.rho_d,
+            Quantity::Scale => self.scale,
+            Quantity::Background => self.background,
+            Quantity::AzimuthOffset => self.azimuth_offset,
+            Quantity::TiltOffset => self.tilt_offset,
+        }
+    }
+
+    /// Puts back what [`Values::inner`] gives.
+    pub fn set_inner(&mut self, quantity: Quantity, value: f64) {
+        match quantity {
+            Quantity::ThetaR => self.theta_r = value,
+            Quantity::AlphaU => self.alpha_u = value.exp(),
+            Quantity::AlphaV => self.alpha_v = value.exp(),
+            Quantity::RhoD => self.rho_d = value,
+            Quantity::Scale => self.scale = value,
+            Quantity::Background => self.background = value,
+            Quantity::AzimuthOffset => self.azimuth_offset = value,
+            Quantity::TiltOffset => self.tilt_offset = value,
+        }
+    }
+
+    /// The same surface with θr ≥ 0 and the azimuth in (−180°, 180°].
+    #[must_use]
+    pub fn folded(mut self) -> Self {
+        if self.theta_r < 0.0 {
+            self.theta_r = -self.theta_r;
+            self.azimuth_offset += PI;
+        }
+        self.azimuth_offset = Angle::from_rad(self.azimuth_offset).wrapped().rad();
+        self
+    }
+
+    /// The surface as the model wants it, θr as it stands.
+    #[must_use]
+    pub fn surface(&self) -> Surface {
+        Surface {
+            theta_r: self.theta_r,
+            alpha_u: self.alpha_u,
+            alpha_v: self.alpha_v,
+            rho_d: self.rho_d,
+            amplitude: 1.0,
+        }
+    }
+}
+
+/// Steepest ridge that a fit considers, rad.
+pub const THETA_R_MAX: f64 = 75.0 * PI / 180.0;
+/// Smoothest facet that a fit considers.
+pub const ALPHA_MIN: f64 = 1e-4;
+/// Roughest facet that a fit considers.
+pub const ALPHA_MAX: f64 = 2.0;
+
+/// One least-squares problem: a set of observations, a variant, weights and what is free.
+#[derive(Debug, Clone)]
+pub struct Problem<'a> {
+    set: &'a ObservationSet,
+    variant: Variant,
+    free: Vec<Quantity>,
+    fixed: Values,
+    sigma: Vec<f64>,
+    flat_sigma: Vec<f64>,
+    correction: Vec<f64>,
+}
+
+impl<'a> Problem<'a> {
+    /// A problem with the observations' own uncertainties and no correction; `fixed` gives what is
+    /// not free.
+    #[must_use]
+    pub fn new(
+        set: &'a ObservationSet,
+        variant: Variant,
+        free: Vec<Quantity>,
+        fixed: Values,
+    ) -> Self {
+        Problem {
+            variant,
+            free,
+            fixed,
+            sigma: set.observations.iter().map(|o| o.sigma).collect(),
+            flat_sigma: set.flats.iter().map(|f| f.sigma).collect(),
+            correction: vec![0.0; set.observations.len()],
+            set,
+        }
+    }
+
+    /// The same problem with other standard uncertainties of the observations.
+    #[must_use]
+    pub fn with_sigma(mut self, sigma: Vec<f64>) -> Self {
+        self.sigma = sigma;
+        self
+    }
+
+    /// The same problem with other standard uncertainties of the flats.
+    #[must_use]
+    pub fn with_flat_sigma(mut self, sigma: Vec<f64>) -> Self {
+        self.flat_sigma = sigma;
+        self
+    }
+
+    /// The same problem with radiances added to the closed form's, one per observation.
+    #[must_use]
+    pub fn with_correction(mut self, correction: Vec<f64>) -> Self {
+        self.correction = correction;
+        self
+    }
+
+    /// The observations.
+    #[must_use]
+    pub fn set(&self) -> &'a ObservationSet {
+        self.set
+    }
+
+    /// The closed form.
+    #[must_use]
+    pub fn variant(&self) -> Variant {
+        self.variant
+    }
+
+    /// What the solver moves, in its order.
+    #[must_use]
+    pub fn free(&self) -> &[Quantity] {
+        &self.free
+    }
+
+    /// Standard uncertainties that the sample's residuals are divided by.
+    #[must_use]
+    pub fn sigma(&self) -> &[f64] {
+        &self.sigma
+    }
+
+    /// Standard uncertainties that the flats' residuals are divided by.
+    #[must_use]
+    pub fn flat_sigma(&self) -> &[f64] {
+        &self.flat_sigma
+    }
+
+    /// Number of residuals: samples, flats, and one prior.
+    #[must_use]
+    pub fn residual_count(&self) -> usize {
+        self.set.observations.len() + self.set.flats.len() + 1
+    }
+
+    /// Radiances added to the closed form's.
+    #[must_use]
+    pub fn correction(&self) -> &[f64] {
+        &self.correction
+    }
+
+    /// The solver's vector for given values.
+    #[must_use]
+    pub fn pack(&self, values: &Values) -> Vec<f64> {
+        self.free.iter().map(|q| values.inner(*q)).collect()
+    }
+
+    /// All values for a solver's vector.
+    #[must_use]
+    pub fn unpack(&self, x: &[f64]) -> Values {
+        let mut values = self.fixed;
+        for (q, v) in self.free.iter().zip(x) {
+            values.set_inner(*q, *v);
+        }
+        values
+    }
+
+    /// The box in which the solver stays.
+    #[must_use]
+    pub fn bounds(&self) -> Bounds {
+        let (eta, k) = self.set.material.index();
+        let range = |q: &Quantity| match q {
+            Quantity::ThetaR => (-THETA_R_MAX, THETA_R_MAX),
+            Quantity::AlphaU | Quantity::AlphaV => (ALPHA_MIN.ln(), ALPHA_MAX.ln()),
+            // The printed lobe's amplitude A = F + (ρd/π)(1 − F)² stays positive; its ρd may pass 1,
+            // which says that the variant is wrong here.
+            Quantity::RhoD => match self.variant {
+                Variant::Paper => {
+                    let f = normal_reflectance(eta, k);
+                    (-0.99 * PI * f / ((1.0 - f) * (1.0 - f)), 1e3)
+                }
+                // Not 0: there the model leaves the diffuse terms and their derivatives out.
+                Variant::Sawtooth => (1e-9, 1.0),
+            },
+            Quantity::Scale => (1e-12, f64::INFINITY),
+            Quantity::Background | Quantity::AzimuthOffset => (f64::NEG_INFINITY, f64::INFINITY),
+            Quantity::TiltOffset => (-15f64.to_radians(), 15f64.to_radians()),
+        };
+        let (lower, upper) = self.free.iter().map(range).unzip();
+        Bounds { lower, upper }
+    }
+
+    /// Radiance with all derivatives for one observation, the sign of θr taken care of.
+    #[must_use]
+    pub fn gradient(&self, index: usize, values: &Values) -> Gradient {
+        let pose = self.set.observations[index].pose;
+        let mut surface = values.surface();
+        let mut azimuth = values.azimuth_offset + self.set.region_azimuth.rad();
+        let mirrored = surface.theta_r < 0.0;
+        if mirrored {
+            surface.theta_r = -surface.theta_r;
+            azimuth += PI;
+        }
+        let actual = Pose {
+            theta_c: pose.theta_c + Angle::from_rad(values.tilt_offset),
+            phi_s: pose.phi_s + Angle::from_rad(azimuth),
+        };
+        let mut g = radiance_gradient(
+            self.variant,
+            &self.set.rig,
+            actual,
+            &surface,
+            &self.set.material,
+        );
+        if mirrored {
+            g.theta_r = -g.theta_r;
+        }
+        g
+    }
+
+    /// Signals of the sample that the model expects.
+    #[must_use]
+    pub fn predicted(&self, values: &Values) -> Vec<f64> {
+        (0..self.set.observations.len())
+            .map(|i| {
+                let l = self.gradient(i, values).value + self.correction[i];
+                values.scale * l + values.background
+            })
+            .collect()
+    }
+
+    /// Cosine of the lamp's incidence on the white reference at flat `index`, and its derivative
+    /// with respect to the tilt.
+    #[must_use]
+    pub fn flat_cosine(&self, index: usize, values: &Values) -> (f64, f64) {
+        let tilt = self.set.flats[index].theta_c + Angle::from_rad(values.tilt_offset);
+        let incident = self.set.rig.rig_directions(tilt).incident;
+        // Tilting turns a rig direction (x, y, z) about +y at the rate (z, 0, −x).
+        (incident.z, -incident.x)
+    }
+
+    fn reflectance(&self) -> f64 {
+        self.set.white_reference.map_or(1.0, |w| w.reflectance)
+    }
+}
+
+/// Fresnel reflectance at normal incidence; within 1e-4 of that at 5°.
+fn normal_reflectance(eta: f64, k: f64) -> f64 {
+    ((eta - 1.0).powi(2) + k * k) / ((eta + 1.0).powi(2) + k * k)
+}
+
+impl LeastSquares for &Problem<'_> {
+    fn n_parameters(&self) -> usize {
+        self.free.len()
+    }
+
+    /// Samples first, then flats, then the prior on the stray light.
+    fn n_residuals(&self) -> usize {
+        self.residual_count()
+    }
+
+    fn evaluate(&self, x: &[f64], residuals: &mut [f64], jacobian: &mut [f64]) {
+        let values = self.unpack(x);
+        let m = self.n_residuals();
+        let (samples, flats) = (self.set.observations.len(), self.set.flats.len());
+        for i in 0..samples {
+            let g = self.gradient(i, &values);
+            let l = g.value + self.correction[i];
+            let weight = 1.0 / self.sigma[i];
+            residuals[i] =
+                (values.scale * l + values.background - self.set.observations[i].signal) * weight;
+            for (j, q) in self.free.iter().enumerate() {
+                jacobian[i + j * m] = weight
+                    * match q {
+                        Quantity::ThetaR => values.scale * g.theta_r,
+                        Quantity::AlphaU => values.scale * g.alpha_u * values.alpha_u,
+                        Quantity::AlphaV => values.scale * g.alpha_v * values.alpha_v,
+                        Quantity::RhoD => values.scale * g.rho_d,
+                        Quantity::Scale => l,
+                        Quantity::Background => 1.0,
+                        Quantity::AzimuthOffset => values.scale * g.phi_s,
+                        Quantity::TiltOffset => values.scale * g.theta_c,
+                    };
+            }
+        }
+        let albedo = self.reflectance() / PI;
+        for k in 0..flats {
+            let i = samples + k;
+            let (cosine, slope) = self.flat_cosine(k, &values);
+            let weight = 1.0 / self.flat_sigma[k];
+            residuals[i] = (values.scale * albedo * cosine + values.background
+                - self.set.flats[k].signal)
+                * weight;
+            for (j, q) in self.free.iter().enumerate() {
+                jacobian[i + j * m] = weight
+                    * match q {
+                        Quantity::Scale => albedo * cosine,
+                        Quantity::Background => 1.0,
+                        Quantity::TiltOffset => values.scale * albedo * slope,
+                        _ => 0.0,
+                    };
+            }
+        }
+        let prior = self.set.background;
+        residuals[m - 1] = (values.background - prior.mean) / prior.std;
+        for (j, q) in self.free.iter().enumerate() {
+            jacobian[m - 1 + j * m] = if *q == Quantity::Background {
+                1.0 / prior.std
+            } else {
+                0.0
+            };
+        }
+    }
+}

@@ -1,0 +1,260 @@
+//! The answer of a fit, in the form that `fit --json`, the store and the HTTP interface share.
+//!
+//! A parameter that the data cannot tell has null for its numbers and a `note` with the reason. A
+//! budget's parts combine in quadrature to `std`; `expanded` = `coverage_factor` · `std`.
+
+use serde::{Deserialize, Serialize};
+
+use super::budget::Budget;
+use crate::observation::RejectedFrame;
+
+/// How a fit ended, as a word that scripts compare.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Status {
+    /// At a minimum, all free parameters determined, none at its bound.
+    Converged,
+    /// At a minimum with a parameter held by its bound; `warnings` names it.
+    AtBound,
+    /// At a minimum, but the data leave a direction open; `warnings` names the parameters.
+    RankDeficient,
+    /// No start reached a minimum.
+    Stalled,
+    /// An observation or the model's value for it is not a finite number.
+    NotFinite,
+    /// Fewer observations than free parameters and one.
+    TooFewObservations,
+    /// Stopped by the user.
+    Cancelled,
+}
+
+/// The names that the forms use for the variants.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum VariantName {
+    /// As printed.
+    Paper,
+    /// The sawtooth in full.
+    Sawtooth,
+}
+
+impl std::fmt::Display for VariantName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            VariantName::Paper => "paper",
+            VariantName::Sawtooth => "sawtooth",
+        })
+    }
+}
+
+/// One parameter with its uncertainty.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Parameter {
+    /// Best value.
+    pub value: Option<f64>,
+    /// Standard uncertainty with everything known in it.
+    pub std: Option<f64>,
+    /// Expanded uncertainty.
+    pub expanded: Option<f64>,
+    /// Expanded over standard uncertainty.
+    pub coverage_factor: Option<f64>,
+    /// Effective degrees of freedom (Welch–Satterthwaite); null where practically infinite.
+    pub degrees_of_freedom: Option<f64>,
+    /// Whether the data can tell it.
+    pub identifiable: bool,
+    /// Parts of the standard uncertainty.
+    pub budget: Option<Budget>,
+    /// Why it is null or fixed, for the user.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
+}
+
+impl Parameter {
+    /// A parameter that the data cannot tell, with the reason.
+    #[must_use]
+    pub fn unknown(note: impl Into<String>) -> Self {
+        Parameter {
+            value: None,
+            std: None,
+            expanded: None,
+            coverage_factor: None,
+            degrees_of_freedom: None,
+            identifiable: false,
+            budget: None,
+            note: Some(note.into()),
+        }
+    }
+
+    /// A parameter with its budget.
+    #[must_use]
+    pub fn known(value: f64, budget: Budget, degrees_of_freedom: Option<f64>) -> Self {
+        let std = budget.combined();
+        Parameter {
+            value: Some(value),
+            std: Some(std),
+            expanded: Some(COVERAGE_FACTOR * std),
+            coverage_factor: Some(COVERAGE_FACTOR),
+            degrees_of_freedom,
+            identifiable: true,
+            budget: Some(budget),
+            note: None,
+        }
+    }
+}
+
+/// Expanded over standard uncertainty: 95.45 % for a normal distribution.
+pub const COVERAGE_FACTOR: f64 = 2.0;
+
+/// All parameters; angles in degrees.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Parameters {
+    /// Effective ridge angle.
+    pub theta_r_deg: Parameter,
+    /// Roughness along the ridges.
+    pub alpha_u: Parameter,
+    /// Roughness across the ridges.
+    pub alpha_v: Parameter,
+    /// Diffuse reflectance: `paper` as printed, else the Lambertian equivalent of a flat piece.
+    pub rho_d: Parameter,
+    /// Gain of the signals; 1 with a white reference.
+    pub scale: Parameter,
+    /// Stray light, in radiance where the scale is absolute.
+    pub background: Parameter,
+    /// To add to a recorded φs.
+    pub azimuth_offset_deg: Parameter,
+    /// To add to a recorded θc.
+    pub tilt_offset_deg: Parameter,
+}
+
+impl Parameters {
+    /// Names as in the JSON form with their parameters, in the report's order.
+    #[must_use]
+    pub fn named(&self) -> [(&'static str, &Parameter); 8] {
+        [
+            ("theta_r_deg", &self.theta_r_deg),
+            ("alpha_u", &self.alpha_u),
+            ("alpha_v", &self.alpha_v),
+            ("rho_d", &self.rho_d),
+            ("scale", &self.scale),
+            ("background", &self.background),
+            ("azimuth_offset_deg", &self.azimuth_offset_deg),
+            ("tilt_offset_deg", &self.tilt_offset_deg),
+        ]
+    }
+}
+
+/// One variant in the comparison.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct VariantSummary {
+    /// Which.
+    pub variant: VariantName,
+    /// How its fit ended.
+    pub status: Status,
+    /// Root mean square residual, as a share of the largest observation.
+    pub rms_residual: f64,
+    /// χ² per degree of freedom with counting noise alone.
+    pub chi2_reduced_without_model: f64,
+    /// Quasi-Akaike criterion, ĉ from the richest variant; only differences count.
+    pub qaic: f64,
+    /// Ridge angle.
+    pub theta_r_deg: Option<f64>,
+    /// Roughness along the ridges.
+    pub alpha_u: Option<f64>,
+    /// Roughness across the ridges.
+    pub alpha_v: Option<f64>,
+    /// Diffuse reflectance.
+    pub rho_d: Option<f64>,
+}
+
+/// Something that the computation leaves out.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LeftOut {
+    /// What.
+    pub what: String,
+    /// Why.
+    pub why: String,
+    /// What it may cost, as a share of the peak; null where nobody knows.
+    pub cost: Option<f64>,
+}
+
+/// Seconds spent; filled in by whoever holds a clock.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Timing {
+    /// Reading frames.
+    pub read: f64,
+    /// Reducing them.
+    pub reduce: f64,
+    /// Fitting.
+    pub fit: f64,
+}
+
+/// An observation beside what the fit expects of it; recorded angles.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct FittedObservation {
+    /// Camera tilt as recorded.
+    pub theta_c_deg: f64,
+    /// Sample rotation as recorded.
+    pub phi_s_deg: f64,
+    /// Observed signal.
+    pub signal: f64,
+    /// Its own standard uncertainty.
+    pub sigma: f64,
+    /// What the fitted model expects.
+    pub fitted: f64,
+}
+
+/// What the starts did.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Starts {
+    /// Starts tried.
+    pub tried: usize,
+    /// Ended at the reported minimum.
+    pub at_minimum: usize,
+    /// Converged to a worse minimum.
+    pub elsewhere: usize,
+    /// Did not converge.
+    pub not_converged: usize,
+}
+
+/// The whole answer.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FitReport {
+    /// The variant that the parameters hang on.
+    pub variant: VariantName,
+    /// How it ended.
+    pub status: Status,
+    /// Observations fitted.
+    pub n_observations: usize,
+    /// Frames used, darks and flats included.
+    pub n_frames_used: u32,
+    /// Region of interest, where the sample has several.
+    pub region: Option<String>,
+    /// The parameters.
+    pub parameters: Parameters,
+    /// Root mean square residual, as a share of the largest observation.
+    pub rms_residual: f64,
+    /// The model's discrepancy at the peak, as a share of the largest observation.
+    pub model_discrepancy: f64,
+    /// χ² per degree of freedom, the model's discrepancy among the uncertainties.
+    pub chi2_reduced: f64,
+    /// The same with counting noise alone.
+    pub chi2_reduced_without_model: f64,
+    /// Frames left out.
+    pub rejected_frames: Vec<RejectedFrame>,
+    /// Sentences for the user.
+    pub warnings: Vec<String>,
+    /// All variants fitted.
+    pub variants: Vec<VariantSummary>,
+    /// What was left out, why, and what it may cost.
+    pub left_out: Vec<LeftOut>,
+    /// Observations beside the fit.
+    #[serde(default)]
+    pub fitted: Vec<FittedObservation>,
+    /// What the starts did.
+    #[serde(default)]
+    pub starts: Starts,
+    /// Seconds spent.
+    pub timing_s: Timing,
+    /// Program and version.
+    pub program: String,
+}

@@ -1,0 +1,479 @@
+//! All variants on one set of observations, the choice between them, and the report.
+//!
+//! The choice follows QAIC: with counting errors alone every χ² is in the thousands and the plain
+//! criterion takes the largest model, so χ² is divided by ĉ, the reduced χ² of the richest variant
+//! (at least 1), and another variant is taken only for a clear gain.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::budget::{Budget, Uncertainty, tied, uncertainty};
+use super::estimate::{Estimate, Tier, estimate, free_quantities, peak};
+use super::problem::{Quantity, Values};
+use super::report::{
+    FitReport, FittedObservation, LeftOut, Parameter, Parameters, Starts, Status, Timing,
+    VariantName, VariantSummary,
+};
+use super::{FitOptions, VariantChoice};
+use crate::material::Material;
+use crate::model::Variant;
+use crate::observation::ObservationSet;
+
+/// Gain in QAIC that counts as clear.
+const CLEAR_GAIN: f64 = 10.0;
+/// ĉ above which no variant may be called adequate.
+const INADEQUATE: f64 = 4.0;
+/// Standard uncertainty beyond which an angle is as good as unknown, rad.
+const HOPELESS_ANGLE: f64 = 0.35;
+/// The same for the logarithm of a roughness.
+const HOPELESS_LOG_ALPHA: f64 = 1.0;
+/// The same for the diffuse reflectance.
+const HOPELESS_RHO_D: f64 = 0.5;
+
+/// Fits every variant and reports the one asked for, or the best.
+#[must_use]
+pub fn fit_with_tier(
+    set: &ObservationSet,
+    options: &FitOptions,
+    tier: Option<Tier<'_>>,
+    cancel: &AtomicBool,
+) -> FitReport {
+    if let Some(status) = refusal(set) {
+        return empty(set, options, status);
+    }
+    let run = |variant: Variant| {
+        let tier = tier.filter(|_| variant == Variant::Sawtooth);
+        estimate(set, variant, options.starts, options.seed, tier, cancel)
+    };
+    let fitted = [
+        (VariantName::Paper, run(Variant::Paper)),
+        (VariantName::Sawtooth, run(Variant::Sawtooth)),
+    ];
+    if cancel.load(Ordering::Relaxed) {
+        return empty(set, options, Status::Cancelled);
+    }
+    let [(_, paper), (_, sawtooth)] = &fitted;
+    let dispersion = sawtooth
+        .as_ref()
+        .map_or(1.0, |e| e.chi2_reduced_without_model.max(1.0));
+    let criterion = |e: &Option<Estimate<'_>>| {
+        e.as_ref().map_or(f64::INFINITY, |e| {
+            let n = e.problem.free().len();
+            let freedom = set.observations.len().saturating_sub(n).max(1) as f64;
+            e.chi2_reduced_without_model * freedom / dispersion + 2.0 * n as f64
+        })
+    };
+    let chosen = match options.variant {
+        VariantChoice::Paper => VariantName::Paper,
+        VariantChoice::Sawtooth => VariantName::Sawtooth,
+        VariantChoice::Auto if criterion(paper) + CLEAR_GAIN < criterion(sawtooth) => {
+            VariantName::Paper
+        }
+        VariantChoice::Auto => VariantName::Sawtooth,
+    };
+    let main = match chosen {
+        VariantName::Paper => paper,
+        VariantName::Sawtooth => sawtooth,
+    };
+    let Some(main) = main else {
+        return empty(set, options, Status::NotFinite);
+    };
+    let mut report = report_of(main, chosen);
+    for (name, each) in &fitted {
+        if let Some(e) = each {
+            report.variants.push(summary(e, *name, criterion(each)));
+        }
+    }
+    if let (Some(paper), Some(sawtooth)) = (paper, sawtooth) {
+        report.warnings.extend(comparison(paper, sawtooth));
+    }
+    if dispersion > INADEQUATE {
+        report.warnings.push(format!(
+            "no variant explains the data to their counting noise (reduced chi-square {dispersion:.3} \
+             for sawtooth); what the model misses is in the uncertainties as `model`"
+        ));
+    }
+    report
+}
+
+fn comparison(paper: &Estimate<'_>, sawtooth: &Estimate<'_>) -> Option<String> {
+    let ratio = paper.rms_residual / sawtooth.rms_residual;
+    (ratio >= 1.5).then(|| {
+        format!(
+            "the variant paper leaves {ratio:.3} × the residual of sawtooth ({:.3} % against {:.3} % \
+             of the largest observation, rms)",
+            100.0 * paper.rms_residual,
+            100.0 * sawtooth.rms_residual
+        )
+    })
+}
+
+/// Why a set cannot be fitted at all.
+fn refusal(set: &ObservationSet) -> Option<Status> {
+    let finite = |v: f64| v.is_finite();
+    let samples = set.observations.iter().all(|o| {
+        finite(o.signal)
+            && finite(o.sigma)
+            && o.sigma > 0.0
+            && o.pose.theta_c.is_finite()
+            && o.pose.phi_s.is_finite()
+    });
+    let flats = set
+        .flats
+        .iter()
+        .all(|f| finite(f.signal) && finite(f.sigma) && f.sigma > 0.0 && f.theta_c.is_finite());
+    let prior = finite(set.background.mean) && set.background.std > 0.0;
+    if !(samples && flats && prior) {
+        return Some(Status::NotFinite);
+    }
+    // The offsets and the stray light have help from flats and prior, the surface has none.
+    let needed = free_quantities(set, Variant::Sawtooth).0.len() + 1;
+    (set.observations.len() < needed).then_some(Status::TooFewObservations)
+}
+
+/// A report without numbers.
+fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitReport {
+    let reason = match status {
+        Status::TooFewObservations => format!(
+            "{} observations are fewer than the free parameters and one; take more poses",
+            set.observations.len()
+        ),
+        Status::NotFinite => {
+            "an observation, its uncertainty or the model's value for it is not a \
+                              finite number; look at the reduction"
+                .to_owned()
+        }
+        Status::Cancelled => "stopped before the fit was done".to_owned(),
+        _ => "no minimum was reached".to_owned(),
+    };
+    let none = || Parameter::unknown(reason.clone());
+    let mut warnings = set.warnings.clone();
+    warnings.push(reason.clone());
+    FitReport {
+        variant: match options.variant {
+            VariantChoice::Paper => VariantName::Paper,
+            VariantChoice::Sawtooth | VariantChoice::Auto => VariantName::Sawtooth,
+        },
+        status,
+        n_observations: set.observations.len(),
+        n_frames_used: set.n_frames_used,
+        region: set.region.clone(),
+        parameters: Parameters {
+            theta_r_deg: none(),
+            alpha_u: none(),
+            alpha_v: none(),
+            rho_d: none(),
+            scale: none(),
+            background: none(),
+            azimuth_offset_deg: none(),
+            tilt_offset_deg: none(),
+        },
+        rms_residual: 0.0,
+        model_discrepancy: 0.0,
+        chi2_reduced: 0.0,
+        chi2_reduced_without_model: 0.0,
+        rejected_frames: set.rejected_frames.clone(),
+        warnings,
+        variants: Vec::new(),
+        left_out: Vec::new(),
+        fitted: Vec::new(),
+        starts: Starts::default(),
+        timing_s: Timing::default(),
+        program: program(),
+    }
+}
+
+fn program() -> String {
+    concat!("ridged ", env!("CARGO_PKG_VERSION")).to_owned()
+}
+
+fn status(e: &Estimate<'_>, uncertainty: &Uncertainty) -> Status {
+    use super::solver::Ending;
+    match e.minimum.ending {
+        Ending::Cancelled => Status::Cancelled,
+        Ending::NotFinite => Status::NotFinite,
+        _ if !uncertainty.covariance.null_directions.is_empty() => Status::RankDeficient,
+        Ending::RankDeficient => Status::RankDeficient,
+        Ending::ConvergedByStep | Ending::ConvergedByGradient if !e.minimum.at_bound.is_empty() => {
+            Status::AtBound
+        }
+        Ending::ConvergedByStep | Ending::ConvergedByGradient => Status::Converged,
+        Ending::ConvergedByCost | Ending::Stalled | Ending::MaxIterations => Status::Stalled,
+    }
+}
+
+fn summary(e: &Estimate<'_>, variant: VariantName, qaic: f64) -> VariantSummary {
+    let values = e.values.folded();
+    let free = |q| e.problem.free().contains(&q);
+    VariantSummary {
+        variant,
+        status: status(e, &uncertainty(e)),
+        rms_residual: e.rms_residual,
+        chi2_reduced_without_model: e.chi2_reduced_without_model,
+        qaic,
+        theta_r_deg: Some(values.theta_r.to_degrees()),
+        alpha_u: Some(values.alpha_u),
+        alpha_v: Some(values.alpha_v),
+        rho_d: (free(Quantity::RhoD) && e.problem.set().white_reference.is_some())
+            .then_some(values.rho_d),
+    }
+}
+
+fn report_of(e: &Estimate<'_>, variant: VariantName) -> FitReport {
+    let set = e.problem.set();
+    let u = uncertainty(e);
+    let status = status(e, &u);
+    let mut warnings = set.warnings.clone();
+    let parameters = parameters(e, &u, variant);
+    for direction in &u.covariance.null_directions {
+        let names: Vec<&str> = tied(e.problem.free(), direction)
+            .into_iter()
+            .map(spoken)
+            .collect();
+        warnings.push(format!("the data cannot tell apart: {}", names.join(", ")));
+    }
+    for &j in &e.minimum.at_bound {
+        warnings.push(format!(
+            "{} stands at the end of its range",
+            spoken(e.problem.free()[j])
+        ));
+    }
+    if variant == VariantName::Paper
+        && let Some(rho_d) = parameters.rho_d.value
+        && !(0.0..=1.0).contains(&rho_d)
+    {
+        warnings.push(format!(
+            "ρd = {rho_d:.3} is no reflectance: the printed lobe does not describe this sample"
+        ));
+    }
+    if set.white_reference.is_none() {
+        warnings.push(no_reference(set, variant, &e.values));
+    }
+    let predicted = e.problem.predicted(&e.values);
+    let fitted = predicted
+        .iter()
+        .zip(&set.observations)
+        .map(|(p, o)| FittedObservation {
+            theta_c_deg: o.pose.theta_c.deg(),
+            phi_s_deg: o.pose.phi_s.deg(),
+            signal: o.signal,
+            sigma: o.sigma,
+            fitted: *p,
+        })
+        .collect();
+    let peak = peak(set);
+    FitReport {
+        variant,
+        status,
+        n_observations: set.observations.len(),
+        n_frames_used: set.n_frames_used,
+        region: set.region.clone(),
+        parameters,
+        rms_residual: e.rms_residual,
+        model_discrepancy: e.misfit.iter().copied().fold(0.0, f64::max) / peak,
+        chi2_reduced: u.covariance.chi2_reduced,
+        chi2_reduced_without_model: e.chi2_reduced_without_model,
+        rejected_frames: set.rejected_frames.clone(),
+        warnings,
+        variants: Vec::new(),
+        left_out: left_out(e, variant),
+        fitted,
+        starts: Starts {
+            tried: e.starts.tried,
+            at_minimum: e.starts.at_minimum,
+            elsewhere: e.starts.elsewhere,
+            not_converged: e.starts.not_converged,
+        },
+        timing_s: Timing::default(),
+        program: program(),
+    }
+}
+
+/// The parameter's name as a person says it.
+fn spoken(quantity: Quantity) -> &'static str {
+    match quantity {
+        Quantity::ThetaR => "θr",
+        Quantity::AlphaU => "αu",
+        Quantity::AlphaV => "αv",
+        Quantity::RhoD => "ρd",
+        Quantity::Scale => "scale k",
+        Quantity::Background => "stray light",
+        Quantity::AzimuthOffset => "azimuth offset",
+        Quantity::TiltOffset => "tilt offset",
+    }
+}
+
+fn no_reference(set: &ObservationSet, variant: VariantName, values: &Values) -> String {
+    let half = set.rig.theta_l.deg() / 2.0;
+    let mut text = format!(
+        "k, ρd and η cannot be told apart on this rig: the difference angle is {}° in every frame; a \
+         white reference fixes k",
+        (half * 1e4).round() / 1e4
+    );
+    if variant == VariantName::Sawtooth && matches!(set.material, Material::Dielectric { .. }) {
+        text += &format!(
+            " (if the Fresnel peak of the sawtooth variant is taken as calibration, ρd reads {:.3}: \
+             that hangs on the model and is not traceable)",
+            values.rho_d
+        );
+    }
+    text
+}
+
+fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parameters {
+    let set = e.problem.set();
+    let values = e.values.folded();
+    let absolute = set.white_reference.is_some();
+    let metal = matches!(set.material, Material::Conductor { .. });
+    let of = |q: Quantity| -> Parameter {
+        let Some(j) = e.problem.free().iter().position(|f| *f == q) else {
+            return match q {
+                Quantity::RhoD if metal => Parameter::unknown(
+                    "a metal sends no light back from below its surface: there is no ρd to measure",
+                ),
+                Quantity::RhoD => Parameter::unknown(no_reference(set, variant, &e.values)),
+                _ => Parameter::unknown("not fitted"),
+            };
+        };
+        // From the solver's units to those of the report.
+        let (value, factor, hopeless) = match q {
+            Quantity::ThetaR => {
+                let deg = 1f64.to_degrees();
+                (values.theta_r.to_degrees(), deg, HOPELESS_ANGLE)
+            }
+            Quantity::AzimuthOffset => (
+                values.azimuth_offset.to_degrees(),
+                1f64.to_degrees(),
+                HOPELESS_ANGLE,
+            ),
+            Quantity::TiltOffset => (
+                values.tilt_offset.to_degrees(),
+                1f64.to_degrees(),
+                HOPELESS_ANGLE,
+            ),
+            Quantity::AlphaU => (values.alpha_u, values.alpha_u, HOPELESS_LOG_ALPHA),
+            Quantity::AlphaV => (values.alpha_v, values.alpha_v, HOPELESS_LOG_ALPHA),
+            Quantity::RhoD if variant == VariantName::Paper => (values.rho_d, 1.0, f64::INFINITY),
+            Quantity::RhoD => (values.rho_d, 1.0, HOPELESS_RHO_D),
+            Quantity::Scale => (values.scale, 1.0, f64::INFINITY),
+            Quantity::Background if absolute => (
+                values.background / values.scale,
+                1.0 / values.scale,
+                f64::INFINITY,
+            ),
+            Quantity::Background => (values.background, 1.0, f64::INFINITY),
+        };
+        if !u.covariance.identifiable[j] {
+            return Parameter::unknown(format!(
+                "{} takes part in a direction that the data leave open",
+                spoken(q)
+            ));
+        }
+        let inner = u.budgets[j];
+        if !(value.is_finite() && inner.combined() < hopeless) {
+            return Parameter::unknown(format!("these poses do not determine {}", spoken(q)));
+        }
+        Parameter::known(value, inner.scaled(factor), effective_freedom(&inner, u))
+    };
+    let mut rho_d = of(Quantity::RhoD);
+    if !absolute && !metal {
+        rho_d = Parameter::unknown(no_reference(set, variant, &e.values));
+    }
+    Parameters {
+        theta_r_deg: of(Quantity::ThetaR),
+        alpha_u: of(Quantity::AlphaU),
+        alpha_v: of(Quantity::AlphaV),
+        rho_d,
+        scale: scale(e, variant, of(Quantity::Scale)),
+        background: of(Quantity::Background),
+        azimuth_offset_deg: of(Quantity::AzimuthOffset),
+        tilt_offset_deg: of(Quantity::TiltOffset),
+    }
+}
+
+fn scale(e: &Estimate<'_>, variant: VariantName, fitted: Parameter) -> Parameter {
+    let set = e.problem.set();
+    if let Some(white) = set.white_reference {
+        let drift = set
+            .observations
+            .iter()
+            .map(|o| (o.shared.led_drift / o.signal).abs())
+            .filter(|share| share.is_finite())
+            .fold(0.0, f64::max)
+            .min(0.1);
+        let budget = Budget {
+            reference: white.reflectance_std / white.reflectance,
+            drift,
+            ..Budget::default()
+        };
+        return Parameter {
+            note: Some("fixed by the white reference".to_owned()),
+            ..Parameter::known(1.0, budget, None)
+        };
+    }
+    match variant {
+        VariantName::Paper => Parameter::unknown(no_reference(set, variant, &e.values)),
+        VariantName::Sawtooth => Parameter {
+            note: Some(
+                "signal per radiance; hangs on the model's Fresnel peak, not traceable".to_owned(),
+            ),
+            ..fitted
+        },
+    }
+}
+
+/// Welch–Satterthwaite with the model's part as the only one of few degrees of freedom beside the
+/// residuals; null from a thousand on.
+fn effective_freedom(budget: &Budget, u: &Uncertainty) -> Option<f64> {
+    let total = budget.combined().powi(4);
+    let rest = u.covariance.degrees_of_freedom.max(1) as f64;
+    let parts = budget.model.powi(4) / u.model_freedom.max(1.0) + budget.counting.powi(4) / rest;
+    let freedom = total / parts;
+    (freedom.is_finite() && freedom < 1000.0).then_some(freedom)
+}
+
+fn left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
+    let entry = |what: &str, why: &str, cost: Option<f64>| LeftOut {
+        what: what.to_owned(),
+        why: why.to_owned(),
+        cost,
+    };
+    let mut list = vec![
+        entry(
+            "average over the lamp's cone",
+            "replaced by a closed correction of the lobes' widths (α² + R²/8)",
+            Some(5e-4),
+        ),
+        entry(
+            "average over the lens's cone",
+            "the aperture is not among the rig's facts; it counts only for lobes as narrow as the cone",
+            None,
+        ),
+        entry(
+            "rounded crests, burrs, draft of the risers",
+            "the closed form is an ideal sawtooth with a right angle",
+            None,
+        ),
+    ];
+    match variant {
+        VariantName::Paper => list.push(entry(
+            "risers, diffuse walls and light that bounces twice",
+            "the variant paper is the lobe as printed",
+            Some(e.rms_residual),
+        )),
+        VariantName::Sawtooth => {
+            if e.tier_shift.iter().all(|s| *s == 0.0) {
+                list.push(entry(
+                    "two-bounce quadrature",
+                    "the closed form's approximations of the second bounce stand uncorrected",
+                    Some(e.rms_residual),
+                ));
+            }
+            list.push(entry(
+                "third bounce",
+                "it does not matter beside the second at these ridge angles",
+                Some(1e-4),
+            ));
+        }
+    }
+    list
+}

@@ -1,0 +1,246 @@
+//! Fits of the recorded series' noise-free radiances, to which stray light, a white reference and
+//! counting noise are added here: every parameter within its expanded uncertainty.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
+use ridged::fit::report::{FitReport, Parameter, Status, VariantName};
+use ridged::fit::{FitOptions, VariantChoice, fit};
+use ridged::geometry::{Pose, RigGeometry};
+use ridged::material::Material;
+use ridged::observation::{
+    FlatObservation, Observation, ObservationSet, Prior, SharedErrors, WhiteReference,
+};
+use ridged::units::Angle;
+
+/// What is put on top of the radiances.
+#[derive(Clone, Copy)]
+struct Bench {
+    stray_light: f64,
+    white_reference: bool,
+    seed: u64,
+}
+
+fn folder(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/data/series")
+        .join(name)
+}
+
+fn table(name: &str, file: &str) -> toml::Table {
+    let text = std::fs::read_to_string(folder(name).join(file)).expect("the series is there");
+    text.parse().expect("it is TOML")
+}
+
+fn number(table: &toml::Value, key: &str) -> f64 {
+    let value = table.get(key).and_then(toml::Value::as_float);
+    value.unwrap_or_else(|| panic!("{key} is a number"))
+}
+
+fn observations(name: &str, bench: Bench) -> ObservationSet {
+    let manifest = table(name, "manifest.toml");
+    let (rig, sample) = (&manifest["rig"], &manifest["sample"]);
+    let angle = |key| Angle::from_deg(number(rig, key));
+    let geometry = RigGeometry {
+        theta_l: angle("theta_l_deg"),
+        light_azimuth: angle("light_azimuth_deg"),
+        azimuth_zero: angle("azimuth_zero_deg"),
+        light_angular_radius: angle("light_angular_radius_deg"),
+    };
+    let material = if sample["kind"].as_str() == Some("conductor") {
+        Material::Conductor {
+            eta: number(sample, "eta"),
+            k: number(sample, "k"),
+            eta_std: number(sample, "eta_std"),
+            k_std: number(sample, "k_std"),
+        }
+    } else {
+        Material::Dielectric {
+            eta: number(sample, "index_of_refraction"),
+            eta_std: number(sample, "index_of_refraction_std"),
+        }
+    };
+    let mut random = rand_pcg::Pcg64::seed_from_u64(bench.seed);
+    let mut noisy = |value: f64, relative: f64| {
+        let sigma = relative * value + 1e-6;
+        let draw: f64 = random.sample(StandardNormal);
+        (value + sigma * draw, sigma)
+    };
+    let mut csv = csv::Reader::from_path(folder(name).join("radiance.csv")).expect("the radiances");
+    let mut samples = Vec::new();
+    for row in csv.records() {
+        let row = row.expect("a row");
+        let field = |k: usize| row[k].parse::<f64>().expect("a number");
+        let (signal, sigma) = noisy(field(3) + bench.stray_light, 1e-4);
+        samples.push(Observation {
+            pose: Pose::from_deg(field(0), field(1)),
+            signal,
+            sigma,
+            shared: SharedErrors {
+                white_reference: signal * 0.005 / 0.99,
+                led_drift: signal * 1e-3,
+                theta_c_zero: Angle::from_deg(0.02),
+                phi_s_zero: Angle::from_deg(0.02),
+            },
+            n_frames: 3,
+        });
+    }
+    let mut flats = Vec::new();
+    for tilt_deg in [-20.0, -15.0, -10.0, -5.0, 0.0, 5.0, 10.0, 15.0, 20.0] {
+        let theta_c = Angle::from_deg(tilt_deg);
+        let radiance = 0.99 / std::f64::consts::PI * geometry.cos_incidence(theta_c);
+        let (signal, sigma) = noisy(radiance + bench.stray_light, 1e-4);
+        flats.push(FlatObservation {
+            theta_c,
+            signal,
+            sigma,
+        });
+    }
+    let peak = samples.iter().map(|o| o.signal).fold(0.0, f64::max);
+    ObservationSet {
+        rig: geometry,
+        material,
+        observations: samples,
+        flats: if bench.white_reference {
+            flats
+        } else {
+            Vec::new()
+        },
+        white_reference: bench.white_reference.then_some(WhiteReference {
+            reflectance: 0.99,
+            reflectance_std: 0.005,
+        }),
+        background: Prior {
+            mean: 0.0,
+            std: 0.02 * peak,
+        },
+        region: None,
+        region_azimuth: Angle::ZERO,
+        n_frames_used: 354,
+        rejected_frames: Vec::new(),
+        warnings: Vec::new(),
+    }
+}
+
+fn fitted(name: &str, bench: Bench, variant: VariantChoice) -> FitReport {
+    let options = FitOptions {
+        variant,
+        ..FitOptions::default()
+    };
+    fit(
+        &observations(name, bench),
+        &options,
+        &AtomicBool::new(false),
+    )
+}
+
+/// The truth in the report's names, mounting and stray light included.
+fn truth(name: &str, bench: Bench) -> Vec<(&'static str, f64)> {
+    let truth = table(name, "truth.toml");
+    let (sample, mounting) = (&truth["sample"], &truth["mounting"]);
+    let mut all = vec![
+        ("theta_r_deg", number(sample, "theta_r_deg")),
+        ("alpha_u", number(sample, "alpha_u")),
+        ("alpha_v", number(sample, "alpha_v")),
+        ("scale", 1.0),
+        ("background", bench.stray_light),
+        ("azimuth_offset_deg", number(mounting, "azimuth_offset_deg")),
+        (
+            "tilt_offset_deg",
+            number(mounting, "camera_tilt_zero_offset_deg"),
+        ),
+    ];
+    if let Some(rho_d) = sample.get("rho_d_lambertian_equivalent") {
+        all.push(("rho_d", rho_d.as_float().expect("a number")));
+    }
+    all
+}
+
+fn parameter<'a>(report: &'a FitReport, name: &str) -> &'a Parameter {
+    let named = report.parameters.named();
+    let found = named.into_iter().find(|(n, _)| *n == name);
+    found.expect("a parameter of that name").1
+}
+
+fn check(name: &str, bench: Bench) {
+    let report = fitted(name, bench, VariantChoice::Auto);
+    assert_eq!(report.variant, VariantName::Sawtooth);
+    assert_eq!(report.status, Status::Converged, "{:?}", report.warnings);
+    for (key, true_value) in truth(name, bench) {
+        let p = parameter(&report, key);
+        let (value, expanded) = (
+            p.value.expect("a value"),
+            p.expanded.expect("its uncertainty"),
+        );
+        println!(
+            "{name:16} {key:20} {value:9.5} truth {true_value:8.5} error/std {:6.2} expanded {expanded:.5} {:?}",
+            (value - true_value) / p.std.expect("a std"),
+            p.budget.expect("a budget")
+        );
+        assert!(
+            (value - true_value).abs() <= expanded,
+            "{name} {key}: {value} ± {expanded}, truth {true_value}"
+        );
+        let limit = match key {
+            "theta_r_deg" | "azimuth_offset_deg" | "tilt_offset_deg" => 0.4,
+            "alpha_u" | "alpha_v" => 0.1 * value,
+            "rho_d" => 0.1 * value,
+            _ => f64::INFINITY,
+        };
+        assert!(expanded <= limit, "{name} {key}: {expanded} > {limit}");
+    }
+}
+
+#[test]
+fn the_truth_lies_within_the_expanded_uncertainty_of_every_series() {
+    for name in ["polymer-10", "steel-15", "paper-rig-full"] {
+        for (seed, stray_light) in [(1, 0.0), (2, 0.004), (3, 0.02)] {
+            let bench = Bench {
+                stray_light,
+                white_reference: true,
+                seed,
+            };
+            check(name, bench);
+        }
+    }
+}
+
+#[test]
+fn the_printed_variant_leaves_five_times_the_residual_on_plastic_and_the_result_says_so() {
+    let bench = Bench {
+        stray_light: 0.0,
+        white_reference: true,
+        seed: 4,
+    };
+    let report = fitted("polymer-10", bench, VariantChoice::Paper);
+    assert_eq!(report.variant, VariantName::Paper);
+    let rms = |v: VariantName| {
+        let found = report.variants.iter().find(|s| s.variant == v);
+        found.expect("both variants are listed").rms_residual
+    };
+    assert!(rms(VariantName::Paper) >= 5.0 * rms(VariantName::Sawtooth));
+    let said = |w: &String| w.contains("paper leaves") && w.contains("residual of sawtooth");
+    assert!(report.warnings.iter().any(said), "{:?}", report.warnings);
+}
+
+#[test]
+fn without_a_white_reference_rho_d_is_null_and_the_reason_is_given() {
+    let bench = Bench {
+        stray_light: 0.0,
+        white_reference: false,
+        seed: 5,
+    };
+    for variant in [VariantChoice::Paper, VariantChoice::Sawtooth] {
+        let report = fitted("polymer-10", bench, variant);
+        let rho_d = &report.parameters.rho_d;
+        assert!(!rho_d.identifiable && rho_d.value.is_none() && rho_d.budget.is_none());
+        let note = rho_d.note.as_deref().expect("a reason");
+        assert!(
+            note.contains("difference angle is 5° in every frame"),
+            "{note}"
+        );
+        assert!(report.parameters.theta_r_deg.identifiable);
+    }
+}
