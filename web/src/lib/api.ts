@@ -1,0 +1,148 @@
+// The page's only way to the daemon: typed requests, and every failure as a sentence.
+
+import type {
+  AxisName,
+  Curves,
+  CurvePoint,
+  Estimate,
+  Fit,
+  FrameRow,
+  Material,
+  Page,
+  Rig,
+  Sample,
+  Scan,
+} from './types';
+
+const PREFIX = '/api/v1';
+
+/** A refused or failed request; `message` is a sentence for people, `code` is stable for programs. */
+export class Problem extends Error {
+  readonly status: number;
+  readonly code: string;
+
+  constructor(status: number, code: string, message: string) {
+    super(message);
+    this.status = status;
+    this.code = code;
+  }
+}
+
+/** First letter large, a full stop at the end. */
+export function sentence(text: string): string {
+  const trimmed = text.trim();
+  if (trimmed === '') return '';
+  const head = trimmed.charAt(0).toUpperCase() + trimmed.slice(1);
+  return /[.!?…]$/.test(head) ? head : `${head}.`;
+}
+
+/** What a problem+json body (RFC 9457) says, as sentences; `fallback` where it says nothing. */
+export function problemSentence(body: unknown, fallback: string): string {
+  if (typeof body !== 'object' || body === null) return sentence(fallback);
+  const { title, detail, errors } = body as { title?: unknown; detail?: unknown; errors?: unknown };
+  const parts: string[] = [];
+  if (typeof detail === 'string' && detail !== '') parts.push(sentence(detail));
+  else if (typeof title === 'string' && title !== '') parts.push(sentence(title));
+  if (Array.isArray(errors)) {
+    for (const entry of errors as { field?: unknown; message?: unknown }[]) {
+      const message = typeof entry.message === 'string' ? entry.message : '';
+      if (message !== '' && !parts.some((part) => part.includes(message))) parts.push(sentence(message));
+    }
+  }
+  return parts.length > 0 ? parts.join(' ') : sentence(fallback);
+}
+
+async function ask(path: string, init?: RequestInit): Promise<Response> {
+  let response: Response;
+  try {
+    response = await fetch(path, init);
+  } catch (cause) {
+    if (cause instanceof DOMException && cause.name === 'AbortError') throw cause;
+    throw new Problem(0, 'no-answer', 'The daemon does not answer. Is “ridged serve” still running?');
+  }
+  if (response.ok) return response;
+  const body: unknown = await response.json().catch(() => null);
+  const code = (body as { code?: unknown } | null)?.code;
+  throw new Problem(
+    response.status,
+    typeof code === 'string' ? code : `http-${response.status}`,
+    problemSentence(body, `the daemon answered ${response.status} ${response.statusText}`),
+  );
+}
+
+async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
+  const response = await ask(PREFIX + path, { headers: { accept: 'application/json' }, ...(signal ? { signal } : {}) });
+  return (await response.json()) as T;
+}
+
+async function post<T>(path: string, body?: unknown): Promise<T> {
+  const init: RequestInit = { method: 'POST' };
+  if (body !== undefined) {
+    init.headers = { 'content-type': 'application/json' };
+    init.body = JSON.stringify(body);
+  }
+  const response = await ask(PREFIX + path, init);
+  const text = await response.text();
+  return (text === '' ? null : JSON.parse(text)) as T;
+}
+
+/** All pages of a list. */
+async function getAll<T>(path: string, signal?: AbortSignal): Promise<T[]> {
+  const items: T[] = [];
+  let cursor: string | null = null;
+  do {
+    const separator = path.includes('?') ? '&' : '?';
+    const page: Page<T> = await get(
+      `${path}${separator}limit=1000${cursor === null ? '' : `&cursor=${encodeURIComponent(cursor)}`}`,
+      signal,
+    );
+    items.push(...page.items);
+    cursor = page.next_cursor;
+  } while (cursor !== null);
+  return items;
+}
+
+/** What a person chose in the form of a new scan. */
+export interface ScanRequest {
+  readonly sample_id: number;
+  readonly plan: Record<string, unknown>;
+}
+
+export const api = {
+  rig: (): Promise<Rig> => get('/rig'),
+  move: (axis: AxisName, position_deg: number): Promise<unknown> => post(`/rig/axes/${axis}/move`, { position_deg }),
+  home: (axis: AxisName): Promise<unknown> => post(`/rig/axes/${axis}/home`),
+  stop: (): Promise<unknown> => post('/rig/stop'),
+
+  samples: (): Promise<Sample[]> => getAll('/samples'),
+  addSample: (name: string, material: Material): Promise<Sample> => post('/samples', { name, material }),
+
+  scans: (): Promise<Scan[]> => getAll('/scans'),
+  scan: (id: number): Promise<Scan> => get(`/scans/${id}`),
+  startScan: (request: ScanRequest): Promise<{ id: number }> => post('/scans', request),
+  estimate: (request: ScanRequest): Promise<Estimate> => post('/scans/estimate', request),
+  command: (id: number, verb: 'pause' | 'resume' | 'abort' | 'continue'): Promise<unknown> => post(`/scans/${id}/${verb}`),
+  frames: (id: number, signal?: AbortSignal): Promise<FrameRow[]> => getAll(`/scans/${id}/frames`, signal),
+  observations: (id: number, signal?: AbortSignal): Promise<Omit<CurvePoint, 'predicted' | 'residual'>[]> =>
+    getAll(`/scans/${id}/observations`, signal),
+  observationsCsvUrl: (id: number): string => `${PREFIX}/scans/${id}/observations?format=csv`,
+
+  fits: (): Promise<Fit[]> => getAll('/fits'),
+  fit: (id: number): Promise<Fit> => get(`/fits/${id}`),
+  startFit: (scan_id: number, variant: string): Promise<{ id: number }> => post('/fits', { scan_id, variant }),
+  cancelFit: (id: number): Promise<unknown> => post(`/fits/${id}/cancel`),
+  fitUrl: (id: number): string => `${PREFIX}/fits/${id}`,
+  curves: (id: number, signal?: AbortSignal): Promise<Curves> => get(`/fits/${id}/curve?step_deg=2`, signal),
+
+  /** The bytes of a frame's file. */
+  async frameBytes(row: FrameRow, signal?: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
+    const response = await ask(row.image, signal ? { signal } : undefined);
+    return new Uint8Array(await response.arrayBuffer());
+  },
+};
+
+/** The sentence to show for anything that was thrown. */
+export function spoken(error: unknown): string {
+  if (error instanceof Error) return error.message;
+  return sentence(String(error));
+}

@@ -1,0 +1,100 @@
+// Statistics of a frame's counts, and the painting of counts as colours.
+
+import { colourMap, SATURATED_RGB, type ColourMapName } from './colourmap';
+import type { Frame16 } from './png16';
+
+export interface CountStatistics {
+  readonly min: number;
+  readonly max: number;
+  readonly mean: number;
+  readonly median: number;
+  /** Pixels at or above saturation. */
+  readonly saturated: number;
+  /** Counts per bin over 0 … 65535, `HISTOGRAM_BINS` bins of equal width. */
+  readonly histogram: Uint32Array;
+  /** Levels that hide the lowest and the highest 0.2 % of the pixels. */
+  readonly autoLow: number;
+  readonly autoHigh: number;
+}
+
+export const HISTOGRAM_BINS = 256;
+
+export function countStatistics(frame: Frame16, saturationDn: number): CountStatistics {
+  const counts = new Uint32Array(65536);
+  for (const dn of frame.pixels) counts[dn] = (counts[dn] ?? 0) + 1;
+  const total = frame.pixels.length;
+  const histogram = new Uint32Array(HISTOGRAM_BINS);
+  let min = -1;
+  let max = 0;
+  let sum = 0;
+  let saturated = 0;
+  let seen = 0;
+  const quantiles = [0.002, 0.5, 0.998];
+  const levels = [0, 0, 0];
+  for (let dn = 0; dn < 65536; dn++) {
+    const n = counts[dn] ?? 0;
+    if (n === 0) continue;
+    if (min < 0) min = dn;
+    max = dn;
+    sum += n * dn;
+    if (dn >= saturationDn) saturated += n;
+    const bin = (dn * HISTOGRAM_BINS) >> 16;
+    histogram[bin] = (histogram[bin] ?? 0) + n;
+    const before = seen;
+    seen += n;
+    quantiles.forEach((q, i) => {
+      if (before < q * total && seen >= q * total) levels[i] = dn;
+    });
+  }
+  const [low = 0, median = 0, high = 0] = levels;
+  return {
+    min: Math.max(min, 0),
+    max,
+    mean: sum / total,
+    median,
+    saturated,
+    histogram,
+    autoLow: low,
+    autoHigh: Math.max(high, low + 1),
+  };
+}
+
+export interface Levels {
+  /** Counts shown as the darkest colour. */
+  readonly low: number;
+  /** Counts shown as the brightest colour. */
+  readonly high: number;
+  readonly scale: 'linear' | 'log';
+}
+
+/** Where between the levels a count lies, 0 to 1. Logarithmic: decades above the low level, one count the smallest step. */
+export function levelFraction(dn: number, levels: Levels): number {
+  const span = Math.max(levels.high - levels.low, 1);
+  const t = levels.scale === 'log' ? Math.log1p(Math.max(dn - levels.low, 0)) / Math.log1p(span) : (dn - levels.low) / span;
+  return Math.min(1, Math.max(0, t));
+}
+
+/** RGBA bytes of a frame, ready for an ImageData. */
+export function paintCounts(
+  frame: Frame16,
+  levels: Levels,
+  name: ColourMapName,
+  saturationDn: number,
+  markSaturated: boolean,
+): Uint8ClampedArray<ArrayBuffer> {
+  const map = colourMap(name);
+  const table = new Uint8Array(65536 * 3);
+  for (let dn = 0; dn < 65536; dn++) {
+    const saturated = markSaturated && dn >= saturationDn;
+    const step = Math.round(levelFraction(dn, levels) * 255);
+    for (let c = 0; c < 3; c++) table[3 * dn + c] = saturated ? (SATURATED_RGB[c] ?? 0) : (map[3 * step + c] ?? 0);
+  }
+  const rgba = new Uint8ClampedArray(frame.pixels.length * 4);
+  frame.pixels.forEach((dn, i) => {
+    rgba[4 * i] = table[3 * dn] ?? 0;
+    rgba[4 * i + 1] = table[3 * dn + 1] ?? 0;
+    rgba[4 * i + 2] = table[3 * dn + 2] ?? 0;
+    rgba[4 * i + 3] = 255;
+  });
+  return rgba;
+}

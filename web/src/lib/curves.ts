@@ -1,0 +1,65 @@
+// Observations and curves, sorted into one panel per camera tilt.
+
+import type { CurvePoint, Curves } from './types';
+
+export interface PanelCurve {
+  readonly variant: string;
+  readonly phi_s_deg: readonly number[];
+  readonly signal: readonly number[];
+}
+
+export interface Panel {
+  readonly theta_c_deg: number;
+  /** By azimuth, ascending. */
+  readonly points: readonly CurvePoint[];
+  readonly curves: readonly PanelCurve[];
+}
+
+/** Tilts closer than this are one panel: stages read back within some thousandths of a degree. */
+const SAME_TILT_DEG = 0.25;
+
+/** Panels by ascending tilt; curves go to the panel whose tilt is nearest. */
+export function panels(data: Curves): Panel[] {
+  const groups: { theta_c_deg: number; points: CurvePoint[]; curves: PanelCurve[] }[] = [];
+  for (const point of [...data.observations].sort((a, b) => a.theta_c_deg - b.theta_c_deg)) {
+    const last = groups.at(-1);
+    if (last && point.theta_c_deg - last.theta_c_deg <= SAME_TILT_DEG) last.points.push(point);
+    else groups.push({ theta_c_deg: point.theta_c_deg, points: [point], curves: [] });
+  }
+  for (const curve of data.curves) {
+    const nearest = groups.reduce<(typeof groups)[number] | null>((best, group) => {
+      const distance = Math.abs(group.theta_c_deg - curve.theta_c_deg);
+      return best === null || distance < Math.abs(best.theta_c_deg - curve.theta_c_deg) ? group : best;
+    }, null);
+    if (nearest && Math.abs(nearest.theta_c_deg - curve.theta_c_deg) <= SAME_TILT_DEG) nearest.curves.push(curve);
+  }
+  return groups.map((group) => ({
+    theta_c_deg: group.points.reduce((sum, p) => sum + p.theta_c_deg, 0) / group.points.length,
+    points: group.points.sort((a, b) => a.phi_s_deg - b.phi_s_deg),
+    curves: group.curves,
+  }));
+}
+
+/** Variants that have a curve, the fit's own first. */
+export function variantsOf(data: Curves): string[] {
+  return [...new Set(data.curves.map((c) => c.variant))];
+}
+
+/** Columns for uPlot: one common ascending x, then one column per (xs, ys), null where it has no value. */
+export function aligned(columns: readonly { readonly xs: readonly number[]; readonly ys: readonly (number | null)[] }[]): {
+  xs: number[];
+  columns: (number | null)[][];
+} {
+  const xs = [...new Set(columns.flatMap((c) => c.xs))].sort((a, b) => a - b);
+  const index = new Map(xs.map((x, i) => [x, i]));
+  return {
+    xs,
+    columns: columns.map((column) => {
+      const out = new Array<number | null>(xs.length).fill(null);
+      column.xs.forEach((x, i) => {
+        out[index.get(x) ?? 0] = column.ys[i] ?? null;
+      });
+      return out;
+    }),
+  };
+}

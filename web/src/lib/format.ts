@@ -1,0 +1,93 @@
+// Numbers, times and sizes as people read them in a laboratory.
+
+const MINUS = '−';
+/** Thin space between number and unit, and in groups of digits. */
+const THIN = '\u2009';
+
+/** `x.toFixed(decimals)` with a true minus sign and never a negative zero. */
+export function fixed(x: number, decimals: number): string {
+  const text = x.toFixed(decimals);
+  if (Number(text) === 0) return text.replace('-', '');
+  return text.replace('-', MINUS);
+}
+
+/** Decimals that show an uncertainty with two significant digits; at least 0, at most 9. */
+export function decimalsFor(uncertainty: number): number {
+  if (!Number.isFinite(uncertainty) || uncertainty <= 0) return 4;
+  // 0.0996 rounds to 0.10: one digit less than its own logarithm says.
+  const digits = 1 - Math.floor(Math.log10(Number(uncertainty.toPrecision(2))));
+  return Math.min(9, Math.max(0, digits));
+}
+
+/** Value and uncertainty rounded alike, the uncertainty to two significant digits. */
+export function withUncertainty(value: number, uncertainty: number): { value: string; uncertainty: string } {
+  const decimals = decimalsFor(uncertainty);
+  return { value: fixed(value, decimals), uncertainty: fixed(uncertainty, decimals) };
+}
+
+/** Few significant digits, exponents as powers of ten: `3.2 × 10⁻⁵`. */
+export function significant(x: number, digits = 2): string {
+  if (x === 0) return '0';
+  const exponent = Math.floor(Math.log10(Math.abs(Number(x.toPrecision(digits)))));
+  if (exponent >= -4 && exponent < 6) return fixed(x, Math.max(0, digits - 1 - exponent));
+  const mantissa = fixed(x / 10 ** exponent, digits - 1);
+  return `${mantissa}${THIN}×${THIN}10${superscript(exponent)}`;
+}
+
+function superscript(n: number): string {
+  return String(n).replace(/[-\d]/g, (c) => (c === '-' ? '⁻' : ('⁰¹²³⁴⁵⁶⁷⁸⁹'[Number(c)] ?? '')));
+}
+
+/** A fraction as a percentage with two significant digits: `0.61 %`. */
+export function percent(fraction: number): string {
+  return `${significant(fraction * 100)}${THIN}%`;
+}
+
+/** Whole numbers in groups of three: `65 535`. */
+export function count(n: number): string {
+  return fixed(Math.round(n), 0).replace(/\B(?=(\d{3})+$)/g, THIN);
+}
+
+/** `8 s`, `4 min 20 s`, `2 h 05 min`. */
+export function duration(seconds: number): string {
+  const s = Math.max(0, Math.round(seconds));
+  if (s < 60) return `${s} s`;
+  if (s < 3600) return `${Math.floor(s / 60)} min ${String(s % 60).padStart(2, '0')} s`;
+  return `${Math.floor(s / 3600)} h ${String(Math.floor((s % 3600) / 60)).padStart(2, '0')} min`;
+}
+
+/** Decimal units, as disks are sold: `2.6 MB`. */
+export function bytes(n: number): string {
+  const units = ['B', 'kB', 'MB', 'GB', 'TB'];
+  let value = n;
+  let unit = 0;
+  while (value >= 999.5 && unit < units.length - 1) {
+    value /= 1000;
+    unit += 1;
+  }
+  const text = unit === 0 || value >= 99.95 ? value.toFixed(0) : value.toFixed(1);
+  return `${text} ${units[unit]}`;
+}
+
+/** Milliseconds below 0.1 s, else up to four significant digits: `20 ms`, `0.18 s`. */
+export function exposure(seconds: number): string {
+  if (seconds < 0.1) return `${Number((seconds * 1000).toPrecision(4))} ms`;
+  return `${Number(seconds.toPrecision(4))} s`;
+}
+
+/** An angle without needless decimals: `−20°`, `12.5°`. */
+export function angle(deg: number, decimalsMax = 3): string {
+  const text = fixed(deg, decimalsMax);
+  return `${text.includes('.') ? text.replace(/\.?0+$/, '') : text}°`;
+}
+
+/** Local date and time to the minute, ISO order; today's without the date. */
+export function when(iso: string | null | undefined, now = new Date()): string {
+  if (!iso) return '';
+  const t = new Date(iso);
+  if (Number.isNaN(t.getTime())) return iso;
+  const two = (n: number): string => String(n).padStart(2, '0');
+  const clock = `${two(t.getHours())}:${two(t.getMinutes())}`;
+  if (t.toDateString() === now.toDateString()) return clock;
+  return `${t.getFullYear()}-${two(t.getMonth() + 1)}-${two(t.getDate())} ${clock}`;
+}

@@ -1,0 +1,41 @@
+// Reads what a person types for a list of angles or exposures.
+
+export type ListOutcome = { readonly ok: true; readonly values: number[] } | { readonly ok: false; readonly reason: string };
+
+/** More values than this are surely a slip of the keyboard. */
+const VALUES_MAX = 2000;
+
+/**
+ * Numbers separated by commas, blanks or semicolons; `first:step:last` is a range with both ends.
+ * `-20:10:20, 35` gives −20, −10, 0, 10, 20, 35. Repeated values are kept once.
+ */
+export function parseList(text: string): ListOutcome {
+  const values: number[] = [];
+  const words = text.replaceAll('−', '-').split(/[\s,;]+/).filter((word) => word !== '');
+  if (words.length === 0) return { ok: false, reason: 'Give at least one value.' };
+  for (const word of words) {
+    const numbers = word.split(':').map((part) => (part === '' ? Number.NaN : Number(part)));
+    const [first = Number.NaN, step = Number.NaN, last = Number.NaN] = numbers;
+    if (numbers.some((n) => !Number.isFinite(n)) || (numbers.length !== 1 && numbers.length !== 3)) {
+      return { ok: false, reason: `“${word}” is neither a number nor a range first:step:last.` };
+    }
+    if (numbers.length === 1) {
+      values.push(first);
+      continue;
+    }
+    const steps = (last - first) / step;
+    if (!(steps >= 0)) return { ok: false, reason: `The range ${word} never gets from ${first} to ${last}.` };
+    if (steps > VALUES_MAX) return { ok: false, reason: `The range ${word} has more than ${VALUES_MAX} values.` };
+    // A count, not a running sum: 0.1 added ten times is not 1. The small excess forgives rounding of the last step.
+    for (let i = 0; i <= Math.floor(steps + 1e-9); i++) values.push(Number((first + i * step).toPrecision(12)));
+  }
+  return { ok: true, values: [...new Set(values)] };
+}
+
+/** The shortest text that `parseList` reads back: ranges where steps are even. */
+export function printList(values: readonly number[]): string {
+  const [first = 0, second = 0] = values;
+  const step = Number((second - first).toPrecision(12));
+  const even = values.length > 2 && values.every((v, i) => Math.abs(v - (first + i * step)) < 1e-9 * Math.max(1, Math.abs(v)));
+  return even ? `${first}:${step}:${values[values.length - 1]}` : values.join(', ');
+}

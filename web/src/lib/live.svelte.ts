@@ -1,0 +1,220 @@
+// What the daemon knows, kept current: first by asking, then by its events. One object for the
+// whole page; parts read it and call its verbs.
+
+import { api, Problem, spoken } from './api';
+import type { Alarm, Fit, FrameRow, OperatorStep, Progress, Rig, Sample, Scan, ScanState } from './types';
+import { isActive } from './words';
+
+type Link = 'connecting' | 'live' | 'lost';
+
+interface ScanEvent {
+  readonly scan_id: number;
+  readonly state: ScanState;
+  readonly reason: string | null;
+  readonly operator: OperatorStep | null;
+  readonly progress: Progress | null;
+}
+
+interface FrameEvent extends Omit<FrameRow, 'id'> {
+  readonly frame_id: number;
+  readonly progress?: Progress | null;
+}
+
+/** Positions are asked for this often while something moves, and this often at rest. */
+const RIG_BUSY_MS = 300;
+const RIG_IDLE_MS = 3000;
+const RECONNECT_MS_MAX = 8000;
+
+export interface Notice {
+  readonly id: number;
+  readonly text: string;
+}
+
+class Live {
+  link = $state<Link>('connecting');
+  rig = $state.raw<Rig | null>(null);
+  rigProblem = $state<string | null>(null);
+  samples = $state.raw<readonly Sample[]>([]);
+  scans = $state.raw<readonly Scan[]>([]);
+  fits = $state.raw<readonly Fit[]>([]);
+  alarms = $state.raw<readonly Alarm[]>([]);
+  /** Frames that came by event since the page was opened, by scan. */
+  freshFrames = $state.raw<readonly FrameRow[]>([]);
+  /** Failures of what the person asked for. */
+  notices = $state.raw<readonly Notice[]>([]);
+  /** True once scans and fits have been read at least once. */
+  loaded = $state(false);
+
+  #source: EventSource | null = null;
+  #reconnectMs = 500;
+  #rigTimer: ReturnType<typeof setTimeout> | undefined;
+  #noticeId = 0;
+  /** How many events of each scan have come. */
+  readonly #scanEvents = new Map<number, number>();
+  #rigAsked = false;
+  #rigAgain = false;
+  #stopped = false;
+
+  /** The scan that holds the rig, if any. */
+  get activeScan(): Scan | null {
+    return this.scans.find(isActive) ?? null;
+  }
+
+  start(): () => void {
+    this.#stopped = false;
+    this.#connect();
+    void this.#pollRig();
+    return () => {
+      this.#stopped = true;
+      this.#source?.close();
+      clearTimeout(this.#rigTimer);
+    };
+  }
+
+  /** Runs what a person asked for; a failure becomes a notice. True if it went well. */
+  async attempt(work: () => Promise<unknown>): Promise<boolean> {
+    try {
+      await work();
+      return true;
+    } catch (error) {
+      this.notify(spoken(error));
+      return false;
+    } finally {
+      void this.#pollRig();
+    }
+  }
+
+  notify(text: string): void {
+    if (this.notices.some((n) => n.text === text)) return;
+    this.#noticeId += 1;
+    this.notices = [...this.notices, { id: this.#noticeId, text }].slice(-4);
+  }
+
+  dismissNotice(id: number): void {
+    this.notices = this.notices.filter((n) => n.id !== id);
+  }
+
+  dismissAlarm(id: number): void {
+    this.alarms = this.alarms.filter((a) => a.id !== id);
+  }
+
+  /** Never waits for anything else. */
+  stop(): Promise<boolean> {
+    return this.attempt(() => api.stop());
+  }
+
+  async refresh(): Promise<void> {
+    const before = new Map(this.#scanEvents);
+    const [samples, scans, fits] = await Promise.all([api.samples(), api.scans(), api.fits()]);
+    this.samples = samples;
+    this.scans = scans;
+    this.fits = fits;
+    this.loaded = true;
+    // An event that came while the answer was on its way may be newer than the answer.
+    for (const [id, n] of this.#scanEvents) if (before.get(id) !== n) await this.reloadScan(id);
+  }
+
+  async reloadScan(id: number): Promise<void> {
+    let scan: Scan;
+    let events: number | undefined;
+    let tries = 5;
+    do {
+      tries -= 1;
+      events = this.#scanEvents.get(id);
+      scan = await api.scan(id);
+    } while (this.#scanEvents.get(id) !== events && tries > 0);
+    const known = this.scans.some((s) => s.id === id);
+    this.scans = known ? this.scans.map((s) => (s.id === id ? scan : s)) : [scan, ...this.scans];
+  }
+
+  async reloadFit(id: number): Promise<void> {
+    const fit = await api.fit(id);
+    const known = this.fits.find((f) => f.id === id);
+    const merged = { ...known, ...fit };
+    this.fits = known ? this.fits.map((f) => (f.id === id ? merged : f)) : [merged, ...this.fits];
+  }
+
+  async reloadSamples(): Promise<void> {
+    this.samples = await api.samples();
+  }
+
+  #connect(): void {
+    if (this.#stopped) return;
+    const source = new EventSource('/api/v1/events');
+    this.#source = source;
+    source.onopen = () => {
+      this.link = 'live';
+      this.#reconnectMs = 500;
+      // What was missed may be more than the replay holds: read everything again.
+      this.refresh().catch((error: unknown) => this.notify(spoken(error)));
+      void this.#pollRig();
+    };
+    source.onerror = () => {
+      this.link = 'lost';
+      // EventSource gives up for good on some answers; a new one is made either way, ever more slowly.
+      source.close();
+      const wait = this.#reconnectMs;
+      this.#reconnectMs = Math.min(RECONNECT_MS_MAX, 2 * wait);
+      setTimeout(() => this.#connect(), wait);
+    };
+    const on = <T>(type: string, take: (data: T) => void): void => {
+      source.addEventListener(type, (event) => take(JSON.parse((event as MessageEvent<string>).data) as T));
+    };
+    on('rig', () => void this.#pollRig());
+    on<ScanEvent>('scan', (event) => this.#takeScan(event));
+    on<FrameEvent>('frame', (event) => this.#takeFrame(event));
+    on<{ fit_id: number }>('fit', (event) => void this.reloadFit(event.fit_id).catch(() => undefined));
+    on<Alarm>('alarm', (alarm) => {
+      if (!this.alarms.some((a) => a.id === alarm.id)) this.alarms = [...this.alarms, alarm].slice(-5);
+      void this.#pollRig();
+    });
+  }
+
+  #takeScan(event: ScanEvent): void {
+    this.#scanEvents.set(event.scan_id, (this.#scanEvents.get(event.scan_id) ?? 0) + 1);
+    const known = this.scans.find((s) => s.id === event.scan_id);
+    if (!known || !isActive({ ...known, state: event.state })) {
+      void this.reloadScan(event.scan_id).catch(() => undefined);
+      return;
+    }
+    const { state, reason, operator } = event;
+    const progress = event.progress ?? known.progress;
+    this.scans = this.scans.map((s) => (s === known ? { ...s, state, reason, operator, progress } : s));
+    void this.#pollRig();
+  }
+
+  #takeFrame(event: FrameEvent): void {
+    const { frame_id, progress, ...rest } = event;
+    const row: FrameRow = { ...rest, id: frame_id };
+    if (!this.freshFrames.some((f) => f.id === row.id)) this.freshFrames = [...this.freshFrames, row].slice(-4000);
+    if (progress) this.scans = this.scans.map((s) => (s.id === row.scan_id ? { ...s, progress } : s));
+  }
+
+  async #pollRig(): Promise<void> {
+    if (this.#stopped) return;
+    if (this.#rigAsked) {
+      this.#rigAgain = true;
+      return;
+    }
+    this.#rigAsked = true;
+    this.#rigAgain = false;
+    try {
+      this.rig = await api.rig();
+      this.rigProblem = this.rig.connected ? null : (this.rig.problem?.detail ?? 'The stages are not connected.');
+    } catch (error) {
+      this.rigProblem = spoken(error);
+      if (error instanceof Problem && error.status === 0) this.link = 'lost';
+    }
+    this.#rigAsked = false;
+    clearTimeout(this.#rigTimer);
+    if (this.#rigAgain) {
+      void this.#pollRig();
+      return;
+    }
+    const axes = this.rig?.axes;
+    const busy = this.rig?.activity !== 'idle' || axes?.theta_c.moving === true || axes?.phi_s.moving === true;
+    this.#rigTimer = setTimeout(() => void this.#pollRig(), busy && this.link === 'live' ? RIG_BUSY_MS : RIG_IDLE_MS);
+  }
+}
+
+export const live = new Live();

@@ -1,0 +1,53 @@
+// Frames of a scan, sorted into a grid of poses: tilts as rows, azimuths as columns.
+
+import type { FrameRow } from './types';
+
+export interface PoseGrid {
+  readonly tilts_deg: readonly number[];
+  readonly azimuths_deg: readonly number[];
+  /** `cells[row][column]`: frames at that pose in order of exposure, then repeat; empty if none. */
+  readonly cells: readonly (readonly FrameRow[])[][];
+}
+
+/** Stages read back within some thousandths of a degree; poses of a grid are farther apart than this. */
+const SAME_DEG = 0.25;
+
+function levels(values: readonly number[]): number[] {
+  const out: number[] = [];
+  for (const v of [...values].sort((a, b) => a - b)) {
+    const last = out.at(-1);
+    if (last === undefined || v - last > SAME_DEG) out.push(v);
+  }
+  return out.map((v) => {
+    const rounded = Math.round(v * 100) / 100;
+    return rounded === 0 ? 0 : rounded;
+  });
+}
+
+function nearest(list: readonly number[], value: number): number {
+  let best = 0;
+  list.forEach((v, i) => {
+    if (Math.abs(v - value) < Math.abs((list[best] ?? 0) - value)) best = i;
+  });
+  return best;
+}
+
+/** Grid of `frames`; `plannedTilts` and `plannedAzimuths` add places that have no frame yet. */
+export function poseGrid(frames: readonly FrameRow[], plannedTilts: readonly number[] = [], plannedAzimuths: readonly number[] = []): PoseGrid {
+  const tilts = levels([...plannedTilts, ...frames.map((f) => f.theta_c_deg)]);
+  const azimuths = levels([...plannedAzimuths, ...frames.map((f) => f.phi_s_deg)]);
+  const cells: FrameRow[][][] = tilts.map(() => azimuths.map(() => []));
+  for (const frame of frames) {
+    cells[nearest(tilts, frame.theta_c_deg)]?.[nearest(azimuths, frame.phi_s_deg)]?.push(frame);
+  }
+  for (const row of cells) {
+    for (const cell of row) cell.sort((a, b) => a.exposure_s - b.exposure_s || a.repeat - b.repeat);
+  }
+  return { tilts_deg: tilts, azimuths_deg: azimuths, cells };
+}
+
+/** The frame of a pose that shows most: the longest exposure that is not saturated, else the shortest. */
+export function bestExposure(frames: readonly FrameRow[]): FrameRow | null {
+  const fine = frames.filter((f) => f.accepted && (f.saturated_px ?? 0) === 0);
+  return fine.at(-1) ?? frames[0] ?? null;
+}

@@ -1,0 +1,43 @@
+// Which scan and which of its fits are shown; kept in the address, so that reload and links hold.
+
+import { live } from './live.svelte';
+import type { Fit, Scan } from './types';
+
+class Selection {
+  scanId = $state<number | null>(null);
+  fitId = $state<number | null>(null);
+
+  start(): () => void {
+    const read = (): void => {
+      const [, scan, fit] = /^#\/scan\/(\d+)(?:\/fit\/(\d+))?/.exec(location.hash) ?? [];
+      this.scanId = scan === undefined ? null : Number(scan);
+      this.fitId = fit === undefined ? null : Number(fit);
+    };
+    read();
+    addEventListener('hashchange', read);
+    return () => removeEventListener('hashchange', read);
+  }
+
+  show(scanId: number, fitId: number | null = null): void {
+    location.hash = `#/scan/${scanId}${fitId === null ? '' : `/fit/${fitId}`}`;
+  }
+
+  /** The chosen scan, else the one that runs, else the newest. */
+  get scan(): Scan | null {
+    const chosen = this.scanId === null ? undefined : live.scans.find((s) => s.id === this.scanId);
+    return chosen ?? live.activeScan ?? live.scans[0] ?? null;
+  }
+
+  /** Fits of the shown scan, newest first. */
+  get fits(): readonly Fit[] {
+    const id = this.scan?.id;
+    return live.fits.filter((f) => f.scan_id === id).sort((a, b) => b.id - a.id);
+  }
+
+  /** The chosen fit of the shown scan, else its newest. */
+  get fit(): Fit | null {
+    return this.fits.find((f) => f.id === this.fitId) ?? this.fits[0] ?? null;
+  }
+}
+
+export const selection = new Selection();

@@ -1,0 +1,206 @@
+// The bodies of the HTTP API (/api/v1) as this page reads them; the daemon's OpenAPI document is the source.
+
+export type AxisName = 'theta_c' | 'phi_s';
+
+export interface Axis {
+  readonly position_deg: number | null;
+  readonly moving: boolean;
+  readonly homed: boolean;
+  readonly warnings: readonly string[];
+  readonly serial: string | null;
+  readonly limit_min_deg: number;
+  readonly limit_max_deg: number;
+}
+
+export interface Rig {
+  readonly connected: boolean;
+  readonly problem: { readonly code: string; readonly detail: string } | null;
+  readonly simulated: boolean;
+  readonly description: string;
+  readonly camera: {
+    readonly description: string;
+    readonly width_px: number;
+    readonly height_px: number;
+    readonly bit_depth: number;
+    readonly saturation_dn: number;
+    readonly exposures_s: readonly number[];
+  } | null;
+  readonly time_scale: number;
+  readonly axes: Readonly<Record<AxisName, Axis>>;
+  readonly activity: 'idle' | 'moving' | 'homing' | 'scanning';
+  readonly scan_id: number | null;
+}
+
+export type Material =
+  | { readonly kind: 'dielectric'; readonly eta: number; readonly eta_std: number }
+  | { readonly kind: 'conductor'; readonly eta: number; readonly k: number; readonly eta_std: number; readonly k_std: number };
+
+export interface Sample {
+  readonly id: number;
+  readonly name: string;
+  readonly material: Material;
+  readonly note: string | null;
+  readonly simulated: unknown;
+}
+
+export type ScanState =
+  | 'planned'
+  | 'waiting-for-operator'
+  | 'running'
+  | 'pausing'
+  | 'paused'
+  | 'interrupted'
+  | 'completed'
+  | 'aborted'
+  | 'failed';
+
+export interface Plan {
+  readonly theta_c_deg: readonly number[];
+  readonly phi_s_deg: readonly number[];
+  readonly exposures_s: readonly number[];
+  readonly repeats: number;
+}
+
+export interface OperatorStep {
+  readonly action: 'cap-lens' | 'place-white-reference' | 'place-sample';
+  readonly message: string;
+}
+
+export interface Progress {
+  readonly phase: 'dark' | 'flat' | 'sample' | 'done';
+  readonly frames_done: number;
+  readonly frames_total: number;
+  readonly fraction: number;
+  readonly elapsed_s: number;
+  readonly time_left_s: number | null;
+}
+
+export interface Scan {
+  readonly id: number;
+  readonly sample_id: number;
+  readonly sample_name: string;
+  readonly state: ScanState;
+  readonly reason: string | null;
+  readonly origin: 'rig' | 'import';
+  readonly operator: OperatorStep | null;
+  readonly plan: Plan;
+  readonly progress: Progress | null;
+  readonly frames_rejected?: number;
+  readonly created_at: string;
+  readonly started_at: string | null;
+  readonly ended_at: string | null;
+}
+
+export interface Estimate {
+  readonly n_frames: number;
+  readonly n_shots: number;
+  readonly duration_s: number;
+  readonly disk_bytes: number;
+  readonly disk_free_bytes: number | null;
+  readonly operator_steps: readonly OperatorStep[];
+  readonly plan: Plan;
+}
+
+export interface FrameRow {
+  readonly id: number;
+  readonly scan_id: number;
+  readonly kind: 'sample' | 'dark' | 'flat';
+  readonly theta_c_deg: number;
+  readonly phi_s_deg: number;
+  readonly exposure_s: number;
+  readonly repeat: number;
+  readonly mean_dn: number | null;
+  readonly max_dn: number | null;
+  readonly saturated_px: number | null;
+  readonly accepted: boolean;
+  readonly reason: string | null;
+  readonly image: string;
+}
+
+export interface Parameter {
+  readonly value: number | null;
+  readonly std: number | null;
+  readonly expanded: number | null;
+  readonly coverage_factor: number | null;
+  readonly identifiable: boolean;
+  readonly budget: Readonly<Record<string, number>> | null;
+  readonly note?: string | null;
+  readonly reason?: string | null;
+}
+
+export interface RejectedFrame {
+  readonly file: string;
+  readonly reason: string;
+}
+
+/** A finished fit: the object of `ridged fit --json` with what the store adds. */
+export interface FitResult {
+  readonly variant: string;
+  readonly status: string;
+  readonly n_observations: number;
+  readonly n_frames_used: number;
+  readonly region: string | null;
+  readonly parameters: Readonly<Record<string, Parameter>>;
+  readonly rms_residual: number | null;
+  readonly model_discrepancy: number | null;
+  readonly chi2_reduced: number | null;
+  readonly chi2_reduced_without_model: number | null;
+  readonly rejected_frames: readonly RejectedFrame[];
+  readonly warnings: readonly string[];
+  readonly variants: readonly {
+    readonly variant: string;
+    readonly status?: string | null;
+    readonly rms_residual: number | null;
+    readonly theta_r_deg: number | null;
+  }[];
+  readonly left_out: readonly { readonly what: string; readonly why: string; readonly cost: number | null }[];
+  readonly timing_s: Readonly<Record<string, number>>;
+  readonly program: string;
+}
+
+export interface Fit extends Partial<FitResult> {
+  readonly id: number;
+  readonly scan_id: number;
+  readonly sample_id?: number;
+  readonly sample_name?: string;
+  readonly state: 'running' | 'completed' | 'failed' | 'cancelled' | 'interrupted';
+  readonly created_at?: string;
+  readonly error?: { readonly code: string; readonly detail: string } | null;
+}
+
+export interface CurvePoint {
+  readonly theta_c_deg: number;
+  readonly phi_s_deg: number;
+  readonly signal: number;
+  readonly sigma: number;
+  readonly n_frames?: number;
+  /** The fit's own variant at this pose; null before there is a fit. */
+  readonly predicted: number | null;
+  /** (signal − predicted) / peak. */
+  readonly residual: number | null;
+}
+
+export interface Curves {
+  /** Largest observation. */
+  readonly peak: number;
+  readonly observations: readonly CurvePoint[];
+  readonly curves: readonly {
+    readonly variant: string;
+    readonly theta_c_deg: number;
+    readonly phi_s_deg: readonly number[];
+    readonly signal: readonly number[];
+  }[];
+}
+
+export interface Alarm {
+  readonly id: number;
+  readonly at: string;
+  readonly code: string;
+  readonly message: string;
+  readonly scan_id: number | null;
+}
+
+export interface Page<T> {
+  readonly items: readonly T[];
+  readonly next_cursor: string | null;
+}

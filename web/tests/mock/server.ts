@@ -1,0 +1,430 @@
+// A stand-in for the daemon in tests of the page alone: the bodies of /api/v1, invented optics,
+// loopback, a port of its own. What the real daemon does is tested by tests/e2e.
+
+import { readFile } from 'node:fs/promises';
+import { createServer, type IncomingMessage, type Server, type ServerResponse } from 'node:http';
+import type { AddressInfo } from 'node:net';
+import { extname, join, normalize } from 'node:path';
+
+import { radiance, random, type MockSurface } from './bench';
+import { encodePng } from './png';
+
+type Json = Record<string, unknown>;
+
+interface MockScan {
+  body: Json & { id: number; state: string; sample_id: number; plan: { theta_c_deg: number[]; phi_s_deg: number[]; exposures_s: number[]; repeats: number } };
+  frames: Json[];
+  steps: string[];
+}
+
+const TYPES: Record<string, string> = {
+  '.html': 'text/html; charset=utf-8',
+  '.js': 'text/javascript',
+  '.css': 'text/css',
+  '.svg': 'image/svg+xml',
+  '.woff2': 'font/woff2',
+  '.txt': 'text/plain; charset=utf-8',
+};
+const PRESETS: Record<string, { theta_c_deg: number[]; phi_s_deg: number[] }> = {
+  paper: { theta_c_deg: [-20, -10, 0, 10, 20], phi_s_deg: [0, 90, 180] },
+  full: { theta_c_deg: [-20, -15, -10, -5, 0, 5, 10, 15, 20], phi_s_deg: Array.from({ length: 12 }, (_, i) => 30 * i) },
+};
+const MESSAGES: Record<string, string> = {
+  'cap-lens': 'put the cap on the lens, then continue',
+  'place-white-reference': 'take the cap off and lay the white reference on the table, then continue',
+  'place-sample': 'lay the sample on the table with its mark towards the zero, then continue',
+};
+const SIZE_PX = 96;
+
+export interface MockSettings {
+  /** Milliseconds per frame of a scan. */
+  readonly frameMs: number;
+  readonly dist: string;
+}
+
+export class MockDaemon {
+  readonly requests: { method: string; path: string; body: unknown }[] = [];
+  /** Paths that answer with a problem, e.g. `POST /fits`. */
+  readonly refusals = new Map<string, { status: number; body: Json }>();
+  connected = true;
+  frameMs: number;
+  readonly axes = {
+    theta_c: { position_deg: 0, moving: false, homed: true, warnings: [] as string[], serial: '90001', limit_min_deg: -60, limit_max_deg: 60 },
+    phi_s: { position_deg: 0, moving: false, homed: true, warnings: [] as string[], serial: '90002', limit_min_deg: -10, limit_max_deg: 370 },
+  };
+  readonly surfaces = new Map<number, MockSurface>();
+  readonly samples: Json[] = [];
+  readonly scans: MockScan[] = [];
+  readonly fits: Json[] = [];
+
+  #server: Server;
+  #streams = new Set<ServerResponse>();
+  #timers = new Set<NodeJS.Timeout>();
+  #ids = 0;
+  #settings: MockSettings;
+
+  constructor(settings: MockSettings) {
+    this.#settings = settings;
+    this.frameMs = settings.frameMs;
+    this.#server = createServer((request, response) => {
+      this.#answer(request, response).catch((error: unknown) => {
+        response.writeHead(500).end(String(error));
+      });
+    });
+    this.addSample('traced polymer', { theta_r_deg: 10, alpha_u: 0.12, alpha_v: 0.12, rho_d: 0.337 });
+    this.addSample('model 15°', { theta_r_deg: 15, alpha_u: 0.1, alpha_v: 0.13, rho_d: 0.3 });
+  }
+
+  async start(port = 0): Promise<string> {
+    await new Promise<void>((resolve) => this.#server.listen(port, '127.0.0.1', resolve));
+    return `http://127.0.0.1:${(this.#server.address() as AddressInfo).port}`;
+  }
+
+  async stop(): Promise<void> {
+    this.#timers.forEach(clearTimeout);
+    this.dropStreams();
+    this.#server.closeAllConnections();
+    await new Promise<void>((resolve) => this.#server.close(() => resolve()));
+  }
+
+  dropStreams(): void {
+    this.#streams.forEach((stream) => stream.end());
+    this.#streams.clear();
+  }
+
+  event(type: string, data: Json): void {
+    this.#ids += 1;
+    const text = `id: ${this.#ids}\nevent: ${type}\ndata: ${JSON.stringify({ id: this.#ids, at: new Date().toISOString(), type, ...data })}\n\n`;
+    this.#streams.forEach((stream) => stream.write(text));
+  }
+
+  addSample(name: string, surface: MockSurface): number {
+    const id = this.samples.length + 1;
+    this.samples.unshift({ id, name, material: { kind: 'dielectric', eta: 1.54, eta_std: 0.005 }, note: null, simulated: { surface: 'model', ...surface } });
+    this.surfaces.set(id, surface);
+    return id;
+  }
+
+  /** A scan with all its frames, as if it had run. */
+  addScan(sampleId: number, preset: keyof typeof PRESETS & string): number {
+    const scan = this.#newScan(sampleId, { ...(PRESETS[preset] ?? { theta_c_deg: [], phi_s_deg: [] }), exposures_s: [0.02, 0.06, 0.18], repeats: 1 });
+    scan.steps = [];
+    this.#shots(scan).forEach((shot) => this.#expose(scan, shot));
+    this.#finish(scan);
+    return scan.body.id;
+  }
+
+  addFit(scanId: number, variant = 'auto'): number {
+    const id = this.fits.length + 1;
+    this.fits.unshift({ id, scan_id: scanId, state: 'running', created_at: new Date().toISOString() });
+    this.#finishFit(id, variant);
+    return id;
+  }
+
+  #after(ms: number, work: () => void): void {
+    const timer = setTimeout(() => {
+      this.#timers.delete(timer);
+      work();
+    }, ms);
+    this.#timers.add(timer);
+  }
+
+  #scanName(sampleId: number): string {
+    return String(this.samples.find((s) => s['id'] === sampleId)?.['name'] ?? '');
+  }
+
+  #newScan(sampleId: number, plan: MockScan['body']['plan']): MockScan {
+    const id = this.scans.length + 1;
+    const scan: MockScan = {
+      body: {
+        id, sample_id: sampleId, sample_name: this.#scanName(sampleId), state: 'planned', reason: null, origin: 'rig', operator: null, plan,
+        progress: null, frames_rejected: 0, created_at: new Date().toISOString(), started_at: new Date().toISOString(), ended_at: null,
+      },
+      frames: [],
+      steps: ['cap-lens', 'place-white-reference', 'place-sample'],
+    };
+    this.scans.unshift(scan);
+    this.#progress(scan);
+    return scan;
+  }
+
+  #shots(scan: MockScan): { kind: string; theta: number; phi: number; exposure: number }[] {
+    const { theta_c_deg, phi_s_deg, exposures_s } = scan.body.plan;
+    return [
+      ...exposures_s.map((exposure) => ({ kind: 'dark', theta: 0, phi: 0, exposure })),
+      ...theta_c_deg.map((theta) => ({ kind: 'flat', theta, phi: 0, exposure: exposures_s[0] ?? 0.02 })),
+      ...theta_c_deg.flatMap((theta) => phi_s_deg.flatMap((phi) => exposures_s.map((exposure) => ({ kind: 'sample', theta, phi, exposure })))),
+    ];
+  }
+
+  #progress(scan: MockScan): void {
+    const total = this.#shots(scan).length;
+    const done = scan.frames.length;
+    const phase = this.#shots(scan)[done]?.kind ?? 'done';
+    scan.body['progress'] = {
+      phase, shots_done: done, shots_total: total, frames_done: done, frames_total: total, fraction: done / total,
+      elapsed_s: done * 0.8, time_left_s: (total - done) * 0.8,
+    };
+  }
+
+  #tell(scan: MockScan): void {
+    const { id, sample_id, state, reason, operator, progress } = scan.body as Json;
+    this.event('scan', { scan_id: id, sample_id, state, reason, operator, progress });
+  }
+
+  #finish(scan: MockScan): void {
+    scan.body.state = 'completed';
+    scan.body['ended_at'] = new Date().toISOString();
+    this.#progress(scan);
+    this.#tell(scan);
+  }
+
+  #expose(scan: MockScan, shot: { kind: string; theta: number; phi: number; exposure: number }): void {
+    const surface = this.surfaces.get(scan.body.sample_id) ?? { theta_r_deg: 10, alpha_u: 0.1, alpha_v: 0.1, rho_d: 0.3 };
+    const level = shot.kind === 'dark' ? 0 : shot.kind === 'flat' ? 0.31 : radiance(surface, shot.theta, shot.phi);
+    const mean = Math.min(65535, 200 + 2 * 1.2e6 * level * shot.exposure);
+    const id = 1000 * scan.body.id + scan.frames.length;
+    this.axes.theta_c.position_deg = shot.theta;
+    this.axes.phi_s.position_deg = shot.phi;
+    const row = {
+      id, scan_id: scan.body.id, kind: shot.kind, theta_c_deg: shot.theta + 0.0003, phi_s_deg: shot.phi - 0.0002, exposure_s: shot.exposure, repeat: 0,
+      timestamp: new Date().toISOString(), sha256: '0', width_px: SIZE_PX, height_px: SIZE_PX, bytes: 18000,
+      mean_dn: mean, max_dn: Math.min(65535, mean * 1.06), saturated_px: mean > 62000 ? 2200 : 0, accepted: mean <= 65000, reason: mean > 65000 ? 'saturated' : null,
+      image: `/api/v1/frames/${id}/image.png`,
+    };
+    scan.frames.push(row);
+    this.#progress(scan);
+    const { id: frame_id, ...rest } = row;
+    this.event('frame', { frame_id, ...rest, progress: scan.body['progress'] });
+  }
+
+  #run(scan: MockScan): void {
+    if (scan.body.state !== 'running') return;
+    const shot = this.#shots(scan)[scan.frames.length];
+    if (!shot) return this.#finish(scan);
+    const wanted = { dark: 'cap-lens', flat: 'place-white-reference', sample: 'place-sample' }[shot.kind] ?? '';
+    if (scan.steps.includes(wanted)) {
+      scan.body.state = 'waiting-for-operator';
+      scan.body['operator'] = { action: wanted, message: MESSAGES[wanted] };
+      return this.#tell(scan);
+    }
+    this.#expose(scan, shot);
+    this.#after(this.frameMs, () => this.#run(scan));
+  }
+
+  #finishFit(id: number, variant: string): void {
+    const fit = this.fits.find((f) => f['id'] === id);
+    const scan = this.scans.find((s) => s.body.id === fit?.['scan_id']);
+    const surface = scan ? this.surfaces.get(scan.body.sample_id) : undefined;
+    if (!fit || !scan || !surface) return;
+    const own = variant === 'auto' ? 'sawtooth' : variant;
+    const parameter = (value: number, parts: Json): Json => {
+      const std = Math.sqrt(Object.values(parts).reduce<number>((s, p) => s + (p as number) ** 2, 0));
+      return { value, std, expanded: 2 * std, coverage_factor: 2, identifiable: true, budget: parts };
+    };
+    const paper = own === 'paper';
+    Object.assign(fit, {
+      state: 'completed', variant: own, status: 'converged', sample_id: scan.body.sample_id, sample_name: scan.body['sample_name'],
+      n_observations: scan.body.plan.theta_c_deg.length * scan.body.plan.phi_s_deg.length, n_frames_used: scan.frames.length - 2, region: null,
+      parameters: {
+        theta_r_deg: parameter(surface.theta_r_deg + (paper ? 0.61 : 0.031), { counting: 0.0004, reference: 0.0021, angles: 0.021, model: paper ? 0.21 : 0.037 }),
+        alpha_u: parameter(surface.alpha_u * 1.004, { counting: 0.00002, reference: 0.0001, angles: 0.0003, model: 0.0011 }),
+        alpha_v: parameter(surface.alpha_v * 0.995, { counting: 0.00002, reference: 0.0002, angles: 0.0004, model: 0.0012 }),
+        rho_d: parameter(surface.rho_d * 1.006, { counting: 0.00005, reference: 0.0019, angles: 0.0001, model: 0.0014 }),
+        scale: { value: 1, std: 0.005, expanded: 0.01, coverage_factor: 2, identifiable: true, budget: { reference: 0.005 } },
+        background: parameter(0.00012, { counting: 0.00003, model: 0.00006 }),
+        azimuth_offset_deg: parameter(-0.021, { counting: 0.001, angles: 0.02, model: 0.05 }),
+        tilt_offset_deg: paper
+          ? { value: null, std: null, expanded: null, coverage_factor: null, identifiable: false, budget: null, note: 'three azimuths cannot tell it from the ridge angle' }
+          : parameter(0.004, { counting: 0.0003, angles: 0.01, model: 0.012 }),
+      },
+      rms_residual: paper ? 0.041 : 0.0061, model_discrepancy: paper ? 0.04 : 0.006, chi2_reduced: 1, chi2_reduced_without_model: 8.1e4,
+      rejected_frames: scan.frames.filter((f) => f['accepted'] === false).map((f) => ({ file: `frames/${String(f['id'])}.png`, reason: f['reason'] })),
+      warnings: ['a wedge of the sample along v reads as ridge angle one to one; remount at 180° to tell'],
+      variants: [{ variant: 'sawtooth', status: 'converged', rms_residual: 0.0061, theta_r_deg: surface.theta_r_deg + 0.031 }, { variant: 'paper', status: 'converged', rms_residual: 0.041, theta_r_deg: surface.theta_r_deg + 0.61 }],
+      left_out: [{ what: 'cone average', why: 'the lobe is twelve times wider than the lamp', cost: 1e-5 }],
+      timing_s: { read: 0.21, reduce: 0.38, fit: 0.012 }, program: 'ridged 0.1.0',
+    });
+    this.event('fit', { fit_id: id, scan_id: scan.body.id, state: 'completed', variant: own, status: 'converged' });
+  }
+
+  #curve(id: number): Json {
+    const fit = this.fits.find((f) => f['id'] === id);
+    const scan = this.scans.find((s) => s.body.id === fit?.['scan_id']);
+    const surface = scan ? this.surfaces.get(scan.body.sample_id) : undefined;
+    if (!scan || !surface) return {};
+    const own = String(fit?.['variant']);
+    const other = own === 'paper' ? 'sawtooth' : 'paper';
+    const wrong = { ...surface, theta_r_deg: surface.theta_r_deg + 0.6, alpha_v: surface.alpha_v * 1.09 };
+    const of = (variant: string, theta: number, phi: number): number => radiance(variant === 'paper' ? wrong : surface, theta, phi);
+    const noise = random(7);
+    const { theta_c_deg, phi_s_deg } = scan.body.plan;
+    const phis = Array.from({ length: 181 }, (_, i) => 2 * i);
+    const points = theta_c_deg.flatMap((theta) =>
+      phi_s_deg.map((phi) => ({ theta, phi, signal: of('sawtooth', theta, phi) * (1 + 0.012 * (noise() - 0.5)), predicted: of(own, theta, phi) })),
+    );
+    const peak = Math.max(...points.map((p) => p.signal));
+    return {
+      fit_id: id, peak,
+      observations: points.map((p) => ({
+        theta_c_deg: p.theta + 0.0003, phi_s_deg: p.phi - 0.0002, signal: p.signal, sigma: 0.0004 + 0.002 * p.signal, n_frames: 3, predicted: p.predicted,
+        residual: (p.signal - p.predicted) / peak,
+      })),
+      curves: [own, other].flatMap((variant) => theta_c_deg.map((theta) => ({ variant, theta_c_deg: theta, phi_s_deg: phis, signal: phis.map((phi) => of(variant, theta, phi)) }))),
+    };
+  }
+
+  #image(id: number): Uint8Array {
+    const row = this.scans.flatMap((s) => s.frames).find((f) => f['id'] === id);
+    const mean = Number(row?.['mean_dn'] ?? 0);
+    const noise = random(id);
+    const pixels = new Uint16Array(SIZE_PX * SIZE_PX);
+    for (let y = 0; y < SIZE_PX; y++) {
+      for (let x = 0; x < SIZE_PX; x++) {
+        const r2 = ((x - SIZE_PX / 2) ** 2 + (y - SIZE_PX / 2) ** 2) / (SIZE_PX / 2) ** 2;
+        const shot = Math.sqrt(2 * mean) * 1.7 * (noise() + noise() + noise() - 1.5);
+        pixels[y * SIZE_PX + x] = Math.max(0, Math.min(65535, Math.round(200 + (mean - 200) * (1.03 - 0.06 * r2) + shot)));
+      }
+    }
+    // One known pixel, so that a test can point at it.
+    pixels[3 * SIZE_PX + 5] = 12345;
+    return encodePng(SIZE_PX, SIZE_PX, pixels, { filter: 2 });
+  }
+
+  #rig(): Json {
+    const holder = this.scans.find((s) => ['planned', 'waiting-for-operator', 'running', 'pausing', 'paused'].includes(s.body.state));
+    const moving = this.axes.theta_c.moving || this.axes.phi_s.moving;
+    return {
+      connected: this.connected, problem: this.connected ? null : { code: 'port-missing', detail: 'the serial port /dev/ttyUSB0 does not exist: plug the stage in or correct [bench] port' },
+      simulated: true, description: 'Zaber ASCII on /dev/pts/3', time_scale: 20,
+      camera: { description: 'simulated camera, 96 × 96, 16 bit', width_px: SIZE_PX, height_px: SIZE_PX, bit_depth: 16, saturation_dn: 65535, exposures_s: [0.02, 0.06, 0.18] },
+      axes: this.axes, activity: holder?.body.state === 'running' ? 'scanning' : moving ? 'moving' : 'idle', scan_id: holder?.body.id ?? null,
+    };
+  }
+
+  async #answer(request: IncomingMessage, response: ServerResponse): Promise<void> {
+    const url = new URL(request.url ?? '/', 'http://mock');
+    const method = request.method ?? 'GET';
+    if (!url.pathname.startsWith('/api/v1')) return this.#file(url.pathname, response);
+    const path = url.pathname.slice('/api/v1'.length);
+    let text = '';
+    for await (const part of request) text += String(part);
+    const body = (text === '' ? {} : JSON.parse(text)) as Json;
+    if (method === 'POST') this.requests.push({ method, path, body });
+
+    const send = (status: number, answer: unknown, type = 'application/json'): void => {
+      response.writeHead(status, { 'content-type': type });
+      response.end(answer instanceof Uint8Array ? answer : JSON.stringify(answer));
+    };
+    const problem = (status: number, code: string, detail: string): void => send(status, { status, code, title: code, detail }, 'application/problem+json');
+    const refusal = this.refusals.get(`${method} ${path}`);
+    if (refusal) return send(refusal.status, refusal.body, 'application/problem+json');
+
+    if (path === '/events') {
+      response.writeHead(200, { 'content-type': 'text/event-stream', 'cache-control': 'no-store' });
+      response.write(': here\n\n');
+      this.#streams.add(response);
+      response.on('close', () => this.#streams.delete(response));
+      return;
+    }
+    const list = (items: unknown[]): void => send(200, { items, next_cursor: null });
+    if (path === '/rig') return send(200, this.#rig());
+    if (path === '/rig/stop') {
+      for (const axis of Object.values(this.axes)) axis.moving = false;
+      for (const scan of this.scans) {
+        if (scan.body.state === 'running') {
+          scan.body.state = 'paused';
+          scan.body['reason'] = 'stopped';
+          this.#tell(scan);
+        }
+      }
+      this.event('rig', {});
+      return send(200, { state: 'stopped' });
+    }
+    const axisMatch = /^\/rig\/axes\/(theta_c|phi_s)\/(move|home)$/.exec(path);
+    if (axisMatch) {
+      const axis = this.axes[axisMatch[1] as 'theta_c' | 'phi_s'];
+      const target = axisMatch[2] === 'home' ? 0 : Number(body['position_deg']);
+      axis.moving = true;
+      this.#after(400, () => {
+        if (!axis.moving) return;
+        axis.moving = false;
+        axis.homed = true;
+        axis.position_deg = target;
+        this.event('rig', {});
+      });
+      return send(202, { id: null, state: 'moving' });
+    }
+    if (path === '/samples' && method === 'POST') return send(201, this.samples.find((s) => s['id'] === this.addSample(String(body['name']), { theta_r_deg: 12, alpha_u: 0.1, alpha_v: 0.1, rho_d: 0.2 })));
+    if (path === '/samples') return list(this.samples);
+    if ((path === '/scans' && method === 'POST') || path === '/scans/estimate') {
+      const asked = body['plan'] as Json;
+      const plan = { exposures_s: [0.02, 0.06, 0.18], repeats: 1, ...PRESETS[String(asked['preset'])], ...asked } as MockScan['body']['plan'];
+      const beyond = plan.theta_c_deg.findIndex((t) => Math.abs(t) > 60);
+      if (beyond >= 0) {
+        return send(422, { status: 422, code: 'plan-invalid', title: 'the plan cannot run', detail: 'the plan goes beyond the travel of an axis', errors: [{ field: `plan.theta_c_deg[${beyond}]`, message: `${plan.theta_c_deg[beyond]}° is beyond the limit of 60°` }] }, 'application/problem+json');
+      }
+      if (path === '/scans/estimate') {
+        const n = 3 + plan.theta_c_deg.length + plan.theta_c_deg.length * plan.phi_s_deg.length * plan.exposures_s.length * plan.repeats;
+        return send(200, { n_frames: n, n_shots: n, duration_s: 0.8 * n, disk_bytes: 25000 * n, disk_free_bytes: 61e9, operator_steps: Object.entries(MESSAGES).map(([action, message]) => ({ action, message })), plan });
+      }
+      const scan = this.#newScan(Number(body['sample_id']), plan);
+      scan.body.state = 'running';
+      this.#tell(scan);
+      this.#after(50, () => this.#run(scan));
+      return send(202, { id: scan.body.id, state: 'planned' });
+    }
+    if (path === '/scans') return list(this.scans.map((s) => s.body));
+    const scanMatch = /^\/scans\/(\d+)(?:\/(\w+))?$/.exec(path);
+    if (scanMatch) {
+      const scan = this.scans.find((s) => s.body.id === Number(scanMatch[1]));
+      if (!scan) return problem(404, 'not-found', `there is no scan ${scanMatch[1]}`);
+      const verb = scanMatch[2];
+      if (verb === undefined) return send(200, scan.body);
+      if (verb === 'frames') return list(scan.frames);
+      if (verb === 'observations') {
+        const surface = this.surfaces.get(scan.body.sample_id);
+        const poses = new Map(scan.frames.filter((f) => f['kind'] === 'sample').map((f) => [`${String(f['theta_c_deg'])} ${String(f['phi_s_deg'])}`, f]));
+        return list([...poses.values()].map((f) => {
+          const signal = surface ? radiance(surface, Number(f['theta_c_deg']), Number(f['phi_s_deg'])) : 0;
+          return { theta_c_deg: f['theta_c_deg'], phi_s_deg: f['phi_s_deg'], signal, sigma: 0.0004 + 0.002 * signal, n_frames: 3 };
+        }));
+      }
+      if (verb === 'continue') {
+        if (scan.body.state !== 'waiting-for-operator') return problem(409, 'state-conflict', `scan ${scan.body.id} is ${scan.body.state}: there is no step to continue`);
+        scan.steps.shift();
+        scan.body['operator'] = null;
+      }
+      scan.body.state = { pause: 'paused', resume: 'running', continue: 'running', abort: 'aborted' }[verb] ?? scan.body.state;
+      scan.body['reason'] = null;
+      this.#tell(scan);
+      if (scan.body.state === 'running') this.#after(5, () => this.#run(scan));
+      return send(202, { id: scan.body.id, state: scan.body.state });
+    }
+    const imageMatch = /^\/frames\/(\d+)\/image\.png$/.exec(path);
+    if (imageMatch) return send(200, this.#image(Number(imageMatch[1])), 'image/png');
+    if (path === '/fits' && method === 'POST') {
+      const id = this.fits.length + 1;
+      this.fits.unshift({ id, scan_id: body['scan_id'], state: 'running', created_at: new Date().toISOString() });
+      this.#after(150, () => this.#finishFit(id, String(body['variant'])));
+      return send(202, { id, state: 'running' });
+    }
+    if (path === '/fits') return list(this.fits);
+    const fitMatch = /^\/fits\/(\d+)(\/curve)?$/.exec(path);
+    if (fitMatch) {
+      const id = Number(fitMatch[1]);
+      return send(200, fitMatch[2] ? this.#curve(id) : this.fits.find((f) => f['id'] === id));
+    }
+    return problem(404, 'not-found', `there is no ${path}`);
+  }
+
+  async #file(path: string, response: ServerResponse): Promise<void> {
+    const name = normalize(path === '/' ? '/index.html' : path);
+    try {
+      const bytes = await readFile(join(this.#settings.dist, name));
+      response.writeHead(200, { 'content-type': TYPES[extname(name)] ?? 'application/octet-stream' }).end(bytes);
+    } catch {
+      response.writeHead(404).end();
+    }
+  }
+}

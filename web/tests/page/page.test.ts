@@ -1,0 +1,258 @@
+// The page alone, in a real browser, against the mock daemon: what is hard to bring about on a real one.
+
+import { existsSync } from 'node:fs';
+import { join } from 'node:path';
+
+import type { Page } from 'playwright-core';
+import { afterAll, afterEach, beforeAll, beforeEach, describe, expect, it } from 'vitest';
+
+import { openBrowser, type OpenBrowser } from '../browser';
+import { MockDaemon } from '../mock/server';
+
+const DIST = join(import.meta.dirname, '../../dist');
+
+let browser: OpenBrowser;
+let daemon: MockDaemon;
+let url: string;
+let page: Page;
+let faults: string[];
+
+beforeAll(async () => {
+  if (!existsSync(join(DIST, 'index.html'))) throw new Error('the page is not built: npm run build');
+  browser = await openBrowser();
+});
+afterAll(async () => browser.close());
+
+beforeEach(async () => {
+  daemon = new MockDaemon({ dist: DIST, frameMs: 5 });
+  url = await daemon.start();
+  page = await browser.context.newPage();
+  faults = [];
+  page.on('pageerror', (error) => faults.push(error.message));
+});
+afterEach(async () => {
+  await page.close();
+  await daemon.stop();
+  expect(faults).toEqual([]);
+});
+
+const posts = (): string[] => daemon.requests.map((r) => r.path);
+
+async function text(selector: string): Promise<string> {
+  return (await page.locator(selector).innerText()).replace(/\s+/g, ' ').trim();
+}
+
+describe('stop', () => {
+  it('goes out by click and by Escape, from inside a field too', async () => {
+    await page.goto(url);
+    await page.getByRole('button', { name: /STOP/ }).click();
+    await expect.poll(posts).toEqual(['/rig/stop']);
+    await page.getByLabel('camera tilt: move to, degrees').focus();
+    await page.keyboard.press('Escape');
+    await expect.poll(posts).toEqual(['/rig/stop', '/rig/stop']);
+  });
+
+  it('is in view on a narrow screen however far one scrolls', async () => {
+    daemon.addFit(daemon.addScan(1, 'full'));
+    await page.setViewportSize({ width: 390, height: 700 });
+    await page.goto(url);
+    await page.getByTestId('parameters').waitFor();
+    await page.evaluate(() => scrollTo(0, document.body.scrollHeight));
+    const box = await page.getByRole('button', { name: /STOP/ }).boundingBox();
+    expect(box).not.toBeNull();
+    expect(box?.y).toBeGreaterThanOrEqual(0);
+    expect((box?.y ?? 1e9) + (box?.height ?? 0)).toBeLessThan(700);
+    const overflow = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+    expect(overflow).toBeLessThanOrEqual(0);
+  });
+});
+
+describe('moving by hand', () => {
+  it('refuses an angle beyond the travel before asking', async () => {
+    await page.goto(url);
+    await page.getByLabel('camera tilt: move to, degrees').fill('75');
+    expect(await page.getByText('Between −60° and 60°.').isVisible()).toBe(true);
+    expect(await page.locator('[data-axis=theta_c]').getByRole('button', { name: 'Move' }).isDisabled()).toBe(true);
+    expect(posts()).toEqual([]);
+  });
+
+  it('sends the angle typed with a comma or a true minus', async () => {
+    await page.goto(url);
+    await page.getByLabel('camera tilt: move to, degrees').fill('−12,5');
+    await page.locator('[data-axis=theta_c]').getByRole('button', { name: 'Move' }).click();
+    await expect.poll(() => daemon.requests.at(-1)).toEqual({ method: 'POST', path: '/rig/axes/theta_c/move', body: { position_deg: -12.5 } });
+    await expect.poll(() => text('[data-axis=theta_c] output')).toBe('−12.500°');
+  });
+});
+
+describe('faults', () => {
+  it('shows a refusal as a sentence and lets it be closed', async () => {
+    daemon.addScan(1, 'paper');
+    daemon.refusals.set('POST /fits', { status: 507, body: { code: 'disk-full', title: 'no room', detail: 'the disk of /data has 3 MB left: remove something or move the store' } });
+    await page.goto(url);
+    await page.getByRole('button', { name: 'Fit', exact: true }).click();
+    const alert = page.getByRole('alert').filter({ hasText: 'The disk of /data has 3 MB left: remove something or move the store.' });
+    await alert.waitFor();
+    await alert.getByRole('button', { name: 'Close' }).click();
+    await alert.waitFor({ state: 'detached' });
+  });
+
+  it('says why a plan cannot run before it is started', async () => {
+    await page.goto(url);
+    await page.getByText('custom', { exact: true }).click();
+    await page.getByLabel(/Camera tilts/).fill('0, 75');
+    await page.getByText('75° is beyond the limit of 60°.').waitFor();
+    expect(await page.getByRole('button', { name: 'Start scan' }).isDisabled()).toBe(true);
+  });
+
+  it('names the port that is missing and locks what needs it', async () => {
+    daemon.connected = false;
+    await page.goto(url);
+    await page.getByText('The serial port /dev/ttyUSB0 does not exist').waitFor();
+    expect(await page.getByRole('button', { name: 'Start scan' }).isDisabled()).toBe(true);
+    expect(await page.getByRole('button', { name: /STOP/ }).isEnabled()).toBe(true);
+  });
+
+  it('shows an alarm until it is seen', async () => {
+    await page.goto(url);
+    await page.getByText('at rest').waitFor();
+    await expect.poll(async () => {
+      daemon.event('alarm', { code: 'stage-stalled', message: 'the tilt axis stalled at 12.3°', scan_id: null });
+      return page.getByText('The tilt axis stalled at 12.3°.').count();
+    }).toBeGreaterThan(0);
+    for (let n = await page.getByRole('button', { name: 'Seen' }).count(); n > 0; n--) await page.getByRole('button', { name: 'Seen' }).first().click();
+    expect(await page.getByText('The tilt axis stalled at 12.3°.').count()).toBe(0);
+  });
+
+  it('finds the daemon again after it was away, and what happened meanwhile', async () => {
+    await page.goto(url);
+    await page.getByText('at rest').waitFor();
+    const port = Number(new URL(url).port);
+    await daemon.stop();
+    await page.getByText('The daemon cannot be reached.').waitFor();
+    daemon = new MockDaemon({ dist: DIST, frameMs: 5 });
+    daemon.addFit(daemon.addScan(2, 'paper'));
+    await daemon.start(port);
+    await page.getByText('at rest').waitFor();
+    await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('15.031 ± 0.085°');
+  });
+});
+
+describe('a scan', () => {
+  it('asks for its steps, counts its frames and is fitted', async () => {
+    await page.goto(url);
+    await page.getByRole('combobox', { name: 'Sample' }).selectOption({ label: 'model 15°' });
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    for (const step of ['Cap the lens', 'Place the white reference', 'Place the sample model 15°']) {
+      await page.getByRole('heading', { name: step }).waitFor();
+      await page.getByRole('button', { name: 'Continue' }).click();
+    }
+    await page.getByRole('button', { name: 'Fit', exact: true }).click();
+    await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('15.031 ± 0.085°');
+    expect(posts().filter((p) => p !== '/scans/estimate')).toEqual(['/scans', ...Array(3).fill('/scans/1/continue'), '/fits']);
+  });
+
+  it('pauses, resumes and is aborted only when confirmed', async () => {
+    daemon.frameMs = 100;
+    await page.goto(url);
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    for (let i = 0; i < 3; i++) await page.getByRole('button', { name: 'Continue' }).click();
+    await page.getByRole('button', { name: 'Pause' }).click();
+    await page.getByRole('button', { name: 'Resume' }).click();
+    await page.getByRole('button', { name: 'Abort …' }).click();
+    await page.getByRole('button', { name: 'Keep' }).click();
+    await page.getByRole('button', { name: 'Pause' }).click();
+    await page.getByRole('button', { name: 'Abort …' }).click();
+    await page.getByRole('button', { name: 'Abort for good' }).click();
+    await page.getByText('aborted').first().waitFor();
+    expect(posts().filter((p) => p.endsWith('/abort'))).toHaveLength(1);
+  });
+});
+
+describe('a frame', () => {
+  it('tells the full 16-bit count of the pixel under the cursor, by pointer and by keys', async () => {
+    daemon.addScan(1, 'paper');
+    await page.goto(url);
+    const canvas = page.getByTestId('frame');
+    await canvas.waitFor();
+    await expect.poll(() => canvas.evaluate((c) => (c as HTMLCanvasElement).width)).toBe(96);
+    await canvas.scrollIntoViewIfNeeded();
+    const box = await canvas.boundingBox();
+    if (!box) throw new Error('the frame is not shown');
+    await canvas.hover({ position: { x: ((5 + 0.5) / 96) * box.width, y: ((3 + 0.5) / 96) * box.height } });
+    await expect.poll(() => text('[data-testid=pixel]')).toBe('column 5, row 3: 12 345 DN');
+    await page.locator('.stage').focus();
+    await page.keyboard.press('ArrowRight');
+    await expect.poll(() => text('[data-testid=pixel]')).toMatch(/^column 6, row 3: /);
+  });
+
+  it('paints saturated pixels in a colour of their own, and only when asked to', async () => {
+    daemon.addScan(1, 'full');
+    await page.goto(url);
+    await page.getByRole('button', { name: 'θc −15°, φs 180°', exact: false }).click();
+    await page.getByRole('button', { name: '0.18 s' }).click();
+    const red = (): Promise<number> =>
+      page.getByTestId('frame').evaluate((c) => {
+        const canvas = c as HTMLCanvasElement;
+        const rgba = canvas.getContext('2d')?.getImageData(0, 0, canvas.width, canvas.height).data ?? [];
+        let n = 0;
+        for (let i = 0; i < rgba.length; i += 4) if (rgba[i] === 255 && rgba[i + 1] === 45 && rgba[i + 2] === 85) n += 1;
+        return n;
+      });
+    await expect.poll(red).toBeGreaterThan(100);
+    await page.getByLabel('mark saturated').uncheck();
+    await expect.poll(red).toBe(0);
+  });
+});
+
+describe('a fit', () => {
+  it('says which parameter the data cannot tell, and what an uncertainty is made of', async () => {
+    const scan = daemon.addScan(1, 'full');
+    daemon.addFit(scan, 'paper');
+    await page.goto(url);
+    const tilt = page.locator('[data-row=tilt_offset_deg]');
+    await tilt.waitFor();
+    expect(await tilt.innerText()).toContain('not told by these data');
+    expect(await tilt.innerText()).toContain('three azimuths cannot tell it');
+    await page.locator('[data-row=theta_r_deg]').getByRole('button').click();
+    expect(await text('#budget-theta_r_deg')).toContain('angles 0.021° · 0.99 % of the variance');
+  });
+
+  it('is compared with others, and another one is shown by its link', async () => {
+    daemon.addFit(daemon.addScan(1, 'full'), 'paper');
+    daemon.addFit(daemon.addScan(2, 'paper'));
+    await page.goto(url);
+    await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('15.031 ± 0.085°');
+    await page.getByTestId('fits').getByRole('link', { name: '1', exact: true }).click();
+    await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('10.61 ± 0.42°');
+    expect(await page.getByTestId('curves').locator('figure').count()).toBe(9);
+    expect(new URL(page.url()).hash).toBe('#/scan/1/fit/1');
+  });
+});
+
+describe('the theme', () => {
+  it('is switched by hand and remembered', async () => {
+    await page.goto(url);
+    await page.getByRole('button', { name: 'Use the dark theme' }).click();
+    await page.reload();
+    expect(await page.evaluate(() => document.documentElement.dataset['theme'])).toBe('dark');
+    await page.getByRole('button', { name: 'Use the light theme' }).click();
+  });
+});
+
+describe('names for everybody', () => {
+  it('every control has a name, and no element repeats an id', async () => {
+    daemon.addFit(daemon.addScan(1, 'full'));
+    await page.goto(url);
+    await page.getByTestId('parameters').waitFor();
+    const bad = await page.evaluate(() => {
+      const named = (e: Element): boolean =>
+        (e.getAttribute('aria-label') ?? e.textContent ?? '').trim() !== '' ||
+        [...((e as HTMLInputElement).labels ?? [])].some((l) => (l.textContent ?? '').trim() !== '');
+      const nameless = [...document.querySelectorAll('button, input, select, a')].filter((e) => !named(e)).map((e) => e.outerHTML);
+      const ids = [...document.querySelectorAll('[id]')].map((e) => e.id);
+      return [...nameless, ...ids.filter((id, i) => ids.indexOf(id) !== i)];
+    });
+    expect(bad).toEqual([]);
+  });
+});

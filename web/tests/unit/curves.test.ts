@@ -1,0 +1,56 @@
+import { describe, expect, it } from 'vitest';
+
+import { aligned, panels, variantsOf } from '../../src/lib/curves';
+import { bestExposure, poseGrid } from '../../src/lib/poses';
+import type { Curves, FrameRow } from '../../src/lib/types';
+
+const point = (theta_c_deg: number, phi_s_deg: number) => ({ theta_c_deg, phi_s_deg, signal: 1, sigma: 0.01, predicted: null, residual: null });
+
+describe('panels', () => {
+  const data: Curves = {
+    peak: 1,
+    observations: [point(10.0003, 90), point(-20.0001, 0), point(9.9998, 0), point(-19.9997, 90)],
+    curves: [
+      { variant: 'sawtooth', theta_c_deg: 10, phi_s_deg: [0, 90], signal: [1, 1] },
+      { variant: 'paper', theta_c_deg: 10, phi_s_deg: [0, 90], signal: [1, 1] },
+      { variant: 'sawtooth', theta_c_deg: 45, phi_s_deg: [0], signal: [1] },
+    ],
+  };
+
+  it('puts tilts that differ by read-back noise together, azimuths ascending', () => {
+    expect(panels(data).map((p) => p.points.map((q) => q.phi_s_deg))).toEqual([[0, 90], [0, 90]]);
+    expect(panels(data).map((p) => Math.round(p.theta_c_deg))).toEqual([-20, 10]);
+  });
+
+  it('gives curves to their own tilt and drops those of no tilt', () => {
+    expect(panels(data).map((p) => p.curves.map((c) => c.variant))).toEqual([[], ['sawtooth', 'paper']]);
+    expect(variantsOf(data)).toEqual(['sawtooth', 'paper']);
+  });
+});
+
+describe('aligned', () => {
+  it('merges two sets of x and leaves null where one has no value', () => {
+    expect(aligned([{ xs: [0, 2], ys: [5, 6] }, { xs: [2, 1], ys: [8, 7] }])).toEqual({ xs: [0, 1, 2], columns: [[5, null, 6], [null, 7, 8]] });
+  });
+});
+
+describe('poseGrid', () => {
+  const frame = (id: number, theta_c_deg: number, phi_s_deg: number, exposure_s = 0.02, rest: Partial<FrameRow> = {}): FrameRow => ({
+    id, scan_id: 1, kind: 'sample', theta_c_deg, phi_s_deg, exposure_s, repeat: 0, mean_dn: 1, max_dn: 2, saturated_px: 0, accepted: true, reason: null, image: '', ...rest,
+  });
+
+  it('keeps a place for planned poses without frames', () => {
+    const grid = poseGrid([frame(1, -20.0002, 0.0001)], [-20, 20], [0, 90]);
+    expect(grid.tilts_deg).toEqual([-20, 20]);
+    expect(grid.azimuths_deg).toEqual([0, 90]);
+    expect(grid.cells.map((row) => row.map((cell) => cell.length))).toEqual([[1, 0], [0, 0]]);
+  });
+
+  it('prefers the longest exposure that is not saturated', () => {
+    const [cell = []] = poseGrid([frame(3, 0, 0, 0.18, { saturated_px: 9 }), frame(2, 0, 0, 0.06), frame(1, 0, 0, 0.02)]).cells[0] ?? [];
+    expect(cell.map((f) => f.id)).toEqual([1, 2, 3]);
+    expect(bestExposure(cell)?.id).toBe(2);
+    expect(bestExposure([frame(4, 0, 0, 0.02, { saturated_px: 1 })])?.id).toBe(4);
+    expect(bestExposure([])).toBeNull();
+  });
+});

@@ -1,0 +1,68 @@
+import { describe, expect, it } from 'vitest';
+
+import { angle, bytes, count, decimalsFor, duration, exposure, fixed, percent, significant, when, withUncertainty } from '../../src/lib/format';
+
+describe('withUncertainty', () => {
+  it('rounds value and uncertainty to the same place, two digits of the uncertainty', () => {
+    expect(withUncertainty(10.03127, 0.0849)).toEqual({ value: '10.031', uncertainty: '0.085' });
+    expect(withUncertainty(0.120481, 0.00231)).toEqual({ value: '0.1205', uncertainty: '0.0023' });
+    expect(withUncertainty(-3.2, 1.24)).toEqual({ value: '−3.2', uncertainty: '1.2' });
+  });
+
+  it('does not print three digits where rounding carries over', () => {
+    expect(withUncertainty(1, 0.0996)).toEqual({ value: '1.00', uncertainty: '0.10' });
+    expect(decimalsFor(9.96)).toBe(0);
+  });
+
+  it('has an answer where there is no uncertainty', () => {
+    expect(decimalsFor(0)).toBe(4);
+    expect(decimalsFor(Number.NaN)).toBe(4);
+  });
+});
+
+describe('numbers', () => {
+  it('never print a negative zero, and print a true minus', () => {
+    expect(fixed(-0.0004, 3)).toBe('0.000');
+    expect(fixed(-0.0006, 3)).toBe('−0.001');
+    expect(angle(-20)).toBe('−20°');
+    expect(angle(12.5)).toBe('12.5°');
+    expect(angle(-0.0001)).toBe('0°');
+  });
+
+  it('keep their significant digits at every size', () => {
+    expect(significant(0.0123)).toBe('0.012');
+    expect(significant(81000)).toBe('81000');
+    expect(significant(0.000012)).toBe('1.2\u2009×\u200910⁻⁵');
+    expect(significant(9.99e-5)).toBe('0.00010');
+    expect(significant(0)).toBe('0');
+    expect(percent(0.0061)).toBe('0.61\u2009%');
+  });
+
+  it('group digits by three', () => {
+    expect(count(65535)).toBe('65\u2009535');
+    expect(count(999)).toBe('999');
+    expect(count(1234567)).toBe('1\u2009234\u2009567');
+  });
+
+  it('read as times, sizes and exposures', () => {
+    expect(duration(59.4)).toBe('59 s');
+    expect(duration(59.6)).toBe('1 min 00 s');
+    expect(duration(260)).toBe('4 min 20 s');
+    expect(duration(7500)).toBe('2 h 05 min');
+    expect(bytes(999)).toBe('999 B');
+    expect(bytes(9_400_000)).toBe('9.4 MB');
+    expect(bytes(999_950)).toBe('1.0 MB');
+    expect(bytes(61e9)).toBe('61.0 GB');
+    expect(exposure(0.02)).toBe('20 ms');
+    expect(exposure(0.18)).toBe('0.18 s');
+  });
+});
+
+describe('when', () => {
+  it('leaves out today’s date only', () => {
+    const now = new Date(2026, 10, 21, 15, 0);
+    expect(when(new Date(2026, 10, 21, 9, 5).toISOString(), now)).toBe('09:05');
+    expect(when(new Date(2026, 10, 20, 9, 5).toISOString(), now)).toBe('2026-11-20 09:05');
+    expect(when(null)).toBe('');
+  });
+});

@@ -1,0 +1,58 @@
+import { describe, expect, it } from 'vitest';
+
+import { problemSentence, sentence } from '../../src/lib/api';
+import type { Parameter } from '../../src/lib/types';
+import { identifiability, varianceShares, warningWords } from '../../src/lib/words';
+
+describe('problemSentence', () => {
+  it('says the detail and every field’s fault, once each', () => {
+    const body = {
+      title: 'the plan cannot run',
+      detail: 'two angles are beyond the travel',
+      errors: [
+        { field: 'plan.theta_c_deg[2]', message: '75° is beyond the limit of 60°' },
+        { field: 'plan.theta_c_deg[2]', message: '75° is beyond the limit of 60°' },
+      ],
+    };
+    expect(problemSentence(body, 'x')).toBe('Two angles are beyond the travel. 75° is beyond the limit of 60°.');
+  });
+
+  it('falls back where the body is no problem', () => {
+    expect(problemSentence(null, 'the daemon answered 502')).toBe('The daemon answered 502.');
+    expect(problemSentence({ title: 'busy' }, 'x')).toBe('Busy.');
+    expect(sentence('Is it on?')).toBe('Is it on?');
+  });
+});
+
+describe('varianceShares', () => {
+  it('adds up to one, in quadrature, in the legend’s order', () => {
+    const shares = varianceShares({ model: 0.4, counting: 0.3, zero: 0 });
+    expect(shares.map((s) => s.key)).toEqual(['counting', 'model']);
+    expect(shares[0]?.share).toBeCloseTo(0.36, 12);
+    expect(shares[1]?.share).toBeCloseTo(0.64, 12);
+  });
+
+  it('puts sources without a word of their own last', () => {
+    expect(varianceShares({ wedge: 1, model: 1, counting: 1 }).map((s) => s.key)).toEqual(['counting', 'model', 'wedge']);
+  });
+});
+
+describe('identifiability', () => {
+  const told: Parameter = { value: 1, std: 0.1, expanded: 0.2, coverage_factor: 2, identifiable: true, budget: {} };
+
+  it('never calls a null told', () => {
+    expect(identifiability({ ...told, value: null }).tone).toBe('bad');
+    expect(identifiability({ ...told, identifiable: false, note: 'no white reference' })).toEqual({
+      word: 'not told by these data', tone: 'bad', detail: 'no white reference',
+    });
+    expect(identifiability(told).tone).toBe('good');
+  });
+});
+
+describe('warningWords', () => {
+  it('tells faults from warnings', () => {
+    expect(warningWords('FS')).toEqual({ text: 'stalled and stopped', serious: true });
+    expect(warningWords('WR').serious).toBe(false);
+    expect(warningWords('XY').text).toBe('XY');
+  });
+});

@@ -1,0 +1,19 @@
+import { svelte } from '@sveltejs/vite-plugin-svelte';
+import { defineConfig } from 'vitest/config';
+
+export default defineConfig({
+  plugins: [svelte()],
+  // The daemon serves the page at its root; relative paths keep it movable.
+  base: './',
+  build: { target: 'es2023', outDir: 'dist', emptyOutDir: true, assetsInlineLimit: 0, reportCompressedSize: true },
+  server: { proxy: { '/api': process.env['RIDGED_URL'] ?? 'http://127.0.0.1:8787' } },
+  test: {
+    projects: [
+      { extends: true, test: { name: 'unit', include: ['tests/unit/**/*.test.ts'], environment: 'node' } },
+      // These three drive headless Chromium; each file starts what it needs on a loopback port of its own.
+      { extends: true, test: { name: 'page', include: ['tests/page/**/*.test.ts'], environment: 'node', testTimeout: 60_000, hookTimeout: 60_000 } },
+      { extends: true, test: { name: 'e2e', include: ['tests/e2e/**/*.test.ts'], environment: 'node', testTimeout: 240_000, hookTimeout: 60_000, fileParallelism: false } },
+      { extends: true, test: { name: 'screenshot', include: ['tests/screenshot/**/*.test.ts'], environment: 'node', testTimeout: 240_000, hookTimeout: 60_000 } },
+    ],
+  },
+});
