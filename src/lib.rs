@@ -9,6 +9,7 @@ pub mod geometry;
 pub mod material;
 pub mod model;
 pub mod observation;
+pub mod reduction;
 pub mod scan;
 pub mod series;
 pub mod sim;

@@ -1,0 +1,357 @@
+//! Dark frames → what each pixel counts without light, per exposure time; hot and noisy pixels.
+//!
+//! Counts are summed as whole numbers, so the result does not depend on the order of the frames.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::ReductionError;
+use super::journal::{Journal, Rejection};
+use super::load::{Calls, load};
+use super::sensor::{Sensor, median, robust_spread};
+
+/// Pixels further than this many robust standard deviations from the others are defects.
+const DEFECT_SIGMAS: f64 = 8.0;
+
+/// Mean dark frame for one exposure time.
+#[derive(Debug, Clone)]
+pub(super) struct Dark {
+    pub(super) exposure_s: f64,
+    /// Mean count per pixel.
+    pub(super) level_dn: Arc<[f32]>,
+    /// Mean variance of `level_dn`, the noise that the mean has left.
+    pub(super) variance_dn2: f64,
+    /// Mean of `level_dn` over good pixels.
+    pub(super) mean_dn: f64,
+}
+
+/// All dark frames of a series.
+#[derive(Debug, Clone)]
+pub(super) struct Darks {
+    /// By exposure time; never empty.
+    by_exposure: Vec<Dark>,
+    /// Pixels that are neither hot nor noisy.
+    pub(super) good: Vec<bool>,
+    /// Dark frames used.
+    pub(super) n_frames: u32,
+}
+
+struct Sums {
+    frames: u32,
+    dn: Vec<u32>,
+    dn2: Vec<u64>,
+}
+
+impl Darks {
+    /// Reads the dark frames, leaves out those that disagree with the rest, and averages them.
+    /// Without any the black level of the manifest stands in, and a warning says so. The read
+    /// noise of `sensor` is replaced by the measured one where the two disagree.
+    pub(super) fn read(
+        calls: &Calls<'_>,
+        sensor: &mut Sensor,
+        journal: &mut Journal,
+    ) -> Result<Self, ReductionError> {
+        let rows = calls.rows_of(crate::frame::FrameKind::Dark);
+        let accepted = accepted(calls, &rows, sensor, journal)?;
+        let mut groups: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
+        for index in &accepted {
+            let exposure_s = calls.source.rows()[*index].exposure_s;
+            groups.entry(exposure_s.to_bits()).or_default().push(*index);
+        }
+        if groups.is_empty() {
+            journal.warn(format!(
+                "no usable dark frame: the black level of the manifest ({} DN) stands in and dark current counts as light; take dark frames with the lens capped at each exposure time",
+                sensor.black_dn
+            ));
+            return Ok(Darks {
+                by_exposure: vec![Dark {
+                    exposure_s: 0.0,
+                    level_dn: vec![sensor.black_dn as f32; sensor.pixels()].into(),
+                    variance_dn2: 0.0,
+                    mean_dn: sensor.black_dn,
+                }],
+                good: vec![true; sensor.pixels()],
+                n_frames: 0,
+            });
+        }
+        let sums: Vec<(f64, Sums)> = groups
+            .into_par_iter()
+            .map(|(bits, indices)| Ok((f64::from_bits(bits), sum(calls, &indices, sensor)?)))
+            .collect::<Result<_, ReductionError>>()?;
+        check_read_noise(&sums, sensor, journal);
+        let good = good_pixels(&sums, sensor);
+        let by_exposure = sums
+            .into_iter()
+            .map(|(exposure_s, sums)| {
+                let n = f64::from(sums.frames);
+                let level: Arc<[f32]> = sums
+                    .dn
+                    .iter()
+                    .map(|dn| (f64::from(*dn) / n) as f32)
+                    .collect();
+                let (count, total) = level
+                    .iter()
+                    .zip(&good)
+                    .filter(|(_, good)| **good)
+                    .fold((0_u32, 0.0), |(c, t), (dn, _)| (c + 1, t + f64::from(*dn)));
+                let mean_dn = total / f64::from(count.max(1));
+                Dark {
+                    exposure_s,
+                    variance_dn2: sensor.variance_dn2(mean_dn - sensor.black_dn) / n,
+                    level_dn: level,
+                    mean_dn,
+                }
+            })
+            .collect();
+        Ok(Darks {
+            by_exposure,
+            good,
+            n_frames: accepted.len() as u32,
+        })
+    }
+
+    /// The dark frame for an exposure time: measured, or interpolated between (never beyond) the
+    /// exposure times that were measured.
+    pub(super) fn at(&self, exposure_s: f64) -> Dark {
+        let close = |a: f64, b: f64| (a - b).abs() <= 1e-6 * a.abs().max(b.abs());
+        if let Some(dark) = self
+            .by_exposure
+            .iter()
+            .find(|d| close(d.exposure_s, exposure_s))
+        {
+            return dark.clone();
+        }
+        let above = self
+            .by_exposure
+            .iter()
+            .position(|d| d.exposure_s > exposure_s);
+        match above {
+            Some(above) if above > 0 => {
+                let (low, high) = (&self.by_exposure[above - 1], &self.by_exposure[above]);
+                let share = (exposure_s - low.exposure_s) / (high.exposure_s - low.exposure_s);
+                let mix = |a: f64, b: f64| a + share * (b - a);
+                Dark {
+                    exposure_s,
+                    level_dn: low
+                        .level_dn
+                        .iter()
+                        .zip(high.level_dn.iter())
+                        .map(|(a, b)| mix(f64::from(*a), f64::from(*b)) as f32)
+                        .collect(),
+                    variance_dn2: mix(low.variance_dn2, high.variance_dn2),
+                    mean_dn: mix(low.mean_dn, high.mean_dn),
+                }
+            }
+            Some(_) => self.by_exposure[0].clone(),
+            None => self
+                .by_exposure
+                .last()
+                .expect("there is always one dark frame")
+                .clone(),
+        }
+    }
+
+    /// Whether an exposure time has its own dark frames, or lies between two that have.
+    pub(super) fn covers(&self, exposure_s: f64) -> bool {
+        let first = self.by_exposure[0].exposure_s;
+        let last = self.by_exposure[self.by_exposure.len() - 1].exposure_s;
+        exposure_s >= first * (1.0 - 1e-6) && exposure_s <= last * (1.0 + 1e-6)
+    }
+}
+
+/// Indices of the dark frames that are dark: readable, not full, and on the level of the others
+/// at the same exposure time.
+fn accepted(
+    calls: &Calls<'_>,
+    rows: &[usize],
+    sensor: &Sensor,
+    journal: &mut Journal,
+) -> Result<Vec<usize>, ReductionError> {
+    let checked: Vec<(usize, Result<f64, Rejection>)> = rows
+        .par_iter()
+        .map(|index| {
+            calls.check_cancel()?;
+            Ok((*index, level_of(calls, *index, sensor)))
+        })
+        .collect::<Result<_, ReductionError>>()?;
+    let mut groups: BTreeMap<u64, Vec<(usize, f64)>> = BTreeMap::new();
+    for (index, level) in checked {
+        match level {
+            Ok(level_dn) => {
+                let exposure_s = calls.source.rows()[index].exposure_s;
+                groups
+                    .entry(exposure_s.to_bits())
+                    .or_default()
+                    .push((index, level_dn));
+            }
+            Err(rejection) => journal.reject(index, rejection),
+        }
+    }
+    let mut accepted = Vec::new();
+    for group in groups.values() {
+        // Light that leaks in only ever adds: of two that disagree the darker one is believed.
+        let mut levels: Vec<f64> = group.iter().map(|(_, level)| *level).collect();
+        let usual = if levels.len() > 2 {
+            median(&mut levels)
+        } else {
+            levels.iter().copied().fold(f64::INFINITY, f64::min)
+        };
+        // Offsets of real cameras wander by a fraction of their read noise between frames.
+        let wander_dn = (2.0 * sensor.read_dn).max(2.0).max(0.02 * usual);
+        for (index, level_dn) in group {
+            if (level_dn - usual).abs() > wander_dn {
+                journal.reject(
+                    *index,
+                    Rejection::new(
+                        "level",
+                        format!(
+                            "a mean of {level_dn:.1} DN where the other dark frames of this exposure have {usual:.1} DN"
+                        ),
+                    ),
+                );
+            } else {
+                accepted.push(*index);
+            }
+        }
+    }
+    Ok(accepted)
+}
+
+fn level_of(calls: &Calls<'_>, index: usize, sensor: &Sensor) -> Result<f64, Rejection> {
+    let frame = load(calls, index, sensor)?;
+    let pixels = frame.pixels_dn();
+    let full = pixels.iter().filter(|dn| sensor.is_full(**dn)).count();
+    if full * 2 > pixels.len() {
+        return Err(Rejection::new(
+            "saturated",
+            format!("{full} of {} pixels are full", pixels.len()),
+        ));
+    }
+    let first = pixels[0];
+    if sensor.read_dn > 0.5 && pixels.iter().all(|dn| *dn == first) {
+        return Err(Rejection::new(
+            "black",
+            format!("every pixel counts {first} DN, without any noise"),
+        ));
+    }
+    let mut values: Vec<f64> = pixels.iter().map(|dn| f64::from(*dn)).collect();
+    // The median passes over hot pixels; counts are whole, so the mean of what lies near it is used.
+    let (centre, spread) = robust_spread(&mut values);
+    let reach = 5.0 * spread.max(1.0);
+    let (n, total) = values
+        .iter()
+        .filter(|x| (**x - centre).abs() <= reach)
+        .fold((0_u32, 0.0), |(n, t), x| (n + 1, t + x));
+    Ok(total / f64::from(n.max(1)))
+}
+
+fn sum(calls: &Calls<'_>, indices: &[usize], sensor: &Sensor) -> Result<Sums, ReductionError> {
+    let pixels = sensor.pixels();
+    let mut sums = Sums {
+        frames: 0,
+        dn: vec![0; pixels],
+        dn2: vec![0; pixels],
+    };
+    for index in indices {
+        calls.check_cancel()?;
+        // It was readable a moment ago; a frame that has gone since is simply not counted.
+        let Ok(frame) = load(calls, *index, sensor) else {
+            continue;
+        };
+        sums.frames += 1;
+        for ((dn, total), total2) in frame
+            .pixels_dn()
+            .iter()
+            .zip(&mut sums.dn)
+            .zip(&mut sums.dn2)
+        {
+            *total += u32::from(*dn);
+            *total2 += u64::from(*dn) * u64::from(*dn);
+        }
+    }
+    if sums.frames == 0 {
+        return Err(ReductionError::Vanished {
+            what: "the dark frames",
+        });
+    }
+    Ok(sums)
+}
+
+/// Sum of squared deviations from the pixel's own mean, and its degrees of freedom.
+fn scatter(sums: &Sums, pixel: usize) -> (f64, f64) {
+    let n = f64::from(sums.frames);
+    let dn = f64::from(sums.dn[pixel]);
+    let about = sums.dn2[pixel] as f64 - dn * dn / n;
+    (about.max(0.0), n - 1.0)
+}
+
+/// Compares the scatter between repeats with the manifest's read noise and believes the repeats.
+fn check_read_noise(sums: &[(f64, Sums)], sensor: &mut Sensor, journal: &mut Journal) {
+    let mut ratios = Vec::new();
+    let pixels = sensor.pixels();
+    // The shortest exposure has the least dark current in it.
+    let Some((_, shortest)) = sums.iter().find(|(_, s)| s.frames > 1) else {
+        return;
+    };
+    for pixel in 0..pixels {
+        let (about, freedom) = scatter(shortest, pixel);
+        ratios.push(about / freedom);
+    }
+    // A mean without the wildest percent: hot pixels would carry it away.
+    ratios.sort_unstable_by(f64::total_cmp);
+    let kept = &ratios[..ratios.len() - ratios.len() / 100];
+    let measured = kept.iter().sum::<f64>() / kept.len() as f64;
+    let freedom = f64::from(shortest.frames - 1) * kept.len() as f64;
+    let expected = sensor.variance_dn2(0.0);
+    let certain = (2.0 / freedom).sqrt() < 0.05;
+    if certain && (measured > 1.5 * expected || measured < expected / 1.7) {
+        journal.warn(format!(
+            "repeated dark frames scatter by {:.2} DN where the manifest's gain and read noise say {:.2} DN: the measured noise is used; check gain_dn_per_electron and read_noise_electrons_rms",
+            measured.sqrt(),
+            expected.sqrt()
+        ));
+        sensor.read_dn = (measured - 1.0 / 12.0).max(0.0).sqrt();
+    }
+}
+
+/// Pixels whose dark level or whose scatter between repeats stands out.
+fn good_pixels(sums: &[(f64, Sums)], sensor: &Sensor) -> Vec<bool> {
+    let pixels = sensor.pixels();
+    let mut good = vec![true; pixels];
+    for (_, group) in sums {
+        let n = f64::from(group.frames);
+        let mut levels: Vec<f64> = group.dn.iter().map(|dn| f64::from(*dn) / n).collect();
+        let (centre, spread) = robust_spread(&mut levels);
+        let reach = DEFECT_SIGMAS * spread.max((sensor.variance_dn2(0.0) / n).sqrt());
+        for (good, dn) in good.iter_mut().zip(&group.dn) {
+            *good &= (f64::from(*dn) / n - centre).abs() <= reach;
+        }
+    }
+    let expected: Vec<f64> = sums
+        .iter()
+        .map(|(_, s)| {
+            let mut levels: Vec<f64> =
+                s.dn.iter()
+                    .map(|dn| f64::from(*dn) / f64::from(s.frames))
+                    .collect();
+            sensor.variance_dn2(median(&mut levels) - sensor.black_dn)
+        })
+        .collect();
+    let freedom: f64 = sums.iter().map(|(_, s)| f64::from(s.frames) - 1.0).sum();
+    if freedom >= 2.0 {
+        // χ² at six standard deviations after Wilson and Hilferty (1931).
+        let k = 2.0 / (9.0 * freedom);
+        let limit = freedom * (1.0 - k + 6.0 * k.sqrt()).powi(3);
+        for (pixel, good) in good.iter_mut().enumerate() {
+            let chi2: f64 = sums
+                .iter()
+                .zip(&expected)
+                .map(|((_, s), variance)| scatter(s, pixel).0 / variance)
+                .sum();
+            *good &= chi2 <= limit;
+        }
+    }
+    good
+}

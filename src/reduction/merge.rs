@@ -1,0 +1,476 @@
+//! Frames of one pose → one level: copies, blacks and outliers are named and left out, exposures are
+//! merged by their expected variance.
+//!
+//! Two rules keep the mean free of bias. A frame with any full pixel in the region is left out as a
+//! whole while another exposure is there: dropping only the full pixels would drop bright noise
+//! and keep dark noise. And a frame's weight comes from the noise expected at the common level of
+//! its pose, never from its own counts.
+
+use std::collections::HashMap;
+
+use super::flats::SAME_ANGLE_DEG;
+use super::journal::{Journal, Rejection};
+use super::measure::{Ground, Measured};
+use super::sensor::median;
+use crate::geometry::Pose;
+
+/// Frames of one pose agree within this many standard errors …
+const AGREE_SIGMAS: f64 = 6.0;
+/// … plus this share of their level, for shutters and lamps that are not perfect.
+const AGREE_SHARE: f64 = 0.02;
+
+/// The level of one segment at one pose.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Merged {
+    pub(super) n: f64,
+    pub(super) rate_dn_s: f64,
+    pub(super) variance: f64,
+}
+
+/// One pose with its merged levels, by segment.
+#[derive(Debug, Clone)]
+pub(super) struct PoseLevels {
+    pub(super) pose: Pose,
+    pub(super) segments: Vec<Merged>,
+    pub(super) n_frames: u32,
+}
+
+struct Group {
+    pose: Pose,
+    clean: Vec<Measured>,
+    clipped: Vec<Measured>,
+}
+
+/// Merges all measured frames by pose. Returns the levels and the lamp's relative scatter from
+/// frame to frame as the exposures show it.
+pub(super) fn merge(
+    ground: &Ground<'_>,
+    measured: Vec<Measured>,
+    journal: &mut Journal,
+) -> (Vec<PoseLevels>, f64) {
+    let measured = without_copies(ground, measured, journal);
+    let mut groups = by_pose(ground, measured);
+    let mut undecided = Vec::new();
+    for (at, group) in groups.iter_mut().enumerate() {
+        rescue(ground, group, journal);
+        if !drop_outliers(ground, group, journal) {
+            undecided.push(at);
+        }
+    }
+    for at in &undecided {
+        let due = interpolated(&groups, &undecided, *at);
+        decide(ground, &mut groups[*at], due, journal);
+    }
+    drop_black_poses(ground, &mut groups, journal);
+    let scatter = lamp_scatter(ground, &groups, journal);
+    let levels = groups
+        .iter()
+        .filter(|g| !g.clean.is_empty())
+        .map(|g| merged(ground, g, scatter))
+        .collect();
+    (levels, scatter)
+}
+
+/// Frames with the same counts are copies; all but one are left out. The one that stays is the one
+/// that fits the other frames of its pose, or the earliest.
+fn without_copies(
+    ground: &Ground<'_>,
+    mut measured: Vec<Measured>,
+    journal: &mut Journal,
+) -> Vec<Measured> {
+    let rows = ground.calls.source.rows();
+    let mut sets: HashMap<u64, Vec<usize>> = HashMap::new();
+    for (at, m) in measured.iter().enumerate() {
+        sets.entry(m.fingerprint).or_default().push(at);
+    }
+    let mut out = Vec::new();
+    for set in sets.values().filter(|s| s.len() > 1) {
+        let misfit = |at: usize| {
+            let own = &measured[at];
+            let pose = rows[own.index].pose();
+            measured
+                .iter()
+                .filter(|m| {
+                    m.fingerprint != own.fingerprint
+                        && m.is_clean()
+                        && same_pose(rows[m.index].pose(), pose)
+                })
+                .map(|m| (own.mean_rate() / m.mean_rate() - 1.0).abs())
+                .fold(None, |worst: Option<f64>, x| {
+                    Some(worst.map_or(x, |w| w.max(x)))
+                })
+                // Nothing to compare with: neither for nor against.
+                .unwrap_or(AGREE_SHARE)
+        };
+        let mut order = set.clone();
+        order.sort_by(|a, b| {
+            let key = |at: usize| {
+                let row = &rows[measured[at].index];
+                (&row.timestamp, &row.file)
+            };
+            let off = |at: usize| if misfit(at) > 2.0 * AGREE_SHARE { 1 } else { 0 };
+            off(*a).cmp(&off(*b)).then_with(|| key(*a).cmp(&key(*b)))
+        });
+        let original = &rows[measured[order[0]].index].file;
+        for at in &order[1..] {
+            journal.reject(
+                measured[*at].index,
+                Rejection::new("duplicate", format!("it has the very counts of {original}")),
+            );
+            out.push(measured[*at].index);
+        }
+    }
+    measured.retain(|m| !out.contains(&m.index));
+    measured
+}
+
+fn same_pose(a: Pose, b: Pose) -> bool {
+    (a.theta_c - b.theta_c).deg().abs() <= SAME_ANGLE_DEG
+        && (a.phi_s - b.phi_s).deg().abs() <= SAME_ANGLE_DEG
+}
+
+fn by_pose(ground: &Ground<'_>, mut measured: Vec<Measured>) -> Vec<Group> {
+    let rows = ground.calls.source.rows();
+    let pose = |m: &Measured| rows[m.index].pose();
+    // Rounded to the tolerance first, so that read-back jitter in θc does not break up the φs order.
+    let step = |deg: f64| (deg / (4.0 * SAME_ANGLE_DEG)).round();
+    measured.sort_by(|a, b| {
+        let key = |m: &Measured| (step(pose(m).theta_c.deg()), pose(m).phi_s.deg());
+        let (ka, kb) = (key(a), key(b));
+        ka.0.total_cmp(&kb.0)
+            .then(ka.1.total_cmp(&kb.1))
+            .then(a.exposure_s.total_cmp(&b.exposure_s))
+            .then_with(|| rows[a.index].file.cmp(&rows[b.index].file))
+    });
+    let mut groups: Vec<Group> = Vec::new();
+    for m in measured {
+        let at = pose(&m);
+        if !groups.last().is_some_and(|g| same_pose(g.pose, at)) {
+            groups.push(Group {
+                pose: at,
+                clean: Vec::new(),
+                clipped: Vec::new(),
+            });
+        }
+        let group = groups.last_mut().expect("one was pushed just now");
+        if m.is_clean() {
+            group.clean.push(m);
+        } else {
+            group.clipped.push(m);
+        }
+    }
+    groups
+}
+
+/// Names the clipped frames; where nothing else is left, the one with the shortest exposure is
+/// measured on the pixels that are expected below full count.
+fn rescue(ground: &Ground<'_>, group: &mut Group, journal: &mut Journal) {
+    let clipped = std::mem::take(&mut group.clipped);
+    for m in clipped {
+        if group.clean.is_empty()
+            && let Some(part) = ground.measure_below_full(m.index)
+        {
+            journal.warn(
+                "at some poses even the shortest exposure has full pixels: they are measured on the others; add a shorter exposure".to_owned(),
+            );
+            group.clean.push(part);
+            continue;
+        }
+        journal.reject(
+            m.index,
+            Rejection::new(
+                "partly saturated",
+                format!("{} of {} pixels are full", m.full, m.pixels),
+            ),
+        );
+    }
+}
+
+/// Mean rate of a frame and the variance to expect of it at the level `at_rate`.
+fn rate_and_variance(ground: &Ground<'_>, m: &Measured, at_rate: f64) -> (f64, f64) {
+    let total: f64 = m.levels.iter().map(|l| l.n).sum();
+    let variance = m
+        .levels
+        .iter()
+        .map(|l| {
+            (l.n / total.max(1.0)).powi(2)
+                * ground
+                    .variance_model(l, at_rate, m.exposure_s)
+                    .max(l.variance_pixels)
+        })
+        .sum::<f64>();
+    (m.mean_rate(), variance)
+}
+
+fn agree(a: (f64, f64), b: (f64, f64)) -> bool {
+    (a.0 - b.0).abs() <= AGREE_SIGMAS * (a.1 + b.1).sqrt() + AGREE_SHARE * a.0.abs().max(b.0.abs())
+}
+
+/// Leaves out frames that most others of the pose contradict; `false` where it stands even.
+fn drop_outliers(ground: &Ground<'_>, group: &mut Group, journal: &mut Journal) -> bool {
+    if group.clean.len() < 2 {
+        return true;
+    }
+    let mut rates: Vec<f64> = group.clean.iter().map(Measured::mean_rate).collect();
+    let usual = median(&mut rates);
+    let seen: Vec<(f64, f64)> = group
+        .clean
+        .iter()
+        .map(|m| rate_and_variance(ground, m, usual))
+        .collect();
+    let friends = |i: usize| seen.iter().filter(|other| agree(seen[i], **other)).count();
+    let most = (0..seen.len()).map(friends).max().unwrap_or(0);
+    if most == seen.len() {
+        return true;
+    }
+    if most * 2 <= seen.len() {
+        return false;
+    }
+    let leader = (0..seen.len())
+        .find(|i| friends(*i) == most)
+        .expect("one of them has the most");
+    let keep: Vec<bool> = seen.iter().map(|s| agree(*s, seen[leader])).collect();
+    let level = seen[leader].0;
+    part_with(
+        group,
+        &keep,
+        &seen,
+        level,
+        "the other exposures of its pose",
+        journal,
+    );
+    true
+}
+
+fn part_with(
+    group: &mut Group,
+    keep: &[bool],
+    seen: &[(f64, f64)],
+    level: f64,
+    whom: &str,
+    journal: &mut Journal,
+) {
+    for ((m, keep), (rate, variance)) in group.clean.iter().zip(keep).zip(seen) {
+        if *keep {
+            continue;
+        }
+        let dark = rate.abs() <= AGREE_SIGMAS * variance.sqrt() + 0.01 * level.abs();
+        journal.reject(
+            m.index,
+            if dark {
+                Rejection::new("black", format!("it shows no light where {whom} do"))
+            } else {
+                Rejection::new(
+                    "level",
+                    format!("{:+.1} % off {whom}", (rate / level - 1.0) * 100.0),
+                )
+            },
+        );
+    }
+    let mut keep = keep.iter();
+    group.clean.retain(|_| *keep.next().expect("one flag each"));
+}
+
+/// Level to expect from the neighbours in φs at the same tilt, linearly, or else in θc.
+fn interpolated(groups: &[Group], undecided: &[usize], at: usize) -> Option<f64> {
+    let here = groups[at].pose;
+    let level = |g: &Group| g.clean.first().map(Measured::mean_rate);
+    let mut around: Vec<(f64, f64)> = groups
+        .iter()
+        .enumerate()
+        .filter(|(i, g)| {
+            *i != at
+                && !undecided.contains(i)
+                && (g.pose.theta_c - here.theta_c).deg().abs() <= 4.0 * SAME_ANGLE_DEG
+        })
+        .filter_map(|(_, g)| Some(((g.pose.phi_s - here.phi_s).wrapped().deg(), level(g)?)))
+        .collect();
+    around.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let above = around.iter().find(|(d, _)| *d > 0.0);
+    let below = around.iter().rev().find(|(d, _)| *d < 0.0);
+    match (below, above) {
+        (Some((db, b)), Some((da, a))) => Some(b + (a - b) * (-db) / (da - db)),
+        _ => None,
+    }
+}
+
+/// Frames of a pose that contradict each other evenly: the neighbouring poses decide, if they
+/// can; otherwise all are left out.
+fn decide(ground: &Ground<'_>, group: &mut Group, due: Option<f64>, journal: &mut Journal) {
+    let usual = due.unwrap_or(0.0);
+    let seen: Vec<(f64, f64)> = group
+        .clean
+        .iter()
+        .map(|m| rate_and_variance(ground, m, usual))
+        .collect();
+    let far = |rate: f64| match due {
+        Some(due) if due > 0.0 => (rate.max(1e-3 * due) / due).ln().abs(),
+        _ => f64::INFINITY,
+    };
+    let nearest = (0..seen.len())
+        .min_by(|a, b| far(seen[*a].0).total_cmp(&far(seen[*b].0)))
+        .expect("an undecided pose has frames");
+    let keep: Vec<bool> = seen.iter().map(|s| agree(*s, seen[nearest])).collect();
+    let others = seen
+        .iter()
+        .zip(&keep)
+        .filter(|(_, keep)| !**keep)
+        .map(|(s, _)| far(s.0))
+        .fold(f64::INFINITY, f64::min);
+    let near = far(seen[nearest].0);
+    // Within a factor of 1.5 of its neighbours, and the others three times further off.
+    let clear = near < 1.5_f64.ln() && others > 3.0 * near;
+    let (keep, level) = if clear {
+        (keep, seen[nearest].0)
+    } else {
+        journal.warn(format!(
+            "the exposures at θc {}, φs {} contradict each other and nothing tells which is right: the pose is left out",
+            group.pose.theta_c, group.pose.phi_s
+        ));
+        (vec![false; seen.len()], seen[nearest].0)
+    };
+    part_with(
+        group,
+        &keep,
+        &seen,
+        level,
+        "its pose and the neighbouring ones",
+        journal,
+    );
+}
+
+/// Poses without light in the midst of bright ones: the lamp was off, or a cap was on.
+fn drop_black_poses(ground: &Ground<'_>, groups: &mut [Group], journal: &mut Journal) {
+    let levels: Vec<Option<(f64, f64)>> = groups
+        .iter()
+        .map(|g| {
+            let m = g.clean.last()?;
+            let (rate, variance) = rate_and_variance(ground, m, 0.0);
+            Some((rate, variance.sqrt()))
+        })
+        .collect();
+    let mut sorted: Vec<f64> = levels.iter().flatten().map(|l| l.0).collect();
+    if sorted.len() < 4 {
+        return;
+    }
+    sorted.sort_unstable_by(f64::total_cmp);
+    let low = sorted[(sorted.len() / 20 + 1).min(sorted.len() - 1)];
+    for at in 0..groups.len() {
+        let Some((rate, sigma)) = levels[at] else {
+            continue;
+        };
+        let nothing = rate.abs() <= (AGREE_SIGMAS * sigma).max(0.02 * low);
+        if !nothing || low <= 50.0 * sigma {
+            continue;
+        }
+        for m in groups[at].clean.drain(..) {
+            journal.reject(
+                m.index,
+                Rejection::new("black", "it shows no light where all other poses do"),
+            );
+        }
+    }
+}
+
+/// Relative scatter of the level between frames of one pose, counting noise taken out.
+fn lamp_scatter(ground: &Ground<'_>, groups: &[Group], journal: &mut Journal) -> f64 {
+    let mut squares = Vec::new();
+    let mut noise = Vec::new();
+    let mut ratios: HashMap<(u64, u64), Vec<(f64, f64)>> = HashMap::new();
+    for group in groups {
+        for pair in group.clean.windows(2) {
+            let level = pair[1].mean_rate();
+            let a = rate_and_variance(ground, &pair[0], level);
+            let b = rate_and_variance(ground, &pair[1], level);
+            let variance = (a.1 + b.1) / (level * level);
+            if level > 0.0 && variance < 1e-6 {
+                let ratio = a.0 / b.0 - 1.0;
+                squares.push(ratio * ratio / 0.4549);
+                noise.push(variance);
+                ratios
+                    .entry((pair[0].exposure_s.to_bits(), pair[1].exposure_s.to_bits()))
+                    .or_default()
+                    .push((ratio, variance));
+            }
+        }
+    }
+    let mut keys: Vec<_> = ratios.keys().copied().collect();
+    keys.sort_unstable();
+    for key in keys {
+        let pairs = &ratios[&key];
+        let mut values: Vec<f64> = pairs.iter().map(|p| p.0).collect();
+        let middle = median(&mut values);
+        let error = (pairs.iter().map(|p| p.1).sum::<f64>()).sqrt() / pairs.len() as f64;
+        if pairs.len() >= 5 && middle.abs() > 0.003 && middle.abs() > 5.0 * error {
+            journal.warn(format!(
+                "exposures of {} s and {} s disagree by {:+.2} %: check the shutter's timing and the camera's linearity",
+                f64::from_bits(key.0),
+                f64::from_bits(key.1),
+                middle * 100.0
+            ));
+        }
+    }
+    if squares.len() < 5 {
+        return 0.0;
+    }
+    // The median of χ² with one degree of freedom is 0.4549.
+    let seen = median(&mut squares);
+    let counting = median(&mut noise);
+    if seen > 2.0 * counting {
+        (0.5 * (seen - counting)).sqrt()
+    } else {
+        0.0
+    }
+}
+
+fn merged(ground: &Ground<'_>, group: &Group, lamp_scatter: f64) -> PoseLevels {
+    let frames = &group.clean;
+    let segments = frames[0].levels.len();
+    let rows = ground.calls.source.rows();
+    let n = frames.len() as f64;
+    let mean = |angle: &dyn Fn(Pose) -> crate::units::Angle| {
+        frames.iter().fold(crate::units::Angle::ZERO, |a, m| {
+            a + angle(rows[m.index].pose()) / n
+        })
+    };
+    let pose = Pose {
+        theta_c: mean(&|p| p.theta_c),
+        phi_s: mean(&|p| p.phi_s),
+    };
+    let segments = (0..segments)
+        .map(|s| {
+            let time: f64 = frames.iter().map(|m| m.exposure_s).sum();
+            let common = frames
+                .iter()
+                .map(|m| m.levels[s].rate_dn_s * m.exposure_s)
+                .sum::<f64>()
+                / time;
+            let (mut weight, mut rate, mut own, mut texture) = (0.0, 0.0, 0.0, 0.0);
+            for m in frames.iter().filter(|m| m.levels[s].n > 0.0) {
+                let level = &m.levels[s];
+                let model = ground.variance_model(level, common, m.exposure_s);
+                let w = 1.0 / model;
+                weight += w;
+                rate += w * level.rate_dn_s;
+                own += w * w * model.max(level.variance_pixels);
+                texture += w * level.variance_texture;
+            }
+            if weight <= 0.0 {
+                return Merged::default();
+            }
+            let rate = rate / weight;
+            Merged {
+                n: frames[0].levels[s].n,
+                rate_dn_s: rate,
+                variance: own / (weight * weight)
+                    + texture / weight
+                    + (lamp_scatter * rate).powi(2) / n,
+            }
+        })
+        .collect();
+    PoseLevels {
+        pose,
+        segments,
+        n_frames: frames.len() as u32,
+    }
+}

@@ -1,0 +1,397 @@
+//! Frames → observations: what the fit reads, with honest uncertainties and every frame that was
+//! left out by name.
+//!
+//! Call [`reduce`]. The steps, one file each: dark frames and their hot pixels; flats, the pixels'
+//! response and defects; the region's pixels at each pose; each sample frame's level; frames of a
+//! pose merged. Frames are read, measured and dropped one by one on all cores, so memory does not
+//! grow with the series and time grows in proportion to it.
+//!
+//! The signal is in units of radiance for a lamp irradiance of 1 on a surface facing it, under the
+//! provisional assumption that the flats hold no stray light: signal = gain · (L + s), flat = gain ·
+//! (ρ/π cos θi + s) with gain near 1. What the stray light s, the gain and the tilt's zero are is for
+//! the fit to settle from flats and samples together; nothing here knows a reflectance model.
+
+mod calibration;
+mod darks;
+mod flats;
+mod journal;
+mod load;
+mod measure;
+mod merge;
+mod pattern;
+mod region;
+mod sensor;
+
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+
+pub use self::calibration::{CameraCalibration, calibrate};
+pub use crate::series::FrameReadError;
+
+use self::journal::{Journal, Rejection};
+use self::load::Calls;
+use self::measure::{Ground, Measured};
+use self::merge::{Merged, PoseLevels};
+use self::region::{Board, Region, Segments};
+use self::sensor::median;
+use crate::frame::{Frame, FrameKind};
+use crate::observation::{Observation, ObservationSet, Prior, SharedErrors};
+use crate::series::{FrameRow, Manifest, Series};
+use crate::units::Angle;
+
+/// Standard uncertainty of a stage's zero beyond what a fit solves for: the non-linearity of a
+/// good rotation stage over its range.
+const ANGLE_ZERO_STD_DEG: f64 = 0.02;
+/// Relative drift of the lamp between white reference and sample, where nothing measured says more.
+const LAMP_DRIFT_DEFAULT: f64 = 1e-3;
+/// Standard uncertainty of the stray light before the flats are looked at, as a share of the
+/// largest signal: what a blackened mount leaves.
+const STRAY_SHARE: f64 = 0.02;
+
+/// Where frames come from: a recorded series, or a scan in the store.
+///
+/// [`read`](FrameSource::read) is called from several threads at once, and may be called more than
+/// once for a frame.
+pub trait FrameSource: Sync {
+    /// Rig, camera, references and nominal material.
+    fn manifest(&self) -> &Manifest;
+    /// The list of frames.
+    fn rows(&self) -> &[FrameRow];
+    /// Frame `index` of the list.
+    ///
+    /// # Errors
+    /// [`FrameReadError`] if it cannot be had; the reduction then goes on without it.
+    fn read(&self, index: usize) -> Result<Frame, FrameReadError>;
+}
+
+impl FrameSource for Series {
+    fn manifest(&self) -> &Manifest {
+        Series::manifest(self)
+    }
+
+    fn rows(&self) -> &[FrameRow] {
+        Series::rows(self)
+    }
+
+    fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
+        Series::read(self, index)
+    }
+}
+
+/// Why a series gives no observations.
+#[derive(Debug, thiserror::Error)]
+pub enum ReductionError {
+    /// The sample has patches and none was chosen.
+    #[error("this sample has regions with lean directions of their own; choose one: {}", available.join(", "))]
+    RegionNeeded {
+        /// Names of the regions.
+        available: Vec<String>,
+    },
+    /// There is no such region.
+    #[error("there is no region `{name}`; {}", if available.is_empty() { "this sample has none".to_owned() } else { format!("this sample has {}", available.join(", ")) })]
+    UnknownRegion {
+        /// Name that was given.
+        name: String,
+        /// Names of the regions there are.
+        available: Vec<String>,
+    },
+    /// Lamp or camera are near.
+    #[error(
+        "{what}: every pixel has its own directions, and this version reduces telecentric series only"
+    )]
+    NotTelecentric {
+        /// What the manifest says.
+        what: String,
+    },
+    /// No sample frame could be used.
+    #[error("no observation is left: {why}")]
+    NoObservations {
+        /// What became of the frames.
+        why: String,
+    },
+    /// Frames that could be read a moment ago cannot be read any more.
+    #[error("{what} went away while they were read; is the folder being changed?")]
+    Vanished {
+        /// Which frames.
+        what: &'static str,
+    },
+    /// The cancel flag was raised.
+    #[error("the reduction was cancelled")]
+    Cancelled,
+}
+
+/// Reduces the frames of a series to observations of the sample, or of one `region` of it.
+/// `cancel` is looked at between frames.
+///
+/// # Errors
+/// [`ReductionError`]. Frames that cannot be used are no error: they are in `rejected_frames`.
+pub fn reduce(
+    source: &dyn FrameSource,
+    region: Option<&str>,
+    cancel: &AtomicBool,
+) -> Result<ObservationSet, ReductionError> {
+    let manifest = source.manifest();
+    let calls = Calls { source, cancel };
+    let mut journal = Journal::default();
+    let (segments, chosen) = segments(manifest, region)?;
+    if !manifest.is_telecentric() {
+        return Err(ReductionError::NotTelecentric {
+            what: format!(
+                "projection \"{}\", light at {}, camera at {}",
+                manifest.camera.projection,
+                manifest.rig.light_distance.as_deref().unwrap_or("infinity"),
+                manifest
+                    .rig
+                    .camera_distance
+                    .as_deref()
+                    .unwrap_or("infinity"),
+            ),
+        });
+    }
+    let rig = manifest.rig_geometry();
+    let uniform = matches!(segments, Segments::Whole);
+    let camera = calibration::prepare(&calls, uniform, &mut journal)?;
+    let (sensor, darks, flats) = (camera.sensor, &camera.darks, &camera.flats);
+    let ground = Ground {
+        calls,
+        sensor: &sensor,
+        darks,
+        response: &flats.response,
+        segments: &segments,
+    };
+    let measured = measure_all(&ground, &mut journal)?;
+    let (mut poses, lamp_scatter) = merge::merge(&ground, measured, &mut journal);
+    leave_out_worn_patches(&segments, chosen, &mut poses, &mut journal);
+    warn_of_lost_poses(&calls, &poses, &mut journal);
+
+    let reference = camera.reference;
+    let levels: Vec<(&PoseLevels, Merged)> = poses.iter().map(|p| (p, over_segments(p))).collect();
+    let largest = levels
+        .iter()
+        .map(|(_, l)| l.rate_dn_s)
+        .fold(0.0_f64, f64::max);
+    // Without a white reference the brightest level is 1.
+    let unit = camera.unit_dn_s.unwrap_or(largest);
+    if levels.is_empty() || !(unit.is_finite() && unit > 0.0) {
+        let (rejected, _) = journal.close(source.rows());
+        return Err(ReductionError::NoObservations {
+            why: match rejected.first() {
+                Some(first) => format!(
+                    "{} frames are left out, the first being {} ({})",
+                    rejected.len(),
+                    first.file,
+                    first.reason
+                ),
+                None => "the list holds no sample frame with light".to_owned(),
+            },
+        });
+    }
+    let drift = LAMP_DRIFT_DEFAULT.max(flats.lamp_scatter).max(lamp_scatter);
+    let zero = Angle::from_deg(ANGLE_ZERO_STD_DEG);
+    let observations: Vec<Observation> = levels
+        .iter()
+        .map(|(pose, level)| {
+            let signal = level.rate_dn_s / unit;
+            Observation {
+                pose: pose.pose,
+                signal,
+                sigma: level.variance.sqrt() / unit,
+                shared: SharedErrors {
+                    white_reference: reference
+                        .map_or(0.0, |w| signal * w.reflectance_std / w.reflectance),
+                    led_drift: signal * drift,
+                    theta_c_zero: zero,
+                    phi_s_zero: zero,
+                },
+                n_frames: pose.n_frames,
+            }
+        })
+        .collect();
+    let used: u32 = observations.iter().map(|o| o.n_frames).sum();
+    let (rejected_frames, warnings) = journal.close(source.rows());
+    Ok(ObservationSet {
+        rig,
+        material: manifest.material(),
+        flats: camera.flat_observations(),
+        white_reference: reference,
+        background: Prior {
+            mean: 0.0,
+            std: STRAY_SHARE * largest / unit,
+        },
+        region: region.map(str::to_owned),
+        region_azimuth: match (chosen, &manifest.sample.layout) {
+            (Some(chosen), Some(layout)) => layout.lean_azimuth(chosen.is_odd()),
+            _ => Angle::ZERO,
+        },
+        n_frames_used: used + darks.n_frames + flats.n_frames,
+        observations,
+        rejected_frames,
+        warnings,
+    })
+}
+
+fn segments(
+    manifest: &Manifest,
+    region: Option<&str>,
+) -> Result<(Segments, Option<Region>), ReductionError> {
+    match (&manifest.sample.layout, region) {
+        (None, None) => Ok((Segments::Whole, None)),
+        (None, Some(name)) => Err(ReductionError::UnknownRegion {
+            name: name.to_owned(),
+            available: Vec::new(),
+        }),
+        (Some(layout), None) => Err(ReductionError::RegionNeeded {
+            available: Region::names(layout),
+        }),
+        (Some(layout), Some(name)) => match Region::parse(name, layout) {
+            Some(chosen) => Ok((
+                Segments::of_region(Board::new(manifest, layout), chosen),
+                Some(chosen),
+            )),
+            None => Err(ReductionError::UnknownRegion {
+                name: name.to_owned(),
+                available: Region::names(layout),
+            }),
+        },
+    }
+}
+
+fn measure_all(
+    ground: &Ground<'_>,
+    journal: &mut Journal,
+) -> Result<Vec<Measured>, ReductionError> {
+    let results: Vec<(usize, Result<Measured, Rejection>)> = ground
+        .calls
+        .rows_of(FrameKind::Sample)
+        .par_iter()
+        .map(|index| {
+            ground.calls.check_cancel()?;
+            Ok((*index, ground.measure(*index)))
+        })
+        .collect::<Result<_, ReductionError>>()?;
+    let mut measured = Vec::with_capacity(results.len());
+    for (index, result) in results {
+        match result {
+            Ok(m) => measured.push(m),
+            Err(rejection) => journal.reject(index, rejection),
+        }
+    }
+    Ok(measured)
+}
+
+fn warn_of_lost_poses(calls: &Calls<'_>, poses: &[PoseLevels], journal: &mut Journal) {
+    let mut lost: Vec<String> = Vec::new();
+    for index in calls.rows_of(FrameKind::Sample) {
+        let pose = calls.source.rows()[index].pose();
+        let near = |p: &PoseLevels| {
+            let limit = 2.0 * flats::SAME_ANGLE_DEG;
+            (p.pose.theta_c - pose.theta_c).deg().abs() <= limit
+                && (p.pose.phi_s - pose.phi_s).deg().abs() <= limit
+        };
+        if !poses.iter().any(near) {
+            let words = format!("(θc {:.1}, φs {:.1})", pose.theta_c, pose.phi_s);
+            if !lost.contains(&words) {
+                lost.push(words);
+            }
+        }
+    }
+    if !lost.is_empty() {
+        let shown = lost.iter().take(8).cloned().collect::<Vec<_>>().join(", ");
+        let more = if lost.len() > 8 { ", …" } else { "" };
+        journal.warn(format!(
+            "{} poses have no usable frame and no observation: {shown}{more}",
+            lost.len()
+        ));
+    }
+}
+
+/// Patches that disagree with the rest of their kind (worn, dirty, damaged) leave `even` and `odd`.
+fn leave_out_worn_patches(
+    segments: &Segments,
+    chosen: Option<Region>,
+    poses: &mut [PoseLevels],
+    journal: &mut Journal,
+) {
+    /// A patch is worn beyond this many times the usual deviation …
+    const TIMES: f64 = 4.0;
+    /// … and this share of the brightest level.
+    const SHARE: f64 = 0.01;
+    let Segments::Patches { patches, .. } = segments else {
+        return;
+    };
+    if patches.len() < 3 {
+        return;
+    }
+    let mut squares = vec![0.0; patches.len()];
+    let mut brightest = 0.0_f64;
+    for pose in poses.iter() {
+        let middle = median(
+            &mut pose
+                .segments
+                .iter()
+                .map(|s| s.rate_dn_s)
+                .collect::<Vec<_>>(),
+        );
+        brightest = brightest.max(middle);
+        for (square, s) in squares.iter_mut().zip(&pose.segments) {
+            *square += (s.rate_dn_s - middle).powi(2);
+        }
+    }
+    let rms: Vec<f64> = squares
+        .iter()
+        .map(|s| (s / poses.len().max(1) as f64).sqrt() / brightest)
+        .collect();
+    let usual = median(&mut rms.clone());
+    let kind = if chosen.is_some_and(Region::is_odd) {
+        "odd"
+    } else {
+        "even"
+    };
+    for (label, rms) in rms.iter().enumerate() {
+        if *rms > (TIMES * usual).max(SHARE) {
+            let (i, j) = patches[label];
+            journal.warn(format!(
+                "patch-{i}-{j} disagrees with the other {kind} patches ({:.1} % of the brightest level, rms over the poses) and is left out of `{kind}`; look whether it is worn or dirty",
+                rms * 100.0
+            ));
+            for pose in poses.iter_mut() {
+                pose.segments[label].n = 0.0;
+            }
+        }
+    }
+}
+
+/// Pixel-weighted mean of the segments of a pose. Patches that scatter more than their own
+/// uncertainties say make the mean as uncertain as they show.
+fn over_segments(pose: &PoseLevels) -> Merged {
+    let used: Vec<&Merged> = pose.segments.iter().filter(|s| s.n > 0.0).collect();
+    let n: f64 = used.iter().map(|s| s.n).sum();
+    if n <= 0.0 {
+        return Merged::default();
+    }
+    let rate = used.iter().map(|s| s.n * s.rate_dn_s).sum::<f64>() / n;
+    let own = used
+        .iter()
+        .map(|s| (s.n / n).powi(2) * s.variance)
+        .sum::<f64>();
+    let between = if used.len() >= 3 {
+        let k = used.len() as f64;
+        used.iter()
+            .map(|s| (s.rate_dn_s - rate).powi(2))
+            .sum::<f64>()
+            / ((k - 1.0) * k)
+    } else {
+        0.0
+    };
+    Merged {
+        n,
+        rate_dn_s: rate,
+        variance: own.max(between),
+    }
+}
+
+#[cfg(test)]
+mod synthetic;
+#[cfg(test)]
+mod tests;

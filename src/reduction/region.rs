@@ -1,0 +1,301 @@
+//! Which pixels see which part of the sample: the whole field, or the patches of a board that turns
+//! with φs about the rotation axis and foreshortens with θc.
+
+use crate::geometry::Pose;
+use crate::series::{LayoutFacts, Manifest};
+use crate::units::Angle;
+
+/// Label of a pixel that belongs to no segment.
+pub(super) const NOWHERE: u16 = u16::MAX;
+
+/// What the user asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Region {
+    Even,
+    Odd,
+    Patch { i: u32, j: u32 },
+}
+
+impl Region {
+    /// Reads `even`, `odd` or `patch-I-J` of a board with the given layout.
+    pub(super) fn parse(name: &str, layout: &LayoutFacts) -> Option<Region> {
+        match name {
+            "even" => Some(Region::Even),
+            "odd" => Some(Region::Odd),
+            _ => {
+                let (i, j) = name.strip_prefix("patch-")?.split_once('-')?;
+                let (i, j) = (i.parse().ok()?, j.parse().ok()?);
+                (i < layout.patches_x && j < layout.patches_y).then_some(Region::Patch { i, j })
+            }
+        }
+    }
+
+    /// Every region's name.
+    pub(super) fn names(layout: &LayoutFacts) -> Vec<String> {
+        let mut names = vec!["even".to_owned(), "odd".to_owned()];
+        for i in 0..layout.patches_x {
+            for j in 0..layout.patches_y {
+                names.push(format!("patch-{i}-{j}"));
+            }
+        }
+        names
+    }
+
+    fn holds(self, i: u32, j: u32) -> bool {
+        match self {
+            Region::Even => (i + j).is_multiple_of(2),
+            Region::Odd => !(i + j).is_multiple_of(2),
+            Region::Patch { i: pi, j: pj } => (i, j) == (pi, pj),
+        }
+    }
+
+    /// Whether its patches are odd ones.
+    pub(super) fn is_odd(self) -> bool {
+        match self {
+            Region::Even => false,
+            Region::Odd => true,
+            Region::Patch { i, j } => !(i + j).is_multiple_of(2),
+        }
+    }
+}
+
+/// How a board lies on the table, beyond what the manifest says; found in the frames.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Placement {
+    /// Added to the recorded azimuth.
+    pub(super) turn: Angle,
+    /// Added to the rotation axis, in pixels (column, row).
+    pub(super) axis_px: [f64; 2],
+    /// Added to the board's centre.
+    pub(super) centre_mm: [f64; 2],
+}
+
+/// The drawing of a board in the frame.
+#[derive(Debug, Clone)]
+pub(super) struct Board {
+    pub(super) layout: LayoutFacts,
+    pub(super) pixel_mm: [f64; 2],
+    pub(super) axis_px: [f64; 2],
+    azimuth_zero: Angle,
+    width: usize,
+    pub(super) placement: Placement,
+}
+
+/// Where a pixel lies on a board.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Spot {
+    /// Patch (i, j), at least the margin away from its border.
+    Patch(u32, u32),
+    /// Within the margin of a border between patches or of the board's edge.
+    Border,
+    /// Beyond the board.
+    Mount,
+}
+
+impl Board {
+    pub(super) fn new(manifest: &Manifest, layout: &LayoutFacts) -> Board {
+        let camera = &manifest.camera;
+        let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
+        let field_width = camera
+            .field_width_mm
+            .expect("the manifest's checks refuse a layout without a field width");
+        let column_mm = field_width / width;
+        let row_mm = camera.field_height_mm.map_or(column_mm, |h| h / height);
+        Board {
+            layout: layout.clone(),
+            pixel_mm: [column_mm, row_mm],
+            axis_px: manifest
+                .rig
+                .rotation_axis_px
+                .unwrap_or([0.5 * width, 0.5 * height]),
+            azimuth_zero: Angle::from_deg(manifest.rig.azimuth_zero_deg),
+            width: camera.width_px as usize,
+            placement: Placement::default(),
+        }
+    }
+
+    /// Distance kept from borders: the pixels' own width, half a pixel of registration, blur.
+    pub(super) fn margin_mm(&self) -> f64 {
+        2.5 * self.pixel_mm[0].max(self.pixel_mm[1]) + 0.04 * self.layout.patch_size_mm
+    }
+
+    /// Draws the board at a recorded pose: calls `paint(pixel, spot)` for every pixel.
+    pub(super) fn draw(&self, pose: Pose, pixels: usize, mut paint: impl FnMut(usize, Spot)) {
+        let (sin, cos) = (pose.phi_s + self.azimuth_zero + self.placement.turn).sin_cos();
+        let stretch = self.pixel_mm[0] / pose.theta_c.rad().cos();
+        let axis = [
+            self.axis_px[0] + self.placement.axis_px[0],
+            self.axis_px[1] + self.placement.axis_px[1],
+        ];
+        let layout = &self.layout;
+        let size = layout.patch_size_mm;
+        let margin = self.margin_mm();
+        let half = [
+            0.5 * size * f64::from(layout.patches_x),
+            0.5 * size * f64::from(layout.patches_y),
+        ];
+        let centre = [
+            layout.centre_mm[0] + self.placement.centre_mm[0],
+            layout.centre_mm[1] + self.placement.centre_mm[1],
+        ];
+        for pixel in 0..pixels {
+            let column = (pixel % self.width) as f64 + 0.5;
+            let row = (pixel / self.width) as f64 + 0.5;
+            let x = (column - axis[0]) * stretch;
+            let y = -(row - axis[1]) * self.pixel_mm[1];
+            // Into the sample's axes, from the board's lower left corner.
+            let along = [
+                x * cos + y * sin - centre[0] + half[0],
+                y * cos - x * sin - centre[1] + half[1],
+            ];
+            let outside = (0..2)
+                .map(|k| (-along[k]).max(along[k] - 2.0 * half[k]))
+                .fold(f64::MIN, f64::max);
+            let spot = if outside > margin {
+                Spot::Mount
+            } else if outside > -margin {
+                Spot::Border
+            } else {
+                let (a, b) = (along[0] / size, along[1] / size);
+                let near = |t: f64| (t - t.round()).abs() * size < margin;
+                if near(a) || near(b) {
+                    Spot::Border
+                } else {
+                    Spot::Patch(a as u32, b as u32)
+                }
+            };
+            paint(pixel, spot);
+        }
+    }
+}
+
+/// The segments over which a frame is averaged.
+#[derive(Debug, Clone)]
+pub(super) enum Segments {
+    /// The sample fills the field.
+    Whole,
+    /// Patches of a board; the label is the index in `patches`.
+    Patches {
+        board: Box<Board>,
+        patches: Vec<(u32, u32)>,
+    },
+}
+
+impl Segments {
+    pub(super) fn of_region(board: Board, region: Region) -> Segments {
+        let mut patches = Vec::new();
+        for i in 0..board.layout.patches_x {
+            for j in 0..board.layout.patches_y {
+                if region.holds(i, j) {
+                    patches.push((i, j));
+                }
+            }
+        }
+        Segments::Patches {
+            board: Box::new(board),
+            patches,
+        }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        match self {
+            Segments::Whole => 1,
+            Segments::Patches { patches, .. } => patches.len(),
+        }
+    }
+
+    /// Label of every pixel at a recorded pose; [`NOWHERE`] for defects and what is no segment.
+    pub(super) fn labels(&self, pose: Pose, good: &[bool]) -> Vec<u16> {
+        let mut labels = vec![NOWHERE; good.len()];
+        match self {
+            Segments::Whole => {
+                for (label, good) in labels.iter_mut().zip(good) {
+                    if *good {
+                        *label = 0;
+                    }
+                }
+            }
+            Segments::Patches { board, patches } => {
+                let ny = board.layout.patches_y as usize;
+                let mut lookup = vec![NOWHERE; board.layout.patches_x as usize * ny];
+                for (label, (i, j)) in patches.iter().enumerate() {
+                    lookup[*i as usize * ny + *j as usize] = label as u16;
+                }
+                board.draw(pose, good.len(), |pixel, spot| {
+                    if let Spot::Patch(i, j) = spot
+                        && good[pixel]
+                    {
+                        labels[pixel] = lookup[i as usize * ny + j as usize];
+                    }
+                });
+            }
+        }
+        labels
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn board() -> Board {
+        let manifest = Manifest::from_toml(
+            include_str!("../../tests/data/series/checker/manifest.toml"),
+            "",
+        )
+        .unwrap();
+        Board::new(&manifest, manifest.sample.layout.as_ref().unwrap())
+    }
+
+    fn spot_at(board: &Board, pose: Pose, column: usize, row: usize) -> Spot {
+        let mut found = Spot::Mount;
+        board.draw(pose, 256 * 256, |pixel, spot| {
+            if pixel == row * 256 + column {
+                found = spot;
+            }
+        });
+        found
+    }
+
+    #[test]
+    fn a_patch_goes_where_the_table_turns_it() {
+        // Patch (3, 0) has its centre at x = +13.5 mm, y = −13.5 mm: 67.5 px right of and below the axis.
+        let board = board();
+        let at = |theta, phi, column, row| spot_at(&board, Pose::from_deg(theta, phi), column, row);
+        assert_eq!(at(0.0, 0.0, 195, 195), Spot::Patch(3, 0));
+        // A quarter turn counter-clockwise seen from +z carries it to the right and up.
+        assert_eq!(at(0.0, 90.0, 195, 60), Spot::Patch(3, 0));
+        // Tilted by 60° the columns shrink to half, the rows stay.
+        assert_eq!(at(60.0, 0.0, 161, 195), Spot::Patch(3, 0));
+        assert_eq!(at(0.0, 0.0, 128, 195), Spot::Border);
+        assert_eq!(at(0.0, 0.0, 5, 128), Spot::Mount);
+    }
+
+    #[test]
+    fn every_patch_keeps_most_of_its_area_and_all_have_the_same() {
+        let board = board();
+        let mut counts = std::collections::BTreeMap::new();
+        board.draw(Pose::from_deg(0.0, 0.0), 256 * 256, |_, spot| {
+            if let Spot::Patch(i, j) = spot {
+                *counts.entry((i, j)).or_insert(0) += 1;
+            }
+        });
+        assert_eq!(counts.len(), 16);
+        for count in counts.values() {
+            assert!((1200..=45 * 45).contains(count), "{count}");
+        }
+    }
+
+    #[test]
+    fn names_are_read_back_and_strangers_are_not() {
+        let layout = board().layout;
+        for name in Region::names(&layout) {
+            assert!(Region::parse(&name, &layout).is_some(), "{name}");
+        }
+        assert_eq!(Region::names(&layout).len(), 18);
+        for name in ["patch-4-0", "patch-0", "worn", "patch--1-0", ""] {
+            assert_eq!(Region::parse(name, &layout), None, "{name}");
+        }
+        assert!(Region::Patch { i: 1, j: 2 }.is_odd());
+    }
+}

@@ -1,0 +1,89 @@
+//! The camera's noise and its full count, from the manifest.
+//!
+//! A count is black + gain · (photo-electrons + dark electrons + read noise), rounded and clipped.
+//! Electrons are Poisson distributed, so the variance of a count above black is gain · count.
+
+use crate::series::Manifest;
+
+/// Variance of rounding to whole counts.
+const ROUNDING_DN2: f64 = 1.0 / 12.0;
+
+/// What is known of the camera before any frame is read.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sensor {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// Counts per electron.
+    pub(super) gain_dn: f64,
+    /// Standard deviation of one read, in counts.
+    pub(super) read_dn: f64,
+    /// Count without light, used where no dark frame says better.
+    pub(super) black_dn: f64,
+    /// A pixel at this count or above is full.
+    pub(super) saturation_dn: f64,
+}
+
+impl Sensor {
+    pub(super) fn new(manifest: &Manifest) -> Self {
+        let camera = &manifest.camera;
+        Sensor {
+            width: camera.width_px as usize,
+            height: camera.height_px as usize,
+            gain_dn: camera.gain_dn_per_electron,
+            read_dn: camera.gain_dn_per_electron * camera.read_noise_electrons_rms.unwrap_or(0.0),
+            black_dn: camera.black_level_dn.unwrap_or(0.0),
+            saturation_dn: manifest.saturation_dn(),
+        }
+    }
+
+    pub(super) fn pixels(&self) -> usize {
+        self.width * self.height
+    }
+
+    /// Variance of one count whose expectation is `above_black_dn` above the black level.
+    pub(super) fn variance_dn2(&self, above_black_dn: f64) -> f64 {
+        self.gain_dn * above_black_dn.max(0.0) + self.read_dn * self.read_dn + ROUNDING_DN2
+    }
+
+    /// Whether a count tells no more than "at least this".
+    pub(super) fn is_full(&self, dn: u16) -> bool {
+        f64::from(dn) >= self.saturation_dn
+    }
+}
+
+/// Median of some numbers, whose order changes; 0 of none.
+pub(super) fn median(values: &mut [f64]) -> f64 {
+    let n = values.len();
+    if n == 0 {
+        return 0.0;
+    }
+    let (below, at, _) = values.select_nth_unstable_by(n / 2, f64::total_cmp);
+    let upper = *at;
+    if n % 2 == 1 {
+        upper
+    } else {
+        let lower = below.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        0.5 * (lower + upper)
+    }
+}
+
+/// Median and robust standard deviation (1.4826 × median absolute deviation), whatever a few wild
+/// values say. The order of `values` changes.
+pub(super) fn robust_spread(values: &mut [f64]) -> (f64, f64) {
+    let centre = median(values);
+    let mut away: Vec<f64> = values.iter().map(|x| (x - centre).abs()).collect();
+    (centre, 1.4826 * median(&mut away))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_ignores_a_wild_value() {
+        assert!((median(&mut [3.0, 1.0, 1e9]) - 3.0).abs() < 1e-12);
+        assert!((median(&mut [4.0, 1.0, 2.0, 1e9]) - 3.0).abs() < 1e-12);
+        let (centre, spread) = robust_spread(&mut [1.0, 2.0, 3.0, 4.0, 1e9]);
+        assert!((centre - 3.0).abs() < 1e-12 && (spread - 1.4826).abs() < 1e-12);
+    }
+}
