@@ -27,7 +27,7 @@ test-vendor:  ## The stage maker's own client against the simulated controller
 
 test-web: web  ## The page's unit tests, and the page in a real browser against the real daemon
 	cargo build
-	cd web && npm run check && npm test && RIDGED_BIN=../target/debug/ridged npm run e2e
+	cd web && npm run check && npm test && npm run page-test && RIDGED_BIN=../target/debug/ridged npm run e2e
 
 web: web/dist/index.html  ## The page, built into web/dist
 

@@ -129,7 +129,8 @@ export const api = {
 
   fits: (): Promise<Fit[]> => getAll('/fits'),
   fit: (id: number): Promise<Fit> => get(`/fits/${id}`),
-  startFit: (scan_id: number, variant: string): Promise<{ id: number }> => post('/fits', { scan_id, variant }),
+  startFit: (scan_id: number, variant: string, region: string | null): Promise<{ id: number }> =>
+    post('/fits', region === null ? { scan_id, variant } : { scan_id, variant, region }),
   cancelFit: (id: number): Promise<unknown> => post(`/fits/${id}/cancel`),
   fitUrl: (id: number): string => `${PREFIX}/fits/${id}`,
   curves: (id: number, signal?: AbortSignal): Promise<Curves> => get(`/fits/${id}/curve?step_deg=2`, signal),

@@ -1,8 +1,8 @@
 // Numbers, times and sizes as people read them in a laboratory.
 
 const MINUS = '−';
-/** Thin space between number and unit, and in groups of digits. */
-const THIN = '\u2009';
+/** Narrow space that never breaks, between number and unit and in groups of digits. */
+const THIN = '\u202f';
 
 /** `x.toFixed(decimals)` with a true minus sign and never a negative zero. */
 export function fixed(x: number, decimals: number): string {

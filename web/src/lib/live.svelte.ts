@@ -51,6 +51,7 @@ class Live {
   #noticeId = 0;
   /** How many events of each scan have come. */
   readonly #scanEvents = new Map<number, number>();
+  #lastEvent = '';
   #rigAsked = false;
   #rigAgain = false;
   #stopped = false;
@@ -140,12 +141,13 @@ class Live {
 
   #connect(): void {
     if (this.#stopped) return;
-    const source = new EventSource('/api/v1/events');
+    // A new EventSource knows nothing of the one before: what was missed is asked for by number.
+    const source = new EventSource(`/api/v1/events${this.#lastEvent === '' ? '' : `?since=${this.#lastEvent}`}`);
     this.#source = source;
     source.onopen = () => {
       this.link = 'live';
       this.#reconnectMs = 500;
-      // What was missed may be more than the replay holds: read everything again.
+      // The replay brings alarms; scans and fits are read again, whatever it holds.
       this.refresh().catch((error: unknown) => this.notify(spoken(error)));
       void this.#pollRig();
     };
@@ -158,7 +160,11 @@ class Live {
       setTimeout(() => this.#connect(), wait);
     };
     const on = <T>(type: string, take: (data: T) => void): void => {
-      source.addEventListener(type, (event) => take(JSON.parse((event as MessageEvent<string>).data) as T));
+      source.addEventListener(type, (event) => {
+        const { data, lastEventId } = event as MessageEvent<string>;
+        if (lastEventId !== '') this.#lastEvent = lastEventId;
+        take(JSON.parse(data) as T);
+      });
     };
     on('rig', () => void this.#pollRig());
     on<ScanEvent>('scan', (event) => this.#takeScan(event));

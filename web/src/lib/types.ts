@@ -86,6 +86,8 @@ export interface Scan {
   readonly plan: Plan;
   readonly progress: Progress | null;
   readonly frames_rejected?: number;
+  /** Regions of a sample with a layout; a fit is of one of them. */
+  readonly regions?: readonly string[];
   readonly created_at: string;
   readonly started_at: string | null;
   readonly ended_at: string | null;

@@ -36,7 +36,8 @@ afterEach(async () => {
   expect(faults).toEqual([]);
 });
 
-const posts = (): string[] => daemon.requests.map((r) => r.path);
+/** What was asked of the daemon, estimates aside. */
+const posts = (): string[] => daemon.requests.map((r) => r.path).filter((p) => p !== '/scans/estimate');
 
 async function text(selector: string): Promise<string> {
   return (await page.locator(selector).innerText()).replace(/\s+/g, ' ').trim();
@@ -80,7 +81,7 @@ describe('moving by hand', () => {
     await page.goto(url);
     await page.getByLabel('camera tilt: move to, degrees').fill('−12,5');
     await page.locator('[data-axis=theta_c]').getByRole('button', { name: 'Move' }).click();
-    await expect.poll(() => daemon.requests.at(-1)).toEqual({ method: 'POST', path: '/rig/axes/theta_c/move', body: { position_deg: -12.5 } });
+    await expect.poll(() => daemon.requests.find((r) => r.path.startsWith('/rig'))).toEqual({ method: 'POST', path: '/rig/axes/theta_c/move', body: { position_deg: -12.5 } });
     await expect.poll(() => text('[data-axis=theta_c] output')).toBe('−12.500°');
   });
 });
@@ -95,6 +96,16 @@ describe('faults', () => {
     await alert.waitFor();
     await alert.getByRole('button', { name: 'Close' }).click();
     await alert.waitFor({ state: 'detached' });
+  });
+
+  it('asks for an estimate once, not whenever the rig reports', async () => {
+    await page.goto(url);
+    await page.getByText('53 frames').waitFor();
+    for (let i = 0; i < 5; i++) {
+      daemon.event('rig', {});
+      await page.waitForTimeout(150);
+    }
+    expect(daemon.requests.filter((r) => r.path === '/scans/estimate')).toHaveLength(1);
   });
 
   it('says why a plan cannot run before it is started', async () => {
@@ -149,12 +160,14 @@ describe('a scan', () => {
     }
     await page.getByRole('button', { name: 'Fit', exact: true }).click();
     await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('15.031 ± 0.085°');
-    expect(posts().filter((p) => p !== '/scans/estimate')).toEqual(['/scans', ...Array(3).fill('/scans/1/continue'), '/fits']);
+    expect(posts()).toEqual(['/scans', ...Array(3).fill('/scans/1/continue'), '/fits']);
   });
 
   it('pauses, resumes and is aborted only when confirmed', async () => {
+    // 336 frames: the scan must not be over before the test is.
     daemon.frameMs = 100;
     await page.goto(url);
+    await page.getByText('full', { exact: true }).click();
     await page.getByRole('button', { name: 'Start scan' }).click();
     for (let i = 0; i < 3; i++) await page.getByRole('button', { name: 'Continue' }).click();
     await page.getByRole('button', { name: 'Pause' }).click();

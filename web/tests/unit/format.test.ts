@@ -32,16 +32,16 @@ describe('numbers', () => {
   it('keep their significant digits at every size', () => {
     expect(significant(0.0123)).toBe('0.012');
     expect(significant(81000)).toBe('81000');
-    expect(significant(0.000012)).toBe('1.2\u2009×\u200910⁻⁵');
+    expect(significant(0.000012)).toBe('1.2\u202f×\u202f10⁻⁵');
     expect(significant(9.99e-5)).toBe('0.00010');
     expect(significant(0)).toBe('0');
-    expect(percent(0.0061)).toBe('0.61\u2009%');
+    expect(percent(0.0061)).toBe('0.61\u202f%');
   });
 
   it('group digits by three', () => {
-    expect(count(65535)).toBe('65\u2009535');
+    expect(count(65535)).toBe('65\u202f535');
     expect(count(999)).toBe('999');
-    expect(count(1234567)).toBe('1\u2009234\u2009567');
+    expect(count(1234567)).toBe('1\u202f234\u202f567');
   });
 
   it('read as times, sizes and exposures', () => {

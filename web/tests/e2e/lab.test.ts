@@ -1,0 +1,121 @@
+// The page in a real browser on the real daemon: bytes go through pty, codec, store, reduction and fit.
+
+import type { Page } from 'playwright-core';
+import { afterAll, afterEach, beforeAll, beforeEach, describe, expect, it } from 'vitest';
+
+import { openBrowser, type OpenBrowser } from '../browser';
+import { startDaemon, type RunningDaemon } from '../daemon';
+import { completed, doSteps, fillScan, fitted } from '../operate';
+
+const TIME_SCALE = 50;
+/** One paper scan at this time scale with a debug binary on a busy machine. */
+const SCAN_MS_MAX = 120_000;
+
+let browser: OpenBrowser;
+let daemon: RunningDaemon;
+let page: Page;
+let faults: string[];
+
+beforeAll(async () => {
+  [browser, daemon] = await Promise.all([openBrowser(), startDaemon(TIME_SCALE)]);
+});
+afterAll(async () => {
+  await browser?.close();
+  await daemon?.stop();
+});
+beforeEach(async () => {
+  page = await browser.context.newPage();
+  faults = [];
+  page.on('pageerror', (error) => faults.push(error.message));
+  await page.goto(daemon.url);
+  await page.getByRole('button', { name: 'Start scan' }).waitFor();
+});
+afterEach(async () => {
+  await page.close();
+  expect(faults).toEqual([]);
+});
+
+async function get(path: string): Promise<Record<string, unknown>> {
+  const response = await fetch(`${daemon.url}/api/v1${path}`);
+  return (await response.json()) as Record<string, unknown>;
+}
+
+describe('a lab’s day', () => {
+  it('scans a sample with its operator steps, fits it, and the numbers change with the sample', async () => {
+    await fillScan(page, { sample: 'traced polymer', grid: 'paper' });
+    await page.getByText(/\d+ frames/).first().waitFor();
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    const steps = await doSteps(page, completed(page), SCAN_MS_MAX);
+    expect(steps).toEqual(['Cap the lens', 'Place the white reference', 'Place the sample traced polymer']);
+
+    const polymer = await fitted(page, 60_000);
+    // The traced sample's true angle is 10°; its own uncertainty is a matter of the fit's tests.
+    expect(Math.abs(polymer.theta_r_deg - 10)).toBeLessThan(0.5);
+    expect(polymer.text).toMatch(/^\d+\.\d+ ± \d+\.\d+°$/);
+    await page.getByTestId('curves').locator('canvas').first().waitFor();
+    expect(await page.getByTestId('curves').locator('figure').count()).toBe(5);
+    const [fit] = (await get('/fits'))['items'] as { parameters: Record<string, { value: number; expanded: number }> }[];
+    expect(polymer.theta_r_deg).toBeCloseTo(fit?.parameters['theta_r_deg']?.value ?? Number.NaN, 1);
+
+    await fillScan(page, { sample: 'model 15°', grid: 'paper' });
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    await page.getByRole('heading', { level: 1, name: 'model 15°' }).waitFor();
+    await doSteps(page, completed(page), SCAN_MS_MAX);
+    const model = await fitted(page, 60_000);
+    expect(Math.abs(model.theta_r_deg - 15)).toBeLessThan(0.5);
+    expect(await page.getByTestId('fits').locator('tbody tr').count()).toBe(2);
+  });
+
+  it('shows the count that the camera gave, pixel for pixel', async () => {
+    await page.goto(`${daemon.url}/#/scan/1`);
+    const canvas = page.getByTestId('frame');
+    await expect.poll(() => canvas.getAttribute('data-frame-id'), { timeout: 20_000 }).toMatch(/^\d+$/);
+    const id = await canvas.getAttribute('data-frame-id');
+    const pixels = await fetch(`${daemon.url}/api/v1/frames/${id}/pixels`);
+    const width = Number(pixels.headers.get('x-width-px'));
+    const counts = new Uint16Array(await pixels.arrayBuffer());
+    await page.locator('.stage').focus();
+    await page.keyboard.press('ArrowRight');
+    const readout = (await page.getByTestId('pixel').innerText()).replace(/\u202f/g, '');
+    const [, column, row, dn] = /column (\d+), row (\d+): (\d+) DN/.exec(readout) ?? [];
+    expect(Number(dn)).toBe(counts[Number(row) * width + Number(column)]);
+    // Counts beyond 8 bits, or the test shows nothing.
+    expect(new Set(counts).size).toBeGreaterThan(256);
+  });
+
+  it('stops at once by the big button, in the middle of a scan, and goes on', async () => {
+    await fillScan(page, { sample: 'model 15°', grid: 'custom', tilts: '-20:5:20', azimuths: '0:30:330' });
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    const frames = page.locator('section[aria-labelledby=scan-title] .note').first();
+    await doSteps(page, async () => /sample, [1-9]/.test(await frames.innerText().catch(() => '')), SCAN_MS_MAX);
+    await page.getByRole('button', { name: /STOP/ }).click();
+    await page.getByRole('button', { name: 'Resume' }).waitFor();
+    const rig = (await get('/rig')) as { axes: Record<string, { moving: boolean }> };
+    expect(Object.values(rig.axes).map((axis) => axis.moving)).toEqual([false, false]);
+    await page.getByRole('button', { name: 'Resume' }).click();
+    await page.getByRole('button', { name: 'Pause' }).waitFor();
+    await page.getByRole('button', { name: 'Abort …' }).click();
+    await page.getByRole('button', { name: 'Abort for good' }).click();
+    await page.getByRole('button', { name: 'Start scan' }).waitFor();
+  });
+
+  it('moves an axis by hand and reads the position back', async () => {
+    const axis = page.locator('[data-axis=theta_c]');
+    await axis.getByRole('button', { name: 'Move' }).waitFor();
+    if (await axis.getByText('not homed').isVisible()) {
+      await axis.getByRole('button', { name: 'Home' }).click();
+      await axis.getByText('homed', { exact: true }).waitFor();
+    }
+    await page.getByLabel('camera tilt: move to, degrees').fill('7.5');
+    await axis.getByRole('button', { name: 'Move' }).click();
+    await expect.poll(async () => Number.parseFloat((await axis.locator('output').innerText()).replace('−', '-')), { timeout: 20_000 }).toBeCloseTo(7.5, 1);
+  });
+
+  it('says as a sentence why a plan cannot run', async () => {
+    await fillScan(page, { sample: 'model 15°', grid: 'custom', tilts: '0, 88', azimuths: '0' });
+    const fault = page.locator('.estimate .fault');
+    await fault.waitFor();
+    expect(await fault.innerText()).toMatch(/88.*\.$/);
+    expect(await page.getByRole('button', { name: 'Start scan' }).isDisabled()).toBe(true);
+  });
+});

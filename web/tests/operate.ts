@@ -1,0 +1,50 @@
+// What a person does at the page, for the tests that drive the real daemon.
+
+import type { Page } from 'playwright-core';
+
+export interface GridChoice {
+  readonly sample: string;
+  readonly grid: 'paper' | 'full' | 'custom';
+  readonly tilts?: string;
+  readonly azimuths?: string;
+}
+
+/** Fills in the form of a new scan. */
+export async function fillScan(page: Page, choice: GridChoice): Promise<void> {
+  await page.getByRole('combobox', { name: 'Sample' }).selectOption({ label: choice.sample });
+  await page.locator('.grids').getByText(choice.grid, { exact: true }).click();
+  if (choice.tilts !== undefined) await page.getByLabel(/Camera tilts/).fill(choice.tilts);
+  if (choice.azimuths !== undefined) await page.getByLabel(/Sample azimuths/).fill(choice.azimuths);
+}
+
+/** Does each step that the scan asks for until `until` is so; gives the headings of the steps. */
+export async function doSteps(page: Page, until: () => Promise<boolean>, timeoutMs: number): Promise<string[]> {
+  const steps: string[] = [];
+  const proceed = page.getByRole('button', { name: 'Continue' });
+  const deadline = Date.now() + timeoutMs;
+  while (!(await until())) {
+    if (Date.now() > deadline) throw new Error(`not done after ${timeoutMs} ms; steps so far: ${steps.join(', ') || 'none'}`);
+    if ((await proceed.count()) > 0 && (await proceed.isEnabled())) {
+      const heading = await page.locator('section.call h2').innerText();
+      await proceed.click();
+      steps.push(heading);
+      await page.locator('section.call h2', { hasText: heading }).waitFor({ state: 'detached' });
+    }
+    await page.waitForTimeout(100);
+  }
+  return steps;
+}
+
+/** Whether the shown scan is over. */
+export function completed(page: Page): () => Promise<boolean> {
+  return async () => (await page.locator('section[aria-labelledby=answer-title] .card-head .chip', { hasText: 'completed' }).count()) > 0;
+}
+
+/** Presses Fit and reads a headline number once it is there. */
+export async function fitted(page: Page, timeoutMs: number): Promise<{ theta_r_deg: number; text: string }> {
+  await page.getByRole('button', { name: /^Fit( again)?$/ }).click();
+  const place = page.locator('[data-parameter=theta_r_deg]');
+  await place.waitFor({ timeout: timeoutMs });
+  const text = (await place.innerText()).replace(/\s+/g, ' ').trim();
+  return { theta_r_deg: Number.parseFloat(text.replace('−', '-')), text };
+}

@@ -1,0 +1,52 @@
+// Makes docs/screenshot.png (and docs/screenshot-dark.png) from a real run on the simulated rig:
+// the full grid on the path-traced sample, fitted. `make screenshot` runs it.
+
+import { mkdir } from 'node:fs/promises';
+import { join } from 'node:path';
+
+import { afterAll, beforeAll, expect, it } from 'vitest';
+
+import { openBrowser, type OpenBrowser } from '../browser';
+import { startDaemon, type RunningDaemon } from '../daemon';
+import { completed, doSteps, fillScan, fitted } from '../operate';
+
+const DOCS = join(import.meta.dirname, '../../../docs');
+
+let daemon: RunningDaemon;
+const browsers: OpenBrowser[] = [];
+
+beforeAll(async () => {
+  daemon = await startDaemon(100);
+});
+afterAll(async () => {
+  await Promise.all(browsers.map((b) => b.close()));
+  await daemon?.stop();
+});
+
+it('makes the pictures of the README', async () => {
+  await mkdir(DOCS, { recursive: true });
+  const light = await openBrowser({ width: 1440, height: 1000, scale: 1.5 });
+  browsers.push(light);
+  const page = await light.context.newPage();
+  await page.goto(daemon.url);
+  await page.getByRole('button', { name: 'Start scan' }).waitFor();
+  await fillScan(page, { sample: 'traced polymer', grid: 'full' });
+  await page.getByRole('button', { name: 'Start scan' }).click();
+  await doSteps(page, completed(page), 200_000);
+  await fitted(page, 100_000);
+  await page.getByTestId('curves').locator('canvas').first().waitFor();
+  await page.getByTestId('frame').waitFor();
+  await page.waitForTimeout(500);
+  await page.screenshot({ path: join(DOCS, 'screenshot.png') });
+
+  const dark = await openBrowser({ width: 1440, height: 1000, scale: 1.5, dark: true });
+  browsers.push(dark);
+  const night = await dark.context.newPage();
+  await night.goto(daemon.url);
+  await night.getByTestId('curves').locator('canvas').first().waitFor();
+  await night.getByTestId('frame').waitFor();
+  await night.waitForTimeout(500);
+  await night.locator('section[aria-labelledby=parameters-title]').evaluate((e) => scrollTo(0, e.getBoundingClientRect().top + scrollY - 80));
+  await night.screenshot({ path: join(DOCS, 'screenshot-dark.png') });
+  expect(await night.getByTestId('parameters').isVisible()).toBe(true);
+});
