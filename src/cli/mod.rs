@@ -4,6 +4,8 @@
 //! result, 2 bad usage or bad input, 130 after Ctrl-C once things are safe.
 
 pub mod eval;
+pub mod fit;
+pub mod interrupt;
 
 use std::process::ExitCode;
 
@@ -23,6 +25,8 @@ pub struct Cli {
 pub enum Command {
     /// Closed forms over a table of cases.
     Eval(eval::Args),
+    /// Ridge angle, roughness and reflectance of a recorded series.
+    Fit(fit::Args),
 }
 
 /// Why a command ended without what was asked for.
@@ -53,6 +57,7 @@ impl CliError {
 pub fn run(cli: Cli) -> ExitCode {
     let outcome: Result<(), CliError> = match cli.command {
         Command::Eval(args) => eval::run(args),
+        Command::Fit(args) => fit::run(args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

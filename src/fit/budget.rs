@@ -171,8 +171,9 @@ impl Sources {
             Material::Dielectric { eta_std, .. } => (eta_std, 0.0),
             Material::Conductor { eta_std, k_std, .. } => (eta_std, k_std),
         };
+        let ready = problem.ready(values);
         for (i, o) in set.observations.iter().enumerate() {
-            let g = problem.gradient(i, values);
+            let g = problem.gradient(i, &ready);
             let weight = 1.0 / problem.sigma()[i];
             // With flats in the fit the certificate acts through them; see below.
             if set.flats.is_empty() {

@@ -25,6 +25,7 @@ pub mod problem;
 pub mod report;
 pub mod solver;
 pub mod start;
+pub mod text;
 mod trust_region;
 pub mod variants;
 

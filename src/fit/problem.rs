@@ -17,10 +17,14 @@
 
 use std::f64::consts::PI;
 
+use nalgebra::Vector3;
+
 use super::least_squares::LeastSquares;
 use super::solver::Bounds;
-use crate::geometry::Pose;
-use crate::model::{Gradient, Surface, Variant, radiance_gradient};
+use crate::geometry::Directions;
+use crate::material::Material;
+use crate::model::prepared::{OpticsTable, Prepared};
+use crate::model::{Gradient, Optics, Surface, Variant};
 use crate::observation::ObservationSet;
 use crate::units::Angle;
 
@@ -151,6 +155,19 @@ pub struct Problem<'a> {
     sigma: Vec<f64>,
     flat_sigma: Vec<f64>,
     correction: Vec<f64>,
+    optics: OpticsTable,
+    /// Sines and cosines of the recorded poses: (θc, φs with the known zeros), one per observation.
+    poses: Vec<[(f64, f64); 2]>,
+}
+
+/// The model at one set of values, ready for every observation.
+#[derive(Debug, Clone, Copy)]
+pub struct Ready {
+    prepared: Prepared,
+    mirrored: bool,
+    tilt: (f64, f64),
+    turn: (f64, f64),
+    lamp: [f64; 3],
 }
 
 impl<'a> Problem<'a> {
@@ -170,6 +187,15 @@ impl<'a> Problem<'a> {
             sigma: set.observations.iter().map(|o| o.sigma).collect(),
             flat_sigma: set.flats.iter().map(|f| f.sigma).collect(),
             correction: vec![0.0; set.observations.len()],
+            optics: OpticsTable::new(&Optics::new(&set.rig, &set.material)),
+            poses: set
+                .observations
+                .iter()
+                .map(|o| {
+                    let azimuth = o.pose.phi_s + set.rig.azimuth_zero + set.region_azimuth;
+                    [o.pose.theta_c.sin_cos(), azimuth.sin_cos()]
+                })
+                .collect(),
             set,
         }
     }
@@ -278,29 +304,59 @@ impl<'a> Problem<'a> {
         Bounds { lower, upper }
     }
 
-    /// Radiance with all derivatives for one observation, the sign of θr taken care of.
+    /// Everything that no pose changes, for [`Problem::gradient`].
     #[must_use]
-    pub fn gradient(&self, index: usize, values: &Values) -> Gradient {
-        let pose = self.set.observations[index].pose;
+    pub fn ready(&self, values: &Values) -> Ready {
         let mut surface = values.surface();
-        let mut azimuth = values.azimuth_offset + self.set.region_azimuth.rad();
+        let mut azimuth = values.azimuth_offset;
         let mirrored = surface.theta_r < 0.0;
         if mirrored {
             surface.theta_r = -surface.theta_r;
             azimuth += PI;
         }
-        let actual = Pose {
-            theta_c: pose.theta_c + Angle::from_rad(values.tilt_offset),
-            phi_s: pose.phi_s + Angle::from_rad(azimuth),
+        let prepared = Prepared::new(self.variant, &surface, &self.optics);
+        let (sl, cl) = self.set.rig.theta_l.sin_cos();
+        let (sa, ca) = self.set.rig.light_azimuth.sin_cos();
+        Ready {
+            prepared: match self.set.material {
+                Material::Conductor { .. } => prepared.opaque(),
+                Material::Dielectric { .. } => prepared,
+            },
+            mirrored,
+            tilt: values.tilt_offset.sin_cos(),
+            turn: azimuth.sin_cos(),
+            lamp: [cl, sl * ca, sl * sa],
+        }
+    }
+
+    /// Directions of one observation in the sample frame, and sine and cosine of v's azimuth: those
+    /// of [`crate::geometry::RigGeometry::directions`] with the offsets added by the angle sums.
+    #[must_use]
+    pub fn directions(&self, index: usize, ready: &Ready) -> (Directions, f64, f64) {
+        let [(st, ct), (sp, cp)] = self.poses[index];
+        let add = |(s, c): (f64, f64), (so, co): (f64, f64)| (s * co + c * so, c * co - s * so);
+        let (s, c) = add((st, ct), ready.tilt);
+        let (sin, cos) = add((sp, cp), ready.turn);
+        let [along, inside, beside] = ready.lamp;
+        let incident = Vector3::new(along * s + inside * c, beside, along * c - inside * s);
+        let turned =
+            |w: Vector3<f64>| Vector3::new(w.x * sin - w.y * cos, w.x * cos + w.y * sin, w.z);
+        let directions = Directions {
+            incident: turned(incident),
+            outgoing: turned(Vector3::new(s, 0.0, c)),
         };
-        let mut g = radiance_gradient(
-            self.variant,
-            &self.set.rig,
-            actual,
-            &surface,
-            &self.set.material,
-        );
-        if mirrored {
+        (directions, sin, cos)
+    }
+
+    /// Radiance with all derivatives for one observation, the sign of θr taken care of.
+    #[must_use]
+    pub fn gradient(&self, index: usize, ready: &Ready) -> Gradient {
+        let (directions, sin, cos) = self.directions(index, ready);
+        let mut g = ready
+            .prepared
+            .partials(&directions)
+            .on_rig(&directions, sin, cos);
+        if ready.mirrored {
             g.theta_r = -g.theta_r;
         }
         g
@@ -309,9 +365,10 @@ impl<'a> Problem<'a> {
     /// Signals of the sample that the model expects.
     #[must_use]
     pub fn predicted(&self, values: &Values) -> Vec<f64> {
+        let ready = self.ready(values);
         (0..self.set.observations.len())
             .map(|i| {
-                let l = self.gradient(i, values).value + self.correction[i];
+                let l = self.gradient(i, &ready).value + self.correction[i];
                 values.scale * l + values.background
             })
             .collect()
@@ -351,8 +408,9 @@ impl LeastSquares for &Problem<'_> {
         let values = self.unpack(x);
         let m = self.n_residuals();
         let (samples, flats) = (self.set.observations.len(), self.set.flats.len());
+        let ready = self.ready(&values);
         for i in 0..samples {
-            let g = self.gradient(i, &values);
+            let g = self.gradient(i, &ready);
             let l = g.value + self.correction[i];
             let weight = 1.0 / self.sigma[i];
             residuals[i] =
@@ -397,6 +455,136 @@ impl LeastSquares for &Problem<'_> {
             } else {
                 0.0
             };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Pose, RigGeometry};
+    use crate::model::radiance_gradient;
+    use crate::observation::{Observation, Prior, SharedErrors};
+    use crate::units::Angle;
+
+    fn set() -> ObservationSet {
+        let poses = [(-20.0, 0.0), (3.0, 40.0), (15.0, 200.0), (0.0, 330.0)];
+        ObservationSet {
+            rig: RigGeometry {
+                light_azimuth: Angle::from_deg(70.0),
+                azimuth_zero: Angle::from_deg(33.0),
+                ..RigGeometry::IN_PLANE
+            },
+            material: Material::Dielectric {
+                eta: 1.54,
+                eta_std: 0.005,
+            },
+            observations: poses
+                .iter()
+                .map(|(t, p)| Observation {
+                    pose: Pose::from_deg(*t, *p),
+                    signal: 0.1,
+                    sigma: 0.01,
+                    shared: SharedErrors::default(),
+                    n_frames: 1,
+                })
+                .collect(),
+            flats: Vec::new(),
+            white_reference: None,
+            background: Prior {
+                mean: 0.0,
+                std: 0.01,
+            },
+            region: None,
+            region_azimuth: Angle::from_deg(90.0),
+            n_frames_used: 4,
+            rejected_frames: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+
+    const VALUES: Values = Values {
+        theta_r: 0.17,
+        alpha_u: 0.12,
+        alpha_v: 0.1,
+        rho_d: 0.3,
+        scale: 1.1,
+        background: 0.002,
+        azimuth_offset: 0.05,
+        tilt_offset: -0.01,
+    };
+
+    #[test]
+    fn offsets_by_angle_sums_give_the_directions_of_the_rig() {
+        let set = set();
+        let p = Problem::new(&set, Variant::Sawtooth, Quantity::ALL.to_vec(), VALUES);
+        let ready = p.ready(&VALUES);
+        for (i, o) in set.observations.iter().enumerate() {
+            let pose = Pose {
+                theta_c: o.pose.theta_c + Angle::from_rad(VALUES.tilt_offset),
+                phi_s: o.pose.phi_s + Angle::from_rad(VALUES.azimuth_offset) + set.region_azimuth,
+            };
+            let expected = set.rig.directions(pose);
+            let (found, ..) = p.directions(i, &ready);
+            assert!((found.incident - expected.incident).norm() < 1e-15);
+            assert!((found.outgoing - expected.outgoing).norm() < 1e-15);
+            let surface = VALUES.surface();
+            let by_model =
+                radiance_gradient(Variant::Sawtooth, &set.rig, pose, &surface, &set.material);
+            let g = p.gradient(i, &ready);
+            assert!((g.value - by_model.value).abs() < 1e-13 * by_model.value);
+            assert!((g.phi_s - by_model.phi_s).abs() < 1e-11 * by_model.value);
+        }
+    }
+
+    #[test]
+    fn a_negative_ridge_angle_is_the_same_surface_turned_by_half_a_circle() {
+        let set = set();
+        let p = Problem::new(&set, Variant::Sawtooth, Quantity::ALL.to_vec(), VALUES);
+        let mut turned = VALUES;
+        turned.theta_r = -turned.theta_r;
+        turned.azimuth_offset += PI;
+        let (a, b) = (p.predicted(&VALUES), p.predicted(&turned));
+        assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-12));
+        let back = turned.folded();
+        assert!((back.theta_r - VALUES.theta_r).abs() < 1e-15);
+        assert!((back.azimuth_offset - VALUES.azimuth_offset).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_jacobian_is_the_slope_of_the_residuals() {
+        let set = set();
+        for variant in [Variant::Paper, Variant::Sawtooth] {
+            for sign in [1.0, -1.0] {
+                let mut values = VALUES;
+                values.theta_r *= sign;
+                let p = Problem::new(&set, variant, Quantity::ALL.to_vec(), values);
+                let x = p.pack(&values);
+                let m = p.residual_count();
+                let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * 8]);
+                (&p).evaluate(&x, &mut r, &mut j);
+                for k in 0..8 {
+                    let at = |h: f64| {
+                        let mut moved = x.clone();
+                        moved[k] += h;
+                        let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * 8]);
+                        (&p).evaluate(&moved, &mut r, &mut j);
+                        r
+                    };
+                    // Fourth-order differences: truncation h⁴, rounding 1e-16/h.
+                    let h = 1e-4;
+                    let (a, b, c, d) = (at(-2.0 * h), at(-h), at(h), at(2.0 * h));
+                    for i in 0..m {
+                        let slope = (a[i] - 8.0 * b[i] + 8.0 * c[i] - d[i]) / (12.0 * h);
+                        let found = j[i + k * m];
+                        let size = 1.0 + found.abs();
+                        assert!(
+                            (slope - found).abs() < 1e-6 * size,
+                            "{i} {k}: {slope} {found}"
+                        );
+                    }
+                }
+            }
         }
     }
 }

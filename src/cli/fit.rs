@@ -1,0 +1,151 @@
+//! `ridged fit`: a recorded series in, ridge angle with uncertainty out.
+
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+use std::sync::OnceLock;
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+
+use clap::ValueEnum;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::{CliError, interrupt};
+use crate::analysis::{Analysis, AnalysisError, AnalysisOptions, Progress, analyse};
+use crate::fit::{FitOptions, VariantChoice, text};
+use crate::reduction::{FrameSource, ReductionError};
+use crate::series::Series;
+
+/// Reduces and fits one series of frames.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example:\n  ridged fit tests/data/series/polymer-10 --json > polymer-10.json"
+)]
+pub struct Args {
+    /// Folder of a recorded series (manifest.toml, frames.csv, frames/).
+    pub dir: PathBuf,
+    /// Which model the answer hangs on; all are fitted and compared.
+    #[arg(long, value_enum, default_value_t = Variant::Auto)]
+    pub variant: Variant,
+    /// Region of a sample with a layout: even, odd or patch-I-J.
+    #[arg(long)]
+    pub region: Option<String>,
+    /// One JSON object on stdout instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Models by the names of the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Variant {
+    /// The BRDF as printed.
+    Paper,
+    /// The sawtooth in full.
+    Sawtooth,
+    /// Corrected by the ray tracer.
+    Traced,
+    /// The better one of paper and sawtooth.
+    Auto,
+}
+
+impl Variant {
+    /// The choice for a fit.
+    ///
+    /// # Errors
+    /// Bad input for `traced`, which there is no fit for yet.
+    pub fn choice(self) -> Result<VariantChoice, CliError> {
+        match self {
+            Variant::Paper => Ok(VariantChoice::Paper),
+            Variant::Sawtooth => Ok(VariantChoice::Sawtooth),
+            Variant::Auto => Ok(VariantChoice::Auto),
+            Variant::Traced => Err(CliError::bad_input(anyhow::anyhow!(
+                "the variant traced cannot be fitted in this version; take sawtooth, whose model part \
+                 of the uncertainty covers what it misses"
+            ))),
+        }
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input for a folder that is no series, a region that is missing or unknown, `traced`; no
+/// result where no frame can be used.
+pub fn run(args: Args) -> Result<(), CliError> {
+    let options = AnalysisOptions {
+        region: args.region.clone(),
+        fit: FitOptions {
+            variant: args.variant.choice()?,
+            ..FitOptions::default()
+        },
+    };
+    let series = Series::open(&args.dir).map_err(CliError::bad_input)?;
+    let cancel = interrupt::flag()?;
+    let analysis = watched(&series, &options, &cancel)?;
+    print(&analysis, args.json)
+}
+
+/// The analysis of any source of frames, with a progress bar on a terminal once it takes more than
+/// a second.
+///
+/// # Errors
+/// See [`run`].
+pub fn watched(
+    source: &dyn FrameSource,
+    options: &AnalysisOptions,
+    cancel: &AtomicBool,
+) -> Result<Analysis, CliError> {
+    let started = Instant::now();
+    let bar: OnceLock<ProgressBar> = OnceLock::new();
+    let terminal = std::io::stderr().is_terminal();
+    let progress = |p: Progress| {
+        if !terminal || started.elapsed() < Duration::from_secs(1) {
+            return;
+        }
+        let bar = bar.get_or_init(new_bar);
+        match p {
+            Progress::Reducing { done, total } => {
+                bar.set_length(done.max(total) as u64);
+                bar.set_position(done as u64);
+            }
+            Progress::Fitting => bar.set_message("fitting"),
+        }
+    };
+    let outcome = analyse(source, options, &progress, cancel);
+    if let Some(bar) = bar.get() {
+        bar.finish_and_clear();
+    }
+    outcome.map_err(|error| match error {
+        AnalysisError::Cancelled => CliError::Interrupted,
+        AnalysisError::Reduction(
+            reason @ (ReductionError::NoObservations { .. } | ReductionError::Vanished { .. }),
+        ) => CliError::no_result(reason),
+        AnalysisError::Reduction(reason) => CliError::bad_input(reason),
+    })
+}
+
+fn new_bar() -> ProgressBar {
+    let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} frames, {eta} left")
+        .expect("the template is constant");
+    ProgressBar::new(0)
+        .with_style(style)
+        .with_message("reading")
+}
+
+/// Prints a report to stdout, as JSON or as a table.
+///
+/// # Errors
+/// No result where stdout cannot be written.
+pub fn print(analysis: &Analysis, json: bool) -> Result<(), CliError> {
+    let mut out = std::io::stdout().lock();
+    let text = if json {
+        let mut text =
+            serde_json::to_string_pretty(&analysis.report).map_err(CliError::no_result)?;
+        text.push('\n');
+        text
+    } else {
+        text::table(&analysis.report, out.is_terminal())
+    };
+    out.write_all(text.as_bytes())
+        .and_then(|()| out.flush())
+        .map_err(CliError::no_result)
+}

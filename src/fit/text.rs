@@ -1,0 +1,275 @@
+//! A fit's answer as a table for people; the call is [`table`].
+
+use std::fmt::Write as _;
+
+use super::budget::Budget;
+use super::report::{FitReport, Parameter, Status};
+
+/// The report laid out for a terminal of 80 columns and more; `colour` allows ANSI attributes.
+#[must_use]
+pub fn table(report: &FitReport, colour: bool) -> String {
+    let paint = |text: &str, code: &str| {
+        if colour {
+            format!("\u{1b}[{code}m{text}\u{1b}[0m")
+        } else {
+            text.to_owned()
+        }
+    };
+    let mut out = String::new();
+    let word = status_word(report.status);
+    let status = if report.status == Status::Converged {
+        paint(word, "32")
+    } else {
+        paint(word, "33")
+    };
+    let region = report
+        .region
+        .as_ref()
+        .map_or_else(String::new, |r| format!(" · region {r}"));
+    line(
+        &mut out,
+        &format!(
+            "{} · {status}{region} · {} observations from {} frames",
+            paint(&format!("variant {}", report.variant), "1"),
+            report.n_observations,
+            report.n_frames_used
+        ),
+    );
+    line(&mut out, "");
+    line(
+        &mut out,
+        &format!(
+            "  {:<25}{:>10}   {:<10} {:<2} {}",
+            "", "value", "± (k = 2)", "", "standard uncertainty, largest parts"
+        ),
+    );
+    for (name, parameter) in report.parameters.named() {
+        let (label, unit) = spoken(name);
+        line(&mut out, &row(label, unit, parameter));
+    }
+    line(&mut out, "");
+    line(
+        &mut out,
+        &format!(
+            "  residual {} of the largest observation (rms); reduced χ² {:.2} with the model's \
+             misfit in it, {:.3e} without",
+            percent(report.rms_residual),
+            report.chi2_reduced,
+            report.chi2_reduced_without_model
+        ),
+    );
+    let variants: Vec<String> = report
+        .variants
+        .iter()
+        .map(|v| format!("{} leaves {}", v.variant, percent(v.rms_residual)))
+        .collect();
+    if !variants.is_empty() {
+        line(&mut out, &format!("  {}", variants.join(", ")));
+    }
+    let unknown: Vec<(&str, &str)> = report
+        .parameters
+        .named()
+        .into_iter()
+        .filter(|(_, p)| !p.identifiable)
+        .filter_map(|(name, p)| p.note.as_deref().map(|note| (spoken(name).0, note)))
+        .collect();
+    section(
+        &mut out,
+        &paint("cannot be told", "1"),
+        unknown.iter().map(|(l, n)| format!("{l}: {n}")),
+    );
+    section(
+        &mut out,
+        &paint("mind", "1"),
+        report.warnings.iter().cloned(),
+    );
+    section(
+        &mut out,
+        &paint("left out", "1"),
+        report.left_out.iter().map(|l| {
+            let cost = l.cost.map_or_else(
+                || "cost unknown".to_owned(),
+                |c| format!("may cost {}", percent(c)),
+            );
+            format!("{}: {} ({cost})", l.what, l.why)
+        }),
+    );
+    section(
+        &mut out,
+        &paint("frames rejected", "1"),
+        rejected(report).into_iter(),
+    );
+    out
+}
+
+fn line(out: &mut String, text: &str) {
+    out.push_str(text.trim_end());
+    out.push('\n');
+}
+
+fn section(out: &mut String, title: &str, entries: impl Iterator<Item = String>) {
+    let mut entries = entries.peekable();
+    if entries.peek().is_none() {
+        return;
+    }
+    line(out, &format!("\n{title}"));
+    for entry in entries {
+        for (k, part) in wrapped(&entry, 94).iter().enumerate() {
+            line(out, &format!("  {} {part}", if k == 0 { "·" } else { " " }));
+        }
+    }
+}
+
+/// Lines of at most `width` characters, broken between words.
+fn wrapped(text: &str, width: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split_whitespace() {
+        let last = lines.last_mut().expect("never empty");
+        if !last.is_empty() && last.chars().count() + 1 + word.chars().count() > width {
+            lines.push(word.to_owned());
+        } else {
+            if !last.is_empty() {
+                last.push(' ');
+            }
+            last.push_str(word);
+        }
+    }
+    lines
+}
+
+/// Rejected frames counted by reason, so that a hundred saturated ones are one line.
+fn rejected(report: &FitReport) -> Vec<String> {
+    let mut reasons: Vec<&str> = report
+        .rejected_frames
+        .iter()
+        .map(|f| f.reason.as_str())
+        .collect();
+    reasons.sort_unstable();
+    reasons.dedup();
+    reasons
+        .into_iter()
+        .map(|reason| {
+            let files: Vec<&str> = report
+                .rejected_frames
+                .iter()
+                .filter(|f| f.reason == reason)
+                .map(|f| f.file.as_str())
+                .collect();
+            match files.as_slice() {
+                [one] => format!("{reason}: {one}"),
+                many => format!("{reason}: {} frames, first {}", many.len(), many[0]),
+            }
+        })
+        .collect()
+}
+
+fn row(label: &str, unit: &str, p: &Parameter) -> String {
+    match (p.value, p.expanded, p.std, &p.budget) {
+        (Some(value), Some(expanded), Some(std), Some(budget)) => {
+            let decimals = decimals(expanded);
+            format!(
+                "  {label:<25}{value:>10.decimals$} ± {expanded:<10.decimals$} {unit:<2} {}",
+                parts(budget, std)
+            )
+        }
+        _ => format!("  {label:<25}{:>10}", "–"),
+    }
+}
+
+/// Decimals that show two digits of an uncertainty.
+fn decimals(uncertainty: f64) -> usize {
+    if uncertainty > 0.0 && uncertainty.is_finite() {
+        let digits = 1.0 - uncertainty.log10().floor();
+        digits.clamp(0.0, 9.0) as usize
+    } else {
+        4
+    }
+}
+
+/// The parts that make up nine tenths of the variance, largest first.
+fn parts(budget: &Budget, std: f64) -> String {
+    let mut all = [
+        ("counting", budget.counting),
+        ("reference", budget.reference),
+        ("angles", budget.angles),
+        ("material", budget.material),
+        ("drift", budget.drift),
+        ("background", budget.background),
+        ("model", budget.model),
+    ];
+    all.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let mut text = String::new();
+    let mut variance = 0.0;
+    for (name, part) in all {
+        if variance >= 0.9 * std * std || part == 0.0 {
+            break;
+        }
+        variance += part * part;
+        let comma = if text.is_empty() { "" } else { ", " };
+        let decimals = decimals(part);
+        write!(text, "{comma}{name} {part:.decimals$}").expect("a string takes text");
+    }
+    text
+}
+
+fn percent(share: f64) -> String {
+    let value = 100.0 * share;
+    let decimals = decimals(value);
+    format!("{value:.decimals$} %")
+}
+
+fn spoken(name: &str) -> (&'static str, &'static str) {
+    match name {
+        "theta_r_deg" => ("θr  ridge angle", "°"),
+        "alpha_u" => ("αu  roughness along", ""),
+        "alpha_v" => ("αv  roughness across", ""),
+        "rho_d" => ("ρd  diffuse reflectance", ""),
+        "scale" => ("k   scale", ""),
+        "background" => ("b   stray light", ""),
+        "azimuth_offset_deg" => ("Δφ  azimuth offset", "°"),
+        _ => ("δ   tilt offset", "°"),
+    }
+}
+
+fn status_word(status: Status) -> &'static str {
+    match status {
+        Status::Converged => "converged",
+        Status::AtBound => "at a bound",
+        Status::RankDeficient => "rank-deficient",
+        Status::Stalled => "stalled",
+        Status::NotFinite => "not finite",
+        Status::TooFewObservations => "too few observations",
+        Status::Cancelled => "cancelled",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_row_shows_two_digits_of_the_uncertainty_and_what_it_is_made_of() {
+        let budget = Budget {
+            material: 0.017,
+            model: 0.011,
+            counting: 0.0001,
+            ..Budget::default()
+        };
+        let text = row("θr", "°", &Parameter::known(10.01732, budget, None));
+        assert!(text.contains("10.017 ± 0.040"), "{text}");
+        assert!(text.contains("material 0.017, model 0.011"), "{text}");
+        assert!(!text.contains("counting"), "{text}");
+    }
+
+    #[test]
+    fn a_parameter_that_cannot_be_told_shows_no_number() {
+        let text = row("ρd", "", &Parameter::unknown("no reference"));
+        assert!(!text.chars().any(|c| c.is_ascii_digit()), "{text}");
+    }
+
+    #[test]
+    fn long_sentences_break_between_words() {
+        let lines = wrapped("one two three four", 9);
+        assert_eq!(lines, ["one two", "three", "four"]);
+    }
+}
