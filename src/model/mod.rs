@@ -19,6 +19,7 @@ mod gradient_sawtooth;
 pub mod paper;
 pub mod polarisation;
 pub mod prepared;
+pub mod quadrature;
 pub mod sawtooth;
 pub mod single_bounce;
 

@@ -268,6 +268,36 @@ fn diffuse<S: Scalar>(i: &Ray<S>, o: &Ray<S>, q: &Parameters<S>) -> S {
     c_d * sum
 }
 
+/// The part of (b) that has met the walls three times or more: two mirror hops about one diffuse
+/// reflection, and the radiosity beyond the first exchange. L (o·n), as all terms.
+pub(super) fn three_bounces_and_more(
+    i: [f64; 3],
+    o: [f64; 3],
+    q: &Parameters<f64>,
+    c_d: f64,
+    kappa: f64,
+) -> f64 {
+    if q.rho_d == 0.0 || q.theta_r <= 0.0 {
+        return 0.0;
+    }
+    let (r, p) = (q.theta_r.sin(), q.theta_r.cos());
+    let (i, o) = (Ray::new(i, q), Ray::new(o, q));
+    let (ti, to) = (i.facet_t() * i.m, o.facet_t() * o.m);
+    let (ui, uo) = (i.riser_t() * i.rho, o.riser_t() * o.rho);
+    let hops = ti * i.riser_f() * to * o.riser_f() * i.x.min(o.x)
+        + ui * i.facet_f() * uo * o.facet_f() * i.y.min(o.y);
+    let half = 0.5 * kappa * (p + r - 1.0);
+    let loss = half * half / (p * r);
+    let d = 1.0 - loss;
+    let e_f = |t: f64, w: &Ray<f64>| t * (p - w.sigma + w.riser_f() * w.x);
+    let e_r = |u: f64, w: &Ray<f64>| u * (r + w.facet_f() * w.y);
+    let (fi, fo, ri, ro) = (e_f(ti, &i), e_f(to, &o), e_r(ui, &i), e_r(uo, &o));
+    let exchanged =
+        loss / d * (fi * fo / p + ri * ro / r) + half / (p * r * d) * (fo * ri + ro * fi);
+    let first = half / (p * r) * (to * (p - o.sigma) * ui * r + uo * r * ti * (p - i.sigma));
+    c_d * (hops + exchanged - first)
+}
+
 /// Density of the normal distribution of variance `v`.
 fn normal_density<S: Scalar>(x: S, v: S) -> S {
     (-(x * x) / (v * 2.0)).exp() / (v * (2.0 * PI)).sqrt()
