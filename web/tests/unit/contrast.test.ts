@@ -1,0 +1,56 @@
+import { readFileSync } from 'node:fs';
+import { join } from 'node:path';
+
+import { describe, expect, it } from 'vitest';
+
+const CSS = readFileSync(join(import.meta.dirname, '../../src/app.css'), 'utf8');
+
+/** Tokens of one theme; the dark one's stand on the light one's. */
+function tokens(selector: string): Map<string, string> {
+  const body = CSS.slice(CSS.indexOf(`${selector} {`)).split('}')[0] ?? '';
+  return new Map([...body.matchAll(/--([\w-]+):\s*(#[0-9a-f]{6})/g)].map(([, name = '', value = '']) => [name, value]));
+}
+
+/** Relative luminance (WCAG 2.2). */
+function luminance(hex: string): number {
+  const [r = 0, g = 0, b = 0] = [1, 3, 5].map((i) => Number.parseInt(hex.slice(i, i + 2), 16) / 255).map((c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4));
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+}
+
+function contrast(a: string, b: string): number {
+  const [light = 0, dark = 0] = [luminance(a), luminance(b)].sort((x, y) => y - x);
+  return (light + 0.05) / (dark + 0.05);
+}
+
+const TEXT_ON: [string, string[]][] = [
+  ['text', ['ground', 'surface', 'sunken', 'accent-soft', 'warn-soft', 'bad-soft']],
+  ['muted', ['ground', 'surface', 'sunken', 'accent-soft', 'warn-soft', 'bad-soft']],
+  ['faint', ['surface']],
+  ['accent', ['surface', 'accent-soft']],
+  ['good', ['surface', 'good-soft']],
+  ['warn', ['surface', 'warn-soft']],
+  ['bad', ['surface', 'bad-soft']],
+  ['on-accent', ['accent']],
+];
+const MARKS = ['curve-sawtooth', 'curve-paper', 'curve-traced', 'budget-model', 'budget-reference'];
+
+describe.each([':root', ":root[data-theme='dark']"])('colours of %s', (selector) => {
+  const theme = new Map([...tokens(':root'), ...tokens(selector)]);
+  const of = (name: string): string => {
+    const value = theme.get(name);
+    if (value === undefined) throw new Error(`no token --${name}`);
+    return value;
+  };
+
+  it('text stands 4.5 : 1 from what it is written on', () => {
+    const poor = TEXT_ON.flatMap(([text, grounds]) =>
+      grounds.map((ground) => ({ text, ground, ratio: contrast(of(text), of(ground)) })).filter(({ ratio }) => ratio < 4.5),
+    );
+    expect(poor).toEqual([]);
+    expect(contrast('#ffffff', of('stop'))).toBeGreaterThan(4.5);
+  });
+
+  it('curves and bars stand 3 : 1 from the surface', () => {
+    expect(MARKS.filter((name) => contrast(of(name), of('surface')) < 3)).toEqual([]);
+  });
+});
