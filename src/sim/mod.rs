@@ -4,5 +4,7 @@
 //! nothing reaches the stages but bytes. The simulated camera shares the same [`world::World`], so
 //! moving a stage changes the picture, as on a bench. Knows nothing of scans, store or fit.
 
+pub mod camera;
 pub mod motion;
+pub mod sample;
 pub mod world;
