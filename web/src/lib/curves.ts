@@ -40,6 +40,18 @@ export function panels(data: Curves): Panel[] {
   }));
 }
 
+/**
+ * Where along the azimuth the model's own inadequacy is how large, as a share of that at the peak. The
+ * fit takes it as proportional to the signal plus a tenth of the peak (`fit::estimate`).
+ */
+export function inadequacyShape(panel: Panel, variant: string, peak: number): { x: number; share: number }[] {
+  const curve = panel.curves.find((c) => c.variant === variant);
+  const along = curve
+    ? curve.phi_s_deg.map((x, i) => ({ x, y: curve.signal[i] ?? 0 }))
+    : panel.points.map((p) => ({ x: p.phi_s_deg, y: p.predicted ?? p.signal }));
+  return along.map(({ x, y }) => ({ x, share: (Math.abs(y) + 0.1 * peak) / (1.1 * peak) }));
+}
+
 /** Variants that have a curve, the fit's own first. */
 export function variantsOf(data: Curves): string[] {
   return [...new Set(data.curves.map((c) => c.variant))];

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { aligned, panels, variantsOf } from '../../src/lib/curves';
+import { aligned, inadequacyShape, panels, variantsOf } from '../../src/lib/curves';
 import { bestExposure, poseGrid } from '../../src/lib/poses';
 import type { Curves, FrameRow } from '../../src/lib/types';
 
@@ -25,6 +25,16 @@ describe('panels', () => {
   it('gives curves to their own tilt and drops those of no tilt', () => {
     expect(panels(data).map((p) => p.curves.map((c) => c.variant))).toEqual([[], ['sawtooth', 'paper']]);
     expect(variantsOf(data)).toEqual(['sawtooth', 'paper']);
+  });
+});
+
+describe('inadequacyShape', () => {
+  it('is whole at the peak and a tenth as much of the peak in the dark', () => {
+    const panel = { theta_c_deg: 0, points: [point(0, 0)], curves: [{ variant: 'paper', phi_s_deg: [0, 90], signal: [2, 0] }] };
+    const [peak, dark] = inadequacyShape(panel, 'paper', 2).map((s) => s.share);
+    expect(peak).toBeCloseTo(1, 12);
+    expect(dark).toBeCloseTo(0.1 / 1.1, 12);
+    expect(inadequacyShape(panel, 'sawtooth', 2)[0]?.share).toBeCloseTo((1 + 0.2) / 2.2, 12);
   });
 });
 
