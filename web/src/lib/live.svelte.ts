@@ -28,6 +28,8 @@ const RECONNECT_MS_MAX = 8000;
 export interface Notice {
   readonly id: number;
   readonly text: string;
+  /** Something may be moving that should not. */
+  readonly severe: boolean;
 }
 
 class Live {
@@ -85,10 +87,10 @@ class Live {
     }
   }
 
-  notify(text: string): void {
+  notify(text: string, severe = false): void {
     if (this.notices.some((n) => n.text === text)) return;
     this.#noticeId += 1;
-    this.notices = [...this.notices, { id: this.#noticeId, text }].slice(-4);
+    this.notices = [...this.notices, { id: this.#noticeId, text, severe }].slice(-4);
   }
 
   dismissNotice(id: number): void {
@@ -100,8 +102,14 @@ class Live {
   }
 
   /** Never waits for anything else. */
-  stop(): Promise<boolean> {
-    return this.attempt(() => api.stop());
+  async stop(): Promise<void> {
+    try {
+      await api.stop();
+    } catch (error) {
+      this.notify(`The stop did not get through: use the rig’s own switch. ${spoken(error)}`, true);
+    } finally {
+      void this.#pollRig();
+    }
   }
 
   async refresh(): Promise<void> {

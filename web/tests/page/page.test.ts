@@ -53,6 +53,13 @@ describe('stop', () => {
     await expect.poll(posts).toEqual(['/rig/stop', '/rig/stop']);
   });
 
+  it('says so loudly when it did not get through', async () => {
+    daemon.refusals.set('POST /rig/stop', { status: 503, body: { code: 'stage-no-reply', title: 'no reply', detail: 'the controller does not answer' } });
+    await page.goto(url);
+    await page.keyboard.press('Escape');
+    await page.getByRole('alert').filter({ hasText: 'use the rig’s own switch. The controller does not answer.' }).waitFor();
+  });
+
   it('is in view on a narrow screen however far one scrolls', async () => {
     daemon.addFit(daemon.addScan(1, 'full'));
     await page.setViewportSize({ width: 390, height: 700 });
