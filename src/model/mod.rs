@@ -22,6 +22,7 @@ pub mod prepared;
 pub mod quadrature;
 pub mod sawtooth;
 pub mod single_bounce;
+mod third_bounce;
 
 use nalgebra::Vector3;
 

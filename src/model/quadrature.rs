@@ -24,9 +24,10 @@
 //! the rest is smooth. Cells start at the mirror images of lamp and camera and are halved where
 //! two Gauss rules disagree. The reverse path, riser then facet, is the same integral with lamp and
 //! camera exchanged. On metal the specular-specular part carries the polarisation of the first
-//! bounce to the second. *Three and more bounces*: the closed form's radiosity tail.
+//! bounce to the second. *Three and more bounces*: on metal [`super::third_bounce`], and for diffuse
+//! light the closed form's radiosity tail.
 //!
-//! Third specular bounces, rounding, burrs and draft angle are left to the ray tracer.
+//! Rounding, burrs and draft angle are left to the ray tracer.
 
 use std::collections::BinaryHeap;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -37,7 +38,7 @@ use super::fresnel::reflectances;
 use super::gauss::{LEGENDRE_4, LEGENDRE_6};
 use super::prepared::OpticsTable;
 use super::sawtooth::{Parameters, three_bounces_and_more};
-use super::{Optics, Surface};
+use super::{Optics, Surface, third_bounce};
 use crate::geometry::Directions;
 
 /// A radiance with how far the integration may be off.
@@ -114,12 +115,7 @@ impl Lobe {
     /// Smith's masking for Beckmann slopes in the rational form of Walter et al. 2007; direction
     /// (x, y, z), z along the wall's normal.
     fn smith(self, x: f64, y: f64, z: f64) -> f64 {
-        let a2 = z * z / (self.au2 * x * x + self.av2 * y * y);
-        if a2 >= 2.56 {
-            return 1.0;
-        }
-        let a = a2.sqrt();
-        a * (3.535 + 2.181 * a) / (1.0 + a * (2.276 + 2.577 * a))
+        third_bounce::smith([self.au2, self.av2], x, y, z)
     }
 }
 
@@ -162,6 +158,9 @@ impl Quadrature {
             sum += value;
             error += off;
         }
+        if self.q.k > 0.0 {
+            sum += self.third_bounce(&a, &b);
+        }
         sum += three_bounces_and_more(i, o, &self.q, self.c_d, self.kappa);
         Estimate {
             value: sum / o[2],
@@ -176,6 +175,26 @@ impl Quadrature {
             .par_iter()
             .map(|d| self.radiance(d, tolerance))
             .collect()
+    }
+
+    fn third_bounce(&self, i: &Ray, o: &Ray) -> f64 {
+        let alpha2 = |lobe: Lobe| [lobe.au2, lobe.av2];
+        let valley = third_bounce::Valley {
+            sin: self.sin,
+            cos: self.cos,
+            eta: self.q.eta,
+            k: self.q.k,
+            first: alpha2(self.lobe(true)),
+            last: alpha2(self.lobe(false)),
+            between: alpha2(self.lobe(false)),
+        };
+        let end = |w: &Ray| third_bounce::End {
+            u: w.u,
+            e: w.e,
+            m: w.m,
+            tau: w.tau,
+        };
+        self.q.amplitude.powi(3) * third_bounce::radiance(&valley, &end(i), &end(o))
     }
 
     fn ray(&self, w: [f64; 3]) -> Ray {
@@ -688,7 +707,7 @@ mod tests {
     }
 
     #[test]
-    fn path_traced_steel_is_met_three_times_closer_than_by_the_closed_form() {
+    fn path_traced_steel_is_met_within_a_fortieth_of_a_per_cent_of_the_peak() {
         let t = traced(
             include_str!("../../tests/data/series/steel-15/radiance.csv"),
             &RigGeometry::IN_PLANE,
@@ -696,7 +715,11 @@ mod tests {
             STEEL,
         );
         let (quadrature, closed) = residuals(&t);
-        assert!(closed > 3.0 * quadrature, "{closed} {quadrature}");
+        // The tracer's standard errors are 0.0104 % (rms).
+        assert!(
+            quadrature < 0.000_25 && closed > 5.0 * quadrature,
+            "{closed} {quadrature}"
+        );
     }
 
     #[test]
