@@ -1,5 +1,6 @@
 //! Real devices: what a stage and a camera are to the rest of the program.
 
+pub mod watched_folder;
 pub mod wire;
 
 use std::fmt;

@@ -1,0 +1,547 @@
+//! A camera that is any program which writes frames into a folder.
+//!
+//! For each frame the program is started from a command template, without a shell:
+//! `["vendor-snap", "--ms", "{exposure_ms}", "--out", "{file}"]`. With `{file}` in the template the
+//! frame is awaited under exactly that name, which no earlier frame has; without it the newest PNG
+//! that was not in the folder before (or has changed since) counts, and with an empty template a
+//! person or another program is trusted to deliver. A frame is complete when it decodes as a whole
+//! 16-bit grey PNG; until then it is looked at again. Knows nothing of poses but to print them.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+use futures::future::BoxFuture;
+use serde::{Deserialize, Serialize};
+use tokio::io::AsyncReadExt;
+use tokio::process::{Child, Command};
+
+use super::{Camera, CameraError, CaptureRequest, Captured};
+use crate::clock::Clock;
+use crate::frame::{Frame, FrameError};
+
+/// Between two looks into the folder.
+const LOOK_EVERY: Duration = Duration::from_millis(25);
+/// Of what a failed program wrote to stderr, this much is shown.
+const STDERR_BYTES_MAX: usize = 2000;
+
+/// Words in braces that the template may have.
+const PLACEHOLDERS: [&str; 7] = [
+    "theta_c_deg",
+    "phi_s_deg",
+    "exposure_s",
+    "exposure_ms",
+    "kind",
+    "repeat",
+    "file",
+];
+
+/// Where frames come from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WatchedFolderSettings {
+    /// Folder into which the program writes.
+    pub folder: PathBuf,
+    /// Program and arguments, with `{theta_c_deg}`, `{phi_s_deg}`, `{exposure_s}`, `{exposure_ms}`,
+    /// `{kind}` (sample, dark, flat), `{repeat}` and `{file}` replaced. Empty: nothing is started.
+    #[serde(default)]
+    pub command: Vec<String>,
+    /// How long a frame may take beyond its exposure time.
+    #[serde(default = "default_timeout_s")]
+    pub timeout_s: f64,
+    /// Whether a frame's file is deleted once it is read.
+    #[serde(default)]
+    pub delete_read_frames: bool,
+}
+
+fn default_timeout_s() -> f64 {
+    30.0
+}
+
+/// Why settings make no camera.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+pub enum WatchedFolderError {
+    /// The folder is not there.
+    #[error("the camera's folder {0} is not there; make it or correct `folder`")]
+    NoFolder(PathBuf),
+    /// The template has a word that is not known.
+    #[error("`{{{word}}}` in the camera's command is unknown; known are {}", PLACEHOLDERS.map(|p| format!("{{{p}}}")).join(", "))]
+    UnknownPlaceholder {
+        /// The word without its braces.
+        word: String,
+    },
+    /// The first word of the template is empty.
+    #[error("the camera's command has no program; its first word is the program to start")]
+    NoProgram,
+    /// The time limit is no time.
+    #[error("the camera's timeout_s is {0}; give seconds above 0")]
+    BadTimeout(String),
+}
+
+/// A camera behind a folder.
+pub struct WatchedFolder {
+    settings: WatchedFolderSettings,
+    clock: Arc<dyn Clock>,
+    captures: u64,
+}
+
+/// What a file was like when it was last looked at.
+type Stamp = (u64, Option<SystemTime>);
+
+impl WatchedFolder {
+    /// A camera as the settings say, once they make sense.
+    ///
+    /// # Errors
+    /// [`WatchedFolderError`] says what to correct.
+    pub fn new(
+        settings: WatchedFolderSettings,
+        clock: Arc<dyn Clock>,
+    ) -> Result<Self, WatchedFolderError> {
+        if !settings.folder.is_dir() {
+            return Err(WatchedFolderError::NoFolder(settings.folder));
+        }
+        if !(settings.timeout_s.is_finite() && settings.timeout_s > 0.0) {
+            return Err(WatchedFolderError::BadTimeout(
+                settings.timeout_s.to_string(),
+            ));
+        }
+        if settings
+            .command
+            .first()
+            .is_some_and(|p| p.trim().is_empty())
+        {
+            return Err(WatchedFolderError::NoProgram);
+        }
+        for word in settings.command.iter().flat_map(|w| placeholders(w)) {
+            if !PLACEHOLDERS.contains(&word) {
+                return Err(WatchedFolderError::UnknownPlaceholder {
+                    word: word.to_owned(),
+                });
+            }
+        }
+        Ok(WatchedFolder {
+            settings,
+            clock,
+            captures: 0,
+        })
+    }
+
+    fn names_file(&self) -> bool {
+        let mut words = self.settings.command.iter().flat_map(|w| placeholders(w));
+        words.any(|word| word == "file")
+    }
+
+    /// A name in the folder that nothing has yet.
+    fn fresh_name(&mut self, request: &CaptureRequest) -> PathBuf {
+        loop {
+            self.captures += 1;
+            let stamp = self.clock.utc().unix_timestamp();
+            let path = self.settings.folder.join(format!(
+                "{}_{stamp}_{:06}.png",
+                request.kind.as_str(),
+                self.captures
+            ));
+            if !path.exists() {
+                return path;
+            }
+        }
+    }
+
+    /// The program, started; `None` with an empty template.
+    fn start(&self, request: &CaptureRequest, file: &Path) -> Result<Option<Child>, CameraError> {
+        let mut words = self
+            .settings
+            .command
+            .iter()
+            .map(|word| filled(word, request, file));
+        let Some(program) = words.next() else {
+            return Ok(None);
+        };
+        Command::new(&program)
+            .args(words)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .kill_on_drop(true)
+            .spawn()
+            .map(Some)
+            .map_err(|error| {
+                CameraError::Failed(format!(
+                    "the camera's program `{program}` could not be started: {error}; check the camera's command in the configuration"
+                ))
+            })
+    }
+
+    async fn await_frame(&mut self, request: &CaptureRequest) -> Result<Captured, CameraError> {
+        let named = self.names_file();
+        let file = self.fresh_name(request);
+        let before = if named {
+            HashMap::new()
+        } else {
+            listing(&self.settings.folder)?
+        };
+        let started_at = self.clock.now();
+        let started_utc = self.clock.utc();
+        let mut child = self.start(request, &file)?;
+        let limit_s = request.exposure_s.max(0.0) + self.settings.timeout_s;
+        let mut ended = child.is_none();
+        let mut looked: Option<(PathBuf, Stamp, FrameError)> = None;
+        loop {
+            if let Some(running) = child.as_mut()
+                && !ended
+                && let Some(status) = running.try_wait().map_err(io_failed)?
+            {
+                ended = true;
+                if !status.success() {
+                    let said = stderr_of(running).await;
+                    return Err(CameraError::Failed(format!(
+                        "the camera's program ended with {status}{said}"
+                    )));
+                }
+            }
+            let candidate = if named {
+                stamp_of(&file).map(|stamp| (file.clone(), stamp))
+            } else {
+                newest(&self.settings.folder, &before)?
+            };
+            if let Some((path, stamp)) = candidate {
+                let unchanged = looked
+                    .as_ref()
+                    .is_some_and(|(p, s, _)| *p == path && *s == stamp);
+                if !unchanged {
+                    match decoded(&path).await? {
+                        Ok(frame) => {
+                            if self.settings.delete_read_frames {
+                                // A file that stays is a nuisance, not a reason to lose the frame.
+                                let _ = std::fs::remove_file(&path);
+                            }
+                            return Ok(Captured {
+                                frame,
+                                started_at,
+                                started_utc,
+                            });
+                        }
+                        Err(error) => looked = Some((path, stamp, error)),
+                    }
+                }
+            }
+            let waited = self.clock.now().saturating_sub(started_at);
+            if waited.as_secs_f64() >= limit_s {
+                return Err(match looked {
+                    Some((_, _, error)) => CameraError::NotAFrame(error),
+                    None => CameraError::TimedOut {
+                        waited_s: waited.as_secs_f64(),
+                        hint: self.hint(named, ended, &file),
+                    },
+                });
+            }
+            self.clock.sleep(LOOK_EVERY).await;
+        }
+    }
+
+    fn hint(&self, named: bool, ended: bool, file: &Path) -> String {
+        let what = if named {
+            format!("{} did not appear", file.display())
+        } else {
+            format!("no new PNG appeared in {}", self.settings.folder.display())
+        };
+        match (self.settings.command.first(), ended) {
+            (None, _) => format!("{what}; is the program that delivers frames running?"),
+            (Some(program), true) => format!(
+                "{what} although `{program}` ended without an error; does it write 16-bit PNG to that place?"
+            ),
+            (Some(program), false) => {
+                format!("{what} and `{program}` was still running; is the camera connected?")
+            }
+        }
+    }
+}
+
+impl Camera for WatchedFolder {
+    fn describe(&self) -> String {
+        format!(
+            "folder {}{}",
+            self.settings.folder.display(),
+            self.settings
+                .command
+                .first()
+                .map(|program| format!(" filled by {program}"))
+                .unwrap_or_default()
+        )
+    }
+
+    fn capture<'a>(
+        &'a mut self,
+        request: &'a CaptureRequest,
+    ) -> BoxFuture<'a, Result<Captured, CameraError>> {
+        Box::pin(self.await_frame(request))
+    }
+}
+
+fn io_failed(error: std::io::Error) -> CameraError {
+    CameraError::Failed(format!("the camera's program cannot be watched: {error}"))
+}
+
+/// Words in braces: `{name}` of small letters and underscores; other braces are left alone.
+fn placeholders(word: &str) -> Vec<&str> {
+    let mut found = Vec::new();
+    let mut rest = word;
+    while let Some(open) = rest.find('{') {
+        rest = &rest[open + 1..];
+        let Some(close) = rest.find('}') else { break };
+        let inner = &rest[..close];
+        if !inner.is_empty() && inner.bytes().all(|b| b.is_ascii_lowercase() || b == b'_') {
+            found.push(inner);
+        }
+    }
+    found
+}
+
+fn filled(word: &str, request: &CaptureRequest, file: &Path) -> String {
+    let values = [
+        ("theta_c_deg", format!("{:.4}", request.pose.theta_c.deg())),
+        ("phi_s_deg", format!("{:.4}", request.pose.phi_s.deg())),
+        ("exposure_s", request.exposure_s.to_string()),
+        ("exposure_ms", (request.exposure_s * 1e3).to_string()),
+        ("kind", request.kind.as_str().to_owned()),
+        ("repeat", request.repeat.to_string()),
+        ("file", file.display().to_string()),
+    ];
+    values.iter().fold(word.to_owned(), |text, (name, value)| {
+        text.replace(&format!("{{{name}}}"), value)
+    })
+}
+
+fn stamp_of(path: &Path) -> Option<Stamp> {
+    let meta = std::fs::metadata(path).ok()?;
+    meta.is_file().then(|| (meta.len(), meta.modified().ok()))
+}
+
+/// PNG files of a folder with their stamps.
+fn listing(folder: &Path) -> Result<HashMap<PathBuf, Stamp>, CameraError> {
+    let unreadable = |error: std::io::Error| {
+        CameraError::Failed(format!(
+            "the camera's folder {} cannot be read: {error}",
+            folder.display()
+        ))
+    };
+    let mut files = HashMap::new();
+    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
+        let path = entry.map_err(unreadable)?.path();
+        let is_png = path
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("png"));
+        if is_png && let Some(stamp) = stamp_of(&path) {
+            files.insert(path, stamp);
+        }
+    }
+    Ok(files)
+}
+
+/// The newest PNG that is new or changed since `before`.
+fn newest(
+    folder: &Path,
+    before: &HashMap<PathBuf, Stamp>,
+) -> Result<Option<(PathBuf, Stamp)>, CameraError> {
+    let now = listing(folder)?;
+    Ok(now
+        .into_iter()
+        .filter(|(path, stamp)| before.get(path) != Some(stamp))
+        .max_by(|a, b| (a.1.1, &a.0).cmp(&(b.1.1, &b.0))))
+}
+
+/// Reads and decodes off the runtime's own threads. A file that vanished is an unreadable one.
+async fn decoded(path: &Path) -> Result<Result<Frame, FrameError>, CameraError> {
+    let path = path.to_owned();
+    tokio::task::spawn_blocking(move || {
+        let bytes = std::fs::read(path).unwrap_or_default();
+        Frame::from_png(&bytes)
+    })
+    .await
+    .map_err(|error| CameraError::Failed(format!("reading the frame was broken off: {error}")))
+}
+
+async fn stderr_of(child: &mut Child) -> String {
+    let mut said = Vec::new();
+    if let Some(stderr) = child.stderr.take() {
+        // What cannot be read is not shown; the status is the message.
+        let _ = stderr
+            .take(STDERR_BYTES_MAX as u64)
+            .read_to_end(&mut said)
+            .await;
+    }
+    let said = String::from_utf8_lossy(&said);
+    let said = said.trim();
+    if said.is_empty() {
+        String::new()
+    } else {
+        format!(": {said}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::{SteppedClock, SystemClock};
+    use crate::frame::FrameKind;
+    use crate::geometry::Pose;
+
+    fn picture(dn: u16) -> Frame {
+        Frame::new(4, 3, (0..12).map(|i| dn + i).collect()).unwrap()
+    }
+
+    fn request() -> CaptureRequest {
+        CaptureRequest {
+            kind: FrameKind::Sample,
+            pose: Pose::from_deg(-5.0, 30.0),
+            exposure_s: 0.02,
+            repeat: 1,
+        }
+    }
+
+    fn camera(
+        folder: &Path,
+        command: &[&str],
+        clock: Arc<dyn Clock>,
+    ) -> Result<WatchedFolder, WatchedFolderError> {
+        let settings = WatchedFolderSettings {
+            folder: folder.to_owned(),
+            command: command.iter().map(|w| (*w).to_owned()).collect(),
+            timeout_s: 20.0,
+            delete_read_frames: false,
+        };
+        WatchedFolder::new(settings, clock)
+    }
+
+    #[tokio::test]
+    async fn a_program_that_writes_the_named_file_is_a_camera() {
+        let place = tempfile::tempdir().unwrap();
+        let source = place.path().join("source.raw");
+        std::fs::write(&source, picture(1000).to_png().unwrap()).unwrap();
+        let folder = place.path().join("in box");
+        std::fs::create_dir(&folder).unwrap();
+        let source = source.display().to_string();
+        let mut camera = camera(
+            &folder,
+            &["cp", &source, "{file}"],
+            Arc::new(SystemClock::new()),
+        )
+        .unwrap();
+        for n in 1..=2 {
+            let captured = camera.capture(&request()).await.unwrap();
+            assert_eq!(captured.frame, picture(1000));
+            assert_eq!(std::fs::read_dir(&folder).unwrap().count(), n);
+        }
+    }
+
+    #[tokio::test]
+    async fn without_a_name_the_new_file_counts_and_the_old_one_does_not() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("box");
+        std::fs::create_dir(&folder).unwrap();
+        std::fs::write(folder.join("old.png"), picture(7).to_png().unwrap()).unwrap();
+        let source = place.path().join("source.raw");
+        std::fs::write(&source, picture(2000).to_png().unwrap()).unwrap();
+        let target = folder.join("shot.png").display().to_string();
+        let source = source.display().to_string();
+        let mut camera = camera(
+            &folder,
+            &["cp", &source, &target],
+            Arc::new(SystemClock::new()),
+        )
+        .unwrap();
+        assert_eq!(
+            camera.capture(&request()).await.unwrap().frame,
+            picture(2000)
+        );
+    }
+
+    #[tokio::test]
+    async fn a_frame_that_does_not_come_ends_at_the_deadline_with_a_hint() {
+        let place = tempfile::tempdir().unwrap();
+        std::fs::write(place.path().join("old.png"), picture(7).to_png().unwrap()).unwrap();
+        let mut camera = camera(place.path(), &[], Arc::new(SteppedClock::new())).unwrap();
+        match camera.capture(&request()).await {
+            Err(CameraError::TimedOut { waited_s, hint }) => {
+                assert!((20.0..20.2).contains(&waited_s));
+                assert!(hint.contains("no new PNG"), "{hint}");
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[tokio::test]
+    async fn half_a_frame_is_no_frame() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("box");
+        std::fs::create_dir(&folder).unwrap();
+        let png = picture(1000).to_png().unwrap();
+        let mut camera = camera(&folder, &[], Arc::new(SteppedClock::new())).unwrap();
+        let asked = request();
+        let shot = folder.join("shot.png");
+        let capture = camera.capture(&asked);
+        let writer = async {
+            // The camera has looked once before this task runs.
+            std::fs::write(&shot, &png[..png.len() - 5]).unwrap();
+        };
+        let (outcome, ()) = tokio::join!(capture, writer);
+        assert!(
+            matches!(outcome, Err(CameraError::NotAFrame(_))),
+            "{outcome:?}"
+        );
+        std::fs::remove_file(&shot).unwrap();
+        // And the camera works on.
+        let asked = request();
+        let capture = camera.capture(&asked);
+        let writer = async { std::fs::write(&shot, &png).unwrap() };
+        let (outcome, ()) = tokio::join!(capture, writer);
+        assert_eq!(outcome.unwrap().frame, picture(1000));
+    }
+
+    #[tokio::test]
+    async fn a_program_that_fails_or_is_missing_is_quoted() {
+        let place = tempfile::tempdir().unwrap();
+        let clock = Arc::new(SystemClock::new());
+        let mut failing = camera(
+            place.path(),
+            &["ls", "/no such place/{repeat}"],
+            clock.clone(),
+        )
+        .unwrap();
+        let said = failing.capture(&request()).await.unwrap_err().to_string();
+        assert!(said.contains("/no such place/1"), "{said}");
+        let mut missing = camera(place.path(), &["no-such-program-here"], clock).unwrap();
+        let said = missing.capture(&request()).await.unwrap_err().to_string();
+        assert!(
+            said.contains("no-such-program-here") && said.contains("could not be started"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn settings_that_make_no_sense_are_refused() {
+        let place = tempfile::tempdir().unwrap();
+        let clock = || Arc::new(SteppedClock::new());
+        let refusal = |command: &[&str]| camera(place.path(), command, clock()).err();
+        assert_eq!(
+            refusal(&["snap", "{exposre_s}"]),
+            Some(WatchedFolderError::UnknownPlaceholder {
+                word: "exposre_s".to_owned()
+            })
+        );
+        assert_eq!(refusal(&[" "]), Some(WatchedFolderError::NoProgram));
+        assert_eq!(refusal(&["snap", "{\"a\": 1}", "{file}"]), None);
+        assert!(camera(&place.path().join("no"), &[], clock()).is_err());
+    }
+
+    #[test]
+    fn the_template_is_filled_with_what_was_asked() {
+        let word = "{kind}-{theta_c_deg}-{phi_s_deg}-{exposure_s}-{exposure_ms}-{repeat}:{file}{x}";
+        assert_eq!(
+            filled(word, &request(), Path::new("/a b/c.png")),
+            "sample--5.0000-30.0000-0.02-20-1:/a b/c.png{x}"
+        );
+    }
+}
