@@ -5,6 +5,10 @@
 //! moving a stage changes the picture, as on a bench. Knows nothing of scans, store or fit.
 
 pub mod camera;
+pub mod controller;
+pub mod device;
+pub mod device_settings;
 pub mod motion;
 pub mod sample;
+pub mod server;
 pub mod world;

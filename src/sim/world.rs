@@ -150,7 +150,7 @@ struct Axis {
     gap_at_start: f64,
     powered: bool,
     armed: Option<(Angle, Mishap)>,
-    happened: Vec<Mishap>,
+    happened: Vec<(Duration, Mishap)>,
 }
 
 #[derive(Debug)]
@@ -326,7 +326,7 @@ impl World {
         if axis.powered && !powered {
             axis.brake(now, None);
         } else if !axis.powered && powered {
-            axis.happened.push(Mishap::PowerCycle);
+            axis.happened.push((now, Mishap::PowerCycle));
         }
         axis.powered = powered;
     }
@@ -342,8 +342,8 @@ impl World {
         self.bench().1.axes[index(axis)].armed = Some((at, mishap));
     }
 
-    /// What went wrong since this was last asked; for the axis's controller.
-    pub fn take_mishaps(&self, axis: AxisName) -> Vec<Mishap> {
+    /// What went wrong since this was last asked, and when; for the axis's controller.
+    pub fn take_mishaps(&self, axis: AxisName) -> Vec<(Duration, Mishap)> {
         let (_, mut bench) = self.bench();
         std::mem::take(&mut bench.axes[index(axis)].happened)
     }
@@ -436,7 +436,7 @@ impl Axis {
                 self.begin(now, Trajectory::rest(to));
             }
         }
-        self.happened.push(mishap);
+        self.happened.push((now, mishap));
     }
 }
 
@@ -525,7 +525,8 @@ mod tests {
         world.drive_to(AxisName::ThetaC, target, ramps(mechanics));
         clock.advance(Duration::from_secs(9));
         assert!((world.pose_now().theta_c.deg() - 5.0).abs() < 1e-3);
-        assert_eq!(world.take_mishaps(AxisName::ThetaC), [Mishap::Stall]);
+        let mishaps = world.take_mishaps(AxisName::ThetaC);
+        assert!(matches!(mishaps[..], [(_, Mishap::Stall)]), "{mishaps:?}");
         world.drive_to(AxisName::ThetaC, target, ramps(mechanics));
         clock.advance(Duration::from_secs(9));
         assert!(
