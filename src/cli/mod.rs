@@ -6,6 +6,7 @@
 pub mod eval;
 pub mod fit;
 pub mod interrupt;
+pub mod simulate_rig;
 
 use std::process::ExitCode;
 
@@ -27,6 +28,8 @@ pub enum Command {
     Eval(eval::Args),
     /// Ridge angle, roughness and reflectance of a recorded series.
     Fit(fit::Args),
+    /// The simulated controller alone, on a pty or a TCP port.
+    SimulateRig(simulate_rig::Args),
 }
 
 /// Why a command ended without what was asked for.
@@ -58,6 +61,7 @@ pub fn run(cli: Cli) -> ExitCode {
     let outcome: Result<(), CliError> = match cli.command {
         Command::Eval(args) => eval::run(args),
         Command::Fit(args) => fit::run(args),
+        Command::SimulateRig(args) => simulate_rig::run(args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

@@ -262,7 +262,7 @@ impl Device {
             ["tools", "parking", what @ ("park" | "unpark")] => {
                 self.park(*what == "park").and_then(|()| done())
             }
-            ["tools", "echo", text @ ..] if text.is_empty() => done(),
+            ["tools", "echo"] => done(),
             ["tools", "echo", text @ ..] => Ok(text.join(" ")),
             ["io", "info"] => Ok("0 0 0 0".to_owned()),
             ["activate"] => done(),

@@ -63,7 +63,17 @@ const COMMANDS: &[(u8, u8, Option<u8>, &str, &str)] = &[
 ];
 
 /// What a device answers, byte for byte.
-const REPLIES: &[(u8, u8, Option<u8>, bool, bool, &str, &str, &str)] = &[
+type Recorded = (
+    u8,
+    u8,
+    Option<u8>,
+    bool,
+    bool,
+    &'static str,
+    &'static str,
+    &'static str,
+);
+const REPLIES: &[Recorded] = &[
     (
         1,
         0,
@@ -404,10 +414,8 @@ proptest! {
 
     #[test]
     fn no_line_of_protocol_characters_makes_the_codec_panic(line in "[@#!/][0-9 A-Z:\\\\.-]{0,90}") {
-        if let Ok(message) = decode_message(line.as_bytes()) {
-            if let Body::Reply(reply) = message.body {
-                let _ = decode_warnings(&reply.data);
-            }
+        if let Ok(Message { body: Body::Reply(reply), .. }) = decode_message(line.as_bytes()) {
+            let _ = decode_warnings(&reply.data);
         }
         let _ = decode_command(line.as_bytes());
     }

@@ -1,0 +1,135 @@
+//! `ridged simulate-rig`: the simulated controller alone, on a pty or a TCP port.
+
+use std::io::Write;
+use std::net::{SocketAddr, ToSocketAddrs};
+use std::sync::Arc;
+
+use anyhow::{Context, anyhow};
+use serde_json::{Value, json};
+
+use super::CliError;
+use crate::bench::AxisName;
+use crate::clock::{Clock, ScaledClock};
+use crate::sim::server::{serve_pty, serve_tcp};
+use crate::sim::world::{World, WorldSettings};
+
+/// Serves the simulated two-axis controller (Zaber ASCII) until Ctrl-C.
+///
+/// Address 1 turns theta_c, address 2 phi_s, one axis each. When ready it prints one line,
+/// "listening on PATH_OR_ADDR".
+///
+/// Example: ridged simulate-rig --tcp 127.0.0.1:55550 --time-scale 20
+#[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("line").required(true).args(["pty", "tcp"]))]
+pub struct Args {
+    /// On a new pseudo-terminal, to be opened like a serial port.
+    #[arg(long)]
+    pub pty: bool,
+    /// On this TCP address; port 0 takes a free one.
+    #[arg(long, value_name = "ADDR")]
+    pub tcp: Option<String>,
+    /// Seconds that pass on the rig in one real second.
+    #[arg(long, value_name = "X", default_value_t = 1.0)]
+    pub time_scale: f64,
+    /// Print what the rig is, as JSON, after the line that says where it listens.
+    #[arg(long)]
+    pub describe: bool,
+}
+
+/// Serves until Ctrl-C or SIGTERM.
+///
+/// # Errors
+/// Bad input for a time scale or address that is none; no result if the line cannot be had.
+pub fn run(args: Args) -> Result<(), CliError> {
+    if !(args.time_scale.is_finite() && args.time_scale > 0.0) {
+        let error = anyhow!("--time-scale is {}; it must be above 0", args.time_scale);
+        return Err(CliError::bad_input(error));
+    }
+    let clock: Arc<dyn Clock> = Arc::new(ScaledClock::new(args.time_scale));
+    let world = Arc::new(World::new(clock, WorldSettings::default()));
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(CliError::no_result)?;
+    runtime.block_on(async {
+        // Before the line that says "ready": whoever reads it may send the signal at once.
+        let stop = stop_signal().map_err(CliError::no_result)?;
+        match &args.tcp {
+            Some(address) => {
+                let address = parse_address(address)?;
+                let server = serve_tcp(Arc::clone(&world), address)
+                    .with_context(|| format!("cannot listen on {address}; is it in use?"))
+                    .map_err(CliError::no_result)?;
+                announce(&server.address().to_string(), &args, &world)?;
+                stop.await;
+            }
+            None => {
+                let server = serve_pty(Arc::clone(&world))
+                    .context("the system gives no pseudo-terminal")
+                    .map_err(CliError::no_result)?;
+                announce(&server.path().display().to_string(), &args, &world)?;
+                stop.await;
+            }
+        }
+        Ok(())
+    })
+}
+
+fn parse_address(text: &str) -> Result<SocketAddr, CliError> {
+    text.to_socket_addrs()
+        .ok()
+        .and_then(|mut found| found.next())
+        .ok_or_else(|| {
+            let error = anyhow!("{text:?} is no address; write it like 127.0.0.1:55550");
+            CliError::bad_input(error)
+        })
+}
+
+fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let mut interrupt = signal(SignalKind::interrupt())?;
+    let mut terminate = signal(SignalKind::terminate())?;
+    Ok(async move {
+        tokio::select! {
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+        }
+    })
+}
+
+fn announce(place: &str, args: &Args, world: &World) -> Result<(), CliError> {
+    let mut out = std::io::stdout().lock();
+    let mut text = format!("listening on {place}\n");
+    if args.describe {
+        text.push_str(&format!("{:#}\n", describe(world, args.time_scale)));
+    }
+    out.write_all(text.as_bytes())
+        .and_then(|()| out.flush())
+        .context("standard output is closed")
+        .map_err(CliError::no_result)
+}
+
+/// What a client has to know about the rig.
+fn describe(world: &World, time_scale: f64) -> Value {
+    let axis = |name: AxisName, address: u8| {
+        let m = world.mechanics(name);
+        json!({
+            "name": name,
+            "address": address,
+            "axis": 1,
+            "counts_per_turn": m.counts_per_turn,
+            "zero_deg": m.zero.deg(),
+            "travel_min_deg": m.travel_min.deg(),
+            "travel_max_deg": m.travel_max.deg(),
+            "speed_deg_s": m.speed_deg_s,
+            "acceleration_deg_s2": m.acceleration_deg_s2,
+            "backlash_deg": m.backlash.deg(),
+        })
+    };
+    json!({
+        "protocol": "zaber-ascii, firmware 7",
+        "baud": 115_200,
+        "time_scale": time_scale,
+        "axes": [axis(AxisName::ThetaC, 1), axis(AxisName::PhiS, 2)],
+    })
+}
