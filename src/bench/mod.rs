@@ -1,5 +1,8 @@
 //! Real devices: what a stage and a camera are to the rest of the program.
 
+pub mod line;
+pub mod port;
+pub mod stage;
 pub mod watched_folder;
 pub mod wire;
 

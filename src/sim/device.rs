@@ -192,6 +192,7 @@ impl Device {
                 self.flags.insert(Flag::ManualControl);
                 self.motion = Motion::None;
             }
+            Mishap::ForeignMove(_) => self.motion = Motion::None,
             Mishap::Slip(by) => {
                 self.counter_offset -= self.world.mechanics(self.axis).counts_in(by).round();
             }

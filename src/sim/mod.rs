@@ -8,6 +8,7 @@ pub mod camera;
 pub mod controller;
 pub mod device;
 pub mod device_settings;
+pub mod faults;
 pub mod motion;
 pub mod sample;
 pub mod server;

@@ -123,6 +123,9 @@ pub enum Mishap {
     ForeignStop,
     /// Somebody turns the knob by this much; a move in progress ends.
     Knob(Angle),
+    /// Another program moves the axis by this much and takes its flags down; a move in progress
+    /// ends.
+    ForeignMove(Angle),
     /// The output slips by this much and the controller does not notice.
     Slip(Angle),
     /// The controller restarts: reference and counter are lost.
@@ -142,6 +145,13 @@ pub struct MotorNow {
     pub moving: bool,
 }
 
+#[derive(Debug, Clone, Copy)]
+struct Trap {
+    set: Duration,
+    at: Angle,
+    mishap: Mishap,
+}
+
 #[derive(Debug)]
 struct Axis {
     mechanics: Mechanics,
@@ -149,7 +159,7 @@ struct Axis {
     trajectory: Trajectory,
     gap_at_start: f64,
     powered: bool,
-    armed: Option<(Angle, Mishap)>,
+    armed: Option<Trap>,
     happened: Vec<(Duration, Mishap)>,
 }
 
@@ -339,7 +349,8 @@ impl World {
 
     /// Lets something go wrong, once, when the axis next passes the recorded angle `at`.
     pub fn arm(&self, axis: AxisName, at: Angle, mishap: Mishap) {
-        self.bench().1.axes[index(axis)].armed = Some((at, mishap));
+        let (set, mut bench) = self.bench();
+        bench.axes[index(axis)].armed = Some(Trap { set, at, mishap });
     }
 
     /// What went wrong since this was last asked, and when; for the axis's controller.
@@ -409,16 +420,17 @@ impl Axis {
 
     /// Lets the armed mishap happen if the motor has passed its place.
     fn spring_trap(&mut self, now: Duration) {
-        let Some((at, mishap)) = self.armed else {
+        let Some(trap) = self.armed else {
             return;
         };
-        let Some(t) = self.trajectory.time_at(self.mechanics.counts(at)) else {
+        let Some(t) = self.trajectory.time_at(self.mechanics.counts(trap.at)) else {
             return;
         };
         let moment = self.began + Duration::from_secs_f64(t);
-        if moment <= now {
+        // What the present trajectory passed before the trap was set does not count.
+        if (trap.set..=now).contains(&moment) {
             self.armed = None;
-            self.befall(moment, mishap);
+            self.befall(moment, trap.mishap);
         }
     }
 
@@ -431,7 +443,7 @@ impl Axis {
                 self.brake(now, None);
             }
             Mishap::ForeignStop => self.brake(now, Some(ramp)),
-            Mishap::Knob(by) | Mishap::Slip(by) => {
+            Mishap::Knob(by) | Mishap::ForeignMove(by) | Mishap::Slip(by) => {
                 let to = (self.motor(now).position + self.mechanics.counts_in(by)).round();
                 self.begin(now, Trajectory::rest(to));
             }

@@ -20,6 +20,9 @@ use super::zaber_flags::Flag;
 pub const PACKET_BYTES_MAX: usize = 80;
 /// Longest word in bytes (`comm.word.size.max`).
 pub const WORD_BYTES_MAX: usize = 50;
+/// How an info message begins that goes on with a reply. Commands count their packets, replies do
+/// not (observed: the vendor's client takes off this word alone).
+pub const CONTINUED: &str = "cont ";
 /// Message ids run from 0 to this.
 pub const ID_MAX: u8 = 99;
 /// `\`, `:CC` and CR LF at most follow the text of a packet.
@@ -204,7 +207,7 @@ impl Command {
             Some(id) => format!("{} {} {id:02}", self.address, self.axis),
             None => format!("{} {}", self.address, self.axis),
         };
-        let texts = split(&self.words, prefix.len())?;
+        let texts = split(&self.words, prefix.len(), |n| format!("cont {n} "))?;
         let last = texts.len() - 1;
         Ok(texts
             .into_iter()
@@ -224,7 +227,7 @@ impl Reply {
         let outcome = if self.accepted { "OK" } else { "RJ" };
         let from = from_field(self.address, self.axis, self.id);
         let prefix = format!("{from} {outcome} {}", state_field(self.activity, self.flag));
-        let texts = split(&self.data, prefix.len())?;
+        let texts = split(&self.data, prefix.len(), |_| CONTINUED.to_owned())?;
         let last = texts.len() - 1;
         let mut bytes = Vec::new();
         for (n, text) in texts.into_iter().enumerate() {
@@ -297,8 +300,12 @@ fn check_text(text: &str) -> Result<(), EncodeError> {
     }
 }
 
-/// Cuts words into texts that fit behind a prefix; the second and later begin with `cont N`.
-fn split(words: &str, prefix_bytes: usize) -> Result<Vec<String>, EncodeError> {
+/// Cuts words into texts that fit behind a prefix; the later ones begin with `continuation(1, 2 …)`.
+fn split(
+    words: &str,
+    prefix_bytes: usize,
+    continuation: impl Fn(usize) -> String,
+) -> Result<Vec<String>, EncodeError> {
     check_text(words)?;
     // Start character, prefix, a blank.
     let room = PACKET_BYTES_MAX.saturating_sub(1 + prefix_bytes + 1 + TAIL_BYTES);
@@ -311,7 +318,7 @@ fn split(words: &str, prefix_bytes: usize) -> Result<Vec<String>, EncodeError> {
         let packets = texts.len();
         let text = texts.last_mut().expect("there is always one");
         if !fresh && text.len() + 1 + word.len() > room {
-            texts.push(format!("cont {packets} {word}"));
+            texts.push(continuation(packets) + word);
             continue;
         }
         if !text.is_empty() {

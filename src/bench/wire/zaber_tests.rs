@@ -388,11 +388,10 @@ proptest! {
         let mut messages = lines.iter().map(|line| decode_message(line).unwrap());
         let first = messages.next().unwrap();
         let Body::Reply(mut received) = first.body else { panic!("not a reply") };
-        for (n, message) in messages.enumerate() {
+        for message in messages {
             let Body::Info(info) = message.body else { panic!("not an info") };
-            let cont = format!("cont {} ", n + 1);
             received.data.push(' ');
-            received.data.push_str(info.text.strip_prefix(&cont).unwrap());
+            received.data.push_str(info.text.strip_prefix(CONTINUED).unwrap());
         }
         prop_assert_eq!(received, sent);
     }

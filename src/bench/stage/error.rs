@@ -1,0 +1,252 @@
+//! Why a stage did not do what was asked, and what to do about it.
+
+use crate::bench::AxisName;
+use crate::bench::line::LineError;
+use crate::bench::port::PortError;
+use crate::bench::wire::zaber_flags::Flag;
+use crate::units::Angle;
+
+/// Why a stage did not do what was asked. The axes stand still, as far as they can be reached.
+#[derive(Debug, thiserror::Error)]
+pub enum StageError {
+    /// The port could not be opened: missing, in use, no permission.
+    #[error(transparent)]
+    Port(#[from] PortError),
+    /// A setting that cannot be meant.
+    #[error("the stage setting {key} is wrong: {reason}")]
+    BadSetting {
+        /// Which one.
+        key: String,
+        /// What it may be.
+        reason: String,
+    },
+    /// The device does not answer.
+    #[error("{0}")]
+    NoReply(LineError),
+    /// The line is gone.
+    #[error("{0}")]
+    Disconnected(LineError),
+    /// The command cannot be sent.
+    #[error("{0}")]
+    Unsendable(LineError),
+    /// The device answered what nobody can read.
+    #[error("the {axis} controller answered {command:?} with {answer:?}, which cannot be read")]
+    Unreadable {
+        /// Which axis.
+        axis: AxisName,
+        /// What was asked.
+        command: String,
+        /// What came.
+        answer: String,
+    },
+    /// The device refused a command.
+    #[error("the {axis} controller refused {command:?} ({code}): {meaning}")]
+    Refused {
+        /// Which axis.
+        axis: AxisName,
+        /// What was asked.
+        command: String,
+        /// The device's own word.
+        code: String,
+        /// What that means, for people.
+        meaning: &'static str,
+    },
+    /// Another device than the one configured.
+    #[error(
+        "address {address} should be the {axis} axis with serial number {expected}, but serial number {found} \
+         answers: the cables may be swapped; put them right, or correct the settings"
+    )]
+    WrongDevice {
+        /// Which axis.
+        axis: AxisName,
+        /// Its address.
+        address: u8,
+        /// Serial number in the settings.
+        expected: u32,
+        /// Serial number found.
+        found: u32,
+    },
+    /// Two devices answer to one address.
+    #[error(
+        "two devices answer to address {address}: take one off the chain and give it another ('renumber')"
+    )]
+    AddressConflict {
+        /// The address.
+        address: u8,
+    },
+    /// Nobody knows how many microsteps a turn has.
+    #[error(
+        "the {axis} device does not tell its microsteps per turn (limit.cycle.dist): set counts_per_turn for it"
+    )]
+    NoScale {
+        /// Which axis.
+        axis: AxisName,
+    },
+    /// Device and settings disagree.
+    #[error(
+        "the {axis} device says {name} = {found}, the settings say {expected}: correct the one that is wrong"
+    )]
+    Disagreement {
+        /// Which axis.
+        axis: AxisName,
+        /// What they disagree on.
+        name: &'static str,
+        /// In the settings.
+        expected: f64,
+        /// On the device.
+        found: f64,
+    },
+    /// A target that is no number.
+    #[error("the target of {axis} is not a number")]
+    NotANumber {
+        /// Which axis.
+        axis: AxisName,
+    },
+    /// A target beyond the limits; nothing moved.
+    #[error("{axis} = {target} is outside its limits {min} … {max}")]
+    OutsideLimits {
+        /// Which axis.
+        axis: AxisName,
+        /// What was asked for.
+        target: Angle,
+        /// Lower limit.
+        min: Angle,
+        /// Upper limit.
+        max: Angle,
+    },
+    /// The axis does not know where it is.
+    #[error("{axis} has no reference position: home it first")]
+    NotReferenced {
+        /// Which axis.
+        axis: AxisName,
+    },
+    /// The controller restarted and lost its reference; points since the last good check are in doubt.
+    #[error(
+        "the {axis} controller was restarted and lost its reference: home it, then redo the points since the last good one"
+    )]
+    PowerCycled {
+        /// Which axis.
+        axis: AxisName,
+    },
+    /// The move ended early: another command, or a hand on the knob.
+    #[error("the move of {axis} was interrupted ({flag}: {})", flag.meaning())]
+    Interrupted {
+        /// Which axis.
+        axis: AxisName,
+        /// NI or NC.
+        flag: Flag,
+    },
+    /// Something blocks the axis.
+    #[error("{axis} stalled at {position}: remove what blocks it, then home it")]
+    Stalled {
+        /// Which axis.
+        axis: AxisName,
+        /// Where, by its counter.
+        position: Angle,
+    },
+    /// The device reports a fault.
+    #[error("{axis} reports {flag}: {}", flag.meaning())]
+    Fault {
+        /// Which axis.
+        axis: AxisName,
+        /// Its flag.
+        flag: Flag,
+    },
+    /// Homing ended without a reference.
+    #[error("homing {axis} ended without a reference position ({flag}: {})", flag.meaning())]
+    HomingFailed {
+        /// Which axis.
+        axis: AxisName,
+        /// The flag that says so.
+        flag: Flag,
+    },
+    /// The axis stands still elsewhere, and nothing says why.
+    #[error(
+        "{axis} stands at {found} instead of {target}, and no flag says why: check for slip, then home it"
+    )]
+    Missed {
+        /// Which axis.
+        axis: AxisName,
+        /// Where it should be.
+        target: Angle,
+        /// Where it is.
+        found: Angle,
+    },
+    /// The axis still moves when it should long have stopped; it has been stopped.
+    #[error(
+        "{axis} still moved after {waited_s:.1} s (it should have taken {predicted_s:.1} s) and was stopped"
+    )]
+    TimedOut {
+        /// Which axis.
+        axis: AxisName,
+        /// How long was waited.
+        waited_s: f64,
+        /// How long it should have taken.
+        predicted_s: f64,
+    },
+    /// Somebody stopped the stage.
+    #[error("the stage was stopped")]
+    Stopped,
+    /// Another move or homing of this axis is under way.
+    #[error("{axis} is busy with another move: wait for it, or stop the stage")]
+    Busy {
+        /// Which axis.
+        axis: AxisName,
+    },
+}
+
+impl From<LineError> for StageError {
+    fn from(error: LineError) -> Self {
+        match error {
+            LineError::NoReply { .. } => StageError::NoReply(error),
+            LineError::Disconnected { .. } => StageError::Disconnected(error),
+            LineError::Overtaken => StageError::Stopped,
+            LineError::Encoding(_) => StageError::Unsendable(error),
+        }
+    }
+}
+
+impl StageError {
+    /// Whether the stage has to be connected again before anything else.
+    #[must_use]
+    pub fn is_disconnect(&self) -> bool {
+        matches!(
+            self,
+            StageError::Port(_) | StageError::Disconnected(_) | StageError::NoReply(_)
+        )
+    }
+
+    /// Whether the axis has to be homed before it can move again.
+    #[must_use]
+    pub fn needs_homing(&self) -> bool {
+        matches!(
+            self,
+            StageError::NotReferenced { .. }
+                | StageError::PowerCycled { .. }
+                | StageError::Stalled { .. }
+                | StageError::HomingFailed { .. }
+                | StageError::Fault { .. }
+                | StageError::Missed { .. }
+        )
+    }
+}
+
+/// What a refusal means, for people.
+pub(super) fn refusal_meaning(code: &str) -> &'static str {
+    match code {
+        "AGAIN" => "it has no room now; try again",
+        "BADAXIS" => "there is no such axis; check the address in the settings",
+        "BADCOMMAND" => {
+            "it does not know the command; it may be another kind of device or older firmware"
+        }
+        "BADDATA" => "the value is beyond the device's own limits, or the axis is not homed",
+        "DRIVERDISABLED" => {
+            "the motor driver is off; check the emergency stop, then enable the driver"
+        }
+        "INACTIVE" => "the stage plugged in is not active yet; send 'activate'",
+        "PARKED" => "the axis is parked; unpark it",
+        "STATUSBUSY" => "not while the axis moves",
+        "REMOTE" => "the device is set to remote operation",
+        _ => "see the controller's manual",
+    }
+}

@@ -1,0 +1,411 @@
+//! The stage: two axes on one line, spoken to in recorded angles.
+//!
+//! [`Stage::connect`] opens the port and makes sure that the right devices are there;
+//! [`Stage::move_pose`] is the one function that a scan calls. A move has happened when the position
+//! read back says so, not before. A stop is never refused: it goes ahead of everything that waits,
+//! and what was asked before it is not sent after it. Knows no scan, no camera, no sample.
+//! How one axis comes from state to state is drawn at the head of `axis.rs`.
+
+mod axis;
+mod error;
+mod settings;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde::{Serialize, Serializer};
+use tracing::{debug, info, warn};
+
+pub use self::error::StageError;
+pub use self::settings::{AxisSettings, StageSettings};
+pub use super::AxisName;
+pub use super::port::{NoFaults, PortAddress, PortSeam};
+
+use self::axis::Axis;
+use super::line::{Line, LineCounts, LineSettings};
+use super::wire::zaber::Activity;
+use super::wire::zaber_flags::{Flag, FlagClass};
+use crate::clock::Clock;
+use crate::geometry::Pose;
+use crate::units::Angle;
+
+/// Two axes on one line. Cheap to clone; the line closes with the last clone.
+#[derive(Clone)]
+pub struct Stage {
+    inner: Arc<Inner>,
+}
+
+struct Inner {
+    address: PortAddress,
+    settings: StageSettings,
+    clock: Arc<dyn Clock>,
+    line: Line,
+    theta_c: Axis,
+    phi_s: Axis,
+}
+
+/// Where both axes are and what they report.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StageStatus {
+    /// The tilt axis.
+    pub theta_c: AxisStatus,
+    /// The rotation axis.
+    pub phi_s: AxisStatus,
+}
+
+/// Where an axis is and what it reports.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AxisStatus {
+    /// Position read from the device, as recorded angle.
+    #[serde(rename = "position_deg", serialize_with = "degrees")]
+    pub position: Angle,
+    /// Whether it moves.
+    pub moving: bool,
+    /// Whether it has been homed since power-up.
+    pub homed: bool,
+    /// Its flags, each with what it means.
+    pub warnings: Vec<String>,
+    /// Serial number of its device.
+    pub serial: u32,
+}
+
+fn degrees<S: Serializer>(angle: &Angle, s: S) -> Result<S::Ok, S::Error> {
+    s.serialize_f64((angle.deg() * 1e10).round() / 1e10)
+}
+
+impl StageStatus {
+    /// Both positions.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        Pose {
+            theta_c: self.theta_c.position,
+            phi_s: self.phi_s.position,
+        }
+    }
+
+    /// One axis.
+    #[must_use]
+    pub fn axis(&self, axis: AxisName) -> &AxisStatus {
+        match axis {
+            AxisName::ThetaC => &self.theta_c,
+            AxisName::PhiS => &self.phi_s,
+        }
+    }
+
+    /// Whether both axes have been homed since power-up.
+    #[must_use]
+    pub fn all_homed(&self) -> bool {
+        self.theta_c.homed && self.phi_s.homed
+    }
+}
+
+/// What is plugged in.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct StageIdentity {
+    /// The tilt axis's device.
+    pub theta_c: DeviceIdentity,
+    /// The rotation axis's device.
+    pub phi_s: DeviceIdentity,
+}
+
+/// One device.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct DeviceIdentity {
+    /// Serial number.
+    pub serial: u32,
+    /// The maker's number of the product.
+    pub device_id: u32,
+    /// Firmware version.
+    pub firmware: String,
+}
+
+impl Stage {
+    /// Opens the port, stops whatever moves, makes sure that the devices are those of the settings,
+    /// applies the settings and reads them back. Moves nothing.
+    ///
+    /// # Errors
+    /// [`StageError`] names cause and remedy; the port is closed again.
+    pub async fn connect(
+        port: PortAddress,
+        settings: StageSettings,
+        clock: Arc<dyn Clock>,
+        seam: Arc<dyn PortSeam>,
+    ) -> Result<Stage, StageError> {
+        settings.validate()?;
+        let line_settings = LineSettings {
+            reply_timeout: Duration::from_millis(settings.reply_timeout_ms),
+            attempts: settings.attempts,
+        };
+        let (address, baud) = (port.clone(), settings.baud);
+        // Opening can take seconds: a TCP connection, or a port that is just being plugged in.
+        let line = tokio::task::spawn_blocking(move || {
+            Line::open(&address, baud, line_settings, seam.as_ref())
+        })
+        .await
+        .expect("opening a port does not panic")?;
+
+        let addresses = [settings.theta_c.address, settings.phi_s.address];
+        // A host that died left its move going; nobody has asked for it here.
+        line.stop(&addresses).await?;
+        find_conflicts(&line).await?;
+        let connect = |name: AxisName| {
+            let settings = settings.axis(name).clone();
+            Axis::connect(name, settings, line.clone(), Arc::clone(&clock))
+        };
+        let theta_c = connect(AxisName::ThetaC).await?;
+        let phi_s = connect(AxisName::PhiS).await?;
+        set_up_line(&line, [&theta_c, &phi_s]).await?;
+        for axis in [&theta_c, &phi_s] {
+            axis.await_rest().await?;
+            info!(
+                axis = %axis.name,
+                serial = axis.identity.serial,
+                "{}: device {} with firmware {} on {port}, {:.0} microsteps per turn, {:.1} deg/s",
+                axis.name,
+                axis.identity.device_id,
+                axis.identity.firmware,
+                axis.counts_per_turn,
+                axis.rates.speed_deg_s,
+            );
+        }
+        Ok(Stage {
+            inner: Arc::new(Inner {
+                address: port,
+                settings,
+                clock,
+                line,
+                theta_c,
+                phi_s,
+            }),
+        })
+    }
+
+    fn axis(&self, axis: AxisName) -> &Axis {
+        match axis {
+            AxisName::ThetaC => &self.inner.theta_c,
+            AxisName::PhiS => &self.inner.phi_s,
+        }
+    }
+
+    /// Where both axes are. Can be asked while another clone moves them.
+    ///
+    /// # Errors
+    /// [`StageError`] if a device does not answer.
+    pub async fn status(&self) -> Result<StageStatus, StageError> {
+        let read = async |axis: &Axis| -> Result<AxisStatus, StageError> {
+            let look = axis.look().await?;
+            let flags = match look.flag {
+                Some(_) => axis.flags().await?,
+                None => Vec::new(),
+            };
+            Ok(AxisStatus {
+                position: axis.recorded(look.counts),
+                moving: look.activity == Activity::Busy,
+                homed: !flags.iter().any(|f| f.class() == FlagClass::ReferenceLost),
+                warnings: flags.iter().map(in_words).collect(),
+                serial: axis.identity.serial,
+            })
+        };
+        Ok(StageStatus {
+            theta_c: read(&self.inner.theta_c).await?,
+            phi_s: read(&self.inner.phi_s).await?,
+        })
+    }
+
+    /// Lets an axis find its reference position. It moves to the end of its travel.
+    ///
+    /// # Errors
+    /// [`StageError`]; both axes then stand still, as far as they can be reached.
+    pub async fn home(&self, axis: AxisName) -> Result<(), StageError> {
+        let stops = self.inner.line.stops();
+        let outcome = self.axis(axis).home(stops).await;
+        self.or_stop(outcome).await
+    }
+
+    /// Homes both axes at once.
+    ///
+    /// # Errors
+    /// As [`Stage::home`].
+    pub async fn home_all(&self) -> Result<(), StageError> {
+        let stops = self.inner.line.stops();
+        let (tilt, turn) = (&self.inner.theta_c, &self.inner.phi_s);
+        let outcome = futures::try_join!(tilt.home(stops), turn.home(stops)).map(|_| ());
+        self.or_stop(outcome).await
+    }
+
+    /// Moves one axis to a recorded angle, lets it settle, and gives the angle read back.
+    ///
+    /// # Errors
+    /// [`StageError`]; both axes then stand still, as far as they can be reached.
+    pub async fn move_to(&self, axis: AxisName, target: Angle) -> Result<Angle, StageError> {
+        self.inner.settings.check_limit(axis, target)?;
+        let stops = self.inner.line.stops();
+        let outcome = async {
+            let (angle, moved) = self.axis(axis).move_to(target, stops).await?;
+            let settle_ms = self.inner.settings.axis(axis).settle_ms;
+            self.settle(if moved { settle_ms } else { 0 }, stops)
+                .await?;
+            Ok(angle)
+        }
+        .await;
+        self.or_stop(outcome).await
+    }
+
+    /// Moves both axes at once, lets them settle, and gives the pose read back.
+    ///
+    /// # Errors
+    /// [`StageError`]; both axes then stand still, as far as they can be reached.
+    pub async fn move_pose(&self, target: Pose) -> Result<Pose, StageError> {
+        self.inner.settings.check_limits(target)?;
+        let stops = self.inner.line.stops();
+        let (tilt, turn) = (&self.inner.theta_c, &self.inner.phi_s);
+        let outcome = async {
+            let ((theta_c, tilted), (phi_s, turned)) = futures::try_join!(
+                tilt.move_to(target.theta_c, stops),
+                turn.move_to(target.phi_s, stops)
+            )?;
+            let settle_ms = [(tilt, tilted), (turn, turned)]
+                .into_iter()
+                .map(|(axis, moved)| if moved { axis.settings.settle_ms } else { 0 })
+                .max();
+            self.settle(settle_ms.unwrap_or(0), stops).await?;
+            debug!("stage at theta_c = {theta_c:.4}, phi_s = {phi_s:.4}");
+            Ok(Pose { theta_c, phi_s })
+        }
+        .await;
+        self.or_stop(outcome).await
+    }
+
+    async fn settle(&self, settle_ms: u64, stops: u64) -> Result<(), StageError> {
+        if settle_ms == 0 {
+            return Ok(());
+        }
+        let settle = self.inner.clock.sleep(Duration::from_millis(settle_ms));
+        tokio::select! {
+            biased;
+            () = self.inner.line.stopped_since(stops) => Err(StageError::Stopped),
+            () = settle => Ok(()),
+        }
+    }
+
+    /// Stops both axes, ahead of everything that waits, and waits until they stand. Never refused;
+    /// a move in progress ends with [`StageError::Stopped`].
+    ///
+    /// # Errors
+    /// [`StageError`] if a device does not answer, or does not come to rest.
+    pub async fn stop(&self) -> Result<(), StageError> {
+        let addresses = AxisName::ALL.map(|axis| self.inner.settings.axis(axis).address);
+        let heard = self.inner.line.stop(&addresses).await;
+        // Also if one did not answer: the other one may have to come to rest.
+        let rest = futures::join!(
+            self.inner.theta_c.await_rest(),
+            self.inner.phi_s.await_rest()
+        );
+        heard?;
+        rest.0?;
+        rest.1
+    }
+
+    /// What could not be done is not left half done: the other axis stops too.
+    async fn or_stop<T>(&self, outcome: Result<T, StageError>) -> Result<T, StageError> {
+        if let Err(error) = &outcome {
+            let nothing_moves = matches!(
+                error,
+                StageError::Stopped | StageError::Disconnected(_) | StageError::Busy { .. }
+            );
+            if !nothing_moves && let Err(second) = self.stop().await {
+                warn!("after \"{error}\" the stage could not be stopped: {second}");
+            }
+        }
+        outcome
+    }
+
+    /// Checks a pose against the limits.
+    ///
+    /// # Errors
+    /// [`StageError::OutsideLimits`], or [`StageError::NotANumber`].
+    pub fn check_limits(&self, pose: Pose) -> Result<(), StageError> {
+        self.inner.settings.check_limits(pose)
+    }
+
+    /// Time that a move will take, detours against backlash and settling included, with the speeds
+    /// that the devices have.
+    #[must_use]
+    pub fn predicted_move(&self, from: Pose, to: Pose) -> Duration {
+        let (tilt, turn) = (&self.inner.theta_c, &self.inner.phi_s);
+        settings::predicted_move(&self.inner.settings, tilt.rates, turn.rates, from, to)
+    }
+
+    /// The settings it was connected with.
+    #[must_use]
+    pub fn settings(&self) -> &StageSettings {
+        &self.inner.settings
+    }
+
+    /// Where it is plugged in.
+    #[must_use]
+    pub fn address(&self) -> &PortAddress {
+        &self.inner.address
+    }
+
+    /// Which devices it found.
+    #[must_use]
+    pub fn identity(&self) -> StageIdentity {
+        let of = |axis: &Axis| DeviceIdentity {
+            serial: axis.identity.serial,
+            device_id: axis.identity.device_id,
+            firmware: axis.identity.firmware.clone(),
+        };
+        StageIdentity {
+            theta_c: of(&self.inner.theta_c),
+            phi_s: of(&self.inner.phi_s),
+        }
+    }
+
+    /// What has been seen on the line that answered no question: for metrics.
+    #[must_use]
+    pub fn line_counts(&self) -> LineCounts {
+        self.inner.line.counts()
+    }
+}
+
+fn in_words(flag: &Flag) -> String {
+    format!("{flag}: {}", flag.meaning())
+}
+
+/// Two devices with one address would both carry out every command.
+async fn find_conflicts(line: &Line) -> Result<(), StageError> {
+    let mut serials: BTreeMap<u8, String> = BTreeMap::new();
+    for reply in line.ask_everyone("get system.serial").await? {
+        let other = serials.insert(reply.address, reply.data.clone());
+        if other.is_some_and(|serial| serial != reply.data) {
+            let address = reply.address;
+            return Err(StageError::AddressConflict { address });
+        }
+    }
+    Ok(())
+}
+
+/// Asks for checksums on every reply; alerts are not needed and only fill the line.
+async fn set_up_line(line: &Line, axes: [&Axis; 2]) -> Result<(), StageError> {
+    let mut all_checked = true;
+    for axis in axes {
+        for setting in ["comm.checksum 1", "comm.alert 0"] {
+            match axis.ask(0, &format!("set {setting}")).await {
+                Ok(_) => {}
+                // Older firmware has no such setting.
+                Err(StageError::Refused { .. }) => all_checked &= !setting.contains("checksum"),
+                Err(error) => return Err(error),
+            }
+        }
+        if all_checked {
+            let reply = axis.ask(0, "get comm.checksum").await?;
+            all_checked = reply.data == "1";
+        }
+    }
+    if all_checked {
+        line.require_checksums();
+    }
+    Ok(())
+}

@@ -1,0 +1,421 @@
+//! What a lab tells about its stage, and what follows from it without any hardware.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::error::StageError;
+use crate::bench::AxisName;
+use crate::geometry::Pose;
+use crate::units::Angle;
+
+/// Speed assumed for an estimate where neither settings nor device tell one.
+const SPEED_GUESS_DEG_S: f64 = 20.0;
+/// Acceleration assumed likewise.
+const ACCELERATION_GUESS_DEG_S2: f64 = 60.0;
+
+/// Both axes and the line to them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StageSettings {
+    /// Speed of a serial line; firmware 7 comes with 115200. TCP does not care.
+    #[serde(default = "default_baud")]
+    pub baud: u32,
+    /// How long a reply may take, 10 to 10 000 ms of real time.
+    #[serde(default = "default_reply_timeout_ms")]
+    pub reply_timeout_ms: u64,
+    /// How often a question is asked before the device counts as silent, 1 to 10.
+    #[serde(default = "default_attempts")]
+    pub attempts: u32,
+    /// The tilt axis.
+    pub theta_c: AxisSettings,
+    /// The rotation axis.
+    pub phi_s: AxisSettings,
+}
+
+/// One axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AxisSettings {
+    /// Its device's address on the chain, 1 to 99.
+    pub address: u8,
+    /// Its device's serial number; another device at the address is then refused.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub serial: Option<u32>,
+    /// Smallest recorded angle that may be asked for. Approaches start up to `backlash_deg` below.
+    #[serde(rename = "limit_min_deg", with = "degrees")]
+    pub limit_min: Angle,
+    /// Largest recorded angle that may be asked for.
+    #[serde(rename = "limit_max_deg", with = "degrees")]
+    pub limit_max: Angle,
+    /// Angle of the device, from its own zero, at recorded angle 0.
+    #[serde(rename = "zero_deg", with = "degrees", default)]
+    pub zero: Angle,
+    /// Whether the device counts down where the recorded angle goes up.
+    #[serde(default)]
+    pub reversed: bool,
+    /// Every target is approached from below, from at least this far; 0 switches that off.
+    #[serde(
+        rename = "backlash_deg",
+        with = "degrees",
+        default = "default_backlash"
+    )]
+    pub backlash: Angle,
+    /// How far from the target still counts as there.
+    #[serde(
+        rename = "tolerance_deg",
+        with = "degrees",
+        default = "default_tolerance"
+    )]
+    pub tolerance: Angle,
+    /// Wait between arrival and exposure.
+    #[serde(default = "default_settle_ms")]
+    pub settle_ms: u64,
+    /// Microsteps per turn of the output, for a device that does not tell (`limit.cycle.dist`).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub counts_per_turn: Option<f64>,
+    /// Speed to set on the device; as it is if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_speed_deg_s: Option<f64>,
+    /// Acceleration to set on the device; as it is if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub acceleration_deg_s2: Option<f64>,
+    /// Homing that takes longer has failed.
+    #[serde(default = "default_home_timeout_s")]
+    pub home_timeout_s: f64,
+}
+
+fn default_baud() -> u32 {
+    115_200
+}
+fn default_reply_timeout_ms() -> u64 {
+    300
+}
+fn default_attempts() -> u32 {
+    3
+}
+fn default_backlash() -> Angle {
+    Angle::from_deg(0.2)
+}
+fn default_tolerance() -> Angle {
+    Angle::from_deg(0.005)
+}
+fn default_settle_ms() -> u64 {
+    100
+}
+fn default_home_timeout_s() -> f64 {
+    120.0
+}
+
+/// Angles in files are degrees; the last digits that the conversion makes are not written.
+mod degrees {
+    use crate::units::Angle;
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub fn serialize<S: Serializer>(angle: &Angle, s: S) -> Result<S::Ok, S::Error> {
+        s.serialize_f64((angle.deg() * 1e10).round() / 1e10)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<Angle, D::Error> {
+        f64::deserialize(d).map(Angle::from_deg)
+    }
+}
+
+impl StageSettings {
+    /// The settings that fit the simulated rig as it comes.
+    #[must_use]
+    pub fn simulated() -> Self {
+        let axis = |address: u8, serial: u32, min: f64, max: f64, zero: f64| AxisSettings {
+            address,
+            serial: Some(serial),
+            limit_min: Angle::from_deg(min),
+            limit_max: Angle::from_deg(max),
+            zero: Angle::from_deg(zero),
+            reversed: false,
+            backlash: default_backlash(),
+            tolerance: default_tolerance(),
+            settle_ms: default_settle_ms(),
+            counts_per_turn: None,
+            max_speed_deg_s: None,
+            acceleration_deg_s2: None,
+            home_timeout_s: default_home_timeout_s(),
+        };
+        StageSettings {
+            baud: default_baud(),
+            reply_timeout_ms: default_reply_timeout_ms(),
+            attempts: default_attempts(),
+            theta_c: axis(1, 90_001, -60.0, 60.0, 65.0),
+            phi_s: axis(2, 90_002, -20.0, 390.0, 30.0),
+        }
+    }
+
+    /// The settings of one axis.
+    #[must_use]
+    pub fn axis(&self, axis: AxisName) -> &AxisSettings {
+        match axis {
+            AxisName::ThetaC => &self.theta_c,
+            AxisName::PhiS => &self.phi_s,
+        }
+    }
+
+    /// Checks the whole before any of it is used.
+    ///
+    /// # Errors
+    /// [`StageError::BadSetting`] names the first key that is wrong, and what it may be.
+    pub fn validate(&self) -> Result<(), StageError> {
+        let bad = |key: &str, reason: &str| {
+            Err(StageError::BadSetting {
+                key: key.to_owned(),
+                reason: reason.to_owned(),
+            })
+        };
+        if !(300..=4_000_000).contains(&self.baud) {
+            return bad("baud", "it must be 300 to 4000000");
+        }
+        if !(10..=10_000).contains(&self.reply_timeout_ms) {
+            return bad("reply_timeout_ms", "it must be 10 to 10000");
+        }
+        if !(1..=10).contains(&self.attempts) {
+            return bad("attempts", "it must be 1 to 10");
+        }
+        for name in AxisName::ALL {
+            if let Err((key, reason)) = self.axis(name).check() {
+                return bad(&format!("{name}.{key}"), reason);
+            }
+        }
+        if self.theta_c.address == self.phi_s.address {
+            return bad("phi_s.address", "both axes have the same address");
+        }
+        if self.theta_c.serial.is_some() && self.theta_c.serial == self.phi_s.serial {
+            return bad("phi_s.serial", "both axes have the same serial number");
+        }
+        Ok(())
+    }
+
+    /// Checks a pose against the limits of both axes, without hardware.
+    ///
+    /// # Errors
+    /// [`StageError::OutsideLimits`], or [`StageError::NotANumber`].
+    pub fn check_limits(&self, pose: Pose) -> Result<(), StageError> {
+        self.check_limit(AxisName::ThetaC, pose.theta_c)?;
+        self.check_limit(AxisName::PhiS, pose.phi_s)
+    }
+
+    /// Checks an angle against the limits of its axis.
+    ///
+    /// # Errors
+    /// [`StageError::OutsideLimits`], or [`StageError::NotANumber`].
+    pub fn check_limit(&self, axis: AxisName, target: Angle) -> Result<(), StageError> {
+        let settings = self.axis(axis);
+        if !target.is_finite() {
+            return Err(StageError::NotANumber { axis });
+        }
+        // Degrees that went through radians may be off in their last digits.
+        let slack = Angle::from_deg(1e-9);
+        if target < settings.limit_min - slack || target > settings.limit_max + slack {
+            return Err(StageError::OutsideLimits {
+                axis,
+                target,
+                min: settings.limit_min,
+                max: settings.limit_max,
+            });
+        }
+        Ok(())
+    }
+
+    /// Estimated time of a move, settling included, with the speeds of the settings or, where they
+    /// tell none, usual ones. A connected stage knows better: [`super::Stage::predicted_move`].
+    #[must_use]
+    pub fn predicted_move(&self, from: Pose, to: Pose) -> Duration {
+        let rates = |axis: &AxisSettings| Rates {
+            speed_deg_s: axis.max_speed_deg_s.unwrap_or(SPEED_GUESS_DEG_S),
+            acceleration_deg_s2: axis
+                .acceleration_deg_s2
+                .unwrap_or(ACCELERATION_GUESS_DEG_S2),
+        };
+        predicted_move(self, rates(&self.theta_c), rates(&self.phi_s), from, to)
+    }
+}
+
+impl AxisSettings {
+    fn check(&self) -> Result<(), (&'static str, &'static str)> {
+        if !(1..=99).contains(&self.address) {
+            return Err(("address", "it must be 1 to 99"));
+        }
+        for (key, angle) in [
+            ("limit_min_deg", self.limit_min),
+            ("limit_max_deg", self.limit_max),
+            ("zero_deg", self.zero),
+            ("backlash_deg", self.backlash),
+            ("tolerance_deg", self.tolerance),
+        ] {
+            if !angle.is_finite() || angle.abs() > Angle::from_deg(36_000.0) {
+                return Err((key, "it must be a number of degrees, at most 36000"));
+            }
+        }
+        if self.limit_min >= self.limit_max {
+            return Err(("limit_min_deg", "it must be below limit_max_deg"));
+        }
+        if self.backlash < Angle::ZERO || self.backlash > Angle::from_deg(10.0) {
+            return Err(("backlash_deg", "it must be 0 to 10"));
+        }
+        if self.tolerance <= Angle::ZERO || self.tolerance > Angle::from_deg(1.0) {
+            return Err(("tolerance_deg", "it must be above 0 and at most 1"));
+        }
+        if self.settle_ms > 60_000 {
+            return Err(("settle_ms", "it must be at most 60000"));
+        }
+        for (key, value, max) in [
+            ("counts_per_turn", self.counts_per_turn, 1e9),
+            ("max_speed_deg_s", self.max_speed_deg_s, 1e4),
+            ("acceleration_deg_s2", self.acceleration_deg_s2, 1e6),
+            ("home_timeout_s", Some(self.home_timeout_s), 3600.0),
+        ] {
+            if value.is_some_and(|v| !(v > 0.0 && v <= max)) {
+                return Err((key, "it must be a number above 0, within reason"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a target must be approached by way of a point below it. `engaged`: the last move
+    /// ended going up, so the gear's play is taken up already.
+    pub(super) fn needs_detour(&self, from: Angle, target: Angle, engaged: bool) -> bool {
+        let direct = (engaged && target >= from) || target - from >= self.backlash;
+        !direct && self.backlash > Angle::ZERO
+    }
+}
+
+/// How fast an axis goes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Rates {
+    pub speed_deg_s: f64,
+    pub acceleration_deg_s2: f64,
+}
+
+impl Rates {
+    /// Time from rest to rest: trapezoid, or triangle where the way is short.
+    pub fn duration(&self, way: Angle) -> Duration {
+        let (d, v, a) = (way.abs().deg(), self.speed_deg_s, self.acceleration_deg_s2);
+        let seconds = if d * a > v * v {
+            d / v + v / a
+        } else {
+            2.0 * (d / a).sqrt()
+        };
+        Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)
+    }
+}
+
+pub(super) fn predicted_move(
+    settings: &StageSettings,
+    theta_c: Rates,
+    phi_s: Rates,
+    from: Pose,
+    to: Pose,
+) -> Duration {
+    let leg = |axis: &AxisSettings, rates: Rates, from: Angle, to: Angle| {
+        if (to - from).abs() <= axis.tolerance * 0.5 {
+            return Duration::ZERO;
+        }
+        let motion = if axis.needs_detour(from, to, true) {
+            let below = to - axis.backlash;
+            rates.duration(below - from) + rates.duration(axis.backlash)
+        } else {
+            rates.duration(to - from)
+        };
+        motion + Duration::from_millis(axis.settle_ms)
+    };
+    let tilt = leg(&settings.theta_c, theta_c, from.theta_c, to.theta_c);
+    let turn = leg(&settings.phi_s, phi_s, from.phi_s, to.phi_s);
+    tilt.max(turn)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_survive_their_file() {
+        let settings = StageSettings::simulated();
+        let text = toml::to_string(&settings).unwrap();
+        assert!(text.contains("limit_min_deg = -60.0"), "{text}");
+        assert_eq!(toml::from_str::<StageSettings>(&text).unwrap(), settings);
+    }
+
+    #[test]
+    fn a_short_file_is_enough_and_a_wrong_key_is_named() {
+        let text = "[theta_c]\naddress = 1\nlimit_min_deg = -30\nlimit_max_deg = 30\n\
+                    [phi_s]\naddress = 2\nlimit_min_deg = 0\nlimit_max_deg = 360\n";
+        let settings: StageSettings = toml::from_str(text).unwrap();
+        settings.validate().unwrap();
+        assert_eq!(settings.baud, 115_200);
+        let error = toml::from_str::<StageSettings>(&format!("{text}limit_deg = 3\n")).unwrap_err();
+        assert!(error.to_string().contains("limit_deg"), "{error}");
+    }
+
+    #[test]
+    fn wrong_values_are_refused_by_name() {
+        type Change = fn(&mut StageSettings);
+        let cases: [(&str, Change); 10] = [
+            ("theta_c.limit_min_deg", |s| {
+                s.theta_c.limit_min = Angle::from_deg(90.0)
+            }),
+            ("theta_c.limit_max_deg", |s| {
+                s.theta_c.limit_max = Angle::from_deg(f64::NAN)
+            }),
+            ("phi_s.tolerance_deg", |s| s.phi_s.tolerance = Angle::ZERO),
+            ("phi_s.backlash_deg", |s| {
+                s.phi_s.backlash = Angle::from_deg(-1.0)
+            }),
+            ("phi_s.address", |s| s.phi_s.address = 1),
+            ("phi_s.serial", |s| s.phi_s.serial = s.theta_c.serial),
+            ("theta_c.address", |s| s.theta_c.address = 0),
+            ("theta_c.max_speed_deg_s", |s| {
+                s.theta_c.max_speed_deg_s = Some(f64::INFINITY)
+            }),
+            ("phi_s.home_timeout_s", |s| {
+                s.phi_s.home_timeout_s = f64::NAN
+            }),
+            ("attempts", |s| s.attempts = 0),
+        ];
+        for (expected, change) in cases {
+            let mut settings = StageSettings::simulated();
+            change(&mut settings);
+            match settings.validate() {
+                Err(StageError::BadSetting { key, .. }) => assert_eq!(key, expected),
+                other => panic!("{expected}: {other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn limits_hold_at_their_ends_and_not_beyond() {
+        let settings = StageSettings::simulated();
+        assert!(settings.check_limits(Pose::from_deg(-60.0, 390.0)).is_ok());
+        assert!(matches!(
+            settings.check_limits(Pose::from_deg(-60.001, 0.0)),
+            Err(StageError::OutsideLimits {
+                axis: AxisName::ThetaC,
+                ..
+            })
+        ));
+        assert!(matches!(
+            settings.check_limits(Pose::from_deg(0.0, f64::NAN)),
+            Err(StageError::NotANumber {
+                axis: AxisName::PhiS
+            })
+        ));
+    }
+
+    #[test]
+    fn a_move_down_takes_the_detour_too() {
+        let settings = StageSettings::simulated();
+        let (low, high) = (Pose::from_deg(0.0, 0.0), Pose::from_deg(10.0, 0.0));
+        // 20°/s, 60°/s²: 10/20 + 20/60 s, and 100 ms to settle.
+        let up = settings.predicted_move(low, high).as_secs_f64();
+        assert!((up - (0.5 + 1.0 / 3.0 + 0.1)).abs() < 1e-9);
+        let down = settings.predicted_move(high, low).as_secs_f64();
+        assert!((down - (up + 0.2 / 20.0 + 2.0 * (0.2f64 / 60.0).sqrt())).abs() < 1e-9);
+        assert_eq!(settings.predicted_move(low, low), Duration::ZERO);
+    }
+}
