@@ -1,5 +1,8 @@
 //! Tests of the whole: one binary, one module per claim's home.
 
+// Helpers outside #[test] functions are tests too.
+#![allow(clippy::unwrap_used)]
+
 mod imports;
 mod line;
 mod nist;
