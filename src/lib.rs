@@ -15,4 +15,5 @@ pub mod scan;
 pub mod series;
 pub mod sim;
 pub mod store;
+pub mod trace;
 pub mod units;

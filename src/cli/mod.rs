@@ -7,6 +7,7 @@ pub mod eval;
 pub mod fit;
 pub mod interrupt;
 pub mod simulate_rig;
+pub mod trace;
 
 use std::process::ExitCode;
 
@@ -30,6 +31,8 @@ pub enum Command {
     Fit(fit::Args),
     /// The simulated controller alone, on a pty or a TCP port.
     SimulateRig(simulate_rig::Args),
+    /// Polarised light through single or layered micro-surfaces.
+    Trace(trace::Args),
 }
 
 /// Why a command ended without what was asked for.
@@ -62,6 +65,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Eval(args) => eval::run(args),
         Command::Fit(args) => fit::run(args),
         Command::SimulateRig(args) => simulate_rig::run(args),
+        Command::Trace(args) => trace::run(args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,0 +1,353 @@
+//! `ridged trace`: a scene in, energies and Mueller bins out; and the merging of shards.
+
+mod heights;
+mod table;
+
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, anyhow};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use super::{CliError, interrupt};
+use crate::trace::run::{self, Progress, Shard};
+use crate::trace::scene::{LeftOut, Prepared, Scene};
+use crate::trace::tally::{Energies, Estimate, ORDERS, Totals};
+
+/// Traces polarised light through a scene of single or layered micro-surfaces.
+#[derive(Debug, clap::Args)]
+#[command(
+    args_conflicts_with_subcommands = true,
+    subcommand_negates_reqs = true,
+    after_help = "Examples:\n  ridged trace scene.toml --json --out bins.csv\n  ridged trace scene.toml --shard 1/4 --out a.csv\n  ridged trace merge a.csv b.csv c.csv d.csv --out bins.csv"
+)]
+pub struct Args {
+    /// Merge shards instead.
+    #[command(subcommand)]
+    pub action: Option<Action>,
+    /// The scene.
+    #[arg(required = true, value_name = "SCENE.toml")]
+    pub scene: Option<PathBuf>,
+    /// One JSON object on stdout instead of a table.
+    #[arg(long)]
+    pub json: bool,
+    /// Stop after this time; what is finished by then counts.
+    #[arg(long, value_name = "S")]
+    pub max_seconds: Option<f64>,
+    /// Stop once the mean relative error of a reflected bin (by energy) is below this.
+    #[arg(long, value_name = "E")]
+    pub target_error: Option<f64>,
+    /// Trace part K of N; `ridged trace merge` puts the parts together.
+    #[arg(long, value_name = "K/N", value_parser = parse_shard)]
+    pub shard: Option<Shard>,
+    /// CSV file of the direction bins.
+    #[arg(long, value_name = "FILE.csv")]
+    pub out: Option<PathBuf>,
+}
+
+/// What else `ridged trace` does.
+#[derive(Debug, clap::Subcommand)]
+pub enum Action {
+    /// Puts the files of all shards of one run together; the same bits as one run.
+    Merge {
+        /// Files that `--shard` wrote.
+        #[arg(required = true, value_name = "FILE")]
+        files: Vec<PathBuf>,
+        /// CSV file of the direction bins.
+        #[arg(long, value_name = "FILE.csv")]
+        out: PathBuf,
+        /// One JSON object on stdout.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+fn parse_shard(text: &str) -> Result<Shard, String> {
+    let parts = text
+        .split_once('/')
+        .and_then(|(k, n)| Some((k.parse().ok()?, n.parse().ok()?)));
+    match parts {
+        Some((number, of)) if 1 <= number && number <= of => Ok(Shard { number, of }),
+        _ => Err("write K/N with K from 1 to N, such as 2/4".to_owned()),
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input for a scene or files that make no sense; no result where a target was not reached or a
+/// file cannot be written; interrupted after Ctrl-C, with what was finished written.
+pub fn run(args: Args) -> Result<(), CliError> {
+    if let Some(Action::Merge { files, out, json }) = &args.action {
+        return merge(files, out, *json);
+    }
+    let path = args
+        .scene
+        .as_deref()
+        .ok_or_else(|| CliError::bad_input(anyhow!("which scene?")))?;
+    for (name, x) in [
+        ("--max-seconds", args.max_seconds),
+        ("--target-error", args.target_error),
+    ] {
+        if x.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
+            return Err(CliError::bad_input(anyhow!(
+                "{name} must be greater than 0"
+            )));
+        }
+    }
+    let mut fingerprint = Sha256::new();
+    let prepared = prepare(path, &mut fingerprint)?;
+    let cancel = interrupt::flag()?;
+    let started = Instant::now();
+    let shard = args.shard.unwrap_or(Shard::WHOLE);
+    let totals = watched(&prepared, shard, &args, &cancel, started);
+    let seconds = started.elapsed().as_secs_f64();
+    if totals.photons() == 0 {
+        if cancel.load(Ordering::Relaxed) {
+            return Err(CliError::Interrupted);
+        }
+        if args.shard.is_none() {
+            return Err(CliError::no_result(anyhow!(
+                "nothing was finished in {seconds:.1} s: allow more time or ask for fewer photons"
+            )));
+        }
+    }
+    let cut_short = cancel.load(Ordering::Relaxed) || timed_out(&args, started);
+    if let Some(out) = &args.out {
+        let part = args.shard.map(|shard| table::Part {
+            run: hex(&fingerprint.finalize()),
+            shard: shard.number,
+            of: shard.of,
+            complete: !cut_short,
+            n_theta: totals.grid().n_theta,
+            n_phi: totals.grid().n_phi,
+            elements: totals.elements(),
+            energies: totals.exact_energies(),
+        });
+        table::write(out, &totals, part.as_ref())?;
+    }
+    let report = Report::new(
+        &totals,
+        Some(seconds),
+        prepared.polarised,
+        &prepared.left_out,
+    );
+    report.print(args.json)?;
+    if cancel.load(Ordering::Relaxed) {
+        return Err(CliError::Interrupted);
+    }
+    match (args.target_error, totals.relative_error()) {
+        (Some(target), reached)
+            if reached.is_none_or(|e| e > target) && !timed_out(&args, started) =>
+        {
+            Err(CliError::no_result(unreached(
+                target,
+                reached,
+                totals.photons(),
+            )))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn unreached(target: f64, reached: Option<f64>, photons: u64) -> anyhow::Error {
+    match reached {
+        Some(e) => anyhow!(
+            "the target error {target} was not reached: {photons} photons gave {e:.3e}; about {:.1e} would be \
+             needed (run.photons in the scene)",
+            photons as f64 * (e / target).powi(2)
+        ),
+        None => anyhow!("the target error {target} cannot be reached: no light was reflected"),
+    }
+}
+
+fn timed_out(args: &Args, started: Instant) -> bool {
+    args.max_seconds
+        .is_some_and(|limit| started.elapsed().as_secs_f64() >= limit)
+}
+
+fn prepare(path: &Path, fingerprint: &mut Sha256) -> Result<Prepared, CliError> {
+    let text = std::fs::read_to_string(path)
+        .with_context(|| format!("cannot read the scene {}", path.display()))
+        .map_err(CliError::bad_input)?;
+    fingerprint.update(text.as_bytes());
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let scene = Scene::parse(&text)
+        .with_context(|| path.display().to_string())
+        .map_err(CliError::bad_input)?;
+    let bytes = std::cell::RefCell::new(fingerprint);
+    scene
+        .prepare(&|file| {
+            let content = std::fs::read(folder.join(file)).map_err(|e| e.to_string())?;
+            bytes.borrow_mut().update(&content);
+            heights::read(file, &content)
+        })
+        .with_context(|| path.display().to_string())
+        .map_err(CliError::bad_input)
+}
+
+/// Traces with a progress bar on a terminal.
+fn watched(
+    prepared: &Prepared,
+    shard: Shard,
+    args: &Args,
+    cancel: &AtomicBool,
+    started: Instant,
+) -> Totals {
+    let bar = if std::io::stderr().is_terminal() {
+        let bar = ProgressBar::new(prepared.photons);
+        let style = "{spinner} {human_pos} of {human_len} photons {wide_bar} {msg} {eta} left";
+        bar.set_style(
+            ProgressStyle::with_template(style).unwrap_or_else(|_| ProgressStyle::default_bar()),
+        );
+        bar
+    } else {
+        ProgressBar::hidden()
+    };
+    let slow = Duration::from_secs(1);
+    let totals = run::trace(prepared, shard, &|progress: &Progress| {
+        if started.elapsed() > slow {
+            bar.set_length(progress.photons_planned);
+            bar.set_position(progress.photons);
+            if let Some(error) = progress.relative_error {
+                bar.set_message(format!("error {:.2} %", 100.0 * error));
+            }
+        }
+        let good_enough = args
+            .target_error
+            .is_some_and(|target| progress.relative_error.is_some_and(|e| e <= target));
+        !(cancel.load(Ordering::Relaxed) || timed_out(args, started) || good_enough)
+    });
+    bar.finish_and_clear();
+    totals
+}
+
+fn merge(files: &[PathBuf], out: &Path, json: bool) -> Result<(), CliError> {
+    let merged = table::merge(files)?;
+    table::write(out, &merged, None)?;
+    if json {
+        Report::new(&merged, None, merged.elements() > 1, &[]).print(true)?;
+    }
+    Ok(())
+}
+
+fn hex(bytes: &[u8]) -> String {
+    use std::fmt::Write as _;
+    bytes.iter().fold(String::new(), |mut text, b| {
+        write!(text, "{b:02x}").expect("a String takes everything");
+        text
+    })
+}
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    photons: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seconds: Option<f64>,
+    polarised: bool,
+    energy: Energy,
+    relative_error: Option<f64>,
+    batches: u64,
+    left_out: &'a [LeftOut],
+    program: String,
+}
+
+#[derive(Debug, Serialize)]
+struct Energy {
+    reflected: Estimate,
+    transmitted: Estimate,
+    absorbed: Estimate,
+    truncated: Estimate,
+    by_interactions: serde_json::Map<String, serde_json::Value>,
+}
+
+impl<'a> Report<'a> {
+    fn new(
+        totals: &Totals,
+        seconds: Option<f64>,
+        polarised: bool,
+        left_out: &'a [LeftOut],
+    ) -> Self {
+        let e: Energies<Estimate> = totals.energies();
+        let mut by_interactions = serde_json::Map::new();
+        for (side, orders) in [("R", &e.reflected), ("T", &e.transmitted)] {
+            let used = orders
+                .iter()
+                .rposition(|x| x.value != 0.0)
+                .map_or(1, |n| n + 1);
+            for (n, x) in orders.iter().take(used).enumerate() {
+                let more = if n + 1 == ORDERS { "plus" } else { "" };
+                let value = serde_json::to_value(x).unwrap_or_default();
+                by_interactions.insert(format!("{side}{}{more}", n + 1), value);
+            }
+        }
+        Report {
+            photons: totals.photons(),
+            seconds,
+            polarised,
+            energy: Energy {
+                reflected: e.reflected_all,
+                transmitted: e.transmitted_all,
+                absorbed: e.absorbed,
+                truncated: e.truncated,
+                by_interactions,
+            },
+            relative_error: totals.relative_error(),
+            batches: totals.batches(),
+            left_out,
+            program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
+        }
+    }
+
+    fn print(&self, json: bool) -> Result<(), CliError> {
+        let mut out = std::io::stdout().lock();
+        let written = if json {
+            serde_json::to_writer_pretty(&mut out, self)
+                .map_err(std::io::Error::from)
+                .and_then(|()| writeln!(out))
+        } else {
+            self.table(&mut out)
+        };
+        written
+            .context("cannot write to stdout")
+            .map_err(CliError::no_result)
+    }
+
+    fn table(&self, out: &mut dyn Write) -> std::io::Result<()> {
+        let kind = if self.polarised {
+            "polarised"
+        } else {
+            "scalar"
+        };
+        write!(out, "{} photons, {kind}", self.photons)?;
+        if let Some(seconds) = self.seconds {
+            write!(out, ", {seconds:.2} s")?;
+        }
+        writeln!(out)?;
+        let e = &self.energy;
+        for (name, x) in [
+            ("reflected", e.reflected),
+            ("transmitted", e.transmitted),
+            ("absorbed", e.absorbed),
+            ("truncated", e.truncated),
+        ] {
+            writeln!(out, "  {name:<12} {:.6} ± {:.6}", x.value, x.std)?;
+        }
+        if let Some(error) = self.relative_error {
+            writeln!(
+                out,
+                "  error of a reflected bin (by energy): {:.2} %",
+                100.0 * error
+            )?;
+        }
+        for left in self.left_out {
+            writeln!(out, "  left out: {} ({})", left.what, left.why)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,250 @@
+//! The CSV file of direction bins: written, and put together from shards.
+//!
+//! A shard's file has two columns more: `exact`, the bin's sums as hexadecimal integers, which add up
+//! without rounding, and `run`, in its first row, what the shard is part of.
+
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, anyhow};
+use serde::{Deserialize, Serialize};
+
+use crate::cli::CliError;
+use crate::trace::height_field::Side;
+use crate::trace::tally::{Grid, Totals};
+
+/// What a shard's file is part of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Part {
+    /// SHA-256 of the scene and its files.
+    pub run: String,
+    /// 1 to `of`.
+    pub shard: u64,
+    /// How many shards.
+    pub of: u64,
+    /// Whether all photons of the shard were traced.
+    pub complete: bool,
+    /// Bins over the polar angle.
+    pub n_theta: usize,
+    /// Bins over the azimuth.
+    pub n_phi: usize,
+    /// 16 or 1 numbers per bin.
+    pub elements: usize,
+    /// Exact sums of the energies.
+    pub energies: String,
+}
+
+/// Writes the bins; with a `part`, as a shard. The file appears whole or not at all.
+pub(super) fn write(path: &Path, totals: &Totals, part: Option<&Part>) -> Result<(), CliError> {
+    let text = text(totals, part);
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+    let mut name = path.file_name().unwrap_or_default().to_os_string();
+    name.push(".part");
+    let unfinished = folder.unwrap_or(Path::new(".")).join(name);
+    std::fs::File::create(&unfinished)
+        .and_then(|mut file| {
+            file.write_all(text.as_bytes())?;
+            file.sync_all()
+        })
+        .and_then(|()| std::fs::rename(&unfinished, path))
+        .with_context(|| format!("cannot write {}", path.display()))
+        .map_err(CliError::no_result)
+}
+
+fn text(totals: &Totals, part: Option<&Part>) -> String {
+    let grid = totals.grid();
+    let mut text = String::from("side,theta_lo_deg,theta_hi_deg,phi_lo_deg,phi_hi_deg");
+    for suffix in ["", "_std"] {
+        for i in 0..16 {
+            let _ = write!(text, ",m{}{}{suffix}", i / 4, i % 4);
+        }
+    }
+    text.push_str(if part.is_some() { ",exact,run\n" } else { "\n" });
+    let exact = part.is_some();
+    let mut part = part;
+    let transmits = (0..grid.per_side()).any(|bin| totals.hits(Side::Below, bin) > 0);
+    for (side, name) in [(Side::Above, "R"), (Side::Below, "T")] {
+        if side == Side::Below && !transmits {
+            continue;
+        }
+        for bin in 0..grid.per_side() {
+            let [t0, t1, p0, p1] = grid.limits_deg(bin);
+            let _ = write!(text, "{name},{t0},{t1},{p0},{p1}");
+            let empty = totals.hits(side, bin) == 0;
+            for of_std in [false, true] {
+                for i in 0..16 {
+                    if empty || i >= totals.elements() {
+                        text.push_str(",0");
+                        continue;
+                    }
+                    let e = totals.element(side, bin, i);
+                    let x = if of_std { e.std } else { e.value };
+                    let _ = write!(text, ",{x:e}");
+                }
+            }
+            if exact {
+                let sums = totals.exact_bin(side, bin).unwrap_or_default();
+                let _ = write!(text, ",{sums},");
+            }
+            if let Some(part) = part.take() {
+                let json = serde_json::to_string(part).unwrap_or_default();
+                let _ = write!(text, "\"{}\"", json.replace('"', "\"\""));
+            }
+            text.push('\n');
+        }
+    }
+    text
+}
+
+/// Puts all shards of one run together.
+pub(super) fn merge(files: &[PathBuf]) -> Result<Totals, CliError> {
+    let mut merged: Option<(Part, Totals)> = None;
+    let mut seen: Vec<(u64, &PathBuf)> = Vec::new();
+    for file in files {
+        let wrong = |what: &str| CliError::bad_input(anyhow!("{}: {what}", file.display()));
+        let (part, totals) = read(file)?;
+        if !part.complete {
+            return Err(wrong(
+                "this shard was stopped before its end: trace it again",
+            ));
+        }
+        if let Some((_, other)) = seen.iter().find(|(n, _)| *n == part.shard) {
+            return Err(wrong(&format!(
+                "shard {} is already in {}",
+                part.shard,
+                other.display()
+            )));
+        }
+        seen.push((part.shard, file));
+        match &mut merged {
+            None => merged = Some((part, totals)),
+            Some((first, sum)) => {
+                if first.run != part.run || first.of != part.of {
+                    return Err(wrong("this shard belongs to another run"));
+                }
+                sum.merge(&totals).map_err(CliError::bad_input)?;
+            }
+        }
+    }
+    let (first, sum) = merged.ok_or_else(|| CliError::bad_input(anyhow!("no shards given")))?;
+    let missing: Vec<String> = (1..=first.of)
+        .filter(|n| !seen.iter().any(|(s, _)| s == n))
+        .map(|n| n.to_string())
+        .take(10)
+        .collect();
+    if missing.is_empty() {
+        Ok(sum)
+    } else {
+        Err(CliError::bad_input(anyhow!(
+            "of {} shards these are missing: {}",
+            first.of,
+            missing.join(", ")
+        )))
+    }
+}
+
+fn read(file: &Path) -> Result<(Part, Totals), CliError> {
+    let wrong = |what: &str| CliError::bad_input(anyhow!("{}: {what}", file.display()));
+    let mut reader = csv::Reader::from_path(file)
+        .with_context(|| format!("cannot read {}", file.display()))
+        .map_err(CliError::bad_input)?;
+    let not_a_shard = "this is not the file of a shard (made with --shard K/N)";
+    let head = reader.headers().map_err(|_| wrong(not_a_shard))?;
+    let find = |name: &str| head.iter().position(|h| h == name);
+    let (Some(exact), Some(run)) = (find("exact"), find("run")) else {
+        return Err(wrong(not_a_shard));
+    };
+    let mut found: Option<(Part, Totals)> = None;
+    for (row, record) in reader.records().enumerate() {
+        let record = record
+            .with_context(|| format!("cannot read {}", file.display()))
+            .map_err(CliError::bad_input)?;
+        if row == 0 {
+            let part: Part = serde_json::from_str(&record[run])
+                .map_err(|_| wrong("the column run is damaged"))?;
+            let sane = (1..=1440).contains(&part.n_theta)
+                && (1..=1440).contains(&part.n_phi)
+                && [1, 16].contains(&part.elements)
+                && (1..=part.of).contains(&part.shard);
+            if !sane {
+                return Err(wrong("the column run is damaged"));
+            }
+            let grid = Grid {
+                n_theta: part.n_theta,
+                n_phi: part.n_phi,
+            };
+            let mut totals = Totals::new(grid, part.elements);
+            totals
+                .set_exact_energies(&part.energies)
+                .ok_or_else(|| wrong("the column run is damaged"))?;
+            found = Some((part, totals));
+        }
+        let Some((_, totals)) = &mut found else {
+            return Err(wrong(not_a_shard));
+        };
+        let (side, bin) = if row < totals.grid().per_side() {
+            (Side::Above, row)
+        } else {
+            (Side::Below, row - totals.grid().per_side())
+        };
+        if !record[exact].is_empty() {
+            totals
+                .set_exact_bin(side, bin, &record[exact])
+                .ok_or_else(|| wrong(&format!("row {} is damaged", row + 2)))?;
+        }
+    }
+    found.ok_or_else(|| wrong("the file has no rows"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trace::run::{Shard, trace};
+    use crate::trace::scene::Scene;
+
+    #[test]
+    fn merged_files_are_byte_for_byte_those_of_one_run() {
+        let text = "[light]\ntheta_i_deg = 45.0\n[[interface]]\nshape = \"beckmann\"\nalpha_u = 0.4\n\
+                    alpha_v = 0.4\ncells = 64\nbelow = { n = 1.5 }\n[run]\nphotons = 5000\ntheta_bins = 9\n\
+                    phi_bins = 12\n";
+        let prepared = Scene::parse(text)
+            .unwrap()
+            .prepare(&|_| Err(String::new()))
+            .unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let whole = folder.path().join("whole.csv");
+        write(&whole, &trace(&prepared, Shard::WHOLE, &|_| true), None).unwrap();
+        let part = |number, complete| {
+            let shard = Shard { number, of: 3 };
+            let totals = trace(&prepared, shard, &|_| true);
+            let file = folder.path().join(format!("{number}{complete}.csv"));
+            let part = Part {
+                run: "r".to_owned(),
+                shard: number,
+                of: 3,
+                complete,
+                n_theta: 9,
+                n_phi: 12,
+                elements: 16,
+                energies: totals.exact_energies(),
+            };
+            write(&file, &totals, Some(&part)).unwrap();
+            file
+        };
+        let files = [part(3, true), part(1, true), part(2, true)];
+        let merged = folder.path().join("merged.csv");
+        write(&merged, &merge(&files).unwrap(), None).unwrap();
+        let read = |p: &Path| std::fs::read(p).unwrap();
+        assert_eq!(read(&whole), read(&merged));
+        let cut = part(2, false);
+        for bad in [
+            vec![files[0].clone(), files[1].clone()],
+            vec![files[0].clone(), files[0].clone(), files[1].clone()],
+            vec![files[0].clone(), files[1].clone(), cut],
+            vec![whole],
+        ] {
+            assert!(matches!(merge(&bad), Err(CliError::BadInput(_))));
+        }
+    }
+}

@@ -1,0 +1,217 @@
+//! What a facet does that is not a smooth mirror: sub-facet roughness and diffuse light from below.
+//!
+//! [`Roughness`] is a Smith surface of Beckmann slopes on which light takes the random walk of Heitz
+//! et al. 2016 ("Multiple-scattering microfacet BSDFs with the Smith model"): the height of the
+//! next encounter is drawn, then the normal from those visible, until the light leaves. Energy is
+//! kept; all orders of scattering are there.
+//!
+//! [`Diffuse`] is a Lambert body under the Fresnel boundary: what enters comes out unpolarised at
+//! all angles, weighted by the boundary's transmittance.
+
+use super::rng::Stream;
+use super::vec3::V3;
+use crate::model::fresnel;
+
+/// Beckmann roughness below the relief, in the facet's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Roughness {
+    /// α along u (tangent of slope).
+    pub alpha_u: f64,
+    /// α across.
+    pub alpha_v: f64,
+}
+
+impl Roughness {
+    /// Smith's Λ for a direction in the facet's frame (z: outwards); below −1 for directions into the
+    /// surface.
+    #[must_use]
+    pub fn lambda(&self, w: &V3) -> f64 {
+        let spread = (self.alpha_u * w[0]).hypot(self.alpha_v * w[1]);
+        if spread < 1e-12 * w[2].abs() {
+            return if w[2] > 0.0 { 0.0 } else { -1.0 };
+        }
+        let a = w[2] / spread;
+        0.5 * ((-a * a).exp() / (a * std::f64::consts::PI.sqrt()) - libm::erfc(a))
+    }
+
+    /// A normal (unit, in the facet's frame) from those that a beam along `k` meets: density
+    /// ∝ D(m) max(0, −k·m). Works for beams from below too.
+    pub fn visible_normal(&self, k: &V3, random: &mut Stream) -> V3 {
+        // In slopes stretched to Gaussian density exp(−x² − y²)/π the weight is linear in the slope
+        // along the beam: (−k_z + k_h a)⁺ with the slope a along k's horizontal part.
+        let (hu, hv) = (self.alpha_u * k[0], self.alpha_v * k[1]);
+        let horizontal = hu.hypot(hv);
+        let (c, s) = (-k[2], horizontal);
+        let (du, dv) = if horizontal > 0.0 {
+            (hu / horizontal, hv / horizontal)
+        } else {
+            (1.0, 0.0)
+        };
+        let c_weight = c * std::f64::consts::PI.sqrt();
+        let a = loop {
+            if c < 0.0 {
+                // Light that rises meets only slopes beyond t = |c|/s: proposal ∝ a exp(−a²) there.
+                let t = -c / s;
+                let a = (t * t - (1.0 - random.uniform()).ln()).sqrt();
+                if random.uniform() * a < a - t {
+                    break a;
+                }
+                continue;
+            }
+            // Proposal ∝ exp(−a²) (c + s |a|).
+            let a = if random.uniform() * (c_weight + s) < c_weight {
+                gauss(random).0
+            } else {
+                let r = (-(1.0 - random.uniform()).ln()).sqrt();
+                if random.bits() & 1 == 0 { r } else { -r }
+            };
+            if random.uniform() * (c + s * a.abs()) < c + s * a {
+                break a;
+            }
+        };
+        let b = gauss(random).0;
+        // The normal of slope (p, q) is (−p, −q, 1); `a` is the slope that faces the beam.
+        let (x, y) = (-(a * du - b * dv), -(a * dv + b * du));
+        super::vec3::unit(&[self.alpha_u * x, self.alpha_v * y, 1.0])
+    }
+
+    /// Height (as its cumulative share, 1 at the top) of the next encounter of light that is at
+    /// `height` and moves along `w`; `None` where it leaves.
+    pub fn next_height(&self, w: &V3, height: f64, random: &mut Stream) -> Option<f64> {
+        let u = random.uniform();
+        let lambda = self.lambda(w);
+        if w[2] > 0.0 {
+            // Leaves with probability G1 = height^Λ.
+            if lambda == 0.0 || 1.0 - u <= height.powf(lambda) {
+                return None;
+            }
+        }
+        Some(height / u_power(1.0 - u, 1.0 / lambda))
+    }
+
+    /// Beckmann density of normals at slopes seen in the facet's frame, per solid angle; m unit.
+    #[must_use]
+    pub fn density(&self, m: &V3) -> f64 {
+        if m[2] <= 0.0 {
+            return 0.0;
+        }
+        let (x, y) = (m[0] / (self.alpha_u * m[2]), m[1] / (self.alpha_v * m[2]));
+        (-x * x - y * y).exp() / (std::f64::consts::PI * self.alpha_u * self.alpha_v * m[2].powi(4))
+    }
+}
+
+#[inline]
+fn u_power(u: f64, exponent: f64) -> f64 {
+    (u.max(f64::MIN_POSITIVE).ln() * exponent).exp()
+}
+
+/// Two independent numbers of density exp(−x²)/√π.
+fn gauss(random: &mut Stream) -> (f64, f64) {
+    let r = (-(1.0 - random.uniform()).ln()).sqrt();
+    let (s, c) = (std::f64::consts::TAU * random.uniform()).sin_cos();
+    (r * c, r * s)
+}
+
+/// A Lambert body under a Fresnel boundary.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Diffuse {
+    /// π c_d: what of the light that entered leaves per unit of the outer transmittance T(o).
+    pub strength: f64,
+}
+
+impl Diffuse {
+    /// A body whose flat piece looks like a Lambertian of reflectance `rho_d` at the angles of incidence and
+    /// exit with cosines `cos_i`, `cos_o` (index `n` under the medium above).
+    #[must_use]
+    pub fn new(rho_d: f64, n: f64, cos_i: f64, cos_o: f64) -> Self {
+        let t = |cos| fresnel::transmittance(cos, n, 0.0);
+        Diffuse {
+            strength: rho_d / (t(cos_i) * t(cos_o)),
+        }
+    }
+
+    /// A direction of exit with density cos/π in the facet's frame.
+    pub fn direction(random: &mut Stream) -> V3 {
+        let (r2, phi) = (random.uniform(), std::f64::consts::TAU * random.uniform());
+        let (s, c) = phi.sin_cos();
+        let r = r2.sqrt();
+        [r * c, r * s, (1.0 - r2).sqrt()]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::rng::Purpose;
+    use super::super::vec3::{dot, unit};
+    use super::*;
+
+    #[test]
+    fn visible_normals_have_the_projected_area_of_smith_s_surface() {
+        // E[1/(−k·m)] under the visible density is 1/projected area = 1/(cos (1 + Λ)) ... times ∫D = the
+        // mean of D over normals facing the beam; check the mean of m_z/(−k·m) = P(facing)/(area).
+        let rough = Roughness {
+            alpha_u: 0.5,
+            alpha_v: 0.2,
+        };
+        let mut random = Stream::new(1, Purpose::Photon, 0);
+        for k in [
+            [0.3, 0.5, -0.8],
+            [0.9, 0.1, -0.2],
+            [0.0, 0.0, -1.0],
+            [0.5, 0.2, 0.6],
+        ] {
+            let k = unit(&k);
+            let w = k.map(|x| -x);
+            let n = 200_000;
+            let (mut sum, mut square) = (0.0, 0.0);
+            for _ in 0..n {
+                let m = rough.visible_normal(&k, &mut random);
+                assert!(dot(&m, &w) >= 0.0);
+                // A bounded function of the normal whose expectation is known: m_z > 0 slopes.
+                let f = (w[2] + 1.5).min(dot(&m, &w) / m[2]).recip().min(5.0);
+                sum += f;
+                square += f * f;
+            }
+            // The same by plain sampling of all normals, weighted by the projected area.
+            let (mut top, mut bottom, mut top2) = (0.0, 0.0, 0.0);
+            for _ in 0..n {
+                let (x, y) = gauss(&mut random);
+                let facing = (w[2] - rough.alpha_u * x * w[0] - rough.alpha_v * y * w[1]).max(0.0);
+                if facing == 0.0 {
+                    continue;
+                }
+                let f = (w[2] + 1.5).min(facing).recip().min(5.0);
+                top += facing * f;
+                top2 += (facing * f).powi(2);
+                bottom += facing;
+            }
+            let n = f64::from(n);
+            let mean = sum / n;
+            let sigma = ((square / n - mean * mean) / n).sqrt()
+                + ((top2 / n).sqrt() / n.sqrt()) / (bottom / n);
+            assert!(
+                (mean - top / bottom).abs() < 4.0 * sigma,
+                "{mean} {}",
+                top / bottom
+            );
+            // Projected area: cos (1 + Λ).
+            let area = bottom / n;
+            let expected = w[2] * (1.0 + rough.lambda(&w));
+            assert!(
+                (area - expected).abs() < 0.01 * area.max(0.1),
+                "{area} {expected}"
+            );
+        }
+    }
+
+    #[test]
+    fn lambda_of_opposite_directions_adds_up_to_minus_one() {
+        let rough = Roughness {
+            alpha_u: 0.3,
+            alpha_v: 0.6,
+        };
+        let w = unit(&[0.7, -0.3, 0.4]);
+        let sum = rough.lambda(&w) + rough.lambda(&w.map(|x| -x));
+        assert!((sum + 1.0).abs() < 1e-14);
+    }
+}

@@ -1,0 +1,488 @@
+//! A periodic height field of flat triangles, and rays on it.
+//!
+//! Call [`HeightField::enter`] for a ray that comes from far away and [`HeightField::onward`] for
+//! one that starts on the surface. Two triangles per cell share the diagonal from (i, j) to
+//! (i+1, j+1). The tile repeats without end; nothing special happens at its rim.
+//!
+//! A ray is followed from cell to cell by its clearance: the height above the surface (or below it,
+//! for light inside), linear along the ray within a triangle. The clearance at a shared edge is
+//! computed once and carried over, so no ray slips between two triangles, and a ray that starts on
+//! a triangle cannot hit it again: no epsilon anywhere. Where its slope exceeds everything that
+//! can stand in its way ([`super::escape`]) it is known to be free.
+
+use super::escape::EscapeSlopes;
+use super::vec3::{V3, unit};
+
+/// On which side of an interface light is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// On the side of +n.
+    Above,
+    /// On the side of −n.
+    Below,
+}
+
+impl Side {
+    /// +1 above, −1 below.
+    #[inline]
+    #[must_use]
+    pub const fn sign(self) -> f64 {
+        match self {
+            Side::Above => 1.0,
+            Side::Below => -1.0,
+        }
+    }
+
+    /// The other side.
+    #[inline]
+    #[must_use]
+    pub const fn across(self) -> Side {
+        match self {
+            Side::Above => Side::Below,
+            Side::Below => Side::Above,
+        }
+    }
+}
+
+/// A point on a triangle of a field.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spot {
+    /// Cell along x.
+    pub i: usize,
+    /// Cell along y.
+    pub j: usize,
+    /// The triangle at (0, 1) of the cell rather than that at (1, 0).
+    pub upper: bool,
+    /// Position in the cell, 0 to 1.
+    pub x: f64,
+    /// Position in the cell, 0 to 1.
+    pub y: f64,
+    /// Height.
+    pub z: f64,
+}
+
+/// Where a ray ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Flight {
+    /// On the surface.
+    Hit(Spot),
+    /// Away from the surface for good.
+    Free,
+    /// Not decided within [`CELLS_MAX`] cells: a ray all but horizontal.
+    Lost,
+}
+
+/// A ray that crosses more cells than this is given up (and booked as truncated).
+pub const CELLS_MAX: usize = 1_000_000;
+
+/// Heights at the corners of `nx` × `ny` cells, periodic.
+#[derive(Debug, Clone)]
+pub struct HeightField {
+    nx: usize,
+    ny: usize,
+    cell_x: f64,
+    cell_y: f64,
+    /// h00, h10, h01, h11 of each cell; the first index is along x. Rounded to f32 once, here.
+    corners: Vec<[f32; 4]>,
+    lowest: f64,
+    highest: f64,
+    above: EscapeSlopes,
+    below: EscapeSlopes,
+}
+
+impl HeightField {
+    /// From `nx` × `ny` heights (index i·ny + j, i along x) on cells of `cell_x` × `cell_y`, all in one
+    /// unit of length. At least one cell; finite heights; positive cells.
+    #[must_use]
+    pub fn new(nx: usize, ny: usize, cell_x: f64, cell_y: f64, heights: &[f64]) -> Self {
+        assert!(
+            nx > 0 && ny > 0 && heights.len() == nx * ny,
+            "nx × ny heights"
+        );
+        #[expect(clippy::cast_possible_truncation, reason = "f32 is the storage")]
+        let rounded: Vec<f32> = heights.iter().map(|&h| h as f32).collect();
+        let mut corners = Vec::with_capacity(nx * ny);
+        for i in 0..nx {
+            let next = if i + 1 == nx { 0 } else { i + 1 };
+            for j in 0..ny {
+                let right = if j + 1 == ny { 0 } else { j + 1 };
+                corners.push([
+                    rounded[i * ny + j],
+                    rounded[next * ny + j],
+                    rounded[i * ny + right],
+                    rounded[next * ny + right],
+                ]);
+            }
+        }
+        let lowest = f64::from(rounded.iter().copied().fold(f32::INFINITY, f32::min));
+        let highest = f64::from(rounded.iter().copied().fold(f32::NEG_INFINITY, f32::max));
+        let (above, below) = EscapeSlopes::of_both_sides(nx, ny, cell_x, cell_y, &corners);
+        HeightField {
+            nx,
+            ny,
+            cell_x,
+            cell_y,
+            corners,
+            lowest,
+            highest,
+            above,
+            below,
+        }
+    }
+
+    /// Cells along x and y.
+    #[must_use]
+    pub fn cells(&self) -> (usize, usize) {
+        (self.nx, self.ny)
+    }
+
+    /// Cell sizes along x and y.
+    #[must_use]
+    pub fn cell_size(&self) -> (f64, f64) {
+        (self.cell_x, self.cell_y)
+    }
+
+    /// Lowest and highest point.
+    #[must_use]
+    pub fn range(&self) -> (f64, f64) {
+        (self.lowest, self.highest)
+    }
+
+    /// Slopes ∂h/∂x, ∂h/∂y of a triangle.
+    #[inline]
+    #[must_use]
+    pub fn slopes(&self, i: usize, j: usize, upper: bool) -> (f64, f64) {
+        let [h00, h10, h01, h11] = self.corners[i * self.ny + j].map(f64::from);
+        if upper {
+            ((h11 - h01) / self.cell_x, (h01 - h00) / self.cell_y)
+        } else {
+            ((h10 - h00) / self.cell_x, (h11 - h10) / self.cell_y)
+        }
+    }
+
+    /// Unit normal of a spot's triangle, upwards.
+    #[inline]
+    #[must_use]
+    pub fn normal(&self, spot: &Spot) -> V3 {
+        let (sx, sy) = self.slopes(spot.i, spot.j, spot.upper);
+        unit(&[-sx, -sy, 1.0])
+    }
+
+    /// The escape slopes of one side.
+    #[inline]
+    #[must_use]
+    pub fn escape(&self, side: Side) -> &EscapeSlopes {
+        match side {
+            Side::Above => &self.above,
+            Side::Below => &self.below,
+        }
+    }
+
+    /// A ray from far away on a side, along `k` towards the surface, that crosses the level of the
+    /// outermost point at the fractions `x`, `y` (0 to 1) of the tile.
+    #[must_use]
+    pub fn enter(&self, side: Side, k: &V3, x: f64, y: f64) -> Flight {
+        let (px, py) = (x * self.nx as f64, y * self.ny as f64);
+        let i = (px as usize).min(self.nx - 1);
+        let j = (py as usize).min(self.ny - 1);
+        let z = match side {
+            Side::Above => self.highest,
+            Side::Below => self.lowest,
+        };
+        let spot = Spot {
+            i,
+            j,
+            upper: false,
+            x: px - i as f64,
+            y: py - j as f64,
+            z,
+        };
+        self.march(&spot, false, side.sign(), k)
+    }
+
+    /// A ray that leaves a spot of the surface on a side, along `k`.
+    #[inline]
+    #[must_use]
+    pub fn onward(&self, spot: &Spot, side: Side, k: &V3) -> Flight {
+        if side.sign() * k[2] > 0.0 && self.escape(side).clears(spot.i * self.ny + spot.j, k) {
+            return Flight::Free;
+        }
+        self.march(spot, true, side.sign(), k)
+    }
+
+    /// Height of a triangle's plane at a place in its cell.
+    #[inline]
+    fn plane(h: &[f64; 4], upper: bool, x: f64, y: f64) -> f64 {
+        let [h00, h10, h01, h11] = *h;
+        if upper {
+            h00 + y * (h01 - h00) + x * (h11 - h01)
+        } else {
+            h00 + x * (h10 - h00) + y * (h11 - h10)
+        }
+    }
+
+    fn march(&self, start: &Spot, on_surface: bool, sign: f64, k: &V3) -> Flight {
+        let (dx, dy, dz) = (k[0] / self.cell_x, k[1] / self.cell_y, k[2]);
+        let leaving = sign * dz > 0.0;
+        let slopes = if sign > 0.0 { &self.above } else { &self.below };
+        let limit = if sign > 0.0 {
+            self.highest
+        } else {
+            -self.lowest
+        };
+        let (mut i, mut j) = (start.i, start.j);
+        // Position in the current cell = start + d t − offset.
+        let (mut x0, mut y0) = (start.x, start.y);
+        let first_crossing = |p: f64, d: f64| {
+            if d > 0.0 {
+                (1.0 - p) / d
+            } else if d < 0.0 {
+                -p / d
+            } else {
+                f64::INFINITY
+            }
+        };
+        let (mut tx, mut ty) = (first_crossing(x0, dx), first_crossing(y0, dy));
+        let (step_x, step_y) = (1.0 / dx.abs(), 1.0 / dy.abs());
+        let mut t_in = 0.0;
+        let mut first = on_surface;
+        // Clearance at t_in; unknown after cells that the ray cleared as a whole.
+        let mut known = on_surface.then_some(0.0);
+        for _ in 0..CELLS_MAX {
+            let cell = i * self.ny + j;
+            let t_out = tx.min(ty);
+            if t_out == f64::INFINITY {
+                // Straight up or down: this cell decides.
+                return self.vertical(start, on_surface, leaving);
+            }
+            let h = self.corners[cell].map(f64::from);
+            let z_in = start.z + dz * t_in;
+            let z_out = start.z + dz * t_out;
+            let nearest = (sign * z_in).min(sign * z_out);
+            let top = (sign * h[0])
+                .max(sign * h[1])
+                .max((sign * h[2]).max(sign * h[3]));
+            if first || nearest <= top {
+                let (x_in, y_in) = (x0 + dx * t_in, y0 + dy * t_in);
+                let (x_out, y_out) = (x0 + dx * t_out, y0 + dy * t_out);
+                let (mut u_in, u_out) = (x_in - y_in, x_out - y_out);
+                if first {
+                    u_in = if start.upper {
+                        u_in.min(0.0)
+                    } else {
+                        u_in.max(0.0)
+                    };
+                }
+                let upper = if first {
+                    start.upper
+                } else {
+                    u_in < 0.0 || (u_in == 0.0 && u_out < 0.0)
+                };
+                let mut c_in = known
+                    .unwrap_or_else(|| sign * (z_in - Self::plane(&h, upper, x_in, y_in)))
+                    .max(0.0);
+                let mut seen_from = t_in;
+                let crosses = if upper { u_out > 0.0 } else { u_out < 0.0 };
+                if crosses {
+                    let t_mid = t_in + (t_out - t_in) * (u_in / (u_in - u_out));
+                    let at = 0.5 * ((x0 + dx * t_mid) + (y0 + dy * t_mid));
+                    let c_mid = sign * (start.z + dz * t_mid - (h[0] + at * (h[3] - h[0])));
+                    if c_mid < 0.0 && !first {
+                        let t = t_in + (t_mid - t_in) * (c_in / (c_in - c_mid));
+                        return Flight::Hit(self.spot(i, j, upper, x0 + dx * t, y0 + dy * t, &h));
+                    }
+                    c_in = c_mid.max(0.0);
+                    seen_from = t_mid;
+                    first = false;
+                }
+                let upper = upper != crosses;
+                let c_out = sign * (z_out - Self::plane(&h, upper, x_out, y_out));
+                if c_out < 0.0 && !first {
+                    let t = seen_from + (t_out - seen_from) * (c_in / (c_in - c_out));
+                    return Flight::Hit(self.spot(i, j, upper, x0 + dx * t, y0 + dy * t, &h));
+                }
+                known = Some(c_out.max(0.0));
+                first = false;
+            } else {
+                known = None;
+            }
+            if leaving && sign * z_out > limit {
+                return Flight::Free;
+            }
+            t_in = t_out;
+            if tx <= ty {
+                tx += step_x;
+                if dx > 0.0 {
+                    x0 -= 1.0;
+                    i = if i + 1 == self.nx { 0 } else { i + 1 };
+                } else {
+                    x0 += 1.0;
+                    i = if i == 0 { self.nx - 1 } else { i - 1 };
+                }
+            } else {
+                ty += step_y;
+                if dy > 0.0 {
+                    y0 -= 1.0;
+                    j = if j + 1 == self.ny { 0 } else { j + 1 };
+                } else {
+                    y0 += 1.0;
+                    j = if j == 0 { self.ny - 1 } else { j - 1 };
+                }
+            }
+            if leaving && slopes.clears(i * self.ny + j, k) {
+                return Flight::Free;
+            }
+        }
+        Flight::Lost
+    }
+
+    /// A ray along ±n.
+    fn vertical(&self, start: &Spot, on_surface: bool, leaving: bool) -> Flight {
+        if leaving || on_surface {
+            return Flight::Free;
+        }
+        let h = self.corners[start.i * self.ny + start.j].map(f64::from);
+        let upper = start.y > start.x;
+        Flight::Hit(self.spot(start.i, start.j, upper, start.x, start.y, &h))
+    }
+
+    fn spot(&self, i: usize, j: usize, upper: bool, x: f64, y: f64, h: &[f64; 4]) -> Spot {
+        let (x, y) = (x.clamp(0.0, 1.0), y.clamp(0.0, 1.0));
+        Spot {
+            i,
+            j,
+            upper,
+            x,
+            y,
+            z: Self::plane(h, upper, x, y),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::rng::{Purpose, Stream};
+    use super::super::vec3::dot;
+    use super::*;
+
+    fn rough(nx: usize, ny: usize, height: f64, seed: u64) -> HeightField {
+        let mut random = Stream::new(seed, Purpose::Surface, 0);
+        let heights: Vec<f64> = (0..nx * ny).map(|_| height * random.uniform()).collect();
+        HeightField::new(nx, ny, 1.0, 0.7, &heights)
+    }
+
+    fn direction(random: &mut Stream) -> V3 {
+        let z = 2.0 * random.uniform() - 1.0;
+        let phi = std::f64::consts::TAU * random.uniform();
+        let r = (1.0f64 - z * z).sqrt();
+        [r * phi.cos(), r * phi.sin(), z]
+    }
+
+    /// Nearest hit by testing every triangle of the tile and its images around.
+    fn brute_force(field: &HeightField, origin: &V3, k: &V3, reach: i64) -> Option<f64> {
+        let mut best: Option<f64> = None;
+        for ci in -reach..=reach {
+            for cj in -reach..=reach {
+                let i = ci.rem_euclid(field.nx as i64) as usize;
+                let j = cj.rem_euclid(field.ny as i64) as usize;
+                for upper in [false, true] {
+                    let h = field.corners[i * field.ny + j].map(f64::from);
+                    let (sx, sy) = field.slopes(i, j, upper);
+                    let (bx, by) = (ci as f64 * field.cell_x, cj as f64 * field.cell_y);
+                    // z − h00' − sx (x − bx) − sy (y − by) = 0; both planes go through h00.
+                    let f0 = origin[2] - h[0] - sx * (origin[0] - bx) - sy * (origin[1] - by);
+                    let rate = k[2] - sx * k[0] - sy * k[1];
+                    let t = -f0 / rate;
+                    if t.is_nan() || t <= 1e-9 {
+                        continue;
+                    }
+                    let x = (origin[0] + t * k[0] - bx) / field.cell_x;
+                    let y = (origin[1] + t * k[1] - by) / field.cell_y;
+                    let inside = (0.0..=1.0).contains(&x)
+                        && (0.0..=1.0).contains(&y)
+                        && (if upper { y >= x } else { x >= y });
+                    if inside && best.is_none_or(|b| t < b) {
+                        best = Some(t);
+                    }
+                }
+            }
+        }
+        best
+    }
+
+    #[test]
+    fn marching_finds_what_brute_force_finds() {
+        let field = rough(6, 5, 1.5, 3);
+        let mut random = Stream::new(11, Purpose::Photon, 0);
+        let (mut hits, mut free) = (0, 0);
+        for _ in 0..3000 {
+            let mut k = direction(&mut random);
+            if k[2].abs() < 0.15 {
+                k[2] = 0.15f64.copysign(k[2]);
+                k = unit(&k);
+            }
+            let side = if k[2] < 0.0 { Side::Above } else { Side::Below };
+            let (x, y) = (random.uniform(), random.uniform());
+            let Flight::Hit(spot) = field.enter(side, &k, x, y) else {
+                panic!("a ray towards the surface must hit it");
+            };
+            let level = if side == Side::Above {
+                field.highest
+            } else {
+                field.lowest
+            };
+            let origin = [x * 6.0, y * 5.0 * 0.7, level];
+            let t = brute_force(&field, &origin, &k, 18).unwrap();
+            assert!((origin[2] + t * k[2] - spot.z).abs() < 1e-9);
+            // Onward in a random direction on the same side.
+            let m = field.normal(&spot);
+            let mut out = direction(&mut random);
+            if side.sign() * dot(&out, &m) < 0.0 {
+                out = out.map(|c| -c);
+            }
+            if out[2].abs() < 0.15 {
+                continue;
+            }
+            let from = [
+                (spot.i as f64 + spot.x) * field.cell_x,
+                (spot.j as f64 + spot.y) * field.cell_y,
+                spot.z,
+            ];
+            match (
+                field.onward(&spot, side, &out),
+                brute_force(&field, &from, &out, 18),
+            ) {
+                (Flight::Hit(next), Some(t)) => {
+                    assert!((from[2] + t * out[2] - next.z).abs() < 1e-7);
+                    hits += 1;
+                }
+                (Flight::Free, None) => free += 1,
+                (found, expected) => panic!("{found:?} but {expected:?}"),
+            }
+        }
+        assert!(hits > 500 && free > 500, "{hits} {free}");
+    }
+
+    #[test]
+    fn no_ray_slips_through_along_edges_and_corners() {
+        let field = rough(4, 4, 0.5, 5);
+        for (dx, dy) in [
+            (1.0, 0.0),
+            (0.0, 1.0),
+            (1.0, 0.7),
+            (-1.0, -0.7),
+            (1.0, -0.7),
+        ] {
+            for step in 0..=40 {
+                let k = unit(&[dx, dy, -0.3]);
+                let at = f64::from(step) / 40.0;
+                for y in [0.0, 0.25, 0.5, at] {
+                    assert!(matches!(
+                        field.enter(Side::Above, &k, at.min(0.999_999), y.min(0.999_999)),
+                        Flight::Hit(_)
+                    ));
+                }
+            }
+        }
+    }
+}

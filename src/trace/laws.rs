@@ -1,0 +1,637 @@
+//! Laws and references that the tracer as a whole must keep.
+
+use super::height_field::Side;
+use super::run::{Shard, trace};
+use super::scene::{Prepared, Scene};
+use super::tally::{Estimate, Totals};
+use crate::model::flat_stack::FlatStack;
+use crate::model::polarisation::Mueller;
+use crate::model::single_bounce::{Scattering, mueller_brdf};
+
+fn prepared(text: &str) -> Prepared {
+    Scene::parse(text)
+        .unwrap()
+        .prepare(&|path| Err(format!("no file {path}")))
+        .unwrap()
+}
+
+fn traced(text: &str) -> Totals {
+    trace(&prepared(text), Shard::WHOLE, &|_| true)
+}
+
+/// A scene with the lamp at φ = 180°, so that the mirror direction is φ = 0.
+fn scene(theta: f64, interfaces: &str, run: &str) -> String {
+    format!(
+        "[light]\ntheta_i_deg = {theta}\nphi_i_deg = 180.0\nwavelength_nm = 550.0\n{interfaces}\n[run]\n{run}\n"
+    )
+}
+
+fn interface(shape: &str, below: &str) -> String {
+    format!("[[interface]]\n{shape}\nbelow = {below}\n")
+}
+
+fn single(theta: f64, shape: &str, below: &str, run: &str) -> Totals {
+    traced(&scene(theta, &interface(shape, below), run))
+}
+
+/// An element summed over all directions of reflection (a mirror direction may fall on the edge of bins).
+fn all_reflected(totals: &Totals, i: usize) -> Estimate {
+    let mut sum = Estimate {
+        value: 0.0,
+        std: 0.0,
+    };
+    for bin in 0..totals.grid().per_side() {
+        if totals.hits(Side::Above, bin) > 0 {
+            let area = totals.grid().projected_solid_angle(bin);
+            let e = totals.element(Side::Above, bin, i);
+            sum.value += e.value * area;
+            sum.std = sum.std.hypot(e.std * area);
+        }
+    }
+    sum
+}
+
+/// Standard errors between an estimate and a value known to 1e-12.
+fn deviation(estimate: &Estimate, expected: f64) -> f64 {
+    let difference = (estimate.value - expected).abs();
+    if difference < 1e-12 {
+        0.0
+    } else {
+        difference / estimate.std
+    }
+}
+
+#[test]
+fn flat_stacks_agree_with_the_exact_recursion() {
+    let mut reader = csv::Reader::from_path("tests/data/polarised/flat_stack.csv").unwrap();
+    let mut deviations = Vec::new();
+    for (n, record) in reader.records().enumerate() {
+        let record = record.unwrap();
+        let theta: f64 = record[1].parse().unwrap();
+        let layers: String = record[0]
+            .split('/')
+            .map(|layer| match layer.parse::<f64>() {
+                Ok(n) => interface("shape = \"flat\"", &format!("{{ n = {n} }}")),
+                Err(_) => interface("shape = \"flat\"", &format!("\"{layer}\"")),
+            })
+            .collect();
+        let totals = traced(&scene(
+            theta,
+            &layers,
+            &format!("photons = 8192\nseed = {n}"),
+        ));
+        let t = theta.to_radians();
+        let exact = FlatStack::parse(&record[0]).unwrap().reflect(t).unwrap();
+        let c = exact.channel;
+        let (a, b) = (0.5 * (c.s + c.p), 0.5 * (c.s - c.p));
+        #[rustfmt::skip]
+        let expected = [
+            a, b, 0.0, 0.0,
+            b, a, 0.0, 0.0,
+            0.0, 0.0, c.re, c.im,
+            0.0, 0.0, -c.im, c.re,
+        ];
+        for (i, e) in expected.iter().enumerate() {
+            let sum = all_reflected(&totals, i);
+            deviations.push(deviation(&sum, *e));
+        }
+    }
+    let worst = deviations.iter().copied().fold(0.0, f64::max);
+    let beyond_three = deviations.iter().filter(|d| **d > 3.0).count();
+    assert_eq!(deviations.len(), 16 * 102);
+    assert!(worst < 5.0, "{worst}");
+    assert!(beyond_three * 100 <= deviations.len(), "{beyond_three}");
+}
+
+#[test]
+fn brewster_s_angle_on_a_flat_surface() {
+    let totals = single(
+        1.5f64.atan().to_degrees(),
+        "shape = \"flat\"",
+        "{ n = 1.5 }",
+        "photons = 1024",
+    );
+    let r = totals.energies().reflected_all;
+    assert!((r.value - 0.073_964_5).abs() < 5e-8, "{r:?}");
+    let bins = totals.grid().per_side();
+    for bin in 0..bins {
+        if totals.hits(Side::Above, bin) > 0 {
+            // Rp = 0: m00 = m01 = m10 = m11 = Rs/2 and nothing in U, V.
+            let m = |i| totals.element(Side::Above, bin, i).value;
+            for i in [1, 4, 5] {
+                assert!((m(i) / m(0) - 1.0).abs() < 1e-12);
+            }
+            assert!(m(10).abs() < 1e-7 * m(0));
+        }
+    }
+}
+
+#[test]
+fn an_ever_denser_medium_becomes_a_mirror() {
+    let totals = single(
+        40.0,
+        "shape = \"beckmann\"\nalpha_u = 0.2\nalpha_v = 0.2\ncells = 64",
+        "{ n = 1e9 }",
+        "photons = 4096",
+    );
+    let e = totals.energies();
+    assert!(e.reflected_all.value > 1.0 - 1e-8, "{e:?}");
+}
+
+#[test]
+fn energy_adds_up_to_rounding() {
+    let metal = interface(
+        "shape = \"beckmann\"\nalpha_u = 0.3\nalpha_v = 0.2\ncells = 64",
+        "\"Au\"",
+    );
+    let layered = interface(
+        "shape = \"beckmann\"\nalpha_u = 0.2\nalpha_v = 0.2\ncells = 64\nthickness_um = 10.0",
+        "{ n = 1.5, k = 0.0005 }",
+    ) + &metal;
+    for (interfaces, stokes) in [
+        (&metal, "[1.0, 0.0, 0.0, 0.0]"),
+        (&layered, "[2.0, 1.0, 0.5, -1.0]"),
+    ] {
+        for method in ["analog", "split"] {
+            let text = scene(
+                50.0,
+                interfaces,
+                &format!("photons = 20000\nmethod = \"{method}\""),
+            )
+            .replace(
+                "wavelength_nm",
+                &format!("stokes = {stokes}\nwavelength_nm"),
+            );
+            let e = traced(&text).energies();
+            let parts = [e.reflected_all, e.transmitted_all, e.absorbed, e.truncated];
+            let sum: f64 = parts.iter().map(|p| p.value).sum();
+            assert!((sum - 1.0).abs() < 1e-14, "{method}: {sum}");
+            let orders: f64 = e.reflected.iter().map(|r| r.value).sum();
+            assert!((orders - e.reflected_all.value).abs() < 1e-14);
+            assert!(e.absorbed.value > 0.05 && e.truncated.value < 1e-3);
+        }
+    }
+}
+
+#[test]
+fn variance_reduction_does_not_move_the_result() {
+    let layers = interface(
+        "shape = \"beckmann\"\nalpha_u = 0.4\nalpha_v = 0.4\ncells = 64\nseed = 3",
+        "{ n = 1.5 }",
+    ) + &interface(
+        "shape = \"beckmann\"\nalpha_u = 0.3\nalpha_v = 0.3\ncells = 64\nseed = 4",
+        "\"Cu550\"",
+    );
+    let run = |method: &str, seed| {
+        traced(&scene(
+            60.0,
+            &layers,
+            &format!(
+                "photons = 200000\nseed = {seed}\nmethod = \"{method}\"\ntheta_bins = 9\nphi_bins = 12"
+            ),
+        ))
+    };
+    let (a, b) = (run("analog", 1), run("split", 2));
+    let (ea, eb) = (a.energies(), b.energies());
+    for (x, y) in [
+        (ea.reflected_all, eb.reflected_all),
+        (ea.absorbed, eb.absorbed),
+        (ea.reflected[0], eb.reflected[0]),
+        (ea.reflected[2], eb.reflected[2]),
+        (ea.reflected[4], eb.reflected[4]),
+    ] {
+        let z = (x.value - y.value) / x.std.hypot(y.std);
+        assert!(z.abs() < 4.0, "{x:?} {y:?}");
+    }
+    let chi = chi_square(&a, &b, 400);
+    assert!(chi.within(5.0), "{chi:?}");
+}
+
+#[derive(Debug)]
+struct Chi {
+    mean: f64,
+    n: f64,
+}
+
+impl Chi {
+    fn within(&self, k: f64) -> bool {
+        self.n > 20.0 && (self.mean - 1.0).abs() < k * (2.0 / self.n).sqrt()
+    }
+}
+
+/// Σ (a − b)²/(σa² + σb²)/n over m00 of the reflected bins with so many hits or more.
+fn chi_square(a: &Totals, b: &Totals, hits: u64) -> Chi {
+    let (mut sum, mut n) = (0.0, 0.0);
+    for bin in 0..a.grid().per_side() {
+        if a.hits(Side::Above, bin).min(b.hits(Side::Above, bin)) >= hits {
+            let (x, y) = (
+                a.element(Side::Above, bin, 0),
+                b.element(Side::Above, bin, 0),
+            );
+            sum += (x.value - y.value).powi(2) / (x.std * x.std + y.std * y.std);
+            n += 1.0;
+        }
+    }
+    Chi { mean: sum / n, n }
+}
+
+const ROUGH_GLASS: &str = "shape = \"beckmann\"\nalpha_u = 0.4\nalpha_v = 0.4\nseed = 1";
+
+#[test]
+fn two_seeds_differ_by_their_errors_and_every_matrix_is_physical() {
+    for method in ["analog", "split"] {
+        let run = |seed| {
+            single(
+                45.0,
+                ROUGH_GLASS,
+                "\"Au\"",
+                &format!("photons = 300000\nseed = {seed}\nmethod = \"{method}\""),
+            )
+        };
+        let (a, b) = (run(1), run(2));
+        let chi = chi_square(&a, &b, 50);
+        assert!(chi.within(4.0), "{method}: {chi:?}");
+        for side in [Side::Above, Side::Below] {
+            for bin in 0..a.grid().per_side() {
+                if a.hits(side, bin) > 0 {
+                    let values: Vec<f64> = (0..16).map(|i| a.element(side, bin, i).value).collect();
+                    let m = Mueller(nalgebra::Matrix4::from_row_slice(&values));
+                    assert!(m.smallest_cloude_share() > -1e-12);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_error_falls_with_the_square_root_of_the_photons() {
+    let error = |photons: u64| {
+        single(
+            45.0,
+            ROUGH_GLASS,
+            "{ n = 1.5 }",
+            &format!("photons = {photons}\nmethod = \"analog\"\ntheta_bins = 9\nphi_bins = 12"),
+        )
+        .relative_error()
+        .unwrap()
+    };
+    let slope = (error(640_000) / error(20_000)).ln() / 32f64.ln();
+    assert!(slope < -0.45, "{slope}");
+}
+
+#[test]
+fn unpolarised_light_scattered_once_does_not_know_about_polarisation() {
+    let run = |polarised: bool| {
+        single(
+            60.0,
+            "shape = \"beckmann\"\nalpha_u = 0.1\nalpha_v = 0.1\nseed = 2",
+            "{ n = 1.5 }",
+            &format!("photons = 100000\npolarised = {polarised}"),
+        )
+    };
+    let (a, b) = (run(true), run(false));
+    // The same photons, and at the first hit both ways are followed: R1 is the same number.
+    let (r, s) = (a.energies().reflected[0], b.energies().reflected[0]);
+    assert!((r.value - s.value).abs() < 1e-12, "{r:?} {s:?}");
+}
+
+#[test]
+fn there_and_back_are_reciprocal() {
+    // M(i → o) = O M(o → i)ᵀ O on one and the same surface. Both directions are bin centres; what
+    // the bin's size does is second order and far below the errors at α = 0.4.
+    let bins = "theta_bins = 18\nphi_bins = 36\nphotons = 400000";
+    let layers = interface(ROUGH_GLASS, "{ n = 1.5 }")
+        + &interface(
+            "shape = \"beckmann\"\nalpha_u = 0.4\nalpha_v = 0.4\nseed = 9",
+            "\"Al550\"",
+        );
+    let run = |theta: f64, phi: f64| {
+        let text = scene(theta, &layers, bins).replace("180.0", &format!("{phi}"));
+        traced(&text)
+    };
+    let (ti, pi, to, po) = (32.5f64, 5.0f64, 57.5f64, 235.0f64);
+    let (there, back) = (run(ti, pi), run(to, po));
+    let direction = |t: f64, p: f64| {
+        let (s, c) = t.to_radians().sin_cos();
+        let (sp, cp) = p.to_radians().sin_cos();
+        [s * cp, s * sp, c]
+    };
+    let matrix = |totals: &Totals, t, p| {
+        let bin = totals.grid().bin(Side::Above, &direction(t, p));
+        let e: Vec<Estimate> = (0..16)
+            .map(|i| totals.element(Side::Above, bin, i))
+            .collect();
+        e
+    };
+    let (a, b) = (matrix(&there, to, po), matrix(&back, ti, pi));
+    for i in 0..4 {
+        for j in 0..4 {
+            let sign = if (i == 2) == (j == 2) { 1.0 } else { -1.0 };
+            let (x, y) = (&a[4 * i + j], &b[4 * j + i]);
+            let z = (x.value - sign * y.value) / (x.std.hypot(y.std) + 1e-3 * a[0].value);
+            assert!(z.abs() < 4.5, "m{i}{j}: {x:?} {y:?}");
+        }
+    }
+}
+
+#[test]
+fn little_masking_leaves_scatmech_s_single_bounce() {
+    let alpha = 0.1;
+    let totals = single(
+        30.0,
+        &format!("shape = \"smith\"\nalpha_u = {alpha}\nalpha_v = {alpha}"),
+        "{ n = 0.18, k = 3.4 }",
+        "photons = 1000000\ntheta_bins = 90\nphi_bins = 360",
+    );
+    let grid = totals.grid();
+    let mut deviations = Vec::new();
+    for bin in 0..grid.per_side() {
+        if totals.hits(Side::Above, bin) < 1000 {
+            continue;
+        }
+        let [t0, t1, p0, p1] = grid.limits_deg(bin).map(f64::to_radians);
+        // Mean over the bin, by a 5 × 5 midpoint rule.
+        let mut mean = nalgebra::Matrix4::zeros();
+        let mut weights = 0.0;
+        for a in 0..5 {
+            for b in 0..5 {
+                let (x, y) = ((f64::from(a) + 0.5) / 5.0, (f64::from(b) + 0.5) / 5.0);
+                let theta_s = t0 + x * (t1 - t0);
+                let scattering = Scattering {
+                    theta_i: 30f64.to_radians(),
+                    theta_s,
+                    phi_s: p0 + y * (p1 - p0),
+                };
+                let weight = theta_s.sin() * theta_s.cos();
+                mean += mueller_brdf(&scattering, alpha, 0.18, 3.4).unwrap().0 * weight;
+                weights += weight;
+            }
+        }
+        mean /= weights;
+        for i in 0..4 {
+            for j in 0..4 {
+                let e = totals.element(Side::Above, bin, 4 * i + j);
+                // The midpoint rule's own error is below 3e-4 of m00.
+                let z = (e.value - mean[(i, j)]) / (e.std + 3e-4 * mean[(0, 0)]);
+                deviations.push(z.abs());
+            }
+        }
+    }
+    let worst = deviations.iter().copied().fold(0.0, f64::max);
+    let beyond = deviations.iter().filter(|d| **d > 3.0).count();
+    assert!(deviations.len() > 16 * 50);
+    assert!(
+        worst < 5.5 && beyond * 100 < deviations.len(),
+        "{worst} {beyond}"
+    );
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[expect(non_snake_case, reason = "the table's names")]
+struct Heitz {
+    material: String,
+    n: f64,
+    k: f64,
+    slopes: String,
+    alpha: f64,
+    theta_i_deg: f64,
+    R: f64,
+    T: f64,
+    R1: f64,
+    R2: f64,
+    T1: f64,
+}
+
+fn heitz() -> Vec<Heitz> {
+    csv::Reader::from_path("tests/data/polarised/heitz.csv")
+        .unwrap()
+        .deserialize()
+        .map(|r| r.unwrap())
+        .filter(|r: &Heitz| r.slopes == "beckmann")
+        .collect()
+}
+
+/// Smith's surface walked by us against Smith's surface walked by its inventors' method.
+#[test]
+fn the_smith_walk_has_heitz_s_energies() {
+    let mut deviations = Vec::new();
+    for (n, row) in heitz().iter().enumerate().filter(|(n, _)| n % 4 == 0) {
+        let photons = 40_000;
+        let e = single(
+            row.theta_i_deg,
+            &format!("shape = \"smith\"\nalpha_u = {0}\nalpha_v = {0}", row.alpha),
+            &format!("{{ n = {}, k = {} }}", row.n, row.k),
+            &format!("photons = {photons}\nseed = {n}\npolarised = false\nmethod = \"analog\""),
+        )
+        .energies();
+        for (found, expected) in [
+            (e.reflected_all, row.R),
+            (e.transmitted_all, row.T),
+            (e.reflected[0], row.R1),
+            (e.reflected[1], row.R2),
+            (e.transmitted[0], row.T1),
+        ] {
+            // Our sampling error and the table's (2 million samples, six decimals).
+            let p = expected.clamp(1e-6, 1.0 - 1e-6);
+            let sigma = (p * (1.0 - p) / f64::from(photons) * (1.0 + 40_000.0 / 2e6)).sqrt() + 1e-6;
+            let z = (found.value - expected) / sigma;
+            deviations.push(z.abs());
+            assert!(z.abs() < 5.0, "{row:?} {found:?}");
+        }
+    }
+    let beyond = deviations.iter().filter(|d| **d > 3.0).count();
+    assert!(
+        deviations.len() > 200 && beyond * 100 <= deviations.len(),
+        "{beyond}"
+    );
+}
+
+#[test]
+fn traced_fields_have_smith_s_energies_within_what_a_real_surface_differs() {
+    let mut rows = 0;
+    for row in heitz() {
+        let common = row.alpha <= 0.4 && row.theta_i_deg <= 60.0 && row.theta_i_deg >= 30.0;
+        if !common {
+            continue;
+        }
+        let e = single(
+            row.theta_i_deg,
+            &format!(
+                "shape = \"beckmann\"\nalpha_u = {0}\nalpha_v = {0}\nseed = 1\ncells = 256",
+                row.alpha
+            ),
+            &format!("{{ n = {}, k = {} }}", row.n, row.k),
+            "photons = 20000\npolarised = false",
+        )
+        .energies();
+        rows += 1;
+        assert!(e.reflected_all.std < 5e-4);
+        assert!(
+            (e.reflected_all.value - row.R).abs() < 0.003,
+            "{row:?} {:?}",
+            e.reflected_all
+        );
+        if row.material == "dielectric" {
+            assert!(
+                (e.reflected[0].value - row.R1).abs() < 0.003,
+                "{row:?} {:?}",
+                e.reflected[0]
+            );
+        }
+    }
+    assert!(rows > 20, "{rows}");
+}
+
+#[test]
+fn shards_add_up_to_the_whole_bit_by_bit() {
+    let text = scene(
+        45.0,
+        &interface(
+            "shape = \"beckmann\"\nalpha_u = 0.4\nalpha_v = 0.4\ncells = 64",
+            "{ n = 1.5 }",
+        ),
+        "photons = 10007",
+    );
+    let prepared = prepared(&text);
+    let whole = trace(&prepared, Shard::WHOLE, &|_| true);
+    assert_eq!(whole.photons(), 10_007);
+    let mut sum = Totals::new(whole.grid(), whole.elements());
+    for number in [3, 1, 2] {
+        sum.merge(&trace(&prepared, Shard { number, of: 3 }, &|_| true))
+            .unwrap();
+    }
+    assert_eq!(sum, whole);
+    let one_thread = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .unwrap();
+    assert_eq!(
+        one_thread.install(|| trace(&prepared, Shard::WHOLE, &|_| true)),
+        whole
+    );
+}
+
+#[test]
+fn bad_scenes_get_a_message_that_names_the_key() {
+    let flat = interface("shape = \"flat\"", "{ n = 1.5 }");
+    let beckmann = |keys: &str| interface(&format!("shape = \"beckmann\"\n{keys}"), "{ n = 1.5 }");
+    let cases = [
+        (scene(45.0, "", ""), "interface"),
+        (scene(95.0, &flat, ""), "theta_i_deg"),
+        (
+            scene(45.0, &beckmann("alpha_u = 0.0\nalpha_v = 0.1"), ""),
+            "alpha_u",
+        ),
+        (
+            scene(45.0, &beckmann("alpha_u = nan\nalpha_v = 0.1"), ""),
+            "alpha_u",
+        ),
+        (
+            scene(45.0, &beckmann("alpha_u = -0.1\nalpha_v = 0.1"), ""),
+            "alpha_u",
+        ),
+        (scene(45.0, &beckmann("alpha_u = 0.1"), ""), "alpha_v"),
+        (
+            scene(45.0, &interface("shape = \"flat\"", "{ n = 0 }"), ""),
+            "below.n",
+        ),
+        (
+            scene(45.0, &interface("shape = \"flat\"", "{ m = 1.5 }"), ""),
+            "below.m",
+        ),
+        (
+            scene(45.0, &interface("shape = \"flat\"", "\"Unobtainium\""), ""),
+            "Unobtainium",
+        ),
+        (
+            scene(45.0, &interface("shape = \"flat\"", "7"), ""),
+            "below",
+        ),
+        (
+            scene(45.0, &interface("shape = \"bumpy\"", "{ n = 1.5 }"), ""),
+            "shape",
+        ),
+        (
+            scene(
+                45.0,
+                &interface("shape = \"flat\"\nalpha_u = 0.1", "{ n = 1.5 }"),
+                "",
+            ),
+            "alpha_u",
+        ),
+        (
+            scene(
+                45.0,
+                &interface("shape = \"flat\"\ncolour = 1", "{ n = 1.5 }"),
+                "",
+            ),
+            "colour",
+        ),
+        (
+            scene(45.0, &(interface("shape = \"flat\"", "\"Au\"") + &flat), ""),
+            "thickness",
+        ),
+        (scene(45.0, &flat, "photons = 0"), "photons"),
+        (scene(45.0, &flat, "photons = -5"), "photons"),
+        (scene(45.0, &flat, "fotons = 5"), "fotons"),
+        (scene(45.0, &flat, "polarised = \"yes\""), "polarised"),
+        (scene(45.0, &flat, "theta_bins = 0"), "theta_bins"),
+        (
+            scene(
+                45.0,
+                &interface(
+                    "shape = \"file\"\npath = \"a.csv\"\npitch_um = 1.0\nheight_unit_um = 1.0",
+                    "{ n = 1.5 }",
+                ),
+                "",
+            ),
+            "a.csv",
+        ),
+        (
+            scene(
+                45.0,
+                &interface(
+                    "shape = \"ridges\"\ntheta_r_deg = 10.0\npitch_um = 50.0\nround_um = 9.0",
+                    "{ n = 1.5 }",
+                ),
+                "",
+            ),
+            "round_um",
+        ),
+        (
+            "n_top = 0.0\n".to_owned() + &scene(45.0, &flat, ""),
+            "n_top",
+        ),
+        (
+            scene(45.0, &flat, "")
+                .replace("wavelength_nm = 550.0", "stokes = [1.0, 1.0, 1.0, 0.0]"),
+            "stokes",
+        ),
+    ];
+    for (text, word) in cases {
+        let outcome = Scene::parse(&text).and_then(|s| s.prepare(&|_| Err("missing".to_owned())));
+        let message = outcome.map(|_| ()).unwrap_err().to_string();
+        assert!(message.contains(word), "{word}: {message}");
+    }
+}
+
+#[test]
+fn ridges_that_shine_from_inside_keep_the_energy_and_a_flat_one_its_reflectance() {
+    // Nearly flat ridges with ρd: R = F + the diffuse part, seen as ρd at normal incidence.
+    let rho = 0.3;
+    let totals = single(
+        0.0,
+        "shape = \"ridges\"\ntheta_r_deg = 0.001\npitch_um = 10.0",
+        &format!("{{ n = 1.5, rho_d = {rho} }}"),
+        "photons = 200000\ntheta_bins = 30\nphi_bins = 1",
+    );
+    // Straight up the diffuse part is ρd/π; bin 1 (3° to 6°) holds nothing else.
+    let e = totals.element(Side::Above, 1, 0);
+    let expected = rho / std::f64::consts::PI;
+    assert!(
+        (e.value - expected).abs() < 4.0 * e.std + 2e-4,
+        "{e:?} {expected}"
+    );
+    let energies = totals.energies();
+    assert_eq!(energies.transmitted_all.value, 0.0);
+}

@@ -1,0 +1,255 @@
+//! What a photon carries: a Mueller matrix, or one number in the scalar mode.
+//!
+//! [`Light`] is implemented twice so that each mode compiles to its own loop: [`Polarised`] holds the
+//! Mueller matrix from the frame of launch to the current frame and that frame's s; [`Scalar`] a
+//! weight. The signs are those of [`crate::model::polarisation`].
+
+use super::vec3::{V3, cross, dot, scaled};
+use crate::model::polarisation::Channel;
+
+/// What the walk does to the light that a photon carries.
+pub trait Light: Copy + Send + Sync {
+    /// How many numbers a direction bin holds: 16 or 1.
+    const ELEMENTS: usize;
+
+    /// Unit light along a direction whose frame has this s (unit, perpendicular to it).
+    fn launch(s: &V3) -> Self;
+    /// Share that unpolarised light at launch has now: m00.
+    fn weight(&self) -> f64;
+    /// Power now for a Stokes vector at launch.
+    fn power(&self, stokes: &[f64; 4]) -> f64;
+    /// Turns to the frame of a hit with normal `m` of a beam along `k`.
+    fn meet(&mut self, k: &V3, m: &V3);
+    /// Power that a channel passes on, of unpolarised light at launch; after [`Light::meet`].
+    fn share(&self, channel: &Channel) -> f64;
+    /// Goes through a channel times `factor`; after [`Light::meet`].
+    fn pass(&mut self, channel: &Channel, factor: f64);
+    /// Forgets its polarisation: diffuse light.
+    fn depolarise(&mut self, s: &V3);
+    /// Multiplies everything.
+    fn scale(&mut self, factor: f64);
+    /// Turns to the frame (z × k, k × s) of a direction of exit; straight up or down, to that with
+    /// s = `straight`.
+    fn leave(&mut self, k: &V3, straight: &V3);
+    /// Adds itself to a bin of `ELEMENTS` numbers, row by row.
+    fn add_to(&self, bin: &mut [f64]);
+}
+
+/// A Mueller matrix by rows, and s of the current frame.
+#[derive(Debug, Clone, Copy)]
+pub struct Polarised {
+    rows: [[f64; 4]; 4],
+    s: V3,
+}
+
+/// Below this sin² of the angle between beam and normal every frame is one of the hit: the two
+/// channels differ by less than rounding there.
+const STRAIGHT: f64 = 1e-24;
+
+impl Polarised {
+    /// Rotates to the frame with s' = c s + d p, for c² + d² = `square`.
+    #[inline]
+    fn turn(&mut self, c: f64, d: f64, square: f64) {
+        let inverse = 1.0 / square;
+        let (cos, sin) = ((c * c - d * d) * inverse, 2.0 * c * d * inverse);
+        let [_, q, u, _] = &mut self.rows;
+        for (a, b) in q.iter_mut().zip(u.iter_mut()) {
+            let (old_q, old_u) = (*a, *b);
+            *a = cos * old_q + sin * old_u;
+            *b = cos * old_u - sin * old_q;
+        }
+    }
+}
+
+impl Light for Polarised {
+    const ELEMENTS: usize = 16;
+
+    fn launch(s: &V3) -> Self {
+        let mut rows = [[0.0; 4]; 4];
+        for (i, row) in rows.iter_mut().enumerate() {
+            row[i] = 1.0;
+        }
+        Polarised { rows, s: *s }
+    }
+
+    #[inline]
+    fn weight(&self) -> f64 {
+        self.rows[0][0]
+    }
+
+    #[inline]
+    fn power(&self, stokes: &[f64; 4]) -> f64 {
+        let r = &self.rows[0];
+        r[0] * stokes[0] + r[1] * stokes[1] + r[2] * stokes[2] + r[3] * stokes[3]
+    }
+
+    #[inline]
+    fn meet(&mut self, k: &V3, m: &V3) {
+        // With s ⟂ k: (k × m)·s and (k × m)·(k × s) = m·s.
+        let s_hit = cross(k, m);
+        let (c, d) = (dot(&s_hit, &self.s), dot(m, &self.s));
+        let square = c * c + d * d;
+        if square > STRAIGHT {
+            self.turn(c, d, square);
+            self.s = scaled(1.0 / square.sqrt(), &s_hit);
+        }
+    }
+
+    #[inline]
+    fn share(&self, channel: &Channel) -> f64 {
+        let (a, b) = (0.5 * (channel.s + channel.p), 0.5 * (channel.s - channel.p));
+        a * self.rows[0][0] + b * self.rows[1][0]
+    }
+
+    #[inline]
+    fn pass(&mut self, channel: &Channel, factor: f64) {
+        let half = 0.5 * factor;
+        let (a, b) = (
+            half * (channel.s + channel.p),
+            half * (channel.s - channel.p),
+        );
+        let (c, s) = (factor * channel.re, factor * channel.im);
+        let [r0, r1, r2, r3] = self.rows;
+        for j in 0..4 {
+            self.rows[0][j] = a * r0[j] + b * r1[j];
+            self.rows[1][j] = b * r0[j] + a * r1[j];
+            self.rows[2][j] = c * r2[j] + s * r3[j];
+            self.rows[3][j] = c * r3[j] - s * r2[j];
+        }
+    }
+
+    fn depolarise(&mut self, s: &V3) {
+        for row in &mut self.rows[1..] {
+            *row = [0.0; 4];
+        }
+        self.s = *s;
+    }
+
+    #[inline]
+    fn scale(&mut self, factor: f64) {
+        for row in &mut self.rows {
+            for x in row {
+                *x *= factor;
+            }
+        }
+    }
+
+    #[inline]
+    fn leave(&mut self, k: &V3, straight: &V3) {
+        // s_out = z × k; its sign does not matter to a Stokes vector.
+        let s_out = [-k[1], k[0], 0.0];
+        let square = s_out[0] * s_out[0] + s_out[1] * s_out[1];
+        let (s_out, square) = if square > STRAIGHT {
+            (s_out, square)
+        } else {
+            (*straight, 1.0)
+        };
+        let c = dot(&s_out, &self.s);
+        let d = dot(&s_out, &cross(k, &self.s));
+        self.turn(c, d, square);
+    }
+
+    #[inline]
+    fn add_to(&self, bin: &mut [f64]) {
+        for (b, x) in bin.iter_mut().zip(self.rows.iter().flatten()) {
+            *b += x;
+        }
+    }
+}
+
+/// A weight: light whose polarisation is not followed.
+#[derive(Debug, Clone, Copy)]
+pub struct Scalar(f64);
+
+impl Light for Scalar {
+    const ELEMENTS: usize = 1;
+
+    fn launch(_: &V3) -> Self {
+        Scalar(1.0)
+    }
+    #[inline]
+    fn weight(&self) -> f64 {
+        self.0
+    }
+    #[inline]
+    fn power(&self, stokes: &[f64; 4]) -> f64 {
+        self.0 * stokes[0]
+    }
+    #[inline]
+    fn meet(&mut self, _: &V3, _: &V3) {}
+    #[inline]
+    fn share(&self, channel: &Channel) -> f64 {
+        self.0 * channel.unpolarised()
+    }
+    #[inline]
+    fn pass(&mut self, channel: &Channel, factor: f64) {
+        self.0 *= factor * channel.unpolarised();
+    }
+    fn depolarise(&mut self, _: &V3) {}
+    #[inline]
+    fn scale(&mut self, factor: f64) {
+        self.0 *= factor;
+    }
+    #[inline]
+    fn leave(&mut self, _: &V3, _: &V3) {}
+    #[inline]
+    fn add_to(&self, bin: &mut [f64]) {
+        bin[0] += self.0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::vec3::{combine, unit};
+    use super::*;
+    use crate::model::polarisation::{Boundary, Mueller};
+    use crate::model::single_bounce::{Scattering, mueller_brdf};
+
+    /// One reflection off a facet, from frame to frame, against the closed form of the single bounce.
+    #[test]
+    fn frames_turn_as_in_the_closed_form_of_the_single_bounce() {
+        for (theta_i, theta_s, phi_s) in [(0.5, 0.9, 0.8), (1.2, 0.3, -2.0), (0.7, 0.7, 0.0)] {
+            let k_in = [f64::sin(theta_i), 0.0, -f64::cos(theta_i)];
+            let k_out = [
+                f64::sin(theta_s) * f64::cos(phi_s),
+                f64::sin(theta_s) * f64::sin(phi_s),
+                f64::cos(theta_s),
+            ];
+            let m = unit(&combine(1.0, &k_out, -1.0, &k_in));
+            let mut light = Polarised::launch(&[0.0, 1.0, 0.0]);
+            light.meet(&k_in, &m);
+            let split = Boundary::new(1.0, 0.18, 3.4).at(dot(&m, &k_out));
+            light.pass(&split.reflected, 1.0);
+            light.leave(&k_out, &[0.0, 1.0, 0.0]);
+            let scattering = Scattering {
+                theta_i,
+                theta_s,
+                phi_s,
+            };
+            let expected = mueller_brdf(&scattering, 1.0, 0.18, 3.4).unwrap();
+            let ratio = light.rows[0][0] / expected.0[(0, 0)];
+            for i in 0..4 {
+                for j in 0..4 {
+                    let difference = light.rows[i][j] - ratio * expected.0[(i, j)];
+                    assert!(difference.abs() < 1e-14, "{i}{j}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn straight_down_and_up_again_the_frame_is_the_one_that_was_given() {
+        let s = [0.0, 1.0, 0.0];
+        let mut light = Polarised::launch(&s);
+        let split = Boundary::new(1.0, 1.5, 0.0).at(1.0);
+        light.meet(&[0.0, 0.0, -1.0], &[0.0, 0.0, 1.0]);
+        light.pass(&split.reflected, 1.0);
+        light.leave(&[0.0, 0.0, 1.0], &s);
+        let expected = Mueller(split.reflected.mueller().0);
+        for i in 0..4 {
+            for j in 0..4 {
+                assert!((light.rows[i][j] - expected.0[(i, j)]).abs() < 1e-16);
+            }
+        }
+    }
+}

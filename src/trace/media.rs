@@ -1,0 +1,108 @@
+//! Materials by name: n and k over wavelength from the tables in `assets/optical-constants`.
+//!
+//! Call [`index_of`]. `Au`, `Al`, `Cu`, `Ag`, `Cr`, `W` are interpolated linearly at a wavelength; `Au550`,
+//! `Al550`, `Cu550` are fixed numbers. Other published tables differ, gold by up to 0.7 in k, so a
+//! result names its table.
+
+use nalgebra::Complex;
+
+use crate::model::flat_stack::FIXED_METALS;
+
+/// Name and table (`wavelength_nm,n,k`).
+const TABLES: [(&str, &str); 6] = [
+    ("Ag", include_str!("../../assets/optical-constants/Ag.csv")),
+    ("Al", include_str!("../../assets/optical-constants/Al.csv")),
+    ("Au", include_str!("../../assets/optical-constants/Au.csv")),
+    ("Cr", include_str!("../../assets/optical-constants/Cr.csv")),
+    ("Cu", include_str!("../../assets/optical-constants/Cu.csv")),
+    ("W", include_str!("../../assets/optical-constants/W.csv")),
+];
+
+/// Why a name gives no index.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum MediaError {
+    /// No such material.
+    #[error("no material named {name:?}; known are Ag, Al, Au, Cr, Cu, W and Au550, Al550, Cu550")]
+    Unknown {
+        /// What was asked for.
+        name: String,
+    },
+    /// The table does not reach there.
+    #[error("the table of {name} reaches from {from:.0} nm to {to:.0} nm, not to {asked} nm")]
+    OutOfTable {
+        /// The material.
+        name: String,
+        /// What was asked for, nm.
+        asked: f64,
+        /// First wavelength, nm.
+        from: f64,
+        /// Last wavelength, nm.
+        to: f64,
+    },
+}
+
+/// Complex index n + ik of a named material at a wavelength in nm.
+///
+/// # Errors
+/// A name that is not known, or a wavelength outside its table.
+pub fn index_of(name: &str, wavelength_nm: f64) -> Result<Complex<f64>, MediaError> {
+    if let Some(metal) = FIXED_METALS.iter().find(|m| m.0 == name) {
+        return Ok(Complex::new(metal.1, metal.2));
+    }
+    let Some((_, table)) = TABLES.iter().find(|t| t.0 == name) else {
+        return Err(MediaError::Unknown {
+            name: name.to_owned(),
+        });
+    };
+    let rows: Vec<[f64; 3]> = table.lines().filter_map(row).collect();
+    let (from, to) = (rows[0][0], rows[rows.len() - 1][0]);
+    if !(from..=to).contains(&wavelength_nm) {
+        return Err(MediaError::OutOfTable {
+            name: name.to_owned(),
+            asked: wavelength_nm,
+            from,
+            to,
+        });
+    }
+    let after = rows
+        .partition_point(|r| r[0] <= wavelength_nm)
+        .clamp(1, rows.len() - 1);
+    let (a, b) = (rows[after - 1], rows[after]);
+    let t = (wavelength_nm - a[0]) / (b[0] - a[0]);
+    let between = |i: usize| a[i] + t * (b[i] - a[i]);
+    Ok(Complex::new(between(1), between(2)))
+}
+
+fn row(line: &str) -> Option<[f64; 3]> {
+    let mut numbers = line.split(',').map(|x| x.trim().parse::<f64>().ok());
+    Some([numbers.next()??, numbers.next()??, numbers.next()??])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_fixed_names_are_their_tables_at_550_nm() {
+        for (name, fixed) in [("Au", "Au550"), ("Al", "Al550"), ("Cu", "Cu550")] {
+            let difference = index_of(name, 550.0).unwrap() - index_of(fixed, 0.0).unwrap();
+            assert!(difference.norm() < 1e-4, "{name}: {difference}");
+        }
+    }
+
+    #[test]
+    fn every_table_is_read_and_ends_where_it_ends() {
+        for (name, _) in TABLES {
+            let index = index_of(name, 633.0).unwrap();
+            assert!(index.re > 0.0 && index.im > 1.0, "{name}");
+            assert!(matches!(
+                index_of(name, 5000.0),
+                Err(MediaError::OutOfTable { .. })
+            ));
+        }
+        assert!(matches!(
+            index_of("Gold", 550.0),
+            Err(MediaError::Unknown { .. })
+        ));
+    }
+}

@@ -1,0 +1,27 @@
+//! PHYSICS by Monte Carlo: polarised light on explicit micro-geometry, single or layered.
+//!
+//! The one function to call: [`run::trace`] on a scene from [`scene::Scene`]. Photons carry Mueller
+//! matrices (or one number in the scalar mode), meet facets by the full Fresnel matrices, and are
+//! counted in direction bins with standard errors (Wang et al. 2017, Opt. Express 25, 22971).
+//! Results depend on the seed alone. This room knows no files, no clock and no terminal: heights are
+//! handed in, and a caller says when to stop.
+//!
+//! Directions are in the sample frame x = u, y = v, z = n; sources of the conventions are in
+//! [`crate::model::polarisation`].
+
+pub mod beckmann;
+pub mod escape;
+pub mod facet;
+pub mod height_field;
+#[cfg(test)]
+mod laws;
+pub mod light;
+pub mod media;
+pub mod profile;
+pub mod rng;
+pub mod run;
+pub mod scene;
+pub mod surface;
+pub mod tally;
+pub mod vec3;
+pub mod walk;

@@ -1,0 +1,169 @@
+//! A run: photons in blocks of batches over all cores, until enough.
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rayon::prelude::*;
+
+use super::light::{Light, Polarised, Scalar};
+use super::rng::{Purpose, Stream};
+use super::scene::Prepared;
+use super::tally::{Batch, Block, Totals};
+use super::walk::{Method, Walk};
+
+/// Which part of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shard {
+    /// 1 to `of`.
+    pub number: u64,
+    /// How many parts.
+    pub of: u64,
+}
+
+impl Shard {
+    /// The whole run.
+    pub const WHOLE: Shard = Shard { number: 1, of: 1 };
+}
+
+/// How far a run is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Progress {
+    /// Photons traced so far.
+    pub photons: u64,
+    /// Photons that will be traced if nothing stops it.
+    pub photons_planned: u64,
+    /// [`Totals::relative_error`] so far, looked at from time to time.
+    pub relative_error: Option<f64>,
+}
+
+/// Photons are dealt out in this many blocks at least, and none is larger than [`BLOCK_MAX`].
+const BLOCKS_MIN: u64 = 32;
+/// Batches per block: 512 replicates and more, so that standard errors are known to 3 %.
+const BATCHES: u64 = 16;
+/// Largest block: bounds the time between two looks at the stop conditions.
+const BLOCK_MAX: u64 = 1 << 18;
+
+/// The photons `[first, end)` of one block.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Span {
+    first: u64,
+    end: u64,
+}
+
+/// The plan of a run of so many photons: how they fall into blocks.
+fn blocks(photons: u64) -> u64 {
+    BLOCKS_MIN.max(photons.div_ceil(BLOCK_MAX)).min(photons)
+}
+
+fn span(photons: u64, parts: u64, part: u64) -> Span {
+    // 128 bits: photons × parts may pass 64.
+    let cut = |n: u64| (u128::from(photons) * u128::from(n) / u128::from(parts)) as u64;
+    Span {
+        first: cut(part),
+        end: cut(part + 1),
+    }
+}
+
+/// Traces a shard of a scene. After every block `proceed` is asked, from any thread, whether to go
+/// on; what is finished by then counts. The result depends on the scene and on which blocks
+/// were finished, never on threads.
+pub fn trace(
+    prepared: &Prepared,
+    shard: Shard,
+    proceed: &(dyn Fn(&Progress) -> bool + Sync),
+) -> Totals {
+    if prepared.polarised {
+        run::<Polarised>(prepared, shard, proceed)
+    } else {
+        run::<Scalar>(prepared, shard, proceed)
+    }
+}
+
+fn run<L: Light>(
+    prepared: &Prepared,
+    shard: Shard,
+    proceed: &(dyn Fn(&Progress) -> bool + Sync),
+) -> Totals {
+    let walk = Walk {
+        stack: &prepared.stack,
+        method: prepared.method,
+        stokes: prepared.stokes,
+        k: prepared.k,
+        s: prepared.s,
+        interactions_max: prepared.interactions_max,
+    };
+    let photons = prepared.photons;
+    let count = blocks(photons);
+    let mine: Vec<u64> = (0..count)
+        .filter(|block| block % shard.of == shard.number - 1)
+        .collect();
+    let planned = mine
+        .iter()
+        .map(|&b| span(photons, count, b))
+        .map(|s| s.end - s.first)
+        .sum();
+    let totals = Mutex::new(Totals::new(prepared.grid, L::ELEMENTS));
+    let stopped = AtomicBool::new(false);
+    mine.par_iter().with_max_len(1).for_each_init(
+        || {
+            let batch = Batch::new::<L>(prepared.grid);
+            let block = Block::like(&batch);
+            (batch, block)
+        },
+        |(batch, block), &number| {
+            if stopped.load(Ordering::Relaxed) {
+                return;
+            }
+            let span = span(photons, count, number);
+            trace_block::<L>(&walk, prepared.seed, number, span, batch, block);
+            let mut totals = totals.lock().expect("no thread panics while it adds");
+            totals.add(block, span.end - span.first);
+            block.clear();
+            let progress = Progress {
+                photons: totals.photons(),
+                photons_planned: planned,
+                relative_error: totals.relative_error(),
+            };
+            drop(totals);
+            if !proceed(&progress) {
+                stopped.store(true, Ordering::Relaxed);
+            }
+        },
+    );
+    totals.into_inner().expect("no thread panics while it adds")
+}
+
+/// The plastic ratio's powers: the points (i α1, i α2) mod 1 fill the square evenly.
+const EVEN: (f64, f64) = (0.754_877_666_246_692_7, 0.569_840_290_998_053_3);
+
+fn trace_block<L: Light>(
+    walk: &Walk<'_>,
+    seed: u64,
+    number: u64,
+    span: Span,
+    batch: &mut Batch,
+    block: &mut Block,
+) {
+    let size = span.end - span.first;
+    let parts = BATCHES.min(size);
+    for part in 0..parts {
+        let inner = self::span(size, parts, part);
+        let mut shared = Stream::new(seed, Purpose::Batch, number * BATCHES + part);
+        let (shift_x, shift_y) = (shared.uniform(), shared.uniform());
+        for index in inner.first..inner.end {
+            let mut random = Stream::new(seed, Purpose::Photon, span.first + index);
+            let (x, y) = match walk.method {
+                Method::Analog => (random.uniform(), random.uniform()),
+                Method::Split => {
+                    let i = (index - inner.first) as f64;
+                    (
+                        (shift_x + i * EVEN.0).fract(),
+                        (shift_y + i * EVEN.1).fract(),
+                    )
+                }
+            };
+            walk.photon::<L>(x, y, &mut random, batch);
+        }
+        block.take(batch);
+    }
+}

@@ -1,0 +1,668 @@
+//! Scenes: a TOML text, checked as a whole, made ready to trace.
+//!
+//! Call [`Scene::parse`], then [`Scene::prepare`]. Unknown keys are errors, so are keys that a shape
+//! does not have; every message names the key, what is wrong and what would be right. Files are
+//! read by the caller and handed in as heights: this room does no I/O.
+
+use std::sync::Arc;
+
+use nalgebra::Complex;
+use serde::{Deserialize, Serialize};
+
+use super::beckmann::{self, beckmann};
+use super::facet::{Diffuse, Roughness};
+use super::height_field::HeightField;
+use super::media::{self, MediaError};
+use super::profile::{Profile, ProfileError};
+use super::rng::{Purpose, Stream};
+use super::surface::{Interface, Relief, Stack};
+use super::tally::Grid;
+use super::vec3::V3;
+use super::walk::Method;
+use crate::model::fresnel;
+use crate::model::polarisation::Boundary;
+
+/// A scene as written.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scene {
+    /// Index above the first interface.
+    #[serde(default = "one")]
+    pub n_top: f64,
+    /// The lamp.
+    #[serde(default)]
+    pub light: Lamp,
+    /// Interfaces, top first.
+    #[serde(default)]
+    pub interface: Vec<Shape>,
+    /// How much of it.
+    #[serde(default)]
+    pub run: Run,
+}
+
+/// Where light comes from.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Lamp {
+    /// Polar angle of the direction to the lamp, degrees from n.
+    pub theta_i_deg: f64,
+    /// Its azimuth, degrees from u to v.
+    pub phi_i_deg: f64,
+    /// Wavelength, nm: picks n and k of named materials.
+    pub wavelength_nm: f64,
+    /// Stokes vector of the lamp in the frame (z × k, k × s); only its direction counts.
+    pub stokes: [f64; 4],
+}
+
+impl Default for Lamp {
+    fn default() -> Self {
+        Lamp {
+            theta_i_deg: 0.0,
+            phi_i_deg: 0.0,
+            wavelength_nm: 550.0,
+            stokes: [1.0, 0.0, 0.0, 0.0],
+        }
+    }
+}
+
+/// One interface as written; which keys it may have depends on `shape`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Shape {
+    /// `flat`, `beckmann`, `smith`, `ridges` or `file`.
+    pub shape: String,
+    /// What is below: `{ n, k, rho_d }` or a material's name.
+    pub below: toml::Value,
+    /// Thickness of the layer below, µm; needed where it absorbs.
+    pub thickness_um: Option<f64>,
+    /// Beckmann α along u.
+    pub alpha_u: Option<f64>,
+    /// Beckmann α along v.
+    pub alpha_v: Option<f64>,
+    /// Seed of the surface.
+    pub seed: Option<u64>,
+    /// Cells per side of a random tile.
+    pub cells: Option<usize>,
+    /// Ridge angle, degrees.
+    pub theta_r_deg: Option<f64>,
+    /// Facet length of ridges, or the pixel pitch of a file, µm.
+    pub pitch_um: Option<f64>,
+    /// Radius of crests and valleys, µm.
+    pub round_um: Option<f64>,
+    /// A file of heights.
+    pub path: Option<String>,
+    /// Micrometres per unit of the file's heights.
+    pub height_unit_um: Option<f64>,
+}
+
+/// How to trace.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Run {
+    /// Photons to launch.
+    pub photons: u64,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// "auto", true or false.
+    pub polarised: toml::Value,
+    /// How chance is used.
+    pub method: Method,
+    /// A photon is given up after so many interactions.
+    pub interactions_max: u32,
+    /// Direction bins over the polar angle.
+    pub theta_bins: usize,
+    /// Direction bins over the azimuth.
+    pub phi_bins: usize,
+}
+
+impl Default for Run {
+    fn default() -> Self {
+        Run {
+            photons: 1_000_000,
+            seed: 1,
+            polarised: toml::Value::String("auto".to_owned()),
+            method: Method::Split,
+            interactions_max: 1000,
+            theta_bins: 45,
+            phi_bins: 180,
+        }
+    }
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// Why a scene cannot be traced.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SceneError {
+    /// Not TOML, an unknown key, or a value of the wrong type.
+    #[error("the scene cannot be read: {0}")]
+    Text(String),
+    /// Nothing to trace.
+    #[error("the scene has no interface: add at least one [[interface]]")]
+    NoInterface,
+    /// A value that makes no sense.
+    #[error("{key} = {value}: {expected}")]
+    Value {
+        /// The key with its place.
+        key: String,
+        /// What it is.
+        value: String,
+        /// What it should be.
+        expected: &'static str,
+    },
+    /// A key that the shape needs.
+    #[error("interface {number} ({shape}) needs the key {key}")]
+    Missing {
+        /// 1 for the topmost.
+        number: usize,
+        /// Its shape.
+        shape: String,
+        /// The key.
+        key: &'static str,
+    },
+    /// A key that the shape does not have.
+    #[error("interface {number} ({shape}) has no key {key}")]
+    Foreign {
+        /// 1 for the topmost.
+        number: usize,
+        /// Its shape.
+        shape: String,
+        /// The key.
+        key: &'static str,
+    },
+    /// A material.
+    #[error("interface {number}: {source}")]
+    Material {
+        /// 1 for the topmost.
+        number: usize,
+        /// Why.
+        source: MediaError,
+    },
+    /// A profile.
+    #[error("interface {number}: {source}")]
+    Profile {
+        /// 1 for the topmost.
+        number: usize,
+        /// Why.
+        source: ProfileError,
+    },
+    /// A file of heights.
+    #[error("interface {number}: {path}: {reason}")]
+    File {
+        /// 1 for the topmost.
+        number: usize,
+        /// The file.
+        path: String,
+        /// Why it cannot be used.
+        reason: String,
+    },
+    /// Layers below a metal are never reached.
+    #[error(
+        "interface {number} is a metal or a diffuse body: nothing gets through, so it must be the last"
+    )]
+    Unreachable {
+        /// 1 for the topmost.
+        number: usize,
+    },
+}
+
+/// Heights read from a file, in the file's own unit; index row·columns + column, rows along v.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HeightMap {
+    /// Samples along u.
+    pub columns: usize,
+    /// Samples along v.
+    pub rows: usize,
+    /// Heights.
+    pub heights: Vec<f64>,
+}
+
+/// Something that a computation leaves out, why, and what that may cost.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LeftOut {
+    /// What.
+    pub what: String,
+    /// Why.
+    pub why: String,
+    /// Estimated relative error of the reflected energy; null where nobody knows.
+    pub cost: Option<f64>,
+}
+
+/// A scene ready to trace.
+#[derive(Debug)]
+pub struct Prepared {
+    pub(super) stack: Stack,
+    pub(super) method: Method,
+    pub(super) stokes: [f64; 4],
+    pub(super) k: V3,
+    pub(super) s: V3,
+    pub(super) interactions_max: u32,
+    pub(super) grid: Grid,
+    pub(super) seed: u64,
+    /// Photons to launch.
+    pub photons: u64,
+    /// Whether polarisation is followed.
+    pub polarised: bool,
+    /// What is left out.
+    pub left_out: Vec<LeftOut>,
+}
+
+struct Medium {
+    index: Complex<f64>,
+    rho_d: Option<f64>,
+}
+
+impl Scene {
+    /// Reads a scene's text.
+    ///
+    /// # Errors
+    /// Text that is not TOML, unknown keys, values of the wrong type.
+    pub fn parse(text: &str) -> Result<Self, SceneError> {
+        toml::from_str(text).map_err(|e| SceneError::Text(e.to_string().trim().to_owned()))
+    }
+
+    /// Checks everything and builds the surfaces. `load` reads a file of heights.
+    ///
+    /// # Errors
+    /// See [`SceneError`].
+    pub fn prepare(
+        &self,
+        load: &dyn Fn(&str) -> Result<HeightMap, String>,
+    ) -> Result<Prepared, SceneError> {
+        let polarised = match &self.run.polarised {
+            toml::Value::Boolean(b) => *b,
+            toml::Value::String(s) if s == "auto" => true,
+            other => {
+                return Err(value(
+                    "run.polarised",
+                    other,
+                    "write \"auto\", true or false",
+                ));
+            }
+        };
+        self.check_run()?;
+        let stokes = self.check_light()?;
+        if self.interface.is_empty() {
+            return Err(SceneError::NoInterface);
+        }
+        let mut interfaces = Vec::new();
+        let mut optical_depth = Vec::new();
+        let mut left_out = vec![wave_optics()];
+        let mut above = self.n_top;
+        for (i, shape) in self.interface.iter().enumerate() {
+            let number = i + 1;
+            let last = number == self.interface.len();
+            let medium = self.medium(shape, number)?;
+            if medium.rho_d.is_some() && !last {
+                return Err(SceneError::Unreachable { number });
+            }
+            let (depth, boundary_k) = self.layer(shape, number, &medium, last, &mut left_out)?;
+            let (n, k) = (medium.index.re, boundary_k);
+            let (relief, roughness) = self.relief(shape, number, load, &mut left_out)?;
+            interfaces.push(Interface {
+                relief,
+                from_above: Boundary::new(above, n, k),
+                from_below: Boundary::new(n, above, 0.0),
+                roughness,
+                diffuse: medium.rho_d.map(|r| Diffuse::new(r, n / above, 1.0, 1.0)),
+            });
+            optical_depth.push(depth);
+            above = n;
+        }
+        if self.interface.len() > 1 {
+            left_out.push(LeftOut {
+                what: "lateral registration of the layers".to_owned(),
+                why: "layers are taken as thick against their relief: the place of entry is drawn afresh"
+                    .to_owned(),
+                cost: None,
+            });
+        }
+        let (sin, cos) = self.light.theta_i_deg.to_radians().sin_cos();
+        let (sin_phi, cos_phi) = self.light.phi_i_deg.to_radians().sin_cos();
+        Ok(Prepared {
+            stack: Stack {
+                interfaces,
+                optical_depth,
+            },
+            method: self.run.method,
+            stokes,
+            k: [-sin * cos_phi, -sin * sin_phi, -cos],
+            s: [sin_phi, -cos_phi, 0.0],
+            interactions_max: self.run.interactions_max,
+            grid: Grid {
+                n_theta: self.run.theta_bins,
+                n_phi: self.run.phi_bins,
+            },
+            seed: self.run.seed,
+            photons: self.run.photons,
+            polarised,
+            left_out,
+        })
+    }
+
+    fn check_run(&self) -> Result<(), SceneError> {
+        let run = &self.run;
+        if !(1..=1_000_000_000_000_000).contains(&run.photons) {
+            return Err(value("run.photons", run.photons, "must be from 1 to 1e15"));
+        }
+        if run.interactions_max == 0 {
+            return Err(value("run.interactions_max", 0, "must be 1 or more"));
+        }
+        for (key, bins) in [
+            ("run.theta_bins", run.theta_bins),
+            ("run.phi_bins", run.phi_bins),
+        ] {
+            if !(1..=1440).contains(&bins) {
+                return Err(value(key, bins, "must be from 1 to 1440"));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_light(&self) -> Result<[f64; 4], SceneError> {
+        let light = &self.light;
+        if !(0.0..90.0).contains(&light.theta_i_deg) {
+            return Err(value(
+                "light.theta_i_deg",
+                light.theta_i_deg,
+                "must be in [0, 90)",
+            ));
+        }
+        if !light.phi_i_deg.is_finite() {
+            return Err(value("light.phi_i_deg", light.phi_i_deg, "must be finite"));
+        }
+        positive("light.wavelength_nm", light.wavelength_nm)?;
+        positive("n_top", self.n_top)?;
+        let [i, q, u, v] = light.stokes;
+        let polarised = (q * q + u * u + v * v).sqrt();
+        if !(i > 0.0 && i.is_finite() && polarised <= i * (1.0 + 1e-9)) {
+            return Err(value(
+                "light.stokes",
+                format!("{:?}", light.stokes),
+                "I must be positive and the polarised part no larger than I",
+            ));
+        }
+        Ok([1.0, q / i, u / i, v / i])
+    }
+
+    fn medium(&self, shape: &Shape, number: usize) -> Result<Medium, SceneError> {
+        let key = |k: &str| format!("interface {number}: below.{k}");
+        match &shape.below {
+            toml::Value::String(name) => {
+                let index = media::index_of(name, self.light.wavelength_nm)
+                    .map_err(|source| SceneError::Material { number, source })?;
+                Ok(Medium { index, rho_d: None })
+            }
+            toml::Value::Table(table) => {
+                let number_of = |name: &str| match table.get(name) {
+                    None => Ok(None),
+                    Some(toml::Value::Float(x)) => Ok(Some(*x)),
+                    Some(toml::Value::Integer(x)) => Ok(Some(*x as f64)),
+                    Some(other) => Err(value(&key(name), other, "must be a number")),
+                };
+                if let Some(unknown) = table
+                    .keys()
+                    .find(|k| !["n", "k", "rho_d"].contains(&k.as_str()))
+                {
+                    return Err(value(
+                        &key(unknown),
+                        &table[unknown],
+                        "unknown key; known are n, k, rho_d",
+                    ));
+                }
+                let n = number_of("n")?.ok_or(SceneError::Missing {
+                    number,
+                    shape: shape.shape.clone(),
+                    key: "below.n",
+                })?;
+                positive(&key("n"), n)?;
+                let k = number_of("k")?.unwrap_or(0.0);
+                if !(k >= 0.0 && k.is_finite()) {
+                    return Err(value(&key("k"), k, "must be 0 or more"));
+                }
+                let rho_d = number_of("rho_d")?;
+                if let Some(rho) = rho_d {
+                    let t = fresnel::transmittance(1.0, n / self.n_top, 0.0);
+                    if k > 0.0 || !(rho >= 0.0 && rho <= t * t) {
+                        return Err(value(
+                            &key("rho_d"),
+                            rho,
+                            "needs k = 0 and must be from 0 to what the boundary lets through",
+                        ));
+                    }
+                }
+                Ok(Medium {
+                    index: Complex::new(n, k),
+                    rho_d,
+                })
+            }
+            other => Err(value(
+                &format!("interface {number}: below"),
+                other,
+                "write { n = 1.5 }, { n = 0.35, k = 2.7 } or a material's name",
+            )),
+        }
+    }
+
+    /// Optical depth of the layer below, and the k that its boundary reflects with.
+    fn layer(
+        &self,
+        shape: &Shape,
+        number: usize,
+        medium: &Medium,
+        last: bool,
+        left_out: &mut Vec<LeftOut>,
+    ) -> Result<(f64, f64), SceneError> {
+        if let Some(thickness) = shape.thickness_um {
+            positive(&format!("interface {number}: thickness_um"), thickness)?;
+        }
+        let k = medium.index.im;
+        if last || k == 0.0 {
+            return Ok((0.0, k));
+        }
+        let Some(thickness) = shape.thickness_um else {
+            return Err(SceneError::Missing {
+                number,
+                shape: shape.shape.clone(),
+                key: "thickness_um (the layer below absorbs)",
+            });
+        };
+        // Beyond this the layer is opaque within a wavelength: not a layer but a substrate.
+        if k > 0.1 * medium.index.re {
+            return Err(SceneError::Unreachable { number });
+        }
+        let depth = 4.0e3 * std::f64::consts::PI * k * thickness / self.light.wavelength_nm;
+        left_out.push(LeftOut {
+            what: format!("absorption within the relief of interface {number}"),
+            why: "a layer absorbs over its thickness between mean planes".to_owned(),
+            cost: None,
+        });
+        left_out.push(LeftOut {
+            what: format!("the absorption of layer {number} in its Fresnel amplitudes"),
+            why: "a layer that light crosses has k much smaller than n".to_owned(),
+            cost: Some((k / medium.index.re).powi(2)),
+        });
+        Ok((depth, 0.0))
+    }
+
+    fn relief(
+        &self,
+        shape: &Shape,
+        number: usize,
+        load: &dyn Fn(&str) -> Result<HeightMap, String>,
+        left_out: &mut Vec<LeftOut>,
+    ) -> Result<(Relief, Option<Roughness>), SceneError> {
+        let keys = Keys { shape, number };
+        let roughness = || -> Result<Roughness, SceneError> {
+            Ok(Roughness {
+                alpha_u: keys.need("alpha_u", shape.alpha_u)?,
+                alpha_v: keys.need("alpha_v", shape.alpha_v)?,
+            })
+        };
+        match shape.shape.as_str() {
+            "flat" => {
+                keys.only(&[])?;
+                Ok((Relief::Flat, None))
+            }
+            "smith" => {
+                keys.only(&["alpha_u", "alpha_v"])?;
+                Ok((Relief::Flat, Some(roughness()?)))
+            }
+            "beckmann" => {
+                keys.only(&["alpha_u", "alpha_v", "seed", "cells"])?;
+                let Roughness { alpha_u, alpha_v } = roughness()?;
+                let cells = shape.cells.unwrap_or(beckmann::CELLS);
+                if !(16..=4096).contains(&cells) {
+                    return Err(value(&keys.name("cells"), cells, "must be from 16 to 4096"));
+                }
+                // Without a seed of its own each interface gets another one from the run's.
+                let seed = shape.seed.unwrap_or_else(|| {
+                    Stream::new(self.run.seed, Purpose::Surface, number as u64).bits()
+                });
+                let field = beckmann(cells, alpha_u, alpha_v, seed);
+                Ok((Relief::Field(Arc::new(field)), None))
+            }
+            "ridges" => {
+                keys.only(&["theta_r_deg", "pitch_um", "round_um", "alpha_u", "alpha_v"])?;
+                let theta = keys.need("theta_r_deg", shape.theta_r_deg)?;
+                if theta > 85.0 {
+                    return Err(value(
+                        &keys.name("theta_r_deg"),
+                        theta,
+                        "must be 85 or less",
+                    ));
+                }
+                let pitch = keys.need("pitch_um", shape.pitch_um)?;
+                let round = shape.round_um.unwrap_or(0.0);
+                if !(round >= 0.0 && round.is_finite()) {
+                    return Err(value(&keys.name("round_um"), round, "must be 0 or more"));
+                }
+                let rough = match (shape.alpha_u, shape.alpha_v) {
+                    (None, None) => None,
+                    _ => Some(roughness()?),
+                };
+                let profile = Profile::sawtooth(theta.to_radians(), pitch, round)
+                    .map_err(|source| SceneError::Profile { number, source })?;
+                Ok((Relief::Profile(Arc::new(profile)), rough))
+            }
+            "file" => {
+                keys.only(&["path", "pitch_um", "height_unit_um"])?;
+                let path = shape.path.as_deref().ok_or_else(|| keys.missing("path"))?;
+                let pitch = keys.need("pitch_um", shape.pitch_um)?;
+                let unit = keys.need("height_unit_um", shape.height_unit_um)?;
+                let failed = |reason: String| SceneError::File {
+                    number,
+                    path: path.to_owned(),
+                    reason,
+                };
+                let map = load(path).map_err(failed)?;
+                let field = field_of(&map, pitch, unit).map_err(|r| failed(r.to_owned()))?;
+                left_out.push(LeftOut {
+                    what: format!("what lies beyond the map of interface {number}"),
+                    why: "the map is repeated as it is; where its rims differ there is a wall"
+                        .to_owned(),
+                    cost: None,
+                });
+                Ok((Relief::Field(Arc::new(field)), None))
+            }
+            other => Err(value(
+                &keys.name("shape"),
+                format!("{other:?}"),
+                "known shapes are flat, beckmann, smith, ridges, file",
+            )),
+        }
+    }
+}
+
+fn field_of(map: &HeightMap, pitch: f64, unit: f64) -> Result<HeightField, &'static str> {
+    let (columns, rows) = (map.columns, map.rows);
+    if columns == 0 || rows == 0 || map.heights.len() != columns * rows {
+        return Err("the map is not a full rectangle of heights");
+    }
+    if columns.saturating_mul(rows) > 1 << 26 {
+        return Err("the map has more than 67 million heights");
+    }
+    if !map.heights.iter().all(|h| (h * unit).abs() < 1e12) {
+        return Err("the map holds a height that is not a number");
+    }
+    let mut heights = vec![0.0; columns * rows];
+    for (n, h) in map.heights.iter().enumerate() {
+        heights[(n % columns) * rows + n / columns] = h * unit;
+    }
+    Ok(HeightField::new(columns, rows, pitch, pitch, &heights))
+}
+
+fn wave_optics() -> LeftOut {
+    LeftOut {
+        what: "interference and diffraction".to_owned(),
+        why: "rays: structures and layers are taken as large against the wavelength".to_owned(),
+        cost: None,
+    }
+}
+
+fn value(key: &str, value: impl std::fmt::Display, expected: &'static str) -> SceneError {
+    SceneError::Value {
+        key: key.to_owned(),
+        value: value.to_string(),
+        expected,
+    }
+}
+
+fn positive(key: &str, x: f64) -> Result<(), SceneError> {
+    if x > 0.0 && x.is_finite() {
+        Ok(())
+    } else {
+        Err(value(key, x, "must be greater than 0"))
+    }
+}
+
+struct Keys<'a> {
+    shape: &'a Shape,
+    number: usize,
+}
+
+impl Keys<'_> {
+    fn name(&self, key: &str) -> String {
+        format!("interface {}: {key}", self.number)
+    }
+
+    fn missing(&self, key: &'static str) -> SceneError {
+        SceneError::Missing {
+            number: self.number,
+            shape: self.shape.shape.clone(),
+            key,
+        }
+    }
+
+    fn need(&self, key: &'static str, x: Option<f64>) -> Result<f64, SceneError> {
+        let x = x.ok_or_else(|| self.missing(key))?;
+        positive(&self.name(key), x)?;
+        Ok(x)
+    }
+
+    /// Refuses keys that the shape does not have.
+    fn only(&self, known: &[&str]) -> Result<(), SceneError> {
+        let s = self.shape;
+        let given = [
+            ("alpha_u", s.alpha_u.is_some()),
+            ("alpha_v", s.alpha_v.is_some()),
+            ("seed", s.seed.is_some()),
+            ("cells", s.cells.is_some()),
+            ("theta_r_deg", s.theta_r_deg.is_some()),
+            ("pitch_um", s.pitch_um.is_some()),
+            ("round_um", s.round_um.is_some()),
+            ("path", s.path.is_some()),
+            ("height_unit_um", s.height_unit_um.is_some()),
+        ];
+        match given.iter().find(|(key, is)| *is && !known.contains(key)) {
+            Some((key, _)) => Err(SceneError::Foreign {
+                number: self.number,
+                shape: s.shape.clone(),
+                key,
+            }),
+            None => Ok(()),
+        }
+    }
+}

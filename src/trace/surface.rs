@@ -1,0 +1,184 @@
+//! Interfaces as the walk meets them: a shape, the two media, and what the facets do to light.
+//!
+//! An [`Interface`] has a [`Relief`] (where a ray meets it), a boundary seen from each side, and
+//! optionally a [`super::facet::Roughness`] of its facets and diffuse light from below. A [`Stack`]
+//! is interfaces, top first, with the layers between them.
+
+use std::sync::Arc;
+
+use super::facet::{Diffuse, Roughness};
+use super::height_field::{Flight, HeightField, Side, Spot};
+use super::profile::{Profile, ProfileFlight, ProfileSpot};
+use super::rng::Stream;
+use super::vec3::{UP, V3};
+use crate::model::polarisation::Boundary;
+
+/// The shape of an interface.
+#[derive(Debug, Clone)]
+pub enum Relief {
+    /// A plane.
+    Flat,
+    /// A periodic field of heights.
+    Field(Arc<HeightField>),
+    /// The same all along u.
+    Profile(Arc<Profile>),
+}
+
+/// A place on a relief.
+#[derive(Debug, Clone, Copy)]
+pub enum Place {
+    /// Anywhere on a plane.
+    Flat,
+    /// On a height field.
+    Field(Spot),
+    /// On a profile.
+    Profile(ProfileSpot),
+}
+
+/// Where a ray goes.
+#[derive(Debug, Clone, Copy)]
+pub enum Way {
+    /// To a place on the same relief.
+    Hit(Place),
+    /// Away from it.
+    Free,
+    /// Not decided: booked as truncated.
+    Lost,
+}
+
+impl Relief {
+    /// First hit of a ray that comes from far away and crosses the outermost level at fractions `x`,
+    /// `y` of the tile.
+    #[inline]
+    #[must_use]
+    pub fn enter(&self, side: Side, k: &V3, x: f64, y: f64) -> Way {
+        match self {
+            Relief::Flat => Way::Hit(Place::Flat),
+            Relief::Field(field) => match field.enter(side, k, x, y) {
+                Flight::Hit(spot) => Way::Hit(Place::Field(spot)),
+                Flight::Free => Way::Free,
+                Flight::Lost => Way::Lost,
+            },
+            Relief::Profile(profile) => profile_way(profile.enter(side, k, y)),
+        }
+    }
+
+    /// What a ray meets that leaves `place` on a side.
+    #[inline]
+    #[must_use]
+    pub fn onward(&self, place: &Place, side: Side, k: &V3) -> Way {
+        match (self, place) {
+            (Relief::Field(field), Place::Field(spot)) => match field.onward(spot, side, k) {
+                Flight::Hit(spot) => Way::Hit(Place::Field(spot)),
+                Flight::Free => Way::Free,
+                Flight::Lost => Way::Lost,
+            },
+            (Relief::Profile(profile), Place::Profile(spot)) => {
+                profile_way(profile.onward(spot, side, k))
+            }
+            _ => Way::Free,
+        }
+    }
+
+    /// Facet frame at a place: unit vectors along u, across it, and the normal (upwards).
+    #[inline]
+    #[must_use]
+    pub fn frame(&self, place: &Place) -> [V3; 3] {
+        match (self, place) {
+            (Relief::Profile(profile), Place::Profile(spot)) => {
+                let piece = &profile.pieces()[spot.piece];
+                [[1.0, 0.0, 0.0], piece.along, piece.normal]
+            }
+            (Relief::Field(field), Place::Field(spot)) => {
+                let normal = field.normal(spot);
+                let x = 1.0 / (normal[2] * normal[2] + normal[0] * normal[0]).sqrt();
+                let along = [normal[2] * x, 0.0, -normal[0] * x];
+                [along, super::vec3::cross(&normal, &along), normal]
+            }
+            _ => [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], UP],
+        }
+    }
+
+    /// Facet normal at a place, upwards.
+    #[inline]
+    #[must_use]
+    pub fn normal(&self, place: &Place) -> V3 {
+        match (self, place) {
+            (Relief::Profile(profile), Place::Profile(spot)) => profile.pieces()[spot.piece].normal,
+            (Relief::Field(field), Place::Field(spot)) => field.normal(spot),
+            _ => UP,
+        }
+    }
+}
+
+fn profile_way(flight: ProfileFlight) -> Way {
+    match flight {
+        ProfileFlight::Hit(spot) => Way::Hit(Place::Profile(spot)),
+        ProfileFlight::Free => Way::Free,
+        ProfileFlight::Lost => Way::Lost,
+    }
+}
+
+/// One interface of a stack.
+#[derive(Debug, Clone)]
+pub struct Interface {
+    /// Its shape.
+    pub relief: Relief,
+    /// The boundary as seen from above.
+    pub from_above: Boundary,
+    /// The boundary as seen from below.
+    pub from_below: Boundary,
+    /// Roughness of the facets, below what the shape resolves.
+    pub roughness: Option<Roughness>,
+    /// Light that enters comes back diffusely.
+    pub diffuse: Option<Diffuse>,
+}
+
+impl Interface {
+    /// The boundary as light on a side sees it.
+    #[inline]
+    #[must_use]
+    pub fn boundary(&self, side: Side) -> &Boundary {
+        match side {
+            Side::Above => &self.from_above,
+            Side::Below => &self.from_below,
+        }
+    }
+}
+
+/// Interfaces over each other, top first.
+#[derive(Debug, Clone)]
+pub struct Stack {
+    /// At least one.
+    pub interfaces: Vec<Interface>,
+    /// For the layer below each interface but the last: 4πkd/λ, the optical depth straight through.
+    pub optical_depth: Vec<f64>,
+}
+
+impl Stack {
+    /// Share of light that a straight crossing of the layer below `interface` leaves at |cos θ|.
+    #[inline]
+    #[must_use]
+    pub fn kept_in_layer(&self, interface: usize, cos: f64) -> f64 {
+        let depth = self.optical_depth[interface];
+        if depth == 0.0 {
+            1.0
+        } else {
+            (-depth / cos).exp()
+        }
+    }
+
+    /// First hit on an interface by light from the neighbouring layer: the lateral position is drawn
+    /// afresh, since layers are taken as thick against their relief.
+    #[inline]
+    #[must_use]
+    pub fn enter(&self, interface: usize, side: Side, k: &V3, random: &mut Stream) -> Way {
+        match &self.interfaces[interface].relief {
+            Relief::Flat => Way::Hit(Place::Flat),
+            relief => {
+                let (x, y) = (random.uniform(), random.uniform());
+                relief.enter(side, k, x, y)
+            }
+        }
+    }
+}

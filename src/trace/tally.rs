@@ -1,0 +1,610 @@
+//! Counting light: direction bins, energies, and standard errors that hold for any sampling.
+//!
+//! A [`Batch`] counts the photons of one independent replicate; the spread of the batches' sums is the
+//! standard error, so stratified starts, splitting and roulette need no theory of their own. A
+//! [`Block`] adds up some batches in a fixed order; [`Totals`] add up blocks in fixed-point integers,
+//! whose sum does not depend on the order: threads and shards give the same bits.
+
+use super::height_field::Side;
+use super::light::Light;
+use super::vec3::V3;
+
+/// Direction bins: equal steps of the polar angle from ±n and of the azimuth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Grid {
+    /// Steps over 0 to 90°.
+    pub n_theta: usize,
+    /// Steps over 0 to 360°.
+    pub n_phi: usize,
+}
+
+impl Grid {
+    /// Bins of one side.
+    #[must_use]
+    pub fn per_side(&self) -> usize {
+        self.n_theta * self.n_phi
+    }
+
+    /// The bin of a direction of exit; those of the upper side come first.
+    #[inline]
+    #[must_use]
+    pub fn bin(&self, side: Side, k: &V3) -> usize {
+        let theta = k[0].hypot(k[1]).atan2(k[2].abs());
+        let phi = k[1].atan2(k[0]);
+        let turn = phi * (0.5 * std::f64::consts::FRAC_1_PI);
+        let turn = if turn < 0.0 { turn + 1.0 } else { turn };
+        let row = (theta * std::f64::consts::FRAC_2_PI * self.n_theta as f64) as usize;
+        let column = (turn * self.n_phi as f64) as usize;
+        let bin = row.min(self.n_theta - 1) * self.n_phi + column.min(self.n_phi - 1);
+        match side {
+            Side::Above => bin,
+            Side::Below => bin + self.per_side(),
+        }
+    }
+
+    /// Limits (θ_lo, θ_hi, φ_lo, φ_hi) of a bin of one side, degrees.
+    #[must_use]
+    pub fn limits_deg(&self, bin: usize) -> [f64; 4] {
+        let (row, column) = (bin / self.n_phi, bin % self.n_phi);
+        let theta = |r: usize| 90.0 * r as f64 / self.n_theta as f64;
+        let phi = |c: usize| 360.0 * c as f64 / self.n_phi as f64;
+        [theta(row), theta(row + 1), phi(column), phi(column + 1)]
+    }
+
+    /// ∫ cos θ dω over a bin, sr: what a share of the light is divided by to be a BRDF.
+    #[must_use]
+    pub fn projected_solid_angle(&self, bin: usize) -> f64 {
+        let [lo, hi, _, _] = self.limits_deg(bin);
+        let (a, b) = (lo.to_radians().sin(), hi.to_radians().sin());
+        0.5 * (b * b - a * a) * std::f64::consts::TAU / self.n_phi as f64
+    }
+}
+
+/// Energies are told apart up to this number of interactions; the last place holds "and more".
+pub const ORDERS: usize = 16;
+
+/// Power shares by where the light ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Energies<T> {
+    /// Reflected after 1, 2, … interactions.
+    pub reflected: [T; ORDERS],
+    /// Transmitted after 1, 2, … interactions.
+    pub transmitted: [T; ORDERS],
+    /// All that was reflected.
+    pub reflected_all: T,
+    /// All that was transmitted.
+    pub transmitted_all: T,
+    /// Absorbed.
+    pub absorbed: T,
+    /// Given up: too many interactions, or a ray all but horizontal.
+    pub truncated: T,
+}
+
+impl<T: Copy> Energies<T> {
+    fn filled(x: T) -> Self {
+        Energies {
+            reflected: [x; ORDERS],
+            transmitted: [x; ORDERS],
+            reflected_all: x,
+            transmitted_all: x,
+            absorbed: x,
+            truncated: x,
+        }
+    }
+
+    fn all(&self) -> impl Iterator<Item = &T> {
+        self.reflected.iter().chain(&self.transmitted).chain([
+            &self.reflected_all,
+            &self.transmitted_all,
+            &self.absorbed,
+            &self.truncated,
+        ])
+    }
+
+    fn all_mut(&mut self) -> impl Iterator<Item = &mut T> {
+        self.reflected
+            .iter_mut()
+            .chain(&mut self.transmitted)
+            .chain([
+                &mut self.reflected_all,
+                &mut self.transmitted_all,
+                &mut self.absorbed,
+                &mut self.truncated,
+            ])
+    }
+}
+
+/// What the photons of one replicate left.
+#[derive(Debug)]
+pub struct Batch {
+    grid: Grid,
+    stride: usize,
+    bins: Vec<f64>,
+    hits: Vec<u32>,
+    touched: Vec<u32>,
+    energies: Energies<f64>,
+}
+
+impl Batch {
+    /// An empty batch for light of `L`'s kind.
+    #[must_use]
+    pub fn new<L: Light>(grid: Grid) -> Self {
+        let bins = 2 * grid.per_side();
+        Batch {
+            grid,
+            stride: L::ELEMENTS,
+            bins: vec![0.0; bins * L::ELEMENTS],
+            hits: vec![0; bins],
+            touched: Vec::new(),
+            energies: Energies::filled(0.0),
+        }
+    }
+
+    /// Light leaves along `k` on a side after `interactions` (≥ 1), already in the frame of exit.
+    #[inline]
+    pub fn exit<L: Light>(&mut self, light: &L, power: f64, side: Side, k: &V3, interactions: u32) {
+        let bin = self.grid.bin(side, k);
+        if self.hits[bin] == 0 {
+            self.touched.push(bin as u32);
+        }
+        self.hits[bin] += 1;
+        light.add_to(&mut self.bins[bin * self.stride..(bin + 1) * self.stride]);
+        let order = (interactions as usize).clamp(1, ORDERS) - 1;
+        match side {
+            Side::Above => {
+                self.energies.reflected[order] += power;
+                self.energies.reflected_all += power;
+            }
+            Side::Below => {
+                self.energies.transmitted[order] += power;
+                self.energies.transmitted_all += power;
+            }
+        }
+    }
+
+    /// Power that a metal or a layer took.
+    #[inline]
+    pub fn absorb(&mut self, power: f64) {
+        self.energies.absorbed += power;
+    }
+
+    /// Power that was given up.
+    #[inline]
+    pub fn truncate(&mut self, power: f64) {
+        self.energies.truncated += power;
+    }
+}
+
+/// Sums over the batches of one block, and sums of squares of the batches' sums.
+#[derive(Debug)]
+pub struct Block {
+    stride: usize,
+    sums: Vec<f64>,
+    squares: Vec<f64>,
+    hits: Vec<u32>,
+    energy_sums: Energies<f64>,
+    energy_squares: Energies<f64>,
+    batches: u64,
+}
+
+impl Block {
+    /// An empty block for batches like this one.
+    #[must_use]
+    pub fn like(batch: &Batch) -> Self {
+        Block {
+            stride: batch.stride,
+            sums: vec![0.0; batch.bins.len()],
+            squares: vec![0.0; batch.bins.len()],
+            hits: vec![0; batch.hits.len()],
+            energy_sums: Energies::filled(0.0),
+            energy_squares: Energies::filled(0.0),
+            batches: 0,
+        }
+    }
+
+    /// Takes a batch over and leaves it empty.
+    pub fn take(&mut self, batch: &mut Batch) {
+        for &bin in &batch.touched {
+            let bin = bin as usize;
+            self.hits[bin] += batch.hits[bin];
+            batch.hits[bin] = 0;
+            let range = bin * self.stride..(bin + 1) * self.stride;
+            let (sums, squares) = (
+                &mut self.sums[range.clone()],
+                &mut self.squares[range.clone()],
+            );
+            for ((sum, square), x) in sums.iter_mut().zip(squares).zip(&mut batch.bins[range]) {
+                *sum += *x;
+                *square += *x * *x;
+                *x = 0.0;
+            }
+        }
+        batch.touched.clear();
+        let sums = self.energy_sums.all_mut();
+        for ((sum, square), x) in sums
+            .zip(self.energy_squares.all_mut())
+            .zip(batch.energies.all())
+        {
+            *sum += x;
+            *square += x * x;
+        }
+        batch.energies = Energies::filled(0.0);
+        self.batches += 1;
+    }
+
+    /// Empties the block for its next use.
+    pub fn clear(&mut self) {
+        for (bin, hits) in self.hits.iter_mut().enumerate() {
+            if *hits > 0 {
+                *hits = 0;
+                let range = bin * self.stride..(bin + 1) * self.stride;
+                self.sums[range.clone()].fill(0.0);
+                self.squares[range].fill(0.0);
+            }
+        }
+        self.energy_sums = Energies::filled(0.0);
+        self.energy_squares = Energies::filled(0.0);
+        self.batches = 0;
+    }
+}
+
+/// 2^-82 as the unit of [`Totals`]: sums below 2^43 fit and rounding is far below an f64's.
+const UNIT_BITS: (i32, i32) = (20, 62);
+
+#[inline]
+fn to_fixed(x: f64) -> i128 {
+    let scaled = x * f64::from(1u32 << UNIT_BITS.0);
+    let whole = scaled as i64;
+    let rest = ((scaled - whole as f64) * (1u64 << UNIT_BITS.1) as f64) as i64;
+    (i128::from(whole) << UNIT_BITS.1) + i128::from(rest)
+}
+
+#[inline]
+fn from_fixed(x: i128) -> f64 {
+    x as f64 * 2f64.powi(-(UNIT_BITS.0 + UNIT_BITS.1))
+}
+
+/// Sums over any number of blocks; adding is exact, so its order does not matter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Totals {
+    grid: Grid,
+    stride: usize,
+    /// Per bin: `stride` sums, then `stride` sums of squares.
+    bins: Vec<i128>,
+    hits: Vec<u64>,
+    energy_sums: Energies<i128>,
+    energy_squares: Energies<i128>,
+    batches: u64,
+    photons: u64,
+}
+
+/// A mean and its standard error.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Estimate {
+    /// The mean.
+    pub value: f64,
+    /// Its standard error, from the spread of the batches.
+    pub std: f64,
+}
+
+impl Totals {
+    /// Nothing yet; `elements` is 16 with polarisation, 1 without.
+    #[must_use]
+    pub fn new(grid: Grid, elements: usize) -> Self {
+        let bins = 2 * grid.per_side();
+        Totals {
+            grid,
+            stride: elements,
+            bins: vec![0; bins * 2 * elements],
+            hits: vec![0; bins],
+            energy_sums: Energies::filled(0),
+            energy_squares: Energies::filled(0),
+            batches: 0,
+            photons: 0,
+        }
+    }
+
+    /// Adds a block of `photons` launched.
+    pub fn add(&mut self, block: &Block, photons: u64) {
+        let n = self.stride;
+        for (bin, &hits) in block.hits.iter().enumerate() {
+            if hits == 0 {
+                continue;
+            }
+            self.hits[bin] += u64::from(hits);
+            let (sums, squares) = self.bins[bin * 2 * n..(bin + 1) * 2 * n].split_at_mut(n);
+            let range = bin * n..(bin + 1) * n;
+            for (total, x) in sums.iter_mut().zip(&block.sums[range.clone()]) {
+                *total += to_fixed(*x);
+            }
+            for (total, x) in squares.iter_mut().zip(&block.squares[range]) {
+                *total += to_fixed(*x);
+            }
+        }
+        for (total, x) in self.energy_sums.all_mut().zip(block.energy_sums.all()) {
+            *total += to_fixed(*x);
+        }
+        for (total, x) in self
+            .energy_squares
+            .all_mut()
+            .zip(block.energy_squares.all())
+        {
+            *total += to_fixed(*x);
+        }
+        self.batches += block.batches;
+        self.photons += photons;
+    }
+
+    /// Adds the totals of another shard of the same run.
+    ///
+    /// # Errors
+    /// `Err` where the bins differ.
+    pub fn merge(&mut self, other: &Totals) -> Result<(), DifferentRuns> {
+        if self.grid != other.grid || self.stride != other.stride {
+            return Err(DifferentRuns);
+        }
+        for (a, b) in self.bins.iter_mut().zip(&other.bins) {
+            *a += b;
+        }
+        for (a, b) in self.hits.iter_mut().zip(&other.hits) {
+            *a += b;
+        }
+        for (a, b) in self.energy_sums.all_mut().zip(other.energy_sums.all()) {
+            *a += b;
+        }
+        for (a, b) in self
+            .energy_squares
+            .all_mut()
+            .zip(other.energy_squares.all())
+        {
+            *a += b;
+        }
+        self.batches += other.batches;
+        self.photons += other.photons;
+        Ok(())
+    }
+
+    /// The direction bins.
+    #[must_use]
+    pub fn grid(&self) -> Grid {
+        self.grid
+    }
+
+    /// Numbers per bin: 16 with polarisation, 1 without.
+    #[must_use]
+    pub fn elements(&self) -> usize {
+        self.stride
+    }
+
+    /// Photons launched.
+    #[must_use]
+    pub fn photons(&self) -> u64 {
+        self.photons
+    }
+
+    /// Independent replicates.
+    #[must_use]
+    pub fn batches(&self) -> u64 {
+        self.batches
+    }
+
+    /// Light that ended in a bin, counted in pieces.
+    #[must_use]
+    pub fn hits(&self, side: Side, bin: usize) -> u64 {
+        self.hits[self.index(side, bin)]
+    }
+
+    fn index(&self, side: Side, bin: usize) -> usize {
+        match side {
+            Side::Above => bin,
+            Side::Below => bin + self.grid.per_side(),
+        }
+    }
+
+    fn estimate(&self, sum: i128, square: i128, norm: f64) -> Estimate {
+        let (s, q) = (from_fixed(sum), from_fixed(square));
+        let b = self.batches as f64;
+        // Variance of the sum of B independent batches: B/(B−1) (Σ x² − (Σ x)²/B).
+        let variance = if self.batches > 1 {
+            ((q - s * s / b) * b / (b - 1.0)).max(0.0)
+        } else {
+            f64::NAN
+        };
+        Estimate {
+            value: s / norm,
+            std: variance.sqrt() / norm,
+        }
+    }
+
+    /// Element `i` (row by row) of the Mueller BRDF (above) or BTDF (below) of a bin, sr⁻¹.
+    #[must_use]
+    pub fn element(&self, side: Side, bin: usize, i: usize) -> Estimate {
+        let at = self.index(side, bin) * 2 * self.stride;
+        let norm = self.grid.projected_solid_angle(bin) * self.photons as f64;
+        self.estimate(self.bins[at + i], self.bins[at + self.stride + i], norm)
+    }
+
+    /// Energies as shares of all the light that was traced; they add up to 1.
+    #[must_use]
+    pub fn energies(&self) -> Energies<Estimate> {
+        let e = &self.energy_sums;
+        let all = e.reflected_all + e.transmitted_all + e.absorbed + e.truncated;
+        // Where photons carry weights other than 1 (polarised lamp, roulette) their sum is not the
+        // number of photons exactly; shares of the sum are.
+        let norm = from_fixed(all);
+        let mut out = Energies::filled(Estimate {
+            value: 0.0,
+            std: 0.0,
+        });
+        for ((o, s), q) in out.all_mut().zip(e.all()).zip(self.energy_squares.all()) {
+            *o = self.estimate(*s, *q, norm);
+        }
+        out
+    }
+
+    /// Σ of the standard errors of m00 over Σ m00, both weighted by the bins' projected solid angles:
+    /// the mean relative error of a reflected bin, by energy. `None` where nothing was reflected.
+    #[must_use]
+    pub fn relative_error(&self) -> Option<f64> {
+        let (mut noise, mut signal) = (0.0, 0.0);
+        for bin in 0..self.grid.per_side() {
+            if self.hits[bin] > 0 {
+                let e = self.element(Side::Above, bin, 0);
+                let weight = self.grid.projected_solid_angle(bin);
+                noise += e.std * weight;
+                signal += e.value * weight;
+            }
+        }
+        (signal > 0.0).then(|| noise / signal)
+    }
+
+    /// The exact sums of a bin as hexadecimal numbers, for a shard's file; `None` for an empty bin.
+    #[must_use]
+    pub fn exact_bin(&self, side: Side, bin: usize) -> Option<String> {
+        let index = self.index(side, bin);
+        if self.hits[index] == 0 {
+            return None;
+        }
+        let n = 2 * self.stride;
+        let numbers = self.bins[index * n..(index + 1) * n].iter();
+        Some(exact_text(self.hits[index], numbers))
+    }
+
+    /// The exact sums of the energies, likewise.
+    #[must_use]
+    pub fn exact_energies(&self) -> String {
+        let numbers = self.energy_sums.all().chain(self.energy_squares.all());
+        exact_text(
+            self.photons,
+            std::iter::once(&i128::from(self.batches)).chain(numbers),
+        )
+    }
+
+    /// Reads back what [`Totals::exact_bin`] wrote.
+    pub fn set_exact_bin(&mut self, side: Side, bin: usize, text: &str) -> Option<()> {
+        let (hits, numbers) = exact_numbers(text)?;
+        let (index, n) = (self.index(side, bin), 2 * self.stride);
+        if numbers.len() != n || bin >= self.grid.per_side() {
+            return None;
+        }
+        self.bins[index * n..(index + 1) * n].copy_from_slice(&numbers);
+        self.hits[index] = hits;
+        Some(())
+    }
+
+    /// Reads back what [`Totals::exact_energies`] wrote.
+    pub fn set_exact_energies(&mut self, text: &str) -> Option<()> {
+        let (photons, numbers) = exact_numbers(text)?;
+        let count = self.energy_sums.all().count();
+        if numbers.len() != 1 + 2 * count {
+            return None;
+        }
+        self.photons = photons;
+        self.batches = u64::try_from(numbers[0]).ok()?;
+        for (total, x) in self.energy_sums.all_mut().zip(&numbers[1..=count]) {
+            *total = *x;
+        }
+        for (total, x) in self.energy_squares.all_mut().zip(&numbers[1 + count..]) {
+            *total = *x;
+        }
+        Some(())
+    }
+}
+
+/// Two totals have different bins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the shards have different direction bins or differ in polarisation")]
+pub struct DifferentRuns;
+
+fn exact_text<'a>(count: u64, numbers: impl Iterator<Item = &'a i128>) -> String {
+    use std::fmt::Write;
+    let mut text = count.to_string();
+    for x in numbers {
+        let sign = if *x < 0 { "-" } else { "" };
+        write!(text, " {sign}{:x}", x.unsigned_abs()).expect("a String takes everything");
+    }
+    text
+}
+
+fn exact_numbers(text: &str) -> Option<(u64, Vec<i128>)> {
+    let mut words = text.split(' ');
+    let count = words.next()?.parse().ok()?;
+    let numbers = words
+        .map(|w| i128::from_str_radix(w, 16).ok())
+        .collect::<Option<Vec<_>>>()?;
+    Some((count, numbers))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::light::Scalar;
+    use super::super::rng::{Purpose, Stream};
+    use super::super::vec3::unit;
+    use super::*;
+
+    const GRID: Grid = Grid {
+        n_theta: 45,
+        n_phi: 180,
+    };
+
+    #[test]
+    fn bins_tile_the_hemisphere() {
+        let total: f64 = (0..GRID.per_side())
+            .map(|b| GRID.projected_solid_angle(b))
+            .sum();
+        assert!((total - std::f64::consts::PI).abs() < 1e-12);
+        for (theta, phi) in [(0.5f64, 1.0f64), (31.0, 359.5), (89.9, 180.5)] {
+            let (s, c) = theta.to_radians().sin_cos();
+            let (sp, cp) = phi.to_radians().sin_cos();
+            let bin = GRID.bin(Side::Above, &[s * cp, s * sp, c]);
+            let [a, b, d, e] = GRID.limits_deg(bin);
+            assert!(a <= theta && theta < b && d <= phi && phi < e);
+        }
+        assert!(GRID.bin(Side::Below, &[1.0, -1e-300, -0.0]) < 2 * GRID.per_side());
+    }
+
+    #[test]
+    fn fixed_point_keeps_what_an_f64_has() {
+        for x in [0.0, 1.0, -1.0, 1e-9, 0.1, -123_456.789, 3e10] {
+            assert!((from_fixed(to_fixed(x)) - x).abs() <= 2f64.powi(-80) + x.abs() * 1e-15);
+        }
+    }
+
+    #[test]
+    fn the_order_of_blocks_does_not_matter_and_text_brings_them_back() {
+        let mut batch = Batch::new::<Scalar>(GRID);
+        let mut blocks = Vec::new();
+        for seed in 0..4 {
+            let mut random = Stream::new(seed, Purpose::Photon, 0);
+            let mut block = Block::like(&batch);
+            for _ in 0..3 {
+                for _ in 0..500 {
+                    let k = unit(&[random.uniform() - 0.5, random.uniform() - 0.5, 0.3]);
+                    let mut light = Scalar::launch(&k);
+                    light.scale(random.uniform());
+                    batch.exit(&light, light.weight(), Side::Above, &k, 1);
+                }
+                block.take(&mut batch);
+            }
+            blocks.push(block);
+        }
+        let sum = |order: [usize; 4]| {
+            let mut totals = Totals::new(GRID, 1);
+            for i in order {
+                totals.add(&blocks[i], 1500);
+            }
+            totals
+        };
+        let totals = sum([0, 1, 2, 3]);
+        assert_eq!(totals, sum([3, 1, 0, 2]));
+        let mut back = Totals::new(GRID, 1);
+        back.set_exact_energies(&totals.exact_energies()).unwrap();
+        for bin in 0..GRID.per_side() {
+            if let Some(text) = totals.exact_bin(Side::Above, bin) {
+                back.set_exact_bin(Side::Above, bin, &text).unwrap();
+            }
+        }
+        assert_eq!(back, totals);
+        assert!(back.set_exact_bin(Side::Above, 0, "nonsense").is_none());
+    }
+}

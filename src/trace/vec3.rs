@@ -1,0 +1,50 @@
+//! Three numbers and the few products that a hot loop needs, plain enough to be fast unoptimised.
+
+/// A vector in the sample frame (u, v, n).
+pub type V3 = [f64; 3];
+
+/// The macro-surface normal.
+pub const UP: V3 = [0.0, 0.0, 1.0];
+
+/// a · b.
+#[inline]
+#[must_use]
+pub fn dot(a: &V3, b: &V3) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// a × b.
+#[inline]
+#[must_use]
+pub fn cross(a: &V3, b: &V3) -> V3 {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+/// a x + b y.
+#[inline]
+#[must_use]
+pub fn combine(a: f64, x: &V3, b: f64, y: &V3) -> V3 {
+    [
+        a * x[0] + b * y[0],
+        a * x[1] + b * y[1],
+        a * x[2] + b * y[2],
+    ]
+}
+
+/// a x.
+#[inline]
+#[must_use]
+pub fn scaled(a: f64, x: &V3) -> V3 {
+    [a * x[0], a * x[1], a * x[2]]
+}
+
+/// x at length 1.
+#[inline]
+#[must_use]
+pub fn unit(x: &V3) -> V3 {
+    scaled(1.0 / dot(x, x).sqrt(), x)
+}

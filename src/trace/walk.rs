@@ -1,0 +1,432 @@
+//! The path of one photon through a stack: hits, Fresnel, ways between interfaces, exits.
+//!
+//! Call [`Walk::photon`]. Every photon is unit light; what becomes of it goes to a [`Batch`].
+//! Reflection or refraction is drawn by the share of unpolarised light that each gets, so the Mueller
+//! matrix holds for every lamp; with [`Method::Split`] both are followed from the first hit,
+//! metals and layers take their part of every photon, and weak photons play roulette.
+
+use super::height_field::Side;
+use super::light::Light;
+use super::rng::Stream;
+use super::surface::{Interface, Place, Stack, Way};
+use super::tally::Batch;
+use super::vec3::{V3, combine, dot};
+use crate::model::polarisation::Channel;
+
+/// How chance is used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// As nature does: every photon goes one way and ends in one place, with weight 1.
+    Analog,
+    /// The same on average, with less noise: stratified starts, both ways from the first hit,
+    /// absorption by weight, roulette for weak photons.
+    Split,
+}
+
+/// A photon weaker than this plays roulette.
+const WEAK: f64 = 1e-3;
+/// What it weighs when it survives.
+const REVIVED: f64 = 1e-2;
+
+/// What all photons of a run share.
+#[derive(Debug)]
+pub struct Walk<'a> {
+    /// Where they walk.
+    pub stack: &'a Stack,
+    /// How chance is used.
+    pub method: Method,
+    /// The lamp's Stokes vector over its I; energies are of this light.
+    pub stokes: [f64; 4],
+    /// Direction of travel of the lamp's light.
+    pub k: V3,
+    /// s of the lamp's frame, which also serves exits along ±n.
+    pub s: V3,
+    /// A photon is given up after so many interactions.
+    pub interactions_max: u32,
+}
+
+/// A photon that has just left a place.
+#[derive(Debug, Clone, Copy)]
+struct State<L> {
+    light: L,
+    k: V3,
+    side: Side,
+    interface: usize,
+    place: Place,
+    interactions: u32,
+}
+
+enum Event {
+    Goes,
+    Ends,
+}
+
+impl Walk<'_> {
+    /// One photon whose first interface is crossed at the fractions `x`, `y` of its tile.
+    pub fn photon<L: Light>(&self, x: f64, y: f64, random: &mut Stream, batch: &mut Batch) {
+        let light = L::launch(&self.s);
+        let place = match self.stack.interfaces[0]
+            .relief
+            .enter(Side::Above, &self.k, x, y)
+        {
+            Way::Hit(place) => place,
+            Way::Free | Way::Lost => return batch.truncate(light.power(&self.stokes)),
+        };
+        let mut state = State {
+            light,
+            k: self.k,
+            side: Side::Above,
+            interface: 0,
+            place,
+            interactions: 0,
+        };
+        let mut second = None;
+        loop {
+            self.follow(&mut state, &mut second, random, batch);
+            match second.take() {
+                Some(other) => state = other,
+                None => return,
+            }
+            if let Event::Ends = self.advance(&mut state, random, batch) {
+                return;
+            }
+        }
+    }
+
+    /// From a hit to the end of the path.
+    fn follow<L: Light>(
+        &self,
+        state: &mut State<L>,
+        second: &mut Option<State<L>>,
+        random: &mut Stream,
+        batch: &mut Batch,
+    ) {
+        loop {
+            if state.interactions >= self.interactions_max {
+                return batch.truncate(state.light.power(&self.stokes));
+            }
+            let interface = &self.stack.interfaces[state.interface];
+            let event = if interface.roughness.is_some() || interface.diffuse.is_some() {
+                self.meet_rough(state, interface, random, batch)
+            } else {
+                let m = interface.relief.normal(&state.place);
+                if state.interactions == 0 && self.method == Method::Split {
+                    self.split_smooth(state, second, interface, &m, random, batch)
+                } else {
+                    self.meet_smooth(state, interface, &m, random, batch)
+                }
+            };
+            if let Event::Ends = event {
+                return;
+            }
+            if let Event::Ends = self.advance(state, random, batch) {
+                return;
+            }
+        }
+    }
+
+    /// To the next hit, or out.
+    fn advance<L: Light>(
+        &self,
+        state: &mut State<L>,
+        random: &mut Stream,
+        batch: &mut Batch,
+    ) -> Event {
+        let relief = &self.stack.interfaces[state.interface].relief;
+        let mut way = relief.onward(&state.place, state.side, &state.k);
+        if let Way::Free = way {
+            let below = match state.side {
+                Side::Above => state.interface.checked_sub(1),
+                Side::Below => Some(state.interface),
+            };
+            // `below` is the interface over the layer that the light is in now.
+            let last = self.stack.interfaces.len() - 1;
+            let Some(over) = below.filter(|&i| i < last || state.side == Side::Above) else {
+                self.exit(state, batch);
+                return Event::Ends;
+            };
+            let kept = self.stack.kept_in_layer(over, state.k[2].abs());
+            if kept < 1.0 && !self.survive(state, kept, random, batch) {
+                return Event::Ends;
+            }
+            (state.interface, state.side) = match state.side {
+                Side::Above => (over, Side::Below),
+                Side::Below => (over + 1, Side::Above),
+            };
+            way = self
+                .stack
+                .enter(state.interface, state.side, &state.k, random);
+        }
+        match way {
+            Way::Hit(place) => {
+                state.place = place;
+                Event::Goes
+            }
+            Way::Free | Way::Lost => {
+                batch.truncate(state.light.power(&self.stokes));
+                Event::Ends
+            }
+        }
+    }
+
+    fn exit<L: Light>(&self, state: &mut State<L>, batch: &mut Batch) {
+        let power = state.light.power(&self.stokes);
+        state.light.leave(&state.k, &self.s);
+        batch.exit(
+            &state.light,
+            power,
+            state.side,
+            &state.k,
+            state.interactions,
+        );
+    }
+
+    /// Absorption of all but `kept`; `false` where the photon ended.
+    fn survive<L: Light>(
+        &self,
+        state: &mut State<L>,
+        kept: f64,
+        random: &mut Stream,
+        batch: &mut Batch,
+    ) -> bool {
+        let power = state.light.power(&self.stokes);
+        if self.method == Method::Analog {
+            if random.uniform() < kept {
+                return true;
+            }
+            batch.absorb(power);
+            return false;
+        }
+        batch.absorb(power * (1.0 - kept));
+        state.light.scale(kept);
+        self.roulette(&mut state.light, random)
+    }
+
+    /// `false` where a weak photon lost.
+    fn roulette<L: Light>(&self, light: &mut L, random: &mut Stream) -> bool {
+        let weight = light.weight();
+        if weight >= WEAK {
+            return true;
+        }
+        let chance = weight / REVIVED;
+        if random.uniform() < chance {
+            light.scale(1.0 / chance);
+            return true;
+        }
+        false
+    }
+
+    /// The first hit on a smooth facet: both ways are followed.
+    fn split_smooth<L: Light>(
+        &self,
+        state: &mut State<L>,
+        second: &mut Option<State<L>>,
+        interface: &Interface,
+        m: &V3,
+        random: &mut Stream,
+        batch: &mut Batch,
+    ) -> Event {
+        let boundary = interface.boundary(state.side);
+        let cos = -state.side.sign() * dot(&state.k, m);
+        if !boundary.is_transparent() || cos <= 0.0 {
+            return self.meet_smooth(state, interface, m, random, batch);
+        }
+        let split = boundary.at(cos);
+        state.light.meet(&state.k, m);
+        state.interactions += 1;
+        if split.cos_refracted > 0.0 {
+            let mut other = *state;
+            other.light.pass(&split.refracted, 1.0);
+            refract(
+                &mut other.k,
+                m,
+                state.side,
+                cos,
+                boundary.snell_ratio(),
+                split.cos_refracted,
+            );
+            other.side = state.side.across();
+            *second = Some(other);
+        }
+        state.light.pass(&split.reflected, 1.0);
+        reflect(&mut state.k, m, state.side, cos);
+        // A reflection so weak that it is nothing (index 1, or Brewster's angle exactly).
+        if state.light.weight() <= f64::MIN_POSITIVE {
+            return Event::Ends;
+        }
+        Event::Goes
+    }
+
+    /// A hit on a mirror with normal `m` (upwards): one way is drawn.
+    #[inline]
+    fn meet_smooth<L: Light>(
+        &self,
+        state: &mut State<L>,
+        interface: &Interface,
+        m: &V3,
+        random: &mut Stream,
+        batch: &mut Batch,
+    ) -> Event {
+        let boundary = interface.boundary(state.side);
+        // A facet is hit from its own side; rounding at grazing must not turn that round.
+        let cos = (-state.side.sign() * dot(&state.k, m)).max(1e-12);
+        let split = boundary.at(cos);
+        state.light.meet(&state.k, m);
+        state.interactions += 1;
+        let weight = state.light.weight();
+        let share = state.light.share(&split.reflected) / weight;
+        if split.cos_refracted > 0.0 {
+            if random.uniform() < share {
+                state.light.pass(&split.reflected, 1.0 / share);
+            } else {
+                state.light.pass(&split.refracted, 1.0 / (1.0 - share));
+                refract(
+                    &mut state.k,
+                    m,
+                    state.side,
+                    cos,
+                    boundary.snell_ratio(),
+                    split.cos_refracted,
+                );
+                state.side = state.side.across();
+                return Event::Goes;
+            }
+        } else if boundary.is_transparent() {
+            state.light.pass(&split.reflected, 1.0);
+        } else if !self.reflect_off_metal(state, &split.reflected, share, random, batch) {
+            return Event::Ends;
+        }
+        reflect(&mut state.k, m, state.side, cos);
+        Event::Goes
+    }
+
+    fn reflect_off_metal<L: Light>(
+        &self,
+        state: &mut State<L>,
+        reflected: &Channel,
+        share: f64,
+        random: &mut Stream,
+        batch: &mut Batch,
+    ) -> bool {
+        let before = state.light.power(&self.stokes);
+        if self.method == Method::Analog {
+            if random.uniform() < share {
+                state.light.pass(reflected, 1.0 / share);
+                return true;
+            }
+            batch.absorb(before);
+            return false;
+        }
+        state.light.pass(reflected, 1.0);
+        batch.absorb(before - state.light.power(&self.stokes));
+        self.roulette(&mut state.light, random)
+    }
+
+    /// A hit on a facet that is rough below what the relief resolves, or bright inside: the light
+    /// walks on Smith's surface until it leaves the facet.
+    fn meet_rough<L: Light>(
+        &self,
+        state: &mut State<L>,
+        interface: &Interface,
+        random: &mut Stream,
+        batch: &mut Batch,
+    ) -> Event {
+        let [u, v, n] = interface.relief.frame(&state.place);
+        // Local z points to the side where the light is, so below everything is mirrored in the facet.
+        let local = |k: &V3, side: Side| [dot(k, &u), dot(k, &v), side.sign() * dot(k, &n)];
+        let world = |m: &V3, side: Side| {
+            let flat = combine(m[0], &u, m[1], &v);
+            combine(1.0, &flat, side.sign() * m[2], &n)
+        };
+        let mut height = 1.0;
+        loop {
+            if let Some(roughness) = &interface.roughness {
+                let k = local(&state.k, state.side);
+                match roughness.next_height(&k, height, random) {
+                    Some(next) => height = next,
+                    None => return Event::Goes,
+                }
+                // Numbers that rounding or an underflow left without a meaning.
+                if height.is_nan() || height <= 0.0 {
+                    batch.truncate(state.light.power(&self.stokes));
+                    return Event::Ends;
+                }
+            } else if state.side.sign() * dot(&state.k, &n) > 0.0 {
+                return Event::Goes;
+            }
+            if state.interactions >= self.interactions_max {
+                batch.truncate(state.light.power(&self.stokes));
+                return Event::Ends;
+            }
+            let m = match &interface.roughness {
+                Some(roughness) => {
+                    let k = local(&state.k, state.side);
+                    world(&roughness.visible_normal(&k, random), state.side)
+                }
+                None => world(&[0.0, 0.0, 1.0], state.side),
+            };
+            // `meet_smooth` expects the normal upwards.
+            let upwards = m.map(|x| x * state.side.sign());
+            let before = state.side;
+            if let Event::Ends = self.meet_smooth(state, interface, &upwards, random, batch) {
+                return Event::Ends;
+            }
+            if state.side != before {
+                height = 1.0 - height;
+                if let (Side::Below, Some(diffuse)) = (state.side, &interface.diffuse) {
+                    return self.re_emerge(state, interface, diffuse.strength, random, batch);
+                }
+            }
+        }
+    }
+
+    /// Light that entered a diffuse body comes out of the same facet, or is absorbed.
+    fn re_emerge<L: Light>(
+        &self,
+        state: &mut State<L>,
+        interface: &Interface,
+        strength: f64,
+        random: &mut Stream,
+        batch: &mut Batch,
+    ) -> Event {
+        let [u, v, n] = interface.relief.frame(&state.place);
+        let w = super::facet::Diffuse::direction(random);
+        let flat = combine(w[0], &u, w[1], &v);
+        let out = combine(1.0, &flat, w[2], &n);
+        let before = state.light.power(&self.stokes);
+        let through = interface.from_above.at(w[2].max(1e-12)).refracted;
+        state.k = out;
+        state.side = Side::Above;
+        // Any frame will do for unpolarised light; the hit's is set by `meet`.
+        let horizontal = super::vec3::unit(&combine(1.0, &u, -dot(&u, &out), &out));
+        state.light.depolarise(&horizontal);
+        state.light.meet(&out, &n);
+        if self.method == Method::Analog {
+            let chance = strength * through.unpolarised();
+            if random.uniform() >= chance {
+                batch.absorb(before);
+                return Event::Ends;
+            }
+            state.light.pass(&through, strength / chance);
+            return Event::Goes;
+        }
+        state.light.pass(&through, strength);
+        batch.absorb(before - state.light.power(&self.stokes));
+        if self.roulette(&mut state.light, random) {
+            Event::Goes
+        } else {
+            Event::Ends
+        }
+    }
+}
+
+#[inline]
+fn reflect(k: &mut V3, m: &V3, side: Side, cos: f64) {
+    *k = combine(1.0, k, 2.0 * cos * side.sign(), m);
+}
+
+#[inline]
+fn refract(k: &mut V3, m: &V3, side: Side, cos: f64, ratio: f64, cos_refracted: f64) {
+    *k = combine(ratio, k, (ratio * cos - cos_refracted) * side.sign(), m);
+}
