@@ -133,6 +133,7 @@ export interface Parameter {
 export interface RejectedFrame {
   readonly file: string;
   readonly reason: string;
+  readonly detail?: string | null;
 }
 
 /** A finished fit: the object of `ridged fit --json` with what the store adds. */
@@ -156,6 +157,7 @@ export interface FitResult {
     readonly theta_r_deg: number | null;
   }[];
   readonly left_out: readonly { readonly what: string; readonly why: string; readonly cost: number | null }[];
+  readonly starts?: { readonly tried: number; readonly at_minimum: number; readonly elsewhere: number; readonly not_converged: number };
   readonly timing_s: Readonly<Record<string, number>>;
   readonly program: string;
 }

@@ -30,10 +30,16 @@ export interface BudgetWords {
 /** In the order of the stacked bars. */
 export const BUDGET: Readonly<Record<string, BudgetWords>> = {
   counting: { name: 'counting', meaning: 'shot noise, read noise and the scatter of repeats' },
-  reference: { name: 'reference', meaning: 'the white reference’s certificate, lamp drift and the material’s index' },
+  reference: { name: 'reference', meaning: 'the white reference’s certificate' },
   angles: { name: 'angles', meaning: 'zeros of the stages and the mounting' },
+  material: { name: 'material', meaning: 'the refractive index as stated for the sample' },
+  drift: { name: 'drift', meaning: 'the lamp between the white reference and the sample' },
+  background: { name: 'stray light', meaning: 'light that is in all frames but the dark ones' },
   model: { name: 'model', meaning: 'the model’s own inadequacy, estimated from its residuals' },
 };
+
+/** Parts below this are rounding or nothing to anybody. */
+const SHARE_MIN = 1e-6;
 
 /** Parts of a variance as shares of it, in the order of `BUDGET`, unknown ones last. */
 export function varianceShares(budget: Readonly<Record<string, number>>): { key: string; std: number; share: number }[] {
@@ -43,7 +49,7 @@ export function varianceShares(budget: Readonly<Record<string, number>>): { key:
     .filter(([, std]) => Number.isFinite(std) && std > 0)
     .sort(([a], [b]) => rank(a) - rank(b));
   const variance = parts.reduce((sum, [, std]) => sum + std * std, 0);
-  return parts.map(([key, std]) => ({ key, std, share: variance > 0 ? (std * std) / variance : 0 }));
+  return parts.map(([key, std]) => ({ key, std, share: (std * std) / variance })).filter((part) => part.share > SHARE_MIN);
 }
 
 /** The parts of a budget in one line: `angles 0.021° (24 %), model 0.037° (75 %)`. */
@@ -59,7 +65,8 @@ export function identifiability(parameter: Parameter): { word: string; tone: 'go
   if (!parameter.identifiable || parameter.value === null) {
     return { word: 'not told by these data', tone: 'bad', detail };
   }
-  if (parameter.std === 0) return { word: 'held fixed', tone: 'plain', detail };
+  // A note beside a value says by what the parameter is held.
+  if (parameter.std === 0 || detail !== '') return { word: 'held fixed', tone: 'plain', detail };
   if (parameter.std === null) return { word: 'told, without an uncertainty', tone: 'bad', detail };
   return { word: 'told by the data', tone: 'good', detail };
 }

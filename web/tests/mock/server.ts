@@ -231,7 +231,7 @@ export class MockDaemon {
         alpha_u: parameter(surface.alpha_u * 1.004, { counting: 0.00002, reference: 0.0001, angles: 0.0003, model: 0.0011 }),
         alpha_v: parameter(surface.alpha_v * 0.995, { counting: 0.00002, reference: 0.0002, angles: 0.0004, model: 0.0012 }),
         rho_d: parameter(surface.rho_d * 1.006, { counting: 0.00005, reference: 0.0019, angles: 0.0001, model: 0.0014 }),
-        scale: { value: 1, std: 0.005, expanded: 0.01, coverage_factor: 2, identifiable: true, budget: { reference: 0.005 } },
+        scale: { value: 1, std: 0.005, expanded: 0.01, coverage_factor: 2, identifiable: true, budget: { reference: 0.005 }, note: 'fixed by the white reference' },
         background: parameter(0.00012, { counting: 0.00003, model: 0.00006 }),
         azimuth_offset_deg: parameter(-0.021, { counting: 0.001, angles: 0.02, model: 0.05 }),
         tilt_offset_deg: paper

@@ -32,6 +32,10 @@ describe('varianceShares', () => {
     expect(shares[1]?.share).toBeCloseTo(0.64, 12);
   });
 
+  it('leaves out what is only rounding', () => {
+    expect(varianceShares({ angles: 8e-17, model: 0.01 }).map((s) => s.key)).toEqual(['model']);
+  });
+
   it('puts sources without a word of their own last', () => {
     expect(varianceShares({ wedge: 1, model: 1, counting: 1 }).map((s) => s.key)).toEqual(['counting', 'model', 'wedge']);
   });
@@ -46,6 +50,7 @@ describe('identifiability', () => {
       word: 'not told by these data', tone: 'bad', detail: 'no white reference',
     });
     expect(identifiability(told).tone).toBe('good');
+    expect(identifiability({ ...told, note: 'fixed by the white reference' })).toEqual({ word: 'held fixed', tone: 'plain', detail: 'fixed by the white reference' });
   });
 });
 
