@@ -31,9 +31,13 @@ pub(super) struct Journal {
 impl Journal {
     /// Leaves frame `index` out. The first reason stays.
     pub(super) fn reject(&mut self, index: usize, rejection: Rejection) {
-        if !self.rejected.iter().any(|(i, _)| *i == index) {
+        if !self.has_rejected(index) {
             self.rejected.push((index, rejection));
         }
+    }
+
+    pub(super) fn has_rejected(&self, index: usize) -> bool {
+        self.rejected.iter().any(|(i, _)| *i == index)
     }
 
     pub(super) fn warn(&mut self, sentence: String) {

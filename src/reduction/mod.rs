@@ -20,6 +20,7 @@ mod measure;
 mod merge;
 mod pattern;
 mod region;
+mod register;
 mod sensor;
 
 use std::sync::atomic::AtomicBool;
@@ -134,7 +135,7 @@ pub fn reduce(
     let manifest = source.manifest();
     let calls = Calls { source, cancel };
     let mut journal = Journal::default();
-    let (segments, chosen) = segments(manifest, region)?;
+    let (mut segments, chosen) = segments(manifest, region)?;
     if !manifest.is_telecentric() {
         return Err(ReductionError::NotTelecentric {
             what: format!(
@@ -153,6 +154,9 @@ pub fn reduce(
     let uniform = matches!(segments, Segments::Whole);
     let camera = calibration::prepare(&calls, uniform, &mut journal)?;
     let (sensor, darks, flats) = (camera.sensor, &camera.darks, &camera.flats);
+    if let Segments::Patches { board, .. } = &mut segments {
+        register::register(&calls, &sensor, darks, &flats.response, board, &mut journal)?;
+    }
     let ground = Ground {
         calls,
         sensor: &sensor,
@@ -264,6 +268,9 @@ fn measure_all(
     let results: Vec<(usize, Result<Measured, Rejection>)> = ground
         .calls
         .rows_of(FrameKind::Sample)
+        .into_iter()
+        .filter(|index| !journal.has_rejected(*index))
+        .collect::<Vec<_>>()
         .par_iter()
         .map(|index| {
             ground.calls.check_cancel()?;

@@ -119,52 +119,78 @@ impl Board {
         2.5 * self.pixel_mm[0].max(self.pixel_mm[1]) + 0.04 * self.layout.patch_size_mm
     }
 
+    /// Azimuth of the board's x axis at a recorded pose.
+    pub(super) fn azimuth(&self, pose: Pose) -> Angle {
+        pose.phi_s + self.azimuth_zero + self.placement.turn
+    }
+
+    /// The board as a recorded pose shows it, with `margin_mm` left free along every border.
+    pub(super) fn at(&self, pose: Pose, margin_mm: f64) -> Drawing {
+        let layout = &self.layout;
+        let (sin, cos) = self.azimuth(pose).sin_cos();
+        let size = layout.patch_size_mm;
+        Drawing {
+            sin,
+            cos,
+            column_mm: self.pixel_mm[0] / pose.theta_c.rad().cos(),
+            row_mm: self.pixel_mm[1],
+            axis_px: [0, 1].map(|k| self.axis_px[k] + self.placement.axis_px[k]),
+            patch_mm: size,
+            edge_mm: [
+                size * f64::from(layout.patches_x),
+                size * f64::from(layout.patches_y),
+            ],
+            centre_mm: [0, 1].map(|k| layout.centre_mm[k] + self.placement.centre_mm[k]),
+            margin_mm,
+        }
+    }
+
     /// Draws the board at a recorded pose: calls `paint(pixel, spot)` for every pixel.
     pub(super) fn draw(&self, pose: Pose, pixels: usize, mut paint: impl FnMut(usize, Spot)) {
-        let (sin, cos) = (pose.phi_s + self.azimuth_zero + self.placement.turn).sin_cos();
-        let stretch = self.pixel_mm[0] / pose.theta_c.rad().cos();
-        let axis = [
-            self.axis_px[0] + self.placement.axis_px[0],
-            self.axis_px[1] + self.placement.axis_px[1],
-        ];
-        let layout = &self.layout;
-        let size = layout.patch_size_mm;
-        let margin = self.margin_mm();
-        let half = [
-            0.5 * size * f64::from(layout.patches_x),
-            0.5 * size * f64::from(layout.patches_y),
-        ];
-        let centre = [
-            layout.centre_mm[0] + self.placement.centre_mm[0],
-            layout.centre_mm[1] + self.placement.centre_mm[1],
-        ];
+        let drawing = self.at(pose, self.margin_mm());
         for pixel in 0..pixels {
             let column = (pixel % self.width) as f64 + 0.5;
             let row = (pixel / self.width) as f64 + 0.5;
-            let x = (column - axis[0]) * stretch;
-            let y = -(row - axis[1]) * self.pixel_mm[1];
-            // Into the sample's axes, from the board's lower left corner.
-            let along = [
-                x * cos + y * sin - centre[0] + half[0],
-                y * cos - x * sin - centre[1] + half[1],
-            ];
-            let outside = (0..2)
-                .map(|k| (-along[k]).max(along[k] - 2.0 * half[k]))
-                .fold(f64::MIN, f64::max);
-            let spot = if outside > margin {
-                Spot::Mount
-            } else if outside > -margin {
-                Spot::Border
-            } else {
-                let (a, b) = (along[0] / size, along[1] / size);
-                let near = |t: f64| (t - t.round()).abs() * size < margin;
-                if near(a) || near(b) {
-                    Spot::Border
-                } else {
-                    Spot::Patch(a as u32, b as u32)
-                }
-            };
-            paint(pixel, spot);
+            paint(pixel, drawing.spot(column, row));
+        }
+    }
+}
+
+/// A board seen at one pose.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Drawing {
+    sin: f64,
+    cos: f64,
+    column_mm: f64,
+    row_mm: f64,
+    axis_px: [f64; 2],
+    patch_mm: f64,
+    edge_mm: [f64; 2],
+    centre_mm: [f64; 2],
+    margin_mm: f64,
+}
+
+impl Drawing {
+    /// What lies at a column and row; whole numbers are the pixels' corners.
+    pub(super) fn spot(&self, column: f64, row: f64) -> Spot {
+        let x = (column - self.axis_px[0]) * self.column_mm;
+        let y = -(row - self.axis_px[1]) * self.row_mm;
+        // Into the sample's axes, from the board's lower left corner.
+        let along = [
+            x * self.cos + y * self.sin - self.centre_mm[0] + 0.5 * self.edge_mm[0],
+            y * self.cos - x * self.sin - self.centre_mm[1] + 0.5 * self.edge_mm[1],
+        ];
+        let beyond = |k: usize| (-along[k]).max(along[k] - self.edge_mm[k]);
+        let outside = beyond(0).max(beyond(1));
+        if outside > self.margin_mm {
+            return Spot::Mount;
+        }
+        let (a, b) = (along[0] / self.patch_mm, along[1] / self.patch_mm);
+        let near = |t: f64| (t - t.round()).abs() * self.patch_mm < self.margin_mm;
+        if outside > -self.margin_mm || near(a) || near(b) {
+            Spot::Border
+        } else {
+            Spot::Patch(a as u32, b as u32)
         }
     }
 }
