@@ -21,12 +21,12 @@ check: web  ## Formatting and lints
 test-rust: web  ## Rust tests
 	cargo test
 
-test-vendor:  ## The stage maker's own client against the simulated controller
-	cargo build
+test-vendor: web  ## The stage maker's own client against the simulated controller
+	cargo test --no-run
 	tests/vendor/run target/debug/ridged
 
 test-web: web  ## The page's unit tests, and the page in a real browser against the real daemon
-	cargo build
+	cargo test --no-run
 	cd web && npm run check && npm test && npm run page-test && RIDGED_BIN=../target/debug/ridged npm run e2e
 
 web: web/dist/index.html  ## The page, built into web/dist

@@ -34,6 +34,7 @@ const RULES: &[(&str, &[&str])] = &[
         "analysis",
         &[
             "units",
+            "frame",
             "geometry",
             "material",
             "observation",
@@ -182,11 +183,9 @@ fn rooms_named(code: &str) -> BTreeSet<String> {
                     '}' if depth == 0 => break,
                     '}' => depth -= 1,
                     ',' if depth == 0 => fresh = true,
-                    c if c.is_alphanumeric() || c == '_' => {
-                        if fresh && depth == 0 {
-                            segment.push(c);
-                            continue;
-                        }
+                    c if fresh && depth == 0 && (c.is_alphanumeric() || c == '_') => {
+                        segment.push(c);
+                        continue;
                     }
                     _ => {}
                 }
