@@ -245,6 +245,7 @@ impl Device {
         match words.as_slice() {
             [] => done(),
             ["get", name] => self.get(axis, name),
+            ["get", names @ ..] if !names.is_empty() => self.get_many(axis, names),
             ["set", name, value] => self.set(axis, name, value).and_then(|()| done()),
             ["warnings"] => Ok(self.warnings()),
             ["warnings", "clear"] => {
@@ -305,6 +306,8 @@ impl Device {
         );
         let (kind, value, speed, acceleration) = match words {
             [kind] => (*kind, None, None, None),
+            [kind @ ("min" | "max"), v] => (*kind, None, Some(number(v)?), None),
+            [kind @ ("min" | "max"), v, a] => (*kind, None, Some(number(v)?), Some(number(a)?)),
             [kind, value] => (*kind, Some(number(value)?), None, None),
             ["vel", value, a] => ("vel", Some(number(value)?), None, Some(number(a)?)),
             [kind, value, v] => (*kind, Some(number(value)?), Some(number(v)?), None),

@@ -9,6 +9,9 @@ use crate::units::Angle;
 /// Packets that one command may have (`comm.command.packets.max`).
 pub const COMMAND_PACKETS_MAX: u32 = 10;
 
+/// Settings that one `get` may ask for (`get.settings.max`).
+const GET_SETTINGS_MAX: usize = 10;
+
 /// What a controller keeps, also without power; in the units of the wire.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Settings {
@@ -113,7 +116,7 @@ impl Device {
             "comm.rs232.baud" => "115200".to_owned(),
             "comm.next.owner" => "0".to_owned(),
             "device.hw.modified" => "0".to_owned(),
-            "get.settings.max" => "10".to_owned(),
+            "get.settings.max" => GET_SETTINGS_MAX.to_string(),
             "pos" => format!("{:.0}", self.counter()),
             "vel" => format!("{:.0}", motor.velocity * SPEED_UNIT),
             "motion.busy" => u8::from(self.activity() == Activity::Busy).to_string(),
@@ -149,6 +152,24 @@ impl Device {
             return Err(Reject::DeviceOnly);
         }
         Ok(value)
+    }
+
+    /// Reads several settings at one moment: `get [axis] name [[axis] name …]`. An axis number holds
+    /// for the names behind it; the values are separated by semicolons.
+    pub(super) fn get_many(&self, axis: u8, words: &[&str]) -> Result<String, Reject> {
+        let mut scope = axis;
+        let mut values = Vec::new();
+        for word in words {
+            match word.parse::<u8>() {
+                Ok(1) if axis == 0 => scope = 1,
+                Ok(_) => return Err(Reject::BadAxis),
+                Err(_) => values.push(self.get(scope, word)?),
+            }
+        }
+        if values.is_empty() || values.len() > GET_SETTINGS_MAX {
+            return Err(Reject::BadData);
+        }
+        Ok(values.join("; "))
     }
 
     /// Writes a setting.
