@@ -18,6 +18,7 @@ mod laws;
 pub mod light;
 pub mod media;
 pub mod profile;
+pub mod ridged;
 pub mod rng;
 pub mod run;
 pub mod scene;

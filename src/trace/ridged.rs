@@ -1,0 +1,434 @@
+//! Radiance of a ridged surface for one pose of the rig, by tracing: the judge of the closed forms.
+//!
+//! The function to call: [`RidgedSurface::radiance`]. Paths start at the camera and are joined to the lamp
+//! at every hit; by reciprocity that is the light that reaches the camera. Light that a narrow
+//! lobe throws from the lamp on a diffuse wall would be found that way only by rare luck: it is
+//! traced from the lamp instead, and each path is counted by one of the two ways alone. All orders of scattering
+//! between facets and risers are there: Beckmann roughness below the profile (one microfacet per
+//! hit, Smith's masking), and on dielectrics a Lambert body under the Fresnel boundary. With
+//! polarisation the lamp is unpolarised and the camera blind to it; only what the first bounces
+//! polarise changes the next ones.
+
+use rayon::prelude::*;
+
+use super::facet::{Diffuse, Roughness};
+use super::height_field::Side;
+use super::light::{Light, Polarised, Scalar};
+use super::profile::{Profile, ProfileFlight, ProfileSpot};
+use super::rng::{Purpose, Stream};
+use super::tally::Estimate;
+use super::vec3::{V3, combine, cross, dot, scaled, unit};
+use crate::geometry::Directions;
+use crate::model::polarisation::Boundary;
+
+/// A ridged sample as the tracer sees it.
+#[derive(Debug, Clone)]
+pub struct RidgedSurface {
+    /// Its profile across the ridges.
+    pub profile: Profile,
+    /// Roughness of the facets below the profile.
+    pub roughness: Roughness,
+    /// Index under air, seen from above.
+    pub boundary: Boundary,
+    /// Light from inside.
+    pub diffuse: Option<Diffuse>,
+}
+
+/// How a radiance is traced.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RadianceOptions {
+    /// Paths from the camera.
+    pub paths: u64,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Angular radius of the lamp's disc, rad.
+    pub light_angular_radius: f64,
+    /// Whether polarisation is followed from bounce to bounce.
+    pub polarised: bool,
+}
+
+/// Replicates whose spread is the standard error.
+const BATCHES: u64 = 64;
+/// A path ends after so many bounces (each loses most of its light on plastic, a third on steel).
+const BOUNCES_MAX: u32 = 32;
+/// Below this weight a path plays roulette.
+const WEAK: f64 = 0.05;
+
+impl RidgedSurface {
+    /// Radiance towards `directions.outgoing` for irradiance 1 on a surface facing the lamp, in
+    /// sr⁻¹, with its standard error; 0 where lamp or camera is not above the surface.
+    #[must_use]
+    pub fn radiance(&self, directions: &Directions, options: &RadianceOptions) -> Estimate {
+        let incident: V3 = directions.incident.into();
+        let outgoing: V3 = directions.outgoing.into();
+        if incident[2] <= 0.0 || outgoing[2] <= 0.0 {
+            return Estimate {
+                value: 0.0,
+                std: 0.0,
+            };
+        }
+        let paths = options.paths.div_ceil(BATCHES).max(1);
+        let means: Vec<f64> = (0..BATCHES)
+            .into_par_iter()
+            .map(|batch| {
+                let from = |start: End| {
+                    let task = Task {
+                        surface: self,
+                        start,
+                        incident,
+                        outgoing,
+                        options,
+                    };
+                    if options.polarised {
+                        task.batch::<Polarised>(batch, paths)
+                    } else {
+                        task.batch::<Scalar>(batch, paths)
+                    }
+                };
+                let camera = from(End::Camera);
+                if self.diffuse.is_none() {
+                    return camera;
+                }
+                // From the lamp the walk gives f cos θo; the radiance is f cos θi.
+                camera + from(End::Lamp) * incident[2] / outgoing[2]
+            })
+            .collect();
+        let n = BATCHES as f64;
+        let mean = means.iter().sum::<f64>() / n;
+        let spread: f64 = means.iter().map(|m| (m - mean).powi(2)).sum();
+        Estimate {
+            value: mean,
+            std: (spread / (n * (n - 1.0))).sqrt(),
+        }
+    }
+}
+
+/// Where a path starts; it is joined to the other end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum End {
+    Camera,
+    Lamp,
+}
+
+/// What a facet does to a path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Event {
+    Mirrored,
+    Diffused,
+}
+
+struct Task<'a> {
+    surface: &'a RidgedSurface,
+    start: End,
+    incident: V3,
+    outgoing: V3,
+    options: &'a RadianceOptions,
+}
+
+/// The hit's facet: frame, and the direction back along the path in it.
+struct Facet {
+    frame: [V3; 3],
+    back: V3,
+}
+
+impl Facet {
+    fn local(&self, w: &V3) -> V3 {
+        self.frame.map(|axis| dot(&axis, w))
+    }
+
+    fn world(&self, w: &V3) -> V3 {
+        let [u, v, n] = &self.frame;
+        combine(1.0, &combine(w[0], u, w[1], v), w[2], n)
+    }
+}
+
+impl Task<'_> {
+    fn batch<L: Light>(&self, batch: u64, paths: u64) -> f64 {
+        let shift = Stream::new(self.options.seed, Purpose::Batch, batch).uniform();
+        let mut sum = 0.0;
+        for path in 0..paths {
+            let index = 2 * (batch * paths + path) + u64::from(self.start == End::Lamp);
+            let mut random = Stream::new(self.options.seed, Purpose::Photon, index);
+            let at = (shift + path as f64 / paths as f64).fract();
+            sum += self.path::<L>(at, &mut random);
+        }
+        sum / paths as f64
+    }
+
+    /// One path: the light that it joins.
+    fn path<L: Light>(&self, at: f64, random: &mut Stream) -> f64 {
+        let profile = &self.surface.profile;
+        let start = match self.start {
+            End::Camera => self.outgoing,
+            End::Lamp => self.lamp(random),
+        };
+        let mut k = scaled(-1.0, &start);
+        let mut first = None;
+        let mut light = L::launch(&perpendicular(&k));
+        let mut gathered = 0.0;
+        let mut flight = profile.enter(Side::Above, &k, at);
+        for _ in 0..BOUNCES_MAX {
+            let ProfileFlight::Hit(spot) = flight else {
+                break;
+            };
+            let piece = &profile.pieces()[spot.piece];
+            let facet = Facet {
+                frame: [[1.0, 0.0, 0.0], piece.along, piece.normal],
+                back: scaled(-1.0, &k),
+            };
+            gathered += self.joined(&light, first, &facet, &spot, random);
+            let Some((event, next)) = self.scattered(&mut light, &facet, random) else {
+                break;
+            };
+            first = first.or(Some(event));
+            k = next;
+            let weight = light.weight();
+            if weight < WEAK {
+                if random.uniform() >= weight / WEAK {
+                    break;
+                }
+                light.scale(WEAK / weight);
+            }
+            flight = profile.onward(&spot, Side::Above, &k);
+        }
+        gathered
+    }
+
+    /// A direction to a random point of the lamp's disc.
+    fn lamp(&self, random: &mut Stream) -> V3 {
+        let radius = self.options.light_angular_radius;
+        if radius == 0.0 {
+            return self.incident;
+        }
+        let a = perpendicular(&self.incident);
+        let b = cross(&self.incident, &a);
+        let (r, phi) = (
+            radius * random.uniform().sqrt(),
+            std::f64::consts::TAU * random.uniform(),
+        );
+        let (s, c) = phi.sin_cos();
+        let (sin, cos) = r.sin_cos();
+        combine(cos, &self.incident, sin, &combine(c, &a, s, &b))
+    }
+
+    /// Light that comes straight from the other end and is scattered here along the path.
+    fn joined<L: Light>(
+        &self,
+        light: &L,
+        first: Option<Event>,
+        facet: &Facet,
+        spot: &ProfileSpot,
+        random: &mut Stream,
+    ) -> f64 {
+        // Paths that are diffused next to the camera and mirrored next to the lamp are counted from
+        // the lamp, all others from the camera.
+        let (mirrors, diffuses) = match self.start {
+            End::Camera => (first != Some(Event::Diffused), true),
+            End::Lamp => (false, first == Some(Event::Mirrored)),
+        };
+        if !mirrors && !diffuses {
+            return 0.0;
+        }
+        let lamp = match self.start {
+            End::Camera => self.lamp(random),
+            End::Lamp => self.outgoing,
+        };
+        let normal = &facet.frame[2];
+        let (i_n, o_n) = (dot(&lamp, normal), dot(&facet.back, normal));
+        if i_n <= 0.0 || o_n <= 0.0 {
+            return 0.0;
+        }
+        if self.surface.profile.onward(spot, Side::Above, &lamp) != ProfileFlight::Free {
+            return 0.0;
+        }
+        let surface = self.surface;
+        let k = scaled(-1.0, &facet.back);
+        let half = unit(&combine(1.0, &lamp, 1.0, &facet.back));
+        let density = surface.roughness.density(&facet.local(&half));
+        let mut gathered = 0.0;
+        if mirrors && density > 0.0 {
+            let masked = self.seen(&facet.local(&lamp)) * self.seen(&facet.local(&facet.back));
+            let mut mirrored = *light;
+            mirrored.meet(&k, &half);
+            let reflected = surface.boundary.at(dot(&half, &lamp).min(1.0)).reflected;
+            gathered += mirrored.share(&reflected) * density * masked / (4.0 * o_n);
+        }
+        if let (true, Some(diffuse)) = (diffuses, &surface.diffuse) {
+            let mut entering = *light;
+            entering.meet(&k, normal);
+            let inside = entering.share(&surface.boundary.at(o_n.min(1.0)).refracted);
+            let out = surface.boundary.at(i_n.min(1.0)).refracted.unpolarised();
+            gathered += inside * diffuse.strength * std::f64::consts::FRAC_1_PI * out * i_n;
+        }
+        gathered
+    }
+
+    /// Smith's G1 of a direction in the facet's frame.
+    fn seen(&self, w: &V3) -> f64 {
+        1.0 / (1.0 + self.surface.roughness.lambda(w))
+    }
+
+    /// The next direction of the path; `None` where it ends.
+    fn scattered<L: Light>(
+        &self,
+        light: &mut L,
+        facet: &Facet,
+        random: &mut Stream,
+    ) -> Option<(Event, V3)> {
+        let surface = self.surface;
+        let k = scaled(-1.0, &facet.back);
+        let normal = facet.frame[2];
+        if let Some(diffuse) = &surface.diffuse {
+            // Half of the paths go on inside: on plastic most of the light does.
+            if random.bits() & 1 == 0 {
+                let local = Diffuse::direction(random);
+                let out = facet.world(&local);
+                light.meet(&k, &normal);
+                let o_n = dot(&facet.back, &normal);
+                light.pass(&surface.boundary.at(o_n.clamp(1e-12, 1.0)).refracted, 2.0);
+                light.depolarise(&perpendicular(&out));
+                light.meet(&out, &normal);
+                let through = surface.boundary.at(local[2].clamp(1e-12, 1.0)).refracted;
+                light.pass(&through, diffuse.strength);
+                return Some((Event::Diffused, out));
+            }
+            light.scale(2.0);
+        }
+        let m = facet.world(&surface.roughness.visible_normal(&facet.local(&k), random));
+        let cos = dot(&m, &facet.back).clamp(1e-12, 1.0);
+        let out = combine(1.0, &k, 2.0 * cos, &m);
+        if dot(&out, &normal) <= 0.0 {
+            return None;
+        }
+        light.meet(&k, &m);
+        light.pass(
+            &surface.boundary.at(cos).reflected,
+            self.seen(&facet.local(&out)),
+        );
+        Some((Event::Mirrored, out))
+    }
+}
+
+/// A unit vector perpendicular to `k`, and horizontal unless `k` is vertical.
+fn perpendicular(k: &V3) -> V3 {
+    let square = k[0] * k[0] + k[1] * k[1];
+    if square < 1e-24 {
+        [1.0, 0.0, 0.0]
+    } else {
+        scaled(1.0 / square.sqrt(), &[-k[1], k[0], 0.0])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Pose, RigGeometry};
+    use crate::units::Angle;
+
+    struct Sample {
+        series: &'static str,
+        theta_r_deg: f64,
+        alpha: (f64, f64),
+        index: (f64, f64),
+        rho_d: Option<f64>,
+        rig: RigGeometry,
+        polarised: bool,
+        /// Where to compare: every how many rows.
+        every: usize,
+    }
+
+    fn surface(sample: &Sample) -> RidgedSurface {
+        let cos_l = sample.rig.theta_l.rad().cos();
+        RidgedSurface {
+            profile: Profile::sawtooth(sample.theta_r_deg.to_radians(), 100.0, 0.0).unwrap(),
+            roughness: Roughness {
+                alpha_u: sample.alpha.0,
+                alpha_v: sample.alpha.1,
+            },
+            boundary: Boundary::new(1.0, sample.index.0, sample.index.1),
+            diffuse: sample
+                .rho_d
+                .map(|rho| Diffuse::new(rho, sample.index.0, 1.0, cos_l)),
+        }
+    }
+
+    /// Deviations from the series' noise-free radiances, in standard errors of both and 3e-4
+    /// of the peak (what the series' finite number of phases leaves open).
+    fn deviations(sample: &Sample) -> Vec<f64> {
+        let path = format!("tests/data/series/{}/radiance.csv", sample.series);
+        let mut reader = csv::Reader::from_path(path).unwrap();
+        let rows: Vec<[f64; 4]> = reader
+            .records()
+            .map(|r| {
+                let r = r.unwrap();
+                [0, 1, 3, 4].map(|i| r[i].parse().unwrap())
+            })
+            .collect();
+        let peak = rows.iter().map(|r| r[2]).fold(0.0, f64::max);
+        let surface = surface(sample);
+        rows.iter()
+            .step_by(sample.every)
+            .enumerate()
+            .map(|(n, row)| {
+                let options = RadianceOptions {
+                    paths: 20_000,
+                    seed: n as u64,
+                    light_angular_radius: sample.rig.light_angular_radius.rad(),
+                    polarised: sample.polarised,
+                };
+                let directions = sample.rig.directions(Pose::from_deg(row[0], row[1]));
+                let found = surface.radiance(&directions, &options);
+                let sigma = found.std.hypot(row[3]).hypot(3e-4 * peak);
+                (found.value - row[2]) / sigma
+            })
+            .collect()
+    }
+
+    fn check(sample: &Sample) {
+        let z = deviations(sample);
+        let worst = z.iter().fold(0.0f64, |w, z| w.max(z.abs()));
+        assert!(z.len() > 10 && worst < 4.5, "{}: {worst}", sample.series);
+    }
+
+    #[test]
+    fn plastic_ridges_have_the_radiances_of_an_independent_path_tracer() {
+        check(&Sample {
+            series: "polymer-10",
+            theta_r_deg: 10.0,
+            alpha: (0.12, 0.12),
+            index: (1.54, 0.0),
+            rho_d: Some(0.33725),
+            rig: RigGeometry::IN_PLANE,
+            polarised: false,
+            every: 5,
+        });
+        check(&Sample {
+            series: "paper-rig-full",
+            theta_r_deg: 5.0,
+            alpha: (0.05, 0.05),
+            index: (1.54, 0.0),
+            rho_d: Some(0.34395),
+            rig: RigGeometry {
+                light_azimuth: Angle::from_deg(90.0),
+                azimuth_zero: Angle::from_deg(90.0),
+                ..RigGeometry::IN_PLANE
+            },
+            polarised: false,
+            every: 7,
+        });
+    }
+
+    #[test]
+    fn steel_ridges_have_them_too_and_their_polarisation_shows() {
+        check(&Sample {
+            series: "steel-15",
+            theta_r_deg: 15.0,
+            alpha: (0.06, 0.18),
+            index: (2.9, 3.1),
+            rho_d: None,
+            rig: RigGeometry::IN_PLANE,
+            polarised: true,
+            every: 5,
+        });
+    }
+}
