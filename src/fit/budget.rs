@@ -1,7 +1,8 @@
 //! How sure a fit is, source by source.
 //!
 //! Around the minimum the estimate is linear in the data: δx = −K δr, K the pseudo-inverse of the
-//! weighted derivatives. Every source of error is a change of the residuals and goes through K:
+//! weighted derivatives. Every source of error is a change of the residuals and goes through K;
+//! what a certificate states is a residual of its own (a prior) and goes the same way:
 //!
 //! - *counting*: the observations' own uncertainties, independent;
 //! - *reference*: the white reference's certificate, one number for all;
@@ -14,16 +15,15 @@
 //!   left out in turn (a grouped jackknife, which keeps the correlation within a group); both, the
 //!   independent part and a share of what the dearer tier changed combine in quadrature.
 //!
-//! Shared sources are not fitted: data that the model misses by more than their noise would pull
-//! them away from their certificates.
+//! The zeros of the stages are exactly the offsets that the fit looks for, so no data can tell them;
+//! and the reference's certificate is not for a model to revise. Neither is fitted.
 
 use nalgebra::DMatrix;
 
 use super::covariance::{Covariance, Scaling, covariance};
 use super::estimate::Estimate;
 use super::least_squares::{householder, solve_upper};
-use super::problem::{Problem, Quantity, Values};
-use crate::material::Material;
+use super::problem::{Problem, Quantity, Values, drift_std, reference_std};
 
 /// Standard uncertainties by source, in the unit of the parameter. They combine in quadrature.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -91,8 +91,8 @@ pub struct Uncertainty {
 }
 
 /// Share of the tier's shift that counts as standard uncertainty: the two-bounce quadrature leaves a
-/// third bounce and the diffuse tail out, which is a fraction of what it adds.
-const SHARE_OF_TIER_SHIFT: f64 = 0.3;
+/// third bounce and the diffuse tail out, which is less than half of what it adds.
+const SHARE_OF_TIER_SHIFT: f64 = 0.5;
 
 /// The uncertainty of a fit, source by source.
 #[must_use]
@@ -105,12 +105,12 @@ pub fn uncertainty(estimate: &Estimate<'_>) -> Uncertainty {
     let jacobian = &estimate.minimum.jacobian;
     let covariance = covariance(jacobian, m, &estimate.minimum.residuals, Scaling::Absolute);
     let k = pseudo_inverse(jacobian, &covariance, m, n);
-    let sources = Sources::new(problem, &estimate.values);
+    let shared = Shared::new(problem, &estimate.values);
     let through = |change: &[f64], j: usize| -> f64 { (0..m).map(|i| k[(j, i)] * change[i]).sum() };
     let (by_group, model_freedom) = left_out(estimate, m, n);
     let budgets = (0..n)
         .map(|j| {
-            let counting: f64 = (0..m - 1)
+            let counting: f64 = (0..m - problem.priors().len())
                 .map(|i| {
                     let share = if i < samples {
                         set.observations[i].sigma / problem.sigma()[i]
@@ -125,13 +125,20 @@ pub fn uncertainty(estimate: &Estimate<'_>) -> Uncertainty {
                 .sum();
             let tier = SHARE_OF_TIER_SHIFT * estimate.tier_shift[j];
             let model = independent + by_group[j] * by_group[j] + tier * tier;
+            let prior = |wanted: Quantity| -> f64 {
+                let rows = problem.priors().iter().enumerate();
+                rows.filter(|(_, (q, _))| *q == wanted)
+                    .map(|(row, _)| k[(j, m - problem.priors().len() + row)].abs())
+                    .sum()
+            };
+            let gain = through(&shared.gain, j).abs();
             Budget {
                 counting: counting.sqrt(),
-                reference: through(&sources.reference, j).abs(),
-                angles: through(&sources.tilt_zero, j).hypot(through(&sources.azimuth_zero, j)),
-                material: through(&sources.eta, j).hypot(through(&sources.k, j)),
-                drift: through(&sources.drift, j).abs(),
-                background: k[(j, m - 1)].abs(),
+                reference: gain * reference_std(set),
+                angles: through(&shared.tilt_zero, j).hypot(through(&shared.turn_zero, j)),
+                material: prior(Quantity::Eta).hypot(prior(Quantity::K)),
+                drift: gain * drift_std(set),
+                background: prior(Quantity::Background),
                 model: model.sqrt(),
             }
         })
@@ -143,60 +150,45 @@ pub fn uncertainty(estimate: &Estimate<'_>) -> Uncertainty {
     }
 }
 
-/// By how much one standard uncertainty of each shared source changes the weighted residuals.
-struct Sources {
-    reference: Vec<f64>,
-    drift: Vec<f64>,
+/// By how much sources that all observations share change the weighted residuals.
+struct Shared {
+    /// Per unit of the relative gain of the samples over the flats.
+    gain: Vec<f64>,
+    /// Per standard uncertainty of the tilt's zero.
     tilt_zero: Vec<f64>,
-    azimuth_zero: Vec<f64>,
-    eta: Vec<f64>,
-    k: Vec<f64>,
+    /// Per standard uncertainty of the rotation's zero.
+    turn_zero: Vec<f64>,
 }
 
-impl Sources {
+impl Shared {
     fn new(problem: &Problem<'_>, values: &Values) -> Self {
         let set = problem.set();
-        let m = problem.residual_count();
         let samples = set.observations.len();
-        let zero = vec![0.0; m];
-        let mut s = Sources {
-            reference: zero.clone(),
-            drift: zero.clone(),
-            tilt_zero: zero.clone(),
-            azimuth_zero: zero.clone(),
-            eta: zero.clone(),
-            k: zero,
-        };
-        let (eta_std, k_std) = match set.material {
-            Material::Dielectric { eta_std, .. } => (eta_std, 0.0),
-            Material::Conductor { eta_std, k_std, .. } => (eta_std, k_std),
+        let none = vec![0.0; problem.residual_count()];
+        let mut shared = Shared {
+            gain: none.clone(),
+            tilt_zero: none.clone(),
+            turn_zero: none,
         };
         let ready = problem.ready(values);
         for (i, o) in set.observations.iter().enumerate() {
             let g = problem.gradient(i, &ready);
-            let weight = 1.0 / problem.sigma()[i];
-            // With flats in the fit the certificate acts through them; see below.
-            if set.flats.is_empty() {
-                s.reference[i] = o.shared.white_reference * weight;
-            }
-            s.drift[i] = o.shared.led_drift * weight;
-            let scaled = values.scale * weight;
-            s.tilt_zero[i] = scaled * g.theta_c * o.shared.theta_c_zero.rad();
-            s.azimuth_zero[i] = scaled * g.phi_s * o.shared.phi_s_zero.rad();
-            s.eta[i] = scaled * g.eta * eta_std;
-            s.k[i] = scaled * g.k * k_std;
+            let weight = values.scale / problem.sigma()[i];
+            shared.gain[i] = weight * (g.value + problem.correction()[i]);
+            shared.tilt_zero[i] = weight * g.theta_c * o.shared.theta_c_zero.rad();
+            shared.turn_zero[i] = weight * g.phi_s * o.shared.phi_s_zero.rad();
         }
-        if let Some(white) = set.white_reference {
-            let tilt_zero = set.observations.first();
-            let tilt_zero = tilt_zero.map_or(0.0, |o| o.shared.theta_c_zero.rad());
-            for index in 0..set.flats.len() {
-                let (cosine, slope) = problem.flat_cosine(index, values);
-                let scaled = values.scale / std::f64::consts::PI / problem.flat_sigma()[index];
-                s.reference[samples + index] = scaled * cosine * white.reflectance_std;
-                s.tilt_zero[samples + index] = scaled * white.reflectance * slope * tilt_zero;
-            }
+        let zero = set.observations.first();
+        let zero = zero.map_or(0.0, |o| o.shared.theta_c_zero.rad());
+        let albedo = set
+            .white_reference
+            .map_or(0.0, |w| w.reflectance / std::f64::consts::PI);
+        for index in 0..set.flats.len() {
+            let slope = problem.flat_cosine(index, values).1;
+            let weight = values.scale * albedo / problem.flat_sigma()[index];
+            shared.tilt_zero[samples + index] = weight * slope * zero;
         }
-        s
+        shared
     }
 }
 

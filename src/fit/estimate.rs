@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-use super::problem::{Problem, Quantity, Values};
+use super::problem::{Problem, Quantity, Values, certified};
 use super::solver::{Ending, Minimum, Settings, minimise};
 use super::start::starts;
 use crate::material::Material;
@@ -55,6 +55,8 @@ pub struct Estimate<'a> {
     pub chi2_reduced_without_model: f64,
     /// Root mean square residual of the samples as a share of the largest signal.
     pub rms_residual: f64,
+    /// Free parameters without those that only move within a stated uncertainty.
+    pub fitted: usize,
     /// How far the dear tier moved each free parameter (solver's units); zero without it.
     pub tier_shift: Vec<f64>,
 }
@@ -74,6 +76,8 @@ pub fn free_quantities(set: &ObservationSet, variant: Variant) -> (Vec<Quantity>
         background: set.background.mean,
         azimuth_offset: 0.0,
         tilt_offset: 0.0,
+        eta: set.material.index().0,
+        k: set.material.index().1,
     };
     let free = Quantity::ALL
         .into_iter()
@@ -143,9 +147,15 @@ pub fn estimate<'a>(
         .min_by(|a, b| a.cost.total_cmp(&b.cost))?
         .clone();
     let starts = weigh_starts(&runs, best.cost);
-    let bounds = first.bounds();
-    let mut problem = first;
+    // The starts leave the index at its nominal value; from here on it may move.
+    let found = first.unpack(&best.parameters);
+    let fitted = first.free().len();
+    let mut free = first.free().to_vec();
+    free.extend(certified(set));
+    let mut problem = first.with_free(free);
+    let bounds = problem.bounds();
     let mut minimum = best;
+    minimum.parameters = problem.pack(&found);
     let mut discrepancy = FIRST_DISCREPANCY;
     let mut shift = vec![0.0; minimum.parameters.len()];
     let settle = |problem: &mut Problem<'a>, minimum: &mut Minimum, discrepancy: &mut f64| {
@@ -157,7 +167,6 @@ pub fn estimate<'a>(
                 .zip(&set.observations)
                 .map(|(p, o)| p - o.signal)
                 .collect();
-            let fitted = problem.free().len();
             let next = discrepancy_of(&residuals, &own, &scale, fitted);
             let settled = (next - *discrepancy).abs() <= 1e-3 * next;
             *discrepancy = next;
@@ -173,18 +182,38 @@ pub fn estimate<'a>(
         }
     };
     settle(&mut problem, &mut minimum, &mut discrepancy);
+    let misses = |problem: &Problem<'_>, minimum: &Minimum| -> f64 {
+        let values = problem.unpack(&minimum.parameters);
+        let predicted = problem.predicted(&values);
+        let terms = predicted.iter().zip(&set.observations);
+        terms.map(|(p, o)| ((p - o.signal) / o.sigma).powi(2)).sum()
+    };
     if let Some(tier) = tier {
-        let closed = minimum.parameters.clone();
+        let mut dear = (problem.clone(), minimum.clone(), discrepancy);
+        let mut offsets = false;
         for _ in 0..2 {
-            let values = problem.unpack(&minimum.parameters);
-            let Some(correction) = tier(&problem, &values) else {
+            let values = dear.0.unpack(&dear.1.parameters);
+            let Some(correction) = tier(&dear.0, &values) else {
                 break;
             };
-            problem = problem.with_correction(correction);
-            settle(&mut problem, &mut minimum, &mut discrepancy);
+            dear.0 = dear.0.with_correction(correction);
+            settle(&mut dear.0, &mut dear.1, &mut dear.2);
+            offsets = true;
         }
-        for ((s, a), b) in shift.iter_mut().zip(&minimum.parameters).zip(&closed) {
-            *s = a - b;
+        // A sample painted by the closed form itself would only be spoilt by the tier.
+        let better = if dear.2 == 0.0 && discrepancy == 0.0 {
+            misses(&dear.0, &dear.1) <= misses(&problem, &minimum)
+        } else {
+            dear.2 < discrepancy
+        };
+        if offsets && better {
+            for (s, (a, b)) in shift
+                .iter_mut()
+                .zip(dear.1.parameters.iter().zip(&minimum.parameters))
+            {
+                *s = a - b;
+            }
+            (problem, minimum, discrepancy) = dear;
         }
     }
     let values = problem.unpack(&minimum.parameters);
@@ -196,13 +225,14 @@ pub fn estimate<'a>(
             .sum()
     };
     let count = set.observations.len();
-    let freedom = count.saturating_sub(problem.free().len()).max(1) as f64;
+    let freedom = count.saturating_sub(fitted).max(1) as f64;
     let peak = peak(set);
     Some(Estimate {
         chi2_reduced_without_model: squares(&|i| 1.0 / own[i]) / freedom,
         rms_residual: (squares(&|_| 1.0 / peak) / count as f64).sqrt(),
         misfit: scale.iter().map(|s| discrepancy * s).collect(),
         discrepancy,
+        fitted,
         starts,
         values,
         minimum,

@@ -7,7 +7,7 @@
 //!
 //! The one function to call is [`fit`]. Rooms within: [`least_squares`] what a problem is ·
 //! [`solver`] bounded Levenberg–Marquardt · [`problem`] the observation model · [`start`] where to
-//! begin · [`estimate`] one variant · [`covariance`] and [`budget`] how sure · [`variants`] the choice ·
+//! begin · [`estimate`] one variant · [`tier`] the dearer model as an offset · [`covariance`] and [`budget`] how sure · [`variants`] the choice ·
 //! [`report`] the answer's form. It knows neither frames nor files nor the clock.
 
 use std::sync::atomic::AtomicBool;
@@ -26,6 +26,7 @@ pub mod report;
 pub mod solver;
 pub mod start;
 pub mod text;
+pub mod tier;
 mod trust_region;
 pub mod variants;
 
@@ -69,5 +70,5 @@ impl Default for FitOptions {
 /// `cancel` stops it within one evaluation of the model.
 #[must_use]
 pub fn fit(set: &ObservationSet, options: &FitOptions, cancel: &AtomicBool) -> FitReport {
-    variants::fit_with_tier(set, options, None, cancel)
+    variants::fit_with_tier(set, options, Some(&tier::two_bounces), cancel)
 }

@@ -1,16 +1,18 @@
 //! What is fitted: the observation model and its parameters.
 //!
 //! ```text
-//! sample   signal = g · [L(θc + δ, φs + Δφ) + correction] + B
+//! sample   signal = g · [L(θc + δ, φs + Δφ; η, k) + correction] + B
 //! flat     signal = g · ρw/π · cos θi(θc + δ) + B
-//! prior    B      = mean ± std
+//! priors   B, η, k as stated
 //! ```
 //!
 //! L is the variant's radiance, g the gain of the signals (1 where the white reference is exact; the
 //! flats carry it), B the stray light, which is in samples and flats alike, δ and Δφ the zeros of the
 //! stages. B always has a prior: left to the sample alone it is nearly collinear with the diffuse
-//! term. The corrections are fixed numbers per observation: what a dearer tier of the model adds to
-//! the closed form.
+//! term. The index is fitted within its uncertainty, so that data which cannot tell it from the
+//! diffuse term get no weight in it; the white reference's certificate is taken as it stands. The
+//! corrections are fixed numbers per observation: what a dearer tier of the model adds to the closed
+//! form.
 //!
 //! Inside, θr is signed and the roughnesses are logarithms: the fit may pass through θr = 0 and
 //! comes out on the other side as (−θr, φs + 180°), which is the same surface.
@@ -25,7 +27,7 @@ use crate::geometry::Directions;
 use crate::material::Material;
 use crate::model::prepared::{OpticsTable, Prepared};
 use crate::model::{Gradient, Optics, Surface, Variant};
-use crate::observation::ObservationSet;
+use crate::observation::{ObservationSet, Prior};
 use crate::units::Angle;
 
 /// What a fit can look for, in the order in which reports list it.
@@ -47,10 +49,14 @@ pub enum Quantity {
     AzimuthOffset,
     /// Zero of the tilt stage δ.
     TiltOffset,
+    /// Real part of the index, within its uncertainty.
+    Eta,
+    /// Imaginary part of the index, within its uncertainty.
+    K,
 }
 
 impl Quantity {
-    /// All of them.
+    /// Those that a report lists.
     pub const ALL: [Quantity; 8] = [
         Quantity::ThetaR,
         Quantity::AlphaU,
@@ -82,6 +88,10 @@ pub struct Values {
     pub azimuth_offset: f64,
     /// Zero of the tilt stage, rad.
     pub tilt_offset: f64,
+    /// Real part of the index.
+    pub eta: f64,
+    /// Imaginary part of the index.
+    pub k: f64,
 }
 
 impl Values {
@@ -97,6 +107,8 @@ impl Values {
             Quantity::Background => self.background,
             Quantity::AzimuthOffset => self.azimuth_offset,
             Quantity::TiltOffset => self.tilt_offset,
+            Quantity::Eta => self.eta,
+            Quantity::K => self.k,
         }
     }
 
@@ -111,6 +123,8 @@ impl Values {
             Quantity::Background => self.background = value,
             Quantity::AzimuthOffset => self.azimuth_offset = value,
             Quantity::TiltOffset => self.tilt_offset = value,
+            Quantity::Eta => self.eta = value,
+            Quantity::K => self.k = value,
         }
     }
 
@@ -156,6 +170,7 @@ pub struct Problem<'a> {
     flat_sigma: Vec<f64>,
     correction: Vec<f64>,
     optics: OpticsTable,
+    priors: Vec<(Quantity, Prior)>,
     /// Sines and cosines of the recorded poses: (θc, φs with the known zeros), one per observation.
     poses: Vec<[(f64, f64); 2]>,
 }
@@ -182,6 +197,7 @@ impl<'a> Problem<'a> {
     ) -> Self {
         Problem {
             variant,
+            priors: priors(set, &free),
             free,
             fixed,
             sigma: set.observations.iter().map(|o| o.sigma).collect(),
@@ -198,6 +214,14 @@ impl<'a> Problem<'a> {
                 .collect(),
             set,
         }
+    }
+
+    /// The same problem with other free quantities.
+    #[must_use]
+    pub fn with_free(mut self, free: Vec<Quantity>) -> Self {
+        self.priors = priors(self.set, &free);
+        self.free = free;
+        self
     }
 
     /// The same problem with other standard uncertainties of the observations.
@@ -251,10 +275,30 @@ impl<'a> Problem<'a> {
         &self.flat_sigma
     }
 
-    /// Number of residuals: samples, flats, and one prior.
+    /// Number of residuals: samples, flats, priors.
     #[must_use]
     pub fn residual_count(&self) -> usize {
-        self.set.observations.len() + self.set.flats.len() + 1
+        self.set.observations.len() + self.set.flats.len() + self.priors.len()
+    }
+
+    /// Free quantities with a prior, in the order of their residuals.
+    #[must_use]
+    pub fn priors(&self) -> &[(Quantity, Prior)] {
+        &self.priors
+    }
+
+    /// The optics at given values, as the model wants them.
+    #[must_use]
+    pub fn optics(&self, values: &Values) -> OpticsTable {
+        let nominal = self.optics.optics;
+        if values.eta == nominal.eta && values.k == nominal.k {
+            return self.optics;
+        }
+        OpticsTable::new(&Optics {
+            eta: values.eta,
+            k: values.k,
+            ..nominal
+        })
     }
 
     /// Radiances added to the closed form's.
@@ -298,6 +342,8 @@ impl<'a> Problem<'a> {
             },
             Quantity::Scale => (1e-12, f64::INFINITY),
             Quantity::Background | Quantity::AzimuthOffset => (f64::NEG_INFINITY, f64::INFINITY),
+            Quantity::Eta => (0.01, f64::INFINITY),
+            Quantity::K => (0.0, f64::INFINITY),
             Quantity::TiltOffset => (-15f64.to_radians(), 15f64.to_radians()),
         };
         let (lower, upper) = self.free.iter().map(range).unzip();
@@ -314,7 +360,7 @@ impl<'a> Problem<'a> {
             surface.theta_r = -surface.theta_r;
             azimuth += PI;
         }
-        let prepared = Prepared::new(self.variant, &surface, &self.optics);
+        let prepared = Prepared::new(self.variant, &surface, &self.optics(values));
         let (sl, cl) = self.set.rig.theta_l.sin_cos();
         let (sa, ca) = self.set.rig.light_azimuth.sin_cos();
         Ready {
@@ -413,19 +459,22 @@ impl LeastSquares for &Problem<'_> {
             let g = self.gradient(i, &ready);
             let l = g.value + self.correction[i];
             let weight = 1.0 / self.sigma[i];
+            let gain = values.scale;
             residuals[i] =
-                (values.scale * l + values.background - self.set.observations[i].signal) * weight;
+                (gain * l + values.background - self.set.observations[i].signal) * weight;
             for (j, q) in self.free.iter().enumerate() {
                 jacobian[i + j * m] = weight
                     * match q {
-                        Quantity::ThetaR => values.scale * g.theta_r,
-                        Quantity::AlphaU => values.scale * g.alpha_u * values.alpha_u,
-                        Quantity::AlphaV => values.scale * g.alpha_v * values.alpha_v,
-                        Quantity::RhoD => values.scale * g.rho_d,
+                        Quantity::ThetaR => gain * g.theta_r,
+                        Quantity::AlphaU => gain * g.alpha_u * values.alpha_u,
+                        Quantity::AlphaV => gain * g.alpha_v * values.alpha_v,
+                        Quantity::RhoD => gain * g.rho_d,
                         Quantity::Scale => l,
                         Quantity::Background => 1.0,
-                        Quantity::AzimuthOffset => values.scale * g.phi_s,
-                        Quantity::TiltOffset => values.scale * g.theta_c,
+                        Quantity::Eta => gain * g.eta,
+                        Quantity::K => gain * g.k,
+                        Quantity::AzimuthOffset => gain * g.phi_s,
+                        Quantity::TiltOffset => gain * g.theta_c,
                     };
             }
         }
@@ -447,16 +496,68 @@ impl LeastSquares for &Problem<'_> {
                     };
             }
         }
-        let prior = self.set.background;
-        residuals[m - 1] = (values.background - prior.mean) / prior.std;
-        for (j, q) in self.free.iter().enumerate() {
-            jacobian[m - 1 + j * m] = if *q == Quantity::Background {
-                1.0 / prior.std
-            } else {
-                0.0
-            };
+        for (row, (quantity, prior)) in self.priors.iter().enumerate() {
+            let i = samples + flats + row;
+            residuals[i] = (values.inner(*quantity) - prior.mean) / prior.std;
+            for (j, q) in self.free.iter().enumerate() {
+                let own = q == quantity;
+                jacobian[i + j * m] = if own { 1.0 / prior.std } else { 0.0 };
+            }
         }
     }
+}
+
+/// What is known before the fit of those free quantities about which something is.
+fn priors(set: &ObservationSet, free: &[Quantity]) -> Vec<(Quantity, Prior)> {
+    let (eta, k) = set.material.index();
+    let (eta_std, k_std) = match set.material {
+        Material::Dielectric { eta_std, .. } => (eta_std, 0.0),
+        Material::Conductor { eta_std, k_std, .. } => (eta_std, k_std),
+    };
+    let of = |q: &Quantity| match q {
+        Quantity::Background => Some(set.background),
+        Quantity::Eta => Some(Prior {
+            mean: eta,
+            std: eta_std,
+        }),
+        Quantity::K => Some(Prior {
+            mean: k,
+            std: k_std,
+        }),
+        _ => None,
+    };
+    free.iter()
+        .filter_map(|q| of(q).map(|prior| (*q, prior)))
+        .collect()
+}
+
+/// Quantities that are known within an uncertainty and fitted within it.
+#[must_use]
+pub fn certified(set: &ObservationSet) -> Vec<Quantity> {
+    priors(set, &[Quantity::Eta, Quantity::K])
+        .into_iter()
+        .filter(|(_, prior)| prior.std > 0.0)
+        .map(|(q, _)| q)
+        .collect()
+}
+
+/// Relative standard uncertainty of the white reference; 0 without one.
+#[must_use]
+pub fn reference_std(set: &ObservationSet) -> f64 {
+    set.white_reference
+        .map_or(0.0, |w| w.reflectance_std / w.reflectance)
+}
+
+/// Relative standard uncertainty of the lamp between flats and samples: the largest that an
+/// observation states.
+#[must_use]
+pub fn drift_std(set: &ObservationSet) -> f64 {
+    set.observations
+        .iter()
+        .map(|o| (o.shared.led_drift / o.signal).abs())
+        .filter(|share| share.is_finite())
+        .fold(0.0, f64::max)
+        .min(0.1)
 }
 
 #[cfg(test)]
@@ -464,7 +565,7 @@ mod tests {
     use super::*;
     use crate::geometry::{Pose, RigGeometry};
     use crate::model::radiance_gradient;
-    use crate::observation::{Observation, Prior, SharedErrors};
+    use crate::observation::{Observation, SharedErrors};
     use crate::units::Angle;
 
     fn set() -> ObservationSet {
@@ -512,6 +613,8 @@ mod tests {
         background: 0.002,
         azimuth_offset: 0.05,
         tilt_offset: -0.01,
+        eta: 1.55,
+        k: 0.0,
     };
 
     #[test]
@@ -529,8 +632,12 @@ mod tests {
             assert!((found.incident - expected.incident).norm() < 1e-15);
             assert!((found.outgoing - expected.outgoing).norm() < 1e-15);
             let surface = VALUES.surface();
+            let material = Material::Dielectric {
+                eta: VALUES.eta,
+                eta_std: 0.005,
+            };
             let by_model =
-                radiance_gradient(Variant::Sawtooth, &set.rig, pose, &surface, &set.material);
+                radiance_gradient(Variant::Sawtooth, &set.rig, pose, &surface, &material);
             let g = p.gradient(i, &ready);
             assert!((g.value - by_model.value).abs() < 1e-13 * by_model.value);
             assert!((g.phi_s - by_model.phi_s).abs() < 1e-11 * by_model.value);
@@ -554,20 +661,23 @@ mod tests {
     #[test]
     fn the_jacobian_is_the_slope_of_the_residuals() {
         let set = set();
+        let mut all = Quantity::ALL.to_vec();
+        all.push(Quantity::Eta);
+        let n = all.len();
         for variant in [Variant::Paper, Variant::Sawtooth] {
             for sign in [1.0, -1.0] {
                 let mut values = VALUES;
                 values.theta_r *= sign;
-                let p = Problem::new(&set, variant, Quantity::ALL.to_vec(), values);
+                let p = Problem::new(&set, variant, all.clone(), values);
                 let x = p.pack(&values);
                 let m = p.residual_count();
-                let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * 8]);
+                let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * n]);
                 (&p).evaluate(&x, &mut r, &mut j);
-                for k in 0..8 {
+                for k in 0..n {
                     let at = |h: f64| {
                         let mut moved = x.clone();
                         moved[k] += h;
-                        let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * 8]);
+                        let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * n]);
                         (&p).evaluate(&moved, &mut r, &mut j);
                         r
                     };

@@ -51,7 +51,7 @@ impl SmallSystem {
         };
         let mut step = qtb.to_vec();
         let regular = solve_upper(r, m, n, &mut step);
-        let mut lower = 0.0;
+        let mut lower = 0.0_f64;
         if regular {
             let length = scaled_norm(&step);
             if length <= 1.1 * radius {
@@ -68,14 +68,21 @@ impl SmallSystem {
             .map(|j| (0..=j).map(|i| r[i + j * m] * qtb[i]).sum::<f64>() / scale[j])
             .collect();
         let steepest = norm(&gradient);
-        if !steepest.is_finite() || !radius.is_finite() || radius <= 0.0 {
+        if !(steepest / radius).is_finite() || radius <= 0.0 {
             return None;
         }
         if steepest == 0.0 {
             return Some((vec![0.0; n], 0.0));
         }
         let mut upper = steepest / radius;
-        let mut mu = damping.clamp(lower, upper);
+        // Rounding can put the bounds of μ in the wrong order, or the lower one at infinity.
+        lower = if lower.is_finite() {
+            lower.min(upper)
+        } else {
+            0.0
+        };
+        let mut mu = if damping.is_finite() { damping } else { upper };
+        mu = mu.clamp(lower, upper);
         if mu == 0.0 {
             mu = (steepest / radius * 1e-3).max((lower * upper).sqrt());
         }

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::budget::{Budget, Uncertainty, tied, uncertainty};
 use super::estimate::{Estimate, Tier, estimate, free_quantities, peak};
-use super::problem::{Quantity, Values};
+use super::problem::{Quantity, Values, drift_std, reference_std};
 use super::report::{
     FitReport, FittedObservation, LeftOut, Parameter, Parameters, Starts, Status, Timing,
     VariantName, VariantSummary,
@@ -57,7 +57,7 @@ pub fn fit_with_tier(
         .map_or(1.0, |e| e.chi2_reduced_without_model.max(1.0));
     let criterion = |e: &Option<Estimate<'_>>| {
         e.as_ref().map_or(f64::INFINITY, |e| {
-            let n = e.problem.free().len();
+            let n = e.fitted;
             let freedom = set.observations.len().saturating_sub(n).max(1) as f64;
             e.chi2_reduced_without_model * freedom / dispersion + 2.0 * n as f64
         })
@@ -299,6 +299,8 @@ fn spoken(quantity: Quantity) -> &'static str {
         Quantity::Background => "stray light",
         Quantity::AzimuthOffset => "azimuth offset",
         Quantity::TiltOffset => "tilt offset",
+        Quantity::Eta => "index n",
+        Quantity::K => "index k",
     }
 }
 
@@ -355,6 +357,7 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
             Quantity::RhoD if variant == VariantName::Paper => (values.rho_d, 1.0, f64::INFINITY),
             Quantity::RhoD => (values.rho_d, 1.0, HOPELESS_RHO_D),
             Quantity::Scale => (values.scale, 1.0, f64::INFINITY),
+            Quantity::Eta | Quantity::K => (values.inner(q), 1.0, f64::INFINITY),
             Quantity::Background if absolute => (
                 values.background / values.scale,
                 1.0 / values.scale,
@@ -392,17 +395,10 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
 
 fn scale(e: &Estimate<'_>, variant: VariantName, fitted: Parameter) -> Parameter {
     let set = e.problem.set();
-    if let Some(white) = set.white_reference {
-        let drift = set
-            .observations
-            .iter()
-            .map(|o| (o.shared.led_drift / o.signal).abs())
-            .filter(|share| share.is_finite())
-            .fold(0.0, f64::max)
-            .min(0.1);
+    if set.white_reference.is_some() {
         let budget = Budget {
-            reference: white.reflectance_std / white.reflectance,
-            drift,
+            reference: reference_std(set),
+            drift: drift_std(set),
             ..Budget::default()
         };
         return Parameter {
@@ -464,14 +460,15 @@ fn left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
             if e.tier_shift.iter().all(|s| *s == 0.0) {
                 list.push(entry(
                     "two-bounce quadrature",
-                    "the closed form's approximations of the second bounce stand uncorrected",
+                    "the closed form describes these data better than with its second bounce \
+                     integrated",
                     Some(e.rms_residual),
                 ));
             }
             list.push(entry(
                 "third bounce",
-                "it does not matter beside the second at these ridge angles",
-                Some(1e-4),
+                "specular thrice: a few thousandths of the second bounce's light; diffuse tails are in",
+                Some(3e-4),
             ));
         }
     }

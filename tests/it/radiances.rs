@@ -180,9 +180,9 @@ fn check(name: &str, bench: Bench) {
             p.budget
         );
         let limit = match key {
-            "theta_r_deg" | "azimuth_offset_deg" | "tilt_offset_deg" => 0.4,
-            "alpha_u" | "alpha_v" => 0.1 * value,
-            "rho_d" => 0.1 * value,
+            "theta_r_deg" | "azimuth_offset_deg" | "tilt_offset_deg" => 0.2,
+            "alpha_u" | "alpha_v" => 0.04 * value,
+            "rho_d" => 0.06 * value,
             _ => f64::INFINITY,
         };
         assert!(expanded <= limit, "{name} {key}: {expanded} > {limit}");
