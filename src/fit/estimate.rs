@@ -67,13 +67,14 @@ pub fn free_quantities(set: &ObservationSet, variant: Variant) -> (Vec<Quantity>
     let absolute = set.white_reference.is_some();
     let metal = matches!(set.material, Material::Conductor { .. });
     let peak = peak(set);
+    let (gain, background) = from_flats(set);
     let fixed = Values {
         theta_r: 0.0,
         alpha_u: 0.1,
         alpha_v: 0.1,
         rho_d: 0.0,
-        scale: if absolute { 1.0 } else { peak },
-        background: set.background.mean,
+        scale: if absolute { gain } else { peak },
+        background,
         azimuth_offset: 0.0,
         tilt_offset: 0.0,
         eta: set.material.index().0,
@@ -90,6 +91,36 @@ pub fn free_quantities(set: &ObservationSet, variant: Variant) -> (Vec<Quantity>
         })
         .collect();
     (free, fixed)
+}
+
+/// Gain and stray light that the flats and the prior on stray light give at a tilt zero of 0, or
+/// 1 and the prior's mean without flats.
+fn from_flats(set: &ObservationSet) -> (f64, f64) {
+    let prior = set.background;
+    let Some(white) = set.white_reference.filter(|_| !set.flats.is_empty()) else {
+        return (1.0, prior.mean);
+    };
+    // Normal equations of two unknowns.
+    let weight = 1.0 / (prior.std * prior.std);
+    let (mut aa, mut ab, mut bb) = (0.0, 0.0, weight);
+    let (mut ay, mut by) = (0.0, weight * prior.mean);
+    for flat in &set.flats {
+        let a = white.reflectance / std::f64::consts::PI * set.rig.cos_incidence(flat.theta_c);
+        let w = 1.0 / (flat.sigma * flat.sigma);
+        aa += w * a * a;
+        ab += w * a;
+        bb += w;
+        ay += w * a * flat.signal;
+        by += w * flat.signal;
+    }
+    let determinant = aa * bb - ab * ab;
+    let gain = (ay * bb - by * ab) / determinant;
+    let background = (aa * by - ab * ay) / determinant;
+    if gain.is_finite() && background.is_finite() && gain > 0.0 {
+        (gain, background)
+    } else {
+        (1.0, prior.mean)
+    }
 }
 
 /// Largest signal.
@@ -128,7 +159,14 @@ pub fn estimate<'a>(
         let both = own.iter().zip(&scale);
         both.map(|(o, s)| o.hypot(d * s)).collect()
     };
-    let first = Problem::new(set, variant, free, fixed).with_sigma(weights(FIRST_DISCREPANCY));
+    // Flats at their full weight would drag a start about for the last digit of gain and tilt.
+    let loose = set
+        .flats
+        .iter()
+        .map(|f| f.sigma.hypot(FIRST_DISCREPANCY * f.signal));
+    let first = Problem::new(set, variant, free, fixed)
+        .with_sigma(weights(FIRST_DISCREPANCY))
+        .with_flat_sigma(loose.collect());
     let settings = Settings::default();
     // The starts only have to find the basin; the rounds below polish.
     let rough = Settings {
@@ -152,7 +190,8 @@ pub fn estimate<'a>(
     let fitted = first.free().len();
     let mut free = first.free().to_vec();
     free.extend(certified(set));
-    let mut problem = first.with_free(free);
+    let own_flat = set.flats.iter().map(|f| f.sigma).collect();
+    let mut problem = first.with_free(free).with_flat_sigma(own_flat);
     let bounds = problem.bounds();
     let mut minimum = best;
     minimum.parameters = problem.pack(&found);

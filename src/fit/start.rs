@@ -1,5 +1,10 @@
-//! Where a fit starts: from the brightest pose, and from a scrambled Sobol set over the ridge angle,
-//! the roughness and the whole circle of azimuths.
+//! Where a fit starts: from the shape of the bright spot, from the brightest poses, and from a scrambled
+//! Sobol set over the ridge angle, the roughness and the whole circle of azimuths.
+//!
+//! Over the slopes of the half vector, seen from the sample, the logarithm of a single reflection is
+//! a paraboloid: its top is the facet's normal, its curvatures are the roughnesses. A linear
+//! regression on the bright poses reads all four at once, and so near that most fits need no other
+//! start; the others guard against what the paraboloid does not know.
 //!
 //! A lobe that is far narrower than the distance to its peak has no slope to follow, so candidates
 //! have broad lobes (α ≥ 0.05) and the solver narrows them. Each candidate is judged after its
@@ -9,7 +14,7 @@ use std::f64::consts::PI;
 
 use sobol_burley::sample;
 
-use super::least_squares::LeastSquares;
+use super::least_squares::{LeastSquares, householder, solve_upper};
 use super::problem::{Problem, Quantity, Values};
 use crate::geometry::Pose;
 use crate::observation::ObservationSet;
@@ -21,6 +26,7 @@ const CANDIDATES_PER_START: u32 = 12;
 /// start varies (stray light, tilt zero and what is fixed).
 #[must_use]
 pub fn starts(problem: &Problem<'_>, fallback: &Values, count: usize, seed: u32) -> Vec<Values> {
+    let spots = from_bright_spot(problem.set(), fallback);
     let mut candidates = from_brightest(problem.set(), fallback);
     let wanted = CANDIDATES_PER_START * u32::try_from(count).unwrap_or(u32::MAX);
     for k in 0..wanted {
@@ -32,24 +38,172 @@ pub fn starts(problem: &Problem<'_>, fallback: &Values, count: usize, seed: u32)
         values.azimuth_offset = (at(3) - 0.5) * 2.0 * PI;
         candidates.push(values);
     }
-    let mut judged: Vec<(f64, Values)> = candidates
-        .into_iter()
-        .map(|values| settle_linear(problem, values))
-        .filter(|(cost, _)| cost.is_finite())
-        .collect();
-    judged.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let judge = |candidates: Vec<Values>| {
+        let settled = candidates.into_iter().map(|v| settle_linear(problem, v));
+        let mut judged: Vec<(f64, Values)> = settled.filter(|(cost, _)| cost.is_finite()).collect();
+        judged.sort_by(|a, b| a.0.total_cmp(&b.0));
+        judged
+    };
+    // The paraboloids come first whatever they cost: a narrow lobe a little off its place costs more
+    // than a broad one that is all wrong.
+    let mut judged = judge(spots);
+    judged.truncate(count.div_ceil(2));
+    let spots = judged.len();
+    judged.extend(judge(candidates));
     let mut chosen: Vec<Values> = Vec::new();
     for radius in [1.0, 0.3, 0.0] {
-        for (_, values) in &judged {
+        for (k, (_, values)) in judged.iter().enumerate() {
             if chosen.len() == count {
                 return chosen;
             }
+            let radius = if k < spots {
+                0.1_f64.min(radius)
+            } else {
+                radius
+            };
             if chosen.iter().all(|c| distance(c, values) > radius) {
                 chosen.push(*values);
             }
         }
     }
     chosen
+}
+
+/// Shares of the range from the dimmest to the brightest signal above which a pose belongs to the
+/// bright spot.
+const BRIGHT: [f64; 4] = [0.02, 0.1, 0.25, 0.5];
+
+/// Numbers of poses around the brightest one that are tried as the bright spot.
+const NEIGHBOURS: [usize; 3] = [6, 9, 14];
+
+/// The paraboloid of the bright spot's logarithm, for several ideas of what is bright: all above a
+/// share of the range, or the brightest pose with its neighbours (a narrow lobe on dark ground).
+fn from_bright_spot(set: &ObservationSet, fallback: &Values) -> Vec<Values> {
+    let signals = || set.observations.iter().map(|o| o.signal);
+    let (low, high) = (
+        signals().fold(f64::INFINITY, f64::min),
+        signals().fold(f64::NEG_INFINITY, f64::max),
+    );
+    let points: Vec<([f64; 2], f64)> = set
+        .observations
+        .iter()
+        .map(|o| {
+            let rig = set.rig.rig_directions(o.pose.theta_c);
+            let h = rig.incident + rig.outgoing;
+            let turn = o.pose.phi_s + set.rig.azimuth_zero + set.region_azimuth;
+            let (s, c) = turn.sin_cos();
+            // Along v and across it, were the azimuth offset 0.
+            let slopes = [(h.x * c + h.y * s) / h.z, (h.y * c - h.x * s) / h.z];
+            (slopes, (o.signal - low) / (high - low))
+        })
+        .collect();
+    let mut spots: Vec<Vec<_>> = BRIGHT
+        .iter()
+        .map(|share| points.iter().copied().filter(|p| p.1 > *share).collect())
+        .collect();
+    let mut near: Vec<_> = points.iter().copied().filter(|p| p.1 > 1e-6).collect();
+    if let Some((centre, _)) = near.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)) {
+        let from = |p: &[f64; 2]| (p[0] - centre[0]).hypot(p[1] - centre[1]);
+        near.sort_by(|a, b| from(&a.0).total_cmp(&from(&b.0)));
+        spots.extend(
+            NEIGHBOURS
+                .iter()
+                .map(|k| near[..near.len().min(*k)].to_vec()),
+        );
+    }
+    spots
+        .iter()
+        .filter_map(|spot| paraboloid(spot).or_else(|| round_paraboloid(spot)))
+        .map(|top| {
+            let mut values = *fallback;
+            let [x, y] = top.slopes;
+            values.theta_r = x.hypot(y).atan();
+            values.azimuth_offset = y.atan2(x);
+            values.alpha_v = top.along.clamp(0.01, 1.0);
+            values.alpha_u = top.across.clamp(0.01, 1.0);
+            values
+        })
+        .collect()
+}
+
+/// Top of a paraboloid with its widths along the direction of the top and across it.
+struct Top {
+    slopes: [f64; 2],
+    along: f64,
+    across: f64,
+}
+
+/// Weighted regression of the logarithm on (1, x, y, x², xy, y²); `None` where it has no top.
+fn paraboloid(points: &[([f64; 2], f64)]) -> Option<Top> {
+    let m = points.len();
+    if m < 6 {
+        return None;
+    }
+    let mut a = vec![0.0; 6 * m];
+    let mut b = vec![0.0; m];
+    for (i, ([x, y], value)) in points.iter().enumerate() {
+        // A relative error of the value is an absolute one of its logarithm; bright ones count.
+        let weight = *value;
+        for (j, term) in [1.0, *x, *y, x * x, x * y, y * y].into_iter().enumerate() {
+            a[i + j * m] = weight * term;
+        }
+        b[i] = weight * value.ln();
+    }
+    householder(&mut a, m, 6, &mut b);
+    if !solve_upper(&a, m, 6, &mut b) {
+        return None;
+    }
+    let [_, bx, by, qxx, qxy, qyy] = [b[0], b[1], b[2], b[3], b[4], b[5]];
+    // ln = … + b·s + sᵀ Q s with Q = [[qxx, qxy/2], [qxy/2, qyy]]: the top is at −Q⁻¹ b/2.
+    let determinant = qxx * qyy - 0.25 * qxy * qxy;
+    if !(qxx < 0.0 && determinant > 0.0) {
+        return None;
+    }
+    let x = -0.5 * (qyy * bx - 0.5 * qxy * by) / determinant;
+    let y = -0.5 * (qxx * by - 0.5 * qxy * bx) / determinant;
+    let size = x.hypot(y);
+    if !(size.is_finite() && size < 2.0) {
+        return None;
+    }
+    let (c, s) = if size > 0.0 {
+        (x / size, y / size)
+    } else {
+        (1.0, 0.0)
+    };
+    let curvature = |c: f64, s: f64| -(qxx * c * c + qxy * c * s + qyy * s * s);
+    Some(Top {
+        slopes: [x, y],
+        along: 1.0 / curvature(c, s).sqrt(),
+        across: 1.0 / curvature(-s, c).sqrt(),
+    })
+}
+
+/// The same with one width: regression on (1, x, y, x² + y²), for spots of few poses.
+fn round_paraboloid(points: &[([f64; 2], f64)]) -> Option<Top> {
+    let m = points.len();
+    if m < 4 {
+        return None;
+    }
+    let mut a = vec![0.0; 4 * m];
+    let mut b = vec![0.0; m];
+    for (i, ([x, y], value)) in points.iter().enumerate() {
+        for (j, term) in [1.0, *x, *y, x * x + y * y].into_iter().enumerate() {
+            a[i + j * m] = value * term;
+        }
+        b[i] = value * value.ln();
+    }
+    householder(&mut a, m, 4, &mut b);
+    if !solve_upper(&a, m, 4, &mut b) || b[3] >= 0.0 {
+        return None;
+    }
+    let slopes = [-0.5 * b[1] / b[3], -0.5 * b[2] / b[3]];
+    let width = 1.0 / (-b[3]).sqrt();
+    let fits = slopes[0].hypot(slopes[1]) < 2.0 && width.is_finite();
+    fits.then_some(Top {
+        slopes,
+        along: width,
+        across: width,
+    })
 }
 
 /// At the brightest pose the half vector is close to the facet's normal.
@@ -67,11 +221,17 @@ fn from_brightest(set: &ObservationSet, fallback: &Values) -> Vec<Values> {
         // v stands at azimuth φs + zero + Δφ in the rig's frame; the facet leans to where h points.
         let lean = h.y.atan2(h.x);
         let azimuth = lean - (phi_s + set.rig.azimuth_zero + set.region_azimuth).rad();
-        for alpha in [0.08, 0.2] {
+        for (alpha_u, alpha_v) in [
+            (0.08, 0.08),
+            (0.2, 0.2),
+            (0.05, 0.2),
+            (0.2, 0.05),
+            (0.04, 0.04),
+        ] {
             let mut values = *fallback;
             values.theta_r = h.z.clamp(-1.0, 1.0).acos();
-            values.alpha_u = alpha;
-            values.alpha_v = alpha;
+            values.alpha_u = alpha_u;
+            values.alpha_v = alpha_v;
             values.azimuth_offset = azimuth;
             found.push(values.folded());
         }
@@ -127,4 +287,38 @@ fn distance(a: &Values, b: &Values) -> f64 {
         .hypot((a.alpha_v / b.alpha_v).ln())
         / 0.7;
     apart.hypot(rougher)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_exact_paraboloid_gives_back_its_top_and_its_widths() {
+        // Top at slope 0.2 in the direction of 30°, 0.1 wide along it and 0.06 across.
+        let (s, c) = 30f64.to_radians().sin_cos();
+        let mut points = Vec::new();
+        for i in 0..5 {
+            for j in 0..5 {
+                let (x, y) = (0.07 * f64::from(i), 0.06 * f64::from(j) - 0.05);
+                let along = (x * c + y * s - 0.2) / 0.1;
+                let across = (y * c - x * s) / 0.06;
+                points.push(([x, y], (-along * along - across * across).exp()));
+            }
+        }
+        let top = paraboloid(&points).expect("a top");
+        assert!((top.slopes[0] - 0.2 * c).abs() < 1e-9 && (top.slopes[1] - 0.2 * s).abs() < 1e-9);
+        assert!((top.along - 0.1).abs() < 1e-9 && (top.across - 0.06).abs() < 1e-9);
+    }
+
+    #[test]
+    fn points_without_a_top_give_no_start() {
+        let points: Vec<_> = (0..9)
+            .map(|k| {
+                let (x, y) = (0.1 * f64::from(k % 3), 0.1 * f64::from(k / 3));
+                ([x, y], (x * x + y * y).exp())
+            })
+            .collect();
+        assert!(paraboloid(&points).is_none());
+    }
 }
