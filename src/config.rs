@@ -1,0 +1,665 @@
+//! Every setting of the daemon with unit, default and range: one TOML file, environment on top.
+//!
+//! [`Config::read`] is the one function to call; it checks everything at once and names file, line,
+//! key, allowed values and remedy. No other room reads the environment. A key may be overridden by
+//! `RIDGED_` and its path in capitals, parts joined by two underscores:
+//! `RIDGED_STAGE__THETA_C__LIMIT_MAX_DEG=45`.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::bench::stage::{PortAddress, StageError, StageSettings};
+use crate::scan::plan::{EXPOSURE_S_MAX, EXPOSURE_S_MIN, PlanDefaults};
+use crate::series::{CameraFacts, FlatFacts, RigFacts};
+
+/// All settings. Sections and keys are those of the file.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Port of the stages, as `/dev/serial/by-id/…` or `tcp://host:port`. Required for a real rig.
+    pub port: Option<PortAddress>,
+    /// HTTP.
+    pub server: ServerSettings,
+    /// The data folder.
+    pub store: StoreSettings,
+    /// The two axes: required for a real rig, since nobody but the lab knows where they may go.
+    pub stage: Option<StageSettings>,
+    /// Where lamp and camera stand.
+    pub rig: RigSettings,
+    /// How frames come and what their counts mean.
+    pub camera: CameraSettings,
+    /// The white reference.
+    pub flat: FlatSettings,
+    /// Dark frames.
+    pub dark: DarkSettings,
+    /// How a scan deals with trouble.
+    pub scan: ScanSettings,
+}
+
+/// `[server]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ServerSettings {
+    /// Address to listen on; loopback only. Default 127.0.0.1:8787, port 0 takes a free one.
+    pub listen: String,
+}
+
+impl Default for ServerSettings {
+    fn default() -> Self {
+        ServerSettings {
+            listen: "127.0.0.1:8787".into(),
+        }
+    }
+}
+
+/// `[store]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StoreSettings {
+    /// The data folder. Default `ridged-data`; `--data` overrides it.
+    pub folder: PathBuf,
+    /// Space that a scan leaves free, MB. Default 200, 1 to 1 000 000.
+    pub reserve_mb: u64,
+}
+
+impl Default for StoreSettings {
+    fn default() -> Self {
+        StoreSettings {
+            folder: "ridged-data".into(),
+            reserve_mb: 200,
+        }
+    }
+}
+
+/// `[rig]`: see the manifest of a series, whose keys these are.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RigSettings {
+    /// Angle between lamp and camera. Default 10, above 0 and below 90.
+    pub theta_l_deg: f64,
+    /// Azimuth of the lamp about the camera's axis. Default 0 (in the tilt plane), −360 to 360.
+    pub light_azimuth_deg: f64,
+    /// Added to the recorded φs it gives the azimuth of v. Default 0, −360 to 360.
+    pub azimuth_zero_deg: f64,
+    /// Half angle of the lamp seen from the sample. Default 1, 0 to 20.
+    pub light_angular_radius_deg: f64,
+    /// Wavelength of the lamp. Default 550, 200 to 20 000.
+    pub wavelength_nm: f64,
+    /// Column and row of the rotation axis, from the outer corner of the first pixel. Default: the
+    /// frame's centre.
+    pub rotation_axis_px: Option<[f64; 2]>,
+    /// From the centre of tilt to the lamp; leave it out for a collimated one. Above 0.
+    pub light_distance_mm: Option<f64>,
+    /// Radius of the lamp where its distance is given. Above 0.
+    pub light_radius_mm: Option<f64>,
+    /// From the centre of tilt to the camera's pupil; leave it out for a telecentric lens. Above 0.
+    pub camera_distance_mm: Option<f64>,
+}
+
+impl Default for RigSettings {
+    fn default() -> Self {
+        RigSettings {
+            theta_l_deg: 10.0,
+            light_azimuth_deg: 0.0,
+            azimuth_zero_deg: 0.0,
+            light_angular_radius_deg: 1.0,
+            wavelength_nm: 550.0,
+            rotation_axis_px: None,
+            light_distance_mm: None,
+            light_radius_mm: None,
+            camera_distance_mm: None,
+        }
+    }
+}
+
+/// `[camera]`: the program that delivers frames, and what the camera's data sheet says.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CameraSettings {
+    /// Folder into which the camera's program writes frames. Required for a real rig.
+    pub folder: Option<PathBuf>,
+    /// Program and arguments run for each frame; `{file}`, `{kind}`, `{theta_c_deg}`, `{phi_s_deg}`,
+    /// `{exposure_s}` and `{repeat}` are filled in. Empty: frames come by themselves.
+    pub command: Vec<String>,
+    /// How long to wait for a frame beyond its exposure, s. Default 30, 0.1 to 3600.
+    pub timeout_s: f64,
+    /// Whether a frame's file is deleted from the folder once it is in the store. Default false.
+    pub delete_read_frames: bool,
+    /// Columns of a frame. Default 128, 1 to 16384.
+    pub width_px: u32,
+    /// Rows of a frame. Default 128, 1 to 16384.
+    pub height_px: u32,
+    /// Width of the field in the plane through the centre of tilt. Above 0.
+    pub field_width_mm: Option<f64>,
+    /// Height of the field. Above 0.
+    pub field_height_mm: Option<f64>,
+    /// Bits of the converter. Default 16, 8 to 16.
+    pub bit_depth: u32,
+    /// Count at which a pixel is full. Default: what the bits allow. 1 to 65535.
+    pub saturation_dn: Option<f64>,
+    /// Counts per electron. Default 1, above 0.
+    pub gain_dn_per_electron: f64,
+    /// Count without light. Default 0, 0 to 65535.
+    pub black_level_dn: f64,
+    /// Read noise. Default 2, 0 to 10 000.
+    pub read_noise_electrons_rms: f64,
+    /// Exposures of a sample. Default 0.02, 0.06, 0.18; each 1e-6 to 3600.
+    pub exposures_s: Vec<f64>,
+}
+
+impl Default for CameraSettings {
+    fn default() -> Self {
+        CameraSettings {
+            folder: None,
+            command: Vec::new(),
+            timeout_s: 30.0,
+            delete_read_frames: false,
+            width_px: 128,
+            height_px: 128,
+            field_width_mm: None,
+            field_height_mm: None,
+            bit_depth: 16,
+            saturation_dn: None,
+            gain_dn_per_electron: 1.0,
+            black_level_dn: 0.0,
+            read_noise_electrons_rms: 2.0,
+            exposures_s: vec![0.02, 0.06, 0.18],
+        }
+    }
+}
+
+/// `[flat]`: the white reference and how it is photographed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FlatSettings {
+    /// Diffuse reflectance from the certificate. Default 0.99, above 0 and at most 1.
+    pub reflectance: f64,
+    /// Its standard uncertainty. Default 0.005, above 0, below 0.5.
+    pub reflectance_std: f64,
+    /// Exposures of the white reference, which is brighter than most samples. Default: those of the
+    /// sample.
+    pub exposures_s: Option<Vec<f64>>,
+    /// Frames per tilt and exposure. Default 1, 0 to 1000.
+    pub repeats: u32,
+    /// How long its frames are valid, h. Default 24, 0 to 8760.
+    pub valid_h: f64,
+}
+
+impl Default for FlatSettings {
+    fn default() -> Self {
+        FlatSettings {
+            reflectance: 0.99,
+            reflectance_std: 0.005,
+            exposures_s: None,
+            repeats: 1,
+            valid_h: 24.0,
+        }
+    }
+}
+
+/// `[dark]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DarkSettings {
+    /// Frames per exposure. Default 4, 0 to 1000.
+    pub repeats: u32,
+    /// How long its frames are valid, h. Default 24, 0 to 8760.
+    pub valid_h: f64,
+}
+
+impl Default for DarkSettings {
+    fn default() -> Self {
+        DarkSettings {
+            repeats: 4,
+            valid_h: 24.0,
+        }
+    }
+}
+
+/// `[scan]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ScanSettings {
+    /// Visits to one point before the scan pauses for a person. Default 3, 1 to 100.
+    pub attempts_max: u32,
+    /// Counts above the black level that a frame under the cap may show. Default 100, 0 to 65535.
+    pub capped_mean_dn_max: f64,
+}
+
+impl Default for ScanSettings {
+    fn default() -> Self {
+        ScanSettings {
+            attempts_max: 3,
+            capped_mean_dn_max: 100.0,
+        }
+    }
+}
+
+/// Why the settings cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("the configuration file {} cannot be read: {source}; check the path given to --config", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system says.
+        source: std::io::Error,
+    },
+    /// The text is no TOML, a key is unknown or a value has the wrong type.
+    #[error("{origin}: {detail}; ridged.example.toml shows every key")]
+    Malformed {
+        /// File or variable.
+        origin: String,
+        /// The reader's words, with line, column and the keys allowed.
+        detail: String,
+    },
+    /// A value is out of its range.
+    #[error(
+        "{origin}: {key} is {found}, allowed is {allowed}; ridged.example.toml shows every key"
+    )]
+    OutOfRange {
+        /// File and line, or variable.
+        origin: String,
+        /// Path of the key.
+        key: String,
+        /// What it is.
+        found: String,
+        /// What it may be.
+        allowed: String,
+    },
+}
+
+impl Config {
+    /// Reads settings: defaults, then `file` if given, then `environment` (name and value).
+    ///
+    /// # Errors
+    /// [`ConfigError`] names where, which key, what is allowed.
+    pub fn read(
+        file: Option<&Path>,
+        environment: impl IntoIterator<Item = (String, String)>,
+    ) -> Result<Config, ConfigError> {
+        let (text, origin) = match file {
+            None => (String::new(), "settings".to_owned()),
+            Some(path) => (
+                std::fs::read_to_string(path).map_err(|source| ConfigError::Unreadable {
+                    path: path.into(),
+                    source,
+                })?,
+                path.display().to_string(),
+            ),
+        };
+        Config::from_text(&text, &origin, environment)
+    }
+
+    fn from_text(
+        text: &str,
+        origin: &str,
+        environment: impl IntoIterator<Item = (String, String)>,
+    ) -> Result<Config, ConfigError> {
+        // First by itself, so that a mistake in the file is told with its line.
+        toml::from_str::<Config>(text).map_err(|error| ConfigError::Malformed {
+            origin: origin.into(),
+            detail: error.to_string(),
+        })?;
+        let mut table: toml::Table = toml::from_str(text).unwrap_or_default();
+        let mut variables = Vec::new();
+        for (name, value) in environment {
+            let Some(path) = name.strip_prefix("RIDGED_").filter(|p| p.contains("__")) else {
+                continue;
+            };
+            let path = path.to_lowercase();
+            set(&mut table, &path, &value);
+            // One after the other, so that the variable at fault is named.
+            toml::Value::Table(table.clone())
+                .try_into::<Config>()
+                .map_err(|error| ConfigError::Malformed {
+                    origin: format!("environment variable {name}"),
+                    detail: error.to_string(),
+                })?;
+            variables.push((path.replace("__", "."), name));
+        }
+        let config: Config =
+            toml::Value::Table(table)
+                .try_into()
+                .map_err(|error: toml::de::Error| ConfigError::Malformed {
+                    origin: origin.into(),
+                    detail: error.to_string(),
+                })?;
+        config.check(|key| {
+            if let Some((_, name)) = variables.iter().find(|(path, _)| path == key) {
+                return format!("environment variable {name}");
+            }
+            match line_of(text, key) {
+                Some(line) => format!("{origin}, line {line}"),
+                None => origin.to_owned(),
+            }
+        })?;
+        Ok(config)
+    }
+
+    fn check(&self, origin_of: impl Fn(&str) -> String) -> Result<(), ConfigError> {
+        let fail = |key: &str, found: String, allowed: &str| {
+            Err(ConfigError::OutOfRange {
+                origin: origin_of(key),
+                key: key.into(),
+                found,
+                allowed: allowed.into(),
+            })
+        };
+        let (rig, camera, flat) = (&self.rig, &self.camera, &self.flat);
+        const OPEN: f64 = 1e-9;
+        let numbers = [
+            ("store.reserve_mb", self.store.reserve_mb as f64, 1.0, 1e6),
+            ("rig.theta_l_deg", rig.theta_l_deg, OPEN, 90.0 - OPEN),
+            (
+                "rig.light_azimuth_deg",
+                rig.light_azimuth_deg,
+                -360.0,
+                360.0,
+            ),
+            ("rig.azimuth_zero_deg", rig.azimuth_zero_deg, -360.0, 360.0),
+            (
+                "rig.light_angular_radius_deg",
+                rig.light_angular_radius_deg,
+                0.0,
+                20.0,
+            ),
+            ("rig.wavelength_nm", rig.wavelength_nm, 200.0, 20_000.0),
+            ("camera.timeout_s", camera.timeout_s, 0.1, 3600.0),
+            ("camera.width_px", f64::from(camera.width_px), 1.0, 16384.0),
+            (
+                "camera.height_px",
+                f64::from(camera.height_px),
+                1.0,
+                16384.0,
+            ),
+            ("camera.bit_depth", f64::from(camera.bit_depth), 8.0, 16.0),
+            (
+                "camera.gain_dn_per_electron",
+                camera.gain_dn_per_electron,
+                OPEN,
+                1e6,
+            ),
+            ("camera.black_level_dn", camera.black_level_dn, 0.0, 65535.0),
+            (
+                "camera.read_noise_electrons_rms",
+                camera.read_noise_electrons_rms,
+                0.0,
+                10_000.0,
+            ),
+            ("flat.reflectance", flat.reflectance, OPEN, 1.0),
+            ("flat.reflectance_std", flat.reflectance_std, OPEN, 0.5),
+            ("flat.repeats", f64::from(flat.repeats), 0.0, 1000.0),
+            ("flat.valid_h", flat.valid_h, 0.0, 8760.0),
+            ("dark.repeats", f64::from(self.dark.repeats), 0.0, 1000.0),
+            ("dark.valid_h", self.dark.valid_h, 0.0, 8760.0),
+            (
+                "scan.attempts_max",
+                f64::from(self.scan.attempts_max),
+                1.0,
+                100.0,
+            ),
+            (
+                "scan.capped_mean_dn_max",
+                self.scan.capped_mean_dn_max,
+                0.0,
+                65535.0,
+            ),
+        ];
+        for (key, value, min, max) in numbers {
+            if !(min..=max).contains(&value) {
+                return fail(key, value.to_string(), &format!("{min} to {max}"));
+            }
+        }
+        let optional = [
+            ("rig.light_distance_mm", rig.light_distance_mm),
+            ("rig.light_radius_mm", rig.light_radius_mm),
+            ("rig.camera_distance_mm", rig.camera_distance_mm),
+            ("camera.field_width_mm", camera.field_width_mm),
+            ("camera.field_height_mm", camera.field_height_mm),
+            ("camera.saturation_dn", camera.saturation_dn),
+        ];
+        for (key, value) in optional {
+            if let Some(value) = value
+                && !(OPEN..=1e9).contains(&value)
+            {
+                return fail(key, value.to_string(), "a positive number");
+            }
+        }
+        let flat_exposures = flat.exposures_s.as_deref().unwrap_or(&camera.exposures_s);
+        for (key, list) in [
+            ("camera.exposures_s", camera.exposures_s.as_slice()),
+            ("flat.exposures_s", flat_exposures),
+        ] {
+            let fine = |s: &f64| (EXPOSURE_S_MIN..=EXPOSURE_S_MAX).contains(s);
+            if list.is_empty() || !list.iter().all(fine) {
+                let allowed = format!("one or more of {EXPOSURE_S_MIN} to {EXPOSURE_S_MAX} s");
+                return fail(key, format!("{list:?}"), &allowed);
+            }
+        }
+        if self.port.is_some() && self.stage.is_none() {
+            let allowed = "address, limit_min_deg and limit_max_deg of both axes";
+            return fail("stage", "missing beside a port".into(), allowed);
+        }
+        match self.stage.as_ref().map(StageSettings::validate) {
+            None | Some(Ok(())) => {}
+            Some(Err(StageError::BadSetting { key, reason })) => {
+                let allowed = reason.strip_prefix("it must be ").unwrap_or(&reason);
+                return fail(&format!("stage.{key}"), "what it cannot be".into(), allowed);
+            }
+            Some(Err(other)) => return fail("stage", other.to_string(), "what a stage can do"),
+        }
+        Ok(())
+    }
+
+    /// `[rig]` of the manifests of this rig's scans.
+    #[must_use]
+    pub fn rig_facts(&self) -> RigFacts {
+        let rig = &self.rig;
+        let distance = |mm: Option<f64>| mm.map(|_| "finite".to_owned());
+        RigFacts {
+            theta_l_deg: rig.theta_l_deg,
+            light_azimuth_deg: rig.light_azimuth_deg,
+            azimuth_zero_deg: rig.azimuth_zero_deg,
+            light_angular_radius_deg: Some(rig.light_angular_radius_deg),
+            wavelength_nm: Some(rig.wavelength_nm),
+            rotation_axis_px: rig.rotation_axis_px,
+            light_distance: distance(rig.light_distance_mm),
+            camera_distance: distance(rig.camera_distance_mm),
+            light_distance_mm: rig.light_distance_mm,
+            light_radius_mm: rig.light_radius_mm,
+            camera_distance_mm: rig.camera_distance_mm,
+            notes: Default::default(),
+        }
+    }
+
+    /// `[camera]` of the manifests of this rig's scans.
+    #[must_use]
+    pub fn camera_facts(&self) -> CameraFacts {
+        let camera = &self.camera;
+        let projection = match self.rig.camera_distance_mm {
+            Some(_) => "perspective",
+            None => "orthographic",
+        };
+        CameraFacts {
+            projection: projection.into(),
+            width_px: camera.width_px,
+            height_px: camera.height_px,
+            field_width_mm: camera.field_width_mm,
+            field_height_mm: camera.field_height_mm,
+            bit_depth: Some(camera.bit_depth),
+            saturation_dn: camera.saturation_dn,
+            gain_dn_per_electron: camera.gain_dn_per_electron,
+            black_level_dn: Some(camera.black_level_dn),
+            read_noise_electrons_rms: Some(camera.read_noise_electrons_rms),
+            exposures_s: camera.exposures_s.clone(),
+            camera_distance_mm: self.rig.camera_distance_mm,
+            notes: Default::default(),
+        }
+    }
+
+    /// `[flat]` of the manifests of this rig's scans.
+    #[must_use]
+    pub fn flat_facts(&self) -> FlatFacts {
+        FlatFacts {
+            reflectance: Some(self.flat.reflectance),
+            reflectance_std: Some(self.flat.reflectance_std),
+            notes: Default::default(),
+        }
+    }
+
+    /// What a plan takes where it says nothing.
+    #[must_use]
+    pub fn plan_defaults(&self) -> PlanDefaults {
+        PlanDefaults {
+            exposures_s: self.camera.exposures_s.clone(),
+            flat_exposures_s: self
+                .flat
+                .exposures_s
+                .clone()
+                .unwrap_or_else(|| self.camera.exposures_s.clone()),
+            dark_repeats: self.dark.repeats,
+            flat_repeats: self.flat.repeats,
+        }
+    }
+}
+
+/// Sets `a__b__c` in a table; a value that is no TOML counts as text.
+fn set(table: &mut toml::Table, path: &str, value: &str) {
+    let parsed = toml::from_str::<toml::Table>(&format!("x = {value}"))
+        .ok()
+        .and_then(|mut t| t.remove("x"))
+        .unwrap_or_else(|| toml::Value::String(value.into()));
+    let mut table = table;
+    let mut parts = path.split("__").peekable();
+    while let Some(part) = parts.next() {
+        if parts.peek().is_none() {
+            table.insert(part.into(), parsed);
+            return;
+        }
+        let next = table
+            .entry(part)
+            .or_insert_with(|| toml::Value::Table(toml::Table::new()));
+        match next {
+            toml::Value::Table(inner) => table = inner,
+            // The reader will say that this is no table.
+            other => {
+                *other = parsed;
+                return;
+            }
+        }
+    }
+}
+
+/// Line, from 1, on which `section.key` is set.
+fn line_of(text: &str, key: &str) -> Option<usize> {
+    let (section, name) = key.rsplit_once('.').unwrap_or(("", key));
+    let mut current = "";
+    for (i, line) in text.lines().enumerate() {
+        let line = line.trim();
+        if let Some(header) = line.strip_prefix('[') {
+            current = header.split(']').next().unwrap_or_default().trim();
+        } else if current == section && line.split('=').next().is_some_and(|k| k.trim() == name) {
+            return Some(i + 1);
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str, environment: &[(&str, &str)]) -> Result<Config, ConfigError> {
+        Config::from_text(
+            text,
+            "rig.toml",
+            environment
+                .iter()
+                .map(|(k, v)| ((*k).to_owned(), (*v).to_owned())),
+        )
+    }
+
+    #[test]
+    fn nothing_said_means_the_defaults() {
+        assert_eq!(read("", &[]).unwrap(), Config::default());
+    }
+
+    #[test]
+    fn the_example_file_is_read_and_names_every_section() {
+        let text = include_str!("../ridged.example.toml");
+        let config = read(text, &[]).unwrap();
+        assert!(config.port.is_some() && config.camera.folder.is_some());
+        for section in [
+            "server", "store", "stage", "rig", "camera", "flat", "dark", "scan",
+        ] {
+            assert!(text.contains(&format!("[{section}]")), "{section}");
+        }
+    }
+
+    #[test]
+    fn an_unknown_key_is_named_with_its_line_and_what_was_meant() {
+        let error = read("[camera]\nwidth_px = 10\nheigth_px = 10\n", &[])
+            .unwrap_err()
+            .to_string();
+        for part in ["rig.toml", "line 3", "heigth_px", "height_px"] {
+            assert!(error.contains(part), "{part} is not in: {error}");
+        }
+    }
+
+    #[test]
+    fn a_value_out_of_range_is_named_with_line_and_range() {
+        let error = read("[rig]\n\ntheta_l_deg = 100.0\n", &[])
+            .unwrap_err()
+            .to_string();
+        for part in ["rig.toml, line 3", "rig.theta_l_deg", "100", "90"] {
+            assert!(error.contains(part), "{part} is not in: {error}");
+        }
+        assert!(read("[rig]\ntheta_l_deg = nan", &[]).is_err());
+    }
+
+    #[test]
+    fn a_wrong_type_and_a_garbled_file_are_named_with_their_line() {
+        for (text, line) in [
+            ("[camera]\nwidth_px = \"wide\"\n", "line 2"),
+            ("[camera\nwidth_px = 3\n", "line 1"),
+            ("\u{0}\u{1}garbage", "line 1"),
+        ] {
+            let error = read(text, &[]).unwrap_err().to_string();
+            assert!(error.contains(line), "{line} is not in: {error}");
+        }
+    }
+
+    #[test]
+    fn a_stage_setting_out_of_range_is_named_with_its_line() {
+        let text = include_str!("../ridged.example.toml").replace("address = 2 ", "address = 200 ");
+        let text = text.replace("address = 2\n", "address = 200\n");
+        let error = read(&text, &[]).unwrap_err().to_string();
+        for part in ["line ", "stage.phi_s.address", "1 to 99"] {
+            assert!(error.contains(part), "{part} is not in: {error}");
+        }
+        let error = read("port = \"/dev/ttyUSB0\"", &[])
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("limit_min_deg"), "{error}");
+    }
+
+    #[test]
+    fn the_environment_wins_and_is_named_when_it_is_wrong() {
+        let text = "[flat]\nreflectance = 0.5\n";
+        let config = read(text, &[("RIDGED_FLAT__REFLECTANCE", "0.9")]).unwrap();
+        assert_eq!(config.flat.reflectance, 0.9);
+        let config = read("", &[("RIDGED_STORE__FOLDER", "/srv/data")]).unwrap();
+        assert_eq!(config.store.folder, PathBuf::from("/srv/data"));
+        for variable in [
+            ("RIDGED_FLAT__REFLECTANCE", "7"),
+            ("RIDGED_FLAT__REFLEKTANCE", "0.9"),
+            ("RIDGED_FLAT__REFLECTANCE", "bright"),
+        ] {
+            let error = read(text, &[variable]).unwrap_err().to_string();
+            assert!(error.contains(variable.0), "{error}");
+        }
+    }
+}
