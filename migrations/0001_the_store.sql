@@ -166,6 +166,8 @@ CREATE TABLE events (
     body    TEXT NOT NULL                   -- JSON
 );
 
+CREATE INDEX events_of_scan ON events (scan_id, id);
+
 -- Answers to requests that carried an Idempotency-Key: the same request again gets the same answer.
 CREATE TABLE idempotency_keys (
     key         TEXT PRIMARY KEY,

@@ -117,6 +117,32 @@ pub struct AxisEvent {
     pub target_deg: Option<f64>,
 }
 
+impl AxisEvent {
+    /// Nothing is known of the axis.
+    pub const UNKNOWN: AxisEvent = AxisEvent {
+        position_deg: None,
+        target_deg: None,
+    };
+
+    /// An axis at rest.
+    #[must_use]
+    pub fn at(position: crate::units::Angle) -> Self {
+        AxisEvent {
+            position_deg: Some(position.deg()),
+            target_deg: None,
+        }
+    }
+
+    /// An axis on its way.
+    #[must_use]
+    pub fn to(target: crate::units::Angle) -> Self {
+        AxisEvent {
+            position_deg: None,
+            target_deg: Some(target.deg()),
+        }
+    }
+}
+
 /// What the rig is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -3,12 +3,16 @@
 //! [`Plan`] is what a person asks for; [`Plan::check`] lists everything that is wrong with it and
 //! [`Plan::steps`] puts it in an order that saves motion, both before anything moves.
 //! [`ScanState`] is the one state machine. What happens is told in [`Event`]s and nowhere else:
-//! page, log and store see the same ones. This room knows no database, no HTTP and no simulator.
+//! page, log and store see the same ones. [`runner::run`] carries a plan out. This room knows no database, no HTTP and no simulator.
 
 pub mod event;
 pub mod plan;
+pub mod rig;
+pub mod runner;
 pub mod state;
+pub mod visit;
 
 pub use event::{Event, OperatorAction, Progress, RecordedEvent};
 pub use plan::{Plan, PlanError, PlanRequest, Shot, Step, TravelLimits};
+pub use rig::{Rig, StageLink};
 pub use state::ScanState;

@@ -348,8 +348,7 @@ impl PlanRequest {
 /// One point: a pose with all its exposures and repeats, committed as a whole.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shot {
-    /// Place in the plan, from 0, calibrations first; stable for a plan, so that a scan that is
-    /// resumed knows what it has.
+    /// Place in the plan, from 0, calibrations first; independent of the order.
     pub index: u32,
     /// What the frames show.
     pub kind: FrameKind,
@@ -500,60 +499,51 @@ impl Plan {
     /// The plan must have passed [`Plan::check`].
     ///
     /// Of the orders tried (either axis outside, there and back or always the same way) the one
-    /// that `move_time` finds quickest is taken, so a stage's speeds and backlash decide.
+    /// that `move_time` finds quickest is taken, so a stage's speeds and backlash decide. The index
+    /// of a shot does not depend on the order, so that a resumed scan knows what it has.
     #[must_use]
     pub fn steps(&self, limits: &TravelLimits, start: Pose, move_time: MoveTime<'_>) -> Vec<Step> {
         let mut steps = Vec::new();
-        let mut index = 0;
-        let mut push = |steps: &mut Vec<Step>,
-                        kind,
-                        pose: Option<(Pose, Pose)>,
-                        exposures_s: &[f64],
-                        repeats| {
-            steps.push(Step::Shot(Shot {
-                index,
-                kind,
-                pose: pose.map(|p| p.0),
-                target: pose.map(|p| p.1),
-                exposures_s: exposures_s.to_vec(),
-                repeats,
-            }));
-            index += 1;
-        };
         if self.dark.repeats > 0 {
             steps.push(Step::Operator(OperatorAction::CapLens));
-            push(
-                &mut steps,
-                FrameKind::Dark,
-                None,
-                &self.all_exposures_s(),
-                self.dark.repeats,
-            );
+            steps.push(Step::Shot(Shot {
+                index: 0,
+                kind: FrameKind::Dark,
+                pose: None,
+                target: None,
+                exposures_s: self.all_exposures_s(),
+                repeats: self.dark.repeats,
+            }));
         }
         let mut at = start;
         if self.flat.repeats > 0 {
             steps.push(Step::Operator(OperatorAction::PlaceWhiteReference));
-            let order = quickest_order(&self.flat.theta_c_deg, &[0.0], limits, at, move_time);
-            for (pose, target) in order {
-                at = target;
-                push(
-                    &mut steps,
-                    FrameKind::Flat,
-                    Some((pose, target)),
-                    &self.flat.exposures_s,
-                    self.flat.repeats,
-                );
+            // The white reference looks the same from every azimuth: φs stays where it is needed next.
+            let phi_s = self.phi_s_deg.iter().copied().fold(f64::INFINITY, f64::min);
+            let order = quickest_order(&self.flat.theta_c_deg, &[phi_s], limits, at, move_time);
+            for visit in order {
+                at = visit.target;
+                steps.push(Step::Shot(Shot {
+                    index: 1 + visit.place,
+                    kind: FrameKind::Flat,
+                    pose: Some(visit.pose),
+                    target: Some(visit.target),
+                    exposures_s: self.flat.exposures_s.clone(),
+                    repeats: self.flat.repeats,
+                }));
             }
         }
         steps.push(Step::Operator(OperatorAction::PlaceSample));
-        for pose in quickest_order(&self.theta_c_deg, &self.phi_s_deg, limits, at, move_time) {
-            push(
-                &mut steps,
-                FrameKind::Sample,
-                Some(pose),
-                &self.exposures_s,
-                self.repeats,
-            );
+        let first = 1 + self.flat.theta_c_deg.len() as u32;
+        for visit in quickest_order(&self.theta_c_deg, &self.phi_s_deg, limits, at, move_time) {
+            steps.push(Step::Shot(Shot {
+                index: first + visit.place,
+                kind: FrameKind::Sample,
+                pose: Some(visit.pose),
+                target: Some(visit.target),
+                exposures_s: self.exposures_s.clone(),
+                repeats: self.repeats,
+            }));
         }
         steps
     }
@@ -589,40 +579,46 @@ pub fn estimate(
     total
 }
 
-/// All pairs of the two lists as (pose of the plan, target of the stages), ordered.
+/// A pose to visit.
+#[derive(Clone, Copy)]
+struct Visit {
+    /// Place in the lists: tilt × number of azimuths + azimuth.
+    place: u32,
+    /// As the plan states it.
+    pose: Pose,
+    /// Where the stages go for it.
+    target: Pose,
+}
+
+/// All pairs of the two lists, ordered.
 fn quickest_order(
     theta_c_deg: &[f64],
     phi_s_deg: &[f64],
     limits: &TravelLimits,
     start: Pose,
     move_time: MoveTime<'_>,
-) -> Vec<(Pose, Pose)> {
-    let sorted = |values: &[f64]| {
-        let mut values = values.to_vec();
-        values.sort_by(f64::total_cmp);
-        values
-    };
-    let thetas = sorted(theta_c_deg);
+) -> Vec<Visit> {
+    let mut thetas: Vec<(u32, f64)> = (0..).zip(theta_c_deg.iter().copied()).collect();
+    thetas.sort_by(|a, b| a.1.total_cmp(&b.1));
     // Sorted by where the stage goes, so that a turn taken the other way does not cross the travel.
-    let mut phis: Vec<(f64, f64)> = phi_s_deg
-        .iter()
-        .map(|deg| {
-            let target = limits
-                .reachable_phi_s(Angle::from_deg(*deg))
-                .map_or(*deg, |angle| {
-                    if angle == Angle::from_deg(*deg) {
-                        *deg
-                    } else {
-                        angle.deg()
-                    }
-                });
-            (*deg, target)
+    let mut phis: Vec<(u32, f64, f64)> = (0..)
+        .zip(phi_s_deg.iter().copied())
+        .map(|(place, deg)| {
+            let asked = Angle::from_deg(deg);
+            let target = match limits.reachable_phi_s(asked) {
+                Some(angle) if angle != asked => angle.deg(),
+                _ => deg,
+            };
+            (place, deg, target)
         })
         .collect();
-    phis.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let pose =
-        |theta: f64, phi: (f64, f64)| (Pose::from_deg(theta, phi.0), Pose::from_deg(theta, phi.1));
-    let mut best: Option<(Duration, Vec<(Pose, Pose)>)> = None;
+    phis.sort_by(|a, b| a.2.total_cmp(&b.2));
+    let visit = |theta: (u32, f64), phi: (u32, f64, f64)| Visit {
+        place: theta.0 * phis.len() as u32 + phi.0,
+        pose: Pose::from_deg(theta.1, phi.1),
+        target: Pose::from_deg(theta.1, phi.2),
+    };
+    let mut best: Option<(Duration, Vec<Visit>)> = None;
     for theta_outside in [true, false] {
         for serpentine in [true, false] {
             for (reverse_outer, reverse_inner) in
@@ -640,17 +636,17 @@ fn quickest_order(
                         let i = if reverse_outer { n_outer - 1 - i } else { i };
                         let j = if backwards { n_inner - 1 - j } else { j };
                         order.push(if theta_outside {
-                            pose(thetas[i], phis[j])
+                            visit(thetas[i], phis[j])
                         } else {
-                            pose(thetas[j], phis[i])
+                            visit(thetas[j], phis[i])
                         });
                     }
                 }
                 let mut at = start;
                 let mut cost = Duration::ZERO;
-                for (_, target) in &order {
-                    cost += move_time(at, *target);
-                    at = *target;
+                for visit in &order {
+                    cost += move_time(at, visit.target);
+                    at = visit.target;
                 }
                 if best.as_ref().is_none_or(|(least, _)| cost < *least) {
                     best = Some((cost, order));
@@ -844,6 +840,22 @@ mod tests {
             .find(|shot| shot.pose == Some(Pose::from_deg(0.0, 355.0)))
             .unwrap();
         assert!((shot.target.unwrap().phi_s.deg() + 5.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_points_index_does_not_depend_on_where_the_stages_stand() {
+        let index = |start: Pose| {
+            let steps = paper().steps(&limits(), start, &move_time);
+            let mut all: Vec<(u32, f64, f64)> = shots(&steps)
+                .into_iter()
+                .filter_map(|s| s.pose.map(|p| (s.index, p.theta_c.deg(), p.phi_s.deg())))
+                .collect();
+            all.sort_by_key(|a| a.0);
+            all
+        };
+        let here = index(Pose::from_deg(-20.0, 0.0));
+        assert_eq!(here, index(Pose::from_deg(20.0, 180.0)));
+        assert!(here.windows(2).all(|w| w[0].0 < w[1].0));
     }
 
     #[test]

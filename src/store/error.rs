@@ -130,7 +130,7 @@ impl From<sqlx::Error> for StoreError {
 
 impl StoreError {
     /// An I/O error on a file of the store; a full disk keeps its own name.
-    pub(super) fn file(what: &'static str, path: impl Into<PathBuf>, source: io::Error) -> Self {
+    pub(crate) fn file(what: &'static str, path: impl Into<PathBuf>, source: io::Error) -> Self {
         let path = path.into();
         match source.kind() {
             io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => StoreError::DiskFull {
@@ -140,7 +140,7 @@ impl StoreError {
         }
     }
 
-    pub(super) fn bad_row(table: &'static str, detail: impl ToString) -> Self {
+    pub(crate) fn bad_row(table: &'static str, detail: impl ToString) -> Self {
         StoreError::BadRow {
             table,
             detail: detail.to_string(),

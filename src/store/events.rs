@@ -3,7 +3,7 @@
 use sqlx::{FromRow, Sqlite, Transaction};
 
 use super::{Store, StoreError, utc_of, utc_text};
-use crate::scan::{Event, RecordedEvent};
+use crate::scan::{Event, Progress, RecordedEvent};
 
 #[derive(FromRow)]
 struct Row {
@@ -72,6 +72,26 @@ impl Store {
             .into_iter()
             .map(RecordedEvent::try_from)
             .collect()
+    }
+
+    /// How far a scan was when something was last told of it; all zero before that.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn last_progress(&self, scan_id: i64) -> Result<Progress, StoreError> {
+        let body: Option<String> = sqlx::query_scalar(
+            "SELECT body FROM events WHERE scan_id = ? AND kind IN ('scan', 'frame') ORDER BY id DESC LIMIT 1",
+        )
+        .bind(scan_id)
+        .fetch_optional(self.readers())
+        .await?;
+        let Some(body) = body else {
+            return Ok(Progress::default());
+        };
+        match serde_json::from_str(&body).map_err(|e| StoreError::bad_row("events", e))? {
+            Event::Scan { progress, .. } | Event::Frame { progress, .. } => Ok(progress),
+            Event::Rig { .. } | Event::Fit { .. } | Event::Alarm { .. } => Ok(Progress::default()),
+        }
     }
 
     /// Number of the newest event; 0 if there is none.

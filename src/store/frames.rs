@@ -10,6 +10,7 @@ use super::scans::{NewScan, Origin};
 use super::{Page, PageRequest, Store, StoreError, utc_text};
 use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
+use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::{Event, Progress, RecordedEvent, ScanState};
 
 /// A frame file that is durable but not yet named by a row.
@@ -240,7 +241,13 @@ impl Store {
         .execute(&mut *transaction)
         .await?
         .last_insert_rowid();
-        let mut events = Vec::with_capacity(frames.len());
+        let mut events = Vec::with_capacity(frames.len() + 1);
+        let arrived = Event::Rig {
+            activity: RigActivity::Scanning,
+            theta_c: AxisEvent::at(shot.pose.theta_c),
+            phi_s: AxisEvent::at(shot.pose.phi_s),
+        };
+        events.push(self.record_in(&mut transaction, arrived).await?);
         for frame in frames {
             let (theta_c_deg, phi_s_deg) = (shot.pose.theta_c.deg(), shot.pose.phi_s.deg());
             let id = insert_frame(
@@ -494,7 +501,7 @@ pub(crate) mod tests {
             .commit_shot(&shot, &frames, Progress::default())
             .await
             .unwrap();
-        assert_eq!(events.len(), 1);
+        assert_eq!(events.len(), 2);
         sha256
     }
 

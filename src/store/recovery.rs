@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use super::{Store, StoreError};
-use crate::scan::{Progress, RecordedEvent, ScanState};
+use crate::scan::{RecordedEvent, ScanState};
 
 /// What was found and done at a start.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -50,6 +50,7 @@ impl Store {
         .fetch_all(self.writer())
         .await?;
         for scan_id in open {
+            let progress = self.last_progress(scan_id).await?;
             let reason = "the daemon ended while the scan was under way";
             let event = self
                 .change_state(
@@ -57,7 +58,7 @@ impl Store {
                     ScanState::Interrupted,
                     Some(reason),
                     None,
-                    Progress::default(),
+                    progress,
                 )
                 .await?;
             found.events.push(event);
@@ -113,6 +114,7 @@ fn file_name(path: &Path) -> String {
 mod tests {
     use super::*;
     use crate::frame::Frame;
+    use crate::scan::Progress;
     use crate::store::frames::tests::commit;
     use crate::store::scans::tests::planned;
     use crate::store::tests::open;

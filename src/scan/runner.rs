@@ -1,0 +1,587 @@
+//! Carries a plan out: moves, waits, takes frames, hands them on, and tells what happened.
+//!
+//! [`run`] owns the rig until it returns. It never says that a point is there before the recorder
+//! has made frames, angles and row durable; a move that failed, was interrupted or was stopped is
+//! never a success. What goes wrong at the rig pauses the scan, so that a person can put it right
+//! and resume; what contradicts the plan fails it.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::Duration;
+
+use futures::future::BoxFuture;
+use time::OffsetDateTime;
+use tokio::sync::{mpsc, oneshot};
+
+use super::event::{OperatorAction, Progress};
+use super::plan::{Shot, Step};
+use super::rig::Rig;
+use super::state::ScanState;
+use super::visit::{self, Trouble};
+use crate::bench::Captured;
+use crate::bench::stage::Stage;
+use crate::clock::Clock;
+use crate::frame::FrameKind;
+use crate::geometry::Pose;
+
+/// What a person or the daemon asks of a running scan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// Finish the point, then hold.
+    Pause,
+    /// Go on.
+    Resume,
+    /// The operator's step is done.
+    Continue,
+    /// Stop at once and end.
+    Abort,
+    /// Stop at once and hold: the stop button.
+    Stop,
+    /// The daemon ends: stop at once and leave the rest for later.
+    ShutDown,
+}
+
+/// An order with the way back: the state it led to, or the state that did not permit it.
+pub struct OrderSlip {
+    /// What is asked.
+    pub order: Order,
+    /// Answered when the order has taken effect.
+    pub reply: oneshot::Sender<Result<ScanState, ScanState>>,
+}
+
+/// A finished visit to a point, to be made durable.
+#[derive(Debug)]
+pub struct Visit {
+    /// The point.
+    pub shot: Shot,
+    /// 0, then one more for each retake.
+    pub attempt: u32,
+    /// Position read back, in the turn the plan states.
+    pub pose: Pose,
+    /// Frames in the order taken, with exposure and number of the repeat.
+    pub frames: Vec<TakenFrame>,
+    /// Why it does not count.
+    pub rejected: Option<String>,
+    /// When the first exposure began.
+    pub taken_at: OffsetDateTime,
+}
+
+/// A frame of a visit.
+#[derive(Debug)]
+pub struct TakenFrame {
+    /// Frame and time.
+    pub captured: Captured,
+    /// Exposure time.
+    pub exposure_s: f64,
+    /// Place of the exposure in the shot's list.
+    pub exposure_index: usize,
+    /// Number of the repeat.
+    pub repeat: u32,
+}
+
+/// Why something could not be recorded.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// There is no room for it.
+    #[error("{0}")]
+    DiskFull(String),
+    /// Anything else.
+    #[error("{0}")]
+    Failed(String),
+}
+
+/// Who makes durable what the runner tells.
+pub trait Recorder: Send {
+    /// The scan changed its state.
+    fn state<'a>(
+        &'a mut self,
+        next: ScanState,
+        reason: Option<&'a str>,
+        operator: Option<OperatorAction>,
+        progress: Progress,
+    ) -> BoxFuture<'a, Result<(), RecordError>>;
+
+    /// A point was visited; the pose is where the stages stand now.
+    fn visit(&mut self, visit: Visit, progress: Progress)
+    -> BoxFuture<'_, Result<(), RecordError>>;
+
+    /// All points of one kind are durable.
+    fn phase_done(&mut self, kind: FrameKind) -> BoxFuture<'_, Result<(), RecordError>>;
+
+    /// A person should look.
+    fn alarm<'a>(&'a mut self, code: &'a str, message: &'a str) -> BoxFuture<'a, ()>;
+
+    /// Bytes that may still be written.
+    fn free_bytes(&self) -> Result<u64, RecordError>;
+}
+
+/// What the runner needs to know beside the plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunnerSettings {
+    /// Visits to one point before the scan pauses.
+    pub attempts_max: u32,
+    /// Space that is left alone.
+    pub disk_reserve_bytes: u64,
+    /// Most bytes one frame can take.
+    pub frame_bytes_max: u64,
+    /// What a frame must look like.
+    pub frame: visit::FrameRules,
+}
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RunEnd {
+    /// State it ended in.
+    pub state: ScanState,
+    /// Time spent moving and exposing.
+    pub elapsed_s: f64,
+    /// Predicted time of the same motions, settling and exposures.
+    pub ideal_s: f64,
+}
+
+/// A scan to be run.
+pub struct Job {
+    /// Steps in order.
+    pub steps: Vec<Step>,
+    /// Points that are durable from an earlier run.
+    pub done: BTreeSet<u32>,
+    /// Settings.
+    pub settings: RunnerSettings,
+    /// Time.
+    pub clock: Arc<dyn Clock>,
+}
+
+/// Runs a scan to an end, to `interrupted`, or to where it cannot even say so.
+///
+/// # Errors
+/// Only if the state itself could not be recorded; everything else is a state.
+pub async fn run(
+    job: Job,
+    rig: &mut Rig,
+    recorder: &mut dyn Recorder,
+    orders: &mut mpsc::Receiver<OrderSlip>,
+) -> Result<RunEnd, RecordError> {
+    let mut runner = Runner::new(job, rig, recorder, orders);
+    let state = match runner.drive().await {
+        Ok(()) => {
+            runner.ledger.progress.phase = None;
+            runner.ledger.progress.fraction = 1.0;
+            runner.ledger.progress.time_left_s = Some(0.0);
+            runner.enter(ScanState::Completed, None).await?;
+            ScanState::Completed
+        }
+        Err(Ending::Recorded(state)) => state,
+        Err(Ending::Record(error)) => return Err(error),
+    };
+    Ok(RunEnd {
+        state,
+        elapsed_s: runner.ledger.progress.elapsed_s,
+        ideal_s: runner.ledger.ideal_s,
+    })
+}
+
+/// Why the steps are left before their end.
+enum Ending {
+    /// The scan is in this state, and that is recorded.
+    Recorded(ScanState),
+    /// Nothing can be recorded any more.
+    Record(RecordError),
+}
+
+impl From<RecordError> for Ending {
+    fn from(error: RecordError) -> Self {
+        Ending::Record(error)
+    }
+}
+
+struct Runner<'a> {
+    job: Job,
+    rig: &'a mut Rig,
+    recorder: &'a mut dyn Recorder,
+    orders: &'a mut mpsc::Receiver<OrderSlip>,
+    state: ScanState,
+    /// Knows how fast the axes are, once connected.
+    stage: Option<Stage>,
+    /// Predicted time of all points.
+    predicted_total_s: f64,
+    ledger: Ledger,
+}
+
+/// What grows with every point; put back as a whole if a point could not be recorded.
+#[derive(Clone, Copy, Default)]
+struct Ledger {
+    progress: Progress,
+    /// Predicted time of the points that are done, from earlier runs too.
+    predicted_done_s: f64,
+    /// Predicted time of the points done in this run, retakes included.
+    ideal_s: f64,
+    /// Where the stages were last read; `None` when not known.
+    at: Option<Pose>,
+}
+
+impl<'a> Runner<'a> {
+    fn new(
+        job: Job,
+        rig: &'a mut Rig,
+        recorder: &'a mut dyn Recorder,
+        orders: &'a mut mpsc::Receiver<OrderSlip>,
+    ) -> Self {
+        let mut runner = Runner {
+            rig,
+            recorder,
+            orders,
+            state: ScanState::Planned,
+            stage: None,
+            predicted_total_s: 0.0,
+            ledger: Ledger::default(),
+            job,
+        };
+        runner.ledger = runner.count_what_is_left();
+        runner
+    }
+
+    /// Totals of the plan, and what of it is done from earlier runs.
+    fn count_what_is_left(&mut self) -> Ledger {
+        let mut ledger = Ledger::default();
+        self.predicted_total_s = 0.0;
+        let mut at = None;
+        for step in &self.job.steps {
+            let Step::Shot(shot) = step else { continue };
+            ledger.progress.shots_total += 1;
+            ledger.progress.frames_total += shot.n_frames();
+            let predicted = self.predict(at, shot);
+            at = shot.target.or(at);
+            self.predicted_total_s += predicted;
+            if self.job.done.contains(&shot.index) {
+                ledger.progress.shots_done += 1;
+                ledger.progress.frames_done += shot.n_frames();
+                ledger.predicted_done_s += predicted;
+            }
+        }
+        ledger
+    }
+
+    fn predict(&self, at: Option<Pose>, shot: &Shot) -> f64 {
+        let motion = match (at, shot.target) {
+            (Some(at), Some(target)) => match &self.stage {
+                Some(stage) => stage.predicted_move(at, target),
+                None => self.rig.link().settings.predicted_move(at, target),
+            },
+            _ => Duration::ZERO,
+        };
+        motion.as_secs_f64() + shot.exposure_total_s()
+    }
+
+    async fn drive(&mut self) -> Result<(), Ending> {
+        self.enter(ScanState::Running, None).await?;
+        self.make_ready().await?;
+        // Now that the speeds are known.
+        let at = self.ledger.at;
+        self.ledger = self.count_what_is_left();
+        self.ledger.at = at;
+        let steps = std::mem::take(&mut self.job.steps);
+        for (i, step) in steps.iter().enumerate() {
+            match step {
+                Step::Operator(action) => {
+                    let rest = &steps[i + 1..];
+                    if self.anything_left(*action, rest) {
+                        self.ledger.progress.phase = Some(action.kind());
+                        self.wait_for_operator(*action).await?;
+                    }
+                }
+                Step::Shot(shot) if self.job.done.contains(&shot.index) => {}
+                Step::Shot(shot) => {
+                    if self.state != ScanState::Running {
+                        self.enter(ScanState::Running, None).await?;
+                    }
+                    self.ledger.progress.phase = Some(shot.kind);
+                    self.take(shot).await?;
+                    let more = steps[i + 1..]
+                        .iter()
+                        .any(|step| matches!(step, Step::Shot(next) if next.kind == shot.kind));
+                    if !more {
+                        self.recorder.phase_done(shot.kind).await?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn anything_left(&self, action: OperatorAction, rest: &[Step]) -> bool {
+        rest.iter().any(|step| {
+            matches!(step, Step::Shot(shot)
+                if shot.kind == action.kind() && !self.job.done.contains(&shot.index))
+        })
+    }
+
+    async fn enter(&mut self, next: ScanState, reason: Option<&str>) -> Result<(), RecordError> {
+        self.recorder
+            .state(next, reason, None, self.ledger.progress)
+            .await?;
+        self.state = next;
+        Ok(())
+    }
+
+    /// Connects and homes; a rig that cannot be had pauses the scan until it is resumed.
+    async fn make_ready(&mut self) -> Result<(), Ending> {
+        loop {
+            let rig = &mut *self.rig;
+            let ready = async {
+                let stage = rig.make_ready().await?;
+                let status = stage.status().await?;
+                Ok((stage, status))
+            };
+            match ready.await {
+                Ok((stage, status)) => {
+                    self.stage = Some(stage);
+                    self.ledger.at = Some(status.pose());
+                    return Ok(());
+                }
+                Err(error) => self.hold(&Trouble::Stage(error)).await?,
+            }
+        }
+    }
+
+    /// Takes one point, again where it does not count, until it does or a person is needed.
+    async fn take(&mut self, shot: &Shot) -> Result<(), Ending> {
+        let mut attempt = 0;
+        loop {
+            self.check_disk().await?;
+            let before = self.ledger;
+            let started = self.job.clock.now();
+            let outcome = self.visit(shot, attempt).await?;
+            attempt += 1;
+            let trouble = match outcome {
+                Ok(visit) => {
+                    let rejected = visit.rejected.clone();
+                    self.count(shot, rejected.is_none());
+                    match self.recorder.visit(visit, self.ledger.progress).await {
+                        Ok(()) => {}
+                        Err(RecordError::DiskFull(why)) => {
+                            // The point is not there; it is taken again once there is room.
+                            self.ledger = before;
+                            self.hold_with(&why, Some("disk-full"), None).await?;
+                            continue;
+                        }
+                        Err(error) => return Err(error.into()),
+                    }
+                    let took = self.job.clock.now().saturating_sub(started);
+                    self.ledger.progress.elapsed_s += took.as_secs_f64();
+                    match rejected {
+                        None => return self.pause_if_asked().await,
+                        Some(why) => Trouble::Frames(why),
+                    }
+                }
+                Err(trouble) => trouble,
+            };
+            if let Trouble::Stage(error) = &trouble {
+                self.rig.let_go_if_lost(error);
+            }
+            if trouble.contradicts_the_plan() {
+                let why = trouble.to_string();
+                self.enter(ScanState::Failed, Some(&why)).await?;
+                return Err(Ending::Recorded(ScanState::Failed));
+            }
+            if !trouble.may_be_retried() || attempt >= self.job.settings.attempts_max {
+                self.hold(&trouble).await?;
+                attempt = 0;
+                // Somebody has looked at a black sample and says to go on: some are.
+                self.job.settings.frame.black_sample_counts = true;
+            }
+            if matches!(trouble, Trouble::Stage(_)) {
+                self.make_ready().await?;
+            }
+        }
+    }
+
+    fn count(&mut self, shot: &Shot, accepted: bool) {
+        let predicted = self.predict(self.ledger.at, shot);
+        let ledger = &mut self.ledger;
+        ledger.ideal_s += predicted;
+        ledger.at = shot.target.or(ledger.at);
+        if !accepted {
+            return;
+        }
+        let progress = &mut ledger.progress;
+        progress.shots_done += 1;
+        progress.frames_done += shot.n_frames();
+        ledger.predicted_done_s = (ledger.predicted_done_s + predicted).min(self.predicted_total_s);
+        if self.predicted_total_s > 0.0 {
+            progress.fraction = ledger.predicted_done_s / self.predicted_total_s;
+        }
+        // The pace of this run so far; the first point has none yet.
+        let pace = if progress.elapsed_s > 0.0 && ledger.ideal_s > predicted {
+            progress.elapsed_s / (ledger.ideal_s - predicted)
+        } else {
+            1.0
+        };
+        progress.time_left_s = Some((self.predicted_total_s - ledger.predicted_done_s) * pace);
+    }
+
+    /// Moves and captures, listening to orders all the while. The outer error ends the scan.
+    async fn visit(&mut self, shot: &Shot, attempt: u32) -> Result<Result<Visit, Trouble>, Ending> {
+        let stage = match self.rig.connect().await {
+            Ok(stage) => stage,
+            Err(error) => return Ok(Err(Trouble::Stage(error))),
+        };
+        let rules = self.job.settings.frame.clone();
+        let camera = self.rig.camera.as_mut();
+        let mut work = Box::pin(visit::visit(&stage, camera, shot, attempt, &rules));
+        let cut = loop {
+            tokio::select! {
+                biased;
+                slip = self.orders.recv() => {
+                    let slip = slip.unwrap_or_else(shut_down);
+                    match (slip.order, self.state) {
+                        (Order::Pause, ScanState::Running) => {
+                            self.recorder.state(ScanState::Pausing, None, None, self.ledger.progress).await?;
+                            self.state = ScanState::Pausing;
+                            slip.reply.send(Ok(self.state)).ok();
+                        }
+                        (Order::Resume, ScanState::Pausing) => {
+                            self.recorder.state(ScanState::Running, None, None, self.ledger.progress).await?;
+                            self.state = ScanState::Running;
+                            slip.reply.send(Ok(self.state)).ok();
+                        }
+                        (Order::Stop | Order::Abort | Order::ShutDown, _) => break slip,
+                        _ => { slip.reply.send(Err(self.state)).ok(); }
+                    }
+                }
+                outcome = &mut work => {
+                    drop(work);
+                    if outcome.is_err() {
+                        self.ledger.at = None;
+                    }
+                    return Ok(outcome);
+                }
+            }
+        };
+        drop(work);
+        if let Err(error) = stage.stop().await {
+            tracing::error!(%error, "the stop of a scan did not reach the stage: {error}");
+        }
+        self.ledger.at = None;
+        match cut.order {
+            Order::Stop => {
+                self.hold_with(Trouble::STOPPED, None, Some(cut)).await?;
+                self.make_ready().await?;
+                Box::pin(self.visit(shot, attempt)).await
+            }
+            order => self.end_by(order, cut).await,
+        }
+    }
+
+    async fn end_by<T>(&mut self, order: Order, slip: OrderSlip) -> Result<T, Ending> {
+        let (state, reason) = match order {
+            Order::Abort => (ScanState::Aborted, "aborted by the operator"),
+            _ => (
+                ScanState::Interrupted,
+                "the daemon was stopped; resume it to go on",
+            ),
+        };
+        self.enter(state, Some(reason)).await?;
+        slip.reply.send(Ok(state)).ok();
+        Err(Ending::Recorded(state))
+    }
+
+    /// Holds until there is room for another point.
+    async fn check_disk(&mut self) -> Result<(), Ending> {
+        loop {
+            let needed = self.job.settings.disk_reserve_bytes + self.job.settings.frame_bytes_max;
+            let free = self.recorder.free_bytes()?;
+            if free >= needed {
+                return Ok(());
+            }
+            let why = format!(
+                "the disk is full: {} MB are free and {} MB are needed; free some space, then resume",
+                free / 1_000_000,
+                needed / 1_000_000
+            );
+            self.hold_with(&why, Some("disk-full"), None).await?;
+        }
+    }
+
+    async fn pause_if_asked(&mut self) -> Result<(), Ending> {
+        if self.state == ScanState::Pausing {
+            self.enter(ScanState::Paused, None).await?;
+            self.wait_for_resume().await?;
+        }
+        Ok(())
+    }
+
+    async fn hold(&mut self, trouble: &Trouble) -> Result<(), Ending> {
+        let code = trouble.code();
+        self.hold_with(&trouble.to_string(), code, None).await
+    }
+
+    /// Pauses for a reason, raises the alarm if it has a code, and waits to be resumed.
+    async fn hold_with(
+        &mut self,
+        reason: &str,
+        code: Option<&str>,
+        slip: Option<OrderSlip>,
+    ) -> Result<(), Ending> {
+        self.enter(ScanState::Paused, Some(reason)).await?;
+        if let Some(code) = code {
+            self.recorder.alarm(code, reason).await;
+        }
+        if let Some(slip) = slip {
+            slip.reply.send(Ok(ScanState::Paused)).ok();
+        }
+        self.wait_for_resume().await
+    }
+
+    async fn wait_for_resume(&mut self) -> Result<(), Ending> {
+        loop {
+            let slip = self.orders.recv().await.unwrap_or_else(shut_down);
+            match slip.order {
+                Order::Resume | Order::Continue => {
+                    self.enter(ScanState::Running, None).await?;
+                    slip.reply.send(Ok(self.state)).ok();
+                    return Ok(());
+                }
+                Order::Abort | Order::ShutDown => return self.end_by(slip.order, slip).await,
+                Order::Stop | Order::Pause => {
+                    slip.reply.send(Ok(self.state)).ok();
+                }
+            }
+        }
+    }
+
+    async fn wait_for_operator(&mut self, action: OperatorAction) -> Result<(), Ending> {
+        loop {
+            self.recorder
+                .state(
+                    ScanState::WaitingForOperator,
+                    None,
+                    Some(action),
+                    self.ledger.progress,
+                )
+                .await?;
+            self.state = ScanState::WaitingForOperator;
+            let slip = self.orders.recv().await.unwrap_or_else(shut_down);
+            match slip.order {
+                Order::Continue | Order::Resume => {
+                    self.enter(ScanState::Running, None).await?;
+                    slip.reply.send(Ok(self.state)).ok();
+                    return Ok(());
+                }
+                Order::Abort | Order::ShutDown => return self.end_by(slip.order, slip).await,
+                Order::Pause | Order::Stop => {
+                    self.enter(ScanState::Paused, None).await?;
+                    slip.reply.send(Ok(self.state)).ok();
+                    self.wait_for_resume().await?;
+                }
+            }
+        }
+    }
+}
+
+/// What a closed order book means: whoever held it is gone.
+fn shut_down() -> OrderSlip {
+    OrderSlip {
+        order: Order::ShutDown,
+        reply: oneshot::channel().0,
+    }
+}

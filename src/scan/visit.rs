@@ -1,0 +1,321 @@
+//! One visit to a point: move, capture, check what came.
+
+use super::plan::Shot;
+use super::runner::{TakenFrame, Visit};
+use crate::bench::port::PortError;
+use crate::bench::stage::{Stage, StageError};
+use crate::bench::{Camera, CameraError, CaptureRequest};
+use crate::frame::{Frame, FrameKind};
+use crate::geometry::Pose;
+
+/// What a frame must look like to be believed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameRules {
+    /// Width and height the camera is set to.
+    pub size_px: (u32, u32),
+    /// Counts without light.
+    pub black_level_dn: f64,
+    /// Read noise in counts.
+    pub read_noise_dn: f64,
+    /// How far above the black level, in standard deviations of the read noise, a frame's mean must
+    /// be to show light at all.
+    pub dark_sigmas: f64,
+    /// Whether a sample frame without light counts. A metal may show none, but so does a cap that
+    /// was left on: a person looks once.
+    pub black_sample_counts: bool,
+    /// How many counts above the black level the mean of a capped frame may be.
+    pub capped_mean_dn_max: f64,
+}
+
+/// Why a visit did not give frames that count.
+#[derive(Debug, thiserror::Error)]
+pub enum Trouble {
+    /// The stage.
+    #[error("{0}")]
+    Stage(StageError),
+    /// The camera.
+    #[error("{0}")]
+    Camera(CameraError),
+    /// The frames, after several visits.
+    #[error("{0}; put it right, then resume")]
+    Frames(String),
+}
+
+impl Trouble {
+    /// Reason of a scan that was stopped by the stop button.
+    pub const STOPPED: &'static str = "stopped; resume to go on";
+
+    /// Whether another visit may help without a person.
+    pub(super) fn may_be_retried(&self) -> bool {
+        match self {
+            Trouble::Stage(error) => stage_may_be_retried(error),
+            Trouble::Camera(CameraError::TimedOut { .. } | CameraError::NotAFrame(_))
+            | Trouble::Frames(_) => true,
+            Trouble::Camera(CameraError::Failed(_)) => false,
+        }
+    }
+
+    /// Whether the plan asks for what the rig cannot do.
+    pub(super) fn contradicts_the_plan(&self) -> bool {
+        matches!(self, Trouble::Stage(StageError::OutsideLimits { .. }))
+    }
+
+    /// Code of the alarm; `None` for what a person did on purpose.
+    pub(super) fn code(&self) -> Option<&'static str> {
+        match self {
+            Trouble::Stage(StageError::Stopped) => None,
+            Trouble::Stage(error) => Some(stage_code(error)),
+            Trouble::Camera(_) => Some("camera-failed"),
+            Trouble::Frames(_) => Some("frames-rejected"),
+        }
+    }
+}
+
+/// Whether the same move may be tried again without a person: what the line or the settling spoilt,
+/// not what somebody or something did to the axis. Targets are absolute, so trying again is safe.
+fn stage_may_be_retried(error: &StageError) -> bool {
+    match error {
+        StageError::Missed { .. }
+        | StageError::NoReply(_)
+        | StageError::Unreadable { .. }
+        | StageError::TimedOut { .. }
+        | StageError::PowerCycled { .. }
+        | StageError::NotReferenced { .. } => true,
+        StageError::Port(_)
+        | StageError::BadSetting { .. }
+        | StageError::Disconnected(_)
+        | StageError::Unsendable(_)
+        | StageError::Refused { .. }
+        | StageError::WrongDevice { .. }
+        | StageError::AddressConflict { .. }
+        | StageError::NoScale { .. }
+        | StageError::Disagreement { .. }
+        | StageError::NotANumber { .. }
+        | StageError::OutsideLimits { .. }
+        | StageError::Interrupted { .. }
+        | StageError::Stalled { .. }
+        | StageError::Fault { .. }
+        | StageError::HomingFailed { .. }
+        | StageError::Stopped
+        | StageError::Busy { .. } => false,
+    }
+}
+
+/// Stable word for what a stage reports.
+#[must_use]
+pub fn stage_code(error: &StageError) -> &'static str {
+    match error {
+        StageError::Port(PortError::Missing { .. }) => "port-missing",
+        StageError::Port(PortError::InUse { .. }) => "port-in-use",
+        StageError::Port(PortError::Permission { .. }) => "port-forbidden",
+        StageError::Port(PortError::NotASerialLine { .. }) => "port-not-serial",
+        StageError::Port(PortError::Unreachable { .. }) => "port-unreachable",
+        StageError::Port(PortError::NoThread { .. }) => "port-failed",
+        StageError::BadSetting { .. } => "stage-setting-wrong",
+        StageError::NoReply(_) => "stage-silent",
+        StageError::Disconnected(_) => "stage-disconnected",
+        StageError::Unsendable(_) | StageError::Unreadable { .. } => "stage-protocol",
+        StageError::Refused { .. } => "stage-refused",
+        StageError::WrongDevice { .. } => "stage-wrong-device",
+        StageError::AddressConflict { .. } => "stage-address-conflict",
+        StageError::NoScale { .. } => "stage-no-scale",
+        StageError::Disagreement { .. } => "stage-disagrees",
+        StageError::NotANumber { .. } | StageError::OutsideLimits { .. } => "outside-limits",
+        StageError::NotReferenced { .. } => "stage-not-referenced",
+        StageError::PowerCycled { .. } => "stage-power-cycled",
+        StageError::Interrupted { .. } => "stage-interrupted",
+        StageError::Stalled { .. } => "stage-stalled",
+        StageError::Fault { .. } => "stage-fault",
+        StageError::HomingFailed { .. } => "stage-homing-failed",
+        StageError::Missed { .. } => "stage-missed",
+        StageError::TimedOut { .. } => "stage-timed-out",
+        StageError::Stopped => "stopped",
+        StageError::Busy { .. } => "busy",
+    }
+}
+
+/// Moves to a point and takes its frames. Dropping the future leaves the stage to be stopped by the
+/// caller.
+pub(super) async fn visit(
+    stage: &Stage,
+    camera: &mut dyn Camera,
+    shot: &Shot,
+    attempt: u32,
+    rules: &FrameRules,
+) -> Result<Visit, Trouble> {
+    let arrived = match shot.target {
+        // The stage checks the limits again before it moves.
+        Some(target) => stage.move_pose(target).await.map_err(Trouble::Stage)?,
+        None => stage.status().await.map_err(Trouble::Stage)?.pose(),
+    };
+    let pose = in_the_plans_turn(arrived, shot);
+    let mut frames = Vec::with_capacity(shot.n_frames() as usize);
+    for (exposure_index, exposure_s) in shot.exposures_s.iter().copied().enumerate() {
+        for repeat in 0..shot.repeats {
+            let request = CaptureRequest {
+                kind: shot.kind,
+                pose,
+                exposure_s,
+                repeat,
+            };
+            let captured = camera.capture(&request).await.map_err(Trouble::Camera)?;
+            frames.push(TakenFrame {
+                captured,
+                exposure_s,
+                exposure_index,
+                repeat,
+            });
+        }
+    }
+    let taken_at = frames
+        .first()
+        .map(|frame| frame.captured.started_utc)
+        .expect("a checked plan has frames at every point");
+    let still = stage.status().await.map_err(Trouble::Stage)?;
+    let settings = stage.settings();
+    let drift = (still.theta_c.position - arrived.theta_c)
+        .abs()
+        .deg()
+        .max((still.phi_s.position - arrived.phi_s).abs().deg());
+    let tolerance = settings
+        .theta_c
+        .tolerance
+        .deg()
+        .max(settings.phi_s.tolerance.deg());
+    let rejected = if still.theta_c.moving || still.phi_s.moving || drift > tolerance {
+        Some(format!(
+            "the stage moved by {drift:.4}° while the frames were taken"
+        ))
+    } else {
+        fault(&frames, shot.kind, rules)
+    };
+    Ok(Visit {
+        shot: shot.clone(),
+        attempt,
+        pose,
+        frames,
+        rejected,
+        taken_at,
+    })
+}
+
+/// The position read back, in the turn the plan states: angles in the record are the plan's.
+fn in_the_plans_turn(arrived: Pose, shot: &Shot) -> Pose {
+    match (shot.pose, shot.target) {
+        (Some(asked), Some(target)) if asked.phi_s != target.phi_s => Pose {
+            theta_c: arrived.theta_c,
+            phi_s: arrived.phi_s + (asked.phi_s - target.phi_s),
+        },
+        _ => arrived,
+    }
+}
+
+/// What is wrong with the frames of a point; `None` if nothing is.
+fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<String> {
+    for taken in frames {
+        let frame = &taken.captured.frame;
+        let size = (frame.width_px(), frame.height_px());
+        if size != rules.size_px {
+            return Some(format!(
+                "wrong size: the frame has {} × {} pixels, the camera is set to {} × {}",
+                size.0, size.1, rules.size_px.0, rules.size_px.1
+            ));
+        }
+    }
+    match kind {
+        FrameKind::Sample if rules.black_sample_counts => None,
+        FrameKind::Dark => frames
+            .iter()
+            .map(|taken| mean_dn(&taken.captured.frame) - rules.black_level_dn)
+            .find(|above| *above > rules.capped_mean_dn_max)
+            .map(|above| {
+                format!("not dark: {above:.0} DN above the black level; is the cap on the lens?")
+            }),
+        FrameKind::Flat | FrameKind::Sample => {
+            let longest = frames
+                .iter()
+                .max_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s))?;
+            let frame = &longest.captured.frame;
+            let above = mean_dn(frame) - rules.black_level_dn;
+            let sigma = rules.read_noise_dn.max(0.3) / (frame.pixels_dn().len() as f64).sqrt();
+            (above < rules.dark_sigmas * sigma).then(|| {
+                "black: no light in the longest exposure; look at lamp, shutter and lens cap".into()
+            })
+        }
+    }
+}
+
+fn mean_dn(frame: &Frame) -> f64 {
+    let sum: u64 = frame.pixels_dn().iter().map(|dn| u64::from(*dn)).sum();
+    sum as f64 / frame.pixels_dn().len() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench::Captured;
+    use std::time::Duration;
+
+    fn rules() -> FrameRules {
+        FrameRules {
+            size_px: (4, 4),
+            black_level_dn: 200.0,
+            read_noise_dn: 4.0,
+            dark_sigmas: 10.0,
+            black_sample_counts: false,
+            capped_mean_dn_max: 50.0,
+        }
+    }
+
+    fn taken(dn: u16, exposure_s: f64) -> TakenFrame {
+        TakenFrame {
+            captured: Captured {
+                frame: Frame::new(4, 4, vec![dn; 16]).unwrap(),
+                started_at: Duration::ZERO,
+                started_utc: time::macros::datetime!(2026-01-01 00:00 UTC),
+            },
+            exposure_s,
+            exposure_index: 0,
+            repeat: 0,
+        }
+    }
+
+    #[test]
+    fn light_under_the_cap_and_darkness_without_it_are_named() {
+        let fault = |dn, kind| fault(&[taken(dn, 0.1)], kind, &rules());
+        assert_eq!(fault(201, FrameKind::Dark), None);
+        assert!(fault(900, FrameKind::Dark).unwrap().starts_with("not dark"));
+        assert_eq!(fault(900, FrameKind::Sample), None);
+        assert!(fault(200, FrameKind::Sample).unwrap().starts_with("black"));
+        assert!(fault(200, FrameKind::Flat).unwrap().starts_with("black"));
+    }
+
+    #[test]
+    fn a_short_exposure_may_be_black_if_the_long_one_is_not() {
+        let frames = [taken(200, 0.001), taken(900, 0.1)];
+        assert_eq!(fault(&frames, FrameKind::Sample, &rules()), None);
+    }
+
+    #[test]
+    fn a_frame_of_another_size_is_named() {
+        let mut small = rules();
+        small.size_px = (8, 8);
+        let reason = fault(&[taken(900, 0.1)], FrameKind::Sample, &small).unwrap();
+        assert!(reason.starts_with("wrong size"), "{reason}");
+    }
+
+    #[test]
+    fn a_pose_is_recorded_in_the_turn_of_the_plan() {
+        let shot = Shot {
+            index: 0,
+            kind: FrameKind::Sample,
+            pose: Some(Pose::from_deg(0.0, 355.0)),
+            target: Some(Pose::from_deg(0.0, -5.0)),
+            exposures_s: vec![0.1],
+            repeats: 1,
+        };
+        let pose = in_the_plans_turn(Pose::from_deg(0.01, -4.99), &shot);
+        assert!((pose.phi_s.deg() - 355.01).abs() < 1e-9);
+        assert!((pose.theta_c.deg() - 0.01).abs() < 1e-12);
+    }
+}
