@@ -1,0 +1,422 @@
+//! The one task that owns stages and camera.
+//!
+//! It takes one piece of work at a time and refuses the next at once; work in hand is a future that
+//! has the rig and gives it back. So nothing can move the stages twice, and nobody waits in a queue
+//! for a motion to end.
+
+use std::collections::{BTreeSet, HashMap, VecDeque};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use futures::future::BoxFuture;
+use serde_json::json;
+use tokio::sync::{broadcast, mpsc, oneshot, watch};
+
+use super::recorder::LabRecorder;
+use super::{LabError, Occupation, RigParts, RigSettings, RigSide, tell};
+use crate::bench::stage::{AxisName, Stage, StageError};
+use crate::clock::Clock;
+use crate::geometry::Pose;
+use crate::scan::event::{AxisEvent, RigActivity};
+use crate::scan::runner::{self, Job, OrderSlip, RunEnd};
+use crate::scan::{Event, Plan, Progress, RecordedEvent, Rig, ScanState, TravelLimits};
+use crate::store::{Store, StoreError};
+use crate::units::Angle;
+
+/// What the owner is asked to do.
+pub(super) enum Work {
+    /// Connect the stages if they are not.
+    Connect,
+    /// Move one axis.
+    Move {
+        /// Which.
+        axis: AxisName,
+        /// Where.
+        target: Angle,
+    },
+    /// Find one axis' reference.
+    Home {
+        /// Which.
+        axis: AxisName,
+    },
+    /// Run a scan.
+    Scan(Box<ScanWork>),
+    /// Give the rig up and end.
+    End,
+}
+
+/// A scan to be run.
+pub(super) struct ScanWork {
+    pub scan_id: i64,
+    pub plan: Plan,
+    /// Points that are durable already.
+    pub done: BTreeSet<u32>,
+}
+
+/// Work and the way back; answered when the work is taken up, not when it is done.
+pub(super) struct Request {
+    pub work: Work,
+    pub reply: oneshot::Sender<Result<(), LabError>>,
+}
+
+/// Those to whom the owner tells what happens.
+#[derive(Clone)]
+pub(super) struct Told {
+    pub store: Store,
+    pub clock: Arc<dyn Clock>,
+    pub events: broadcast::Sender<Arc<RecordedEvent>>,
+    pub ends: watch::Sender<HashMap<i64, RunEnd>>,
+}
+
+impl Told {
+    async fn record(&self, event: Event) {
+        match self.store.record(event).await {
+            Ok(event) => tell(&self.events, event),
+            Err(error) => tracing::error!(%error, "an event could not be recorded: {error}"),
+        }
+    }
+}
+
+/// Takes a rig over: from now on one task owns it.
+pub(super) async fn take(parts: RigParts, told: Told) -> Result<RigSide, StoreError> {
+    let RigParts { rig, settings } = parts;
+    let link = rig.link();
+    let camera = rig.camera.describe();
+    let fingerprint = json!({
+        "rig": settings.rig,
+        "camera": settings.camera,
+        "camera_is": camera,
+        "stages": link.settings,
+        "label": settings.label,
+    });
+    let id = told.store.rig(&fingerprint.to_string()).await?;
+    let (requests, inbox) = mpsc::channel(16);
+    let (occupation, occupied) = watch::channel(Occupation::default());
+    let side = RigSide {
+        id,
+        stage_settings: link.settings.clone(),
+        port: link.port.to_string(),
+        camera,
+        stage: rig.watch(),
+        requests,
+        occupation: occupied,
+        owner: Mutex::new(None),
+        settings: settings.clone(),
+    };
+    let owner = Owner {
+        rig_id: id,
+        settings,
+        occupation: Arc::new(occupation),
+        told,
+    };
+    let task = tokio::spawn(owner.run(rig, inbox));
+    *side.owner.lock().expect("no holder of this lock panics") = Some(task);
+    Ok(side)
+}
+
+#[derive(Clone)]
+struct Owner {
+    rig_id: i64,
+    settings: RigSettings,
+    occupation: Arc<watch::Sender<Occupation>>,
+    told: Told,
+}
+
+impl Owner {
+    async fn run(self, rig: Rig, mut inbox: mpsc::Receiver<Request>) {
+        let mut free = Some(rig);
+        let mut current: Option<BoxFuture<'static, Rig>> = None;
+        let mut connecting = false;
+        let mut waiting = VecDeque::new();
+        loop {
+            let next = match free.is_some() {
+                true => waiting.pop_front(),
+                false => None,
+            };
+            let request = match next {
+                Some(request) => request,
+                None => tokio::select! {
+                    request = inbox.recv() => match request {
+                        Some(request) => request,
+                        None => break,
+                    },
+                    rig = async { current.as_mut().expect("guarded by the branch").await },
+                        if current.is_some() =>
+                    {
+                        current = None;
+                        free = Some(rig);
+                        continue;
+                    }
+                },
+            };
+            if matches!(request.work, Work::End) {
+                if let Some(work) = current.take() {
+                    work.await;
+                }
+                request.reply.send(Ok(())).ok();
+                break;
+            }
+            match free.take() {
+                Some(rig) => {
+                    connecting = matches!(request.work, Work::Connect);
+                    current = Some(Box::pin(self.clone().work(rig, request)));
+                }
+                // Connecting takes a moment; it is no reason to refuse.
+                None if connecting => waiting.push_back(request),
+                None => {
+                    let with = self.held_by();
+                    request.reply.send(Err(LabError::Busy { with })).ok();
+                }
+            }
+        }
+    }
+
+    fn held_by(&self) -> String {
+        let occupation = self.occupation.borrow();
+        match (occupation.scan_id, occupation.activity) {
+            (Some(scan), _) => format!("scan {scan} holds it"),
+            (None, Some(RigActivity::Homing)) => "it is homing".into(),
+            (None, _) => "it is moving".into(),
+        }
+    }
+
+    fn occupy(&self, activity: Option<RigActivity>, scan_id: Option<i64>) {
+        self.occupation.send_modify(|now| {
+            now.activity = activity;
+            now.scan_id = scan_id;
+            if scan_id.is_none() {
+                now.orders = None;
+            }
+        });
+    }
+
+    /// Does one piece of work and gives the rig back.
+    async fn work(self, mut rig: Rig, request: Request) -> Rig {
+        let Request { work, reply } = request;
+        let stage = match self.connect(&mut rig).await {
+            Ok(stage) => stage,
+            Err(error) => {
+                reply.send(Err(error.into())).ok();
+                return rig;
+            }
+        };
+        match work {
+            Work::Connect | Work::End => {
+                reply.send(Ok(())).ok();
+            }
+            Work::Move { axis, target } => {
+                if let Err(error) = self.check_move(&stage, axis, target).await {
+                    rig.let_go_if_lost(&error);
+                    reply.send(Err(error.into())).ok();
+                    return rig;
+                }
+                self.occupy(Some(RigActivity::Moving), None);
+                reply.send(Ok(())).ok();
+                self.tell_axis(RigActivity::Moving, axis, AxisEvent::to(target))
+                    .await;
+                let moved = stage.move_to(axis, target).await.map(|_| ());
+                self.settled(&mut rig, &stage, moved).await;
+            }
+            Work::Home { axis } => {
+                self.occupy(Some(RigActivity::Homing), None);
+                reply.send(Ok(())).ok();
+                self.tell_axis(RigActivity::Homing, axis, AxisEvent::UNKNOWN)
+                    .await;
+                let homed = stage.home(axis).await;
+                self.settled(&mut rig, &stage, homed).await;
+            }
+            Work::Scan(work) => self.scan(&mut rig, *work, reply).await,
+        }
+        rig
+    }
+
+    /// Connects the stages; what moves right after that was left moving by somebody who is gone,
+    /// and is stopped.
+    async fn connect(&self, rig: &mut Rig) -> Result<Stage, StageError> {
+        let known = rig.watch().borrow().is_some();
+        let connected = async {
+            let stage = rig.connect().await?;
+            if !known {
+                let status = stage.status().await?;
+                if status.theta_c.moving || status.phi_s.moving {
+                    tracing::warn!("the stages were moving when they were found; stopping them");
+                    stage.stop().await?;
+                }
+            }
+            Ok(stage)
+        };
+        let connected = connected.await;
+        if let Err(error) = &connected {
+            rig.let_go_if_lost(error);
+        }
+        let problem = connected
+            .as_ref()
+            .err()
+            .map(|e: &StageError| (crate::scan::visit::stage_code(e).to_owned(), e.to_string()));
+        self.occupation.send_modify(|now| now.problem = problem);
+        connected
+    }
+
+    async fn check_move(
+        &self,
+        stage: &Stage,
+        axis: AxisName,
+        target: Angle,
+    ) -> Result<(), StageError> {
+        let mut pose = stage.status().await?.pose();
+        // The other axis stays where it is, wherever that is: only the one that moves is judged.
+        let settings = stage.settings();
+        match axis {
+            AxisName::ThetaC => {
+                pose.theta_c = target;
+                pose.phi_s = clamp(
+                    pose.phi_s,
+                    settings.phi_s.limit_min,
+                    settings.phi_s.limit_max,
+                );
+            }
+            AxisName::PhiS => {
+                pose.phi_s = target;
+                pose.theta_c = clamp(
+                    pose.theta_c,
+                    settings.theta_c.limit_min,
+                    settings.theta_c.limit_max,
+                );
+            }
+        }
+        stage.check_limits(pose)
+    }
+
+    async fn settled(&self, rig: &mut Rig, stage: &Stage, outcome: Result<(), StageError>) {
+        let status = stage.status().await.ok();
+        self.occupy(None, None);
+        if let Err(error) = &outcome {
+            rig.let_go_if_lost(error);
+            if !matches!(error, StageError::Stopped) {
+                self.told
+                    .record(Event::Alarm {
+                        code: crate::scan::visit::stage_code(error).into(),
+                        message: error.to_string(),
+                        scan_id: None,
+                    })
+                    .await;
+            }
+        }
+        let at = |axis: Option<Angle>| axis.map_or(AxisEvent::UNKNOWN, AxisEvent::at);
+        let event = Event::Rig {
+            activity: RigActivity::Idle,
+            theta_c: at(status.as_ref().map(|s| s.theta_c.position)),
+            phi_s: at(status.as_ref().map(|s| s.phi_s.position)),
+        };
+        self.told.record(event).await;
+    }
+
+    async fn tell_axis(&self, activity: RigActivity, axis: AxisName, event: AxisEvent) {
+        let (theta_c, phi_s) = match axis {
+            AxisName::ThetaC => (event, AxisEvent::UNKNOWN),
+            AxisName::PhiS => (AxisEvent::UNKNOWN, event),
+        };
+        let event = Event::Rig {
+            activity,
+            theta_c,
+            phi_s,
+        };
+        self.told.record(event).await;
+    }
+
+    async fn scan(
+        &self,
+        rig: &mut Rig,
+        work: ScanWork,
+        reply: oneshot::Sender<Result<(), LabError>>,
+    ) {
+        let scan_id = work.scan_id;
+        let (book, mut orders) = mpsc::channel::<OrderSlip>(16);
+        self.occupation.send_modify(|now| {
+            now.activity = Some(RigActivity::Scanning);
+            now.scan_id = Some(scan_id);
+            now.orders = Some(book);
+        });
+        reply.send(Ok(())).ok();
+        let stage = rig.connect().await.ok();
+        let start = match &stage {
+            Some(stage) => stage.status().await.map(|status| status.pose()).ok(),
+            None => None,
+        };
+        let start = start.unwrap_or(Pose::from_deg(0.0, 0.0));
+        let stages = rig.link().settings.clone();
+        let move_time = |from, to| match &stage {
+            Some(stage) => stage.predicted_move(from, to),
+            None => stages.predicted_move(from, to),
+        };
+        let limits = TravelLimits {
+            theta_c: (stages.theta_c.limit_min, stages.theta_c.limit_max),
+            phi_s: (stages.phi_s.limit_min, stages.phi_s.limit_max),
+        };
+        let steps = work.plan.steps(&limits, start, &move_time);
+        drop(stage);
+        let mut recorder = LabRecorder {
+            told: self.told.clone(),
+            scan_id,
+            rig_id: self.rig_id,
+            saturation_dn: saturation_dn(&self.settings),
+            plan: work.plan,
+        };
+        let job = Job {
+            steps,
+            done: work.done,
+            settings: self.settings.runner.clone(),
+            clock: Arc::clone(&self.told.clock),
+        };
+        let end = runner::run(job, rig, &mut recorder, &mut orders).await;
+        match end {
+            Ok(end) => self.told.ends.send_modify(|ends| {
+                ends.insert(scan_id, end);
+            }),
+            Err(error) => {
+                tracing::error!(scan_id, %error, "scan {scan_id} cannot be recorded any more: {error}");
+                tokio::spawn(interrupt_when_possible(
+                    self.told.clone(),
+                    scan_id,
+                    error.to_string(),
+                ));
+            }
+        }
+        self.occupy(None, None);
+    }
+}
+
+/// A scan whose state could not be written is marked interrupted as soon as the store takes it.
+async fn interrupt_when_possible(told: Told, scan_id: i64, reason: String) {
+    const ATTEMPTS: u32 = 1000;
+    for _ in 0..ATTEMPTS {
+        let state = ScanState::Interrupted;
+        let written = told
+            .store
+            .change_state(scan_id, state, Some(&reason), None, Progress::default())
+            .await;
+        match written {
+            Ok(event) => return tell(&told.events, event),
+            Err(StoreError::StateConflict { .. }) => return,
+            Err(_) => told.clock.sleep(Duration::from_secs(5)).await,
+        }
+    }
+}
+
+fn saturation_dn(settings: &RigSettings) -> u16 {
+    let camera = &settings.camera;
+    let full = camera
+        .saturation_dn
+        .unwrap_or_else(|| f64::from((1_u32 << camera.bit_depth.unwrap_or(16).min(16)) - 1));
+    full.clamp(1.0, 65535.0) as u16
+}
+
+fn clamp(angle: Angle, min: Angle, max: Angle) -> Angle {
+    if angle < min {
+        min
+    } else if angle > max {
+        max
+    } else {
+        angle
+    }
+}

@@ -1,0 +1,133 @@
+//! What the lab refuses, as situations that page, command line and scripts can tell apart.
+
+use crate::analysis::AnalysisError;
+use crate::bench::CameraError;
+use crate::bench::stage::StageError;
+use crate::scan::visit::stage_code;
+use crate::scan::{PlanError, ScanState};
+use crate::series::{FrameReadError, SeriesError};
+use crate::store::StoreError;
+
+/// Why the lab did not do what was asked.
+#[derive(Debug, thiserror::Error)]
+pub enum LabError {
+    /// The rig is held by something else.
+    #[error("the rig is busy: {with}; wait for it, pause or abort it; stop is always allowed")]
+    Busy {
+        /// What holds it.
+        with: String,
+    },
+    /// This daemon has no rig.
+    #[error(
+        "this daemon has no rig: name its port and its camera's folder in a configuration file and start `ridged serve --config FILE`, or start with --simulated-rig"
+    )]
+    NoRig,
+    /// The scan cannot do that where it stands.
+    #[error("scan {scan_id} is {state}: {asked} is not possible there")]
+    NotNow {
+        /// Which scan.
+        scan_id: i64,
+        /// Where it stands.
+        state: ScanState,
+        /// What was asked.
+        asked: &'static str,
+    },
+    /// The scan is not this rig's to run.
+    #[error("scan {scan_id} was made with another rig or is an import: it cannot be resumed here")]
+    NotOfThisRig {
+        /// Which scan.
+        scan_id: i64,
+    },
+    /// The plan cannot run.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// There is not enough room for the scan.
+    #[error(
+        "the disk is full: the scan needs up to {needed_mb} MB beside {reserve_mb} MB of reserve, {free_mb} MB are free; free some space or plan less"
+    )]
+    NoRoom {
+        /// What the frames can take.
+        needed_mb: u64,
+        /// What is left alone.
+        reserve_mb: u64,
+        /// What is there.
+        free_mb: u64,
+    },
+    /// The stages.
+    #[error(transparent)]
+    Stage(#[from] StageError),
+    /// The camera.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// The store.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A folder is no series.
+    #[error(transparent)]
+    Series(#[from] SeriesError),
+    /// A frame of a series cannot be imported.
+    #[error(
+        "{source}; nothing was imported: restore the file, or pass --skip-unreadable to leave it out"
+    )]
+    Frame {
+        /// What is wrong with it.
+        source: FrameReadError,
+    },
+    /// A series cannot be written.
+    #[error("{0}")]
+    Export(String),
+    /// Reduction or fit.
+    #[error(transparent)]
+    Analysis(#[from] AnalysisError),
+    /// A value that makes no sense.
+    #[error("{field}: {problem}")]
+    Invalid {
+        /// Which.
+        field: String,
+        /// What is wrong with it, and what is allowed.
+        problem: String,
+    },
+    /// The daemon is ending.
+    #[error("the daemon is stopping")]
+    Stopping,
+}
+
+impl LabError {
+    /// A stable word for logs and scripts.
+    #[must_use]
+    pub fn code(&self) -> &'static str {
+        match self {
+            LabError::Busy { .. } => "busy",
+            LabError::NoRig => "no-rig",
+            LabError::NotNow { .. } | LabError::NotOfThisRig { .. } => "state-conflict",
+            LabError::Plan(_) => "plan-invalid",
+            LabError::NoRoom { .. } => "disk-full",
+            LabError::Stage(error) => stage_code(error),
+            LabError::Camera(_) => "camera-failed",
+            LabError::Store(error) => store_code(error),
+            LabError::Series(_) => "series-invalid",
+            LabError::Frame { .. } => "frame-unreadable",
+            LabError::Export(_) => "export-failed",
+            LabError::Analysis(_) => "analysis-failed",
+            LabError::Invalid { .. } => "invalid-value",
+            LabError::Stopping => "stopping",
+        }
+    }
+}
+
+fn store_code(error: &StoreError) -> &'static str {
+    match error {
+        StoreError::InUse { .. } => "store-in-use",
+        StoreError::Missing { .. } => "store-missing",
+        StoreError::DiskFull { .. } => "disk-full",
+        StoreError::NotFound { .. } => "not-found",
+        StoreError::StateConflict { .. } => "state-conflict",
+        StoreError::KeyReused => "idempotency-mismatch",
+        StoreError::FrameDamaged { .. } => "frame-damaged",
+        StoreError::Damaged { .. } | StoreError::BadRow { .. } => "store-damaged",
+        StoreError::File { .. }
+        | StoreError::Migration(_)
+        | StoreError::Frame(_)
+        | StoreError::Database(_) => "store-failed",
+    }
+}

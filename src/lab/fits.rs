@@ -1,0 +1,265 @@
+//! Reductions and fits of scans in the store.
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, MutexGuard};
+
+use serde::{Deserialize, Serialize};
+use tokio::task::JoinHandle;
+
+use super::curves::{FitCurves, curves_of};
+use super::{Lab, LabError, StoredSeries};
+use crate::analysis::{self, AnalysisError, AnalysisOptions};
+use crate::fit::{FitOptions, FitReport, VariantChoice};
+use crate::observation::ObservationSet;
+use crate::reduction::{self, ReductionError};
+use crate::scan::event::ShortValue;
+use crate::store::StoreError;
+use crate::store::fits::{FitEnd, NewFit};
+
+/// A fit that is asked for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FitRequest {
+    /// Scan to fit.
+    pub scan_id: i64,
+    /// Variant; the better one if not given.
+    #[serde(default)]
+    pub variant: VariantChoice,
+    /// Region of a sample that has several.
+    #[serde(default)]
+    pub region: Option<String>,
+}
+
+/// A fit that has not ended.
+pub(super) struct FitUnderWay {
+    cancel: Arc<AtomicBool>,
+    task: JoinHandle<()>,
+}
+
+/// Observations of a scan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reduced {
+    /// The observations and all that a fit reads.
+    pub set: ObservationSet,
+    /// Whether the scan is over.
+    pub complete: bool,
+}
+
+impl Lab {
+    /// Observations of a scan (or of one region of it), reduced now or earlier. While the scan runs
+    /// they are a snapshot of what is committed.
+    ///
+    /// # Errors
+    /// An unknown scan, [`LabError::Analysis`] if its frames give none, or what the store says.
+    pub async fn observations(
+        &self,
+        scan_id: i64,
+        region: Option<&str>,
+    ) -> Result<Reduced, LabError> {
+        let state = self.store().scan(scan_id).await?.state;
+        let complete = !Lab::more_frames_may_come(state);
+        let series = StoredSeries::open(self.store(), scan_id).await?;
+        let last_frame_id = series.last_frame_id;
+        let known = self
+            .store()
+            .current_observations(scan_id, region, last_frame_id)
+            .await?;
+        if let Some(set_id) = known {
+            let set = self.store().observations(set_id).await?;
+            return Ok(Reduced { set, complete });
+        }
+        let name = region.map(str::to_owned);
+        let set =
+            blocking(move || reduction::reduce(&series, name.as_deref(), &AtomicBool::new(false)))
+                .await
+                .map_err(AnalysisError::Reduction)?;
+        if complete {
+            self.store()
+                .add_observations(scan_id, last_frame_id, &set)
+                .await?;
+        }
+        Ok(Reduced { set, complete })
+    }
+
+    /// Begins a fit; returns its number. How it ends is told by an event.
+    ///
+    /// # Errors
+    /// An unknown scan or region, or what the store says.
+    pub async fn start_fit(&self, request: &FitRequest) -> Result<i64, LabError> {
+        // Read what is there now: the fit is of this snapshot, whatever comes later.
+        let series = StoredSeries::open(self.store(), request.scan_id).await?;
+        let options = AnalysisOptions {
+            region: request.region.clone(),
+            fit: FitOptions {
+                variant: request.variant,
+                ..FitOptions::default()
+            },
+        };
+        let new = NewFit {
+            scan_id: request.scan_id,
+            variant: word(&request.variant),
+            region: request.region.clone(),
+            options: serde_json::to_string(&options.fit)
+                .map_err(|e| StoreError::bad_row("fits", e))?,
+        };
+        let (fit_id, event) = self.store().begin_fit(&new).await?;
+        self.tell(event);
+        let cancel = Arc::new(AtomicBool::new(false));
+        let lab = self.clone();
+        let scan_id = request.scan_id;
+        let flag = Arc::clone(&cancel);
+        // Held while the fit begins, so that it cannot end before it is known.
+        let mut under_way = self.fits();
+        let task = tokio::spawn(async move {
+            let end = lab.fit_to_its_end(scan_id, series, options, &flag).await;
+            match lab.store().end_fit(fit_id, &end).await {
+                Ok(event) => lab.tell(event),
+                Err(error) => {
+                    tracing::error!(fit_id, %error, "the end of fit {fit_id} could not be kept: {error}");
+                }
+            }
+            lab.fits().remove(&fit_id);
+        });
+        under_way.insert(fit_id, FitUnderWay { cancel, task });
+        Ok(fit_id)
+    }
+
+    fn fits(&self) -> MutexGuard<'_, HashMap<i64, FitUnderWay>> {
+        self.inner
+            .fits
+            .lock()
+            .expect("no holder of this lock panics")
+    }
+
+    async fn fit_to_its_end(
+        &self,
+        scan_id: i64,
+        series: StoredSeries,
+        options: AnalysisOptions,
+        cancel: &Arc<AtomicBool>,
+    ) -> FitEnd {
+        let last_frame_id = series.last_frame_id;
+        let flag = Arc::clone(cancel);
+        let analysed = blocking(move || analysis::analyse(&series, &options, &|_| {}, &flag)).await;
+        let analysed = match analysed {
+            Ok(analysed) => analysed,
+            Err(AnalysisError::Cancelled) => return FitEnd::Cancelled,
+            Err(AnalysisError::Reduction(error)) => {
+                return FitEnd::Failed {
+                    code: reduction_code(&error).into(),
+                    detail: error.to_string(),
+                };
+            }
+        };
+        let kept = self
+            .store()
+            .add_observations(scan_id, last_frame_id, &analysed.observations)
+            .await;
+        let report = serde_json::to_string(&analysed.report);
+        match (kept, report) {
+            (Ok(set_id), Ok(report)) => FitEnd::Completed {
+                set_id,
+                report,
+                variant: analysed.report.variant.to_string(),
+                status: word(&analysed.report.status),
+                theta_r_deg: short(&analysed.report),
+            },
+            (Err(error), _) => FitEnd::Failed {
+                code: LabError::from(error).code().into(),
+                detail: "the observations could not be kept".into(),
+            },
+            (_, Err(error)) => FitEnd::Failed {
+                code: "internal".into(),
+                detail: format!("the report is no JSON: {error}"),
+            },
+        }
+    }
+
+    /// Asks a fit to stop; it ends within one evaluation of the model.
+    ///
+    /// # Errors
+    /// An unknown fit, or one that has ended.
+    pub async fn cancel_fit(&self, fit_id: i64) -> Result<(), LabError> {
+        let state = self.store().fit(fit_id).await?.state;
+        let flag = self.fits().get(&fit_id).map(|fit| Arc::clone(&fit.cancel));
+        match flag {
+            Some(flag) => {
+                flag.store(true, Ordering::Relaxed);
+                Ok(())
+            }
+            None => Err(LabError::Invalid {
+                field: "id".into(),
+                problem: format!("fit {fit_id} is {state}: there is nothing to cancel"),
+            }),
+        }
+    }
+
+    /// Cancels every fit and waits until each has said how it ended.
+    pub(super) async fn cancel_all_fits(&self) {
+        let under_way: Vec<FitUnderWay> = self.fits().drain().map(|(_, fit)| fit).collect();
+        for fit in &under_way {
+            fit.cancel.store(true, Ordering::Relaxed);
+        }
+        for fit in under_way {
+            fit.task.await.ok();
+        }
+    }
+
+    /// A completed fit beside its observations, with curves every `step_deg` of φs.
+    ///
+    /// # Errors
+    /// An unknown fit, or one without a report.
+    pub async fn curves(&self, fit_id: i64, step_deg: f64) -> Result<FitCurves, LabError> {
+        if !(0.1..=90.0).contains(&step_deg) {
+            return Err(LabError::Invalid {
+                field: "step_deg".into(),
+                problem: "must be 0.1 to 90".into(),
+            });
+        }
+        let fit = self.store().fit(fit_id).await?;
+        let (Some(report), Some(set_id)) = (&fit.report, fit.set_id) else {
+            return Err(LabError::Invalid {
+                field: "id".into(),
+                problem: format!("fit {fit_id} is {} and has no report", fit.state),
+            });
+        };
+        let report: FitReport =
+            serde_json::from_str(report).map_err(|e| StoreError::bad_row("fit_ends", e))?;
+        let set = self.store().observations(set_id).await?;
+        let curves = blocking(move || curves_of(&report, &set, step_deg)).await;
+        Ok(curves)
+    }
+}
+
+/// Stable word for why frames give no observations.
+#[must_use]
+pub(super) fn reduction_code(error: &ReductionError) -> &'static str {
+    match error {
+        ReductionError::RegionNeeded { .. } => "region-needed",
+        ReductionError::UnknownRegion { .. } => "region-unknown",
+        _ => "no-observations",
+    }
+}
+
+fn short(report: &FitReport) -> Option<ShortValue> {
+    let theta_r = &report.parameters.theta_r_deg;
+    Some(ShortValue {
+        value: theta_r.value?,
+        expanded: theta_r.expanded?,
+    })
+}
+
+/// The word that serde writes for a unit variant.
+fn word<T: Serialize>(value: &T) -> String {
+    match serde_json::to_value(value) {
+        Ok(serde_json::Value::String(word)) => word,
+        _ => String::new(),
+    }
+}
+
+async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
+    tokio::task::spawn_blocking(work)
+        .await
+        .expect("reductions and fits do not panic")
+}

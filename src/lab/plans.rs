@@ -1,0 +1,274 @@
+//! From a request to a running scan: plan, calibrations, room, rig.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use time::OffsetDateTime;
+
+use super::bench::{ScanWork, Work};
+use super::{Lab, LabError};
+use crate::frame::FrameKind;
+use crate::geometry::Pose;
+use crate::material::Material;
+use crate::scan::plan::{self, Estimate};
+use crate::scan::{OperatorAction, Plan, PlanRequest, Progress, ScanState, Step};
+use crate::series::{DarkFacts, Manifest, SCHEMA, SampleFacts, SampleKind};
+use crate::store::samples::Sample;
+use crate::store::scans::{NewScan, Scan};
+use crate::store::{StoreError, utc_text};
+
+/// A scan that is asked for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScanRequest {
+    /// What to scan.
+    pub sample_id: i64,
+    /// How.
+    pub plan: PlanRequest,
+}
+
+/// What a scan will take, before it begins.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimated {
+    /// The whole plan, less what valid calibrations save.
+    pub plan: Plan,
+    /// Time and room.
+    pub estimate: Estimate,
+    /// Room there is.
+    pub free_bytes: u64,
+    /// What people have to do, in order.
+    pub operator_steps: Vec<OperatorAction>,
+    /// Calibrations of earlier scans that it uses.
+    pub calibration_ids: Vec<i64>,
+}
+
+impl Lab {
+    /// What a scan will take. Nothing moves and nothing is stored.
+    ///
+    /// # Errors
+    /// [`LabError::Plan`] with everything that is wrong, an unknown sample, or what the store says.
+    pub async fn estimate(&self, request: &ScanRequest) -> Result<Estimated, LabError> {
+        self.store().sample(request.sample_id).await?;
+        let side = self.side()?;
+        let limits = self.limits()?;
+        let mut plan = request.plan.resolve(&side.settings.defaults)?;
+        plan.check(&limits)?;
+        let mut calibration_ids = Vec::new();
+        if plan.reuse_calibrations {
+            let usable = async |kind, exposures_s: &[f64], theta_c_deg: &[f64], valid: Duration| {
+                let since = utc_text(self.clock().utc() - valid);
+                let store = self.store();
+                store
+                    .usable_calibration(kind, side.id, exposures_s, theta_c_deg, &since)
+                    .await
+            };
+            if plan.dark.repeats > 0 {
+                let exposures_s = plan.all_exposures_s();
+                let valid = side.settings.dark_valid;
+                if let Some(dark) = usable(FrameKind::Dark, &exposures_s, &[], valid).await? {
+                    calibration_ids.push(dark.id);
+                    plan.dark.repeats = 0;
+                }
+            }
+            if plan.flat.repeats > 0 {
+                let (exposures_s, tilts) = (&plan.flat.exposures_s, &plan.flat.theta_c_deg);
+                let valid = side.settings.flat_valid;
+                if let Some(flat) = usable(FrameKind::Flat, exposures_s, tilts, valid).await? {
+                    calibration_ids.push(flat.id);
+                    plan.flat.repeats = 0;
+                }
+            }
+        }
+        let start = self.last_pose().await;
+        let stage = side.stage.borrow().clone();
+        let move_time = |from, to| match &stage {
+            Some(stage) => stage.predicted_move(from, to),
+            None => side.stage_settings.predicted_move(from, to),
+        };
+        let steps = plan.steps(&limits, start, &move_time);
+        let frame_bytes_max = side.settings.runner.frame_bytes_max;
+        Ok(Estimated {
+            estimate: plan::estimate(&steps, start, &move_time, frame_bytes_max),
+            free_bytes: self.store().free_bytes()?,
+            operator_steps: steps
+                .iter()
+                .filter_map(|step| match step {
+                    Step::Operator(action) => Some(*action),
+                    Step::Shot(_) => None,
+                })
+                .collect(),
+            calibration_ids,
+            plan,
+        })
+    }
+
+    /// Where the stages stand, or the middle if they do not say.
+    async fn last_pose(&self) -> Pose {
+        let stage = match self.side() {
+            Ok(side) => side.stage.borrow().clone(),
+            Err(_) => None,
+        };
+        match stage {
+            Some(stage) => match stage.status().await {
+                Ok(status) => status.pose(),
+                Err(_) => Pose::from_deg(0.0, 0.0),
+            },
+            None => Pose::from_deg(0.0, 0.0),
+        }
+    }
+
+    /// Begins a scan; returns it as planned. Its further story is told by events.
+    ///
+    /// # Errors
+    /// [`LabError::Plan`], [`LabError::NoRoom`], [`LabError::Busy`], or why the rig cannot be had.
+    pub async fn start_scan(&self, request: &ScanRequest) -> Result<Scan, LabError> {
+        let estimated = self.estimate(request).await?;
+        let side = self.side()?;
+        let reserve = side.settings.runner.disk_reserve_bytes;
+        let needed = estimated.estimate.disk_bytes;
+        if estimated.free_bytes < needed.saturating_add(reserve) {
+            return Err(LabError::NoRoom {
+                needed_mb: needed.div_ceil(1_000_000),
+                reserve_mb: reserve.div_ceil(1_000_000),
+                free_mb: estimated.free_bytes / 1_000_000,
+            });
+        }
+        // A rig that cannot be had is told before a scan is planned on it.
+        self.request(Work::Connect).await?;
+        let sample = self.store().sample(request.sample_id).await?;
+        let manifest = self.manifest_for(&sample, &estimated.plan)?;
+        let plan = estimated.plan;
+        let new = NewScan {
+            sample_id: sample.id,
+            rig_id: Some(side.id),
+            name: sample.name,
+            plan: Some(plan.clone()),
+            manifest: manifest.to_toml(),
+            frames_csv: None,
+            calibration_ids: estimated.calibration_ids,
+        };
+        let (scan, event) = self.store().add_scan(&new).await?;
+        self.tell(event);
+        let work = ScanWork {
+            scan_id: scan.id,
+            plan,
+            done: Default::default(),
+        };
+        if let Err(error) = self.request(Work::Scan(Box::new(work))).await {
+            let reason = error.to_string();
+            let event = self
+                .store()
+                .change_state(
+                    scan.id,
+                    ScanState::Failed,
+                    Some(&reason),
+                    None,
+                    Progress::default(),
+                )
+                .await?;
+            self.tell(event);
+            return Err(error);
+        }
+        Ok(scan)
+    }
+
+    /// Takes an interrupted scan up again: points that are committed stay, the others are taken.
+    pub(super) async fn resume(&self, scan: &Scan) -> Result<ScanState, LabError> {
+        let side = self.side()?;
+        let not_here = LabError::NotOfThisRig { scan_id: scan.id };
+        let Some(plan) = scan.plan.clone() else {
+            return Err(not_here);
+        };
+        if scan.rig_id != Some(side.id) {
+            return Err(not_here);
+        }
+        plan.check(&self.limits()?)?;
+        self.request(Work::Connect).await?;
+        let done = self.store().shots_done(scan.id).await?;
+        let work = ScanWork {
+            scan_id: scan.id,
+            plan,
+            done: done.into_iter().collect(),
+        };
+        let after = self.store().last_event_id().await?;
+        self.request(Work::Scan(Box::new(work))).await?;
+        let scan = self.wait_for_scan(scan.id, after, |_| true).await?;
+        Ok(scan.state)
+    }
+
+    /// The manifest that a reduction of the scan will read.
+    fn manifest_for(&self, sample: &Sample, plan: &Plan) -> Result<Manifest, LabError> {
+        let settings = &self.side()?.settings;
+        let mut camera = settings.camera.clone();
+        camera.exposures_s = plan.exposures_s.clone();
+        Ok(Manifest {
+            schema: SCHEMA.into(),
+            name: sample.name.clone(),
+            frames: "frames.csv".into(),
+            notes: Default::default(),
+            rig: settings.rig.clone(),
+            camera,
+            flat: Some(settings.flat.clone()),
+            dark: Some(DarkFacts::default()),
+            sample: sample_facts(&sample.material),
+        })
+    }
+}
+
+/// `[sample]` of a manifest for a nominal material.
+fn sample_facts(material: &Material) -> SampleFacts {
+    let blank = SampleFacts {
+        kind: SampleKind::Dielectric,
+        index_of_refraction: None,
+        index_of_refraction_std: None,
+        eta: None,
+        k: None,
+        eta_std: None,
+        k_std: None,
+        pitch_length_um: None,
+        notes: Default::default(),
+        layout: None,
+    };
+    match *material {
+        Material::Dielectric { eta, eta_std } => SampleFacts {
+            index_of_refraction: Some(eta),
+            index_of_refraction_std: Some(eta_std),
+            ..blank
+        },
+        Material::Conductor {
+            eta,
+            k,
+            eta_std,
+            k_std,
+        } => SampleFacts {
+            kind: SampleKind::Conductor,
+            eta: Some(eta),
+            k: Some(k),
+            eta_std: Some(eta_std),
+            k_std: Some(k_std),
+            ..blank
+        },
+    }
+}
+
+impl Lab {
+    /// How long a calibration of a kind is valid, and whether one made then still is.
+    ///
+    /// # Errors
+    /// A time that cannot be read.
+    pub fn calibration_valid_until(
+        &self,
+        kind: &str,
+        created_at: &str,
+    ) -> Result<(OffsetDateTime, bool), LabError> {
+        let created = crate::store::utc_of(created_at)
+            .ok_or_else(|| StoreError::bad_row("calibrations", created_at))?;
+        let valid = match &self.inner.rig {
+            None => Duration::ZERO,
+            Some(side) if kind == "dark" => side.settings.dark_valid,
+            Some(side) => side.settings.flat_valid,
+        };
+        let until = created + valid;
+        Ok((until, self.clock().utc() <= until))
+    }
+}

@@ -1,0 +1,153 @@
+//! Makes durable what the runner tells: file, then row, then event.
+
+use futures::future::{BoxFuture, try_join_all};
+
+use super::bench::Told;
+use super::tell;
+use crate::frame::FrameKind;
+use crate::scan::runner::{RecordError, Recorder, Visit};
+use crate::scan::{Event, OperatorAction, Plan, Progress, ScanState};
+use crate::store::StoreError;
+use crate::store::calibrations::NewCalibration;
+use crate::store::frames::{NewFrame, NewShot};
+
+pub(super) struct LabRecorder {
+    pub told: Told,
+    pub scan_id: i64,
+    pub rig_id: i64,
+    pub saturation_dn: u16,
+    pub plan: Plan,
+}
+
+impl From<StoreError> for RecordError {
+    fn from(error: StoreError) -> Self {
+        match error {
+            StoreError::DiskFull { .. } => RecordError::DiskFull(error.to_string()),
+            _ => RecordError::Failed(error.to_string()),
+        }
+    }
+}
+
+impl LabRecorder {
+    async fn keep(&self, visit: Visit, progress: Progress) -> Result<(), StoreError> {
+        let store = &self.told.store;
+        let shot = NewShot {
+            scan_id: self.scan_id,
+            plan_index: visit.shot.index,
+            attempt: visit.attempt,
+            kind: visit.shot.kind,
+            asked: visit.shot.pose,
+            pose: visit.pose,
+            rejected: visit.rejected,
+            taken_at: visit.taken_at,
+        };
+        let frames = visit.frames.into_iter().map(|taken| {
+            let name = format!(
+                "frames/{}_{:05}_e{}_r{}{}.png",
+                shot.kind.as_str(),
+                shot.plan_index,
+                taken.exposure_index,
+                taken.repeat,
+                match shot.rejected {
+                    None => String::new(),
+                    Some(_) => format!("_rejected{}", shot.attempt),
+                }
+            );
+            let taken_at = taken.captured.started_utc;
+            let kept = store.keep_frame(taken.captured.frame, self.saturation_dn);
+            async move {
+                Ok::<_, StoreError>(NewFrame {
+                    file: kept.await?,
+                    name,
+                    exposure_s: taken.exposure_s,
+                    repeat: taken.repeat,
+                    taken_at,
+                })
+            }
+        });
+        let frames = try_join_all(frames).await?;
+        metrics::counter!("ridged_frames_total").increment(frames.len() as u64);
+        for event in store.commit_shot(&shot, &frames, progress).await? {
+            tell(&self.told.events, event);
+        }
+        Ok(())
+    }
+}
+
+impl Recorder for LabRecorder {
+    fn state<'a>(
+        &'a mut self,
+        next: ScanState,
+        reason: Option<&'a str>,
+        operator: Option<OperatorAction>,
+        progress: Progress,
+    ) -> BoxFuture<'a, Result<(), RecordError>> {
+        Box::pin(async move {
+            let event = self
+                .told
+                .store
+                .change_state(self.scan_id, next, reason, operator, progress)
+                .await?;
+            tell(&self.told.events, event);
+            Ok(())
+        })
+    }
+
+    fn visit(
+        &mut self,
+        visit: Visit,
+        progress: Progress,
+    ) -> BoxFuture<'_, Result<(), RecordError>> {
+        Box::pin(async move { Ok(self.keep(visit, progress).await?) })
+    }
+
+    fn phase_done(&mut self, kind: FrameKind) -> BoxFuture<'_, Result<(), RecordError>> {
+        Box::pin(async move {
+            let plan = &self.plan;
+            let (exposures_s, theta_c_deg, repeats) = match kind {
+                FrameKind::Sample => return Ok(()),
+                FrameKind::Dark => (plan.all_exposures_s(), Vec::new(), plan.dark.repeats),
+                FrameKind::Flat => (
+                    plan.flat.exposures_s.clone(),
+                    plan.flat.theta_c_deg.clone(),
+                    plan.flat.repeats,
+                ),
+            };
+            let n_frames = exposures_s.len() as u32 * theta_c_deg.len().max(1) as u32 * repeats;
+            self.told
+                .store
+                .add_calibration(&NewCalibration {
+                    kind,
+                    scan_id: self.scan_id,
+                    rig_id: self.rig_id,
+                    exposures_s,
+                    theta_c_deg,
+                    n_frames,
+                })
+                .await?;
+            Ok(())
+        })
+    }
+
+    fn alarm<'a>(&'a mut self, code: &'a str, message: &'a str) -> BoxFuture<'a, ()> {
+        Box::pin(async move {
+            metrics::counter!("ridged_alarms_total", "code" => code.to_owned()).increment(1);
+            let event = Event::Alarm {
+                code: code.into(),
+                message: message.into(),
+                scan_id: Some(self.scan_id),
+            };
+            match self.told.store.record(event).await {
+                Ok(event) => tell(&self.told.events, event),
+                // The alarm may be about the very disk that cannot take it.
+                Err(error) => {
+                    tracing::error!(%error, "{code}: {message} (and it could not be recorded: {error})");
+                }
+            }
+        })
+    }
+
+    fn free_bytes(&self) -> Result<u64, RecordError> {
+        Ok(self.told.store.free_bytes()?)
+    }
+}

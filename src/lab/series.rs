@@ -1,0 +1,327 @@
+//! Scans as series: what a reduction reads, what comes in from a folder and goes out to one.
+
+use std::path::Path;
+
+use super::{Lab, LabError};
+use crate::frame::{Frame, FrameKind};
+use crate::material::Material;
+use crate::reduction::{FrameReadError, FrameSource};
+use crate::scan::plan::{DarkPlan, FlatPlan};
+use crate::scan::{Plan, ScanState};
+use crate::series::{self, FrameRow, Manifest, Series, WriteError};
+use crate::store::frames::{FrameRecord, ImportedFrame};
+use crate::store::samples::NewSample;
+use crate::store::scans::{NewScan, Origin};
+use crate::store::{PageRequest, Store, StoreError};
+
+/// A scan of the store in the form of a recorded series, its calibrations among its frames.
+#[derive(Debug, Clone)]
+pub struct StoredSeries {
+    store: Store,
+    manifest: Manifest,
+    rows: Vec<FrameRow>,
+    sha256: Vec<String>,
+    /// Newest frame in it.
+    pub last_frame_id: i64,
+}
+
+impl StoredSeries {
+    /// Reads what the store knows of a scan; frames are read when they are asked for.
+    ///
+    /// # Errors
+    /// An unknown scan, or what the store says.
+    pub async fn open(store: &Store, scan_id: i64) -> Result<StoredSeries, LabError> {
+        let manifest = store.manifest(scan_id).await?;
+        let manifest = Manifest::from_toml(&manifest, "manifest.toml")?;
+        let imported = store.scan(scan_id).await?.origin == Origin::Import;
+        let records = store.frames_for_reduction(scan_id).await?;
+        let last_frame_id = records.iter().map(|r| r.id).max().unwrap_or(0);
+        let mut rows = Vec::with_capacity(records.len());
+        let mut sha256 = Vec::with_capacity(records.len());
+        for record in records {
+            rows.push(row(&record, imported)?);
+            sha256.push(record.sha256);
+        }
+        Ok(StoredSeries {
+            store: store.clone(),
+            manifest,
+            rows,
+            sha256,
+            last_frame_id,
+        })
+    }
+}
+
+fn row(record: &FrameRecord, imported: bool) -> Result<FrameRow, StoreError> {
+    let kind = match record.kind.as_str() {
+        "sample" => FrameKind::Sample,
+        "dark" => FrameKind::Dark,
+        "flat" => FrameKind::Flat,
+        other => return Err(StoreError::bad_row("frames", format!("kind `{other}`"))),
+    };
+    // The form says that dark frames carry 0, 0; where the stages stood is in the store.
+    let (theta_c_deg, phi_s_deg) = match kind {
+        FrameKind::Dark if !imported => (0.0, 0.0),
+        _ => (record.theta_c_deg, record.phi_s_deg),
+    };
+    Ok(FrameRow {
+        file: record.name.clone(),
+        kind,
+        theta_c_deg,
+        phi_s_deg,
+        exposure_s: record.exposure_s,
+        repeat: record.repeat,
+        timestamp: record.timestamp.clone(),
+    })
+}
+
+impl FrameSource for StoredSeries {
+    fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    fn rows(&self) -> &[FrameRow] {
+        &self.rows
+    }
+
+    fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
+        let file = || self.rows[index].file.clone();
+        let png =
+            self.store
+                .read_png(&self.sha256[index])
+                .map_err(|source| FrameReadError::Store {
+                    file: file(),
+                    source: Box::new(source),
+                })?;
+        Frame::from_png(&png).map_err(|source| FrameReadError::NotAFrame {
+            file: file(),
+            source,
+        })
+    }
+}
+
+/// How to import.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ImportOptions {
+    /// Leave out frames that cannot be read, instead of refusing the series.
+    pub skip_unreadable: bool,
+}
+
+/// What an import did.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Imported {
+    /// The scan it became.
+    pub scan_id: i64,
+    /// The sample it is of.
+    pub sample_id: i64,
+    /// Frames kept.
+    pub n_frames: usize,
+    /// Frames left out, with the reason.
+    pub skipped: Vec<String>,
+}
+
+impl Lab {
+    /// Takes a recorded series into the store, frames bit for bit, as a completed scan.
+    /// `progress` is told how many of how many frames are in.
+    ///
+    /// # Errors
+    /// [`LabError::Series`] for a folder that is none, [`LabError::Frame`] for a frame that cannot
+    /// be read; then nothing is imported.
+    pub async fn import(
+        &self,
+        folder: &Path,
+        options: &ImportOptions,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<Imported, LabError> {
+        let series = Series::open(folder)?;
+        let read = |file: &str| {
+            let path = series.folder().join(file);
+            std::fs::read_to_string(&path)
+                .map_err(|e| StoreError::file("the series' file", &path, e))
+        };
+        let manifest_text = read("manifest.toml")?;
+        let frames_csv = read(&series.manifest().frames)?;
+        let saturation_dn = series.manifest().saturation_dn().clamp(1.0, 65535.0) as u16;
+        let total = series.rows().len();
+        let mut frames = Vec::with_capacity(total);
+        let mut skipped = Vec::new();
+        for (i, row) in series.rows().iter().enumerate() {
+            let kept = match series.read_bytes(i) {
+                Ok(png) => match self.store().keep_png(png, saturation_dn).await {
+                    Err(StoreError::Frame(source)) => Err(FrameReadError::NotAFrame {
+                        file: row.file.clone(),
+                        source,
+                    }),
+                    other => Ok(other?),
+                },
+                Err(error) => Err(error),
+            };
+            match kept {
+                Ok(file) => frames.push(ImportedFrame {
+                    file,
+                    name: row.file.clone(),
+                    kind: row.kind,
+                    theta_c_deg: row.theta_c_deg,
+                    phi_s_deg: row.phi_s_deg,
+                    exposure_s: row.exposure_s,
+                    repeat: row.repeat,
+                    timestamp: row.timestamp.clone(),
+                }),
+                Err(source) if options.skip_unreadable => skipped.push(source.to_string()),
+                Err(source) => return Err(LabError::Frame { source }),
+            }
+            progress(i + 1, total);
+        }
+        let name = match series.manifest().name.as_str() {
+            "" => folder
+                .file_name()
+                .map_or("series".into(), |n| n.to_string_lossy().into_owned()),
+            name => name.to_owned(),
+        };
+        let sample_id = self
+            .sample_named(&name, series.manifest().material())
+            .await?;
+        let new = NewScan {
+            sample_id,
+            rig_id: None,
+            name,
+            plan: None,
+            manifest: manifest_text,
+            // A list with lines left out is not the series' own any more.
+            frames_csv: skipped.is_empty().then_some(frames_csv),
+            calibration_ids: vec![],
+        };
+        let (scan_id, event) = self.store().import_scan(&new, &frames).await?;
+        self.tell(event);
+        Ok(Imported {
+            scan_id,
+            sample_id,
+            n_frames: frames.len(),
+            skipped,
+        })
+    }
+
+    /// The newest sample of this name and material, or a new one.
+    async fn sample_named(&self, name: &str, material: Material) -> Result<i64, LabError> {
+        let mut page = PageRequest {
+            limit: 1000,
+            cursor: None,
+        };
+        loop {
+            let samples = self.store().samples(page).await?;
+            let same =
+                |s: &&crate::store::samples::Sample| s.name == name && s.material == material;
+            if let Some(sample) = samples.items.iter().find(same) {
+                return Ok(sample.id);
+            }
+            match samples.next_cursor {
+                Some(cursor) => page.cursor = Some(cursor),
+                None => break,
+            }
+        }
+        let new = NewSample {
+            name: name.into(),
+            material,
+            note: Some("imported".into()),
+            simulated: None,
+        };
+        Ok(self.store().add_sample(&new).await?.id)
+    }
+}
+
+/// Writes a scan of the store as a series into an empty folder; an imported series comes out as it
+/// came in, byte for byte. Returns the number of frames.
+///
+/// # Errors
+/// An unknown scan, a damaged frame, a folder that is not empty, or what the disk says.
+pub async fn export(store: &Store, scan_id: i64, folder: &Path) -> Result<usize, LabError> {
+    let series = StoredSeries::open(store, scan_id).await?;
+    let frames_csv = store.frames_csv(scan_id).await?;
+    let manifest = match store.scan(scan_id).await?.origin {
+        Origin::Import => Some(store.manifest(scan_id).await?),
+        Origin::Rig => None,
+    };
+    let folder = folder.to_owned();
+    let written = move || {
+        series::write(&folder, &series.manifest, &series.rows, |i| {
+            series.store.read_png(&series.sha256[i])
+        })
+        .map_err(|error| match error {
+            WriteError::Frame(store) => LabError::Store(store),
+            WriteError::Io { file, source } => {
+                LabError::Store(StoreError::file("the export", file, source))
+            }
+            other => LabError::Export(other.to_string()),
+        })?;
+        // The series' own texts, comments and all.
+        let texts = [
+            (series.manifest.frames.clone(), frames_csv),
+            ("manifest.toml".to_owned(), manifest),
+        ];
+        for (file, text) in texts {
+            if let Some(text) = text {
+                let path = folder.join(file);
+                std::fs::write(&path, text)
+                    .map_err(|e| StoreError::file("the export", &path, e))?;
+            }
+        }
+        Ok(series.rows.len())
+    };
+    tokio::task::spawn_blocking(written)
+        .await
+        .expect("writing an export does not panic")
+}
+
+impl Lab {
+    /// The poses, exposures and repeats that an imported series has, in the form of a plan.
+    ///
+    /// # Errors
+    /// What the store says.
+    pub async fn plan_of_import(&self, scan_id: i64) -> Result<Plan, LabError> {
+        let frames = self.store().frames_for_reduction(scan_id).await?;
+        let values = |kind: &str, of: &dyn Fn(&FrameRecord) -> f64| {
+            let mut all: Vec<f64> = frames.iter().filter(|f| f.kind == kind).map(of).collect();
+            all.sort_by(f64::total_cmp);
+            // A recorded stage never stands twice at the very same angle.
+            all.dedup_by(|a, b| (*a - *b).abs() < 0.005);
+            all
+        };
+        let repeats = |kind: &str| {
+            let last = frames
+                .iter()
+                .filter(|f| f.kind == kind)
+                .map(|f| f.repeat + 1);
+            last.max().unwrap_or(0)
+        };
+        let exposures = |kind: &str| {
+            let mut all: Vec<f64> = frames
+                .iter()
+                .filter(|f| f.kind == kind)
+                .map(|f| f.exposure_s)
+                .collect();
+            all.sort_by(f64::total_cmp);
+            all.dedup();
+            all
+        };
+        Ok(Plan {
+            theta_c_deg: values("sample", &|f| f.theta_c_deg),
+            phi_s_deg: values("sample", &|f| f.phi_s_deg),
+            exposures_s: exposures("sample"),
+            repeats: repeats("sample"),
+            dark: DarkPlan {
+                repeats: repeats("dark"),
+            },
+            flat: FlatPlan {
+                theta_c_deg: values("flat", &|f| f.theta_c_deg),
+                exposures_s: exposures("flat"),
+                repeats: repeats("flat"),
+            },
+            reuse_calibrations: false,
+        })
+    }
+
+    /// Whether more frames of the scan may come.
+    pub(super) fn more_frames_may_come(state: ScanState) -> bool {
+        !state.is_end() && state != ScanState::Interrupted
+    }
+}
