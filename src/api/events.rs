@@ -1,0 +1,194 @@
+//! `/events`: the story as server-sent events; who comes back with the last id it saw misses
+//! nothing.
+
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::sse::{Event as SseEvent, KeepAlive, Sse};
+use futures::Stream;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use tokio::sync::broadcast;
+
+use super::App;
+use super::error::ApiError;
+use super::extract::Params;
+use super::frames::image_of;
+use super::scans::{OperatorBody, ProgressBody};
+use crate::lab::Lab;
+use crate::scan::event::OperatorStep;
+use crate::scan::{Event, RecordedEvent, ScanState};
+use crate::store::utc_text;
+
+/// Where to begin.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct EventParams {
+    /// Begin after this id; 0 for everything. A `Last-Event-ID` header counts more.
+    since: Option<i64>,
+}
+
+/// Events as they happen: rig, scan, frame, fit, alarm, each with an id.
+#[utoipa::path(get, path = "/api/v1/events", tag = "events", params(EventParams,
+    ("Last-Event-ID" = Option<i64>, Header, description = "Last id seen; what came after is sent first")), responses(
+    (status = 200, description = "Server-sent events; `data` is one JSON object with id, at, type and what belongs to the type", content_type = "text/event-stream", body = String),
+    (status = 400, description = "Last-Event-ID is no id", body = super::error::Problem),
+))]
+pub(super) async fn stream(
+    State(app): State<App>,
+    Params(params): Params<EventParams>,
+    headers: HeaderMap,
+) -> Result<Sse<impl Stream<Item = Result<SseEvent, Infallible>>>, ApiError> {
+    // Listen first, look second: nothing can fall between.
+    let listener = app.lab.events();
+    let header = match headers.get("last-event-id") {
+        None => None,
+        Some(value) => Some(
+            value
+                .to_str()
+                .ok()
+                .and_then(|text| text.trim().parse::<i64>().ok())
+                .ok_or_else(|| ApiError::bad_request("Last-Event-ID must be a whole number"))?,
+        ),
+    };
+    let newest = app.lab.store().last_event_id().await?;
+    let last = header.or(params.since).unwrap_or(newest).clamp(0, newest);
+    let follower = Follower {
+        lab: app.lab.clone(),
+        listener,
+        last,
+        backlog: VecDeque::new(),
+        behind: last < newest,
+    };
+    let ending = app.ending.clone();
+    let events = futures::stream::unfold(follower, move |mut follower| {
+        let ending = ending.clone();
+        async move {
+            let next = tokio::select! {
+                () = ending.cancelled() => None,
+                next = follower.next() => next,
+            };
+            next.map(|event| (Ok(sse(&event)), follower))
+        }
+    });
+    Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(Duration::from_secs(15))))
+}
+
+/// Follows the story of one listener: from the store where it is behind, else as it is told.
+struct Follower {
+    lab: Lab,
+    listener: broadcast::Receiver<Arc<RecordedEvent>>,
+    last: i64,
+    backlog: VecDeque<RecordedEvent>,
+    behind: bool,
+}
+
+impl Follower {
+    async fn next(&mut self) -> Option<RecordedEvent> {
+        loop {
+            if let Some(event) = self.backlog.pop_front() {
+                self.last = event.id;
+                return Some(event);
+            }
+            if self.behind {
+                match self.lab.store().events_after(self.last, 500).await {
+                    Ok(events) => {
+                        self.behind = !events.is_empty();
+                        self.backlog = events.into();
+                    }
+                    Err(error) => {
+                        tracing::warn!(%error, "events could not be read: {error}");
+                        return None;
+                    }
+                }
+                continue;
+            }
+            match self.listener.recv().await {
+                Ok(event) if event.id <= self.last => {}
+                Ok(event) if event.id == self.last + 1 => {
+                    self.last = event.id;
+                    return Some(RecordedEvent::clone(&event));
+                }
+                Ok(_) | Err(broadcast::error::RecvError::Lagged(_)) => self.behind = true,
+                Err(broadcast::error::RecvError::Closed) => return None,
+            }
+        }
+    }
+}
+
+fn sse(event: &RecordedEvent) -> SseEvent {
+    SseEvent::default()
+        .id(event.id.to_string())
+        .event(event.event.kind())
+        .data(body(event).to_string())
+}
+
+/// The `data` of an event.
+fn body(recorded: &RecordedEvent) -> Value {
+    let mut data = serde_json::to_value(&recorded.event).unwrap_or_else(|_| json!({}));
+    data["id"] = json!(recorded.id);
+    data["at"] = json!(utc_text(recorded.at));
+    match &recorded.event {
+        Event::Rig { theta_c, phi_s, .. } => {
+            data["axes"] = json!({ "theta_c": theta_c, "phi_s": phi_s });
+            if let Value::Object(fields) = &mut data {
+                fields.remove("theta_c");
+                fields.remove("phi_s");
+            }
+        }
+        Event::Scan {
+            operator,
+            progress,
+            state,
+            ..
+        } => {
+            data["operator"] = json!(operator.map(|a| OperatorBody::from(OperatorStep::from(a))));
+            data["progress"] = json!(ProgressBody::new(progress, *state));
+        }
+        Event::Frame {
+            frame_id, progress, ..
+        } => {
+            data["image"] = json!(image_of(*frame_id));
+            data["progress"] = json!(ProgressBody::new(progress, ScanState::Running));
+        }
+        Event::Fit { .. } | Event::Alarm { .. } => {}
+    }
+    data
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::{OperatorAction, Progress};
+
+    #[test]
+    fn a_waiting_scan_tells_what_to_do() {
+        let event = RecordedEvent {
+            id: 7,
+            at: time::macros::datetime!(2026-01-01 00:00 UTC),
+            event: Event::Scan {
+                scan_id: 3,
+                previous: ScanState::Running,
+                state: ScanState::WaitingForOperator,
+                reason: None,
+                operator: Some(OperatorAction::CapLens),
+                progress: Progress::default(),
+            },
+        };
+        let body = body(&event);
+        assert_eq!(body["id"], 7);
+        assert_eq!(body["type"], "scan");
+        assert_eq!(body["operator"]["action"], "cap-lens");
+        assert!(
+            body["operator"]["message"]
+                .as_str()
+                .unwrap()
+                .contains("cap")
+        );
+    }
+}

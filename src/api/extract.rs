@@ -1,0 +1,150 @@
+//! What comes in: bodies, paths and queries, each refused with a problem that names the value.
+
+use axum::extract::rejection::{PathRejection, QueryRejection};
+use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
+use axum::http::request::Parts;
+use axum::http::{StatusCode, header};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+
+use super::error::{ApiError, FieldProblem};
+use super::guard::BODY_BYTES_MAX;
+use crate::store::PageRequest;
+
+/// A JSON body.
+pub struct Body<T>(pub T);
+
+impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for Body<T> {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, _: &S) -> Result<Self, ApiError> {
+        let bytes = axum::body::to_bytes(request.into_body(), BODY_BYTES_MAX)
+            .await
+            .map_err(|_| too_large())?;
+        let mut json = serde_json::Deserializer::from_slice(&bytes);
+        let value = serde_path_to_error::deserialize(&mut json).map_err(json_problem)?;
+        json.end().map_err(syntax)?;
+        Ok(Body(value))
+    }
+}
+
+pub(super) fn too_large() -> ApiError {
+    ApiError::new(
+        StatusCode::PAYLOAD_TOO_LARGE,
+        "body-too-large",
+        "the body is too large",
+        format!(
+            "a body may have {BODY_BYTES_MAX} bytes; recorded series come in by `ridged import`"
+        ),
+    )
+}
+
+fn syntax(error: serde_json::Error) -> ApiError {
+    ApiError::new(
+        StatusCode::BAD_REQUEST,
+        "bad-json",
+        "the body is no JSON",
+        format!("{error}; JSON knows no NaN, no Infinity and no number beyond 1.8e308"),
+    )
+}
+
+fn json_problem(error: serde_path_to_error::Error<serde_json::Error>) -> ApiError {
+    let field = error.path().to_string();
+    let inner = error.into_inner();
+    if !inner.is_data() {
+        return syntax(inner);
+    }
+    let message = inner.to_string();
+    let (status, code, title) = if message.starts_with("unknown field") {
+        (
+            StatusCode::BAD_REQUEST,
+            "unknown-field",
+            "there is no such field",
+        )
+    } else {
+        (
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "invalid-value",
+            "a value makes no sense",
+        )
+    };
+    ApiError::new(status, code, title, format!("{field}: {message}"))
+        .with(vec![FieldProblem { field, message }])
+}
+
+/// The number in a path.
+pub struct Id(pub i64);
+
+impl<S: Send + Sync> FromRequestParts<S> for Id {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        match Path::<i64>::from_request_parts(parts, state).await {
+            Ok(Path(id)) => Ok(Id(id)),
+            Err(PathRejection::FailedToDeserializePathParams(_)) => Err(ApiError::bad_request(
+                format!("`{}`: the id is a whole number", parts.uri.path()),
+            )),
+            Err(other) => Err(ApiError::bad_request(other.body_text())),
+        }
+    }
+}
+
+/// Parameters after the question mark.
+pub struct Params<T>(pub T);
+
+impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Params<T> {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        match Query::<T>::from_request_parts(parts, state).await {
+            Ok(Query(value)) => Ok(Params(value)),
+            Err(QueryRejection::FailedToDeserializeQueryString(error)) => {
+                Err(ApiError::bad_request(error.body_text()))
+            }
+            Err(other) => Err(ApiError::bad_request(other.body_text())),
+        }
+    }
+}
+
+/// Which page of a list.
+#[derive(Debug, Clone, Default, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct PageParams {
+    /// Rows at most, 1 to 1000; 100 if not given.
+    pub limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    pub cursor: Option<String>,
+}
+
+/// Makes a page request of the two parameters that every list has.
+pub(super) fn page(limit: Option<u32>, cursor: Option<&str>) -> Result<PageRequest, ApiError> {
+    let limit = limit.unwrap_or(100);
+    if !(1..=1000).contains(&limit) {
+        return Err(ApiError::invalid("limit", "must be 1 to 1000"));
+    }
+    let cursor = cursor
+        .map(str::parse::<i64>)
+        .transpose()
+        .map_err(|_| ApiError::invalid("cursor", "is not the next_cursor of a page"))?;
+    Ok(PageRequest { limit, cursor })
+}
+
+/// Refuses a query's number that is none.
+pub(super) fn finite(field: &str, value: Option<f64>) -> Result<Option<f64>, ApiError> {
+    match value {
+        Some(value) if !value.is_finite() => {
+            Err(ApiError::invalid(field, "must be a finite number"))
+        }
+        other => Ok(other),
+    }
+}
+
+/// Whether a request says that its body is JSON.
+pub(super) fn says_json(headers: &axum::http::HeaderMap) -> bool {
+    headers
+        .get(header::CONTENT_TYPE)
+        .and_then(|value| value.to_str().ok())
+        .and_then(|value| value.split(';').next())
+        .is_some_and(|kind| kind.trim().eq_ignore_ascii_case("application/json"))
+}

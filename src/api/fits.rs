@@ -1,0 +1,245 @@
+//! `/fits`: begin, look, search, cancel, and the curve beside the points.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::IntoResponse;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use utoipa::ToSchema;
+
+use super::error::{ApiError, Problem};
+use super::extract::{Body, Id, Params, finite, page};
+use super::{App, Begun, List};
+use crate::lab::FitRequest;
+use crate::store::StoreError;
+use crate::store::fits::{Fit, FitFilter};
+
+/// The object of `fit --json`, once there is one, with what the store adds.
+fn body(fit: Fit) -> Result<Value, ApiError> {
+    let mut object = match &fit.report {
+        Some(report) => {
+            serde_json::from_str(report).map_err(|e| StoreError::bad_row("fit_ends", e))?
+        }
+        None => json!({ "variant": fit.variant, "region": fit.region }),
+    };
+    object["id"] = json!(fit.id);
+    object["scan_id"] = json!(fit.scan_id);
+    object["sample_id"] = json!(fit.sample_id);
+    object["sample_name"] = json!(fit.sample_name);
+    object["state"] = json!(fit.state);
+    object["created_at"] = json!(fit.created_at);
+    object["ended_at"] = json!(fit.ended_at);
+    if let (Some(code), Some(detail)) = (fit.error_code, fit.error_detail) {
+        object["error"] = json!({ "code": code, "detail": detail });
+    }
+    Ok(object)
+}
+
+/// Which fits.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct FitParams {
+    /// Of this sample.
+    sample_id: Option<i64>,
+    /// Of this scan.
+    scan_id: Option<i64>,
+    /// Of this variant.
+    variant: Option<String>,
+    /// With this status.
+    status: Option<String>,
+    /// Begun at or after, RFC 3339.
+    since: Option<String>,
+    /// Ridge angle at least.
+    theta_r_deg_min: Option<f64>,
+    /// Ridge angle at most.
+    theta_r_deg_max: Option<f64>,
+    /// Rows at most, 1 to 1000; 100 if not given.
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
+/// Fits, newest first.
+#[utoipa::path(get, path = "/api/v1/fits", tag = "fits", params(FitParams), responses(
+    (status = 200, description = "A page of fits", body = List<Object>),
+    (status = 422, description = "A value makes no sense", body = Problem),
+))]
+pub(super) async fn list(
+    State(app): State<App>,
+    Params(params): Params<FitParams>,
+) -> Result<Json<List<Value>>, ApiError> {
+    let page = page(params.limit, params.cursor.as_deref())?;
+    let since = match params.since {
+        None => None,
+        Some(text) => Some(crate::store::utc_text(
+            crate::store::utc_of(&text).ok_or_else(|| {
+                ApiError::invalid("since", "must be a time like 2026-03-02T09:00:00Z")
+            })?,
+        )),
+    };
+    let filter = FitFilter {
+        sample_id: params.sample_id,
+        scan_id: params.scan_id,
+        variant: params.variant,
+        status: params.status,
+        since,
+        theta_r_deg_min: finite("theta_r_deg_min", params.theta_r_deg_min)?,
+        theta_r_deg_max: finite("theta_r_deg_max", params.theta_r_deg_max)?,
+    };
+    let found = app.lab.store().fits(&filter, page).await?;
+    Ok(Json(List {
+        items: found
+            .items
+            .into_iter()
+            .map(body)
+            .collect::<Result<_, _>>()?,
+        next_cursor: found.next_cursor.map(|c| c.to_string()),
+    }))
+}
+
+/// Begin a fit.
+#[utoipa::path(post, path = "/api/v1/fits", tag = "fits", request_body(content = Object, description =
+    "`scan_id`, optional `variant` (auto, paper, sawtooth) and `region`"), responses(
+    (status = 202, description = "The fit runs", body = Begun, headers(("Location" = String, description = "The fit"))),
+    (status = 400, description = "The body cannot be understood", body = Problem),
+    (status = 404, description = "There is no such scan", body = Problem),
+    (status = 422, description = "A value makes no sense", body = Problem),
+))]
+pub(super) async fn begin(
+    State(app): State<App>,
+    Body(request): Body<FitRequest>,
+) -> Result<impl IntoResponse, ApiError> {
+    let id = app.lab.start_fit(&request).await?;
+    let body = Begun {
+        id: Some(id),
+        state: "running".into(),
+    };
+    let location = [(header::LOCATION, format!("/api/v1/fits/{id}"))];
+    Ok((StatusCode::ACCEPTED, location, Json(body)))
+}
+
+/// One fit: the object of `fit --json` plus id, scan_id and state.
+#[utoipa::path(get, path = "/api/v1/fits/{id}", tag = "fits", params(("id" = i64, Path, description = "Number of the fit")), responses(
+    (status = 200, description = "The fit; `state` running, completed, failed, cancelled or interrupted", body = Object),
+    (status = 404, description = "There is none", body = Problem),
+))]
+pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {
+    Ok(Json(body(app.lab.store().fit(id).await?)?))
+}
+
+/// Cancel a fit that runs.
+#[utoipa::path(post, path = "/api/v1/fits/{id}/cancel", tag = "fits", params(("id" = i64, Path, description = "Number of the fit")), responses(
+    (status = 202, description = "It will end within a moment", body = Begun),
+    (status = 404, description = "There is none", body = Problem),
+    (status = 422, description = "It has ended", body = Problem),
+))]
+pub(super) async fn cancel(
+    State(app): State<App>,
+    Id(id): Id,
+) -> Result<impl IntoResponse, ApiError> {
+    app.lab.cancel_fit(id).await?;
+    let body = Begun {
+        id: Some(id),
+        state: "cancelled".into(),
+    };
+    Ok((StatusCode::ACCEPTED, Json(body)))
+}
+
+/// How finely.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct CurveParams {
+    /// Distance of the curve's points, 0.1 to 90; 3 if not given.
+    step_deg: Option<f64>,
+}
+
+/// A fit beside its observations.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct CurvesBody {
+    /// The fit.
+    fit_id: i64,
+    /// Largest observation; residuals are fractions of it.
+    peak: f64,
+    /// Observed and predicted.
+    observations: Vec<PointBody>,
+    /// One per tilt.
+    curves: Vec<CurveBody>,
+}
+
+/// An observation and what the fit predicts there.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct PointBody {
+    /// Camera tilt as recorded.
+    theta_c_deg: f64,
+    /// Sample azimuth as recorded.
+    phi_s_deg: f64,
+    /// Observed signal.
+    signal: f64,
+    /// Its own standard uncertainty.
+    sigma: f64,
+    /// Predicted signal.
+    predicted: f64,
+    /// (signal − predicted) / peak.
+    residual: f64,
+}
+
+/// Predicted signal over φs at one tilt.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct CurveBody {
+    /// Variant it is of.
+    variant: String,
+    /// Camera tilt as recorded.
+    theta_c_deg: f64,
+    /// Sample azimuths as recorded.
+    phi_s_deg: Vec<f64>,
+    /// Predicted signals.
+    signal: Vec<f64>,
+}
+
+/// The fitted curve over φs for each tilt, with the observations.
+#[utoipa::path(get, path = "/api/v1/fits/{id}/curve", tag = "fits", params(("id" = i64, Path, description = "Number of the fit"), CurveParams), responses(
+    (status = 200, description = "Points and curves in the observations' unit", body = CurvesBody),
+    (status = 404, description = "There is none", body = Problem),
+    (status = 422, description = "The fit has no report", body = Problem),
+))]
+pub(super) async fn curve(
+    State(app): State<App>,
+    Id(id): Id,
+    Params(params): Params<CurveParams>,
+) -> Result<Json<CurvesBody>, ApiError> {
+    let curves = app.lab.curves(id, params.step_deg.unwrap_or(3.0)).await?;
+    let peak = curves.peak;
+    Ok(Json(CurvesBody {
+        fit_id: id,
+        peak,
+        observations: curves
+            .observations
+            .into_iter()
+            .map(|o| PointBody {
+                theta_c_deg: o.theta_c_deg,
+                phi_s_deg: o.phi_s_deg,
+                signal: o.signal,
+                sigma: o.sigma,
+                predicted: o.fitted,
+                residual: if peak > 0.0 {
+                    (o.signal - o.fitted) / peak
+                } else {
+                    0.0
+                },
+            })
+            .collect(),
+        curves: curves
+            .curves
+            .into_iter()
+            .map(|c| CurveBody {
+                variant: c.variant,
+                theta_c_deg: c.theta_c_deg,
+                phi_s_deg: c.phi_s_deg,
+                signal: c.signal,
+            })
+            .collect(),
+    }))
+}

@@ -1,0 +1,219 @@
+//! `/frames` and the frames of a scan.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderName, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::error::{ApiError, Problem};
+use super::extract::{Id, Params, page};
+use super::{App, List};
+use crate::frame::{Frame, FrameKind};
+use crate::store::StoreError;
+use crate::store::frames::FrameRecord;
+
+/// A frame.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct FrameBody {
+    /// Its number.
+    id: i64,
+    /// Scan that took it.
+    scan_id: i64,
+    /// File name in an export.
+    file: String,
+    /// sample, dark or flat.
+    kind: String,
+    /// Camera tilt read back from the stage.
+    theta_c_deg: f64,
+    /// Sample azimuth read back from the stage.
+    phi_s_deg: f64,
+    /// Exposure time.
+    exposure_s: f64,
+    /// Number of the repeat, from 0.
+    repeat: u32,
+    /// Start of the exposure, UTC.
+    timestamp: String,
+    /// Of the PNG file.
+    sha256: String,
+    /// Columns.
+    width_px: u32,
+    /// Rows.
+    height_px: u32,
+    /// Size of the file.
+    bytes: i64,
+    /// Mean count.
+    mean_dn: f64,
+    /// Largest count.
+    max_dn: u16,
+    /// Pixels at or above the saturation level.
+    saturated_px: u32,
+    /// Whether it counts.
+    accepted: bool,
+    /// Why it does not.
+    reason: Option<String>,
+    /// Where the file is.
+    image: String,
+}
+
+impl From<FrameRecord> for FrameBody {
+    fn from(frame: FrameRecord) -> Self {
+        FrameBody {
+            image: image_of(frame.id),
+            id: frame.id,
+            scan_id: frame.scan_id,
+            file: frame.name,
+            kind: frame.kind,
+            theta_c_deg: frame.theta_c_deg,
+            phi_s_deg: frame.phi_s_deg,
+            exposure_s: frame.exposure_s,
+            repeat: frame.repeat,
+            timestamp: frame.timestamp,
+            sha256: frame.sha256,
+            width_px: frame.width_px,
+            height_px: frame.height_px,
+            bytes: frame.bytes,
+            mean_dn: frame.mean_dn,
+            max_dn: frame.max_dn,
+            saturated_px: frame.saturated_px,
+            accepted: frame.accepted,
+            reason: frame.reason,
+        }
+    }
+}
+
+/// Where the file of a frame is.
+pub(super) fn image_of(id: i64) -> String {
+    format!("/api/v1/frames/{id}/image.png")
+}
+
+/// Which frames.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct FrameParams {
+    /// sample, dark or flat.
+    kind: Option<String>,
+    /// Rows at most, 1 to 1000; 100 if not given.
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
+/// Frames of a scan in the order taken.
+#[utoipa::path(get, path = "/api/v1/scans/{id}/frames", tag = "frames", params(("id" = i64, Path, description = "Number of the scan"), FrameParams), responses(
+    (status = 200, description = "A page of frames", body = List<FrameBody>),
+    (status = 404, description = "There is no such scan", body = Problem),
+))]
+pub(super) async fn of_scan(
+    State(app): State<App>,
+    Id(id): Id,
+    Params(params): Params<FrameParams>,
+) -> Result<Json<List<FrameBody>>, ApiError> {
+    let kind = match params.kind.as_deref() {
+        None => None,
+        Some("sample") => Some(FrameKind::Sample),
+        Some("dark") => Some(FrameKind::Dark),
+        Some("flat") => Some(FrameKind::Flat),
+        Some(other) => {
+            let message = format!("`{other}` is none of sample, dark, flat");
+            return Err(ApiError::invalid("kind", message));
+        }
+    };
+    let store = app.lab.store();
+    store.scan(id).await?;
+    let page = page(params.limit, params.cursor.as_deref())?;
+    Ok(Json(store.frames_of_scan(id, kind, page).await?.into()))
+}
+
+/// One frame.
+#[utoipa::path(get, path = "/api/v1/frames/{id}", tag = "frames", params(("id" = i64, Path, description = "Number of the frame")), responses(
+    (status = 200, description = "The frame", body = FrameBody),
+    (status = 404, description = "There is none", body = Problem),
+))]
+pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<FrameBody>, ApiError> {
+    Ok(Json(app.lab.store().frame(id).await?.into()))
+}
+
+/// The 16-bit grey PNG as it was kept; it never changes.
+#[utoipa::path(get, path = "/api/v1/frames/{id}/image.png", tag = "frames", params(("id" = i64, Path, description = "Number of the frame")), responses(
+    (status = 200, description = "The file, bit for bit", content_type = "image/png", body = Vec<u8>),
+    (status = 304, description = "The client has it"),
+    (status = 404, description = "There is no such frame", body = Problem),
+))]
+pub(super) async fn image(
+    State(app): State<App>,
+    Id(id): Id,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    let frame = app.lab.store().frame(id).await?;
+    let Some(caching) = fresh(&headers, &frame.sha256) else {
+        return Ok(StatusCode::NOT_MODIFIED.into_response());
+    };
+    let png = read(&app, &frame).await?;
+    Ok((caching, [(header::CONTENT_TYPE, "image/png")], png).into_response())
+}
+
+/// The counts alone, for browsers, which cut a 16-bit PNG to 8 bits.
+#[utoipa::path(get, path = "/api/v1/frames/{id}/pixels", tag = "frames", params(("id" = i64, Path, description = "Number of the frame")), responses(
+    (status = 200, description = "Little-endian u16, row by row from the top left; size in x-width-px and x-height-px", content_type = "application/octet-stream", body = Vec<u8>),
+    (status = 304, description = "The client has it"),
+    (status = 404, description = "There is no such frame", body = Problem),
+))]
+pub(super) async fn pixels(
+    State(app): State<App>,
+    Id(id): Id,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    let frame = app.lab.store().frame(id).await?;
+    let Some(caching) = fresh(&headers, &frame.sha256) else {
+        return Ok(StatusCode::NOT_MODIFIED.into_response());
+    };
+    let png = read(&app, &frame).await?;
+    let counts = Frame::from_png(&png).map_err(StoreError::Frame)?;
+    let bytes: Vec<u8> = counts
+        .pixels_dn()
+        .iter()
+        .flat_map(|dn| dn.to_le_bytes())
+        .collect();
+    let size = [
+        (
+            HeaderName::from_static("x-width-px"),
+            counts.width_px().to_string(),
+        ),
+        (
+            HeaderName::from_static("x-height-px"),
+            counts.height_px().to_string(),
+        ),
+    ];
+    let kind = [(header::CONTENT_TYPE, "application/octet-stream")];
+    Ok((caching, size, kind, bytes).into_response())
+}
+
+/// Headers of a file that never changes; `None` if the client has it already.
+fn fresh(headers: &HeaderMap, sha256: &str) -> Option<[(HeaderName, String); 2]> {
+    let etag = format!("\"{sha256}\"");
+    let known = headers
+        .get(header::IF_NONE_MATCH)
+        .and_then(|v| v.to_str().ok())
+        .is_some_and(|list| list.split(',').any(|tag| tag.trim() == etag));
+    (!known).then(|| {
+        [
+            (header::ETAG, etag),
+            (
+                header::CACHE_CONTROL,
+                "private, max-age=31536000, immutable".into(),
+            ),
+        ]
+    })
+}
+
+async fn read(app: &App, frame: &FrameRecord) -> Result<Vec<u8>, ApiError> {
+    let store = app.lab.store().clone();
+    let sha256 = frame.sha256.clone();
+    let png = tokio::task::spawn_blocking(move || store.read_png(&sha256))
+        .await
+        .expect("reading a file does not panic")?;
+    Ok(png)
+}

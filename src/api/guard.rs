@@ -1,0 +1,310 @@
+//! Who may come in: only this machine, and no page but our own; how much, and twice the same once.
+//!
+//! There is no access control yet, so the daemon listens on loopback only. That keeps other
+//! machines out, but not the browser of the person at this one: a page from elsewhere may send it
+//! requests (cross-site POST), or name itself 127.0.0.1 (DNS rebinding). Hence every request must
+//! name a loopback host, and one that carries an `Origin` must come from the very host it goes to.
+
+use std::net::IpAddr;
+use std::time::Instant;
+
+use axum::body::{Body, to_bytes};
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, Method, StatusCode, Version, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use futures::StreamExt;
+
+use super::App;
+use super::error::ApiError;
+use super::extract::{says_json, too_large};
+use crate::store::frames::sha256_hex;
+use crate::store::idempotency::KeptAnswer;
+
+/// Most bytes of a body.
+pub const BODY_BYTES_MAX: usize = 1 << 20;
+/// A refused body is read up to here, so that a client which is still sending gets to see why.
+const DRAINED_BYTES_MAX: usize = 1 << 30;
+/// Longest Idempotency-Key.
+const KEY_LENGTH_MAX: usize = 200;
+
+/// Refuses hosts that are not this machine and origins that are not this page.
+pub(super) async fn same_machine_same_page(request: Request, next: Next) -> Response {
+    match check_origin(request.headers(), request.uri().host(), request.version()) {
+        Ok(()) => next.run(request).await,
+        Err(problem) => problem.into_response(),
+    }
+}
+
+fn check_origin(
+    headers: &HeaderMap,
+    uri_host: Option<&str>,
+    version: Version,
+) -> Result<(), ApiError> {
+    let text = |name| headers.get(name).map(|v| v.to_str().unwrap_or("?"));
+    let host = match (text(header::HOST), uri_host) {
+        (Some(host), _) => host,
+        (None, Some(host)) if version >= Version::HTTP_2 => host,
+        _ => return Err(forbidden_host("the request names no host")),
+    };
+    if !is_loopback(host) {
+        return Err(forbidden_host(&format!("`{host}` is not this machine")));
+    }
+    if let Some(origin) = text(header::ORIGIN)
+        && origin != format!("http://{host}")
+    {
+        return Err(ApiError::new(
+            StatusCode::FORBIDDEN,
+            "forbidden-origin",
+            "another page may not command the rig",
+            format!("a page from {origin} asks; only the daemon's own page may"),
+        ));
+    }
+    Ok(())
+}
+
+fn forbidden_host(why: &str) -> ApiError {
+    ApiError::new(
+        StatusCode::FORBIDDEN,
+        "forbidden-host",
+        "the request is for another host",
+        format!(
+            "{why}; use http://127.0.0.1, http://localhost or http://[::1] with the daemon's port"
+        ),
+    )
+}
+
+/// Whether `host` (with or without port) can only mean this machine.
+fn is_loopback(host: &str) -> bool {
+    let name = match host.strip_prefix('[') {
+        Some(v6) => v6.split(']').next().unwrap_or_default(),
+        None => host.rsplit_once(':').map_or(host, |(name, _)| name),
+    };
+    name.eq_ignore_ascii_case("localhost")
+        || name.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
+}
+
+/// Refuses bodies that are too large or no JSON, before anybody reads them.
+pub(super) async fn check_body(request: Request, next: Next) -> Response {
+    if !matches!(
+        *request.method(),
+        Method::POST | Method::PUT | Method::PATCH | Method::DELETE
+    ) {
+        return next.run(request).await;
+    }
+    let length = |headers: &HeaderMap| -> Option<usize> {
+        headers
+            .get(header::CONTENT_LENGTH)?
+            .to_str()
+            .ok()?
+            .parse()
+            .ok()
+    };
+    let announced = length(request.headers());
+    let chunked = request.headers().contains_key(header::TRANSFER_ENCODING);
+    if announced.is_some_and(|bytes| bytes > BODY_BYTES_MAX) {
+        return refuse(request, too_large()).await;
+    }
+    let has_body = chunked || announced.is_some_and(|bytes| bytes > 0);
+    if has_body && !says_json(request.headers()) {
+        let problem = ApiError::new(
+            StatusCode::UNSUPPORTED_MEDIA_TYPE,
+            "wrong-content-type",
+            "the body is not announced as JSON",
+            "send the body with `Content-Type: application/json`",
+        );
+        return refuse(request, problem).await;
+    }
+    let (parts, body) = request.into_parts();
+    // Read here, so that a chunked body that grows too large is refused in the same way.
+    let mut bytes = Vec::new();
+    let mut stream = body.into_data_stream();
+    while let Some(chunk) = stream.next().await {
+        match chunk {
+            Ok(chunk) if bytes.len() + chunk.len() <= BODY_BYTES_MAX => {
+                bytes.extend_from_slice(&chunk);
+            }
+            Ok(_) => {
+                drain(stream).await;
+                return too_large().into_response();
+            }
+            Err(_) => return ApiError::bad_request("the body broke off").into_response(),
+        }
+    }
+    next.run(Request::from_parts(parts, Body::from(bytes)))
+        .await
+}
+
+async fn refuse(request: Request, problem: ApiError) -> Response {
+    // A client that asks before it sends gets its answer at once.
+    if !request.headers().contains_key(header::EXPECT) {
+        drain(request.into_body().into_data_stream()).await;
+    }
+    problem.into_response()
+}
+
+async fn drain(mut stream: axum::body::BodyDataStream) {
+    let mut drained = 0;
+    while let Some(Ok(chunk)) = stream.next().await {
+        drained += chunk.len();
+        if drained > DRAINED_BYTES_MAX {
+            return;
+        }
+    }
+}
+
+/// A POST that carries an Idempotency-Key acts once; sent again it gets the first answer.
+pub(super) async fn once_per_key(State(app): State<App>, request: Request, next: Next) -> Response {
+    let key = request.headers().get("idempotency-key").cloned();
+    let Some(key) = key.filter(|_| request.method() == Method::POST) else {
+        return next.run(request).await;
+    };
+    let key = match key.to_str() {
+        Ok(key) if !key.is_empty() && key.len() <= KEY_LENGTH_MAX => key.to_owned(),
+        _ => {
+            let message = format!("must have 1 to {KEY_LENGTH_MAX} visible characters");
+            return ApiError::invalid("Idempotency-Key", message).into_response();
+        }
+    };
+    match keyed(&app, &key, request, next).await {
+        Ok(response) => response,
+        Err(problem) => problem.into_response(),
+    }
+}
+
+async fn keyed(app: &App, key: &str, request: Request, next: Next) -> Result<Response, ApiError> {
+    let (parts, body) = request.into_parts();
+    let body = to_bytes(body, BODY_BYTES_MAX)
+        .await
+        .map_err(|_| too_large())?;
+    let mut told = format!("{} {}\n", parts.method, parts.uri).into_bytes();
+    told.extend_from_slice(&body);
+    let told = sha256_hex(&told);
+    // One keyed request at a time: the second of two at once must find the first one's answer.
+    let _turn = app.keyed.acquire().await;
+    let store = app.lab.store();
+    if let Some(kept) = store.kept_answer(key, &told).await? {
+        let status = StatusCode::from_u16(kept.status).unwrap_or(StatusCode::OK);
+        let mut response = (
+            status,
+            [(header::CONTENT_TYPE, "application/json")],
+            kept.body,
+        )
+            .into_response();
+        if let Some(location) = kept.location.and_then(|l| l.parse().ok()) {
+            response.headers_mut().insert(header::LOCATION, location);
+        }
+        return Ok(response);
+    }
+    let response = next.run(Request::from_parts(parts, Body::from(body))).await;
+    if !response.status().is_success() {
+        // Nothing was done: the same key may try again.
+        return Ok(response);
+    }
+    let (parts, body) = response.into_parts();
+    let body = to_bytes(body, usize::MAX)
+        .await
+        .map_err(|_| ApiError::bad_request("the answer broke off"))?;
+    let answer = KeptAnswer {
+        status: parts.status.as_u16(),
+        location: parts
+            .headers
+            .get(header::LOCATION)
+            .and_then(|l| l.to_str().ok())
+            .map(str::to_owned),
+        body: String::from_utf8_lossy(&body).into_owned(),
+    };
+    store.keep_answer(key, &told, &answer).await?;
+    Ok(Response::from_parts(parts, Body::from(body)))
+}
+
+/// Counts and times requests, and logs each at debug.
+pub(super) async fn measure(request: Request, next: Next) -> Response {
+    let started = Instant::now();
+    let method = request.method().clone();
+    let path = request.uri().path().to_owned();
+    let mut response = next.run(request).await;
+    let status = response.status().as_u16();
+    let took_s = started.elapsed().as_secs_f64();
+    metrics::counter!("ridged_http_requests_total", "method" => method.to_string(), "status" => status.to_string())
+        .increment(1);
+    metrics::histogram!("ridged_http_request_seconds").record(took_s);
+    tracing::debug!(%method, path, status, took_s, "{method} {path}: {status} in {took_s:.4} s");
+    let headers = response.headers_mut();
+    for (name, value) in [
+        ("x-content-type-options", "nosniff"),
+        ("x-frame-options", "DENY"),
+        ("referrer-policy", "no-referrer"),
+        (
+            "content-security-policy",
+            "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; frame-ancestors 'none'",
+        ),
+    ] {
+        headers
+            .entry(name)
+            .or_insert(axum::http::HeaderValue::from_static(value));
+    }
+    headers
+        .entry(header::CACHE_CONTROL)
+        .or_insert(axum::http::HeaderValue::from_static("no-store"));
+    response
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn headers(host: &str, origin: Option<&str>) -> HeaderMap {
+        let mut headers = HeaderMap::new();
+        headers.insert(header::HOST, host.parse().unwrap());
+        if let Some(origin) = origin {
+            headers.insert(header::ORIGIN, origin.parse().unwrap());
+        }
+        headers
+    }
+
+    fn passes(host: &str, origin: Option<&str>) -> bool {
+        check_origin(&headers(host, origin), None, Version::HTTP_11).is_ok()
+    }
+
+    #[test]
+    fn only_loopback_hosts_pass() {
+        for host in [
+            "127.0.0.1:8787",
+            "localhost:1",
+            "LOCALHOST",
+            "[::1]:8787",
+            "127.9.9.9",
+        ] {
+            assert!(passes(host, None), "{host}");
+        }
+        for host in [
+            "lab.example",
+            "127.0.0.1.nip.io:8787",
+            "192.168.0.4:8787",
+            "localhost.evil.example",
+            "[fe80::1]:8787",
+            "",
+        ] {
+            assert!(!passes(host, None), "{host}");
+        }
+    }
+
+    #[test]
+    fn only_the_own_page_is_an_origin() {
+        assert!(passes("127.0.0.1:8787", Some("http://127.0.0.1:8787")));
+        for origin in [
+            "http://127.0.0.1:5173",
+            "http://localhost:8787",
+            "https://evil.example",
+            "null",
+        ] {
+            assert!(!passes("127.0.0.1:8787", Some(origin)), "{origin}");
+        }
+    }
+
+    #[test]
+    fn a_request_without_a_host_is_refused() {
+        assert!(check_origin(&HeaderMap::new(), None, Version::HTTP_10).is_err());
+    }
+}

@@ -1,0 +1,80 @@
+//! Whether the daemon lives, is ready, and how it fares.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::IntoResponse;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::App;
+use super::error::ApiError;
+
+/// Whether it lives.
+#[utoipa::path(get, path = "/healthz", tag = "health", responses((status = 200, description = "It lives", body = String)))]
+pub(super) async fn healthz() -> &'static str {
+    "ok\n"
+}
+
+/// Whether it can work.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct ReadyBody {
+    /// Whether everything is there.
+    ready: bool,
+    /// Whether the store answers.
+    store: bool,
+    /// Whether the stages answer; true for a daemon without a rig.
+    rig: bool,
+    /// Why not.
+    problem: Option<String>,
+}
+
+/// Whether it can work: store and stages answer.
+#[utoipa::path(get, path = "/readyz", tag = "health", responses(
+    (status = 200, description = "It can", body = ReadyBody),
+    (status = 503, description = "It cannot; `problem` says why", body = ReadyBody),
+))]
+pub(super) async fn readyz(State(app): State<App>) -> impl IntoResponse {
+    let store = app.lab.store().last_event_id().await;
+    let (rig, problem) = match app.lab.rig().await {
+        Ok(view) => (view.connected, view.problem.map(|(_, detail)| detail)),
+        Err(crate::lab::LabError::NoRig) => (true, None),
+        Err(error) => (false, Some(error.to_string())),
+    };
+    let ready = store.is_ok() && rig;
+    let status = match ready {
+        true => StatusCode::OK,
+        false => StatusCode::SERVICE_UNAVAILABLE,
+    };
+    let problem = match &store {
+        Err(error) => Some(error.to_string()),
+        Ok(_) => problem,
+    };
+    let body = ReadyBody {
+        ready,
+        store: store.is_ok(),
+        rig,
+        problem,
+    };
+    (status, Json(body))
+}
+
+/// Counters and timings for Prometheus.
+#[utoipa::path(get, path = "/metrics", tag = "health", responses((status = 200, description = "Prometheus text", content_type = "text/plain", body = String)))]
+pub(super) async fn metrics(State(app): State<App>) -> impl IntoResponse {
+    if let Ok(free) = app.lab.store().free_bytes() {
+        ::metrics::gauge!("ridged_disk_free_bytes").set(free as f64);
+    }
+    (
+        [(header::CONTENT_TYPE, "text/plain; version=0.0.4")],
+        (app.render_metrics)(),
+    )
+}
+
+/// This document.
+pub(super) async fn openapi(State(app): State<App>) -> Result<impl IntoResponse, ApiError> {
+    Ok((
+        [(header::CONTENT_TYPE, "application/json")],
+        app.openapi.to_string(),
+    ))
+}

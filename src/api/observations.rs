@@ -1,0 +1,161 @@
+//! Observations of a scan, as JSON or CSV.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::App;
+use super::error::{ApiError, Problem};
+use super::extract::{Id, Params, finite, page};
+use crate::observation::RejectedFrame;
+
+/// An angle asked for matches positions read back within this.
+const MATCH_DEG: f64 = 0.5;
+
+/// Which observations, in which form.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct ObservationParams {
+    /// Only at this tilt, within 0.5°.
+    theta_c_deg: Option<f64>,
+    /// Only at this azimuth, within 0.5°.
+    phi_s_deg: Option<f64>,
+    /// Region of a sample that has several.
+    region: Option<String>,
+    /// json (default) or csv.
+    format: Option<String>,
+    /// Rows at most, 1 to 1000; all if not given.
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
+/// A reduced measurement.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct ObservationBody {
+    /// Camera tilt read back.
+    theta_c_deg: f64,
+    /// Sample azimuth read back.
+    phi_s_deg: f64,
+    /// Radiance for lamp irradiance 1 on a surface facing it; arbitrary unit if not `absolute`.
+    signal: f64,
+    /// Its own standard uncertainty; what all have in common is not in it.
+    sigma: f64,
+    /// Frames in it.
+    n_frames: u32,
+}
+
+/// Observations of a scan.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct ObservationsBody {
+    /// The observations.
+    items: Vec<ObservationBody>,
+    /// Hand it back as `cursor` for the next page; null at the end.
+    next_cursor: Option<String>,
+    /// Scan they are of.
+    scan_id: i64,
+    /// False while more frames may come.
+    complete: bool,
+    /// Whether a white reference gives the scale.
+    absolute: bool,
+    /// Region.
+    region: Option<String>,
+    /// Frames left out.
+    #[schema(value_type = Vec<Object>)]
+    rejected_frames: Vec<RejectedFrame>,
+    /// Sentences for people.
+    warnings: Vec<String>,
+}
+
+/// Observations of a scan, reduced from its frames now or earlier.
+#[utoipa::path(get, path = "/api/v1/scans/{id}/observations", tag = "observations", params(("id" = i64, Path, description = "Number of the scan"), ObservationParams), responses(
+    (status = 200, description = "The observations; CSV columns: theta_c_deg, phi_s_deg, signal, sigma, n_frames", body = ObservationsBody),
+    (status = 404, description = "There is no such scan", body = Problem),
+    (status = 422, description = "The frames give no observations, or a region has to be named", body = Problem),
+))]
+pub(super) async fn of_scan(
+    State(app): State<App>,
+    Id(id): Id,
+    Params(params): Params<ObservationParams>,
+) -> Result<Response, ApiError> {
+    let theta_c_deg = finite("theta_c_deg", params.theta_c_deg)?;
+    let phi_s_deg = finite("phi_s_deg", params.phi_s_deg)?;
+    let reduced = app.lab.observations(id, params.region.as_deref()).await?;
+    let near = |value: f64, asked: Option<f64>| asked.is_none_or(|a| (value - a).abs() < MATCH_DEG);
+    let items: Vec<ObservationBody> = reduced
+        .set
+        .observations
+        .iter()
+        .map(|o| ObservationBody {
+            theta_c_deg: o.pose.theta_c.deg(),
+            phi_s_deg: o.pose.phi_s.deg(),
+            signal: o.signal,
+            sigma: o.sigma,
+            n_frames: o.n_frames,
+        })
+        .filter(|o| near(o.theta_c_deg, theta_c_deg) && near(o.phi_s_deg, phi_s_deg))
+        .collect();
+    let (items, next_cursor) = cut(items, params.limit, params.cursor.as_deref())?;
+    match params.format.as_deref() {
+        None | Some("json") => Ok(Json(ObservationsBody {
+            items,
+            next_cursor,
+            scan_id: id,
+            complete: reduced.complete,
+            absolute: reduced.set.white_reference.is_some(),
+            region: reduced.set.region,
+            rejected_frames: reduced.set.rejected_frames,
+            warnings: reduced.set.warnings,
+        })
+        .into_response()),
+        Some("csv") => Ok(csv(id, &items)),
+        Some(other) => Err(ApiError::invalid(
+            "format",
+            format!("`{other}` is neither json nor csv"),
+        )),
+    }
+}
+
+/// A page of a reduction; the cursor is the place of its first row.
+fn cut(
+    items: Vec<ObservationBody>,
+    limit: Option<u32>,
+    cursor: Option<&str>,
+) -> Result<(Vec<ObservationBody>, Option<String>), ApiError> {
+    if limit.is_none() && cursor.is_none() {
+        return Ok((items, None));
+    }
+    let page = page(limit, cursor)?;
+    let first = usize::try_from(page.cursor.unwrap_or(0)).unwrap_or(0);
+    let end = first.saturating_add(page.limit as usize);
+    let next = (end < items.len()).then(|| end.to_string());
+    let items = items
+        .into_iter()
+        .skip(first)
+        .take(page.limit as usize)
+        .collect();
+    Ok((items, next))
+}
+
+fn csv(scan_id: i64, items: &[ObservationBody]) -> Response {
+    let mut text = String::from("theta_c_deg,phi_s_deg,signal,sigma,n_frames\n");
+    for o in items {
+        // Shortest digits that give the same number back.
+        text.push_str(&format!(
+            "{},{},{},{},{}\n",
+            o.theta_c_deg, o.phi_s_deg, o.signal, o.sigma, o.n_frames
+        ));
+    }
+    let headers = [
+        (header::CONTENT_TYPE, "text/csv; charset=utf-8".to_owned()),
+        (
+            header::CONTENT_DISPOSITION,
+            format!("attachment; filename=\"scan-{scan_id}-observations.csv\""),
+        ),
+    ];
+    (headers, text).into_response()
+}

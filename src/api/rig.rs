@@ -1,0 +1,254 @@
+//! `/rig`: where the stages stand, one axis at a time, and the stop that is never refused.
+
+use axum::Json;
+use axum::extract::{Path, State};
+use axum::http::{StatusCode, header};
+use axum::response::IntoResponse;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::error::{ApiError, Problem};
+use super::extract::Body;
+use super::{App, Begun};
+use crate::lab::{AxisView, RigView};
+use crate::units::Angle;
+
+/// State of the rig.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct RigBody {
+    /// Whether the stages answer.
+    connected: bool,
+    /// Why they do not.
+    problem: Option<RigProblem>,
+    /// Whether the rig is a simulated one.
+    simulated: bool,
+    /// Protocol and port.
+    description: String,
+    /// The camera.
+    camera: CameraBody,
+    /// How much faster than life a simulated rig runs; 1 for a real one.
+    time_scale: f64,
+    /// The two axes.
+    axes: AxesBody,
+    /// idle, moving, homing or scanning.
+    activity: &'static str,
+    /// Scan that holds the rig.
+    scan_id: Option<i64>,
+    /// Where lamp and camera stand.
+    geometry: GeometryBody,
+}
+
+/// Why the stages do not answer.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct RigProblem {
+    /// Stable word.
+    code: String,
+    /// Cause and remedy.
+    detail: String,
+}
+
+/// The camera.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct CameraBody {
+    /// Make and model.
+    description: String,
+    /// Columns of a frame.
+    width_px: u32,
+    /// Rows of a frame.
+    height_px: u32,
+    /// Bits of the converter.
+    bit_depth: u32,
+    /// Count at which a pixel is full.
+    saturation_dn: f64,
+    /// Exposures that a plan takes if it names none.
+    exposures_s: Vec<f64>,
+}
+
+/// Both axes.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct AxesBody {
+    /// Camera tilt.
+    theta_c: AxisBody,
+    /// Sample azimuth.
+    phi_s: AxisBody,
+}
+
+/// One axis.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct AxisBody {
+    /// Position read just now; null if the stage does not answer.
+    position_deg: Option<f64>,
+    /// Whether it moves.
+    moving: bool,
+    /// Whether it knows its reference.
+    homed: bool,
+    /// Warnings in words.
+    warnings: Vec<String>,
+    /// Serial number.
+    serial: Option<String>,
+    /// Least position.
+    limit_min_deg: f64,
+    /// Greatest position.
+    limit_max_deg: f64,
+}
+
+/// Where lamp and camera stand.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct GeometryBody {
+    /// Angle between lamp and camera.
+    theta_l_deg: f64,
+    /// Azimuth of the lamp about the camera's axis.
+    light_azimuth_deg: f64,
+    /// Added to the recorded φs it gives the azimuth of v.
+    azimuth_zero_deg: f64,
+    /// Half angle of the lamp seen from the sample.
+    light_angular_radius_deg: Option<f64>,
+    /// Wavelength of the lamp.
+    wavelength_nm: Option<f64>,
+}
+
+/// Degrees without the last digits that the way through radians makes.
+fn degrees(angle: Angle) -> f64 {
+    (angle.deg() * 1e10).round() / 1e10
+}
+
+impl From<&AxisView> for AxisBody {
+    fn from(axis: &AxisView) -> Self {
+        AxisBody {
+            position_deg: axis.position.map(degrees),
+            moving: axis.moving,
+            homed: axis.homed,
+            warnings: axis.warnings.clone(),
+            serial: axis.serial.map(|s| s.to_string()),
+            limit_min_deg: degrees(axis.limit_min),
+            limit_max_deg: degrees(axis.limit_max),
+        }
+    }
+}
+
+impl From<RigView> for RigBody {
+    fn from(view: RigView) -> Self {
+        use crate::scan::event::RigActivity;
+        let [(_, theta_c), (_, phi_s)] = &view.axes;
+        let camera = &view.camera_facts;
+        let bit_depth = camera.bit_depth.unwrap_or(16).min(16);
+        RigBody {
+            connected: view.connected,
+            problem: view
+                .problem
+                .map(|(code, detail)| RigProblem { code, detail }),
+            simulated: view.simulated.is_some(),
+            description: format!("Zaber ASCII on {}", view.port),
+            time_scale: view.simulated.unwrap_or(1.0),
+            axes: AxesBody {
+                theta_c: theta_c.into(),
+                phi_s: phi_s.into(),
+            },
+            activity: match view.activity {
+                RigActivity::Idle | RigActivity::Stopped => "idle",
+                RigActivity::Moving => "moving",
+                RigActivity::Homing => "homing",
+                RigActivity::Scanning => "scanning",
+            },
+            scan_id: view.scan_id,
+            geometry: GeometryBody {
+                theta_l_deg: view.rig_facts.theta_l_deg,
+                light_azimuth_deg: view.rig_facts.light_azimuth_deg,
+                azimuth_zero_deg: view.rig_facts.azimuth_zero_deg,
+                light_angular_radius_deg: view.rig_facts.light_angular_radius_deg,
+                wavelength_nm: view.rig_facts.wavelength_nm,
+            },
+            camera: CameraBody {
+                description: view.camera,
+                width_px: camera.width_px,
+                height_px: camera.height_px,
+                bit_depth,
+                saturation_dn: camera
+                    .saturation_dn
+                    .unwrap_or_else(|| f64::from((1_u32 << bit_depth) - 1)),
+                exposures_s: camera.exposures_s.clone(),
+            },
+        }
+    }
+}
+
+/// Where an axis shall go.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MoveBody {
+    /// Absolute position.
+    position_deg: f64,
+}
+
+/// Where the rig stands now.
+#[utoipa::path(get, path = "/api/v1/rig", tag = "rig", responses(
+    (status = 200, description = "The rig as it is now; `connected` is false where the stages do not answer", body = RigBody),
+    (status = 503, description = "This daemon has no rig", body = Problem),
+))]
+pub(super) async fn get_rig(State(app): State<App>) -> Result<Json<RigBody>, ApiError> {
+    Ok(Json(app.lab.rig().await?.into()))
+}
+
+/// Move one axis to an absolute position.
+#[utoipa::path(post, path = "/api/v1/rig/axes/{axis}/move", tag = "rig", params(("axis" = String, Path, description = "theta_c or phi_s")),
+    request_body = MoveBody, responses(
+    (status = 202, description = "The axis is about to move", body = Begun),
+    (status = 404, description = "There is no such axis", body = Problem),
+    (status = 409, description = "The rig is busy", body = Problem),
+    (status = 422, description = "The position is outside the travel", body = Problem),
+    (status = 503, description = "The stages cannot be had", body = Problem),
+))]
+pub(super) async fn move_axis(
+    State(app): State<App>,
+    Path(axis): Path<String>,
+    Body(body): Body<MoveBody>,
+) -> Result<impl IntoResponse, ApiError> {
+    let target = Angle::from_deg(body.position_deg);
+    app.lab.move_axis(axis_of(&axis)?, target).await?;
+    Ok(accepted("moving"))
+}
+
+/// Look for the reference of one axis.
+#[utoipa::path(post, path = "/api/v1/rig/axes/{axis}/home", tag = "rig", params(("axis" = String, Path, description = "theta_c or phi_s")), responses(
+    (status = 202, description = "The axis is about to move", body = Begun),
+    (status = 404, description = "There is no such axis", body = Problem),
+    (status = 409, description = "The rig is busy", body = Problem),
+    (status = 503, description = "The stages cannot be had", body = Problem),
+))]
+pub(super) async fn home_axis(
+    State(app): State<App>,
+    Path(axis): Path<String>,
+) -> Result<impl IntoResponse, ApiError> {
+    app.lab.home(axis_of(&axis)?).await?;
+    Ok(accepted("homing"))
+}
+
+/// Stop both axes at once. Never refused; a running scan pauses.
+#[utoipa::path(post, path = "/api/v1/rig/stop", tag = "rig", responses(
+    (status = 200, description = "The stages were told to stop", body = Begun),
+    (status = 503, description = "The stages could not be reached: use the switch", body = Problem),
+))]
+pub(super) async fn stop(State(app): State<App>) -> Result<Json<Begun>, ApiError> {
+    app.lab.stop().await?;
+    Ok(Json(Begun {
+        id: None,
+        state: "stopped".into(),
+    }))
+}
+
+fn axis_of(word: &str) -> Result<crate::lab::AxisName, ApiError> {
+    word.parse()
+        .map_err(|_| ApiError::not_found(format!("there is no axis `{word}`: theta_c or phi_s")))
+}
+
+fn accepted(state: &str) -> impl IntoResponse + use<> {
+    let body = Begun {
+        id: None,
+        state: state.into(),
+    };
+    (
+        StatusCode::ACCEPTED,
+        [(header::LOCATION, "/api/v1/rig")],
+        Json(body),
+    )
+}

@@ -1,0 +1,219 @@
+//! `/samples`
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::IntoResponse;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::error::{ApiError, Problem};
+use super::extract::{Body, Id, PageParams, Params, page};
+use super::{App, List};
+use crate::material::Material;
+use crate::store::samples::{NewSample, Sample, SimulatedSurface};
+
+/// Nominal material: complex index N = n + ik with standard uncertainties.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "kind", rename_all = "lowercase")]
+pub enum MaterialBody {
+    /// Transparent below the surface.
+    Dielectric {
+        /// n
+        eta: f64,
+        /// Standard uncertainty of n.
+        eta_std: f64,
+    },
+    /// Opaque.
+    Conductor {
+        /// n
+        eta: f64,
+        /// k
+        k: f64,
+        /// Standard uncertainty of n.
+        eta_std: f64,
+        /// Standard uncertainty of k.
+        k_std: f64,
+    },
+}
+
+impl From<MaterialBody> for Material {
+    fn from(body: MaterialBody) -> Self {
+        match body {
+            MaterialBody::Dielectric { eta, eta_std } => Material::Dielectric { eta, eta_std },
+            MaterialBody::Conductor {
+                eta,
+                k,
+                eta_std,
+                k_std,
+            } => Material::Conductor {
+                eta,
+                k,
+                eta_std,
+                k_std,
+            },
+        }
+    }
+}
+
+impl From<Material> for MaterialBody {
+    fn from(material: Material) -> Self {
+        match material {
+            Material::Dielectric { eta, eta_std } => MaterialBody::Dielectric { eta, eta_std },
+            Material::Conductor {
+                eta,
+                k,
+                eta_std,
+                k_std,
+            } => MaterialBody::Conductor {
+                eta,
+                k,
+                eta_std,
+                k_std,
+            },
+        }
+    }
+}
+
+/// A sample to be added.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SampleRequest {
+    /// What people call it; 1 to 200 characters.
+    name: String,
+    /// Nominal material.
+    material: MaterialBody,
+    /// Free text.
+    #[serde(default)]
+    note: Option<String>,
+    /// How a simulated rig paints it: `{"surface": "traced"}` or
+    /// `{"surface": "model", "theta_r_deg", "alpha_u", "alpha_v", "rho_d"}`.
+    #[serde(default)]
+    #[schema(value_type = Option<Object>)]
+    simulated: Option<SimulatedSurface>,
+}
+
+/// A sample.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct SampleBody {
+    /// Its number.
+    id: i64,
+    /// What people call it.
+    name: String,
+    /// Nominal material.
+    material: MaterialBody,
+    /// Free text.
+    note: Option<String>,
+    /// How a simulated rig paints it.
+    #[schema(value_type = Option<Object>)]
+    simulated: Option<SimulatedSurface>,
+    /// RFC 3339 UTC.
+    created_at: String,
+}
+
+impl From<Sample> for SampleBody {
+    fn from(sample: Sample) -> Self {
+        SampleBody {
+            id: sample.id,
+            name: sample.name,
+            material: sample.material.into(),
+            note: sample.note,
+            simulated: sample.simulated,
+            created_at: sample.created_at,
+        }
+    }
+}
+
+/// Samples, newest first.
+#[utoipa::path(get, path = "/api/v1/samples", tag = "samples", params(PageParams), responses(
+    (status = 200, description = "A page of samples", body = List<SampleBody>),
+))]
+pub(super) async fn list(
+    State(app): State<App>,
+    Params(params): Params<PageParams>,
+) -> Result<Json<List<SampleBody>>, ApiError> {
+    let page = page(params.limit, params.cursor.as_deref())?;
+    Ok(Json(app.lab.store().samples(page).await?.into()))
+}
+
+/// Add a sample.
+#[utoipa::path(post, path = "/api/v1/samples", tag = "samples", request_body = SampleRequest, responses(
+    (status = 201, description = "The sample", body = SampleBody),
+    (status = 400, description = "The body cannot be understood", body = Problem),
+    (status = 422, description = "A value makes no sense", body = Problem),
+))]
+pub(super) async fn add(
+    State(app): State<App>,
+    Body(body): Body<SampleRequest>,
+) -> Result<impl IntoResponse, ApiError> {
+    check(&body)?;
+    let sample = app
+        .lab
+        .store()
+        .add_sample(&NewSample {
+            name: body.name,
+            material: body.material.into(),
+            note: body.note,
+            simulated: body.simulated,
+        })
+        .await?;
+    let location = format!("/api/v1/samples/{}", sample.id);
+    Ok((
+        StatusCode::CREATED,
+        [(header::LOCATION, location)],
+        Json(SampleBody::from(sample)),
+    ))
+}
+
+/// One sample.
+#[utoipa::path(get, path = "/api/v1/samples/{id}", tag = "samples", params(("id" = i64, Path, description = "Number of the sample")), responses(
+    (status = 200, description = "The sample", body = SampleBody),
+    (status = 404, description = "There is none", body = Problem),
+))]
+pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<SampleBody>, ApiError> {
+    Ok(Json(app.lab.store().sample(id).await?.into()))
+}
+
+fn check(body: &SampleRequest) -> Result<(), ApiError> {
+    if body.name.trim().is_empty() || body.name.chars().count() > 200 {
+        return Err(ApiError::invalid("name", "must have 1 to 200 characters"));
+    }
+    let range = |field: &str, value: f64, min: f64, max: f64| {
+        if (min..=max).contains(&value) {
+            Ok(())
+        } else {
+            let message = format!("{value} is not within {min} to {max}");
+            Err(ApiError::invalid(field, message))
+        }
+    };
+    match body.material {
+        MaterialBody::Dielectric { eta, eta_std } => {
+            range("material.eta", eta, 1.0001, 10.0)?;
+            range("material.eta_std", eta_std, 0.0, 1.0)?;
+        }
+        MaterialBody::Conductor {
+            eta,
+            k,
+            eta_std,
+            k_std,
+        } => {
+            range("material.eta", eta, 0.01, 100.0)?;
+            range("material.k", k, 0.0, 100.0)?;
+            range("material.eta_std", eta_std, 0.0, 10.0)?;
+            range("material.k_std", k_std, 0.0, 10.0)?;
+        }
+    }
+    if let Some(SimulatedSurface::Model {
+        theta_r_deg,
+        alpha_u,
+        alpha_v,
+        rho_d,
+    }) = body.simulated
+    {
+        range("simulated.theta_r_deg", theta_r_deg, 0.0, 40.0)?;
+        range("simulated.alpha_u", alpha_u, 0.01, 0.6)?;
+        range("simulated.alpha_v", alpha_v, 0.01, 0.6)?;
+        range("simulated.rho_d", rho_d, 0.0, 1.0)?;
+    }
+    Ok(())
+}

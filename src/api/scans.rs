@@ -1,0 +1,307 @@
+//! `/scans`: plan, begin, command, look.
+
+use axum::Json;
+use axum::extract::{Path, State};
+use axum::http::{StatusCode, header};
+use axum::response::IntoResponse;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::error::{ApiError, Problem};
+use super::extract::{Body, Id, Params, page};
+use super::{App, Begun, List};
+use crate::lab::ScanRequest;
+use crate::scan::event::OperatorStep;
+use crate::scan::runner::Order;
+use crate::scan::{Plan, Progress, ScanState};
+use crate::store::scans::{Origin, Scan, ScanFilter};
+
+/// How far a scan is.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct ProgressBody {
+    /// dark, flat or sample; done at the end; null before the beginning.
+    phase: Option<&'static str>,
+    /// Points committed.
+    shots_done: u32,
+    /// Points in all.
+    shots_total: u32,
+    /// Frames committed.
+    frames_done: u32,
+    /// Frames in all.
+    frames_total: u32,
+    /// Share of the predicted time that is done, 0 to 1.
+    fraction: f64,
+    /// Time spent moving and exposing.
+    elapsed_s: f64,
+    /// Predicted time to go.
+    time_left_s: Option<f64>,
+}
+
+impl ProgressBody {
+    pub(super) fn new(progress: &Progress, state: ScanState) -> Self {
+        ProgressBody {
+            phase: match state {
+                ScanState::Completed => Some("done"),
+                _ => progress.phase.map(|kind| kind.as_str()),
+            },
+            shots_done: progress.shots_done,
+            shots_total: progress.shots_total,
+            frames_done: progress.frames_done,
+            frames_total: progress.frames_total,
+            fraction: progress.fraction,
+            elapsed_s: progress.elapsed_s,
+            time_left_s: progress.time_left_s,
+        }
+    }
+}
+
+/// What a person has to do.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct OperatorBody {
+    /// cap-lens, place-white-reference or place-sample.
+    action: &'static str,
+    /// The same in words.
+    message: &'static str,
+}
+
+impl From<OperatorStep> for OperatorBody {
+    fn from(step: OperatorStep) -> Self {
+        OperatorBody {
+            action: step.action.as_str(),
+            message: step.message,
+        }
+    }
+}
+
+/// A scan.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct ScanBody {
+    /// Its number.
+    id: i64,
+    /// Sample.
+    sample_id: i64,
+    /// The sample's name.
+    sample_name: String,
+    /// planned, waiting-for-operator, running, pausing, paused, interrupted, completed, aborted or failed.
+    #[schema(value_type = String)]
+    state: ScanState,
+    /// Why it stands there, where it is not the plan's own course.
+    reason: Option<String>,
+    /// rig or import.
+    origin: &'static str,
+    /// What a person has to do, while it waits for one.
+    operator: Option<OperatorBody>,
+    /// The whole plan; of an import, the poses it has.
+    #[schema(value_type = Object)]
+    plan: Option<Plan>,
+    /// How far it is.
+    progress: ProgressBody,
+    /// Frames that were taken and do not count.
+    frames_rejected: u32,
+    /// Calibrations it uses, its own included.
+    calibration_ids: Vec<i64>,
+    /// RFC 3339 UTC.
+    created_at: String,
+    /// When it first did something.
+    started_at: Option<String>,
+    /// When it ended.
+    ended_at: Option<String>,
+}
+
+pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, ApiError> {
+    let store = app.lab.store();
+    let progress = store.last_progress(scan.id).await?;
+    let plan = match scan.plan.clone() {
+        Some(plan) => Some(plan),
+        None => Some(app.lab.plan_of_import(scan.id).await?),
+    };
+    Ok(ScanBody {
+        progress: ProgressBody::new(&progress, scan.state),
+        frames_rejected: store.frames_rejected(scan.id).await?,
+        calibration_ids: store.calibrations_of_scan(scan.id).await?,
+        ended_at: scan.ended_at().map(str::to_owned),
+        operator: scan.operator.map(|a| OperatorStep::from(a).into()),
+        origin: scan.origin.as_str(),
+        id: scan.id,
+        sample_id: scan.sample_id,
+        sample_name: scan.sample_name,
+        state: scan.state,
+        reason: scan.reason,
+        plan,
+        created_at: scan.created_at,
+        started_at: match scan.origin {
+            Origin::Rig => scan.started_at,
+            Origin::Import => None,
+        },
+    })
+}
+
+/// Which scans.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct ScanParams {
+    /// Of this sample.
+    sample_id: Option<i64>,
+    /// In this state.
+    state: Option<String>,
+    /// Rows at most, 1 to 1000; 100 if not given.
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
+/// Scans, newest first.
+#[utoipa::path(get, path = "/api/v1/scans", tag = "scans", params(ScanParams), responses(
+    (status = 200, description = "A page of scans", body = List<ScanBody>),
+))]
+pub(super) async fn list(
+    State(app): State<App>,
+    Params(params): Params<ScanParams>,
+) -> Result<Json<List<ScanBody>>, ApiError> {
+    let state = match params.state.as_deref() {
+        None => None,
+        Some(word) => Some(ScanState::from_word(word).ok_or_else(|| {
+            let known = ScanState::ALL.map(ScanState::as_str).join(", ");
+            ApiError::invalid("state", format!("`{word}` is none of {known}"))
+        })?),
+    };
+    let filter = ScanFilter {
+        sample_id: params.sample_id,
+        state,
+    };
+    let page = page(params.limit, params.cursor.as_deref())?;
+    let found = app.lab.store().scans(filter, page).await?;
+    let mut items = Vec::with_capacity(found.items.len());
+    for scan in found.items {
+        items.push(body(&app, scan).await?);
+    }
+    Ok(Json(List {
+        items,
+        next_cursor: found.next_cursor.map(|c| c.to_string()),
+    }))
+}
+
+/// Begin a scan.
+#[utoipa::path(post, path = "/api/v1/scans", tag = "scans", request_body(content = Object, description =
+    "`sample_id` and `plan`: `theta_c_deg` and `phi_s_deg` (lists, or {from, to, step}) or a `preset` (paper, full), optional `exposures_s`, `repeats`, `dark.repeats`, `flat.theta_c_deg`, `flat.exposures_s`, `flat.repeats`, `reuse_calibrations`"),
+    responses(
+    (status = 202, description = "The scan is planned and about to run", body = Begun, headers(("Location" = String, description = "The scan"))),
+    (status = 400, description = "The body cannot be understood", body = Problem),
+    (status = 404, description = "There is no such sample", body = Problem),
+    (status = 409, description = "The rig is busy", body = Problem),
+    (status = 422, description = "The plan cannot run; `errors` names everything that is wrong", body = Problem),
+    (status = 503, description = "The stages cannot be had", body = Problem),
+    (status = 507, description = "The disk has no room for it", body = Problem),
+))]
+pub(super) async fn begin(
+    State(app): State<App>,
+    Body(request): Body<ScanRequest>,
+) -> Result<impl IntoResponse, ApiError> {
+    let scan = app.lab.start_scan(&request).await?;
+    Ok(begun(scan.id, scan.state))
+}
+
+/// What a scan will take.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct EstimateBody {
+    /// Frames.
+    n_frames: u32,
+    /// Points.
+    n_shots: u32,
+    /// Motion, settling and exposure; people not counted.
+    duration_s: f64,
+    /// Most room the frames can take.
+    disk_bytes: u64,
+    /// Room there is.
+    disk_free_bytes: u64,
+    /// What people have to do, in order.
+    operator_steps: Vec<OperatorBody>,
+    /// Calibrations of earlier scans that it uses.
+    calibration_ids: Vec<i64>,
+    /// The whole plan, less what those calibrations save.
+    #[schema(value_type = Object)]
+    plan: Plan,
+}
+
+/// What a scan will take; nothing moves and nothing is stored.
+#[utoipa::path(post, path = "/api/v1/scans/estimate", tag = "scans", request_body(content = Object, description = "As for POST /scans"), responses(
+    (status = 200, description = "Time, room and operator steps", body = EstimateBody),
+    (status = 400, description = "The body cannot be understood", body = Problem),
+    (status = 404, description = "There is no such sample", body = Problem),
+    (status = 422, description = "The plan cannot run; `errors` names everything that is wrong", body = Problem),
+))]
+pub(super) async fn estimate(
+    State(app): State<App>,
+    Body(request): Body<ScanRequest>,
+) -> Result<Json<EstimateBody>, ApiError> {
+    let estimated = app.lab.estimate(&request).await?;
+    Ok(Json(EstimateBody {
+        n_frames: estimated.estimate.n_frames,
+        n_shots: estimated.estimate.n_shots,
+        duration_s: estimated.estimate.duration_s,
+        disk_bytes: estimated.estimate.disk_bytes,
+        disk_free_bytes: estimated.free_bytes,
+        operator_steps: estimated
+            .operator_steps
+            .into_iter()
+            .map(|action| OperatorStep::from(action).into())
+            .collect(),
+        calibration_ids: estimated.calibration_ids,
+        plan: estimated.plan,
+    }))
+}
+
+/// One scan.
+#[utoipa::path(get, path = "/api/v1/scans/{id}", tag = "scans", params(("id" = i64, Path, description = "Number of the scan")), responses(
+    (status = 200, description = "The scan", body = ScanBody),
+    (status = 404, description = "There is none", body = Problem),
+))]
+pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<ScanBody>, ApiError> {
+    let scan = app.lab.store().scan(id).await?;
+    Ok(Json(body(&app, scan).await?))
+}
+
+/// Pause, resume, abort, or say that the operator's step is done.
+#[utoipa::path(post, path = "/api/v1/scans/{id}/{order}", tag = "scans", params(
+    ("id" = i64, Path, description = "Number of the scan"),
+    ("order" = String, Path, description = "pause, resume, abort or continue; resume also takes an interrupted scan up again"),
+), responses(
+    (status = 202, description = "The state that the scan came to", body = Begun),
+    (status = 404, description = "There is no such scan or order", body = Problem),
+    (status = 409, description = "Not possible where the scan stands", body = Problem),
+    (status = 503, description = "The stages cannot be had", body = Problem),
+))]
+pub(super) async fn command(
+    State(app): State<App>,
+    Path((id, order)): Path<(String, String)>,
+) -> Result<impl IntoResponse, ApiError> {
+    let id: i64 = id
+        .parse()
+        .map_err(|_| ApiError::bad_request(format!("`{id}`: the id is a whole number")))?;
+    let order = match order.as_str() {
+        "pause" => Order::Pause,
+        "resume" => Order::Resume,
+        "abort" => Order::Abort,
+        "continue" => Order::Continue,
+        other => {
+            return Err(ApiError::not_found(format!(
+                "a scan cannot `{other}`: pause, resume, abort or continue"
+            )));
+        }
+    };
+    let state = app.lab.order(id, order).await?;
+    Ok(begun(id, state))
+}
+
+fn begun(id: i64, state: ScanState) -> impl IntoResponse + use<> {
+    let body = Begun {
+        id: Some(id),
+        state: state.to_string(),
+    };
+    (
+        StatusCode::ACCEPTED,
+        [(header::LOCATION, format!("/api/v1/scans/{id}"))],
+        Json(body),
+    )
+}
