@@ -1,12 +1,15 @@
 #![doc = include_str!("../ARCHITECTURE.md")]
 
 pub mod analysis;
+pub mod api;
 pub mod bench;
 pub mod cli;
 pub mod clock;
+pub mod config;
 pub mod fit;
 pub mod frame;
 pub mod geometry;
+pub mod lab;
 pub mod material;
 pub mod model;
 pub mod observation;

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{CliError, interrupt};
+use super::{CliError, daemon, interrupt};
 use crate::analysis::{Analysis, AnalysisError, AnalysisOptions, Progress, analyse};
 use crate::fit::{FitOptions, VariantChoice, text};
 use crate::reduction::{FrameSource, ReductionError};
@@ -22,7 +22,14 @@ use crate::series::Series;
 )]
 pub struct Args {
     /// Folder of a recorded series (manifest.toml, frames.csv, frames/).
-    pub dir: PathBuf,
+    #[arg(required_unless_present = "scan", conflicts_with = "scan")]
+    pub dir: Option<PathBuf>,
+    /// Number of a scan in the store instead.
+    #[arg(long, value_name = "ID")]
+    pub scan: Option<i64>,
+    /// Data folder of the store.
+    #[arg(long, value_name = "DIR", default_value = "ridged-data")]
+    pub data: PathBuf,
     /// Which model the answer hangs on; all are fitted and compared.
     #[arg(long, value_enum, default_value_t = Variant::Auto)]
     pub variant: Variant,
@@ -78,9 +85,12 @@ pub fn run(args: Args) -> Result<(), CliError> {
             ..FitOptions::default()
         },
     };
-    let series = Series::open(&args.dir).map_err(CliError::bad_input)?;
+    let source: Box<dyn FrameSource> = match (&args.dir, args.scan) {
+        (Some(dir), _) => Box::new(Series::open(dir).map_err(CliError::bad_input)?),
+        (None, scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
+    };
     let cancel = interrupt::flag()?;
-    let analysis = watched(&series, &options, &cancel)?;
+    let analysis = watched(source.as_ref(), &options, &cancel)?;
     print(&analysis, args.json)
 }
 

@@ -3,10 +3,20 @@
 //! JSON goes to stdout alone; progress, logs and errors go to stderr. Exit codes: 0 done, 1 no
 //! result, 2 bad usage or bad input, 130 after Ctrl-C once things are safe.
 
+pub mod client;
+pub mod daemon;
+pub mod demo;
 pub mod eval;
+pub mod export;
 pub mod fit;
+pub mod import;
 pub mod interrupt;
+pub mod progress;
+pub mod rig;
+pub mod scan;
+pub mod serve;
 pub mod simulate_rig;
+pub mod simulated;
 pub mod trace;
 
 use std::process::ExitCode;
@@ -25,6 +35,18 @@ pub struct Cli {
 /// One variant per subcommand; its arguments live in the subcommand's own file.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// A simulated rig scans a sample; the fit beside the truth, and the page.
+    Demo(demo::Args),
+    /// The daemon: rig, store, HTTP interface, page.
+    Serve(serve::Args),
+    /// Look at, home or stop the rig of a running daemon.
+    Rig(rig::Args),
+    /// One scan.
+    Scan(scan::Args),
+    /// A recorded series into the store.
+    Import(import::Args),
+    /// A scan out of the store as a recorded series.
+    Export(export::Args),
     /// Closed forms over a table of cases.
     Eval(eval::Args),
     /// Ridge angle, roughness and reflectance of a recorded series.
@@ -62,6 +84,12 @@ impl CliError {
 #[must_use]
 pub fn run(cli: Cli) -> ExitCode {
     let outcome: Result<(), CliError> = match cli.command {
+        Command::Demo(args) => demo::run(args),
+        Command::Serve(args) => serve::run(args),
+        Command::Rig(args) => rig::run(args),
+        Command::Scan(args) => scan::run(args),
+        Command::Import(args) => import::run(args),
+        Command::Export(args) => export::run(args),
         Command::Eval(args) => eval::run(args),
         Command::Fit(args) => fit::run(args),
         Command::SimulateRig(args) => simulate_rig::run(args),

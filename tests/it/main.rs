@@ -3,7 +3,11 @@
 // Helpers outside #[test] functions are tests too.
 #![allow(clippy::unwrap_used)]
 
+mod bench_in_a_box;
+mod commands;
+mod http;
 mod imports;
+mod lab;
 mod line;
 mod nist;
 mod radiances;

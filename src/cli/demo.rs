@@ -1,0 +1,323 @@
+//! `ridged demo`: a simulated rig scans a sample through the very same lab; the fit beside the truth.
+
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::anyhow;
+use serde_json::{Value, json};
+
+use super::CliError;
+use super::daemon::{self, Daemon};
+use super::scan::{follow, timing_words, with_times};
+use super::serve::listen_error;
+use super::simulated::{SimulatedRig, Simulation, TRACED_SAMPLE};
+use crate::api::server::{self, ListenError};
+use crate::fit::VariantChoice;
+use crate::lab::{FitRequest, Lab, ScanRequest};
+use crate::scan::plan::Preset;
+use crate::scan::{Event, PlanRequest, ScanState};
+use crate::sim::sample::{Sample, Truth};
+use crate::store::PageRequest;
+use crate::units::Angle;
+
+/// A simulated rig on a pseudo-terminal scans a sample; the fit is printed beside the truth.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  ridged demo                                    then look at the page; Ctrl-C ends
+  ridged demo --once --json --azimuth-offset-deg 7 --tilt-offset-deg 0.4")]
+pub struct Args {
+    /// Exit after printing.
+    #[arg(long)]
+    pub once: bool,
+    /// Port of the page [default: 8787, or a free one if that is taken].
+    #[arg(long, value_name = "N")]
+    pub port: Option<u16>,
+    /// Seed of noise, fixed pattern and mechanics.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub seed: u64,
+    /// How far the sample is turned from where the rig believes it to be.
+    #[arg(
+        long,
+        value_name = "A",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    pub azimuth_offset_deg: f64,
+    /// How far the camera is tilted from where the rig believes it to be.
+    #[arg(
+        long,
+        value_name = "T",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    pub tilt_offset_deg: f64,
+    /// How much faster than life the rig runs.
+    #[arg(long, value_name = "X", default_value_t = 30.0)]
+    pub time_scale: f64,
+    /// Data folder [default: a temporary one].
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// Print how long the scan took over the ideal motion, settling and exposure of its plan.
+    #[arg(long)]
+    pub timing: bool,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command; Ctrl-C ends it cleanly at any time.
+///
+/// # Errors
+/// Bad input for offsets that make no sense; no result where scan or fit give none.
+pub fn run(args: Args) -> Result<(), CliError> {
+    daemon::block_on(demo(args))
+}
+
+async fn demo(args: Args) -> Result<(), CliError> {
+    let (rig, parts) = SimulatedRig::build(Simulation {
+        time_scale: args.time_scale,
+        seed: args.seed,
+        azimuth_offset: Angle::from_deg(args.azimuth_offset_deg),
+        tilt_offset: Angle::from_deg(args.tilt_offset_deg),
+    })?;
+    let folder = args.data.clone().unwrap_or_else(|| "ridged-data".into());
+    let listener = listen(args.port).await?;
+    let lab = daemon::open_lab(&folder, Arc::clone(&rig.clock), Some(parts)).await?;
+    rig.stock(&lab).await.map_err(daemon::lab_error)?;
+    let hands = rig.hands(&lab, true);
+    let daemon = Daemon::start(lab, listener)?;
+    tracing::info!("page: {}", daemon.url);
+    let work = async {
+        let shown = show(&daemon, &args).await?;
+        print(&shown, &args, &daemon.url)?;
+        if args.once {
+            Ok(())
+        } else {
+            eprintln!("page and HTTP interface on {} until Ctrl-C", daemon.url);
+            std::future::pending().await
+        }
+    };
+    let outcome = tokio::select! {
+        outcome = work => outcome,
+        ended = daemon::told_to_end() => ended,
+    };
+    daemon.end().await;
+    hands.abort();
+    outcome
+}
+
+async fn listen(port: Option<u16>) -> Result<tokio::net::TcpListener, CliError> {
+    match (
+        server::bind(&format!("127.0.0.1:{}", port.unwrap_or(8787))).await,
+        port,
+    ) {
+        (Err(ListenError::Bind { .. }), None) => {
+            server::bind("127.0.0.1:0").await.map_err(listen_error)
+        }
+        (bound, _) => bound.map_err(listen_error),
+    }
+}
+
+/// Scans, fits, and puts the truth beside it.
+async fn show(daemon: &Daemon, args: &Args) -> Result<Value, CliError> {
+    let lab = &daemon.lab;
+    let after = lab
+        .store()
+        .last_event_id()
+        .await
+        .map_err(|e| daemon::lab_error(e.into()))?;
+    let plan = PlanRequest {
+        reuse_calibrations: Some(false),
+        ..PlanRequest::preset(Preset::Full)
+    };
+    let sample_id = traced_sample(lab).await?;
+    let scan = lab
+        .start_scan(&ScanRequest { sample_id, plan })
+        .await
+        .map_err(daemon::lab_error)?;
+    let state = follow(lab, scan.id, after, None).await?;
+    if state != ScanState::Completed {
+        return Err(CliError::no_result(anyhow!("scan {} is {state}", scan.id)));
+    }
+    let fit = fitted(lab, scan.id).await?;
+    let Truth {
+        theta_r_deg,
+        alpha_u,
+        alpha_v,
+        rho_d,
+    } = Sample::polymer_10().truth();
+    let truth = json!({
+        "theta_r_deg": theta_r_deg,
+        "alpha_u": alpha_u,
+        "alpha_v": alpha_v,
+        "rho_d": rho_d,
+        "azimuth_offset_deg": args.azimuth_offset_deg,
+        "tilt_offset_deg": args.tilt_offset_deg,
+    });
+    let shown = json!({ "truth": truth, "fit": fit, "scan_id": scan.id });
+    Ok(with_times(shown, lab.run_end(scan.id)))
+}
+
+async fn traced_sample(lab: &Lab) -> Result<i64, CliError> {
+    let page = PageRequest {
+        limit: 1000,
+        cursor: None,
+    };
+    let samples = lab
+        .store()
+        .samples(page)
+        .await
+        .map_err(|e| daemon::lab_error(e.into()))?;
+    samples
+        .items
+        .iter()
+        .find(|s| s.name == TRACED_SAMPLE)
+        .map(|s| s.id)
+        .ok_or_else(|| {
+            CliError::bad_input(anyhow!(
+                "{} has other samples already; give the demo a folder of its own with --data",
+                lab.store().folder().display()
+            ))
+        })
+}
+
+/// Fits a scan and waits for the report.
+async fn fitted(lab: &Lab, scan_id: i64) -> Result<Value, CliError> {
+    let mut events = lab.events();
+    let request = FitRequest {
+        scan_id,
+        variant: VariantChoice::Auto,
+        region: None,
+    };
+    let fit_id = lab.start_fit(&request).await.map_err(daemon::lab_error)?;
+    loop {
+        let fit = lab
+            .store()
+            .fit(fit_id)
+            .await
+            .map_err(|e| daemon::lab_error(e.into()))?;
+        match (&fit.report, fit.state.as_str()) {
+            (Some(report), _) => {
+                return serde_json::from_str(report).map_err(CliError::no_result);
+            }
+            (None, "running") => {
+                // Whatever wakes this, the store has the whole story.
+                let told = tokio::time::timeout(Duration::from_secs(5), events.recv()).await;
+                if let Ok(Ok(event)) = told
+                    && let Event::Fit { fit_id, state, .. } = &event.event
+                {
+                    tracing::debug!(fit_id, state, "fit {fit_id} is {state}");
+                }
+            }
+            (None, state) => {
+                let why = fit.error_detail.as_deref().unwrap_or("no reason is known");
+                return Err(CliError::no_result(anyhow!("the fit is {state}: {why}")));
+            }
+        }
+    }
+}
+
+fn print(shown: &Value, args: &Args, url: &str) -> Result<(), CliError> {
+    let mut out = std::io::stdout().lock();
+    let text = match args.json {
+        true => format!("{shown:#}\n"),
+        false => table(shown, args, url, out.is_terminal()),
+    };
+    out.write_all(text.as_bytes())
+        .and_then(|()| out.flush())
+        .map_err(CliError::no_result)
+}
+
+/// The rows of the table: key, name, unit, digits.
+const ROWS: [(&str, &str, &str, usize); 6] = [
+    ("theta_r_deg", "ridge angle θr", "°", 3),
+    ("alpha_u", "roughness along ridges αu", "", 4),
+    ("alpha_v", "roughness across ridges αv", "", 4),
+    ("rho_d", "diffuse reflectance ρd", "", 4),
+    ("azimuth_offset_deg", "azimuth offset", "°", 3),
+    ("tilt_offset_deg", "tilt offset", "°", 3),
+];
+
+fn table(shown: &Value, args: &Args, url: &str, colour: bool) -> String {
+    let paint = |code: &str, text: String| match colour {
+        true => format!("\u{1b}[{code}m{text}\u{1b}[0m"),
+        false => text,
+    };
+    let fit = &shown["fit"];
+    let mut text = format!(
+        "\nscan {}, variant {}, {}: {} observations of {} frames\n\n",
+        shown["scan_id"],
+        fit["variant"].as_str().unwrap_or("?"),
+        fit["status"].as_str().unwrap_or("?"),
+        fit["n_observations"],
+        fit["n_frames_used"],
+    );
+    let head = format!(
+        "  {:<28}{:>12}{:>26}   {}\n",
+        "", "truth", "fit ± expanded (k = 2)", "inside"
+    );
+    text.push_str(&paint("1", head));
+    for (key, name, unit, digits) in ROWS {
+        let truth = shown["truth"][key].as_f64().unwrap_or(f64::NAN);
+        let parameter = &fit["parameters"][key];
+        let row = match (parameter["value"].as_f64(), parameter["expanded"].as_f64()) {
+            (Some(value), Some(expanded)) => {
+                let inside = (value - truth).abs() <= expanded;
+                let word = match inside {
+                    true => paint("32", "yes".into()),
+                    false => paint("31", "no".into()),
+                };
+                let fitted = format!("{value:.digits$}{unit} ± {expanded:.digits$}{unit}");
+                format!("{fitted:>26}   {word}")
+            }
+            _ => format!("{:>26}   -", "not identifiable"),
+        };
+        let truth = format!("{truth:.digits$}{unit}");
+        text.push_str(&format!("  {name:<28}{truth:>12}{row}\n"));
+    }
+    if args.timing {
+        text.push('\n');
+        text.push_str(&timing_words(shown));
+    }
+    if !args.once {
+        text.push_str(&format!("\npage: {url}\n"));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_says_whether_the_truth_is_inside() {
+        let parameter = |value: f64, expanded: f64| json!({"value": value, "expanded": expanded});
+        let shown = json!({
+            "truth": {"theta_r_deg": 10.0, "alpha_u": 0.12},
+            "fit": {"parameters": {
+                "theta_r_deg": parameter(10.05, 0.1),
+                "alpha_u": parameter(0.2, 0.01),
+                "alpha_v": {"value": null, "expanded": null},
+            }},
+        });
+        let args = Args {
+            once: true,
+            port: None,
+            seed: 1,
+            azimuth_offset_deg: 0.0,
+            tilt_offset_deg: 0.0,
+            time_scale: 1.0,
+            data: None,
+            timing: false,
+            json: false,
+        };
+        let text = table(&shown, &args, "http://127.0.0.1:1", false);
+        let line = |name: &str| text.lines().find(|l| l.contains(name)).unwrap().to_owned();
+        assert!(line("ridge angle").contains("10.050° ± 0.100°"), "{text}");
+        assert!(line("ridge angle").ends_with("yes"), "{text}");
+        assert!(line("along ridges").ends_with("no"), "{text}");
+        assert!(line("across ridges").contains("not identifiable"), "{text}");
+    }
+}

@@ -1,0 +1,50 @@
+//! `ridged export`: a scan out of the store as a recorded series.
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use super::CliError;
+use super::daemon;
+use crate::lab;
+use crate::store::Store;
+use crate::store::disk::RealDisk;
+
+/// Writes a scan as a recorded series, frames bit for bit.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  ridged export --scan 1 --out series && ridged fit series")]
+pub struct Args {
+    /// Number of the scan.
+    #[arg(long, value_name = "ID")]
+    pub scan: i64,
+    /// New or empty folder to write to.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Data folder.
+    #[arg(long, value_name = "DIR", default_value = "ridged-data")]
+    pub data: PathBuf,
+}
+
+/// Runs the command, also beside a running daemon.
+///
+/// # Errors
+/// Bad input for an unknown scan or a folder that is not empty; no result for damaged frames or a
+/// full disk.
+pub fn run(args: Args) -> Result<(), CliError> {
+    daemon::block_on(async {
+        let clock = daemon::real_clock();
+        let store = Store::open_for_reading(&args.data, Arc::new(RealDisk), clock)
+            .await
+            .map_err(|error| daemon::lab_error(error.into()))?;
+        let written = lab::export(&store, args.scan, &args.out).await;
+        store.close().await;
+        let frames = written.map_err(daemon::lab_error)?;
+        writeln!(
+            std::io::stdout(),
+            "{frames} frames of scan {} in {}",
+            args.scan,
+            args.out.display()
+        )
+        .map_err(CliError::no_result)
+    })
+}

@@ -1,0 +1,437 @@
+//! `ridged scan`: one scan, by a running daemon or by this process itself.
+
+use std::io::{BufRead, IsTerminal, Write};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::{Context, anyhow};
+use serde_json::{Value, json};
+use tokio::sync::mpsc;
+
+use super::CliError;
+use super::client::Client;
+use super::daemon;
+use super::progress::Bar;
+use super::simulated::{SimulatedRig, Simulation, TRACED_SAMPLE};
+use crate::lab::{Lab, ScanRequest};
+use crate::scan::plan::Preset;
+use crate::scan::runner::{Order, RunEnd};
+use crate::scan::{Event, OperatorAction, PlanRequest, ScanState};
+use crate::store::PageRequest;
+
+/// Runs one scan.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  ridged scan --preset paper --simulated-rig --data /tmp/try
+  ridged scan plan.toml --config rig.toml --sample \"batch 7\"
+Where a daemon runs on the data folder, it does the scan.")]
+pub struct Args {
+    /// Plan (TOML): theta_c_deg, phi_s_deg, exposures_s, repeats, [dark], [flat].
+    #[arg(
+        value_name = "PLAN.toml",
+        required_unless_present = "preset",
+        conflicts_with = "preset"
+    )]
+    pub plan: Option<PathBuf>,
+    /// A named plan instead of a file.
+    #[arg(long, value_parser = preset, value_name = "paper|full")]
+    pub preset: Option<Preset>,
+    /// Name of the sample [default: the newest one].
+    #[arg(long, value_name = "NAME")]
+    pub sample: Option<String>,
+    /// Data folder.
+    #[arg(long, value_name = "DIR", default_value = "ridged-data")]
+    pub data: PathBuf,
+    /// Settings of the rig, where no daemon runs.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Scan on a simulated rig of its own, where no daemon runs.
+    #[arg(long)]
+    pub simulated_rig: bool,
+    /// How much faster than life the simulated rig runs.
+    #[arg(
+        long,
+        value_name = "X",
+        default_value_t = 1.0,
+        requires = "simulated_rig"
+    )]
+    pub time_scale: f64,
+    /// Print how long the scan took over the ideal motion, settling and exposure of its plan.
+    #[arg(long)]
+    pub timing: bool,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn preset(word: &str) -> Result<Preset, String> {
+    match word {
+        "paper" => Ok(Preset::Paper),
+        "full" => Ok(Preset::Full),
+        other => Err(format!("`{other}` is neither paper nor full")),
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input for a plan that cannot run; no result where the rig refuses or pauses; interrupted on
+/// Ctrl-C.
+pub fn run(args: Args) -> Result<(), CliError> {
+    let plan = read_plan(&args)?;
+    let answer = match Client::find(&args.data) {
+        Some(client) => by_daemon(&client, &args, &plan)?,
+        None => daemon::block_on(by_itself(&args, plan))?,
+    };
+    let text = match args.json {
+        true => format!("{answer:#}\n"),
+        false => format!(
+            "scan {} {}\n",
+            answer["id"],
+            answer["state"].as_str().unwrap_or("")
+        ),
+    };
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes())
+        .map_err(CliError::no_result)?;
+    if args.timing && !args.json {
+        out.write_all(timing_words(&answer).as_bytes())
+            .map_err(CliError::no_result)?;
+    }
+    out.flush().map_err(CliError::no_result)
+}
+
+fn read_plan(args: &Args) -> Result<PlanRequest, CliError> {
+    let Some(path) = &args.plan else {
+        let preset = args.preset.unwrap_or(Preset::Paper);
+        return Ok(PlanRequest::preset(preset));
+    };
+    let text = std::fs::read_to_string(path)
+        .with_context(|| format!("the plan {} cannot be read", path.display()))
+        .map_err(CliError::BadInput)?;
+    PlanRequest::from_toml(&text)
+        .with_context(|| format!("the plan {} cannot be understood", path.display()))
+        .map_err(CliError::BadInput)
+}
+
+/// Time over ideal, in words.
+pub fn timing_words(answer: &Value) -> String {
+    match (answer["elapsed_s"].as_f64(), answer["ideal_s"].as_f64()) {
+        (Some(elapsed), Some(ideal)) if ideal > 0.0 => format!(
+            "scan time {elapsed:.1} s, ideal motion + settling + exposure {ideal:.1} s, ratio {:.3}\n",
+            elapsed / ideal
+        ),
+        _ => "scan time over ideal is known where this command runs the scan itself\n".into(),
+    }
+}
+
+/// Times of a run as JSON.
+pub fn with_times(mut answer: Value, end: Option<RunEnd>) -> Value {
+    if let Some(end) = end {
+        answer["elapsed_s"] = json!(end.elapsed_s);
+        answer["ideal_s"] = json!(end.ideal_s);
+        answer["time_over_ideal"] = match end.ideal_s > 0.0 {
+            true => json!(end.elapsed_s / end.ideal_s),
+            false => Value::Null,
+        };
+    }
+    answer
+}
+
+async fn by_itself(args: &Args, plan: PlanRequest) -> Result<Value, CliError> {
+    let config = daemon::read_config(args.config.as_deref())?;
+    let (simulated, parts, clock) = if args.simulated_rig {
+        let (rig, parts) = SimulatedRig::build(Simulation {
+            time_scale: args.time_scale,
+            ..Simulation::default()
+        })?;
+        let clock = Arc::clone(&rig.clock);
+        (Some(rig), parts, clock)
+    } else {
+        let clock = daemon::real_clock();
+        let parts = daemon::real_rig(&config, &clock)?.ok_or_else(|| {
+            CliError::bad_input(anyhow!(
+                "no daemon runs on {} and no rig is named: start `ridged serve`, or give --config FILE or --simulated-rig",
+                args.data.display()
+            ))
+        })?;
+        (None, parts, clock)
+    };
+    let lab = daemon::open_lab(&args.data, clock, Some(parts)).await?;
+    let done = async {
+        let hands = match &simulated {
+            None => None,
+            Some(rig) => {
+                rig.stock(&lab).await.map_err(daemon::lab_error)?;
+                Some(rig.hands(&lab, true))
+            }
+        };
+        let sample_id = sample_for(&lab, args).await?;
+        let after = lab
+            .store()
+            .last_event_id()
+            .await
+            .map_err(|e| daemon::lab_error(e.into()))?;
+        let request = ScanRequest { sample_id, plan };
+        let scan = lab.start_scan(&request).await.map_err(daemon::lab_error)?;
+        let people = match hands {
+            Some(_) => None,
+            None => Some(People::at_the_terminal()),
+        };
+        let followed = follow(&lab, scan.id, after, people).await;
+        if let Some(hands) = hands {
+            hands.abort();
+        }
+        let state = followed?;
+        let answer = json!({ "id": scan.id, "scan_id": scan.id, "state": state });
+        Ok((state, with_times(answer, lab.run_end(scan.id))))
+    };
+    let outcome = tokio::select! {
+        outcome = done => outcome,
+        ended = daemon::told_to_end() => match ended {
+            Ok(()) => Err(CliError::Interrupted),
+            Err(error) => Err(error),
+        },
+    };
+    lab.shut_down().await;
+    let (state, answer) = outcome?;
+    match state {
+        ScanState::Completed => Ok(answer),
+        other => Err(CliError::no_result(anyhow!(
+            "scan {} is {other}; what it committed is kept",
+            answer["id"]
+        ))),
+    }
+}
+
+/// The sample that the arguments mean.
+async fn sample_for(lab: &Lab, args: &Args) -> Result<i64, CliError> {
+    let wanted = match (&args.sample, args.simulated_rig) {
+        (Some(name), _) => Some(name.as_str()),
+        (None, true) => Some(TRACED_SAMPLE),
+        (None, false) => None,
+    };
+    let mut page = PageRequest {
+        limit: 1000,
+        cursor: None,
+    };
+    loop {
+        let samples = lab
+            .store()
+            .samples(page)
+            .await
+            .map_err(|e| daemon::lab_error(e.into()))?;
+        let found = samples
+            .items
+            .iter()
+            .find(|s| wanted.is_none_or(|name| s.name == name));
+        if let Some(sample) = found {
+            return Ok(sample.id);
+        }
+        match samples.next_cursor {
+            Some(cursor) => page.cursor = Some(cursor),
+            None => return Err(no_sample(wanted)),
+        }
+    }
+}
+
+fn no_sample(wanted: Option<&str>) -> CliError {
+    CliError::bad_input(match wanted {
+        Some(name) => {
+            anyhow!("there is no sample `{name}`; add it on the page or by POST /api/v1/samples")
+        }
+        None => anyhow!(
+            "there is no sample yet; add one on the page or by POST /api/v1/samples, then name it with --sample"
+        ),
+    })
+}
+
+/// People at the terminal who do what a scan asks for and press Enter.
+pub struct People {
+    lines: mpsc::Receiver<Option<()>>,
+}
+
+impl People {
+    /// Listens to the terminal from now on.
+    #[must_use]
+    pub fn at_the_terminal() -> People {
+        let (sender, lines) = mpsc::channel(4);
+        // A read cannot be cancelled: it has a thread of its own that dies with the process.
+        std::thread::spawn(move || {
+            let mut line = String::new();
+            loop {
+                line.clear();
+                let read = std::io::stdin().lock().read_line(&mut line);
+                let more = matches!(read, Ok(n) if n > 0);
+                if sender.blocking_send(more.then_some(())).is_err() || !more {
+                    return;
+                }
+            }
+        });
+        People { lines }
+    }
+
+    async fn say_when_done(&mut self, bar: &Bar, action: OperatorAction) -> Result<(), CliError> {
+        // What was typed before the question is no answer to it.
+        while let Ok(Some(())) = self.lines.try_recv() {}
+        let hint = if std::io::stdin().is_terminal() {
+            " [Enter]"
+        } else {
+            ""
+        };
+        bar.say(&format!("{}{hint}", action.message()));
+        match self.lines.recv().await {
+            Some(Some(())) => Ok(()),
+            _ => Err(CliError::no_result(anyhow!(
+                "the scan needs a person ({}), but nobody is at the terminal; run it by `ridged serve` and the page",
+                action.message()
+            ))),
+        }
+    }
+}
+
+/// Follows a scan of this process to its end, or to where it needs a person who is not there.
+///
+/// # Errors
+/// No result where it pauses by itself.
+pub async fn follow(
+    lab: &Lab,
+    scan_id: i64,
+    mut after: i64,
+    mut people: Option<People>,
+) -> Result<ScanState, CliError> {
+    let bar = Bar::new("frames");
+    loop {
+        let mut step = None;
+        let mut paused = None;
+        let scan = lab
+            .wait_for_scan(scan_id, after, |event| {
+                after = event.id;
+                match &event.event {
+                    Event::Scan {
+                        state,
+                        operator,
+                        reason,
+                        progress,
+                        ..
+                    } => {
+                        bar.show(
+                            u64::from(progress.frames_done),
+                            u64::from(progress.frames_total),
+                            state.as_str(),
+                        );
+                        step = *operator;
+                        if *state == ScanState::Paused {
+                            paused = reason.clone();
+                        }
+                        (step.is_some() && people.is_some()) || paused.is_some()
+                    }
+                    Event::Frame { progress, kind, .. } => {
+                        bar.show(
+                            u64::from(progress.frames_done),
+                            u64::from(progress.frames_total),
+                            kind.as_str(),
+                        );
+                        false
+                    }
+                    _ => false,
+                }
+            })
+            .await
+            .map_err(daemon::lab_error)?;
+        if let Some(reason) = paused {
+            bar.clear();
+            return Err(CliError::no_result(anyhow!(
+                "scan {scan_id} is paused: {reason} (its points are kept; resume it by `ridged serve`)"
+            )));
+        }
+        if scan.state.is_end() || scan.state == ScanState::Interrupted {
+            bar.clear();
+            if let (ScanState::Failed, Some(reason)) = (scan.state, &scan.reason) {
+                return Err(CliError::no_result(anyhow!(
+                    "scan {scan_id} failed: {reason}"
+                )));
+            }
+            return Ok(scan.state);
+        }
+        if let (Some(action), Some(people)) = (step, &mut people) {
+            people.say_when_done(&bar, action).await?;
+            lab.order(scan_id, Order::Continue)
+                .await
+                .map_err(daemon::lab_error)?;
+        }
+    }
+}
+
+fn by_daemon(client: &Client, args: &Args, plan: &PlanRequest) -> Result<Value, CliError> {
+    if args.config.is_some() || args.simulated_rig {
+        return Err(CliError::bad_input(anyhow!(
+            "a daemon runs on {} ({}): it has its own rig; leave out --config and --simulated-rig, or take another --data",
+            args.data.display(),
+            client.url
+        )));
+    }
+    let sample_id = daemons_sample(client, args.sample.as_deref())?;
+    let simulated = client.get("/rig")?["simulated"] == true;
+    let body = json!({ "sample_id": sample_id, "plan": plan });
+    let begun = client.post("/scans", Some(&body))?;
+    let id = begun["id"].as_i64().unwrap_or_default();
+    let stopped = super::interrupt::flag()?;
+    let mut people = (!simulated).then(People::at_the_terminal);
+    let bar = Bar::new("frames");
+    let state = loop {
+        let scan = client.get(&format!("/scans/{id}"))?;
+        let state = scan["state"].as_str().unwrap_or_default().to_owned();
+        let progress = &scan["progress"];
+        let number = |key: &str| progress[key].as_u64().unwrap_or(0);
+        bar.show(number("frames_done"), number("frames_total"), &state);
+        if stopped.load(std::sync::atomic::Ordering::Relaxed) {
+            bar.clear();
+            client.post(&format!("/scans/{id}/pause"), None).ok();
+            tracing::warn!(
+                "scan {id} pauses after this point; resume or abort it on {}",
+                client.url
+            );
+            return Err(CliError::Interrupted);
+        }
+        match state.as_str() {
+            "completed" | "aborted" | "failed" | "interrupted" => break state,
+            "paused" => {
+                bar.clear();
+                let reason = scan["reason"].as_str().unwrap_or("by somebody");
+                return Err(CliError::no_result(anyhow!(
+                    "scan {id} is paused: {reason}; resume it on {}",
+                    client.url
+                )));
+            }
+            "waiting-for-operator" => {
+                let action = scan["operator"]["action"]
+                    .as_str()
+                    .and_then(OperatorAction::from_word);
+                if let (Some(people), Some(action)) = (&mut people, action) {
+                    daemon::block_on(people.say_when_done(&bar, action))?;
+                }
+                client.post(&format!("/scans/{id}/continue"), None)?;
+            }
+            _ => std::thread::sleep(Duration::from_millis(200)),
+        }
+    };
+    bar.clear();
+    if state != "completed" {
+        return Err(CliError::no_result(anyhow!(
+            "scan {id} is {state}; what it committed is kept"
+        )));
+    }
+    Ok(json!({ "id": id, "scan_id": id, "state": state }))
+}
+
+fn daemons_sample(client: &Client, wanted: Option<&str>) -> Result<i64, CliError> {
+    let samples = client.get("/samples?limit=1000")?;
+    let items = samples["items"].as_array().cloned().unwrap_or_default();
+    items
+        .iter()
+        .find(|s| wanted.is_none_or(|name| s["name"] == name))
+        .and_then(|s| s["id"].as_i64())
+        .ok_or_else(|| no_sample(wanted))
+}

@@ -1,0 +1,121 @@
+//! `ridged serve`: the daemon.
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use super::CliError;
+use super::daemon::{self, Daemon};
+use super::simulated::{SimulatedRig, Simulation};
+use crate::api::server::{self, ListenError};
+
+/// Runs the daemon: page, HTTP interface, rig.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  ridged serve --simulated-rig                 a simulated rig to play with
+  ridged serve --config rig.toml               a real one (copy ridged.example.toml)
+When it is ready it prints one line: listening on http://127.0.0.1:8787")]
+pub struct Args {
+    /// Settings of the rig (TOML).
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Loopback address to listen on; port 0 takes a free one [default: 127.0.0.1:8787].
+    #[arg(long, value_name = "ADDR")]
+    pub listen: Option<String>,
+    /// Data folder [default: ridged-data].
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// Drive a simulated rig instead of the one in the settings.
+    #[arg(long)]
+    pub simulated_rig: bool,
+    /// How much faster than life the simulated rig runs.
+    #[arg(
+        long,
+        value_name = "X",
+        default_value_t = 1.0,
+        requires = "simulated_rig"
+    )]
+    pub time_scale: f64,
+    /// Seed of the simulated rig.
+    #[arg(
+        long,
+        value_name = "S",
+        default_value_t = 1,
+        requires = "simulated_rig"
+    )]
+    pub seed: u64,
+}
+
+/// Runs until Ctrl-C or SIGTERM.
+///
+/// # Errors
+/// Bad input for settings or an address that cannot be used; no result if address or data folder
+/// are taken.
+pub fn run(args: Args) -> Result<(), CliError> {
+    daemon::block_on(serve(args))
+}
+
+async fn serve(args: Args) -> Result<(), CliError> {
+    let config = daemon::read_config(args.config.as_deref())?;
+    let listen = args.listen.unwrap_or_else(|| config.server.listen.clone());
+    let listener = server::bind(&listen).await.map_err(listen_error)?;
+    let folder = args.data.unwrap_or_else(|| config.store.folder.clone());
+    let (simulated, parts, clock) = if args.simulated_rig {
+        let (rig, parts) = SimulatedRig::build(Simulation {
+            time_scale: args.time_scale,
+            seed: args.seed,
+            ..Simulation::default()
+        })?;
+        let clock = Arc::clone(&rig.clock);
+        (Some(rig), Some(parts), clock)
+    } else {
+        let clock = daemon::real_clock();
+        let parts = daemon::real_rig(&config, &clock)?;
+        if parts.is_none() {
+            tracing::warn!(
+                "no rig: the settings name no port; stored scans can be looked at and fitted \
+                 (--config FILE for a rig, --simulated-rig to try one)"
+            );
+        }
+        (None, parts, clock)
+    };
+    let lab = daemon::open_lab(&folder, clock, parts).await?;
+    let hands = match &simulated {
+        None => None,
+        Some(rig) => {
+            rig.stock(&lab).await.map_err(daemon::lab_error)?;
+            Some(rig.hands(&lab, false))
+        }
+    };
+    let daemon = Daemon::start(lab, listener)?;
+    let ready = writeln!(std::io::stdout(), "listening on {}", daemon.url)
+        .and_then(|()| std::io::stdout().flush());
+    ready.map_err(CliError::no_result)?;
+    // Connect now, so that trouble with the port is told before somebody wants to scan.
+    let lab = daemon.lab.clone();
+    let connecting = tokio::spawn(async move {
+        if let Ok(view) = lab.rig().await
+            && let Some((code, detail)) = view.problem
+        {
+            tracing::error!(code, "{detail}");
+        }
+    });
+    daemon::told_to_end().await?;
+    tracing::info!("stopping: rig first, then connections, then the store");
+    connecting.abort();
+    daemon.end().await;
+    if let Some(hands) = hands {
+        hands.abort();
+    }
+    Ok(())
+}
+
+/// An address that makes no sense or is no loopback is the user's mistake; a taken one is not.
+pub fn listen_error(error: ListenError) -> CliError {
+    match error {
+        ListenError::Bind { .. } => CliError::no_result(error),
+        ListenError::Malformed { .. } | ListenError::NotLoopback { .. } => {
+            CliError::bad_input(error)
+        }
+    }
+}

@@ -1,0 +1,296 @@
+//! The simulated rig behind `serve --simulated-rig`, `scan --simulated-rig` and `demo`: one world,
+//! seen by a controller on a pseudo-terminal and by a camera, and the hands that act in it.
+//!
+//! The daemon reaches the stages through the pseudo-terminal and the protocol alone, as on a bench.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::CliError;
+use super::daemon::{runner_settings, watch_scan_steps};
+use crate::bench::Camera;
+use crate::bench::stage::{NoFaults, PortAddress, StageSettings};
+use crate::clock::{Clock, ScaledClock};
+use crate::lab::{Lab, LabError, RigParts, RigSettings};
+use crate::material::Material;
+use crate::model::{Surface, Variant};
+use crate::scan::plan::PlanDefaults;
+use crate::scan::runner::Order;
+use crate::scan::{OperatorAction, Rig, StageLink};
+use crate::sim::camera::{SampleHandle, SimulatedCamera, SimulatedCameraSettings};
+use crate::sim::sample::Sample;
+use crate::sim::server::{PtyServer, serve_pty};
+use crate::sim::world::{Mounting, OnTable, World, WorldSettings};
+use crate::store::PageRequest;
+use crate::store::samples::{NewSample, SimulatedSurface};
+use crate::units::Angle;
+
+/// What may be different about a simulated rig.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Simulation {
+    /// How much faster than life.
+    pub time_scale: f64,
+    /// Seed of noise, fixed pattern and mechanics.
+    pub seed: u64,
+    /// True minus recorded azimuth.
+    pub azimuth_offset: Angle,
+    /// True minus recorded tilt.
+    pub tilt_offset: Angle,
+}
+
+impl Default for Simulation {
+    fn default() -> Self {
+        Simulation {
+            time_scale: 1.0,
+            seed: 1,
+            azimuth_offset: Angle::ZERO,
+            tilt_offset: Angle::ZERO,
+        }
+    }
+}
+
+/// A simulated rig; it is there as long as this value is.
+pub struct SimulatedRig {
+    /// Its time.
+    pub clock: Arc<dyn Clock>,
+    /// Axes, table and lens cap.
+    pub world: Arc<World>,
+    on_table: SampleHandle,
+    _controller: PtyServer,
+}
+
+/// Names of the samples that a fresh store gets beside a simulated rig.
+pub const TRACED_SAMPLE: &str = "traced polymer";
+const MODEL_SAMPLE: &str = "model 15°";
+
+const POLYMER: Material = Material::Dielectric {
+    eta: 1.54,
+    eta_std: 0.005,
+};
+
+impl SimulatedRig {
+    /// Builds world, controller and camera, with real time run at the time scale.
+    ///
+    /// # Errors
+    /// No result if the system has no pseudo-terminal; bad input for a time scale or offsets that
+    /// make no sense.
+    pub fn build(simulation: Simulation) -> Result<(SimulatedRig, RigParts), CliError> {
+        SimulatedRig::with_clock(
+            simulation,
+            Arc::new(ScaledClock::new(simulation.time_scale)),
+        )
+    }
+
+    /// The same on a clock of the caller's.
+    ///
+    /// # Errors
+    /// As [`SimulatedRig::build`].
+    pub fn with_clock(
+        simulation: Simulation,
+        clock: Arc<dyn Clock>,
+    ) -> Result<(SimulatedRig, RigParts), CliError> {
+        let Simulation {
+            time_scale,
+            seed,
+            azimuth_offset,
+            tilt_offset,
+        } = simulation;
+        if !(0.01..=1000.0).contains(&time_scale) {
+            return Err(CliError::bad_input(anyhow::anyhow!(
+                "--time-scale {time_scale} is not within 0.01 to 1000"
+            )));
+        }
+        for (name, angle, max_deg) in [
+            ("--azimuth-offset-deg", azimuth_offset, 180.0),
+            ("--tilt-offset-deg", tilt_offset, 5.0),
+        ] {
+            if !angle.is_finite() || angle.abs() > Angle::from_deg(max_deg) {
+                return Err(CliError::bad_input(anyhow::anyhow!(
+                    "{name} {} is not within −{max_deg} to {max_deg}",
+                    angle.deg()
+                )));
+            }
+        }
+        let world = Arc::new(World::new(
+            Arc::clone(&clock),
+            WorldSettings {
+                mounting: Mounting {
+                    azimuth_offset,
+                    tilt_offset,
+                },
+                seed,
+                ..WorldSettings::default()
+            },
+        ));
+        let controller = serve_pty(Arc::clone(&world)).map_err(|error| {
+            CliError::no_result(anyhow::anyhow!(
+                "the system gives no pseudo-terminal for the simulated rig: {error}"
+            ))
+        })?;
+        let camera = SimulatedCamera::new(
+            Arc::clone(&world),
+            SimulatedCameraSettings {
+                seed,
+                ..SimulatedCameraSettings::default()
+            },
+            Sample::polymer_10(),
+            Arc::clone(&clock),
+        );
+        let on_table = camera.sample_handle();
+        let settings = settings(&camera, simulation);
+        let link = StageLink {
+            port: PortAddress::Serial {
+                path: controller.path().to_owned(),
+            },
+            settings: StageSettings::simulated(),
+            clock: Arc::clone(&clock),
+            seam: Arc::new(NoFaults),
+        };
+        let parts = RigParts {
+            rig: Rig::new(link, Box::new(camera)),
+            settings,
+        };
+        let rig = SimulatedRig {
+            clock,
+            world,
+            on_table,
+            _controller: controller,
+        };
+        Ok((rig, parts))
+    }
+
+    /// Gives a store without samples the two that the simulated rig can show at once.
+    ///
+    /// # Errors
+    /// What the store says.
+    pub async fn stock(&self, lab: &Lab) -> Result<(), LabError> {
+        let any = PageRequest {
+            limit: 1,
+            cursor: None,
+        };
+        if !lab.store().samples(any).await?.items.is_empty() {
+            return Ok(());
+        }
+        let model = SimulatedSurface::Model {
+            theta_r_deg: 15.0,
+            alpha_u: 0.10,
+            alpha_v: 0.10,
+            rho_d: 0.30,
+        };
+        for (name, surface) in [
+            (MODEL_SAMPLE, model),
+            (TRACED_SAMPLE, SimulatedSurface::Traced),
+        ] {
+            lab.store()
+                .add_sample(&NewSample {
+                    name: name.into(),
+                    material: POLYMER,
+                    note: None,
+                    simulated: Some(surface),
+                })
+                .await?;
+        }
+        Ok(())
+    }
+
+    /// Starts the hands: whenever a scan waits for a person they do at once, in the world, what it
+    /// asks for. With `and_continue` they also say so; else the scan waits for a person's word.
+    pub fn hands(&self, lab: &Lab, and_continue: bool) -> tokio::task::JoinHandle<()> {
+        let world = Arc::clone(&self.world);
+        let on_table = self.on_table.clone();
+        let lab = lab.clone();
+        tokio::spawn(async move {
+            let mut steps = watch_scan_steps(&lab);
+            while let Some((scan_id, action)) = steps.recv().await {
+                act(&lab, &world, &on_table, scan_id, action).await;
+                if and_continue {
+                    let continued = lab.order(scan_id, Order::Continue).await;
+                    if let Err(error) = continued {
+                        tracing::debug!(scan_id, %error, "nothing to continue: {error}");
+                    }
+                }
+            }
+        })
+    }
+}
+
+async fn act(
+    lab: &Lab,
+    world: &World,
+    on_table: &SampleHandle,
+    scan_id: i64,
+    action: OperatorAction,
+) {
+    match action {
+        OperatorAction::CapLens => world.cap_lens(true),
+        OperatorAction::PlaceWhiteReference => {
+            world.cap_lens(false);
+            world.place(OnTable::WhiteReference);
+        }
+        OperatorAction::PlaceSample => {
+            let sample = async {
+                let scan = lab.store().scan(scan_id).await?;
+                lab.store().sample(scan.sample_id).await
+            };
+            match sample.await {
+                Ok(sample) => on_table.set(painted(sample.simulated, sample.material)),
+                Err(error) => tracing::warn!(%error, "the sample is not known: {error}"),
+            }
+            world.cap_lens(false);
+            world.place(OnTable::Sample);
+        }
+    }
+}
+
+/// What a sample of the store looks like to the simulated camera.
+fn painted(surface: Option<SimulatedSurface>, material: Material) -> Sample {
+    match surface {
+        None | Some(SimulatedSurface::Traced) => Sample::polymer_10(),
+        Some(SimulatedSurface::Model {
+            theta_r_deg,
+            alpha_u,
+            alpha_v,
+            rho_d,
+        }) => Sample::Model {
+            variant: Variant::Sawtooth,
+            surface: Surface {
+                theta_r: theta_r_deg.to_radians(),
+                alpha_u,
+                alpha_v,
+                rho_d,
+                amplitude: 1.0,
+            },
+            material,
+        },
+    }
+}
+
+fn settings(camera: &SimulatedCamera, simulation: Simulation) -> RigSettings {
+    let manifest = camera.manifest();
+    let exposures_s = manifest.camera.exposures_s.clone();
+    RigSettings {
+        defaults: PlanDefaults {
+            flat_exposures_s: exposures_s.clone(),
+            exposures_s,
+            dark_repeats: 4,
+            flat_repeats: 1,
+        },
+        runner: runner_settings(&manifest.camera, 3, 200, 100.0),
+        rig: manifest.rig,
+        camera: manifest.camera,
+        flat: manifest
+            .flat
+            .expect("the simulated rig has a white reference"),
+        dark_valid: Duration::from_secs(24 * 3600),
+        flat_valid: Duration::from_secs(24 * 3600),
+        simulated: Some(simulation.time_scale),
+        // Another world is another rig: its calibrations do not count here.
+        label: format!(
+            "simulated, {}, seed {}, offsets {:.6} {:.6}",
+            camera.describe(),
+            simulation.seed,
+            simulation.azimuth_offset,
+            simulation.tilt_offset
+        ),
+    }
+}

@@ -1,0 +1,98 @@
+//! A lab with a simulated rig in a folder that goes away: what the tests of the whole begin with.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use ridged::cli::simulated::{SimulatedRig, Simulation};
+use ridged::clock::{Clock, SteppedClock};
+use ridged::lab::{Lab, ScanRequest};
+use ridged::scan::plan::{DarkRequest, FlatRequest, Values};
+use ridged::scan::{PlanRequest, ScanState};
+use ridged::store::disk::{Disk, RealDisk};
+use ridged::store::scans::Scan;
+
+/// A lab, its rig and its folder.
+pub struct BenchInABox {
+    pub lab: Lab,
+    pub rig: SimulatedRig,
+    hands: Option<tokio::task::JoinHandle<()>>,
+    folder: Option<tempfile::TempDir>,
+}
+
+impl BenchInABox {
+    /// A fresh one whose hands do every step and say so; time moves only when somebody waits.
+    pub async fn new() -> Self {
+        BenchInABox::with(Arc::new(RealDisk), true).await
+    }
+
+    pub async fn with(disk: Arc<dyn Disk>, hands: bool) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let mut bench = BenchInABox::open(folder.path(), disk, hands).await;
+        bench.folder = Some(folder);
+        bench
+    }
+
+    pub async fn open(folder: &Path, disk: Arc<dyn Disk>, hands: bool) -> Self {
+        let clock: Arc<dyn Clock> = Arc::new(SteppedClock::new());
+        let (rig, parts) = SimulatedRig::with_clock(Simulation::default(), clock).unwrap();
+        let (lab, _) = Lab::open(folder, disk, Arc::clone(&rig.clock), Some(parts))
+            .await
+            .unwrap();
+        rig.stock(&lab).await.unwrap();
+        let hands = hands.then(|| rig.hands(&lab, true));
+        BenchInABox {
+            lab,
+            rig,
+            hands,
+            folder: None,
+        }
+    }
+
+    /// Starts a scan of the traced polymer.
+    pub async fn start(&self, plan: PlanRequest) -> Scan {
+        let request = ScanRequest { sample_id: 2, plan };
+        self.lab.start_scan(&request).await.unwrap()
+    }
+
+    /// Waits until a scan is over or interrupted.
+    pub async fn finish(&self, scan_id: i64) -> Scan {
+        self.lab.wait_for_scan(scan_id, 0, |_| false).await.unwrap()
+    }
+
+    /// Waits until a scan has come to a state.
+    pub async fn until(&self, scan_id: i64, state: ScanState) {
+        let after = self.lab.store().last_event_id().await.unwrap();
+        if self.lab.store().scan(scan_id).await.unwrap().state == state {
+            return;
+        }
+        let came = self.lab.wait_for_scan(scan_id, after.saturating_sub(5), |event| {
+            matches!(&event.event, ridged::scan::Event::Scan { state: now, .. } if *now == state)
+        });
+        let scan = came.await.unwrap();
+        assert_eq!(scan.state, state, "{:?}", scan.reason);
+    }
+
+    /// Ends it as a daemon ends.
+    pub async fn end(self) {
+        self.lab.shut_down().await;
+        if let Some(hands) = self.hands {
+            hands.abort();
+        }
+        drop(self.folder);
+    }
+}
+
+/// A plan of these poses with one exposure, one dark frame and the white reference at its tilts.
+pub fn small(theta_c_deg: &[f64], phi_s_deg: &[f64]) -> PlanRequest {
+    PlanRequest {
+        theta_c_deg: Some(Values::List(theta_c_deg.to_vec())),
+        phi_s_deg: Some(Values::List(phi_s_deg.to_vec())),
+        exposures_s: Some(vec![0.02]),
+        dark: DarkRequest { repeats: Some(1) },
+        flat: FlatRequest {
+            exposures_s: Some(vec![0.02]),
+            ..FlatRequest::default()
+        },
+        ..PlanRequest::default()
+    }
+}

@@ -1,0 +1,427 @@
+//! The program itself: exit codes, messages, a kill in mid-scan.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+
+use serde_json::Value;
+
+fn ridged(folder: &Path, args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_ridged"))
+        .args(args)
+        .current_dir(folder)
+        .env("RIDGED_LOG", "off")
+        .stdin(Stdio::null())
+        .output()
+        .unwrap()
+}
+
+/// Asserts an exit code and that the message names all of `words`.
+fn refuses(folder: &Path, args: &[&str], code: i32, words: &[&str]) {
+    let output = ridged(folder, args);
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{args:?}: {message}");
+    assert!(output.stdout.is_empty(), "{args:?}");
+    for word in words {
+        assert!(
+            message.contains(word),
+            "{args:?}: `{word}` is not in: {message}"
+        );
+    }
+    assert!(!message.contains("panicked"), "{message}");
+}
+
+fn example(port: &str, camera: &Path) -> String {
+    include_str!("../../ridged.example.toml")
+        .lines()
+        .map(|line| {
+            if line.starts_with("port = ") {
+                format!("port = \"{port}\"\n")
+            } else if line.starts_with("folder = \"/var") {
+                format!("folder = \"{}\"\n", camera.display())
+            } else if line.starts_with("command = ") {
+                "command = []\n".into()
+            } else {
+                format!("{line}\n")
+            }
+        })
+        .collect()
+}
+
+#[test]
+fn bad_input_exits_2_and_says_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let write = |name: &str, text: &str| std::fs::write(at.join(name), text).unwrap();
+    write("garbled.toml", "\u{1}\u{2}[[[");
+    refuses(
+        at,
+        &["serve", "--config", "garbled.toml"],
+        2,
+        &["garbled.toml", "line 1"],
+    );
+    write("unknown.toml", "[camera]\nwidht_px = 3\n");
+    refuses(
+        at,
+        &["serve", "--config", "unknown.toml"],
+        2,
+        &["unknown.toml", "line 2", "widht_px", "width_px"],
+    );
+    refuses(at, &["serve", "--config", "none.toml"], 2, &["none.toml"]);
+    refuses(
+        at,
+        &["serve", "--listen", "0.0.0.0:0"],
+        2,
+        &["access control", "SSH"],
+    );
+    refuses(at, &["serve", "--listen", "here"], 2, &["127.0.0.1:8787"]);
+    write("far.toml", "theta_c_deg = [0, 75]\nphi_s_deg = [0]\n");
+    refuses(
+        at,
+        &["scan", "far.toml", "--simulated-rig", "--data", "d"],
+        2,
+        &["plan.theta_c_deg[1]", "75", "60"],
+    );
+    write("nan.toml", "theta_c_deg = [nan]\nphi_s_deg = []\n");
+    refuses(
+        at,
+        &["scan", "nan.toml", "--simulated-rig", "--data", "d"],
+        2,
+        &["plan.theta_c_deg[0]", "finite", "plan.phi_s_deg"],
+    );
+    write("typo.toml", "preset = \"paper\"\nexposure = 1\n");
+    refuses(
+        at,
+        &["scan", "typo.toml", "--simulated-rig", "--data", "d"],
+        2,
+        &["typo.toml", "exposure", "exposures_s"],
+    );
+    refuses(
+        at,
+        &["scan", "--preset", "paper", "--data", "d2"],
+        2,
+        &["ridged serve", "--config"],
+    );
+    std::fs::create_dir(at.join("empty")).unwrap();
+    refuses(
+        at,
+        &["import", "empty", "--data", "d3"],
+        2,
+        &["manifest.toml"],
+    );
+    assert!(!at.join("d3").exists(), "a refused import leaves no store");
+    refuses(
+        at,
+        &["export", "--scan", "1", "--out", "o", "--data", "d3"],
+        2,
+        &["no store"],
+    );
+    refuses(
+        at,
+        &["fit", "--scan", "1", "--data", "d3"],
+        2,
+        &["no store"],
+    );
+}
+
+#[test]
+fn a_truncated_frame_is_named_and_nothing_is_imported() {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/polymer-10");
+    let folder = tempfile::tempdir().unwrap();
+    let series = folder.path().join("series");
+    std::fs::create_dir_all(series.join("frames")).unwrap();
+    std::fs::copy(source.join("manifest.toml"), series.join("manifest.toml")).unwrap();
+    let list = std::fs::read_to_string(source.join("frames.csv")).unwrap();
+    let few: Vec<&str> = list.lines().take(4).collect();
+    std::fs::write(series.join("frames.csv"), few.join("\n") + "\n").unwrap();
+    for line in &few[1..] {
+        let file = line.split(',').next().unwrap();
+        std::fs::copy(source.join(file), series.join(file)).unwrap();
+    }
+    let broken = few[2].split(',').next().unwrap();
+    let bytes = std::fs::read(series.join(broken)).unwrap();
+    std::fs::write(series.join(broken), &bytes[..bytes.len() / 2]).unwrap();
+    refuses(
+        folder.path(),
+        &["import", "series"],
+        2,
+        &[broken, "--skip-unreadable"],
+    );
+    let output = ridged(
+        folder.path(),
+        &["import", "series", "--skip-unreadable", "--json"],
+    );
+    let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(answer["n_frames"], 2);
+    assert!(answer["skipped"][0].as_str().unwrap().contains(broken));
+}
+
+#[test]
+fn a_port_that_is_missing_exits_1_and_is_503_to_a_client() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let camera = at.join("frames");
+    std::fs::create_dir(&camera).unwrap();
+    let config = example("/dev/serial/by-id/none-there", &camera);
+    std::fs::write(at.join("rig.toml"), config).unwrap();
+    let mut daemon = Daemon::start(at, &["--config", "rig.toml"]);
+    let sample = daemon.post(
+        "/samples",
+        r#"{"name": "s", "material": {"kind": "dielectric", "eta": 1.5, "eta_std": 0.01}}"#,
+    );
+    assert_eq!(sample.0, 201, "{}", sample.1);
+    let refused = daemon.post("/scans", r#"{"sample_id": 1, "plan": {"preset": "paper"}}"#);
+    assert_eq!(
+        (refused.0, &refused.1["code"]),
+        (503, &"port-missing".into())
+    );
+    assert_eq!(daemon.get("/rig").1["connected"], false);
+    assert_eq!(daemon.get_at("/readyz").0, 503);
+    // Asked of the daemon, the command says the same.
+    refuses(
+        at,
+        &["scan", "--preset", "paper", "--data", "data"],
+        1,
+        &["none-there"],
+    );
+    assert!(daemon.terminate().success());
+    // And by itself too.
+    refuses(
+        at,
+        &[
+            "scan", "--preset", "paper", "--data", "data", "--config", "rig.toml",
+        ],
+        1,
+        &["none-there"],
+    );
+}
+
+#[test]
+fn a_second_daemon_on_one_folder_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut daemon = Daemon::start(folder.path(), &["--simulated-rig"]);
+    refuses(
+        folder.path(),
+        &[
+            "serve",
+            "--simulated-rig",
+            "--listen",
+            "127.0.0.1:0",
+            "--data",
+            "data",
+        ],
+        1,
+        &["in use", "--data"],
+    );
+    assert!(daemon.terminate().success());
+}
+
+#[test]
+fn a_kill_in_mid_scan_leaves_every_committed_frame_and_the_scan_interrupted() {
+    let folder = tempfile::tempdir().unwrap();
+    let args = ["--simulated-rig", "--time-scale", "20"];
+    let mut daemon = Daemon::start(folder.path(), &args);
+    let begun = daemon.post("/scans", r#"{"sample_id": 2, "plan": {"preset": "full"}}"#);
+    assert_eq!(begun.0, 202, "{}", begun.1);
+    let mut frames = Vec::new();
+    daemon.follow(|daemon, event| {
+        match event["type"].as_str() {
+            Some("scan") if event["state"] == "waiting-for-operator" => {
+                assert_eq!(daemon.post("/scans/1/continue", "").0, 202);
+            }
+            Some("frame") => frames.push(event["frame_id"].as_i64().unwrap()),
+            _ => {}
+        }
+        frames.len() < 60
+    });
+    daemon.child.kill().unwrap();
+    daemon.child.wait().unwrap();
+
+    let mut daemon = Daemon::start(folder.path(), &args);
+    let scan = daemon.get("/scans/1").1;
+    assert_eq!(scan["state"], "interrupted");
+    // Every frame that was told is there, and its file is what its row says.
+    for id in &frames {
+        let (status, frame) = daemon.get(&format!("/frames/{id}"));
+        assert_eq!(status, 200);
+        let (status, png) = daemon.bytes(frame["image"].as_str().unwrap());
+        assert_eq!(status, 200);
+        assert_eq!(
+            ridged::store::frames::sha256_hex(&png),
+            frame["sha256"].as_str().unwrap()
+        );
+    }
+    // And the scan can be taken up again.
+    let resumed = daemon.post("/scans/1/resume", "");
+    assert_eq!(resumed.0, 202, "{}", resumed.1);
+    let aborted = daemon.post("/scans/1/abort", "");
+    assert_eq!(aborted.0, 202, "{}", aborted.1);
+    assert!(daemon.terminate().success());
+}
+
+/// A daemon as a process of its own.
+struct Daemon {
+    child: Child,
+    url: String,
+    /// Number of the last event seen by [`Daemon::follow`].
+    last_event: i64,
+}
+
+impl Daemon {
+    fn start(folder: &Path, args: &[&str]) -> Daemon {
+        let data: PathBuf = folder.join("data");
+        let mut child = Command::new(env!("CARGO_BIN_EXE_ridged"))
+            .args(["serve", "--listen", "127.0.0.1:0", "--data"])
+            .arg(data)
+            .args(args)
+            .current_dir(folder)
+            .env("RIDGED_LOG", "off")
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap())
+            .read_line(&mut line)
+            .unwrap();
+        let url = line
+            .trim()
+            .strip_prefix("listening on ")
+            .unwrap_or_else(|| panic!("the daemon says `{line}`"))
+            .to_owned();
+        Daemon {
+            child,
+            url,
+            last_event: 0,
+        }
+    }
+
+    fn agent() -> ureq::Agent {
+        ureq::Agent::config_builder()
+            .http_status_as_error(false)
+            .build()
+            .into()
+    }
+
+    fn bytes(&self, path: &str) -> (u16, Vec<u8>) {
+        let mut answer = Daemon::agent()
+            .get(format!("{}{path}", self.url))
+            .call()
+            .unwrap();
+        let status = answer.status().as_u16();
+        (status, answer.body_mut().read_to_vec().unwrap())
+    }
+
+    fn get_at(&self, path: &str) -> (u16, Value) {
+        let (status, body) = self.bytes(path);
+        (status, serde_json::from_slice(&body).unwrap())
+    }
+
+    fn get(&self, path: &str) -> (u16, Value) {
+        self.get_at(&format!("/api/v1{path}"))
+    }
+
+    fn post(&self, path: &str, body: &str) -> (u16, Value) {
+        let request = Daemon::agent().post(format!("{}/api/v1{path}", self.url));
+        let mut answer = match body {
+            "" => request.send_empty().unwrap(),
+            body => request
+                .header("content-type", "application/json")
+                .send(body)
+                .unwrap(),
+        };
+        let status = answer.status().as_u16();
+        (status, answer.body_mut().read_json().unwrap())
+    }
+
+    /// Reads the events as they come, until `more` says that it has seen enough.
+    fn follow(&mut self, mut more: impl FnMut(&Daemon, &Value) -> bool) {
+        let host = self.url.strip_prefix("http://").unwrap().to_owned();
+        let mut stream = TcpStream::connect(&host).unwrap();
+        write!(
+            stream,
+            "GET /api/v1/events?since={} HTTP/1.1\r\nHost: {host}\r\n\r\n",
+            self.last_event
+        )
+        .unwrap();
+        let mut reader = BufReader::new(stream);
+        let mut line = String::new();
+        loop {
+            line.clear();
+            assert!(
+                reader.read_line(&mut line).unwrap() > 0,
+                "the events broke off"
+            );
+            if let Some(data) = line.strip_prefix("data: ") {
+                let event: Value = serde_json::from_str(data).unwrap();
+                self.last_event = event["id"].as_i64().unwrap();
+                if !more(self, &event) {
+                    return;
+                }
+            }
+        }
+    }
+
+    /// Ends it as a service manager does.
+    fn terminate(&mut self) -> std::process::ExitStatus {
+        let pid = rustix::process::Pid::from_child(&self.child);
+        rustix::process::kill_process(pid, rustix::process::Signal::TERM).unwrap();
+        self.child.wait().unwrap()
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        // A test that failed leaves nothing running.
+        if matches!(self.child.try_wait(), Ok(None)) {
+            self.child.kill().ok();
+            self.child.wait().ok();
+        }
+    }
+}
+
+#[test]
+fn the_demo_prints_the_truth_beside_the_fit() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut demo = Command::new(env!("CARGO_BIN_EXE_ridged"))
+        .args([
+            "demo",
+            "--once",
+            "--json",
+            "--seed",
+            "3",
+            "--azimuth-offset-deg",
+            "7",
+        ])
+        .args(["--tilt-offset-deg", "0.4", "--time-scale", "50"])
+        .current_dir(folder.path())
+        .env("RIDGED_LOG", "off")
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut text = String::new();
+    demo.stdout
+        .take()
+        .unwrap()
+        .read_to_string(&mut text)
+        .unwrap();
+    assert!(demo.wait().unwrap().success());
+    let shown: Value = serde_json::from_str(&text).unwrap();
+    for key in [
+        "theta_r_deg",
+        "alpha_u",
+        "alpha_v",
+        "rho_d",
+        "azimuth_offset_deg",
+        "tilt_offset_deg",
+    ] {
+        let truth = shown["truth"][key].as_f64().unwrap();
+        let parameter = &shown["fit"]["parameters"][key];
+        let value = parameter["value"].as_f64().unwrap();
+        let expanded = parameter["expanded"].as_f64().unwrap();
+        assert!(
+            (value - truth).abs() <= expanded,
+            "{key}: {value} ± {expanded}, true {truth}"
+        );
+    }
+}

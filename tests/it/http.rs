@@ -1,0 +1,442 @@
+//! The HTTP interface, called directly: forms, problems, guards, and the document that describes it.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use axum::Router;
+use axum::body::{Body, to_bytes};
+use axum::http::{Request, StatusCode, header};
+use serde_json::{Value, json};
+use tokio_util::sync::CancellationToken;
+use tower::ServiceExt;
+
+use ridged::api;
+use ridged::scan::ScanState;
+use ridged::store::disk::RealDisk;
+
+use crate::bench_in_a_box::BenchInABox;
+
+fn router(bench: &BenchInABox) -> Router {
+    api::router(
+        bench.lab.clone(),
+        Arc::new(String::new),
+        CancellationToken::new(),
+    )
+}
+
+/// An answer: status, headers, JSON (null if it is none).
+struct Answer {
+    status: u16,
+    location: Option<String>,
+    kind: String,
+    body: Value,
+}
+
+async fn send(router: &Router, request: Request<Body>) -> Answer {
+    let response = router.clone().oneshot(request).await.unwrap();
+    let header = |name| {
+        response
+            .headers()
+            .get(name)
+            .and_then(|v: &axum::http::HeaderValue| v.to_str().ok())
+            .map(str::to_owned)
+    };
+    let (location, kind) = (header(header::LOCATION), header(header::CONTENT_TYPE));
+    let status = response.status().as_u16();
+    let bytes = to_bytes(response.into_body(), usize::MAX).await.unwrap();
+    Answer {
+        status,
+        location,
+        kind: kind.unwrap_or_default(),
+        body: serde_json::from_slice(&bytes).unwrap_or(Value::Null),
+    }
+}
+
+fn request(method: &str, path: &str) -> axum::http::request::Builder {
+    Request::builder()
+        .method(method)
+        .uri(path)
+        .header("host", "127.0.0.1:8787")
+}
+
+async fn get(router: &Router, path: &str) -> Answer {
+    send(router, request("GET", path).body(Body::empty()).unwrap()).await
+}
+
+async fn post(router: &Router, path: &str, body: &str) -> Answer {
+    let request = request("POST", path)
+        .header("content-type", "application/json")
+        .body(Body::from(body.to_owned()))
+        .unwrap();
+    send(router, request).await
+}
+
+fn is_problem(answer: &Answer, status: u16, code: &str) {
+    assert_eq!(answer.status, status, "{}", answer.body);
+    assert_eq!(answer.kind, "application/problem+json");
+    assert_eq!(answer.body["code"], code, "{}", answer.body);
+    assert_eq!(answer.body["status"], status);
+    let detail = answer.body["detail"].as_str().unwrap();
+    assert!(detail.len() > 10, "{detail}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn bad_input_is_refused_by_name_and_nothing_happens() {
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let router = router(&bench);
+    let plan = |plan: &str| format!("{{\"sample_id\": 1, \"plan\": {plan}}}");
+    let cases = [
+        ("{", 400, "bad-json", "/api/v1/scans"),
+        (
+            r#"{"sample_id": 1, "plan": {"theta_c_deg": [NaN], "phi_s_deg": [0]}}"#,
+            400,
+            "bad-json",
+            "/api/v1/scans",
+        ),
+        (
+            r#"{"sample_id": 1, "plan": {"theta_c_deg": [1e999], "phi_s_deg": [0]}}"#,
+            400,
+            "bad-json",
+            "/api/v1/scans",
+        ),
+        (
+            r#"{"sample_id": 1, "plan": {"preset": "paper", "exposure": 1}}"#,
+            400,
+            "unknown-field",
+            "/api/v1/scans",
+        ),
+        (
+            r#"{"sample_id": "one", "plan": {"preset": "paper"}}"#,
+            422,
+            "invalid-value",
+            "/api/v1/scans",
+        ),
+        (
+            r#"{"sample_id": 99, "plan": {"preset": "paper"}}"#,
+            404,
+            "not-found",
+            "/api/v1/scans",
+        ),
+        (
+            &plan(r#"{"theta_c_deg": [75], "phi_s_deg": []}"#),
+            422,
+            "plan-invalid",
+            "/api/v1/scans",
+        ),
+        (
+            &plan(r#"{"theta_c_deg": {"from": 0, "to": 1, "step": 1e-9}, "phi_s_deg": [0]}"#),
+            422,
+            "plan-invalid",
+            "/api/v1/scans",
+        ),
+        (
+            r#"{"position_deg": 500}"#,
+            422,
+            "outside-limits",
+            "/api/v1/rig/axes/theta_c/move",
+        ),
+        (
+            r#"{"position": 5}"#,
+            400,
+            "unknown-field",
+            "/api/v1/rig/axes/theta_c/move",
+        ),
+        (
+            r#"{"position_deg": 5}"#,
+            404,
+            "not-found",
+            "/api/v1/rig/axes/z/move",
+        ),
+        (
+            r#"{"name": "", "material": {"kind": "dielectric", "eta": 1.5, "eta_std": 0.01}}"#,
+            422,
+            "invalid-value",
+            "/api/v1/samples",
+        ),
+        (
+            r#"{"name": "x", "material": {"kind": "dielectric", "eta": -1, "eta_std": 0.01}}"#,
+            422,
+            "invalid-value",
+            "/api/v1/samples",
+        ),
+        (r#"{"scan_id": 77}"#, 404, "not-found", "/api/v1/fits"),
+        (
+            r#"{"scan_id": 77, "variant": "best"}"#,
+            422,
+            "invalid-value",
+            "/api/v1/fits",
+        ),
+        (
+            r#"{"folder": "relative"}"#,
+            422,
+            "invalid-value",
+            "/api/v1/imports",
+        ),
+        (
+            r#"{"folder": "/nowhere/at/all"}"#,
+            422,
+            "series-invalid",
+            "/api/v1/imports",
+        ),
+    ];
+    for (body, status, code, path) in cases {
+        let answer = post(&router, path, body).await;
+        println!("{body} → {}", answer.body);
+        is_problem(&answer, status, code);
+    }
+    // Everything wrong with a plan at once, each by its path.
+    let answer = post(
+        &router,
+        "/api/v1/scans/estimate",
+        &plan(r#"{"theta_c_deg": [75, 0, 0], "phi_s_deg": [0], "exposures_s": [-1]}"#),
+    )
+    .await;
+    let fields: Vec<&str> = answer.body["errors"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter_map(|e| e["field"].as_str())
+        .collect();
+    assert_eq!(
+        fields,
+        [
+            "plan.theta_c_deg[2]",
+            "plan.theta_c_deg[0]",
+            "plan.exposures_s[0]"
+        ]
+    );
+    for path in [
+        "/api/v1/scans/x",
+        "/api/v1/scans?limit=0",
+        "/api/v1/scans?colour=red",
+        "/api/v1/scans?state=happy",
+        "/api/v1/fits?theta_r_deg_min=NaN",
+        "/api/v1/fits?since=yesterday",
+    ] {
+        let answer = get(&router, path).await;
+        assert!(
+            matches!(answer.status, 400 | 422),
+            "{path}: {}",
+            answer.body
+        );
+        assert_eq!(answer.kind, "application/problem+json", "{path}");
+    }
+    is_problem(&get(&router, "/api/v1/scans/9").await, 404, "not-found");
+    is_problem(&get(&router, "/api/v1/nothing").await, 404, "not-found");
+    let delete = request("DELETE", "/api/v1/rig")
+        .body(Body::empty())
+        .unwrap();
+    is_problem(&send(&router, delete).await, 405, "method-not-allowed");
+    assert_eq!(get(&router, "/api/v1/scans").await.body["items"], json!([]));
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn bodies_that_are_too_large_or_no_json_do_not_get_in() {
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let router = router(&bench);
+    let large = vec![b' '; 100_000_000];
+    let announced = request("POST", "/api/v1/samples")
+        .header("content-type", "application/json")
+        .header("content-length", large.len())
+        .body(Body::from(large))
+        .unwrap();
+    is_problem(&send(&router, announced).await, 413, "body-too-large");
+    let chunks =
+        futures::stream::iter((0..1000).map(|_| Ok::<_, std::io::Error>(vec![b' '; 100_000])));
+    let chunked = request("POST", "/api/v1/samples")
+        .header("content-type", "application/json")
+        .header("transfer-encoding", "chunked")
+        .body(Body::from_stream(chunks))
+        .unwrap();
+    is_problem(&send(&router, chunked).await, 413, "body-too-large");
+    let text = request("POST", "/api/v1/samples")
+        .header("content-type", "text/plain")
+        .header("content-length", 2)
+        .body(Body::from("{}"))
+        .unwrap();
+    is_problem(&send(&router, text).await, 415, "wrong-content-type");
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn another_page_and_another_host_may_not_command_the_rig() {
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let router = router(&bench);
+    let foreign = request("POST", "/api/v1/rig/stop")
+        .header("origin", "https://evil.example")
+        .body(Body::empty())
+        .unwrap();
+    is_problem(&send(&router, foreign).await, 403, "forbidden-origin");
+    let rebound = Request::builder()
+        .method("POST")
+        .uri("/api/v1/rig/stop")
+        .header("host", "evil.example:8787")
+        .body(Body::empty())
+        .unwrap();
+    is_problem(&send(&router, rebound).await, 403, "forbidden-host");
+    let own = request("POST", "/api/v1/rig/stop")
+        .header("origin", "http://127.0.0.1:8787")
+        .body(Body::empty())
+        .unwrap();
+    let answer = send(&router, own).await;
+    assert_eq!(
+        (answer.status, &answer.body["state"]),
+        (200, &json!("stopped"))
+    );
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scan_is_begun_found_commanded_and_begun_once_per_key() {
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let router = router(&bench);
+    let body = r#"{"sample_id": 2, "plan": {"preset": "paper"}}"#;
+    let keyed = || {
+        request("POST", "/api/v1/scans")
+            .header("content-type", "application/json")
+            .header("idempotency-key", "first scan")
+            .body(Body::from(body))
+            .unwrap()
+    };
+    let first = send(&router, keyed()).await;
+    assert_eq!(first.status, 202, "{}", first.body);
+    assert_eq!(first.location.as_deref(), Some("/api/v1/scans/1"));
+    assert_eq!(first.body, json!({"id": 1, "state": "planned"}));
+    // Sent again, the same answer; another one is refused while this one holds the rig.
+    let again = send(&router, keyed()).await;
+    assert_eq!((again.status, again.body), (first.status, first.body));
+    assert_eq!(again.location, first.location);
+    is_problem(&post(&router, "/api/v1/scans", body).await, 409, "busy");
+    bench.until(1, ScanState::WaitingForOperator).await;
+    let scan = get(&router, "/api/v1/scans/1").await.body;
+    assert_eq!(scan["operator"]["action"], "cap-lens");
+    assert_eq!(scan["sample_name"], "traced polymer");
+    assert_eq!(scan["progress"]["frames_total"], 48);
+    let rig = get(&router, "/api/v1/rig").await.body;
+    assert_eq!(rig["scan_id"], 1);
+    assert_eq!(rig["activity"], "scanning");
+    assert_eq!(rig["axes"]["phi_s"]["homed"], true);
+    is_problem(
+        &post(&router, "/api/v1/scans/1/resume", "").await,
+        409,
+        "state-conflict",
+    );
+    let aborted = post(&router, "/api/v1/scans/1/abort", "").await;
+    assert_eq!(
+        (aborted.status, &aborted.body["state"]),
+        (202, &json!("aborted"))
+    );
+    let found = get(&router, "/api/v1/scans?state=aborted&sample_id=2")
+        .await
+        .body;
+    assert_eq!(found["items"].as_array().unwrap().len(), 1);
+    assert_eq!(found["next_cursor"], Value::Null);
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_imported_series_is_there_as_scan_frames_and_observations() {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/polymer-10");
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let router = router(&bench);
+    let body = json!({ "folder": source }).to_string();
+    let imported = post(&router, "/api/v1/imports", &body).await;
+    assert_eq!(imported.status, 201, "{}", imported.body);
+    let scan = get(&router, imported.location.as_deref().unwrap())
+        .await
+        .body;
+    assert_eq!(scan["state"], "completed");
+    assert_eq!(scan["origin"], "import");
+    assert_eq!(scan["plan"]["theta_c_deg"].as_array().unwrap().len(), 9);
+    let frames = get(&router, "/api/v1/scans/1/frames?limit=1000&kind=sample")
+        .await
+        .body;
+    let frame = &frames["items"][0];
+    assert_eq!(frames["items"].as_array().unwrap().len(), 324);
+    // The image is the file, bit for bit, and known by its hash.
+    let image = frame["image"].as_str().unwrap();
+    let response = router
+        .clone()
+        .oneshot(request("GET", image).body(Body::empty()).unwrap())
+        .await
+        .unwrap();
+    let etag = response.headers()[header::ETAG]
+        .to_str()
+        .unwrap()
+        .to_owned();
+    assert_eq!(etag, format!("\"{}\"", frame["sha256"].as_str().unwrap()));
+    let bytes = to_bytes(response.into_body(), usize::MAX).await.unwrap();
+    let file = std::fs::read(source.join(frame["file"].as_str().unwrap())).unwrap();
+    assert!(bytes == file);
+    let cached = request("GET", image)
+        .header("if-none-match", etag)
+        .body(Body::empty())
+        .unwrap();
+    assert_eq!(
+        send(&router, cached).await.status,
+        StatusCode::NOT_MODIFIED.as_u16()
+    );
+    // Observations, whole and by pose, as JSON and as CSV.
+    let all = get(&router, "/api/v1/scans/1/observations").await.body;
+    assert_eq!(all["items"].as_array().unwrap().len(), 108);
+    assert_eq!(
+        (&all["absolute"], &all["complete"]),
+        (&json!(true), &json!(true))
+    );
+    let one = get(
+        &router,
+        "/api/v1/scans/1/observations?theta_c_deg=-20&phi_s_deg=30",
+    )
+    .await
+    .body;
+    assert_eq!(one["items"].as_array().unwrap().len(), 1);
+    let csv = router
+        .clone()
+        .oneshot(
+            request("GET", "/api/v1/scans/1/observations?format=csv")
+                .body(Body::empty())
+                .unwrap(),
+        )
+        .await
+        .unwrap();
+    let csv = to_bytes(csv.into_body(), usize::MAX).await.unwrap();
+    let text = String::from_utf8(csv.to_vec()).unwrap();
+    assert_eq!(text.lines().count(), 109);
+    assert!(text.starts_with("theta_c_deg,phi_s_deg,signal,sigma,n_frames\n"));
+    bench.end().await;
+}
+
+#[test]
+fn the_document_is_the_one_in_the_repository() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/openapi.json");
+    let now = api::openapi_json() + "\n";
+    if std::env::var_os("RIDGED_RENEW").is_some() {
+        std::fs::write(&path, &now).unwrap();
+    }
+    let kept = std::fs::read_to_string(&path).unwrap_or_default();
+    assert!(
+        kept == now,
+        "the interface has changed; look at the change, then renew tests/data/openapi.json with \
+         `RIDGED_RENEW=1 cargo test --test it the_document`"
+    );
+}
+
+#[test]
+fn every_response_of_the_document_says_what_it_is() {
+    let document: Value = serde_json::from_str(&api::openapi_json()).unwrap();
+    let mut responses = 0;
+    for (path, item) in document["paths"].as_object().unwrap() {
+        for (method, operation) in item.as_object().unwrap() {
+            let Some(all) = operation["responses"].as_object() else {
+                continue;
+            };
+            for (status, response) in all {
+                let description = response["description"].as_str().unwrap_or_default();
+                assert!(!description.is_empty(), "{method} {path} {status}");
+                responses += 1;
+            }
+        }
+    }
+    assert!(responses > 60, "{responses}");
+}

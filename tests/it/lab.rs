@@ -1,0 +1,352 @@
+//! Whole scans over the pseudo-terminal: motion, frames, store, events, fit; then what disturbs them.
+
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
+
+use ridged::analysis;
+use ridged::lab::{FitRequest, ScanRequest, StoredSeries, export};
+use ridged::reduction::FrameSource;
+use ridged::scan::plan::Preset;
+use ridged::scan::runner::Order;
+use ridged::scan::{Event, OperatorAction, PlanRequest, ScanState};
+use ridged::store::PageRequest;
+use ridged::store::disk::{Disk, RealDisk};
+
+use crate::bench_in_a_box::{BenchInABox, small};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scan_is_planned_run_kept_told_and_fitted() {
+    // A rig on a pseudo-terminal, a store in an empty folder, and hands that do what is asked.
+    let bench = BenchInABox::new().await;
+    let lab = &bench.lab;
+
+    // The paper's plan: 15 poses at two exposures, dark frames, the white reference at five tilts.
+    let request = ScanRequest {
+        sample_id: 2,
+        plan: PlanRequest::preset(Preset::Paper),
+    };
+    let estimated = lab.estimate(&request).await.unwrap();
+    assert_eq!(estimated.estimate.n_frames, 15 * 2 + 5 * 2 + 2 * 4);
+    assert_eq!(
+        estimated.operator_steps,
+        [
+            OperatorAction::CapLens,
+            OperatorAction::PlaceWhiteReference,
+            OperatorAction::PlaceSample
+        ]
+    );
+
+    // It runs to its end.
+    let scan = lab.start_scan(&request).await.unwrap();
+    assert_eq!(scan.state, ScanState::Planned);
+    let scan = bench.finish(scan.id).await;
+    assert_eq!(scan.state, ScanState::Completed, "{:?}", scan.reason);
+
+    // Every frame is there, at the position read back: near the one asked for, never exactly it.
+    let series = StoredSeries::open(lab.store(), scan.id).await.unwrap();
+    assert_eq!(series.rows().len(), 48);
+    for (i, row) in series.rows().iter().enumerate() {
+        series.read(i).unwrap();
+        let near_a_tilt = (row.theta_c_deg / 10.0 - (row.theta_c_deg / 10.0).round()).abs() < 1e-3;
+        assert!(near_a_tilt, "{} at θc {}", row.file, row.theta_c_deg);
+    }
+
+    // The story has every state and every frame, in order and numbered without gaps.
+    let story = lab.store().events_after(0, 10_000).await.unwrap();
+    assert!(story.windows(2).all(|w| w[1].id == w[0].id + 1));
+    let states: Vec<ScanState> = story
+        .iter()
+        .filter_map(|e| match &e.event {
+            Event::Scan { state, .. } => Some(*state),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(
+        states,
+        [
+            ScanState::Planned,
+            ScanState::Running,
+            ScanState::WaitingForOperator,
+            ScanState::Running,
+            ScanState::WaitingForOperator,
+            ScanState::Running,
+            ScanState::WaitingForOperator,
+            ScanState::Running,
+            ScanState::Completed
+        ]
+    );
+    let frames = story.iter().filter(|e| e.event.kind() == "frame").count();
+    assert_eq!(frames, 48);
+
+    // The fit finds the sample's ridge angle within what it says of itself.
+    let fit_id = lab
+        .start_fit(&FitRequest {
+            scan_id: scan.id,
+            variant: ridged::fit::VariantChoice::Auto,
+            region: None,
+        })
+        .await
+        .unwrap();
+    let mut events = lab.events();
+    let fit = loop {
+        let fit = lab.store().fit(fit_id).await.unwrap();
+        if fit.state != "running" {
+            break fit;
+        }
+        events.recv().await.unwrap();
+    };
+    assert_eq!(fit.state, "completed", "{:?}", fit.error_detail);
+    let report: ridged::fit::FitReport = serde_json::from_str(&fit.report.unwrap()).unwrap();
+    let theta_r = &report.parameters.theta_r_deg;
+    let (value, expanded) = (theta_r.value.unwrap(), theta_r.expanded.unwrap());
+    assert!(
+        (value - 10.0).abs() <= expanded,
+        "θr = {value} ± {expanded} (true: 10)"
+    );
+
+    // The observations it was made of are kept, and drawn they lie on their curve.
+    let curves = lab.curves(fit_id, 10.0).await.unwrap();
+    assert_eq!(curves.observations.len(), 15);
+    assert_eq!(curves.curves.len(), 5);
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_second_scan_uses_the_first_ones_darks_and_white_reference() {
+    let bench = BenchInABox::new().await;
+    let first = bench.start(small(&[0.0, 10.0], &[0.0])).await;
+    assert_eq!(bench.finish(first.id).await.state, ScanState::Completed);
+    let request = ScanRequest {
+        sample_id: 2,
+        plan: small(&[0.0, 10.0], &[0.0, 90.0]),
+    };
+    let estimated = bench.lab.estimate(&request).await.unwrap();
+    assert_eq!(estimated.operator_steps, [OperatorAction::PlaceSample]);
+    let second = bench.lab.start_scan(&request).await.unwrap();
+    assert_eq!(bench.finish(second.id).await.state, ScanState::Completed);
+    let series = StoredSeries::open(bench.lab.store(), second.id)
+        .await
+        .unwrap();
+    // Four of its own, one dark and two white-reference frames of the first scan.
+    assert_eq!(series.rows().len(), 4 + 1 + 2);
+    let reduced = bench.lab.observations(second.id, None).await.unwrap();
+    assert!(reduced.complete && reduced.set.white_reference.is_some());
+    assert_eq!(reduced.set.observations.len(), 4);
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scan_waits_for_its_operator_pauses_and_goes_on() {
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let lab = &bench.lab;
+    let scan = bench.start(small(&[0.0], &[0.0, 90.0])).await;
+    bench.until(scan.id, ScanState::WaitingForOperator).await;
+    // Nobody else gets the rig meanwhile, but everybody may stop it.
+    let refused = lab
+        .move_axis(ridged::lab::AxisName::ThetaC, ridged::units::Angle::ZERO)
+        .await;
+    assert!(
+        matches!(refused, Err(ridged::lab::LabError::Busy { .. })),
+        "{refused:?}"
+    );
+    assert!(lab.order(scan.id, Order::Resume).await.is_err());
+    assert_eq!(
+        lab.order(scan.id, Order::Pause).await.unwrap(),
+        ScanState::Paused
+    );
+    lab.order(scan.id, Order::Resume).await.unwrap();
+    let hands = bench.rig.hands(lab, true);
+    // The step that it waits for was told before the hands listened.
+    bench.rig.world.cap_lens(true);
+    bench.until(scan.id, ScanState::WaitingForOperator).await;
+    lab.order(scan.id, Order::Continue).await.ok();
+    assert_eq!(bench.finish(scan.id).await.state, ScanState::Completed);
+    hands.abort();
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_aborted_scan_gives_the_rig_back() {
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let scan = bench.start(small(&[0.0], &[0.0])).await;
+    bench.until(scan.id, ScanState::WaitingForOperator).await;
+    let state = bench.lab.order(scan.id, Order::Abort).await.unwrap();
+    assert_eq!(state, ScanState::Aborted);
+    assert!(bench.lab.order(scan.id, Order::Resume).await.is_err());
+    // Free again, as soon as the owner has it back.
+    let next = loop {
+        let request = ScanRequest {
+            sample_id: 2,
+            plan: small(&[0.0], &[0.0]),
+        };
+        match bench.lab.start_scan(&request).await {
+            Ok(next) => break next,
+            Err(ridged::lab::LabError::Busy { .. }) => tokio::task::yield_now().await,
+            Err(error) => panic!("{error}"),
+        }
+    };
+    bench.until(next.id, ScanState::WaitingForOperator).await;
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_daemon_that_ends_leaves_the_scan_to_be_resumed() {
+    let folder = tempfile::tempdir().unwrap();
+    let bench = BenchInABox::open(folder.path(), Arc::new(RealDisk), true).await;
+    let plan = PlanRequest {
+        reuse_calibrations: Some(false),
+        ..small(&[0.0, 5.0, 10.0], &[0.0, 90.0, 180.0])
+    };
+    let scan = bench.start(plan).await;
+    // Let it take a few points, then end the daemon.
+    let few = bench.lab.wait_for_scan(
+        scan.id,
+        0,
+        |e| matches!(&e.event, Event::Frame { progress, .. } if progress.frames_done >= 7),
+    );
+    few.await.unwrap();
+    bench.end().await;
+
+    let bench = BenchInABox::open(folder.path(), Arc::new(RealDisk), true).await;
+    let scan = bench.lab.store().scan(scan.id).await.unwrap();
+    assert_eq!(scan.state, ScanState::Interrupted);
+    let kept = bench.lab.store().shots_done(scan.id).await.unwrap().len();
+    assert!(kept >= 7, "{kept} points are kept");
+    bench.lab.order(scan.id, Order::Resume).await.unwrap();
+    assert_eq!(bench.finish(scan.id).await.state, ScanState::Completed);
+    // One dark, three white-reference and nine sample points: each once.
+    assert_eq!(
+        bench.lab.store().shots_done(scan.id).await.unwrap().len(),
+        13
+    );
+    let all = PageRequest {
+        limit: 1000,
+        cursor: None,
+    };
+    let frames = bench.lab.store().frames_of_scan(scan.id, None, all).await;
+    assert_eq!(frames.unwrap().items.len(), 13);
+    bench.end().await;
+}
+
+/// A disk with room for so many files.
+struct SmallDisk {
+    files_left: AtomicI64,
+}
+
+impl Disk for SmallDisk {
+    fn write_durably(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        if self.files_left.fetch_sub(1, Ordering::Relaxed) <= 0 {
+            return Err(io::ErrorKind::StorageFull.into());
+        }
+        RealDisk.write_durably(path, bytes)
+    }
+
+    fn free_bytes(&self, _: &Path) -> io::Result<u64> {
+        Ok(10_000_000_000)
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_full_disk_pauses_the_scan_and_loses_nothing() {
+    let disk = Arc::new(SmallDisk {
+        files_left: AtomicI64::new(4),
+    });
+    let bench = BenchInABox::with(Arc::clone(&disk) as Arc<dyn Disk>, true).await;
+    let scan = bench.start(small(&[0.0, 10.0], &[0.0, 90.0])).await;
+    bench.until(scan.id, ScanState::Paused).await;
+    let paused = bench.lab.store().scan(scan.id).await.unwrap();
+    let reason = paused.reason.unwrap();
+    assert!(reason.contains("disk is full"), "{reason}");
+    assert_eq!(
+        bench.lab.store().shots_done(scan.id).await.unwrap().len(),
+        4
+    );
+    let story = bench.lab.store().events_after(0, 1000).await.unwrap();
+    assert!(
+        story
+            .iter()
+            .any(|e| matches!(&e.event, Event::Alarm { code, .. } if code == "disk-full"))
+    );
+    // Room again: it goes on with the point that was lost.
+    disk.files_left.store(1000, Ordering::Relaxed);
+    bench.lab.order(scan.id, Order::Resume).await.unwrap();
+    assert_eq!(bench.finish(scan.id).await.state, ScanState::Completed);
+    assert_eq!(
+        bench.lab.store().shots_done(scan.id).await.unwrap().len(),
+        7
+    );
+    bench.end().await;
+}
+
+/// A disk that says how little room it has.
+struct FullDisk;
+
+impl Disk for FullDisk {
+    fn write_durably(&self, _: &Path, _: &[u8]) -> io::Result<()> {
+        Err(io::ErrorKind::StorageFull.into())
+    }
+
+    fn free_bytes(&self, _: &Path) -> io::Result<u64> {
+        Ok(1_000_000)
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scan_that_will_not_fit_is_refused_before_anything_moves() {
+    let bench = BenchInABox::with(Arc::new(FullDisk), true).await;
+    let request = ScanRequest {
+        sample_id: 2,
+        plan: PlanRequest::preset(Preset::Full),
+    };
+    let refused = bench.lab.start_scan(&request).await;
+    assert!(
+        matches!(refused, Err(ridged::lab::LabError::NoRoom { .. })),
+        "{refused:?}"
+    );
+    let scans = bench
+        .lab
+        .store()
+        .scans(Default::default(), PageRequest::default());
+    assert!(scans.await.unwrap().items.is_empty());
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_recorded_series_comes_out_as_it_went_in() {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/polymer-10");
+    let folder = tempfile::tempdir().unwrap();
+    let bench = BenchInABox::new().await;
+    let imported = bench
+        .lab
+        .import(&source, &Default::default(), &|_, _| {})
+        .await
+        .unwrap();
+    let out = folder.path().join("out");
+    export(bench.lab.store(), imported.scan_id, &out)
+        .await
+        .unwrap();
+    let mut files = vec!["manifest.toml".to_owned(), "frames.csv".to_owned()];
+    let series = StoredSeries::open(bench.lab.store(), imported.scan_id)
+        .await
+        .unwrap();
+    files.extend(series.rows().iter().map(|row| row.file.clone()));
+    assert_eq!(files.len(), 2 + 354);
+    for file in files {
+        let (went_in, came_out) = (source.join(&file), out.join(&file));
+        assert!(
+            std::fs::read(went_in).unwrap() == std::fs::read(came_out).unwrap(),
+            "{file} differs"
+        );
+    }
+    // And it is reduced to the same observations as from its folder.
+    let direct = ridged::series::Series::open(&source).unwrap();
+    let options = analysis::AnalysisOptions::default();
+    let cancel = std::sync::atomic::AtomicBool::new(false);
+    let region = options.region.as_deref();
+    let one = ridged::reduction::reduce(&direct, region, &cancel).unwrap();
+    let two = ridged::reduction::reduce(&series, region, &cancel).unwrap();
+    assert_eq!(one.observations, two.observations);
+    bench.end().await;
+}
