@@ -25,6 +25,8 @@ pub use super::port::NoFaults;
 const QUEUE: usize = 32;
 /// A reply that has not come by then never will: its id is free again.
 const REPLY_LATE_MAX: Duration = Duration::from_secs(5);
+/// A line that is never quiet must not keep a question from being sent.
+const DISCARDED_READS_MAX: u32 = 64;
 /// A reply and its continuations hold at most this many bytes.
 const REPLY_BYTES_MAX: usize = 4096;
 
@@ -449,7 +451,7 @@ impl Owner {
             Err(reason) => return Err(io::Error::other(reason.clone())),
         };
         add(&self.shared.counters.exchanges);
-        loop {
+        for _ in 0..DISCARDED_READS_MAX {
             let n = port.read(&mut buffer, Duration::ZERO)?;
             if n == 0 {
                 break;

@@ -1,4 +1,9 @@
 //! Real devices: what a stage and a camera are to the rest of the program.
+//!
+//! [`stage::Stage`] moves the two axes and proves where they stand; whatever implements [`Camera`]
+//! turns a [`CaptureRequest`] into a frame. From the bytes up: `wire` (a protocol, pure) · `port`
+//! (bytes, and the seam for faults) · `line` (the one thread that owns a port) · `stage` (limits,
+//! homing, arrival). Knows no scan, no store and no simulation.
 
 pub mod line;
 pub mod port;

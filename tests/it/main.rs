@@ -11,4 +11,5 @@ mod lab;
 mod line;
 mod nist;
 mod radiances;
+mod simulate_rig;
 mod stage;

@@ -343,12 +343,14 @@ impl Axis {
         }
     }
 
-    /// Looks until the axis is idle. `predicted` and the deadline count from now, when the device
-    /// has taken the command.
+    /// Looks until the axis is idle, or until a flag says that the motion was lost, unless it is a
+    /// stop of our own that did it. `predicted` and the deadline count from now, when the device has
+    /// taken the command.
     async fn await_idle(
         &self,
         predicted: Duration,
         deadline: Duration,
+        own_stop: bool,
         stops: u64,
     ) -> Result<Look, StageError> {
         let began = self.clock.now();
@@ -356,7 +358,9 @@ impl Axis {
             let waited = self.clock.now().saturating_sub(began);
             let look = self.look().await?;
             self.check_stop(stops)?;
-            if look.activity == Activity::Idle {
+            // A motion that is not ours any more need not be waited for.
+            let lost = !own_stop && look.flag.is_some_and(ends_a_motion);
+            if look.activity == Activity::Idle || lost {
                 return Ok(look);
             }
             // Judged by a look that began after the deadline, so that a slow line, or a fast clock,
@@ -419,7 +423,9 @@ impl Axis {
         self.ask(1, "warnings clear").await?;
         let timeout = Duration::from_secs_f64(self.settings.home_timeout_s);
         self.start("home", None, stops).await?;
-        let look = self.await_idle(Duration::ZERO, timeout, stops).await?;
+        let look = self
+            .await_idle(Duration::ZERO, timeout, false, stops)
+            .await?;
         if look.flag.is_some() {
             let axis = self.name;
             for flag in self.flags().await? {
@@ -516,7 +522,7 @@ impl Axis {
         let words = format!("move abs {counts}");
         self.start(&words, Some(counts), stops).await?;
         let deadline = predicted.mul_f64(1.5) + Duration::from_secs(1);
-        self.await_idle(predicted, deadline, stops).await
+        self.await_idle(predicted, deadline, false, stops).await
     }
 
     /// Sends a motion command. If the reply is lost the axis is looked at before anything is sent
@@ -547,8 +553,8 @@ impl Axis {
             .command_once(&self.command(1, "stop"), stops)
             .await?;
         self.memory().engaged = false;
-        let look = self.await_idle(Duration::ZERO, self.stopping_time(), stops);
-        look.await
+        self.await_idle(Duration::ZERO, self.stopping_time(), true, stops)
+            .await
     }
 
     /// The longest that a stop may take.
@@ -583,4 +589,9 @@ impl Axis {
             .try_lock()
             .map_err(|_| StageError::Busy { axis: self.name })
     }
+}
+
+/// Whether a motion with this flag up will not arrive.
+fn ends_a_motion(flag: Flag) -> bool {
+    matches!(flag.class(), FlagClass::Fault | FlagClass::Interrupted)
 }
