@@ -28,14 +28,23 @@ const CANDIDATES_PER_START: u32 = 12;
 pub fn starts(problem: &Problem<'_>, fallback: &Values, count: usize, seed: u32) -> Vec<Values> {
     let spots = from_bright_spot(problem.set(), fallback);
     let mut candidates = from_brightest(problem.set(), fallback);
+    let brightest = candidates.first().copied();
     let wanted = CANDIDATES_PER_START * u32::try_from(count).unwrap_or(u32::MAX);
     for k in 0..wanted {
         let at = |dimension| f64::from(sample(k, dimension, seed));
         let mut values = *fallback;
-        values.theta_r = at(0) * 30f64.to_radians();
-        values.alpha_u = 0.05 * 8f64.powf(at(1));
-        values.alpha_v = 0.05 * 8f64.powf(at(2));
-        values.azimuth_offset = (at(3) - 0.5) * 2.0 * PI;
+        // Half of them anywhere, half around the brightest pose and down to narrower lobes.
+        if let Some(near) = brightest.filter(|_| k % 2 == 1) {
+            values.theta_r = (near.theta_r + (at(0) - 0.5) * 10f64.to_radians()).abs();
+            values.azimuth_offset = near.azimuth_offset + (at(3) - 0.5) * 60f64.to_radians();
+            values.alpha_u = 0.02 * 15f64.powf(at(1));
+            values.alpha_v = 0.02 * 15f64.powf(at(2));
+        } else {
+            values.theta_r = at(0) * 30f64.to_radians();
+            values.azimuth_offset = (at(3) - 0.5) * 2.0 * PI;
+            values.alpha_u = 0.05 * 8f64.powf(at(1));
+            values.alpha_v = 0.05 * 8f64.powf(at(2));
+        }
         candidates.push(values);
     }
     let judge = |candidates: Vec<Values>| {

@@ -13,3 +13,4 @@ mod nist;
 mod radiances;
 mod simulate_rig;
 mod stage;
+mod synthetic;
