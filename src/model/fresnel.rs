@@ -68,48 +68,69 @@ struct Parts {
     n: Complex<f64>,
     lift: Complex<f64>,
     q: Complex<f64>,
-    sum_s: Complex<f64>,
-    sum_p: Complex<f64>,
+    /// 1/(q (c + q)²) and 1/(q (N²c + q)²); 0 where q is.
+    per_s: Complex<f64>,
+    per_p: Complex<f64>,
     r_s: Complex<f64>,
     r_p: Complex<f64>,
 }
 
 impl Parts {
+    #[inline]
     fn new(cos: f64, eta: f64, k: f64) -> Self {
         let n = Complex::new(eta, k);
         let n2 = n * n;
         let lift = Complex::new((eta - 1.0) * (eta + 1.0) - k * k, 2.0 * eta * k);
         let q = principal_sqrt(lift + cos * cos);
-        let sum_s = q + cos;
-        let sum_p = n2 * cos + q;
-        let matched = lift == Complex::new(0.0, 0.0);
-        let r_s = if matched {
-            lift
-        } else {
-            -lift / (sum_s * sum_s)
-        };
-        let r_p = if matched {
-            lift
-        } else {
-            lift * ((n2 + 1.0) * (cos * cos) - 1.0) / (sum_p * sum_p)
-        };
+        let (sum_s, sum_p) = (q + cos, n2 * cos + q);
+        let zero = Complex::new(0.0, 0.0);
+        let brewster = (n2 + 1.0) * (cos * cos) - 1.0;
+        if q == zero {
+            // The critical angle, or matched media: 1 and 0.
+            let matched = lift == zero;
+            return Parts {
+                n,
+                lift,
+                q,
+                per_s: zero,
+                per_p: zero,
+                r_s: if matched {
+                    zero
+                } else {
+                    -lift / (sum_s * sum_s)
+                },
+                r_p: if matched {
+                    zero
+                } else {
+                    lift * brewster / (sum_p * sum_p)
+                },
+            };
+        }
+        let per_s = inverse(q * sum_s * sum_s);
+        let per_p = inverse(q * sum_p * sum_p);
         Parts {
             n,
             lift,
             q,
-            sum_s,
-            sum_p,
-            r_s,
-            r_p,
+            per_s,
+            per_p,
+            r_s: -lift * q * per_s,
+            r_p: lift * brewster * q * per_p,
         }
     }
+}
+
+/// 1/z with a single division.
+fn inverse(z: Complex<f64>) -> Complex<f64> {
+    let scale = 1.0 / z.norm_sqr();
+    Complex::new(z.re * scale, -z.im * scale)
 }
 
 /// The root with non-negative real and imaginary part of a number whose imaginary part is ≥ 0.
 /// The larger of the two parts is taken from the modulus, the smaller from the product, so that
 /// neither cancels.
 fn principal_sqrt(z: Complex<f64>) -> Complex<f64> {
-    let modulus = z.re.hypot(z.im);
+    let modulus = z.norm_sqr().sqrt();
     if modulus == 0.0 {
         return Complex::new(0.0, 0.0);
     }
@@ -156,7 +177,6 @@ impl Reflectances {
     /// dR = 2 Re(r* dr), dN = dn + i dk.
     #[must_use]
     pub fn at(cos: f64, eta: f64, k: f64) -> Self {
-        let (r_s, r_p) = reflectances(cos, eta, k);
         let flat = |value: f64| Slopes {
             value,
             cos: 0.0,
@@ -164,6 +184,11 @@ impl Reflectances {
             k: 0.0,
         };
         let z = Parts::new(cos, eta, k);
+        let (r_s, r_p) = if k == 0.0 {
+            reflectances(cos, eta, k)
+        } else {
+            (z.r_s.norm_sqr().min(1.0), z.r_p.norm_sqr().min(1.0))
+        };
         if z.q == Complex::new(0.0, 0.0) {
             return Reflectances {
                 s: flat(r_s),
@@ -180,8 +205,7 @@ impl Reflectances {
                 k: -2.0 * dn.im,
             }
         };
-        let ws = (z.q * z.sum_s * z.sum_s).inv();
-        let wp = (z.q * z.sum_p * z.sum_p).inv();
+        let (ws, wp) = (z.per_s, z.per_p);
         let n2 = z.n * z.n;
         Reflectances {
             s: slopes(r_s, z.r_s, z.lift * ws * 2.0, -z.n * ws * (2.0 * cos)),
@@ -223,12 +247,15 @@ pub fn dielectric_slopes(cos: f64, eta: f64) -> Slopes {
     }
     let q = q2.sqrt();
     let n2 = eta * eta;
-    let per_s = 1.0 / (cos + q);
-    let per_p = 1.0 / (n2 * cos + q);
+    // One division for three: this is the innermost of inner loops.
+    let (sum_s, sum_p) = (cos + q, n2 * cos + q);
+    let per_all = 1.0 / (q * sum_s * sum_p);
+    let per_s = per_all * q * sum_p;
+    let per_p = per_all * q * sum_s;
+    let per_q = 2.0 * per_all * sum_s * sum_p;
     let (s2, p2) = (per_s * per_s, per_p * per_p);
     let r_s = lift * s2;
     let r_p = lift * ((n2 + 1.0) * cos * cos - 1.0) * p2;
-    let per_q = 2.0 / q;
     Slopes {
         value: (0.5 * (r_s * r_s + r_p * r_p)).min(1.0),
         cos: per_q * (n2 * lift * p2 * r_p - r_s * r_s),

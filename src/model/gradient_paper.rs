@@ -28,9 +28,9 @@ fn masking(q: &Prepared, w: [f64; 3], over_cos: bool) -> Masking {
     if e * s > 0.0 {
         let per_cos = 1.0 / (c * m);
         let (theta_r, v, n) = (
-            per_cos * (s / c - e / m),
-            -per_cos * s / m,
-            -per_cos * c / m,
+            per_cos * (q.tan - e * per_cos * c),
+            -per_cos * per_cos * c * s,
+            -per_cos * per_cos * c * c,
         );
         if over_cos {
             return Masking {
@@ -47,14 +47,14 @@ fn masking(q: &Prepared, w: [f64; 3], over_cos: bool) -> Masking {
             n: n * w[2] + per_cos,
         };
     }
-    let tan = s / c;
-    let ratio = e / m;
+    let tan = q.tan;
+    let per_m = 1.0 / m;
+    let ratio = e * per_m;
     let open = 1.0 + tan * ratio;
     if open <= 0.0 {
         return none;
     }
-    let per_m = 1.0 / m;
-    let theta_r = ratio / (c * c) + tan * (-1.0 - ratio * ratio);
+    let theta_r = ratio * (1.0 + tan * tan) + tan * (-1.0 - ratio * ratio);
     let v = tan * (c - ratio * s) * per_m;
     let n = tan * (-s - ratio * c) * per_m;
     if over_cos {
@@ -88,7 +88,7 @@ pub(super) fn partials(q: &Prepared, i: [f64; 3], o: [f64; 3]) -> Partials {
     let h2 = h[0] * h[0] + h[1] * h[1] + h[2] * h[2];
     let per_m = 1.0 / hm;
     let (x, y) = (h[0] * per_m, he * per_m);
-    let (xu, yv) = (x / q.au2, y / q.av2);
+    let (xu, yv) = (x * q.per_au2, y * q.per_av2);
     let exponent = x * xu + y * yv;
     let widen = h2 * per_m * per_m;
     let d = (-exponent).exp() * q.peak * widen * widen;
@@ -117,8 +117,8 @@ pub(super) fn partials(q: &Prepared, i: [f64; 3], o: [f64; 3]) -> Partials {
     ];
     let unmasked_i = quarter * go.value * d * bracket;
     let unmasked_o = quarter * gi.value * d * bracket;
-    let au = to_alpha(x * xu, q.au2, q.surface.alpha_u);
-    let av = to_alpha(y * yv, q.av2, q.surface.alpha_v);
+    let au = to_alpha(x * xu, q.per_au2, q.surface.alpha_u);
+    let av = to_alpha(y * yv, q.per_av2, q.surface.alpha_v);
     Partials {
         value,
         theta_r: unmasked_i * gi.theta_r
@@ -143,7 +143,8 @@ pub(super) fn partials(q: &Prepared, i: [f64; 3], o: [f64; 3]) -> Partials {
     }
 }
 
-/// ∂ ln D/∂α for α² + lamp = `a2` and this axis's share of the exponent.
-pub(super) fn to_alpha(share: f64, a2: f64, alpha: f64) -> f64 {
-    (2.0 * share - 1.0) / a2 * alpha
+/// ∂ ln D/∂α for 1/(α² + lamp) = `per_a2` and this axis's share of the exponent.
+#[inline]
+pub(super) fn to_alpha(share: f64, per_a2: f64, alpha: f64) -> f64 {
+    (2.0 * share - 1.0) * per_a2 * alpha
 }

@@ -4,7 +4,7 @@
 //! derivatives of the sum to what it was made of (`Back`); at the end those are led back to the
 //! directions and the parameters.
 
-use std::f64::consts::{FRAC_1_SQRT_2, PI};
+use std::f64::consts::{FRAC_1_PI, FRAC_1_SQRT_2, FRAC_2_SQRT_PI};
 
 use super::fresnel::{Reflectances, Slopes};
 use super::gradient_paper::to_alpha;
@@ -20,6 +20,8 @@ struct Ray {
     sigma: f64,
     x: f64,
     y: f64,
+    /// atan2(e, max(0, m)), for the retro lobe.
+    beta: f64,
     facet: Boundary,
     riser: Boundary,
     /// T(ω_m) ω_m and T(ω_ρ) ω_ρ.
@@ -79,6 +81,7 @@ impl Boundary {
         }
     }
 
+    #[inline]
     fn new(q: &Prepared, cos: f64) -> Self {
         if cos <= 0.0 {
             return Boundary::unseen();
@@ -100,6 +103,7 @@ impl Boundary {
 }
 
 impl Ray {
+    #[inline]
     fn new(q: &Prepared, w: [f64; 3], walls: bool) -> Self {
         let (s, c) = (q.sin, q.cos);
         let e = w[1] * c - w[2] * s;
@@ -126,6 +130,7 @@ impl Ray {
         } else {
             (Boundary::unseen(), Boundary::unseen())
         };
+        let beta = if walls { e.atan2(m.max(0.0)) } else { 0.0 };
         let a = (1.0 - facet.f.value) * m.max(0.0);
         let b = (1.0 - riser.f.value) * rho;
         Ray {
@@ -136,6 +141,7 @@ impl Ray {
             sigma,
             x,
             y,
+            beta,
             facet,
             riser,
             a,
@@ -144,6 +150,7 @@ impl Ray {
     }
 
     /// Leads the derivatives to sigma, x, y, a, b and the reflectances back to e, m, p, r, n, k.
+    #[inline]
     fn lead_back(&self, q: &Prepared, g: &mut Back, shared: &mut Shared) {
         let (s, c) = (q.sin, q.cos);
         let (e, m) = (self.e, self.m);
@@ -256,6 +263,7 @@ fn back_to_sample(g: &Back, s: f64, c: f64, scale: f64) -> [f64; 3] {
 }
 
 /// (a) Single reflection.
+#[inline]
 fn single(
     q: &Prepared,
     i: &Ray,
@@ -332,6 +340,7 @@ struct Lobe {
 }
 
 /// D about the wall's normal, the half vector's components being (u, y, z).
+#[inline]
 fn lobe(q: &Prepared, u: f64, y: f64, z: f64, h2: f64) -> Lobe {
     if z <= 0.0 {
         return Lobe {
@@ -345,7 +354,7 @@ fn lobe(q: &Prepared, u: f64, y: f64, z: f64, h2: f64) -> Lobe {
     }
     let per_z = 1.0 / z;
     let (a, b) = (u * per_z, y * per_z);
-    let (au, bv) = (a / q.au2, b / q.av2);
+    let (au, bv) = (a * q.per_au2, b * q.per_av2);
     let exponent = a * au + b * bv;
     let widen = h2 * per_z * per_z;
     Lobe {
@@ -353,13 +362,14 @@ fn lobe(q: &Prepared, u: f64, y: f64, z: f64, h2: f64) -> Lobe {
         to_u: -2.0 * au * per_z,
         to_y: -2.0 * bv * per_z,
         to_z: (2.0 * exponent - 4.0) * per_z,
-        to_alpha_u: to_alpha(a * au, q.au2, q.surface.alpha_u),
-        to_alpha_v: to_alpha(b * bv, q.av2, q.surface.alpha_v),
+        to_alpha_u: to_alpha(a * au, q.per_au2, q.surface.alpha_u),
+        to_alpha_v: to_alpha(b * bv, q.per_av2, q.surface.alpha_v),
     }
 }
 
 /// (b) Diffuse light without its factor c_d (which the derivatives do carry). `exchange` receives
 /// the products that the three exchange coefficients multiply.
+#[inline]
 fn diffuse(
     q: &Prepared,
     i: &Ray,
@@ -462,6 +472,7 @@ fn diffuse(
 const RETRO_EXPONENT_MAX: f64 = 100.0;
 
 /// (c) The retro lobe: `a` meets the facet, `b` the riser.
+#[inline]
 fn retro(q: &Prepared, a: &Ray, b: &Ray, ga: &mut Back, gb: &mut Back, shared: &mut Shared) -> f64 {
     if a.m <= 0.0 || b.rho <= 0.0 || q.sin <= 0.0 {
         return 0.0;
@@ -471,17 +482,17 @@ fn retro(q: &Prepared, a: &Ray, b: &Ray, ga: &mut Back, gb: &mut Back, shared: &
     let au2 = surface.alpha_u * surface.alpha_u;
     let spread = 0.5 * (a.m * a.m + b.rho * b.rho);
     let v_u = au2 * spread + q.lamp;
-    let v_v = surface.alpha_v * surface.alpha_v + q.lamp;
+    let per_v_v = q.per_v_v;
+    let per_v_u = 1.0 / v_u;
     let x = 0.5 * (a.u + b.u);
-    let exponent_u = x * x / (2.0 * v_u);
+    let exponent_u = 0.5 * x * x * per_v_u;
     if exponent_u > RETRO_EXPONENT_MAX {
         return 0.0;
     }
     let m_b = b.m.max(0.0);
-    let beta_a = a.e.atan2(a.m);
-    let beta_b = b.e.atan2(m_b);
+    let (beta_a, beta_b) = (a.beta, b.beta);
     let y = 0.5 * (beta_b - beta_a);
-    let exponent_v = y * y / (2.0 * v_v);
+    let exponent_v = 0.5 * y * y * per_v_v;
     if exponent_u + exponent_v > RETRO_EXPONENT_MAX {
         return 0.0;
     }
@@ -515,9 +526,9 @@ fn retro(q: &Prepared, a: &Ray, b: &Ray, ga: &mut Back, gb: &mut Back, shared: &
         }
         length
     };
-    let z = tilt / surface.alpha_v;
+    let z = tilt * q.per_alpha_v;
     let phi = 0.5 * libm::erfc(-z * FRAC_1_SQRT_2);
-    let gauss = (-exponent_u - exponent_v).exp() / (2.0 * PI * (v_u * v_v).sqrt());
+    let gauss = (-exponent_u - exponent_v).exp() * (per_v_u * per_v_v).sqrt() * (0.5 * FRAC_1_PI);
     let amplitude2 = surface.amplitude * surface.amplitude;
     let bare = 0.25 * phi * b.rho * gauss * length;
     let product = match (&a.facet.parts, &b.riser.parts) {
@@ -547,22 +558,29 @@ fn retro(q: &Prepared, a: &Ray, b: &Ray, ga: &mut Back, gb: &mut Back, shared: &
         gb.riser_f += to_product * a.facet.f.value;
     }
     // Length.
-    let per_length = value / length;
+    let whole = amplitude2 * product * 0.25 * phi * gauss;
+    let per_length = whole * b.rho;
     shared.p += per_length * to_p;
     shared.r += per_length * to_r;
     ga.sigma += per_length * to_sigma;
     // Φ(tilt/αv) and the tilt's other place.
-    let slope = amplitude2 * product * 0.25 * b.rho * gauss * length * (-0.5 * z * z).exp()
-        / (2.0 * PI).sqrt();
-    let to_tilt = per_length * to_tilt + slope / surface.alpha_v;
-    shared.alpha_v -= slope * z / surface.alpha_v;
+    let slope = 0.25
+        * amplitude2
+        * product
+        * b.rho
+        * gauss
+        * length
+        * (-0.5 * z * z).exp()
+        * (0.5 * FRAC_2_SQRT_PI * FRAC_1_SQRT_2);
+    let to_tilt = per_length * to_tilt + slope * q.per_alpha_v;
+    shared.alpha_v -= slope * z * q.per_alpha_v;
     // ω_ρ of the leaving direction (−e).
-    let mut to_rho_b = value / b.rho;
+    let mut to_rho_b = whole * length;
     // The two normal densities.
-    let to_x = -value * x / v_u;
-    let to_v_u = value * (exponent_u - 0.5) / v_u;
-    let to_y = -value * y / v_v;
-    let to_v_v = value * (exponent_v - 0.5) / v_v;
+    let to_x = -value * x * per_v_u;
+    let to_v_u = value * (exponent_u - 0.5) * per_v_u;
+    let to_y = -value * y * per_v_v;
+    let to_v_v = value * (exponent_v - 0.5) * per_v_v;
     ga.u += 0.5 * to_x;
     gb.u += 0.5 * to_x;
     shared.alpha_u += to_v_u * 2.0 * surface.alpha_u * spread;

@@ -110,6 +110,7 @@ impl OpticsTable {
     }
 
     /// Unpolarised reflectance with derivatives, the short way for a dielectric.
+    #[inline]
     pub(super) fn reflectance(&self, cos: f64) -> Slopes {
         if self.optics.k == 0.0 {
             dielectric_slopes(cos, self.optics.eta)
@@ -128,12 +129,16 @@ pub struct Prepared {
     pub(super) opaque: bool,
     pub(super) sin: f64,
     pub(super) cos: f64,
-    /// α² + R²/8 along and across the ridges.
-    pub(super) au2: f64,
-    pub(super) av2: f64,
+    pub(super) tan: f64,
+    /// 1/(α² + R²/8) along and across the ridges.
+    pub(super) per_au2: f64,
+    pub(super) per_av2: f64,
     /// R²/16, the lamp's share in the retro lobe's variances.
     pub(super) lamp: f64,
-    /// 1/(π √(au2 av2)).
+    /// 1/(αv² + R²/16) and 1/αv.
+    pub(super) per_v_v: f64,
+    pub(super) per_alpha_v: f64,
+    /// 1/(π √((αu² + R²/8)(αv² + R²/8))).
     pub(super) peak: f64,
     /// c_d.
     pub(super) c_d: f64,
@@ -153,6 +158,7 @@ impl Prepared {
         let lamp = radius * radius / 16.0;
         let au2 = surface.alpha_u * surface.alpha_u + 2.0 * lamp;
         let av2 = surface.alpha_v * surface.alpha_v + 2.0 * lamp;
+        let v_v = surface.alpha_v * surface.alpha_v + lamp;
         let c_d = surface.rho_d * table.diffuse[0];
         let kappa = [
             c_d * table.exchange[0],
@@ -169,9 +175,12 @@ impl Prepared {
             opaque: false,
             sin,
             cos,
-            au2,
-            av2,
+            tan: sin / cos,
+            per_au2: 1.0 / au2,
+            per_av2: 1.0 / av2,
             lamp,
+            per_v_v: 1.0 / v_v,
+            per_alpha_v: 1.0 / surface.alpha_v,
             peak: 1.0 / (std::f64::consts::PI * (au2 * av2).sqrt()),
             c_d,
             exchange: exchange_coefficients(sin, cos, kappa[0]),
