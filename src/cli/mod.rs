@@ -6,6 +6,7 @@
 pub mod client;
 pub mod daemon;
 pub mod demo;
+pub mod contrast;
 pub mod eval;
 pub mod export;
 pub mod fit;
@@ -47,6 +48,8 @@ pub enum Command {
     Import(import::Args),
     /// A scan out of the store as a recorded series.
     Export(export::Args),
+    /// Contrast after rotation: measured in a series or predicted for a rig.
+    Contrast(contrast::Args),
     /// Closed forms over a table of cases.
     Eval(eval::Args),
     /// Ridge angle, roughness and reflectance of a recorded series.
@@ -90,6 +93,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Scan(args) => scan::run(args),
         Command::Import(args) => import::run(args),
         Command::Export(args) => export::run(args),
+        Command::Contrast(args) => contrast::run(args),
         Command::Eval(args) => eval::run(args),
         Command::Fit(args) => fit::run(args),
         Command::SimulateRig(args) => simulate_rig::run(args),

@@ -231,19 +231,14 @@ impl Reflectances {
 }
 
 /// Unpolarised reflectance of a dielectric with its derivatives: [`Reflectances::at`] for k = 0 in
-/// real arithmetic (∂R/∂k is 0 there, R being even in k).
+/// real arithmetic (∂R/∂k is 0, R being even in k, but where reflection is total).
 #[must_use]
 pub fn dielectric_slopes(cos: f64, eta: f64) -> Slopes {
     let lift = (eta - 1.0) * (eta + 1.0);
     let q2 = lift + cos * cos;
     if q2 <= 0.0 {
-        let value = if lift == 0.0 { 0.0 } else { 1.0 };
-        return Slopes {
-            value,
-            cos: 0.0,
-            eta: 0.0,
-            k: 0.0,
-        };
+        // Total reflection: the least absorption takes from it, ∂R/∂k < 0.
+        return Reflectances::at(cos, eta, 0.0).unpolarised();
     }
     let q = q2.sqrt();
     let n2 = eta * eta;

@@ -9,6 +9,7 @@
 //! for irradiance 1 on a surface facing the lamp, so L = f cos θi.
 
 pub mod brdf;
+pub mod contrast;
 pub mod double_double;
 pub mod dual;
 pub mod flat_stack;
@@ -23,6 +24,11 @@ pub mod quadrature;
 pub mod sawtooth;
 pub mod single_bounce;
 mod third_bounce;
+
+#[cfg(test)]
+mod derivative_tests;
+#[cfg(test)]
+mod law_tests;
 
 use nalgebra::Vector3;
 
@@ -67,6 +73,19 @@ pub struct Optics {
     pub theta_l: f64,
     /// Angular radius of the lamp, rad; widens the lobes (α² + R²/8).
     pub light_angular_radius: f64,
+}
+
+impl Surface {
+    /// The same surface with lobes no narrower than `alpha`, in quadrature: far from a narrow peak
+    /// the radiance underflows to 0 and tells a fit nothing. Start broadened, narrow as it converges.
+    #[must_use]
+    pub fn broadened(&self, alpha: f64) -> Surface {
+        Surface {
+            alpha_u: self.alpha_u.hypot(alpha),
+            alpha_v: self.alpha_v.hypot(alpha),
+            ..*self
+        }
+    }
 }
 
 impl Optics {
@@ -117,8 +136,17 @@ pub fn radiance(
     surface: &Surface,
     optics: &Optics,
 ) -> f64 {
-    let q = parameters(surface, optics);
-    let (i, o): ([f64; 3], [f64; 3]) = (directions.incident.into(), directions.outgoing.into());
+    let q = parameters(
+        &Surface {
+            theta_r: surface.theta_r.abs(),
+            ..*surface
+        },
+        optics,
+    );
+    // A negative θr is the positive one at φs + 180°.
+    let sign = if surface.theta_r < 0.0 { -1.0 } else { 1.0 };
+    let turn = |w: &Vector3<f64>| [sign * w.x, sign * w.y, w.z];
+    let (i, o) = (turn(&directions.incident), turn(&directions.outgoing));
     match variant {
         Variant::Paper => paper::radiance_of(i, o, &q),
         Variant::Sawtooth => sawtooth::radiance_of(i, o, &q),

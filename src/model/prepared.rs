@@ -7,6 +7,8 @@
 //! derivative-carrying numbers of [`super::dual`] that run through the forms of
 //! [`super::sawtooth`] and [`super::paper`].
 
+use nalgebra::Vector3;
+
 use crate::geometry::{Directions, Pose, RigGeometry};
 
 use super::dual::Dual;
@@ -124,6 +126,8 @@ impl OpticsTable {
 #[derive(Debug, Clone, Copy)]
 pub struct Prepared {
     variant: Variant,
+    /// θr was negative: the same surface turned by 180° is computed.
+    turned: bool,
     pub(super) table: OpticsTable,
     pub(super) surface: Surface,
     pub(super) opaque: bool,
@@ -150,9 +154,14 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// Hoists everything that no pose changes.
+    /// Hoists everything that no pose changes. A negative θr is the positive one at φs + 180°.
     #[must_use]
     pub fn new(variant: Variant, surface: &Surface, table: &OpticsTable) -> Self {
+        let turned = surface.theta_r < 0.0;
+        let surface = &Surface {
+            theta_r: surface.theta_r.abs(),
+            ..*surface
+        };
         let (sin, cos) = surface.theta_r.sin_cos();
         let radius = table.optics.light_angular_radius;
         let lamp = radius * radius / 16.0;
@@ -170,6 +179,7 @@ impl Prepared {
         ];
         Prepared {
             variant,
+            turned,
             table: *table,
             surface: *surface,
             opaque: false,
@@ -201,23 +211,24 @@ impl Prepared {
     /// Radiance and all partial derivatives for one pair of directions.
     #[must_use]
     pub fn partials(&self, directions: &Directions) -> Partials {
-        let i = [
-            directions.incident.x,
-            directions.incident.y,
-            directions.incident.z,
-        ];
-        let o = [
-            directions.outgoing.x,
-            directions.outgoing.y,
-            directions.outgoing.z,
-        ];
+        let sign = if self.turned { -1.0 } else { 1.0 };
+        let turn = |w: &Vector3<f64>| [sign * w.x, sign * w.y, w.z];
+        let (i, o) = (turn(&directions.incident), turn(&directions.outgoing));
         if i[2] <= 0.0 || o[2] <= 0.0 {
             return Partials::default();
         }
-        match self.variant {
+        let mut out = match self.variant {
             Variant::Paper => super::gradient_paper::partials(self, i, o),
             Variant::Sawtooth => super::gradient_sawtooth::partials(self, i, o),
+        };
+        if self.turned {
+            out.theta_r = -out.theta_r;
+            for g in [&mut out.incident, &mut out.outgoing] {
+                g[0] = -g[0];
+                g[1] = -g[1];
+            }
         }
+        out
     }
 
     /// [`Self::partials`] at a true pose of a rig, with the derivatives to the stage angles.

@@ -32,6 +32,7 @@
 use std::collections::BinaryHeap;
 use std::f64::consts::{FRAC_PI_2, PI};
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::fresnel::reflectances;
@@ -57,6 +58,8 @@ const CELLS_MAX: usize = 1500;
 #[derive(Debug, Clone)]
 pub struct Quadrature {
     q: Parameters<f64>,
+    /// −1 where θr was negative.
+    sign: f64,
     sin: f64,
     cos: f64,
     c_d: f64,
@@ -120,13 +123,19 @@ impl Lobe {
 }
 
 impl Quadrature {
-    /// Hoists what no pose changes.
+    /// Hoists what no pose changes. A negative θr is the positive one at φs + 180°.
     #[must_use]
     pub fn new(surface: &Surface, table: &OpticsTable) -> Self {
+        let sign = if surface.theta_r < 0.0 { -1.0 } else { 1.0 };
+        let surface = &Surface {
+            theta_r: surface.theta_r.abs(),
+            ..*surface
+        };
         let (sin, cos) = surface.theta_r.sin_cos();
         let optics = &table.optics;
         Quadrature {
             q: super::parameters(surface, optics),
+            sign,
             sin,
             cos,
             c_d: surface.rho_d * table.diffuse[0],
@@ -141,7 +150,8 @@ impl Quadrature {
     /// Radiance at one pair of directions; `tolerance` is absolute.
     #[must_use]
     pub fn radiance(&self, directions: &Directions, tolerance: f64) -> Estimate {
-        let (i, o): ([f64; 3], [f64; 3]) = (directions.incident.into(), directions.outgoing.into());
+        let turn = |w: &Vector3<f64>| [self.sign * w.x, self.sign * w.y, w.z];
+        let (i, o) = (turn(&directions.incident), turn(&directions.outgoing));
         if i[2] <= 0.0 || o[2] <= 0.0 {
             return Estimate {
                 value: 0.0,

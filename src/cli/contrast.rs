@@ -1,0 +1,622 @@
+//! `ridged contrast`: the paper's contrast table, predicted for a rig or measured in a series.
+
+mod figure;
+
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use anyhow::{Context, anyhow};
+use clap::ValueEnum;
+use serde_json::{Value, json};
+
+use super::{CliError, interrupt};
+use crate::geometry::RigGeometry;
+use crate::model::contrast::{
+    Contrast, Exposure, Findings, Mean, PAIRS, PAPER_AZIMUTHS_DEG, PAPER_RIDGES_DEG,
+    PAPER_TILTS_DEG, Table, Tier, predict,
+};
+use crate::model::{Optics, Surface, Variant};
+use crate::observation::ObservationSet;
+use crate::reduction::{ReductionError, reduce};
+use crate::series::Series;
+use crate::units::Angle;
+
+/// Contrast after rotation: absolute difference of radiances at azimuths 0°, 90° and 180°.
+///
+/// With a folder it is measured in that series, otherwise predicted for the rig and the surface that
+/// the options describe; without options that is the paper's rig with narrow lobes.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:\n  \
+    ridged contrast --theta-r-deg 5 10 15 20 --svg contrast.svg\n  \
+    ridged contrast --alpha 0.06 --rho-d 0.342 --compare tests/data/contrast-raytraced-paper-rig.csv\n  \
+    ridged contrast tests/data/series/polymer-10 --json")]
+pub struct Args {
+    /// Folder of a recorded series; its contrast is measured.
+    pub dir: Option<PathBuf>,
+    /// Region of a sample with a layout (measured).
+    #[arg(long, requires = "dir")]
+    pub region: Option<String>,
+    /// Ridge angles to predict for.
+    #[arg(long, num_args = 1.., value_name = "DEG", conflicts_with = "dir",
+          default_values_t = PAPER_RIDGES_DEG)]
+    pub theta_r_deg: Vec<f64>,
+    /// The rig and the surface that is predicted.
+    #[command(flatten)]
+    pub scene: Scene,
+    /// How the radiances are computed.
+    #[arg(long, value_enum, default_value_t = Model::Sawtooth)]
+    pub variant: Model,
+    /// CSV of radiances to compare with (theta_r_deg, theta_c_deg, phi_s_deg, radiance; a column
+    /// alpha is matched with --alpha).
+    #[arg(long, value_name = "FILE.csv", conflicts_with = "dir")]
+    pub compare: Option<PathBuf>,
+    /// Bars after the paper's Fig. 8.
+    #[arg(long, value_name = "FILE.svg")]
+    pub svg: Option<PathBuf>,
+    /// One JSON object on stdout instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A rig and a surface given by options; the defaults are the paper's rig with narrow lobes.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Scene {
+    /// Camera tilts.
+    #[arg(long, num_args = 1.., value_name = "DEG", allow_negative_numbers = true,
+          default_values_t = PAPER_TILTS_DEG)]
+    pub theta_c_deg: Vec<f64>,
+    /// Roughness along and across the ridges.
+    #[arg(long, default_value_t = 0.05)]
+    pub alpha: f64,
+    /// Roughness along the ridges, if it differs.
+    #[arg(long)]
+    pub alpha_u: Option<f64>,
+    /// Roughness across the ridges, if it differs.
+    #[arg(long)]
+    pub alpha_v: Option<f64>,
+    /// Diffuse reflectance.
+    #[arg(long, default_value_t = 0.35)]
+    pub rho_d: f64,
+    /// Real part of the index.
+    #[arg(long, default_value_t = 1.54)]
+    pub eta: f64,
+    /// Imaginary part of the index.
+    #[arg(long, default_value_t = 0.0)]
+    pub k: f64,
+    /// Angle between lamp and camera.
+    #[arg(long, default_value_t = 10.0, value_name = "DEG")]
+    pub theta_l_deg: f64,
+    /// Azimuth of the lamp about the camera: 0 in the tilt plane, 90 beside it.
+    #[arg(
+        long,
+        default_value_t = 90.0,
+        value_name = "DEG",
+        allow_negative_numbers = true
+    )]
+    pub light_azimuth_deg: f64,
+    /// Azimuth of the lean direction at the recorded azimuth 0.
+    #[arg(
+        long,
+        default_value_t = 90.0,
+        value_name = "DEG",
+        allow_negative_numbers = true
+    )]
+    pub azimuth_zero_deg: f64,
+    /// Angular radius of the lamp.
+    #[arg(long, default_value_t = 1.0, value_name = "DEG")]
+    pub light_angular_radius_deg: f64,
+}
+
+/// Tiers by the names of the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Model {
+    /// The BRDF as printed.
+    Paper,
+    /// The sawtooth's closed form.
+    Sawtooth,
+    /// Two bounces integrated.
+    Quadrature,
+}
+
+impl Model {
+    /// The tier it names.
+    #[must_use]
+    pub fn tier(self) -> Tier {
+        match self {
+            Model::Paper => Tier::Closed(Variant::Paper),
+            Model::Sawtooth => Tier::Closed(Variant::Sawtooth),
+            Model::Quadrature => Tier::Quadrature,
+        }
+    }
+
+    /// Its name in JSON.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Model::Paper => "paper",
+            Model::Sawtooth => "sawtooth",
+            Model::Quadrature => "quadrature",
+        }
+    }
+}
+
+impl Scene {
+    /// Checks the numbers and makes rig, optics and surface (ridge angle 0) of them.
+    ///
+    /// # Errors
+    /// Bad input, naming the option and its range.
+    pub fn build(&self) -> Result<(RigGeometry, Optics, Surface), CliError> {
+        let check = |name: &str, value: f64, low: f64, high: f64| {
+            if value.is_finite() && value >= low && value <= high {
+                Ok(())
+            } else {
+                Err(CliError::bad_input(anyhow!(
+                    "--{name} = {value} is not within {low} and {high}"
+                )))
+            }
+        };
+        let alpha_u = self.alpha_u.unwrap_or(self.alpha);
+        let alpha_v = self.alpha_v.unwrap_or(self.alpha);
+        check("alpha-u", alpha_u, 1e-4, 10.0)?;
+        check("alpha-v", alpha_v, 1e-4, 10.0)?;
+        check("rho-d", self.rho_d, 0.0, 1.0)?;
+        check("eta", self.eta, 1e-3, 1e3)?;
+        check("k", self.k, 0.0, 1e3)?;
+        check("theta-l-deg", self.theta_l_deg, 0.0, 80.0)?;
+        check("light-azimuth-deg", self.light_azimuth_deg, -360.0, 360.0)?;
+        check("azimuth-zero-deg", self.azimuth_zero_deg, -360.0, 360.0)?;
+        check(
+            "light-angular-radius-deg",
+            self.light_angular_radius_deg,
+            0.0,
+            10.0,
+        )?;
+        for &tilt in &self.theta_c_deg {
+            check("theta-c-deg", tilt, -89.0, 89.0)?;
+        }
+        let rig = RigGeometry {
+            theta_l: Angle::from_deg(self.theta_l_deg),
+            light_azimuth: Angle::from_deg(self.light_azimuth_deg),
+            azimuth_zero: Angle::from_deg(self.azimuth_zero_deg),
+            light_angular_radius: Angle::from_deg(self.light_angular_radius_deg),
+        };
+        let optics = Optics {
+            eta: self.eta,
+            k: self.k,
+            theta_l: rig.theta_l.rad(),
+            light_angular_radius: rig.light_angular_radius.rad(),
+        };
+        let surface = Surface {
+            theta_r: 0.0,
+            alpha_u,
+            alpha_v,
+            rho_d: self.rho_d,
+            amplitude: 1.0,
+        };
+        Ok((rig, optics, surface))
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input for options out of range, a folder that is no series, a file that is no table; no
+/// result where the series has no pose at the paper's azimuths or a file cannot be written.
+pub fn run(args: Args) -> Result<(), CliError> {
+    let (table, mut report) = match &args.dir {
+        Some(dir) => measured(dir, args.region.as_deref())?,
+        None => predicted(&args)?,
+    };
+    let mut others = Vec::new();
+    if let Some(path) = &args.compare {
+        let alpha = args.scene.alpha;
+        let other = read_radiances(path, alpha)?;
+        report["comparison"] = comparison(&table, &other, path);
+        others.push(("compared", other));
+    }
+    if let Some(path) = &args.svg {
+        let label = if args.dir.is_some() {
+            "measured"
+        } else {
+            "predicted"
+        };
+        let mut series = vec![(label, &table)];
+        series.extend(others.iter().map(|(name, t)| (*name, t)));
+        std::fs::write(path, figure::bars(&series))
+            .with_context(|| format!("cannot write {}", path.display()))
+            .map_err(CliError::NoResult)?;
+    }
+    let text = if args.json {
+        let mut text = serde_json::to_string_pretty(&report).map_err(CliError::no_result)?;
+        text.push('\n');
+        text
+    } else {
+        as_text(&table, &report)
+    };
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes())
+        .and_then(|()| out.flush())
+        .map_err(CliError::no_result)
+}
+
+fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
+    let (rig, optics, surface) = args.scene.build()?;
+    for &ridge in &args.theta_r_deg {
+        if !(0.0..=60.0).contains(&ridge) {
+            return Err(CliError::bad_input(anyhow!(
+                "--theta-r-deg = {ridge} is not within 0 and 60"
+            )));
+        }
+    }
+    let table = predict(
+        args.variant.tier(),
+        &rig,
+        &optics,
+        &surface,
+        &args.theta_r_deg,
+        &args.scene.theta_c_deg,
+    );
+    let mut report = as_json(&table, None);
+    report["mode"] = json!("predicted");
+    report["variant"] = json!(args.variant.name());
+    Ok((table, report))
+}
+
+/// How far a recorded angle may be from the paper's and still count as it.
+const SNAP_DEG: f64 = 0.5;
+
+fn measured(dir: &Path, region: Option<&str>) -> Result<(Table, Value), CliError> {
+    let series = Series::open(dir).map_err(CliError::bad_input)?;
+    let cancel = interrupt::flag()?;
+    let set = reduced(&series, region, &cancel)?;
+    let (table, stds) = of_observations(&set);
+    if table.lines.is_empty() {
+        return Err(CliError::no_result(anyhow!(
+            "no camera tilt of {} has frames at all of the azimuths 0, 90 and 180 degrees",
+            dir.display()
+        )));
+    }
+    let mut report = as_json(&table, Some(&stds));
+    report["mode"] = json!("measured");
+    report["region"] = json!(set.region);
+    report["scale"] = json!(if set.white_reference.is_some() {
+        "white reference"
+    } else {
+        "arbitrary"
+    });
+    report["warnings"] = json!(set.warnings);
+    Ok((table, report))
+}
+
+fn reduced(
+    series: &Series,
+    region: Option<&str>,
+    cancel: &AtomicBool,
+) -> Result<ObservationSet, CliError> {
+    reduce(series, region, cancel).map_err(|error| match error {
+        ReductionError::Cancelled => CliError::Interrupted,
+        error @ (ReductionError::NoObservations { .. } | ReductionError::Vanished { .. }) => {
+            CliError::no_result(error)
+        }
+        error => CliError::bad_input(error),
+    })
+}
+
+/// The contrast table of reduced observations and the standard uncertainty of every contrast: own
+/// noise of both, and what white reference and lamp drift do to their difference.
+fn of_observations(set: &ObservationSet) -> (Table, Vec<[f64; 2]>) {
+    let mut exposures: Vec<Exposure> = Vec::new();
+    let mut sources = Vec::new();
+    for o in &set.observations {
+        let recorded_deg = o.pose.phi_s.deg().rem_euclid(360.0);
+        let Some(azimuth) = PAPER_AZIMUTHS_DEG.into_iter().find(|a| {
+            let off = (recorded_deg - a).abs();
+            off.min(360.0 - off) <= SNAP_DEG
+        }) else {
+            continue;
+        };
+        let theta_c = Angle::from_deg((o.pose.theta_c.deg() * 10.0).round() / 10.0);
+        exposures.push(Exposure {
+            theta_r: Angle::ZERO,
+            theta_c,
+            phi_s: Angle::from_deg(azimuth),
+            radiance: o.signal,
+        });
+        sources.push(o);
+    }
+    let table = Table::of(&exposures);
+    let stds = table
+        .lines
+        .iter()
+        .map(|line| {
+            let at = |j: usize| {
+                exposures
+                    .iter()
+                    .zip(&sources)
+                    .find(|(e, _)| {
+                        e.theta_c == line.theta_c
+                            && e.phi_s == Angle::from_deg(PAPER_AZIMUTHS_DEG[j])
+                    })
+                    .map(|(_, o)| *o)
+                    .expect("a line is made of its exposures")
+            };
+            PAIRS.map(|(_, j, k)| {
+                let (a, b) = (at(j), at(k));
+                let white = a.shared.white_reference - b.shared.white_reference;
+                let drift = a.shared.led_drift.hypot(b.shared.led_drift);
+                a.sigma.hypot(b.sigma).hypot(white).hypot(drift)
+            })
+        })
+        .collect();
+    (table, stds)
+}
+
+fn as_json(table: &Table, stds: Option<&[[f64; 2]]>) -> Value {
+    let measured = stds.is_some();
+    let lines: Vec<Value> = table
+        .lines
+        .iter()
+        .enumerate()
+        .map(|(n, line)| {
+            let mut contrast = serde_json::Map::new();
+            for (pair, (name, ..)) in PAIRS.iter().enumerate() {
+                let mut entry = contrast_json(&line.contrast[pair]);
+                if let Some(stds) = stds {
+                    entry["absolute_std"] = json!(stds[n][pair]);
+                }
+                contrast.insert((*name).to_owned(), entry);
+            }
+            let mut entry = json!({
+                "theta_c_deg": rounded_deg(line.theta_c),
+                "radiance": {"0": line.radiance[0], "90": line.radiance[1], "180": line.radiance[2]},
+                "contrast": contrast,
+            });
+            if !measured {
+                entry["theta_r_deg"] = json!(rounded_deg(line.theta_r));
+            }
+            entry
+        })
+        .collect();
+    let means = |name: &str, means: &[Mean]| {
+        means
+            .iter()
+            .map(|m| {
+                let mut entry = contrast_json(&m.contrast);
+                entry[name] = m
+                    .setting
+                    .parse::<f64>()
+                    .map_or_else(|_| json!(m.setting), |deg| json!(deg));
+                entry
+            })
+            .collect::<Vec<_>>()
+    };
+    let mut mean = json!({
+        "by_theta_c": means("theta_c_deg", &table.by_theta_c),
+        "by_phi_s": means("phi_s_deg", &table.by_phi_s),
+    });
+    if !measured {
+        mean["by_theta_r"] = json!(means("theta_r_deg", &table.by_theta_r));
+    }
+    json!({
+        "lines": lines,
+        "mean": mean,
+        "findings": table.findings().map(findings_json),
+        "program": concat!("ridged ", env!("CARGO_PKG_VERSION")),
+    })
+}
+
+/// Degrees without the noise of the conversion to radians and back.
+fn rounded_deg(a: Angle) -> f64 {
+    (a.deg() * 1e6).round() / 1e6
+}
+
+fn contrast_json(c: &Contrast) -> Value {
+    json!({"absolute": c.absolute, "michelson": c.michelson})
+}
+
+fn findings_json(f: Findings) -> Value {
+    json!({
+        "greatest_at_theta_c_0": f.greatest_at_normal_tilt,
+        "greatest_at_smallest_theta_r": f.greatest_at_smallest_ridge,
+        "0-90_above_90-180": f.first_quarter_stronger,
+    })
+}
+
+/// Radiances of a table on disk; rows of another alpha are left out.
+fn read_radiances(path: &Path, alpha: f64) -> Result<Table, CliError> {
+    let bad = |why: String| CliError::bad_input(anyhow!("{}: {why}", path.display()));
+    let mut reader = csv::Reader::from_path(path)
+        .with_context(|| format!("cannot read {}", path.display()))
+        .map_err(CliError::bad_input)?;
+    let headers = reader.headers().map_err(|e| bad(e.to_string()))?.clone();
+    let find = |name: &str| headers.iter().position(|h| h.trim() == name);
+    let need = |name: &str| find(name).ok_or_else(|| bad(format!("lacks the column {name}")));
+    let columns = [
+        need("theta_r_deg")?,
+        need("theta_c_deg")?,
+        need("phi_s_deg")?,
+        need("radiance")?,
+    ];
+    let alpha_column = find("alpha");
+    let mut exposures = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(|e| bad(e.to_string()))?;
+        let number = |column: usize| {
+            record[column]
+                .trim()
+                .parse::<f64>()
+                .map_err(|_| bad(format!("{:?} is no number", &record[column])))
+        };
+        if let Some(column) = alpha_column
+            && (number(column)? - alpha).abs() > 1e-9
+        {
+            continue;
+        }
+        let [theta_r, theta_c, phi_s, radiance] = columns;
+        exposures.push(Exposure {
+            theta_r: Angle::from_deg(number(theta_r)?),
+            theta_c: Angle::from_deg(number(theta_c)?),
+            phi_s: Angle::from_deg(number(phi_s)?),
+            radiance: number(radiance)?,
+        });
+    }
+    let table = Table::of(&exposures);
+    if table.lines.is_empty() {
+        return Err(bad(format!(
+            "no line has the azimuths 0, 90 and 180 degrees (alpha {alpha})"
+        )));
+    }
+    Ok(table)
+}
+
+/// Differences of absolute contrasts over the lines that both tables have.
+fn comparison(ours: &Table, theirs: &Table, path: &Path) -> Value {
+    let mut differences = Vec::new();
+    let mut largest: f64 = 0.0;
+    for a in &ours.lines {
+        for b in &theirs.lines {
+            let near = |x: Angle, y: Angle| (x - y).abs() < Angle::from_deg(5e-4);
+            if near(a.theta_r, b.theta_r) && near(a.theta_c, b.theta_c) {
+                for pair in 0..PAIRS.len() {
+                    largest = largest.max(b.contrast[pair].absolute);
+                    differences.push(a.contrast[pair].absolute - b.contrast[pair].absolute);
+                }
+            }
+        }
+    }
+    let n = differences.len().max(1) as f64;
+    let rms = (differences.iter().map(|d| d * d).sum::<f64>() / n).sqrt();
+    let worst = differences.iter().map(|d| d.abs()).fold(0.0, f64::max);
+    json!({
+        "file": path.display().to_string(),
+        "n_contrasts": differences.len(),
+        "rms": rms,
+        "worst": worst,
+        "largest_contrast": largest,
+        "rms_relative": rms / largest,
+        "worst_relative": worst / largest,
+        "findings": theirs.findings().map(findings_json),
+    })
+}
+
+fn as_text(table: &Table, report: &Value) -> String {
+    let mut text = String::new();
+    let predicted = report["mode"] == "predicted";
+    let ridge = |a: Angle| {
+        if predicted {
+            format!("{:8.2}", rounded_deg(a))
+        } else {
+            "       –".to_owned()
+        }
+    };
+    let _ = writeln!(
+        text,
+        "θr / °   θc / °       L(0°)      L(90°)     L(180°)   |0–90|  (Mich.)  |90–180|  (Mich.)"
+    );
+    for l in &table.lines {
+        let [a, b] = l.contrast;
+        let _ = writeln!(
+            text,
+            "{}{:8.2}  {:10.5}  {:10.5}  {:10.5}  {:7.4}  {:6.3}   {:7.4}  {:6.3}",
+            ridge(l.theta_r),
+            rounded_deg(l.theta_c),
+            l.radiance[0],
+            l.radiance[1],
+            l.radiance[2],
+            a.absolute,
+            a.michelson,
+            b.absolute,
+            b.michelson
+        );
+    }
+    let mut means = vec![("θc", &table.by_theta_c), ("φs", &table.by_phi_s)];
+    if predicted {
+        means.insert(1, ("θr", &table.by_theta_r));
+    }
+    for (name, means) in means {
+        let list: Vec<String> = means
+            .iter()
+            .map(|m| {
+                format!(
+                    "{}°: {:.4} ({:.3})",
+                    m.setting, m.contrast.absolute, m.contrast.michelson
+                )
+            })
+            .collect();
+        let _ = writeln!(text, "mean by {name}: {}", list.join("   "));
+    }
+    if let Some(f) = table.findings() {
+        let word = |b: bool| if b { "yes" } else { "no" };
+        let _ = writeln!(
+            text,
+            "the paper's findings: greatest at θc = 0: {}; greatest at the smallest θr: {}; 0–90 above 90–180: {}",
+            word(f.greatest_at_normal_tilt),
+            word(f.greatest_at_smallest_ridge),
+            word(f.first_quarter_stronger)
+        );
+    }
+    if let Some(c) = report.get("comparison") {
+        let _ = writeln!(
+            text,
+            "against {}: {} contrasts, rms difference {:.3} %, worst {:.3} % of the largest",
+            c["file"].as_str().unwrap_or_default(),
+            c["n_contrasts"],
+            100.0 * c["rms_relative"].as_f64().unwrap_or(f64::NAN),
+            100.0 * c["worst_relative"].as_f64().unwrap_or(f64::NAN)
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    fn parse(words: &[&str]) -> Args {
+        Line::parse_from(["contrast"].iter().chain(words)).args
+    }
+
+    #[test]
+    fn the_defaults_are_the_papers_experiment_and_show_its_findings() {
+        let (table, report) = predicted(&parse(&[])).unwrap();
+        assert_eq!(table.lines.len(), 20);
+        assert_eq!(report["findings"]["greatest_at_theta_c_0"], true);
+        assert_eq!(report["findings"]["greatest_at_smallest_theta_r"], true);
+        assert_eq!(report["findings"]["0-90_above_90-180"], true);
+        assert_eq!(report["lines"][0]["theta_r_deg"], 5.0);
+        assert_eq!(report["mean"]["by_theta_c"][2]["theta_c_deg"], 0.0);
+        assert_eq!(report["mean"]["by_phi_s"][0]["phi_s_deg"], "0-90");
+        assert!(as_text(&table, &report).lines().count() > 20);
+    }
+
+    #[test]
+    fn options_out_of_range_are_named() {
+        let refused = predicted(&parse(&["--rho-d", "1.5"])).unwrap_err();
+        let CliError::BadInput(e) = refused else {
+            panic!("{refused:?}")
+        };
+        assert_eq!(e.to_string(), "--rho-d = 1.5 is not within 0 and 1");
+        assert!(predicted(&parse(&["--theta-r-deg", "5", "75"])).is_err());
+    }
+
+    #[test]
+    fn the_comparison_takes_the_rows_of_its_alpha() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("tests/data/contrast-raytraced-paper-rig.csv");
+        let other = read_radiances(&path, 0.06).unwrap();
+        let (table, _) = predicted(&parse(&["--alpha", "0.06", "--rho-d", "0.342"])).unwrap();
+        let c = comparison(&table, &other, &path);
+        assert_eq!(c["n_contrasts"], 40);
+        assert!(c["rms_relative"].as_f64().unwrap() < 0.002);
+        assert!(read_radiances(&path, 0.5).is_err());
+    }
+}
