@@ -4,15 +4,17 @@
 //! result, 2 bad usage or bad input, 130 after Ctrl-C once things are safe.
 
 pub mod client;
+pub mod contrast;
 pub mod daemon;
 pub mod demo;
-pub mod contrast;
 pub mod eval;
 pub mod export;
 pub mod fit;
 pub mod import;
 pub mod interrupt;
+pub mod optimize;
 pub mod progress;
+pub mod render;
 pub mod rig;
 pub mod scan;
 pub mod serve;
@@ -54,6 +56,10 @@ pub enum Command {
     Eval(eval::Args),
     /// Ridge angle, roughness and reflectance of a recorded series.
     Fit(fit::Args),
+    /// The micro-structure of greatest contrast on a rig.
+    Optimize(optimize::Args),
+    /// Pictures of a board of patches before and after a turn.
+    Render(render::Args),
     /// The simulated controller alone, on a pty or a TCP port.
     SimulateRig(simulate_rig::Args),
     /// Polarised light through single or layered micro-surfaces.
@@ -96,6 +102,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Contrast(args) => contrast::run(args),
         Command::Eval(args) => eval::run(args),
         Command::Fit(args) => fit::run(args),
+        Command::Optimize(args) => optimize::run(args),
+        Command::Render(args) => render::run(args),
         Command::SimulateRig(args) => simulate_rig::run(args),
         Command::Trace(args) => trace::run(args),
     };

@@ -104,7 +104,7 @@ impl Boundary {
 
 impl Ray {
     #[inline]
-    fn new(q: &Prepared, w: [f64; 3], walls: bool) -> Self {
+    fn new(q: &Prepared, w: [f64; 3], walls: bool, risers: bool) -> Self {
         let (s, c) = (q.sin, q.cos);
         let e = w[1] * c - w[2] * s;
         let m = w[1] * s + w[2] * c;
@@ -130,7 +130,7 @@ impl Ray {
         } else {
             (Boundary::unseen(), Boundary::unseen())
         };
-        let beta = if walls { e.atan2(m.max(0.0)) } else { 0.0 };
+        let beta = if risers { e.atan2(m.max(0.0)) } else { 0.0 };
         let a = (1.0 - facet.f.value) * m.max(0.0);
         let b = (1.0 - riser.f.value) * rho;
         Ray {
@@ -193,9 +193,9 @@ pub(super) fn partials(q: &Prepared, i: [f64; 3], o: [f64; 3]) -> Partials {
     let (s, c) = (q.sin, q.cos);
     // On an opaque surface without a wall to meet only single reflection is left.
     let diffuse = !q.opaque;
-    let walls = diffuse || i[1] * c < i[2] * s || o[1] * c < o[2] * s;
-    let ray_i = Ray::new(q, i, walls);
-    let ray_o = Ray::new(q, o, walls);
+    let risers = i[1] * c < i[2] * s || o[1] * c < o[2] * s;
+    let ray_i = Ray::new(q, i, diffuse || risers, risers);
+    let ray_o = Ray::new(q, o, diffuse || risers, risers);
     let (mut gi, mut go) = (Back::default(), Back::default());
     let mut shared = Shared::default();
 
@@ -214,8 +214,10 @@ pub(super) fn partials(q: &Prepared, i: [f64; 3], o: [f64; 3]) -> Partials {
         );
         sum += q.c_d * diffuse_sum;
     }
-    sum += retro(q, &ray_i, &ray_o, &mut gi, &mut go, &mut shared);
-    sum += retro(q, &ray_o, &ray_i, &mut go, &mut gi, &mut shared);
+    if risers {
+        sum += retro(q, &ray_i, &ray_o, &mut gi, &mut go, &mut shared);
+        sum += retro(q, &ray_o, &ray_i, &mut go, &mut gi, &mut shared);
+    }
 
     ray_i.lead_back(q, &mut gi, &mut shared);
     ray_o.lead_back(q, &mut go, &mut shared);

@@ -84,8 +84,14 @@ fn spread(n: u32) -> Vec<Directions> {
             let t = f64::from(j);
             let part = |step: f64| (t * step).fract();
             Directions {
-                incident: direction(1.4 * part(0.618_034), 6.28 * part(0.754_878)),
-                outgoing: direction(1.4 * part(0.569_840), 6.28 * part(0.438_579)),
+                incident: direction(
+                    1.4 * part(0.618_034),
+                    std::f64::consts::TAU * part(0.754_878),
+                ),
+                outgoing: direction(
+                    1.4 * part(0.569_840),
+                    std::f64::consts::TAU * part(0.438_579),
+                ),
             }
         })
         .collect()

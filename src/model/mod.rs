@@ -18,6 +18,7 @@ pub mod gauss;
 mod gradient_paper;
 mod gradient_sawtooth;
 pub mod paper;
+pub mod picture;
 pub mod polarisation;
 pub mod prepared;
 pub mod quadrature;

@@ -1,0 +1,195 @@
+//! A board of patches with ridges in two directions, seen by a camera at a finite distance.
+//!
+//! [`Board::render`] gives the radiance of every pixel (Luongo et al. 2017, Fig. 2): each pixel has
+//! its own directions to lamp and camera, and its own irradiance, 1 at the board's centre for a
+//! surface facing the lamp and falling with the square of the distance. It knows no file formats.
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use crate::geometry::{Directions, RigGeometry};
+use crate::units::Angle;
+
+use super::prepared::{OpticsTable, Prepared};
+use super::{Optics, Surface, Variant};
+
+/// A square board of n × n patches; where i + j is odd the ridges are turned by −90°. With an odd
+/// n a quarter turn (+90°) brings the odd patches where the even ones were, so that bright and dark
+/// change places; with an even n the patches change places too and undo it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Board {
+    /// Side of the board, mm.
+    pub size_mm: f64,
+    /// Patches along a side.
+    pub patches: u32,
+    /// Distance of camera and lamp from the board's centre, mm.
+    pub distance_mm: f64,
+    /// Width of what the camera sees in the plane through the centre, across its axis, mm.
+    pub field_mm: f64,
+}
+
+/// A grey picture in linear radiance, row by row from the top.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// Pixels along a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Radiance, `width × height`.
+    pub radiance: Vec<f32>,
+}
+
+impl Board {
+    /// The picture of the board at a camera tilt and a recorded azimuth, `pixels` square; dark
+    /// beside the board.
+    #[must_use]
+    pub fn render(
+        &self,
+        rig: &RigGeometry,
+        theta_c: Angle,
+        phi_s: Angle,
+        surface: &Surface,
+        optics: &Optics,
+        pixels: usize,
+    ) -> Picture {
+        let prepared = Prepared::new(Variant::Sawtooth, surface, &OpticsTable::new(optics));
+        let centre = rig.rig_directions(theta_c);
+        let camera = centre.outgoing * self.distance_mm;
+        let lamp = centre.incident * self.distance_mm;
+        // Image axes: columns along the tilt direction, rows downwards along −y.
+        let (sin, cos) = theta_c.sin_cos();
+        let column = Vector3::new(cos, 0.0, -sin);
+        let row = Vector3::new(0.0, -1.0, 0.0);
+        let (sin_s, cos_s) = phi_s.sin_cos();
+        let step = self.field_mm / pixels as f64;
+        let at = |index: usize| (index as f64 + 0.5) * step - 0.5 * self.field_mm;
+        let radiance = (0..pixels * pixels)
+            .into_par_iter()
+            .map(|index| {
+                let target = column * at(index % pixels) + row * at(index / pixels);
+                let ray = target - camera;
+                if ray.z >= 0.0 {
+                    return 0.0;
+                }
+                let point = camera - ray * (camera.z / ray.z);
+                // The board's own axes turn with the sample.
+                let x = point.x * cos_s + point.y * sin_s;
+                let y = point.y * cos_s - point.x * sin_s;
+                let patch = |c: f64| {
+                    let share = c / self.size_mm + 0.5;
+                    (0.0..1.0)
+                        .contains(&share)
+                        .then(|| (share * f64::from(self.patches)) as u32)
+                };
+                let (Some(i), Some(j)) = (patch(x), patch(y)) else {
+                    return 0.0;
+                };
+                let quarter = if (i + j) % 2 == 0 { 0.0 } else { -90.0 };
+                let azimuth = phi_s + rig.azimuth_zero + Angle::from_deg(quarter);
+                let (s, c) = azimuth.sin_cos();
+                let turn =
+                    |w: Vector3<f64>| Vector3::new(w.x * s - w.y * c, w.x * c + w.y * s, w.z);
+                let to_lamp = lamp - point;
+                let directions = Directions {
+                    incident: turn(to_lamp.normalize()),
+                    outgoing: turn((camera - point).normalize()),
+                };
+                let irradiance = self.distance_mm * self.distance_mm / to_lamp.norm_squared();
+                (prepared.partials(&directions).value * irradiance) as f32
+            })
+            .collect();
+        Picture {
+            width: pixels,
+            height: pixels,
+            radiance,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BOARD: Board = Board {
+        size_mm: 40.0,
+        patches: 5,
+        distance_mm: 400.0,
+        field_mm: 50.0,
+    };
+
+    fn picture(phi_s_deg: f64) -> Picture {
+        let rig = RigGeometry {
+            light_azimuth: Angle::from_deg(90.0),
+            azimuth_zero: Angle::from_deg(90.0),
+            ..RigGeometry::IN_PLANE
+        };
+        let surface = Surface {
+            theta_r: 5f64.to_radians(),
+            alpha_u: 0.05,
+            alpha_v: 0.05,
+            rho_d: 0.35,
+            amplitude: 1.0,
+        };
+        let optics = Optics {
+            eta: 1.54,
+            k: 0.0,
+            theta_l: rig.theta_l.rad(),
+            light_angular_radius: 0.0,
+        };
+        BOARD.render(
+            &rig,
+            Angle::ZERO,
+            Angle::from_deg(phi_s_deg),
+            &surface,
+            &optics,
+            100,
+        )
+    }
+
+    #[test]
+    fn a_quarter_turn_exchanges_bright_and_dark_patches() {
+        let (before, after) = (picture(0.0), picture(90.0));
+        // The central patch (even) and its neighbours (odd), 16 pixels away.
+        let at = |p: &Picture, x: usize, y: usize| p.radiance[y * p.width + x];
+        for (x, y) in [(50, 50), (34, 50), (66, 50), (50, 34), (50, 66)] {
+            let (a, b) = (at(&before, x, y), at(&after, x, y));
+            let brighter = a.max(b) / a.min(b);
+            assert!(brighter > 2.0, "{x} {y}: {a} {b}");
+        }
+        assert!(at(&before, 50, 50) > 2.0 * at(&before, 66, 50));
+        assert!(at(&after, 50, 50) < 0.5 * at(&after, 34, 50));
+        assert_eq!(at(&before, 2, 2), 0.0);
+    }
+
+    #[test]
+    fn the_centre_of_the_board_is_what_a_far_camera_sees() {
+        let far = Board {
+            distance_mm: 1e7,
+            ..BOARD
+        };
+        let rig = RigGeometry::IN_PLANE;
+        let surface = Surface {
+            theta_r: 0.1,
+            alpha_u: 0.1,
+            alpha_v: 0.1,
+            rho_d: 0.35,
+            amplitude: 1.0,
+        };
+        let optics = Optics {
+            eta: 1.54,
+            k: 0.0,
+            theta_l: rig.theta_l.rad(),
+            light_angular_radius: 0.0,
+        };
+        let tilt = Angle::from_deg(12.0);
+        let p = far.render(&rig, tilt, Angle::ZERO, &surface, &optics, 50);
+        let d = rig.directions(crate::geometry::Pose {
+            theta_c: tilt,
+            phi_s: Angle::ZERO,
+        });
+        let expected = super::super::radiance(Variant::Sawtooth, &d, &surface, &optics);
+        // The central patch is even: not turned.
+        let value = f64::from(p.radiance[25 * p.width + 25]);
+        assert!((value / expected - 1.0).abs() < 1e-4, "{value} {expected}");
+    }
+}
