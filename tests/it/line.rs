@@ -37,7 +37,7 @@ impl Rig {
 
     fn line(&self, attempts: u32) -> Line {
         let settings = LineSettings {
-            reply_timeout: Duration::from_millis(60),
+            reply_timeout: Duration::from_millis(250),
             attempts,
         };
         Line::open(&self.address(), 115_200, settings, &self.faults).unwrap()
