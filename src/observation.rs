@@ -6,7 +6,7 @@
 //! the stray light, both of which the fit settles together with the flats; without one the unit is
 //! arbitrary and [`ObservationSet::white_reference`] is `None`.
 
-use crate::geometry::{Pose, RigGeometry};
+use crate::geometry::{Directions, Pose, RigGeometry};
 use crate::material::Material;
 use crate::units::Angle;
 
@@ -82,6 +82,17 @@ pub struct RejectedFrame {
     pub detail: String,
 }
 
+/// One of the directions over which a near camera or lamp averages within an observation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    /// Towards lamp and camera in the rig's frame (x, y, z) at the recorded tilt. A tilt offset turns
+    /// both about +y.
+    pub directions: Directions,
+    /// Share of the observation times the irradiance there on a surface facing the lamp, relative
+    /// to the centre of tilt.
+    pub weight: f64,
+}
+
 /// All that a fit needs to know about one sample (or one region of it).
 #[derive(Debug, Clone, PartialEq)]
 pub struct ObservationSet {
@@ -91,6 +102,9 @@ pub struct ObservationSet {
     pub material: Material,
     /// The sample's observations.
     pub observations: Vec<Observation>,
+    /// Where camera or lamp are near: for each observation the directions over which it averages,
+    /// signal = gain · (Σ weight · L(directions) + s). Empty where both are far.
+    pub views: Vec<Vec<View>>,
     /// The white reference over its tilts; empty without one.
     pub flats: Vec<FlatObservation>,
     /// Certificate of the white reference; `None` makes the scale free.

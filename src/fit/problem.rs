@@ -376,32 +376,67 @@ impl<'a> Problem<'a> {
     }
 
     /// Directions of one observation in the sample frame, and sine and cosine of v's azimuth: those
-    /// of [`crate::geometry::RigGeometry::directions`] with the offsets added by the angle sums.
+    /// of [`crate::geometry::RigGeometry::directions`] with the offsets added by the angle sums. Of
+    /// a near camera's observation, those of the rig's centre.
     #[must_use]
     pub fn directions(&self, index: usize, ready: &Ready) -> (Directions, f64, f64) {
-        let [(st, ct), (sp, cp)] = self.poses[index];
-        let add = |(s, c): (f64, f64), (so, co): (f64, f64)| (s * co + c * so, c * co - s * so);
-        let (s, c) = add((st, ct), ready.tilt);
-        let (sin, cos) = add((sp, cp), ready.turn);
+        let [(st, ct), _] = self.poses[index];
+        let (so, co) = ready.tilt;
+        let (s, c) = (st * co + ct * so, ct * co - st * so);
         let [along, inside, beside] = ready.lamp;
         let incident = Vector3::new(along * s + inside * c, beside, along * c - inside * s);
+        self.on_sample(index, ready, incident, Vector3::new(s, 0.0, c))
+    }
+
+    /// Rig directions at the true tilt, turned into the sample frame of observation `index`.
+    fn on_sample(
+        &self,
+        index: usize,
+        ready: &Ready,
+        incident: Vector3<f64>,
+        outgoing: Vector3<f64>,
+    ) -> (Directions, f64, f64) {
+        let [_, (sp, cp)] = self.poses[index];
+        let (so, co) = ready.turn;
+        let (sin, cos) = (sp * co + cp * so, cp * co - sp * so);
         let turned =
             |w: Vector3<f64>| Vector3::new(w.x * sin - w.y * cos, w.x * cos + w.y * sin, w.z);
         let directions = Directions {
             incident: turned(incident),
-            outgoing: turned(Vector3::new(s, 0.0, c)),
+            outgoing: turned(outgoing),
         };
         (directions, sin, cos)
     }
 
-    /// Radiance with all derivatives for one observation, the sign of θr taken care of.
+    /// Radiance with all derivatives for one observation, the sign of θr taken care of; of a near
+    /// camera's observation the weighted sum over its views.
     #[must_use]
     pub fn gradient(&self, index: usize, ready: &Ready) -> Gradient {
-        let (directions, sin, cos) = self.directions(index, ready);
-        let mut g = ready
-            .prepared
-            .partials(&directions)
-            .on_rig(&directions, sin, cos);
+        let one = |(directions, sin, cos): (Directions, f64, f64)| {
+            ready
+                .prepared
+                .partials(&directions)
+                .on_rig(&directions, sin, cos)
+        };
+        let mut g = match self.set.views.get(index) {
+            None => one(self.directions(index, ready)),
+            Some(views) => {
+                let (so, co) = ready.tilt;
+                // Tilting turns (x, y, z) about +y towards +x.
+                let tilted =
+                    |w: Vector3<f64>| Vector3::new(w.x * co + w.z * so, w.y, w.z * co - w.x * so);
+                let mut sum = Gradient::ZERO;
+                for view in views {
+                    let d = &view.directions;
+                    let (incident, outgoing) = (tilted(d.incident), tilted(d.outgoing));
+                    sum.add(
+                        view.weight,
+                        &one(self.on_sample(index, ready, incident, outgoing)),
+                    );
+                }
+                sum
+            }
+        };
         if ready.mirrored {
             g.theta_r = -g.theta_r;
         }
@@ -565,7 +600,7 @@ mod tests {
     use super::*;
     use crate::geometry::{Pose, RigGeometry};
     use crate::model::radiance_gradient;
-    use crate::observation::{Observation, SharedErrors};
+    use crate::observation::{Observation, SharedErrors, View};
     use crate::units::Angle;
 
     fn set() -> ObservationSet {
@@ -590,6 +625,7 @@ mod tests {
                     n_frames: 1,
                 })
                 .collect(),
+            views: Vec::new(),
             flats: Vec::new(),
             white_reference: None,
             background: Prior {
@@ -641,6 +677,35 @@ mod tests {
             let g = p.gradient(i, &ready);
             assert!((g.value - by_model.value).abs() < 1e-13 * by_model.value);
             assert!((g.phi_s - by_model.phi_s).abs() < 1e-11 * by_model.value);
+        }
+    }
+
+    #[test]
+    fn views_of_the_rigs_own_directions_change_nothing_but_the_weight() {
+        let far = set();
+        let mut near = set();
+        near.views = far
+            .observations
+            .iter()
+            .map(|o| {
+                let directions = far.rig.rig_directions(o.pose.theta_c);
+                let view = |weight| View { directions, weight };
+                vec![view(0.3), view(0.9)]
+            })
+            .collect();
+        let a = Problem::new(&far, Variant::Sawtooth, Quantity::ALL.to_vec(), VALUES);
+        let b = Problem::new(&near, Variant::Sawtooth, Quantity::ALL.to_vec(), VALUES);
+        let ready = a.ready(&VALUES);
+        for i in 0..far.observations.len() {
+            let (f, n) = (a.gradient(i, &ready), b.gradient(i, &ready));
+            for (f, n) in [
+                (f.value, n.value),
+                (f.theta_c, n.theta_c),
+                (f.phi_s, n.phi_s),
+                (f.alpha_v, n.alpha_v),
+            ] {
+                assert!((1.2 * f - n).abs() < 1e-12 * f.abs().max(f.abs()).max(1e-3));
+            }
         }
     }
 

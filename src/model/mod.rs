@@ -128,6 +128,36 @@ pub struct Gradient {
     pub phi_s: f64,
 }
 
+impl Gradient {
+    /// No light and no derivative.
+    pub const ZERO: Gradient = Gradient {
+        value: 0.0,
+        theta_r: 0.0,
+        alpha_u: 0.0,
+        alpha_v: 0.0,
+        rho_d: 0.0,
+        amplitude: 0.0,
+        eta: 0.0,
+        k: 0.0,
+        theta_c: 0.0,
+        phi_s: 0.0,
+    };
+
+    /// Adds `weight` times another one.
+    pub fn add(&mut self, weight: f64, other: &Gradient) {
+        self.value += weight * other.value;
+        self.theta_r += weight * other.theta_r;
+        self.alpha_u += weight * other.alpha_u;
+        self.alpha_v += weight * other.alpha_v;
+        self.rho_d += weight * other.rho_d;
+        self.amplitude += weight * other.amplitude;
+        self.eta += weight * other.eta;
+        self.k += weight * other.k;
+        self.theta_c += weight * other.theta_c;
+        self.phi_s += weight * other.phi_s;
+    }
+}
+
 /// Radiance for irradiance 1 on a surface facing the lamp; 0 where lamp or camera is not above
 /// the surface.
 #[must_use]

@@ -65,6 +65,11 @@ fn unit(white: &WhiteReference, flats: &Flats, rig: &RigGeometry) -> f64 {
 }
 
 impl Prepared {
+    /// Works the unit out anew after the flats' levels were changed.
+    pub(super) fn settle_unit(&mut self, rig: &RigGeometry) {
+        self.unit_dn_s = self.reference.map(|white| unit(&white, &self.flats, rig));
+    }
+
     /// The white reference over its tilts in the observations' unit; empty without one.
     pub(super) fn flat_observations(&self) -> Vec<FlatObservation> {
         let Some(unit) = self.unit_dn_s else {
@@ -112,7 +117,8 @@ pub fn calibrate(
 }
 
 impl CameraCalibration {
-    /// Relative response per pixel, row by row; its mean over the good pixels is 1.
+    /// Relative response per pixel, row by row; its mean over the good pixels is 1. Of a near lamp
+    /// its pattern on the white reference, averaged over the tilts, is in it.
     #[must_use]
     pub fn response(&self) -> &[f32] {
         &self.prepared.flats.response.pixels

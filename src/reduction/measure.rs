@@ -66,6 +66,8 @@ pub(super) struct Ground<'a> {
     pub(super) darks: &'a Darks,
     pub(super) response: &'a Response,
     pub(super) segments: &'a Segments,
+    /// Whether all pixels share their directions, so that what varies over a segment is texture.
+    pub(super) far: bool,
 }
 
 impl Ground<'_> {
@@ -121,8 +123,12 @@ impl Ground<'_> {
 
     /// Measures a frame with full pixels where no other exposure is left: only pixels that are
     /// expected to be well below full count, judged from the segment's median and the pixel's
-    /// response, not from the pixel's own noisy count.
+    /// response, not from the pixel's own noisy count. Not for near rigs, where the rest of the field
+    /// would stand for other directions.
     pub(super) fn measure_below_full(&self, index: usize) -> Option<Measured> {
+        if !self.far {
+            return None;
+        }
         let row = &self.calls.source.rows()[index];
         let frame = load(&self.calls, index, self.sensor).ok()?;
         let dark = self.darks.at(row.exposure_s);
@@ -300,7 +306,11 @@ impl Ground<'_> {
         (0..segments)
             .map(|segment| {
                 let cells = &cells[segment * CELLS * CELLS..(segment + 1) * CELLS * CELLS];
-                Level::of(cells, inverse[segment], exposure_s)
+                let mut level = Level::of(cells, inverse[segment], exposure_s);
+                if !self.far {
+                    level.variance_texture = 0.0;
+                }
+                level
             })
             .collect()
     }

@@ -22,6 +22,7 @@ mod pattern;
 mod region;
 mod register;
 mod sensor;
+mod viewing;
 
 use std::sync::atomic::AtomicBool;
 
@@ -36,6 +37,7 @@ use self::measure::{Ground, Measured};
 use self::merge::{Merged, PoseLevels};
 use self::region::{Board, Region, Segments};
 use self::sensor::median;
+use self::viewing::Viewing;
 use crate::frame::{Frame, FrameKind};
 use crate::observation::{Observation, ObservationSet, Prior, SharedErrors};
 use crate::series::{FrameRow, Manifest, Series};
@@ -97,11 +99,11 @@ pub enum ReductionError {
         /// Names of the regions there are.
         available: Vec<String>,
     },
-    /// Lamp or camera are near.
+    /// Lamp or camera are near and the size of the field is not stated.
     #[error(
-        "{what}: every pixel has its own directions, and this version reduces telecentric series only"
+        "{what}: every pixel has its own directions, which takes camera.field_width_mm and the distances in the manifest"
     )]
-    NotTelecentric {
+    FieldUnknown {
         /// What the manifest says.
         what: String,
     },
@@ -136,8 +138,9 @@ pub fn reduce(
     let calls = Calls { source, cancel };
     let mut journal = Journal::default();
     let (mut segments, chosen) = segments(manifest, region)?;
-    if !manifest.is_telecentric() {
-        return Err(ReductionError::NotTelecentric {
+    let viewing = Viewing::new(manifest)
+        .filter(|viewing| manifest.is_telecentric() || !viewing.is_far())
+        .ok_or_else(|| ReductionError::FieldUnknown {
             what: format!(
                 "projection \"{}\", light at {}, camera at {}",
                 manifest.camera.projection,
@@ -148,11 +151,11 @@ pub fn reduce(
                     .as_deref()
                     .unwrap_or("infinity"),
             ),
-        });
-    }
+        })?;
     let rig = manifest.rig_geometry();
-    let uniform = matches!(segments, Segments::Whole);
-    let camera = calibration::prepare(&calls, uniform, &mut journal)?;
+    let uniform = matches!(segments, Segments::Whole) && viewing.is_far();
+    let mut camera = calibration::prepare(&calls, uniform, &mut journal)?;
+    viewing.take_out_lamp(&mut camera);
     let (sensor, darks, flats) = (camera.sensor, &camera.darks, &camera.flats);
     if let Segments::Patches { board, .. } = &mut segments {
         register::register(&calls, &sensor, darks, &flats.response, board, &mut journal)?;
@@ -163,14 +166,21 @@ pub fn reduce(
         darks,
         response: &flats.response,
         segments: &segments,
+        far: viewing.is_far(),
     };
     let measured = measure_all(&ground, &mut journal)?;
     let (mut poses, lamp_scatter) = merge::merge(&ground, measured, &mut journal);
-    leave_out_worn_patches(&segments, chosen, &mut poses, &mut journal);
+    // Patches of a near rig differ by where they lie: neither worn nor uncertain for that.
+    if viewing.is_far() {
+        leave_out_worn_patches(&segments, chosen, &mut poses, &mut journal);
+    }
     warn_of_lost_poses(&calls, &poses, &mut journal);
 
     let reference = camera.reference;
-    let levels: Vec<(&PoseLevels, Merged)> = poses.iter().map(|p| (p, over_segments(p))).collect();
+    let levels: Vec<(&PoseLevels, Merged)> = poses
+        .iter()
+        .map(|p| (p, over_segments(p, viewing.is_far())))
+        .collect();
     let largest = levels
         .iter()
         .map(|(_, l)| l.rate_dn_s)
@@ -214,8 +224,20 @@ pub fn reduce(
         .collect();
     let used: u32 = observations.iter().map(|o| o.n_frames).sum();
     let (rejected_frames, warnings) = journal.close(source.rows());
+    let views = if viewing.is_far() {
+        Vec::new()
+    } else {
+        levels
+            .iter()
+            .map(|(pose, _)| {
+                let used: Vec<bool> = pose.segments.iter().map(|s| s.n > 0.0).collect();
+                viewing.views(&segments, pose.pose, &used)
+            })
+            .collect()
+    };
     Ok(ObservationSet {
         rig,
+        views,
         material: manifest.material(),
         flats: camera.flat_observations(),
         white_reference: reference,
@@ -370,8 +392,8 @@ fn leave_out_worn_patches(
 }
 
 /// Pixel-weighted mean of the segments of a pose. Patches that scatter more than their own
-/// uncertainties say make the mean as uncertain as they show.
-fn over_segments(pose: &PoseLevels) -> Merged {
+/// uncertainties say make the mean as uncertain as they show, if they should be `alike`.
+fn over_segments(pose: &PoseLevels, alike: bool) -> Merged {
     let used: Vec<&Merged> = pose.segments.iter().filter(|s| s.n > 0.0).collect();
     let n: f64 = used.iter().map(|s| s.n).sum();
     if n <= 0.0 {
@@ -382,7 +404,7 @@ fn over_segments(pose: &PoseLevels) -> Merged {
         .iter()
         .map(|s| (s.n / n).powi(2) * s.variance)
         .sum::<f64>();
-    let between = if used.len() >= 3 {
+    let between = if alike && used.len() >= 3 {
         let k = used.len() as f64;
         used.iter()
             .map(|s| (s.rate_dn_s - rate).powi(2))

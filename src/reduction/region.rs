@@ -1,6 +1,7 @@
 //! Which pixels see which part of the sample: the whole field, or the patches of a board that turns
 //! with φs about the rotation axis and foreshortens with θc.
 
+use super::viewing::Viewing;
 use crate::geometry::Pose;
 use crate::series::{LayoutFacts, Manifest};
 use crate::units::Angle;
@@ -75,7 +76,7 @@ pub(super) struct Placement {
 pub(super) struct Board {
     pub(super) layout: LayoutFacts,
     pub(super) pixel_mm: [f64; 2],
-    pub(super) axis_px: [f64; 2],
+    viewing: Viewing,
     azimuth_zero: Angle,
     width: usize,
     pub(super) placement: Placement,
@@ -104,10 +105,8 @@ impl Board {
         Board {
             layout: layout.clone(),
             pixel_mm: [column_mm, row_mm],
-            axis_px: manifest
-                .rig
-                .rotation_axis_px
-                .unwrap_or([0.5 * width, 0.5 * height]),
+            viewing: Viewing::new(manifest)
+                .expect("the manifest's checks refuse a layout without a field width"),
             azimuth_zero: Angle::from_deg(manifest.rig.azimuth_zero_deg),
             width: camera.width_px as usize,
             placement: Placement::default(),
@@ -125,16 +124,16 @@ impl Board {
     }
 
     /// The board as a recorded pose shows it, with `margin_mm` left free along every border.
-    pub(super) fn at(&self, pose: Pose, margin_mm: f64) -> Drawing {
+    pub(super) fn at(&self, pose: Pose, margin_mm: f64) -> Drawing<'_> {
         let layout = &self.layout;
         let (sin, cos) = self.azimuth(pose).sin_cos();
         let size = layout.patch_size_mm;
         Drawing {
             sin,
             cos,
-            column_mm: self.pixel_mm[0] / pose.theta_c.rad().cos(),
-            row_mm: self.pixel_mm[1],
-            axis_px: [0, 1].map(|k| self.axis_px[k] + self.placement.axis_px[k]),
+            viewing: &self.viewing,
+            theta_c: pose.theta_c,
+            shift_px: self.placement.axis_px,
             patch_mm: size,
             edge_mm: [
                 size * f64::from(layout.patches_x),
@@ -158,23 +157,26 @@ impl Board {
 
 /// A board seen at one pose.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Drawing {
+pub(super) struct Drawing<'a> {
+    viewing: &'a Viewing,
+    theta_c: Angle,
     sin: f64,
     cos: f64,
-    column_mm: f64,
-    row_mm: f64,
-    axis_px: [f64; 2],
+    shift_px: [f64; 2],
     patch_mm: f64,
     edge_mm: [f64; 2],
     centre_mm: [f64; 2],
     margin_mm: f64,
 }
 
-impl Drawing {
+impl Drawing<'_> {
     /// What lies at a column and row; whole numbers are the pixels' corners.
     pub(super) fn spot(&self, column: f64, row: f64) -> Spot {
-        let x = (column - self.axis_px[0]) * self.column_mm;
-        let y = -(row - self.axis_px[1]) * self.row_mm;
+        let [x, y] = self.viewing.point(
+            column - self.shift_px[0],
+            row - self.shift_px[1],
+            self.theta_c,
+        );
         // Into the sample's axes, from the board's lower left corner.
         let along = [
             x * self.cos + y * self.sin - self.centre_mm[0] + 0.5 * self.edge_mm[0],

@@ -6,7 +6,9 @@ use rand_distr::{Distribution, Normal, Poisson};
 use rand_pcg::Pcg64;
 
 use super::FrameSource;
+use super::viewing::Viewing;
 use crate::frame::{Frame, FrameKind};
+use crate::geometry::Directions;
 use crate::series::{FrameReadError, FrameRow, Manifest, Series};
 
 /// A series in memory; `None` is a frame that cannot be decoded.
@@ -80,6 +82,8 @@ pub(super) struct Made {
     pub(super) stray: f64,
     pub(super) hot: f64,
     pub(super) dead: f64,
+    /// Distances of camera and lamp, where they are near.
+    pub(super) near_mm: Option<(f64, f64)>,
     pub(super) seed: u64,
 }
 
@@ -99,6 +103,7 @@ impl Default for Made {
             stray: 0.0,
             hot: 0.0,
             dead: 0.0,
+            near_mm: None,
             seed: 1,
         }
     }
@@ -114,6 +119,19 @@ impl Made {
         exposures: &[f64],
         radiance: impl Fn(f64, f64) -> f64,
     ) -> Memory {
+        self.series_of(tilts, azimuths, exposures, |tilt, azimuth, _| {
+            radiance(tilt, azimuth)
+        })
+    }
+
+    /// The same with a radiance that hangs on each pixel's own directions in the rig's frame.
+    pub(super) fn series_of(
+        &self,
+        tilts: &[f64],
+        azimuths: &[f64],
+        exposures: &[f64],
+        radiance: impl Fn(f64, f64, &Directions) -> f64,
+    ) -> Memory {
         let mut manifest = Manifest::from_toml(
             include_str!("../../tests/data/series/polymer-10/manifest.toml"),
             "",
@@ -126,7 +144,15 @@ impl Made {
         camera.gain_dn_per_electron = self.gain_dn;
         camera.read_noise_electrons_rms = Some(self.read_electrons);
         camera.black_level_dn = Some(self.black_dn);
-        let rig = manifest.rig_geometry();
+        if let Some((camera_mm, light_mm)) = self.near_mm {
+            manifest.camera.projection = "perspective".to_owned();
+            manifest.rig.camera_distance = Some("finite".to_owned());
+            manifest.rig.light_distance = Some("finite".to_owned());
+            manifest.rig.camera_distance_mm = Some(camera_mm);
+            manifest.rig.light_distance_mm = Some(light_mm);
+            manifest.rig.rotation_axis_px = Some([f64::from(self.edge) / 2.0; 2]);
+        }
+        let viewing = Viewing::new(&manifest).unwrap();
         let mut rng = Pcg64::seed_from_u64(self.seed);
         let pixels = (self.edge * self.edge) as usize;
         let normal = Normal::new(0.0, 1.0).unwrap();
@@ -152,18 +178,24 @@ impl Made {
         let mut rows = Vec::new();
         let mut frames = Vec::new();
         let mut take = |kind: FrameKind, tilt: f64, azimuth: f64, exposure: f64, repeat: u32| {
-            let light = match kind {
-                FrameKind::Dark => 0.0,
-                FrameKind::Flat => {
-                    0.99 / std::f64::consts::PI
-                        * rig.cos_incidence(crate::units::Angle::from_deg(tilt))
-                        + self.stray
+            let theta_c = crate::units::Angle::from_deg(tilt);
+            let light_at = |pixel: usize| {
+                let column = (pixel % self.edge as usize) as f64 + 0.5;
+                let row = (pixel / self.edge as usize) as f64 + 0.5;
+                let (d, irradiance) = viewing.at(viewing.point(column, row, theta_c), theta_c);
+                match kind {
+                    FrameKind::Dark => 0.0,
+                    FrameKind::Flat => {
+                        0.99 / std::f64::consts::PI * irradiance * d.incident.z + self.stray
+                    }
+                    FrameKind::Sample => irradiance * radiance(tilt, azimuth, &d) + self.stray,
                 }
-                FrameKind::Sample => radiance(tilt, azimuth) + self.stray,
             };
             let dn = fixed
                 .iter()
-                .map(|(response, offset, defect)| {
+                .enumerate()
+                .map(|(pixel, (response, offset, defect))| {
+                    let light = light_at(pixel);
                     let due = light * response * self.electrons_per_radiance_second * exposure
                         + self.dark_electrons_s * exposure;
                     let electrons = if due > 0.0 {

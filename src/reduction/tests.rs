@@ -8,6 +8,7 @@ use std::sync::atomic::Ordering;
 
 use super::synthetic::{Made, Memory};
 use super::*;
+use crate::geometry;
 
 fn recorded(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -511,13 +512,55 @@ fn a_raised_flag_ends_the_reduction() {
 }
 
 #[test]
-fn a_near_lamp_is_refused_by_name() {
-    let mut series = polymer().clone();
+fn a_near_rig_without_distances_is_refused_by_name() {
+    let mut series = polymer_part().clone();
     series.manifest.camera.projection = "perspective".to_owned();
     let said = reduce(&series, None, &AtomicBool::new(false))
         .unwrap_err()
         .to_string();
     assert!(said.contains("perspective"), "{said}");
+}
+
+#[test]
+fn a_near_rig_sees_what_its_views_average_to() {
+    // A lobe of 5° about a facet normal that leans 8° to +x at φs = 0 and turns with the sample; the
+    // field of 51 mm spans ±5° from the camera.
+    let glint = |azimuth: f64, d: &geometry::Directions| {
+        let half = (d.incident + d.outgoing).normalize();
+        let (s, c) = azimuth.to_radians().sin_cos();
+        let lean = 8f64.to_radians().tan();
+        let (x, y) = (half.x / half.z - lean * c, half.y / half.z - lean * s);
+        0.1 * d.incident.z + 0.2 * (-(x * x + y * y) / 0.01).exp()
+    };
+    let made = Made {
+        near_mm: Some((300.0, 250.0)),
+        ..Made::default()
+    };
+    let series = made.series_of(&TILTS, &AZIMUTHS, &[0.02, 0.06], |_, azimuth, d| {
+        glint(azimuth, d)
+    });
+    let set = reduced(&series, None);
+    assert_eq!(set.observations.len(), 30);
+    assert_eq!(set.views.len(), 30);
+    let mut centre_off = 0.0_f64;
+    for (o, views) in set.observations.iter().zip(&set.views) {
+        let azimuth = o.pose.phi_s.deg();
+        let due: f64 = views
+            .iter()
+            .map(|v| v.weight * glint(azimuth, &v.directions))
+            .sum();
+        let off = (o.signal - due) / o.sigma.hypot(3e-4 * due);
+        assert!(off.abs() < 5.0, "{o:?}: {due}");
+        let centre = glint(azimuth, &set.rig.rig_directions(o.pose.theta_c));
+        centre_off = centre_off.max((centre / o.signal - 1.0).abs());
+    }
+    // Without the views the same numbers would be wrong by far more.
+    assert!(centre_off > 0.05, "{centre_off}");
+    let white = set.white_reference.unwrap();
+    for flat in &set.flats {
+        let due = white.reflectance / std::f64::consts::PI * set.rig.cos_incidence(flat.theta_c);
+        assert!((flat.signal / due - 1.0).abs() < 5e-4, "{flat:?} {due}");
+    }
 }
 
 #[test]

@@ -4,10 +4,10 @@ use serde::{Deserialize, Serialize};
 use sqlx::FromRow;
 
 use super::{PROGRAM, Store, StoreError};
-use crate::geometry::{Pose, RigGeometry};
+use crate::geometry::{Directions, Pose, RigGeometry};
 use crate::material::Material;
 use crate::observation::{
-    FlatObservation, Observation, ObservationSet, Prior, RejectedFrame, SharedErrors,
+    FlatObservation, Observation, ObservationSet, Prior, RejectedFrame, SharedErrors, View,
     WhiteReference,
 };
 use crate::units::Angle;
@@ -24,6 +24,9 @@ struct Context {
     flats: Vec<(f64, f64, f64)>,
     /// Reflectance and its standard uncertainty.
     white_reference: Option<(f64, f64)>,
+    /// Near camera or lamp: per observation, views as lamp x, y, z, camera x, y, z, weight.
+    #[serde(default)]
+    views: Vec<Vec<[f64; 7]>>,
     /// Mean and standard uncertainty.
     background: (f64, f64),
     region_azimuth_deg: f64,
@@ -70,6 +73,11 @@ impl Store {
             white_reference: set
                 .white_reference
                 .map(|w| (w.reflectance, w.reflectance_std)),
+            views: set
+                .views
+                .iter()
+                .map(|views| views.iter().map(seven).collect())
+                .collect(),
             background: (set.background.mean, set.background.std),
             region_azimuth_deg: set.region_azimuth.deg(),
             n_frames_used: set.n_frames_used,
@@ -163,6 +171,11 @@ impl Store {
         .fetch_all(self.readers())
         .await?;
         Ok(ObservationSet {
+            views: context
+                .views
+                .iter()
+                .map(|v| v.iter().map(view).collect())
+                .collect(),
             rig: RigGeometry {
                 theta_l: Angle::from_deg(context.theta_l_deg),
                 light_azimuth: Angle::from_deg(context.light_azimuth_deg),
@@ -206,6 +219,22 @@ impl Store {
     }
 }
 
+fn seven(view: &View) -> [f64; 7] {
+    let (i, o) = (view.directions.incident, view.directions.outgoing);
+    [i.x, i.y, i.z, o.x, o.y, o.z, view.weight]
+}
+
+fn view(seven: &[f64; 7]) -> View {
+    let [ix, iy, iz, ox, oy, oz, weight] = *seven;
+    View {
+        directions: Directions {
+            incident: [ix, iy, iz].into(),
+            outgoing: [ox, oy, oz].into(),
+        },
+        weight,
+    }
+}
+
 fn observation(row: &Row) -> Observation {
     Observation {
         pose: Pose::from_deg(row.theta_c_deg, row.phi_s_deg),
@@ -229,6 +258,7 @@ mod tests {
 
     pub(super) fn set(n: u32) -> ObservationSet {
         ObservationSet {
+            views: Vec::new(),
             rig: RigGeometry::IN_PLANE,
             material: Material::Conductor {
                 eta: 2.9,

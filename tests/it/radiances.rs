@@ -100,6 +100,7 @@ fn observations(name: &str, bench: Bench) -> ObservationSet {
     }
     let peak = samples.iter().map(|o| o.signal).fold(0.0, f64::max);
     ObservationSet {
+        views: Vec::new(),
         rig: geometry,
         material,
         observations: samples,

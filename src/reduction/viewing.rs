@@ -1,0 +1,288 @@
+//! Where a pixel looks and from where that point is lit, for cameras and lamps near and far.
+//!
+//! Rig frame, millimetres from the centre of tilt, which is where the rotation axis meets the
+//! sample (z = 0). A far camera sees along (sin θc, 0, cos θc), its columns along (cos θc, 0,
+//! −sin θc), its rows along −y. A near one sees through a pupil at its distance in that direction;
+//! the field's size is that in the plane through the centre of tilt, across the view.
+
+use nalgebra::Vector3;
+
+use super::calibration::Prepared;
+use super::region::{Board, Segments};
+use crate::geometry::{Directions, Pose, RigGeometry};
+use crate::observation::View;
+use crate::series::Manifest;
+use crate::units::Angle;
+
+/// Gauss–Legendre nodes and weights on (−1, 1).
+const SIX: [(f64, f64); 6] = [
+    (-0.932_469_514_203_152, 0.171_324_492_379_170_35),
+    (-0.661_209_386_466_264_5, 0.360_761_573_048_138_6),
+    (-0.238_619_186_083_196_9, 0.467_913_934_572_691),
+    (0.238_619_186_083_196_9, 0.467_913_934_572_691),
+    (0.661_209_386_466_264_5, 0.360_761_573_048_138_6),
+    (0.932_469_514_203_152, 0.171_324_492_379_170_35),
+];
+const TWO: [(f64, f64); 2] = [
+    (-0.577_350_269_189_625_8, 1.0),
+    (0.577_350_269_189_625_8, 1.0),
+];
+
+/// The rig as the pixels see it.
+#[derive(Debug, Clone)]
+pub(super) struct Viewing {
+    rig: RigGeometry,
+    width: usize,
+    height: usize,
+    pixel_mm: [f64; 2],
+    axis_px: [f64; 2],
+    camera_mm: Option<f64>,
+    light_mm: Option<f64>,
+}
+
+impl Viewing {
+    /// `None` where a near camera or lamp is stated without the field's size.
+    pub(super) fn new(manifest: &Manifest) -> Option<Viewing> {
+        let camera = &manifest.camera;
+        let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
+        let far = manifest.is_telecentric();
+        let near = |distance: Option<f64>| distance.filter(|_| !far);
+        let camera_mm = near(
+            manifest
+                .rig
+                .camera_distance_mm
+                .or(camera.camera_distance_mm),
+        );
+        let light_mm = near(manifest.rig.light_distance_mm);
+        let column_mm = match camera.field_width_mm {
+            Some(field) => field / width,
+            None if camera_mm.is_none() && light_mm.is_none() => 1.0,
+            None => return None,
+        };
+        Some(Viewing {
+            rig: manifest.rig_geometry(),
+            width: camera.width_px as usize,
+            height: camera.height_px as usize,
+            pixel_mm: [
+                column_mm,
+                camera.field_height_mm.map_or(column_mm, |h| h / height),
+            ],
+            axis_px: manifest
+                .rig
+                .rotation_axis_px
+                .unwrap_or([0.5 * width, 0.5 * height]),
+            camera_mm,
+            light_mm,
+        })
+    }
+
+    /// Whether all pixels share directions and irradiance.
+    pub(super) fn is_far(&self) -> bool {
+        self.camera_mm.is_none() && self.light_mm.is_none()
+    }
+
+    /// The point of the sample's plane that shows at a column and row; whole numbers are corners.
+    pub(super) fn point(&self, column: f64, row: f64, theta_c: Angle) -> [f64; 2] {
+        let across = (column - self.axis_px[0]) * self.pixel_mm[0];
+        let down = (row - self.axis_px[1]) * self.pixel_mm[1];
+        let (sin, cos) = theta_c.sin_cos();
+        match self.camera_mm {
+            None => [across / cos, -down],
+            Some(distance) => {
+                // From the pupil through (across · a − down · y) to z = 0.
+                let depth = distance * cos;
+                let along = depth / (depth + across * sin);
+                let x = distance * sin + along * (across * cos - distance * sin);
+                [x, -along * down]
+            }
+        }
+    }
+
+    /// Directions at a point of the sample's plane and the irradiance on a surface facing the lamp,
+    /// relative to the centre's.
+    pub(super) fn at(&self, point: [f64; 2], theta_c: Angle) -> (Directions, f64) {
+        let far = self.rig.rig_directions(theta_c);
+        let place = Vector3::new(point[0], point[1], 0.0);
+        let towards = |direction: Vector3<f64>, distance: Option<f64>| match distance {
+            None => (direction, 1.0),
+            Some(distance) => {
+                let ray = direction * distance - place;
+                let length = ray.norm();
+                (ray / length, (distance / length).powi(2))
+            }
+        };
+        let (incident, irradiance) = towards(far.incident, self.light_mm);
+        let (outgoing, _) = towards(far.outgoing, self.camera_mm);
+        (Directions { incident, outgoing }, irradiance)
+    }
+
+    /// Brightness of a white plane at a pixel, relative to the centre.
+    fn white(&self, pixel: usize, theta_c: Angle) -> f64 {
+        let column = (pixel % self.width) as f64 + 0.5;
+        let row = (pixel / self.width) as f64 + 0.5;
+        let (directions, irradiance) = self.at(self.point(column, row, theta_c), theta_c);
+        irradiance * directions.incident.z.max(0.0) / self.rig.cos_incidence(theta_c)
+    }
+
+    /// Takes the lamp's pattern out of the response, which then is the camera's alone, and brings
+    /// the flats' levels to the centre of tilt.
+    pub(super) fn take_out_lamp(&self, camera: &mut Prepared) {
+        if self.light_mm.is_none() || camera.flats.levels.is_empty() {
+            return;
+        }
+        let flats = &mut camera.flats;
+        let whole: f64 = flats.levels.iter().map(|l| l.rate_dn_s).sum();
+        let response = &mut flats.response;
+        for (pixel, r) in response.pixels.iter_mut().enumerate() {
+            let pattern: f64 = flats
+                .levels
+                .iter()
+                .map(|l| l.rate_dn_s / whole * self.white(pixel, l.theta_c))
+                .sum();
+            *r = (f64::from(*r) / pattern.max(1e-6)) as f32;
+        }
+        let good = || (0..response.good.len()).filter(|p| response.good[*p]);
+        let n = good().count().max(1) as f64;
+        let mean = good().map(|p| f64::from(response.pixels[p])).sum::<f64>() / n;
+        let levels: Vec<f64> = flats
+            .levels
+            .iter()
+            .map(|l| {
+                good()
+                    .map(|p| f64::from(response.pixels[p]) / mean * self.white(p, l.theta_c))
+                    .sum::<f64>()
+                    / n
+            })
+            .collect();
+        for r in &mut response.pixels {
+            *r = (f64::from(*r) / mean) as f32;
+        }
+        for (level, share) in flats.levels.iter_mut().zip(levels) {
+            level.rate_dn_s /= share;
+            level.sigma_dn_s /= share;
+        }
+        camera.settle_unit(&self.rig);
+    }
+
+    /// The directions over which an observation at a recorded pose averages; `used` tells which
+    /// segments are in it.
+    pub(super) fn views(&self, segments: &Segments, pose: Pose, used: &[bool]) -> Vec<View> {
+        let theta_c = pose.theta_c;
+        let mut views = Vec::new();
+        let mut push = |point: [f64; 2], share: f64| {
+            let (directions, irradiance) = self.at(point, theta_c);
+            views.push(View {
+                directions,
+                weight: share * irradiance,
+            });
+        };
+        match segments {
+            Segments::Whole => {
+                for (a, wa) in SIX {
+                    for (b, wb) in SIX {
+                        let column = 0.5 * (1.0 + a) * self.width as f64;
+                        let row = 0.5 * (1.0 + b) * self.height as f64;
+                        push(self.point(column, row, theta_c), 0.25 * wa * wb);
+                    }
+                }
+            }
+            Segments::Patches { board, patches } => {
+                let kept: Vec<_> = patches.iter().zip(used).filter(|(_, u)| **u).collect();
+                for ((i, j), _) in &kept {
+                    for (a, wa) in TWO {
+                        for (b, wb) in TWO {
+                            let place = Self::on_board(board, pose, (*i, *j), [a, b]);
+                            push(place, 0.25 * wa * wb / kept.len() as f64);
+                        }
+                    }
+                }
+            }
+        }
+        views
+    }
+
+    /// A point of a patch, `at` from −1 to 1 across its inner part, in the rig's frame.
+    fn on_board(board: &Board, pose: Pose, (i, j): (u32, u32), at: [f64; 2]) -> [f64; 2] {
+        let size = board.layout.patch_size_mm;
+        let inner = 0.5 * size - board.margin_mm();
+        let counts = [board.layout.patches_x, board.layout.patches_y];
+        let index = [i, j];
+        let [x, y] = [0, 1].map(|k| {
+            board.layout.centre_mm[k]
+                + board.placement.centre_mm[k]
+                + size * (f64::from(index[k]) + 0.5 - 0.5 * f64::from(counts[k]))
+                + inner * at[k]
+        });
+        let (sin, cos) = board.azimuth(pose).sin_cos();
+        [x * cos - y * sin, x * sin + y * cos]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn viewing(camera_mm: Option<f64>, light_mm: Option<f64>) -> Viewing {
+        Viewing {
+            rig: RigGeometry::IN_PLANE,
+            width: 128,
+            height: 100,
+            pixel_mm: [0.4, 0.4],
+            axis_px: [64.0, 50.0],
+            camera_mm,
+            light_mm,
+        }
+    }
+
+    #[test]
+    fn a_ray_through_a_pixel_meets_the_sample_where_it_should() {
+        let near = viewing(Some(300.0), Some(250.0));
+        let theta = Angle::from_deg(25.0);
+        let (sin, cos) = theta.sin_cos();
+        for (column, row) in [(3.5, 90.0), (64.0, 50.0), (120.0, 10.5)] {
+            let [x, y] = near.point(column, row, theta);
+            // Seen from the pupil, the point lies where the pixel lies in the plane across the view.
+            let pupil = Vector3::new(300.0 * sin, 0.0, 300.0 * cos);
+            let ray = Vector3::new(x, y, 0.0) - pupil;
+            let scale = 300.0 / -ray.dot(&pupil) * 300.0;
+            let plane = pupil + ray * scale;
+            let across = plane.dot(&Vector3::new(cos, 0.0, -sin));
+            assert!((across - (column - 64.0) * 0.4).abs() < 1e-9);
+            assert!((plane.y + (row - 50.0) * 0.4).abs() < 1e-9);
+            assert!(plane.dot(&pupil).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn far_is_the_limit_of_near() {
+        let theta = Angle::from_deg(-12.0);
+        let far = viewing(None, None);
+        let near = viewing(Some(1e7), Some(1e7));
+        for (column, row) in [(0.0, 0.0), (100.0, 80.0)] {
+            let (a, b) = (
+                far.point(column, row, theta),
+                near.point(column, row, theta),
+            );
+            assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 1e-3);
+            let ((da, ea), (db, eb)) = (far.at(a, theta), near.at(b, theta));
+            assert!((da.incident - db.incident).norm() < 1e-5 && (ea - eb).abs() < 1e-5);
+            assert!((da.outgoing - db.outgoing).norm() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn views_average_a_smooth_light_over_the_field() {
+        let near = viewing(Some(300.0), Some(250.0));
+        let pose = Pose::from_deg(10.0, 0.0);
+        let light = |d: &Directions| (-((d.incident.x - 0.3) / 0.08).powi(2)).exp() + d.outgoing.y;
+        let views = near.views(&Segments::Whole, pose, &[true]);
+        let seen: f64 = views.iter().map(|v| v.weight * light(&v.directions)).sum();
+        let mut sum = 0.0;
+        for pixel in 0..128 * 100 {
+            let (c, r) = (f64::from(pixel % 128) + 0.5, f64::from(pixel / 128) + 0.5);
+            let (d, e) = near.at(near.point(c, r, pose.theta_c), pose.theta_c);
+            sum += e * light(&d) / 12_800.0;
+        }
+        assert!((seen / sum - 1.0).abs() < 2e-4, "{seen} {sum}");
+    }
+}
