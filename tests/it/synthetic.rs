@@ -121,6 +121,7 @@ fn case(seed: u64, poses: &[(f64, f64)]) -> Case {
         truth.push(("rho_d", surface.rho_d));
     }
     let set = ObservationSet {
+        views: Vec::new(),
         rig,
         material: nominal,
         observations,
