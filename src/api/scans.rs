@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, Params, page};
 use super::{App, Begun, List};
-use crate::lab::ScanRequest;
+use crate::lab::{Lab, ScanRequest};
 use crate::scan::event::OperatorStep;
 use crate::scan::runner::Order;
 use crate::scan::{Plan, Progress, ScanState};
@@ -98,6 +98,10 @@ pub struct ScanBody {
     progress: ProgressBody,
     /// Frames that were taken and do not count.
     frames_rejected: u32,
+    /// Regions of a sample with patches; a fit has to name one of them. Else empty.
+    regions: Vec<String>,
+    /// The camera that took the frames.
+    camera: ScanCameraBody,
     /// Calibrations it uses, its own included.
     calibration_ids: Vec<i64>,
     /// RFC 3339 UTC.
@@ -108,6 +112,17 @@ pub struct ScanBody {
     ended_at: Option<String>,
 }
 
+/// What has to be known of a camera to look at its frames.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct ScanCameraBody {
+    /// Columns of a frame.
+    width_px: u32,
+    /// Rows of a frame.
+    height_px: u32,
+    /// Count at which a pixel is full.
+    saturation_dn: f64,
+}
+
 pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, ApiError> {
     let store = app.lab.store();
     let progress = store.last_progress(scan.id).await?;
@@ -115,7 +130,14 @@ pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, ApiError> {
         Some(plan) => Some(plan),
         None => Some(app.lab.plan_of_import(scan.id).await?),
     };
+    let manifest = app.lab.manifest(scan.id).await?;
     Ok(ScanBody {
+        regions: Lab::regions(&manifest),
+        camera: ScanCameraBody {
+            width_px: manifest.camera.width_px,
+            height_px: manifest.camera.height_px,
+            saturation_dn: manifest.saturation_dn(),
+        },
         progress: ProgressBody::new(&progress, scan.state),
         frames_rejected: store.frames_rejected(scan.id).await?,
         calibration_ids: store.calibrations_of_scan(scan.id).await?,

@@ -26,9 +26,7 @@ pub enum ListenError {
         address: String,
     },
     /// The port is taken or forbidden.
-    #[error(
-        "cannot listen on {address}: {source}; is another ridged running? --listen takes another port"
-    )]
+    #[error("cannot listen on {address}; is another ridged running? --listen takes another port")]
     Bind {
         /// What was given.
         address: SocketAddr,

@@ -8,6 +8,7 @@ use serde_json::Value;
 
 use super::CliError;
 use super::daemon::NOTICE_FILE;
+use crate::store::Store;
 
 /// A running daemon.
 pub struct Client {
@@ -20,6 +21,11 @@ impl Client {
     /// The daemon that runs on a data folder, if one does.
     #[must_use]
     pub fn find(folder: &Path) -> Option<Client> {
+        // The notice of a daemon that was killed is still there, and its port may be another's now:
+        // only the lock tells that somebody has this folder.
+        if !Store::is_in_use(folder) {
+            return None;
+        }
         let notice = std::fs::read_to_string(folder.join(NOTICE_FILE)).ok()?;
         let notice: Value = serde_json::from_str(&notice).ok()?;
         let client = Client {
@@ -30,7 +36,6 @@ impl Client {
                 .into(),
             url: notice.get("url")?.as_str()?.to_owned(),
         };
-        // The notice of a daemon that was killed is still there.
         let answer = client.agent.get(format!("{}/healthz", client.url)).call();
         answer.ok()?.status().is_success().then_some(client)
     }

@@ -56,9 +56,9 @@ pub struct Args {
     /// How much faster than life the rig runs.
     #[arg(long, value_name = "X", default_value_t = 30.0)]
     pub time_scale: f64,
-    /// Data folder [default: a temporary one].
-    #[arg(long, value_name = "DIR")]
-    pub data: Option<PathBuf>,
+    /// Data folder.
+    #[arg(long, value_name = "DIR", default_value = "ridged-data")]
+    pub data: PathBuf,
     /// Print how long the scan took over the ideal motion, settling and exposure of its plan.
     #[arg(long)]
     pub timing: bool,
@@ -82,9 +82,8 @@ async fn demo(args: Args) -> Result<(), CliError> {
         azimuth_offset: Angle::from_deg(args.azimuth_offset_deg),
         tilt_offset: Angle::from_deg(args.tilt_offset_deg),
     })?;
-    let folder = args.data.clone().unwrap_or_else(|| "ridged-data".into());
     let listener = listen(args.port).await?;
-    let lab = daemon::open_lab(&folder, Arc::clone(&rig.clock), Some(parts)).await?;
+    let lab = daemon::open_lab(&args.data, Arc::clone(&rig.clock), Some(parts)).await?;
     rig.stock(&lab).await.map_err(daemon::lab_error)?;
     let hands = rig.hands(&lab, true);
     let daemon = Daemon::start(lab, listener)?;
@@ -309,7 +308,7 @@ mod tests {
             azimuth_offset_deg: 0.0,
             tilt_offset_deg: 0.0,
             time_scale: 1.0,
-            data: None,
+            data: PathBuf::new(),
             timing: false,
             json: false,
         };

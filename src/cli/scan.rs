@@ -15,10 +15,12 @@ use super::daemon;
 use super::progress::Bar;
 use super::simulated::{SimulatedRig, Simulation, TRACED_SAMPLE};
 use crate::lab::{Lab, ScanRequest};
+use crate::material::Material;
 use crate::scan::plan::Preset;
 use crate::scan::runner::{Order, RunEnd};
 use crate::scan::{Event, OperatorAction, PlanRequest, ScanState};
 use crate::store::PageRequest;
+use crate::store::samples::NewSample;
 
 /// Runs one scan.
 #[derive(Debug, clap::Args)]
@@ -40,6 +42,12 @@ pub struct Args {
     /// Name of the sample [default: the newest one].
     #[arg(long, value_name = "NAME")]
     pub sample: Option<String>,
+    /// Index of refraction: adds the sample if it is not there yet.
+    #[arg(long, value_name = "N", requires = "sample")]
+    pub eta: Option<f64>,
+    /// Imaginary part of the index, for metals.
+    #[arg(long, value_name = "K", requires = "eta")]
+    pub k: Option<f64>,
     /// Data folder.
     #[arg(long, value_name = "DIR", default_value = "ridged-data")]
     pub data: PathBuf,
@@ -167,6 +175,8 @@ async fn by_itself(args: &Args, plan: PlanRequest) -> Result<Value, CliError> {
                 Some(rig.hands(&lab, true))
             }
         };
+        // A rig that cannot be had is told first, whatever else is missing.
+        lab.have_rig().await.map_err(daemon::lab_error)?;
         let sample_id = sample_for(&lab, args).await?;
         let after = lab
             .store()
@@ -231,9 +241,36 @@ async fn sample_for(lab: &Lab, args: &Args) -> Result<i64, CliError> {
         }
         match samples.next_cursor {
             Some(cursor) => page.cursor = Some(cursor),
-            None => return Err(no_sample(wanted)),
+            None => break,
         }
     }
+    let Some(material) = material(args) else {
+        return Err(no_sample(wanted));
+    };
+    let sample = NewSample {
+        name: wanted.unwrap_or("sample").to_owned(),
+        material,
+        note: None,
+        simulated: None,
+    };
+    let sample = lab.store().add_sample(&sample).await;
+    Ok(sample.map_err(|e| daemon::lab_error(e.into()))?.id)
+}
+
+/// The material that the arguments state; its uncertainty is that of a data sheet, one unit in the
+/// second decimal.
+fn material(args: &Args) -> Option<Material> {
+    const STD: f64 = 0.01;
+    let eta = args.eta?;
+    Some(match args.k {
+        None => Material::Dielectric { eta, eta_std: STD },
+        Some(k) => Material::Conductor {
+            eta,
+            k,
+            eta_std: STD,
+            k_std: STD,
+        },
+    })
 }
 
 fn no_sample(wanted: Option<&str>) -> CliError {
@@ -372,8 +409,12 @@ fn by_daemon(client: &Client, args: &Args, plan: &PlanRequest) -> Result<Value, 
             client.url
         )));
     }
-    let sample_id = daemons_sample(client, args.sample.as_deref())?;
-    let simulated = client.get("/rig")?["simulated"] == true;
+    let rig = client.get("/rig")?;
+    if let Some(problem) = rig["problem"]["detail"].as_str() {
+        return Err(CliError::no_result(anyhow!("{problem}")));
+    }
+    let simulated = rig["simulated"] == true;
+    let sample_id = daemons_sample(client, args)?;
     let body = json!({ "sample_id": sample_id, "plan": plan });
     let begun = client.post("/scans", Some(&body))?;
     let id = begun["id"].as_i64().unwrap_or_default();
@@ -426,12 +467,21 @@ fn by_daemon(client: &Client, args: &Args, plan: &PlanRequest) -> Result<Value, 
     Ok(json!({ "id": id, "scan_id": id, "state": state }))
 }
 
-fn daemons_sample(client: &Client, wanted: Option<&str>) -> Result<i64, CliError> {
+fn daemons_sample(client: &Client, args: &Args) -> Result<i64, CliError> {
+    let wanted = args.sample.as_deref();
     let samples = client.get("/samples?limit=1000")?;
     let items = samples["items"].as_array().cloned().unwrap_or_default();
-    items
+    let found = items
         .iter()
         .find(|s| wanted.is_none_or(|name| s["name"] == name))
-        .and_then(|s| s["id"].as_i64())
-        .ok_or_else(|| no_sample(wanted))
+        .and_then(|s| s["id"].as_i64());
+    if let Some(id) = found {
+        return Ok(id);
+    }
+    let Some(material) = material(args) else {
+        return Err(no_sample(wanted));
+    };
+    let body = json!({ "name": wanted.unwrap_or("sample"), "material": material });
+    let added = client.post("/samples", Some(&body))?;
+    Ok(added["id"].as_i64().unwrap_or_default())
 }

@@ -67,11 +67,11 @@ pub enum LabError {
     Series(#[from] SeriesError),
     /// A frame of a series cannot be imported.
     #[error(
-        "{source}; nothing was imported: restore the file, or pass --skip-unreadable to leave it out"
+        "{reason}; nothing was imported: restore the file, or pass --skip-unreadable to leave it out"
     )]
     Frame {
         /// What is wrong with it.
-        source: FrameReadError,
+        reason: FrameReadError,
     },
     /// A series cannot be written.
     #[error("{0}")]

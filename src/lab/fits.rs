@@ -12,7 +12,7 @@ use super::{Lab, LabError, StoredSeries};
 use crate::analysis::{self, AnalysisError, AnalysisOptions};
 use crate::fit::{FitOptions, FitReport, VariantChoice};
 use crate::observation::ObservationSet;
-use crate::reduction::{self, ReductionError};
+use crate::reduction::{self, FrameSource, ReductionError};
 use crate::scan::event::ShortValue;
 use crate::store::StoreError;
 use crate::store::fits::{FitEnd, NewFit};
@@ -89,6 +89,17 @@ impl Lab {
     pub async fn start_fit(&self, request: &FitRequest) -> Result<i64, LabError> {
         // Read what is there now: the fit is of this snapshot, whatever comes later.
         let series = StoredSeries::open(self.store(), request.scan_id).await?;
+        let regions = Lab::regions(series.manifest());
+        let named = request.region.as_ref();
+        if !regions.is_empty() && named.is_none_or(|name| !regions.contains(name)) {
+            return Err(LabError::Invalid {
+                field: "region".into(),
+                problem: format!(
+                    "this sample has regions; name one of {}",
+                    regions.join(", ")
+                ),
+            });
+        }
         let options = AnalysisOptions {
             region: request.region.clone(),
             fit: FitOptions {

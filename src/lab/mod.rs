@@ -326,6 +326,14 @@ impl Lab {
         })
     }
 
+    /// Connects the stages if they are not, and says why they cannot be had.
+    ///
+    /// # Errors
+    /// [`LabError::NoRig`], [`LabError::Busy`], or why the stage cannot be had.
+    pub async fn have_rig(&self) -> Result<(), LabError> {
+        self.request(bench::Work::Connect).await
+    }
+
     /// Begins to move an axis; returns once the stage is about to move.
     ///
     /// # Errors

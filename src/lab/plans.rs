@@ -11,7 +11,7 @@ use crate::frame::FrameKind;
 use crate::geometry::Pose;
 use crate::material::Material;
 use crate::scan::plan::{self, Estimate};
-use crate::scan::{OperatorAction, Plan, PlanRequest, Progress, ScanState, Step};
+use crate::scan::{Event, OperatorAction, Plan, PlanRequest, Progress, ScanState, Step};
 use crate::series::{DarkFacts, Manifest, SCHEMA, SampleFacts, SampleKind};
 use crate::store::samples::Sample;
 use crate::store::scans::{NewScan, Scan};
@@ -191,9 +191,19 @@ impl Lab {
             done: done.into_iter().collect(),
         };
         let after = self.store().last_event_id().await?;
+        let mut events = self.events();
         self.request(Work::Scan(Box::new(work))).await?;
-        let scan = self.wait_for_scan(scan.id, after, |_| true).await?;
-        Ok(scan.state)
+        // It is interrupted until the runner says otherwise.
+        loop {
+            for told in self.store().events_after(after, 1000).await? {
+                if let Event::Scan { scan_id, state, .. } = told.event
+                    && scan_id == scan.id
+                {
+                    return Ok(state);
+                }
+            }
+            events.recv().await.ok();
+        }
     }
 
     /// The manifest that a reduction of the scan will read.

@@ -167,8 +167,8 @@ impl Lab {
                     repeat: row.repeat,
                     timestamp: row.timestamp.clone(),
                 }),
-                Err(source) if options.skip_unreadable => skipped.push(source.to_string()),
-                Err(source) => return Err(LabError::Frame { source }),
+                Err(reason) if options.skip_unreadable => skipped.push(reason.to_string()),
+                Err(reason) => return Err(LabError::Frame { reason }),
             }
             progress(i + 1, total);
         }
@@ -318,6 +318,29 @@ impl Lab {
             },
             reuse_calibrations: false,
         })
+    }
+
+    /// What the manifest of a scan says.
+    ///
+    /// # Errors
+    /// An unknown scan, or what the store says.
+    pub async fn manifest(&self, scan_id: i64) -> Result<Manifest, LabError> {
+        let text = self.store().manifest(scan_id).await?;
+        Ok(Manifest::from_toml(&text, "manifest.toml")?)
+    }
+
+    /// Names of the regions of a sample with patches; empty for any other.
+    #[must_use]
+    pub fn regions(manifest: &Manifest) -> Vec<String> {
+        let Some(layout) = &manifest.sample.layout else {
+            return Vec::new();
+        };
+        let patches = (0..layout.patches_x)
+            .flat_map(|i| (0..layout.patches_y).map(move |j| format!("patch-{i}-{j}")));
+        ["even".to_owned(), "odd".to_owned()]
+            .into_iter()
+            .chain(patches)
+            .collect()
     }
 
     /// Whether more frames of the scan may come.

@@ -30,14 +30,14 @@ pub enum StoreError {
         folder: PathBuf,
     },
     /// The folder or a file in it cannot be used.
-    #[error("{what} ({}) cannot be used: {source}", path.display())]
+    #[error("{what} ({}) cannot be used: {why}", path.display())]
     File {
         /// What it is.
         what: &'static str,
         /// Where it is.
         path: PathBuf,
         /// What the operating system says.
-        source: io::Error,
+        why: io::Error,
     },
     /// No space is left.
     #[error(
@@ -56,9 +56,7 @@ pub enum StoreError {
         detail: String,
     },
     /// The database was made by a newer program, or a migration failed.
-    #[error(
-        "the database does not fit this program: {0}; use the ridged that made it or a newer one"
-    )]
+    #[error("the database does not fit this program; use the ridged that made it or a newer one")]
     Migration(#[from] sqlx::migrate::MigrateError),
     /// There is no such row.
     #[error("there is no {noun} {id}")]
@@ -102,7 +100,7 @@ pub enum StoreError {
     },
     /// Anything else the database says.
     #[error("the database refused: {0}")]
-    Database(#[source] sqlx::Error),
+    Database(sqlx::Error),
 }
 
 impl From<sqlx::Error> for StoreError {
@@ -136,7 +134,11 @@ impl StoreError {
             io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => StoreError::DiskFull {
                 detail: format!("{what} {} could not be written", path.display()),
             },
-            _ => StoreError::File { what, path, source },
+            _ => StoreError::File {
+                what,
+                path,
+                why: source,
+            },
         }
     }
 

@@ -160,6 +160,13 @@ impl Store {
         Store::connect(folder, disk, clock, None).await
     }
 
+    /// Whether a process has the store in `folder` open for writing now.
+    #[must_use]
+    pub fn is_in_use(folder: &Path) -> bool {
+        File::open(folder.join("lock"))
+            .is_ok_and(|lock| matches!(lock.try_lock(), Err(TryLockError::WouldBlock)))
+    }
+
     async fn connect(
         folder: &Path,
         disk: Arc<dyn Disk>,
@@ -291,7 +298,9 @@ pub(crate) mod tests {
     #[tokio::test]
     async fn a_second_process_is_refused_until_the_first_is_gone() {
         let folder = tempfile::tempdir().unwrap();
+        assert!(!Store::is_in_use(folder.path()));
         let (first, _) = open(folder.path()).await.unwrap();
+        assert!(Store::is_in_use(folder.path()));
         // A lock belongs to the open file, so a second opening stands for a second process.
         let second = open(folder.path()).await;
         assert!(
@@ -300,6 +309,7 @@ pub(crate) mod tests {
         );
         first.close().await;
         drop(first);
+        assert!(!Store::is_in_use(folder.path()));
         open(folder.path()).await.unwrap();
     }
 

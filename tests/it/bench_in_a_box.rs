@@ -61,15 +61,16 @@ impl BenchInABox {
 
     /// Waits until a scan has come to a state.
     pub async fn until(&self, scan_id: i64, state: ScanState) {
-        let after = self.lab.store().last_event_id().await.unwrap();
-        if self.lab.store().scan(scan_id).await.unwrap().state == state {
-            return;
+        let mut events = self.lab.events();
+        loop {
+            let scan = self.lab.store().scan(scan_id).await.unwrap();
+            if scan.state == state {
+                return;
+            }
+            assert!(!scan.state.is_end(), "{}: {:?}", scan.state, scan.reason);
+            // Whatever wakes this, the store has the whole story.
+            events.recv().await.ok();
         }
-        let came = self.lab.wait_for_scan(scan_id, after.saturating_sub(5), |event| {
-            matches!(&event.event, ridged::scan::Event::Scan { state: now, .. } if *now == state)
-        });
-        let scan = came.await.unwrap();
-        assert_eq!(scan.state, state, "{:?}", scan.reason);
     }
 
     /// Ends it as a daemon ends.

@@ -4,14 +4,13 @@
 //! and the defaults; [`Plan::check`] lists everything that is wrong; [`Plan::steps`] gives the
 //! points in the order that costs the least motion. No hardware here.
 
-use std::time::Duration;
+mod check;
+mod order;
 
 use serde::{Deserialize, Serialize};
 
-use super::event::OperatorAction;
-use crate::frame::FrameKind;
-use crate::geometry::Pose;
-use crate::units::Angle;
+pub use check::{PlanError, PlanProblem, TravelLimits};
+pub use order::{Estimate, MoveTime, Shot, Step, estimate};
 
 /// Most values in one list of angles or exposures.
 pub const LIST_LENGTH_MAX: usize = 10_000;
@@ -21,8 +20,6 @@ pub const FRAMES_MAX: u64 = 1_000_000;
 pub const EXPOSURE_S_MAX: f64 = 3600.0;
 /// Shortest exposure in seconds.
 pub const EXPOSURE_S_MIN: f64 = 1e-6;
-/// Two angles closer than this are the same point.
-const SAME_ANGLE_DEG: f64 = 1e-6;
 
 /// A list of numbers, written out or as a grid.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -205,73 +202,6 @@ pub struct FlatPlan {
     pub repeats: u32,
 }
 
-/// One thing that is wrong with a plan.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct PlanProblem {
-    /// Where, e.g. `plan.theta_c_deg[2]`.
-    pub field: String,
-    /// What, with the allowed values.
-    pub message: String,
-}
-
-impl PlanProblem {
-    fn new(field: impl Into<String>, message: impl Into<String>) -> Self {
-        PlanProblem {
-            field: field.into(),
-            message: message.into(),
-        }
-    }
-}
-
-/// Everything that is wrong with a plan.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("the plan cannot run: {}", list(.problems))]
-pub struct PlanError {
-    /// All problems found; never empty.
-    pub problems: Vec<PlanProblem>,
-}
-
-fn list(problems: &[PlanProblem]) -> String {
-    const SHOWN: usize = 5;
-    let mut text = problems
-        .iter()
-        .take(SHOWN)
-        .map(|p| format!("{}: {}", p.field, p.message))
-        .collect::<Vec<_>>()
-        .join("; ");
-    if problems.len() > SHOWN {
-        text.push_str(&format!("; and {} more", problems.len() - SHOWN));
-    }
-    text
-}
-
-/// Where the axes may go.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TravelLimits {
-    /// Least and greatest camera tilt.
-    pub theta_c: (Angle, Angle),
-    /// Least and greatest sample azimuth.
-    pub phi_s: (Angle, Angle),
-}
-
-impl TravelLimits {
-    /// φs as the stage can reach it: the given turn if within the limits, else another turn of the
-    /// same direction; `None` if there is none.
-    #[must_use]
-    pub fn reachable_phi_s(&self, phi_s: Angle) -> Option<Angle> {
-        [0.0, -360.0, 360.0]
-            .into_iter()
-            .map(|turn| phi_s + Angle::from_deg(turn))
-            .find(|angle| within(*angle, self.phi_s))
-    }
-}
-
-fn within(angle: Angle, (min, max): (Angle, Angle)) -> bool {
-    // A stage's limit is inclusive; degrees written in a file must not miss it by rounding.
-    let slack = Angle::from_deg(1e-9);
-    angle >= min - slack && angle <= max + slack
-}
-
 impl PlanRequest {
     /// Reads a plan file.
     ///
@@ -345,62 +275,6 @@ impl PlanRequest {
     }
 }
 
-/// One point: a pose with all its exposures and repeats, committed as a whole.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Shot {
-    /// Place in the plan, from 0, calibrations first; independent of the order.
-    pub index: u32,
-    /// What the frames show.
-    pub kind: FrameKind,
-    /// Pose as the plan states it; `None` where it does not matter (dark frames).
-    pub pose: Option<Pose>,
-    /// Where to send the stages for it: the same pose, φs perhaps by another turn.
-    pub target: Option<Pose>,
-    /// Exposures, in the order taken.
-    pub exposures_s: Vec<f64>,
-    /// Frames per exposure.
-    pub repeats: u32,
-}
-
-impl Shot {
-    /// Frames of the point.
-    #[must_use]
-    pub fn n_frames(&self) -> u32 {
-        self.exposures_s.len() as u32 * self.repeats
-    }
-
-    /// Time with the shutter open.
-    #[must_use]
-    pub fn exposure_total_s(&self) -> f64 {
-        self.exposures_s.iter().sum::<f64>() * f64::from(self.repeats)
-    }
-}
-
-/// A step of a scan.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Step {
-    /// A person acts, then says `continue`.
-    Operator(OperatorAction),
-    /// The rig moves and takes frames.
-    Shot(Shot),
-}
-
-/// What a plan will cost.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Estimate {
-    /// Points.
-    pub n_shots: u32,
-    /// Frames.
-    pub n_frames: u32,
-    /// Time for motion, settling and exposure; people not counted.
-    pub duration_s: f64,
-    /// Most disk space the frames can take.
-    pub disk_bytes: u64,
-}
-
-/// Predicts how long a move takes, settling included.
-pub type MoveTime<'a> = &'a dyn Fn(Pose, Pose) -> Duration;
-
 impl Plan {
     /// Every exposure used, each once, ascending: what dark frames are needed at.
     #[must_use]
@@ -412,62 +286,6 @@ impl Plan {
         all.sort_by(f64::total_cmp);
         all.dedup();
         all
-    }
-
-    /// Lists everything that is wrong with the plan.
-    ///
-    /// # Errors
-    /// [`PlanError`] with one entry per problem.
-    pub fn check(&self, limits: &TravelLimits) -> Result<(), PlanError> {
-        let mut problems = Vec::new();
-        check_list("plan.theta_c_deg", &self.theta_c_deg, &mut problems);
-        check_list("plan.phi_s_deg", &self.phi_s_deg, &mut problems);
-        check_tilts("plan.theta_c_deg", &self.theta_c_deg, limits, &mut problems);
-        for (i, deg) in self.phi_s_deg.iter().enumerate() {
-            if deg.is_finite() && limits.reachable_phi_s(Angle::from_deg(*deg)).is_none() {
-                problems.push(PlanProblem::new(
-                    format!("plan.phi_s_deg[{i}]"),
-                    format!(
-                        "{deg}° is outside the travel of phi_s, {:.3} to {:.3}, on every turn",
-                        limits.phi_s.0, limits.phi_s.1
-                    ),
-                ));
-            }
-        }
-        check_exposures("plan.exposures_s", &self.exposures_s, &mut problems);
-        if self.repeats == 0 {
-            problems.push(PlanProblem::new("plan.repeats", "must be at least 1"));
-        }
-        if self.flat.repeats > 0 {
-            check_list(
-                "plan.flat.theta_c_deg",
-                &self.flat.theta_c_deg,
-                &mut problems,
-            );
-            check_tilts(
-                "plan.flat.theta_c_deg",
-                &self.flat.theta_c_deg,
-                limits,
-                &mut problems,
-            );
-            check_exposures(
-                "plan.flat.exposures_s",
-                &self.flat.exposures_s,
-                &mut problems,
-            );
-        }
-        let frames = self.n_frames();
-        if frames > FRAMES_MAX {
-            problems.push(PlanProblem::new(
-                "plan",
-                format!("{frames} frames are more than the {FRAMES_MAX} that one scan may have"),
-            ));
-        }
-        if problems.is_empty() {
-            Ok(())
-        } else {
-            Err(PlanError { problems })
-        }
     }
 
     /// Frames of the whole plan, all calibrations included.
@@ -494,254 +312,16 @@ impl Plan {
         ]);
         sample.saturating_add(flat).saturating_add(dark)
     }
-
-    /// The steps in order: dark frames, white reference, sample; `start` is where the stages stand.
-    /// The plan must have passed [`Plan::check`].
-    ///
-    /// Of the orders tried (either axis outside, there and back or always the same way) the one
-    /// that `move_time` finds quickest is taken, so a stage's speeds and backlash decide. The index
-    /// of a shot does not depend on the order, so that a resumed scan knows what it has.
-    #[must_use]
-    pub fn steps(&self, limits: &TravelLimits, start: Pose, move_time: MoveTime<'_>) -> Vec<Step> {
-        let mut steps = Vec::new();
-        if self.dark.repeats > 0 {
-            steps.push(Step::Operator(OperatorAction::CapLens));
-            steps.push(Step::Shot(Shot {
-                index: 0,
-                kind: FrameKind::Dark,
-                pose: None,
-                target: None,
-                exposures_s: self.all_exposures_s(),
-                repeats: self.dark.repeats,
-            }));
-        }
-        let mut at = start;
-        if self.flat.repeats > 0 {
-            steps.push(Step::Operator(OperatorAction::PlaceWhiteReference));
-            // The white reference looks the same from every azimuth: φs stays where it is needed next.
-            let phi_s = self.phi_s_deg.iter().copied().fold(f64::INFINITY, f64::min);
-            let order = quickest_order(&self.flat.theta_c_deg, &[phi_s], limits, at, move_time);
-            for visit in order {
-                at = visit.target;
-                steps.push(Step::Shot(Shot {
-                    index: 1 + visit.place,
-                    kind: FrameKind::Flat,
-                    pose: Some(visit.pose),
-                    target: Some(visit.target),
-                    exposures_s: self.flat.exposures_s.clone(),
-                    repeats: self.flat.repeats,
-                }));
-            }
-        }
-        steps.push(Step::Operator(OperatorAction::PlaceSample));
-        let first = 1 + self.flat.theta_c_deg.len() as u32;
-        for visit in quickest_order(&self.theta_c_deg, &self.phi_s_deg, limits, at, move_time) {
-            steps.push(Step::Shot(Shot {
-                index: first + visit.place,
-                kind: FrameKind::Sample,
-                pose: Some(visit.pose),
-                target: Some(visit.target),
-                exposures_s: self.exposures_s.clone(),
-                repeats: self.repeats,
-            }));
-        }
-        steps
-    }
-}
-
-/// What `steps` cost from `start` on, with frames of `frame_bytes_max` each.
-#[must_use]
-pub fn estimate(
-    steps: &[Step],
-    start: Pose,
-    move_time: MoveTime<'_>,
-    frame_bytes_max: u64,
-) -> Estimate {
-    let mut at = start;
-    let mut total = Estimate {
-        n_shots: 0,
-        n_frames: 0,
-        duration_s: 0.0,
-        disk_bytes: 0,
-    };
-    for step in steps {
-        if let Step::Shot(shot) = step {
-            total.n_shots += 1;
-            total.n_frames += shot.n_frames();
-            total.duration_s += shot.exposure_total_s();
-            if let Some(target) = shot.target {
-                total.duration_s += move_time(at, target).as_secs_f64();
-                at = target;
-            }
-        }
-    }
-    total.disk_bytes = u64::from(total.n_frames) * frame_bytes_max;
-    total
-}
-
-/// A pose to visit.
-#[derive(Clone, Copy)]
-struct Visit {
-    /// Place in the lists: tilt × number of azimuths + azimuth.
-    place: u32,
-    /// As the plan states it.
-    pose: Pose,
-    /// Where the stages go for it.
-    target: Pose,
-}
-
-/// All pairs of the two lists, ordered.
-fn quickest_order(
-    theta_c_deg: &[f64],
-    phi_s_deg: &[f64],
-    limits: &TravelLimits,
-    start: Pose,
-    move_time: MoveTime<'_>,
-) -> Vec<Visit> {
-    let mut thetas: Vec<(u32, f64)> = (0..).zip(theta_c_deg.iter().copied()).collect();
-    thetas.sort_by(|a, b| a.1.total_cmp(&b.1));
-    // Sorted by where the stage goes, so that a turn taken the other way does not cross the travel.
-    let mut phis: Vec<(u32, f64, f64)> = (0..)
-        .zip(phi_s_deg.iter().copied())
-        .map(|(place, deg)| {
-            let asked = Angle::from_deg(deg);
-            let target = match limits.reachable_phi_s(asked) {
-                Some(angle) if angle != asked => angle.deg(),
-                _ => deg,
-            };
-            (place, deg, target)
-        })
-        .collect();
-    phis.sort_by(|a, b| a.2.total_cmp(&b.2));
-    let visit = |theta: (u32, f64), phi: (u32, f64, f64)| Visit {
-        place: theta.0 * phis.len() as u32 + phi.0,
-        pose: Pose::from_deg(theta.1, phi.1),
-        target: Pose::from_deg(theta.1, phi.2),
-    };
-    let mut best: Option<(Duration, Vec<Visit>)> = None;
-    for theta_outside in [true, false] {
-        for serpentine in [true, false] {
-            for (reverse_outer, reverse_inner) in
-                [(false, false), (true, false), (false, true), (true, true)]
-            {
-                let (n_outer, n_inner) = if theta_outside {
-                    (thetas.len(), phis.len())
-                } else {
-                    (phis.len(), thetas.len())
-                };
-                let mut order = Vec::with_capacity(n_outer * n_inner);
-                for i in 0..n_outer {
-                    let backwards = reverse_inner ^ (serpentine && i % 2 == 1);
-                    for j in 0..n_inner {
-                        let i = if reverse_outer { n_outer - 1 - i } else { i };
-                        let j = if backwards { n_inner - 1 - j } else { j };
-                        order.push(if theta_outside {
-                            visit(thetas[i], phis[j])
-                        } else {
-                            visit(thetas[j], phis[i])
-                        });
-                    }
-                }
-                let mut at = start;
-                let mut cost = Duration::ZERO;
-                for visit in &order {
-                    cost += move_time(at, visit.target);
-                    at = visit.target;
-                }
-                if best.as_ref().is_none_or(|(least, _)| cost < *least) {
-                    best = Some((cost, order));
-                }
-            }
-        }
-    }
-    best.map(|(_, order)| order).unwrap_or_default()
-}
-
-fn check_list(field: &str, values: &[f64], problems: &mut Vec<PlanProblem>) {
-    if values.is_empty() {
-        problems.push(PlanProblem::new(field, "is empty; give at least one value"));
-    }
-    if values.len() > LIST_LENGTH_MAX {
-        problems.push(PlanProblem::new(
-            field,
-            format!(
-                "has {} values; at most {LIST_LENGTH_MAX} are allowed",
-                values.len()
-            ),
-        ));
-        return;
-    }
-    let mut order: Vec<usize> = (0..values.len())
-        .filter(|i| values[*i].is_finite())
-        .collect();
-    for (i, value) in values.iter().enumerate() {
-        if !value.is_finite() {
-            problems.push(PlanProblem::new(
-                format!("{field}[{i}]"),
-                format!("{value} is not a finite number"),
-            ));
-        }
-    }
-    order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
-    for pair in order.windows(2) {
-        let (first, second) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
-        if (values[first] - values[second]).abs() < SAME_ANGLE_DEG {
-            problems.push(PlanProblem::new(
-                format!("{field}[{second}]"),
-                format!("{} is there twice; use repeats instead", values[second]),
-            ));
-        }
-    }
-}
-
-fn check_tilts(
-    field: &str,
-    values: &[f64],
-    limits: &TravelLimits,
-    problems: &mut Vec<PlanProblem>,
-) {
-    for (i, deg) in values.iter().enumerate().take(LIST_LENGTH_MAX) {
-        if deg.is_finite() && !within(Angle::from_deg(*deg), limits.theta_c) {
-            problems.push(PlanProblem::new(
-                format!("{field}[{i}]"),
-                format!(
-                    "{deg}° is outside the travel of theta_c, {:.3} to {:.3}",
-                    limits.theta_c.0, limits.theta_c.1
-                ),
-            ));
-        }
-    }
-}
-
-fn check_exposures(field: &str, values: &[f64], problems: &mut Vec<PlanProblem>) {
-    if values.is_empty() {
-        problems.push(PlanProblem::new(
-            field,
-            "is empty; give at least one exposure",
-        ));
-    }
-    if values.len() > 100 {
-        problems.push(PlanProblem::new(field, "has more than 100 exposures"));
-        return;
-    }
-    for (i, value) in values.iter().enumerate() {
-        if !(EXPOSURE_S_MIN..=EXPOSURE_S_MAX).contains(value) {
-            problems.push(PlanProblem::new(
-                format!("{field}[{i}]"),
-                format!("{value} s is not between {EXPOSURE_S_MIN} and {EXPOSURE_S_MAX} s"),
-            ));
-        } else if values[..i].contains(value) {
-            problems.push(PlanProblem::new(
-                format!("{field}[{i}]"),
-                format!("{value} s is there twice; use repeats instead"),
-            ));
-        }
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
+    use crate::frame::FrameKind;
+    use crate::geometry::Pose;
+    use crate::units::Angle;
 
     fn limits() -> TravelLimits {
         TravelLimits {

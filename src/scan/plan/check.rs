@@ -1,0 +1,214 @@
+//! What can be wrong with a plan, all of it at once.
+
+use serde::{Deserialize, Serialize};
+
+use super::{EXPOSURE_S_MAX, EXPOSURE_S_MIN, FRAMES_MAX, LIST_LENGTH_MAX, Plan};
+use crate::units::Angle;
+
+/// Two angles closer than this are the same point.
+const SAME_ANGLE_DEG: f64 = 1e-6;
+
+/// One thing that is wrong with a plan.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PlanProblem {
+    /// Where, e.g. `plan.theta_c_deg[2]`.
+    pub field: String,
+    /// What, with the allowed values.
+    pub message: String,
+}
+
+impl PlanProblem {
+    pub(super) fn new(field: impl Into<String>, message: impl Into<String>) -> Self {
+        PlanProblem {
+            field: field.into(),
+            message: message.into(),
+        }
+    }
+}
+
+/// Everything that is wrong with a plan.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("the plan cannot run: {}", list(.problems))]
+pub struct PlanError {
+    /// All problems found; never empty.
+    pub problems: Vec<PlanProblem>,
+}
+
+fn list(problems: &[PlanProblem]) -> String {
+    const SHOWN: usize = 5;
+    let mut text = problems
+        .iter()
+        .take(SHOWN)
+        .map(|p| format!("{}: {}", p.field, p.message))
+        .collect::<Vec<_>>()
+        .join("; ");
+    if problems.len() > SHOWN {
+        text.push_str(&format!("; and {} more", problems.len() - SHOWN));
+    }
+    text
+}
+
+/// Where the axes may go.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TravelLimits {
+    /// Least and greatest camera tilt.
+    pub theta_c: (Angle, Angle),
+    /// Least and greatest sample azimuth.
+    pub phi_s: (Angle, Angle),
+}
+
+impl TravelLimits {
+    /// φs as the stage can reach it: the given turn if within the limits, else another turn of the
+    /// same direction; `None` if there is none.
+    #[must_use]
+    pub fn reachable_phi_s(&self, phi_s: Angle) -> Option<Angle> {
+        [0.0, -360.0, 360.0]
+            .into_iter()
+            .map(|turn| phi_s + Angle::from_deg(turn))
+            .find(|angle| within(*angle, self.phi_s))
+    }
+}
+
+fn within(angle: Angle, (min, max): (Angle, Angle)) -> bool {
+    // A stage's limit is inclusive; degrees written in a file must not miss it by rounding.
+    let slack = Angle::from_deg(1e-9);
+    angle >= min - slack && angle <= max + slack
+}
+
+impl Plan {
+    /// Lists everything that is wrong with the plan.
+    ///
+    /// # Errors
+    /// [`PlanError`] with one entry per problem.
+    pub fn check(&self, limits: &TravelLimits) -> Result<(), PlanError> {
+        let mut problems = Vec::new();
+        check_list("plan.theta_c_deg", &self.theta_c_deg, &mut problems);
+        check_list("plan.phi_s_deg", &self.phi_s_deg, &mut problems);
+        check_tilts("plan.theta_c_deg", &self.theta_c_deg, limits, &mut problems);
+        for (i, deg) in self.phi_s_deg.iter().enumerate() {
+            if deg.is_finite() && limits.reachable_phi_s(Angle::from_deg(*deg)).is_none() {
+                problems.push(PlanProblem::new(
+                    format!("plan.phi_s_deg[{i}]"),
+                    format!(
+                        "{deg}° is outside the travel of phi_s, {:.3} to {:.3}, on every turn",
+                        limits.phi_s.0, limits.phi_s.1
+                    ),
+                ));
+            }
+        }
+        check_exposures("plan.exposures_s", &self.exposures_s, &mut problems);
+        if self.repeats == 0 {
+            problems.push(PlanProblem::new("plan.repeats", "must be at least 1"));
+        }
+        if self.flat.repeats > 0 {
+            // Tilts that were taken over from the sample are judged there.
+            let taken_over = self.flat.theta_c_deg.len() == self.theta_c_deg.len()
+                && std::iter::zip(&self.flat.theta_c_deg, &self.theta_c_deg)
+                    .all(|(flat, sample)| flat.to_bits() == sample.to_bits());
+            if !taken_over {
+                let field = "plan.flat.theta_c_deg";
+                check_list(field, &self.flat.theta_c_deg, &mut problems);
+                check_tilts(field, &self.flat.theta_c_deg, limits, &mut problems);
+            }
+            check_exposures(
+                "plan.flat.exposures_s",
+                &self.flat.exposures_s,
+                &mut problems,
+            );
+        }
+        let frames = self.n_frames();
+        if frames > FRAMES_MAX {
+            problems.push(PlanProblem::new(
+                "plan",
+                format!("{frames} frames are more than the {FRAMES_MAX} that one scan may have"),
+            ));
+        }
+        if problems.is_empty() {
+            Ok(())
+        } else {
+            Err(PlanError { problems })
+        }
+    }
+}
+
+fn check_list(field: &str, values: &[f64], problems: &mut Vec<PlanProblem>) {
+    if values.is_empty() {
+        problems.push(PlanProblem::new(field, "is empty; give at least one value"));
+    }
+    if values.len() > LIST_LENGTH_MAX {
+        problems.push(PlanProblem::new(
+            field,
+            format!(
+                "has {} values; at most {LIST_LENGTH_MAX} are allowed",
+                values.len()
+            ),
+        ));
+        return;
+    }
+    let mut order: Vec<usize> = (0..values.len())
+        .filter(|i| values[*i].is_finite())
+        .collect();
+    for (i, value) in values.iter().enumerate() {
+        if !value.is_finite() {
+            problems.push(PlanProblem::new(
+                format!("{field}[{i}]"),
+                format!("{value} is not a finite number"),
+            ));
+        }
+    }
+    order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
+    for pair in order.windows(2) {
+        let (first, second) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
+        if (values[first] - values[second]).abs() < SAME_ANGLE_DEG {
+            problems.push(PlanProblem::new(
+                format!("{field}[{second}]"),
+                format!("{} is there twice; use repeats instead", values[second]),
+            ));
+        }
+    }
+}
+
+fn check_tilts(
+    field: &str,
+    values: &[f64],
+    limits: &TravelLimits,
+    problems: &mut Vec<PlanProblem>,
+) {
+    for (i, deg) in values.iter().enumerate().take(LIST_LENGTH_MAX) {
+        if deg.is_finite() && !within(Angle::from_deg(*deg), limits.theta_c) {
+            problems.push(PlanProblem::new(
+                format!("{field}[{i}]"),
+                format!(
+                    "{deg}° is outside the travel of theta_c, {:.3} to {:.3}",
+                    limits.theta_c.0, limits.theta_c.1
+                ),
+            ));
+        }
+    }
+}
+
+fn check_exposures(field: &str, values: &[f64], problems: &mut Vec<PlanProblem>) {
+    if values.is_empty() {
+        problems.push(PlanProblem::new(
+            field,
+            "is empty; give at least one exposure",
+        ));
+    }
+    if values.len() > 100 {
+        problems.push(PlanProblem::new(field, "has more than 100 exposures"));
+        return;
+    }
+    for (i, value) in values.iter().enumerate() {
+        if !(EXPOSURE_S_MIN..=EXPOSURE_S_MAX).contains(value) {
+            problems.push(PlanProblem::new(
+                format!("{field}[{i}]"),
+                format!("{value} s is not between {EXPOSURE_S_MIN} and {EXPOSURE_S_MAX} s"),
+            ));
+        } else if values[..i].contains(value) {
+            problems.push(PlanProblem::new(
+                format!("{field}[{i}]"),
+                format!("{value} s is there twice; use repeats instead"),
+            ));
+        }
+    }
+}
