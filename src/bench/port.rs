@@ -332,6 +332,18 @@ mod tests {
     }
 
     #[test]
+    fn a_forbidden_port_names_the_command_that_helps() {
+        let address = "/dev/ttyUSB0".parse().unwrap();
+        let kind = serialport::ErrorKind::Io(io::ErrorKind::PermissionDenied);
+        let error = serial_error(&address, &serialport::Error::new(kind, "EACCES"));
+        let text = error.to_string();
+        assert!(
+            text.contains("usermod -aG dialout") && text.contains("/dev/ttyUSB0"),
+            "{text}"
+        );
+    }
+
+    #[test]
     fn a_tcp_port_that_nobody_serves_is_unreachable() {
         // Bound and dropped, so it is free and nobody listens.
         let free = std::net::TcpListener::bind("127.0.0.1:0")
