@@ -11,7 +11,7 @@ use anyhow::{Context, anyhow};
 use clap::ValueEnum;
 use serde_json::{Value, json};
 
-use super::{CliError, interrupt};
+use super::{CliError, daemon, interrupt};
 use crate::geometry::RigGeometry;
 use crate::model::contrast::{
     Contrast, Exposure, Findings, Mean, PAIRS, PAPER_AZIMUTHS_DEG, PAPER_RIDGES_DEG,
@@ -19,7 +19,7 @@ use crate::model::contrast::{
 };
 use crate::model::{Optics, Surface, Variant};
 use crate::observation::ObservationSet;
-use crate::reduction::{ReductionError, reduce};
+use crate::reduction::{FrameSource, ReductionError, reduce};
 use crate::series::Series;
 use crate::units::Angle;
 
@@ -34,12 +34,19 @@ use crate::units::Angle;
     ridged contrast tests/data/series/polymer-10 --json")]
 pub struct Args {
     /// Folder of a recorded series; its contrast is measured.
+    #[arg(group = "measured")]
     pub dir: Option<PathBuf>,
+    /// Number of a scan in the store; its contrast is measured.
+    #[arg(long, value_name = "ID", group = "measured")]
+    pub scan: Option<i64>,
+    /// Data folder.
+    #[arg(long, value_name = "DIR", default_value = "ridged-data")]
+    pub data: PathBuf,
     /// Region of a sample with a layout (measured).
-    #[arg(long, requires = "dir")]
+    #[arg(long, requires = "measured")]
     pub region: Option<String>,
     /// Ridge angles to predict for.
-    #[arg(long, num_args = 1.., value_name = "DEG", conflicts_with = "dir",
+    #[arg(long, num_args = 1.., value_name = "DEG", conflicts_with = "measured",
           default_values_t = PAPER_RIDGES_DEG)]
     pub theta_r_deg: Vec<f64>,
     /// The rig and the surface that is predicted.
@@ -50,7 +57,7 @@ pub struct Args {
     pub variant: Model,
     /// CSV of radiances to compare with (theta_r_deg, theta_c_deg, phi_s_deg, radiance; a column
     /// alpha is matched with --alpha).
-    #[arg(long, value_name = "FILE.csv", conflicts_with = "dir")]
+    #[arg(long, value_name = "FILE.csv", conflicts_with = "measured")]
     pub compare: Option<PathBuf>,
     /// Bars after the paper's Fig. 8.
     #[arg(long, value_name = "FILE.svg")]
@@ -205,9 +212,14 @@ impl Scene {
 /// Bad input for options out of range, a folder that is no series, a file that is no table; no
 /// result where the series has no pose at the paper's azimuths or a file cannot be written.
 pub fn run(args: Args) -> Result<(), CliError> {
-    let (table, mut report) = match &args.dir {
-        Some(dir) => measured(dir, args.region.as_deref())?,
-        None => predicted(&args)?,
+    let region = args.region.as_deref();
+    let (table, mut report) = match (&args.dir, args.scan) {
+        (Some(dir), _) => {
+            let series = Series::open(dir).map_err(CliError::bad_input)?;
+            measured(&series, region)?
+        }
+        (None, Some(scan)) => measured(&daemon::stored_series(&args.data, scan)?, region)?,
+        (None, None) => predicted(&args)?,
     };
     let mut others = Vec::new();
     if let Some(path) = &args.compare {
@@ -217,7 +229,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         others.push(("compared", other));
     }
     if let Some(path) = &args.svg {
-        let label = if args.dir.is_some() {
+        let label = if args.dir.is_some() || args.scan.is_some() {
             "measured"
         } else {
             "predicted"
@@ -267,15 +279,13 @@ fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
 /// How far a recorded angle may be from the paper's and still count as it.
 const SNAP_DEG: f64 = 0.5;
 
-fn measured(dir: &Path, region: Option<&str>) -> Result<(Table, Value), CliError> {
-    let series = Series::open(dir).map_err(CliError::bad_input)?;
+fn measured(source: &dyn FrameSource, region: Option<&str>) -> Result<(Table, Value), CliError> {
     let cancel = interrupt::flag()?;
-    let set = reduced(&series, region, &cancel)?;
+    let set = reduced(source, region, &cancel)?;
     let (table, stds) = of_observations(&set);
     if table.lines.is_empty() {
         return Err(CliError::no_result(anyhow!(
-            "no camera tilt of {} has frames at all of the azimuths 0, 90 and 180 degrees",
-            dir.display()
+            "no camera tilt has frames at all of the azimuths 0, 90 and 180 degrees"
         )));
     }
     let mut report = as_json(&table, Some(&stds));
@@ -291,11 +301,11 @@ fn measured(dir: &Path, region: Option<&str>) -> Result<(Table, Value), CliError
 }
 
 fn reduced(
-    series: &Series,
+    source: &dyn FrameSource,
     region: Option<&str>,
     cancel: &AtomicBool,
 ) -> Result<ObservationSet, CliError> {
-    reduce(series, region, cancel).map_err(|error| match error {
+    reduce(source, region, cancel).map_err(|error| match error {
         ReductionError::Cancelled => CliError::Interrupted,
         error @ (ReductionError::NoObservations { .. } | ReductionError::Vanished { .. }) => {
             CliError::no_result(error)

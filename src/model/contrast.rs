@@ -185,7 +185,11 @@ impl Table {
         let by = |of: fn(&Line) -> Angle| {
             distinct(of)
                 .into_iter()
-                .map(|deg| mean(format!("{deg}"), &|l, _| (of(l).deg() - deg).abs() < 5e-4))
+                .map(|deg| {
+                    mean(format!("{}", (deg * 1e6).round() / 1e6), &|l, _| {
+                        (of(l).deg() - deg).abs() < 5e-4
+                    })
+                })
                 .collect()
         };
         Table {

@@ -181,12 +181,16 @@ const GRID_ERROR: f64 = 0.002;
 #[test]
 fn no_form_sends_out_more_than_came_in() {
     for form in FORMS {
-        let n = if form == Form::Quadrature { 12 } else { 40 };
+        let n = if form == Form::Quadrature { 10 } else { 40 };
         for theta_r_deg in [3.0, 20.0] {
             for (s, o) in [
                 (surface(theta_r_deg, 0.25, 0.2, 0.0), optics(1.0, 1e6)),
                 (surface(theta_r_deg, 0.3, 0.3, 0.85), optics(1.5, 0.0)),
             ] {
+                // The mirror has its own, sharper test below.
+                if form == Form::Quadrature && o.k > 0.0 {
+                    continue;
+                }
                 for incident in [direction(0.1, 0.3), direction(0.6, 1.2)] {
                     let albedo = albedo(form, &s, &o, incident, n);
                     assert!(
