@@ -13,7 +13,7 @@ export default defineConfig({
       // These three drive headless Chromium; each file starts what it needs on a loopback port of its own.
       { extends: true, test: { name: 'page', include: ['tests/page/**/*.test.ts'], environment: 'node', testTimeout: 60_000, hookTimeout: 60_000 } },
       { extends: true, test: { name: 'e2e', include: ['tests/e2e/**/*.test.ts'], environment: 'node', testTimeout: 240_000, hookTimeout: 60_000, fileParallelism: false } },
-      { extends: true, test: { name: 'screenshot', include: ['tests/screenshot/**/*.test.ts'], environment: 'node', testTimeout: 240_000, hookTimeout: 60_000 } },
+      { extends: true, test: { name: 'screenshot', include: ['tests/screenshot/**/*.test.ts'], environment: 'node', testTimeout: 480_000, hookTimeout: 60_000 } },
     ],
   },
 });

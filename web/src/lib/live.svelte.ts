@@ -139,6 +139,8 @@ class Live {
   async reloadFit(id: number): Promise<void> {
     const fit = await api.fit(id);
     const known = this.fits.find((f) => f.id === id);
+    // Answers may overtake each other: what has ended does not run again.
+    if (known && known.state !== 'running' && fit.state === 'running') return;
     const merged = { ...known, ...fit };
     this.fits = known ? this.fits.map((f) => (f.id === id ? merged : f)) : [merged, ...this.fits];
   }
@@ -211,6 +213,8 @@ class Live {
       return;
     }
     this.#rigAsked = true;
+    // An event may be lost on the way; a fit that is over must not look as if it ran.
+    for (const fit of this.fits) if (fit.state === 'running') void this.reloadFit(fit.id).catch(() => undefined);
     this.#rigAgain = false;
     try {
       this.rig = await api.rig();

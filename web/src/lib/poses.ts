@@ -46,8 +46,19 @@ export function poseGrid(frames: readonly FrameRow[], plannedTilts: readonly num
   return { tilts_deg: tilts, azimuths_deg: azimuths, cells };
 }
 
+/** Every sensor has a few hot pixels: below this share of full pixels a frame is not called saturated. */
+const SATURATED_SHARE_MIN = 0.002;
+/** Where the frame's size is not known: of a frame of 128 × 128. */
+const PIXELS_ASSUMED = 128 * 128;
+
+/** Whether so many pixels are full that it is the light and not the sensor's hot pixels. */
+export function isSaturated(frame: FrameRow): boolean {
+  const pixels = frame.width_px !== undefined && frame.height_px !== undefined ? frame.width_px * frame.height_px : PIXELS_ASSUMED;
+  return (frame.saturated_px ?? 0) > SATURATED_SHARE_MIN * pixels;
+}
+
 /** The frame of a pose that shows most: the longest exposure that is not saturated, else the shortest. */
 export function bestExposure(frames: readonly FrameRow[]): FrameRow | null {
-  const fine = frames.filter((f) => f.accepted && (f.saturated_px ?? 0) === 0);
+  const fine = frames.filter((f) => f.accepted && !isSaturated(f));
   return fine.at(-1) ?? frames[0] ?? null;
 }

@@ -113,6 +113,9 @@ export interface FrameRow {
   readonly repeat: number;
   readonly mean_dn: number | null;
   readonly max_dn: number | null;
+  /** Missing where the frame is known by its event alone. */
+  readonly width_px?: number;
+  readonly height_px?: number;
   readonly saturated_px: number | null;
   readonly accepted: boolean;
   readonly reason: string | null;

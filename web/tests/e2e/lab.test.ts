@@ -52,7 +52,7 @@ describe('a lab’s day', () => {
     // The traced sample's true angle is 10°; its own uncertainty is a matter of the fit's tests.
     expect(Math.abs(polymer.theta_r_deg - 10)).toBeLessThan(0.5);
     expect(polymer.text).toMatch(/^\d+\.\d+ ± \d+\.\d+°$/);
-    await page.getByTestId('curves').locator('canvas').first().waitFor();
+    await page.getByRole('button', { name: 'sawtooth', exact: true }).waitFor();
     expect(await page.getByTestId('curves').locator('figure').count()).toBe(5);
     const [fit] = (await get('/fits'))['items'] as { parameters: Record<string, { value: number; expanded: number }> }[];
     expect(polymer.theta_r_deg).toBeCloseTo(fit?.parameters['theta_r_deg']?.value ?? Number.NaN, 1);

@@ -33,8 +33,9 @@ it('makes the pictures of the README', async () => {
   await fillScan(page, { sample: 'traced polymer', grid: 'full' });
   await page.getByRole('button', { name: 'Start scan' }).click();
   await doSteps(page, completed(page), 200_000);
-  await fitted(page, 100_000);
-  await page.getByTestId('curves').locator('canvas').first().waitFor();
+  await fitted(page, 200_000);
+  await page.getByRole('button', { name: 'sawtooth', exact: true }).waitFor({ timeout: 60_000 });
+  await page.mouse.move(700, 20);
   await page.getByTestId('frame').waitFor();
   await page.waitForTimeout(500);
   await page.screenshot({ path: join(DOCS, 'screenshot.png') });
@@ -43,7 +44,7 @@ it('makes the pictures of the README', async () => {
   browsers.push(dark);
   const night = await dark.context.newPage();
   await night.goto(daemon.url);
-  await night.getByTestId('curves').locator('canvas').first().waitFor();
+  await night.getByRole('button', { name: 'sawtooth', exact: true }).waitFor({ timeout: 60_000 });
   await night.getByTestId('frame').waitFor();
   await night.waitForTimeout(500);
   await night.locator('section[aria-labelledby=parameters-title]').evaluate((e) => scrollTo(0, e.getBoundingClientRect().top + scrollY - 80));
