@@ -72,7 +72,7 @@ const HALF_U: i32 = 3;
 const STEP_V: f64 = 0.5;
 const HALF_V: i32 = 6;
 
-fn cross(x: [f64; 3], y: [f64; 3]) -> [f64; 3] {
+pub(super) fn cross(x: [f64; 3], y: [f64; 3]) -> [f64; 3] {
     [
         x[1] * y[2] - x[2] * y[1],
         x[2] * y[0] - x[0] * y[2],
@@ -131,7 +131,7 @@ fn legs(valley: &Valley, w: &End, alpha2: [f64; 2]) -> Vec<Leg> {
 }
 
 /// cos 2φ between two planes of incidence given by their normals (any length).
-fn cos_double_turn(a: [f64; 3], b: [f64; 3]) -> f64 {
+pub(super) fn cos_double_turn(a: [f64; 3], b: [f64; 3]) -> f64 {
     let norms = dot(a, a) * dot(b, b);
     if norms <= 0.0 {
         return 1.0;
