@@ -346,6 +346,13 @@ impl HeightField {
         Flight::Hit(self.spot(start.i, start.j, upper, start.x, start.y, &h))
     }
 
+    /// A place of a triangle as a spot.
+    #[must_use]
+    pub fn spot_at(&self, i: usize, j: usize, upper: bool, x: f64, y: f64) -> Spot {
+        let h = self.corners[i * self.ny + j].map(f64::from);
+        self.spot(i, j, upper, x, y, &h)
+    }
+
     fn spot(&self, i: usize, j: usize, upper: bool, x: f64, y: f64, h: &[f64; 4]) -> Spot {
         let (x, y) = (x.clamp(0.0, 1.0), y.clamp(0.0, 1.0));
         Spot {

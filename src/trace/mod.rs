@@ -13,6 +13,7 @@ pub mod beckmann;
 pub mod escape;
 pub mod facet;
 pub mod height_field;
+pub mod launch;
 #[cfg(test)]
 mod laws;
 pub mod light;

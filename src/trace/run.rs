@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
+use super::launch::FirstHits;
 use super::light::{Light, Polarised, Scalar};
 use super::rng::{Purpose, Stream};
 use super::scene::Prepared;
@@ -37,11 +38,11 @@ pub struct Progress {
 }
 
 /// Photons are dealt out in this many blocks at least, and none is larger than [`BLOCK_MAX`].
-const BLOCKS_MIN: u64 = 32;
-/// Batches per block: 512 replicates and more, so that standard errors are known to 3 %.
-const BATCHES: u64 = 16;
+const BLOCKS_MIN: u64 = 16;
+/// Batches per block: 128 replicates and more, so that standard errors are known to 6 %.
+const BATCHES: u64 = 8;
 /// Largest block: bounds the time between two looks at the stop conditions.
-const BLOCK_MAX: u64 = 1 << 18;
+const BLOCK_MAX: u64 = 1 << 20;
 
 /// The photons `[first, end)` of one block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,6 +93,7 @@ fn run<L: Light>(
         s: prepared.s,
         interactions_max: prepared.interactions_max,
     };
+    let first_hits = FirstHits::new::<L>(&walk, prepared.grid);
     let photons = prepared.photons;
     let count = blocks(photons);
     let mine: Vec<u64> = (0..count)
@@ -115,7 +117,13 @@ fn run<L: Light>(
                 return;
             }
             let span = span(photons, count, number);
-            trace_block::<L>(&walk, prepared.seed, number, span, batch, block);
+            let job = Job {
+                walk: &walk,
+                first_hits: first_hits.as_ref(),
+                seed: prepared.seed,
+                number,
+            };
+            job.trace::<L>(span, batch, block);
             let mut totals = totals.lock().expect("no thread panics while it adds");
             totals.add(block, span.end - span.first);
             block.clear();
@@ -130,40 +138,58 @@ fn run<L: Light>(
             }
         },
     );
-    totals.into_inner().expect("no thread panics while it adds")
+    let mut totals = totals.into_inner().expect("no thread panics while it adds");
+    if let Some(first_hits) = &first_hits {
+        totals.include(&first_hits.known);
+    }
+    totals
 }
 
 /// The plastic ratio's powers: the points (i α1, i α2) mod 1 fill the square evenly.
 const EVEN: (f64, f64) = (0.754_877_666_246_692_7, 0.569_840_290_998_053_3);
 
-fn trace_block<L: Light>(
-    walk: &Walk<'_>,
+/// One block of a run.
+struct Job<'a> {
+    walk: &'a Walk<'a>,
+    first_hits: Option<&'a FirstHits<'a>>,
     seed: u64,
     number: u64,
-    span: Span,
-    batch: &mut Batch,
-    block: &mut Block,
-) {
-    let size = span.end - span.first;
-    let parts = BATCHES.min(size);
-    for part in 0..parts {
-        let inner = self::span(size, parts, part);
-        let mut shared = Stream::new(seed, Purpose::Batch, number * BATCHES + part);
-        let (shift_x, shift_y) = (shared.uniform(), shared.uniform());
-        for index in inner.first..inner.end {
-            let mut random = Stream::new(seed, Purpose::Photon, span.first + index);
-            let (x, y) = match walk.method {
-                Method::Analog => (random.uniform(), random.uniform()),
-                Method::Split => {
-                    let i = (index - inner.first) as f64;
-                    (
-                        (shift_x + i * EVEN.0).fract(),
-                        (shift_y + i * EVEN.1).fract(),
-                    )
+}
+
+impl Job<'_> {
+    fn trace<L: Light>(&self, span: Span, batch: &mut Batch, block: &mut Block) {
+        let size = span.end - span.first;
+        let parts = BATCHES.min(size);
+        for part in 0..parts {
+            let inner = self::span(size, parts, part);
+            let replicate = self.number * BATCHES + part;
+            let mut shared = Stream::new(self.seed, Purpose::Batch, replicate);
+            let (shift_x, shift_y) = (shared.uniform(), shared.uniform());
+            // A batch's photons are numbered within it: 2^17 at most, and few more starts.
+            let stream = |n: u64| Stream::new(self.seed, Purpose::Photon, (replicate << 24) + n);
+            let photons = inner.end - inner.first;
+            match self.first_hits {
+                Some(first_hits) => {
+                    first_hits.batch::<L>(self.walk, photons, shift_x, stream, batch);
                 }
-            };
-            walk.photon::<L>(x, y, &mut random, batch);
+                None => {
+                    for n in 0..photons {
+                        let mut random = stream(n);
+                        let (x, y) = match self.walk.method {
+                            Method::Analog => (random.uniform(), random.uniform()),
+                            Method::Split => {
+                                let i = n as f64;
+                                (
+                                    (shift_x + i * EVEN.0).fract(),
+                                    (shift_y + i * EVEN.1).fract(),
+                                )
+                            }
+                        };
+                        self.walk.photon::<L>(x, y, &mut random, batch);
+                    }
+                }
+            }
+            block.take(batch);
         }
-        block.take(batch);
     }
 }

@@ -344,8 +344,8 @@ impl Scene {
 
     fn check_run(&self) -> Result<(), SceneError> {
         let run = &self.run;
-        if !(1..=1_000_000_000_000_000).contains(&run.photons) {
-            return Err(value("run.photons", run.photons, "must be from 1 to 1e15"));
+        if !(1..=10_000_000_000_000).contains(&run.photons) {
+            return Err(value("run.photons", run.photons, "must be from 1 to 1e13"));
         }
         if run.interactions_max == 0 {
             return Err(value("run.interactions_max", 0, "must be 1 or more"));

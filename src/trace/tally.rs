@@ -29,7 +29,7 @@ impl Grid {
     #[inline]
     #[must_use]
     pub fn bin(&self, side: Side, k: &V3) -> usize {
-        let theta = k[0].hypot(k[1]).atan2(k[2].abs());
+        let theta = (k[0] * k[0] + k[1] * k[1]).sqrt().atan2(k[2].abs());
         let phi = k[1].atan2(k[0]);
         let turn = phi * (0.5 * std::f64::consts::FRAC_1_PI);
         let turn = if turn < 0.0 { turn + 1.0 } else { turn };
@@ -272,10 +272,64 @@ pub struct Totals {
     /// Per bin: `stride` sums, then `stride` sums of squares.
     bins: Vec<i128>,
     hits: Vec<u64>,
+    /// Per bin: what is known without sampling, times the photons.
+    known: Vec<i128>,
     energy_sums: Energies<i128>,
     energy_squares: Energies<i128>,
+    energy_known: Energies<i128>,
     batches: u64,
     photons: u64,
+}
+
+/// Light whose way is known without chance, per photon launched.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Known {
+    stride: usize,
+    bins: Vec<i128>,
+    energies: Energies<i128>,
+}
+
+impl Known {
+    /// Nothing known.
+    #[must_use]
+    pub fn new(grid: Grid, elements: usize) -> Self {
+        Known {
+            stride: elements,
+            bins: vec![0; 2 * grid.per_side() * elements],
+            energies: Energies::filled(0),
+        }
+    }
+
+    /// Takes what a batch counted as known, and leaves the batch empty. The order does not matter.
+    pub fn take(&mut self, batch: &mut Batch) {
+        for &bin in &batch.touched {
+            let bin = bin as usize;
+            batch.hits[bin] = 0;
+            let range = bin * self.stride..(bin + 1) * self.stride;
+            for (known, x) in self.bins[range.clone()]
+                .iter_mut()
+                .zip(&mut batch.bins[range])
+            {
+                *known += to_fixed(*x);
+                *x = 0.0;
+            }
+        }
+        batch.touched.clear();
+        for (known, x) in self.energies.all_mut().zip(batch.energies.all()) {
+            *known += to_fixed(*x);
+        }
+        batch.energies = Energies::filled(0.0);
+    }
+
+    /// Adds what another part knows.
+    pub fn add(&mut self, other: &Known) {
+        for (a, b) in self.bins.iter_mut().zip(&other.bins) {
+            *a += b;
+        }
+        for (a, b) in self.energies.all_mut().zip(other.energies.all()) {
+            *a += b;
+        }
+    }
 }
 
 /// A mean and its standard error.
@@ -297,10 +351,23 @@ impl Totals {
             stride: elements,
             bins: vec![0; bins * 2 * elements],
             hits: vec![0; bins],
+            known: vec![0; bins * elements],
             energy_sums: Energies::filled(0),
             energy_squares: Energies::filled(0),
+            energy_known: Energies::filled(0),
             batches: 0,
             photons: 0,
+        }
+    }
+
+    /// Adds what is known per photon, for all photons counted so far: once, at the end of a run.
+    pub fn include(&mut self, known: &Known) {
+        let photons = i128::from(self.photons);
+        for (total, x) in self.known.iter_mut().zip(&known.bins) {
+            *total += x * photons;
+        }
+        for (total, x) in self.energy_known.all_mut().zip(known.energies.all()) {
+            *total += x * photons;
         }
     }
 
@@ -349,6 +416,12 @@ impl Totals {
         for (a, b) in self.hits.iter_mut().zip(&other.hits) {
             *a += b;
         }
+        for (a, b) in self.known.iter_mut().zip(&other.known) {
+            *a += b;
+        }
+        for (a, b) in self.energy_known.all_mut().zip(other.energy_known.all()) {
+            *a += b;
+        }
         for (a, b) in self.energy_sums.all_mut().zip(other.energy_sums.all()) {
             *a += b;
         }
@@ -388,7 +461,14 @@ impl Totals {
         self.batches
     }
 
-    /// Light that ended in a bin, counted in pieces.
+    /// Whether no light at all ended in a bin.
+    #[must_use]
+    pub fn is_empty(&self, side: Side, bin: usize) -> bool {
+        let index = self.index(side, bin);
+        self.hits[index] == 0 && self.known[index * self.stride] == 0
+    }
+
+    /// Light that ended in a bin by chance, counted in pieces.
     #[must_use]
     pub fn hits(&self, side: Side, bin: usize) -> u64 {
         self.hits[self.index(side, bin)]
@@ -401,7 +481,7 @@ impl Totals {
         }
     }
 
-    fn estimate(&self, sum: i128, square: i128, norm: f64) -> Estimate {
+    fn estimate(&self, sum: i128, square: i128, known: i128, norm: f64) -> Estimate {
         let (s, q) = (from_fixed(sum), from_fixed(square));
         let b = self.batches as f64;
         // Variance of the sum of B independent batches: B/(B−1) (Σ x² − (Σ x)²/B).
@@ -411,7 +491,7 @@ impl Totals {
             f64::NAN
         };
         Estimate {
-            value: s / norm,
+            value: from_fixed(sum + known) / norm,
             std: variance.sqrt() / norm,
         }
     }
@@ -421,14 +501,22 @@ impl Totals {
     pub fn element(&self, side: Side, bin: usize, i: usize) -> Estimate {
         let at = self.index(side, bin) * 2 * self.stride;
         let norm = self.grid.projected_solid_angle(bin) * self.photons as f64;
-        self.estimate(self.bins[at + i], self.bins[at + self.stride + i], norm)
+        let known = self.known[self.index(side, bin) * self.stride + i];
+        self.estimate(
+            self.bins[at + i],
+            self.bins[at + self.stride + i],
+            known,
+            norm,
+        )
     }
 
     /// Energies as shares of all the light that was traced; they add up to 1.
     #[must_use]
     pub fn energies(&self) -> Energies<Estimate> {
+        let total =
+            |e: &Energies<i128>| e.reflected_all + e.transmitted_all + e.absorbed + e.truncated;
         let e = &self.energy_sums;
-        let all = e.reflected_all + e.transmitted_all + e.absorbed + e.truncated;
+        let all = total(e) + total(&self.energy_known);
         // Where photons carry weights other than 1 (polarised lamp, roulette) their sum is not the
         // number of photons exactly; shares of the sum are.
         let norm = from_fixed(all);
@@ -436,8 +524,10 @@ impl Totals {
             value: 0.0,
             std: 0.0,
         });
-        for ((o, s), q) in out.all_mut().zip(e.all()).zip(self.energy_squares.all()) {
-            *o = self.estimate(*s, *q, norm);
+        let known = self.energy_known.all();
+        let sums = e.all().zip(self.energy_squares.all()).zip(known);
+        for (o, ((s, q), k)) in out.all_mut().zip(sums) {
+            *o = self.estimate(*s, *q, *k, norm);
         }
         out
     }
@@ -448,7 +538,7 @@ impl Totals {
     pub fn relative_error(&self) -> Option<f64> {
         let (mut noise, mut signal) = (0.0, 0.0);
         for bin in 0..self.grid.per_side() {
-            if self.hits[bin] > 0 {
+            if !self.is_empty(Side::Above, bin) {
                 let e = self.element(Side::Above, bin, 0);
                 let weight = self.grid.projected_solid_angle(bin);
                 noise += e.std * weight;
@@ -462,18 +552,23 @@ impl Totals {
     #[must_use]
     pub fn exact_bin(&self, side: Side, bin: usize) -> Option<String> {
         let index = self.index(side, bin);
-        if self.hits[index] == 0 {
+        if self.is_empty(side, bin) {
             return None;
         }
         let n = 2 * self.stride;
-        let numbers = self.bins[index * n..(index + 1) * n].iter();
+        let known = &self.known[index * self.stride..(index + 1) * self.stride];
+        let numbers = self.bins[index * n..(index + 1) * n].iter().chain(known);
         Some(exact_text(self.hits[index], numbers))
     }
 
     /// The exact sums of the energies, likewise.
     #[must_use]
     pub fn exact_energies(&self) -> String {
-        let numbers = self.energy_sums.all().chain(self.energy_squares.all());
+        let numbers = self
+            .energy_sums
+            .all()
+            .chain(self.energy_squares.all())
+            .chain(self.energy_known.all());
         exact_text(
             self.photons,
             std::iter::once(&i128::from(self.batches)).chain(numbers),
@@ -484,10 +579,11 @@ impl Totals {
     pub fn set_exact_bin(&mut self, side: Side, bin: usize, text: &str) -> Option<()> {
         let (hits, numbers) = exact_numbers(text)?;
         let (index, n) = (self.index(side, bin), 2 * self.stride);
-        if numbers.len() != n || bin >= self.grid.per_side() {
+        if numbers.len() != n + self.stride || bin >= self.grid.per_side() {
             return None;
         }
-        self.bins[index * n..(index + 1) * n].copy_from_slice(&numbers);
+        self.bins[index * n..(index + 1) * n].copy_from_slice(&numbers[..n]);
+        self.known[index * self.stride..(index + 1) * self.stride].copy_from_slice(&numbers[n..]);
         self.hits[index] = hits;
         Some(())
     }
@@ -496,7 +592,7 @@ impl Totals {
     pub fn set_exact_energies(&mut self, text: &str) -> Option<()> {
         let (photons, numbers) = exact_numbers(text)?;
         let count = self.energy_sums.all().count();
-        if numbers.len() != 1 + 2 * count {
+        if numbers.len() != 1 + 3 * count {
             return None;
         }
         self.photons = photons;
@@ -505,6 +601,9 @@ impl Totals {
             *total = *x;
         }
         for (total, x) in self.energy_squares.all_mut().zip(&numbers[1 + count..]) {
+            *total = *x;
+        }
+        for (total, x) in self.energy_known.all_mut().zip(&numbers[1 + 2 * count..]) {
             *total = *x;
         }
         Some(())

@@ -46,6 +46,23 @@ pub struct Walk<'a> {
     pub interactions_max: u32,
 }
 
+/// Which ways a first hit opens that are not known already.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Ways {
+    /// Reflection.
+    pub reflected: bool,
+    /// Refraction.
+    pub refracted: bool,
+}
+
+impl Ways {
+    /// Nothing is known.
+    pub const BOTH: Ways = Ways {
+        reflected: true,
+        refracted: true,
+    };
+}
+
 /// A photon that has just left a place.
 #[derive(Debug, Clone, Copy)]
 struct State<L> {
@@ -65,16 +82,27 @@ enum Event {
 impl Walk<'_> {
     /// One photon whose first interface is crossed at the fractions `x`, `y` of its tile.
     pub fn photon<L: Light>(&self, x: f64, y: f64, random: &mut Stream, batch: &mut Batch) {
-        let light = L::launch(&self.s);
         let place = match self.stack.interfaces[0]
             .relief
             .enter(Side::Above, &self.k, x, y)
         {
             Way::Hit(place) => place,
-            Way::Free | Way::Lost => return batch.truncate(light.power(&self.stokes)),
+            Way::Free | Way::Lost => return batch.truncate(1.0),
         };
+        self.photon_at::<L>(place, Ways::BOTH, random, batch);
+    }
+
+    /// One photon that meets the first interface at `place`; with [`Method::Split`] only those ways of
+    /// its first hit are followed that `ways` allows.
+    pub fn photon_at<L: Light>(
+        &self,
+        place: Place,
+        ways: Ways,
+        random: &mut Stream,
+        batch: &mut Batch,
+    ) {
         let mut state = State {
-            light,
+            light: L::launch(&self.s),
             k: self.k,
             side: Side::Above,
             interface: 0,
@@ -83,7 +111,7 @@ impl Walk<'_> {
         };
         let mut second = None;
         loop {
-            self.follow(&mut state, &mut second, random, batch);
+            self.follow(&mut state, &mut second, ways, random, batch);
             match second.take() {
                 Some(other) => state = other,
                 None => return,
@@ -94,11 +122,46 @@ impl Walk<'_> {
         }
     }
 
+    /// What a facet with normal `m` that the lamp lights wholly does at the first hit, with no chance in
+    /// it: the ways that `free` marks as leading out at once are counted with `weight`.
+    pub fn known<L: Light>(&self, m: &V3, weight: f64, free: Ways, batch: &mut Batch) {
+        let boundary = &self.stack.interfaces[0].from_above;
+        let cos = -dot(&self.k, m);
+        let split = boundary.at(cos);
+        let mut light = L::launch(&self.s);
+        light.meet(&self.k, m);
+        light.scale(weight);
+        let count = |channel: &Channel, side: Side, k: &V3, batch: &mut Batch| {
+            let mut out = light;
+            out.pass(channel, 1.0);
+            let power = out.power(&self.stokes);
+            out.leave(k, &self.s);
+            batch.exit(&out, power, side, k, 1);
+            power
+        };
+        if free.reflected {
+            let mut k = self.k;
+            reflect(&mut k, m, Side::Above, cos);
+            let power = count(&split.reflected, Side::Above, &k, batch);
+            if !boundary.is_transparent() {
+                let before = light.power(&self.stokes);
+                batch.absorb(before - power);
+            }
+        }
+        if free.refracted {
+            let mut k = self.k;
+            let ratio = boundary.snell_ratio();
+            refract(&mut k, m, Side::Above, cos, ratio, split.cos_refracted);
+            count(&split.refracted, Side::Below, &k, batch);
+        }
+    }
+
     /// From a hit to the end of the path.
     fn follow<L: Light>(
         &self,
         state: &mut State<L>,
         second: &mut Option<State<L>>,
+        ways: Ways,
         random: &mut Stream,
         batch: &mut Batch,
     ) {
@@ -112,7 +175,7 @@ impl Walk<'_> {
             } else {
                 let m = interface.relief.normal(&state.place);
                 if state.interactions == 0 && self.method == Method::Split {
-                    self.split_smooth(state, second, interface, &m, random, batch)
+                    self.split_smooth(state, second, ways, &m, random, batch)
                 } else {
                     self.meet_smooth(state, interface, &m, random, batch)
                 }
@@ -222,11 +285,12 @@ impl Walk<'_> {
         &self,
         state: &mut State<L>,
         second: &mut Option<State<L>>,
-        interface: &Interface,
+        ways: Ways,
         m: &V3,
         random: &mut Stream,
         batch: &mut Batch,
     ) -> Event {
+        let interface = &self.stack.interfaces[state.interface];
         let boundary = interface.boundary(state.side);
         let cos = -state.side.sign() * dot(&state.k, m);
         if !boundary.is_transparent() || cos <= 0.0 {
@@ -235,7 +299,7 @@ impl Walk<'_> {
         let split = boundary.at(cos);
         state.light.meet(&state.k, m);
         state.interactions += 1;
-        if split.cos_refracted > 0.0 {
+        if split.cos_refracted > 0.0 && ways.refracted {
             let mut other = *state;
             other.light.pass(&split.refracted, 1.0);
             refract(
@@ -248,6 +312,9 @@ impl Walk<'_> {
             );
             other.side = state.side.across();
             *second = Some(other);
+        }
+        if !ways.reflected {
+            return Event::Ends;
         }
         state.light.pass(&split.reflected, 1.0);
         reflect(&mut state.k, m, state.side, cos);

@@ -63,7 +63,7 @@ fn text(totals: &Totals, part: Option<&Part>) -> String {
     text.push_str(if part.is_some() { ",exact,run\n" } else { "\n" });
     let exact = part.is_some();
     let mut part = part;
-    let transmits = (0..grid.per_side()).any(|bin| totals.hits(Side::Below, bin) > 0);
+    let transmits = (0..grid.per_side()).any(|bin| !totals.is_empty(Side::Below, bin));
     for (side, name) in [(Side::Above, "R"), (Side::Below, "T")] {
         if side == Side::Below && !transmits {
             continue;
@@ -71,7 +71,7 @@ fn text(totals: &Totals, part: Option<&Part>) -> String {
         for bin in 0..grid.per_side() {
             let [t0, t1, p0, p1] = grid.limits_deg(bin);
             let _ = write!(text, "{name},{t0},{t1},{p0},{p1}");
-            let empty = totals.hits(side, bin) == 0;
+            let empty = totals.is_empty(side, bin);
             for of_std in [false, true] {
                 for i in 0..16 {
                     if empty || i >= totals.elements() {
