@@ -12,6 +12,8 @@ pub mod export;
 pub mod fit;
 pub mod import;
 pub mod interrupt;
+pub mod judge;
+pub mod map;
 pub mod optimize;
 pub mod progress;
 pub mod render;
@@ -56,6 +58,10 @@ pub enum Command {
     Eval(eval::Args),
     /// Ridge angle, roughness and reflectance of a recorded series.
     Fit(fit::Args),
+    /// Ridge angle and roughness of every pixel of a recorded series.
+    Map(map::Args),
+    /// A series against a specification: pass, fail or cannot tell.
+    Judge(judge::Args),
     /// The micro-structure of greatest contrast on a rig.
     Optimize(optimize::Args),
     /// Pictures of a board of patches before and after a turn.
@@ -102,6 +108,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Contrast(args) => contrast::run(args),
         Command::Eval(args) => eval::run(args),
         Command::Fit(args) => fit::run(args),
+        Command::Judge(args) => judge::run(args),
+        Command::Map(args) => map::run(args),
         Command::Optimize(args) => optimize::run(args),
         Command::Render(args) => render::run(args),
         Command::SimulateRig(args) => simulate_rig::run(args),

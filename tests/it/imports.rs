@@ -44,6 +44,20 @@ const RULES: &[(&str, &[&str])] = &[
             "reduction",
         ],
     ),
+    ("judge", &["units", "geometry", "observation", "fit"]),
+    (
+        "map",
+        &[
+            "units",
+            "geometry",
+            "material",
+            "observation",
+            "model",
+            "frame",
+            "series",
+            "reduction",
+        ],
+    ),
     ("bench", &["units", "geometry", "frame", "clock"]),
     (
         "scan",

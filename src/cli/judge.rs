@@ -1,0 +1,143 @@
+//! `ridged judge`: a series and a specification in, pass, fail or cannot tell out.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use super::fit::{Variant, watched};
+use super::{CliError, daemon, interrupt};
+use crate::analysis::AnalysisOptions;
+use crate::fit::FitOptions;
+use crate::fit::report::{Status, VariantName};
+use crate::judge::{Judgement, Specification, judge, quantities};
+use crate::reduction::FrameSource;
+use crate::series::Series;
+
+/// Measures a series and judges it against a specification: pass, fail or cannot tell.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  ridged judge tests/data/series/polymer-10 --spec docs/example-specification.toml
+
+The verdict is in the output; the exit code is 0 whatever it says. Decision rule (JCGM 106, guarded
+acceptance): pass where the risk that the sample does not conform is at most the specification's
+max_false_accept_risk, fail where the chance that it conforms is at most max_false_reject_risk,
+cannot tell between, or where the data cannot tell the quantity.")]
+pub struct Args {
+    /// Folder of a recorded series (manifest.toml, frames.csv, frames/).
+    #[arg(required_unless_present = "scan", conflicts_with = "scan")]
+    pub dir: Option<PathBuf>,
+    /// Number of a scan in the store instead.
+    #[arg(long, value_name = "ID")]
+    pub scan: Option<i64>,
+    /// Data folder of the store.
+    #[arg(long, value_name = "DIR", default_value = "ridged-data")]
+    pub data: PathBuf,
+    /// Specification (TOML); docs/example-specification.toml shows all keys.
+    #[arg(long)]
+    pub spec: PathBuf,
+    /// Which model the answer hangs on.
+    #[arg(long, value_enum, default_value_t = Variant::Auto)]
+    pub variant: Variant,
+    /// Region of a sample with a layout: even, odd or patch-I-J.
+    #[arg(long)]
+    pub region: Option<String>,
+    /// One JSON object on stdout instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// The object of `judge --json`.
+#[derive(Debug, Serialize)]
+struct Output<'a> {
+    #[serde(flatten)]
+    judgement: &'a Judgement,
+    variant: VariantName,
+    status: Status,
+    region: Option<&'a str>,
+    program: String,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input for a folder that is no series or a text that is no specification; no result where no
+/// frame can be used; interrupted after Ctrl-C. A sample that fails is no error.
+pub fn run(args: Args) -> Result<(), CliError> {
+    let file = args.spec.display().to_string();
+    let text = std::fs::read_to_string(&args.spec).map_err(|error| {
+        CliError::bad_input(anyhow::Error::new(error).context(format!(
+            "{file} cannot be read; give a specification such as docs/example-specification.toml"
+        )))
+    })?;
+    let specification = Specification::from_toml(&text, &file).map_err(CliError::bad_input)?;
+    let options = AnalysisOptions {
+        region: args.region.clone(),
+        fit: FitOptions {
+            variant: args.variant.choice()?,
+            ..FitOptions::default()
+        },
+    };
+    let source: Box<dyn FrameSource> = match (&args.dir, args.scan) {
+        (Some(dir), _) => Box::new(Series::open(dir).map_err(CliError::bad_input)?),
+        (None, scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
+    };
+    let cancel = interrupt::flag()?;
+    let analysis = watched(source.as_ref(), &options, &cancel)?;
+    let report = &analysis.report;
+    let mut judgement = judge(&specification, &quantities(report, &analysis.observations));
+    judgement.warnings.extend(report.warnings.iter().cloned());
+    let text = if args.json {
+        let output = Output {
+            judgement: &judgement,
+            variant: report.variant,
+            status: report.status,
+            region: report.region.as_deref(),
+            program: report.program.clone(),
+        };
+        let mut text = serde_json::to_string_pretty(&output).map_err(CliError::no_result)?;
+        text.push('\n');
+        text
+    } else {
+        table(&judgement)
+    };
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes())
+        .and_then(|()| out.flush())
+        .map_err(CliError::no_result)
+}
+
+fn table(judgement: &Judgement) -> String {
+    let number = |x: Option<f64>| x.map_or_else(|| "–".to_owned(), |x| format!("{x:.4}"));
+    let mut text = format!(
+        "{}: {}\n{}\n\n{:<26}{:>10}{:>10}{:>10}{:>10}{:>10}  {:<12}\n",
+        judgement.specification,
+        judgement.verdict,
+        judgement.decision_rule,
+        "quantity",
+        "value",
+        "U (k=2)",
+        "lower",
+        "upper",
+        "guard",
+        "verdict"
+    );
+    for item in &judgement.items {
+        text.push_str(&format!(
+            "{:<26}{:>10}{:>10}{:>10}{:>10}{:>10}  {:<12}{}\n",
+            item.quantity,
+            number(item.value),
+            number(item.expanded),
+            number(item.lower),
+            number(item.upper),
+            number(item.guard_band),
+            item.verdict,
+            item.reason
+        ));
+    }
+    for warning in &judgement.warnings {
+        text.push_str(&format!("warning: {warning}\n"));
+    }
+    text
+}

@@ -1,0 +1,234 @@
+//! `ridged map`: a recorded series in, pictures of ridge angle and roughness out.
+
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+use std::sync::{Mutex, OnceLock};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::{CliError, daemon, interrupt};
+use crate::map::write::{Summary, Timing, summary, write};
+use crate::map::{MapError, MapOptions, Progress, Stage, map};
+use crate::reduction::{FrameSource, ReductionError};
+use crate::series::Series;
+
+/// Fits every pixel of a series: float32 TIFF and PNG of each parameter and its uncertainty.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  ridged map tests/data/series/checker --out checker-map --json
+
+Pixels are those of the frames, in the sample's own axes at phi_s = 0 (row 0 at the top, +y up).
+lean_azimuth_deg is the direction in which the facets lean, counter-clockwise from +x. Values are
+not a number where a pixel shows no lobe or cannot be fitted; flags.tif holds the reasons as bits.
+The uncertainties of the pixels are their own noise; what all pixels share is std_shared in the
+summary.")]
+pub struct Args {
+    /// Folder of a recorded series (manifest.toml, frames.csv, frames/).
+    #[arg(required_unless_present = "scan", conflicts_with = "scan")]
+    pub dir: Option<PathBuf>,
+    /// Number of a scan in the store instead.
+    #[arg(long, value_name = "ID")]
+    pub scan: Option<i64>,
+    /// Data folder of the store.
+    #[arg(long, value_name = "DIR", default_value = "ridged-data")]
+    pub data: PathBuf,
+    /// Folder for the files; made if it is not there.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// One JSON object on stdout instead of a table.
+    #[arg(long)]
+    pub json: bool,
+    /// Memory for resampled frames, in MiB; more goes to a scratch file in the output folder.
+    #[arg(long, default_value_t = 1024)]
+    pub memory_mib: usize,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input for a folder that is no series or has too few poses; no result where no pixel shows a
+/// lobe or files cannot be written; interrupted after Ctrl-C.
+pub fn run(args: Args) -> Result<(), CliError> {
+    let source: Box<dyn FrameSource> = match (&args.dir, args.scan) {
+        (Some(dir), _) => Box::new(Series::open(dir).map_err(CliError::bad_input)?),
+        (None, scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
+    };
+    let cancel = interrupt::flag()?;
+    let watch = Watch::new();
+    let options = MapOptions {
+        memory_bytes_max: args.memory_mib << 20,
+        scratch: args.out.clone(),
+    };
+    let mapped = map(source.as_ref(), &options, &|p| watch.tell(p), &cancel);
+    watch.clear();
+    let mapped = mapped.map_err(|error| match error {
+        MapError::Cancelled | MapError::Reduction(ReductionError::Cancelled) => {
+            CliError::Interrupted
+        }
+        MapError::TooFewPoses { .. } => CliError::bad_input(error),
+        error => CliError::no_result(error),
+    })?;
+    let mut timing = watch.timing();
+    let started = Instant::now();
+    let mut files = write(&mapped, &args.out).map_err(CliError::no_result)?;
+    files.push("summary.json".to_owned());
+    timing.write = started.elapsed().as_secs_f64();
+    let summary = summary(&mapped, timing, files);
+    let mut json = serde_json::to_string_pretty(&summary).map_err(CliError::no_result)?;
+    json.push('\n');
+    std::fs::write(args.out.join("summary.json"), &json).map_err(CliError::no_result)?;
+    let text = if args.json {
+        json
+    } else {
+        table(&summary, &args)
+    };
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes())
+        .and_then(|()| out.flush())
+        .map_err(CliError::no_result)
+}
+
+/// When each stage began, and a bar on a terminal once it takes more than a second.
+struct Watch {
+    started: Instant,
+    terminal: bool,
+    bar: OnceLock<ProgressBar>,
+    began: Mutex<Vec<(Stage, Instant)>>,
+}
+
+impl Watch {
+    fn new() -> Self {
+        Watch {
+            started: Instant::now(),
+            terminal: std::io::stderr().is_terminal(),
+            bar: OnceLock::new(),
+            began: Mutex::new(Vec::new()),
+        }
+    }
+
+    fn tell(&self, p: Progress) {
+        let mut began = self.began.lock().expect("no holder of this lock panics");
+        let first = !began.iter().any(|(stage, _)| *stage == p.stage);
+        if first {
+            began.push((p.stage, Instant::now()));
+        }
+        drop(began);
+        if !self.terminal || self.started.elapsed() < Duration::from_secs(1) {
+            return;
+        }
+        let bar = self.bar.get_or_init(|| {
+            let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len}, {eta} left")
+                .expect("the template is constant");
+            ProgressBar::new(1).with_style(style)
+        });
+        if first {
+            bar.reset();
+        }
+        bar.set_message(match p.stage {
+            Stage::Calibrating => "darks and flats",
+            Stage::Resampling => "reading poses",
+            Stage::Settling => "settling what all pixels share",
+            Stage::Fitting => "fitting pixels",
+        });
+        bar.set_length(p.total as u64);
+        bar.set_position(p.done as u64);
+    }
+
+    fn clear(&self) {
+        if let Some(bar) = self.bar.get() {
+            bar.finish_and_clear();
+        }
+    }
+
+    /// Seconds per step up to now; a stage ends when the next begins.
+    fn timing(&self) -> Timing {
+        let now = Instant::now();
+        let began = self.began.lock().expect("no holder of this lock panics");
+        let at = |stage: Stage| {
+            began
+                .iter()
+                .find(|(s, _)| *s == stage)
+                .map_or(now, |(_, t)| *t)
+        };
+        let (settling, fitting) = (at(Stage::Settling), at(Stage::Fitting));
+        Timing {
+            read: (settling - self.started).as_secs_f64(),
+            settle: (fitting - settling).as_secs_f64(),
+            fit: (now - fitting).as_secs_f64(),
+            write: 0.0,
+        }
+    }
+}
+
+fn table(summary: &Summary, args: &Args) -> String {
+    let mut text = format!(
+        "{} of {} fitted pixels have values, {:.0} pixels/s, {} poses\n\n",
+        summary.pixels_with_value,
+        summary.pixels,
+        summary.pixels_per_s,
+        summary.observations_per_pixel
+    );
+    text.push_str("parameter            median        p5       p95   std (pixel)  std (shared)\n");
+    let number = |x: Option<f64>| x.map_or_else(|| "–".to_owned(), |x| format!("{x:.4}"));
+    for (name, s) in &summary.parameters {
+        text.push_str(&format!(
+            "{name:<18} {:>9} {:>9} {:>9} {:>13} {:>13}\n",
+            number(s.median),
+            number(s.p5),
+            number(s.p95),
+            number(s.std_median),
+            number(s.std_shared)
+        ));
+    }
+    text.push('\n');
+    for lean in &summary.lean_directions {
+        text.push_str(&format!(
+            "{:.0} % of the pixels lean to {:.2}°\n",
+            100.0 * lean.share,
+            lean.azimuth_deg
+        ));
+    }
+    text.push_str(&format!("\n{} defects\n", summary.defects.len()));
+    const SHOWN: usize = 20;
+    for d in summary.defects.iter().take(SHOWN) {
+        let deviation = d
+            .deviations
+            .iter()
+            .find(|v| v.parameter == d.worst)
+            .map_or_else(
+                || "no single surface explains it".to_owned(),
+                |v| {
+                    format!(
+                        "{} {} instead of {:.4}",
+                        v.parameter,
+                        number(v.value),
+                        v.usual
+                    )
+                },
+            );
+        text.push_str(&format!(
+            "  at ({:.2}, {:.2}) mm, {:.2} × {:.2} mm, {:.3} mm²: {deviation}\n",
+            d.x_mm, d.y_mm, d.width_mm, d.height_mm, d.area_mm2
+        ));
+    }
+    if summary.defects.len() > SHOWN {
+        text.push_str("  … the rest is in defects.csv\n");
+    }
+    for warning in &summary.warnings {
+        text.push_str(&format!("warning: {warning}\n"));
+    }
+    for frame in &summary.rejected_frames {
+        text.push_str(&format!(
+            "left out: {} ({}) {}\n",
+            frame.file, frame.reason, frame.detail
+        ));
+    }
+    text.push_str(&format!(
+        "\n{} files in {}\n",
+        summary.files.len(),
+        args.out.display()
+    ));
+    text
+}

@@ -1,0 +1,465 @@
+//! Conformity: measured parameters and contrast against a specification, with guard bands.
+//!
+//! Call [`judge`] with a [`Specification`] and the quantities measured ([`Quantity`], for instance
+//! from [`quantities`]). Each limit is decided after JCGM 106:2012: with the measured value y, its
+//! standard uncertainty u and effective degrees of freedom ν, the probability that the true value
+//! conforms is p = F((TU − y)/u) − F((TL − y)/u), F the t distribution (JCGM 106, 7.3 and 9).
+//!
+//! *Decision rule*: **pass** where 1 − p, the risk that a nonconforming item is accepted, is at most
+//! the specification's `max_false_accept_risk`; **fail** where p, the risk that a conforming item is
+//! rejected, is at most `max_false_reject_risk`; **cannot tell** between, and where a quantity is
+//! not identifiable. For limits far apart this is guarded acceptance: the acceptance limits lie
+//! inside the tolerance limits by the guard band g = t(1 − risk) · u (JCGM 106, 8.3.2), which is
+//! printed. The whole fails if one item fails and passes if all pass.
+//!
+//! This room knows no files and no frames: it reads text and numbers.
+
+mod contrast;
+mod specification;
+
+pub use contrast::{CONTRAST_MEAN, CONTRAST_MICHELSON_MEAN, contrasts};
+pub use specification::{Decision, Limits, Specification, SpecificationError};
+
+use serde::{Deserialize, Serialize};
+use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+
+use crate::fit::report::{FitReport, Status};
+use crate::observation::ObservationSet;
+
+/// A measured number, or why there is none.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Quantity {
+    /// Name, as in the specification.
+    pub name: String,
+    /// Value with its uncertainty.
+    pub measured: Result<Measured, String>,
+}
+
+/// A value with its uncertainty.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measured {
+    /// Best estimate.
+    pub value: f64,
+    /// Standard uncertainty, everything known in it.
+    pub std: f64,
+    /// Expanded over standard uncertainty, for the report.
+    pub coverage_factor: f64,
+    /// Effective degrees of freedom; `None` where practically infinite.
+    pub degrees_of_freedom: Option<f64>,
+}
+
+/// What is said of one limit or of all.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// Conforms, at the accepted risk.
+    Pass,
+    /// Does not conform, at the accepted risk.
+    Fail,
+    /// The uncertainty is too large for either, or the quantity is not known.
+    CannotTell,
+}
+
+impl std::fmt::Display for Verdict {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Verdict::Pass => "pass",
+            Verdict::Fail => "fail",
+            Verdict::CannotTell => "cannot tell",
+        })
+    }
+}
+
+/// One line of the judgement.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Item {
+    /// Quantity, with its unit in the name.
+    pub quantity: String,
+    /// Measured value.
+    pub value: Option<f64>,
+    /// Standard uncertainty.
+    pub std: Option<f64>,
+    /// Expanded uncertainty.
+    pub expanded: Option<f64>,
+    /// Expanded over standard uncertainty.
+    pub coverage_factor: Option<f64>,
+    /// Lower tolerance limit.
+    pub lower: Option<f64>,
+    /// Upper tolerance limit.
+    pub upper: Option<f64>,
+    /// Width of the guard band.
+    pub guard_band: Option<f64>,
+    /// Lower acceptance limit: tolerance limit plus guard band.
+    pub acceptance_lower: Option<f64>,
+    /// Upper acceptance limit.
+    pub acceptance_upper: Option<f64>,
+    /// Probability that the true value conforms.
+    pub conformance_probability: Option<f64>,
+    /// What follows.
+    pub verdict: Verdict,
+    /// Why, in words.
+    pub reason: String,
+}
+
+/// The judgement of one sample.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Judgement {
+    /// Of all items together.
+    pub verdict: Verdict,
+    /// Name of the specification.
+    pub specification: String,
+    /// The rule by which it was decided.
+    pub decision: Decision,
+    /// The rule in words.
+    pub decision_rule: String,
+    /// At least this probable that all items conform (Boole's inequality; correlations would only
+    /// help); null where an item is unknown.
+    pub conformance_probability_min: Option<f64>,
+    /// One line per limit.
+    pub items: Vec<Item>,
+    /// Sentences for the user, those of the fit among them.
+    pub warnings: Vec<String>,
+}
+
+/// Judges quantities against a specification.
+///
+/// Limits on quantities that are not in the list cannot be told, with that reason.
+#[must_use]
+pub fn judge(specification: &Specification, quantities: &[Quantity]) -> Judgement {
+    let decision = &specification.decision;
+    let items: Vec<Item> = specification
+        .limits
+        .iter()
+        .map(|(name, limits)| {
+            let measured = quantities.iter().find(|q| q.name == *name).map_or_else(
+                || Err("it was not measured".to_owned()),
+                |q| q.measured.clone(),
+            );
+            match measured {
+                Ok(m) => decide(name, limits, &m, decision),
+                Err(reason) => unknown(name, limits, reason),
+            }
+        })
+        .collect();
+    let verdict = if items.iter().any(|i| i.verdict == Verdict::Fail) {
+        Verdict::Fail
+    } else if items.iter().all(|i| i.verdict == Verdict::Pass) {
+        Verdict::Pass
+    } else {
+        Verdict::CannotTell
+    };
+    let conformance_probability_min = items
+        .iter()
+        .map(|i| i.conformance_probability)
+        .sum::<Option<f64>>()
+        .map(|sum| (1.0 - (items.len() as f64 - sum)).max(0.0));
+    Judgement {
+        verdict,
+        specification: specification.name.clone(),
+        decision: *decision,
+        decision_rule: decision.in_words(),
+        conformance_probability_min,
+        items,
+        warnings: Vec::new(),
+    }
+}
+
+fn unknown(name: &str, limits: &Limits, reason: String) -> Item {
+    Item {
+        quantity: name.to_owned(),
+        value: None,
+        std: None,
+        expanded: None,
+        coverage_factor: None,
+        lower: limits.lower,
+        upper: limits.upper,
+        guard_band: None,
+        acceptance_lower: None,
+        acceptance_upper: None,
+        conformance_probability: None,
+        verdict: Verdict::CannotTell,
+        reason,
+    }
+}
+
+fn decide(name: &str, limits: &Limits, m: &Measured, decision: &Decision) -> Item {
+    if !(m.value.is_finite() && m.std.is_finite() && m.std >= 0.0) {
+        return unknown(
+            name,
+            limits,
+            "its value or uncertainty is no number".to_owned(),
+        );
+    }
+    let distribution = Deviation::of(m);
+    let below_upper = limits.upper.map_or(1.0, |t| distribution.below(t));
+    let below_lower = limits.lower.map_or(0.0, |t| distribution.below(t));
+    // The complement by its own sum: 1 − p would lose the digits of a small risk.
+    let above_upper = limits.upper.map_or(0.0, |t| distribution.above(t));
+    let conforms = (below_upper - below_lower).clamp(0.0, 1.0);
+    let violates = (above_upper + below_lower).clamp(0.0, 1.0);
+    let (verdict, reason) = if violates <= decision.max_false_accept_risk {
+        (
+            Verdict::Pass,
+            format!(
+                "the risk that it does not conform is {}, at most {} is accepted",
+                percent(violates),
+                percent(decision.max_false_accept_risk)
+            ),
+        )
+    } else if conforms <= decision.max_false_reject_risk {
+        (
+            Verdict::Fail,
+            format!(
+                "the chance that it conforms is {}, at most {} is accepted",
+                percent(conforms),
+                percent(decision.max_false_reject_risk)
+            ),
+        )
+    } else {
+        (
+            Verdict::CannotTell,
+            format!(
+                "the chance that it conforms is {}: the uncertainty is too large for this limit",
+                percent(conforms)
+            ),
+        )
+    };
+    let guard_band = distribution.quantile(1.0 - decision.max_false_accept_risk) * m.std;
+    Item {
+        quantity: name.to_owned(),
+        value: Some(m.value),
+        std: Some(m.std),
+        expanded: Some(m.coverage_factor * m.std),
+        coverage_factor: Some(m.coverage_factor),
+        lower: limits.lower,
+        upper: limits.upper,
+        guard_band: Some(guard_band),
+        acceptance_lower: limits.lower.map(|t| t + guard_band),
+        acceptance_upper: limits.upper.map(|t| t - guard_band),
+        conformance_probability: Some(conforms),
+        verdict,
+        reason,
+    }
+}
+
+fn percent(share: f64) -> String {
+    if share > 0.0 && share < 1e-4 {
+        "below 0.01 %".to_owned()
+    } else if share < 1.0 && share > 0.9999 {
+        "above 99.99 %".to_owned()
+    } else {
+        format!("{:.2} %", 100.0 * share)
+    }
+}
+
+/// The distribution of the true value about the measured one.
+struct Deviation {
+    value: f64,
+    std: f64,
+    freedom: Option<StudentsT>,
+}
+
+impl Deviation {
+    fn of(m: &Measured) -> Self {
+        Deviation {
+            value: m.value,
+            std: m.std,
+            // Beyond a few thousand degrees of freedom t is normal to all digits printed.
+            freedom: m
+                .degrees_of_freedom
+                .filter(|f| f.is_finite() && *f >= 1.0 && *f < 1e4)
+                .and_then(|f| StudentsT::new(0.0, 1.0, f).ok()),
+        }
+    }
+
+    /// Probability that the true value lies below a limit.
+    fn below(&self, limit: f64) -> f64 {
+        if self.std == 0.0 {
+            return if self.value <= limit { 1.0 } else { 0.0 };
+        }
+        self.cdf((limit - self.value) / self.std)
+    }
+
+    /// Probability that the true value lies above a limit.
+    fn above(&self, limit: f64) -> f64 {
+        if self.std == 0.0 {
+            return if self.value > limit { 1.0 } else { 0.0 };
+        }
+        self.cdf((self.value - limit) / self.std)
+    }
+
+    fn cdf(&self, z: f64) -> f64 {
+        match &self.freedom {
+            Some(t) => t.cdf(z),
+            None => Normal::standard().cdf(z),
+        }
+    }
+
+    fn quantile(&self, probability: f64) -> f64 {
+        match &self.freedom {
+            Some(t) => t.inverse_cdf(probability),
+            None => Normal::standard().inverse_cdf(probability),
+        }
+    }
+}
+
+/// What a fit and its observations say, by the names that a specification uses.
+#[must_use]
+pub fn quantities(report: &FitReport, observations: &ObservationSet) -> Vec<Quantity> {
+    let no_answer = match report.status {
+        Status::Converged | Status::AtBound | Status::RankDeficient => None,
+        Status::Stalled | Status::NotFinite | Status::TooFewObservations | Status::Cancelled => {
+            Some("the fit has no answer; its status and warnings tell why")
+        }
+    };
+    let mut list: Vec<Quantity> = report
+        .parameters
+        .named()
+        .into_iter()
+        .map(|(name, parameter)| {
+            let measured = match (no_answer, parameter.value, parameter.std) {
+                (Some(reason), ..) => Err(reason.to_owned()),
+                (None, Some(value), Some(std)) if parameter.identifiable => Ok(Measured {
+                    value,
+                    std,
+                    coverage_factor: parameter
+                        .coverage_factor
+                        .unwrap_or(crate::fit::report::COVERAGE_FACTOR),
+                    degrees_of_freedom: parameter.degrees_of_freedom,
+                }),
+                _ => Err(parameter.note.as_ref().map_or_else(
+                    || "the data cannot tell it on this rig".to_owned(),
+                    |note| format!("the data cannot tell it: {note}"),
+                )),
+            };
+            Quantity {
+                name: name.to_owned(),
+                measured,
+            }
+        })
+        .collect();
+    list.extend(contrasts(observations, &report.parameters.background));
+    list
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn measured(value: f64, std: f64) -> Measured {
+        Measured {
+            value,
+            std,
+            coverage_factor: 2.0,
+            degrees_of_freedom: None,
+        }
+    }
+
+    fn specification(text: &str) -> Specification {
+        Specification::from_toml(text, "spec.toml").unwrap()
+    }
+
+    fn verdict_of(text: &str, value: f64, std: f64) -> Item {
+        let quantity = Quantity {
+            name: "theta_r_deg".to_owned(),
+            measured: Ok(measured(value, std)),
+        };
+        judge(&specification(text), &[quantity]).items.remove(0)
+    }
+
+    const ONE_SIDED: &str = "name = \"s\"\n[limits]\ntheta_r_deg = { upper = 10.5 }\n[decision]\nmax_false_accept_risk = 0.05\nmax_false_reject_risk = 0.05\n";
+
+    #[test]
+    fn the_acceptance_limit_is_where_pass_begins() {
+        // One-sided 95 %: g = 1.644854 u.
+        let item = verdict_of(ONE_SIDED, 10.0, 0.1);
+        assert!((item.guard_band.unwrap() - 0.164_485_362_695).abs() < 1e-9);
+        let limit = item.acceptance_upper.unwrap();
+        assert_eq!(
+            verdict_of(ONE_SIDED, limit - 1e-6, 0.1).verdict,
+            Verdict::Pass
+        );
+        assert_eq!(
+            verdict_of(ONE_SIDED, limit + 1e-6, 0.1).verdict,
+            Verdict::CannotTell
+        );
+        assert_eq!(
+            verdict_of(ONE_SIDED, 10.5, 0.1).verdict,
+            Verdict::CannotTell
+        );
+        let fails = 10.5 + item.guard_band.unwrap();
+        assert_eq!(
+            verdict_of(ONE_SIDED, fails - 1e-6, 0.1).verdict,
+            Verdict::CannotTell
+        );
+        assert_eq!(
+            verdict_of(ONE_SIDED, fails + 1e-6, 0.1).verdict,
+            Verdict::Fail
+        );
+    }
+
+    #[test]
+    fn two_limits_give_the_probability_between_them() {
+        let text = "name = \"s\"\n[limits]\ntheta_r_deg = { lower = 9.8, upper = 10.2 }\n";
+        // ±2 u about the value: 95.449974 %.
+        let item = verdict_of(text, 10.0, 0.1);
+        assert!((item.conformance_probability.unwrap() - 0.954_499_736_1).abs() < 1e-9);
+        assert_eq!(item.verdict, Verdict::CannotTell);
+        assert_eq!(verdict_of(text, 10.0, 0.05).verdict, Verdict::Pass);
+        // An uncertainty wider than the tolerance can never pass, and does not fail either.
+        assert_eq!(verdict_of(text, 10.0, 1.0).verdict, Verdict::CannotTell);
+        assert_eq!(verdict_of(text, 11.0, 0.1).verdict, Verdict::Fail);
+    }
+
+    #[test]
+    fn few_degrees_of_freedom_widen_the_guard_band() {
+        let few = Measured {
+            degrees_of_freedom: Some(4.0),
+            ..measured(10.0, 0.1)
+        };
+        let spec = specification(ONE_SIDED);
+        let item = decide(
+            "theta_r_deg",
+            &spec.limits["theta_r_deg"],
+            &few,
+            &spec.decision,
+        );
+        // t(0.95; 4) = 2.131847.
+        assert!((item.guard_band.unwrap() - 0.213_184_7).abs() < 1e-6);
+    }
+
+    #[test]
+    fn without_uncertainty_a_limit_is_a_limit() {
+        assert_eq!(verdict_of(ONE_SIDED, 10.5, 0.0).verdict, Verdict::Pass);
+        assert_eq!(
+            verdict_of(ONE_SIDED, 10.500_001, 0.0).verdict,
+            Verdict::Fail
+        );
+    }
+
+    #[test]
+    fn one_failure_fails_the_whole_and_an_unknown_leaves_it_open() {
+        let text =
+            "name = \"s\"\n[limits]\ntheta_r_deg = { upper = 10.5 }\nrho_d = { lower = 0.1 }\n";
+        let theta = |value| Quantity {
+            name: "theta_r_deg".to_owned(),
+            measured: Ok(measured(value, 0.01)),
+        };
+        let rho = Quantity {
+            name: "rho_d".to_owned(),
+            measured: Err("k is free".to_owned()),
+        };
+        let spec = specification(text);
+        let open = judge(&spec, &[theta(10.0), rho.clone()]);
+        assert_eq!(open.verdict, Verdict::CannotTell);
+        assert_eq!(open.conformance_probability_min, None);
+        assert_eq!(open.items[0].quantity, "rho_d");
+        assert!(open.items[0].reason.contains("k is free"));
+        assert_eq!(judge(&spec, &[theta(12.0), rho]).verdict, Verdict::Fail);
+        assert!(
+            judge(&spec, &[theta(10.0)]).items[0]
+                .reason
+                .contains("not measured")
+        );
+    }
+}

@@ -1,0 +1,258 @@
+//! The specification file: limits by quantity, and the risks that are accepted.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::contrast::{CONTRAST_MEAN, CONTRAST_MICHELSON_MEAN};
+
+/// Quantities that may have limits.
+pub const QUANTITIES: [&str; 10] = [
+    "theta_r_deg",
+    "alpha_u",
+    "alpha_v",
+    "rho_d",
+    "scale",
+    "background",
+    "azimuth_offset_deg",
+    "tilt_offset_deg",
+    CONTRAST_MEAN,
+    CONTRAST_MICHELSON_MEAN,
+];
+
+/// Limits and decision rule of one kind of sample.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Specification {
+    /// What it specifies: drawing and revision.
+    pub name: String,
+    /// Accepted risks.
+    #[serde(default)]
+    pub decision: Decision,
+    /// Limits by quantity; see [`QUANTITIES`].
+    pub limits: BTreeMap<String, Limits>,
+}
+
+/// Tolerance limits; one of them may be missing.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Limits {
+    /// Conforming values are at least this.
+    #[serde(default)]
+    pub lower: Option<f64>,
+    /// Conforming values are at most this.
+    #[serde(default)]
+    pub upper: Option<f64>,
+}
+
+/// Accepted risks; see the room's head for the rule.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Decision {
+    /// Greatest accepted probability that an item which passes does not conform.
+    pub max_false_accept_risk: f64,
+    /// Greatest accepted probability that an item which fails does conform.
+    pub max_false_reject_risk: f64,
+}
+
+impl Default for Decision {
+    fn default() -> Self {
+        Decision {
+            max_false_accept_risk: 0.025,
+            max_false_reject_risk: 0.025,
+        }
+    }
+}
+
+impl Decision {
+    /// The rule in words, for a report.
+    #[must_use]
+    pub fn in_words(&self) -> String {
+        format!(
+            "JCGM 106:2012, guarded acceptance: pass where the risk of accepting a nonconforming item is at most {} %, fail where the risk of rejecting a conforming one is at most {} %, cannot tell between",
+            100.0 * self.max_false_accept_risk,
+            100.0 * self.max_false_reject_risk
+        )
+    }
+}
+
+/// Why a text is no specification.
+#[derive(Debug, thiserror::Error)]
+pub enum SpecificationError {
+    /// Not TOML, an unknown key, or a wrong type.
+    #[error("{file}: {cause}")]
+    Unreadable {
+        /// The file.
+        file: String,
+        /// Line, key and reason.
+        cause: String,
+    },
+    /// There is no such quantity.
+    #[error("{file}: [limits] names `{key}`, which is not measured here{}; it may name {}", .meant.map(|m| format!(" (`{m}`?)")).unwrap_or_default(), QUANTITIES.join(", "))]
+    UnknownQuantity {
+        /// The file.
+        file: String,
+        /// The key.
+        key: String,
+        /// The quantity that was probably meant.
+        meant: Option<&'static str>,
+    },
+    /// Limits that say nothing, contradict themselves or are no numbers.
+    #[error("{file}: limits of `{key}`: {cause}")]
+    BadLimits {
+        /// The file.
+        file: String,
+        /// The quantity.
+        key: String,
+        /// What is wrong.
+        cause: String,
+    },
+    /// A risk that is no probability below one half.
+    #[error("{file}: [decision] {key} = {value}: a risk lies above 0 and below 0.5")]
+    BadRisk {
+        /// The file.
+        file: String,
+        /// The key.
+        key: &'static str,
+        /// What was given.
+        value: f64,
+    },
+    /// No limits at all.
+    #[error(
+        "{file}: [limits] is empty, so nothing can be judged; state for instance theta_r_deg = {{ lower = 9.5, upper = 10.5 }}"
+    )]
+    NoLimits {
+        /// The file.
+        file: String,
+    },
+}
+
+impl Specification {
+    /// Reads and checks the text of a specification; `file` names it in errors.
+    ///
+    /// # Errors
+    /// [`SpecificationError`] names the key and what is wrong with it.
+    pub fn from_toml(text: &str, file: &str) -> Result<Self, SpecificationError> {
+        let specification: Specification =
+            toml::from_str(text).map_err(|error| SpecificationError::Unreadable {
+                file: file.to_owned(),
+                cause: error.to_string().trim_end().to_owned(),
+            })?;
+        if specification.limits.is_empty() {
+            return Err(SpecificationError::NoLimits {
+                file: file.to_owned(),
+            });
+        }
+        for (key, limits) in &specification.limits {
+            if !QUANTITIES.contains(&key.as_str()) {
+                return Err(SpecificationError::UnknownQuantity {
+                    file: file.to_owned(),
+                    key: key.clone(),
+                    meant: meant(key),
+                });
+            }
+            limits
+                .check()
+                .map_err(|cause| SpecificationError::BadLimits {
+                    file: file.to_owned(),
+                    key: key.clone(),
+                    cause,
+                })?;
+        }
+        for (key, value) in [
+            (
+                "max_false_accept_risk",
+                specification.decision.max_false_accept_risk,
+            ),
+            (
+                "max_false_reject_risk",
+                specification.decision.max_false_reject_risk,
+            ),
+        ] {
+            if !(value > 0.0 && value < 0.5) {
+                return Err(SpecificationError::BadRisk {
+                    file: file.to_owned(),
+                    key,
+                    value,
+                });
+            }
+        }
+        Ok(specification)
+    }
+}
+
+impl Limits {
+    fn check(&self) -> Result<(), String> {
+        let given = [self.lower, self.upper];
+        if given.iter().flatten().any(|x| !x.is_finite()) {
+            return Err("a limit is a finite number".to_owned());
+        }
+        match given {
+            [None, None] => Err("state lower, upper or both".to_owned()),
+            [Some(lower), Some(upper)] if lower >= upper => Err(format!(
+                "lower = {lower} does not lie below upper = {upper}"
+            )),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// A quantity whose name, without its unit, begins like the key.
+fn meant(key: &str) -> Option<&'static str> {
+    let plain = |s: &str| -> String {
+        s.chars()
+            .filter(char::is_ascii_alphanumeric)
+            .collect::<String>()
+            .to_ascii_lowercase()
+    };
+    let key = plain(key);
+    QUANTITIES.into_iter().find(|q| {
+        let name = plain(q);
+        let stem = name.strip_suffix("deg").unwrap_or(&name).to_owned();
+        !key.is_empty() && (key.starts_with(&stem) || stem.starts_with(&key))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn said(text: &str) -> String {
+        Specification::from_toml(text, "spec.toml")
+            .unwrap_err()
+            .to_string()
+    }
+
+    #[test]
+    fn the_example_in_the_docs_is_a_specification() {
+        let text = include_str!("../../docs/example-specification.toml");
+        let specification = Specification::from_toml(text, "example").unwrap();
+        assert_eq!(specification.limits.len(), 5);
+        assert!((specification.decision.max_false_accept_risk - 0.025).abs() < 1e-12);
+    }
+
+    #[test]
+    fn unknown_keys_are_refused_by_name() {
+        let ok = "name = \"s\"\n[limits]\ntheta_r_deg = { upper = 10.5 }\n";
+        assert!(Specification::from_toml(ok, "spec.toml").is_ok());
+        assert!(said(&ok.replace("name", "nmae")).contains("nmae"));
+        let limits = said(&ok.replace("theta_r_deg", "theta_r"));
+        assert!(
+            limits.contains("`theta_r`") && limits.contains("(`theta_r_deg`?)"),
+            "{limits}"
+        );
+        assert!(said(&ok.replace("upper", "uper")).contains("uper"));
+        assert!(said(&format!("{ok}[decision]\nrisk = 0.1\n")).contains("risk"));
+    }
+
+    #[test]
+    fn limits_and_risks_that_make_no_sense_are_named() {
+        let with = |limits: &str| said(&format!("name = \"s\"\n[limits]\nalpha_u = {limits}\n"));
+        assert!(with("{}").contains("state lower, upper or both"));
+        assert!(with("{ lower = 0.2, upper = 0.1 }").contains("does not lie below"));
+        assert!(with("{ lower = nan }").contains("finite"));
+        assert!(said("name = \"s\"\n[limits]\n").contains("empty"));
+        let risk = "name = \"s\"\n[limits]\nalpha_u = { lower = 0.1 }\n[decision]\nmax_false_accept_risk = 0.5\n";
+        assert!(said(risk).contains("max_false_accept_risk"));
+    }
+}

@@ -1,0 +1,123 @@
+//! Colours that the eye reads as numbers: equal steps in value are equal steps in lightness.
+//!
+//! Built in the OKLCh space (B. Ottosson, "A perceptual color space for image processing", 2020),
+//! whose distances are close to perceived ones. [`sequential`] climbs in lightness from dark violet
+//! over green to light yellow, so it also reads in grey and with deficient colour vision;
+//! [`cyclic`] goes once round the hues at one lightness, for directions.
+
+/// An sRGB colour.
+pub(super) type Rgb = [u8; 3];
+
+/// Colour of a fraction in [0, 1]; values beyond are clipped.
+pub(super) fn sequential(fraction: f64) -> Rgb {
+    let t = fraction.clamp(0.0, 1.0);
+    let lightness = 0.24 + (0.93 - 0.24) * t;
+    let hue_deg = 295.0 - (295.0 - 105.0) * t;
+    in_gamut(lightness, 0.17, hue_deg)
+}
+
+/// Colour of a direction; `turn` and `turn + 1` are the same.
+pub(super) fn cyclic(turn: f64) -> Rgb {
+    // The largest chroma that all hues have at this lightness.
+    in_gamut(0.72, 0.115, 360.0 * turn.rem_euclid(1.0) + 25.0)
+}
+
+/// The colour of a lightness and hue with a chroma up to the given one that a screen can show.
+fn in_gamut(lightness: f64, chroma: f64, hue_deg: f64) -> Rgb {
+    let (mut low, mut high) = (0.0, chroma);
+    let fits = |c: f64| {
+        linear_rgb(lightness, c, hue_deg)
+            .iter()
+            .all(|x| (-1e-4..=1.0001).contains(x))
+    };
+    if fits(chroma) {
+        low = chroma;
+    } else {
+        for _ in 0..30 {
+            let middle = 0.5 * (low + high);
+            if fits(middle) {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+    }
+    linear_rgb(lightness, low, hue_deg).map(|x| (gamma(x.clamp(0.0, 1.0)) * 255.0).round() as u8)
+}
+
+/// OKLCh to linear sRGB.
+fn linear_rgb(lightness: f64, chroma: f64, hue_deg: f64) -> [f64; 3] {
+    let (sin, cos) = hue_deg.to_radians().sin_cos();
+    let (a, b) = (chroma * cos, chroma * sin);
+    let l = (lightness + 0.396_337_777_4 * a + 0.215_803_757_3 * b).powi(3);
+    let m = (lightness - 0.105_561_345_8 * a - 0.063_854_172_8 * b).powi(3);
+    let s = (lightness - 0.089_484_177_5 * a - 1.291_485_548_0 * b).powi(3);
+    [
+        4.076_741_662_1 * l - 3.307_711_591_3 * m + 0.230_969_929_2 * s,
+        -1.268_438_004_6 * l + 2.609_757_401_1 * m - 0.341_319_396_5 * s,
+        -0.004_196_086_3 * l - 0.703_418_614_7 * m + 1.707_614_701_0 * s,
+    ]
+}
+
+/// The transfer function of sRGB (IEC 61966-2-1).
+fn gamma(x: f64) -> f64 {
+    if x <= 0.003_130_8 {
+        12.92 * x
+    } else {
+        1.055 * x.powf(1.0 / 2.4) - 0.055
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// CIE 1976 lightness L* from an sRGB colour: another scale than the one the map is built in.
+    fn cie_lightness(rgb: Rgb) -> f64 {
+        let linear = rgb.map(|c| {
+            let x = f64::from(c) / 255.0;
+            if x <= 0.040_45 {
+                x / 12.92
+            } else {
+                ((x + 0.055) / 1.055).powf(2.4)
+            }
+        });
+        let y = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2];
+        116.0 * y.cbrt() - 16.0
+    }
+
+    #[test]
+    fn lightness_climbs_evenly_through_the_sequential_map() {
+        let steps: Vec<f64> = (0..=32)
+            .map(|i| cie_lightness(sequential(f64::from(i) / 32.0)))
+            .collect();
+        let mean = (steps[32] - steps[0]) / 32.0;
+        assert!(steps[0] < 20.0 && steps[32] > 88.0, "{steps:?}");
+        for pair in steps.windows(2) {
+            // Two lightness scales and eight bits agree to a third of a step.
+            assert!(
+                (pair[1] - pair[0] - mean).abs() < 0.4 * mean,
+                "{pair:?} {mean}"
+            );
+        }
+    }
+
+    #[test]
+    fn directions_have_one_lightness_and_close_the_circle() {
+        let around: Vec<f64> = (0..36)
+            .map(|i| cie_lightness(cyclic(f64::from(i) / 36.0)))
+            .collect();
+        let (low, high) = around
+            .iter()
+            .fold((f64::INFINITY, 0.0_f64), |(l, h), x| (l.min(*x), h.max(*x)));
+        assert!(high - low < 8.0, "{low} {high}");
+        assert_eq!(cyclic(0.25), cyclic(1.25));
+        assert_eq!(cyclic(0.25), cyclic(-0.75));
+    }
+
+    #[test]
+    fn white_and_black_come_out_as_such() {
+        assert_eq!(in_gamut(1.0, 0.0, 0.0), [255, 255, 255]);
+        assert_eq!(in_gamut(0.0, 0.0, 0.0), [0, 0, 0]);
+    }
+}

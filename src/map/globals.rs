@@ -1,0 +1,267 @@
+//! What all pixels share: gain, stray light and the zero of the tilt.
+//!
+//! signal = gain · (L(θc + δ) + s) and flat = gain · (ρ/π cos θi(θc + δ) + s). Gain and stray light
+//! come from the flats and from what is known of the mount, never from the pixels: s is nearly the
+//! same thing as a pixel's diffuse light. The zero δ comes from the pixels: each has eliminated its
+//! own five parameters (the Schur complement of its normal equations), and what is left says how
+//! far all of them would like to tilt. Without a white reference the gain comes from the pixels in
+//! the same way, since a dielectric's Fresnel peak is known.
+
+use super::kernel::{Parameters, single};
+use super::run::Run;
+use super::solve::{FREE, PixelFit, packed};
+use crate::geometry::RigGeometry;
+use crate::observation::{FlatObservation, WhiteReference};
+use crate::units::Angle;
+
+/// Prior standard uncertainty of the stray light as a share of the largest signal.
+const STRAY_SHARE: f64 = 0.02;
+/// Prior standard uncertainty of the tilt's zero.
+const TILT_PRIOR_RAD: f64 = 0.17;
+/// A zero less sure than this is not applied.
+const TILT_STD_MAX_RAD: f64 = 0.02;
+
+/// Values that all pixels share, with standard uncertainties.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Globals {
+    /// Signal units per radiance.
+    pub gain: f64,
+    /// Standard uncertainty of `gain` relative to it, the white reference's certificate included.
+    pub gain_relative_std: f64,
+    /// Stray light in radiance.
+    pub stray: f64,
+    /// Standard uncertainty of `stray`.
+    pub stray_std: f64,
+    /// What to add to a recorded tilt.
+    pub tilt_offset: Angle,
+    /// Standard uncertainty of `tilt_offset`.
+    pub tilt_offset_std: Angle,
+}
+
+impl Globals {
+    /// Before anything was looked at.
+    pub(super) fn first(gain: f64, largest_signal: f64) -> Self {
+        Globals {
+            gain,
+            gain_relative_std: 1.0,
+            stray: 0.0,
+            stray_std: STRAY_SHARE * largest_signal / gain,
+            tilt_offset: Angle::ZERO,
+            tilt_offset_std: Angle::from_rad(TILT_PRIOR_RAD),
+        }
+    }
+
+    /// Gain and stray light from the flats at the present tilt zero.
+    pub(super) fn with_flats(
+        self,
+        flats: &[FlatObservation],
+        white: &WhiteReference,
+        rig: &RigGeometry,
+        largest_signal: f64,
+    ) -> Self {
+        // Unknowns: gain and b = gain · s; prior b = 0 ± STRAY_SHARE · largest.
+        let prior = (STRAY_SHARE * largest_signal).powi(-2);
+        let (mut aa, mut ab, mut bb, mut ya, mut yb) = (0.0, 0.0, prior, 0.0, 0.0);
+        for flat in flats {
+            let due = white.reflectance / std::f64::consts::PI
+                * rig.cos_incidence(flat.theta_c + self.tilt_offset);
+            let w2 = flat.sigma.powi(-2);
+            aa += w2 * due * due;
+            ab += w2 * due;
+            bb += w2;
+            ya += w2 * due * flat.signal;
+            yb += w2 * flat.signal;
+        }
+        let determinant = aa * bb - ab * ab;
+        let gain = (ya * bb - yb * ab) / determinant;
+        let stray = (yb * aa - ya * ab) / determinant;
+        let reference = white.reflectance_std / white.reflectance;
+        Globals {
+            gain,
+            gain_relative_std: (bb / determinant / (gain * gain) + reference * reference).sqrt(),
+            stray: stray / gain,
+            stray_std: (aa / determinant).sqrt() / gain,
+            ..self
+        }
+    }
+
+    /// One Gauss–Newton step of the tilt's zero, and of the gain if `free_gain`, from fitted pixels.
+    /// `birge` is their usual χ² per degree of freedom. Returns the step in δ (rad) and ln gain.
+    #[expect(
+        clippy::needless_range_loop,
+        reason = "matrix indices are the notation"
+    )]
+    pub(super) fn step(
+        &mut self,
+        run: &Run<'_>,
+        fits: &[(usize, PixelFit)],
+        birge: f64,
+        free_gain: bool,
+    ) -> [f64; 2] {
+        let mut normal = [[0.0; 2]; 2];
+        let mut gradient = [0.0; 2];
+        normal[0][0] = birge * TILT_PRIOR_RAD.powi(-2);
+        gradient[0] = -normal[0][0] * self.tilt_offset.rad();
+        for (pixel, fit) in fits {
+            let Some(covariance) = &fit.covariance else {
+                continue;
+            };
+            let pulls = Pulls::of(run, *pixel, &fit.p);
+            for a in 0..2 {
+                gradient[a] += pulls.residual[a] - pulls.through(covariance, a, None);
+                for b in 0..2 {
+                    normal[a][b] += pulls.own[a][b] - pulls.through(covariance, a, Some(b));
+                }
+            }
+        }
+        if !free_gain {
+            normal[1] = [0.0, 1.0];
+            normal[0][1] = 0.0;
+            gradient[1] = 0.0;
+        }
+        let determinant = normal[0][0] * normal[1][1] - normal[0][1] * normal[1][0];
+        let step = [
+            (gradient[0] * normal[1][1] - gradient[1] * normal[0][1]) / determinant,
+            (gradient[1] * normal[0][0] - gradient[0] * normal[1][0]) / determinant,
+        ];
+        let tilt_std = (birge * normal[1][1] / determinant).max(0.0).sqrt();
+        self.tilt_offset_std = Angle::from_rad(tilt_std);
+        // A zero that the pixels cannot tell (all at one azimuth, say) stays where it is.
+        let tilt = if tilt_std > TILT_STD_MAX_RAD {
+            self.tilt_offset = Angle::ZERO;
+            0.0
+        } else {
+            step[0].clamp(-0.05, 0.05)
+        };
+        self.tilt_offset += Angle::from_rad(tilt);
+        if free_gain {
+            self.gain *= step[1].clamp(-0.3, 0.3).exp();
+            self.gain_relative_std = (birge * normal[0][0] / determinant).max(0.0).sqrt();
+        }
+        [tilt, if free_gain { step[1] } else { 0.0 }]
+    }
+}
+
+/// One pixel's weighted sums over its observations for the shared unknowns δ and ln gain.
+struct Pulls {
+    /// Σ tᵀt
+    own: [[f64; 2]; 2],
+    /// Σ tᵀ · residual
+    residual: [f64; 2],
+    /// Σ Jᵀ t per parameter.
+    cross: [[f64; 2]; FREE],
+    /// Σ Jᵀ · residual.
+    rest: [f64; FREE],
+}
+
+impl Pulls {
+    #[expect(
+        clippy::needless_range_loop,
+        reason = "matrix indices are the notation"
+    )]
+    fn of(run: &Run<'_>, pixel: usize, p: &Parameters) -> Pulls {
+        let n = run.batch.observations;
+        let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
+        run.read(pixel, &mut signal, &mut weight);
+        let (mut offset, mut basis) = (vec![0.0; n], vec![0.0; n]);
+        run.dear.write(p, &mut offset, &mut basis);
+        let cell = run.dear.cell(p);
+        let geometry = run.geometry_of(pixel);
+        let mut pulls = Pulls {
+            own: [[0.0; 2]; 2],
+            residual: [0.0; 2],
+            cross: [[0.0; 2]; FREE],
+            rest: [0.0; FREE],
+        };
+        for j in 0..n {
+            let w = weight[j];
+            if w <= 0.0 {
+                continue;
+            }
+            let (a, s) = single(&geometry[j], p, run.dear.lamp());
+            let (full, first, last) = if run.dear.is_amplitude() {
+                (p[4] * a + offset[j], p[4], a)
+            } else {
+                (a + p[4] * basis[j] + offset[j], 1.0, basis[j])
+            };
+            let row = [first * s[0], first * s[1], first * s[2], first * s[3], last];
+            // ∂/∂ ln gain of gain (L + s), in radiance.
+            let t = [w * cell.tilt[j], w * (full + run.globals.stray)];
+            let residual = w * (signal[j] - full);
+            for x in 0..2 {
+                pulls.residual[x] += t[x] * residual;
+                for y in 0..2 {
+                    pulls.own[x][y] += t[x] * t[y];
+                }
+            }
+            for k in 0..FREE {
+                pulls.rest[k] += w * row[k] * residual;
+                for x in 0..2 {
+                    pulls.cross[k][x] += w * row[k] * t[x];
+                }
+            }
+        }
+        pulls
+    }
+
+    /// tᵀ J C Jᵀ t for two shared unknowns, or tᵀ J C Jᵀ residual.
+    fn through(&self, covariance: &[f64], a: usize, b: Option<usize>) -> f64 {
+        let mut sum = 0.0;
+        for i in 0..FREE {
+            for j in 0..FREE {
+                let right = b.map_or(self.rest[j], |b| self.cross[j][b]);
+                sum += self.cross[i][a] * covariance[packed(i.max(j), i.min(j))] * right;
+            }
+        }
+        sum
+    }
+}
+
+/// By how much one standard uncertainty of each shared quantity moves a pixel's parameters:
+/// [gain, stray, tilt][parameter].
+pub(super) fn shared_effects(
+    run: &Run<'_>,
+    pixel: usize,
+    fit: &PixelFit,
+) -> Option<[[f64; FREE]; 3]> {
+    let covariance = fit.covariance.as_ref()?;
+    let pulls = Pulls::of(run, pixel, &fit.p);
+    let n = run.batch.observations;
+    let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
+    run.read(pixel, &mut signal, &mut weight);
+    let (mut offset, mut basis) = (vec![0.0; n], vec![0.0; n]);
+    run.dear.write(&fit.p, &mut offset, &mut basis);
+    let mut stray = [0.0; FREE];
+    for (j, geometry) in run.geometry_of(pixel).iter().enumerate() {
+        let (a, s) = single(geometry, &fit.p, run.dear.lamp());
+        let (first, last) = if run.dear.is_amplitude() {
+            (fit.p[4], a)
+        } else {
+            (1.0, basis[j])
+        };
+        let row = [first * s[0], first * s[1], first * s[2], first * s[3], last];
+        for k in 0..FREE {
+            stray[k] += weight[j] * weight[j] * row[k];
+        }
+    }
+    let moved = |pull: [f64; FREE], std: f64| -> [f64; FREE] {
+        std::array::from_fn(|i| {
+            let sum: f64 = (0..FREE)
+                .map(|j| covariance[packed(i.max(j), i.min(j))] * pull[j])
+                .sum();
+            sum * std
+        })
+    };
+    let globals = run.globals;
+    Some([
+        moved(
+            std::array::from_fn(|k| pulls.cross[k][1]),
+            globals.gain_relative_std,
+        ),
+        moved(stray, globals.stray_std),
+        moved(
+            std::array::from_fn(|k| pulls.cross[k][0]),
+            globals.tilt_offset_std.rad(),
+        ),
+    ])
+}

@@ -1,0 +1,88 @@
+//! The inverse of a pixel's 5 × 5 normal matrix, with the rank test.
+
+use super::solve::{FREE, PACKED, packed};
+
+/// A pivot of the column-scaled normal matrix below this says that the data cannot tell.
+const PIVOT_MIN: f64 = 1e-9;
+
+/// Inverse of a packed normal matrix, or `None` if a pivot of its column-scaled form is too small.
+pub(super) fn invert(normal: &[f64; PACKED]) -> Option<[f64; PACKED]> {
+    let scale: [f64; FREE] = std::array::from_fn(|i| normal[packed(i, i)].sqrt());
+    if scale.iter().any(|s| !(s.is_finite() && *s > 0.0)) {
+        return None;
+    }
+    let mut l = [0.0; PACKED];
+    for i in 0..FREE {
+        for j in 0..=i {
+            let mut x = normal[packed(i, j)] / (scale[i] * scale[j]);
+            for m in 0..j {
+                x -= l[packed(i, m)] * l[packed(j, m)];
+            }
+            if i == j {
+                if x.is_nan() || x <= PIVOT_MIN {
+                    return None;
+                }
+                l[packed(i, i)] = x.sqrt();
+            } else {
+                l[packed(i, j)] = x / l[packed(j, j)];
+            }
+        }
+    }
+    // Columns of L⁻¹, then L⁻ᵀ L⁻¹.
+    let mut inverse = [0.0; PACKED];
+    for j in 0..FREE {
+        inverse[packed(j, j)] = 1.0 / l[packed(j, j)];
+        for i in j + 1..FREE {
+            let mut x = 0.0;
+            for m in j..i {
+                x -= l[packed(i, m)] * inverse[packed(m, j)];
+            }
+            inverse[packed(i, j)] = x / l[packed(i, i)];
+        }
+    }
+    Some(std::array::from_fn(|at| {
+        let i = (0..FREE)
+            .rfind(|i| packed(*i, 0) <= at)
+            .expect("at is within the matrix");
+        let j = at - packed(i, 0);
+        let product: f64 = (i..FREE)
+            .map(|m| inverse[packed(m, i)] * inverse[packed(m, j)])
+            .sum();
+        product / (scale[i] * scale[j])
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_inverse_times_the_matrix_is_one_and_a_singular_matrix_has_none() {
+        // JᵀJ of seven rows whose columns differ by five orders of magnitude.
+        let mut normal = [0.0; PACKED];
+        for row in 0..7 {
+            let j: [f64; FREE] = std::array::from_fn(|k| {
+                (1.7 * (row * (k + 1)) as f64 + 0.3 * k as f64).sin() * 10_f64.powi(k as i32 - 2)
+            });
+            for a in 0..FREE {
+                for b in 0..=a {
+                    normal[packed(a, b)] += j[a] * j[b];
+                }
+            }
+        }
+        let full = |m: &[f64; PACKED], i: usize, j: usize| m[packed(i.max(j), i.min(j))];
+        let inverse = invert(&normal).unwrap();
+        for i in 0..FREE {
+            for j in 0..FREE {
+                let x: f64 = (0..FREE)
+                    .map(|m| full(&normal, i, m) * full(&inverse, m, j))
+                    .sum();
+                let tolerance = 1e-9 * 10_f64.powi(j as i32 - i as i32).max(1.0);
+                assert!((x - f64::from(i == j)).abs() < tolerance);
+            }
+        }
+        assert!(invert(&[1.0; PACKED]).is_none());
+        assert!(invert(&[0.0; PACKED]).is_none());
+        assert!(invert(&[f64::NAN; PACKED]).is_none());
+    }
+}

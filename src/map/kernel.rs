@@ -1,0 +1,282 @@
+//! The radiance of one observation with its exact derivatives, for a register of pixels at once.
+//!
+//! What is computed here is the light that the facets reflect once, term (a) of the `sawtooth`
+//! closed form without the riser's share, times an amplitude, plus ρd times a number B that is
+//! handed in. Everything dearer (riser, mirror hops, exchange, retro lobe) reaches the fit through
+//! B and as an offset on the signal, see `dear`.
+//!
+//! With the facets' normal m = cos θ n + sin θ v, e = cos θ v − sin θ n, the half vector h = i + o
+//! and the larger of the two slopes t = max(0, i_e/i_m, o_e/o_m):
+//!
+//! ```text
+//! L = E · F |h|⁴/(4π o_n) · G · exp(−q) / (h_m⁴ √(ab)),   G = cos θ − sin θ t
+//! x = h_u/h_m, y = h_e/h_m, q = x²/a + y²/b, a = αu² + R²/8, b = αv² + R²/8
+//! ∂ ln D/∂θ = 2y (q + 1/b − 2)          ∂G/∂θ = −t G (−sin θ where t = 0)
+//! ∂ ln D/∂ψ = 2x (2 sin θ − (h_v/h_m + x² sin θ)/a + y (h_n/h_m)/b)
+//! ∂G/∂ψ = sin θ ω_u ω_n/ω_m² of the direction that t belongs to
+//! ∂ ln D/∂ ln αu = (2x²/a − 1) αu²/a    and likewise for αv
+//! ```
+//!
+//! ψ turns v about n: ∂v/∂ψ = −u, ∂u/∂ψ = v (u = v × n).
+
+use pulp::Simd;
+
+use super::lanes::Lane;
+
+/// Numbers that describe one observation's geometry; see [`Geometry`].
+pub(super) const GEOMETRY: usize = 7;
+
+/// One observation's directions in the sample's frame (x, y, n) at ψ = 0, and its scale.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Geometry(pub(super) [f64; GEOMETRY]);
+
+impl Geometry {
+    /// Lamp and camera directions (unit vectors away from the surface; the third component along
+    /// n), Fresnel reflectance at their half angle, and irradiance on a surface facing the lamp.
+    pub(super) fn new(i: [f64; 3], o: [f64; 3], fresnel: f64, irradiance: f64) -> Self {
+        let h = [i[0] + o[0], i[1] + o[1], i[2] + o[2]];
+        let h2 = h[0] * h[0] + h[1] * h[1] + h[2] * h[2];
+        let above = i[2] > 0.0 && o[2] > 0.0;
+        let scale = if above {
+            irradiance * fresnel * h2 * h2 / (4.0 * std::f64::consts::PI * o[2])
+        } else {
+            0.0
+        };
+        Geometry([i[0], i[1], i[2], h[0], h[1], h[2], scale])
+    }
+
+    pub(super) fn incident(&self) -> [f64; 3] {
+        [self.0[0], self.0[1], self.0[2]]
+    }
+}
+
+/// The pixels' parameters as the kernel wants them.
+#[derive(Clone, Copy)]
+pub(super) struct Shape<S: Simd> {
+    pub(super) sin_theta: Lane<S>,
+    pub(super) cos_theta: Lane<S>,
+    pub(super) sin_psi: Lane<S>,
+    pub(super) cos_psi: Lane<S>,
+    /// 1/a and 1/b.
+    pub(super) inv_a: Lane<S>,
+    pub(super) inv_b: Lane<S>,
+    /// 1/√(ab)
+    pub(super) norm: Lane<S>,
+}
+
+/// A single reflection of amplitude 1 with its derivatives. `alpha_u` and `alpha_v` still want the
+/// factors αu²/a and αv²/b.
+#[derive(Clone, Copy)]
+pub(super) struct Row<S: Simd> {
+    pub(super) value: Lane<S>,
+    pub(super) theta: Lane<S>,
+    pub(super) psi: Lane<S>,
+    pub(super) alpha_u: Lane<S>,
+    pub(super) alpha_v: Lane<S>,
+}
+
+/// Evaluates one observation for all lanes.
+#[inline(always)]
+pub(super) fn row<S: Simd>(simd: S, at: &[Lane<S>; GEOMETRY], shape: &Shape<S>) -> Row<S> {
+    macro_rules! k {
+        ($x:expr) => {
+            Lane::splat(simd, $x)
+        };
+    }
+    let [ix, iy, i_n, hx, hy, hn, scale] = *at;
+    let (s, c) = (shape.sin_theta, shape.cos_theta);
+    let (sp, cp) = (shape.sin_psi, shape.cos_psi);
+    let zero = k!(0.0);
+
+    let (iv, iu) = (ix.mul_add(cp, iy * sp), ix.mul_add(sp, -(iy * cp)));
+    let (hv, hu) = (hx.mul_add(cp, hy * sp), hx.mul_add(sp, -(hy * cp)));
+    let (im, ie) = (c.mul_add(i_n, s * iv), c.mul_add(iv, -(s * i_n)));
+    let (hm, he) = (c.mul_add(hn, s * hv), c.mul_add(hv, -(s * hn)));
+    let (om, oe, ou, on) = (hm - im, he - ie, hu - iu, hn - i_n);
+    let tiny = k!(1e-3);
+    let faces = zero.less(im).and(zero.less(om));
+
+    // The direction nearer to the facet's own plane hides more.
+    let incident_hides = (oe * im).less(ie * om);
+    let num = incident_hides.select(ie, oe);
+    let den = incident_hides.select(im, om).max(tiny);
+    let across = incident_hides.select(iu, ou) * incident_hides.select(i_n, on);
+    let hm = hm.max(tiny);
+    let inv = k!(1.0) / (den * hm);
+    let (inv_den, inv_hm) = (inv * hm, inv * den);
+    let slope = num * inv_den;
+    let hides = zero.less(slope);
+    let t = slope.max(zero);
+    let g = c - s * t;
+    let seen = faces.and(zero.less(g));
+    let g_theta = hides.select(-(t * g), -s);
+    let g_psi = hides.select(s * across * inv_den * inv_den, zero);
+
+    let x = hu * inv_hm;
+    let y = he * inv_hm;
+    let (qx, qy) = (x * x * shape.inv_a, y * y * shape.inv_b);
+    let q = qx + qy;
+    let inv2 = inv_hm * inv_hm;
+    let base = seen.select(q.exp_neg() * inv2 * inv2 * shape.norm * scale, zero);
+    let value = base * g;
+    let two = k!(2.0);
+    let ln_theta = two * y * (q + shape.inv_b - two);
+    let bend = (x * x).mul_add(s, hv * inv_hm);
+    let ln_psi = two * x * (two * s - bend * shape.inv_a + y * hn * inv_hm * shape.inv_b);
+    Row {
+        value,
+        theta: base * g.mul_add(ln_theta, g_theta),
+        psi: base * g.mul_add(ln_psi, g_psi),
+        alpha_u: value * two.mul_add(qx, k!(-1.0)),
+        alpha_v: value * two.mul_add(qy, k!(-1.0)),
+    }
+}
+
+/// One pixel's parameters in the order of the fit: θr and ψ in radians, ln αu, ln αv, and either
+/// ρd (dielectrics) or the amplitude (conductors).
+pub(super) type Parameters = [f64; 5];
+
+/// Term (a) of one observation for one pixel: value and derivatives to θr, ψ, ln αu, ln αv.
+/// `lamp` is R²/8.
+pub(super) fn single(geometry: &Geometry, p: &Parameters, lamp: f64) -> (f64, [f64; 4]) {
+    let simd = pulp::Scalar::new();
+    let k = |x: f64| Lane::splat(simd, x);
+    let (au2, av2) = ((2.0 * p[2]).exp(), (2.0 * p[3]).exp());
+    let (inv_a, inv_b) = (1.0 / (au2 + lamp), 1.0 / (av2 + lamp));
+    let shape = Shape {
+        sin_theta: k(p[0].sin()),
+        cos_theta: k(p[0].cos()),
+        sin_psi: k(p[1].sin()),
+        cos_psi: k(p[1].cos()),
+        inv_a: k(inv_a),
+        inv_b: k(inv_b),
+        norm: k((inv_a * inv_b).sqrt()),
+    };
+    let r = row(simd, &geometry.0.map(k), &shape);
+    (
+        r.value.1,
+        [
+            r.theta.1,
+            r.psi.1,
+            r.alpha_u.1 * au2 * inv_a,
+            r.alpha_v.1 * av2 * inv_b,
+        ],
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Pose, RigGeometry};
+    use crate::material::Material;
+    use crate::model::{Optics, Surface, Variant, fresnel, radiance};
+    use crate::units::Angle;
+
+    fn cases() -> Vec<(RigGeometry, Pose, Parameters)> {
+        let mut cases = Vec::new();
+        for (n, &theta_r_deg) in [1.0, 5.0, 10.0, 22.0, 40.0].iter().enumerate() {
+            for theta_c_deg in [-35.0, -20.0, -5.0, 3.0, 20.0] {
+                for step in 0..12 {
+                    let rig = RigGeometry {
+                        light_azimuth: Angle::from_deg(if n % 2 == 0 { 0.0 } else { 90.0 }),
+                        ..RigGeometry::IN_PLANE
+                    };
+                    let pose = Pose::from_deg(theta_c_deg, 30.0 * f64::from(step));
+                    let p = [
+                        f64::to_radians(theta_r_deg),
+                        0.3 + 0.9 * n as f64,
+                        (0.15_f64 + 0.02 * n as f64).ln(),
+                        0.2_f64.ln(),
+                        0.0,
+                    ];
+                    cases.push((rig, pose, p));
+                }
+            }
+        }
+        cases
+    }
+
+    fn geometry(rig: &RigGeometry, pose: Pose) -> Geometry {
+        let rig_at_zero = RigGeometry {
+            azimuth_zero: Angle::ZERO,
+            ..*rig
+        };
+        let d = rig_at_zero.rig_directions(pose.theta_c);
+        let (s, c) = pose.phi_s.sin_cos();
+        let turned = |w: nalgebra::Vector3<f64>| [w.x * c + w.y * s, w.y * c - w.x * s, w.z];
+        let h = (d.incident + d.outgoing).norm() * 0.5;
+        Geometry::new(
+            turned(d.incident),
+            turned(d.outgoing),
+            fresnel::reflectance(h, 1.54, 0.0),
+            1.0,
+        )
+    }
+
+    #[test]
+    fn the_lanes_give_the_models_single_reflection() {
+        let material = Material::Dielectric {
+            eta: 1.54,
+            eta_std: 0.0,
+        };
+        let mut compared = 0;
+        for (rig, pose, p) in cases() {
+            let optics = Optics::new(&rig, &material);
+            let lamp = rig.light_angular_radius.rad().powi(2) / 8.0;
+            let (value, _) = single(&geometry(&rig, pose), &p, lamp);
+            // ρd = 0 leaves the model's (a) and (c). (c) is proportional to A², the riser's part of
+            // (a) is beyond e⁻⁶⁰ of its peak at these angles only where θr is small: compare there.
+            let at = |amplitude: f64| {
+                let surface = Surface {
+                    theta_r: p[0],
+                    alpha_u: p[2].exp(),
+                    alpha_v: p[3].exp(),
+                    rho_d: 0.0,
+                    amplitude,
+                };
+                let turned = Pose {
+                    phi_s: pose.phi_s + Angle::from_rad(p[1]) - rig.azimuth_zero,
+                    ..pose
+                };
+                radiance(
+                    Variant::Sawtooth,
+                    &rig.directions(turned),
+                    &surface,
+                    &optics,
+                )
+            };
+            let single_reflection = 2.0 * at(1.0) - 0.5 * at(2.0);
+            if p[0] < 0.2 {
+                assert!(
+                    (value - single_reflection).abs() < 1e-9 * (1.0 + value),
+                    "{p:?} {pose:?}: {value} {single_reflection}"
+                );
+                compared += 1;
+            }
+        }
+        assert_eq!(compared, 180);
+    }
+
+    #[test]
+    fn the_derivatives_are_those_of_central_differences() {
+        for (rig, pose, p) in cases() {
+            let lamp = rig.light_angular_radius.rad().powi(2) / 8.0;
+            let g = geometry(&rig, pose);
+            let (value, slopes) = single(&g, &p, lamp);
+            for k in 0..4 {
+                let step = 1e-5;
+                let (mut up, mut down) = (p, p);
+                up[k] += step;
+                down[k] -= step;
+                let (a, b) = (single(&g, &up, lamp).0, single(&g, &down, lamp).0);
+                // A kink between the two points shows as one-sided slopes that differ.
+                let one_sided = ((a - value) - (value - b)).abs() / step;
+                let tolerance = 1e-6 * (1.0 + slopes[k].abs()) + 2.0 * one_sided;
+                assert!(
+                    ((a - b) / (2.0 * step) - slopes[k]).abs() < tolerance,
+                    "{k} {p:?} {pose:?}"
+                );
+            }
+        }
+    }
+}

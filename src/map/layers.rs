@@ -1,0 +1,200 @@
+//! What is known of every pixel: parameters with standard uncertainties, quality, flags.
+
+use super::settle::identifiable;
+use super::solve::{End, FREE, PixelFit, packed};
+
+/// The descent did not end at a minimum.
+pub const NOT_CONVERGED: u8 = 1;
+/// A parameter ended on its bound.
+pub const AT_BOUND: u8 = 2;
+/// The data cannot tell the parameters: no lobe, or an uncertainty beyond use.
+pub const NOT_IDENTIFIABLE: u8 = 4;
+/// χ² is far beyond the usual: no single ridged surface explains the pixel.
+pub const MISFIT: u8 = 8;
+/// Too few observations are left after masking.
+pub const FEW_OBSERVATIONS: u8 = 16;
+/// Some observations were masked: full, defect, or out of the field.
+pub const PARTLY_MASKED: u8 = 32;
+/// Within two pixels of another lean direction or of the sample's edge.
+pub const BORDER: u8 = 64;
+/// Belongs to a defect of the table.
+pub const DEFECT: u8 = 128;
+
+/// Flags with which no value is given.
+pub const NO_VALUE: u8 = NOT_CONVERGED | NOT_IDENTIFIABLE | FEW_OBSERVATIONS;
+
+/// Names of the flags, lowest bit first.
+pub const FLAG_NAMES: [&str; 8] = [
+    "not_converged",
+    "at_bound",
+    "not_identifiable",
+    "misfit",
+    "few_observations",
+    "partly_masked",
+    "border",
+    "defect",
+];
+
+/// One quantity over the map.
+#[derive(Debug, Clone)]
+pub struct Layer {
+    /// Stem of the file name, with the unit: `theta_r_deg`.
+    pub name: &'static str,
+    /// Title of the picture.
+    pub title: &'static str,
+    /// Unit in the picture; empty for pure numbers.
+    pub unit: &'static str,
+    /// Row by row from the top left; not a number where there is no value.
+    pub values: Vec<f32>,
+    /// Standard uncertainties: the pixel's own noise, scaled by the usual misfit.
+    pub std: Vec<f32>,
+    /// The quantity is a direction: 0° and 360° are the same.
+    pub cyclic: bool,
+}
+
+/// All layers, flags and χ².
+#[derive(Debug, Clone)]
+pub struct Layers {
+    /// Pixels per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// θr, lean direction, αu, αv, and ρd or amplitude.
+    pub parameters: [Layer; FREE],
+    /// χ² per degree of freedom, not a number where nothing was fitted.
+    pub chi2_reduced: Vec<f32>,
+    /// Bits, see [`FLAG_NAMES`].
+    pub flags: Vec<u8>,
+    /// Observations used.
+    pub n_observations: Vec<u16>,
+}
+
+impl Layers {
+    pub(super) fn new(width: usize, height: usize, amplitude: bool) -> Self {
+        let n = width * height;
+        let layer = |name, title, unit, cyclic| Layer {
+            name,
+            title,
+            unit,
+            values: vec![f32::NAN; n],
+            std: vec![f32::NAN; n],
+            cyclic,
+        };
+        Layers {
+            width,
+            height,
+            parameters: [
+                layer("theta_r_deg", "ridge angle", "°", false),
+                layer("lean_azimuth_deg", "lean direction", "°", true),
+                layer("alpha_u", "roughness along the ridges", "", false),
+                layer("alpha_v", "roughness across the ridges", "", false),
+                if amplitude {
+                    layer("amplitude", "amplitude", "", false)
+                } else {
+                    layer("rho_d", "diffuse reflectance", "", false)
+                },
+            ],
+            chi2_reduced: vec![f32::NAN; n],
+            flags: vec![FEW_OBSERVATIONS; n],
+            n_observations: vec![0; n],
+        }
+    }
+
+    /// Pixels that have values.
+    #[must_use]
+    pub fn has_value(&self, pixel: usize) -> bool {
+        self.flags[pixel] & NO_VALUE == 0
+    }
+
+    pub(super) fn put(&mut self, pixel: usize, answer: &Answer) {
+        self.flags[pixel] = answer.flags;
+        self.n_observations[pixel] = answer.n_used;
+        self.chi2_reduced[pixel] = answer.chi2_reduced;
+        for (k, layer) in self.parameters.iter_mut().enumerate() {
+            layer.values[pixel] = answer.values[k];
+            layer.std[pixel] = answer.std[k];
+        }
+    }
+}
+
+/// One pixel's line of the layers.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Answer {
+    values: [f32; FREE],
+    std: [f32; FREE],
+    chi2_reduced: f32,
+    n_used: u16,
+    pub(super) flags: u8,
+}
+
+impl Answer {
+    /// A pixel that was not fitted, and why.
+    pub(super) fn none(flags: u8, n_used: usize) -> Answer {
+        Answer {
+            values: [f32::NAN; FREE],
+            std: [f32::NAN; FREE],
+            chi2_reduced: f32::NAN,
+            n_used: n_used as u16,
+            flags,
+        }
+    }
+
+    /// A fit in the layers' units. `birge` is the usual χ² per degree of freedom, `observations`
+    /// how many a pixel without masks has.
+    pub(super) fn of(fit: &PixelFit, birge: f64, observations: usize, amplitude: bool) -> Answer {
+        let used = usize::from(fit.n_used);
+        if fit.end == End::TooFew {
+            return Answer::none(FEW_OBSERVATIONS, used);
+        }
+        let freedom = super::run::freedom(fit);
+        let reduced = fit.chi2 / freedom;
+        let mut flags = 0;
+        if fit.end != End::Converged || !fit.p.iter().all(|x| x.is_finite()) {
+            flags |= NOT_CONVERGED;
+        }
+        if used < observations {
+            flags |= PARTLY_MASKED;
+        }
+        let usual = birge * super::run::usual_chi2_max(freedom);
+        // What fits worse than usual is as unsure as it is bad.
+        let scale = if reduced > usual {
+            flags |= MISFIT;
+            reduced
+        } else {
+            birge
+        };
+        if fit.at_bound(amplitude) {
+            flags |= AT_BOUND;
+        }
+        let lobe_at_bound = fit.p[2] > -1e-6 || fit.p[3] > -1e-6;
+        if lobe_at_bound || !identifiable(fit, scale) {
+            flags |= NOT_IDENTIFIABLE;
+        }
+        let mut answer = Answer::none(flags, used);
+        answer.chi2_reduced = reduced as f32;
+        if flags & NO_VALUE != 0 {
+            return answer;
+        }
+        let Some(covariance) = &fit.covariance else {
+            return answer;
+        };
+        let std: [f64; FREE] =
+            std::array::from_fn(|k| (scale * covariance[packed(k, k)]).max(0.0).sqrt());
+        let (au, av) = (fit.p[2].exp(), fit.p[3].exp());
+        let lean = fit.p[1].to_degrees().rem_euclid(360.0);
+        answer.values = [fit.p[0].to_degrees(), lean, au, av, fit.p[4]].map(|x| x as f32);
+        answer.std = [
+            std[0].to_degrees(),
+            std[1].to_degrees(),
+            au * std[2],
+            av * std[3],
+            std[4],
+        ]
+        .map(|x| x as f32);
+        // 360 − 1e-9 rounds to 360 as an f32.
+        if answer.values[1] >= 360.0 {
+            answer.values[1] = 0.0;
+        }
+        answer
+    }
+}

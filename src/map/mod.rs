@@ -1,0 +1,424 @@
+//! The map of a sample: ridge angle, roughness and lean direction of every pixel, from the frames
+//! of a series.
+//!
+//! Call [`map`]. It reads darks and flats, turns and stretches every sample frame back into the
+//! sample's frame (`observe`, `view`), settles on a sample of pixels what all of them share
+//! (`settle`, `globals`), fits every pixel with the `sawtooth` closed form, several pixels per
+//! vector register and tiles in parallel (`kernel`, `lanes`, `solve`, `dear`), marks borders and
+//! defects (`defects`), and sums up. [`write::write`] makes the files. Time grows with pixels ×
+//! observations; memory is bounded by [`MapOptions::memory_bytes_max`], beyond which planes go to a
+//! scratch file.
+//!
+//! Nobody tells it how the sample is laid out: each pixel finds its own lean direction. It does not
+//! know about scans, fits of whole regions, or the command line.
+
+mod colour;
+mod dear;
+pub mod defects;
+mod globals;
+mod inverse;
+mod kernel;
+mod lanes;
+pub mod layers;
+mod observe;
+mod picture;
+pub mod pixels;
+mod planes;
+mod run;
+mod settle;
+mod solve;
+mod start;
+mod view;
+pub mod write;
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+
+pub use self::globals::Globals;
+use self::kernel::Parameters;
+use self::layers::{Answer, FEW_OBSERVATIONS, Layers, NOT_IDENTIFIABLE};
+use self::observe::Light;
+use self::planes::Planes;
+use self::run::{Batch, Run, better, freedom, usual_chi2_max};
+use self::settle::{LOBE_SIGNIFICANCE, References, Settled};
+use self::solve::{End, FREE};
+use self::view::View;
+use crate::geometry::Pose;
+use crate::observation::RejectedFrame;
+use crate::reduction::{FrameSource, ReductionError, calibrate};
+
+/// Tiles and pixels per tile from which the shared quantities are settled.
+const SAMPLED_TILES: usize = 32;
+const SAMPLED_PIXELS: usize = 2048;
+/// How often the dear terms are taken anew within a pixel's descent.
+const REFRESHES: u8 = 2;
+
+/// What to do how.
+#[derive(Debug, Clone)]
+pub struct MapOptions {
+    /// Planes larger than this go to a scratch file.
+    pub memory_bytes_max: usize,
+    /// Folder for the scratch file.
+    pub scratch: PathBuf,
+}
+
+impl Default for MapOptions {
+    fn default() -> Self {
+        MapOptions {
+            memory_bytes_max: 1 << 30,
+            scratch: std::env::temp_dir(),
+        }
+    }
+}
+
+/// What is being done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// Darks and flats are read.
+    Calibrating,
+    /// Sample frames are read and brought into the sample's frame; counted in poses.
+    Resampling,
+    /// Shared quantities and starts.
+    Settling,
+    /// Pixels are fitted; counted in pixels.
+    Fitting,
+}
+
+/// How far it has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Progress {
+    /// What is being done.
+    pub stage: Stage,
+    /// Done of it.
+    pub done: usize,
+    /// All of it.
+    pub total: usize,
+}
+
+/// Why there is no map.
+#[derive(Debug, thiserror::Error)]
+pub enum MapError {
+    /// Darks and flats could not be read.
+    #[error(transparent)]
+    Reduction(#[from] ReductionError),
+    /// Fewer poses than a pixel has unknowns.
+    #[error(
+        "{poses} poses do not tell five parameters per pixel; scan at least {least}, better 5 tilts × 8 azimuths"
+    )]
+    TooFewPoses {
+        /// Poses that the series has.
+        poses: usize,
+        /// The least that would do.
+        least: usize,
+    },
+    /// All frames are dark.
+    #[error(
+        "the sample frames show no light above their noise; check lamp, lens cap and exposure times"
+    )]
+    NothingSeen,
+    /// No pixel shows a lobe.
+    #[error(
+        "no pixel shows the reflection of a ridged surface: brightness does not change with the pose beyond a matte surface's; check focus, region and azimuths of the scan"
+    )]
+    NoLobes,
+    /// The scratch file failed.
+    #[error("the scratch file of the map: {0}; free space there or choose another output folder")]
+    Scratch(std::io::Error),
+    /// The cancel flag was raised.
+    #[error("the map was cancelled")]
+    Cancelled,
+}
+
+/// A finished map.
+#[derive(Debug, Clone)]
+pub struct Map {
+    /// Parameters, uncertainties and flags.
+    pub layers: Layers,
+    /// Millimetres per pixel (columns, rows); `None` where the manifest states no field size.
+    pub pixel_mm: Option<[f64; 2]>,
+    /// Column and row of the rotation axis, from the outer corner of the first pixel.
+    pub axis_px: [f64; 2],
+    /// What all pixels share.
+    pub globals: Globals,
+    /// Standard uncertainty that the shared quantities leave in every pixel, per parameter in the
+    /// layers' units (medians; α's absolute).
+    pub shared_std: Option<[f64; FREE]>,
+    /// Usual χ² per degree of freedom; standard uncertainties are scaled by its root.
+    pub birge: f64,
+    /// Lean directions that many pixels share.
+    pub leans: Vec<defects::Lean>,
+    /// Connected areas that disagree with the rest.
+    pub defects: Vec<defects::Defect>,
+    /// Pixels that were fitted.
+    pub pixels_fitted: usize,
+    /// Pixels from which the shared quantities were settled.
+    pub pixels_sampled: usize,
+    /// Evaluations per fitted pixel.
+    pub evaluations: f64,
+    /// Poses, that is observations per pixel.
+    pub n_poses: usize,
+    /// Frames left out.
+    pub rejected_frames: Vec<RejectedFrame>,
+    /// Sentences for the user.
+    pub warnings: Vec<String>,
+}
+
+/// Maps the sample of a series.
+///
+/// # Errors
+/// [`MapError`]. Single frames that cannot be used are no error: they are in `rejected_frames`.
+pub fn map(
+    source: &dyn FrameSource,
+    options: &MapOptions,
+    progress: &(dyn Fn(Progress) + Sync),
+    cancel: &AtomicBool,
+) -> Result<Map, MapError> {
+    let manifest = source.manifest();
+    let view = View::new(manifest);
+    let material = manifest.material();
+    let groups = observe::poses(source);
+    if groups.len() <= FREE {
+        return Err(MapError::TooFewPoses {
+            poses: groups.len(),
+            least: FREE + 1,
+        });
+    }
+    progress(Progress {
+        stage: Stage::Calibrating,
+        done: 0,
+        total: 1,
+    });
+    let calibration = calibrate(source, cancel)?;
+    let light = Light::new(
+        &calibration,
+        &view,
+        calibration.radiance_per_dn_s().unwrap_or(1.0),
+    );
+    let planes = Planes::new(
+        groups.len(),
+        view.pixels(),
+        options.memory_bytes_max,
+        &options.scratch,
+    )
+    .map_err(MapError::Scratch)?;
+    let mut rejected = calibration.rejected_frames.clone();
+    rejected.extend(observe::observe(
+        source, &light, &view, &groups, &planes, progress, cancel,
+    )?);
+
+    let recorded: Vec<Pose> = groups.iter().map(|g| g.pose).collect();
+    let batch = sampled(&planes)?;
+    let flats = calibration.flats();
+    let references = References {
+        flats: &flats,
+        white: calibration.white_reference(),
+    };
+    let settled = settle::settle(
+        &batch,
+        &view,
+        &material,
+        &recorded,
+        &references,
+        progress,
+        cancel,
+    )?;
+    drop(batch);
+
+    let (mut layers, evaluations) = fit_tiles(&planes, &view, &settled, progress, cancel)?;
+    let leans = defects::leans(&layers);
+    defects::mark_borders(&mut layers, &leans);
+    let pixel_mm = view.has_scale.then_some(view.pixel_mm);
+    let found = defects::defects(
+        &mut layers,
+        &leans,
+        &|pixel| view.place_mm(pixel),
+        view.pixel_mm,
+    );
+    let pixels_fitted = layers.chi2_reduced.iter().filter(|x| x.is_finite()).count();
+
+    let mut warnings = calibration.warnings.clone();
+    warnings.extend(doubts(&settled, &view));
+    Ok(Map {
+        shared_std: settled.shared_std.map(|std| in_layer_units(&std, &layers)),
+        layers,
+        pixel_mm,
+        axis_px: view.axis_px(),
+        globals: settled.globals,
+        birge: settled.birge,
+        leans,
+        defects: found,
+        pixels_fitted,
+        pixels_sampled: settled.sampled,
+        evaluations: evaluations as f64 / pixels_fitted.max(1) as f64,
+        n_poses: groups.len(),
+        rejected_frames: rejected,
+        warnings,
+    })
+}
+
+/// A sample of pixels from tiles spread over the map.
+fn sampled(planes: &Planes) -> Result<Batch, MapError> {
+    let tiles = planes.tiles();
+    let taken = tiles.min(SAMPLED_TILES);
+    let per_tile = SAMPLED_PIXELS.div_ceil(taken);
+    let batches = (0..taken)
+        .map(|k| {
+            let tile = k * tiles / taken;
+            let length = planes.range(tile).len();
+            // A stride that is not a divisor of common widths, so that columns differ.
+            let stride = (length / per_tile).max(1) | 1;
+            Batch::of_tile(planes, tile, |i| i % stride == k % stride)
+        })
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(MapError::Scratch)?;
+    Ok(Batch::join(batches))
+}
+
+/// Fits all pixels, tile by tile on all cores.
+fn fit_tiles(
+    planes: &Planes,
+    view: &View,
+    settled: &Settled,
+    progress: &(dyn Fn(Progress) + Sync),
+    cancel: &AtomicBool,
+) -> Result<(Layers, u64), MapError> {
+    let amplitude = settled.dear.is_amplitude();
+    let layers = Mutex::new(Layers::new(view.width, view.height, amplitude));
+    let (done, evaluations) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    (0..planes.tiles()).into_par_iter().try_for_each(|tile| {
+        if cancel.load(Ordering::Relaxed) {
+            return Err(MapError::Cancelled);
+        }
+        let batch = Batch::of_tile(planes, tile, |_| true).map_err(MapError::Scratch)?;
+        let run = Run {
+            batch: &batch,
+            globals: &settled.globals,
+            dear: &settled.dear,
+            view,
+            poses: &settled.poses,
+        };
+        let (answers, spent) = fit_batch(&run, settled);
+        evaluations.fetch_add(spent, Ordering::Relaxed);
+        let mut layers = layers.lock().expect("no holder of this lock panics");
+        for (pixel, answer) in batch.pixels.iter().zip(&answers) {
+            layers.put(*pixel, answer);
+        }
+        drop(layers);
+        progress(Progress {
+            stage: Stage::Fitting,
+            done: done.fetch_add(batch.pixels.len(), Ordering::Relaxed) + batch.pixels.len(),
+            total: view.pixels(),
+        });
+        Ok(())
+    })?;
+    let layers = layers.into_inner().expect("no holder of this lock panics");
+    Ok((layers, evaluations.into_inner() as u64))
+}
+
+/// Fits the pixels of a batch that show a lobe; those that the leaders do not serve start again
+/// from templates. Returns the answers and the evaluations spent.
+fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, usize) {
+    let amplitude = settled.dear.is_amplitude();
+    let birge = settled.birge;
+    let n = run.batch.observations;
+    let mut answers: Vec<Answer> = Vec::with_capacity(run.batch.pixels.len());
+    let (mut chosen, mut starts): (Vec<usize>, Vec<Parameters>) = (Vec::new(), Vec::new());
+    for index in 0..run.batch.pixels.len() {
+        let used = run.batch.used(index);
+        if used <= FREE {
+            answers.push(Answer::none(FEW_OBSERVATIONS, used));
+            continue;
+        }
+        answers.push(Answer::none(NOT_IDENTIFIABLE, used));
+        // Nothing to fit where a matte surface explains all.
+        let matte = run.lambert_chi2(index, &settled.lambert);
+        if matte <= birge * (used as f64 - 1.0 + LOBE_SIGNIFICANCE) {
+            continue;
+        }
+        if let Some((start, _)) = run.leader(index, &settled.leaders) {
+            chosen.push(index);
+            starts.push(start);
+        }
+    }
+    let mut fits = run.fit(&chosen, &starts, REFRESHES);
+    let doubtful: Vec<usize> = (0..fits.len())
+        .filter(|at| {
+            let fit = &fits[*at];
+            let freedom = freedom(fit);
+            fit.end != End::Converged
+                || fit.covariance.is_none()
+                || fit.chi2 / freedom > birge * usual_chi2_max(freedom)
+        })
+        .collect();
+    let again: Vec<usize> = doubtful.iter().map(|at| chosen[*at]).collect();
+    let mut spent: usize = fits.iter().map(|f| usize::from(f.evaluations)).sum();
+    if !again.is_empty() {
+        for (at, fit) in doubtful
+            .iter()
+            .zip(run.fit_from_templates(&again, &settled.templates))
+        {
+            spent += usize::from(fit.evaluations) * start::QUARTERS;
+            if better(&fit, &fits[*at]) {
+                fits[*at] = fit;
+            }
+        }
+    }
+    for (index, fit) in chosen.iter().zip(&fits) {
+        let mut answer = Answer::of(fit, birge, n, amplitude);
+        let matte = run.lambert_chi2(*index, &settled.lambert);
+        if matte - fit.chi2 < birge * LOBE_SIGNIFICANCE {
+            answer = Answer::none(answer.flags | NOT_IDENTIFIABLE, usize::from(fit.n_used));
+        }
+        answers[*index] = answer;
+    }
+    (answers, spent)
+}
+
+/// Shared shifts in the layers' units; those of ln α times the median α.
+fn in_layer_units(std: &Parameters, layers: &Layers) -> [f64; FREE] {
+    let typical = |k: usize| {
+        settle::median(layers.parameters[k].values.iter().map(|x| f64::from(*x))).unwrap_or(0.0)
+    };
+    [
+        std[0].to_degrees(),
+        std[1].to_degrees(),
+        std[2] * typical(2),
+        std[3] * typical(3),
+        std[4],
+    ]
+}
+
+fn doubts(settled: &Settled, view: &View) -> Vec<String> {
+    let mut doubts = Vec::new();
+    let zero = settled.globals.tilt_offset_std.deg();
+    if zero > 1.0 {
+        doubts.push(format!(
+            "the tilt's zero cannot be told from these poses (± {zero:.1}°): the recorded tilts are believed; scan more azimuths"
+        ));
+    }
+    if settled.birge > 4.0 {
+        doubts.push(format!(
+            "the usual χ² per degree of freedom is {:.1}: the closed form does not explain this sample at its noise; uncertainties are scaled by its root",
+            settled.birge
+        ));
+    }
+    if settled.dear.is_amplitude() {
+        doubts.push(
+            "on metal much light comes back from two reflections, which this map takes from its last estimate only: pixels with few observations in the lobe may be off by several of their standard uncertainties; `ridged fit` has the whole"
+                .to_owned(),
+        );
+    }
+    if !view.has_scale {
+        doubts.push(
+            "the manifest states no field_width_mm: positions are in pixels and count as mm"
+                .to_owned(),
+        );
+    }
+    doubts
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,181 @@
+//! Pixels without frames: for the bench, and for whoever has per-pixel observations of their own.
+//!
+//! Call [`PixelFitter::new`] for a rig, a material and poses, then [`PixelFitter::fit`] for as many
+//! pixels as there are. Camera and lamp are far, gain is 1 and there is no stray light.
+
+use super::dear::Dear;
+use super::globals::Globals;
+use super::run::{Batch, Run};
+use super::solve::{End, FREE, packed};
+use super::view::View;
+use crate::geometry::{Pose, RigGeometry};
+use crate::material::Material;
+
+/// Which vector instructions to use.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Instructions {
+    /// The widest that the machine has: 8 pixels at once with AVX-512, 4 with AVX2.
+    Widest,
+    /// AVX2 with FMA; the widest where the machine has no AVX2.
+    Avx2,
+    /// One pixel at once.
+    Scalar,
+}
+
+impl Instructions {
+    fn arch(self) -> pulp::Arch {
+        match self {
+            Instructions::Widest => pulp::Arch::new(),
+            Instructions::Scalar => pulp::Arch::Scalar,
+            #[cfg(target_arch = "x86_64")]
+            Instructions::Avx2 => {
+                pulp::x86::V3::try_new().map_or_else(pulp::Arch::new, pulp::Arch::V3)
+            }
+            #[cfg(not(target_arch = "x86_64"))]
+            Instructions::Avx2 => pulp::Arch::new(),
+        }
+    }
+}
+
+/// One pixel's parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PixelParameters {
+    /// θr and ψ in rad, ln αu, ln αv, and ρd (dielectrics) or amplitude (conductors).
+    pub values: [f64; FREE],
+    /// Standard deviations for the σ given; `None` where the data cannot tell.
+    pub std: Option<[f64; FREE]>,
+    /// Weighted sum of squared residuals.
+    pub chi2: f64,
+    /// Whether the descent ended at a minimum.
+    pub converged: bool,
+    /// Evaluations of all observations.
+    pub evaluations: u16,
+}
+
+/// Fits pixels seen at the same poses.
+pub struct PixelFitter {
+    view: View,
+    poses: Vec<Pose>,
+    dear: Dear,
+    globals: Globals,
+}
+
+impl PixelFitter {
+    /// For true poses of a rig.
+    #[must_use]
+    pub fn new(rig: RigGeometry, material: Material, poses: Vec<Pose>) -> Self {
+        let view = View::far(rig, &material);
+        let geometry = poses.iter().map(|p| view.geometry(*p, [0.0; 2])).collect();
+        PixelFitter {
+            dear: Dear::new(rig, material, poses.clone(), geometry, 1.0),
+            view,
+            poses,
+            globals: Globals {
+                stray_std: 0.0,
+                ..Globals::first(1.0, 0.0)
+            },
+        }
+    }
+
+    /// Radiances of the full closed form at a pixel's parameters, one per pose.
+    #[must_use]
+    pub fn radiances(&self, values: &[f64; FREE]) -> Vec<f64> {
+        self.dear.full(values)
+    }
+
+    /// Fits pixels from `starts`, one each. `signal` and `sigma` are `[pixel][pose]`, σ = 0 masks;
+    /// the dear terms are taken anew `refreshes` times within a descent.
+    ///
+    /// # Panics
+    /// If the slices do not have poses × starts elements.
+    #[must_use]
+    pub fn fit(
+        &self,
+        signal: Vec<f32>,
+        sigma: Vec<f32>,
+        starts: &[[f64; FREE]],
+        refreshes: u8,
+        instructions: Instructions,
+    ) -> Vec<PixelParameters> {
+        let batch = Batch::of_slices(self.poses.len(), signal, sigma);
+        assert_eq!(batch.pixels.len(), starts.len(), "every pixel has a start");
+        let run = Run {
+            batch: &batch,
+            globals: &self.globals,
+            dear: &self.dear,
+            view: &self.view,
+            poses: &self.poses,
+        };
+        run.fit_on(instructions.arch(), &batch.pixels, starts, refreshes)
+            .iter()
+            .map(|fit| PixelParameters {
+                values: fit.p,
+                std: fit
+                    .covariance
+                    .map(|c| std::array::from_fn(|k| c[packed(k, k)].sqrt())),
+                chi2: fit.chi2,
+                converged: fit.end == End::Converged,
+                evaluations: fit.evaluations,
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fitter(material: Material) -> PixelFitter {
+        let poses = (0..5)
+            .flat_map(|t| (0..8).map(move |a| (t, a)))
+            .map(|(t, a)| Pose::from_deg(-20.0 + 10.0 * f64::from(t), 45.0 * f64::from(a)))
+            .collect();
+        PixelFitter::new(RigGeometry::IN_PLANE, material, poses)
+    }
+
+    /// The kernel has only a part of the closed form: with the dear terms refreshed the fit must
+    /// end at the parameters of the whole.
+    #[test]
+    fn the_full_closed_form_is_what_is_fitted() {
+        let plastic = Material::Dielectric {
+            eta: 1.54,
+            eta_std: 0.0,
+        };
+        for (material, truth) in [
+            (plastic, [0.1745, 0.4, -2.12, -2.0, 0.34]),
+            (plastic, [0.33, 4.0, -1.6, -1.9, 0.5]),
+        ] {
+            let fitter = fitter(material);
+            let exact: Vec<f64> = fitter.radiances(&truth);
+            let peak = exact.iter().copied().fold(0.0, f64::max);
+            let signal: Vec<f32> = exact.iter().map(|x| *x as f32).collect();
+            let sigma = vec![(3e-3 * peak) as f32; signal.len()];
+            let start = [
+                truth[0] + 0.03,
+                truth[1] - 0.1,
+                truth[2] + 0.1,
+                truth[3] - 0.1,
+                truth[4] * 0.9,
+            ];
+            let error = |refreshes: u8| {
+                let fit = fitter.fit(
+                    signal.clone(),
+                    sigma.clone(),
+                    &[start],
+                    refreshes,
+                    Instructions::Widest,
+                )[0];
+                assert!(fit.converged, "{fit:?}");
+                let std = fit.std.unwrap();
+                (0..FREE)
+                    .map(|k| ((fit.values[k] - truth[k]) / std[k]).abs())
+                    .fold(0.0, f64::max)
+            };
+            // 3e-3 of the peak is the photon noise of 10⁵ electrons; what the cells' expansion and the
+            // last refresh leave stays below half of what that noise does to a pixel.
+            let (with, without) = (error(3), error(0));
+            assert!(with < 0.5, "{material:?}: {with} {without}");
+            assert!(with < without, "{material:?}: {with} {without}");
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! Signals and uncertainties of every pose and map pixel, tile by tile, in memory or, where that
+//! would be too much, in a scratch file that is gone when the map is done.
+//!
+//! A tile is a run of [`TILE`] consecutive pixels. Planes come pose by pose and leave tile by tile.
+
+use std::fs::File;
+use std::io;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+/// Pixels per tile.
+pub(super) const TILE: usize = 4096;
+/// Bytes per pixel and pose: signal and σ as f32.
+const BYTES: usize = 8;
+
+/// All poses of all pixels.
+pub(super) struct Planes {
+    poses: usize,
+    pixels: usize,
+    keep: Keep,
+}
+
+enum Keep {
+    /// One vector per tile, `[pose][pixel][signal, σ]`.
+    Memory(Vec<Mutex<Vec<f32>>>),
+    File {
+        file: File,
+        path: PathBuf,
+    },
+}
+
+impl Planes {
+    /// Room for `poses` × `pixels`; above `memory_bytes_max` in a file in `scratch`.
+    ///
+    /// # Errors
+    /// The system's, if the file cannot be made.
+    pub(super) fn new(
+        poses: usize,
+        pixels: usize,
+        memory_bytes_max: usize,
+        scratch: &Path,
+    ) -> io::Result<Self> {
+        let keep = if poses * pixels * BYTES <= memory_bytes_max {
+            let tiles = pixels.div_ceil(TILE);
+            Keep::Memory(
+                (0..tiles)
+                    .map(|tile| Mutex::new(vec![0.0; poses * length(pixels, tile) * 2]))
+                    .collect(),
+            )
+        } else {
+            std::fs::create_dir_all(scratch)?;
+            let path = scratch.join(format!(".ridged-map-{}.scratch", std::process::id()));
+            let file = File::options()
+                .read(true)
+                .write(true)
+                .create(true)
+                .truncate(true)
+                .open(&path)?;
+            Keep::File { file, path }
+        };
+        Ok(Planes {
+            poses,
+            pixels,
+            keep,
+        })
+    }
+
+    pub(super) fn poses(&self) -> usize {
+        self.poses
+    }
+
+    pub(super) fn tiles(&self) -> usize {
+        self.pixels.div_ceil(TILE)
+    }
+
+    /// Pixels of a tile.
+    pub(super) fn range(&self, tile: usize) -> std::ops::Range<usize> {
+        tile * TILE..tile * TILE + length(self.pixels, tile)
+    }
+
+    /// Keeps one pose of one tile: signal and σ alternating, σ = 0 where there is no signal.
+    ///
+    /// # Errors
+    /// The system's, for instance that the disk is full.
+    pub(super) fn put(&self, pose: usize, tile: usize, plane: &[f32]) -> io::Result<()> {
+        let length = length(self.pixels, tile) * 2;
+        assert_eq!(plane.len(), length, "a plane covers its tile");
+        match &self.keep {
+            Keep::Memory(tiles) => {
+                let mut kept = tiles[tile].lock().expect("no holder of this lock panics");
+                kept[pose * length..(pose + 1) * length].copy_from_slice(plane);
+                Ok(())
+            }
+            Keep::File { file, .. } => {
+                let bytes: Vec<u8> = plane.iter().flat_map(|x| x.to_le_bytes()).collect();
+                let at = (tile * TILE * self.poses) * BYTES + pose * length * 4;
+                file.write_all_at(&bytes, at as u64)
+            }
+        }
+    }
+
+    /// All poses of one tile, `[pose][pixel][signal, σ]`.
+    ///
+    /// # Errors
+    /// The system's.
+    pub(super) fn get(&self, tile: usize) -> io::Result<Vec<f32>> {
+        match &self.keep {
+            Keep::Memory(tiles) => Ok(tiles[tile]
+                .lock()
+                .expect("no holder of this lock panics")
+                .clone()),
+            Keep::File { file, .. } => {
+                let mut bytes = vec![0; self.poses * length(self.pixels, tile) * BYTES];
+                file.read_exact_at(&mut bytes, (tile * TILE * self.poses * BYTES) as u64)?;
+                Ok(bytes
+                    .as_chunks::<4>()
+                    .0
+                    .iter()
+                    .map(|b| f32::from_le_bytes(*b))
+                    .collect())
+            }
+        }
+    }
+}
+
+impl Drop for Planes {
+    fn drop(&mut self) {
+        if let Keep::File { path, .. } = &self.keep {
+            // A scratch file that stays is a nuisance, not an error.
+            let _ = std::fs::remove_file(path);
+        }
+    }
+}
+
+fn length(pixels: usize, tile: usize) -> usize {
+    TILE.min(pixels - tile * TILE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_and_file_give_back_the_same_and_the_file_goes() {
+        let place = tempfile::tempdir().unwrap();
+        let pixels = TILE + 100;
+        let memory = Planes::new(3, pixels, usize::MAX, place.path()).unwrap();
+        let file = Planes::new(3, pixels, 0, place.path()).unwrap();
+        assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 1);
+        for planes in [&memory, &file] {
+            for pose in [2, 0, 1] {
+                for tile in 0..planes.tiles() {
+                    let plane: Vec<f32> = planes
+                        .range(tile)
+                        .flat_map(|p| [(pose * pixels + p) as f32, 0.5])
+                        .collect();
+                    planes.put(pose, tile, &plane).unwrap();
+                }
+            }
+        }
+        for tile in 0..2 {
+            let kept = memory.get(tile).unwrap();
+            assert_eq!(kept, file.get(tile).unwrap());
+            let range = memory.range(tile);
+            assert_eq!(
+                kept[2 * range.len() * 2 + 6],
+                (2 * pixels + range.start + 3) as f32
+            );
+        }
+        drop(file);
+        assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 0);
+    }
+}

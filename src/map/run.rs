@@ -1,0 +1,300 @@
+//! One run of the solver over some pixels: their signals with the shared quantities taken out.
+
+use std::borrow::Cow;
+
+use super::dear::Dear;
+use super::globals::Globals;
+use super::kernel::{Geometry, Parameters};
+use super::planes::Planes;
+use super::solve::{End, FREE, Job, PixelFit, Pixels, solve_on};
+use super::start::{Leaders, Templates, lambert_chi2};
+use super::view::View;
+use crate::geometry::Pose;
+
+/// Signals of some pixels, pixel by pixel.
+pub(super) struct Batch {
+    pub(super) observations: usize,
+    /// Map pixels.
+    pub(super) pixels: Vec<usize>,
+    /// `[pixel][observation]`; σ is 0 where masked.
+    signal: Vec<f32>,
+    sigma: Vec<f32>,
+}
+
+impl Batch {
+    /// Some pixels of one tile; `kept` says which, by index in the tile.
+    pub(super) fn of_tile(
+        planes: &Planes,
+        tile: usize,
+        kept: impl Fn(usize) -> bool,
+    ) -> std::io::Result<Batch> {
+        let data = planes.get(tile)?;
+        let range = planes.range(tile);
+        let (poses, length) = (planes.poses(), range.len());
+        let chosen: Vec<usize> = (0..length).filter(|i| kept(*i)).collect();
+        let mut signal = Vec::with_capacity(chosen.len() * poses);
+        let mut sigma = Vec::with_capacity(chosen.len() * poses);
+        for i in &chosen {
+            for pose in 0..poses {
+                let at = (pose * length + i) * 2;
+                signal.push(data[at]);
+                sigma.push(data[at + 1]);
+            }
+        }
+        Ok(Batch {
+            observations: poses,
+            pixels: chosen.iter().map(|i| range.start + i).collect(),
+            signal,
+            sigma,
+        })
+    }
+
+    /// The pixels of several batches.
+    pub(super) fn join(batches: Vec<Batch>) -> Batch {
+        let mut joined = Batch {
+            observations: batches.first().map_or(0, |b| b.observations),
+            pixels: Vec::new(),
+            signal: Vec::new(),
+            sigma: Vec::new(),
+        };
+        for batch in batches {
+            joined.pixels.extend(batch.pixels);
+            joined.signal.extend(batch.signal);
+            joined.sigma.extend(batch.sigma);
+        }
+        joined
+    }
+
+    /// Pixels from elsewhere, numbered from 0; slices are `[pixel][observation]`.
+    pub(super) fn of_slices(observations: usize, signal: Vec<f32>, sigma: Vec<f32>) -> Batch {
+        assert_eq!(
+            signal.len(),
+            sigma.len(),
+            "every signal has its uncertainty"
+        );
+        assert_eq!(signal.len() % observations, 0, "pixels are whole");
+        Batch {
+            observations,
+            pixels: (0..signal.len() / observations).collect(),
+            signal,
+            sigma,
+        }
+    }
+
+    /// Observations of a pixel that are not masked.
+    pub(super) fn used(&self, index: usize) -> usize {
+        let n = self.observations;
+        self.sigma[index * n..(index + 1) * n]
+            .iter()
+            .filter(|s| **s > 0.0)
+            .count()
+    }
+
+    /// Largest signal that lies clear of its noise, as a high quantile: spikes do not count.
+    pub(super) fn largest(&self) -> f64 {
+        let mut clear: Vec<f32> = self
+            .signal
+            .iter()
+            .zip(&self.sigma)
+            .filter(|(y, s)| **s > 0.0 && **y > 3.0 * **s)
+            .map(|(y, _)| *y)
+            .collect();
+        if clear.is_empty() {
+            return 0.0;
+        }
+        let at = clear.len() * 995 / 1000;
+        let (_, x, _) = clear.select_nth_unstable_by(at, f32::total_cmp);
+        f64::from(*x)
+    }
+}
+
+/// What is needed to fit any pixel.
+pub(super) struct Run<'a> {
+    pub(super) batch: &'a Batch,
+    pub(super) globals: &'a Globals,
+    pub(super) dear: &'a Dear,
+    pub(super) view: &'a View,
+    /// True poses at the shared tilt zero.
+    pub(super) poses: &'a [Pose],
+}
+
+impl Run<'_> {
+    /// A pixel's radiances and weights (1/σ, 0 where masked).
+    pub(super) fn read(&self, index: usize, signal: &mut [f64], weight: &mut [f64]) {
+        let n = self.batch.observations;
+        let (gain, stray) = (self.globals.gain, self.globals.stray);
+        let from = index * n;
+        let inverse = 1.0 / gain;
+        for j in 0..n {
+            let sigma = f64::from(self.batch.sigma[from + j]);
+            signal[j] = f64::from(self.batch.signal[from + j]) * inverse - stray;
+            weight[j] = if sigma > 0.0 { gain / sigma } else { 0.0 };
+        }
+    }
+
+    /// A pixel's geometry: shared, or its own where camera or lamp are near.
+    pub(super) fn geometry_of(&self, index: usize) -> Cow<'_, [Geometry]> {
+        if self.view.is_telecentric() {
+            return Cow::Borrowed(self.dear.geometry());
+        }
+        let place = self.view.place_mm(self.batch.pixels[index]);
+        Cow::Owned(
+            self.poses
+                .iter()
+                .map(|pose| self.view.geometry(*pose, place))
+                .collect(),
+        )
+    }
+
+    /// Fits the chosen pixels of the batch from given starts.
+    pub(super) fn fit(
+        &self,
+        chosen: &[usize],
+        starts: &[Parameters],
+        refreshes: u8,
+    ) -> Vec<PixelFit> {
+        self.fit_on(pulp::Arch::new(), chosen, starts, refreshes)
+    }
+
+    /// As [`Run::fit`], with chosen instructions.
+    pub(super) fn fit_on(
+        &self,
+        arch: pulp::Arch,
+        chosen: &[usize],
+        starts: &[Parameters],
+        refreshes: u8,
+    ) -> Vec<PixelFit> {
+        let pixels = Chosen {
+            run: self,
+            chosen,
+            starts,
+        };
+        let job = Job {
+            observations: self.batch.observations,
+            lamp: self.dear.lamp(),
+            amplitude: self.dear.is_amplitude(),
+            shared: self.view.is_telecentric().then(|| self.dear.geometry()),
+            refreshes,
+            pixels: &pixels,
+        };
+        solve_on(arch, &job)
+    }
+
+    /// Fits the chosen pixels from the best templates of every quarter turn; the lowest χ² wins.
+    pub(super) fn fit_from_templates(
+        &self,
+        chosen: &[usize],
+        templates: &Templates,
+    ) -> Vec<PixelFit> {
+        let n = self.batch.observations;
+        let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
+        let starts: Vec<_> = chosen
+            .iter()
+            .map(|index| {
+                self.read(*index, &mut signal, &mut weight);
+                templates.starts(&signal, &weight)
+            })
+            .collect();
+        let mut best: Vec<PixelFit> = Vec::new();
+        for quarter in 0..super::start::QUARTERS {
+            let from: Vec<Parameters> = starts.iter().map(|s| s[quarter]).collect();
+            let fits = self.fit(chosen, &from, 2);
+            if best.is_empty() {
+                best = fits;
+            } else {
+                for (best, fit) in best.iter_mut().zip(fits) {
+                    if better(&fit, best) {
+                        *best = fit;
+                    }
+                }
+            }
+        }
+        best
+    }
+
+    /// χ² of the best Lambert surface for a pixel.
+    pub(super) fn lambert_chi2(&self, index: usize, lambert: &[f64]) -> f64 {
+        let n = self.batch.observations;
+        let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
+        self.read(index, &mut signal, &mut weight);
+        lambert_chi2(&signal, &weight, lambert)
+    }
+
+    /// The leader that fits a pixel best, with its χ².
+    pub(super) fn leader(&self, index: usize, leaders: &Leaders) -> Option<(Parameters, f64)> {
+        let n = self.batch.observations;
+        let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
+        self.read(index, &mut signal, &mut weight);
+        leaders.best(&signal, &weight)
+    }
+}
+
+/// Whether a fit is to be preferred.
+pub(super) fn better(a: &PixelFit, b: &PixelFit) -> bool {
+    match (a.end, b.end) {
+        (End::Converged, End::Converged) => a.chi2 < b.chi2,
+        (End::Converged, _) => true,
+        (_, End::Converged) => false,
+        _ => a.chi2 < b.chi2 || !b.chi2.is_finite(),
+    }
+}
+
+struct Chosen<'a> {
+    run: &'a Run<'a>,
+    chosen: &'a [usize],
+    starts: &'a [Parameters],
+}
+
+impl Pixels for Chosen<'_> {
+    fn count(&self) -> usize {
+        self.chosen.len()
+    }
+
+    fn load(
+        &self,
+        pixel: usize,
+        signal: &mut [f64],
+        weight: &mut [f64],
+        geometry: &mut [Geometry],
+    ) -> Parameters {
+        let index = self.chosen[pixel];
+        self.run.read(index, signal, weight);
+        if !geometry.is_empty() {
+            geometry.copy_from_slice(&self.run.geometry_of(index));
+        }
+        self.starts[pixel]
+    }
+
+    fn dear(&self, p: &Parameters, offset: &mut [f64], basis: &mut [f64]) {
+        self.run.dear.write(p, offset, basis);
+    }
+}
+
+/// Degrees of freedom of a pixel's fit; at least 1.
+pub(super) fn freedom(fit: &PixelFit) -> f64 {
+    (f64::from(fit.n_used) - FREE as f64).max(1.0)
+}
+
+/// χ² per degree of freedom that good data pass once in 300,000: the normal quantile 4.5 after
+/// Wilson and Hilferty (1931), since χ² of few degrees of freedom has a long tail.
+pub(super) fn usual_chi2_max(freedom: f64) -> f64 {
+    let k = 2.0 / (9.0 * freedom);
+    (1.0 - k + 4.5 * k.sqrt()).powi(3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_limit_of_chi2_is_its_far_quantile() {
+        // Beyond 4.5 the normal distribution has 3.4e-6; the approximation is good to a factor 2.
+        use statrs::distribution::{ChiSquared, ContinuousCDF};
+        for freedom in [5.0, 19.0, 103.0] {
+            let tail = ChiSquared::new(freedom)
+                .unwrap()
+                .sf(freedom * usual_chi2_max(freedom));
+            assert!(tail > 1e-6 && tail < 1e-5, "{freedom}: {tail:e}");
+        }
+    }
+}

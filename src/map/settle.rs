@@ -1,0 +1,282 @@
+//! Before the map: a sample of pixels settles what all pixels share, where descents start, and how
+//! large a χ² is usual.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::dear::Dear;
+use super::globals::{Globals, shared_effects};
+use super::kernel::Parameters;
+use super::run::{Batch, Run, freedom};
+use super::solve::{End, FREE, PixelFit, packed};
+use super::start::{Leaders, Templates, lambert};
+use super::view::View;
+use super::{MapError, Progress, Stage};
+use crate::geometry::Pose;
+use crate::material::Material;
+use crate::observation::{FlatObservation, WhiteReference};
+
+/// Rounds in which zero of the tilt, gain and fits take turns.
+const ROUNDS: usize = 6;
+/// A lobe has to lower χ² by this many usual χ² units.
+pub(super) const LOBE_SIGNIFICANCE: f64 = 30.0;
+/// Least certain parameters that still count as known: θr 2°, ln α 0.3.
+const THETA_R_STD_MAX_RAD: f64 = 0.035;
+const LN_ALPHA_STD_MAX: f64 = 0.3;
+/// Typical uncertainty over cell width beyond which cells are made coarser, and how far.
+const COARSENESS_MAX: f64 = 3.0;
+
+/// What is settled before the map.
+pub(super) struct Settled {
+    pub(super) globals: Globals,
+    pub(super) poses: Vec<Pose>,
+    pub(super) dear: Dear,
+    pub(super) leaders: Leaders,
+    pub(super) templates: Templates,
+    /// Lambert's term per observation.
+    pub(super) lambert: Vec<f64>,
+    /// Usual χ² per degree of freedom, at least 1.
+    pub(super) birge: f64,
+    /// Median shift of each parameter by one standard uncertainty of all shared quantities.
+    pub(super) shared_std: Option<Parameters>,
+    /// Sampled pixels that gave a good fit.
+    pub(super) sampled: usize,
+}
+
+/// What the camera's references say.
+pub(super) struct References<'a> {
+    pub(super) flats: &'a [FlatObservation],
+    pub(super) white: Option<WhiteReference>,
+}
+
+/// Whether a fit tells all that it was asked for.
+pub(super) fn identifiable(fit: &PixelFit, birge: f64) -> bool {
+    let Some(covariance) = &fit.covariance else {
+        return false;
+    };
+    let std = |k: usize| (birge * covariance[packed(k, k)]).sqrt();
+    std(0) < THETA_R_STD_MAX_RAD && std(2) < LN_ALPHA_STD_MAX && std(3) < LN_ALPHA_STD_MAX
+}
+
+pub(super) fn settle(
+    batch: &Batch,
+    view: &View,
+    material: &Material,
+    recorded: &[Pose],
+    references: &References<'_>,
+    progress: &(dyn Fn(Progress) + Sync),
+    cancel: &AtomicBool,
+) -> Result<Settled, MapError> {
+    let largest = batch.largest();
+    if largest <= 0.0 {
+        return Err(MapError::NothingSeen);
+    }
+    let amplitude = View::fits_amplitude(material);
+    let place = [0.0, 0.0];
+    let poses_at = |globals: &Globals| -> Vec<Pose> {
+        let shifted = recorded.iter().map(|pose| Pose {
+            theta_c: pose.theta_c + globals.tilt_offset,
+            ..*pose
+        });
+        shifted.collect()
+    };
+    let dear_at = |poses: &[Pose], coarseness: f64| {
+        let geometry = poses
+            .iter()
+            .map(|pose| view.geometry(*pose, place))
+            .collect();
+        Dear::new(view.rig, *material, poses.to_vec(), geometry, coarseness)
+    };
+    // A metal pixel has an amplitude of its own, which is the gain by another name.
+    let relative = references.white.is_none();
+    let free_gain = relative && !amplitude;
+    let flats = |globals: Globals| match &references.white {
+        Some(white) => globals.with_flats(references.flats, white, &view.rig, largest),
+        None => globals,
+    };
+    let enough: Vec<usize> = (0..batch.pixels.len())
+        .filter(|index| batch.used(*index) > FREE)
+        .collect();
+
+    let mut globals = Globals::first(1.0, largest);
+    let mut poses = poses_at(&globals);
+    let mut dear = dear_at(&poses, 1.0);
+    let lambert_first = lambert(dear.geometry());
+    if relative {
+        let templates = Templates::new(dear.geometry(), dear.lamp(), amplitude);
+        globals = Globals::first(
+            gain_of(batch, &enough, &globals, &dear, view, &poses, &templates)
+                .ok_or(MapError::NoLobes)?,
+            largest,
+        );
+    }
+    globals = flats(globals);
+
+    // Pixels that show a lobe at all; a mount has nothing to say here.
+    let run = Run {
+        batch,
+        globals: &globals,
+        dear: &dear,
+        view,
+        poses: &poses,
+    };
+    let lobed: Vec<usize> = enough
+        .iter()
+        .copied()
+        .filter(|index| {
+            let dof = batch.used(*index) as f64 - 1.0;
+            run.lambert_chi2(*index, &lambert_first) > dof + LOBE_SIGNIFICANCE
+        })
+        .collect();
+    if lobed.is_empty() {
+        return Err(MapError::NoLobes);
+    }
+
+    let mut birge = 1.0;
+    let mut good: Vec<(usize, PixelFit)> = Vec::new();
+    for round in 0..ROUNDS {
+        if cancel.load(Ordering::Relaxed) {
+            return Err(MapError::Cancelled);
+        }
+        progress(Progress {
+            stage: Stage::Settling,
+            done: round,
+            total: ROUNDS,
+        });
+        let run = Run {
+            batch,
+            globals: &globals,
+            dear: &dear,
+            view,
+            poses: &poses,
+        };
+        // The first round and the last search everywhere; between them fits follow the globals.
+        let search = round == 0 || good.is_empty();
+        let (chosen, fits) = if search {
+            let templates = Templates::new(dear.geometry(), dear.lamp(), amplitude);
+            (lobed.clone(), run.fit_from_templates(&lobed, &templates))
+        } else {
+            let chosen: Vec<usize> = good.iter().map(|(index, _)| *index).collect();
+            let starts: Vec<Parameters> = good.iter().map(|(_, fit)| fit.p).collect();
+            let fits = run.fit(&chosen, &starts, 1);
+            (chosen, fits)
+        };
+        let converged: Vec<(usize, PixelFit)> = chosen
+            .into_iter()
+            .zip(fits)
+            .filter(|(_, fit)| fit.end == End::Converged && identifiable(fit, 1.0))
+            .collect();
+        birge = median(converged.iter().map(|(_, f)| f.chi2 / freedom(f)))
+            .ok_or(MapError::NoLobes)?
+            .max(1.0);
+        // Pixels that straddle two surfaces pull at everything: only the usual ones have a say.
+        good = converged
+            .into_iter()
+            .filter(|(_, f)| f.chi2 / freedom(f) < 2.5 * birge)
+            .collect();
+        let step = {
+            let run = Run {
+                batch,
+                globals: &globals,
+                dear: &dear,
+                view,
+                poses: &poses,
+            };
+            let mut next = globals;
+            let step = next.step(&run, &good, birge, free_gain);
+            globals = flats(next);
+            step
+        };
+        poses = poses_at(&globals);
+        dear = dear_at(&poses, 1.0);
+        if round > 0 && step[0].abs() < 2e-5 && step[1].abs() < 1e-4 {
+            break;
+        }
+    }
+
+    let coarseness = median(good.iter().filter_map(|(_, f)| {
+        let covariance = f.covariance.as_ref()?;
+        Some(2.0 * covariance[0].sqrt() / super::dear::CELL[0])
+    }))
+    .unwrap_or(1.0)
+    .clamp(1.0, COARSENESS_MAX);
+    dear = dear_at(&poses, coarseness);
+    let run = Run {
+        batch,
+        globals: &globals,
+        dear: &dear,
+        view,
+        poses: &poses,
+    };
+    let found: Vec<Parameters> = good.iter().map(|(_, fit)| fit.p).collect();
+    let mut leaders = Leaders::gather(&found);
+    leaders.predict(|p| dear.full(p));
+    let shared_std = shared_std(&run, &good);
+    let templates = Templates::new(dear.geometry(), dear.lamp(), amplitude);
+    let lambert = lambert(dear.geometry());
+    Ok(Settled {
+        sampled: good.len(),
+        globals,
+        poses,
+        dear,
+        leaders,
+        templates,
+        lambert,
+        birge,
+        shared_std,
+    })
+}
+
+/// The usual amplitude of the best template over the pixels, for data without a white reference.
+fn gain_of(
+    batch: &Batch,
+    enough: &[usize],
+    globals: &Globals,
+    dear: &Dear,
+    view: &View,
+    poses: &[Pose],
+    templates: &Templates,
+) -> Option<f64> {
+    let run = Run {
+        batch,
+        globals,
+        dear,
+        view,
+        poses,
+    };
+    let n = batch.observations;
+    let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
+    median(enough.iter().filter_map(|index| {
+        run.read(*index, &mut signal, &mut weight);
+        templates.amplitude_of(&signal, &weight)
+    }))
+}
+
+fn shared_std(run: &Run<'_>, good: &[(usize, PixelFit)]) -> Option<Parameters> {
+    let every = good.len().div_ceil(200).max(1);
+    let effects: Vec<Parameters> = good
+        .iter()
+        .step_by(every)
+        .filter_map(|(index, fit)| {
+            let parts = shared_effects(run, *index, fit)?;
+            Some(std::array::from_fn(|k| {
+                parts.iter().map(|p| p[k] * p[k]).sum::<f64>().sqrt()
+            }))
+        })
+        .collect();
+    let mut medians = [0.0; FREE];
+    for (k, m) in medians.iter_mut().enumerate() {
+        *m = median(effects.iter().map(|e| e[k]))?;
+    }
+    Some(medians)
+}
+
+/// Median of some numbers; none of none.
+pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.filter(|x| x.is_finite()).collect();
+    if values.is_empty() {
+        return None;
+    }
+    let at = values.len() / 2;
+    let (_, x, _) = values.select_nth_unstable_by(at, f64::total_cmp);
+    Some(*x)
+}

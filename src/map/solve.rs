@@ -1,0 +1,606 @@
+//! Levenberg–Marquardt for many pixels at once: one pixel per lane, damped normal equations per
+//! lane, and a new pixel in a lane as soon as its last one is done, so that slow pixels hold up
+//! nobody.
+//!
+//! The five parameters are well scaled (angles in radians, logarithms, a reflectance), the damping
+//! is Marquardt's (a multiple of the diagonal), so 5 × 5 Cholesky factors in doubles are safe; a
+//! pixel whose factors are not is flagged by the rank test of [`PixelFit`], never passed on.
+
+use pulp::{Arch, Simd, WithSimd};
+
+use super::inverse::invert;
+use super::kernel::{GEOMETRY, Geometry, Parameters, Shape, row};
+use super::lanes::Lane;
+
+/// Free parameters per pixel.
+pub(super) const FREE: usize = 5;
+/// Numbers in a packed symmetric matrix of [`FREE`] rows.
+pub(super) const PACKED: usize = FREE * (FREE + 1) / 2;
+/// Evaluations after which a pixel is given up.
+const EVALUATIONS_MAX: u16 = 80;
+/// Longest step per parameter: rad, rad, logarithms, ρd or amplitude.
+const STEP_MAX: [f64; FREE] = [0.15, 0.5, 0.5, 0.5, 0.5];
+/// Bounds; ψ has none.
+pub(super) const LOWER: [f64; FREE] = [0.0, f64::NEG_INFINITY, -6.9, -6.9, 0.0];
+/// See [`LOWER`]: 75°, α = 1, ρd = 1. An amplitude may go to [`AMPLITUDE_MAX`].
+pub(super) const UPPER: [f64; FREE] = [1.309, f64::INFINITY, 0.0, 0.0, 1.0];
+pub(super) const AMPLITUDE_MAX: f64 = 20.0;
+
+/// Where packed element (i, j ≤ i) lies.
+pub(super) const fn packed(i: usize, j: usize) -> usize {
+    i * (i + 1) / 2 + j
+}
+
+/// How a pixel's fit ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum End {
+    /// The next step would be far below a standard deviation.
+    Converged,
+    /// No step lowers the cost, or there were too many.
+    Stalled,
+    /// Fewer observations than [`FREE`] + 1.
+    TooFew,
+}
+
+/// One pixel's fit.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PixelFit {
+    pub(super) p: Parameters,
+    /// Packed covariance for weights 1/σ; `None` where the normal matrix is singular.
+    pub(super) covariance: Option<[f64; PACKED]>,
+    pub(super) chi2: f64,
+    pub(super) n_used: u16,
+    pub(super) evaluations: u16,
+    pub(super) end: End,
+}
+
+impl PixelFit {
+    /// Whether αu, αv or the fifth parameter stands on a bound.
+    pub(super) fn at_bound(&self, amplitude: bool) -> bool {
+        let upper = upper(amplitude);
+        (2..FREE).any(|k| self.p[k] <= LOWER[k] + 1e-9 || self.p[k] >= upper[k] - 1e-9)
+            || self.p[0] >= upper[0] - 1e-9
+    }
+}
+
+fn upper(amplitude: bool) -> Parameters {
+    let mut upper = UPPER;
+    if amplitude {
+        upper[4] = AMPLITUDE_MAX;
+    }
+    upper
+}
+
+/// Where pixels come from. Slices have one element per observation.
+pub(super) trait Pixels: Sync {
+    /// Pixels to fit.
+    fn count(&self) -> usize;
+    /// Writes a pixel's signal, weights (1/σ, 0 where masked) and, unless all pixels share one,
+    /// geometry; returns its start.
+    fn load(
+        &self,
+        pixel: usize,
+        signal: &mut [f64],
+        weight: &mut [f64],
+        geometry: &mut [Geometry],
+    ) -> Parameters;
+    /// Writes what the kernel leaves out at parameters `p`, and B.
+    fn dear(&self, p: &Parameters, offset: &mut [f64], basis: &mut [f64]);
+}
+
+/// What is the same for all pixels.
+#[derive(Clone, Copy)]
+pub(super) struct Job<'a> {
+    pub(super) observations: usize,
+    /// R²/8 of the lamp.
+    pub(super) lamp: f64,
+    /// The fifth parameter is the amplitude (conductors) instead of ρd.
+    pub(super) amplitude: bool,
+    /// Geometry that all pixels share; without it [`Pixels::load`] writes each pixel's own.
+    pub(super) shared: Option<&'a [Geometry]>,
+    /// How often the dear terms are taken anew before the last descent.
+    pub(super) refreshes: u8,
+    pub(super) pixels: &'a dyn Pixels,
+}
+
+/// Fits all pixels of a job; `Arch::new()` takes the widest instructions that the machine has.
+pub(super) fn solve_on(arch: Arch, job: &Job<'_>) -> Vec<PixelFit> {
+    arch.dispatch(Descent(job))
+}
+
+struct Descent<'a>(&'a Job<'a>);
+
+impl WithSimd for Descent<'_> {
+    type Output = Vec<PixelFit>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Vec<PixelFit> {
+        descend(simd, self.0)
+    }
+}
+
+// Rows of the state table; each row has one number per lane.
+const P: usize = 0;
+const TRIAL: usize = 5;
+/// sin θ, cos θ, sin ψ, cos ψ, αu², αv² of the accepted point …
+const SHAPE: usize = 10;
+/// … and of the trial.
+const TRIAL_SHAPE: usize = 16;
+const COST: usize = 22;
+const LAMBDA: usize = 23;
+const NORMAL: usize = 24;
+const GRADIENT: usize = NORMAL + PACKED;
+const DECREMENT: usize = GRADIENT + FREE;
+const ROWS: usize = DECREMENT + 1;
+
+/// What a lane is busy with.
+#[derive(Clone, Copy)]
+struct Slot {
+    pixel: usize,
+    refreshes_left: u8,
+    evaluations: u16,
+    n_used: u16,
+}
+
+struct Table<'a> {
+    job: &'a Job<'a>,
+    width: usize,
+    state: Vec<f64>,
+    /// Signal less offset, weight, B: `[observation][lane]`.
+    signal: Vec<f64>,
+    weight: Vec<f64>,
+    basis: Vec<f64>,
+    /// `[observation][GEOMETRY][lane]`; empty where shared.
+    geometry: Vec<f64>,
+    /// One pixel's columns while it moves in.
+    raw: Vec<Vec<f64>>,
+    offset: Vec<f64>,
+    column: Vec<f64>,
+    own_geometry: Vec<Geometry>,
+    slots: Vec<Option<Slot>>,
+    next: usize,
+}
+
+impl<'a> Table<'a> {
+    fn new(job: &'a Job<'a>, width: usize) -> Self {
+        let n = job.observations;
+        Table {
+            job,
+            width,
+            state: vec![0.0; ROWS * width],
+            signal: vec![0.0; n * width],
+            weight: vec![0.0; n * width],
+            basis: vec![0.0; n * width],
+            geometry: match job.shared {
+                Some(_) => Vec::new(),
+                None => vec![0.0; n * GEOMETRY * width],
+            },
+            raw: vec![vec![0.0; n]; width],
+            offset: vec![0.0; n],
+            column: vec![0.0; n],
+            own_geometry: match job.shared {
+                Some(_) => Vec::new(),
+                None => vec![Geometry([0.0; GEOMETRY]); n],
+            },
+            slots: vec![None; width],
+            next: 0,
+        }
+    }
+
+    fn get(&self, field: usize, lane: usize) -> f64 {
+        self.state[field * self.width + lane]
+    }
+
+    fn set(&mut self, field: usize, lane: usize, x: f64) {
+        self.state[field * self.width + lane] = x;
+    }
+
+    fn parameters(&self, lane: usize) -> Parameters {
+        std::array::from_fn(|k| self.get(P + k, lane))
+    }
+
+    /// Moves the next pixel that has enough observations into a lane; those that have not are
+    /// answered at once. Without one the lane stays empty and weighs nothing.
+    fn refill(&mut self, lane: usize, fits: &mut [PixelFit]) {
+        self.slots[lane] = None;
+        while self.next < self.job.pixels.count() {
+            let pixel = self.next;
+            self.next += 1;
+            let start = self.job.pixels.load(
+                pixel,
+                &mut self.raw[lane],
+                &mut self.column,
+                &mut self.own_geometry,
+            );
+            let used = self.column.iter().filter(|w| **w > 0.0).count();
+            if used <= FREE {
+                fits[pixel] = PixelFit {
+                    n_used: used as u16,
+                    end: End::TooFew,
+                    ..fits[pixel]
+                };
+                continue;
+            }
+            for (j, w) in self.column.iter().enumerate() {
+                self.weight[j * self.width + lane] = *w;
+            }
+            for (j, g) in self.own_geometry.iter().enumerate() {
+                for (k, x) in g.0.iter().enumerate() {
+                    self.geometry[(j * GEOMETRY + k) * self.width + lane] = *x;
+                }
+            }
+            self.slots[lane] = Some(Slot {
+                pixel,
+                refreshes_left: self.job.refreshes,
+                evaluations: 0,
+                n_used: used as u16,
+            });
+            self.begin(lane, &start);
+            return;
+        }
+        for j in 0..self.job.observations {
+            self.weight[j * self.width + lane] = 0.0;
+            self.signal[j * self.width + lane] = 0.0;
+        }
+        self.begin_at(lane, &[0.1, 0.0, -2.0, -2.0, 0.1]);
+    }
+
+    /// Takes the dear terms at `p` and starts a descent there.
+    fn begin(&mut self, lane: usize, p: &Parameters) {
+        self.job.pixels.dear(p, &mut self.offset, &mut self.column);
+        for j in 0..self.job.observations {
+            self.signal[j * self.width + lane] = self.raw[lane][j] - self.offset[j];
+            self.basis[j * self.width + lane] = self.column[j];
+        }
+        self.begin_at(lane, p);
+    }
+
+    fn begin_at(&mut self, lane: usize, p: &Parameters) {
+        for (k, x) in p.iter().enumerate() {
+            self.set(TRIAL + k, lane, *x);
+            self.set(P + k, lane, *x);
+        }
+        let shape = [
+            p[0].sin(),
+            p[0].cos(),
+            p[1].sin(),
+            p[1].cos(),
+            (2.0 * p[2]).exp(),
+            (2.0 * p[3]).exp(),
+        ];
+        for (k, x) in shape.into_iter().enumerate() {
+            self.set(TRIAL_SHAPE + k, lane, x);
+            self.set(SHAPE + k, lane, x);
+        }
+        self.set(COST, lane, f64::INFINITY);
+        self.set(LAMBDA, lane, 1e-3);
+        for k in 0..PACKED + FREE {
+            self.set(NORMAL + k, lane, 0.0);
+        }
+    }
+
+    /// Looks at a lane after a step was proposed: goes on, refreshes the dear terms, or answers.
+    fn look(&mut self, lane: usize, fits: &mut [PixelFit]) {
+        let Some(mut slot) = self.slots[lane] else {
+            return;
+        };
+        slot.evaluations += 1;
+        self.slots[lane] = Some(slot);
+        let cost = self.get(COST, lane);
+        let lambda = self.get(LAMBDA, lane);
+        // What an undamped step would gain, at most.
+        let gain = self.get(DECREMENT, lane) * (1.0 + lambda);
+        let share = if slot.refreshes_left > 0 { 1e-3 } else { 1e-6 };
+        let converged = gain <= share * (1.0 + cost);
+        let stalled = lambda > 1e7 || !cost.is_finite() || slot.evaluations >= EVALUATIONS_MAX;
+        if converged && slot.refreshes_left > 0 {
+            slot.refreshes_left -= 1;
+            self.slots[lane] = Some(slot);
+            let p = self.parameters(lane);
+            self.begin(lane, &p);
+        } else if converged || stalled {
+            let normal: [f64; PACKED] = std::array::from_fn(|k| self.get(NORMAL + k, lane));
+            fits[slot.pixel] = PixelFit {
+                p: self.parameters(lane),
+                covariance: invert(&normal),
+                chi2: cost,
+                n_used: slot.n_used,
+                evaluations: slot.evaluations,
+                end: if converged {
+                    End::Converged
+                } else {
+                    End::Stalled
+                },
+            };
+            self.refill(lane, fits);
+        }
+    }
+}
+
+#[inline(always)]
+fn descend<S: Simd>(simd: S, job: &Job<'_>) -> Vec<PixelFit> {
+    let width = Lane::<S>::WIDTH;
+    let mut fits = vec![
+        PixelFit {
+            p: [f64::NAN; FREE],
+            covariance: None,
+            chi2: f64::NAN,
+            n_used: 0,
+            evaluations: 0,
+            end: End::TooFew,
+        };
+        job.pixels.count()
+    ];
+    let mut table = Table::new(job, width);
+    for lane in 0..width {
+        table.refill(lane, &mut fits);
+    }
+    while table.slots.iter().any(Option::is_some) {
+        if job.amplitude {
+            step::<S, true>(simd, &mut table);
+        } else {
+            step::<S, false>(simd, &mut table);
+        }
+        for lane in 0..width {
+            table.look(lane, &mut fits);
+        }
+    }
+    fits
+}
+
+/// Evaluates all trials, accepts or rejects each, and proposes the next ones.
+#[inline(always)]
+#[expect(
+    clippy::needless_range_loop,
+    reason = "matrix indices are the notation, and iterators with closures are not inlined here"
+)]
+fn step<S: Simd, const AMPLITUDE: bool>(simd: S, table: &mut Table<'_>) {
+    // Loops and macros instead of closures: what is not inlined into this function is not compiled
+    // for its instruction set.
+    macro_rules! k {
+        ($x:expr) => {
+            Lane::splat(simd, $x)
+        };
+    }
+    macro_rules! read {
+        ($from:expr, $field:expr) => {
+            Lane::load(simd, $from, $field)
+        };
+    }
+    let state = &mut table.state;
+    let mut trial_shape = [k!(0.0); 6];
+    for (i, x) in trial_shape.iter_mut().enumerate() {
+        *x = read!(state, TRIAL_SHAPE + i);
+    }
+    let fifth = read!(state, TRIAL + 4);
+    let lamp = k!(table.job.lamp);
+    let inv_a = k!(1.0) / (trial_shape[4] + lamp);
+    let inv_b = k!(1.0) / (trial_shape[5] + lamp);
+    let shape = Shape {
+        sin_theta: trial_shape[0],
+        cos_theta: trial_shape[1],
+        sin_psi: trial_shape[2],
+        cos_psi: trial_shape[3],
+        inv_a,
+        inv_b,
+        norm: (inv_a * inv_b).sqrt(),
+    };
+
+    let mut cost = k!(0.0);
+    let mut gradient = [k!(0.0); FREE];
+    let mut normal = [k!(0.0); PACKED];
+    for j in 0..table.job.observations {
+        let mut at = [k!(0.0); GEOMETRY];
+        match table.job.shared {
+            Some(shared) => {
+                for i in 0..GEOMETRY {
+                    at[i] = Lane::splat(simd, shared[j].0[i]);
+                }
+            }
+            None => {
+                for i in 0..GEOMETRY {
+                    at[i] = Lane::load(simd, &table.geometry, j * GEOMETRY + i);
+                }
+            }
+        }
+        let weight = read!(&table.weight, j);
+        let r = row(simd, &at, &shape);
+        let (predicted, first, last) = if AMPLITUDE {
+            (fifth * r.value, weight * fifth, r.value)
+        } else {
+            let basis = read!(&table.basis, j);
+            (fifth.mul_add(basis, r.value), weight, basis)
+        };
+        let residual = weight * (read!(&table.signal, j) - predicted);
+        let slopes = [
+            first * r.theta,
+            first * r.psi,
+            first * r.alpha_u,
+            first * r.alpha_v,
+            weight * last,
+        ];
+        cost = residual.mul_add(residual, cost);
+        for a in 0..FREE {
+            gradient[a] = slopes[a].mul_add(residual, gradient[a]);
+            for b in 0..=a {
+                normal[packed(a, b)] = slopes[a].mul_add(slopes[b], normal[packed(a, b)]);
+            }
+        }
+    }
+    // The factors that all rows of a column share.
+    let factor = [
+        k!(1.0),
+        k!(1.0),
+        trial_shape[4] * inv_a,
+        trial_shape[5] * inv_b,
+        k!(1.0),
+    ];
+    for a in 2..FREE {
+        gradient[a] = gradient[a] * factor[a];
+        for b in 0..=a {
+            normal[packed(a, b)] = normal[packed(a, b)] * (factor[a] * factor[b]);
+        }
+    }
+
+    // A cost that is no number is not smaller than anything, hence rejected.
+    let accepted = cost.less(read!(state, COST));
+    let old_lambda = read!(state, LAMBDA);
+    let lambda = accepted.select(
+        (old_lambda * k!(0.1)).max(k!(1e-9)),
+        (old_lambda * k!(8.0)).max(k!(1e-4)),
+    );
+    let cost = accepted.select(cost, read!(state, COST));
+    let mut p = [cost; FREE];
+    for (i, x) in p.iter_mut().enumerate() {
+        *x = accepted.select(read!(state, TRIAL + i), read!(state, P + i));
+    }
+    let mut at = [cost; 6];
+    for (i, x) in at.iter_mut().enumerate() {
+        *x = accepted.select(trial_shape[i], read!(state, SHAPE + i));
+    }
+    for i in 0..FREE {
+        gradient[i] = accepted.select(gradient[i], read!(state, GRADIENT + i));
+    }
+    for i in 0..PACKED {
+        normal[i] = accepted.select(normal[i], read!(state, NORMAL + i));
+    }
+
+    let proposal = propose(simd, &p, &gradient, &normal, lambda, AMPLITUDE);
+    let (trial, shape) = advance(simd, &p, &at, &proposal.step, AMPLITUDE);
+    lambda.store(state, LAMBDA);
+    cost.store(state, COST);
+    proposal.decrement.store(state, DECREMENT);
+    for i in 0..FREE {
+        p[i].store(state, P + i);
+        trial[i].store(state, TRIAL + i);
+        gradient[i].store(state, GRADIENT + i);
+    }
+    for i in 0..PACKED {
+        normal[i].store(state, NORMAL + i);
+    }
+    for i in 0..6 {
+        at[i].store(state, SHAPE + i);
+        shape[i].store(state, TRIAL_SHAPE + i);
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Proposal<S: Simd> {
+    step: [Lane<S>; FREE],
+    /// Gradient times step: twice what the quadratic model says the step gains.
+    decrement: Lane<S>,
+}
+
+/// Solves (H + λ diag H) δ = g for each lane; a parameter that stands on a bound and is pushed
+/// outwards takes no part.
+#[inline(always)]
+fn propose<S: Simd>(
+    simd: S,
+    p: &[Lane<S>; FREE],
+    gradient: &[Lane<S>; FREE],
+    normal: &[Lane<S>; PACKED],
+    lambda: Lane<S>,
+    amplitude: bool,
+) -> Proposal<S> {
+    macro_rules! k {
+        ($x:expr) => {
+            Lane::splat(simd, $x)
+        };
+    }
+    let (zero, one) = (k!(0.0), k!(1.0));
+    let upper = upper(amplitude);
+    let mut free = [one; FREE];
+    for i in 2..FREE {
+        let below = p[i].less(k!(LOWER[i] + 1e-9)).and(gradient[i].less(zero));
+        let above = k!(upper[i] - 1e-9).less(p[i]).and(zero.less(gradient[i]));
+        free[i] = below.select(zero, above.select(zero, one));
+    }
+    let mut g = *gradient;
+    for i in 0..FREE {
+        g[i] = g[i] * free[i];
+    }
+    let mut l = [zero; PACKED];
+    let mut inverse = [zero; FREE];
+    for i in 0..FREE {
+        for j in 0..i {
+            let mut x = normal[packed(i, j)] * (free[i] * free[j]);
+            for m in 0..j {
+                x = x - l[packed(i, m)] * l[packed(j, m)];
+            }
+            l[packed(i, j)] = x * inverse[j];
+        }
+        let diagonal = normal[packed(i, i)];
+        let floor = diagonal * k!(1e-14) + k!(1e-100);
+        let mut x = diagonal * (one + lambda);
+        for m in 0..i {
+            x = x - l[packed(i, m)] * l[packed(i, m)];
+        }
+        inverse[i] = one / x.max(floor).sqrt();
+    }
+    let mut d = g;
+    for i in 0..FREE {
+        for j in 0..i {
+            d[i] = d[i] - l[packed(i, j)] * d[j];
+        }
+        d[i] = d[i] * inverse[i];
+    }
+    for i in (0..FREE).rev() {
+        for j in i + 1..FREE {
+            d[i] = d[i] - l[packed(j, i)] * d[j];
+        }
+        d[i] = d[i] * inverse[i];
+    }
+    let mut decrement = zero;
+    let mut excess = one;
+    for i in 0..FREE {
+        decrement = d[i].mul_add(g[i], decrement);
+        excess = excess.max(d[i].abs() * k!(1.0 / STEP_MAX[i]));
+    }
+    let shrink = one / excess;
+    for x in &mut d {
+        *x = *x * shrink;
+    }
+    Proposal { step: d, decrement }
+}
+
+/// Parameters and shape after a step: within bounds, θr ≥ 0 (a facet that leans backwards leans
+/// forwards at ψ + 180°).
+#[inline(always)]
+fn advance<S: Simd>(
+    simd: S,
+    p: &[Lane<S>; FREE],
+    at: &[Lane<S>; 6],
+    step: &[Lane<S>; FREE],
+    amplitude: bool,
+) -> ([Lane<S>; FREE], [Lane<S>; 6]) {
+    macro_rules! k {
+        ($x:expr) => {
+            Lane::splat(simd, $x)
+        };
+    }
+    let upper = upper(amplitude);
+    let mut trial = *p;
+    for i in 0..FREE {
+        trial[i] = trial[i] + step[i];
+    }
+    trial[0] = trial[0].min(k!(upper[0]));
+    for i in 2..FREE {
+        trial[i] = trial[i].max(k!(LOWER[i])).min(k!(upper[i]));
+    }
+    let (sd, cd) = (trial[0] - p[0]).sin_cos_small();
+    let (mut st, ct) = (at[0] * cd + at[1] * sd, at[1] * cd - at[0] * sd);
+    let (sd, cd) = (trial[1] - p[1]).sin_cos_small();
+    let (mut sp, mut cp) = (at[2] * cd + at[3] * sd, at[3] * cd - at[2] * sd);
+    let backwards = trial[0].less(k!(0.0));
+    st = backwards.select(-st, st);
+    sp = backwards.select(-sp, sp);
+    cp = backwards.select(-cp, cp);
+    trial[1] = backwards.select(trial[1] + k!(std::f64::consts::PI), trial[1]);
+    trial[0] = trial[0].abs();
+    let au = (trial[2] - p[2]).exp_small();
+    let av = (trial[3] - p[3]).exp_small();
+    (trial, [st, ct, sp, cp, at[4] * au * au, at[5] * av * av])
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,366 @@
+//! The recorded checkerboard, whose layout nobody tells the map, and what happens to bad input.
+
+use std::path::Path;
+use std::sync::OnceLock;
+
+use super::layers::{BORDER, DEFECT, MISFIT};
+use super::*;
+use crate::frame::{Frame, FrameKind};
+use crate::reduction::FrameReadError;
+use crate::series::{FrameRow, Manifest, Series};
+
+/// Pixels per row, mm per pixel, mm per patch of the board, which is centred.
+const WIDTH: usize = 256;
+const PIXEL_MM: f64 = 0.2;
+const PATCH_MM: f64 = 9.0;
+/// What the closed form itself may be wrong by, from `docs` of the variant: up to 0.15° in θr, 1 %
+/// in α, 0.4 % in ρd against path tracing; the lean direction by what turns θr by as much.
+const MODEL: [f64; FREE] = [0.15, 0.15, 0.01, 0.01, 0.004];
+
+/// What the ray tracer was told: θr, α, and ρd as it amounts to outside.
+const USUAL: [f64; 3] = [10.0, 0.12, 0.33725];
+const WORN: [f64; 3] = [4.0, 0.25, 0.31322];
+
+fn series(name: &str) -> Series {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/data/series")
+        .join(name);
+    Series::open(&folder).unwrap()
+}
+
+fn mapped(source: &dyn FrameSource) -> Result<Map, MapError> {
+    map(
+        source,
+        &MapOptions::default(),
+        &|_| {},
+        &AtomicBool::new(false),
+    )
+}
+
+fn checker() -> &'static Map {
+    static MAP: OnceLock<Map> = OnceLock::new();
+    MAP.get_or_init(|| mapped(&series("checker")).unwrap())
+}
+
+/// Position on the board in patches, from its lower left corner.
+fn on_board(pixel: usize) -> [f64; 2] {
+    let x = ((pixel % WIDTH) as f64 + 0.5 - 128.0) * PIXEL_MM;
+    let y = -((pixel / WIDTH) as f64 + 0.5 - 128.0) * PIXEL_MM;
+    [x / PATCH_MM + 2.0, y / PATCH_MM + 2.0]
+}
+
+/// Pixels of patch (i, j) at least three pixels away from its border.
+fn inner(i: usize, j: usize) -> Vec<usize> {
+    let margin = 3.0 * PIXEL_MM / PATCH_MM;
+    let within = |t: f64, k: usize| t > k as f64 + margin && t < k as f64 + 1.0 - margin;
+    (0..WIDTH * WIDTH)
+        .filter(|p| {
+            let [a, b] = on_board(*p);
+            within(a, i) && within(b, j)
+        })
+        .collect()
+}
+
+fn truth(i: usize, j: usize) -> Parameters {
+    let [theta, alpha, rho_d] = if (i, j) == (1, 2) { WORN } else { USUAL };
+    let lean = if (i + j).is_multiple_of(2) { 0.0 } else { 90.0 };
+    [theta, lean, alpha, alpha, rho_d]
+}
+
+/// Value less truth, directions the short way round.
+fn away(k: usize, value: f64, truth: f64) -> f64 {
+    let d = value - truth;
+    if k == 1 {
+        (d + 180.0).rem_euclid(360.0) - 180.0
+    } else {
+        d
+    }
+}
+
+#[test]
+fn every_patch_of_the_board_reads_its_own_angle_lean_and_roughness() {
+    let map = checker();
+    let shared = map.shared_std.unwrap();
+    for i in 0..4 {
+        for j in 0..4 {
+            let truth = truth(i, j);
+            let pixels = inner(i, j);
+            for k in 0..FREE {
+                let layer = &map.layers.parameters[k];
+                // A lean direction is as uncertain as the ridge angle is small.
+                let lever = if k == 1 {
+                    1.0 / f64::sin(truth[0].to_radians())
+                } else {
+                    1.0
+                };
+                let relative = if k > 1 { truth[k] } else { lever };
+                let common2 = shared[k].powi(2) + (MODEL[k] * relative).powi(2);
+                let mut within = 0;
+                let (mut sum, mut sum2, mut std2) = (0.0, 0.0, 0.0);
+                for p in &pixels {
+                    let d = away(k, f64::from(layer.values[*p]), truth[k]);
+                    let std = f64::from(layer.std[*p]);
+                    within += usize::from(d.abs() <= 2.0 * (std * std + common2).sqrt());
+                    sum += d;
+                    sum2 += d * d;
+                    std2 += std * std;
+                }
+                let n = pixels.len() as f64;
+                assert!(
+                    within as f64 >= 0.95 * n,
+                    "patch {i}-{j}, {}: {within} of {n} within twice the uncertainty",
+                    layer.name
+                );
+                // The pixels' own uncertainty is their scatter: n ≈ 1500 gives 1.8 %, times four;
+                // flats and resampling tie neighbours together, which takes a few percent more.
+                let scatter = (sum2 / n - (sum / n).powi(2)).sqrt();
+                let ratio = scatter / (std2 / n).sqrt();
+                assert!(
+                    (ratio - 1.0).abs() < 0.15,
+                    "patch {i}-{j}, {}: {ratio}",
+                    layer.name
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn both_lean_directions_are_common_and_every_inner_pixel_has_its_own() {
+    let map = checker();
+    let mut leans: Vec<f64> = map
+        .leans
+        .iter()
+        .map(|l| away(1, l.azimuth_deg, 0.0))
+        .collect();
+    leans.sort_by(f64::total_cmp);
+    assert_eq!(leans.len(), 2);
+    let shared = map.shared_std.unwrap()[1];
+    let tolerance = 2.0 * shared.hypot(MODEL[1]);
+    assert!(
+        leans[0].abs() < tolerance && (leans[1] - 90.0).abs() < tolerance,
+        "{leans:?}"
+    );
+    for i in 0..4 {
+        for j in 0..4 {
+            let lean = truth(i, j)[1];
+            for p in inner(i, j) {
+                let seen = f64::from(map.layers.parameters[1].values[p]);
+                // Ten standard deviations of the worn patch, whose lean is the least certain: 2.1°.
+                assert!(away(1, seen, lean).abs() < 21.0, "{i} {j} {p}: {seen}");
+            }
+        }
+    }
+}
+
+#[test]
+fn borders_are_marked_where_patches_meet_and_nowhere_inside() {
+    let layers = &checker().layers;
+    let (mut meeting, mut marked) = (0, 0);
+    for (p, flags) in layers.flags.iter().enumerate() {
+        let [a, b] = on_board(p);
+        let inside = |t: f64| t > 0.1 && t < 3.9;
+        let near = |t: f64| (t - t.round()).abs() * PATCH_MM < 0.75 * PIXEL_MM;
+        if inside(a) && inside(b) && (near(a) || near(b)) {
+            meeting += 1;
+            marked += usize::from(flags & (BORDER | MISFIT) != 0);
+        }
+    }
+    assert!(
+        meeting > 1000 && marked as f64 > 0.98 * f64::from(meeting),
+        "{marked} of {meeting}"
+    );
+    let (mut inside, mut marked) = (0, 0);
+    for i in 0..4 {
+        for j in 0..4 {
+            for p in inner(i, j) {
+                inside += 1;
+                marked += usize::from(layers.flags[p] & (BORDER | MISFIT) != 0);
+            }
+        }
+    }
+    // A rare outlier of the path tracer's own noise is a misfit, too.
+    assert!(
+        inside > 20_000 && marked * 1000 < inside,
+        "{marked} of {inside}"
+    );
+}
+
+#[test]
+fn the_worn_patch_is_the_one_defect() {
+    let map = checker();
+    assert_eq!(map.defects.len(), 1, "{:?}", map.defects);
+    let worn = &map.defects[0];
+    // Patch (1, 2) spans −9 to 0 mm in x and 0 to 9 mm in y; borders of two pixels do not count.
+    assert!((worn.x_mm + 4.5).abs() < PIXEL_MM && (worn.y_mm - 4.5).abs() < PIXEL_MM);
+    for size in [worn.width_mm, worn.height_mm] {
+        assert!(
+            size > PATCH_MM - 6.0 * PIXEL_MM && size <= PATCH_MM,
+            "{size}"
+        );
+    }
+    for p in inner(1, 2) {
+        assert_ne!(map.layers.flags[p] & DEFECT, 0);
+    }
+    let theta = &worn.deviations[0];
+    assert_eq!(theta.parameter, "theta_r_deg");
+    assert!((theta.usual - 10.0).abs() < 2.0 * MODEL[0]);
+    assert!((theta.value.unwrap() - 4.0).abs() < 2.0 * MODEL[0]);
+    assert!(theta.sigmas.unwrap() < -10.0);
+}
+
+#[test]
+fn the_mount_beside_the_board_has_no_value() {
+    let map = checker();
+    let (mut mount, mut empty) = (0, 0);
+    for p in 0..map.layers.flags.len() {
+        let [a, b] = on_board(p);
+        if [a, b].iter().any(|t| !(-0.1..=4.1).contains(t)) {
+            mount += 1;
+            empty += usize::from(!map.layers.has_value(p));
+        }
+    }
+    assert!(
+        mount > 20_000 && empty as f64 > 0.999 * f64::from(mount),
+        "{empty} of {mount}"
+    );
+}
+
+#[test]
+fn a_scratch_file_changes_nothing() {
+    let place = tempfile::tempdir().unwrap();
+    let options = MapOptions {
+        memory_bytes_max: 0,
+        scratch: place.path().to_owned(),
+    };
+    let source = series("checker");
+    let again = map(&source, &options, &|_| {}, &AtomicBool::new(false)).unwrap();
+    let first = checker();
+    for k in 0..FREE {
+        let pairs = first.layers.parameters[k]
+            .values
+            .iter()
+            .zip(&again.layers.parameters[k].values);
+        for (a, b) in pairs {
+            assert!(
+                a.to_bits() == b.to_bits() || (a.is_nan() && b.is_nan()),
+                "{a} {b}"
+            );
+        }
+    }
+    assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 0);
+}
+
+/// A series of which some frames are spoilt.
+struct Spoilt<'a> {
+    series: &'a Series,
+    rows: Vec<FrameRow>,
+    spoil: fn(&FrameRow, usize, &mut u16),
+}
+
+impl FrameSource for Spoilt<'_> {
+    fn manifest(&self) -> &Manifest {
+        self.series.manifest()
+    }
+    fn rows(&self) -> &[FrameRow] {
+        &self.rows
+    }
+    fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
+        let row = &self.rows[index];
+        let all = self.series.rows();
+        let original = all.iter().position(|r| r.file == row.file).unwrap();
+        let frame = self.series.read(original)?;
+        let mut pixels = frame.pixels_dn().to_vec();
+        for (p, dn) in pixels.iter_mut().enumerate() {
+            (self.spoil)(row, p, dn);
+        }
+        Ok(Frame::new(frame.width_px(), frame.height_px(), pixels).unwrap())
+    }
+}
+
+#[test]
+fn full_pixels_are_masked_pose_by_pose() {
+    let series = series("checker");
+    let source = Spoilt {
+        rows: series.rows().to_vec(),
+        series: &series,
+        // At one pose a block of the frame is full: the map is blind there once, not wrong.
+        spoil: |row, p, dn| {
+            let (r, c) = (p / WIDTH, p % WIDTH);
+            let block = (60..100).contains(&r) && (60..100).contains(&c);
+            if row.kind == FrameKind::Sample
+                && row.theta_c_deg == 0.0
+                && row.phi_s_deg == 0.0
+                && block
+            {
+                *dn = 65535;
+            }
+        },
+    };
+    let spoilt = mapped(&source).unwrap();
+    let first = checker();
+    let middle = 80 * WIDTH + 80;
+    assert_eq!(first.layers.n_observations[middle], 24);
+    assert_eq!(spoilt.layers.n_observations[middle], 23);
+    assert_ne!(spoilt.layers.flags[middle] & layers::PARTLY_MASKED, 0);
+    for k in 0..FREE {
+        let at = |map: &Map| {
+            let layer = &map.layers.parameters[k];
+            (
+                f64::from(layer.values[middle]),
+                f64::from(layer.std[middle]),
+            )
+        };
+        let ((a, std_a), (b, std_b)) = (at(first), at(&spoilt));
+        // One observation less moves the value by a few of the standard deviations it adds.
+        let added = (std_b * std_b - std_a * std_a).max(0.0).sqrt();
+        assert!(
+            away(k, b, a).abs() < 4.0 * added + 0.5 * std_a,
+            "{k}: {a} {b}"
+        );
+    }
+}
+
+#[test]
+fn too_few_poses_darkness_and_a_raised_flag_have_their_names() {
+    let series = series("checker");
+    let few = Spoilt {
+        rows: {
+            let mut samples = 0;
+            let mut rows = series.rows().to_vec();
+            rows.retain(|row| {
+                samples += usize::from(row.kind == FrameKind::Sample);
+                row.kind != FrameKind::Sample || samples <= 4
+            });
+            rows
+        },
+        series: &series,
+        spoil: |_, _, _| {},
+    };
+    assert!(matches!(
+        mapped(&few),
+        Err(MapError::TooFewPoses { poses: 4, least: 6 })
+    ));
+
+    let dark = Spoilt {
+        rows: series.rows().to_vec(),
+        series: &series,
+        spoil: |row, p, dn| {
+            if row.kind == FrameKind::Sample {
+                *dn = 200 + (p % 3) as u16;
+            }
+        },
+    };
+    let said = mapped(&dark).unwrap_err();
+    assert!(
+        matches!(said, MapError::NothingSeen | MapError::NoLobes),
+        "{said}"
+    );
+
+    let raised = AtomicBool::new(true);
+    let stopped = map(&series, &MapOptions::default(), &|_| {}, &raised);
+    assert!(matches!(
+        stopped,
+        Err(MapError::Cancelled | MapError::Reduction(ReductionError::Cancelled))
+    ));
+}

@@ -1,0 +1,280 @@
+//! Where a point of the sample appears in a frame, and from where it is lit and seen.
+//!
+//! The map's frame is the sample's: x, y at φs = 0 (φs of the model: recorded + azimuth zero), in
+//! the frames' own pixel grid at θc = 0, row 0 at the greatest y. At a pose the sample has turned
+//! by φs about the rotation axis; the camera's columns follow (cos θc, 0, −sin θc), its rows −y, so
+//! a telecentric camera sees x foreshortened by cos θc. A near camera sees the point where the ray
+//! through its pupil meets the plane through the centre of tilt, across the view.
+
+use nalgebra::Vector3;
+
+use super::kernel::Geometry;
+use crate::geometry::{Pose, RigGeometry};
+use crate::material::Material;
+use crate::model::fresnel;
+use crate::series::Manifest;
+use crate::units::Angle;
+
+/// Geometry in the sample's frame at a true pose, camera and lamp far away; `fresnel` is the
+/// reflectance at half the angle between them.
+pub(super) fn telecentric(rig: &RigGeometry, pose: Pose, fresnel: f64) -> Geometry {
+    let d = rig.rig_directions(pose.theta_c);
+    let (s, c) = (pose.phi_s + rig.azimuth_zero).sin_cos();
+    let to_sample = |w: Vector3<f64>| [w.x * c + w.y * s, w.y * c - w.x * s, w.z];
+    Geometry::new(to_sample(d.incident), to_sample(d.outgoing), fresnel, 1.0)
+}
+
+/// The drawing of sample, camera and lamp.
+#[derive(Debug, Clone)]
+pub(super) struct View {
+    pub(super) rig: RigGeometry,
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// Millimetres per pixel along columns and rows; 1 where the manifest states no field.
+    pub(super) pixel_mm: [f64; 2],
+    /// Whether `pixel_mm` is known.
+    pub(super) has_scale: bool,
+    axis_px: [f64; 2],
+    camera_distance_mm: Option<f64>,
+    light_distance_mm: Option<f64>,
+    index: (f64, f64),
+    /// Fresnel reflectance at the half angle where camera and lamp are far.
+    fresnel: f64,
+}
+
+impl View {
+    pub(super) fn new(manifest: &Manifest) -> Self {
+        let (rig, camera) = (&manifest.rig, &manifest.camera);
+        let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
+        let column_mm = camera.field_width_mm.map(|w| w / width);
+        let row_mm = camera.field_height_mm.map(|h| h / height);
+        let far = manifest.is_telecentric();
+        let geometry = manifest.rig_geometry();
+        let index = manifest.material().index();
+        View {
+            rig: geometry,
+            width: camera.width_px as usize,
+            height: camera.height_px as usize,
+            pixel_mm: [
+                column_mm.or(row_mm).unwrap_or(1.0),
+                row_mm.or(column_mm).unwrap_or(1.0),
+            ],
+            has_scale: column_mm.is_some() || row_mm.is_some(),
+            axis_px: rig.rotation_axis_px.unwrap_or([0.5 * width, 0.5 * height]),
+            camera_distance_mm: rig
+                .camera_distance_mm
+                .or(camera.camera_distance_mm)
+                .filter(|_| !far),
+            light_distance_mm: rig.light_distance_mm.filter(|_| !far),
+            index,
+            fresnel: fresnel::reflectance((0.5 * geometry.theta_l.rad()).cos(), index.0, index.1),
+        }
+    }
+
+    /// A far camera and a far lamp, without any frame.
+    pub(super) fn far(rig: RigGeometry, material: &Material) -> Self {
+        let index = material.index();
+        View {
+            rig,
+            width: 1,
+            height: 1,
+            pixel_mm: [1.0; 2],
+            has_scale: false,
+            axis_px: [0.5; 2],
+            camera_distance_mm: None,
+            light_distance_mm: None,
+            index,
+            fresnel: fresnel::reflectance((0.5 * rig.theta_l.rad()).cos(), index.0, index.1),
+        }
+    }
+
+    /// Whether all pixels share their directions.
+    pub(super) fn is_telecentric(&self) -> bool {
+        self.camera_distance_mm.is_none() && self.light_distance_mm.is_none()
+    }
+
+    /// Column and row of the rotation axis.
+    pub(super) fn axis_px(&self) -> [f64; 2] {
+        self.axis_px
+    }
+
+    pub(super) fn pixels(&self) -> usize {
+        self.width * self.height
+    }
+
+    /// Sample coordinates of a map pixel's centre, mm from the rotation axis.
+    pub(super) fn place_mm(&self, pixel: usize) -> [f64; 2] {
+        let column = (pixel % self.width) as f64 + 0.5;
+        let row = (pixel / self.width) as f64 + 0.5;
+        [
+            (column - self.axis_px[0]) * self.pixel_mm[0],
+            -(row - self.axis_px[1]) * self.pixel_mm[1],
+        ]
+    }
+
+    /// Column and row (0, 0 at the outer corner of the first pixel) at which a point of the sample
+    /// appears at a recorded pose.
+    pub(super) fn project(&self, pose: Pose, place_mm: [f64; 2]) -> [f64; 2] {
+        let (s, c) = (pose.phi_s + self.rig.azimuth_zero).sin_cos();
+        let (x, y) = (
+            place_mm[0] * c - place_mm[1] * s,
+            place_mm[0] * s + place_mm[1] * c,
+        );
+        let (st, ct) = pose.theta_c.sin_cos();
+        // Depth x sin θc towards the camera makes the near side look larger.
+        let near = self.camera_distance_mm.map_or(1.0, |d| d / (d - x * st));
+        [
+            self.axis_px[0] + x * ct * near / self.pixel_mm[0],
+            self.axis_px[1] - y * near / self.pixel_mm[1],
+        ]
+    }
+
+    /// The point of the plane of the sample, in the rig's frame, that a pixel sees at a tilt.
+    fn seen_mm(&self, theta_c: Angle, pixel: usize) -> [f64; 2] {
+        let [a, b] = self.place_mm(pixel);
+        let (st, ct) = theta_c.sin_cos();
+        // Inverse of `project` at φs = 0: a = x cos θc near, b = y near, near = d/(d − x sin θc).
+        match self.camera_distance_mm {
+            None => [a / ct, b],
+            Some(d) => {
+                let x = a * d / (d * ct + a * st);
+                [x, b * (d - x * st) / d]
+            }
+        }
+    }
+
+    /// How brightly a white plane shines at each pixel, relative to the centre: lamp distance and
+    /// lamp angle. 1 everywhere for a far lamp.
+    pub(super) fn white_pattern(&self, theta_c: Angle) -> Vec<f64> {
+        let Some(distance) = self.light_distance_mm else {
+            return vec![1.0; self.pixels()];
+        };
+        let lamp = self.rig.rig_directions(theta_c).incident * distance;
+        let centre = lamp.z / distance.powi(3);
+        (0..self.pixels())
+            .map(|pixel| {
+                let [x, y] = self.seen_mm(theta_c, pixel);
+                let ray = lamp - Vector3::new(x, y, 0.0);
+                ray.z / ray.norm().powi(3) / centre
+            })
+            .collect()
+    }
+
+    /// Geometry in the sample's frame at a true pose for a point of the sample; the point only
+    /// matters to a near camera or lamp.
+    pub(super) fn geometry(&self, pose: Pose, place_mm: [f64; 2]) -> Geometry {
+        if self.is_telecentric() {
+            return telecentric(&self.rig, pose, self.fresnel);
+        }
+        let d = self.rig.rig_directions(pose.theta_c);
+        let (s, c) = (pose.phi_s + self.rig.azimuth_zero).sin_cos();
+        let to_sample = |w: Vector3<f64>| [w.x * c + w.y * s, w.y * c - w.x * s, w.z];
+        let place = Vector3::new(
+            place_mm[0] * c - place_mm[1] * s,
+            place_mm[0] * s + place_mm[1] * c,
+            0.0,
+        );
+        let towards = |far: Vector3<f64>, distance: Option<f64>| match distance {
+            Some(distance) => {
+                let ray = far * distance - place;
+                let length = ray.norm();
+                (ray / length, (distance / length).powi(2))
+            }
+            None => (far, 1.0),
+        };
+        let (o, _) = towards(d.outgoing, self.camera_distance_mm);
+        let (i, irradiance) = towards(d.incident, self.light_distance_mm);
+        let cos_half = 0.5 * (i + o).norm();
+        Geometry::new(
+            to_sample(i),
+            to_sample(o),
+            fresnel::reflectance(cos_half, self.index.0, self.index.1),
+            irradiance,
+        )
+    }
+
+    /// Whether the fifth parameter of a pixel is an amplitude: nothing diffuse comes out of metal.
+    pub(super) fn fits_amplitude(material: &Material) -> bool {
+        matches!(material, Material::Conductor { .. })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    fn checker() -> Manifest {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/checker");
+        crate::series::Series::open(&folder)
+            .unwrap()
+            .manifest()
+            .clone()
+    }
+
+    fn near() -> View {
+        View {
+            camera_distance_mm: Some(300.0),
+            light_distance_mm: Some(250.0),
+            ..View::new(&checker())
+        }
+    }
+
+    #[test]
+    fn at_pose_zero_every_map_pixel_is_the_frames_own() {
+        for view in [View::new(&checker()), near()] {
+            for pixel in [0, 77, 256 * 100 + 31, 256 * 256 - 1] {
+                let [column, row] = view.project(Pose::from_deg(0.0, 0.0), view.place_mm(pixel));
+                assert!((column - (pixel % 256) as f64 - 0.5).abs() < 1e-9);
+                assert!((row - (pixel / 256) as f64 - 0.5).abs() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn turning_carries_x_to_y_and_tilting_foreshortens_x() {
+        let view = View::new(&checker());
+        // 10 mm along x are 50 pixels; rows count downwards.
+        let [column, row] = view.project(Pose::from_deg(0.0, 90.0), [10.0, 0.0]);
+        assert!((column - 128.0).abs() < 1e-9 && (row - 78.0).abs() < 1e-9);
+        let [column, _] = view.project(Pose::from_deg(60.0, 0.0), [10.0, 0.0]);
+        assert!((column - 153.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_pixel_sees_the_point_that_appears_in_it() {
+        let view = near();
+        for pixel in [0, 12_345, 50_000] {
+            let tilt = Angle::from_deg(25.0);
+            let place = view.seen_mm(tilt, pixel);
+            let pose = Pose {
+                theta_c: tilt,
+                phi_s: -view.rig.azimuth_zero,
+            };
+            let [column, row] = view.project(pose, place);
+            assert!((column - (pixel % 256) as f64 - 0.5).abs() < 1e-9);
+            assert!((row - (pixel / 256) as f64 - 0.5).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_far_camera_is_the_limit_of_a_near_one() {
+        let far = View::new(&checker());
+        let pose = Pose::from_deg(15.0, 40.0);
+        let at = |distance: f64| {
+            let view = View {
+                camera_distance_mm: Some(distance),
+                light_distance_mm: Some(distance),
+                ..far.clone()
+            };
+            view.geometry(pose, [12.0, -7.0])
+        };
+        let limit = far.geometry(pose, [12.0, -7.0]);
+        for (distance, tolerance) in [(1e3, 0.03), (1e6, 3e-5)] {
+            for (a, b) in at(distance).0.iter().zip(limit.0) {
+                assert!((a - b).abs() < tolerance, "{distance}: {a} {b}");
+            }
+        }
+        assert!((at(1e3).0[0] - limit.0[0]).abs() > 1e-4);
+    }
+}

@@ -1,0 +1,401 @@
+//! A map as files: a float32 TIFF and a PNG for each quantity and its standard uncertainty, the
+//! flags, the table of defects, and the summary.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+use rayon::prelude::*;
+use serde::Serialize;
+use tiff::encoder::{Compression, TiffEncoder, colortype};
+
+use super::Map;
+use super::colour::Rgb;
+use super::defects::{Defect, Lean};
+use super::layers::{self, FLAG_NAMES};
+use super::picture::{self, Picture, Scale, Sheet};
+
+/// Why files could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// The system refused.
+    #[error(
+        "{file} cannot be written: {source}; check the folder's permissions and the space on its disk"
+    )]
+    File {
+        /// The file.
+        file: String,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// The encoder refused.
+    #[error("{file} cannot be encoded: {cause}")]
+    Encoding {
+        /// The file.
+        file: String,
+        /// The encoder's reason.
+        cause: String,
+    },
+}
+
+/// Median and percentiles of a parameter over the pixels that have a value.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spread {
+    /// Half of the pixels lie below.
+    pub median: Option<f64>,
+    /// Five in a hundred lie below.
+    pub p5: Option<f64>,
+    /// Five in a hundred lie above.
+    pub p95: Option<f64>,
+    /// Median of the pixels' own standard uncertainties.
+    pub std_median: Option<f64>,
+    /// Standard uncertainty that all pixels have in common (gain, stray light, zero of the tilt).
+    pub std_shared: Option<f64>,
+}
+
+/// Shared quantities in a summary; see [`super::Globals`].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SharedSummary {
+    /// Signal units per radiance.
+    pub gain: f64,
+    /// Its relative standard uncertainty.
+    pub gain_relative_std: f64,
+    /// Stray light.
+    pub stray_radiance: f64,
+    /// Its standard uncertainty.
+    pub stray_radiance_std: f64,
+    /// What to add to a recorded tilt.
+    pub tilt_offset_deg: f64,
+    /// Its standard uncertainty.
+    pub tilt_offset_deg_std: f64,
+}
+
+/// Seconds per step.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Timing {
+    /// Darks, flats, frames read and resampled.
+    pub read: f64,
+    /// Shared quantities.
+    pub settle: f64,
+    /// All pixels.
+    pub fit: f64,
+    /// Files.
+    pub write: f64,
+}
+
+/// The object of `map --json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// Pixels that were fitted.
+    pub pixels: usize,
+    /// Pixels that have values.
+    pub pixels_with_value: usize,
+    /// `pixels` over the seconds of the fit, on all cores.
+    pub pixels_per_s: f64,
+    /// Poses, that is observations per pixel without masks.
+    pub observations_per_pixel: usize,
+    /// Evaluations of all observations per fitted pixel.
+    pub evaluations_per_pixel: f64,
+    /// Seconds per step.
+    pub timing_s: Timing,
+    /// By layer name.
+    pub parameters: std::collections::BTreeMap<&'static str, Spread>,
+    /// What all pixels share.
+    pub shared: SharedSummary,
+    /// Usual χ² per degree of freedom; pixels' uncertainties are scaled by its root.
+    pub chi2_reduced_usual: f64,
+    /// Lean directions that many pixels share.
+    pub lean_directions: Vec<Lean>,
+    /// Connected areas that disagree, the largest first.
+    pub defects: Vec<Defect>,
+    /// Pixels per flag.
+    pub flags: std::collections::BTreeMap<&'static str, usize>,
+    /// Files written, relative to the output folder.
+    pub files: Vec<String>,
+    /// Frames left out.
+    pub rejected_frames: Vec<crate::observation::RejectedFrame>,
+    /// Sentences for the user.
+    pub warnings: Vec<String>,
+    /// Name and version of the program.
+    pub program: String,
+}
+
+/// Sums a map up. `files` as [`write`] returned them.
+#[must_use]
+pub fn summary(map: &Map, timing: Timing, files: Vec<String>) -> Summary {
+    let layers = &map.layers;
+    let parameters = layers
+        .parameters
+        .iter()
+        .enumerate()
+        .map(|(k, layer)| {
+            let values = sorted(&layer.values);
+            let spread = Spread {
+                median: quantile(&values, 0.5),
+                p5: quantile(&values, 0.05),
+                p95: quantile(&values, 0.95),
+                std_median: quantile(&sorted(&layer.std), 0.5),
+                std_shared: map.shared_std.map(|s| s[k]),
+            };
+            (layer.name, spread)
+        })
+        .collect();
+    let flags = FLAG_NAMES
+        .iter()
+        .enumerate()
+        .map(|(bit, name)| {
+            let count = layers.flags.iter().filter(|f| **f >> bit & 1 == 1).count();
+            (*name, count)
+        })
+        .collect();
+    let globals = &map.globals;
+    Summary {
+        pixels: map.pixels_fitted,
+        pixels_with_value: (0..layers.flags.len())
+            .filter(|p| layers.has_value(*p))
+            .count(),
+        pixels_per_s: map.pixels_fitted as f64 / timing.fit.max(1e-9),
+        observations_per_pixel: map.n_poses,
+        evaluations_per_pixel: map.evaluations,
+        timing_s: timing,
+        parameters,
+        shared: SharedSummary {
+            gain: globals.gain,
+            gain_relative_std: globals.gain_relative_std,
+            stray_radiance: globals.stray,
+            stray_radiance_std: globals.stray_std,
+            tilt_offset_deg: globals.tilt_offset.deg(),
+            tilt_offset_deg_std: globals.tilt_offset_std.deg(),
+        },
+        chi2_reduced_usual: map.birge,
+        lean_directions: map.leans.clone(),
+        defects: map.defects.clone(),
+        flags,
+        files,
+        rejected_frames: map.rejected_frames.clone(),
+        warnings: map.warnings.clone(),
+        program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
+    }
+}
+
+fn sorted(values: &[f32]) -> Vec<f32> {
+    let mut finite: Vec<f32> = values.iter().copied().filter(|x| x.is_finite()).collect();
+    finite.sort_unstable_by(f32::total_cmp);
+    finite
+}
+
+fn quantile(sorted: &[f32], share: f64) -> Option<f64> {
+    let last = sorted.len().checked_sub(1)?;
+    let at = share * last as f64;
+    let (low, high) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);
+    let part = at - at.floor();
+    Some(f64::from(low) * (1.0 - part) + f64::from(high) * part)
+}
+
+/// One file to be made.
+enum Sheetful<'a> {
+    Tiff(&'a [f32]),
+    Png(Box<dyn Fn() -> Picture + Sync + Send + 'a>),
+}
+
+/// Writes all files of a map into `folder`, which is made if need be; returns their names.
+///
+/// # Errors
+/// [`WriteError`] names the file.
+pub fn write(map: &Map, folder: &Path) -> Result<Vec<String>, WriteError> {
+    std::fs::create_dir_all(folder).map_err(|source| WriteError::File {
+        file: folder.display().to_string(),
+        source,
+    })?;
+    let layers = &map.layers;
+    let sheet = Sheet {
+        width: layers.width,
+        height: layers.height,
+        column_mm: map.pixel_mm.map(|p| p[0]),
+        aspect: map.pixel_mm.map_or(1.0, |p| p[1] / p[0]),
+    };
+    let mut sheets: Vec<(String, Sheetful<'_>)> = Vec::new();
+    for layer in &layers.parameters {
+        sheets.push((format!("{}.tif", layer.name), Sheetful::Tiff(&layer.values)));
+        sheets.push((
+            format!("{}_std.tif", layer.name),
+            Sheetful::Tiff(&layer.std),
+        ));
+        let cyclic = layer.cyclic;
+        sheets.push((
+            format!("{}.png", layer.name),
+            Sheetful::Png(Box::new(move || {
+                let scale = Scale::of(&layer.values);
+                let scale = if cyclic {
+                    scale.map(|_| Scale::Directions)
+                } else {
+                    scale
+                };
+                picture::layer(&sheet, &layer.values, scale, layer.title, layer.unit)
+            })),
+        ));
+        sheets.push((
+            format!("{}_std.png", layer.name),
+            Sheetful::Png(Box::new(move || {
+                let title = format!("{}, standard uncertainty of a pixel", layer.title);
+                let scale = Scale::of(&layer.std);
+                picture::layer(&sheet, &layer.std, scale, &title, layer.unit)
+            })),
+        ));
+    }
+    sheets.push((
+        "chi2_reduced.tif".to_owned(),
+        Sheetful::Tiff(&layers.chi2_reduced),
+    ));
+    sheets.push((
+        "chi2_reduced.png".to_owned(),
+        Sheetful::Png(Box::new(move || {
+            let scale = Scale::of(&layers.chi2_reduced);
+            picture::layer(
+                &sheet,
+                &layers.chi2_reduced,
+                scale,
+                "χ² per degree of freedom",
+                "",
+            )
+        })),
+    ));
+    sheets.push((
+        "flags.png".to_owned(),
+        Sheetful::Png(Box::new(move || flags_picture(map, &sheet))),
+    ));
+    let mut files = sheets
+        .par_iter()
+        .map(|(name, content)| {
+            let path = folder.join(name);
+            match content {
+                Sheetful::Tiff(values) => write_tiff(&path, values, layers.width, layers.height),
+                Sheetful::Png(draw) => write_png(&path, &draw()),
+            }?;
+            Ok(name.clone())
+        })
+        .collect::<Result<Vec<String>, WriteError>>()?;
+    write_flags(&folder.join("flags.tif"), map)?;
+    files.push("flags.tif".to_owned());
+    write_defects(&folder.join("defects.csv"), &map.defects)?;
+    files.push("defects.csv".to_owned());
+    Ok(files)
+}
+
+fn failed(path: &Path) -> impl Fn(io::Error) -> WriteError + '_ {
+    |source| WriteError::File {
+        file: path.display().to_string(),
+        source,
+    }
+}
+
+fn unencodable(path: &Path, cause: &dyn std::fmt::Display) -> WriteError {
+    WriteError::Encoding {
+        file: path.display().to_string(),
+        cause: cause.to_string(),
+    }
+}
+
+fn write_tiff(path: &Path, values: &[f32], width: usize, height: usize) -> Result<(), WriteError> {
+    let file = BufWriter::new(File::create(path).map_err(failed(path))?);
+    TiffEncoder::new(file)
+        .map(|e| e.with_compression(Compression::Deflate(Default::default())))
+        .and_then(|mut e| {
+            e.write_image::<colortype::Gray32Float>(width as u32, height as u32, values)
+        })
+        .map_err(|e| unencodable(path, &e))
+}
+
+fn write_flags(path: &Path, map: &Map) -> Result<(), WriteError> {
+    let layers = &map.layers;
+    let file = BufWriter::new(File::create(path).map_err(failed(path))?);
+    TiffEncoder::new(file)
+        .map(|e| e.with_compression(Compression::Deflate(Default::default())))
+        .and_then(|mut e| {
+            e.write_image::<colortype::Gray8>(
+                layers.width as u32,
+                layers.height as u32,
+                &layers.flags,
+            )
+        })
+        .map_err(|e| unencodable(path, &e))
+}
+
+fn write_png(path: &Path, picture: &Picture) -> Result<(), WriteError> {
+    let file = BufWriter::new(File::create(path).map_err(failed(path))?);
+    let mut encoder = png::Encoder::new(file, picture.width as u32, picture.height as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder
+        .write_header()
+        .and_then(|mut writer| {
+            writer.write_image_data(&picture.rgb)?;
+            writer.finish()
+        })
+        .map_err(|e| unencodable(path, &e))
+}
+
+/// The classes of `flags.png`, the first that holds counts.
+const CLASSES: [(&str, Rgb, u8); 8] = [
+    (
+        "too few observations",
+        [150, 150, 150],
+        layers::FEW_OBSERVATIONS,
+    ),
+    (
+        "not identifiable",
+        [222, 222, 222],
+        layers::NOT_IDENTIFIABLE,
+    ),
+    ("not converged", [90, 60, 120], layers::NOT_CONVERGED),
+    ("defect", [204, 51, 17], layers::DEFECT),
+    ("border", [0, 119, 187], layers::BORDER),
+    ("misfit", [238, 119, 51], layers::MISFIT),
+    ("a parameter at its bound", [238, 51, 119], layers::AT_BOUND),
+    (
+        "some observations masked",
+        [187, 204, 170],
+        layers::PARTLY_MASKED,
+    ),
+];
+
+fn flags_picture(map: &Map, sheet: &Sheet) -> Picture {
+    let mut names: Vec<(&str, Rgb)> = vec![("good", [0, 153, 136])];
+    names.extend(CLASSES.iter().map(|(name, colour, _)| (*name, *colour)));
+    picture::classes(sheet, "flags", &names, &|pixel| {
+        let flags = map.layers.flags[pixel];
+        CLASSES
+            .iter()
+            .position(|(_, _, bit)| flags & bit != 0)
+            .map_or(0, |k| k + 1)
+    })
+}
+
+fn write_defects(path: &Path, defects: &[Defect]) -> Result<(), WriteError> {
+    let mut text = String::from(
+        "x_mm,y_mm,width_mm,height_mm,area_mm2,pixels,worst,lean_azimuth_deg,parameter,value,usual,sigmas\n",
+    );
+    let number = |x: Option<f64>| x.map_or_else(String::new, |x| format!("{x:.6}"));
+    for d in defects {
+        for deviation in &d.deviations {
+            text.push_str(&format!(
+                "{:.4},{:.4},{:.4},{:.4},{:.5},{},{},{},{},{},{:.6},{}\n",
+                d.x_mm,
+                d.y_mm,
+                d.width_mm,
+                d.height_mm,
+                d.area_mm2,
+                d.pixels,
+                d.worst,
+                number(d.lean_azimuth_deg),
+                deviation.parameter,
+                number(deviation.value),
+                deviation.usual,
+                number(deviation.sigmas),
+            ));
+        }
+    }
+    File::create(path)
+        .and_then(|mut file| file.write_all(text.as_bytes()))
+        .map_err(failed(path))
+}
