@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
+use super::least_squares::{householder, sum_of_squares};
 use super::problem::{Problem, Quantity, Values, certified};
 use super::solver::{Ending, Minimum, Settings, minimise};
 use super::start::starts;
@@ -202,8 +203,7 @@ pub fn estimate<'a>(
     let fitted = first.free().len();
     let mut free = first.free().to_vec();
     free.extend(certified(set));
-    let own_flat = set.flats.iter().map(|f| f.sigma).collect();
-    let mut problem = first.with_free(free).with_flat_sigma(own_flat);
+    let mut problem = first.with_free(free).with_flat_sigma(flat_sigma(set));
     let bounds = problem.bounds();
     let mut minimum = best;
     minimum.parameters = problem.pack(&found);
@@ -221,10 +221,7 @@ pub fn estimate<'a>(
             let next = discrepancy_of(&residuals, &own, &scale, fitted);
             let settled = (next - *discrepancy).abs() <= 1e-3 * next;
             *discrepancy = next;
-            *problem = problem
-                .clone()
-                .with_sigma(weights(next))
-                .with_flat_sigma(flat_sigma(problem, &values));
+            *problem = problem.clone().with_sigma(weights(next));
             let again = minimise(&*problem, &minimum.parameters, &bounds, &settings, cancel);
             *minimum = again;
             if settled || cancel.load(Ordering::Relaxed) {
@@ -337,25 +334,29 @@ fn discrepancy_of(residuals: &[f64], sigma: &[f64], scale: &[f64], fitted: usize
     0.5 * (low + high)
 }
 
-/// Flats scatter by more than their counting noise where the lamp does: the same Birge scaling.
-fn flat_sigma(problem: &Problem<'_>, values: &Values) -> Vec<f64> {
-    let set = problem.set();
-    let albedo = set
-        .white_reference
-        .map_or(1.0, |w| w.reflectance / std::f64::consts::PI);
-    let chi2: f64 = set
-        .flats
-        .iter()
-        .enumerate()
-        .map(|(k, flat)| {
-            let expected = values.scale * albedo * problem.flat_cosine(k, values).0;
-            ((expected + values.background - flat.signal) / flat.sigma).powi(2)
-        })
-        .sum();
-    // Gain and stray light are fitted to them.
-    let freedom = set.flats.len().saturating_sub(2).max(1) as f64;
-    let factor = (chi2 / freedom).sqrt().max(1.0);
-    set.flats.iter().map(|f| f.sigma * factor).collect()
+/// Standard uncertainties of the flats: where they scatter by more than their counting noise (the
+/// lamp does), scaled by the Birge ratio of a fit of gain, stray light and tilt zero to them alone. A
+/// sample that its variant cannot describe has no say in it, or it would pull the stray light along.
+fn flat_sigma(set: &ObservationSet) -> Vec<f64> {
+    let own: Vec<f64> = set.flats.iter().map(|f| f.sigma).collect();
+    let m = own.len();
+    if m < 5 {
+        return own;
+    }
+    let mut a = vec![0.0; 3 * m];
+    let mut b = vec![0.0; m];
+    for (i, flat) in set.flats.iter().enumerate() {
+        let incident = set.rig.rig_directions(flat.theta_c).incident;
+        for (j, column) in [1.0, incident.z, -incident.x].into_iter().enumerate() {
+            a[i + j * m] = column / flat.sigma;
+        }
+        b[i] = flat.signal / flat.sigma;
+    }
+    householder(&mut a, m, 3, &mut b);
+    // What is left below the triangle are the residuals in other axes.
+    let chi2 = sum_of_squares(&b[3..]);
+    let factor = (chi2 / (m - 3) as f64).sqrt().max(1.0);
+    own.iter().map(|s| s * factor).collect()
 }
 
 #[cfg(test)]
