@@ -443,6 +443,13 @@ impl<'a> Problem<'a> {
         g
     }
 
+    /// Radiance in the directions of [`Problem::directions`] alone, views left aside.
+    #[must_use]
+    pub fn at_centre(&self, index: usize, ready: &Ready) -> f64 {
+        let directions = self.directions(index, ready).0;
+        ready.prepared.partials(&directions).value
+    }
+
     /// Signals of the sample that the model expects.
     #[must_use]
     pub fn predicted(&self, values: &Values) -> Vec<f64> {
