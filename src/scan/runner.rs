@@ -522,10 +522,11 @@ impl<'a> Runner<'a> {
         code: Option<&str>,
         slip: Option<OrderSlip>,
     ) -> Result<(), Ending> {
-        self.enter(ScanState::Paused, Some(reason)).await?;
+        // First, so that whoever sees the scan paused finds the alarm that says why.
         if let Some(code) = code {
             self.recorder.alarm(code, reason).await;
         }
+        self.enter(ScanState::Paused, Some(reason)).await?;
         if let Some(slip) = slip {
             slip.reply.send(Ok(ScanState::Paused)).ok();
         }
