@@ -157,7 +157,6 @@ impl Config {
             })
         };
         let (rig, camera, flat) = (&self.rig, &self.camera, &self.flat);
-        const OPEN: f64 = 1e-9;
         let numbers = [
             ("store.reserve_mb", self.store.reserve_mb as f64, 1.0, 1e6),
             ("rig.theta_l_deg", rig.theta_l_deg, OPEN, 90.0 - OPEN),
@@ -218,7 +217,7 @@ impl Config {
         ];
         for (key, value, min, max) in numbers {
             if !(min..=max).contains(&value) {
-                return fail(key, value.to_string(), &format!("{min} to {max}"));
+                return fail(key, value.to_string(), &range(min, max));
             }
         }
         let optional = [
@@ -334,6 +333,20 @@ impl Config {
     }
 }
 
+/// An end that does not belong to its range is moved inwards by this.
+const OPEN: f64 = 1e-9;
+
+/// A range in words, open ends as they are meant.
+fn range(min: f64, max: f64) -> String {
+    let whole = |end: f64| (end - end.round()).abs() <= 2.0 * OPEN && end != end.round();
+    match (whole(min), whole(max)) {
+        (false, false) => format!("{min} to {max}"),
+        (true, false) => format!("above {} and at most {max}", min.round()),
+        (false, true) => format!("at least {min} and below {}", max.round()),
+        (true, true) => format!("above {} and below {}", min.round(), max.round()),
+    }
+}
+
 /// Sets `a__b__c` in a table; a value that is no TOML counts as text.
 fn set(table: &mut toml::Table, path: &str, value: &str) {
     let parsed = toml::from_str::<toml::Table>(&format!("x = {value}"))
@@ -422,7 +435,12 @@ mod tests {
         let error = read("[rig]\n\ntheta_l_deg = 100.0\n", &[])
             .unwrap_err()
             .to_string();
-        for part in ["rig.toml, line 3", "rig.theta_l_deg", "100", "90"] {
+        for part in [
+            "rig.toml, line 3",
+            "rig.theta_l_deg",
+            "100",
+            "above 0 and below 90",
+        ] {
             assert!(error.contains(part), "{part} is not in: {error}");
         }
         assert!(read("[rig]\ntheta_l_deg = nan", &[]).is_err());
