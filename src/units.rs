@@ -35,6 +35,13 @@ impl Angle {
         self.rad.to_degrees()
     }
 
+    /// The angle in degrees as tables and reports write it: rounded to a nanodegree, so that the
+    /// conversion's own last bit does not show (−20 and not −20.000000000000004).
+    #[must_use]
+    pub fn deg_for_tables(self) -> f64 {
+        (self.deg() * 1e9).round() / 1e9
+    }
+
     /// The angle in radians.
     #[must_use]
     pub const fn rad(self) -> f64 {
@@ -135,6 +142,13 @@ impl Div<f64> for Angle {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn tables_show_the_degrees_that_were_given() {
+        for deg in [-20.0, 0.1, 330.0, 7.25] {
+            assert_eq!(Angle::from_deg(deg).deg_for_tables(), deg);
+        }
+    }
 
     #[test]
     fn wrapping_keeps_the_upper_end_and_drops_the_lower() {

@@ -91,8 +91,8 @@ pub(super) async fn of_scan(
         .observations
         .iter()
         .map(|o| ObservationBody {
-            theta_c_deg: o.pose.theta_c.deg(),
-            phi_s_deg: o.pose.phi_s.deg(),
+            theta_c_deg: o.pose.theta_c.deg_for_tables(),
+            phi_s_deg: o.pose.phi_s.deg_for_tables(),
             signal: o.signal,
             sigma: o.sigma,
             n_frames: o.n_frames,

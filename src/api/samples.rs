@@ -20,8 +20,10 @@ pub enum MaterialBody {
     /// Transparent below the surface.
     Dielectric {
         /// n
+        #[serde(alias = "index_of_refraction")]
         eta: f64,
         /// Standard uncertainty of n.
+        #[serde(alias = "index_of_refraction_std")]
         eta_std: f64,
     },
     /// Opaque.
@@ -36,6 +38,15 @@ pub enum MaterialBody {
         k_std: f64,
     },
 }
+
+/// What a sample of unknown material is taken for: wide enough for the common plastics, so that the
+/// budget of a fit carries what is not known.
+const ORDINARY_PLASTIC: MaterialBody = MaterialBody::Dielectric {
+    eta: 1.5,
+    eta_std: 0.05,
+};
+/// What the note of such a sample says.
+const ASSUMED: &str = "material not given: index 1.5 ± 0.05 assumed (an ordinary plastic)";
 
 impl From<MaterialBody> for Material {
     fn from(body: MaterialBody) -> Self {
@@ -81,8 +92,10 @@ impl From<Material> for MaterialBody {
 pub struct SampleRequest {
     /// What people call it; 1 to 200 characters.
     name: String,
-    /// Nominal material.
-    material: MaterialBody,
+    /// Nominal material. Without one an ordinary plastic is assumed (index 1.5 ± 0.05), and the
+    /// sample's note says so.
+    #[serde(default)]
+    material: Option<MaterialBody>,
     /// Free text.
     #[serde(default)]
     note: Option<String>,
@@ -147,13 +160,18 @@ pub(super) async fn add(
     Body(body): Body<SampleRequest>,
 ) -> Result<impl IntoResponse, ApiError> {
     check(&body)?;
+    let note = match (body.material, body.note) {
+        (Some(_), note) => note,
+        (None, None) => Some(ASSUMED.to_owned()),
+        (None, Some(note)) => Some(format!("{note} ({ASSUMED})")),
+    };
     let sample = app
         .lab
         .store()
         .add_sample(&NewSample {
             name: body.name,
-            material: body.material.into(),
-            note: body.note,
+            material: body.material.unwrap_or(ORDINARY_PLASTIC).into(),
+            note,
             simulated: body.simulated,
         })
         .await?;
@@ -186,7 +204,7 @@ fn check(body: &SampleRequest) -> Result<(), ApiError> {
             Err(ApiError::invalid(field, message))
         }
     };
-    match body.material {
+    match body.material.unwrap_or(ORDINARY_PLASTIC) {
         MaterialBody::Dielectric { eta, eta_std } => {
             range("material.eta", eta, 1.0001, 10.0)?;
             range("material.eta_std", eta_std, 0.0, 1.0)?;

@@ -253,8 +253,8 @@ fn report_of(e: &Estimate<'_>, variant: VariantName) -> FitReport {
         .iter()
         .zip(&set.observations)
         .map(|(p, o)| FittedObservation {
-            theta_c_deg: o.pose.theta_c.deg(),
-            phi_s_deg: o.pose.phi_s.deg(),
+            theta_c_deg: o.pose.theta_c.deg_for_tables(),
+            phi_s_deg: o.pose.phi_s.deg_for_tables(),
             signal: o.signal,
             sigma: o.sigma,
             fitted: *p,

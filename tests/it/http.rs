@@ -440,3 +440,17 @@ fn every_response_of_the_document_says_what_it_is() {
     }
     assert!(responses > 60, "{responses}");
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_sample_without_a_material_says_what_was_assumed() {
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let router = router(&bench);
+    let added = post(&router, "/api/v1/samples", r#"{"name": "part 17"}"#).await;
+    assert_eq!(added.status, 201);
+    assert_eq!(added.body["material"]["eta_std"], json!(0.05));
+    let note = added.body["note"]
+        .as_str()
+        .expect("the assumption is noted");
+    assert!(note.contains("1.5 ± 0.05 assumed"), "{note}");
+    bench.end().await;
+}
