@@ -9,6 +9,7 @@ mod http;
 mod imports;
 mod lab;
 mod line;
+mod near;
 mod nist;
 mod radiances;
 mod simulate_rig;
