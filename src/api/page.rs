@@ -1,6 +1,6 @@
 //! The page, embedded in the program; without it, a word on how to build it.
 
-use axum::http::{HeaderMap, StatusCode, Uri, header};
+use axum::http::{HeaderMap, Method, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 
 use super::error::ApiError;
@@ -10,31 +10,33 @@ use super::error::ApiError;
 #[allow_missing = true]
 struct Dist;
 
-/// Whatever no route answers: a file of the page, the page itself, or a problem.
-pub(super) async fn page(uri: Uri, headers: HeaderMap) -> Response {
-    let path = uri.path().trim_start_matches('/');
-    if path.starts_with("api/") {
-        return ApiError::not_found(format!(
-            "there is no route {}; /openapi.json lists them",
-            uri.path()
-        ))
-        .into_response();
+/// Whatever no route answers: a file of the page, the page itself at `/`, or a problem.
+pub(super) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Response {
+    let path = match uri.path() {
+        "/" => "index.html",
+        other => other.trim_start_matches('/'),
+    };
+    if matches!(method, Method::GET | Method::HEAD) {
+        if let Some(file) = Dist::get(path) {
+            return answer(path, &file, &headers);
+        }
+        if path == "index.html" {
+            return (
+                StatusCode::SERVICE_UNAVAILABLE,
+                "This ridged was built without its page: run `make web`, then build it again.\n\
+                 The HTTP interface works all the same; /openapi.json describes it.\n",
+            )
+                .into_response();
+        }
     }
-    let path = if path.is_empty() { "index.html" } else { path };
-    if let Some(file) = Dist::get(path) {
-        return answer(path, &file, &headers);
-    }
-    let asks_for_a_page = !path.contains('.') || path == "index.html";
-    match Dist::get("index.html") {
-        Some(file) if asks_for_a_page => answer("index.html", &file, &headers),
-        None if asks_for_a_page => (
-            StatusCode::SERVICE_UNAVAILABLE,
-            "This ridged was built without its page: run `make web`, then build it again.\n\
-             The HTTP interface works all the same; /openapi.json describes it.\n",
-        )
-            .into_response(),
-        _ => ApiError::not_found(format!("there is no file {}", uri.path())).into_response(),
-    }
+    // A script that forgot the prefix must not take the page for an answer.
+    let below_api = path == "api" || path.starts_with("api/");
+    let hint = if below_api {
+        "/openapi.json lists them"
+    } else {
+        "those for scripts begin with /api/v1, and /openapi.json lists them"
+    };
+    ApiError::not_found(format!("there is no route {}; {hint}", uri.path())).into_response()
 }
 
 fn answer(path: &str, file: &rust_embed::EmbeddedFile, headers: &HeaderMap) -> Response {

@@ -90,6 +90,7 @@ fn stage_may_be_retried(error: &StageError) -> bool {
         | StageError::AddressConflict { .. }
         | StageError::NoScale { .. }
         | StageError::Disagreement { .. }
+        | StageError::BeyondTravel { .. }
         | StageError::NotANumber { .. }
         | StageError::OutsideLimits { .. }
         | StageError::Interrupted { .. }
@@ -119,7 +120,7 @@ pub fn stage_code(error: &StageError) -> &'static str {
         StageError::WrongDevice { .. } => "stage-wrong-device",
         StageError::AddressConflict { .. } => "stage-address-conflict",
         StageError::NoScale { .. } => "stage-no-scale",
-        StageError::Disagreement { .. } => "stage-disagrees",
+        StageError::Disagreement { .. } | StageError::BeyondTravel { .. } => "stage-disagrees",
         StageError::NotANumber { .. } | StageError::OutsideLimits { .. } => "outside-limits",
         StageError::NotReferenced { .. } => "stage-not-referenced",
         StageError::PowerCycled { .. } => "stage-power-cycled",

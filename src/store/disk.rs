@@ -2,7 +2,9 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 /// What the store asks of a disk for its frame files.
 pub trait Disk: Send + Sync + 'static {
@@ -27,18 +29,35 @@ pub struct RealDisk;
 /// Name ending of a file that is being written; one that is left over is a half frame.
 pub const PART_SUFFIX: &str = "part";
 
+/// A name that no other write of this process has: two frames of the same content (a stuck camera)
+/// may be on their way to one `path` at the same time.
+fn part_of(path: &Path) -> PathBuf {
+    static WRITES: AtomicU64 = AtomicU64::new(0);
+    let number = WRITES.fetch_add(1, Ordering::Relaxed);
+    path.with_extension(format!("{number}.{PART_SUFFIX}"))
+}
+
+/// Makes `folder` durable if it is not there. Nobody gets past while another still makes it.
+fn make_folder(folder: &Path) -> io::Result<()> {
+    static MAKING: Mutex<()> = Mutex::new(());
+    let _alone = MAKING.lock().unwrap_or_else(PoisonError::into_inner);
+    if folder.is_dir() {
+        return Ok(());
+    }
+    fs::create_dir_all(folder)?;
+    match folder.parent() {
+        Some(above) => File::open(above)?.sync_all(),
+        None => Ok(()),
+    }
+}
+
 impl Disk for RealDisk {
     fn write_durably(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
         let folder = path
             .parent()
             .ok_or_else(|| io::Error::other("a frame's path has a folder"))?;
-        if !folder.is_dir() {
-            fs::create_dir_all(folder)?;
-            if let Some(above) = folder.parent() {
-                File::open(above)?.sync_all()?;
-            }
-        }
-        let part = path.with_extension(PART_SUFFIX);
+        make_folder(folder)?;
+        let part = part_of(path);
         let written = (|| {
             let mut file = OpenOptions::new()
                 .write(true)
@@ -73,7 +92,27 @@ mod tests {
         let path = folder.path().join("ab/cd.png");
         RealDisk.write_durably(&path, b"counts").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"counts");
-        assert!(!path.with_extension(PART_SUFFIX).exists());
+        let left = fs::read_dir(folder.path().join("ab")).unwrap().count();
+        assert_eq!(left, 1);
+    }
+
+    #[test]
+    fn the_same_content_may_be_written_many_times_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("ab/cd.png");
+        let bytes = vec![7; 1 << 16];
+        std::thread::scope(|scope| {
+            let writers: Vec<_> = (0..8)
+                .map(|_| {
+                    scope.spawn(|| (0..20).try_for_each(|_| RealDisk.write_durably(&path, &bytes)))
+                })
+                .collect();
+            for writer in writers {
+                writer.join().unwrap().unwrap();
+            }
+        });
+        assert_eq!(fs::read(&path).unwrap(), bytes);
+        assert_eq!(fs::read_dir(folder.path().join("ab")).unwrap().count(), 1);
     }
 
     #[test]

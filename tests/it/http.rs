@@ -223,6 +223,15 @@ async fn bad_input_is_refused_by_name_and_nothing_happens() {
     }
     is_problem(&get(&router, "/api/v1/scans/9").await, 404, "not-found");
     is_problem(&get(&router, "/api/v1/nothing").await, 404, "not-found");
+    for answer in [
+        get(&router, "/rig").await,
+        post(&router, "/scans", "{}").await,
+        post(&router, "/", "{}").await,
+    ] {
+        is_problem(&answer, 404, "not-found");
+        let detail = answer.body["detail"].as_str().unwrap();
+        assert!(detail.contains("/api/v1"), "{detail}");
+    }
     let delete = request("DELETE", "/api/v1/rig")
         .body(Body::empty())
         .unwrap();

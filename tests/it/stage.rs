@@ -254,15 +254,10 @@ async fn the_wrong_device_is_refused() {
     beyond.phi_s.limit_max = Angle::from_deg(500.0);
     let error = Rig::new().connect_with(beyond).await.err().unwrap();
     assert!(
-        matches!(
-            error,
-            StageError::Disagreement {
-                name: "limit.max",
-                ..
-            }
-        ),
+        matches!(error, StageError::BeyondTravel { axis: PhiS, .. }),
         "{error}"
     );
+    assert!(error.to_string().contains("zero_deg"), "{error}");
 }
 
 #[tokio::test]

@@ -158,29 +158,25 @@ impl Axis {
 
     /// The settings' limits, with the room for the approach, must lie within the device's.
     async fn check_travel(&self) -> Result<(), StageError> {
-        let below = self.settings.limit_min - self.settings.backlash;
-        let ends = [self.counts(below), self.counts(self.settings.limit_max)];
-        let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
-        for (name, wanted, setting) in [
-            ("limit.min", low, "limit.min"),
-            ("limit.max", high, "limit.max"),
-        ] {
-            let found: f64 = self.get_number(1, setting).await?;
-            let fits = if name == "limit.min" {
-                found <= wanted as f64
-            } else {
-                found >= wanted as f64
-            };
-            if !fits {
-                return Err(StageError::Disagreement {
-                    axis: self.name,
-                    name,
-                    expected: wanted as f64,
-                    found,
-                });
-            }
+        let needed = (
+            self.settings.limit_min - self.settings.backlash,
+            self.settings.limit_max,
+        );
+        let (low, high) = (self.counts(needed.0), self.counts(needed.1));
+        let (low, high) = (low.min(high), low.max(high));
+        let min: f64 = self.get_number(1, "limit.min").await?;
+        let max: f64 = self.get_number(1, "limit.max").await?;
+        if min <= low as f64 && max >= high as f64 {
+            return Ok(());
         }
-        Ok(())
+        let device_angle = |counts: f64| Angle::from_deg(counts / self.counts_per_turn * 360.0);
+        Err(StageError::BeyondTravel {
+            axis: self.name,
+            needed_min: device_angle(low as f64),
+            needed_max: device_angle(high as f64),
+            travel_min: device_angle(min),
+            travel_max: device_angle(max),
+        })
     }
 
     async fn apply_rates(&mut self) -> Result<(), StageError> {

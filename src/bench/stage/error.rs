@@ -96,6 +96,22 @@ pub enum StageError {
         /// On the device.
         found: f64,
     },
+    /// The settings' range, with the room for the approach, is not within what the device can reach.
+    #[error(
+        "the limits of {axis} with its backlash need the device angles {needed_min} … {needed_max}, the device goes from {travel_min} to {travel_max}: set zero_deg (the device angle where {axis} reads 0), or narrow limit_min_deg and limit_max_deg"
+    )]
+    BeyondTravel {
+        /// Which axis.
+        axis: AxisName,
+        /// Lowest device angle that the settings ask for.
+        needed_min: Angle,
+        /// Highest device angle that the settings ask for.
+        needed_max: Angle,
+        /// Lowest angle of the device, its `limit.min`.
+        travel_min: Angle,
+        /// Highest angle of the device, its `limit.max`.
+        travel_max: Angle,
+    },
     /// A target that is no number.
     #[error("the target of {axis} is not a number")]
     NotANumber {
