@@ -3,6 +3,7 @@
 pub mod analysis;
 pub mod api;
 pub mod bench;
+pub mod check;
 pub mod cli;
 pub mod clock;
 pub mod config;

@@ -3,6 +3,7 @@
 //! JSON goes to stdout alone; progress, logs and errors go to stderr. Exit codes: 0 done, 1 no
 //! result, 2 bad usage or bad input, 130 after Ctrl-C once things are safe.
 
+pub mod check;
 pub mod client;
 pub mod contrast;
 pub mod daemon;
@@ -68,6 +69,8 @@ pub enum Command {
     Render(render::Args),
     /// The simulated controller alone, on a pty or a TCP port.
     SimulateRig(simulate_rig::Args),
+    /// Stiff and extreme cases, expected and found.
+    Check(check::Args),
     /// Polarised light through single or layered micro-surfaces.
     Trace(trace::Args),
 }
@@ -113,6 +116,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Optimize(args) => optimize::run(args),
         Command::Render(args) => render::run(args),
         Command::SimulateRig(args) => simulate_rig::run(args),
+        Command::Check(args) => check::run(args),
         Command::Trace(args) => trace::run(args),
     };
     match outcome {

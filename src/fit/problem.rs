@@ -327,6 +327,8 @@ impl<'a> Problem<'a> {
     #[must_use]
     pub fn bounds(&self) -> Bounds {
         let (eta, k) = self.set.material.index();
+        let signals = self.set.observations.iter().map(|o| o.signal.abs());
+        let brightest = signals.fold(0.0, f64::max);
         let range = |q: &Quantity| match q {
             Quantity::ThetaR => (-THETA_R_MAX, THETA_R_MAX),
             Quantity::AlphaU | Quantity::AlphaV => (ALPHA_MIN.ln(), ALPHA_MAX.ln()),
@@ -340,7 +342,8 @@ impl<'a> Problem<'a> {
                 // Not 0: there the model leaves the diffuse terms and their derivatives out.
                 Variant::Sawtooth => (1e-9, 1.0),
             },
-            Quantity::Scale => (1e-12, f64::INFINITY),
+            // In the signals' own unit, whatever it is.
+            Quantity::Scale => (1e-12 * brightest.max(f64::MIN_POSITIVE), f64::INFINITY),
             Quantity::Background | Quantity::AzimuthOffset => (f64::NEG_INFINITY, f64::INFINITY),
             Quantity::Eta => (0.01, f64::INFINITY),
             Quantity::K => (0.0, f64::INFINITY),

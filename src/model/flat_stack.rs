@@ -112,40 +112,65 @@ impl FlatStack {
             cosines.push(((1.0 - s) * (1.0 + s)).sqrt());
         }
         let last = (self.indices.len() - 1).min(cosines.len());
-        let (mut s, mut p, mut z, mut scalar) = (0.0, 0.0, Complex::new(0.0, 0.0), 0.0);
+        let mut z = Complex::new(0.0, 0.0);
+        let (mut s, mut p, mut scalar) = (Below::NOTHING, Below::NOTHING, Below::NOTHING);
         for i in (0..last).rev() {
             let (here, beyond) = (self.indices[i], self.indices[i + 1]);
-            let down = Boundary::new(here.re, beyond.re, beyond.im).at(cosines[i]);
-            let up = match cosines.get(i + 1) {
-                Some(&c) if beyond.im == 0.0 => Boundary::new(beyond.re, here.re, 0.0).at(c),
-                _ => down,
-            };
-            let order = |r: f64, t: f64, r_up: f64, t_up: f64, below: f64| {
-                r + t * t_up * below / (1.0 - r_up * below)
-            };
-            let (r, t) = (down.reflected, down.refracted);
-            let (r_up, t_up) = (up.reflected, up.refracted);
-            s = order(r.s, t.s, r_up.s, t_up.s, s);
-            p = order(r.p, t.p, r_up.p, t_up.p, p);
-            let complex = |c: Channel| Complex::new(c.re, c.im);
-            z = complex(r) + complex(t) * complex(t_up) * z / (1.0 - complex(r_up) * z);
-            scalar = order(
-                r.unpolarised(),
-                t.unpolarised(),
-                r_up.unpolarised(),
-                t_up.unpolarised(),
-                scalar,
+            let boundary = Boundary::new(here.re, beyond.re, beyond.im);
+            // Powers are the same from below: the boundary is the one and the paths are reversed. Taken
+            // from below they would lose digits at grazing, where cos θ above is all that counts.
+            let (r, t) = (
+                boundary.at(cosines[i]).reflected,
+                boundary.at(cosines[i]).refracted,
             );
+            let kept = boundary.kept(cosines[i]);
+            s = s.under(r.s, t.s, kept.0);
+            p = p.under(r.p, t.p, kept.1);
+            let kept = 0.5 * (kept.0 + kept.1);
+            scalar = scalar.under(r.unpolarised(), t.unpolarised(), kept);
+            let complex = |c: Channel| Complex::new(c.re, c.im);
+            z = complex(r) + complex(t) * complex(t) * z / (1.0 - complex(r) * z);
         }
         Ok(StackReflectance {
             channel: Channel {
-                s,
-                p,
+                s: s.reflected,
+                p: p.reflected,
                 re: z.re,
                 im: z.im,
             },
-            scalar,
+            scalar: scalar.reflected,
         })
+    }
+}
+
+/// What lies below a boundary: the share it sends back and the share it keeps, which together are 1.
+///
+/// Both are carried, because 1 − R loses its digits where R is near 1 (grazing light, layers over a
+/// metal) and 1 − r↑ R = t↑ + r↑ (1 − R) needs them.
+#[derive(Debug, Clone, Copy)]
+struct Below {
+    reflected: f64,
+    kept: f64,
+}
+
+impl Below {
+    /// Nothing comes back.
+    const NOTHING: Below = Below {
+        reflected: 0.0,
+        kept: 1.0,
+    };
+
+    /// The same under a boundary that reflects `r`, lets `t` through (0 under total reflection and
+    /// over a metal) and sends back all but `kept`.
+    fn under(self, r: f64, t: f64, kept: f64) -> Below {
+        if t == 0.0 {
+            return Below { reflected: r, kept };
+        }
+        let all_orders = t / (t + r * self.kept);
+        Below {
+            reflected: r + all_orders * t * self.reflected,
+            kept: all_orders * self.kept,
+        }
     }
 }
 

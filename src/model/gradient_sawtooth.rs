@@ -18,6 +18,8 @@ struct Ray {
     m: f64,
     rho: f64,
     sigma: f64,
+    /// Facet length not hidden, p − σ.
+    open: f64,
     x: f64,
     y: f64,
     /// atan2(e, max(0, m)), for the retro lobe.
@@ -116,6 +118,14 @@ impl Ray {
         } else {
             0.0
         };
+        // p − σ without cancellation; its derivatives are those of σ.
+        let open = if m <= 0.0 {
+            0.0
+        } else if e > 0.0 {
+            (w[2] / m).max(0.0)
+        } else {
+            c
+        };
         let (x, y) = if rho <= 0.0 {
             (0.0, 0.0)
         } else if m <= 0.0 {
@@ -139,6 +149,7 @@ impl Ray {
             m,
             rho,
             sigma,
+            open,
             x,
             y,
             beta,
@@ -274,8 +285,7 @@ fn single(
     go: &mut Back,
     shared: &mut Shared,
 ) -> f64 {
-    let hidden = i.sigma.max(o.sigma);
-    let seen = q.cos - hidden;
+    let seen = i.open.min(o.open);
     let on_facet = i.m > 0.0 && o.m > 0.0 && seen > 0.0;
     let on_riser = i.rho > 0.0 && o.rho > 0.0;
     if !on_facet && !on_riser {
@@ -387,9 +397,9 @@ fn diffuse(
     let facets = i.a * o.a;
     let risers = i.b * o.b;
 
-    let seen = (p - i.sigma.max(o.sigma)).max(0.0);
-    let hop_i = (i.x - o.sigma).max(0.0);
-    let hop_o = (o.x - i.sigma).max(0.0);
+    let seen = i.open.min(o.open);
+    let hop_i = (o.open - (p - i.x)).max(0.0);
+    let hop_o = (i.open - (p - o.x)).max(0.0);
     let both_x = i.x.min(o.x);
     let both_y = i.y.min(o.y);
     let per_facets = seen + ri * hop_i + ro * hop_o + ri * ro * both_x;
@@ -433,7 +443,7 @@ fn diffuse(
     go.facet_f += cr * (o.y + fi * both_y);
 
     // Exchange: E_f = a (p − σ + F_ρ X), E_r = b (r + F_m Y).
-    let open = |w: &Ray| p - w.sigma + w.riser.f.value * w.x;
+    let open = |w: &Ray| w.open + w.riser.f.value * w.x;
     let deep = |w: &Ray| r + w.facet.f.value * w.y;
     let (open_i, open_o, deep_i, deep_o) = (open(i), open(o), deep(i), deep(o));
     let (ef_i, ef_o) = (i.a * open_i, o.a * open_o);

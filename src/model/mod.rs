@@ -10,6 +10,7 @@
 
 pub mod brdf;
 pub mod contrast;
+pub mod domain;
 pub mod double_double;
 pub mod dual;
 pub mod flat_stack;
@@ -28,6 +29,8 @@ mod third_bounce;
 
 #[cfg(test)]
 mod derivative_tests;
+#[cfg(test)]
+mod extreme_tests;
 #[cfg(test)]
 mod law_tests;
 

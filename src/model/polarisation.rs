@@ -210,6 +210,20 @@ impl Boundary {
         1.0 / self.relative.re
     }
 
+    /// Shares (s, p) of the power that do not come back at cos θ = `cos`: 1 − R without the cancellation
+    /// where R is near 1 (4 c Re q/|c + q|² and 4 c Re(N² q*)/|N² c + q|²).
+    #[must_use]
+    pub fn kept(&self, cos: f64) -> (f64, f64) {
+        let q = root(self.lift + cos * cos);
+        if self.transparent && q.re == 0.0 {
+            return (0.0, 0.0);
+        }
+        let (sum_s, sum_p) = (q + cos, self.squared * cos + q);
+        let s = 4.0 * cos * q.re / sum_s.norm_sqr();
+        let p = 4.0 * cos * (self.squared * q.conj()).re / sum_p.norm_sqr();
+        (s, p)
+    }
+
     /// Reflection and refraction at cos θ = `cos` in (0, 1]; reflected and refracted powers add up to 1 on a transparent boundary.
     #[must_use]
     #[inline]

@@ -100,7 +100,17 @@ impl OpticsTable {
             value: 1.0,
             partials: [0.0; 2],
         };
-        let diffuse = one / (t(1.0) * t(optics.theta_l.cos()) * std::f64::consts::PI);
+        let enters = t(1.0) * t(optics.theta_l.cos());
+        // Where nothing gets in (total reflection, a perfect mirror) nothing comes back out: see
+        // `domain` for the ρd that is refused there.
+        let diffuse = if enters.value > f64::MIN_POSITIVE {
+            one / (enters * std::f64::consts::PI)
+        } else {
+            Dual {
+                value: 0.0,
+                partials: [0.0; 2],
+            }
+        };
         let t_bar = diffuse_transmittance(eta, k);
         let exchange = t_bar * t_bar * std::f64::consts::PI;
         let parts = |x: Dual<2>| [x.value, x.partials[0], x.partials[1]];

@@ -90,6 +90,8 @@ struct Ray {
     m: f64,
     /// Facet length, from the valley, that the riser hides.
     sigma: f64,
+    /// Facet length that it does not hide: p − σ without cancellation.
+    open: f64,
     /// Riser length, from the valley, that the facet hides.
     tau: f64,
 }
@@ -217,6 +219,13 @@ impl Quadrature {
         } else {
             (s * e.max(0.0) / m).min(c)
         };
+        let open = if m <= 0.0 {
+            0.0
+        } else if e > 0.0 {
+            (w[2] / m).max(0.0)
+        } else {
+            c
+        };
         let tau = if e >= 0.0 {
             s
         } else {
@@ -227,6 +236,7 @@ impl Quadrature {
             e,
             m,
             sigma,
+            open,
             tau,
         }
     }
@@ -274,7 +284,7 @@ impl Quadrature {
                 let f = self.reflectance(0.5 * (hu * hu + he * he + hm * hm).sqrt());
                 let specular = 0.25 * self.q.amplitude * f;
                 let mut sum = 0.0;
-                let facet = self.cos - i.sigma.max(o.sigma);
+                let facet = i.open.min(o.open);
                 if i.m > 0.0 && o.m > 0.0 && facet > 0.0 {
                     let g = lobe.smith(i.u, i.e, i.m) * smith_facet;
                     sum += facet * specular * g * lobe.density(hu, he, hm);

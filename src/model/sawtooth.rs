@@ -89,6 +89,9 @@ struct Ray<S> {
     rho: S,
     /// Facet length hidden by the riser, from the valley.
     sigma: S,
+    /// Facet length not hidden, p − σ. Towards the horizon on the side that the facets lean to both
+    /// are nearly p, but p − (r ω_e/ω_m) is ω_n/ω_m: no digit is lost.
+    open: S,
     /// Facet length lit by a mirror hop over the riser, from the valley.
     x: S,
     /// Riser length lit by a mirror hop over the facet, from the valley.
@@ -118,6 +121,13 @@ impl<S: Scalar> Ray<S> {
         } else {
             (s * e.larger(zero()) / m).smaller(c)
         };
+        let open = if m.value() <= 0.0 {
+            zero()
+        } else if e.value() > 0.0 {
+            (w[2] / m).larger(zero())
+        } else {
+            c
+        };
         let (x, y) = if rho.value() > 0.0 && m.value() > 0.0 {
             ((s * rho / m).smaller(c), (c * m / rho).smaller(s))
         } else if rho.value() > 0.0 {
@@ -131,6 +141,7 @@ impl<S: Scalar> Ray<S> {
             m,
             rho,
             sigma,
+            open,
             x,
             y,
             facet: reflectances_of(m, q.eta, q.k),
@@ -160,7 +171,15 @@ impl<S: Scalar> Ray<S> {
 pub fn diffuse_transmittance<S: Scalar>(eta: S, k: S) -> S {
     let mut sum = zero::<S>();
     let total = k.value() == 0.0 && eta.value() < 1.0;
-    let panels: [f64; 6] = [0.0, 1.0 / 256.0, 1.0 / 64.0, 1.0 / 16.0, 1.0 / 4.0, 1.0];
+    let coarse = [0.0, 1.0 / 256.0, 1.0 / 64.0, 1.0 / 16.0, 1.0 / 4.0, 1.0];
+    // A step of the index so small that T falls within the first panel: at μ of the order of its root.
+    let dip = (eta.value() - 1.0).abs().sqrt();
+    let panels: Vec<f64> = if k.value() == 0.0 && dip > 0.0 && dip < coarse[1] / 16.0 {
+        let fine = [0.25, 1.0, 4.0, 16.0].map(|t| t * dip);
+        [&coarse[..1], &fine, &coarse[1..]].concat()
+    } else {
+        coarse.to_vec()
+    };
     for pair in panels.windows(2) {
         let (low, high) = (pair[0], pair[1]);
         for (node, weight) in super::gauss::LEGENDRE_16 {
@@ -219,7 +238,7 @@ fn single<S: Scalar>(i: [S; 3], o: [S; 3], ri: &Ray<S>, ro: &Ray<S>, q: &Paramet
     };
     let mut sum = zero::<S>();
     if ri.m.value() > 0.0 && ro.m.value() > 0.0 {
-        let seen = c - ri.sigma.larger(ro.sigma);
+        let seen = ri.open.smaller(ro.open);
         if seen.value() > 0.0 && hm.value() > 0.0 {
             sum = sum + seen * d(h[0], he, hm);
         }
@@ -241,17 +260,17 @@ fn diffuse<S: Scalar>(i: &Ray<S>, o: &Ray<S>, q: &Parameters<S>) -> S {
     let (ui, uo) = (riser(i), riser(o));
     let positive = |x: S| x.larger(zero());
 
-    let mut sum = positive(p - i.sigma.larger(o.sigma)) * ti * to + r * ui * uo;
+    let mut sum = i.open.smaller(o.open) * ti * to + r * ui * uo;
     sum = sum
-        + i.riser_f() * ti * positive(i.x - o.sigma) * to
-        + o.riser_f() * to * positive(o.x - i.sigma) * ti
+        + i.riser_f() * ti * positive(o.open - (p - i.x)) * to
+        + o.riser_f() * to * positive(i.open - (p - o.x)) * ti
         + i.riser_f() * ti * o.riser_f() * to * i.x.smaller(o.x);
     sum = sum
         + i.facet_f() * ui * i.y * uo
         + o.facet_f() * uo * o.y * ui
         + i.facet_f() * ui * o.facet_f() * uo * i.y.smaller(o.y);
 
-    let e_f = |w: &Ray<S>| facet(w) * (p - w.sigma + w.riser_f() * w.x);
+    let e_f = |w: &Ray<S>| facet(w) * (w.open + w.riser_f() * w.x);
     let e_r = |w: &Ray<S>| riser(w) * (r + w.facet_f() * w.y);
     if r.value() > 0.0 {
         let t_bar = diffuse_transmittance(q.eta, q.k);
@@ -289,12 +308,12 @@ pub(super) fn three_bounces_and_more(
     let half = 0.5 * kappa * (p + r - 1.0);
     let loss = half * half / (p * r);
     let d = 1.0 - loss;
-    let e_f = |t: f64, w: &Ray<f64>| t * (p - w.sigma + w.riser_f() * w.x);
+    let e_f = |t: f64, w: &Ray<f64>| t * (w.open + w.riser_f() * w.x);
     let e_r = |u: f64, w: &Ray<f64>| u * (r + w.facet_f() * w.y);
     let (fi, fo, ri, ro) = (e_f(ti, &i), e_f(to, &o), e_r(ui, &i), e_r(uo, &o));
     let exchanged =
         loss / d * (fi * fo / p + ri * ro / r) + half / (p * r * d) * (fo * ri + ro * fi);
-    let first = half / (p * r) * (to * (p - o.sigma) * ui * r + uo * r * ti * (p - i.sigma));
+    let first = half / (p * r) * (to * o.open * ui * r + uo * r * ti * i.open);
     c_d * (hops + exchanged - first)
 }
 

@@ -58,6 +58,21 @@ const RULES: &[(&str, &[&str])] = &[
             "reduction",
         ],
     ),
+    (
+        "check",
+        &[
+            "units",
+            "frame",
+            "geometry",
+            "material",
+            "observation",
+            "model",
+            "trace",
+            "fit",
+            "series",
+            "reduction",
+        ],
+    ),
     ("bench", &["units", "geometry", "frame", "clock"]),
     (
         "scan",

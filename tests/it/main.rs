@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod bench_in_a_box;
+mod check;
 mod commands;
 mod http;
 mod imports;

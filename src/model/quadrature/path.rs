@@ -150,7 +150,10 @@ impl Row {
         let (sin, cos) = beta.sin_cos();
         let (r, p) = (path.walls.sin, path.walls.cos);
         let tan = sin / cos;
-        let length = p.min(r * tan) - path.a.sigma.max(path.b.tau * tan);
+        let reach = p.min(r * tan);
+        // Where the whole facet is in reach, p − σ comes without cancellation.
+        let from_a = path.a.open - (p - reach);
+        let length = from_a.min(reach - path.b.tau * tan);
         Row { sin, cos, length }
     }
 

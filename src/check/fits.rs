@@ -1,0 +1,337 @@
+//! Fits of sets that are hard or hopeless: a truth that was put in must be covered, or nothing claimed.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
+
+use super::criterion::{covered, digits, limit, one_of};
+use super::{Effort, Row};
+use crate::fit::estimate::free_quantities;
+use crate::fit::problem::{Problem, Quantity};
+use crate::fit::report::{FitReport, Status};
+use crate::fit::solver::{Settings, minimise};
+use crate::fit::variants::fit_with_tier;
+use crate::fit::{FitOptions, VariantChoice};
+use crate::geometry::{Pose, RigGeometry};
+use crate::material::Material;
+use crate::model::{Optics, Surface, Variant, radiance};
+use crate::observation::{Observation, ObservationSet, Prior, SharedErrors, WhiteReference};
+use crate::units::Angle;
+
+const AREA: &str = "fit";
+const TRUTH: &str = "truth that was put in";
+const NONE: &str = "nothing may be claimed";
+
+/// A polymer's truth; the rows vary it.
+fn truth() -> Surface {
+    Surface {
+        theta_r: 11f64.to_radians(),
+        alpha_u: 0.09,
+        alpha_v: 0.12,
+        rho_d: 0.3,
+        amplitude: 1.0,
+    }
+}
+
+fn material() -> Material {
+    Material::Dielectric {
+        eta: 1.5,
+        eta_std: 0.0,
+    }
+}
+
+fn poses(tilts: u32, turns: u32) -> Vec<(f64, f64)> {
+    (0..tilts)
+        .flat_map(|t| {
+            let tilt = -20.0 + 40.0 * f64::from(t) / f64::from((tilts - 1).max(1));
+            (0..turns).map(move |p| (tilt, 360.0 / f64::from(turns) * f64::from(p)))
+        })
+        .collect()
+}
+
+/// Relative noise of every observation.
+const NOISE: f64 = 1e-3;
+
+/// Observations of a surface with noise, in an absolute unit; `noise` 0 leaves the closed form's own values.
+fn set(surface: &Surface, poses: &[(f64, f64)], noise: f64) -> ObservationSet {
+    let rig = RigGeometry::IN_PLANE;
+    let material = material();
+    let optics = Optics::new(&rig, &material);
+    let mut random = rand_pcg::Pcg64::seed_from_u64(5);
+    let observations: Vec<Observation> = poses
+        .iter()
+        .map(|(t, p)| {
+            let pose = Pose::from_deg(*t, *p);
+            let clean = radiance(Variant::Sawtooth, &rig.directions(pose), surface, &optics);
+            let draw: f64 = random.sample(StandardNormal);
+            Observation {
+                pose,
+                signal: clean * (1.0 + noise * draw),
+                sigma: NOISE * clean,
+                shared: SharedErrors::default(),
+                n_frames: 1,
+            }
+        })
+        .collect();
+    let peak = observations.iter().map(|o| o.signal).fold(0.0, f64::max);
+    ObservationSet {
+        rig,
+        material,
+        observations,
+        views: Vec::new(),
+        flats: Vec::new(),
+        white_reference: Some(WhiteReference {
+            reflectance: 0.99,
+            reflectance_std: 0.005,
+        }),
+        background: Prior {
+            mean: 0.0,
+            std: 1e-4 * peak,
+        },
+        region: None,
+        region_azimuth: Angle::ZERO,
+        n_frames_used: u32::try_from(poses.len()).unwrap_or(u32::MAX),
+        rejected_frames: Vec::new(),
+        warnings: Vec::new(),
+    }
+}
+
+/// A fit without the integrated second bounce, since the truth here is the closed form itself.
+pub(super) fn fitted(set: &ObservationSet, cancel: &AtomicBool) -> FitReport {
+    let options = FitOptions {
+        variant: VariantChoice::Sawtooth,
+        ..FitOptions::default()
+    };
+    fit_with_tier(set, &options, None, cancel)
+}
+
+fn word(status: Status) -> String {
+    serde_json::to_value(status)
+        .ok()
+        .and_then(|v| v.as_str().map(str::to_owned))
+        .unwrap_or_default()
+}
+
+/// Every parameter that the report gives a number for must cover its truth.
+fn coverage(rows: &mut Vec<Row>, name: &str, surface: &Surface, report: &FitReport) {
+    let known = [
+        ("theta_r_deg", surface.theta_r.to_degrees()),
+        ("alpha_u", surface.alpha_u),
+        ("alpha_v", surface.alpha_v),
+        ("rho_d", surface.rho_d),
+        ("azimuth_offset_deg", 0.0),
+        ("tilt_offset_deg", 0.0),
+    ];
+    for (parameter, p) in report.parameters.named() {
+        let Some((_, truth)) = known.iter().find(|(n, _)| *n == parameter) else {
+            continue;
+        };
+        let judged = match (p.value, p.std) {
+            (Some(value), Some(std)) => covered(*truth, std, value),
+            _ => one_of(&["null"], "null"),
+        };
+        rows.push(Row::new(AREA, name, parameter, TRUTH, judged));
+    }
+}
+
+/// Whether a report claims a ridge angle.
+pub(super) fn claim(report: &FitReport) -> String {
+    if report.status == Status::Converged && report.parameters.theta_r_deg.value.is_some() {
+        "a ridge angle".to_owned()
+    } else {
+        word(report.status)
+    }
+}
+
+/// How a fit of nothing may end.
+pub(super) const HOPELESS: [&str; 5] = [
+    "at-bound",
+    "rank-deficient",
+    "stalled",
+    "not-finite",
+    "too-few-observations",
+];
+
+pub(super) fn rows(effort: Effort, cancel: &AtomicBool) -> Vec<Row> {
+    let mut rows = Vec::new();
+    let surface = truth();
+    let mut narrow = surface;
+    (narrow.alpha_u, narrow.alpha_v) = (0.012, 0.01);
+    let mut ways = vec![
+        ("9 tilts, 12 azimuths", surface, poses(9, 12)),
+        ("one azimuth only", surface, poses(9, 1)),
+        ("one tilt only", surface, poses(1, 36)),
+        (
+            "lobes of alpha 0.01 on a coarse grid",
+            narrow,
+            poses(17, 36),
+        ),
+    ];
+    if effort == Effort::Full {
+        ways.push(("a million observations", surface, poses(1000, 1000)));
+    }
+    for (name, surface, poses) in ways {
+        if cancel.load(Ordering::Relaxed) {
+            return rows;
+        }
+        let report = fitted(&set(&surface, &poses, NOISE), cancel);
+        coverage(&mut rows, name, &surface, &report);
+    }
+    hopeless(&mut rows, cancel);
+    units(&mut rows, cancel);
+    far_starts(&mut rows, cancel);
+    rows
+}
+
+fn hopeless(rows: &mut Vec<Row>, cancel: &AtomicBool) {
+    let surface = truth();
+    let two = fitted(&set(&surface, &poses(2, 1), NOISE), cancel);
+    let judged = one_of(&["too-few-observations"], &word(two.status));
+    rows.push(Row::new(AREA, "two observations", "status", NONE, judged));
+
+    let mut flat = set(&surface, &poses(9, 12), 0.0);
+    for o in &mut flat.observations {
+        (o.signal, o.sigma) = (0.1, 1e-4);
+    }
+    let judged = one_of(&HOPELESS, &claim(&fitted(&flat, cancel)));
+    rows.push(Row::new(
+        AREA,
+        "all observations equal",
+        "claim",
+        NONE,
+        judged,
+    ));
+
+    for o in &mut flat.observations {
+        o.signal = 0.0;
+    }
+    let judged = one_of(&HOPELESS, &claim(&fitted(&flat, cancel)));
+    rows.push(Row::new(
+        AREA,
+        "all observations zero",
+        "claim",
+        NONE,
+        judged,
+    ));
+
+    let mut broken = set(&surface, &poses(9, 12), NOISE);
+    broken.observations[7].signal = f64::INFINITY;
+    let judged = one_of(&["not-finite"], &word(fitted(&broken, cancel).status));
+    rows.push(Row::new(
+        AREA,
+        "an infinite observation",
+        "status",
+        NONE,
+        judged,
+    ));
+}
+
+/// A change of unit by 1e12 either way changes nothing but the scale; with a white reference, whose unit
+/// is absolute, it is a contradiction that must be told.
+fn units(rows: &mut Vec<Row>, cancel: &AtomicBool) {
+    let plain = ObservationSet {
+        white_reference: None,
+        ..set(&truth(), &poses(9, 12), NOISE)
+    };
+    let scaled = |set: &ObservationSet, unit: f64| {
+        let mut other = set.clone();
+        for o in &mut other.observations {
+            o.signal *= unit;
+            o.sigma *= unit;
+        }
+        other.background.mean *= unit;
+        other.background.std *= unit;
+        other
+    };
+    let reference = fitted(&plain, cancel);
+    for unit in [1e12, 1e-12] {
+        let name = format!("unit off by {unit:e}, no white reference");
+        let found = fitted(&scaled(&plain, unit), cancel);
+        for ((parameter, a), (_, b)) in reference
+            .parameters
+            .named()
+            .iter()
+            .zip(found.parameters.named())
+        {
+            let factor = if ["scale", "background"].contains(parameter) {
+                unit
+            } else {
+                1.0
+            };
+            let judged = match (a.value, a.std, b.value) {
+                // Both end at the minimum to well below what it means.
+                (Some(x), Some(std), Some(y)) => limit(0.0, 1e-3, (y / factor - x) / std),
+                (None, _, None) => one_of(&["null"], "null"),
+                (x, _, y) => one_of(&[&format!("{x:?}")], &format!("{y:?}")),
+            };
+            let quantity = format!("{parameter}, change over its uncertainty");
+            rows.push(Row::new(
+                AREA,
+                name.clone(),
+                quantity,
+                "a change of units",
+                judged,
+            ));
+        }
+    }
+    let absolute = set(&truth(), &poses(9, 12), NOISE);
+    for unit in [1e12, 1e-12] {
+        let report = fitted(&scaled(&absolute, unit), cancel);
+        let judged = one_of(&HOPELESS, &claim(&report));
+        let name = format!("unit off by {unit:e}, with a white reference");
+        rows.push(Row::new(AREA, name, "claim", NONE, judged));
+    }
+}
+
+/// Descents that start ten lobe widths from the truth, with lobes broadened to reach it, as starts are.
+fn far_starts(rows: &mut Vec<Row>, cancel: &AtomicBool) {
+    for alpha in [0.01, 0.02, 0.04] {
+        let mut surface = truth();
+        (surface.alpha_u, surface.alpha_v) = (alpha, alpha);
+        let set = set(&surface, &poses(33, 36), 0.0);
+        let (free, fixed) = free_quantities(&set, Variant::Sawtooth);
+        let free: Vec<Quantity> = free
+            .into_iter()
+            .filter(|q| *q != Quantity::TiltOffset)
+            .collect();
+        let problem = Problem::new(&set, Variant::Sawtooth, free, fixed);
+        // Weights by counting noise would make the dim poses decide where the lobe goes.
+        let peak = set
+            .observations
+            .iter()
+            .map(|o| o.signal)
+            .fold(0.0, f64::max);
+        let problem = problem.with_sigma(vec![NOISE * peak; set.observations.len()]);
+        let mut start = fixed;
+        // A slope of α on the surface is an angle of α.
+        start.theta_r = surface.theta_r + 10.0 * alpha;
+        let broad = Surface {
+            theta_r: start.theta_r,
+            ..surface
+        }
+        .broadened(10.0 * alpha);
+        (start.alpha_u, start.alpha_v) = (broad.alpha_u, broad.alpha_v);
+        start.rho_d = 0.1;
+        let minimum = minimise(
+            &problem,
+            &problem.pack(&start),
+            &problem.bounds(),
+            &Settings::default(),
+            cancel,
+        );
+        let found = problem.unpack(&minimum.parameters).folded();
+        let name = format!("start ten lobe widths away, alpha {alpha}");
+        // The residual is zero there, so the minimum is known to rounding times its condition (the
+        // descent stops at a step of 1e-12).
+        let judged = digits(surface.theta_r, 1e5, found.theta_r);
+        rows.push(Row::new(AREA, name.clone(), "theta_r, rad", TRUTH, judged));
+        rows.push(Row::new(
+            AREA,
+            name,
+            "alpha_v",
+            TRUTH,
+            digits(alpha, 1e5, found.alpha_v),
+        ));
+    }
+}

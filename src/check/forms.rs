@@ -1,0 +1,457 @@
+//! The closed forms against tables in 60-digit arithmetic, and against the laws that hold at every row.
+
+use std::sync::atomic::AtomicBool;
+
+use nalgebra::{Complex, Vector3};
+
+use super::criterion::{digits, limit, refused};
+use super::{Effort, Row};
+use crate::geometry::Directions;
+use crate::model::brdf::{self, Case};
+use crate::model::flat_stack::FlatStack;
+use crate::model::fresnel;
+use crate::model::prepared::{OpticsTable, Prepared};
+use crate::model::quadrature::Quadrature;
+use crate::model::sawtooth::visible_and_lit_fraction;
+use crate::model::single_bounce::{Scattering, mueller_brdf};
+use crate::model::{Optics, Surface, Variant, radiance};
+
+const TABLE: &str = "60-digit arithmetic";
+const RECIPROCITY: &str = "reciprocity";
+/// θl of the tables of `sawtooth.csv`, degrees: it sets the unit of ρd.
+const THETA_L_DEG: f64 = 10.0;
+
+/// A table's columns by name; the tables are part of the program.
+struct Table(Vec<csv::StringRecord>, csv::StringRecord);
+
+impl Table {
+    fn read(text: &str) -> Table {
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        let header = reader
+            .headers()
+            .expect("a table of the program has a header")
+            .clone();
+        let rows = reader
+            .records()
+            .collect::<Result<_, _>>()
+            .expect("a table of the program is whole");
+        Table(rows, header)
+    }
+
+    fn rows(&self) -> impl Iterator<Item = Line<'_>> {
+        self.0.iter().map(|row| Line(row, &self.1))
+    }
+}
+
+struct Line<'a>(&'a csv::StringRecord, &'a csv::StringRecord);
+
+impl Line<'_> {
+    fn text(&self, name: &str) -> &str {
+        let at = self.1.iter().position(|n| n == name);
+        &self.0[at.expect("a column of the program's table")]
+    }
+
+    fn number(&self, name: &str) -> f64 {
+        self.text(name)
+            .parse()
+            .expect("the program's tables hold numbers")
+    }
+
+    fn case(&self) -> Case {
+        Case {
+            theta_i: self.number("theta_i"),
+            phi_i: self.number("phi_i"),
+            theta_o: self.number("theta_o"),
+            phi_o: self.number("phi_o"),
+            theta_r: self.number("theta_r"),
+            alpha_u: self.number("alpha_u"),
+            alpha_v: self.number("alpha_v"),
+            rho_d: self.number("rho_d"),
+            eta: self.number("eta"),
+            k: self.number("k"),
+        }
+    }
+}
+
+pub(super) fn rows(_: Effort, _: &AtomicBool) -> Vec<Row> {
+    let mut rows = Vec::new();
+    printed(&mut rows);
+    sawtooth(&mut rows);
+    fresnel_rows(&mut rows);
+    stacks(&mut rows);
+    visibility(&mut rows);
+    limits(&mut rows);
+    refusals(&mut rows);
+    rows
+}
+
+fn directions(c: &Case) -> Directions {
+    let of = |theta: f64, phi: f64| {
+        let (s, cos) = theta.sin_cos();
+        let (sp, cp) = phi.sin_cos();
+        Vector3::new(s * cp, s * sp, cos)
+    };
+    Directions {
+        incident: of(c.theta_i, c.phi_i),
+        outgoing: of(c.theta_o, c.phi_o),
+    }
+}
+
+fn surface_of(c: &Case) -> (Surface, Optics) {
+    let surface = Surface {
+        theta_r: c.theta_r,
+        alpha_u: c.alpha_u,
+        alpha_v: c.alpha_v,
+        rho_d: c.rho_d,
+        amplitude: 1.0,
+    };
+    let optics = Optics {
+        eta: c.eta,
+        k: c.k,
+        theta_l: THETA_L_DEG.to_radians(),
+        light_angular_radius: 0.0,
+    };
+    (surface, optics)
+}
+
+/// The same with lamp and camera exchanged.
+fn exchanged(c: &Case) -> Case {
+    Case {
+        theta_i: c.theta_o,
+        phi_i: c.phi_o,
+        theta_o: c.theta_i,
+        phi_o: c.phi_i,
+        ..*c
+    }
+}
+
+fn printed(rows: &mut Vec<Row>) {
+    let area = "printed BRDF";
+    let table = Table::read(include_str!("../../tests/data/extreme/brdf.csv"));
+    for line in table.rows() {
+        let (name, c) = (line.text("case"), line.case());
+        let (expected, cond) = (line.number("value"), line.number("cond"));
+        let value = |c: &Case| brdf::evaluate(c).map_or(f64::NAN, |e| e.f);
+        let judged = digits(expected, cond, value(&c));
+        rows.push(Row::new(area, name, "f, sr⁻¹", TABLE, judged));
+        let judged = digits(value(&c), cond, value(&exchanged(&c)));
+        rows.push(Row::new(area, name, "f exchanged", RECIPROCITY, judged));
+        // The form of fits: radiance, in plain doubles.
+        let (surface, optics) = surface_of(&c);
+        let d = directions(&c);
+        let per_cos = 1.0 / d.incident.z;
+        let found = radiance(Variant::Paper, &d, &surface, &optics) * per_cos;
+        let judged = digits(expected, cond, found);
+        rows.push(Row::new(area, name, "f of a fit's form", TABLE, judged));
+        let prepared = Prepared::new(Variant::Paper, &surface, &OpticsTable::new(&optics));
+        let judged = digits(expected, cond, prepared.partials(&d).value * per_cos);
+        rows.push(Row::new(area, name, "f of the inner loop", TABLE, judged));
+        // Without ridges and diffuse light it is the single bounce of the Mueller BRDF.
+        if c.theta_r == 0.0 && c.rho_d == 0.0 && c.alpha_u == c.alpha_v {
+            let scattering = Scattering {
+                theta_i: c.theta_i,
+                theta_s: c.theta_o,
+                // SCATMECH's mirror direction is φ = 0, ours φ_i + 180°.
+                phi_s: c.phi_o - c.phi_i - std::f64::consts::PI,
+            };
+            let found = mueller_brdf(&scattering, c.alpha_u, c.eta, c.k);
+            let judged = digits(expected, cond, found.map_or(f64::NAN, |m| m.0[(0, 0)]));
+            rows.push(Row::new(area, name, "m00, sr⁻¹", TABLE, judged));
+        }
+    }
+}
+
+fn sawtooth(rows: &mut Vec<Row>) {
+    let area = "sawtooth in full";
+    let table = Table::read(include_str!("../../tests/data/extreme/sawtooth.csv"));
+    for line in table.rows() {
+        let (name, c) = (line.text("case"), line.case());
+        let (expected, cond) = (line.number("value"), line.number("cond"));
+        let (surface, optics) = surface_of(&c);
+        let d = directions(&c);
+        let found = radiance(Variant::Sawtooth, &d, &surface, &optics);
+        rows.push(Row::new(
+            area,
+            name,
+            "radiance",
+            TABLE,
+            digits(expected, cond, found),
+        ));
+        let prepared = Prepared::new(Variant::Sawtooth, &surface, &OpticsTable::new(&optics));
+        let inner = prepared.partials(&d).value;
+        rows.push(Row::new(
+            area,
+            name,
+            "inner loop",
+            TABLE,
+            digits(expected, cond, inner),
+        ));
+        // L = f cos θi, and f is the same both ways.
+        let back = radiance(
+            Variant::Sawtooth,
+            &directions(&exchanged(&c)),
+            &surface,
+            &optics,
+        );
+        let judged = digits(found / d.incident.z, cond, back / d.outgoing.z);
+        rows.push(Row::new(
+            area,
+            name,
+            "L/cos θi exchanged",
+            RECIPROCITY,
+            judged,
+        ));
+        let gradient = prepared.partials(&d);
+        let slopes = [
+            gradient.theta_r,
+            gradient.alpha_u,
+            gradient.alpha_v,
+            gradient.rho_d,
+            gradient.eta,
+        ];
+        let finite = slopes
+            .iter()
+            .chain(&gradient.incident)
+            .all(|x| x.is_finite());
+        let judged =
+            super::criterion::one_of(&["finite"], if finite { "finite" } else { "not finite" });
+        rows.push(Row::new(
+            area,
+            name,
+            "derivatives",
+            "finite in, finite out",
+            judged,
+        ));
+    }
+}
+
+fn fresnel_rows(rows: &mut Vec<Row>) {
+    let table = Table::read(include_str!("../../tests/data/extreme/fresnel.csv"));
+    for line in table.rows() {
+        let (r_s, r_p) =
+            fresnel::reflectances(line.number("cos"), line.number("eta"), line.number("k"));
+        let found = if line.text("polarisation") == "s" {
+            r_s
+        } else {
+            r_p
+        };
+        let judged = digits(line.number("value"), line.number("cond"), found);
+        rows.push(Row::new(
+            "Fresnel",
+            line.text("case"),
+            "reflectance",
+            TABLE,
+            judged,
+        ));
+    }
+}
+
+/// An index as the table writes it: `1.5` or `0.35+2.7i`.
+fn index(text: &str) -> Complex<f64> {
+    let parse = |t: &str| t.parse().expect("the program's tables hold indices");
+    match text.strip_suffix('i').and_then(|t| t.split_once('+')) {
+        Some((n, k)) => Complex::new(parse(n), parse(k)),
+        None => Complex::new(parse(text), 0.0),
+    }
+}
+
+fn stacks(rows: &mut Vec<Row>) {
+    let area = "flat stack";
+    let table = Table::read(include_str!("../../tests/data/extreme/stack.csv"));
+    for line in table.rows() {
+        let indices = line.text("indices").split('/').map(index).collect();
+        let found = FlatStack::new(indices)
+            .and_then(|s| s.reflect(line.number("theta")))
+            .map_or([f64::NAN; 2], |r| [r.channel.s, r.channel.p]);
+        for (n, (value, cond, name)) in [("rs", "rs_cond", "R_s"), ("rp", "rp_cond", "R_p")]
+            .into_iter()
+            .enumerate()
+        {
+            let judged = digits(line.number(value), line.number(cond), found[n]);
+            rows.push(Row::new(area, line.text("case"), name, TABLE, judged));
+        }
+    }
+}
+
+/// A line of the table of stacks, for the tracer.
+pub(super) struct StackLine {
+    pub(super) case: String,
+    pub(super) indices: Vec<Complex<f64>>,
+    pub(super) theta_deg: f64,
+    pub(super) rs: f64,
+    pub(super) rp: f64,
+}
+
+pub(super) fn stack_lines() -> Vec<StackLine> {
+    Table::read(include_str!("../../tests/data/extreme/stack.csv"))
+        .rows()
+        .map(|line| StackLine {
+            case: line.text("case").to_owned(),
+            indices: line.text("indices").split('/').map(index).collect(),
+            theta_deg: line.number("theta").to_degrees(),
+            rs: line.number("rs"),
+            rp: line.number("rp"),
+        })
+        .collect()
+}
+
+fn visibility(rows: &mut Vec<Row>) {
+    let table = Table::read(include_str!("../../tests/data/extreme/visibility.csv"));
+    for line in table.rows() {
+        let found = visible_and_lit_fraction(
+            line.number("theta_r_deg"),
+            line.number("theta_i_proj_deg"),
+            line.number("theta_o_proj_deg"),
+        );
+        let judged = digits(line.number("value"), line.number("cond"), found);
+        rows.push(Row::new(
+            "visibility",
+            line.text("case"),
+            "lit and seen",
+            TABLE,
+            judged,
+        ));
+    }
+}
+
+/// What is left when a parameter goes to its end.
+fn limits(rows: &mut Vec<Row>) {
+    let source = "closed limit";
+    let c = Case {
+        theta_i: 0.3,
+        phi_i: 1.2,
+        theta_o: 0.4,
+        phi_o: -0.5,
+        theta_r: 0.0,
+        alpha_u: 0.1,
+        alpha_v: 0.1,
+        rho_d: 0.5,
+        eta: 1.0,
+        k: 0.0,
+    };
+    let (surface, optics) = surface_of(&c);
+    let d = directions(&c);
+    let lambert = surface.rho_d / std::f64::consts::PI * d.incident.z;
+    let matched = radiance(Variant::Sawtooth, &d, &surface, &optics);
+    let judged = digits(lambert, 1.0, matched);
+    rows.push(Row::new(
+        "sawtooth in full",
+        "index 1, no ridges: a Lambertian",
+        "radiance",
+        source,
+        judged,
+    ));
+    for step in [1e-6, 1e-9, 1e-12] {
+        let optics = Optics {
+            eta: 1.0 + step,
+            ..optics
+        };
+        let found = radiance(Variant::Sawtooth, &d, &surface, &optics);
+        let name = format!("index 1 + {step:e}: all but a Lambertian");
+        rows.push(Row::new(
+            "sawtooth in full",
+            name,
+            "radiance",
+            source,
+            limit(lambert, step, found),
+        ));
+    }
+    // A ridge that vanishes leaves the flat surface, in every tier.
+    let optics = Optics {
+        eta: 1.54,
+        ..optics
+    };
+    let table = OpticsTable::new(&optics);
+    let flat = radiance(Variant::Sawtooth, &d, &surface, &optics);
+    for theta_r in [1e-3, 1e-6, 1e-9] {
+        let ridged = Surface { theta_r, ..surface };
+        // Lobes of α move by θr/α, diffuse light and double reflections are of first order in θr.
+        let distance = theta_r / surface.alpha_u.powi(2);
+        let found = radiance(Variant::Sawtooth, &d, &ridged, &optics);
+        let name = format!("theta_r {theta_r:e} rad: all but flat");
+        rows.push(Row::new(
+            "sawtooth in full",
+            name.clone(),
+            "radiance",
+            source,
+            limit(flat, distance, found),
+        ));
+        let tier = |s: &Surface| Quadrature::new(s, &table).radiance(&d, theta_r).value;
+        let judged = limit(tier(&surface), distance, tier(&ridged));
+        rows.push(Row::new(
+            "two-bounce quadrature",
+            name,
+            "radiance",
+            source,
+            judged,
+        ));
+    }
+}
+
+fn refusals(rows: &mut Vec<Row>) {
+    let source = "no such answer";
+    let c = Case {
+        theta_i: 0.3,
+        phi_i: 0.0,
+        theta_o: 0.3,
+        phi_o: 3.0,
+        theta_r: 0.1,
+        alpha_u: 0.1,
+        alpha_v: 0.1,
+        rho_d: 0.0,
+        eta: 1.5,
+        k: 0.0,
+    };
+    let cases = [
+        (
+            "roughness 0",
+            Case { alpha_u: 0.0, ..c },
+            "alpha_u is not positive",
+        ),
+        (
+            "lamp below the horizon",
+            Case { theta_i: 1.6, ..c },
+            "theta_i is not within",
+        ),
+        (
+            "ridge of 90° and more",
+            Case { theta_r: 1.6, ..c },
+            "theta_r is not within",
+        ),
+        (
+            "an angle that is no number",
+            Case {
+                phi_o: f64::NAN,
+                ..c
+            },
+            "phi_o is not a finite number",
+        ),
+        ("index 0", Case { eta: 0.0, ..c }, "eta and k are both zero"),
+    ];
+    for (name, case, word) in cases {
+        let found = brdf::evaluate(&case)
+            .map(|e| e.f.to_string())
+            .map_err(|e| e.to_string());
+        rows.push(Row::new(
+            "printed BRDF",
+            name,
+            "f",
+            source,
+            refused(word, &found),
+        ));
+    }
+    let found = FlatStack::new(vec![
+        Complex::new(1.0, 0.0),
+        Complex::new(1.5, 0.1),
+        Complex::new(1.3, 0.0),
+    ])
+    .map(|_| "accepted".to_owned())
+    .map_err(|e| e.to_string());
+    rows.push(Row::new(
+        "flat stack",
+        "a layer that absorbs",
+        "R",
+        source,
+        refused("absorbs", &found),
+    ));
+}

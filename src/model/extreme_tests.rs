@@ -1,0 +1,171 @@
+//! Every kernel at the ends of its domain: finite in, then finite or refused by name out.
+
+use nalgebra::{Complex, Vector3};
+use proptest::prelude::*;
+
+use super::brdf::{self, Case};
+use super::domain::check;
+use super::flat_stack::FlatStack;
+use super::fresnel::{Reflectances, amplitudes, reflectances};
+use super::polarisation::Boundary;
+use super::prepared::{OpticsTable, Prepared};
+use super::quadrature::Quadrature;
+use super::sawtooth::visible_and_lit_fraction;
+use super::single_bounce::{Scattering, mueller_brdf};
+use super::{Optics, Surface, Variant, radiance};
+use crate::geometry::Directions;
+
+/// Doubles that meet the ends: special values, every exponent, and plain ones.
+fn any_double() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        prop::sample::select(vec![
+            0.0,
+            -0.0,
+            1.0,
+            1.0 + 1e-12,
+            1.0 - 1e-12,
+            f64::MIN_POSITIVE,
+            5e-324,
+            f64::MAX,
+            f64::EPSILON,
+            std::f64::consts::FRAC_PI_2,
+            90.0,
+            30.0,
+        ]),
+        proptest::num::f64::NORMAL | proptest::num::f64::SUBNORMAL,
+        -10.0..10.0f64,
+        (-300.0..300.0f64).prop_map(|e| 10f64.powf(e)),
+    ]
+}
+
+/// An angle from n: anywhere, or close to the horizon.
+fn polar() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        0.0..std::f64::consts::FRAC_PI_2,
+        (-16.0..0.0f64).prop_map(|e| std::f64::consts::FRAC_PI_2 - 10f64.powf(e)),
+        Just(std::f64::consts::FRAC_PI_2),
+        Just(0.0),
+    ]
+}
+
+fn wide(low: f64, high: f64) -> impl Strategy<Value = f64> {
+    (low.log10()..high.log10()).prop_map(|e| 10f64.powf(e))
+}
+
+prop_compose! {
+    fn directions()(i in polar(), o in polar(), a in -7.0..7.0f64, b in prop_oneof![Just(0.0), Just(std::f64::consts::PI), -7.0..7.0f64])
+        -> Directions
+    {
+        let of = |theta: f64, phi: f64| Vector3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos());
+        Directions { incident: of(i, a), outgoing: of(o, a + b) }
+    }
+}
+
+prop_compose! {
+    fn surfaces()(theta_r in prop_oneof![polar(), polar().prop_map(|t| -t)], alpha_u in wide(1e-50, 1e50), alpha_v in wide(1e-6, 1e3),
+                  rho_d in prop_oneof![Just(0.0), Just(1.0), 0.0..1.0f64], amplitude in wide(1e-12, 1e12)) -> Surface
+    {
+        Surface { theta_r, alpha_u, alpha_v, rho_d, amplitude }
+    }
+}
+
+prop_compose! {
+    fn optics()(eta in prop_oneof![wide(1e-6, 1e6), Just(1.0), Just(1.0 + 1e-12), 1.0..3.0f64],
+                k in prop_oneof![Just(0.0), Just(30.0), wide(1e-15, 1e6)], theta_l in -1.5..1.5f64,
+                light_angular_radius in prop_oneof![Just(0.0), 0.0..0.1f64]) -> Optics
+    {
+        Optics { eta, k, theta_l, light_angular_radius }
+    }
+}
+
+fn in_unit(x: f64) -> bool {
+    (0.0..=1.0 + 1e-12).contains(&x)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 600, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn the_printed_brdf_is_finite_or_refused(x in prop::array::uniform10(any_double())) {
+        let case = Case {
+            theta_i: x[0], phi_i: x[1], theta_o: x[2], phi_o: x[3], theta_r: x[4],
+            alpha_u: x[5], alpha_v: x[6], rho_d: x[7], eta: x[8], k: x[9],
+        };
+        if let Ok(e) = brdf::evaluate(&case) {
+            prop_assert!([e.f, e.d, e.g, e.fresnel].iter().all(|v| v.is_finite() && *v >= 0.0), "{e:?}");
+        }
+    }
+
+    #[test]
+    fn radiances_and_their_derivatives_are_finite_where_the_domain_says_so(d in directions(), s in surfaces(), o in optics()) {
+        if check(&s, &o).is_ok() {
+            for variant in [Variant::Paper, Variant::Sawtooth] {
+                let value = radiance(variant, &d, &s, &o);
+                prop_assert!(value.is_finite() && value >= 0.0, "{variant:?} {value}");
+                let upright = Surface { theta_r: s.theta_r.abs(), ..s };
+                let p = Prepared::new(variant, &upright, &OpticsTable::new(&o)).partials(&d);
+                let slopes = [p.value, p.theta_r, p.alpha_u, p.alpha_v, p.amplitude];
+                prop_assert!(slopes.iter().all(|v| v.is_finite()), "{variant:?} {p:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn fresnel_stays_within_nothing_and_all(cos in polar().prop_map(f64::cos), eta in wide(1e-6, 1e6), k in prop_oneof![Just(0.0), wide(1e-30, 1e6)]) {
+        let (s, p) = reflectances(cos, eta, k);
+        prop_assert!(in_unit(s) && in_unit(p), "{s} {p}");
+        let (a, b) = amplitudes(cos, eta, k);
+        prop_assert!(a.is_finite() && b.is_finite());
+        let slopes = Reflectances::at(cos, eta, k);
+        prop_assert!([slopes.s.value, slopes.p.value, slopes.s.cos, slopes.p.eta].iter().all(|x| x.is_finite()));
+        let boundary = Boundary::new(1.0, eta, k);
+        let split = boundary.at(cos);
+        let (kept_s, kept_p) = boundary.kept(cos);
+        // For η ≪ 1 near the critical angle q² = η² − 1 + cos² keeps 2⁻⁵³/η² of its digits.
+        let allowed = 1e-12 + 1e-15 / (eta * eta);
+        let reflected = [split.reflected.s, split.reflected.p];
+        prop_assert!(reflected.iter().all(|r| (0.0..=1.0 + allowed).contains(r)), "{reflected:?}");
+        prop_assert!((split.reflected.s + kept_s - 1.0).abs() < allowed, "{} {kept_s}", split.reflected.s);
+        prop_assert!((split.reflected.p + kept_p - 1.0).abs() < allowed, "{} {kept_p}", split.reflected.p);
+    }
+
+    #[test]
+    fn stacks_reflect_between_nothing_and_all(layers in prop::collection::vec(wide(1e-2, 1e2), 2..22), k in prop_oneof![Just(0.0), wide(1e-9, 1e3)], theta in any_double()) {
+        let mut indices: Vec<Complex<f64>> = layers.iter().map(|n| Complex::new(*n, 0.0)).collect();
+        if let Some(last) = indices.last_mut() { last.im = k; }
+        if let Ok(r) = FlatStack::new(indices).and_then(|s| s.reflect(theta)) {
+            prop_assert!(in_unit(r.channel.s) && in_unit(r.channel.p) && in_unit(r.scalar), "{r:?}");
+            prop_assert!(r.channel.re.is_finite() && r.channel.im.is_finite());
+        }
+    }
+
+    #[test]
+    fn the_visible_share_is_a_share(theta_r in 0.0..90.0f64, i in any_double(), o in any_double()) {
+        let seen = visible_and_lit_fraction(theta_r, i, o);
+        prop_assert!((0.0..=1.0).contains(&seen), "{seen}");
+    }
+
+    #[test]
+    fn the_single_bounce_is_physical_or_refused(i in any_double(), s in any_double(), phi in any_double(), alpha in wide(1e-50, 1e50), n in wide(1e-3, 1e3), k in prop_oneof![Just(0.0), wide(1e-9, 1e3)]) {
+        let scattering = Scattering { theta_i: i, theta_s: s, phi_s: phi };
+        if let Some(m) = mueller_brdf(&scattering, alpha, n, k) {
+            prop_assert!(m.0.iter().all(|x| x.is_finite()), "{m:?}");
+            if m.0[(0, 0)] > 1e-200 {
+                prop_assert!(m.smallest_cloude_share() > -1e-9);
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn the_quadrature_is_finite_where_the_domain_says_so(d in directions(), s in surfaces(), o in optics()) {
+        let s = Surface { alpha_u: s.alpha_u.clamp(1e-6, 1e3), amplitude: 1.0, ..s };
+        if check(&s, &o).is_ok() {
+            let e = Quadrature::new(&s, &OpticsTable::new(&o)).radiance(&d, 1e-2);
+            prop_assert!(e.value.is_finite() && e.error.is_finite(), "{e:?}");
+        }
+    }
+}
