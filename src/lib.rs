@@ -7,6 +7,7 @@ pub mod check;
 pub mod cli;
 pub mod clock;
 pub mod config;
+pub mod contrast;
 pub mod fit;
 pub mod frame;
 pub mod geometry;

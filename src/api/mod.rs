@@ -7,6 +7,7 @@
 //! To add a route: a handler in the noun's file with `#[utoipa::path]` (each response with a
 //! description), one line in [`router`], and the snapshot in `tests/data/openapi.json` renewed.
 
+mod calculations;
 mod calibrations;
 mod error;
 mod events;
@@ -78,7 +79,7 @@ impl<T, U: From<T>> From<Page<T>> for List<U> {
 /// The answer to what takes longer than a request.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Begun {
-    /// Number of the scan or fit; null for a motion.
+    /// Number of what was begun; null for a motion.
     pub id: Option<i64>,
     /// State it is in now.
     pub state: String,
@@ -98,6 +99,9 @@ pub struct Begun {
         (name = "frames", description = "16-bit images"),
         (name = "observations", description = "Frames reduced to numbers"),
         (name = "fits", description = "The model fitted to observations"),
+        (name = "maps", description = "The model fitted to every pixel"),
+        (name = "contrasts", description = "Contrast after rotation"),
+        (name = "verdicts", description = "Judgement against a specification"),
         (name = "calibrations", description = "Dark and white-reference frames"),
         (name = "events", description = "What happens, as it happens"),
         (name = "health", description = "For monitors"),
@@ -127,6 +131,19 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(fits::get))
         .routes(routes!(fits::cancel))
         .routes(routes!(fits::curve))
+        .routes(routes!(calculations::maps, calculations::begin_map))
+        .routes(routes!(calculations::map))
+        .routes(routes!(calculations::cancel_map))
+        .routes(routes!(calculations::map_file))
+        .routes(routes!(
+            calculations::contrasts,
+            calculations::begin_contrast
+        ))
+        .routes(routes!(calculations::contrast))
+        .routes(routes!(calculations::cancel_contrast))
+        .routes(routes!(calculations::verdicts, calculations::begin_verdict))
+        .routes(routes!(calculations::verdict))
+        .routes(routes!(calculations::cancel_verdict))
         .routes(routes!(calibrations::list))
         .routes(routes!(events::stream))
         .routes(routes!(health::healthz))

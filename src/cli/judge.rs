@@ -3,14 +3,11 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use serde::Serialize;
-
 use super::fit::{Variant, watched};
 use super::{CliError, daemon, interrupt};
 use crate::analysis::AnalysisOptions;
 use crate::fit::FitOptions;
-use crate::fit::report::{Status, VariantName};
-use crate::judge::{Judgement, Specification, judge, quantities};
+use crate::judge::{Judgement, Specification, VerdictReport};
 use crate::reduction::FrameSource;
 use crate::series::Series;
 
@@ -48,17 +45,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// The object of `judge --json`.
-#[derive(Debug, Serialize)]
-struct Output<'a> {
-    #[serde(flatten)]
-    judgement: &'a Judgement,
-    variant: VariantName,
-    status: Status,
-    region: Option<&'a str>,
-    program: String,
-}
-
 /// Runs the command.
 ///
 /// # Errors
@@ -85,22 +71,13 @@ pub fn run(args: Args) -> Result<(), CliError> {
     };
     let cancel = interrupt::flag()?;
     let analysis = watched(source.as_ref(), &options, &cancel)?;
-    let report = &analysis.report;
-    let mut judgement = judge(&specification, &quantities(report, &analysis.observations));
-    judgement.warnings.extend(report.warnings.iter().cloned());
+    let verdict = VerdictReport::new(&specification, &analysis.report, &analysis.observations);
     let text = if args.json {
-        let output = Output {
-            judgement: &judgement,
-            variant: report.variant,
-            status: report.status,
-            region: report.region.as_deref(),
-            program: report.program.clone(),
-        };
-        let mut text = serde_json::to_string_pretty(&output).map_err(CliError::no_result)?;
+        let mut text = serde_json::to_string_pretty(&verdict).map_err(CliError::no_result)?;
         text.push('\n');
         text
     } else {
-        table(&judgement)
+        table(&verdict.judgement)
     };
     let mut out = std::io::stdout().lock();
     out.write_all(text.as_bytes())

@@ -8,8 +8,9 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{CliError, daemon, interrupt};
-use crate::map::write::{Summary, Timing, summary, write};
-use crate::map::{MapError, MapOptions, Progress, Stage, map};
+use crate::map::folder::{FolderError, map_into};
+use crate::map::write::Summary;
+use crate::map::{MapError, MapOptions, Progress, Stage};
 use crate::reduction::{FrameSource, ReductionError};
 use crate::series::Series;
 
@@ -61,26 +62,25 @@ pub fn run(args: Args) -> Result<(), CliError> {
         memory_bytes_max: args.memory_mib << 20,
         scratch: args.out.clone(),
     };
-    let mapped = map(source.as_ref(), &options, &|p| watch.tell(p), &cancel);
+    let summary = map_into(
+        source.as_ref(),
+        &options,
+        &args.out,
+        &|p| watch.tell(p),
+        &cancel,
+    );
     watch.clear();
-    let mapped = mapped.map_err(|error| match error {
-        MapError::Cancelled | MapError::Reduction(ReductionError::Cancelled) => {
+    let summary = summary.map_err(|error| match error {
+        FolderError::Map(MapError::Cancelled | MapError::Reduction(ReductionError::Cancelled)) => {
             CliError::Interrupted
         }
-        MapError::TooFewPoses { .. } => CliError::bad_input(error),
+        FolderError::Map(error @ MapError::TooFewPoses { .. }) => CliError::bad_input(error),
         error => CliError::no_result(error),
     })?;
-    let mut timing = watch.timing();
-    let started = Instant::now();
-    let mut files = write(&mapped, &args.out).map_err(CliError::no_result)?;
-    files.push("summary.json".to_owned());
-    timing.write = started.elapsed().as_secs_f64();
-    let summary = summary(&mapped, timing, files);
-    let mut json = serde_json::to_string_pretty(&summary).map_err(CliError::no_result)?;
-    json.push('\n');
-    std::fs::write(args.out.join("summary.json"), &json).map_err(CliError::no_result)?;
     let text = if args.json {
-        json
+        let mut text = serde_json::to_string_pretty(&summary).map_err(CliError::no_result)?;
+        text.push('\n');
+        text
     } else {
         table(&summary, &args)
     };
@@ -90,12 +90,12 @@ pub fn run(args: Args) -> Result<(), CliError> {
         .map_err(CliError::no_result)
 }
 
-/// When each stage began, and a bar on a terminal once it takes more than a second.
+/// A bar on a terminal once the work takes more than a second.
 struct Watch {
     started: Instant,
     terminal: bool,
     bar: OnceLock<ProgressBar>,
-    began: Mutex<Vec<(Stage, Instant)>>,
+    stage: Mutex<Option<Stage>>,
 }
 
 impl Watch {
@@ -104,20 +104,18 @@ impl Watch {
             started: Instant::now(),
             terminal: std::io::stderr().is_terminal(),
             bar: OnceLock::new(),
-            began: Mutex::new(Vec::new()),
+            stage: Mutex::new(None),
         }
     }
 
     fn tell(&self, p: Progress) {
-        let mut began = self.began.lock().expect("no holder of this lock panics");
-        let first = !began.iter().any(|(stage, _)| *stage == p.stage);
-        if first {
-            began.push((p.stage, Instant::now()));
-        }
-        drop(began);
         if !self.terminal || self.started.elapsed() < Duration::from_secs(1) {
             return;
         }
+        let first = {
+            let mut stage = self.stage.lock().expect("no holder of this lock panics");
+            stage.replace(p.stage) != Some(p.stage)
+        };
         let bar = self.bar.get_or_init(|| {
             let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len}, {eta} left")
                 .expect("the template is constant");
@@ -139,25 +137,6 @@ impl Watch {
     fn clear(&self) {
         if let Some(bar) = self.bar.get() {
             bar.finish_and_clear();
-        }
-    }
-
-    /// Seconds per step up to now; a stage ends when the next begins.
-    fn timing(&self) -> Timing {
-        let now = Instant::now();
-        let began = self.began.lock().expect("no holder of this lock panics");
-        let at = |stage: Stage| {
-            began
-                .iter()
-                .find(|(s, _)| *s == stage)
-                .map_or(now, |(_, t)| *t)
-        };
-        let (settling, fitting) = (at(Stage::Settling), at(Stage::Fitting));
-        Timing {
-            read: (settling - self.started).as_secs_f64(),
-            settle: (fitting - settling).as_secs_f64(),
-            fit: (now - fitting).as_secs_f64(),
-            write: 0.0,
         }
     }
 }

@@ -23,7 +23,7 @@ pub use specification::{Decision, Limits, Specification, SpecificationError};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
-use crate::fit::report::{FitReport, Status};
+use crate::fit::report::{FitReport, Status, VariantName};
 use crate::observation::ObservationSet;
 
 /// A measured number, or why there is none.
@@ -119,6 +119,42 @@ pub struct Judgement {
     pub items: Vec<Item>,
     /// Sentences for the user, those of the fit among them.
     pub warnings: Vec<String>,
+}
+
+/// The object of `judge --json`: a judgement and the fit it rests on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct VerdictReport {
+    /// What follows from the numbers.
+    #[serde(flatten)]
+    pub judgement: Judgement,
+    /// Model that the numbers hang on.
+    pub variant: VariantName,
+    /// How its fit ended.
+    pub status: Status,
+    /// Region of the sample.
+    pub region: Option<String>,
+    /// Name and version of the program.
+    pub program: String,
+}
+
+impl VerdictReport {
+    /// Judges what a fit and its observations say.
+    #[must_use]
+    pub fn new(
+        specification: &Specification,
+        report: &FitReport,
+        observations: &ObservationSet,
+    ) -> Self {
+        let mut judgement = judge(specification, &quantities(report, observations));
+        judgement.warnings.extend(report.warnings.iter().cloned());
+        VerdictReport {
+            judgement,
+            variant: report.variant,
+            status: report.status,
+            region: report.region.clone(),
+            program: report.program.clone(),
+        }
+    }
 }
 
 /// Judges quantities against a specification.

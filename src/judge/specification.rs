@@ -138,6 +138,25 @@ impl Specification {
                 file: file.to_owned(),
                 cause: error.to_string().trim_end().to_owned(),
             })?;
+        specification.checked(file)
+    }
+
+    /// Reads and checks a specification in a request, with the keys of the file's form.
+    ///
+    /// # Errors
+    /// [`SpecificationError`] names the key and what is wrong with it.
+    pub fn from_json(value: &serde_json::Value) -> Result<Self, SpecificationError> {
+        let file = "specification";
+        let specification =
+            Specification::deserialize(value).map_err(|error| SpecificationError::Unreadable {
+                file: file.to_owned(),
+                cause: error.to_string(),
+            })?;
+        specification.checked(file)
+    }
+
+    fn checked(self, file: &str) -> Result<Self, SpecificationError> {
+        let specification = self;
         if specification.limits.is_empty() {
             return Err(SpecificationError::NoLimits {
                 file: file.to_owned(),

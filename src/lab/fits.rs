@@ -89,17 +89,7 @@ impl Lab {
     pub async fn start_fit(&self, request: &FitRequest) -> Result<i64, LabError> {
         // Read what is there now: the fit is of this snapshot, whatever comes later.
         let series = StoredSeries::open(self.store(), request.scan_id).await?;
-        let regions = Lab::regions(series.manifest());
-        let named = request.region.as_ref();
-        if !regions.is_empty() && named.is_none_or(|name| !regions.contains(name)) {
-            return Err(LabError::Invalid {
-                field: "region".into(),
-                problem: format!(
-                    "this sample has regions; name one of {}",
-                    regions.join(", ")
-                ),
-            });
-        }
+        check_region(&series, request.region.as_deref())?;
         let options = AnalysisOptions {
             region: request.region.clone(),
             fit: FitOptions {
@@ -241,6 +231,21 @@ impl Lab {
         let curves = blocking(move || curves_of(&report, &set, step_deg)).await;
         Ok(curves)
     }
+}
+
+/// Refuses a region that the sample does not have, and none where it has several.
+pub(super) fn check_region(series: &StoredSeries, region: Option<&str>) -> Result<(), LabError> {
+    let regions = Lab::regions(series.manifest());
+    if !regions.is_empty() && region.is_none_or(|name| !regions.iter().any(|r| r == name)) {
+        return Err(LabError::Invalid {
+            field: "region".into(),
+            problem: format!(
+                "this sample has regions; name one of {}",
+                regions.join(", ")
+            ),
+        });
+    }
+    Ok(())
 }
 
 /// Stable word for why frames give no observations.

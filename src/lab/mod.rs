@@ -7,6 +7,7 @@
 //! HTTP and no simulator.
 
 mod bench;
+mod calculations;
 mod curves;
 mod error;
 mod fits;
@@ -34,6 +35,7 @@ use crate::store::{Recovery, Store, StoreError};
 use crate::units::Angle;
 
 pub use crate::bench::stage::AxisName;
+pub use calculations::{CalculationRequest, ContrastRequest, MapRequest, VerdictRequest};
 pub use curves::{Curve, FitCurves};
 pub use error::LabError;
 pub use fits::{FitRequest, Reduced};
@@ -83,6 +85,7 @@ struct Inner {
     events: broadcast::Sender<Arc<RecordedEvent>>,
     rig: Option<RigSide>,
     fits: Mutex<HashMap<i64, fits::FitUnderWay>>,
+    calculations: Mutex<HashMap<i64, calculations::UnderWay>>,
     /// How scans of this process ended, for who waits for one.
     ends: watch::Sender<HashMap<i64, RunEnd>>,
 }
@@ -202,6 +205,7 @@ impl Lab {
                 events,
                 rig,
                 fits: Mutex::new(HashMap::new()),
+                calculations: Mutex::new(HashMap::new()),
                 ends,
             }),
         };
@@ -508,7 +512,7 @@ impl Lab {
         self.inner.ends.borrow().get(&scan_id).copied()
     }
 
-    /// Stops the rig, leaves a running scan interrupted and cancels fits; the store stays open for
+    /// Stops the rig, leaves a running scan interrupted and cancels fits and calculations; the store stays open for
     /// those who still look.
     pub async fn rest(&self) {
         if let Some(side) = &self.inner.rig {
@@ -537,6 +541,7 @@ impl Lab {
             }
         }
         self.cancel_all_fits().await;
+        self.cancel_all_calculations().await;
     }
 
     /// [`Lab::rest`], then closes the store.
@@ -591,6 +596,12 @@ fn log(event: &RecordedEvent) {
         Event::Fit { fit_id, state, .. } => {
             tracing::info!(id, fit_id, "fit {fit_id} is {state}");
         }
+        Event::Calculation {
+            kind,
+            calculation_id,
+            state,
+            ..
+        } => tracing::info!(id, calculation_id, "{kind} {calculation_id} is {state}"),
         Event::Alarm {
             code,
             message,

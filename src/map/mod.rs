@@ -5,7 +5,7 @@
 //! sample's frame (`observe`, `view`), settles on a sample of pixels what all of them share
 //! (`settle`, `globals`), fits every pixel with the `sawtooth` closed form, several pixels per
 //! vector register and tiles in parallel (`kernel`, `lanes`, `solve`, `dear`), marks borders and
-//! defects (`defects`), and sums up. [`write::write`] makes the files. Time grows with pixels ×
+//! defects (`defects`), and sums up. [`write::write`] makes the files; [`folder::map_into`] does both. Time grows with pixels ×
 //! observations; memory is bounded by [`MapOptions::memory_bytes_max`], beyond which planes go to a
 //! scratch file.
 //!
@@ -15,6 +15,7 @@
 mod colour;
 mod dear;
 pub mod defects;
+pub mod folder;
 mod globals;
 mod inverse;
 mod kernel;

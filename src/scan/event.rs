@@ -168,6 +168,52 @@ pub struct ShortValue {
     pub expanded: f64,
 }
 
+/// What is worked out beside fits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CalculationKind {
+    /// Parameters per pixel.
+    Map,
+    /// The paper's contrast table.
+    Contrast,
+    /// A judgement against a specification.
+    Verdict,
+    /// Light through a scene by Monte Carlo.
+    Trace,
+}
+
+impl CalculationKind {
+    /// The word used in requests and the database.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            CalculationKind::Map => "map",
+            CalculationKind::Contrast => "contrast",
+            CalculationKind::Verdict => "verdict",
+            CalculationKind::Trace => "trace",
+        }
+    }
+
+    /// The kind of a word, if it is one.
+    #[must_use]
+    pub fn from_word(word: &str) -> Option<Self> {
+        [
+            CalculationKind::Map,
+            CalculationKind::Contrast,
+            CalculationKind::Verdict,
+            CalculationKind::Trace,
+        ]
+        .into_iter()
+        .find(|kind| kind.as_str() == word)
+    }
+}
+
+impl std::fmt::Display for CalculationKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
 /// Something that happened.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "lowercase")]
@@ -240,6 +286,17 @@ pub enum Event {
         /// The ridge angle in degrees, where the data can tell it.
         theta_r_deg: Option<ShortValue>,
     },
+    /// A map, contrast, verdict or trace began or ended.
+    Calculation {
+        /// Of what.
+        kind: CalculationKind,
+        /// Which.
+        calculation_id: i64,
+        /// Scan it is of.
+        scan_id: Option<i64>,
+        /// running, completed, failed, cancelled or interrupted.
+        state: String,
+    },
     /// Something needs a person's attention.
     Alarm {
         /// Stable word.
@@ -260,6 +317,7 @@ impl Event {
             Event::Scan { .. } => "scan",
             Event::Frame { .. } => "frame",
             Event::Fit { .. } => "fit",
+            Event::Calculation { .. } => "calculation",
             Event::Alarm { .. } => "alarm",
         }
     }
@@ -272,7 +330,7 @@ impl Event {
             Event::Scan { scan_id, .. }
             | Event::Frame { scan_id, .. }
             | Event::Fit { scan_id, .. } => Some(*scan_id),
-            Event::Alarm { scan_id, .. } => *scan_id,
+            Event::Calculation { scan_id, .. } | Event::Alarm { scan_id, .. } => *scan_id,
         }
     }
 }

@@ -90,7 +90,10 @@ impl Store {
         };
         match serde_json::from_str(&body).map_err(|e| StoreError::bad_row("events", e))? {
             Event::Scan { progress, .. } | Event::Frame { progress, .. } => Ok(progress),
-            Event::Rig { .. } | Event::Fit { .. } | Event::Alarm { .. } => Ok(Progress::default()),
+            Event::Rig { .. }
+            | Event::Fit { .. }
+            | Event::Calculation { .. }
+            | Event::Alarm { .. } => Ok(Progress::default()),
         }
     }
 

@@ -11,10 +11,12 @@
 //! ridged-data/
 //!   ridged.sqlite      the rows (with -wal and -shm beside it while open)
 //!   frames/ab/cd….png  frames, named by the SHA-256 of the file
+//!   maps/ID/           pictures and tables of a finished map
 //!   quarantine/        files that no row names, found at a start
 //!   lock               held by the process that writes
 //! ```
 
+pub mod calculations;
 pub mod calibrations;
 pub mod disk;
 mod error;
@@ -116,7 +118,7 @@ impl Default for PageRequest {
 
 impl Store {
     /// Opens or makes the store in `folder` for writing, checks it, and puts right what a kill left
-    /// behind: half frames go to quarantine, scans and fits that were running become interrupted.
+    /// behind: half frames go to quarantine, scans, fits and calculations that were running become interrupted.
     ///
     /// # Errors
     /// [`StoreError::InUse`] if another process has it, [`StoreError::Damaged`] if the database

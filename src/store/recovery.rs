@@ -18,6 +18,8 @@ pub struct Recovery {
     pub interrupted_scans: Vec<i64>,
     /// Fits that were under way and are now marked interrupted.
     pub interrupted_fits: Vec<i64>,
+    /// Maps, contrasts, verdicts and traces likewise.
+    pub interrupted_calculations: Vec<i64>,
     /// The events that tell of it.
     pub events: Vec<RecordedEvent>,
 }
@@ -68,6 +70,9 @@ impl Store {
             found.events.push(self.interrupt_fit(fit).await?);
             found.interrupted_fits.push(fit);
         }
+        let (calculations, events) = self.interrupt_calculations().await?;
+        found.interrupted_calculations = calculations;
+        found.events.extend(events);
         Ok(found)
     }
 

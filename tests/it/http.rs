@@ -416,6 +416,90 @@ async fn an_imported_series_is_there_as_scan_frames_and_observations() {
     bench.end().await;
 }
 
+/// Asks until something that was begun has ended.
+async fn ended(router: &Router, begun: &Answer) -> Value {
+    assert_eq!(begun.status, 202, "{}", begun.body);
+    let location = begun.location.clone().unwrap();
+    loop {
+        let now = get(router, &location).await.body;
+        if now["state"] != "running" {
+            return now;
+        }
+        tokio::task::yield_now().await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_scan_is_compared_judged_and_mapped() {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/polymer-10");
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let router = router(&bench);
+    let body = json!({ "folder": source }).to_string();
+    assert_eq!(post(&router, "/api/v1/imports", &body).await.status, 201);
+
+    let begun = post(&router, "/api/v1/contrasts", r#"{"scan_id": 1}"#).await;
+    let contrast = ended(&router, &begun).await;
+    assert_eq!(contrast["state"], "completed", "{contrast}");
+    assert_eq!(contrast["mode"], "measured");
+    assert_eq!(contrast["lines"].as_array().unwrap().len(), 9);
+
+    // The sample has a ridge angle of 10°: one specification allows it, one does not, one asks for
+    // what no measurement of this kind can tell.
+    let judged = async |lower: f64, upper: f64| {
+        let limits = json!({ "theta_r_deg": { "lower": lower, "upper": upper } });
+        let request = json!({
+            "scan_id": 1,
+            "variant": "sawtooth",
+            "specification": { "name": "lid, revision C", "limits": limits },
+        });
+        let begun = post(&router, "/api/v1/verdicts", &request.to_string()).await;
+        let verdict = ended(&router, &begun).await;
+        assert_eq!(verdict["specification"], "lid, revision C", "{verdict}");
+        assert_eq!(verdict["items"][0]["quantity"], "theta_r_deg");
+        verdict["verdict"].as_str().unwrap().to_owned()
+    };
+    assert_eq!(judged(9.5, 10.5).await, "pass");
+    assert_eq!(judged(11.0, 12.0).await, "fail");
+    assert_eq!(judged(10.0, 12.0).await, "cannot-tell");
+    for (specification, word) in [
+        (json!({ "name": "x", "limits": {} }), "empty"),
+        (
+            json!({ "name": "x", "limits": { "theta_r": { "lower": 1 } } }),
+            "theta_r_deg",
+        ),
+        (json!({ "limits": {} }), "name"),
+    ] {
+        let request = json!({ "scan_id": 1, "specification": specification });
+        let refused = post(&router, "/api/v1/verdicts", &request.to_string()).await;
+        is_problem(&refused, 422, "invalid-value");
+        let detail = refused.body["detail"].as_str().unwrap();
+        assert!(detail.contains(word), "{detail}");
+    }
+    let list = get(&router, "/api/v1/verdicts?scan_id=1&state=completed").await;
+    assert_eq!(list.body["items"].as_array().unwrap().len(), 3);
+    is_problem(
+        &get(&router, "/api/v1/verdicts?state=done").await,
+        422,
+        "invalid-value",
+    );
+
+    // A map is long work: it can be cancelled, and then has no files.
+    let begun = post(&router, "/api/v1/maps", r#"{"scan_id": 1}"#).await;
+    let map = begun.location.clone().unwrap();
+    let cancelled = post(&router, &format!("{map}/cancel"), "").await;
+    assert_eq!(cancelled.status, 202, "{}", cancelled.body);
+    assert_eq!(ended(&router, &begun).await["state"], "cancelled");
+    let file = get(&router, &format!("{map}/files/summary.json")).await;
+    is_problem(&file, 422, "invalid-value");
+    is_problem(
+        &post(&router, "/api/v1/maps", r#"{"scan_id": 7}"#).await,
+        404,
+        "not-found",
+    );
+    is_problem(&get(&router, "/api/v1/contrasts/2").await, 404, "not-found");
+    bench.end().await;
+}
+
 #[test]
 fn the_document_is_the_one_in_the_repository() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/openapi.json");

@@ -45,6 +45,7 @@ const RULES: &[(&str, &[&str])] = &[
         ],
     ),
     ("judge", &["units", "geometry", "observation", "fit"]),
+    ("contrast", &["units", "geometry", "observation", "model"]),
     (
         "map",
         &[
@@ -116,6 +117,9 @@ const RULES: &[(&str, &[&str])] = &[
             "bench",
             "scan",
             "store",
+            "contrast",
+            "judge",
+            "map",
             "config",
         ],
     ),
@@ -135,6 +139,7 @@ const RULES: &[(&str, &[&str])] = &[
             "fit",
             "scan",
             "store",
+            "judge",
             "lab",
         ],
     ),

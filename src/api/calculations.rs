@@ -1,0 +1,292 @@
+//! `/maps`, `/contrasts` and `/verdicts`: begin, look, search, cancel, and the files of a map.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::IntoResponse;
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::error::{ApiError, Problem};
+use super::extract::{Body, Id, Params, page};
+use super::{App, Begun, List};
+use crate::lab::{CalculationRequest, ContrastRequest, MapRequest, VerdictRequest};
+use crate::scan::event::CalculationKind;
+use crate::store::StoreError;
+use crate::store::calculations::{Calculation, CalculationFilter};
+
+/// The object of the command of that name, once there is one, with what the store adds.
+fn body(calculation: Calculation) -> Result<Value, ApiError> {
+    let parsed = |text: &str, table| -> Result<Value, ApiError> {
+        Ok(serde_json::from_str(text).map_err(|e| StoreError::bad_row(table, e))?)
+    };
+    let mut object = match &calculation.result {
+        Some(result) => parsed(result, "calculation_ends")?,
+        None => json!({}),
+    };
+    object["id"] = json!(calculation.id);
+    object["scan_id"] = json!(calculation.scan_id);
+    object["state"] = json!(calculation.state);
+    object["request"] = parsed(&calculation.request, "calculations")?;
+    object["created_at"] = json!(calculation.created_at);
+    object["ended_at"] = json!(calculation.ended_at);
+    if let (Some(code), Some(detail)) = (calculation.error_code, calculation.error_detail) {
+        object["error"] = json!({ "code": code, "detail": detail });
+    }
+    Ok(object)
+}
+
+/// Which of them.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct CalculationParams {
+    /// Of this scan.
+    scan_id: Option<i64>,
+    /// In this state: running, completed, failed, cancelled or interrupted.
+    state: Option<String>,
+    /// Rows at most, 1 to 1000; 100 if not given.
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
+async fn list(
+    app: &App,
+    kind: CalculationKind,
+    params: CalculationParams,
+) -> Result<Json<List<Value>>, ApiError> {
+    let page = page(params.limit, params.cursor.as_deref())?;
+    const STATES: [&str; 5] = ["running", "completed", "failed", "cancelled", "interrupted"];
+    if params
+        .state
+        .as_deref()
+        .is_some_and(|state| !STATES.contains(&state))
+    {
+        let allowed = format!("must be one of {}", STATES.join(", "));
+        return Err(ApiError::invalid("state", &allowed));
+    }
+    let filter = CalculationFilter {
+        scan_id: params.scan_id,
+        state: params.state,
+    };
+    let found = app.lab.store().calculations(kind, &filter, page).await?;
+    Ok(Json(List {
+        items: found
+            .items
+            .into_iter()
+            .map(body)
+            .collect::<Result<_, _>>()?,
+        next_cursor: found.next_cursor.map(|c| c.to_string()),
+    }))
+}
+
+async fn begin(
+    app: &App,
+    request: CalculationRequest,
+    route: &str,
+) -> Result<impl IntoResponse + use<>, ApiError> {
+    let id = app.lab.start_calculation(&request).await?;
+    let body = Begun {
+        id: Some(id),
+        state: "running".into(),
+    };
+    let location = [(header::LOCATION, format!("/api/v1/{route}/{id}"))];
+    Ok((StatusCode::ACCEPTED, location, Json(body)))
+}
+
+async fn one(app: &App, kind: CalculationKind, id: i64) -> Result<Json<Value>, ApiError> {
+    Ok(Json(body(app.lab.store().calculation(kind, id).await?)?))
+}
+
+async fn cancel(
+    app: &App,
+    kind: CalculationKind,
+    id: i64,
+) -> Result<impl IntoResponse + use<>, ApiError> {
+    app.lab.cancel_calculation(kind, id).await?;
+    let body = Begun {
+        id: Some(id),
+        state: "cancelled".into(),
+    };
+    Ok((StatusCode::ACCEPTED, Json(body)))
+}
+
+/// Maps, newest first.
+#[utoipa::path(get, path = "/api/v1/maps", tag = "maps", params(CalculationParams), responses(
+    (status = 200, description = "A page of maps", body = List<Object>),
+    (status = 422, description = "A value makes no sense", body = Problem),
+))]
+pub(super) async fn maps(
+    State(app): State<App>,
+    Params(params): Params<CalculationParams>,
+) -> Result<Json<List<Value>>, ApiError> {
+    list(&app, CalculationKind::Map, params).await
+}
+
+/// Begin a map: every pixel of a scan fitted.
+#[utoipa::path(post, path = "/api/v1/maps", tag = "maps", request_body(content = Object, description = "`scan_id`"), responses(
+    (status = 202, description = "It runs", body = Begun, headers(("Location" = String, description = "The map"))),
+    (status = 400, description = "The body cannot be understood", body = Problem),
+    (status = 404, description = "There is no such scan", body = Problem),
+))]
+pub(super) async fn begin_map(
+    State(app): State<App>,
+    Body(request): Body<MapRequest>,
+) -> Result<impl IntoResponse, ApiError> {
+    begin(&app, CalculationRequest::Map(request), "maps").await
+}
+
+/// One map: the object of `map --json` plus id, scan_id and state; its `files` lie below `files/`.
+#[utoipa::path(get, path = "/api/v1/maps/{id}", tag = "maps", params(("id" = i64, Path, description = "Number of the map")), responses(
+    (status = 200, description = "The map; `state` running, completed, failed, cancelled or interrupted", body = Object),
+    (status = 404, description = "There is none", body = Problem),
+))]
+pub(super) async fn map(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {
+    one(&app, CalculationKind::Map, id).await
+}
+
+/// Cancel a map that runs.
+#[utoipa::path(post, path = "/api/v1/maps/{id}/cancel", tag = "maps", params(("id" = i64, Path, description = "Number of the map")), responses(
+    (status = 202, description = "It will end within a moment", body = Begun),
+    (status = 404, description = "There is none", body = Problem),
+    (status = 422, description = "It has ended", body = Problem),
+))]
+pub(super) async fn cancel_map(
+    State(app): State<App>,
+    Id(id): Id,
+) -> Result<impl IntoResponse, ApiError> {
+    cancel(&app, CalculationKind::Map, id).await
+}
+
+/// A file of a map: float32 TIFF, PNG picture, CSV or JSON.
+#[utoipa::path(get, path = "/api/v1/maps/{id}/files/{name}", tag = "maps", params(
+    ("id" = i64, Path, description = "Number of the map"),
+    ("name" = String, Path, description = "One of its `files`, such as theta_r_deg.png"),
+), responses(
+    (status = 200, description = "The file", body = Vec<u8>, content_type = "application/octet-stream"),
+    (status = 404, description = "There is no such map", body = Problem),
+    (status = 422, description = "The map has no such file", body = Problem),
+))]
+pub(super) async fn map_file(
+    State(app): State<App>,
+    axum::extract::Path((id, name)): axum::extract::Path<(i64, String)>,
+) -> Result<impl IntoResponse, ApiError> {
+    let path = app.lab.map_file(id, &name).await?;
+    let bytes = tokio::fs::read(&path)
+        .await
+        .map_err(|e| StoreError::file("a file of the map", &path, e))?;
+    let kind = match path.extension().and_then(|e| e.to_str()) {
+        Some("png") => "image/png",
+        Some("tif") => "image/tiff",
+        Some("csv") => "text/csv; charset=utf-8",
+        Some("json") => "application/json",
+        _ => "application/octet-stream",
+    };
+    // The files of a map never change.
+    let headers = [
+        (header::CONTENT_TYPE, kind),
+        (
+            header::CACHE_CONTROL,
+            "private, max-age=31536000, immutable",
+        ),
+    ];
+    Ok((headers, bytes))
+}
+
+/// Contrasts, newest first.
+#[utoipa::path(get, path = "/api/v1/contrasts", tag = "contrasts", params(CalculationParams), responses(
+    (status = 200, description = "A page of contrasts", body = List<Object>),
+    (status = 422, description = "A value makes no sense", body = Problem),
+))]
+pub(super) async fn contrasts(
+    State(app): State<App>,
+    Params(params): Params<CalculationParams>,
+) -> Result<Json<List<Value>>, ApiError> {
+    list(&app, CalculationKind::Contrast, params).await
+}
+
+/// Begin a contrast table of a scan.
+#[utoipa::path(post, path = "/api/v1/contrasts", tag = "contrasts", request_body(content = Object, description = "`scan_id`, optional `region`"), responses(
+    (status = 202, description = "It runs", body = Begun, headers(("Location" = String, description = "The contrast"))),
+    (status = 400, description = "The body cannot be understood", body = Problem),
+    (status = 404, description = "There is no such scan", body = Problem),
+    (status = 422, description = "A value makes no sense", body = Problem),
+))]
+pub(super) async fn begin_contrast(
+    State(app): State<App>,
+    Body(request): Body<ContrastRequest>,
+) -> Result<impl IntoResponse, ApiError> {
+    begin(&app, CalculationRequest::Contrast(request), "contrasts").await
+}
+
+/// One contrast table: the object of `contrast --json` plus id, scan_id and state.
+#[utoipa::path(get, path = "/api/v1/contrasts/{id}", tag = "contrasts", params(("id" = i64, Path, description = "Number of the contrast")), responses(
+    (status = 200, description = "The contrast", body = Object),
+    (status = 404, description = "There is none", body = Problem),
+))]
+pub(super) async fn contrast(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {
+    one(&app, CalculationKind::Contrast, id).await
+}
+
+/// Cancel a contrast that runs.
+#[utoipa::path(post, path = "/api/v1/contrasts/{id}/cancel", tag = "contrasts", params(("id" = i64, Path, description = "Number of the contrast")), responses(
+    (status = 202, description = "It will end within a moment", body = Begun),
+    (status = 404, description = "There is none", body = Problem),
+    (status = 422, description = "It has ended", body = Problem),
+))]
+pub(super) async fn cancel_contrast(
+    State(app): State<App>,
+    Id(id): Id,
+) -> Result<impl IntoResponse, ApiError> {
+    cancel(&app, CalculationKind::Contrast, id).await
+}
+
+/// Verdicts, newest first.
+#[utoipa::path(get, path = "/api/v1/verdicts", tag = "verdicts", params(CalculationParams), responses(
+    (status = 200, description = "A page of verdicts", body = List<Object>),
+    (status = 422, description = "A value makes no sense", body = Problem),
+))]
+pub(super) async fn verdicts(
+    State(app): State<App>,
+    Params(params): Params<CalculationParams>,
+) -> Result<Json<List<Value>>, ApiError> {
+    list(&app, CalculationKind::Verdict, params).await
+}
+
+/// Begin a verdict: a scan judged against a specification.
+#[utoipa::path(post, path = "/api/v1/verdicts", tag = "verdicts", request_body(content = Object, description =
+    "`scan_id`, `specification` (`name`, `limits` such as {\"theta_r_deg\": {\"lower\": 9.5, \"upper\": 10.5}}, optional `decision`), optional `variant` and `region`"), responses(
+    (status = 202, description = "It runs", body = Begun, headers(("Location" = String, description = "The verdict"))),
+    (status = 400, description = "The body cannot be understood", body = Problem),
+    (status = 404, description = "There is no such scan", body = Problem),
+    (status = 422, description = "A value makes no sense", body = Problem),
+))]
+pub(super) async fn begin_verdict(
+    State(app): State<App>,
+    Body(request): Body<VerdictRequest>,
+) -> Result<impl IntoResponse, ApiError> {
+    begin(&app, CalculationRequest::Verdict(request), "verdicts").await
+}
+
+/// One verdict: the object of `judge --json` plus id, scan_id and state.
+#[utoipa::path(get, path = "/api/v1/verdicts/{id}", tag = "verdicts", params(("id" = i64, Path, description = "Number of the verdict")), responses(
+    (status = 200, description = "The verdict: pass, fail or cannot-tell, with every limit's reason", body = Object),
+    (status = 404, description = "There is none", body = Problem),
+))]
+pub(super) async fn verdict(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {
+    one(&app, CalculationKind::Verdict, id).await
+}
+
+/// Cancel a verdict that runs.
+#[utoipa::path(post, path = "/api/v1/verdicts/{id}/cancel", tag = "verdicts", params(("id" = i64, Path, description = "Number of the verdict")), responses(
+    (status = 202, description = "It will end within a moment", body = Begun),
+    (status = 404, description = "There is none", body = Problem),
+    (status = 422, description = "It has ended", body = Problem),
+))]
+pub(super) async fn cancel_verdict(
+    State(app): State<App>,
+    Id(id): Id,
+) -> Result<impl IntoResponse, ApiError> {
+    cancel(&app, CalculationKind::Verdict, id).await
+}

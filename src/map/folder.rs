@@ -1,0 +1,104 @@
+//! A map from frames to files in one call, with the seconds of each step.
+
+use std::io;
+use std::path::Path;
+use std::sync::Mutex;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use super::write::{Summary, Timing, WriteError, summary, write};
+use super::{MapError, MapOptions, Progress, Stage, map};
+use crate::reduction::FrameSource;
+
+/// Name of the summary among the files.
+pub const SUMMARY: &str = "summary.json";
+
+/// Why there are no files.
+#[derive(Debug, thiserror::Error)]
+pub enum FolderError {
+    /// There is no map.
+    #[error(transparent)]
+    Map(#[from] MapError),
+    /// Its files cannot be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+}
+
+/// Maps a series and writes all files of the map and its summary into `folder`, which is made if
+/// need be. `progress` may be called from several threads at once.
+///
+/// # Errors
+/// [`FolderError`].
+pub fn map_into(
+    source: &dyn FrameSource,
+    options: &MapOptions,
+    folder: &Path,
+    progress: &(dyn Fn(Progress) + Sync),
+    cancel: &AtomicBool,
+) -> Result<Summary, FolderError> {
+    let stages = StageTimes::start();
+    let mapped = map(
+        source,
+        options,
+        &|p| {
+            stages.note(p.stage);
+            progress(p);
+        },
+        cancel,
+    )?;
+    let mut timing = stages.timing();
+    let started = Instant::now();
+    let mut files = write(&mapped, folder)?;
+    files.push(SUMMARY.to_owned());
+    timing.write = started.elapsed().as_secs_f64();
+    let summary = summary(&mapped, timing, files);
+    let failed = |source: io::Error| WriteError::File {
+        file: SUMMARY.to_owned(),
+        source,
+    };
+    let mut json = serde_json::to_string_pretty(&summary).map_err(|e| failed(e.into()))?;
+    json.push('\n');
+    std::fs::write(folder.join(SUMMARY), json).map_err(failed)?;
+    Ok(summary)
+}
+
+/// When each stage began.
+struct StageTimes {
+    started: Instant,
+    began: Mutex<Vec<(Stage, Instant)>>,
+}
+
+impl StageTimes {
+    fn start() -> Self {
+        StageTimes {
+            started: Instant::now(),
+            began: Mutex::new(Vec::new()),
+        }
+    }
+
+    fn note(&self, stage: Stage) {
+        let mut began = self.began.lock().expect("no holder of this lock panics");
+        if !began.iter().any(|(known, _)| *known == stage) {
+            began.push((stage, Instant::now()));
+        }
+    }
+
+    /// Seconds per step up to now; a stage ends when the next begins.
+    fn timing(&self) -> Timing {
+        let now = Instant::now();
+        let began = self.began.lock().expect("no holder of this lock panics");
+        let at = |stage: Stage| {
+            began
+                .iter()
+                .find(|(known, _)| *known == stage)
+                .map_or(now, |(_, time)| *time)
+        };
+        let (settling, fitting) = (at(Stage::Settling), at(Stage::Fitting));
+        Timing {
+            read: (settling - self.started).as_secs_f64(),
+            settle: (fitting - settling).as_secs_f64(),
+            fit: (now - fitting).as_secs_f64(),
+            write: 0.0,
+        }
+    }
+}
