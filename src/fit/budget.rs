@@ -18,12 +18,18 @@
 //! The zeros of the stages are exactly the offsets that the fit looks for, so no data can tell them;
 //! and the reference's certificate is not for a model to revise. Neither is fitted.
 
+use std::sync::atomic::AtomicBool;
+
 use nalgebra::DMatrix;
 
 use super::covariance::{Covariance, Scaling, covariance};
 use super::estimate::Estimate;
 use super::least_squares::{householder, solve_upper};
 use super::problem::{Problem, Quantity, Values, drift_std, reference_std};
+use super::profile::profile;
+use super::report::COVERAGE_FACTOR;
+use super::solver::Minimum;
+use crate::units::Angle;
 
 /// Standard uncertainties by source, in the unit of the parameter. They combine in quadrature.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -42,6 +48,10 @@ pub struct Budget {
     pub background: f64,
     /// What the model misses.
     pub model: f64,
+    /// What bends: half of what the profile interval is wider than the straight one, and half the
+    /// way to another minimum that the data do not exclude.
+    #[serde(default)]
+    pub shape: f64,
 }
 
 impl Budget {
@@ -63,10 +73,11 @@ impl Budget {
             drift: self.drift * f,
             background: self.background * f,
             model: self.model * f,
+            shape: self.shape * f,
         }
     }
 
-    fn parts(&self) -> [f64; 7] {
+    fn parts(&self) -> [f64; 8] {
         [
             self.counting,
             self.reference,
@@ -75,6 +86,7 @@ impl Budget {
             self.drift,
             self.background,
             self.model,
+            self.shape,
         ]
     }
 }
@@ -135,12 +147,13 @@ pub fn uncertainty(estimate: &Estimate<'_>) -> Uncertainty {
                 .map(|i| (k[(j, i)] * estimate.misfit[i] / problem.sigma()[i]).powi(2))
                 .sum();
             let tier = SHARE_OF_TIER_SHIFT * estimate.tier_shift[j];
-            let floor = if estimate.discrepancy > 0.0 {
-                floor(problem.free()[j], &estimate.values)
+            // Where counting noise explains the scatter, what groups of it do is counting noise.
+            let missed = if estimate.discrepancy > 0.0 {
+                by_group[j].hypot(floor(problem.free()[j], &estimate.values))
             } else {
                 0.0
             };
-            let model = independent + by_group[j] * by_group[j] + tier * tier + floor * floor;
+            let model = independent + missed * missed + tier * tier;
             let prior = |wanted: Quantity| -> f64 {
                 let rows = problem.priors().iter().enumerate();
                 rows.filter(|(_, (q, _))| *q == wanted)
@@ -160,6 +173,7 @@ pub fn uncertainty(estimate: &Estimate<'_>) -> Uncertainty {
                 drift: gain * drift_std(set),
                 background: prior(Quantity::Background),
                 model: model.sqrt(),
+                shape: to_rivals(estimate, j).hypot(bent(estimate, &covariance, j)),
             }
         })
         .collect();
@@ -169,6 +183,58 @@ pub fn uncertainty(estimate: &Estimate<'_>) -> Uncertainty {
         model_freedom,
     }
 }
+
+/// Half the way to the farthest minimum that the data do not exclude.
+fn to_rivals(estimate: &Estimate<'_>, j: usize) -> f64 {
+    let quantity = estimate.problem.free()[j];
+    let here = estimate.values.folded().inner(quantity);
+    let distance = |m: &Minimum| {
+        let there = estimate
+            .problem
+            .unpack(&m.parameters)
+            .folded()
+            .inner(quantity);
+        if quantity == Quantity::AzimuthOffset {
+            Angle::from_rad(there - here).wrapped().rad().abs()
+        } else {
+            (there - here).abs()
+        }
+    };
+    let farthest = estimate.rivals.iter().map(distance).fold(0.0, f64::max);
+    farthest / COVERAGE_FACTOR
+}
+
+/// What the profile interval of a badly determined parameter adds to the straight one.
+fn bent(estimate: &Estimate<'_>, covariance: &Covariance, j: usize) -> f64 {
+    let quantity = estimate.problem.free()[j];
+    let std = covariance.matrix[(j, j)].sqrt();
+    let straight = match quantity {
+        Quantity::ThetaR | Quantity::AzimuthOffset | Quantity::TiltOffset => STRAIGHT_ANGLE,
+        Quantity::AlphaU | Quantity::AlphaV => STRAIGHT_LOG_ALPHA,
+        Quantity::RhoD => STRAIGHT_RHO_D,
+        _ => return 0.0,
+    };
+    let known =
+        covariance.identifiable[j] && std.is_finite() && estimate.minimum.ending.is_success();
+    if !known || std < straight {
+        return 0.0;
+    }
+    let never = AtomicBool::new(false);
+    let rise = COVERAGE_FACTOR * COVERAGE_FACTOR;
+    let guess = COVERAGE_FACTOR * std;
+    let p = profile(&estimate.problem, &estimate.minimum, j, guess, rise, &never);
+    let here = estimate.minimum.parameters[j];
+    let reach = |end: Option<f64>| end.map_or(f64::INFINITY, |x| (x - here).abs());
+    let half = reach(p.lower).max(reach(p.upper)) / COVERAGE_FACTOR;
+    (half * half - std * std).max(0.0).sqrt()
+}
+
+/// Standard uncertainties above which a straight interval is not trusted.
+const STRAIGHT_ANGLE: f64 = 0.2 * std::f64::consts::PI / 180.0;
+/// The same for the logarithm of a roughness.
+const STRAIGHT_LOG_ALPHA: f64 = 0.05;
+/// The same for the diffuse reflectance.
+const STRAIGHT_RHO_D: f64 = 0.02;
 
 /// By how much sources that all observations share change the weighted residuals.
 struct Shared {

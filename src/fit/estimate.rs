@@ -7,15 +7,14 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rayon::prelude::*;
-
 use super::least_squares::{householder, sum_of_squares};
 use super::problem::{Problem, Quantity, Values, certified};
+use super::search::{Search, StartReport};
 use super::solver::{Ending, Minimum, Settings, minimise};
-use super::start::starts;
+use super::{FitOptions, Loss, Told};
 use crate::material::Material;
 use crate::model::Variant;
-use crate::observation::ObservationSet;
+use crate::observation::{ObservationSet, Prior};
 
 /// Share of the peak that the discrepancy's scale never falls below.
 const DISCREPANCY_FLOOR: f64 = 0.1;
@@ -23,23 +22,21 @@ const DISCREPANCY_FLOOR: f64 = 0.1;
 const FIRST_DISCREPANCY: f64 = 0.03;
 /// χ² per observation at the first weights above which more starts are worth their time.
 const SUSPICIOUS: f64 = 0.1;
-/// How many times more.
-const MORE_STARTS: usize = 4;
+/// Rise of the cost up to which the near minima of a search are weighed again.
+const RIVAL_RISE: f64 = 25.0;
+/// Rise of the cost up to which a minimum is as good as the best one: the square of the report's
+/// coverage factor.
+const AMBIGUOUS_RISE: f64 = 4.0;
+/// Discrepancy above which a fit of the full closed form has missed the lobe.
+const UNEXPLAINED: f64 = 0.1;
+/// Rounds of a thorough search.
+const THOROUGH_ROUNDS: usize = 3;
 /// Rounds of discrepancy, weights and refit.
 const ROUNDS: usize = 6;
-
-/// How a run over several starts ended.
-#[derive(Debug, Clone, PartialEq)]
-pub struct StartReport {
-    /// Starts tried.
-    pub tried: usize,
-    /// Starts that ended at the best minimum.
-    pub at_minimum: usize,
-    /// Starts that ended elsewhere although the solver calls them converged: other minima.
-    pub elsewhere: usize,
-    /// Starts that did not converge.
-    pub not_converged: usize,
-}
+/// Median of χ² with one degree of freedom.
+const MEDIAN_OF_CHI2: f64 = 0.454_936;
+/// Weight that stands for none, so that every residual stays finite.
+const LEAST_WEIGHT: f64 = 1e-12;
 
 /// A fitted variant.
 #[derive(Debug, Clone)]
@@ -64,6 +61,25 @@ pub struct Estimate<'a> {
     pub fitted: usize,
     /// How far the dear tier moved each free parameter (solver's units); zero without it.
     pub tier_shift: Vec<f64>,
+    /// Weight that the loss left each observation, 1 where it counts in full.
+    pub loss_weights: Vec<f64>,
+    /// Whether the scatter is what noise, or a small misfit of the model, accounts for. If not, no
+    /// start may have found the lobe.
+    pub explained: bool,
+    /// Other minima that the data do not exclude at the coverage of the report.
+    pub rivals: Vec<Minimum>,
+}
+
+/// Takes what the user holds fixed out of what is free.
+fn with_told(
+    (mut free, mut fixed): (Vec<Quantity>, Values),
+    told: &[Told],
+) -> (Vec<Quantity>, Values) {
+    for t in told.iter().filter(|t| t.std == 0.0) {
+        free.retain(|q| *q != t.quantity);
+        fixed.set_natural(t.quantity, t.value);
+    }
+    (free, fixed)
 }
 
 /// What is free for a variant on a set, and the values of the rest.
@@ -146,12 +162,20 @@ pub type Tier<'t> = &'t (dyn Fn(&Problem<'_>, &Values) -> Option<Vec<f64>> + Syn
 pub fn estimate<'a>(
     set: &'a ObservationSet,
     variant: Variant,
-    count: usize,
-    seed: u32,
+    options: &FitOptions,
     tier: Option<Tier<'_>>,
     cancel: &AtomicBool,
 ) -> Option<Estimate<'a>> {
-    let (free, fixed) = free_quantities(set, variant);
+    let (free, fixed) = with_told(free_quantities(set, variant), &options.told);
+    let priors: Vec<(Quantity, Prior)> = options
+        .told
+        .iter()
+        .filter(|t| t.std > 0.0)
+        .map(|t| {
+            let (mean, std) = (t.value, t.std);
+            (t.quantity, Prior { mean, std })
+        })
+        .collect();
     let scale: Vec<f64> = {
         let floor = DISCREPANCY_FLOOR * peak(set);
         set.observations
@@ -171,43 +195,65 @@ pub fn estimate<'a>(
         .map(|f| f.sigma.hypot(FIRST_DISCREPANCY * f.signal));
     let first = Problem::new(set, variant, free, fixed)
         .with_sigma(weights(FIRST_DISCREPANCY))
-        .with_flat_sigma(loose.collect());
+        .with_flat_sigma(loose.collect())
+        .with_priors(&priors)
+        .with_loss(options.loss);
     let settings = Settings::default();
-    // The starts only have to find the basin; the rounds below polish.
-    let rough = Settings {
-        polish_steps: 20,
-        max_iterations: 300,
-        ..settings
-    };
-    let run = |count: usize, seed: u32| -> Vec<Minimum> {
-        starts(&first, &fixed, count, seed)
-            .par_iter()
-            .map(|v| minimise(&first, &first.pack(v), &first.bounds(), &rough, cancel))
-            .collect()
-    };
-    let mut runs = run(count, seed);
-    let least = runs.iter().map(|m| m.cost).fold(f64::INFINITY, f64::min);
-    // The full closed form misses real samples by far less than the first weights allow: more than
-    // that says that no start found the lobe. The printed form often misses by so much anyway.
-    if variant == Variant::Sawtooth && least > SUSPICIOUS * set.observations.len() as f64 {
-        runs.extend(run(MORE_STARTS * count, seed.wrapping_add(1)));
-    }
-    let best = runs
-        .iter()
-        .filter(|m| m.cost.is_finite() && m.ending != Ending::NotFinite)
-        .min_by(|a, b| a.cost.total_cmp(&b.cost))?
-        .clone();
-    let starts = weigh_starts(&runs, best.cost);
-    // The starts leave the index at its nominal value; from here on it may move.
-    let found = first.unpack(&best.parameters);
+    let mut search = Search::new(&fixed, options.seed, cancel);
+    search.quick(&first, options.starts);
     let fitted = first.free().len();
+    // The starts leave the index at its nominal value; from here on it may move.
     let mut free = first.free().to_vec();
-    free.extend(certified(set));
-    let mut problem = first.with_free(free).with_flat_sigma(flat_sigma(set));
+    let held = |q: &Quantity| {
+        options
+            .told
+            .iter()
+            .any(|t| t.quantity == *q && t.std == 0.0)
+    };
+    free.extend(certified(set).into_iter().filter(|q| !held(q)));
+    let mut problem = first
+        .clone()
+        .with_free(free)
+        .with_flat_sigma(flat_sigma(set));
     let bounds = problem.bounds();
-    let mut minimum = best;
-    minimum.parameters = problem.pack(&found);
-    let mut discrepancy = FIRST_DISCREPANCY;
+    if !options.misfit {
+        problem = problem.with_sigma(own.clone());
+    }
+    search.carry_over(&first, &problem);
+    let enough = |search: &Search<'_>| {
+        let Some(best) = search.best() else {
+            return false;
+        };
+        let observations = set.observations.len();
+        let freedom = observations.saturating_sub(fitted).max(1) as f64;
+        if options.misfit {
+            // The full closed form misses real samples by far less than the first weights allow:
+            // more than that says that no start found the lobe. The printed form often misses by
+            // so much anyway.
+            let explained = best.cost <= SUSPICIOUS * observations as f64;
+            (explained || variant == Variant::Paper) && search.confirmed(2)
+        } else {
+            best.cost <= freedom * chance(freedom) && search.confirmed(2)
+        }
+    };
+    let mut rounds = 0;
+    if few_directions(set) {
+        search.thorough(&problem);
+        search.images(&problem);
+        rounds += 1;
+    }
+    while !enough(&search) && rounds < THOROUGH_ROUNDS && !search.cancelled() {
+        search.thorough(&problem);
+        rounds += 1;
+    }
+    let mut minimum = search.best()?.clone();
+    let starts = search.report();
+    let candidates = search.rivals(RIVAL_RISE);
+    let mut discrepancy = if options.misfit {
+        FIRST_DISCREPANCY
+    } else {
+        0.0
+    };
     let mut shift = vec![0.0; minimum.parameters.len()];
     let settle = |problem: &mut Problem<'a>, minimum: &mut Minimum, discrepancy: &mut f64| {
         for _ in 0..ROUNDS {
@@ -218,7 +264,11 @@ pub fn estimate<'a>(
                 .zip(&set.observations)
                 .map(|(p, o)| p - o.signal)
                 .collect();
-            let next = discrepancy_of(&residuals, &own, &scale, fitted);
+            let next = if options.misfit {
+                discrepancy_of(&residuals, &own, &scale, fitted, options.loss)
+            } else {
+                0.0
+            };
             let settled = (next - *discrepancy).abs() <= 1e-3 * next;
             *discrepancy = next;
             *problem = problem.clone().with_sigma(weights(next));
@@ -230,11 +280,29 @@ pub fn estimate<'a>(
         }
     };
     settle(&mut problem, &mut minimum, &mut discrepancy);
+    // The weights of the starts may rank near minima wrongly; the final ones decide.
+    let mut rivals: Vec<Minimum> = Vec::new();
+    for other in &candidates {
+        let again = minimise(&problem, &other.parameters, &bounds, &settings, cancel);
+        if again.cost < minimum.cost && again.ending != Ending::NotFinite {
+            rivals.push(std::mem::replace(&mut minimum, again));
+            settle(&mut problem, &mut minimum, &mut discrepancy);
+        } else {
+            rivals.push(again);
+        }
+    }
+    rivals.retain(|m| {
+        let rise = m.cost - minimum.cost;
+        m.cost.is_finite() && rise < AMBIGUOUS_RISE && rise > 1e-6 * minimum.cost.max(1.0)
+    });
+    // χ² of a linear loss, the loss itself of another.
     let misses = |problem: &Problem<'_>, minimum: &Minimum| -> f64 {
         let values = problem.unpack(&minimum.parameters);
         let predicted = problem.predicted(&values);
         let terms = predicted.iter().zip(&set.observations);
-        terms.map(|(p, o)| ((p - o.signal) / o.sigma).powi(2)).sum()
+        terms
+            .map(|(p, o)| options.loss.bent((p - o.signal) / o.sigma).0.powi(2))
+            .sum()
     };
     if let Some(tier) = tier {
         let mut dear = (problem.clone(), minimum.clone(), discrepancy);
@@ -266,14 +334,32 @@ pub fn estimate<'a>(
     }
     let values = problem.unpack(&minimum.parameters);
     let predicted = problem.predicted(&values);
+    let loss_weights: Vec<f64> = predicted
+        .iter()
+        .zip(&set.observations)
+        .zip(problem.sigma())
+        .map(|((p, o), sigma)| options.loss.weight((p - o.signal) / sigma))
+        .collect();
+    if options.loss != Loss::Linear {
+        // The same point as the minimum of least squares, in which form the budget reads it.
+        let sigma = problem.sigma().iter().zip(&loss_weights);
+        let sigma = sigma.map(|(s, w)| s / w.max(LEAST_WEIGHT).sqrt()).collect();
+        problem = problem.with_loss(Loss::Linear).with_sigma(sigma);
+        minimum = minimise(&problem, &minimum.parameters, &bounds, &settings, cancel);
+    }
     let squares = |weight: &dyn Fn(usize) -> f64| -> f64 {
         let pairs = predicted.iter().zip(&set.observations).enumerate();
         pairs
-            .map(|(i, (p, o))| ((p - o.signal) * weight(i)).powi(2))
+            .map(|(i, (p, o))| loss_weights[i] * ((p - o.signal) * weight(i)).powi(2))
             .sum()
     };
     let count = set.observations.len();
     let freedom = count.saturating_sub(fitted).max(1) as f64;
+    let explained = if options.misfit {
+        variant == Variant::Paper || discrepancy <= UNEXPLAINED
+    } else {
+        minimum.cost <= freedom * chance(freedom)
+    };
     let peak = peak(set);
     Some(Estimate {
         chi2_reduced_without_model: squares(&|i| 1.0 / own[i]) / freedom,
@@ -286,36 +372,54 @@ pub fn estimate<'a>(
         minimum,
         problem,
         tier_shift: shift,
+        loss_weights,
+        explained,
+        rivals,
     })
 }
 
-fn weigh_starts(runs: &[Minimum], best: f64) -> StartReport {
-    let same = |m: &&Minimum| m.cost <= best + 1e-6 * best.max(1.0);
-    let at_minimum = runs.iter().filter(same).count();
-    let elsewhere = runs
+/// Whether the poses are so few, or their azimuths, that near symmetries make near minima.
+fn few_directions(set: &ObservationSet) -> bool {
+    let mut azimuths: Vec<i64> = set
+        .observations
         .iter()
-        .filter(|m| !same(m) && m.ending.is_success())
-        .count();
-    StartReport {
-        tried: runs.len(),
-        at_minimum,
-        elsewhere,
-        not_converged: runs.len() - at_minimum - elsewhere,
-    }
+        .map(|o| ((o.pose.phi_s.deg() * 10.0).round() as i64).rem_euclid(3600))
+        .collect();
+    azimuths.sort_unstable();
+    azimuths.dedup();
+    azimuths.len() <= 4 || set.observations.len() <= 24
+}
+
+/// χ²/ν that noise alone passes once in a thousand (Wilson and Hilferty 1931).
+fn chance(freedom: f64) -> f64 {
+    let spread = 2.0 / (9.0 * freedom);
+    (1.0 - spread + 3.09 * spread.sqrt()).powi(3)
 }
 
 /// The d for which Σ r²/(σ² + d² s²) equals the degrees of freedom; 0 where σ alone suffices.
-fn discrepancy_of(residuals: &[f64], sigma: &[f64], scale: &[f64], fitted: usize) -> f64 {
+/// With a robust loss the median of r² stands for its mean.
+fn discrepancy_of(
+    residuals: &[f64],
+    sigma: &[f64],
+    scale: &[f64],
+    fitted: usize,
+    loss: Loss,
+) -> f64 {
     let freedom = residuals.len().saturating_sub(fitted).max(1) as f64;
     let chi2 = |d: f64| -> f64 {
-        residuals
+        let squares = residuals
             .iter()
             .zip(sigma)
             .zip(scale)
-            .map(|((r, o), s)| r * r / (o * o + d * d * s * s))
-            .sum()
+            .map(|((r, o), s)| r * r / (o * o + d * d * s * s));
+        if loss == Loss::Linear {
+            return squares.sum();
+        }
+        let mut squares: Vec<f64> = squares.collect();
+        squares.sort_by(f64::total_cmp);
+        squares[squares.len() / 2] / MEDIAN_OF_CHI2 * squares.len() as f64
     };
-    if chi2(0.0) <= freedom {
+    if chi2(0.0) <= freedom * chance(freedom) {
         return 0.0;
     }
     let (mut low, mut high) = (0.0, 1e-6);
@@ -367,11 +471,14 @@ mod tests {
     fn the_discrepancy_brings_chi2_to_its_degrees_of_freedom_and_is_zero_where_noise_suffices() {
         let residuals = [0.3, -0.2, 0.25, -0.3, 0.1, 0.2];
         let (sigma, scale) = ([0.01; 6], [1.0, 2.0, 1.0, 1.5, 1.0, 1.0]);
-        let d = discrepancy_of(&residuals, &sigma, &scale, 2);
+        let d = discrepancy_of(&residuals, &sigma, &scale, 2, Loss::Linear);
         let chi2: f64 = (0..6)
             .map(|i| residuals[i].powi(2) / (sigma[i].powi(2) + (d * scale[i]).powi(2)))
             .sum();
         assert!((chi2 - 4.0).abs() < 1e-9);
-        assert_eq!(discrepancy_of(&residuals, &[1.0; 6], &scale, 2), 0.0);
+        assert_eq!(
+            discrepancy_of(&residuals, &[1.0; 6], &scale, 2, Loss::Linear),
+            0.0
+        );
     }
 }

@@ -6,8 +6,10 @@
 //! that they leave is a term of the uncertainty of its own.
 //!
 //! The one function to call is [`fit`]. Rooms within: [`least_squares`] what a problem is ·
-//! [`solver`] bounded Levenberg–Marquardt · [`problem`] the observation model · [`start`] where to
-//! begin · [`estimate`] one variant · [`tier`] the dearer model as an offset · [`covariance`] and [`budget`] how sure · [`variants`] the choice ·
+//! [`solver`] bounded Levenberg–Marquardt · [`quantity`] what can be looked for · [`problem`] the
+//! observation model · [`loss`] how residuals count · [`start`] where to begin and [`search`] how far
+//! to look · [`estimate`] one variant · [`tier`] the dearer model as an offset · [`covariance`] and
+//! [`budget`] how sure · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice ·
 //! [`report`] the answer's form. It knows neither frames nor files nor the clock.
 
 use std::sync::atomic::AtomicBool;
@@ -20,9 +22,14 @@ pub mod budget;
 pub mod covariance;
 mod descent;
 pub mod estimate;
+pub mod intervals;
 pub mod least_squares;
+pub mod loss;
 pub mod problem;
+pub mod profile;
+pub mod quantity;
 pub mod report;
+pub mod search;
 pub mod solver;
 pub mod start;
 pub mod text;
@@ -30,6 +37,8 @@ pub mod tier;
 mod trust_region;
 pub mod variants;
 
+pub use loss::Loss;
+pub use quantity::Quantity;
 pub use report::FitReport;
 
 /// Which variant the report shall hang on.
@@ -46,7 +55,8 @@ pub enum VariantChoice {
 }
 
 /// What a fit may be told.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct FitOptions {
     /// Which variant the report shall hang on; all are fitted and listed.
     pub variant: VariantChoice,
@@ -54,6 +64,29 @@ pub struct FitOptions {
     pub starts: usize,
     /// Seed of the scrambled Sobol set that starts come from.
     pub seed: u32,
+    /// Whether the model may be wrong: its misfit is then estimated from the scatter, weighs the
+    /// observations and is part of every uncertainty. Without it the observations' own
+    /// uncertainties are the whole truth, as they are for data that the model itself painted.
+    pub misfit: bool,
+    /// How residuals count.
+    pub loss: Loss,
+    /// What is known beforehand, beside the certificates of the series.
+    pub told: Vec<Told>,
+    /// Whether profile-likelihood intervals are wanted.
+    pub profile: bool,
+    /// Series drawn for bootstrap intervals; 0 for none.
+    pub bootstrap: u32,
+}
+
+/// What the user knows of a quantity before the fit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Told {
+    /// Of what.
+    pub quantity: Quantity,
+    /// Its value in natural units: angles in radians, θr ≥ 0.
+    pub value: f64,
+    /// Its standard uncertainty; 0 holds it fixed.
+    pub std: f64,
 }
 
 impl Default for FitOptions {
@@ -62,6 +95,11 @@ impl Default for FitOptions {
             variant: VariantChoice::Auto,
             starts: 8,
             seed: 1,
+            misfit: true,
+            loss: Loss::Linear,
+            told: Vec::new(),
+            profile: false,
+            bootstrap: 0,
         }
     }
 }

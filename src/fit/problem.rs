@@ -22,135 +22,15 @@ use std::f64::consts::PI;
 use nalgebra::Vector3;
 
 use super::least_squares::LeastSquares;
+use super::loss::Loss;
+pub use super::quantity::{Quantity, Values};
 use super::solver::Bounds;
 use crate::geometry::Directions;
 use crate::material::Material;
 use crate::model::prepared::{OpticsTable, Prepared};
-use crate::model::{Gradient, Optics, Surface, Variant};
+use crate::model::{Gradient, Optics, Variant};
 use crate::observation::{ObservationSet, Prior};
 use crate::units::Angle;
-
-/// What a fit can look for, in the order in which reports list it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Quantity {
-    /// Ridge angle θr.
-    ThetaR,
-    /// Roughness along the ridges.
-    AlphaU,
-    /// Roughness across the ridges.
-    AlphaV,
-    /// Diffuse reflectance.
-    RhoD,
-    /// Gain g of the signals.
-    Scale,
-    /// Stray light B.
-    Background,
-    /// Zero of the rotation stage Δφ.
-    AzimuthOffset,
-    /// Zero of the tilt stage δ.
-    TiltOffset,
-    /// Real part of the index, within its uncertainty.
-    Eta,
-    /// Imaginary part of the index, within its uncertainty.
-    K,
-}
-
-impl Quantity {
-    /// Those that a report lists.
-    pub const ALL: [Quantity; 8] = [
-        Quantity::ThetaR,
-        Quantity::AlphaU,
-        Quantity::AlphaV,
-        Quantity::RhoD,
-        Quantity::Scale,
-        Quantity::Background,
-        Quantity::AzimuthOffset,
-        Quantity::TiltOffset,
-    ];
-}
-
-/// Values of all quantities in natural units: angles in radians, θr signed, roughness as is.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Values {
-    /// Signed ridge angle, rad.
-    pub theta_r: f64,
-    /// Roughness along the ridges.
-    pub alpha_u: f64,
-    /// Roughness across the ridges.
-    pub alpha_v: f64,
-    /// Diffuse reflectance.
-    pub rho_d: f64,
-    /// Gain of the signals.
-    pub scale: f64,
-    /// Stray light in the signals' unit.
-    pub background: f64,
-    /// Zero of the rotation stage, rad.
-    pub azimuth_offset: f64,
-    /// Zero of the tilt stage, rad.
-    pub tilt_offset: f64,
-    /// Real part of the index.
-    pub eta: f64,
-    /// Imaginary part of the index.
-    pub k: f64,
-}
-
-impl Values {
-    /// One of them, as the solver sees it (roughnesses as logarithms).
-    #[must_use]
-    pub fn inner(&self, quantity: Quantity) -> f64 {
-        match quantity {
-            Quantity::ThetaR => self.theta_r,
-            Quantity::AlphaU => self.alpha_u.ln(),
-            Quantity::AlphaV => self.alpha_v.ln(),
-            Quantity::RhoD => self.rho_d,
-            Quantity::Scale => self.scale,
-            Quantity::Background => self.background,
-            Quantity::AzimuthOffset => self.azimuth_offset,
-            Quantity::TiltOffset => self.tilt_offset,
-            Quantity::Eta => self.eta,
-            Quantity::K => self.k,
-        }
-    }
-
-    /// Puts back what [`Values::inner`] gives.
-    pub fn set_inner(&mut self, quantity: Quantity, value: f64) {
-        match quantity {
-            Quantity::ThetaR => self.theta_r = value,
-            Quantity::AlphaU => self.alpha_u = value.exp(),
-            Quantity::AlphaV => self.alpha_v = value.exp(),
-            Quantity::RhoD => self.rho_d = value,
-            Quantity::Scale => self.scale = value,
-            Quantity::Background => self.background = value,
-            Quantity::AzimuthOffset => self.azimuth_offset = value,
-            Quantity::TiltOffset => self.tilt_offset = value,
-            Quantity::Eta => self.eta = value,
-            Quantity::K => self.k = value,
-        }
-    }
-
-    /// The same surface with θr ≥ 0 and the azimuth in (−180°, 180°].
-    #[must_use]
-    pub fn folded(mut self) -> Self {
-        if self.theta_r < 0.0 {
-            self.theta_r = -self.theta_r;
-            self.azimuth_offset += PI;
-        }
-        self.azimuth_offset = Angle::from_rad(self.azimuth_offset).wrapped().rad();
-        self
-    }
-
-    /// The surface as the model wants it, θr as it stands.
-    #[must_use]
-    pub fn surface(&self) -> Surface {
-        Surface {
-            theta_r: self.theta_r,
-            alpha_u: self.alpha_u,
-            alpha_v: self.alpha_v,
-            rho_d: self.rho_d,
-            amplitude: 1.0,
-        }
-    }
-}
 
 /// Steepest ridge that a fit considers, rad.
 pub const THETA_R_MAX: f64 = 75.0 * PI / 180.0;
@@ -158,6 +38,9 @@ pub const THETA_R_MAX: f64 = 75.0 * PI / 180.0;
 pub const ALPHA_MIN: f64 = 1e-4;
 /// Roughest facet that a fit considers.
 pub const ALPHA_MAX: f64 = 2.0;
+
+/// One over the relative error that counts as one on the logarithmic scale.
+const LOG_WEIGHT: f64 = 10.0;
 
 /// One least-squares problem: a set of observations, a variant, weights and what is free.
 #[derive(Debug, Clone)]
@@ -171,6 +54,11 @@ pub struct Problem<'a> {
     correction: Vec<f64>,
     optics: OpticsTable,
     priors: Vec<(Quantity, Prior)>,
+    /// What the user knows beside the certificates.
+    told: Vec<(Quantity, Prior)>,
+    loss: Loss,
+    lean: bool,
+    logarithmic: bool,
     /// Sines and cosines of the recorded poses: (θc, φs with the known zeros), one per observation.
     poses: Vec<[(f64, f64); 2]>,
 }
@@ -197,7 +85,11 @@ impl<'a> Problem<'a> {
     ) -> Self {
         Problem {
             variant,
-            priors: priors(set, &free),
+            priors: priors(set, &free, &[]),
+            told: Vec::new(),
+            loss: Loss::Linear,
+            lean: false,
+            logarithmic: false,
             free,
             fixed,
             sigma: set.observations.iter().map(|o| o.sigma).collect(),
@@ -219,9 +111,60 @@ impl<'a> Problem<'a> {
     /// The same problem with other free quantities.
     #[must_use]
     pub fn with_free(mut self, free: Vec<Quantity>) -> Self {
-        self.priors = priors(self.set, &free);
+        self.priors = priors(self.set, &free, &self.told);
         self.free = free;
         self
+    }
+
+    /// The same problem with priors of the user, in natural units: angles in radians, θr ≥ 0,
+    /// roughness as it is. Those on quantities that are not free are ignored.
+    #[must_use]
+    pub fn with_priors(mut self, told: &[(Quantity, Prior)]) -> Self {
+        self.told = told.to_vec();
+        self.priors = priors(self.set, &self.free, &self.told);
+        self
+    }
+
+    /// The same problem with another loss on the sample's residuals.
+    #[must_use]
+    pub fn with_loss(mut self, loss: Loss) -> Self {
+        self.loss = loss;
+        self
+    }
+
+    /// The same problem with the closed form's lean stand-in, to look for the lobe with.
+    #[must_use]
+    pub fn with_lean(mut self, lean: bool) -> Self {
+        self.lean = lean;
+        self
+    }
+
+    /// The same problem with signals compared on a scale that is logarithmic above the noise and
+    /// linear below.
+    #[must_use]
+    pub fn with_logarithmic(mut self, logarithmic: bool) -> Self {
+        self.logarithmic = logarithmic;
+        self
+    }
+
+    /// The same problem on a series drawn from it: `set` differs in its signals alone, and what the
+    /// priors state is drawn around `values` with `normal`.
+    #[must_use]
+    pub fn drawn<'s>(
+        &self,
+        set: &'s ObservationSet,
+        values: &Values,
+        normal: &mut dyn FnMut() -> f64,
+    ) -> Problem<'s>
+    where
+        'a: 's,
+    {
+        let mut problem: Problem<'s> = self.clone();
+        problem.set = set;
+        for (quantity, prior) in &mut problem.priors {
+            prior.mean = values.natural(*quantity) + prior.std * normal();
+        }
+        problem
     }
 
     /// The same problem with other standard uncertainties of the observations.
@@ -330,6 +273,8 @@ impl<'a> Problem<'a> {
         let signals = self.set.observations.iter().map(|o| o.signal.abs());
         let brightest = signals.fold(0.0, f64::max);
         let range = |q: &Quantity| match q {
+            // Where the azimuth is held, θr cannot change sides.
+            Quantity::ThetaR if !self.free.contains(&Quantity::AzimuthOffset) => (0.0, THETA_R_MAX),
             Quantity::ThetaR => (-THETA_R_MAX, THETA_R_MAX),
             Quantity::AlphaU | Quantity::AlphaV => (ALPHA_MIN.ln(), ALPHA_MAX.ln()),
             // The printed lobe's amplitude A = F + (ρd/π)(1 − F)² stays positive; its ρd may pass 1,
@@ -363,7 +308,10 @@ impl<'a> Problem<'a> {
             surface.theta_r = -surface.theta_r;
             azimuth += PI;
         }
-        let prepared = Prepared::new(self.variant, &surface, &self.optics(values));
+        let mut prepared = Prepared::new(self.variant, &surface, &self.optics(values));
+        if self.lean {
+            prepared = prepared.lean();
+        }
         let (sl, cl) = self.set.rig.theta_l.sin_cos();
         let (sa, ca) = self.set.rig.light_azimuth.sin_cos();
         Ready {
@@ -475,6 +423,13 @@ impl<'a> Problem<'a> {
         (incident.z, -incident.x)
     }
 
+    /// Signal of the white reference that the model expects at flat `index`.
+    #[must_use]
+    pub fn flat_signal(&self, index: usize, values: &Values) -> f64 {
+        let cosine = self.flat_cosine(index, values).0;
+        values.scale * self.reflectance() / PI * cosine + values.background
+    }
+
     fn reflectance(&self) -> f64 {
         self.set.white_reference.map_or(1.0, |w| w.reflectance)
     }
@@ -490,7 +445,7 @@ impl LeastSquares for &Problem<'_> {
         self.free.len()
     }
 
-    /// Samples first, then flats, then the prior on the stray light.
+    /// Samples first, then flats, then the priors.
     fn n_residuals(&self) -> usize {
         self.residual_count()
     }
@@ -522,6 +477,21 @@ impl LeastSquares for &Problem<'_> {
                         Quantity::TiltOffset => gain * g.theta_c,
                     };
             }
+            if self.logarithmic {
+                let (seen, floor) = (self.set.observations[i].signal, 3.0 * self.sigma[i]);
+                let expected = residuals[i] * self.sigma[i] + seen;
+                residuals[i] = LOG_WEIGHT * ((expected / floor).asinh() - (seen / floor).asinh());
+                let slope = LOG_WEIGHT * self.sigma[i] / expected.hypot(floor);
+                for j in 0..self.free.len() {
+                    jacobian[i + j * m] *= slope;
+                }
+            } else if self.loss != Loss::Linear {
+                let (bent, slope) = self.loss.bent(residuals[i]);
+                residuals[i] = bent;
+                for j in 0..self.free.len() {
+                    jacobian[i + j * m] *= slope;
+                }
+            }
         }
         let albedo = self.reflectance() / PI;
         for k in 0..flats {
@@ -543,17 +513,32 @@ impl LeastSquares for &Problem<'_> {
         }
         for (row, (quantity, prior)) in self.priors.iter().enumerate() {
             let i = samples + flats + row;
-            residuals[i] = (values.inner(*quantity) - prior.mean) / prior.std;
+            let mut away = values.natural(*quantity) - prior.mean;
+            if *quantity == Quantity::AzimuthOffset {
+                away = Angle::from_rad(away).wrapped().rad();
+            }
+            residuals[i] = away / prior.std;
+            let slope = match quantity {
+                Quantity::ThetaR if values.theta_r < 0.0 => -1.0,
+                Quantity::AlphaU => values.alpha_u,
+                Quantity::AlphaV => values.alpha_v,
+                _ => 1.0,
+            };
             for (j, q) in self.free.iter().enumerate() {
                 let own = q == quantity;
-                jacobian[i + j * m] = if own { 1.0 / prior.std } else { 0.0 };
+                jacobian[i + j * m] = if own { slope / prior.std } else { 0.0 };
             }
         }
     }
 }
 
-/// What is known before the fit of those free quantities about which something is.
-fn priors(set: &ObservationSet, free: &[Quantity]) -> Vec<(Quantity, Prior)> {
+/// What is known before the fit of those free quantities about which something is; what the user
+/// tells replaces a certificate.
+fn priors(
+    set: &ObservationSet,
+    free: &[Quantity],
+    told: &[(Quantity, Prior)],
+) -> Vec<(Quantity, Prior)> {
     let (eta, k) = set.material.index();
     let (eta_std, k_std) = match set.material {
         Material::Dielectric { eta_std, .. } => (eta_std, 0.0),
@@ -571,15 +556,19 @@ fn priors(set: &ObservationSet, free: &[Quantity]) -> Vec<(Quantity, Prior)> {
         }),
         _ => None,
     };
+    let stated = |q: &Quantity| {
+        let by_user = told.iter().find(|(t, _)| t == q).map(|(_, prior)| *prior);
+        by_user.or_else(|| of(q))
+    };
     free.iter()
-        .filter_map(|q| of(q).map(|prior| (*q, prior)))
+        .filter_map(|q| stated(q).map(|prior| (*q, prior)))
         .collect()
 }
 
 /// Quantities that are known within an uncertainty and fitted within it.
 #[must_use]
 pub fn certified(set: &ObservationSet) -> Vec<Quantity> {
-    priors(set, &[Quantity::Eta, Quantity::K])
+    priors(set, &[Quantity::Eta, Quantity::K], &[])
         .into_iter()
         .filter(|(_, prior)| prior.std > 0.0)
         .map(|(q, _)| q)
@@ -606,170 +595,5 @@ pub fn drift_std(set: &ObservationSet) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::geometry::{Pose, RigGeometry};
-    use crate::model::radiance_gradient;
-    use crate::observation::{Observation, SharedErrors, View};
-    use crate::units::Angle;
-
-    fn set() -> ObservationSet {
-        let poses = [(-20.0, 0.0), (3.0, 40.0), (15.0, 200.0), (0.0, 330.0)];
-        ObservationSet {
-            rig: RigGeometry {
-                light_azimuth: Angle::from_deg(70.0),
-                azimuth_zero: Angle::from_deg(33.0),
-                ..RigGeometry::IN_PLANE
-            },
-            material: Material::Dielectric {
-                eta: 1.54,
-                eta_std: 0.005,
-            },
-            observations: poses
-                .iter()
-                .map(|(t, p)| Observation {
-                    pose: Pose::from_deg(*t, *p),
-                    signal: 0.1,
-                    sigma: 0.01,
-                    shared: SharedErrors::default(),
-                    n_frames: 1,
-                })
-                .collect(),
-            views: Vec::new(),
-            flats: Vec::new(),
-            white_reference: None,
-            background: Prior {
-                mean: 0.0,
-                std: 0.01,
-            },
-            region: None,
-            region_azimuth: Angle::from_deg(90.0),
-            n_frames_used: 4,
-            rejected_frames: Vec::new(),
-            warnings: Vec::new(),
-        }
-    }
-
-    const VALUES: Values = Values {
-        theta_r: 0.17,
-        alpha_u: 0.12,
-        alpha_v: 0.1,
-        rho_d: 0.3,
-        scale: 1.1,
-        background: 0.002,
-        azimuth_offset: 0.05,
-        tilt_offset: -0.01,
-        eta: 1.55,
-        k: 0.0,
-    };
-
-    #[test]
-    fn offsets_by_angle_sums_give_the_directions_of_the_rig() {
-        let set = set();
-        let p = Problem::new(&set, Variant::Sawtooth, Quantity::ALL.to_vec(), VALUES);
-        let ready = p.ready(&VALUES);
-        for (i, o) in set.observations.iter().enumerate() {
-            let pose = Pose {
-                theta_c: o.pose.theta_c + Angle::from_rad(VALUES.tilt_offset),
-                phi_s: o.pose.phi_s + Angle::from_rad(VALUES.azimuth_offset) + set.region_azimuth,
-            };
-            let expected = set.rig.directions(pose);
-            let (found, ..) = p.directions(i, &ready);
-            assert!((found.incident - expected.incident).norm() < 1e-15);
-            assert!((found.outgoing - expected.outgoing).norm() < 1e-15);
-            let surface = VALUES.surface();
-            let material = Material::Dielectric {
-                eta: VALUES.eta,
-                eta_std: 0.005,
-            };
-            let by_model =
-                radiance_gradient(Variant::Sawtooth, &set.rig, pose, &surface, &material);
-            let g = p.gradient(i, &ready);
-            assert!((g.value - by_model.value).abs() < 1e-13 * by_model.value);
-            assert!((g.phi_s - by_model.phi_s).abs() < 1e-11 * by_model.value);
-        }
-    }
-
-    #[test]
-    fn views_of_the_rigs_own_directions_change_nothing_but_the_weight() {
-        let far = set();
-        let mut near = set();
-        near.views = far
-            .observations
-            .iter()
-            .map(|o| {
-                let directions = far.rig.rig_directions(o.pose.theta_c);
-                let view = |weight| View { directions, weight };
-                vec![view(0.3), view(0.9)]
-            })
-            .collect();
-        let a = Problem::new(&far, Variant::Sawtooth, Quantity::ALL.to_vec(), VALUES);
-        let b = Problem::new(&near, Variant::Sawtooth, Quantity::ALL.to_vec(), VALUES);
-        let ready = a.ready(&VALUES);
-        for i in 0..far.observations.len() {
-            let (f, n) = (a.gradient(i, &ready), b.gradient(i, &ready));
-            for (f, n) in [
-                (f.value, n.value),
-                (f.theta_c, n.theta_c),
-                (f.phi_s, n.phi_s),
-                (f.alpha_v, n.alpha_v),
-            ] {
-                assert!((1.2 * f - n).abs() < 1e-12 * f.abs().max(f.abs()).max(1e-3));
-            }
-        }
-    }
-
-    #[test]
-    fn a_negative_ridge_angle_is_the_same_surface_turned_by_half_a_circle() {
-        let set = set();
-        let p = Problem::new(&set, Variant::Sawtooth, Quantity::ALL.to_vec(), VALUES);
-        let mut turned = VALUES;
-        turned.theta_r = -turned.theta_r;
-        turned.azimuth_offset += PI;
-        let (a, b) = (p.predicted(&VALUES), p.predicted(&turned));
-        assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-12));
-        let back = turned.folded();
-        assert!((back.theta_r - VALUES.theta_r).abs() < 1e-15);
-        assert!((back.azimuth_offset - VALUES.azimuth_offset).abs() < 1e-12);
-    }
-
-    #[test]
-    fn the_jacobian_is_the_slope_of_the_residuals() {
-        let set = set();
-        let mut all = Quantity::ALL.to_vec();
-        all.push(Quantity::Eta);
-        let n = all.len();
-        for variant in [Variant::Paper, Variant::Sawtooth] {
-            for sign in [1.0, -1.0] {
-                let mut values = VALUES;
-                values.theta_r *= sign;
-                let p = Problem::new(&set, variant, all.clone(), values);
-                let x = p.pack(&values);
-                let m = p.residual_count();
-                let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * n]);
-                (&p).evaluate(&x, &mut r, &mut j);
-                for k in 0..n {
-                    let at = |h: f64| {
-                        let mut moved = x.clone();
-                        moved[k] += h;
-                        let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * n]);
-                        (&p).evaluate(&moved, &mut r, &mut j);
-                        r
-                    };
-                    // Fourth-order differences: truncation h⁴, rounding 1e-16/h.
-                    let h = 1e-4;
-                    let (a, b, c, d) = (at(-2.0 * h), at(-h), at(h), at(2.0 * h));
-                    for i in 0..m {
-                        let slope = (a[i] - 8.0 * b[i] + 8.0 * c[i] - d[i]) / (12.0 * h);
-                        let found = j[i + k * m];
-                        let size = 1.0 + found.abs();
-                        assert!(
-                            (slope - found).abs() < 1e-6 * size,
-                            "{i} {k}: {slope} {found}"
-                        );
-                    }
-                }
-            }
-        }
-    }
-}
+#[path = "problem_tests.rs"]
+mod tests;

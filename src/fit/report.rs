@@ -6,6 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::budget::Budget;
+use super::intervals::Interval;
 use crate::observation::RejectedFrame;
 
 /// How a fit ended, as a word that scripts compare.
@@ -64,6 +65,12 @@ pub struct Parameter {
     pub identifiable: bool,
     /// Parts of the standard uncertainty.
     pub budget: Option<Budget>,
+    /// Profile-likelihood interval of the independent errors, on request.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub profile: Option<Interval>,
+    /// Bootstrap interval of the independent errors, on request.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bootstrap: Option<Interval>,
     /// Why it is null or fixed, for the user.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
@@ -81,6 +88,8 @@ impl Parameter {
             degrees_of_freedom: None,
             identifiable: false,
             budget: None,
+            profile: None,
+            bootstrap: None,
             note: Some(note.into()),
         }
     }
@@ -97,6 +106,8 @@ impl Parameter {
             degrees_of_freedom,
             identifiable: true,
             budget: Some(budget),
+            profile: None,
+            bootstrap: None,
             note: None,
         }
     }
@@ -104,6 +115,8 @@ impl Parameter {
 
 /// Expanded over standard uncertainty: 95.45 % for a normal distribution.
 pub const COVERAGE_FACTOR: f64 = 2.0;
+/// That share.
+pub const COVERAGE: f64 = 0.9545;
 
 /// All parameters; angles in degrees.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -59,13 +59,24 @@ pub fn starts(problem: &Problem<'_>, fallback: &Values, count: usize, seed: u32)
     judged.truncate(count.div_ceil(2));
     let spots = judged.len();
     judged.extend(judge(candidates));
+    let (spots, others) = judged.split_at(spots);
+    spread(others, spots, count)
+}
+
+/// `count` of the judged candidates, best first and not too near to each other; those of `first`
+/// come first and may be nearer.
+pub(super) fn spread(
+    judged: &[(f64, Values)],
+    first: &[(f64, Values)],
+    count: usize,
+) -> Vec<Values> {
     let mut chosen: Vec<Values> = Vec::new();
     for radius in [1.0, 0.3, 0.0] {
-        for (k, (_, values)) in judged.iter().enumerate() {
+        for (k, (_, values)) in first.iter().chain(judged).enumerate() {
             if chosen.len() == count {
                 return chosen;
             }
-            let radius = if k < spots {
+            let radius = if k < first.len() {
                 0.1_f64.min(radius)
             } else {
                 radius
@@ -250,7 +261,7 @@ fn from_brightest(set: &ObservationSet, fallback: &Values) -> Vec<Values> {
 
 /// Sets gain (where only the samples carry it) or diffuse part by one linear step on the samples;
 /// returns the cost after it.
-fn settle_linear(problem: &Problem<'_>, mut values: Values) -> (f64, Values) {
+pub(super) fn settle_linear(problem: &Problem<'_>, mut values: Values) -> (f64, Values) {
     let linear = if problem.set().flats.is_empty() && problem.free().contains(&Quantity::Scale) {
         Some(Quantity::Scale)
     } else if problem.free().contains(&Quantity::RhoD) {
@@ -295,7 +306,8 @@ fn distance(a: &Values, b: &Values) -> f64 {
         .ln()
         .hypot((a.alpha_v / b.alpha_v).ln())
         / 0.7;
-    apart.hypot(rougher)
+    let tilted = (a.tilt_offset - b.tilt_offset) / 0.08;
+    apart.hypot(rougher).hypot(tilted)
 }
 
 #[cfg(test)]

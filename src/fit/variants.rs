@@ -8,11 +8,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::budget::{Budget, Uncertainty, tied, uncertainty};
 use super::estimate::{Estimate, Tier, estimate, free_quantities, peak};
+use super::intervals;
 use super::problem::{Quantity, Values, drift_std, reference_std};
 use super::report::{
     FitReport, FittedObservation, LeftOut, Parameter, Parameters, Starts, Status, Timing,
     VariantName, VariantSummary,
 };
+use super::solver::Minimum;
 use super::{FitOptions, VariantChoice};
 use crate::material::Material;
 use crate::model::Variant;
@@ -42,7 +44,7 @@ pub fn fit_with_tier(
     }
     let run = |variant: Variant| {
         let tier = tier.filter(|_| variant == Variant::Sawtooth);
-        estimate(set, variant, options.starts, options.seed, tier, cancel)
+        estimate(set, variant, options, tier, cancel)
     };
     let fitted = [
         (VariantName::Paper, run(Variant::Paper)),
@@ -77,10 +79,21 @@ pub fn fit_with_tier(
     let Some(main) = main else {
         return empty(set, options, Status::NotFinite);
     };
-    let mut report = report_of(main, chosen);
+    let u = uncertainty(main);
+    let mut report = report_with(main, &u, chosen);
+    if options.profile || options.bootstrap > 0 {
+        intervals::add(&mut report, main, &u, options, cancel);
+    }
     for (name, each) in &fitted {
         if let Some(e) = each {
-            report.variants.push(summary(e, *name, criterion(each)));
+            let status = if *name == chosen {
+                report.status
+            } else {
+                status(e, &uncertainty(e))
+            };
+            report
+                .variants
+                .push(summary(e, *name, status, criterion(each)));
         }
     }
     if let (Some(paper), Some(sawtooth)) = (paper, sawtooth) {
@@ -193,6 +206,8 @@ fn status(e: &Estimate<'_>, uncertainty: &Uncertainty) -> Status {
         Ending::NotFinite => Status::NotFinite,
         _ if !uncertainty.covariance.null_directions.is_empty() => Status::RankDeficient,
         Ending::RankDeficient => Status::RankDeficient,
+        Ending::ConvergedByStep | Ending::ConvergedByGradient if !e.explained => Status::Stalled,
+        _ if shape_unknown(e, uncertainty) => Status::RankDeficient,
         Ending::ConvergedByStep | Ending::ConvergedByGradient if !e.minimum.at_bound.is_empty() => {
             Status::AtBound
         }
@@ -201,12 +216,25 @@ fn status(e: &Estimate<'_>, uncertainty: &Uncertainty) -> Status {
     }
 }
 
-fn summary(e: &Estimate<'_>, variant: VariantName, qaic: f64) -> VariantSummary {
+/// Whether ridge angle or roughness is as good as unknown: an open direction by any other name.
+fn shape_unknown(e: &Estimate<'_>, u: &Uncertainty) -> bool {
+    e.problem.free().iter().enumerate().any(|(j, q)| {
+        let limit = match q {
+            Quantity::ThetaR => HOPELESS_ANGLE,
+            Quantity::AlphaU | Quantity::AlphaV => HOPELESS_LOG_ALPHA,
+            _ => return false,
+        };
+        let std = u.budgets[j].combined();
+        std.is_nan() || std >= limit
+    })
+}
+
+fn summary(e: &Estimate<'_>, variant: VariantName, status: Status, qaic: f64) -> VariantSummary {
     let values = e.values.folded();
     let free = |q| e.problem.free().contains(&q);
     VariantSummary {
         variant,
-        status: status(e, &uncertainty(e)),
+        status,
         rms_residual: e.rms_residual,
         chi2_reduced_without_model: e.chi2_reduced_without_model,
         qaic,
@@ -218,18 +246,33 @@ fn summary(e: &Estimate<'_>, variant: VariantName, qaic: f64) -> VariantSummary 
     }
 }
 
-fn report_of(e: &Estimate<'_>, variant: VariantName) -> FitReport {
+/// The report on one fitted variant, the others not compared.
+#[must_use]
+pub fn report_of(e: &Estimate<'_>, variant: VariantName) -> FitReport {
+    report_with(e, &uncertainty(e), variant)
+}
+
+fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> FitReport {
     let set = e.problem.set();
-    let u = uncertainty(e);
-    let status = status(e, &u);
+    let status = status(e, u);
     let mut warnings = set.warnings.clone();
-    let parameters = parameters(e, &u, variant);
+    let parameters = parameters(e, u, variant);
     for direction in &u.covariance.null_directions {
         let names: Vec<&str> = tied(e.problem.free(), direction)
             .into_iter()
             .map(spoken)
             .collect();
         warnings.push(format!("the data cannot tell apart: {}", names.join(", ")));
+    }
+    if !e.explained {
+        warnings.push(
+            "the fit leaves more than noise and the model's misfit account for: no start may have found \
+             the lobe; look at the residuals, take more poses around the bright spot or more starts"
+                .to_owned(),
+        );
+    }
+    for rival in &e.rivals {
+        warnings.push(ambiguity(e, rival));
     }
     for &j in &e.minimum.at_bound {
         warnings.push(format!(
@@ -286,6 +329,20 @@ fn report_of(e: &Estimate<'_>, variant: VariantName) -> FitReport {
         timing_s: Timing::default(),
         program: program(),
     }
+}
+
+/// Tells of a minimum that the data do not exclude.
+fn ambiguity(e: &Estimate<'_>, rival: &Minimum) -> String {
+    let v = e.problem.unpack(&rival.parameters).folded();
+    format!(
+        "another surface fits as well (χ² higher by {:.2}): θr {:.2}°, αu {:.4}, αv {:.4}, azimuth \
+         offset {:.2}°; the uncertainties cover both, more azimuths would tell them apart",
+        rival.cost - e.minimum.cost,
+        v.theta_r.to_degrees(),
+        v.alpha_u,
+        v.alpha_v,
+        v.azimuth_offset.to_degrees()
+    )
 }
 
 /// The parameter's name as a person says it.

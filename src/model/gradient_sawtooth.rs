@@ -203,8 +203,8 @@ impl Ray {
 pub(super) fn partials(q: &Prepared, i: [f64; 3], o: [f64; 3]) -> Partials {
     let (s, c) = (q.sin, q.cos);
     // On an opaque surface without a wall to meet only single reflection is left.
-    let diffuse = !q.opaque;
-    let risers = i[1] * c < i[2] * s || o[1] * c < o[2] * s;
+    let diffuse = !(q.opaque || q.lean);
+    let risers = !q.lean && (i[1] * c < i[2] * s || o[1] * c < o[2] * s);
     let ray_i = Ray::new(q, i, diffuse || risers, risers);
     let ray_o = Ray::new(q, o, diffuse || risers, risers);
     let (mut gi, mut go) = (Back::default(), Back::default());
@@ -263,6 +263,12 @@ pub(super) fn partials(q: &Prepared, i: [f64; 3], o: [f64; 3]) -> Partials {
         out.eta +=
             per_n * (diffuse_sum * q.surface.rho_d * table.diffuse[1] + to_kappa * q.kappa[2]);
         out.k += per_n * (diffuse_sum * q.surface.rho_d * table.diffuse[2] + to_kappa * q.kappa[3]);
+    }
+    if q.lean && !q.opaque {
+        let albedo = q.surface.rho_d * FRAC_1_PI;
+        out.value += albedo * i[2];
+        out.rho_d = FRAC_1_PI * i[2];
+        out.incident[2] += albedo;
     }
     out
 }

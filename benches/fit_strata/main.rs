@@ -1,0 +1,317 @@
+//! The fit against random synthetic series: does it find the minimum, does its status tell the
+//! truth, do its intervals cover?
+//!
+//! `cargo bench --bench fit_strata -- --stratum ordinary|stiff|paper --cases N --seed S`
+//!
+//! The series are painted by the closed form that is fitted, so the model is exact and the
+//! observations' own uncertainties are the whole truth.
+
+#![expect(clippy::print_stdout, reason = "the figures are this program's answer")]
+
+mod draw;
+mod judge;
+
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use clap::Parser;
+use rayon::prelude::*;
+use ridged::fit::FitOptions;
+use ridged::fit::estimate::estimate;
+use ridged::fit::problem::Quantity;
+use ridged::fit::report::{Parameter, Status, VariantName};
+use ridged::fit::variants::report_of;
+use ridged::model::Variant;
+
+use draw::Stratum;
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum Wanted {
+    Ordinary,
+    Stiff,
+    Paper,
+}
+
+#[derive(Debug, Parser)]
+struct Args {
+    #[arg(long, value_enum, default_value_t = Wanted::Ordinary)]
+    stratum: Wanted,
+    #[arg(long, default_value_t = 200)]
+    cases: u64,
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Starts of the crowd that the fit is compared with.
+    #[arg(long, default_value_t = 256)]
+    crowd: usize,
+    /// Tells of every case that is not as it should be.
+    #[arg(long)]
+    verbose: bool,
+    /// Given by cargo.
+    #[arg(long)]
+    bench: bool,
+}
+
+/// What one case showed.
+#[derive(Debug)]
+struct Outcome {
+    seed: u64,
+    excess: f64,
+    chi2: f64,
+    status: Option<Status>,
+    identifiable: bool,
+    null_with_std: Vec<Quantity>,
+    /// (truth − value)/expanded per parameter, only where identifiable at the truth.
+    pulls: Vec<(&'static str, f64)>,
+    /// Identifiable at the truth, yet null in the report.
+    withheld: Vec<&'static str>,
+    story: String,
+    took: Duration,
+}
+
+fn main() {
+    let args = Args::parse();
+    let stratum = match args.stratum {
+        Wanted::Ordinary => Stratum::Ordinary,
+        Wanted::Stiff => Stratum::Stiff,
+        Wanted::Paper => Stratum::Paper,
+    };
+    let done = AtomicUsize::new(0);
+    let started = Instant::now();
+    let last = Mutex::new(Instant::now());
+    let outcomes: Vec<Outcome> = (0..args.cases)
+        .into_par_iter()
+        .map(|k| {
+            let outcome = one(stratum, args.seed.wrapping_mul(1_000_003) + k, args.crowd);
+            let n = done.fetch_add(1, Ordering::Relaxed) + 1;
+            if let Ok(mut last) = last.try_lock()
+                && last.elapsed() > Duration::from_secs(10)
+            {
+                let spent = started.elapsed().as_secs_f64();
+                let left = spent / n as f64 * (args.cases as usize - n) as f64;
+                eprintln!("{n}/{} cases, {left:.0} s left", args.cases);
+                *last = Instant::now();
+            }
+            outcome
+        })
+        .collect();
+    report(&outcomes, args.verbose);
+}
+
+fn one(stratum: Stratum, seed: u64, crowd: usize) -> Outcome {
+    let case = draw::case(stratum, seed);
+    let cancel = AtomicBool::new(false);
+    let options = FitOptions {
+        misfit: false,
+        ..FitOptions::default()
+    };
+    let begun = Instant::now();
+    let fitted = estimate(&case.set, case.variant, &options, None, &cancel);
+    let took = begun.elapsed();
+    let (best, best_values) = judge::best_of(&case, stratum, crowd, seed);
+    let Some(e) = fitted else {
+        return Outcome {
+            seed,
+            excess: f64::INFINITY,
+            chi2: f64::INFINITY,
+            status: None,
+            identifiable: false,
+            null_with_std: Vec::new(),
+            pulls: Vec::new(),
+            withheld: Vec::new(),
+            story: String::new(),
+            took,
+        };
+    };
+    let name = match case.variant {
+        Variant::Paper => VariantName::Paper,
+        Variant::Sawtooth => VariantName::Sawtooth,
+    };
+    let report = report_of(&e, name);
+    let chi2 = judge::chi2(&case, &e.values);
+    let linear = judge::linear(&case, e.problem.free());
+    let named = |q: Quantity| -> Option<(&'static str, &Parameter, f64)> {
+        let p = &report.parameters;
+        let deg = 1f64.to_radians();
+        Some(match q {
+            Quantity::ThetaR => ("theta_r_deg", &p.theta_r_deg, deg),
+            Quantity::AlphaU => ("alpha_u", &p.alpha_u, 1.0),
+            Quantity::AlphaV => ("alpha_v", &p.alpha_v, 1.0),
+            Quantity::RhoD => ("rho_d", &p.rho_d, 1.0),
+            Quantity::AzimuthOffset => ("azimuth_offset_deg", &p.azimuth_offset_deg, deg),
+            Quantity::TiltOffset => ("tilt_offset_deg", &p.tilt_offset_deg, deg),
+            _ => return None,
+        })
+    };
+    let nulls = judge::null_parts(&case, &e.values);
+    let null_with_std = nulls
+        .into_iter()
+        .filter(|q| named(*q).is_some_and(|(_, p, _)| p.std.is_some()))
+        .collect();
+    let (mut pulls, mut withheld) = (Vec::new(), Vec::new());
+    // (θr, φ) ≡ (−θr, φ + 180°): the truth in the form nearest to the answer.
+    let turned = {
+        let v = e.values.folded();
+        let mut difference = v.azimuth_offset - case.truth.azimuth_offset;
+        difference -= (difference / (2.0 * PI)).round() * 2.0 * PI;
+        difference.abs() > 0.5 * PI
+    };
+    if linear.identifiable {
+        for (q, std) in e.problem.free().iter().zip(&linear.std) {
+            let Some((name, p, unit)) = named(*q) else {
+                continue;
+            };
+            let enough = match q {
+                Quantity::AzimuthOffset | Quantity::TiltOffset => *std < 2f64.to_radians(),
+                Quantity::RhoD => *std < 0.1,
+                _ => true,
+            };
+            if !enough {
+                continue;
+            }
+            let mut t = judge::true_value(&case.truth, *q);
+            if matches!(q, Quantity::AlphaU | Quantity::AlphaV) {
+                t = t.exp();
+            }
+            let mut t = t / unit;
+            if turned {
+                match q {
+                    Quantity::ThetaR => t = -t,
+                    Quantity::AzimuthOffset => t += 180.0,
+                    _ => {}
+                }
+            }
+            match (p.value, p.expanded) {
+                (Some(v), Some(x)) => {
+                    let mut d = t - v;
+                    if *q == Quantity::AzimuthOffset {
+                        d -= (d / 360.0).round() * 360.0;
+                    }
+                    pulls.push((name, d / x));
+                }
+                _ => withheld.push(name),
+            }
+        }
+    }
+    let show = |v: &ridged::fit::problem::Values| {
+        format!(
+            "θr {:.3} αu {:.5} αv {:.5} ρd {:.4} s {:.4} b {:.3e} daz {:.3} dt {:.3}",
+            v.theta_r.to_degrees(),
+            v.alpha_u,
+            v.alpha_v,
+            v.rho_d,
+            v.scale,
+            v.background,
+            v.azimuth_offset.to_degrees(),
+            v.tilt_offset.to_degrees()
+        )
+    };
+    let truth = judge::values(&case.truth);
+    let story = format!(
+        "{:?} m {} absolute {} metal {} peak/σ {:.1}\n    truth {} χ² {:.2}\n    best  {} χ² {:.4}\n    ours  {} χ² {:.4} {:?} bound {:?} starts {:?}",
+        case.variant,
+        case.set.observations.len(),
+        case.set.white_reference.is_some(),
+        case.truth.surface.rho_d == 0.0,
+        case.set
+            .observations
+            .iter()
+            .map(|o| o.signal / o.sigma)
+            .fold(0.0, f64::max),
+        show(&truth),
+        judge::chi2(&case, &truth),
+        show(&best_values.folded()),
+        best,
+        show(&e.values.folded()),
+        chi2,
+        e.minimum.ending,
+        e.minimum.at_bound,
+        e.starts,
+    );
+    Outcome {
+        seed,
+        excess: chi2 - best,
+        chi2,
+        status: Some(report.status),
+        identifiable: linear.identifiable,
+        null_with_std,
+        pulls,
+        withheld,
+        story,
+        took,
+    }
+}
+
+fn report(outcomes: &[Outcome], verbose: bool) {
+    let n = outcomes.len();
+    let at_minimum = |o: &&Outcome| o.excess <= 1e-6 * o.chi2.max(1.0);
+    let found = outcomes.iter().filter(at_minimum).count();
+    println!(
+        "{n} series; at or below the crowd's best in {found} ({:.2} %)",
+        100.0 * found as f64 / n as f64
+    );
+    let known: Vec<_> = outcomes.iter().filter(|o| o.identifiable).collect();
+    let found = known.iter().copied().filter(at_minimum).count();
+    println!("  of the {} identifiable ones in {found}", known.len());
+    let claims = |o: &&Outcome| matches!(o.status, Some(Status::Converged | Status::AtBound));
+    let lies: Vec<_> = outcomes
+        .iter()
+        .filter(|o| claims(o) && o.excess > 4.0)
+        .collect();
+    println!("success claimed with Δχ² > 4: {}", lies.len());
+    let nulls = outcomes
+        .iter()
+        .filter(|o| !o.null_with_std.is_empty())
+        .count();
+    println!("finite uncertainty on a null direction: {nulls}");
+    let mut statuses: BTreeMap<String, usize> = BTreeMap::new();
+    for o in outcomes {
+        *statuses.entry(format!("{:?}", o.status)).or_default() += 1;
+    }
+    println!("statuses: {statuses:?}");
+    let mut cover: BTreeMap<&str, (usize, usize, f64)> = BTreeMap::new();
+    let mut withheld: BTreeMap<&str, usize> = BTreeMap::new();
+    for o in outcomes {
+        for (name, pull) in &o.pulls {
+            let entry = cover.entry(name).or_default();
+            entry.0 += usize::from(pull.abs() <= 1.0);
+            entry.1 += 1;
+            entry.2 = entry.2.max(pull.abs());
+        }
+        for name in &o.withheld {
+            *withheld.entry(name).or_default() += 1;
+        }
+    }
+    for (name, (inside, all, worst)) in cover {
+        println!(
+            "  {name:20} {inside}/{all} covered ({:.1} %), worst {worst:.1} × expanded, withheld {}",
+            100.0 * inside as f64 / all as f64,
+            withheld.get(name).unwrap_or(&0)
+        );
+    }
+    let mut times: Vec<f64> = outcomes
+        .iter()
+        .map(|o| o.took.as_secs_f64() * 1e3)
+        .collect();
+    times.sort_by(f64::total_cmp);
+    println!(
+        "ms per fit: median {:.2}, 90 % {:.2}, longest {:.2}",
+        times[n / 2],
+        times[n * 9 / 10],
+        times[n - 1]
+    );
+    if verbose {
+        for o in outcomes {
+            let late = o.excess > 1e-6 * o.chi2.max(1.0);
+            let far = o.pulls.iter().any(|p| p.1.abs() > 3.0);
+            if late || far || !o.null_with_std.is_empty() {
+                println!(
+                    "case {} excess {:.4e} {:?} identifiable {} nulls {:?}\n    {}",
+                    o.seed, o.excess, o.status, o.identifiable, o.null_with_std, o.story
+                );
+            }
+        }
+    }
+}

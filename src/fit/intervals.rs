@@ -1,0 +1,134 @@
+//! Profile-likelihood and bootstrap intervals put into a report, in its units.
+
+use std::sync::atomic::AtomicBool;
+
+use serde::{Deserialize, Serialize};
+
+use super::FitOptions;
+use super::budget::Uncertainty;
+use super::estimate::Estimate;
+use super::problem::Quantity;
+use super::profile::{bootstrap, central, profile};
+use super::report::{COVERAGE, COVERAGE_FACTOR, FitReport, Parameter};
+
+/// Ends of an interval at the report's coverage; an end that no value is beyond is null.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Interval {
+    /// Lower end.
+    pub lower: Option<f64>,
+    /// Upper end.
+    pub upper: Option<f64>,
+}
+
+/// Adds the intervals that the options ask for. Where a profile comes upon a better minimum, the
+/// report says so and stays as it is.
+pub fn add(
+    report: &mut FitReport,
+    e: &Estimate<'_>,
+    u: &Uncertainty,
+    options: &FitOptions,
+    cancel: &AtomicBool,
+) {
+    let drawn = if options.bootstrap > 0 {
+        bootstrap(
+            &e.problem,
+            &e.minimum,
+            options.bootstrap,
+            options.seed,
+            cancel,
+        )
+    } else {
+        Vec::new()
+    };
+    if options.bootstrap > 0 && drawn.len() < options.bootstrap as usize {
+        report.warnings.push(format!(
+            "{} of {} bootstrap series reached no minimum and are left out",
+            options.bootstrap as usize - drawn.len(),
+            options.bootstrap
+        ));
+    }
+    let mut better = false;
+    for (j, q) in e.problem.free().iter().enumerate() {
+        let Some(parameter) = parameter(report, *q) else {
+            continue;
+        };
+        let read = Reading::new(e, *q);
+        if options.profile {
+            let guess = COVERAGE_FACTOR * u.covariance.matrix[(j, j)].sqrt();
+            let rise = COVERAGE_FACTOR * COVERAGE_FACTOR;
+            let found = profile(&e.problem, &e.minimum, j, guess, rise, cancel);
+            better |= found.better.is_some();
+            parameter.profile = Some(read.interval(found.lower, found.upper));
+        }
+        let sample: Vec<f64> = drawn.iter().map(|x| x[j]).collect();
+        parameter.bootstrap =
+            central(sample, COVERAGE).map(|(lower, upper)| read.interval(Some(lower), Some(upper)));
+    }
+    if better {
+        report.warnings.push(
+            "a profile came upon a better minimum than the reported one: fit again with more starts"
+                .to_owned(),
+        );
+    }
+}
+
+fn parameter(report: &mut FitReport, quantity: Quantity) -> Option<&mut Parameter> {
+    let p = &mut report.parameters;
+    Some(match quantity {
+        Quantity::ThetaR => &mut p.theta_r_deg,
+        Quantity::AlphaU => &mut p.alpha_u,
+        Quantity::AlphaV => &mut p.alpha_v,
+        // Without an absolute scale these hang on the model; the report gives no numbers for them.
+        Quantity::RhoD => Some(&mut p.rho_d).filter(|p| p.value.is_some())?,
+        Quantity::Background => &mut p.background,
+        Quantity::AzimuthOffset => &mut p.azimuth_offset_deg,
+        Quantity::TiltOffset => &mut p.tilt_offset_deg,
+        Quantity::Scale | Quantity::Eta | Quantity::K => return None,
+    })
+}
+
+/// From the solver's units to the report's.
+struct Reading {
+    quantity: Quantity,
+    /// θr is negative there.
+    mirrored: bool,
+    /// Of the azimuth, added to make the report's branch.
+    shift: f64,
+    /// Of the stray light, per radiance.
+    gain: f64,
+}
+
+impl Reading {
+    fn new(e: &Estimate<'_>, quantity: Quantity) -> Self {
+        let absolute = e.problem.set().white_reference.is_some();
+        Reading {
+            quantity,
+            mirrored: e.values.theta_r < 0.0,
+            shift: e.values.folded().azimuth_offset - e.values.azimuth_offset,
+            gain: if absolute { e.values.scale } else { 1.0 },
+        }
+    }
+
+    fn one(&self, x: f64) -> f64 {
+        match self.quantity {
+            Quantity::ThetaR if self.mirrored => -x.to_degrees(),
+            Quantity::ThetaR | Quantity::TiltOffset => x.to_degrees(),
+            Quantity::AzimuthOffset => (x + self.shift).to_degrees(),
+            Quantity::AlphaU | Quantity::AlphaV => x.exp(),
+            Quantity::Background => x / self.gain,
+            _ => x,
+        }
+    }
+
+    fn interval(&self, lower: Option<f64>, upper: Option<f64>) -> Interval {
+        let (mut lower, mut upper) = (lower.map(|x| self.one(x)), upper.map(|x| self.one(x)));
+        if self.quantity == Quantity::ThetaR {
+            if self.mirrored {
+                std::mem::swap(&mut lower, &mut upper);
+            }
+            // Below 0 lies the same surface, turned by half a circle.
+            lower = lower.map(|l| l.max(0.0));
+        }
+        Interval { lower, upper }
+    }
+}

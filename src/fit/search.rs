@@ -1,0 +1,298 @@
+//! From many starts to the few minima that count.
+//!
+//! Two ways of looking. [`Search::quick`] runs a handful of starts on broad weights with the lean
+//! form and refines the different ends: enough wherever the lobe is seen. [`Search::thorough`] is
+//! for what it leaves unexplained (narrow lobes that few poses meet, steep ridges, tilts that are
+//! off by many degrees): candidates from all over the box, judged by the lean form, descended first
+//! on a logarithmic scale, on which a lobe is a paraboloid however far away its top is, and then on
+//! the final weights.
+
+use std::f64::consts::PI;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rayon::prelude::*;
+use sobol_burley::sample;
+
+use super::problem::{Problem, Values};
+use super::solver::{Ending, Minimum, Settings, minimise};
+use super::start::{settle_linear, spread, starts};
+
+/// Relative difference in cost below which two ends are one minimum.
+const SAME: f64 = 1e-6;
+/// Different ends of the quick look that are refined.
+const REFINED: usize = 4;
+/// Candidates of a thorough round and those that are descended.
+const POOL: u32 = 512;
+const DESCENDED: usize = 24;
+/// Near minima that are remembered.
+const RIVALS: usize = 8;
+
+/// How a run over several starts ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct StartReport {
+    /// Starts tried.
+    pub tried: usize,
+    /// Starts that ended at the best minimum.
+    pub at_minimum: usize,
+    /// Starts that ended elsewhere although the solver calls them converged: other minima.
+    pub elsewhere: usize,
+    /// Starts that did not converge.
+    pub not_converged: usize,
+}
+
+/// A search under way. All ends are of the same problem.
+pub(super) struct Search<'p> {
+    fallback: &'p Values,
+    cancel: &'p AtomicBool,
+    seed: u32,
+    runs: Vec<Minimum>,
+    /// Whether the next thorough round looks around the best end.
+    around_best: bool,
+}
+
+impl<'p> Search<'p> {
+    pub(super) fn new(fallback: &'p Values, seed: u32, cancel: &'p AtomicBool) -> Self {
+        Search {
+            fallback,
+            cancel,
+            seed,
+            runs: Vec::new(),
+            around_best: false,
+        }
+    }
+
+    /// `count` starts on the lean form, the different ends refined on `problem`. An end counts as
+    /// often as starts came to it.
+    pub(super) fn quick(&mut self, problem: &Problem<'_>, count: usize) {
+        let lean = problem.clone().with_lean(true);
+        let rough = Settings {
+            polish_steps: 0,
+            cost_tolerance: 1e-6,
+            max_iterations: 60,
+            ..Settings::default()
+        };
+        let bounds = problem.bounds();
+        let mut ends: Vec<Minimum> = starts(&lean, self.fallback, count, self.seed)
+            .iter()
+            .map(|v| minimise(&lean, &lean.pack(v), &bounds, &rough, self.cancel))
+            .filter(usable)
+            .collect();
+        self.seed = self.seed.wrapping_add(1);
+        ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        let fine = Settings {
+            polish_steps: 20,
+            max_iterations: 300,
+            ..Settings::default()
+        };
+        let mut refined: Vec<(Minimum, Minimum)> = Vec::new();
+        for end in ends {
+            let near = refined
+                .iter()
+                .find(|(lean_end, _)| end.cost <= lean_end.cost * (1.0 + 1e-3) + 1e-3);
+            if let Some((_, known)) = near {
+                self.runs.push(known.clone());
+            } else if refined.len() < REFINED {
+                let m = minimise(problem, &end.parameters, &bounds, &fine, self.cancel);
+                self.runs.push(m.clone());
+                refined.push((end, m));
+            } else {
+                let mut unfinished = end;
+                unfinished.ending = Ending::MaxIterations;
+                unfinished.cost = f64::INFINITY;
+                self.runs.push(unfinished);
+            }
+        }
+    }
+
+    /// One round of candidates: from all over the box, then, by turns, from around the best end.
+    pub(super) fn thorough(&mut self, problem: &Problem<'_>) {
+        let logarithmic = problem.clone().with_logarithmic(true);
+        // The full form judges: on steep ridges the lean one misses most of the light.
+        let centre = self.best().filter(|_| self.around_best);
+        let centre = centre.map(|m| problem.unpack(&m.parameters));
+        self.around_best = !self.around_best;
+        let mut judged: Vec<(f64, Values)> = (0..POOL)
+            .map(|k| self.candidate(k, centre.as_ref()))
+            .map(|v| settle_linear(problem, v))
+            .filter(|(cost, _)| cost.is_finite())
+            .collect();
+        judged.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let judged = spread(&judged, &[], DESCENDED);
+        self.seed = self.seed.wrapping_add(1);
+        let bounds = problem.bounds();
+        let rough = Settings {
+            polish_steps: 0,
+            cost_tolerance: 1e-5,
+            max_iterations: 40,
+            ..Settings::default()
+        };
+        let fine = Settings {
+            polish_steps: 20,
+            max_iterations: 400,
+            ..Settings::default()
+        };
+        let cancel = self.cancel;
+        let ends: Vec<Minimum> = judged
+            .par_iter()
+            .enumerate()
+            .map(|(k, v)| {
+                let mut x = problem.pack(v);
+                // Half of them on the logarithmic scale first.
+                if k % 2 == 0 {
+                    x = minimise(&logarithmic, &x, &bounds, &rough, cancel).parameters;
+                }
+                minimise(problem, &x, &bounds, &fine, cancel)
+            })
+            .collect();
+        self.runs.extend(ends.into_iter().filter(usable));
+    }
+
+    /// A candidate from the whole box, or around a centre. Most samples are mounted within a few
+    /// degrees of where they should be, so two of three from the box have small offsets. Lobes may be
+    /// so narrow that no pose meets them: then the diffuse light alone tells where the ridges are.
+    fn candidate(&self, k: u32, centre: Option<&Values>) -> Values {
+        let at = |dimension| f64::from(sample(k, dimension, self.seed));
+        let mut values = *self.fallback;
+        values.alpha_u = 0.001 * 1000f64.powf(at(3));
+        values.alpha_v = 0.001 * 1000f64.powf(at(4));
+        let span = |dimension, half_deg: f64| (at(dimension) - 0.5) * 2.0 * half_deg.to_radians();
+        if let Some(c) = centre {
+            values.theta_r = c.theta_r + span(0, 4.0);
+            values.azimuth_offset = c.azimuth_offset + span(1, 8.0);
+            values.tilt_offset = c.tilt_offset + span(2, 2.0);
+        } else {
+            let near = !k.is_multiple_of(3);
+            values.theta_r = at(0) * 62f64.to_radians();
+            values.azimuth_offset = span(1, if near { 15.0 } else { 180.0 });
+            values.tilt_offset = span(2, if near { 4.0 } else { 12.0 });
+        }
+        values
+    }
+
+    /// Starts from the images of the best end under the symmetries that few azimuths nearly have:
+    /// mirrored and quarter-turned azimuths, αu and αv exchanged with a quarter turn.
+    pub(super) fn images(&mut self, problem: &Problem<'_>) {
+        let Some(best) = self.best() else {
+            return;
+        };
+        let found = problem.unpack(&best.parameters).folded();
+        let zero = problem.set().rig.azimuth_zero.rad() + problem.set().region_azimuth.rad();
+        let bounds = problem.bounds();
+        let fine = Settings {
+            polish_steps: 20,
+            max_iterations: 200,
+            ..Settings::default()
+        };
+        let cancel = self.cancel;
+        let ends: Vec<Minimum> = (1..8)
+            .into_par_iter()
+            .map(|image| {
+                let (mirrored, quarters) = (image & 1 == 1, image >> 1);
+                let mut v = found;
+                if mirrored {
+                    v.azimuth_offset = -v.azimuth_offset - 2.0 * zero;
+                }
+                v.azimuth_offset += f64::from(quarters) * 0.5 * PI;
+                if quarters & 1 == 1 {
+                    std::mem::swap(&mut v.alpha_u, &mut v.alpha_v);
+                }
+                minimise(problem, &problem.pack(&v), &bounds, &fine, cancel)
+            })
+            .collect();
+        self.runs.extend(ends.into_iter().filter(usable));
+    }
+
+    /// Different ends within `rise` of the best cost, that one left out.
+    pub(super) fn rivals(&self, rise: f64) -> Vec<Minimum> {
+        let Some(best) = self.best() else {
+            return Vec::new();
+        };
+        let mut near: Vec<&Minimum> = self
+            .runs
+            .iter()
+            .filter(|m| usable(m) && !same(m.cost, best.cost) && m.cost <= best.cost + rise)
+            .collect();
+        near.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        let mut chosen: Vec<Minimum> = Vec::new();
+        for m in near {
+            if chosen.len() < RIVALS && chosen.last().is_none_or(|c| !same(m.cost, c.cost)) {
+                chosen.push(m.clone());
+            }
+        }
+        chosen
+    }
+
+    /// Refines all different ends on a problem with other weights or more free parameters; their
+    /// counts stay.
+    pub(super) fn carry_over(&mut self, from: &Problem<'_>, to: &Problem<'_>) {
+        let fine = Settings {
+            polish_steps: 20,
+            max_iterations: 400,
+            ..Settings::default()
+        };
+        let bounds = to.bounds();
+        let mut known: Vec<(f64, Minimum)> = Vec::new();
+        let mut runs = std::mem::take(&mut self.runs);
+        runs.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        for run in runs {
+            if let Some((_, m)) = known.iter().find(|(cost, _)| same(run.cost, *cost)) {
+                self.runs.push(m.clone());
+                continue;
+            }
+            if !run.cost.is_finite() || known.len() > REFINED {
+                self.runs.push(Minimum {
+                    cost: f64::INFINITY,
+                    ending: Ending::MaxIterations,
+                    ..run
+                });
+                continue;
+            }
+            let x = to.pack(&from.unpack(&run.parameters));
+            let m = minimise(to, &x, &bounds, &fine, self.cancel);
+            known.push((run.cost, m.clone()));
+            self.runs.push(m);
+        }
+    }
+
+    /// Best end so far.
+    pub(super) fn best(&self) -> Option<&Minimum> {
+        self.runs
+            .iter()
+            .filter(|m| usable(m))
+            .min_by(|a, b| a.cost.total_cmp(&b.cost))
+    }
+
+    /// Whether `times` starts came to the best end.
+    pub(super) fn confirmed(&self, times: usize) -> bool {
+        self.report().at_minimum >= times
+    }
+
+    pub(super) fn cancelled(&self) -> bool {
+        self.cancel.load(Ordering::Relaxed)
+    }
+
+    /// What became of the starts.
+    pub(super) fn report(&self) -> StartReport {
+        let best = self.best().map_or(f64::INFINITY, |m| m.cost);
+        let at_minimum = self.runs.iter().filter(|m| same(m.cost, best)).count();
+        let elsewhere = self
+            .runs
+            .iter()
+            .filter(|m| !same(m.cost, best) && m.ending.is_success())
+            .count();
+        StartReport {
+            tried: self.runs.len(),
+            at_minimum,
+            elsewhere,
+            not_converged: self.runs.len() - at_minimum - elsewhere,
+        }
+    }
+}
+
+fn usable(m: &Minimum) -> bool {
+    m.cost.is_finite() && m.ending != Ending::NotFinite
+}
+
+fn same(cost: f64, best: f64) -> bool {
+    cost <= best + SAME * best.max(1.0)
+}
