@@ -21,7 +21,7 @@ check: web  ## Formatting and lints
 test-rust: web  ## Rust tests
 	cargo test
 
-test-vendor: web  ## The stage maker's own client against the simulated controller
+test-vendor: web  ## The stage maker's own client against the simulated controller, GTC against the budgets
 	cargo test --no-run
 	tests/vendor/run target/debug/ridged
 

@@ -9,9 +9,9 @@ use std::time::{Duration, Instant};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{CliError, daemon, interrupt};
+use super::{CliError, daemon, interrupt, told};
 use crate::analysis::{Analysis, AnalysisError, AnalysisOptions, Progress, analyse};
-use crate::fit::{FitOptions, VariantChoice, text};
+use crate::fit::{FitOptions, Loss, Told, VariantChoice, text};
 use crate::reduction::{FrameSource, ReductionError};
 use crate::series::Series;
 
@@ -36,9 +36,38 @@ pub struct Args {
     /// Region of a sample with a layout: even, odd or patch-I-J.
     #[arg(long)]
     pub region: Option<String>,
+    /// How residuals count: least squares, or a loss that outliers cannot drag along.
+    #[arg(long, value_enum, default_value_t = LossName::Linear)]
+    pub loss: LossName,
+    /// Holds a parameter at a value, for example rho_d=0.3 (names as in the JSON form, and eta, k).
+    #[arg(long, value_name = "NAME=VALUE", value_parser = told::fixed)]
+    pub fix: Vec<Told>,
+    /// Knows a parameter within a standard uncertainty, for example theta_r_deg=10±0.5.
+    #[arg(long, value_name = "NAME=VALUE±STD", value_parser = told::prior)]
+    pub prior: Vec<Told>,
+    /// Starts of the search, per variant.
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub starts: u16,
+    /// Profile-likelihood intervals beside the expanded uncertainties.
+    #[arg(long)]
+    pub profile: bool,
+    /// Bootstrap intervals from this many series drawn from the fitted model (20 to 100000).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(20..=100_000))]
+    pub bootstrap: Option<u32>,
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Losses by the names of the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum LossName {
+    /// Least squares.
+    Linear,
+    /// Outliers pull no harder than 1.345 standard uncertainties.
+    Huber,
+    /// Far outliers pull not at all.
+    Tukey,
 }
 
 /// Models by the names of the command line.
@@ -82,6 +111,15 @@ pub fn run(args: Args) -> Result<(), CliError> {
         region: args.region.clone(),
         fit: FitOptions {
             variant: args.variant.choice()?,
+            starts: usize::from(args.starts),
+            loss: match args.loss {
+                LossName::Linear => Loss::Linear,
+                LossName::Huber => Loss::Huber,
+                LossName::Tukey => Loss::Tukey,
+            },
+            told: known(&args)?,
+            profile: args.profile,
+            bootstrap: args.bootstrap.unwrap_or(0),
             ..FitOptions::default()
         },
     };
@@ -92,6 +130,19 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let cancel = interrupt::flag()?;
     let analysis = watched(source.as_ref(), &options, &cancel)?;
     print(&analysis, args.json)
+}
+
+/// Fixed values and priors in one list, each parameter at most once.
+fn known(args: &Args) -> Result<Vec<Told>, CliError> {
+    let all: Vec<Told> = args.fix.iter().chain(&args.prior).copied().collect();
+    for (k, one) in all.iter().enumerate() {
+        if all[..k].iter().any(|other| other.quantity == one.quantity) {
+            return Err(CliError::bad_input(anyhow::anyhow!(
+                "a parameter is named twice by --fix and --prior; name each once"
+            )));
+        }
+    }
+    Ok(all)
 }
 
 /// The analysis of any source of frames, with a progress bar on a terminal once it takes more than

@@ -23,6 +23,7 @@ pub mod scan;
 pub mod serve;
 pub mod simulate_rig;
 pub mod simulated;
+pub mod told;
 pub mod trace;
 
 use std::process::ExitCode;

@@ -52,6 +52,9 @@ pub struct Budget {
     /// way to another minimum that the data do not exclude.
     #[serde(default)]
     pub shape: f64,
+    /// What the user's own priors leave open.
+    #[serde(default)]
+    pub prior: f64,
 }
 
 impl Budget {
@@ -74,10 +77,11 @@ impl Budget {
             background: self.background * f,
             model: self.model * f,
             shape: self.shape * f,
+            prior: self.prior * f,
         }
     }
 
-    fn parts(&self) -> [f64; 8] {
+    fn parts(&self) -> [f64; 9] {
         [
             self.counting,
             self.reference,
@@ -87,6 +91,7 @@ impl Budget {
             self.background,
             self.model,
             self.shape,
+            self.prior,
         ]
     }
 }
@@ -173,6 +178,14 @@ pub fn uncertainty(estimate: &Estimate<'_>) -> Uncertainty {
                 drift: gain * drift_std(set),
                 background: prior(Quantity::Background),
                 model: model.sqrt(),
+                prior: problem
+                    .priors()
+                    .iter()
+                    .map(|(q, _)| match q {
+                        Quantity::Background | Quantity::Eta | Quantity::K => 0.0,
+                        told => prior(*told),
+                    })
+                    .fold(0.0, f64::hypot),
                 shape: to_rivals(estimate, j).hypot(bent(estimate, &covariance, j)),
             }
         })

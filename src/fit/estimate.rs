@@ -66,6 +66,8 @@ pub struct Estimate<'a> {
     /// Whether the scatter is what noise, or a small misfit of the model, accounts for. If not, no
     /// start may have found the lobe.
     pub explained: bool,
+    /// Quantities that the user holds.
+    pub held: Vec<Quantity>,
     /// Other minima that the data do not exclude at the coverage of the report.
     pub rivals: Vec<Minimum>,
 }
@@ -374,6 +376,12 @@ pub fn estimate<'a>(
         tier_shift: shift,
         loss_weights,
         explained,
+        held: options
+            .told
+            .iter()
+            .filter(|t| t.std == 0.0)
+            .map(|t| t.quantity)
+            .collect(),
         rivals,
     })
 }

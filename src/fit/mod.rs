@@ -37,6 +37,9 @@ pub mod tier;
 mod trust_region;
 pub mod variants;
 
+#[cfg(test)]
+mod options_tests;
+
 pub use loss::Loss;
 pub use quantity::Quantity;
 pub use report::FitReport;

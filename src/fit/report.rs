@@ -229,6 +229,15 @@ pub struct Starts {
     pub not_converged: usize,
 }
 
+/// Degrees of freedom of a budget's parts; the other parts count as exactly known.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Freedom {
+    /// Of `counting`: residuals less fitted directions.
+    pub counting: f64,
+    /// Of `model`: groups of poses left out in turn, less one.
+    pub model: f64,
+}
+
 /// The whole answer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FitReport {
@@ -266,6 +275,9 @@ pub struct FitReport {
     /// What the starts did.
     #[serde(default)]
     pub starts: Starts,
+    /// Degrees of freedom of the two parts of every budget that come from scatter.
+    #[serde(default)]
+    pub freedom: Freedom,
     /// Seconds spent.
     pub timing_s: Timing,
     /// Program and version.

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use super::budget::Budget;
+use super::intervals::Interval;
 use super::report::{FitReport, Parameter, Status};
 
 /// The report laid out for a terminal of 80 columns and more; `colour` allows ANSI attributes.
@@ -70,13 +71,22 @@ pub fn table(report: &FitReport, colour: bool) -> String {
         .parameters
         .named()
         .into_iter()
-        .filter(|(_, p)| !p.identifiable)
+        .filter(|(_, p)| p.value.is_none())
         .filter_map(|(name, p)| p.note.as_deref().map(|note| (spoken(name).0, note)))
         .collect();
     section(
         &mut out,
         &paint("cannot be told", "1"),
         unknown.iter().map(|(l, n)| format!("{l}: {n}")),
+    );
+    section(
+        &mut out,
+        &paint("intervals of the independent errors alone", "1"),
+        report
+            .parameters
+            .named()
+            .into_iter()
+            .filter_map(|(name, p)| intervals(name, p)),
     );
     section(
         &mut out,
@@ -172,6 +182,10 @@ fn row(label: &str, unit: &str, p: &Parameter) -> String {
                 parts(budget, std)
             )
         }
+        (Some(value), None, ..) => {
+            let decimals = decimals(1e-2 * value.abs());
+            format!("  {label:<25}{value:>10.decimals$}   {:<10} {unit}", "held")
+        }
         _ => format!("  {label:<25}{:>10}", "–"),
     }
 }
@@ -196,6 +210,8 @@ fn parts(budget: &Budget, std: f64) -> String {
         ("drift", budget.drift),
         ("background", budget.background),
         ("model", budget.model),
+        ("shape", budget.shape),
+        ("prior", budget.prior),
     ];
     all.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut text = String::new();
@@ -210,6 +226,20 @@ fn parts(budget: &Budget, std: f64) -> String {
         write!(text, "{comma}{name} {part:.decimals$}").expect("a string takes text");
     }
     text
+}
+
+/// Profile and bootstrap interval of one parameter in a line.
+fn intervals(name: &str, p: &Parameter) -> Option<String> {
+    let (label, unit) = spoken(name);
+    let decimals = p.std.map_or(4, decimals) + 1;
+    let end =
+        |x: Option<f64>| x.map_or_else(|| "open".to_owned(), |x| format!("{x:.decimals$}{unit}"));
+    let one = |word: &str, i: &Interval| format!("{word} {} … {}", end(i.lower), end(i.upper));
+    let parts: Vec<String> = [("profile", &p.profile), ("bootstrap", &p.bootstrap)]
+        .into_iter()
+        .filter_map(|(word, i)| i.as_ref().map(|i| one(word, i)))
+        .collect();
+    (!parts.is_empty()).then(|| format!("{label}: {}", parts.join(", ")))
 }
 
 fn percent(share: f64) -> String {

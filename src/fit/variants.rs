@@ -11,7 +11,7 @@ use super::estimate::{Estimate, Tier, estimate, free_quantities, peak};
 use super::intervals;
 use super::problem::{Quantity, Values, drift_std, reference_std};
 use super::report::{
-    FitReport, FittedObservation, LeftOut, Parameter, Parameters, Starts, Status, Timing,
+    FitReport, FittedObservation, Freedom, LeftOut, Parameter, Parameters, Starts, Status, Timing,
     VariantName, VariantSummary,
 };
 use super::solver::Minimum;
@@ -190,6 +190,7 @@ fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitRepor
         left_out: Vec::new(),
         fitted: Vec::new(),
         starts: Starts::default(),
+        freedom: Freedom::default(),
         timing_s: Timing::default(),
         program: program(),
     }
@@ -271,6 +272,14 @@ fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> FitRe
                 .to_owned(),
         );
     }
+    let light = e.loss_weights.iter().filter(|w| **w < 0.1).count();
+    if light > 0 {
+        warnings.push(format!(
+            "{light} of {} observations are outliers: the loss leaves them less than a tenth of \
+             their weight",
+            e.loss_weights.len()
+        ));
+    }
     for rival in &e.rivals {
         warnings.push(ambiguity(e, rival));
     }
@@ -326,6 +335,7 @@ fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> FitRe
             elsewhere: e.starts.elsewhere,
             not_converged: e.starts.not_converged,
         },
+        freedom: freedom(u),
         timing_s: Timing::default(),
         program: program(),
     }
@@ -386,6 +396,7 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
     let of = |q: Quantity| -> Parameter {
         let Some(j) = e.problem.free().iter().position(|f| *f == q) else {
             return match q {
+                _ if e.held.contains(&q) => held(&values, q),
                 Quantity::RhoD if metal => Parameter::unknown(
                     "a metal sends no light back from below its surface: there is no ρd to measure",
                 ),
@@ -435,7 +446,7 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
         Parameter::known(value, inner.scaled(factor), effective_freedom(&inner, u))
     };
     let mut rho_d = of(Quantity::RhoD);
-    if !absolute && !metal {
+    if !absolute && !metal && !e.held.contains(&Quantity::RhoD) {
         rho_d = Parameter::unknown(no_reference(set, variant, &e.values));
     }
     Parameters {
@@ -447,6 +458,18 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
         background: of(Quantity::Background),
         azimuth_offset_deg: of(Quantity::AzimuthOffset),
         tilt_offset_deg: of(Quantity::TiltOffset),
+    }
+}
+
+/// A parameter that the user holds: its value, and no uncertainty that the data could give it.
+fn held(values: &Values, quantity: Quantity) -> Parameter {
+    let value = values.natural(quantity);
+    Parameter {
+        value: Some(match quantity {
+            Quantity::ThetaR | Quantity::AzimuthOffset | Quantity::TiltOffset => value.to_degrees(),
+            _ => value,
+        }),
+        ..Parameter::unknown("held at this value as told")
     }
 }
 
@@ -474,12 +497,26 @@ fn scale(e: &Estimate<'_>, variant: VariantName, fitted: Parameter) -> Parameter
     }
 }
 
+/// Of the parts that come from scatter. Where no groups could be left out, the model's part comes
+/// from the residuals too.
+fn freedom(u: &Uncertainty) -> Freedom {
+    let counting = u.covariance.degrees_of_freedom.max(1) as f64;
+    Freedom {
+        counting,
+        model: if u.model_freedom.is_finite() {
+            u.model_freedom.max(1.0)
+        } else {
+            counting
+        },
+    }
+}
+
 /// Welch–Satterthwaite with the model's part as the only one of few degrees of freedom beside the
 /// residuals; null from a thousand on.
 fn effective_freedom(budget: &Budget, u: &Uncertainty) -> Option<f64> {
     let total = budget.combined().powi(4);
-    let rest = u.covariance.degrees_of_freedom.max(1) as f64;
-    let parts = budget.model.powi(4) / u.model_freedom.max(1.0) + budget.counting.powi(4) / rest;
+    let Freedom { counting, model } = freedom(u);
+    let parts = budget.model.powi(4) / model + budget.counting.powi(4) / counting;
     let freedom = total / parts;
     (freedom.is_finite() && freedom < 1000.0).then_some(freedom)
 }

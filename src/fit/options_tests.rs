@@ -1,0 +1,285 @@
+//! What a fit may be told, on series that the closed form painted: losses, held values, priors,
+//! intervals, and the budget against propagated distributions.
+
+use std::sync::atomic::AtomicBool;
+
+use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
+
+use super::budget::uncertainty;
+use super::estimate::{Estimate, estimate};
+use super::problem::{Problem, Quantity, Values};
+use super::report::VariantName;
+use super::solver::{Settings, minimise};
+use super::variants::{fit_with_tier, report_of};
+use super::{FitOptions, Loss, Told, VariantChoice};
+use crate::geometry::{Pose, RigGeometry};
+use crate::material::Material;
+use crate::model::Variant;
+use crate::observation::{Observation, ObservationSet, Prior, SharedErrors, WhiteReference};
+use crate::units::Angle;
+
+const TRUTH: Values = Values {
+    theta_r: 0.17,
+    alpha_u: 0.12,
+    alpha_v: 0.14,
+    rho_d: 0.3,
+    scale: 1.0,
+    background: 0.002,
+    azimuth_offset: 0.05,
+    tilt_offset: -0.01,
+    eta: 1.54,
+    k: 0.0,
+};
+/// As a share of the brightest observation.
+const NOISE: f64 = 1e-3;
+
+struct Draw(rand_pcg::Pcg64);
+
+impl Draw {
+    fn new(seed: u64) -> Self {
+        Draw(rand_pcg::Pcg64::seed_from_u64(seed))
+    }
+
+    fn normal(&mut self) -> f64 {
+        self.0.sample(StandardNormal)
+    }
+}
+
+/// 40 poses of a plastic sample with an absolute scale.
+fn series(seed: u64) -> ObservationSet {
+    let observations = (0..40)
+        .map(|k| Observation {
+            pose: Pose::from_deg(-20.0 + 10.0 * f64::from(k / 8), 45.0 * f64::from(k % 8)),
+            signal: 0.0,
+            sigma: 1.0,
+            shared: SharedErrors::default(),
+            n_frames: 1,
+        })
+        .collect();
+    let mut set = ObservationSet {
+        rig: RigGeometry::IN_PLANE,
+        material: Material::Dielectric {
+            eta: 1.54,
+            eta_std: 0.0,
+        },
+        observations,
+        views: Vec::new(),
+        flats: Vec::new(),
+        white_reference: Some(WhiteReference {
+            reflectance: 0.99,
+            reflectance_std: 0.005,
+        }),
+        background: Prior {
+            mean: 0.0,
+            std: 0.005,
+        },
+        region: None,
+        region_azimuth: Angle::ZERO,
+        n_frames_used: 40,
+        rejected_frames: Vec::new(),
+        warnings: Vec::new(),
+    };
+    let painted =
+        Problem::new(&set, Variant::Sawtooth, Quantity::ALL.to_vec(), TRUTH).predicted(&TRUTH);
+    let peak = painted.iter().copied().fold(0.0, f64::max);
+    let mut draw = Draw::new(seed);
+    for (o, clean) in set.observations.iter_mut().zip(painted) {
+        o.sigma = NOISE * peak;
+        o.signal = clean + o.sigma * draw.normal();
+    }
+    set
+}
+
+fn options() -> FitOptions {
+    FitOptions {
+        variant: VariantChoice::Sawtooth,
+        starts: 3,
+        misfit: false,
+        ..FitOptions::default()
+    }
+}
+
+fn run<'a>(set: &'a ObservationSet, options: &FitOptions) -> Estimate<'a> {
+    let cancel = AtomicBool::new(false);
+    estimate(set, Variant::Sawtooth, options, None, &cancel).expect("there is a minimum")
+}
+
+#[test]
+fn three_outliers_in_ten_do_not_move_a_robust_fit() {
+    let mut set = series(1);
+    let peak = set
+        .observations
+        .iter()
+        .map(|o| o.signal)
+        .fold(0.0, f64::max);
+    let mut draw = Draw::new(2);
+    for o in set.observations.iter_mut().step_by(10) {
+        o.signal += 0.8 * peak;
+    }
+    for o in set.observations.iter_mut().skip(3).step_by(5) {
+        o.signal += peak * (0.2 + 0.2 * draw.normal().abs());
+    }
+    let error = |loss: Loss| {
+        let robust = FitOptions {
+            misfit: true,
+            loss,
+            ..options()
+        };
+        let e = run(&set, &robust);
+        (e.values.folded().theta_r - TRUTH.theta_r)
+            .abs()
+            .to_degrees()
+    };
+    let (linear, huber, tukey) = (error(Loss::Linear), error(Loss::Huber), error(Loss::Tukey));
+    // A noise of 1e-3 leaves some 0.02°; outliers of half the peak have to be worth many of that.
+    assert!(tukey < 0.1, "{tukey}");
+    assert!(huber < 0.5 * linear, "{huber} {linear}");
+    assert!(linear > 0.3, "the outliers do harm: {linear}");
+}
+
+#[test]
+fn a_held_value_stays_and_is_told_as_such() {
+    let set = series(3);
+    let held = FitOptions {
+        told: vec![Told {
+            quantity: Quantity::AlphaU,
+            value: 0.12,
+            std: 0.0,
+        }],
+        ..options()
+    };
+    let report = fit_with_tier(&set, &held, None, &AtomicBool::new(false));
+    let p = &report.parameters;
+    assert_eq!((p.alpha_u.value, p.alpha_u.std), (Some(0.12), None));
+    let theta = p.theta_r_deg.value.expect("it is free");
+    assert!((theta - TRUTH.theta_r.to_degrees()).abs() < 0.2);
+}
+
+#[test]
+fn a_prior_pulls_by_its_weight_and_stands_in_the_budget() {
+    let set = series(4);
+    let free = run(&set, &options());
+    let j = free
+        .problem
+        .free()
+        .iter()
+        .position(|q| *q == Quantity::RhoD);
+    let j = j.expect("ρd is free");
+    let std = uncertainty(&free).covariance.matrix[(j, j)].sqrt();
+    let (value, mean) = (free.values.rho_d, free.values.rho_d + 3.0 * std);
+    let told = FitOptions {
+        told: vec![Told {
+            quantity: Quantity::RhoD,
+            value: mean,
+            std,
+        }],
+        ..options()
+    };
+    let pulled = run(&set, &told);
+    // Two equal weights meet half way, up to the curvature of the model within three deviations.
+    let way = (pulled.values.rho_d - value) / (mean - value);
+    assert!((way - 0.5).abs() < 0.02, "{way}");
+    let budget = uncertainty(&pulled).budgets[j];
+    assert!((budget.prior / (0.5 * std) - 1.0).abs() < 0.05);
+}
+
+#[test]
+fn where_the_model_is_straight_profile_and_bootstrap_agree_with_the_budget() {
+    let set = series(5);
+    let asked = FitOptions {
+        profile: true,
+        bootstrap: 200,
+        ..options()
+    };
+    let report = fit_with_tier(&set, &asked, None, &AtomicBool::new(false));
+    let p = &report.parameters.theta_r_deg;
+    let (value, budget) = (p.value.expect("known"), p.budget.expect("known"));
+    let half = 2.0 * budget.counting.hypot(budget.background);
+    let profile = p.profile.expect("asked for");
+    let (lower, upper) = (
+        profile.lower.expect("closed"),
+        profile.upper.expect("closed"),
+    );
+    assert!(
+        ((value - lower) / half - 1.0).abs() < 0.1,
+        "{lower} {value} {half}"
+    );
+    assert!(
+        ((upper - value) / half - 1.0).abs() < 0.1,
+        "{upper} {value} {half}"
+    );
+    let drawn = p.bootstrap.expect("asked for");
+    let width = drawn.upper.expect("closed") - drawn.lower.expect("closed");
+    // The ends of 95.45 % of 200 draws scatter by 9 % of the half width each; three of that.
+    assert!((width / (2.0 * half) - 1.0).abs() < 0.2, "{width} {half}");
+}
+
+#[test]
+fn the_budget_is_what_distributions_propagate_to() {
+    // JCGM 101: draw every source from its distribution, fit, look at the spread.
+    let mut set = series(6);
+    for o in &mut set.observations {
+        o.shared = SharedErrors {
+            white_reference: 0.005 / 0.99 * o.signal,
+            led_drift: 0.002 * o.signal,
+            theta_c_zero: Angle::from_deg(0.02),
+            phi_s_zero: Angle::from_deg(0.03),
+        };
+    }
+    let e = run(&set, &options());
+    let report = report_of(&e, VariantName::Sawtooth);
+    let u = uncertainty(&e);
+    let bounds = e.problem.bounds();
+    let mut draw = Draw::new(7);
+    const DRAWS: usize = 300;
+    let mut sums = vec![[0.0; 2]; e.problem.free().len()];
+    let clean = e.problem.predicted(&e.values);
+    for _ in 0..DRAWS {
+        let mut drawn = set.clone();
+        let gain = 1.0 + 0.005 / 0.99 * draw.normal() + 0.002 * draw.normal();
+        let tilt = Angle::from_deg(0.02 * draw.normal());
+        let turn = Angle::from_deg(0.03 * draw.normal());
+        for (o, c) in drawn.observations.iter_mut().zip(&clean) {
+            o.signal =
+                gain * (c - e.values.background) + e.values.background + o.sigma * draw.normal();
+            o.pose.theta_c += tilt;
+            o.pose.phi_s += turn;
+        }
+        drawn.background.mean = e.values.background + set.background.std * draw.normal();
+        let free = e.problem.free().to_vec();
+        let p = Problem::new(&drawn, Variant::Sawtooth, free, e.values);
+        let never = AtomicBool::new(false);
+        let m = minimise(
+            &p,
+            &e.minimum.parameters,
+            &bounds,
+            &Settings::default(),
+            &never,
+        );
+        assert!(m.ending.is_success());
+        for (sum, (x, best)) in sums
+            .iter_mut()
+            .zip(m.parameters.iter().zip(&e.minimum.parameters))
+        {
+            let d = x - best;
+            sum[0] += d;
+            sum[1] += d * d;
+        }
+    }
+    for (j, q) in e.problem.free().iter().enumerate() {
+        if *q == Quantity::Background {
+            // Its budget adds the certificate, on whose scale it is stated.
+            continue;
+        }
+        let n = DRAWS as f64;
+        let spread = ((sums[j][1] - sums[j][0] * sums[j][0] / n) / (n - 1.0)).sqrt();
+        let stated = u.budgets[j].combined();
+        // The spread of 300 draws is known to 4 %; four of that.
+        assert!(
+            (spread / stated - 1.0).abs() < 0.16,
+            "{q:?}: {spread} drawn, {stated} stated"
+        );
+    }
+    assert!(report.parameters.theta_r_deg.coverage_factor == Some(2.0));
+}
