@@ -17,6 +17,7 @@ pub mod map;
 pub mod material;
 pub mod model;
 pub mod observation;
+pub mod plan;
 pub mod reduction;
 pub mod scan;
 pub mod series;

@@ -9,8 +9,10 @@ pub mod contrast;
 pub mod daemon;
 pub mod demo;
 pub mod eval;
+pub mod explain;
 pub mod export;
 pub mod fit;
+pub mod forecast;
 pub mod import;
 pub mod interrupt;
 pub mod judge;
@@ -70,6 +72,8 @@ pub enum Command {
     Render(render::Args),
     /// The simulated controller alone, on a pty or a TCP port.
     SimulateRig(simulate_rig::Args),
+    /// What would be computed, what is left out, and what that may cost.
+    Explain(explain::Args),
     /// Stiff and extreme cases, expected and found.
     Check(check::Args),
     /// Polarised light through single or layered micro-surfaces.
@@ -117,6 +121,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Optimize(args) => optimize::run(args),
         Command::Render(args) => render::run(args),
         Command::SimulateRig(args) => simulate_rig::run(args),
+        Command::Explain(args) => explain::run(args),
         Command::Check(args) => check::run(args),
         Command::Trace(args) => trace::run(args),
     };

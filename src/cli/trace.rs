@@ -13,7 +13,10 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
+use super::forecast::of_run;
 use super::{CliError, interrupt};
+use crate::plan::scene::Wish;
+use crate::plan::{self, Decision, Plan};
 use crate::trace::run::{self, Progress, Shard};
 use crate::trace::scene::{LeftOut, Prepared, Scene};
 use crate::trace::tally::{Energies, Estimate, ORDERS, Totals};
@@ -41,6 +44,10 @@ pub struct Args {
     /// Stop once the mean relative error of a reflected bin (by energy) is below this.
     #[arg(long, value_name = "E")]
     pub target_error: Option<f64>,
+    /// Leave out what costs the reflected energy no more than this share (see `ridged explain`). Without
+    /// it, what costs less than the run's own standard error.
+    #[arg(long, value_name = "E")]
+    pub tolerance: Option<f64>,
     /// Trace part K of N; `ridged trace merge` puts the parts together.
     #[arg(long, value_name = "K/N", value_parser = parse_shard)]
     pub shard: Option<Shard>,
@@ -92,6 +99,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     for (name, x) in [
         ("--max-seconds", args.max_seconds),
         ("--target-error", args.target_error),
+        ("--tolerance", args.tolerance),
     ] {
         if x.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
             return Err(CliError::bad_input(anyhow!(
@@ -100,9 +108,25 @@ pub fn run(args: Args) -> Result<(), CliError> {
         }
     }
     let mut fingerprint = Sha256::new();
-    let prepared = prepare(path, &mut fingerprint)?;
+    let (scene, mut prepared) = prepare(path, &mut fingerprint)?;
     let cancel = interrupt::flag()?;
     let started = Instant::now();
+    let wish = Wish {
+        mueller: args.out.is_some(),
+        tolerance: args.tolerance.unwrap_or(plan::TOLERANCE),
+        photons: args.tolerance.is_none().then_some(prepared.photons),
+    };
+    let plan = plan::scene::plan(&scene, &prepared, &wish);
+    if !plan.idle_interfaces.is_empty() {
+        prepared = ready(path, &plan::scene::lean(&scene, &plan))?;
+    }
+    apply(&plan, &scene, &mut prepared);
+    let asked = args.target_error.is_some() || args.max_seconds.is_some();
+    let worth = asked || (std::io::stderr().is_terminal() && prepared.photons >= LONG);
+    let forecast = (worth && args.shard.is_none()).then(|| of_run(&prepared, args.target_error));
+    if let Some(forecast) = &forecast {
+        eprintln!("forecast: {forecast}");
+    }
     let shard = args.shard.unwrap_or(Shard::WHOLE);
     let totals = watched(&prepared, shard, &args, &cancel, started);
     let seconds = started.elapsed().as_secs_f64();
@@ -170,7 +194,39 @@ fn timed_out(args: &Args, started: Instant) -> bool {
         .is_some_and(|limit| started.elapsed().as_secs_f64() >= limit)
 }
 
-fn prepare(path: &Path, fingerprint: &mut Sha256) -> Result<Prepared, CliError> {
+/// Photons from which on a forecast is worth its time.
+const LONG: u64 = 2_000_000;
+
+/// Makes a plan's decisions those of a run; what the scene itself says stands.
+pub(super) fn apply(plan: &Plan, scene: &Scene, prepared: &mut Prepared) {
+    if let Some(choice) = plan.on(Decision::Polarisation)
+        && scene.run.polarised.as_str() == Some("auto")
+    {
+        prepared.polarised = choice.included;
+    }
+    if let Some(limit) = plan.interactions_max {
+        prepared.give_up_after(limit);
+    }
+    prepared.left_out.extend(plan.left_out().map(|c| LeftOut {
+        what: c.what.clone(),
+        why: c.why.clone(),
+        cost: c.cost,
+    }));
+}
+
+/// A scene with its files, ready to trace.
+pub(super) fn ready(path: &Path, scene: &Scene) -> Result<Prepared, CliError> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    scene
+        .prepare(&|file| {
+            let content = std::fs::read(folder.join(file)).map_err(|e| e.to_string())?;
+            heights::read(file, &content)
+        })
+        .with_context(|| path.display().to_string())
+        .map_err(CliError::bad_input)
+}
+
+fn prepare(path: &Path, fingerprint: &mut Sha256) -> Result<(Scene, Prepared), CliError> {
     let text = std::fs::read_to_string(path)
         .with_context(|| format!("cannot read the scene {}", path.display()))
         .map_err(CliError::bad_input)?;
@@ -180,14 +236,15 @@ fn prepare(path: &Path, fingerprint: &mut Sha256) -> Result<Prepared, CliError> 
         .with_context(|| path.display().to_string())
         .map_err(CliError::bad_input)?;
     let bytes = std::cell::RefCell::new(fingerprint);
-    scene
+    let prepared = scene
         .prepare(&|file| {
             let content = std::fs::read(folder.join(file)).map_err(|e| e.to_string())?;
             bytes.borrow_mut().update(&content);
             heights::read(file, &content)
         })
         .with_context(|| path.display().to_string())
-        .map_err(CliError::bad_input)
+        .map_err(CliError::bad_input)?;
+    Ok((scene, prepared))
 }
 
 /// Traces with a progress bar on a terminal.

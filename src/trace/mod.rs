@@ -18,6 +18,7 @@ pub mod launch;
 mod laws;
 pub mod light;
 pub mod media;
+pub mod pilot;
 pub mod profile;
 pub mod ridged;
 pub mod rng;

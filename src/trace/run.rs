@@ -9,7 +9,7 @@ use super::launch::FirstHits;
 use super::light::{Light, Polarised, Scalar};
 use super::rng::{Purpose, Stream};
 use super::scene::Prepared;
-use super::tally::{Batch, Block, Totals};
+use super::tally::{Batch, Block, Grid, Totals};
 use super::walk::{Method, Walk};
 
 /// Which part of a run.
@@ -73,15 +73,28 @@ pub fn trace(
     shard: Shard,
     proceed: &(dyn Fn(&Progress) -> bool + Sync),
 ) -> Totals {
+    trace_photons(prepared, prepared.photons, shard, proceed)
+}
+
+/// [`trace`] with another number of photons than the scene's.
+pub fn trace_photons(
+    prepared: &Prepared,
+    photons: u64,
+    shard: Shard,
+    proceed: &(dyn Fn(&Progress) -> bool + Sync),
+) -> Totals {
     if prepared.polarised {
-        run::<Polarised>(prepared, shard, proceed)
+        trace_as::<Polarised>(prepared, prepared.grid, photons, shard, proceed)
     } else {
-        run::<Scalar>(prepared, shard, proceed)
+        trace_as::<Scalar>(prepared, prepared.grid, photons, shard, proceed)
     }
 }
 
-fn run<L: Light>(
+/// The same for any kind of light, bins and number of photons.
+pub(super) fn trace_as<L: Light>(
     prepared: &Prepared,
+    grid: Grid,
+    photons: u64,
     shard: Shard,
     proceed: &(dyn Fn(&Progress) -> bool + Sync),
 ) -> Totals {
@@ -93,8 +106,7 @@ fn run<L: Light>(
         s: prepared.s,
         interactions_max: prepared.interactions_max,
     };
-    let first_hits = FirstHits::new::<L>(&walk, prepared.grid);
-    let photons = prepared.photons;
+    let first_hits = FirstHits::new::<L>(&walk, grid);
     let count = blocks(photons);
     let mine: Vec<u64> = (0..count)
         .filter(|block| block % shard.of == shard.number - 1)
@@ -104,11 +116,11 @@ fn run<L: Light>(
         .map(|&b| span(photons, count, b))
         .map(|s| s.end - s.first)
         .sum();
-    let totals = Mutex::new(Totals::new(prepared.grid, L::ELEMENTS));
+    let totals = Mutex::new(Totals::new(grid, L::ELEMENTS));
     let stopped = AtomicBool::new(false);
     mine.par_iter().with_max_len(1).for_each_init(
         || {
-            let batch = Batch::new::<L>(prepared.grid);
+            let batch = Batch::new::<L>(grid);
             let block = Block::like(&batch);
             (batch, block)
         },

@@ -249,6 +249,13 @@ pub struct Prepared {
     pub left_out: Vec<LeftOut>,
 }
 
+impl Prepared {
+    /// Gives photons up after `limit` interactions, if the scene does not do so earlier.
+    pub fn give_up_after(&mut self, limit: u32) {
+        self.interactions_max = self.interactions_max.min(limit);
+    }
+}
+
 struct Medium {
     index: Complex<f64>,
     rho_d: Option<f64>,

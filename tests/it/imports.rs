@@ -74,6 +74,12 @@ const RULES: &[(&str, &[&str])] = &[
             "reduction",
         ],
     ),
+    (
+        "plan",
+        &[
+            "units", "frame", "geometry", "material", "model", "trace", "series",
+        ],
+    ),
     ("bench", &["units", "geometry", "frame", "clock"]),
     (
         "scan",
@@ -159,6 +165,7 @@ const PURE: &[&str] = &[
     "model",
     "trace",
     "fit",
+    "plan",
 ];
 
 /// What a pure room may not name.

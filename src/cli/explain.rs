@@ -1,0 +1,164 @@
+//! `ridged explain`: what would be computed, what is left out, why, and what that may cost.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, anyhow};
+use serde::Serialize;
+
+use super::CliError;
+use super::forecast::{Forecast, of_run};
+use crate::plan::{self, Basis, Plan};
+use crate::series::Series;
+use crate::trace::scene::Scene;
+
+/// Prints the plan of a scene or a recorded series without computing it.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  ridged explain scene.toml\n  ridged explain tests/data/series/steel-15 --tolerance 0.001 --json"
+)]
+pub struct Args {
+    /// A scene of `ridged trace`, or the folder of a recorded series.
+    #[arg(value_name = "SCENE.toml | DIR")]
+    pub input: PathBuf,
+    /// Relative error that each thing left out may cost.
+    #[arg(long, value_name = "E", default_value_t = plan::TOLERANCE)]
+    pub tolerance: f64,
+    /// Plan for Mueller matrices by direction (as `ridged trace --out` asks for them), not for energies.
+    #[arg(long)]
+    pub mueller: bool,
+    /// One JSON object on stdout instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Serialize)]
+struct Explanation {
+    input: &'static str,
+    computes: Vec<String>,
+    #[serde(flatten)]
+    plan: Plan,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    forecast: Option<Forecast>,
+    program: String,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input for what is neither a scene nor a series; no result where stdout cannot be written.
+pub fn run(args: Args) -> Result<(), CliError> {
+    if !(args.tolerance > 0.0 && args.tolerance < 1.0) {
+        return Err(CliError::bad_input(anyhow!(
+            "--tolerance must be between 0 and 1"
+        )));
+    }
+    let explanation = if args.input.is_dir() {
+        of_series(&args.input, args.tolerance)?
+    } else {
+        of_scene(&args)?
+    };
+    let mut out = std::io::stdout().lock();
+    let written = if args.json {
+        serde_json::to_writer_pretty(&mut out, &explanation)
+            .map_err(std::io::Error::from)
+            .and_then(|()| writeln!(out))
+    } else {
+        print(&explanation, &mut out)
+    };
+    written.map_err(CliError::no_result)
+}
+
+fn program() -> String {
+    format!("ridged {}", env!("CARGO_PKG_VERSION"))
+}
+
+fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
+    let series = Series::open(folder).map_err(CliError::bad_input)?;
+    let frames = series.rows().len();
+    Ok(Explanation {
+        input: "series",
+        computes: vec![
+            format!("reduction of {frames} frames to one observation per pose"),
+            "variants paper and sawtooth fitted to all of them".to_owned(),
+            "double reflections by quadrature at the fitted values, and a refit".to_owned(),
+        ],
+        plan: plan::series::plan(series.manifest(), series.rows(), tolerance),
+        forecast: None,
+        program: program(),
+    })
+}
+
+fn of_scene(args: &Args) -> Result<Explanation, CliError> {
+    let text = std::fs::read_to_string(&args.input)
+        .with_context(|| format!("cannot read {}", args.input.display()))
+        .map_err(CliError::bad_input)?;
+    let scene = Scene::parse(&text)
+        .with_context(|| args.input.display().to_string())
+        .map_err(CliError::bad_input)?;
+    let mut prepared = super::trace::ready(&args.input, &scene)?;
+    let wish = plan::scene::Wish {
+        mueller: args.mueller,
+        tolerance: args.tolerance,
+        photons: None,
+    };
+    let plan = plan::scene::plan(&scene, &prepared, &wish);
+    super::trace::apply(&plan, &scene, &mut prepared);
+    let kind = if prepared.polarised {
+        "polarised"
+    } else {
+        "scalar"
+    };
+    Ok(Explanation {
+        input: "scene",
+        computes: vec![format!(
+            "{} photons, {kind}, through {} interfaces",
+            prepared.photons,
+            scene.interface.len()
+        )],
+        forecast: Some(of_run(&prepared, None)),
+        plan,
+        program: program(),
+    })
+}
+
+fn print(e: &Explanation, out: &mut dyn Write) -> std::io::Result<()> {
+    writeln!(out, "computes")?;
+    for line in &e.computes {
+        writeln!(out, "  {line}")?;
+    }
+    if let Some(forecast) = &e.forecast {
+        writeln!(out, "  {forecast}")?;
+    }
+    writeln!(
+        out,
+        "plan (each may cost {:.3} % of the {})",
+        100.0 * e.plan.tolerance,
+        e.plan.quantity
+    )?;
+    for choice in &e.plan.decisions {
+        let verdict = if choice.included { "in " } else { "out" };
+        writeln!(
+            out,
+            "  {verdict} {:<20} {}",
+            choice.decision.words(),
+            choice.what
+        )?;
+        writeln!(out, "{:27}{}", "", choice.why)?;
+        if let Some(cost) = choice.cost {
+            let basis = match choice.basis {
+                Basis::Exact => "exactly",
+                Basis::Bound => "at most",
+                Basis::Estimate => "about",
+                Basis::Pilot => "by the pilot, at most",
+            };
+            let left = if choice.included {
+                "leaving it out would cost"
+            } else {
+                "costs"
+            };
+            writeln!(out, "{:27}{left} {basis} {:.3} %", "", 100.0 * cost)?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,355 @@
+//! The plan of a scene for the tracer.
+
+use super::{Basis, Choice, Decision, Plan};
+use crate::trace::pilot::{Pilot, pilot};
+use crate::trace::scene::{Prepared, Scene};
+use crate::trace::tally::ORDERS;
+
+/// What the user wants from a run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wish {
+    /// Mueller matrices are asked for, not only energies.
+    pub mueller: bool,
+    /// Relative error of the reflected energy that each decision may cost.
+    pub tolerance: f64,
+    /// Costs no greater than the run's own standard error at this number of photons only.
+    pub photons: Option<u64>,
+}
+
+/// Share of a run's photons that a pilot may take: with both kinds of light at once it costs about twice
+/// that share of the time.
+const PILOT_SHARE: u64 = 50;
+/// Photons of a pilot, least and most.
+const PILOT_PHOTONS: (u64, u64) = (1_000, 20_000);
+
+/// Plans a scene. A pilot is run where closed reasons do not decide; it depends on the scene and
+/// its seed alone, so all shards of a run come to the same plan.
+#[must_use]
+pub fn plan(scene: &Scene, prepared: &Prepared, wish: &Wish) -> Plan {
+    let photons = (prepared.photons / PILOT_SHARE).clamp(PILOT_PHOTONS.0, PILOT_PHOTONS.1);
+    let asks = asks_for_polarisation(scene, wish);
+    let alone = scene.interface.len() == 1 && scene.interface[0].shape == "flat";
+    let told = scene.run.polarised.is_bool();
+    let needs_pilot = !alone && ((asks.is_none() && !told) || wish.photons.is_none());
+    let seen = needs_pilot.then(|| pilot(prepared, photons.min(prepared.photons)));
+    let tolerance = match (&seen, wish.photons) {
+        (Some(p), Some(run)) => wish.tolerance.min(own_error(p, run)),
+        _ => wish.tolerance,
+    };
+    // Without a stated tolerance a run keeps its bounces and its count of interactions.
+    let stated = wish.photons.is_none();
+    let (bounces, interactions_max) = bounces(alone, seen.as_ref().filter(|_| stated), tolerance);
+    let idle = if stated {
+        idle_interfaces(scene)
+    } else {
+        Vec::new()
+    };
+    Plan {
+        tolerance,
+        quantity: if wish.mueller {
+            "Mueller matrices by direction".to_owned()
+        } else {
+            "reflected energy".to_owned()
+        },
+        decisions: vec![
+            polarisation(scene, asks, alone, seen.as_ref(), tolerance),
+            bounces,
+            layers(scene, &idle),
+            Choice {
+                decision: Decision::ConeAverage,
+                included: false,
+                what: "average over the lamp's cone".to_owned(),
+                why: "the scene's lamp is one direction".to_owned(),
+                cost: Some(0.0),
+                basis: Basis::Exact,
+            },
+            Choice {
+                decision: Decision::PerPixelGeometry,
+                included: false,
+                what: "directions of single pixels".to_owned(),
+                why: "a scene has no camera: light is counted by direction".to_owned(),
+                cost: Some(0.0),
+                basis: Basis::Exact,
+            },
+        ],
+        interactions_max,
+        idle_interfaces: idle,
+    }
+}
+
+/// Relative standard error of the reflected energy that a run of so many photons will have.
+fn own_error(pilot: &Pilot, photons: u64) -> f64 {
+    let ratio = pilot.photons as f64 / photons.max(1) as f64;
+    pilot.reflected.std / pilot.reflected.value.max(f64::MIN_POSITIVE) * ratio.sqrt()
+}
+
+/// Why polarisation is part of the question itself.
+fn asks_for_polarisation(scene: &Scene, wish: &Wish) -> Option<&'static str> {
+    let [_, q, u, v] = scene.light.stokes;
+    if scene.run.polarised.as_bool() == Some(true) {
+        Some("the scene says so")
+    } else if wish.mueller {
+        Some("Mueller matrices are asked for")
+    } else if [q, u, v] != [0.0; 3] {
+        Some("the lamp is polarised")
+    } else {
+        None
+    }
+}
+
+fn polarisation(
+    scene: &Scene,
+    asks: Option<&str>,
+    alone: bool,
+    seen: Option<&Pilot>,
+    tolerance: f64,
+) -> Choice {
+    let choice = |included: bool, why: String, cost: Option<f64>, basis: Basis| Choice {
+        decision: Decision::Polarisation,
+        included,
+        what: "polarisation of light".to_owned(),
+        why,
+        cost,
+        basis,
+    };
+    if scene.run.polarised.as_bool() == Some(false) {
+        return choice(false, "the scene says so".to_owned(), None, Basis::Bound);
+    }
+    if let Some(why) = asks {
+        return choice(true, why.to_owned(), None, Basis::Exact);
+    }
+    if alone {
+        let why =
+            "a single reflection of unpolarised light, counted by energy, does not depend on it";
+        return choice(false, why.to_owned(), Some(0.0), Basis::Exact);
+    }
+    let Some(p) = seen else {
+        return choice(
+            true,
+            "nothing bounds what it would cost".to_owned(),
+            None,
+            Basis::Bound,
+        );
+    };
+    let d = p.reflected_difference;
+    let cost = (d.value.abs() + 2.0 * d.std) / p.reflected.value.max(f64::MIN_POSITIVE);
+    let percent = 100.0 * cost;
+    if cost <= tolerance {
+        let why = format!(
+            "the lamp is unpolarised and only energies are asked for; {} photons carried both ways differ by no more than {percent:.2} %",
+            p.photons
+        );
+        choice(false, why, Some(cost), Basis::Pilot)
+    } else {
+        let why = format!(
+            "without it the reflected energy would be off by up to {percent:.2} % ({} photons carried both ways)",
+            p.photons
+        );
+        choice(true, why, Some(cost), Basis::Pilot)
+    }
+}
+
+/// Bounces beyond which next to nothing comes back.
+fn bounces(alone: bool, seen: Option<&Pilot>, tolerance: f64) -> (Choice, Option<u32>) {
+    let choice =
+        |included: bool, what: String, why: String, cost: Option<f64>, basis: Basis| Choice {
+            decision: Decision::Bounces,
+            included,
+            what,
+            why,
+            cost,
+            basis,
+        };
+    if alone {
+        let why = "a single flat interface is met once".to_owned();
+        let what = "bounces beyond the first".to_owned();
+        return (choice(false, what, why, Some(0.0), Basis::Exact), None);
+    }
+    let all = "bounces up to run.interactions_max".to_owned();
+    let Some(p) = seen else {
+        let why = "no tolerance was stated".to_owned();
+        return (choice(true, all, why, None, Basis::Bound), None);
+    };
+    // A few further orders that the pilot met seldom or never cost no more than its own error.
+    let mut beyond = [(0.0, 0.0f64); 2];
+    let mut limit = None;
+    for order in (0..ORDERS - 1).rev() {
+        let mut cost = 0.0f64;
+        for (side, all) in [p.reflected, p.transmitted].into_iter().enumerate() {
+            let next = p.by_interactions[side][order + 1];
+            let (value, std) = &mut beyond[side];
+            (*value, *std) = (*value + next.value, std.hypot(next.std));
+            // Where next to nothing goes through a percentage of it says nothing.
+            cost = cost.max((*value + 2.0 * *std) / all.value.max(1e-3));
+        }
+        if cost > 0.5 * tolerance {
+            break;
+        }
+        limit = Some((order + 1, cost));
+    }
+    match limit {
+        Some((n, cost)) => {
+            let why = format!(
+                "light that leaves after more than {n} interactions is no more than {:.2} % of what is reflected or goes through",
+                100.0 * cost
+            );
+            let what = format!("interactions beyond {n}");
+            let limit = u32::try_from(n).ok();
+            (choice(false, what, why, Some(cost), Basis::Pilot), limit)
+        }
+        None => {
+            let why = format!(
+                "more than half of the tolerance comes back after {ORDERS} interactions and more"
+            );
+            (choice(true, all, why, None, Basis::Pilot), None)
+        }
+    }
+}
+
+/// Interfaces between equal media, which do nothing to light whatever their shape (1 for the topmost). A
+/// scene keeps at least one.
+fn idle_interfaces(scene: &Scene) -> Vec<usize> {
+    let number = |below: &toml::Value| -> Option<(f64, f64)> {
+        let table = below.as_table()?;
+        let of = |key: &str| match table.get(key) {
+            None => Some(0.0),
+            Some(v) => v.as_float().or_else(|| v.as_integer().map(|i| i as f64)),
+        };
+        (!table.contains_key("rho_d")).then_some((of("n")?, of("k")?))
+    };
+    let mut above = Some((scene.n_top, 0.0));
+    let mut idle = Vec::new();
+    for (i, shape) in scene.interface.iter().enumerate() {
+        let below = number(&shape.below);
+        if below.is_some() && below == above && above.is_some_and(|(_, k)| k == 0.0) {
+            idle.push(i + 1);
+        }
+        above = below;
+    }
+    if idle.len() == scene.interface.len() {
+        idle.pop();
+    }
+    idle
+}
+
+fn layers(scene: &Scene, idle: &[usize]) -> Choice {
+    let count = scene.interface.len();
+    let included = idle.is_empty();
+    let (what, why) = if included {
+        (
+            format!("{count} of {count} interfaces"),
+            "each has its own step of the index",
+        )
+    } else {
+        let names: Vec<String> = idle.iter().map(ToString::to_string).collect();
+        let why = "the medium is the same above and below: nothing is reflected and nothing turned";
+        (format!("interface {}", names.join(", ")), why)
+    };
+    Choice {
+        decision: Decision::Layers,
+        included,
+        what,
+        why: why.to_owned(),
+        cost: (!included).then_some(0.0),
+        basis: Basis::Exact,
+    }
+}
+
+/// The scene without the interfaces that a plan found to do nothing.
+#[must_use]
+pub fn lean(scene: &Scene, plan: &Plan) -> Scene {
+    let mut lean = scene.clone();
+    let mut number = 0;
+    lean.interface.retain(|_| {
+        number += 1;
+        !plan.idle_interfaces.contains(&number)
+    });
+    lean
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn planned(text: &str, wish: &Wish) -> Plan {
+        let scene = Scene::parse(text).unwrap();
+        let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
+        plan(&scene, &prepared, wish)
+    }
+
+    const ENERGY: Wish = Wish {
+        mueller: false,
+        tolerance: 0.01,
+        photons: None,
+    };
+
+    fn smooth(theta_deg: f64, below: &str) -> String {
+        format!(
+            "[light]\ntheta_i_deg = {theta_deg:?}\n[[interface]]\nshape = \"flat\"\nbelow = {{ n = 1.5 }}\n\
+             [[interface]]\nshape = \"flat\"\nbelow = {below}\n[run]\nphotons = 200000\n"
+        )
+    }
+
+    #[test]
+    fn polarisation_is_out_where_light_is_reflected_once_and_in_for_layers_near_brewster() {
+        let once = planned(
+            "[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n",
+            &ENERGY,
+        );
+        let choice = once.on(Decision::Polarisation).unwrap();
+        assert!(!choice.included && choice.cost == Some(0.0) && choice.basis == Basis::Exact);
+        let brewster = planned(&smooth(60.0, "{ n = 2.4 }"), &ENERGY);
+        let choice = brewster.on(Decision::Polarisation).unwrap();
+        // The exact answer of flat layers: what leaving it out costs is what the plan says.
+        let stack = crate::model::flat_stack::FlatStack::parse("1.5/2.4").unwrap();
+        let exact = stack.reflect(60f64.to_radians()).unwrap();
+        let off = (exact.channel.unpolarised() / exact.scalar - 1.0).abs();
+        assert!(choice.included && off > 0.01, "{choice:?} {off}");
+        assert!(
+            choice.cost.unwrap() >= off && choice.cost.unwrap() < 1.5 * off,
+            "{choice:?} {off}"
+        );
+        let straight = planned(&smooth(5.0, "\"Au\""), &ENERGY);
+        assert!(
+            !straight.on(Decision::Polarisation).unwrap().included,
+            "{straight:?}"
+        );
+    }
+
+    #[test]
+    fn who_asks_for_mueller_matrices_gets_them() {
+        let wish = Wish {
+            mueller: true,
+            ..ENERGY
+        };
+        let plan = planned(
+            "[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n",
+            &wish,
+        );
+        assert!(plan.on(Decision::Polarisation).unwrap().included);
+    }
+
+    #[test]
+    fn an_interface_between_equal_media_is_left_out_and_its_absence_changes_nothing() {
+        let text = smooth(40.0, "{ n = 1.5 }");
+        let scene = Scene::parse(&text).unwrap();
+        let plan = planned(&text, &ENERGY);
+        let choice = plan.on(Decision::Layers).unwrap();
+        assert!(!choice.included && choice.what == "interface 2");
+        assert_eq!(lean(&scene, &plan).interface.len(), 1);
+    }
+
+    #[test]
+    fn without_a_stated_tolerance_nothing_costs_more_than_the_noise_of_the_run() {
+        let wish = Wish {
+            photons: Some(1_000_000_000),
+            ..ENERGY
+        };
+        let plan = planned(&smooth(30.0, "{ n = 2.4 }"), &wish);
+        assert!(plan.tolerance < 1e-3);
+        assert!(
+            plan.on(Decision::Polarisation).unwrap().included,
+            "{plan:?}"
+        );
+    }
+}

@@ -1,0 +1,307 @@
+//! The plan of a recorded series, before a frame is read.
+//!
+//! What the sample's surface is like is not known yet, so costs are bounds or estimates over surfaces as
+//! samples have them: ridges of 5 to 20°, lobes of α 0.05 to 0.2.
+
+use super::{Basis, Choice, Decision, Plan};
+use crate::frame::FrameKind;
+use crate::geometry::{Directions, Pose, RigGeometry};
+use crate::model::fresnel::reflectances;
+use crate::model::{Optics, Surface, Variant, radiance};
+use crate::series::{FrameRow, Manifest};
+use nalgebra::Vector3;
+
+/// Surfaces over which costs are taken: (θr in degrees, α).
+const SURFACES: [(f64, f64); 4] = [(5.0, 0.05), (10.0, 0.12), (15.0, 0.06), (20.0, 0.2)];
+
+/// Plans the fit of a series; `tolerance` is relative to the brightest radiance.
+#[must_use]
+pub fn plan(manifest: &Manifest, rows: &[FrameRow], tolerance: f64) -> Plan {
+    let rig = manifest.rig_geometry();
+    let (eta, k) = manifest.material().index();
+    let mut poses: Vec<Pose> = rows
+        .iter()
+        .filter(|r| r.kind == FrameKind::Sample)
+        .map(FrameRow::pose)
+        .collect();
+    poses.dedup();
+    Plan {
+        tolerance,
+        quantity: "brightest radiance of the series".to_owned(),
+        decisions: vec![
+            polarisation(&rig, eta, k, &poses, tolerance),
+            bounces(k),
+            Choice {
+                decision: Decision::Layers,
+                included: false,
+                what: "layers over the sample's surface".to_owned(),
+                why: "the manifest describes one boundary".to_owned(),
+                cost: Some(0.0),
+                basis: Basis::Exact,
+            },
+            cone(&rig, eta, k, &poses, tolerance),
+            pixels(manifest),
+        ],
+        interactions_max: None,
+        idle_interfaces: Vec::new(),
+    }
+}
+
+/// Lamp and camera do not polarise, so a single reflection does not depend on it at all; a second one
+/// sees what the first has polarised.
+fn polarisation(rig: &RigGeometry, eta: f64, k: f64, poses: &[Pose], tolerance: f64) -> Choice {
+    let mut choice = Choice {
+        decision: Decision::Polarisation,
+        included: k > 0.0,
+        what: "polarisation between the first and the second bounce".to_owned(),
+        why: String::new(),
+        cost: None,
+        basis: Basis::Bound,
+    };
+    if k > 0.0 {
+        // ½(R_s² + R_p²) against F² at 45°, the mean angle in the right-angled valley.
+        let (s, p) = reflectances(std::f64::consts::FRAC_1_SQRT_2, eta, k);
+        let f = 0.5 * (s + p);
+        let more = 0.5 * (s * s + p * p) / (f * f) - 1.0;
+        choice.why = format!(
+            "light that bounces twice on metal is about {:.1} % brighter for it, and in some poses it is all there is",
+            100.0 * more
+        );
+        choice.cost = Some(more);
+        choice.basis = Basis::Estimate;
+        return choice;
+    }
+    // The closed form follows polarisation where the index has an imaginary part, however small.
+    let mut cost = 0.0f64;
+    for (theta_r_deg, alpha) in SURFACES {
+        let surface = nominal(theta_r_deg, alpha, 0.35);
+        let (mut peak, mut off) = (0.0f64, 0.0f64);
+        for d in some(poses).map(|p| rig.directions(p)) {
+            let at = |k: f64| {
+                let optics = Optics {
+                    eta,
+                    k,
+                    theta_l: rig.theta_l.rad(),
+                    light_angular_radius: 0.0,
+                };
+                radiance(Variant::Sawtooth, &d, &surface, &optics)
+            };
+            let (with, without) = (at(1e-9), at(0.0));
+            peak = peak.max(without);
+            off = off.max((with - without).abs());
+        }
+        cost = cost.max(off / peak.max(f64::MIN_POSITIVE));
+    }
+    // A dielectric's closed form knows the scalar product only: what that may cost is told.
+    choice.why = if cost <= tolerance {
+        "single reflections do not depend on it (lamp and camera do not polarise), double ones are weak".to_owned()
+    } else {
+        "single reflections do not depend on it; the closed form of a dielectric has it nowhere"
+            .to_owned()
+    };
+    choice.what = "polarisation of light".to_owned();
+    choice.cost = Some(cost);
+    choice.basis = Basis::Estimate;
+    choice
+}
+
+/// A surface as samples have it.
+fn nominal(theta_r_deg: f64, alpha: f64, rho_d: f64) -> Surface {
+    Surface {
+        theta_r: theta_r_deg.to_radians(),
+        alpha_u: alpha,
+        alpha_v: alpha,
+        rho_d,
+        amplitude: 1.0,
+    }
+}
+
+/// At most 60 of the poses.
+fn some(poses: &[Pose]) -> impl Iterator<Item = Pose> {
+    poses
+        .iter()
+        .step_by(poses.len().div_ceil(60).max(1))
+        .copied()
+}
+
+fn bounces(k: f64) -> Choice {
+    let (what, why) = if k > 0.0 {
+        (
+            "bounces beyond the third",
+            "the closed form has two bounces, the quadrature adds them exactly and a third",
+        )
+    } else {
+        (
+            "specular bounces beyond the second",
+            "the closed form has two bounces and all orders of diffuse exchange",
+        )
+    };
+    // Each further bounce in the valley brings at most F of the one before; on plastic F is 5 %.
+    Choice {
+        decision: Decision::Bounces,
+        included: false,
+        what: what.to_owned(),
+        why: why.to_owned(),
+        cost: Some(3e-4),
+        basis: Basis::Estimate,
+    }
+}
+
+/// The closed correction of the lobes' widths against an average over the lamp's disc, and against
+/// nothing at all.
+fn cone(rig: &RigGeometry, eta: f64, k: f64, poses: &[Pose], tolerance: f64) -> Choice {
+    let radius = rig.light_angular_radius.rad();
+    let mut choice = Choice {
+        decision: Decision::ConeAverage,
+        included: false,
+        what: "average over the lamp's cone".to_owned(),
+        why: "the lamp is a point".to_owned(),
+        cost: Some(0.0),
+        basis: Basis::Exact,
+    };
+    if radius <= 0.0 {
+        return choice;
+    }
+    let (mut closed, mut point) = (0.0f64, 0.0f64);
+    for (theta_r_deg, alpha) in SURFACES {
+        let (c, p) = cone_costs(rig, eta, k, poses, theta_r_deg, alpha);
+        (closed, point) = (closed.max(c), point.max(p));
+    }
+    choice.basis = Basis::Estimate;
+    choice.cost = Some(closed);
+    let percent = |x: f64| format!("{:.3} %", 100.0 * x);
+    choice.why = if closed <= tolerance {
+        format!(
+            "the closed correction of the lobes' widths (α² + R²/8) is within {} of it (a point lamp would be {} off)",
+            percent(closed),
+            percent(point)
+        )
+    } else {
+        // The closed correction is all that a fit has: what it may cost is told.
+        format!(
+            "only the closed correction (α² + R²/8) is at hand; it may be {} off",
+            percent(closed)
+        )
+    };
+    choice
+}
+
+/// Largest differences from the disc's average over the brightest radiance: (with the closed correction,
+/// with a point lamp). At most 60 poses.
+fn cone_costs(
+    rig: &RigGeometry,
+    eta: f64,
+    k: f64,
+    poses: &[Pose],
+    theta_r_deg: f64,
+    alpha: f64,
+) -> (f64, f64) {
+    let surface = nominal(theta_r_deg, alpha, if k > 0.0 { 0.0 } else { 0.35 });
+    let radius = rig.light_angular_radius.rad();
+    let optics = |light_angular_radius: f64| Optics {
+        eta,
+        k,
+        theta_l: rig.theta_l.rad(),
+        light_angular_radius,
+    };
+    let at = |d: &Directions, r: f64| radiance(Variant::Sawtooth, d, &surface, &optics(r));
+    let (mut peak, mut closed, mut point) = (0.0f64, 0.0f64, 0.0f64);
+    for d in some(poses).map(|p| rig.directions(p)) {
+        let mean = disc_mean(&d, radius, &|d| at(d, 0.0));
+        peak = peak.max(mean);
+        closed = closed.max((at(&d, radius) - mean).abs());
+        point = point.max((at(&d, 0.0) - mean).abs());
+    }
+    let per_peak = 1.0 / peak.max(f64::MIN_POSITIVE);
+    (closed * per_peak, point * per_peak)
+}
+
+/// Mean over the lamp's disc by the 12-point rule of degree 5 in radius and 12 in angle: two rings
+/// at the Gauss radii of r dr, six points each.
+fn disc_mean(d: &Directions, radius: f64, f: &dyn Fn(&Directions) -> f64) -> f64 {
+    let w = d.incident;
+    let helper = if w.z.abs() < 0.9 {
+        Vector3::z()
+    } else {
+        Vector3::x()
+    };
+    let x = w.cross(&helper).normalize();
+    let y = w.cross(&x);
+    let mut sum = 0.0;
+    // Nodes of Gauss–Legendre in r²: (1 ∓ 1/√3)/2.
+    for (ring, sign) in [-1.0, 1.0].into_iter().enumerate() {
+        let r = (0.5 * (1.0 + sign / 3f64.sqrt())).sqrt() * radius.tan();
+        for n in 0..6 {
+            let angle = std::f64::consts::TAU * (f64::from(n) + 0.5 * ring as f64) / 6.0;
+            let incident = (w + x * (r * angle.cos()) + y * (r * angle.sin())).normalize();
+            sum += f(&Directions { incident, ..*d });
+        }
+    }
+    sum / 12.0
+}
+
+fn pixels(manifest: &Manifest) -> Choice {
+    let far = manifest.is_telecentric();
+    Choice {
+        decision: Decision::PerPixelGeometry,
+        included: !far,
+        what: "directions of single pixels".to_owned(),
+        why: if far {
+            "camera and lamp are far: all pixels have the same directions".to_owned()
+        } else {
+            "camera or lamp are near: directions change over the field".to_owned()
+        },
+        cost: far.then_some(0.0),
+        basis: Basis::Exact,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::series::Series;
+
+    fn planned(name: &str) -> Plan {
+        let folder = std::path::Path::new("tests/data/series").join(name);
+        let series = Series::open(&folder).unwrap();
+        plan(series.manifest(), series.rows(), 0.01)
+    }
+
+    #[test]
+    fn plastic_goes_without_polarisation_and_steel_does_not() {
+        let plastic = planned("polymer-10");
+        assert!(!plastic.on(Decision::Polarisation).unwrap().included);
+        assert!(
+            planned("steel-15")
+                .on(Decision::Polarisation)
+                .unwrap()
+                .included
+        );
+    }
+
+    #[test]
+    fn the_closed_correction_costs_a_tenth_of_a_point_lamp() {
+        // A lobe of α = 0.05 under a lamp of 1° in radius: a few tenths of a per cent of its peak.
+        let rig = RigGeometry::IN_PLANE;
+        let poses: Vec<Pose> = (0..9)
+            .map(|t| Pose::from_deg(-20.0 + 5.0 * f64::from(t), 0.0))
+            .collect();
+        let (closed, point) = cone_costs(&rig, 1.54, 0.0, &poses, 5.0, 0.05);
+        assert!(
+            closed < 1e-3 && point > 2e-3 && closed < 0.2 * point,
+            "{closed} {point}"
+        );
+    }
+
+    #[test]
+    fn what_costs_more_than_the_tolerance_is_in_or_told_to_be_out_of_reach() {
+        for name in ["polymer-10", "steel-15", "paper-rig-full", "checker"] {
+            let plan = planned(name);
+            assert_eq!(plan.decisions.len(), 5);
+            for choice in plan.left_out() {
+                let cheap = choice.cost.is_some_and(|x| x <= plan.tolerance);
+                assert!(cheap || choice.why.contains("nowhere"), "{name} {choice:?}");
+            }
+        }
+    }
+}

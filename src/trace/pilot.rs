@@ -1,0 +1,150 @@
+//! A short run that carries both kinds of light along the same paths, to see what may be left out.
+//!
+//! Call [`pilot`]. Polarised and scalar light meet the same facets with the same random numbers, so
+//! their difference is known far better than either of them, from few photons.
+
+use super::height_field::Side;
+use super::light::{Light, Polarised, Scalar};
+use super::run::{Shard, trace_as};
+use super::scene::Prepared;
+use super::tally::{Estimate, Grid, ORDERS};
+use super::vec3::V3;
+use crate::model::polarisation::Channel;
+
+/// Scalar light, and beside it polarised light of the same lamp.
+#[derive(Debug, Clone, Copy)]
+struct Paired {
+    scalar: Scalar,
+    polarised: Polarised,
+}
+
+impl Light for Paired {
+    /// The scalar weight and by how much the polarised one differs.
+    const ELEMENTS: usize = 2;
+
+    fn launch(s: &V3) -> Self {
+        Paired {
+            scalar: Scalar::launch(s),
+            polarised: Polarised::launch(s),
+        }
+    }
+    fn weight(&self) -> f64 {
+        self.scalar.weight()
+    }
+    fn power(&self, stokes: &[f64; 4]) -> f64 {
+        self.scalar.power(stokes)
+    }
+    fn meet(&mut self, k: &V3, m: &V3) {
+        self.polarised.meet(k, m);
+    }
+    /// Both go the way that scalar light would: any share is right for both.
+    fn share(&self, channel: &Channel) -> f64 {
+        self.scalar.share(channel)
+    }
+    fn pass(&mut self, channel: &Channel, factor: f64) {
+        self.scalar.pass(channel, factor);
+        self.polarised.pass(channel, factor);
+    }
+    fn depolarise(&mut self, s: &V3) {
+        self.polarised.depolarise(s);
+    }
+    fn scale(&mut self, factor: f64) {
+        self.scalar.scale(factor);
+        self.polarised.scale(factor);
+    }
+    fn leave(&mut self, k: &V3, straight: &V3) {
+        self.polarised.leave(k, straight);
+    }
+    fn add_to(&self, bin: &mut [f64]) {
+        bin[0] += self.scalar.weight();
+        bin[1] += self.polarised.weight() - self.scalar.weight();
+    }
+}
+
+/// What a pilot saw of an unpolarised lamp's light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pilot {
+    /// Photons spent.
+    pub photons: u64,
+    /// Share reflected, without polarisation.
+    pub reflected: Estimate,
+    /// By how much the share reflected is greater with polarisation.
+    pub reflected_difference: Estimate,
+    /// The same of the light that goes through.
+    pub transmitted_difference: Estimate,
+    /// Share that goes through.
+    pub transmitted: Estimate,
+    /// Shares reflected and shares that go through, after 1, 2, … interactions; the last place holds
+    /// "and more".
+    pub by_interactions: [[Estimate; ORDERS]; 2],
+}
+
+/// Traces `photons` both ways. What it says holds for an unpolarised lamp and a camera that is blind to
+/// polarisation.
+#[must_use]
+pub fn pilot(prepared: &Prepared, photons: u64) -> Pilot {
+    let grid = Grid {
+        n_theta: 1,
+        n_phi: 1,
+    };
+    let totals = trace_as::<Paired>(prepared, grid, photons, Shard::WHOLE, &|_| true);
+    let whole = std::f64::consts::PI;
+    // One bin per side: its value times the projected solid angle π is the share of the light.
+    let of = |side: Side, i: usize| {
+        let e = totals.element(side, 0, i);
+        Estimate {
+            value: e.value * whole,
+            std: e.std * whole,
+        }
+    };
+    let energies = totals.energies();
+    Pilot {
+        photons: totals.photons(),
+        reflected: of(Side::Above, 0),
+        reflected_difference: of(Side::Above, 1),
+        transmitted_difference: of(Side::Below, 1),
+        transmitted: energies.transmitted_all,
+        by_interactions: [energies.reflected, energies.transmitted],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::run::trace;
+    use super::super::scene::Scene;
+    use super::*;
+
+    const TWO: &str = "[light]\ntheta_i_deg = 60.0\n[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n\
+                       [[interface]]\nshape = \"flat\"\nbelow = { n = 2.4 }\n[run]\nphotons = 4000\npolarised = ";
+
+    fn prepared(polarised: bool) -> Prepared {
+        let scene = Scene::parse(&format!("{TWO}{polarised}\n")).unwrap();
+        scene.prepare(&|_| Err(String::new())).unwrap()
+    }
+
+    #[test]
+    fn the_difference_is_that_of_the_two_modes_and_known_better_than_either() {
+        let pilot = pilot(&prepared(true), 4000);
+        let both = [true, false].map(|p| {
+            let totals = trace(&prepared(p), Shard::WHOLE, &|_| true);
+            totals.energies().reflected_all
+        });
+        let difference = both[0].value - both[1].value;
+        let std = both[0].std.hypot(both[1].std);
+        assert!((pilot.reflected_difference.value - difference).abs() < 4.0 * std);
+        assert!(pilot.reflected_difference.std < 0.5 * std);
+        assert!((pilot.reflected.value - both[1].value).abs() < 4.0 * std);
+    }
+
+    #[test]
+    fn of_a_single_interface_and_single_reflections_polarisation_makes_no_difference() {
+        let scene =
+            "[light]\ntheta_i_deg = 60.0\n[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n";
+        let ready = Scene::parse(scene)
+            .unwrap()
+            .prepare(&|_| Err(String::new()))
+            .unwrap();
+        let pilot = pilot(&ready, 500);
+        assert!(pilot.reflected_difference.value.abs() < 1e-12);
+    }
+}
