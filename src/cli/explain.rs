@@ -7,7 +7,7 @@ use anyhow::{Context, anyhow};
 use serde::Serialize;
 
 use super::CliError;
-use super::forecast::{Forecast, of_run};
+use crate::accuracy::forecast::{Forecast, of_run};
 use crate::plan::{self, Basis, Plan};
 use crate::series::Series;
 use crate::trace::scene::Scene;

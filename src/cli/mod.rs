@@ -3,6 +3,7 @@
 //! JSON goes to stdout alone; progress, logs and errors go to stderr. Exit codes: 0 done, 1 no
 //! result, 2 bad usage or bad input, 130 after Ctrl-C once things are safe.
 
+pub mod accuracy;
 pub mod check;
 pub mod client;
 pub mod contrast;
@@ -12,7 +13,6 @@ pub mod eval;
 pub mod explain;
 pub mod export;
 pub mod fit;
-pub mod forecast;
 pub mod import;
 pub mod interrupt;
 pub mod judge;
@@ -74,6 +74,8 @@ pub enum Command {
     SimulateRig(simulate_rig::Args),
     /// What would be computed, what is left out, and what that may cost.
     Explain(explain::Args),
+    /// Error against run time, by every method.
+    Accuracy(accuracy::Args),
     /// Stiff and extreme cases, expected and found.
     Check(check::Args),
     /// Polarised light through single or layered micro-surfaces.
@@ -122,6 +124,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Render(args) => render::run(args),
         Command::SimulateRig(args) => simulate_rig::run(args),
         Command::Explain(args) => explain::run(args),
+        Command::Accuracy(args) => accuracy::run(args),
         Command::Check(args) => check::run(args),
         Command::Trace(args) => trace::run(args),
     };

@@ -13,8 +13,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use super::forecast::of_run;
 use super::{CliError, interrupt};
+use crate::accuracy::forecast::of_run;
 use crate::plan::scene::Wish;
 use crate::plan::{self, Decision, Plan};
 use crate::trace::run::{self, Progress, Shard};

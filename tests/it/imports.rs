@@ -80,6 +80,20 @@ const RULES: &[(&str, &[&str])] = &[
             "units", "frame", "geometry", "material", "model", "trace", "series",
         ],
     ),
+    (
+        "accuracy",
+        &[
+            "units",
+            "geometry",
+            "material",
+            "observation",
+            "model",
+            "trace",
+            "fit",
+            "series",
+            "plan",
+        ],
+    ),
     ("bench", &["units", "geometry", "frame", "clock"]),
     (
         "scan",

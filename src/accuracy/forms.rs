@@ -1,0 +1,234 @@
+//! Closed forms and the quadrature: against 60-digit tables, and against path-traced radiances.
+
+use std::time::Instant;
+
+use super::{Effort, Point};
+use crate::geometry::{Directions, Pose};
+use crate::model::brdf::{self, Case};
+use crate::model::prepared::OpticsTable;
+use crate::model::quadrature::Quadrature;
+use crate::model::{Optics, Surface, Variant, radiance};
+use crate::series::Manifest;
+
+pub(super) fn measure(effort: Effort, points: &mut Vec<Point>) {
+    printed(points);
+    for series in SERIES {
+        recorded(&series, effort, points);
+    }
+}
+
+/// Seconds of one call, repeated until they can be told.
+fn seconds_of(mut call: impl FnMut()) -> f64 {
+    let started = Instant::now();
+    let mut calls = 0u32;
+    while started.elapsed().as_secs_f64() < 0.02 || calls == 0 {
+        call();
+        calls += 1;
+    }
+    started.elapsed().as_secs_f64() / f64::from(calls)
+}
+
+fn printed(points: &mut Vec<Point>) {
+    let text = include_str!("../../tests/data/brdf/reference.csv");
+    let rows: Vec<(Case, f64)> = text
+        .lines()
+        .skip(1)
+        .filter_map(|line| {
+            let x: Vec<f64> = line
+                .split(',')
+                .skip(1)
+                .filter_map(|t| t.parse().ok())
+                .collect();
+            let case = Case {
+                theta_i: x[0],
+                phi_i: x[1],
+                theta_o: x[2],
+                phi_o: x[3],
+                theta_r: x[4],
+                alpha_u: x[5],
+                alpha_v: x[6],
+                rho_d: x[7],
+                eta: x[8],
+                k: x[9],
+            };
+            // Relative errors need values that doubles can hold.
+            (x[10] > 1e-250).then_some((case, x[10]))
+        })
+        .collect();
+    let count = rows.len() as f64;
+    let mut add = |method: &str, f: &dyn Fn(&Case) -> f64| {
+        let seconds = seconds_of(|| {
+            for (case, _) in &rows {
+                std::hint::black_box(f(case));
+            }
+        });
+        let mut errors: Vec<f64> = rows.iter().map(|(c, e)| (f(c) / e - 1.0).abs()).collect();
+        errors.sort_by(f64::total_cmp);
+        let at = |share: f64| errors[((share * count) as usize).min(errors.len() - 1)];
+        for (name, error) in [("median", at(0.5)), ("99 % of cases", at(0.99))] {
+            points.push(Point {
+                scene: "printed BRDF".to_owned(),
+                method: method.to_owned(),
+                seconds: seconds / count,
+                // Nothing is more exact than the rounding of the answer.
+                error: error.max(f64::EPSILON / 4.0),
+                quantity: format!("relative error of f, {name}"),
+                reference: "60-digit arithmetic".to_owned(),
+            });
+        }
+    };
+    add("double-double", &|c| {
+        brdf::evaluate(c).map_or(f64::NAN, |e| e.f)
+    });
+    add("doubles", &|c| {
+        let surface = Surface {
+            theta_r: c.theta_r,
+            alpha_u: c.alpha_u,
+            alpha_v: c.alpha_v,
+            rho_d: c.rho_d,
+            amplitude: 1.0,
+        };
+        let optics = Optics {
+            eta: c.eta,
+            k: c.k,
+            theta_l: 0.0,
+            light_angular_radius: 0.0,
+        };
+        let of = |theta: f64, phi: f64| {
+            nalgebra::Vector3::new(
+                theta.sin() * phi.cos(),
+                theta.sin() * phi.sin(),
+                theta.cos(),
+            )
+        };
+        let d = Directions {
+            incident: of(c.theta_i, c.phi_i),
+            outgoing: of(c.theta_o, c.phi_o),
+        };
+        radiance(Variant::Paper, &d, &surface, &optics) / d.incident.z
+    });
+}
+
+/// A recorded series whose noise-free radiances come from a path tracer of others.
+struct Recorded {
+    name: &'static str,
+    manifest: &'static str,
+    truth: &'static str,
+    radiance: &'static str,
+}
+
+const SERIES: [Recorded; 3] = [
+    Recorded {
+        name: "polymer-10",
+        manifest: include_str!("../../tests/data/series/polymer-10/manifest.toml"),
+        truth: include_str!("../../tests/data/series/polymer-10/truth.toml"),
+        radiance: include_str!("../../tests/data/series/polymer-10/radiance.csv"),
+    },
+    Recorded {
+        name: "steel-15",
+        manifest: include_str!("../../tests/data/series/steel-15/manifest.toml"),
+        truth: include_str!("../../tests/data/series/steel-15/truth.toml"),
+        radiance: include_str!("../../tests/data/series/steel-15/radiance.csv"),
+    },
+    Recorded {
+        name: "paper-rig-full",
+        manifest: include_str!("../../tests/data/series/paper-rig-full/manifest.toml"),
+        truth: include_str!("../../tests/data/series/paper-rig-full/truth.toml"),
+        radiance: include_str!("../../tests/data/series/paper-rig-full/radiance.csv"),
+    },
+];
+
+fn recorded(series: &Recorded, effort: Effort, points: &mut Vec<Point>) {
+    let Ok(manifest) = Manifest::from_toml(series.manifest, "manifest.toml") else {
+        return;
+    };
+    let truth: toml::Table = toml::from_str(series.truth).unwrap_or_default();
+    let number = |section: &str, keys: &[&str]| {
+        let table = truth.get(section).and_then(toml::Value::as_table);
+        keys.iter()
+            .find_map(|k| table.and_then(|t| t.get(*k)))
+            .and_then(toml::Value::as_float)
+            .unwrap_or(0.0)
+    };
+    let rig = manifest.rig_geometry();
+    let optics = Optics::new(&rig, &manifest.material());
+    let surface = Surface {
+        theta_r: number("sample", &["theta_r_deg"]).to_radians(),
+        alpha_u: number("sample", &["alpha_u", "alpha"]),
+        alpha_v: number("sample", &["alpha_v", "alpha"]),
+        rho_d: number("sample", &["rho_d_lambertian_equivalent"]),
+        amplitude: 1.0,
+    };
+    let rows: Vec<(Directions, f64)> = series
+        .radiance
+        .lines()
+        .skip(1)
+        .filter_map(|line| {
+            let f: Vec<&str> = line.split(',').collect();
+            let parse = |n: usize| f.get(n).and_then(|t| t.parse::<f64>().ok());
+            let tilt = parse(0)? + number("mounting", &["camera_tilt_zero_offset_deg"]);
+            let turn = parse(1)? + number("mounting", &["azimuth_offset_deg"]);
+            Some((rig.directions(Pose::from_deg(tilt, turn)), parse(3)?))
+        })
+        .collect();
+    let peak = rows.iter().map(|r| r.1).fold(0.0, f64::max);
+    let count = rows.len() as f64;
+    let directions: Vec<Directions> = rows.iter().map(|r| r.0).collect();
+    let mut add = |method: String, f: &dyn Fn() -> Vec<f64>| {
+        let values = f();
+        let seconds = seconds_of(|| {
+            std::hint::black_box(f());
+        });
+        let squares: f64 = values
+            .iter()
+            .zip(&rows)
+            .map(|(v, r)| ((v - r.1) / peak).powi(2))
+            .sum();
+        points.push(Point {
+            scene: format!("series {}", series.name),
+            method,
+            seconds,
+            error: (squares / count).sqrt(),
+            quantity: "rms over all poses as a share of the peak".to_owned(),
+            reference: "path tracer (Mitsuba 3.9.1), 0.1 % noise".to_owned(),
+        });
+    };
+    let with_radius = |variant: Variant, light_angular_radius: f64| {
+        let optics = Optics {
+            light_angular_radius,
+            ..optics
+        };
+        let d = &directions;
+        move || {
+            d.iter()
+                .map(|d| radiance(variant, d, &surface, &optics))
+                .collect::<Vec<f64>>()
+        }
+    };
+    let radius = optics.light_angular_radius;
+    add(
+        "closed form, as printed".to_owned(),
+        &with_radius(Variant::Paper, radius),
+    );
+    add(
+        "closed form, sawtooth, point lamp".to_owned(),
+        &with_radius(Variant::Sawtooth, 0.0),
+    );
+    add(
+        "closed form, sawtooth".to_owned(),
+        &with_radius(Variant::Sawtooth, radius),
+    );
+    let tolerances: &[f64] = match effort {
+        Effort::Quick => &[1e-1, 1e-2, 1e-3],
+        Effort::Full => &[1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4, 1e-5],
+    };
+    for tolerance in tolerances {
+        add("two-bounce quadrature".to_owned(), &|| {
+            Quadrature::new(&surface, &OpticsTable::new(&optics))
+                .radiances(&directions, tolerance * peak)
+                .iter()
+                .map(|e| e.value)
+                .collect()
+        });
+    }
+}

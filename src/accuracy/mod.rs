@@ -1,0 +1,136 @@
+//! Error against run time: how wrong each way of computing an answer is after how many seconds.
+//!
+//! Call [`run`]. A fixed list of scenes, from easy to stiff, is computed by every method that applies, at
+//! growing effort; the error is the distance from a reference that is never the method itself: exact
+//! numbers, tables in 60-digit arithmetic, a path tracer of others, or a long run of another method.
+//! [`forecast`] tells beforehand how long a trace will take, and is measured here too. This room looks
+//! at the clock, which is its purpose; it writes no files.
+
+mod fits;
+pub mod forecast;
+mod forms;
+pub mod plot;
+mod traced;
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use serde::Serialize;
+
+/// How much time the whole may take.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Effort {
+    /// Under a minute: few scenes, few photons.
+    Quick,
+    /// Minutes: all scenes.
+    Full,
+}
+
+/// One measurement.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Point {
+    /// Scene.
+    pub scene: String,
+    /// Method.
+    pub method: String,
+    /// Wall-clock seconds.
+    pub seconds: f64,
+    /// Error, in the quantity's unit.
+    pub error: f64,
+    /// What is off by the error.
+    pub quantity: String,
+    /// What the error is against.
+    pub reference: String,
+}
+
+/// A forecast beside what it took.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Foretold {
+    /// Scene.
+    pub scene: String,
+    /// Seconds told before the start.
+    pub forecast_s: f64,
+    /// Seconds taken.
+    pub taken_s: f64,
+}
+
+impl Foretold {
+    /// Whether it was right within a factor of 2.
+    #[must_use]
+    pub fn within_a_factor_of_two(&self) -> bool {
+        let ratio = self.forecast_s / self.taken_s;
+        (0.5..=2.0).contains(&ratio)
+    }
+}
+
+/// All measurements.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Measurements {
+    /// Errors against seconds.
+    pub points: Vec<Point>,
+    /// Forecasts against seconds.
+    pub forecasts: Vec<Foretold>,
+}
+
+/// Measures everything; `progress` is told what starts, and how much is done of how much. Ends early, with
+/// what is measured, once `cancel` is raised.
+pub fn run(
+    effort: Effort,
+    cancel: &AtomicBool,
+    progress: &dyn Fn(&str, usize, usize),
+) -> Measurements {
+    let mut found = Measurements::default();
+    let scenes = traced::scenes(effort);
+    let total = scenes.len() + 2;
+    progress("closed forms", 0, total);
+    forms::measure(effort, &mut found.points);
+    progress("fit iterations", 1, total);
+    fits::measure(cancel, &mut found.points);
+    for (n, scene) in scenes.iter().enumerate() {
+        if cancel.load(Ordering::Relaxed) {
+            break;
+        }
+        progress(&scene.name, n + 2, total);
+        traced::measure(scene, effort, cancel, &mut found);
+    }
+    found
+}
+
+/// Slope of log error over log seconds by least squares; `None` for fewer than three points of effort.
+#[must_use]
+pub fn slope(points: &[&Point]) -> Option<f64> {
+    let logs: Vec<(f64, f64)> = points
+        .iter()
+        .filter(|p| p.seconds > 0.0 && p.error > 0.0)
+        .map(|p| (p.seconds.ln(), p.error.ln()))
+        .collect();
+    let n = logs.len() as f64;
+    if logs.len() < 3 {
+        return None;
+    }
+    let mean = |f: &dyn Fn(&(f64, f64)) -> f64| logs.iter().map(f).sum::<f64>() / n;
+    let (x, y) = (mean(&|p| p.0), mean(&|p| p.1));
+    let xx: f64 = logs.iter().map(|p| (p.0 - x).powi(2)).sum();
+    let xy: f64 = logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
+    (xx > 0.0).then(|| xy / xx)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_slope_of_a_root_is_one_half() {
+        let at = |seconds: f64| Point {
+            scene: String::new(),
+            method: String::new(),
+            seconds,
+            error: 0.3 / seconds.sqrt(),
+            quantity: String::new(),
+            reference: String::new(),
+        };
+        let points: Vec<Point> = [0.1, 1.0, 7.0].into_iter().map(at).collect();
+        let refs: Vec<&Point> = points.iter().collect();
+        assert!((slope(&refs).unwrap() + 0.5).abs() < 1e-12);
+        assert!(slope(&refs[..2]).is_none());
+    }
+}

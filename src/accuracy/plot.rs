@@ -1,0 +1,215 @@
+//! One picture per scene: error against seconds, both axes logarithmic, one line per method.
+
+use std::fmt::Write;
+
+use super::{Point, slope};
+
+const WIDTH: f64 = 960.0;
+const HEIGHT: f64 = 600.0;
+/// Left, right, top, bottom of the axes.
+const FRAME: [f64; 4] = [90.0, 640.0, 70.0, 520.0];
+/// Colours that colour-blind eyes tell apart (Okabe and Ito).
+const COLOURS: [&str; 8] = [
+    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#999999",
+];
+
+/// The picture of one scene's points as SVG; `footer` names the machine.
+#[must_use]
+pub fn svg(scene: &str, points: &[&Point], footer: &str) -> String {
+    let shown: Vec<&Point> = points
+        .iter()
+        .copied()
+        .filter(|p| p.seconds > 0.0 && p.error > 0.0)
+        .collect();
+    let x = Axis::over(shown.iter().map(|p| p.seconds), FRAME[0], FRAME[1]);
+    let y = Axis::over(shown.iter().map(|p| p.error), FRAME[3], FRAME[2]);
+    let mut out = String::new();
+    let mut put = |text: String| out.push_str(&text);
+    put(format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" font-family=\"sans-serif\" font-size=\"15\">\n\
+         <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n\
+         <text x=\"{}\" y=\"34\" font-size=\"22\" font-weight=\"bold\">{}</text>\n",
+        FRAME[0],
+        escaped(scene)
+    ));
+    let quantity = shown.first().map_or("error", |p| p.quantity.as_str());
+    put(format!(
+        "<text x=\"{}\" y=\"57\" fill=\"#444\">{}</text>\n",
+        FRAME[0],
+        escaped(quantity)
+    ));
+    for (power, at) in x.decades() {
+        put(format!(
+            "<line x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"{}\" y2=\"{}\" stroke=\"#ddd\"/>\n<text x=\"{at:.1}\" y=\"{}\" text-anchor=\"middle\">{}</text>\n",
+            FRAME[2],
+            FRAME[3],
+            FRAME[3] + 22.0,
+            power_of_ten(power)
+        ));
+    }
+    for (power, at) in y.decades() {
+        put(format!(
+            "<line x1=\"{}\" x2=\"{}\" y1=\"{at:.1}\" y2=\"{at:.1}\" stroke=\"#ddd\"/>\n<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>\n",
+            FRAME[0],
+            FRAME[1],
+            FRAME[0] - 8.0,
+            at + 5.0,
+            power_of_ten(power)
+        ));
+    }
+    put(format!(
+        "<rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" fill=\"none\" stroke=\"#444\"/>\n<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">seconds</text>\n",
+        FRAME[0],
+        FRAME[2],
+        FRAME[1] - FRAME[0],
+        FRAME[3] - FRAME[2],
+        0.5 * (FRAME[0] + FRAME[1]),
+        FRAME[3] + 46.0
+    ));
+    for (n, group) in groups(&shown).into_iter().enumerate() {
+        let colour = COLOURS[n % COLOURS.len()];
+        let mut places = String::new();
+        for p in &group {
+            let (px, py) = (x.at(p.seconds), y.at(p.error));
+            let _ = write!(places, "{px:.1},{py:.1} ");
+            put(format!(
+                "<circle cx=\"{px:.1}\" cy=\"{py:.1}\" r=\"5\" fill=\"{colour}\"/>\n"
+            ));
+        }
+        put(format!(
+            "<polyline points=\"{places}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"2.5\"/>\n"
+        ));
+        let line = FRAME[2] + 14.0 + 44.0 * n as f64;
+        let told = slope(&group).map_or(String::new(), |s| format!("slope {s:.2}"));
+        put(format!(
+            "<rect x=\"{}\" y=\"{}\" width=\"14\" height=\"14\" fill=\"{colour}\"/>\n<text x=\"{}\" y=\"{}\">{}</text>\n<text x=\"{}\" y=\"{}\" fill=\"#666\" font-size=\"12\">{told}</text>\n",
+            FRAME[1] + 22.0,
+            line - 12.0,
+            FRAME[1] + 44.0,
+            line,
+            escaped(&label(group[0], &shown)),
+            FRAME[1] + 44.0,
+            line + 16.0
+        ));
+    }
+    let mut references: Vec<&str> = shown.iter().map(|p| p.reference.as_str()).collect();
+    references.sort_unstable();
+    references.dedup();
+    put(format!(
+        "<text x=\"{}\" y=\"{}\" font-size=\"12\" fill=\"#444\">error against: {}</text>\n<text x=\"{}\" y=\"{}\" font-size=\"12\" fill=\"#666\">{}</text>\n</svg>\n",
+        FRAME[0] - 60.0,
+        HEIGHT - 24.0,
+        escaped(&references.join("; ")),
+        FRAME[0] - 60.0,
+        HEIGHT - 8.0,
+        escaped(footer)
+    ));
+    out
+}
+
+/// Points that share a method and a quantity, in the order in which they came.
+#[must_use]
+pub fn groups<'a>(points: &[&'a Point]) -> Vec<Vec<&'a Point>> {
+    let mut groups: Vec<Vec<&Point>> = Vec::new();
+    for point in points {
+        let same =
+            |g: &&mut Vec<&Point>| g[0].method == point.method && g[0].quantity == point.quantity;
+        match groups.iter_mut().find(same) {
+            Some(group) => group.push(point),
+            None => groups.push(vec![point]),
+        }
+    }
+    groups
+}
+
+/// The method, with the quantity where the picture has several.
+fn label(point: &Point, all: &[&Point]) -> String {
+    if all.iter().all(|p| p.quantity == point.quantity) {
+        return point.method.clone();
+    }
+    let last = point.quantity.rsplit(", ").next().unwrap_or_default();
+    format!("{} ({last})", point.method)
+}
+
+fn power_of_ten(power: i32) -> String {
+    format!("10<tspan dy=\"-6\" font-size=\"10\">{power}</tspan>")
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;")
+}
+
+/// Whole decades of positive values onto pixels.
+struct Axis {
+    low: f64,
+    high: f64,
+    from: f64,
+    to: f64,
+}
+
+impl Axis {
+    fn over(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Axis {
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for v in values {
+            low = low.min(v.log10());
+            high = high.max(v.log10());
+        }
+        if low > high {
+            (low, high) = (0.0, 1.0);
+        }
+        let (low, mut high) = ((low - 0.05).floor(), (high + 0.05).ceil());
+        if high <= low {
+            high = low + 1.0;
+        }
+        Axis {
+            low,
+            high,
+            from,
+            to,
+        }
+    }
+
+    fn at(&self, value: f64) -> f64 {
+        self.from + (self.to - self.from) * (value.log10() - self.low) / (self.high - self.low)
+    }
+
+    /// Powers of ten with their places, not more than a dozen.
+    fn decades(&self) -> Vec<(i32, f64)> {
+        let (low, high) = (self.low as i32, self.high as i32);
+        let step = ((high - low) / 12 + 1) as usize;
+        (low..=high)
+            .step_by(step)
+            .map(|p| (p, self.at(10f64.powi(p))))
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_has_a_line_per_method_and_names_its_reference() {
+        let point = |method: &str, seconds: f64, error: f64| Point {
+            scene: "s".to_owned(),
+            method: method.to_owned(),
+            seconds,
+            error,
+            quantity: "q".to_owned(),
+            reference: "R & D".to_owned(),
+        };
+        let points = [
+            point("a", 0.1, 1e-2),
+            point("a", 1.0, 1e-3),
+            point("b", 0.3, 1e-9),
+            point("b", 0.4, 0.0),
+        ];
+        let text = svg("a < b", &points.iter().collect::<Vec<_>>(), "machine");
+        assert_eq!(text.matches("<polyline").count(), 2);
+        assert_eq!(text.matches("<circle").count(), 3);
+        assert!(
+            text.contains("a &lt; b") && text.contains("R &amp; D") && text.contains("machine")
+        );
+        assert!(!text.contains("NaN") && !text.contains("inf"));
+    }
+}
