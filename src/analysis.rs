@@ -6,11 +6,13 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
 
+use crate::fit::traced::TracingProgress;
 use crate::fit::{self, FitOptions, FitReport};
 use crate::frame::Frame;
 use crate::observation::ObservationSet;
 use crate::reduction::{FrameReadError, FrameSource, ReductionError, reduce};
 use crate::series::{FrameRow, Manifest};
+use crate::trace::profile::Profile;
 
 /// What an analysis may be told.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -19,6 +21,10 @@ pub struct AnalysisOptions {
     pub region: Option<String>,
     /// Variant, starts, seed.
     pub fit: FitOptions,
+    /// The sample's own shape, for the ray tracer; the ideal sawtooth if not given.
+    pub profile: Option<Profile>,
+    /// The ray tracer ends after so many seconds; what it reached by then counts.
+    pub max_seconds: Option<f64>,
 }
 
 /// Where an analysis stands. Frames may be read more than once, so `done` may pass `total`.
@@ -33,6 +39,13 @@ pub enum Progress {
     },
     /// The model is being fitted.
     Fitting,
+    /// The ray tracer is at work.
+    Tracing {
+        /// Paths traced.
+        done: u64,
+        /// Paths that are foreseen.
+        total: u64,
+    },
 }
 
 /// Why there is no report.
@@ -83,7 +96,16 @@ pub fn analyse(
     let read_s = (summed_s / threads).min(reduced_s);
     progress(Progress::Fitting);
     let fitting = Instant::now();
-    let mut report = fit::fit(&observations, &options.fit, cancel);
+    let watch = |p: TracingProgress| {
+        progress(Progress::Tracing {
+            done: p.done,
+            total: p.planned,
+        });
+        let spent = fitting.elapsed().as_secs_f64();
+        options.max_seconds.is_none_or(|limit| spent < limit)
+    };
+    let profile = options.profile.as_ref();
+    let mut report = fit::fit_watched(&observations, &options.fit, profile, &watch, cancel);
     if cancel.load(Ordering::Relaxed) {
         return Err(AnalysisError::Cancelled);
     }

@@ -37,6 +37,7 @@ fn towers() -> HeightMap {
                 }
             })
             .collect(),
+        units: None,
     }
 }
 

@@ -1,16 +1,20 @@
 //! `ridged fit`: a recorded series in, ridge angle with uncertainty out.
 
+mod profile;
+
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
+use anyhow::anyhow;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{CliError, daemon, interrupt, told};
 use crate::analysis::{Analysis, AnalysisError, AnalysisOptions, Progress, analyse};
+use crate::fit::traced::TracingOptions;
 use crate::fit::{FitOptions, Loss, Told, VariantChoice, text};
 use crate::reduction::{FrameSource, ReductionError};
 use crate::series::Series;
@@ -18,7 +22,9 @@ use crate::series::Series;
 /// Reduces and fits one series of frames.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  ridged fit tests/data/series/polymer-10 --json > polymer-10.json"
+    after_help = "Example:\n  ridged fit tests/data/series/polymer-10 --json > polymer-10.json\n  \
+                  ridged fit tests/data/series/steel-15 --variant traced\n  \
+                  ridged fit tests/data/series/steel-15 --variant paper --judge"
 )]
 pub struct Args {
     /// Folder of a recorded series (manifest.toml, frames.csv, frames/).
@@ -54,6 +60,21 @@ pub struct Args {
     /// Bootstrap intervals from this many series drawn from the fitted model (20 to 100000).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(20..=100_000))]
     pub bootstrap: Option<u32>,
+    /// Let the ray tracer say how wrong the variant is: the difference to traced is the model's line
+    /// of the budget.
+    #[arg(long)]
+    pub judge: bool,
+    /// Trace on this measured profile instead of an ideal sawtooth: rows of v and height in µm across
+    /// the ridges (+v is where the facets lean), the last row closing the period.
+    #[arg(long, value_name = "FILE.csv")]
+    pub shape: Option<PathBuf>,
+    /// End the ray tracer after this time; what it reached by then counts.
+    #[arg(long, value_name = "S")]
+    pub max_seconds: Option<f64>,
+    /// End the ray tracer once its standard error, as a share of the largest radiance, is below this
+    /// (without it: once its line of the budget is small).
+    #[arg(long, value_name = "E")]
+    pub target_error: Option<f64>,
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
@@ -85,18 +106,13 @@ pub enum Variant {
 
 impl Variant {
     /// The choice for a fit.
-    ///
-    /// # Errors
-    /// Bad input for `traced`, which there is no fit for yet.
-    pub fn choice(self) -> Result<VariantChoice, CliError> {
+    #[must_use]
+    pub fn choice(self) -> VariantChoice {
         match self {
-            Variant::Paper => Ok(VariantChoice::Paper),
-            Variant::Sawtooth => Ok(VariantChoice::Sawtooth),
-            Variant::Auto => Ok(VariantChoice::Auto),
-            Variant::Traced => Err(CliError::bad_input(anyhow::anyhow!(
-                "the variant traced cannot be fitted in this version; take sawtooth, whose model part \
-                 of the uncertainty covers what it misses"
-            ))),
+            Variant::Paper => VariantChoice::Paper,
+            Variant::Sawtooth => VariantChoice::Sawtooth,
+            Variant::Auto => VariantChoice::Auto,
+            Variant::Traced => VariantChoice::Traced,
         }
     }
 }
@@ -104,13 +120,13 @@ impl Variant {
 /// Runs the command.
 ///
 /// # Errors
-/// Bad input for a folder that is no series, a region that is missing or unknown, `traced`; no
-/// result where no frame can be used.
+/// Bad input for a folder that is no series, a region that is missing or unknown, a profile that is
+/// none, options of the tracer where it is not asked; no result where no frame can be used.
 pub fn run(args: Args) -> Result<(), CliError> {
     let options = AnalysisOptions {
         region: args.region.clone(),
         fit: FitOptions {
-            variant: args.variant.choice()?,
+            variant: args.variant.choice(),
             starts: usize::from(args.starts),
             loss: match args.loss {
                 LossName::Linear => Loss::Linear,
@@ -120,8 +136,12 @@ pub fn run(args: Args) -> Result<(), CliError> {
             told: known(&args)?,
             profile: args.profile,
             bootstrap: args.bootstrap.unwrap_or(0),
+            judge: args.judge,
+            tracer: tracing_options(&args)?,
             ..FitOptions::default()
         },
+        profile: args.shape.as_deref().map(profile::read).transpose()?,
+        max_seconds: args.max_seconds,
     };
     let source: Box<dyn FrameSource> = match (&args.dir, args.scan) {
         (Some(dir), _) => Box::new(Series::open(dir).map_err(CliError::bad_input)?),
@@ -145,6 +165,42 @@ fn known(args: &Args) -> Result<Vec<Told>, CliError> {
     Ok(all)
 }
 
+/// What the command line says about the tracer.
+fn tracing_options(args: &Args) -> Result<TracingOptions, CliError> {
+    let traces = args.judge || args.variant == Variant::Traced;
+    let given = [
+        ("--shape", args.shape.is_some()),
+        ("--max-seconds", args.max_seconds.is_some()),
+        ("--target-error", args.target_error.is_some()),
+    ];
+    if let Some((name, _)) = given.iter().find(|(_, is)| *is && !traces) {
+        return Err(CliError::bad_input(anyhow!(
+            "{name} is for the ray tracer: add --variant traced, or --judge"
+        )));
+    }
+    for (name, x) in [
+        ("--max-seconds", args.max_seconds),
+        ("--target-error", args.target_error),
+    ] {
+        if x.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
+            return Err(CliError::bad_input(anyhow!(
+                "{name} must be greater than 0"
+            )));
+        }
+    }
+    let default = TracingOptions::default();
+    Ok(TracingOptions {
+        target_error: args.target_error,
+        // Who names an error wants it, whatever it takes.
+        paths_max: if args.target_error.is_some() {
+            1 << 24
+        } else {
+            default.paths_max
+        },
+        ..default
+    })
+}
+
 /// The analysis of any source of frames, with a progress bar on a terminal once it takes more than
 /// a second.
 ///
@@ -157,6 +213,7 @@ pub fn watched(
 ) -> Result<Analysis, CliError> {
     let started = Instant::now();
     let bar: OnceLock<ProgressBar> = OnceLock::new();
+    let tracing: OnceLock<()> = OnceLock::new();
     let terminal = std::io::stderr().is_terminal();
     let progress = |p: Progress| {
         if !terminal || started.elapsed() < Duration::from_secs(1) {
@@ -169,6 +226,11 @@ pub fn watched(
                 bar.set_position(done as u64);
             }
             Progress::Fitting => bar.set_message("fitting"),
+            Progress::Tracing { done, total } => {
+                tracing.get_or_init(|| bar.set_style(paths_style()));
+                bar.set_length(total);
+                bar.set_position(done);
+            }
         }
     };
     let outcome = analyse(source, options, &progress, cancel);
@@ -190,6 +252,11 @@ fn new_bar() -> ProgressBar {
     ProgressBar::new(0)
         .with_style(style)
         .with_message("reading")
+}
+
+fn paths_style() -> ProgressStyle {
+    ProgressStyle::with_template("tracing {wide_bar} {human_pos} of {human_len} paths, {eta} left")
+        .expect("the template is constant")
 }
 
 /// Prints a report to stdout, as JSON or as a table.

@@ -61,9 +61,10 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let options = AnalysisOptions {
         region: args.region.clone(),
         fit: FitOptions {
-            variant: args.variant.choice()?,
+            variant: args.variant.choice(),
             ..FitOptions::default()
         },
+        ..AnalysisOptions::default()
     };
     let source: Box<dyn FrameSource> = match (&args.dir, args.scan) {
         (Some(dir), _) => Box::new(Series::open(dir).map_err(CliError::bad_input)?),

@@ -13,10 +13,12 @@ pub mod eval;
 pub mod explain;
 pub mod export;
 pub mod fit;
+mod heights;
 pub mod import;
 pub mod interrupt;
 pub mod judge;
 pub mod map;
+pub mod model_error;
 pub mod optimize;
 pub mod progress;
 pub mod render;
@@ -27,6 +29,7 @@ pub mod simulate_rig;
 pub mod simulated;
 pub mod told;
 pub mod trace;
+pub mod wear;
 
 use std::process::ExitCode;
 
@@ -66,6 +69,8 @@ pub enum Command {
     Map(map::Args),
     /// A series against a specification: pass, fail or cannot tell.
     Judge(judge::Args),
+    /// Where and by how much the closed forms are wrong, by the ray tracer.
+    ModelError(model_error::Args),
     /// The micro-structure of greatest contrast on a rig.
     Optimize(optimize::Args),
     /// Pictures of a board of patches before and after a turn.
@@ -80,6 +85,8 @@ pub enum Command {
     Check(check::Args),
     /// Polarised light through single or layered micro-surfaces.
     Trace(trace::Args),
+    /// Contrast of worn ridges over the ridge angle.
+    Wear(wear::Args),
 }
 
 /// Why a command ended without what was asked for.
@@ -127,6 +134,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Accuracy(args) => accuracy::run(args),
         Command::Check(args) => check::run(args),
         Command::Trace(args) => trace::run(args),
+        Command::ModelError(args) => model_error::run(args),
+        Command::Wear(args) => wear::run(args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

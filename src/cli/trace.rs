@@ -1,6 +1,5 @@
 //! `ridged trace`: a scene in, energies and Mueller bins out; and the merging of shards.
 
-mod heights;
 mod table;
 
 use std::io::{IsTerminal, Write};
@@ -13,12 +12,12 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use super::{CliError, interrupt};
+use super::{CliError, heights, interrupt};
 use crate::accuracy::forecast::of_run;
 use crate::plan::scene::Wish;
 use crate::plan::{self, Decision, Plan};
 use crate::trace::run::{self, Progress, Shard};
-use crate::trace::scene::{LeftOut, Prepared, Scene};
+use crate::trace::scene::{LeftOut, Prepared, RidgeAngle, Scene};
 use crate::trace::tally::{Energies, Estimate, ORDERS, Totals};
 
 /// Traces polarised light through a scene of single or layered micro-surfaces.
@@ -159,6 +158,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         Some(seconds),
         prepared.polarised,
         &prepared.left_out,
+        &prepared.ridge_angles,
     );
     report.print(args.json)?;
     if cancel.load(Ordering::Relaxed) {
@@ -287,7 +287,7 @@ fn merge(files: &[PathBuf], out: &Path, json: bool) -> Result<(), CliError> {
     let merged = table::merge(files)?;
     table::write(out, &merged, None)?;
     if json {
-        Report::new(&merged, None, merged.elements() > 1, &[]).print(true)?;
+        Report::new(&merged, None, merged.elements() > 1, &[], &[]).print(true)?;
     }
     Ok(())
 }
@@ -310,6 +310,9 @@ struct Report<'a> {
     energy: Energy,
     relative_error: Option<f64>,
     batches: u64,
+    /// Effective ridge angles of the interfaces that have one.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    ridge_angles: &'a [RidgeAngle],
     left_out: &'a [LeftOut],
     program: String,
 }
@@ -329,6 +332,7 @@ impl<'a> Report<'a> {
         seconds: Option<f64>,
         polarised: bool,
         left_out: &'a [LeftOut],
+        ridge_angles: &'a [RidgeAngle],
     ) -> Self {
         let e: Energies<Estimate> = totals.energies();
         let mut by_interactions = serde_json::Map::new();
@@ -356,6 +360,7 @@ impl<'a> Report<'a> {
             },
             relative_error: totals.relative_error(),
             batches: totals.batches(),
+            ridge_angles,
             left_out,
             program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
         }
@@ -400,6 +405,13 @@ impl<'a> Report<'a> {
                 out,
                 "  error of a reflected bin (by energy): {:.2} %",
                 100.0 * error
+            )?;
+        }
+        for angle in self.ridge_angles {
+            writeln!(
+                out,
+                "  interface {}: effective ridge angle {:.3}° (median inclination towards +v, by area)",
+                angle.interface, angle.theta_r_deg
             )?;
         }
         for left in self.left_out {

@@ -13,7 +13,11 @@
 //! - *model*: what the closed form misses. Its errors are smooth over the poses, so the scatter of
 //!   the residuals taken as independent would understate them: whole tilts and whole azimuths are
 //!   left out in turn (a grouped jackknife, which keeps the correlation within a group); both, the
-//!   independent part and a share of what the dearer tier changed combine in quadrature.
+//!   independent part and a share of what the dearer tier changed combine in quadrature;
+//! - *tracer*: the standard errors of traced radiances, independent. With the tracer nothing of the
+//!   geometry is left out: instead of a share of a tier's shift the last step of the passes stands in
+//!   `model`, and the distance from the `sawtooth` estimate, since light under rough facets is
+//!   described by both in ways that only agree where the roughness is small.
 //!
 //! The zeros of the stages are exactly the offsets that the fit looks for, so no data can tell them;
 //! and the reference's certificate is not for a model to revise. Neither is fitted.
@@ -29,6 +33,7 @@ use super::problem::{Problem, Quantity, Values, drift_std, reference_std};
 use super::profile::profile;
 use super::report::COVERAGE_FACTOR;
 use super::solver::Minimum;
+use crate::model::Variant;
 use crate::units::Angle;
 
 /// Standard uncertainties by source, in the unit of the parameter. They combine in quadrature.
@@ -55,6 +60,9 @@ pub struct Budget {
     /// What the user's own priors leave open.
     #[serde(default)]
     pub prior: f64,
+    /// Standard errors of traced radiances; 0 without the ray tracer.
+    #[serde(default)]
+    pub tracer: f64,
 }
 
 impl Budget {
@@ -78,10 +86,11 @@ impl Budget {
             model: self.model * f,
             shape: self.shape * f,
             prior: self.prior * f,
+            tracer: self.tracer * f,
         }
     }
 
-    fn parts(&self) -> [f64; 9] {
+    fn parts(&self) -> [f64; 10] {
         [
             self.counting,
             self.reference,
@@ -92,6 +101,7 @@ impl Budget {
             self.model,
             self.shape,
             self.prior,
+            self.tracer,
         ]
     }
 }
@@ -110,6 +120,10 @@ pub struct Uncertainty {
 /// Share of the tier's shift that counts as standard uncertainty: what the quadrature leaves out (a
 /// third specular bounce, the tail of the diffuse exchange) is a fifth of what it adds.
 const SHARE_OF_TIER_SHIFT: f64 = 0.2;
+
+/// Standard uncertainty from two full models that disagree by 1: the truth lies anywhere within that
+/// distance (rectangular, 1/√3).
+const SHARE_OF_DISAGREEMENT: f64 = 0.577;
 
 /// Standard uncertainty that the model's part never falls below, in the solver's units: what the
 /// corrected closed form misses on path-traced samples of known truth (0.01° and 0.4 % at most).
@@ -151,7 +165,15 @@ pub fn uncertainty(estimate: &Estimate<'_>) -> Uncertainty {
             let independent: f64 = (0..samples)
                 .map(|i| (k[(j, i)] * estimate.misfit[i] / problem.sigma()[i]).powi(2))
                 .sum();
-            let tier = SHARE_OF_TIER_SHIFT * estimate.tier_shift[j];
+            let tier = match &estimate.traced {
+                Some(traced) => traced.last_step[j].hypot(SHARE_OF_DISAGREEMENT * traced.apart[j]),
+                None => SHARE_OF_TIER_SHIFT * estimate.tier_shift[j],
+            };
+            let sigmas = estimate.traced.iter().flat_map(|t| &t.sigma);
+            let tracer: f64 = sigmas
+                .enumerate()
+                .map(|(i, s)| (k[(j, i)] * s / problem.sigma()[i]).powi(2))
+                .sum();
             // Where counting noise explains the scatter, what groups of it do is counting noise.
             let missed = if estimate.discrepancy > 0.0 {
                 by_group[j].hypot(floor(problem.free()[j], &estimate.values))
@@ -187,6 +209,7 @@ pub fn uncertainty(estimate: &Estimate<'_>) -> Uncertainty {
                     })
                     .fold(0.0, f64::hypot),
                 shape: to_rivals(estimate, j).hypot(bent(estimate, &covariance, j)),
+                tracer: tracer.sqrt(),
             }
         })
         .collect();
@@ -195,6 +218,34 @@ pub fn uncertainty(estimate: &Estimate<'_>) -> Uncertainty {
         covariance,
         model_freedom,
     }
+}
+
+/// The uncertainty of a fit that the ray tracer judges: the model's line is how far each parameter
+/// lies from that of `traced`, with what that one does not know itself. What both do not have in
+/// common (the lobe's ρd of the printed form) keeps its own.
+#[must_use]
+pub fn judged(estimate: &Estimate<'_>, traced: &Estimate<'_>) -> Uncertainty {
+    let mut of = uncertainty(estimate);
+    let judge = uncertainty(traced);
+    let (mine, theirs) = (estimate.values.folded(), traced.values.folded());
+    let paper = estimate.problem.variant() == Variant::Paper;
+    for (j, q) in estimate.problem.free().iter().enumerate() {
+        let Some(other) = traced.problem.free().iter().position(|f| f == q) else {
+            continue;
+        };
+        if paper && *q == Quantity::RhoD {
+            continue;
+        }
+        let mut apart = mine.inner(*q) - theirs.inner(*q);
+        if *q == Quantity::AzimuthOffset {
+            apart = Angle::from_rad(apart).wrapped().rad();
+        }
+        let budget = &judge.budgets[other];
+        of.budgets[j].model = apart.hypot(budget.model);
+        of.budgets[j].tracer = budget.tracer;
+    }
+    of.model_freedom = f64::INFINITY;
+    of
 }
 
 /// Half the way to the farthest minimum that the data do not exclude.
@@ -271,9 +322,9 @@ impl Shared {
         };
         let ready = problem.ready(values);
         for (i, o) in set.observations.iter().enumerate() {
-            let g = problem.gradient(i, &ready);
+            let g = problem.corrected(i, &ready);
             let weight = values.scale / problem.sigma()[i];
-            shared.gain[i] = weight * (g.value + problem.correction()[i]);
+            shared.gain[i] = weight * g.value;
             shared.tilt_zero[i] = weight * g.theta_c * o.shared.theta_c_zero.rad();
             shared.turn_zero[i] = weight * g.phi_s * o.shared.phi_s_zero.rad();
         }

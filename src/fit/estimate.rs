@@ -11,13 +11,14 @@ use super::least_squares::{householder, sum_of_squares};
 use super::problem::{Problem, Quantity, Values, certified};
 use super::search::{Search, StartReport};
 use super::solver::{Ending, Minimum, Settings, minimise};
+use super::traced::Tracing;
 use super::{FitOptions, Loss, Told};
 use crate::material::Material;
 use crate::model::Variant;
 use crate::observation::{ObservationSet, Prior};
 
 /// Share of the peak that the discrepancy's scale never falls below.
-const DISCREPANCY_FLOOR: f64 = 0.1;
+pub(super) const DISCREPANCY_FLOOR: f64 = 0.1;
 /// Discrepancy with which the starts are run, before the data have told it.
 const FIRST_DISCREPANCY: f64 = 0.03;
 /// χ² per observation at the first weights above which more starts are worth their time.
@@ -32,11 +33,11 @@ const UNEXPLAINED: f64 = 0.1;
 /// Rounds of a thorough search.
 const THOROUGH_ROUNDS: usize = 3;
 /// Rounds of discrepancy, weights and refit.
-const ROUNDS: usize = 6;
+pub(super) const ROUNDS: usize = 6;
 /// Median of χ² with one degree of freedom.
 const MEDIAN_OF_CHI2: f64 = 0.454_936;
 /// Weight that stands for none, so that every residual stays finite.
-const LEAST_WEIGHT: f64 = 1e-12;
+pub(super) const LEAST_WEIGHT: f64 = 1e-12;
 
 /// A fitted variant.
 #[derive(Debug, Clone)]
@@ -70,6 +71,8 @@ pub struct Estimate<'a> {
     pub held: Vec<Quantity>,
     /// Other minima that the data do not exclude at the coverage of the report.
     pub rivals: Vec<Minimum>,
+    /// What the ray tracer did, where the estimate hangs on it.
+    pub traced: Option<Tracing>,
 }
 
 /// Takes what the user holds fixed out of what is free.
@@ -383,6 +386,7 @@ pub fn estimate<'a>(
             .map(|t| t.quantity)
             .collect(),
         rivals,
+        traced: None,
     })
 }
 
@@ -406,7 +410,7 @@ fn chance(freedom: f64) -> f64 {
 
 /// The d for which Σ r²/(σ² + d² s²) equals the degrees of freedom; 0 where σ alone suffices.
 /// With a robust loss the median of r² stands for its mean.
-fn discrepancy_of(
+pub(super) fn discrepancy_of(
     residuals: &[f64],
     sigma: &[f64],
     scale: &[f64],

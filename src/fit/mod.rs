@@ -8,8 +8,8 @@
 //! The one function to call is [`fit`]. Rooms within: [`least_squares`] what a problem is ·
 //! [`solver`] bounded Levenberg–Marquardt · [`quantity`] what can be looked for · [`problem`] the
 //! observation model · [`loss`] how residuals count · [`start`] where to begin and [`search`] how far
-//! to look · [`estimate`] one variant · [`tier`] the dearer model as an offset · [`covariance`] and
-//! [`budget`] how sure · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice ·
+//! to look · [`estimate`] one variant · [`tier`] the dearer model as an offset · [`traced`] the ray tracer
+//! in its place · [`covariance`] and [`budget`] how sure · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice ·
 //! [`report`] the answer's form. It knows neither frames nor files nor the clock.
 
 use std::sync::atomic::AtomicBool;
@@ -17,6 +17,7 @@ use std::sync::atomic::AtomicBool;
 use serde::{Deserialize, Serialize};
 
 use crate::observation::ObservationSet;
+use crate::trace::profile::Profile;
 
 pub mod budget;
 pub mod covariance;
@@ -34,6 +35,7 @@ pub mod solver;
 pub mod start;
 pub mod text;
 pub mod tier;
+pub mod traced;
 mod trust_region;
 pub mod variants;
 
@@ -43,6 +45,7 @@ mod options_tests;
 pub use loss::Loss;
 pub use quantity::Quantity;
 pub use report::FitReport;
+use traced::{TracingOptions, Watch};
 
 /// Which variant the report shall hang on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -52,7 +55,9 @@ pub enum VariantChoice {
     Paper,
     /// The sawtooth in full.
     Sawtooth,
-    /// The better one.
+    /// The sawtooth corrected by the ray tracer.
+    Traced,
+    /// The better one of paper and sawtooth.
     #[default]
     Auto,
 }
@@ -79,6 +84,11 @@ pub struct FitOptions {
     pub profile: bool,
     /// Series drawn for bootstrap intervals; 0 for none.
     pub bootstrap: u32,
+    /// Whether the ray tracer is asked how wrong the variant is: the difference to `traced` then is
+    /// the model's line of the budget.
+    pub judge: bool,
+    /// How the ray tracer works, where it is asked.
+    pub tracer: TracingOptions,
 }
 
 /// What the user knows of a quantity before the fit.
@@ -103,6 +113,8 @@ impl Default for FitOptions {
             told: Vec::new(),
             profile: false,
             bootstrap: 0,
+            judge: false,
+            tracer: TracingOptions::default(),
         }
     }
 }
@@ -111,5 +123,19 @@ impl Default for FitOptions {
 /// `cancel` stops it within one evaluation of the model.
 #[must_use]
 pub fn fit(set: &ObservationSet, options: &FitOptions, cancel: &AtomicBool) -> FitReport {
-    variants::fit_with_tier(set, options, Some(&tier::two_bounces), cancel)
+    fit_watched(set, options, None, &|_| true, cancel)
+}
+
+/// [`fit`] with what the ray tracer may be told: a profile to trace on instead of the ideal sawtooth,
+/// and a watcher that sees how it gets on and may end it early.
+#[must_use]
+pub fn fit_watched(
+    set: &ObservationSet,
+    options: &FitOptions,
+    profile: Option<&Profile>,
+    watch: Watch<'_>,
+    cancel: &AtomicBool,
+) -> FitReport {
+    let tracer = variants::Tracer { profile, watch };
+    variants::fit_with_tracer(set, options, Some(&tier::two_bounces), &tracer, cancel)
 }

@@ -1,7 +1,7 @@
 //! What is fitted: the observation model and its parameters.
 //!
 //! ```text
-//! sample   signal = g · [L(θc + δ, φs + Δφ; η, k) + correction] + B
+//! sample   signal = g · [factor · L(θc + δ, φs + Δφ; η, k) + correction] + B
 //! flat     signal = g · ρw/π · cos θi(θc + δ) + B
 //! priors   B, η, k as stated
 //! ```
@@ -11,8 +11,8 @@
 //! stages. B always has a prior: left to the sample alone it is nearly collinear with the diffuse
 //! term. The index is fitted within its uncertainty, so that data which cannot tell it from the
 //! diffuse term get no weight in it; the white reference's certificate is taken as it stands. The
-//! corrections are fixed numbers per observation: what a dearer tier of the model adds to the closed
-//! form.
+//! corrections are fixed numbers per observation: what a dearer tier of the model makes of the closed
+//! form, as a factor and as radiance added.
 //!
 //! Inside, θr is signed and the roughnesses are logarithms: the fit may pass through θr = 0 and
 //! comes out on the other side as (−θr, φs + 180°), which is the same surface.
@@ -51,6 +51,7 @@ pub struct Problem<'a> {
     fixed: Values,
     sigma: Vec<f64>,
     flat_sigma: Vec<f64>,
+    factor: Vec<f64>,
     correction: Vec<f64>,
     optics: OpticsTable,
     priors: Vec<(Quantity, Prior)>,
@@ -94,6 +95,7 @@ impl<'a> Problem<'a> {
             fixed,
             sigma: set.observations.iter().map(|o| o.sigma).collect(),
             flat_sigma: set.flats.iter().map(|f| f.sigma).collect(),
+            factor: vec![1.0; set.observations.len()],
             correction: vec![0.0; set.observations.len()],
             optics: OpticsTable::new(&Optics::new(&set.rig, &set.material)),
             poses: set
@@ -188,6 +190,14 @@ impl<'a> Problem<'a> {
         self
     }
 
+    /// The same problem with the closed form's radiances multiplied by `factor` before the
+    /// correction is added, one per observation.
+    #[must_use]
+    pub fn with_factor(mut self, factor: Vec<f64>) -> Self {
+        self.factor = factor;
+        self
+    }
+
     /// The observations.
     #[must_use]
     pub fn set(&self) -> &'a ObservationSet {
@@ -242,12 +252,6 @@ impl<'a> Problem<'a> {
             k: values.k,
             ..nominal
         })
-    }
-
-    /// Radiances added to the closed form's.
-    #[must_use]
-    pub fn correction(&self) -> &[f64] {
-        &self.correction
     }
 
     /// The solver's vector for given values.
@@ -394,6 +398,15 @@ impl<'a> Problem<'a> {
         g
     }
 
+    /// [`Problem::gradient`] with what a dearer tier makes of it: factor and correction.
+    #[must_use]
+    pub fn corrected(&self, index: usize, ready: &Ready) -> Gradient {
+        let mut g = Gradient::ZERO;
+        g.add(self.factor[index], &self.gradient(index, ready));
+        g.value += self.correction[index];
+        g
+    }
+
     /// Radiance in the directions of [`Problem::directions`] alone, views left aside.
     #[must_use]
     pub fn at_centre(&self, index: usize, ready: &Ready) -> f64 {
@@ -406,10 +419,7 @@ impl<'a> Problem<'a> {
     pub fn predicted(&self, values: &Values) -> Vec<f64> {
         let ready = self.ready(values);
         (0..self.set.observations.len())
-            .map(|i| {
-                let l = self.gradient(i, &ready).value + self.correction[i];
-                values.scale * l + values.background
-            })
+            .map(|i| values.scale * self.corrected(i, &ready).value + values.background)
             .collect()
     }
 
@@ -456,8 +466,8 @@ impl LeastSquares for &Problem<'_> {
         let (samples, flats) = (self.set.observations.len(), self.set.flats.len());
         let ready = self.ready(&values);
         for i in 0..samples {
-            let g = self.gradient(i, &ready);
-            let l = g.value + self.correction[i];
+            let g = self.corrected(i, &ready);
+            let l = g.value;
             let weight = 1.0 / self.sigma[i];
             let gain = values.scale;
             residuals[i] =

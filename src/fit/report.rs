@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::budget::Budget;
 use super::intervals::Interval;
+use super::traced::TracingEnd;
 use crate::observation::RejectedFrame;
 
 /// How a fit ended, as a word that scripts compare.
@@ -37,6 +38,8 @@ pub enum VariantName {
     Paper,
     /// The sawtooth in full.
     Sawtooth,
+    /// The sawtooth corrected by the ray tracer.
+    Traced,
 }
 
 impl std::fmt::Display for VariantName {
@@ -44,6 +47,7 @@ impl std::fmt::Display for VariantName {
         f.write_str(match self {
             VariantName::Paper => "paper",
             VariantName::Sawtooth => "sawtooth",
+            VariantName::Traced => "traced",
         })
     }
 }
@@ -201,6 +205,24 @@ pub struct Timing {
     pub fit: f64,
 }
 
+/// What the ray tracer did for a fit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TracerReport {
+    /// Passes of tracing and fitting.
+    pub passes: usize,
+    /// Paths per pose in the last pass, from the camera and as many from the lamp.
+    pub paths_per_pose: u64,
+    /// Root mean square standard error of the radiances as a share of the largest.
+    pub error: f64,
+    /// Whether polarisation was followed from bounce to bounce.
+    pub polarised: bool,
+    /// Why it ended.
+    pub end: TracingEnd,
+    /// Effective ridge angle of the given profile before it was scaled to the fitted one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub profile_theta_r_deg: Option<f64>,
+}
+
 /// An observation beside what the fit expects of it; recorded angles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FittedObservation {
@@ -269,6 +291,9 @@ pub struct FitReport {
     pub variants: Vec<VariantSummary>,
     /// What was left out, why, and what it may cost.
     pub left_out: Vec<LeftOut>,
+    /// What the ray tracer did, where it was asked.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tracer: Option<TracerReport>,
     /// Observations beside the fit.
     #[serde(default)]
     pub fitted: Vec<FittedObservation>,

@@ -212,6 +212,7 @@ fn parts(budget: &Budget, std: f64) -> String {
         ("model", budget.model),
         ("shape", budget.shape),
         ("prior", budget.prior),
+        ("tracer", budget.tracer),
     ];
     all.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut text = String::new();

@@ -6,19 +6,21 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::budget::{Budget, Uncertainty, tied, uncertainty};
+use super::budget::{Budget, Uncertainty, judged, tied, uncertainty};
 use super::estimate::{Estimate, Tier, estimate, free_quantities, peak};
 use super::intervals;
 use super::problem::{Quantity, Values, drift_std, reference_std};
 use super::report::{
     FitReport, FittedObservation, Freedom, LeftOut, Parameter, Parameters, Starts, Status, Timing,
-    VariantName, VariantSummary,
+    TracerReport, VariantName, VariantSummary,
 };
 use super::solver::Minimum;
+use super::traced::{Watch, estimate_traced};
 use super::{FitOptions, VariantChoice};
 use crate::material::Material;
 use crate::model::Variant;
 use crate::observation::ObservationSet;
+use crate::trace::profile::Profile;
 
 /// Gain in QAIC that counts as clear.
 const CLEAR_GAIN: f64 = 10.0;
@@ -31,12 +33,56 @@ const HOPELESS_LOG_ALPHA: f64 = 1.0;
 /// The same for the diffuse reflectance.
 const HOPELESS_RHO_D: f64 = 0.5;
 
-/// Fits every variant and reports the one asked for, or the best.
+/// What the ray tracer is told beside the options.
+pub struct Tracer<'t> {
+    /// The shape to trace on; the ideal sawtooth if not given.
+    pub profile: Option<&'t Profile>,
+    /// Sees how it gets on, and may end it.
+    pub watch: Watch<'t>,
+}
+
+impl Tracer<'static> {
+    /// On the ideal sawtooth, to its own end.
+    pub const UNTOLD: Self = Tracer {
+        profile: None,
+        watch: &|_| true,
+    };
+}
+
+impl Tracer<'_> {
+    /// What the report says of a tracing.
+    fn report(&self, e: &Estimate<'_>) -> Option<TracerReport> {
+        let done = e.traced.as_ref()?;
+        let profile = self.profile.and_then(Profile::effective_ridge_angle);
+        Some(TracerReport {
+            passes: done.passes,
+            paths_per_pose: done.paths,
+            error: done.error,
+            polarised: done.polarised,
+            end: done.end,
+            profile_theta_r_deg: profile.map(f64::to_degrees),
+        })
+    }
+}
+
+/// Fits every variant and reports the one asked for, or the best; the ray tracer is told nothing.
 #[must_use]
 pub fn fit_with_tier(
     set: &ObservationSet,
     options: &FitOptions,
     tier: Option<Tier<'_>>,
+    cancel: &AtomicBool,
+) -> FitReport {
+    fit_with_tracer(set, options, tier, &Tracer::UNTOLD, cancel)
+}
+
+/// Fits every variant and reports the one asked for, or the best.
+#[must_use]
+pub fn fit_with_tracer(
+    set: &ObservationSet,
+    options: &FitOptions,
+    tier: Option<Tier<'_>>,
+    tracer: &Tracer<'_>,
     cancel: &AtomicBool,
 ) -> FitReport {
     if let Some(status) = refusal(set) {
@@ -46,16 +92,22 @@ pub fn fit_with_tier(
         let tier = tier.filter(|_| variant == Variant::Sawtooth);
         estimate(set, variant, options, tier, cancel)
     };
-    let fitted = [
-        (VariantName::Paper, run(Variant::Paper)),
-        (VariantName::Sawtooth, run(Variant::Sawtooth)),
-    ];
+    let (paper, sawtooth) = (run(Variant::Paper), run(Variant::Sawtooth));
+    let asked = options.variant == VariantChoice::Traced || options.judge;
+    let traced = sawtooth.as_ref().filter(|_| asked);
+    let traced =
+        traced.and_then(|s| estimate_traced(s, options, tracer.profile, tracer.watch, cancel));
     if cancel.load(Ordering::Relaxed) {
         return empty(set, options, Status::Cancelled);
     }
-    let [(_, paper), (_, sawtooth)] = &fitted;
-    let dispersion = sawtooth
+    let fitted = [
+        (VariantName::Paper, &paper),
+        (VariantName::Sawtooth, &sawtooth),
+        (VariantName::Traced, &traced),
+    ];
+    let dispersion = traced
         .as_ref()
+        .or(sawtooth.as_ref())
         .map_or(1.0, |e| e.chi2_reduced_without_model.max(1.0));
     let criterion = |e: &Option<Estimate<'_>>| {
         e.as_ref().map_or(f64::INFINITY, |e| {
@@ -67,42 +119,74 @@ pub fn fit_with_tier(
     let chosen = match options.variant {
         VariantChoice::Paper => VariantName::Paper,
         VariantChoice::Sawtooth => VariantName::Sawtooth,
-        VariantChoice::Auto if criterion(paper) + CLEAR_GAIN < criterion(sawtooth) => {
+        VariantChoice::Traced => VariantName::Traced,
+        VariantChoice::Auto if criterion(&paper) + CLEAR_GAIN < criterion(&sawtooth) => {
             VariantName::Paper
         }
         VariantChoice::Auto => VariantName::Sawtooth,
     };
     let main = match chosen {
-        VariantName::Paper => paper,
-        VariantName::Sawtooth => sawtooth,
+        VariantName::Paper => &paper,
+        VariantName::Sawtooth => &sawtooth,
+        VariantName::Traced => &traced,
     };
     let Some(main) = main else {
-        return empty(set, options, Status::NotFinite);
+        let untraced = chosen == VariantName::Traced && sawtooth.is_some();
+        let status = if untraced {
+            Status::Stalled
+        } else {
+            Status::NotFinite
+        };
+        return empty(set, options, status);
     };
-    let u = uncertainty(main);
+    let judge = traced
+        .as_ref()
+        .filter(|_| chosen != VariantName::Traced && options.judge);
+    let u = match judge {
+        Some(traced) => judged(main, traced),
+        None => uncertainty(main),
+    };
     let mut report = report_with(main, &u, chosen);
+    report.tracer = traced.as_ref().and_then(|e| tracer.report(e));
+    if options.judge && traced.is_none() {
+        report.warnings.push(
+            "the ray tracer came to no end: the model's line is what the residuals tell".to_owned(),
+        );
+    }
+    if report.tracer.is_some_and(|t| !t.polarised) {
+        report.warnings.push(
+            "the data are explained better where light is not polarised between the facets, as a \
+             renderer without polarisation makes them: so it was traced"
+                .to_owned(),
+        );
+    }
     if options.profile || options.bootstrap > 0 {
         intervals::add(&mut report, main, &u, options, cancel);
     }
-    for (name, each) in &fitted {
+    for (name, each) in fitted {
         if let Some(e) = each {
-            let status = if *name == chosen {
+            let status = if name == chosen {
                 report.status
             } else {
                 status(e, &uncertainty(e))
             };
             report
                 .variants
-                .push(summary(e, *name, status, criterion(each)));
+                .push(summary(e, name, status, criterion(each)));
         }
     }
-    if let (Some(paper), Some(sawtooth)) = (paper, sawtooth) {
+    if let (Some(paper), Some(sawtooth)) = (&paper, &sawtooth) {
         report.warnings.extend(comparison(paper, sawtooth));
     }
     if dispersion > INADEQUATE {
+        let name = if traced.is_some() {
+            "traced"
+        } else {
+            "sawtooth"
+        };
         report.warnings.push(format!(
             "no variant explains the data to their counting noise (reduced chi-square {dispersion:.3} \
-             for sawtooth); what the model misses is in the uncertainties as `model`"
+             for {name}); what the model misses is in the uncertainties as `model`"
         ));
     }
     report
@@ -156,6 +240,9 @@ fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitRepor
                 .to_owned()
         }
         Status::Cancelled => "stopped before the fit was done".to_owned(),
+        Status::Stalled if options.variant == VariantChoice::Traced => {
+            "the ray tracer did not finish its first pass; allow it more time".to_owned()
+        }
         _ => "no minimum was reached".to_owned(),
     };
     let none = || Parameter::unknown(reason.clone());
@@ -165,6 +252,7 @@ fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitRepor
         variant: match options.variant {
             VariantChoice::Paper => VariantName::Paper,
             VariantChoice::Sawtooth | VariantChoice::Auto => VariantName::Sawtooth,
+            VariantChoice::Traced => VariantName::Traced,
         },
         status,
         n_observations: set.observations.len(),
@@ -188,6 +276,7 @@ fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitRepor
         warnings,
         variants: Vec::new(),
         left_out: Vec::new(),
+        tracer: None,
         fitted: Vec::new(),
         starts: Starts::default(),
         freedom: Freedom::default(),
@@ -328,6 +417,7 @@ fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> FitRe
         warnings,
         variants: Vec::new(),
         left_out: left_out(e, variant),
+        tracer: None,
         fitted,
         starts: Starts {
             tried: e.starts.tried,
@@ -378,9 +468,9 @@ fn no_reference(set: &ObservationSet, variant: VariantName, values: &Values) -> 
          white reference fixes k",
         (half * 1e4).round() / 1e4
     );
-    if variant == VariantName::Sawtooth && matches!(set.material, Material::Dielectric { .. }) {
+    if variant != VariantName::Paper && matches!(set.material, Material::Dielectric { .. }) {
         text += &format!(
-            " (if the Fresnel peak of the sawtooth variant is taken as calibration, ρd reads {:.3}: \
+            " (if the Fresnel peak of the {variant} variant is taken as calibration, ρd reads {:.3}: \
              that hangs on the model and is not traceable)",
             values.rho_d
         );
@@ -488,7 +578,7 @@ fn scale(e: &Estimate<'_>, variant: VariantName, fitted: Parameter) -> Parameter
     }
     match variant {
         VariantName::Paper => Parameter::unknown(no_reference(set, variant, &e.values)),
-        VariantName::Sawtooth => Parameter {
+        VariantName::Sawtooth | VariantName::Traced => Parameter {
             note: Some(
                 "signal per radiance; hangs on the model's Fresnel peak, not traceable".to_owned(),
             ),
@@ -538,13 +628,20 @@ fn left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
             "the aperture is not among the rig's facts; it counts only for lobes as narrow as the cone",
             None,
         ),
-        entry(
+    ];
+    if variant != VariantName::Traced {
+        list.push(entry(
             "rounded crests, burrs, draft of the risers",
             "the closed form is an ideal sawtooth with a right angle",
             None,
-        ),
-    ];
+        ));
+    }
     match variant {
+        VariantName::Traced => list.push(entry(
+            "bounces among the facets' own roughness",
+            "below the profile light meets one microfacet per hit, with Smith's masking",
+            None,
+        )),
         VariantName::Paper => list.push(entry(
             "risers, diffuse walls and light that bounces twice",
             "the variant paper is the lobe as printed",

@@ -191,6 +191,7 @@ impl Lab {
                         variant: request.variant,
                         ..FitOptions::default()
                     },
+                    ..AnalysisOptions::default()
                 };
                 Work::Verdict(series, Box::new(specification), options)
             }

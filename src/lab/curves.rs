@@ -109,7 +109,7 @@ impl ClosedForm {
         ClosedForm {
             variant: match report.variant {
                 VariantName::Paper => Variant::Paper,
-                VariantName::Sawtooth => Variant::Sawtooth,
+                VariantName::Sawtooth | VariantName::Traced => Variant::Sawtooth,
             },
             rig: set.rig,
             surface: Surface {

@@ -29,6 +29,9 @@ pub struct FitRequest {
     /// Region of a sample that has several.
     #[serde(default)]
     pub region: Option<String>,
+    /// Whether the ray tracer is asked how wrong the variant is (see [`FitOptions::judge`]).
+    #[serde(default)]
+    pub judge: bool,
 }
 
 /// A fit that has not ended.
@@ -94,8 +97,10 @@ impl Lab {
             region: request.region.clone(),
             fit: FitOptions {
                 variant: request.variant,
+                judge: request.judge,
                 ..FitOptions::default()
             },
+            ..AnalysisOptions::default()
         };
         let new = NewFit {
             scan_id: request.scan_id,

@@ -168,6 +168,36 @@ impl HeightField {
         unit(&[-sx, -sy, 1.0])
     }
 
+    /// Effective ridge angle, rad: the median inclination, by area, towards +y and against the
+    /// turntable's axis, of the triangles whose normal leans to +y; `None` where none does. To a
+    /// thousandth of a degree.
+    #[must_use]
+    pub fn effective_ridge_angle(&self) -> Option<f64> {
+        const PER_DEGREE: f64 = 1000.0;
+        let mut areas = vec![0.0; 90 * PER_DEGREE as usize + 1];
+        for i in 0..self.nx {
+            for j in 0..self.ny {
+                for upper in [false, true] {
+                    let (sx, sy) = self.slopes(i, j, upper);
+                    if sy < 0.0 {
+                        let at = (-sy).atan().to_degrees() * PER_DEGREE;
+                        areas[at as usize] += (1.0 + sx * sx + sy * sy).sqrt();
+                    }
+                }
+            }
+        }
+        let half = 0.5 * areas.iter().sum::<f64>();
+        let mut below = 0.0;
+        for (n, area) in areas.iter().enumerate() {
+            if *area > 0.0 && below + area >= half {
+                let within = n as f64 + (half - below) / area;
+                return Some((within / PER_DEGREE).to_radians());
+            }
+            below += area;
+        }
+        None
+    }
+
     /// The escape slopes of one side.
     #[inline]
     #[must_use]

@@ -29,6 +29,8 @@ pub struct Piece {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
     pieces: Vec<Piece>,
+    /// Per piece: slopes towards −v and +v above which a ray that leaves it upwards meets nothing.
+    free_above: Vec<[f64; 2]>,
     period: f64,
     lowest: f64,
     highest: f64,
@@ -68,6 +70,55 @@ pub enum ProfileError {
         round: f64,
         /// What would still go.
         largest: f64,
+    },
+    /// A table that is no profile.
+    #[error("a profile has two columns, v and height, not {columns}")]
+    NotTwoColumns {
+        /// What it has.
+        columns: usize,
+    },
+    /// Too few rows for a period.
+    #[error("a profile needs three rows or more, v and height each; there are {rows}")]
+    TooShort {
+        /// How many there are.
+        rows: usize,
+    },
+    /// A position that does not come after the one before it.
+    #[error("row {row}: v = {v} does not increase; walls that hang over are not traced")]
+    NotIncreasing {
+        /// 1 for the first row of numbers.
+        row: usize,
+        /// Its position.
+        v: f64,
+    },
+    /// A row without a number.
+    #[error("row {row}: position or height is not a finite number")]
+    NotFinite {
+        /// 1 for the first row of numbers.
+        row: usize,
+    },
+    /// The two ends do not meet.
+    #[error(
+        "the last row closes the period, but its height {last} is not the first one's {first}: level the profile and cut it to whole periods"
+    )]
+    Open {
+        /// First height.
+        first: f64,
+        /// Last height.
+        last: f64,
+    },
+    /// No facets.
+    #[error("nothing of the profile leans to +v: is it flat, or turned round?")]
+    LeansNowhere,
+    /// The riser would not rise.
+    #[error(
+        "draft_deg = {draft_deg} is too large: the riser would lie flat (largest: {largest_deg:.1})"
+    )]
+    TooFlat {
+        /// What was asked.
+        draft_deg: f64,
+        /// What would still go.
+        largest_deg: f64,
     },
 }
 
@@ -146,10 +197,49 @@ impl Profile {
             .collect();
         let heights = pieces.iter().map(|p| p.z_from);
         Profile {
+            free_above: free_slopes(&pieces, period),
             period,
             lowest: heights.clone().fold(f64::INFINITY, f64::min),
             highest: heights.fold(f64::NEG_INFINITY, f64::max),
             pieces,
+        }
+    }
+
+    /// A measured profile: rows of v and height in one unit, the last one closing the period at the
+    /// height of the first (within a tenth of the profile's height, which is closed over).
+    ///
+    /// # Errors
+    /// Rows that are no closed profile of ridges.
+    pub fn measured(rows: &[(f64, f64)]) -> Result<Self, ProfileError> {
+        for (n, (v, z)) in rows.iter().enumerate() {
+            let row = n + 1;
+            if !(v.abs() < 1e12 && z.abs() < 1e12) {
+                return Err(ProfileError::NotFinite { row });
+            }
+            if n > 0 && *v <= rows[n - 1].0 {
+                return Err(ProfileError::NotIncreasing { row, v: *v });
+            }
+        }
+        let [first, .., last] = rows else {
+            return Err(ProfileError::TooShort { rows: rows.len() });
+        };
+        if rows.len() < 3 {
+            return Err(ProfileError::TooShort { rows: rows.len() });
+        }
+        let heights = rows.iter().map(|r| r.1);
+        let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| {
+            (l.min(z), h.max(z))
+        });
+        if (last.1 - first.1).abs() > 0.1 * (high - low) {
+            return Err(ProfileError::Open {
+                first: first.1,
+                last: last.1,
+            });
+        }
+        let profile = Profile::of_corners(&rows[..rows.len() - 1], last.0 - first.0);
+        match profile.effective_ridge_angle() {
+            Some(_) => Ok(profile),
+            None => Err(ProfileError::LeansNowhere),
         }
     }
 
@@ -196,6 +286,22 @@ impl Profile {
         None
     }
 
+    /// The same shape with its heights scaled so that its effective ridge angle is `theta_r` (rad, from
+    /// 0 to π/2); `None` where nothing of it leans to +v.
+    #[must_use]
+    pub fn with_ridge_angle(&self, theta_r: f64) -> Option<Self> {
+        let corners: Vec<(f64, f64)> = self.pieces.iter().map(|p| (p.from, p.z_from)).collect();
+        let mut scaled = self.clone();
+        let mut factor = 1.0;
+        // Areas, by which the median weighs, change a little with the scale: a second step settles it.
+        for _ in 0..3 {
+            factor *= theta_r.tan() / scaled.effective_ridge_angle()?.tan();
+            let heights = corners.iter().map(|(v, z)| (*v, factor * z));
+            scaled = Profile::of_corners(&heights.collect::<Vec<_>>(), self.period);
+        }
+        Some(scaled)
+    }
+
     /// A ray from far away on a side that crosses the outermost level at the fraction `at` of the
     /// period.
     #[must_use]
@@ -215,6 +321,12 @@ impl Profile {
     /// A ray that leaves a spot on a side along `k`.
     #[must_use]
     pub fn onward(&self, spot: &ProfileSpot, side: Side, k: &V3) -> ProfileFlight {
+        if side == Side::Above && k[2] > 0.0 {
+            let free = self.free_above[spot.piece][usize::from(k[1] > 0.0)];
+            if k[2] > free * k[1].abs() {
+                return ProfileFlight::Free;
+            }
+        }
         self.march(spot, true, side.sign(), k)
     }
 
@@ -285,6 +397,45 @@ impl Profile {
         }
         ProfileFlight::Lost
     }
+}
+
+/// Per piece the steepest slope at which any corner stands above any of its points, towards −v and
+/// +v. Seen from the points of a straight piece the slope towards a corner is steepest from one of
+/// its ends; what stands there stands again a period on, at a flatter slope.
+fn free_slopes(pieces: &[Piece], period: f64) -> Vec<[f64; 2]> {
+    let n = pieces.len();
+    let corner = |i: usize| {
+        let p = &pieces[i % n];
+        (p.from + (i / n) as f64 * period, p.z_from)
+    };
+    // Steepest slope from corner i to those up to a period beyond, by the hull of what lies beyond.
+    let seen = |rightwards: bool| -> Vec<f64> {
+        let at = |i: usize| {
+            let (v, z) = corner(if rightwards { i } else { 2 * n - i });
+            (if rightwards { v } else { -v }, z)
+        };
+        let slope = |a: (f64, f64), b: (f64, f64)| (b.1 - a.1) / (b.0 - a.0);
+        let mut hull: Vec<(f64, f64)> = Vec::new();
+        let mut steepest = vec![0.0; 2 * n + 1];
+        for i in (0..=2 * n).rev() {
+            let here = at(i);
+            while let [.., second, first] = hull[..]
+                && slope(here, second) >= slope(here, first)
+            {
+                hull.pop();
+            }
+            steepest[i] = hull.last().map_or(0.0, |top| slope(here, *top));
+            hull.push(here);
+        }
+        steepest
+    };
+    let (right, left) = (seen(true), seen(false));
+    (0..n)
+        .map(|i| {
+            let to_left = left[2 * n - (i + n)].max(left[2 * n - (i + n + 1)]);
+            [to_left, right[i].max(right[i + 1])]
+        })
+        .collect()
 }
 
 impl Piece {
@@ -360,6 +511,36 @@ mod tests {
         assert!((angle - theta).abs() < 1e-12, "{}", angle.to_degrees());
         assert!(profile.range().1 < 0.0);
         assert!(Profile::sawtooth(theta, 10.0, 2.0).is_err());
+    }
+
+    #[test]
+    fn a_profile_keeps_its_shape_at_another_ridge_angle() {
+        let profile = Profile::sawtooth(0.2, 10.0, 0.4).unwrap();
+        let steeper = profile.with_ridge_angle(0.21).unwrap();
+        assert!((steeper.effective_ridge_angle().unwrap() - 0.21).abs() < 1e-12);
+        assert_eq!(steeper.pieces().len(), profile.pieces().len());
+        let ratio = 0.21f64.tan() / 0.2f64.tan();
+        let (low, high) = (profile.range(), steeper.range());
+        assert!((high.1 - high.0 - ratio * (low.1 - low.0)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_measured_profile_is_taken_or_refused_with_its_row() {
+        let good = Profile::measured(&[(0.0, 0.0), (9.7, -1.7), (10.0, 0.0)]).unwrap();
+        let angle = good.effective_ridge_angle().unwrap();
+        assert!((angle.tan() - 1.7 / 9.7).abs() < 1e-12);
+        let bad: [(&[(f64, f64)], &str); 6] = [
+            (&[], "three rows"),
+            (&[(0.0, 0.0), (1.0, 0.0)], "three rows"),
+            (&[(0.0, 0.0), (1.0, -1.0), (1.0, 0.0), (2.0, 0.0)], "row 3"),
+            (&[(0.0, 0.0), (1.0, f64::NAN), (2.0, 0.0)], "row 2"),
+            (&[(0.0, 0.0), (1.0, -1.0), (2.0, -1.0)], "whole periods"),
+            (&[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)], "leans"),
+        ];
+        for (rows, part) in bad {
+            let why = Profile::measured(rows).unwrap_err().to_string();
+            assert!(why.contains(part), "{rows:?}: {why}");
+        }
     }
 
     #[test]

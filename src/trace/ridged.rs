@@ -13,9 +13,10 @@ use rayon::prelude::*;
 
 use super::facet::{Diffuse, Roughness};
 use super::height_field::Side;
-use super::light::{Light, Polarised, Scalar};
+use super::light::{Light, Scalar};
 use super::profile::{Profile, ProfileFlight, ProfileSpot};
 use super::rng::{Purpose, Stream};
+use super::stokes::Stokes;
 use super::tally::Estimate;
 use super::vec3::{V3, combine, cross, dot, scaled, unit};
 use crate::geometry::Directions;
@@ -49,6 +50,9 @@ pub struct RadianceOptions {
 
 /// Replicates whose spread is the standard error.
 const BATCHES: u64 = 64;
+/// Steps of the evenly spread points on the lamp: powers of the reciprocal plastic number (M. Roberts,
+/// "The unreasonable effectiveness of quasirandom sequences", 2018).
+const SPREAD: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
 /// A path ends after so many bounces (each loses most of its light on plastic, a third on steel).
 const BOUNCES_MAX: u32 = 32;
 /// Below this weight a path plays roulette.
@@ -80,7 +84,7 @@ impl RidgedSurface {
                         options,
                     };
                     if options.polarised {
-                        task.batch::<Polarised>(batch, paths)
+                        task.batch::<Stokes>(batch, paths)
                     } else {
                         task.batch::<Scalar>(batch, paths)
                     }
@@ -144,30 +148,34 @@ impl Facet {
 
 impl Task<'_> {
     fn batch<L: Light>(&self, batch: u64, paths: u64) -> f64 {
-        let shift = Stream::new(self.options.seed, Purpose::Batch, batch).uniform();
+        // Where a path starts and which point of the lamp it sees first: evenly spread points, all
+        // shifted by one random step per batch.
+        let mut shifts = Stream::new(self.options.seed, Purpose::Batch, batch);
+        let shift = [(); 3].map(|()| shifts.uniform());
         let mut sum = 0.0;
         for path in 0..paths {
             let index = 2 * (batch * paths + path) + u64::from(self.start == End::Lamp);
             let mut random = Stream::new(self.options.seed, Purpose::Photon, index);
-            let at = (shift + path as f64 / paths as f64).fract();
-            sum += self.path::<L>(at, &mut random);
+            let along = [1.0 / paths as f64, SPREAD[0], SPREAD[1]];
+            let [at, r, phi] = [0, 1, 2].map(|i| (shift[i] + path as f64 * along[i]).fract());
+            sum += self.path::<L>(at, [r, phi], &mut random);
         }
         sum / paths as f64
     }
 
     /// One path: the light that it joins.
-    fn path<L: Light>(&self, at: f64, random: &mut Stream) -> f64 {
+    fn path<L: Light>(&self, at: f64, first_lamp: [f64; 2], random: &mut Stream) -> f64 {
         let profile = &self.surface.profile;
         let start = match self.start {
             End::Camera => self.outgoing,
-            End::Lamp => self.lamp(random),
+            End::Lamp => self.lamp(first_lamp),
         };
         let mut k = scaled(-1.0, &start);
         let mut first = None;
         let mut light = L::launch(&perpendicular(&k));
         let mut gathered = 0.0;
         let mut flight = profile.enter(Side::Above, &k, at);
-        for _ in 0..BOUNCES_MAX {
+        for bounce in 0..BOUNCES_MAX {
             let ProfileFlight::Hit(spot) = flight else {
                 break;
             };
@@ -176,7 +184,12 @@ impl Task<'_> {
                 frame: [[1.0, 0.0, 0.0], piece.along, piece.normal],
                 back: scaled(-1.0, &k),
             };
-            gathered += self.joined(&light, first, &facet, &spot, random);
+            let lamp = if bounce == 0 {
+                first_lamp
+            } else {
+                [random.uniform(), random.uniform()]
+            };
+            gathered += self.joined(&light, first, &facet, &spot, lamp);
             let Some((event, next)) = self.scattered(&mut light, &facet, random) else {
                 break;
             };
@@ -194,18 +207,15 @@ impl Task<'_> {
         gathered
     }
 
-    /// A direction to a random point of the lamp's disc.
-    fn lamp(&self, random: &mut Stream) -> V3 {
+    /// A direction to the point of the lamp's disc that two numbers from 0 to 1 name.
+    fn lamp(&self, [area, turn]: [f64; 2]) -> V3 {
         let radius = self.options.light_angular_radius;
         if radius == 0.0 {
             return self.incident;
         }
         let a = perpendicular(&self.incident);
         let b = cross(&self.incident, &a);
-        let (r, phi) = (
-            radius * random.uniform().sqrt(),
-            std::f64::consts::TAU * random.uniform(),
-        );
+        let (r, phi) = (radius * area.sqrt(), std::f64::consts::TAU * turn);
         let (s, c) = phi.sin_cos();
         let (sin, cos) = r.sin_cos();
         combine(cos, &self.incident, sin, &combine(c, &a, s, &b))
@@ -218,7 +228,7 @@ impl Task<'_> {
         first: Option<Event>,
         facet: &Facet,
         spot: &ProfileSpot,
-        random: &mut Stream,
+        lamp: [f64; 2],
     ) -> f64 {
         // Paths that are diffused next to the camera and mirrored next to the lamp are counted from
         // the lamp, all others from the camera.
@@ -230,7 +240,7 @@ impl Task<'_> {
             return 0.0;
         }
         let lamp = match self.start {
-            End::Camera => self.lamp(random),
+            End::Camera => self.lamp(lamp),
             End::Lamp => self.outgoing,
         };
         let normal = &facet.frame[2];

@@ -14,6 +14,7 @@ use super::facet::{Diffuse, Roughness};
 use super::height_field::HeightField;
 use super::media::{self, MediaError};
 use super::profile::{Profile, ProfileError};
+use super::ridges::Ridges;
 use super::rng::{Purpose, Stream};
 use super::surface::{Interface, Relief, Stack};
 use super::tally::Grid;
@@ -69,7 +70,7 @@ impl Default for Lamp {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shape {
-    /// `flat`, `beckmann`, `smith`, `ridges` or `file`.
+    /// `flat`, `beckmann`, `smith`, `ridges`, `profile` or `file`.
     pub shape: String,
     /// What is below: `{ n, k, rho_d }` or a material's name.
     pub below: toml::Value,
@@ -89,6 +90,12 @@ pub struct Shape {
     pub pitch_um: Option<f64>,
     /// Radius of crests and valleys, µm.
     pub round_um: Option<f64>,
+    /// The same as a share of the pitch.
+    pub round: Option<f64>,
+    /// By how much risers are flatter than a right angle to their facets, degrees.
+    pub draft_deg: Option<f64>,
+    /// Mean height of burrs on the crests, µm.
+    pub burr_um: Option<f64>,
     /// A file of heights.
     pub path: Option<String>,
     /// Micrometres per unit of the file's heights.
@@ -217,6 +224,17 @@ pub struct HeightMap {
     pub rows: usize,
     /// Heights.
     pub heights: Vec<f64>,
+    /// What the file says of its units; `None` where the scene must.
+    pub units: Option<MapUnits>,
+}
+
+/// Units of a height map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MapUnits {
+    /// Spacing of samples along u and v, µm.
+    pub pitch_um: [f64; 2],
+    /// Micrometres per unit of the heights.
+    pub height_unit_um: f64,
 }
 
 /// Something that a computation leaves out, why, and what that may cost.
@@ -247,6 +265,17 @@ pub struct Prepared {
     pub polarised: bool,
     /// What is left out.
     pub left_out: Vec<LeftOut>,
+    /// Effective ridge angles of the interfaces that lean to +v (median inclination by area).
+    pub ridge_angles: Vec<RidgeAngle>,
+}
+
+/// The effective ridge angle of an interface.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct RidgeAngle {
+    /// 1 for the topmost.
+    pub interface: usize,
+    /// Median inclination, by area, of the parts whose normal leans to +v, degrees.
+    pub theta_r_deg: f64,
 }
 
 impl Prepared {
@@ -297,6 +326,7 @@ impl Scene {
         let mut interfaces = Vec::new();
         let mut optical_depth = Vec::new();
         let mut left_out = vec![wave_optics()];
+        let mut ridge_angles = Vec::new();
         let mut above = self.n_top;
         for (i, shape) in self.interface.iter().enumerate() {
             let number = i + 1;
@@ -308,6 +338,10 @@ impl Scene {
             let (depth, boundary_k) = self.layer(shape, number, &medium, last, &mut left_out)?;
             let (n, k) = (medium.index.re, boundary_k);
             let (relief, roughness) = self.relief(shape, number, load, &mut left_out)?;
+            ridge_angles.extend(relief.ridge_angle().map(|angle| RidgeAngle {
+                interface: number,
+                theta_r_deg: angle.to_degrees(),
+            }));
             interfaces.push(Interface {
                 relief,
                 from_above: Boundary::new(above, n, k),
@@ -346,6 +380,7 @@ impl Scene {
             photons: self.run.photons,
             polarised,
             left_out,
+            ridge_angles,
         })
     }
 
@@ -508,6 +543,10 @@ impl Scene {
                 alpha_v: keys.need("alpha_v", shape.alpha_v)?,
             })
         };
+        let optional_roughness = || match (shape.alpha_u, shape.alpha_v) {
+            (None, None) => Ok(None),
+            _ => roughness().map(Some),
+        };
         match shape.shape.as_str() {
             "flat" => {
                 keys.only(&[])?;
@@ -532,7 +571,17 @@ impl Scene {
                 Ok((Relief::Field(Arc::new(field)), None))
             }
             "ridges" => {
-                keys.only(&["theta_r_deg", "pitch_um", "round_um", "alpha_u", "alpha_v"])?;
+                keys.only(&[
+                    "theta_r_deg",
+                    "pitch_um",
+                    "round_um",
+                    "round",
+                    "draft_deg",
+                    "burr_um",
+                    "seed",
+                    "alpha_u",
+                    "alpha_v",
+                ])?;
                 let theta = keys.need("theta_r_deg", shape.theta_r_deg)?;
                 if theta > 85.0 {
                     return Err(value(
@@ -542,29 +591,68 @@ impl Scene {
                     ));
                 }
                 let pitch = keys.need("pitch_um", shape.pitch_um)?;
-                let round = shape.round_um.unwrap_or(0.0);
-                if !(round >= 0.0 && round.is_finite()) {
-                    return Err(value(&keys.name("round_um"), round, "must be 0 or more"));
+                if shape.round.is_some() && shape.round_um.is_some() {
+                    let expected = "is round_um in units of the pitch: give one of them";
+                    return Err(value(
+                        &keys.name("round"),
+                        shape.round.unwrap_or(0.0),
+                        expected,
+                    ));
                 }
-                let rough = match (shape.alpha_u, shape.alpha_v) {
-                    (None, None) => None,
-                    _ => Some(roughness()?),
+                let round = match shape.round {
+                    Some(share) => keys.none_or_more("round", share)? * pitch,
+                    None => keys.none_or_more("round_um", shape.round_um.unwrap_or(0.0))?,
                 };
-                let profile = Profile::sawtooth(theta.to_radians(), pitch, round)
+                if round > 100.0 * pitch {
+                    let expected = "is more than 100 pitches: nothing of the ridges would be left";
+                    return Err(value(&keys.name("round_um"), round, expected));
+                }
+                let draft = keys.none_or_more("draft_deg", shape.draft_deg.unwrap_or(0.0))?;
+                let burr = keys.none_or_more("burr_um", shape.burr_um.unwrap_or(0.0))?;
+                let ridges = Ridges {
+                    theta_r: theta.to_radians(),
+                    pitch,
+                    round,
+                    draft: draft.to_radians(),
+                    burr,
+                    seed: shape.seed.unwrap_or(self.run.seed),
+                };
+                let profile = ridges
+                    .profile()
                     .map_err(|source| SceneError::Profile { number, source })?;
-                Ok((Relief::Profile(Arc::new(profile)), rough))
+                Ok((Relief::Profile(Arc::new(profile)), optional_roughness()?))
             }
-            "file" => {
-                keys.only(&["path", "pitch_um", "height_unit_um"])?;
+            "profile" => {
+                keys.only(&["path", "alpha_u", "alpha_v"])?;
                 let path = shape.path.as_deref().ok_or_else(|| keys.missing("path"))?;
-                let pitch = keys.need("pitch_um", shape.pitch_um)?;
-                let unit = keys.need("height_unit_um", shape.height_unit_um)?;
                 let failed = |reason: String| SceneError::File {
                     number,
                     path: path.to_owned(),
                     reason,
                 };
                 let map = load(path).map_err(failed)?;
+                let profile = map.profile().map_err(|e| failed(e.to_string()))?;
+                Ok((Relief::Profile(Arc::new(profile)), optional_roughness()?))
+            }
+            "file" => {
+                keys.only(&["path", "pitch_um", "height_unit_um", "alpha_u", "alpha_v"])?;
+                let path = shape.path.as_deref().ok_or_else(|| keys.missing("path"))?;
+                let failed = |reason: String| SceneError::File {
+                    number,
+                    path: path.to_owned(),
+                    reason,
+                };
+                let map = load(path).map_err(failed)?;
+                // What the scene says counts more than what the file says.
+                let own = map.units;
+                let pitch = match (shape.pitch_um, own) {
+                    (None, Some(units)) => units.pitch_um,
+                    _ => [keys.need("pitch_um", shape.pitch_um)?; 2],
+                };
+                let unit = match (shape.height_unit_um, own) {
+                    (None, Some(units)) => units.height_unit_um,
+                    _ => keys.need("height_unit_um", shape.height_unit_um)?,
+                };
                 let field = field_of(&map, pitch, unit).map_err(|r| failed(r.to_owned()))?;
                 left_out.push(LeftOut {
                     what: format!("what lies beyond the map of interface {number}"),
@@ -572,18 +660,35 @@ impl Scene {
                         .to_owned(),
                     cost: None,
                 });
-                Ok((Relief::Field(Arc::new(field)), None))
+                Ok((Relief::Field(Arc::new(field)), optional_roughness()?))
             }
             other => Err(value(
                 &keys.name("shape"),
                 format!("{other:?}"),
-                "known shapes are flat, beckmann, smith, ridges, file",
+                "known shapes are flat, beckmann, smith, ridges, profile, file",
             )),
         }
     }
 }
 
-fn field_of(map: &HeightMap, pitch: f64, unit: f64) -> Result<HeightField, &'static str> {
+impl HeightMap {
+    /// The profile whose corners are the rows: v and height in one unit, the last row closing the
+    /// period.
+    ///
+    /// # Errors
+    /// Rows that are not two numbers, or no closed profile that leans to +v.
+    pub fn profile(&self) -> Result<Profile, ProfileError> {
+        if self.columns != 2 {
+            return Err(ProfileError::NotTwoColumns {
+                columns: self.columns,
+            });
+        }
+        let rows: Vec<(f64, f64)> = self.heights.chunks_exact(2).map(|r| (r[0], r[1])).collect();
+        Profile::measured(&rows)
+    }
+}
+
+fn field_of(map: &HeightMap, pitch: [f64; 2], unit: f64) -> Result<HeightField, &'static str> {
     let (columns, rows) = (map.columns, map.rows);
     if columns == 0 || rows == 0 || map.heights.len() != columns * rows {
         return Err("the map is not a full rectangle of heights");
@@ -598,7 +703,9 @@ fn field_of(map: &HeightMap, pitch: f64, unit: f64) -> Result<HeightField, &'sta
     for (n, h) in map.heights.iter().enumerate() {
         heights[(n % columns) * rows + n / columns] = h * unit;
     }
-    Ok(HeightField::new(columns, rows, pitch, pitch, &heights))
+    Ok(HeightField::new(
+        columns, rows, pitch[0], pitch[1], &heights,
+    ))
 }
 
 fn wave_optics() -> LeftOut {
@@ -649,6 +756,14 @@ impl Keys<'_> {
         Ok(x)
     }
 
+    fn none_or_more(&self, key: &'static str, x: f64) -> Result<f64, SceneError> {
+        if x >= 0.0 && x.is_finite() {
+            Ok(x)
+        } else {
+            Err(value(&self.name(key), x, "must be 0 or more"))
+        }
+    }
+
     /// Refuses keys that the shape does not have.
     fn only(&self, known: &[&str]) -> Result<(), SceneError> {
         let s = self.shape;
@@ -660,6 +775,9 @@ impl Keys<'_> {
             ("theta_r_deg", s.theta_r_deg.is_some()),
             ("pitch_um", s.pitch_um.is_some()),
             ("round_um", s.round_um.is_some()),
+            ("round", s.round.is_some()),
+            ("draft_deg", s.draft_deg.is_some()),
+            ("burr_um", s.burr_um.is_some()),
             ("path", s.path.is_some()),
             ("height_unit_um", s.height_unit_um.is_some()),
         ];

@@ -99,6 +99,17 @@ impl Relief {
         }
     }
 
+    /// Effective ridge angle, rad: the median inclination, by area, of the parts whose normal leans
+    /// to +v; `None` where nothing does.
+    #[must_use]
+    pub fn ridge_angle(&self) -> Option<f64> {
+        match self {
+            Relief::Flat => None,
+            Relief::Field(field) => field.effective_ridge_angle(),
+            Relief::Profile(profile) => profile.effective_ridge_angle(),
+        }
+    }
+
     /// Facet normal at a place, upwards.
     #[inline]
     #[must_use]

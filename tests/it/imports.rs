@@ -16,7 +16,14 @@ const RULES: &[(&str, &[&str])] = &[
     ("trace", &["units", "geometry", "material", "model"]),
     (
         "fit",
-        &["units", "geometry", "material", "observation", "model"],
+        &[
+            "units",
+            "geometry",
+            "material",
+            "observation",
+            "model",
+            "trace",
+        ],
     ),
     ("series", &["units", "geometry", "material", "frame"]),
     (
@@ -39,6 +46,7 @@ const RULES: &[(&str, &[&str])] = &[
             "material",
             "observation",
             "model",
+            "trace",
             "fit",
             "series",
             "reduction",

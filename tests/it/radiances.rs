@@ -7,6 +7,7 @@ use std::sync::atomic::AtomicBool;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use ridged::fit::report::{FitReport, Parameter, Status, VariantName};
+use ridged::fit::traced::TracingOptions;
 use ridged::fit::{FitOptions, VariantChoice, fit};
 use ridged::geometry::{Pose, RigGeometry};
 use ridged::material::Material;
@@ -202,6 +203,73 @@ fn the_truth_lies_within_the_expanded_uncertainty_of_every_series() {
             check(name, bench);
         }
     }
+}
+
+/// Few paths: the claim is about the stated uncertainty, whatever the tracer's part of it is.
+fn with_few_paths(variant: VariantChoice, judge: bool) -> FitOptions {
+    FitOptions {
+        variant,
+        judge,
+        tracer: TracingOptions {
+            paths: 192,
+            paths_max: 192,
+            target_error: None,
+        },
+        ..FitOptions::default()
+    }
+}
+
+#[test]
+fn the_traced_variant_has_the_truth_within_its_expanded_uncertainty() {
+    for name in ["polymer-10", "steel-15"] {
+        let bench = Bench {
+            stray_light: 0.004,
+            white_reference: true,
+            seed: 6,
+        };
+        let options = with_few_paths(VariantChoice::Traced, false);
+        let report = fit(
+            &observations(name, bench),
+            &options,
+            &AtomicBool::new(false),
+        );
+        assert_eq!(report.variant, VariantName::Traced);
+        assert_eq!(report.status, Status::Converged, "{:?}", report.warnings);
+        assert_eq!(report.variants.len(), 3);
+        for (key, true_value) in truth(name, bench) {
+            let p = parameter(&report, key);
+            let (value, expanded) = (p.value.expect("a value"), p.expanded.expect("a number"));
+            assert!(
+                (value - true_value).abs() <= expanded,
+                "{name} {key}: {p:?}"
+            );
+        }
+        let theta_r = report.parameters.theta_r_deg.budget.expect("a budget");
+        assert!(
+            theta_r.tracer > 0.0 && theta_r.combined() < 0.1,
+            "{theta_r:?}"
+        );
+    }
+}
+
+#[test]
+fn the_tracers_verdict_on_the_printed_variant_covers_what_that_one_misses() {
+    let bench = Bench {
+        stray_light: 0.0,
+        white_reference: true,
+        seed: 7,
+    };
+    let set = observations("steel-15", bench);
+    let options = with_few_paths(VariantChoice::Paper, true);
+    let report = fit(&set, &options, &AtomicBool::new(false));
+    assert_eq!(report.variant, VariantName::Paper);
+    let theta_r = &report.parameters.theta_r_deg;
+    let apart = (theta_r.value.expect("a value") - 15.0).abs();
+    // The printed form is wrong by more than a tenth of a degree here, and its budget says so.
+    assert!(apart > 0.1);
+    let model = theta_r.budget.expect("a budget").model;
+    assert!((model / apart - 1.0).abs() < 0.5, "{model} {apart}");
+    assert!(apart <= theta_r.expanded.expect("a number"));
 }
 
 #[test]

@@ -36,6 +36,7 @@ export const BUDGET: Readonly<Record<string, BudgetWords>> = {
   drift: { name: 'drift', meaning: 'the lamp between the white reference and the sample' },
   background: { name: 'stray light', meaning: 'light that is in all frames but the dark ones' },
   model: { name: 'model', meaning: 'the model’s own inadequacy, estimated from its residuals' },
+  tracer: { name: 'ray tracer', meaning: 'standard errors of the traced radiances' },
 };
 
 /** Parts below this are rounding or nothing to anybody. */
@@ -147,5 +148,5 @@ export const VARIANTS: Readonly<Record<string, { name: string; meaning: string }
   auto: { name: 'best', meaning: 'every variant is fitted; the one with the smallest residual is kept' },
   sawtooth: { name: 'sawtooth', meaning: 'exact visibility of the sawtooth, light between facets, diffuse term outside' },
   paper: { name: 'paper', meaning: 'the published closed form as printed' },
-  traced: { name: 'traced', meaning: 'path-traced micro-geometry' },
+  traced: { name: 'traced', meaning: 'the sawtooth corrected by tracing rays on its geometry; takes seconds to minutes' },
 };

@@ -1,14 +1,43 @@
-//! Files of heights: a CSV table of numbers, or a 16-bit grey PNG.
+//! Files of heights: CSV tables, 16-bit grey PNG and TIFF, float TIFF, and X3P (ISO 25178-72) as
+//! confocal microscopes export it.
+//!
+//! The one function to call: [`read`]. It does not know what the heights are for; what a file says
+//! of its own units is handed on.
+
+mod tiff;
+mod x3p;
 
 use crate::trace::scene::HeightMap;
 
+/// More heights than this are refused before they are read.
+const HEIGHTS_MAX: usize = 1 << 26;
+
 /// Reads a file's content by the ending of its name.
+///
+/// # Errors
+/// What is wrong with the file and what would be right.
 pub(super) fn read(name: &str, content: &[u8]) -> Result<HeightMap, String> {
     let ending = name.rsplit('.').next().unwrap_or_default().to_lowercase();
     match ending.as_str() {
         "csv" | "txt" => table(content),
         "png" => png(content),
-        _ => Err("heights are read from .csv (rows of numbers) or .png (16-bit grey)".to_owned()),
+        "tif" | "tiff" => tiff::read(content),
+        "x3p" => x3p::read(content),
+        _ => Err(
+            "heights are read from .csv (rows of numbers), .png (16-bit grey), .tif (16-bit or float \
+             grey) and .x3p (ISO 25178-72)"
+                .to_owned(),
+        ),
+    }
+}
+
+/// Refuses maps that no memory holds.
+fn check_size(columns: usize, rows: usize) -> Result<(), String> {
+    match columns.checked_mul(rows) {
+        Some(1..=HEIGHTS_MAX) => Ok(()),
+        _ => Err(format!(
+            "{columns} × {rows} heights are none or more than 67 million: cut the map"
+        )),
     }
 }
 
@@ -18,14 +47,18 @@ fn table(content: &[u8]) -> Result<HeightMap, String> {
         columns: 0,
         rows: 0,
         heights: Vec::new(),
+        units: None,
     };
     for (n, line) in text.lines().enumerate() {
         let line = line.trim();
-        if line.is_empty() || line.starts_with('#') {
+        let words = || line.split([',', ';', '\t', ' ']).filter(|w| !w.is_empty());
+        // One line of column names above the numbers is no error.
+        let named = map.rows == 0 && words().all(|w| w.parse::<f64>().is_err());
+        if line.is_empty() || line.starts_with('#') || named {
             continue;
         }
         let before = map.heights.len();
-        for word in line.split([',', ';', '\t', ' ']).filter(|w| !w.is_empty()) {
+        for word in words() {
             let height: f64 = word
                 .parse()
                 .map_err(|_| format!("line {}: {word:?} is not a number", n + 1))?;
@@ -57,6 +90,7 @@ fn png(content: &[u8]) -> Result<HeightMap, String> {
     if info.color_type != png::ColorType::Grayscale || info.bit_depth != png::BitDepth::Sixteen {
         return Err("heights need a 16-bit grey PNG".to_owned());
     }
+    check_size(columns, rows)?;
     let size = reader
         .output_buffer_size()
         .ok_or_else(|| "the picture is too large".to_owned())?;
@@ -69,6 +103,7 @@ fn png(content: &[u8]) -> Result<HeightMap, String> {
             .chunks_exact(2)
             .map(|b| f64::from(u16::from_be_bytes([b[0], b[1]])))
             .collect(),
+        units: None,
     })
 }
 
@@ -77,10 +112,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_table_is_read_and_a_ragged_one_refused_by_line() {
+    fn a_table_is_read_with_or_without_names_and_a_ragged_one_refused_by_line() {
         let map = read("a.csv", b"1, 2, 3\n4, 5, 6\n").unwrap();
         assert_eq!((map.columns, map.rows), (3, 2));
         assert_eq!(map.heights[3], 4.0);
+        assert_eq!(read("a.csv", b"v_um,z_um\n1, 2\n").unwrap().rows, 1);
         assert!(read("a.csv", b"1,2\n3\n").unwrap_err().contains("line 2"));
         assert!(read("a.csv", b"1,x\n").unwrap_err().contains("\"x\""));
         assert!(read("a.csv", b"").is_err());

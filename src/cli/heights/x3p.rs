@@ -1,0 +1,355 @@
+//! Surface maps of ISO 25178-72 (X3P, "OpenGPS"): a zip archive of `main.xml` and the heights, in
+//! metres, as a binary member or as a list in the XML.
+//!
+//! Read are surfaces (feature type SUR) with incremental x and y axes and one layer, and profiles
+//! (PRF) as maps of one row. Points that the instrument did not see (NaN) are filled from their
+//! neighbours along the row; a map that misses more than a tenth is refused.
+
+use std::io::Read;
+
+use roxmltree::{Document, Node};
+
+use super::{HEIGHTS_MAX, check_size};
+use crate::trace::scene::{HeightMap, MapUnits};
+
+/// Share of missing points up to which a map is filled.
+const MISSING_MAX: f64 = 0.1;
+/// Longest main.xml that is read, bytes (a list of heights may be in it).
+const XML_MAX: u64 = 1 << 28;
+
+/// Reads an X3P file; heights come in metres, which [`HeightMap::units`] tells.
+pub(super) fn read(content: &[u8]) -> Result<HeightMap, String> {
+    let mut archive = zip::ZipArchive::new(std::io::Cursor::new(content))
+        .map_err(|e| format!("an X3P file is a zip archive, this is none: {e}"))?;
+    let xml = member(&mut archive, "main.xml", XML_MAX)?;
+    let xml = String::from_utf8(xml).map_err(|_| "main.xml is not UTF-8 text".to_owned())?;
+    let document = Document::parse(xml.trim_start_matches('\u{feff}'))
+        .map_err(|e| format!("main.xml: {e}"))?;
+    let root = document.root_element();
+    let (x, y, z) = (axis(root, "CX")?, axis(root, "CY")?, axis(root, "CZ")?);
+    for (name, axis) in [("CX", &x), ("CY", &y)] {
+        if !axis.incremental {
+            return Err(format!(
+                "the axis {name} is not incremental (AxisType I): resample the map on a grid"
+            ));
+        }
+    }
+    let size = |name: &str| -> Result<usize, String> {
+        number(root, &["MatrixDimension", name])
+            .or_else(|| {
+                number(root, &["ListDimension"]).map(|n| if name == "SizeX" { n } else { 1.0 })
+            })
+            .filter(|n| *n >= 1.0 && n.fract() == 0.0)
+            .map(|n| n as usize)
+            .ok_or_else(|| format!("main.xml states no {name} of the map"))
+    };
+    let (columns, rows, layers) = (size("SizeX")?, size("SizeY")?, size("SizeZ")?);
+    check_size(columns, rows)?;
+    if layers != 1 {
+        return Err(format!("the file holds {layers} layers; one is needed"));
+    }
+    let count = columns * rows;
+    let values = match text(root, &["DataLink", "PointDataLink"]) {
+        Some(link) => {
+            let limit = (HEIGHTS_MAX * 8) as u64;
+            let bytes = member(&mut archive, link.trim_start_matches("./"), limit)?;
+            z.decode(&bytes, count)?
+        }
+        None => listed(root, count)?,
+    };
+    let heights: Vec<f64> = values
+        .iter()
+        .map(|v| if z.incremental { v * z.increment } else { *v } + z.offset)
+        .collect();
+    Ok(HeightMap {
+        columns,
+        rows,
+        heights: filled(heights, columns)?,
+        units: Some(MapUnits {
+            pitch_um: [
+                x.increment * 1e6,
+                if rows == 1 {
+                    x.increment * 1e6
+                } else {
+                    y.increment * 1e6
+                },
+            ],
+            height_unit_um: 1e6,
+        }),
+    })
+}
+
+struct Axis {
+    incremental: bool,
+    increment: f64,
+    offset: f64,
+    /// I, L, F or D: 16 and 32-bit integers, floats, doubles.
+    kind: char,
+}
+
+impl Axis {
+    /// Little-endian numbers of the axis's type.
+    fn decode(&self, bytes: &[u8], count: usize) -> Result<Vec<f64>, String> {
+        let width = match self.kind {
+            'I' => 2,
+            'L' | 'F' => 4,
+            _ => 8,
+        };
+        if bytes.len() != width * count {
+            return Err(format!(
+                "the heights take {} bytes instead of {} × {count}: the file is damaged",
+                bytes.len(),
+                width
+            ));
+        }
+        let value = |b: &[u8]| -> f64 {
+            match (self.kind, b) {
+                ('I', &[a, b]) => f64::from(i16::from_le_bytes([a, b])),
+                ('L', &[a, b, c, d]) => f64::from(i32::from_le_bytes([a, b, c, d])),
+                ('F', &[a, b, c, d]) => f64::from(f32::from_le_bytes([a, b, c, d])),
+                (_, &[a, b, c, d, e, f, g, h]) => f64::from_le_bytes([a, b, c, d, e, f, g, h]),
+                _ => f64::NAN,
+            }
+        };
+        Ok(bytes.chunks_exact(width).map(value).collect())
+    }
+}
+
+fn axis(root: Node<'_, '_>, name: &str) -> Result<Axis, String> {
+    let of = |key: &str| text(root, &["Axes", name, key]);
+    let number_of = |key: &str, otherwise: f64| match of(key) {
+        None => Ok(otherwise),
+        Some(word) => word
+            .parse::<f64>()
+            .ok()
+            .filter(|x| x.is_finite())
+            .ok_or_else(|| format!("main.xml: {name}/{key} = {word:?} is not a number")),
+    };
+    let incremental = match of("AxisType") {
+        Some("I") => true,
+        Some("A") => false,
+        _ => return Err(format!("main.xml has no AxisType of {name} (I or A)")),
+    };
+    let increment = number_of("Increment", 1.0)?;
+    if incremental && name != "CZ" && !(increment > 0.0 && increment < 1.0) {
+        return Err(format!(
+            "main.xml: {name}/Increment = {increment} m is no spacing of points"
+        ));
+    }
+    let kind = of("DataType").unwrap_or("D").chars().next().unwrap_or('D');
+    if !"ILFD".contains(kind) {
+        return Err(format!(
+            "main.xml: {name}/DataType must be I, L, F or D, not {kind}"
+        ));
+    }
+    Ok(Axis {
+        incremental,
+        increment,
+        offset: number_of("Offset", 0.0)?,
+        kind,
+    })
+}
+
+/// The text of the first element along a path of local names, searched below `node`.
+fn text<'d>(node: Node<'d, '_>, path: &[&str]) -> Option<&'d str> {
+    let first = node.descendants().find(|n| n.has_tag_name_of(path[0]))?;
+    let last = path[1..].iter().try_fold(first, |at, name| {
+        at.children().find(|n| n.has_tag_name_of(name))
+    })?;
+    last.text().map(str::trim).filter(|t| !t.is_empty())
+}
+
+fn number(node: Node<'_, '_>, path: &[&str]) -> Option<f64> {
+    text(node, path)?.parse().ok()
+}
+
+trait LocalName {
+    fn has_tag_name_of(&self, name: &str) -> bool;
+}
+
+impl LocalName for Node<'_, '_> {
+    /// Whatever the namespace: files differ in it.
+    fn has_tag_name_of(&self, name: &str) -> bool {
+        self.is_element() && self.tag_name().name() == name
+    }
+}
+
+/// Heights as `DataList/Datum` elements: the last number of each, or nothing where unseen.
+fn listed(root: Node<'_, '_>, count: usize) -> Result<Vec<f64>, String> {
+    let list = root
+        .descendants()
+        .find(|n| n.has_tag_name_of("DataList"))
+        .ok_or("main.xml has neither a DataLink nor a DataList")?;
+    let values: Vec<f64> = list
+        .children()
+        .filter(|n| n.has_tag_name_of("Datum"))
+        .map(|n| {
+            let word = n.text().unwrap_or_default().rsplit(';').next();
+            word.and_then(|w| w.trim().parse().ok()).unwrap_or(f64::NAN)
+        })
+        .collect();
+    if values.len() == count {
+        Ok(values)
+    } else {
+        Err(format!(
+            "main.xml lists {} heights instead of {count}",
+            values.len()
+        ))
+    }
+}
+
+fn member(
+    archive: &mut zip::ZipArchive<std::io::Cursor<&[u8]>>,
+    name: &str,
+    limit: u64,
+) -> Result<Vec<u8>, String> {
+    let file = archive
+        .by_name(name)
+        .map_err(|e| format!("the archive's member {name}: {e}"))?;
+    let mut bytes = Vec::new();
+    file.take(limit + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|e| format!("the archive's member {name}: {e}"))?;
+    if bytes.len() as u64 > limit {
+        return Err(format!("the archive's member {name} is too large"));
+    }
+    Ok(bytes)
+}
+
+/// Fills points without a height linearly along their row.
+fn filled(mut heights: Vec<f64>, columns: usize) -> Result<Vec<f64>, String> {
+    let missing = heights.iter().filter(|h| !h.is_finite()).count();
+    if missing as f64 > MISSING_MAX * heights.len() as f64 {
+        return Err(format!(
+            "{missing} of {} points have no height: fill them or cut them off first",
+            heights.len()
+        ));
+    }
+    for row in heights.chunks_mut(columns) {
+        let seen: Vec<usize> = (0..columns).filter(|&i| row[i].is_finite()).collect();
+        if seen.is_empty() {
+            return Err("a whole row has no heights: cut it off first".to_owned());
+        }
+        for i in (0..columns).filter(|i| seen.binary_search(i).is_err()) {
+            let after = seen.partition_point(|&s| s < i);
+            row[i] = match (after.checked_sub(1).map(|k| seen[k]), seen.get(after)) {
+                (Some(a), Some(&b)) => row[a] + (row[b] - row[a]) * (i - a) as f64 / (b - a) as f64,
+                (Some(a), None) => row[a],
+                (None, Some(&b)) => row[b],
+                (None, None) => f64::NAN,
+            };
+        }
+    }
+    Ok(heights)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+
+    fn archive(xml: &str, data: Option<&[u8]>) -> Vec<u8> {
+        let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+        let options = zip::write::SimpleFileOptions::default();
+        zip.start_file("main.xml", options).unwrap();
+        zip.write_all(xml.as_bytes()).unwrap();
+        if let Some(data) = data {
+            zip.start_file("bindata/data.bin", options).unwrap();
+            zip.write_all(data).unwrap();
+        }
+        zip.finish().unwrap().into_inner()
+    }
+
+    fn xml(z: &str, size: &str, record: &str) -> String {
+        format!(
+            r#"<?xml version="1.0" encoding="UTF-8"?>
+<p:ISO5436_2 xmlns:p="http://www.opengps.eu/2008/ISO5436_2">
+ <Record1><Revision>ISO5436 - 2000</Revision><FeatureType>SUR</FeatureType><Axes>
+  <CX><AxisType>I</AxisType><DataType>D</DataType><Increment>2e-6</Increment><Offset>0</Offset></CX>
+  <CY><AxisType>I</AxisType><DataType>D</DataType><Increment>3e-6</Increment></CY>
+  <CZ>{z}</CZ></Axes></Record1>
+ <Record3><MatrixDimension>{size}</MatrixDimension>{record}</Record3>
+</p:ISO5436_2>"#
+        )
+    }
+
+    const SIZE: &str = "<SizeX>3</SizeX><SizeY>2</SizeY><SizeZ>1</SizeZ>";
+    const LINK: &str = "<DataLink><PointDataLink>bindata/data.bin</PointDataLink></DataLink>";
+    const ABSOLUTE: &str = "<AxisType>A</AxisType><DataType>D</DataType>";
+
+    #[test]
+    fn binary_doubles_and_scaled_integers_come_back_in_metres() {
+        let doubles: Vec<u8> = [1e-6f64, 2e-6, f64::NAN, 4e-6, 5e-6, 6e-6]
+            .iter()
+            .flat_map(|h| h.to_le_bytes())
+            .collect();
+        // A sixth of the points is more than a tenth.
+        assert!(
+            read(&archive(&xml(ABSOLUTE, SIZE, LINK), Some(&doubles)))
+                .unwrap_err()
+                .contains("no height")
+        );
+        let integers: Vec<u8> = [10i16, 20, 30, -40, 50, 60]
+            .iter()
+            .flat_map(|h| h.to_le_bytes())
+            .collect();
+        let scaled = "<AxisType>I</AxisType><DataType>I</DataType><Increment>1e-7</Increment>";
+        let map = read(&archive(&xml(scaled, SIZE, LINK), Some(&integers))).unwrap();
+        assert_eq!((map.columns, map.rows), (3, 2));
+        assert!((map.heights[3] + 4e-6).abs() < 1e-20);
+        let units = map.units.unwrap();
+        assert!((units.pitch_um[0] - 2.0).abs() < 1e-12 && (units.pitch_um[1] - 3.0).abs() < 1e-12);
+        assert_eq!(units.height_unit_um, 1e6);
+    }
+
+    #[test]
+    fn a_list_in_the_xml_is_read_and_its_gaps_are_filled() {
+        let size = "<SizeX>11</SizeX><SizeY>1</SizeY><SizeZ>1</SizeZ>";
+        let mut list: String = (0..10)
+            .map(|i| format!("<Datum>0;0;{}</Datum>", f64::from(i)))
+            .collect();
+        list = list.replace("<Datum>0;0;4</Datum>", "<Datum/>") + "<Datum>10</Datum>";
+        let map = read(&archive(
+            &xml(ABSOLUTE, size, &format!("<DataList>{list}</DataList>")),
+            None,
+        ))
+        .unwrap();
+        assert_eq!(map.heights, (0..=10).map(f64::from).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn broken_files_are_refused_with_their_reason() {
+        let fine = [0u8; 48];
+        for (xml, data, part) in [
+            (xml(ABSOLUTE, SIZE, LINK), Some(&fine[..40]), "damaged"),
+            (xml(ABSOLUTE, SIZE, LINK), None, "bindata/data.bin"),
+            (xml(ABSOLUTE, SIZE, ""), None, "neither"),
+            (
+                xml(ABSOLUTE, "<SizeX>3</SizeX>", LINK),
+                Some(&fine[..]),
+                "SizeY",
+            ),
+            (
+                xml(ABSOLUTE, &SIZE.replace('3', "99999999999"), LINK),
+                Some(&fine[..]),
+                "cut the map",
+            ),
+            (xml("", SIZE, LINK), Some(&fine[..]), "CZ"),
+            (
+                xml(ABSOLUTE, SIZE, LINK).replace("2e-6", "x"),
+                Some(&fine[..]),
+                "Increment",
+            ),
+            (
+                xml(ABSOLUTE, SIZE, LINK).replacen("<AxisType>I", "<AxisType>A", 1),
+                Some(&fine[..]),
+                "incremental",
+            ),
+            ("<open>".to_owned(), None, "main.xml"),
+        ] {
+            let why = read(&archive(&xml, data)).unwrap_err();
+            assert!(why.contains(part), "{part}: {why}");
+        }
+        assert!(read(b"PK").unwrap_err().contains("zip"));
+    }
+}

@@ -1,0 +1,441 @@
+//! `ridged wear`: where the contrast of worn ridges peaks, by tracing them.
+//!
+//! The first paper's model peaks at a ridge angle of 5°, its experiments at 10° (Luongo et al. 2017,
+//! section 5). Rounded edges and burrs are swept here on the true geometry, to see whether they can
+//! be the reason, and from which wear on.
+
+mod figure;
+
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::{Context, anyhow};
+use rayon::prelude::*;
+use serde_json::json;
+
+use super::contrast::Scene;
+use super::progress::Bar;
+use super::{CliError, interrupt};
+use crate::geometry::{Pose, RigGeometry};
+use crate::model::contrast::{PAPER_AZIMUTHS_DEG, PAPER_RIDGES_DEG};
+use crate::model::polarisation::Boundary;
+use crate::trace::facet::{Diffuse, Roughness};
+use crate::trace::ridged::{RadianceOptions, RidgedSurface};
+use crate::trace::ridges::Ridges;
+use crate::trace::rng::{Purpose, Stream};
+use crate::trace::tally::Estimate;
+
+/// Contrast of rounded and burred ridges over the ridge angle, traced: CSV and figure.
+///
+/// Contrast is the mean of |L(0°) − L(90°)| and |L(90°) − L(180°)| over the given tilts. Rounding is
+/// the radius of crests and valleys, burrs have exponentially distributed heights; both in units
+/// of the facets' length.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:\n  ridged wear --out docs\n  \
+    ridged wear --alpha 0.12 --rounds 0 0.05 0.1 --burrs --paths 1024 --json")]
+pub struct Args {
+    /// Radii of crests and valleys, in facet lengths (each without burrs).
+    #[arg(long, num_args = 0.., default_values_t = [0.0, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3])]
+    pub rounds: Vec<f64>,
+    /// Mean heights of burrs, in facet lengths (each without rounding).
+    #[arg(long, num_args = 0.., default_values_t = [0.005, 0.01, 0.02, 0.03, 0.05])]
+    pub burrs: Vec<f64>,
+    /// Smallest ridge angle.
+    #[arg(long, default_value_t = 1.0, value_name = "DEG")]
+    pub theta_r_min_deg: f64,
+    /// Largest ridge angle.
+    #[arg(long, default_value_t = 20.0, value_name = "DEG")]
+    pub theta_r_max_deg: f64,
+    /// Step of the ridge angle.
+    #[arg(long, default_value_t = 0.5, value_name = "DEG")]
+    pub theta_r_step_deg: f64,
+    /// Paths per radiance, from the camera and as many from the lamp.
+    #[arg(long, default_value_t = 4096)]
+    pub paths: u64,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// The rig and the rest of the surface.
+    #[command(flatten)]
+    pub scene: Scene,
+    /// Folder for wear.csv and wear.svg.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// One JSON object on stdout instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What wears the ridges.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Wear {
+    /// Radius of the edges in facet lengths.
+    Round(f64),
+    /// Mean height of burrs in facet lengths.
+    Burr(f64),
+}
+
+/// One wear: its contrast over the ridge angle.
+#[derive(Debug, Clone)]
+pub(super) struct Sweep {
+    pub wear: Wear,
+    pub points: Vec<Point>,
+}
+
+/// One surface.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Point {
+    /// Ridge angle of the facets before wear.
+    pub theta_r_deg: f64,
+    /// Effective ridge angle of what is left.
+    pub effective_deg: f64,
+    /// Mean absolute contrast, sr⁻¹.
+    pub contrast: Estimate,
+}
+
+impl Sweep {
+    /// Ridge angle of greatest contrast: the vertex of a parabola through the best point and its
+    /// neighbours, and its standard uncertainty from the points' errors.
+    pub fn optimum(&self) -> Option<Estimate> {
+        let value = |p: &Point| p.contrast.value;
+        let best = (0..self.points.len())
+            .max_by(|&a, &b| value(&self.points[a]).total_cmp(&value(&self.points[b])))?;
+        let at = &self.points[best];
+        let (Some(before), Some(after)) = (
+            best.checked_sub(1).map(|i| &self.points[i]),
+            self.points.get(best + 1),
+        ) else {
+            return Some(Estimate {
+                value: at.theta_r_deg,
+                std: f64::INFINITY,
+            });
+        };
+        let step = after.theta_r_deg - at.theta_r_deg;
+        let bend = value(before) - 2.0 * value(at) + value(after);
+        let slope = 0.5 * (value(after) - value(before));
+        let noise = 0.5f64.sqrt() * at.contrast.std;
+        Some(Estimate {
+            value: at.theta_r_deg - step * (slope / bend).clamp(-0.5, 0.5),
+            std: (step * noise / bend).abs().hypot(0.25 * step),
+        })
+    }
+
+    /// Contrast at a ridge angle, interpolated.
+    pub fn at(&self, theta_r_deg: f64) -> Option<f64> {
+        let after = self
+            .points
+            .iter()
+            .position(|p| p.theta_r_deg >= theta_r_deg - 1e-9)?;
+        let b = &self.points[after];
+        if (b.theta_r_deg - theta_r_deg).abs() < 1e-9 {
+            return Some(b.contrast.value);
+        }
+        let a = &self.points[after.checked_sub(1)?];
+        let share = (theta_r_deg - a.theta_r_deg) / (b.theta_r_deg - a.theta_r_deg);
+        Some(a.contrast.value + share * (b.contrast.value - a.contrast.value))
+    }
+
+    /// Which of the paper's four ridge angles has the greatest contrast.
+    pub fn best_of_paper(&self) -> Option<f64> {
+        let known = PAPER_RIDGES_DEG
+            .iter()
+            .filter_map(|t| Some((*t, self.at(*t)?)));
+        known.max_by(|a, b| a.1.total_cmp(&b.1)).map(|best| best.0)
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input for options out of range; no result where a file cannot be written; interrupted.
+pub fn run(args: Args) -> Result<(), CliError> {
+    let cancel = interrupt::flag()?;
+    let sweeps = sweep(&args, &cancel)?;
+    if let Some(out) = &args.out {
+        std::fs::create_dir_all(out)
+            .and_then(|()| std::fs::write(out.join("wear.csv"), csv(&sweeps)))
+            .and_then(|()| std::fs::write(out.join("wear.svg"), figure::draw(&sweeps)))
+            .with_context(|| format!("cannot write to {}", out.display()))
+            .map_err(CliError::no_result)?;
+    }
+    let text = if args.json {
+        let mut text =
+            serde_json::to_string_pretty(&report(&sweeps)).map_err(CliError::no_result)?;
+        text.push('\n');
+        text
+    } else {
+        table(&sweeps)
+    };
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes())
+        .and_then(|()| out.flush())
+        .map_err(CliError::no_result)
+}
+
+fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
+    let (rig, optics, surface) = args.scene.build()?;
+    let bad = |what: String| Err(CliError::bad_input(anyhow!(what)));
+    let (low, high, step) = (
+        args.theta_r_min_deg,
+        args.theta_r_max_deg,
+        args.theta_r_step_deg,
+    );
+    if !(low >= 0.2 && low < high && high <= 45.0 && step >= 0.01 && step <= high - low) {
+        return bad(format!(
+            "ridge angles from {low} to {high} by {step} degrees: give bounds within 0.2 and 45 and a \
+             step of at least 0.01"
+        ));
+    }
+    for (name, list) in [("--rounds", &args.rounds), ("--burrs", &args.burrs)] {
+        if let Some(x) = list.iter().find(|x| !(0.0..=1.0).contains(*x)) {
+            return bad(format!("{name} {x}: give facet lengths from 0 to 1"));
+        }
+    }
+    if !(64..=10_000_000).contains(&args.paths) {
+        return bad(format!("--paths {}: give 64 to 10,000,000", args.paths));
+    }
+    let wears = args.rounds.iter().copied().map(Wear::Round);
+    let wears: Vec<Wear> = wears
+        .chain(args.burrs.iter().copied().map(Wear::Burr))
+        .collect();
+    if wears.is_empty() {
+        return bad("no wear to sweep: give --rounds or --burrs".to_owned());
+    }
+    let count = ((high - low) / step + 1e-9) as usize + 1;
+    let body = Diffuse::new(surface.rho_d, optics.eta, 1.0, optics.theta_l.cos());
+    let boundary = Boundary::new(1.0, optics.eta, optics.k);
+    let roughness = Roughness {
+        alpha_u: surface.alpha_u,
+        alpha_v: surface.alpha_v,
+    };
+    let bar = Bar::new("surfaces");
+    let total = (wears.len() * count) as u64;
+    let done = std::sync::atomic::AtomicU64::new(0);
+    let points: Vec<Option<Point>> = (0..wears.len() * count)
+        .into_par_iter()
+        .map(|n| {
+            if cancel.load(Ordering::Relaxed) {
+                return None;
+            }
+            let theta_r_deg = low + step * (n % count) as f64;
+            let mut ridges = Ridges::ideal(theta_r_deg.to_radians(), 1.0);
+            ridges.seed = args.seed;
+            match wears[n / count] {
+                Wear::Round(round) => ridges.round = round,
+                Wear::Burr(burr) => ridges.burr = burr,
+            }
+            let profile = ridges.profile().ok()?;
+            let effective = profile.effective_ridge_angle()?.to_degrees();
+            let worn = RidgedSurface {
+                profile,
+                roughness,
+                boundary,
+                diffuse: (optics.k == 0.0 && surface.rho_d > 0.0).then_some(body),
+            };
+            let contrast = contrast(&worn, &rig, args);
+            bar.at(1 + done.fetch_add(1, Ordering::Relaxed), total);
+            Some(Point {
+                theta_r_deg,
+                effective_deg: effective,
+                contrast,
+            })
+        })
+        .collect();
+    if cancel.load(Ordering::Relaxed) {
+        return Err(CliError::Interrupted);
+    }
+    Ok(wears
+        .iter()
+        .enumerate()
+        .map(|(w, wear)| Sweep {
+            wear: *wear,
+            points: points[w * count..(w + 1) * count]
+                .iter()
+                .flatten()
+                .copied()
+                .collect(),
+        })
+        .collect())
+}
+
+/// Mean absolute contrast over the tilts; every surface sees the same random numbers.
+fn contrast(surface: &RidgedSurface, rig: &RigGeometry, args: &Args) -> Estimate {
+    let tilts = &args.scene.theta_c_deg;
+    let (mut sum, mut variance) = (0.0, 0.0);
+    for (t, tilt) in tilts.iter().enumerate() {
+        let radiance = [0, 1, 2].map(|a| {
+            let index = (3 * t + a) as u64;
+            let options = RadianceOptions {
+                paths: args.paths,
+                seed: Stream::new(args.seed, Purpose::Batch, index).bits(),
+                light_angular_radius: rig.light_angular_radius.rad(),
+                polarised: true,
+            };
+            let pose = Pose::from_deg(*tilt, PAPER_AZIMUTHS_DEG[a]);
+            surface.radiance(&rig.directions(pose), &options)
+        });
+        let [a, b, c] = radiance.map(|e| e.value);
+        sum += (a - b).abs() + (b - c).abs();
+        // The middle radiance is in both differences.
+        let weights = [
+            (a - b).signum(),
+            (b - c).signum() - (a - b).signum(),
+            -(b - c).signum(),
+        ];
+        let parts = weights.iter().zip(radiance);
+        variance += parts.map(|(w, e)| (w * e.std).powi(2)).sum::<f64>();
+    }
+    let n = 2.0 * tilts.len() as f64;
+    Estimate {
+        value: sum / n,
+        std: variance.sqrt() / n,
+    }
+}
+
+fn csv(sweeps: &[Sweep]) -> String {
+    let mut text =
+        String::from("round,burr,theta_r_deg,effective_theta_r_deg,contrast,contrast_std\n");
+    for sweep in sweeps {
+        let (round, burr) = match sweep.wear {
+            Wear::Round(x) => (x, 0.0),
+            Wear::Burr(x) => (0.0, x),
+        };
+        for p in &sweep.points {
+            let _ = writeln!(
+                text,
+                "{round},{burr},{},{:.4},{:.7},{:.7}",
+                p.theta_r_deg, p.effective_deg, p.contrast.value, p.contrast.std
+            );
+        }
+    }
+    text
+}
+
+fn report(sweeps: &[Sweep]) -> serde_json::Value {
+    let rows: Vec<serde_json::Value> = sweeps
+        .iter()
+        .map(|s| {
+            let (round, burr) = match s.wear {
+                Wear::Round(x) => (x, 0.0),
+                Wear::Burr(x) => (0.0, x),
+            };
+            let optimum = s.optimum();
+            let at: Vec<Option<f64>> = PAPER_RIDGES_DEG.iter().map(|t| s.at(*t)).collect();
+            json!({
+                "round": round,
+                "burr": burr,
+                "optimum_deg": optimum.map(|o| o.value),
+                "optimum_std_deg": optimum.map(|o| o.std).filter(|s| s.is_finite()),
+                "contrast_at_paper_ridges": at,
+                "best_of_paper_ridges_deg": s.best_of_paper(),
+            })
+        })
+        .collect();
+    json!({
+        "paper_ridges_deg": PAPER_RIDGES_DEG,
+        "sweeps": rows,
+        "program": concat!("ridged ", env!("CARGO_PKG_VERSION")),
+    })
+}
+
+/// A table in Markdown.
+fn table(sweeps: &[Sweep]) -> String {
+    let mut text = String::from(
+        "| wear | optimum θr | contrast at 5° | 10° | 15° | 20° | best of these | effective angle of 5° | of 10° |\n\
+         | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
+    );
+    for sweep in sweeps {
+        let wear = match sweep.wear {
+            Wear::Round(0.0) => "none".to_owned(),
+            Wear::Round(x) => format!("edges of radius {x} p"),
+            Wear::Burr(x) => format!("burrs of mean height {x} p"),
+        };
+        let number = |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{x:.4}"));
+        let degrees = |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{x:.1}°"));
+        let optimum = match sweep.optimum() {
+            Some(o) if o.std.is_finite() => format!("{:.1}° ± {:.1}°", o.value, o.std),
+            Some(o) => format!("{:.1}° (bound)", o.value),
+            None => "–".to_owned(),
+        };
+        let effective = |t: f64| {
+            let found = sweep
+                .points
+                .iter()
+                .find(|p| (p.theta_r_deg - t).abs() < 1e-9);
+            degrees(found.map(|p| p.effective_deg))
+        };
+        let _ = write!(text, "| {wear} | {optimum} |");
+        for t in PAPER_RIDGES_DEG {
+            let _ = write!(text, " {} |", number(sweep.at(t)));
+        }
+        let _ = writeln!(
+            text,
+            " {} | {} | {} |",
+            degrees(sweep.best_of_paper()),
+            effective(5.0),
+            effective(10.0)
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    fn swept(words: &[&str]) -> Result<Vec<Sweep>, CliError> {
+        let args = Line::parse_from(["wear"].iter().chain(words)).args;
+        sweep(&args, &AtomicBool::new(false))
+    }
+
+    #[test]
+    fn rounding_takes_contrast_from_flat_ridges() {
+        let sweeps = swept(&[
+            "--rounds",
+            "0",
+            "0.1",
+            "--burrs",
+            "0.02",
+            "--theta-c-deg",
+            "0",
+            "--paths",
+            "64",
+            "--theta-r-min-deg",
+            "5",
+            "--theta-r-max-deg",
+            "15",
+            "--theta-r-step-deg",
+            "5",
+        ])
+        .unwrap();
+        assert_eq!(sweeps.len(), 3);
+        let ratio = |t: f64| sweeps[1].at(t).unwrap() / sweeps[0].at(t).unwrap();
+        assert!(ratio(5.0) < 0.95, "{}", ratio(5.0));
+        assert!(sweeps[1].points[0].effective_deg < 5.0);
+        assert_eq!(csv(&sweeps).lines().count(), 1 + 9);
+        assert!(table(&sweeps).lines().count() == 2 + 3);
+        assert!(figure::draw(&sweeps).contains("</svg>"));
+    }
+
+    #[test]
+    fn wears_out_of_range_are_refused() {
+        for word in [
+            "--rounds=-1",
+            "--rounds=nan",
+            "--paths=1",
+            "--theta-r-step-deg=0",
+            "--theta-r-min-deg=30",
+        ] {
+            assert!(swept(&[word]).is_err(), "{word}");
+        }
+    }
+}

@@ -1,0 +1,359 @@
+//! Ridges as they are made and as they wear: sawtooth profiles with rounded edges, a draft angle of
+//! the risers, and burrs on the crests.
+//!
+//! The one function to call: [`Ridges::profile`]. Edges are rounded as a disc would that rolls along
+//! the surface: valleys as deep as a tool of that radius reaches, crests worn until the disc fits
+//! below them. Where the radius is small against the riser these are arcs tangent to facet and
+//! riser; where it is large they run into each other and the ridge loses height and inclination
+//! (morphological closing and opening, as in the morphological filters of ISO 16610-41).
+
+use super::profile::{Profile, ProfileError};
+use super::rng::{Purpose, Stream};
+
+/// A sawtooth surface with what making and wear do to it. Lengths in one unit, angles in radians.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ridges {
+    /// Ridge angle of the facets before rounding, 0 < θr < π/2.
+    pub theta_r: f64,
+    /// Length of a facet before rounding.
+    pub pitch: f64,
+    /// Radius of crests and valleys; 0 for sharp ones.
+    pub round: f64,
+    /// By how much the riser is flatter than a right angle to the facet.
+    pub draft: f64,
+    /// Mean height of the burrs on the crests (exponentially distributed); 0 for none.
+    pub burr: f64,
+    /// Seed of the burrs.
+    pub seed: u64,
+}
+
+/// Ridges in the tile where burrs make every one different.
+const BURRED_RIDGES: usize = 48;
+/// Straight pieces per rounded corner.
+const ARC: usize = 24;
+/// Samples of a period where the rolling disc is computed numerically.
+const SAMPLES: usize = 1024;
+/// Height, as a share of the period, by which the disc must lift a sample to count: far below a
+/// wavelength on any ridge that rays can describe.
+const TOUCHES: f64 = 1e-5;
+/// A burr covers no more of its facet than this.
+const BURR_SHARE_MAX: f64 = 0.4;
+
+impl Ridges {
+    /// The ideal sawtooth.
+    #[must_use]
+    pub fn ideal(theta_r: f64, pitch: f64) -> Self {
+        Ridges {
+            theta_r,
+            pitch,
+            round: 0.0,
+            draft: 0.0,
+            burr: 0.0,
+            seed: 1,
+        }
+    }
+
+    /// Its profile: one period, or a tile of many ridges where there are burrs.
+    ///
+    /// # Errors
+    /// A draft with which the riser would lie flatter than 1° above the horizontal; burrs on edges so
+    /// round that they meet.
+    pub fn profile(&self) -> Result<Profile, ProfileError> {
+        let riser_lean = self.theta_r + self.draft;
+        if riser_lean >= 89f64.to_radians() {
+            return Err(ProfileError::TooFlat {
+                draft_deg: self.draft.to_degrees(),
+                largest_deg: 89.0 - self.theta_r.to_degrees(),
+            });
+        }
+        let edges = Edges::of(self);
+        let fits = self.round <= edges.largest_round;
+        if self.burr > 0.0 {
+            if !fits {
+                return Err(ProfileError::TooRound {
+                    round: self.round,
+                    largest: edges.largest_round,
+                });
+            }
+            return Ok(self.burred(&edges));
+        }
+        if fits {
+            let mut corners = Vec::new();
+            edges.edge(&mut corners, (0.0, 0.0), edges.up, edges.down, self.round);
+            edges.edge(&mut corners, edges.foot(), edges.down, edges.up, self.round);
+            Ok(Profile::of_corners(&corners, edges.period))
+        } else {
+            Ok(self.rolled(&edges))
+        }
+    }
+
+    /// Many ridges, each crest with a burr of its own: the riser goes on beyond the crest, and the
+    /// burr falls back to the facet at half a right angle.
+    fn burred(&self, edges: &Edges) -> Profile {
+        let mut corners = Vec::new();
+        let mut random = Stream::new(self.seed, Purpose::Surface, 0);
+        // The flank must come down beyond the tip.
+        let slant = (1.05 * edges.up.0 / edges.down.0).max(1.0);
+        for ridge in 0..BURRED_RIDGES {
+            let from = (ridge as f64 * edges.period, 0.0);
+            let height = -self.burr * (1.0 - random.uniform()).ln();
+            let height = height.min(BURR_SHARE_MAX * self.pitch / slant);
+            let width = slant * height;
+            corners.push(plus(from, height, edges.up));
+            corners.push(plus(from, width, edges.down));
+            let foot = plus(from, 1.0, edges.foot());
+            edges.edge(&mut corners, foot, edges.down, edges.up, self.round);
+        }
+        Profile::of_corners(&corners, BURRED_RIDGES as f64 * edges.period)
+    }
+
+    /// The sharp profile closed and then opened by a disc, numerically.
+    fn rolled(&self, edges: &Edges) -> Profile {
+        let step = edges.period / SAMPLES as f64;
+        let foot = edges.foot();
+        let sharp: Vec<f64> = (0..SAMPLES)
+            .map(|i| {
+                let v = i as f64 * step;
+                if v <= foot.0 {
+                    v * edges.down.1 / edges.down.0
+                } else {
+                    (v - edges.period) * edges.up.1 / edges.up.0
+                }
+            })
+            .collect();
+        let closed = lifted(&sharp, self.round, step, 1.0, TOUCHES * edges.period);
+        let opened = lifted(&closed, self.round, step, -1.0, TOUCHES * edges.period);
+        Profile::of_corners(&without_needless(&opened, step), edges.period)
+    }
+}
+
+/// Closing of a periodic row of heights by a disc (`sign` 1), or opening (−1, heights turned over).
+/// Where the disc's change is less than `touches`, heights stay as they were.
+fn lifted(heights: &[f64], radius: f64, step: f64, sign: f64, touches: f64) -> Vec<f64> {
+    let n = heights.len();
+    let reach = ((radius / step) as usize).min(n);
+    let disc: Vec<f64> = (0..=reach)
+        .map(|i| {
+            (radius * radius - (i as f64 * step).powi(2))
+                .max(0.0)
+                .sqrt()
+        })
+        .collect();
+    let around =
+        |i: usize| (0..=2 * reach).map(move |k| ((i + n * 2 + k - reach) % n, k.abs_diff(reach)));
+    // Lowest centre of a disc above i that touches nothing, then the lowest disc over each place.
+    let centres: Vec<f64> = (0..n)
+        .map(|i| {
+            around(i)
+                .map(|(j, d)| sign * heights[j] + disc[d])
+                .fold(f64::NEG_INFINITY, f64::max)
+        })
+        .collect();
+    (0..n)
+        .map(|i| {
+            let lowest = around(i)
+                .map(|(j, d)| centres[j] - disc[d])
+                .fold(f64::INFINITY, f64::min);
+            if lowest - sign * heights[i] > touches {
+                sign * lowest
+            } else {
+                heights[i]
+            }
+        })
+        .collect()
+}
+
+/// Corners of a sampled period; samples on a straight line between others are left out.
+fn without_needless(heights: &[f64], step: f64) -> Vec<(f64, f64)> {
+    let n = heights.len();
+    (0..n)
+        .filter(|&i| {
+            let bend = heights[(i + n - 1) % n] - 2.0 * heights[i] + heights[(i + 1) % n];
+            i == 0 || bend.abs() > 1e-9 * step
+        })
+        .map(|i| (i as f64 * step, heights[i]))
+        .collect()
+}
+
+fn plus(a: (f64, f64), length: f64, direction: (f64, f64)) -> (f64, f64) {
+    (a.0 + length * direction.0, a.1 + length * direction.1)
+}
+
+/// One sharp ridge: crest at (0, 0), down the facet, up the riser.
+struct Edges {
+    /// Unit vector down the facet.
+    down: (f64, f64),
+    /// Unit vector up the riser.
+    up: (f64, f64),
+    pitch: f64,
+    period: f64,
+    /// Angle by which the profile turns at an edge.
+    turn: f64,
+    largest_round: f64,
+}
+
+impl Edges {
+    fn of(ridges: &Ridges) -> Self {
+        let (sin, cos) = ridges.theta_r.sin_cos();
+        let (lean, height) = (ridges.theta_r + ridges.draft).sin_cos();
+        let riser = ridges.pitch * sin / height;
+        let turn = std::f64::consts::FRAC_PI_2 - ridges.draft;
+        // An edge takes R tan(turn/2) of both its sides.
+        let largest_round = 0.5 * ridges.pitch.min(riser) / (0.5 * turn).tan();
+        Edges {
+            down: (cos, -sin),
+            up: (lean, height),
+            pitch: ridges.pitch,
+            period: ridges.pitch * cos + riser * lean,
+            turn,
+            largest_round,
+        }
+    }
+
+    fn foot(&self) -> (f64, f64) {
+        plus((0.0, 0.0), self.pitch, self.down)
+    }
+
+    /// The corner between the directions `a` and `b`, rounded.
+    fn edge(
+        &self,
+        corners: &mut Vec<(f64, f64)>,
+        corner: (f64, f64),
+        a: (f64, f64),
+        b: (f64, f64),
+        round: f64,
+    ) {
+        if round == 0.0 {
+            corners.push(corner);
+            return;
+        }
+        let (sin, cos) = self.turn.sin_cos();
+        // Perpendicular to a, towards b.
+        let across = ((b.0 - a.0 * cos) / sin, (b.1 - a.1 * cos) / sin);
+        let start = plus(corner, -round * (0.5 * self.turn).tan(), a);
+        for step in 0..=ARC {
+            let (s, c) = (self.turn * step as f64 / ARC as f64).sin_cos();
+            corners.push(plus(plus(start, round * s, a), round * (1.0 - c), across));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ridges() -> Ridges {
+        Ridges::ideal(15f64.to_radians(), 10.0)
+    }
+
+    #[test]
+    fn without_wear_it_is_the_sawtooth() {
+        let plain = ridges().profile().unwrap();
+        let sawtooth = Profile::sawtooth(15f64.to_radians(), 10.0, 0.0).unwrap();
+        assert!((plain.period() - sawtooth.period()).abs() < 1e-12);
+        for (a, b) in plain.pieces().iter().zip(sawtooth.pieces()) {
+            assert!((a.to - b.to).abs() < 1e-12 && (a.z_to - b.z_to).abs() < 1e-12);
+        }
+        let round = Ridges {
+            round: 0.4,
+            ..ridges()
+        }
+        .profile()
+        .unwrap();
+        let other = Profile::sawtooth(15f64.to_radians(), 10.0, 0.4).unwrap();
+        assert_eq!(round.pieces().len(), other.pieces().len());
+        for (a, b) in round.pieces().iter().zip(other.pieces()) {
+            assert!((a.from - b.from).abs() < 1e-12 && (a.z_from - b.z_from).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_draft_tilts_the_riser_and_nothing_else() {
+        let draft = 6f64.to_radians();
+        let profile = Ridges { draft, ..ridges() }.profile().unwrap();
+        let [facet, riser] = profile.pieces() else {
+            panic!("two pieces")
+        };
+        let angle = facet.normal[1].atan2(facet.normal[2]);
+        assert!((angle - 15f64.to_radians()).abs() < 1e-12);
+        // The riser's normal leans back by a right angle less θr and draft.
+        let lean = -riser.normal[1].atan2(riser.normal[2]);
+        assert!((lean - (75f64 - 6.0).to_radians()).abs() < 1e-12);
+        let too_much = 80f64.to_radians();
+        assert!(
+            Ridges {
+                draft: too_much,
+                ..ridges()
+            }
+            .profile()
+            .is_err()
+        );
+    }
+
+    #[test]
+    fn a_large_disc_flattens_the_ridge_and_a_small_one_gives_the_arcs() {
+        let area = |p: &Profile| -> f64 {
+            let under =
+                |q: &super::super::profile::Piece| 0.5 * (q.z_from + q.z_to) * (q.to - q.from);
+            p.pieces().iter().map(under).sum::<f64>() / p.period()
+        };
+        // Just below and above where the arcs meet, the two ways agree.
+        let limit = 0.5 * 10.0 * 15f64.to_radians().tan();
+        let arcs = Ridges {
+            round: 0.999 * limit,
+            ..ridges()
+        }
+        .profile()
+        .unwrap();
+        let rolled = Ridges {
+            round: 1.001 * limit,
+            ..ridges()
+        }
+        .profile()
+        .unwrap();
+        assert!((area(&arcs) - area(&rolled)).abs() < 0.01);
+        let height = |p: &Profile| p.range().1 - p.range().0;
+        assert!((height(&arcs) - height(&rolled)).abs() < 0.01 * height(&arcs));
+        let worn = Ridges {
+            round: 4.0 * limit,
+            ..ridges()
+        }
+        .profile()
+        .unwrap();
+        assert!(height(&worn) < 0.7 * height(&arcs));
+        let angle = worn.effective_ridge_angle().unwrap().to_degrees();
+        assert!((2.0..15.0).contains(&angle), "{angle}");
+    }
+
+    #[test]
+    fn burrs_stand_on_the_crests_and_follow_their_seed() {
+        let with = |seed| {
+            Ridges {
+                burr: 0.2,
+                seed,
+                ..ridges()
+            }
+            .profile()
+            .unwrap()
+        };
+        let (a, b) = (with(1), with(2));
+        assert_eq!(a, with(1));
+        assert_ne!(a, b);
+        let plain = ridges().profile().unwrap();
+        assert!(a.range().1 > plain.range().1 + 0.2);
+        // Exponential heights along the riser, capped: mean 0.2 within 5 standard errors.
+        let n = BURRED_RIDGES as f64;
+        let tips = a
+            .pieces()
+            .iter()
+            .map(|p| p.z_from)
+            .filter(|z| *z > 0.0)
+            .sum::<f64>()
+            / n;
+        let expected = 0.2 * 15f64.to_radians().cos();
+        assert!(
+            (tips - expected).abs() < 5.0 * expected / n.sqrt(),
+            "{tips}"
+        );
+    }
+}
