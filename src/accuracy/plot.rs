@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::{Point, slope};
 
 const WIDTH: f64 = 960.0;
-const HEIGHT: f64 = 600.0;
+const HEIGHT: f64 = 630.0;
 /// Left, right, top, bottom of the axes.
 const FRAME: [f64; 4] = [90.0, 640.0, 70.0, 520.0];
 /// Colours that colour-blind eyes tell apart (Okabe and Ito).

@@ -174,7 +174,7 @@ pub(super) fn measure(
     found: &mut Measurements,
 ) {
     let (sizes, long): (&[u64], u64) = match effort {
-        Effort::Quick => (&[2_000, 8_000, 32_000], 1_000_000),
+        Effort::Quick => (&[4_000, 16_000, 64_000], 500_000),
         Effort::Full => (&[4_000, 16_000, 64_000, 256_000], 4_000_000),
     };
     // Each method's reference is another method: the analog tracer's is the split one and the reverse.

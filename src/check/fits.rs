@@ -8,6 +8,7 @@ use rand_distr::StandardNormal;
 use super::criterion::{covered, digits, limit, one_of};
 use super::{Effort, Row};
 use crate::fit::estimate::free_quantities;
+use crate::fit::loss::Loss;
 use crate::fit::problem::{Problem, Quantity};
 use crate::fit::report::{FitReport, Status};
 use crate::fit::solver::{Settings, minimise};
@@ -180,6 +181,7 @@ pub(super) fn rows(effort: Effort, cancel: &AtomicBool) -> Vec<Row> {
     }
     hopeless(&mut rows, cancel);
     units(&mut rows, cancel);
+    outliers(&mut rows, cancel);
     far_starts(&mut rows, cancel);
     rows
 }
@@ -282,6 +284,35 @@ fn units(rows: &mut Vec<Row>, cancel: &AtomicBool) {
         let name = format!("unit off by {unit:e}, with a white reference");
         rows.push(Row::new(AREA, name, "claim", NONE, judged));
     }
+}
+
+/// Tukey's loss where a third of the observations is anything.
+fn outliers(rows: &mut Vec<Row>, cancel: &AtomicBool) {
+    let surface = truth();
+    let mut spoilt = set(&surface, &poses(9, 12), NOISE);
+    let peak = spoilt
+        .observations
+        .iter()
+        .map(|o| o.signal)
+        .fold(0.0, f64::max);
+    let mut random = rand_pcg::Pcg64::seed_from_u64(9);
+    for o in &mut spoilt.observations {
+        if random.random::<f64>() < 0.3 {
+            o.signal = 2.0 * peak * random.random::<f64>();
+        }
+    }
+    let options = FitOptions {
+        variant: VariantChoice::Sawtooth,
+        loss: Loss::Tukey,
+        ..FitOptions::default()
+    };
+    let report = fit_with_tier(&spoilt, &options, None, cancel);
+    coverage(
+        rows,
+        "30 % of the observations are any number up to twice the peak, Tukey's loss",
+        &surface,
+        &report,
+    );
 }
 
 /// Descents that start ten lobe widths from the truth, with lobes broadened to reach it, as starts are.
