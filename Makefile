@@ -41,10 +41,19 @@ web/node_modules/.installed: web/package.json web/package-lock.json
 screenshot: build setup-test  ## docs/screenshot.png from a real run
 	cd web && RIDGED_BIN=../target/release/ridged npm run screenshot
 
+bench-peers: bench-peers-trace  ## ridged against what one would use instead
+
+bench-peers-trace: build  ## ridged trace against Mitsuba 3, one field, one run (needs its own venv: made here)
+	@tools/setup python llvm
+	test -x target/peers-venv/bin/python || python3 -m venv target/peers-venv
+	target/peers-venv/bin/python -c 'import mitsuba' 2>/dev/null || target/peers-venv/bin/pip install --quiet mitsuba==3.9.1 numpy
+	DRJIT_LIBLLVM_PATH=$$(ls /usr/lib/*/libLLVM-19.so* 2>/dev/null | head -1) \
+	  target/peers-venv/bin/python tools/bench_trace.py --ridged target/release/ridged $(ARGS)
+
 setup-build:
 	@tools/setup build
 
 setup-test:
 	@tools/setup build browser python
 
-.PHONY: help demo build test check test-rust test-vendor test-web web screenshot setup-build setup-test
+.PHONY: bench-peers bench-peers-trace help demo build test check test-rust test-vendor test-web web screenshot setup-build setup-test

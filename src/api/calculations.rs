@@ -1,4 +1,4 @@
-//! `/maps`, `/contrasts` and `/verdicts`: begin, look, search, cancel, and the files of a map.
+//! `/maps`, `/contrasts`, `/verdicts` and `/traces`: begin, look, search, cancel, and the files of a map.
 
 use axum::Json;
 use axum::extract::State;
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, Params, page};
 use super::{App, Begun, List};
-use crate::lab::{CalculationRequest, ContrastRequest, MapRequest, VerdictRequest};
+use crate::lab::{CalculationRequest, ContrastRequest, MapRequest, TraceRequest, VerdictRequest};
 use crate::scan::event::CalculationKind;
 use crate::store::StoreError;
 use crate::store::calculations::{Calculation, CalculationFilter};
@@ -289,4 +289,52 @@ pub(super) async fn cancel_verdict(
     Id(id): Id,
 ) -> Result<impl IntoResponse, ApiError> {
     cancel(&app, CalculationKind::Verdict, id).await
+}
+
+/// Traces, newest first.
+#[utoipa::path(get, path = "/api/v1/traces", tag = "traces", params(CalculationParams), responses(
+    (status = 200, description = "A page of traces", body = List<Object>),
+    (status = 422, description = "A value makes no sense", body = Problem),
+))]
+pub(super) async fn traces(
+    State(app): State<App>,
+    Params(params): Params<CalculationParams>,
+) -> Result<Json<List<Value>>, ApiError> {
+    list(&app, CalculationKind::Trace, params).await
+}
+
+/// Begin a trace: polarised light through a scene.
+#[utoipa::path(post, path = "/api/v1/traces", tag = "traces", request_body(content = Object, description =
+    "`scene` (the text of its TOML, or an object of the same keys), optional `max_seconds` and `target_error`"), responses(
+    (status = 202, description = "It runs", body = Begun, headers(("Location" = String, description = "The trace"))),
+    (status = 400, description = "The body cannot be understood", body = Problem),
+    (status = 422, description = "The scene makes no sense", body = Problem),
+))]
+pub(super) async fn begin_trace(
+    State(app): State<App>,
+    Body(request): Body<TraceRequest>,
+) -> Result<impl IntoResponse, ApiError> {
+    begin(&app, CalculationRequest::Trace(request), "traces").await
+}
+
+/// One trace: the object of `trace --json` plus id and state.
+#[utoipa::path(get, path = "/api/v1/traces/{id}", tag = "traces", params(("id" = i64, Path, description = "Number of the trace")), responses(
+    (status = 200, description = "The trace", body = Object),
+    (status = 404, description = "There is none", body = Problem),
+))]
+pub(super) async fn trace(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {
+    one(&app, CalculationKind::Trace, id).await
+}
+
+/// Cancel a trace that runs.
+#[utoipa::path(post, path = "/api/v1/traces/{id}/cancel", tag = "traces", params(("id" = i64, Path, description = "Number of the trace")), responses(
+    (status = 202, description = "It will end within a moment", body = Begun),
+    (status = 404, description = "There is none", body = Problem),
+    (status = 422, description = "It has ended", body = Problem),
+))]
+pub(super) async fn cancel_trace(
+    State(app): State<App>,
+    Id(id): Id,
+) -> Result<impl IntoResponse, ApiError> {
+    cancel(&app, CalculationKind::Trace, id).await
 }

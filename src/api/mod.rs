@@ -102,6 +102,7 @@ pub struct Begun {
         (name = "maps", description = "The model fitted to every pixel"),
         (name = "contrasts", description = "Contrast after rotation"),
         (name = "verdicts", description = "Judgement against a specification"),
+        (name = "traces", description = "Polarised light through a scene"),
         (name = "calibrations", description = "Dark and white-reference frames"),
         (name = "events", description = "What happens, as it happens"),
         (name = "health", description = "For monitors"),
@@ -144,6 +145,9 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(calculations::verdicts, calculations::begin_verdict))
         .routes(routes!(calculations::verdict))
         .routes(routes!(calculations::cancel_verdict))
+        .routes(routes!(calculations::traces, calculations::begin_trace))
+        .routes(routes!(calculations::trace))
+        .routes(routes!(calculations::cancel_trace))
         .routes(routes!(calibrations::list))
         .routes(routes!(events::stream))
         .routes(routes!(health::healthz))

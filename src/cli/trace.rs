@@ -1,9 +1,15 @@
 //! `ridged trace`: a scene in, energies and Mueller bins out; and the merging of shards.
 
+mod compare;
+mod curves;
+mod ellipsometer;
+mod hemisphere;
+mod pictures;
 mod table;
 
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -53,6 +59,9 @@ pub struct Args {
     /// CSV file of the direction bins.
     #[arg(long, value_name = "FILE.csv")]
     pub out: Option<PathBuf>,
+    /// A folder for pictures (SVG): hemispheres of every Mueller and Stokes component, DOLP and AOP.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
 }
 
 /// What else `ridged trace` does.
@@ -70,6 +79,10 @@ pub enum Action {
         #[arg(long)]
         json: bool,
     },
+    /// Polarised against scalar: ADM and MDM over the directions of exit.
+    Compare(compare::Args),
+    /// Filter and compensator before lamp and camera: six states, DOLP and AOP.
+    Ellipsometer(ellipsometer::Args),
 }
 
 fn parse_shard(text: &str) -> Result<Shard, String> {
@@ -88,8 +101,11 @@ fn parse_shard(text: &str) -> Result<Shard, String> {
 /// Bad input for a scene or files that make no sense; no result where a target was not reached or a
 /// file cannot be written; interrupted after Ctrl-C, with what was finished written.
 pub fn run(args: Args) -> Result<(), CliError> {
-    if let Some(Action::Merge { files, out, json }) = &args.action {
-        return merge(files, out, *json);
+    match &args.action {
+        Some(Action::Merge { files, out, json }) => return merge(files, out, *json),
+        Some(Action::Compare(args)) => return compare::run(args),
+        Some(Action::Ellipsometer(args)) => return ellipsometer::run(args),
+        None => {}
     }
     let path = args
         .scene
@@ -107,11 +123,13 @@ pub fn run(args: Args) -> Result<(), CliError> {
         }
     }
     let mut fingerprint = Sha256::new();
+    let before = Instant::now();
     let (scene, mut prepared) = prepare(path, &mut fingerprint)?;
+    let surface_seconds = before.elapsed().as_secs_f64();
     let cancel = interrupt::flag()?;
     let started = Instant::now();
     let wish = Wish {
-        mueller: args.out.is_some(),
+        mueller: args.out.is_some() || args.pictures.is_some(),
         tolerance: args.tolerance.unwrap_or(plan::TOLERANCE),
         photons: args.tolerance.is_none().then_some(prepared.photons),
     };
@@ -127,7 +145,12 @@ pub fn run(args: Args) -> Result<(), CliError> {
         eprintln!("forecast: {forecast}");
     }
     let shard = args.shard.unwrap_or(Shard::WHOLE);
-    let totals = watched(&prepared, shard, &args, &cancel, started);
+    // The first photon comes once it is known where the light falls.
+    let (set_up, run_started) = (OnceLock::new(), Instant::now());
+    let totals = watched(&prepared, shard, &args, &cancel, started, &|| {
+        set_up.get_or_init(|| run_started.elapsed().as_secs_f64());
+    });
+    let run_seconds = run_started.elapsed().as_secs_f64();
     let seconds = started.elapsed().as_secs_f64();
     if totals.photons() == 0 {
         if cancel.load(Ordering::Relaxed) {
@@ -150,16 +173,23 @@ pub fn run(args: Args) -> Result<(), CliError> {
             n_phi: totals.grid().n_phi,
             elements: totals.elements(),
             energies: totals.exact_energies(),
+            stokes: scene.light.stokes,
         });
-        table::write(out, &totals, part.as_ref())?;
+        table::write(out, &totals, &scene.light.stokes, part.as_ref())?;
     }
-    let report = Report::new(
+    if let Some(folder) = &args.pictures {
+        pictures::write(folder, &scene, &totals)?;
+    }
+    let mut report = Report::new(
         &totals,
         Some(seconds),
         prepared.polarised,
         &prepared.left_out,
         &prepared.ridge_angles,
     );
+    report.run_seconds = Some(run_seconds);
+    report.setup_seconds = set_up.get().copied();
+    report.surface_seconds = Some(surface_seconds);
     report.print(args.json)?;
     if cancel.load(Ordering::Relaxed) {
         return Err(CliError::Interrupted);
@@ -247,6 +277,59 @@ fn prepare(path: &Path, fingerprint: &mut Sha256) -> Result<(Scene, Prepared), C
     Ok((scene, prepared))
 }
 
+/// A scene as read from its file, to be varied.
+struct Source {
+    path: PathBuf,
+    scene: Scene,
+}
+
+impl Source {
+    fn read(path: &Path) -> Result<Self, CliError> {
+        let text = std::fs::read_to_string(path)
+            .with_context(|| format!("cannot read the scene {}", path.display()))
+            .map_err(CliError::bad_input)?;
+        let scene = Scene::parse(&text)
+            .with_context(|| path.display().to_string())
+            .map_err(CliError::bad_input)?;
+        Ok(Source {
+            path: path.to_owned(),
+            scene,
+        })
+    }
+
+    fn prepare(&self) -> Result<Prepared, CliError> {
+        ready(&self.path, &self.scene)
+    }
+}
+
+/// Writes a picture into a folder, which is made if need be.
+fn write_picture(folder: &Path, name: &str, svg: &str) -> Result<(), CliError> {
+    let path = folder.join(name);
+    std::fs::create_dir_all(folder)
+        .and_then(|()| std::fs::write(&path, svg))
+        .with_context(|| format!("cannot write {}", path.display()))
+        .map_err(CliError::no_result)
+}
+
+/// One JSON object or a table on stdout.
+fn print(
+    json: bool,
+    report: &impl Serialize,
+    table: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
+) -> Result<(), CliError> {
+    let mut out = std::io::stdout().lock();
+    let written = if json {
+        serde_json::to_writer_pretty(&mut out, report)
+            .map_err(std::io::Error::from)
+            .and_then(|()| writeln!(out))
+    } else {
+        table(&mut out)
+    };
+    written
+        .context("cannot write to stdout")
+        .map_err(CliError::no_result)
+}
+
 /// Traces with a progress bar on a terminal.
 fn watched(
     prepared: &Prepared,
@@ -254,6 +337,7 @@ fn watched(
     args: &Args,
     cancel: &AtomicBool,
     started: Instant,
+    first: &(dyn Fn() + Sync),
 ) -> Totals {
     let bar = if std::io::stderr().is_terminal() {
         let bar = ProgressBar::new(prepared.photons);
@@ -267,6 +351,7 @@ fn watched(
     };
     let slow = Duration::from_secs(1);
     let totals = run::trace(prepared, shard, &|progress: &Progress| {
+        first();
         if started.elapsed() > slow {
             bar.set_length(progress.photons_planned);
             bar.set_position(progress.photons);
@@ -284,8 +369,8 @@ fn watched(
 }
 
 fn merge(files: &[PathBuf], out: &Path, json: bool) -> Result<(), CliError> {
-    let merged = table::merge(files)?;
-    table::write(out, &merged, None)?;
+    let (merged, stokes) = table::merge(files)?;
+    table::write(out, &merged, &stokes, None)?;
     if json {
         Report::new(&merged, None, merged.elements() > 1, &[], &[]).print(true)?;
     }
@@ -306,6 +391,15 @@ struct Report<'a> {
     photons: u64,
     #[serde(skip_serializing_if = "Option::is_none")]
     seconds: Option<f64>,
+    /// Photons alone, set-up included.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    run_seconds: Option<f64>,
+    /// Part of `run_seconds` before the first photon: where the light falls, and what is certain of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    setup_seconds: Option<f64>,
+    /// Making or reading the surfaces.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    surface_seconds: Option<f64>,
     polarised: bool,
     energy: Energy,
     relative_error: Option<f64>,
@@ -350,6 +444,9 @@ impl<'a> Report<'a> {
         Report {
             photons: totals.photons(),
             seconds,
+            run_seconds: None,
+            setup_seconds: None,
+            surface_seconds: None,
             polarised,
             energy: Energy {
                 reflected: e.reflected_all,

@@ -1,9 +1,11 @@
-//! Maps, contrasts and verdicts of scans in the store, one at a time or many, each cancellable.
+//! Maps, contrasts and verdicts of scans in the store, and traces of scenes, one at a time or many, each
+//! cancellable.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, MutexGuard};
+use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 use tokio::task::JoinHandle;
@@ -20,6 +22,9 @@ use crate::reduction::{self, ReductionError};
 use crate::scan::event::CalculationKind;
 use crate::store::calculations::CalculationEnd;
 use crate::store::{Store, StoreError};
+use crate::trace::report::Report;
+use crate::trace::run::{Shard, trace};
+use crate::trace::scene::{Prepared, Scene};
 
 /// A map that is asked for: every pixel of a scan fitted.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -56,6 +61,50 @@ pub struct VerdictRequest {
     pub region: Option<String>,
 }
 
+/// A trace that is asked for: light through a scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TraceRequest {
+    /// The scene, as the text of its TOML or as an object of the same keys.
+    pub scene: serde_json::Value,
+    /// Stop after this time, s; what is finished by then counts.
+    #[serde(default)]
+    pub max_seconds: Option<f64>,
+    /// Stop once the mean relative error of a reflected bin (by energy) is below this.
+    #[serde(default)]
+    pub target_error: Option<f64>,
+}
+
+impl TraceRequest {
+    /// Checks everything and makes the surfaces, which takes a while.
+    fn prepare(&self) -> Result<Prepared, LabError> {
+        for (field, x) in [
+            ("max_seconds", self.max_seconds),
+            ("target_error", self.target_error),
+        ] {
+            if x.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
+                return Err(LabError::Invalid {
+                    field: field.into(),
+                    problem: "must be greater than 0".into(),
+                });
+            }
+        }
+        let wrong = |problem: String| LabError::Invalid {
+            field: "scene".into(),
+            problem,
+        };
+        let scene = match &self.scene {
+            serde_json::Value::String(text) => {
+                Scene::parse(text).map_err(|e| wrong(e.to_string()))?
+            }
+            object => Scene::deserialize(object).map_err(|e| wrong(e.to_string()))?,
+        };
+        scene
+            .prepare(&|_| Err("files of heights are read by the command line alone".to_owned()))
+            .map_err(|e| wrong(e.to_string()))
+    }
+}
+
 /// What can be asked for.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CalculationRequest {
@@ -65,6 +114,8 @@ pub enum CalculationRequest {
     Contrast(ContrastRequest),
     /// A judgement against a specification.
     Verdict(VerdictRequest),
+    /// Light through a scene.
+    Trace(TraceRequest),
 }
 
 impl CalculationRequest {
@@ -75,14 +126,17 @@ impl CalculationRequest {
             CalculationRequest::Map(_) => CalculationKind::Map,
             CalculationRequest::Contrast(_) => CalculationKind::Contrast,
             CalculationRequest::Verdict(_) => CalculationKind::Verdict,
+            CalculationRequest::Trace(_) => CalculationKind::Trace,
         }
     }
 
-    const fn scan_id(&self) -> i64 {
+    /// The scan it is of; a trace is of a scene alone.
+    const fn scan_id(&self) -> Option<i64> {
         match self {
-            CalculationRequest::Map(request) => request.scan_id,
-            CalculationRequest::Contrast(request) => request.scan_id,
-            CalculationRequest::Verdict(request) => request.scan_id,
+            CalculationRequest::Map(request) => Some(request.scan_id),
+            CalculationRequest::Contrast(request) => Some(request.scan_id),
+            CalculationRequest::Verdict(request) => Some(request.scan_id),
+            CalculationRequest::Trace(_) => None,
         }
     }
 
@@ -91,6 +145,7 @@ impl CalculationRequest {
             CalculationRequest::Map(request) => serde_json::to_string(request),
             CalculationRequest::Contrast(request) => serde_json::to_string(request),
             CalculationRequest::Verdict(request) => serde_json::to_string(request),
+            CalculationRequest::Trace(request) => serde_json::to_string(request),
         }
         .map_err(|e| StoreError::bad_row("calculations", e))
     }
@@ -160,23 +215,23 @@ enum Work {
     Map(StoredSeries),
     Contrast(StoredSeries, Option<String>),
     Verdict(StoredSeries, Box<Specification>, AnalysisOptions),
+    Trace(Box<Prepared>, TraceRequest),
 }
 
 impl Lab {
-    /// Begins a map, contrast or verdict; returns its number. How it ends is told by an event.
-    ///
-    /// # Errors
-    /// An unknown scan or region, a specification that makes no sense, or what the store says.
-    pub async fn start_calculation(&self, request: &CalculationRequest) -> Result<i64, LabError> {
+    /// Checks a request and opens what it reads.
+    async fn work(&self, request: &CalculationRequest) -> Result<Work, LabError> {
         // Read what is there now: the result is of this snapshot, whatever comes later.
-        let series = StoredSeries::open(self.store(), request.scan_id()).await?;
-        let work = match request {
-            CalculationRequest::Map(_) => Work::Map(series),
+        let series = |scan_id: i64| StoredSeries::open(self.store(), scan_id);
+        Ok(match request {
+            CalculationRequest::Map(request) => Work::Map(series(request.scan_id).await?),
             CalculationRequest::Contrast(request) => {
+                let series = series(request.scan_id).await?;
                 check_region(&series, request.region.as_deref())?;
                 Work::Contrast(series, request.region.clone())
             }
             CalculationRequest::Verdict(request) => {
+                let series = series(request.scan_id).await?;
                 check_region(&series, request.region.as_deref())?;
                 let specification =
                     Specification::from_json(&request.specification).map_err(|e| {
@@ -195,10 +250,32 @@ impl Lab {
                 };
                 Work::Verdict(series, Box::new(specification), options)
             }
-        };
+            CalculationRequest::Trace(request) => {
+                let wanted = request.clone();
+                let prepared = tokio::task::spawn_blocking(move || wanted.prepare())
+                    .await
+                    .unwrap_or_else(|_| {
+                        Err(LabError::Invalid {
+                            field: "scene".into(),
+                            problem:
+                                "this scene cannot be prepared; the daemon's log has the details"
+                                    .into(),
+                        })
+                    })?;
+                Work::Trace(Box::new(prepared), request.clone())
+            }
+        })
+    }
+
+    /// Begins a map, contrast, verdict or trace; returns its number. How it ends is told by an event.
+    ///
+    /// # Errors
+    /// An unknown scan or region, a specification or scene that makes no sense, or what the store says.
+    pub async fn start_calculation(&self, request: &CalculationRequest) -> Result<i64, LabError> {
+        let work = self.work(request).await?;
         let (id, event) = self
             .store()
-            .begin_calculation(request.kind(), Some(request.scan_id()), &request.as_json()?)
+            .begin_calculation(request.kind(), request.scan_id(), &request.as_json()?)
             .await?;
         self.tell(event);
         let cancel = Arc::new(AtomicBool::new(false));
@@ -304,6 +381,7 @@ impl Work {
             Work::Verdict(series, specification, options) => {
                 verdict_of(&series, &specification, &options, cancel)
             }
+            Work::Trace(prepared, request) => trace_of(&prepared, &request, cancel),
         };
         match result {
             Ok(result) => CalculationEnd::Completed(result),
@@ -367,4 +445,51 @@ fn verdict_of(
     let analysed = analysis::analyse(series, options, &|_| {}, cancel)?;
     let verdict = VerdictReport::new(specification, &analysed.report, &analysed.observations);
     serde_json::to_string(&verdict).map_err(Failure::internal)
+}
+
+fn trace_of(
+    prepared: &Prepared,
+    request: &TraceRequest,
+    cancel: &AtomicBool,
+) -> Result<String, Failure> {
+    let started = Instant::now();
+    let late = || {
+        request
+            .max_seconds
+            .is_some_and(|limit| started.elapsed().as_secs_f64() >= limit)
+    };
+    let reached = |error: Option<f64>| match (request.target_error, error) {
+        (Some(target), Some(error)) => error <= target,
+        _ => false,
+    };
+    let totals = trace(prepared, Shard::WHOLE, &|progress| {
+        !(cancel.load(Ordering::Relaxed) || late() || reached(progress.relative_error))
+    });
+    if cancel.load(Ordering::Relaxed) {
+        return Err(Failure::Cancelled);
+    }
+    if totals.photons() == 0 {
+        return Err(Failure::Because {
+            code: "no-trace",
+            detail: "nothing was finished in time: allow more seconds or ask for fewer photons"
+                .to_owned(),
+        });
+    }
+    let mut report = Report::of(prepared, &totals);
+    report.seconds = Some(started.elapsed().as_secs_f64());
+    if let Some(target) = request.target_error
+        && !reached(report.relative_error)
+        && !late()
+    {
+        let got = report
+            .relative_error
+            .map_or("no light was reflected".to_owned(), |e| {
+                format!("{} photons gave {e:.3e}", report.photons)
+            });
+        return Err(Failure::Because {
+            code: "target-not-reached",
+            detail: format!("the target error {target} was not reached: {got}"),
+        });
+    }
+    serde_json::to_string(&report).map_err(Failure::internal)
 }

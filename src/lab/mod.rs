@@ -35,7 +35,9 @@ use crate::store::{Recovery, Store, StoreError};
 use crate::units::Angle;
 
 pub use crate::bench::stage::AxisName;
-pub use calculations::{CalculationRequest, ContrastRequest, MapRequest, VerdictRequest};
+pub use calculations::{
+    CalculationRequest, ContrastRequest, MapRequest, TraceRequest, VerdictRequest,
+};
 pub use curves::{Curve, FitCurves};
 pub use error::LabError;
 pub use fits::{FitRequest, Reduced};

@@ -3,21 +3,32 @@
 //! Built in the OKLCh space (B. Ottosson, "A perceptual color space for image processing", 2020),
 //! whose distances are close to perceived ones. [`sequential`] climbs in lightness from dark violet
 //! over green to light yellow, so it also reads in grey and with deficient colour vision;
-//! [`cyclic`] goes once round the hues at one lightness, for directions.
+//! [`diverging`] darkens from white at zero to blue and to red alike; [`cyclic`] goes once round the hues
+//! at one lightness, for directions.
 
 /// An sRGB colour.
-pub(super) type Rgb = [u8; 3];
+pub type Rgb = [u8; 3];
 
 /// Colour of a fraction in [0, 1]; values beyond are clipped.
-pub(super) fn sequential(fraction: f64) -> Rgb {
+pub fn sequential(fraction: f64) -> Rgb {
     let t = fraction.clamp(0.0, 1.0);
     let lightness = 0.24 + (0.93 - 0.24) * t;
     let hue_deg = 295.0 - (295.0 - 105.0) * t;
     in_gamut(lightness, 0.17, hue_deg)
 }
 
+/// Colour of a signed fraction in [−1, 1]: blue below zero, white at it, red above; values beyond are
+/// clipped. Opposite values are equally dark.
+pub fn diverging(fraction: f64) -> Rgb {
+    let t = fraction.clamp(-1.0, 1.0);
+    let hue_deg = if t < 0.0 { 255.0 } else { 28.0 };
+    let strength = t.abs();
+    let lightness = 0.98 - (0.98 - 0.42) * strength;
+    in_gamut(lightness, 0.19 * strength, hue_deg)
+}
+
 /// Colour of a direction; `turn` and `turn + 1` are the same.
-pub(super) fn cyclic(turn: f64) -> Rgb {
+pub fn cyclic(turn: f64) -> Rgb {
     // The largest chroma that all hues have at this lightness.
     in_gamut(0.72, 0.115, 360.0 * turn.rem_euclid(1.0) + 25.0)
 }
@@ -100,6 +111,19 @@ mod tests {
                 "{pair:?} {mean}"
             );
         }
+    }
+
+    #[test]
+    fn opposite_values_are_equally_dark_and_zero_is_the_lightest() {
+        for step in 1..=16 {
+            let t = f64::from(step) / 16.0;
+            let (low, high) = (cie_lightness(diverging(-t)), cie_lightness(diverging(t)));
+            // CIE's scale and OKLab's differ most in saturated blue and red.
+            assert!((low - high).abs() < 9.0, "{t}: {low} {high}");
+            let before = cie_lightness(diverging(t - 1.0 / 16.0));
+            assert!(high < before && low < cie_lightness(diverging(1.0 / 16.0 - t)));
+        }
+        assert_eq!(diverging(0.0), diverging(-0.0));
     }
 
     #[test]

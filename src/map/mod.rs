@@ -12,7 +12,7 @@
 //! Nobody tells it how the sample is laid out: each pixel finds its own lean direction. It does not
 //! know about scans, fits of whole regions, or the command line.
 
-mod colour;
+pub mod colour;
 mod dear;
 pub mod defects;
 pub mod folder;

@@ -148,6 +148,13 @@ impl HeightField {
         (self.lowest, self.highest)
     }
 
+    /// Heights of a cell's corners at (0, 0), (1, 0), (0, 1), (1, 1).
+    #[inline]
+    #[must_use]
+    pub fn corner_heights(&self, i: usize, j: usize) -> [f64; 4] {
+        self.corners[i * self.ny + j].map(f64::from)
+    }
+
     /// Slopes ∂h/∂x, ∂h/∂y of a triangle.
     #[inline]
     #[must_use]

@@ -11,6 +11,7 @@
 
 use rayon::prelude::*;
 
+use super::beam;
 use super::height_field::{Flight, HeightField, Side, Spot};
 use super::light::Light;
 use super::rng::Stream;
@@ -105,30 +106,37 @@ impl<'a> FirstHits<'a> {
         self.until.last().copied().unwrap_or(0.0) / (nx * ny) as f64
     }
 
-    /// Starts the photons of a batch that stands for `photons` of them; `shift` in [0, 1) moves
-    /// their even spacing. `stream` gives each start its random numbers.
+    /// Starts the photons of a batch that stands for `photons` of them: one at random in each of so many equal
+    /// strata of the projected area. (Evenly spaced ones would do a little better, but a batch then has two
+    /// degrees of freedom, and batches that fall on each other by chance spoil the errors of all bins at
+    /// once.) `stream` gives each start its random numbers; `go_on` is asked before each. `false` where it
+    /// was told to stop.
     pub fn batch<L: Light>(
         &self,
         walk: &Walk<'_>,
         photons: u64,
-        shift: f64,
         stream: impl Fn(u64) -> Stream,
+        go_on: impl Fn(u64) -> bool,
         batch: &mut Batch,
-    ) {
+    ) -> bool {
         let (nx, ny) = self.field.cells();
         let spacing = (nx * ny) as f64 / photons as f64;
         let Some(&end) = self.until.last() else {
-            return;
+            return true;
         };
-        for n in 0.. {
-            let position = (n as f64 + shift) * spacing;
+        let strata = (end / spacing).ceil() as u64;
+        for n in 0..strata {
+            if !go_on(n) {
+                return false;
+            }
+            let mut random = stream(n);
+            let position = (n as f64 + random.uniform()) * spacing;
             if position >= end {
-                return;
+                break;
             }
             let at = self.find(position, end);
             let start = &self.starts[at];
             let before = if at == 0 { 0.0 } else { self.until[at - 1] };
-            let mut random = stream(n);
             let along = ((position - before) / (self.until[at] - before)).clamp(0.0, 1.0);
             let spot = self.spot(start, along, random.uniform(), ny);
             let lit =
@@ -137,6 +145,7 @@ impl<'a> FirstHits<'a> {
                 walk.photon_at::<L>(Place::Field(spot), start.ways, &mut random, batch);
             }
         }
+        true
     }
 
     /// The start that holds a position below `end`.
@@ -208,24 +217,29 @@ fn look_at<L: Light>(
     }
     let mut ways = Ways::BOTH;
     let to_lamp = scaled(-1.0, k);
-    let lit = field.escape(Side::Above).clears(cell, &to_lamp);
+    // By its cell's escape slope, or else by a look at what lies in its way.
+    let free = |side: Side, k: &V3| {
+        field.escape(side).clears(cell, k)
+            || beam::is_free(field, cell / ny, cell % ny, upper, side, k)
+    };
+    let lit = free(Side::Above, &to_lamp);
     if lit && walk.method == Method::Split {
         let boundary = &walk.stack.interfaces[0].from_above;
         let split = boundary.at(cos);
         let away = super::vec3::combine(1.0, k, 2.0 * cos, &m);
-        let reflected = away[2] > 0.0 && field.escape(Side::Above).clears(cell, &away);
+        let reflected = away[2] > 0.0 && free(Side::Above, &away);
         let mut refracted = false;
         if single && split.cos_refracted > 0.0 {
             let ratio = boundary.snell_ratio();
             let into = super::vec3::combine(ratio, k, ratio * cos - split.cos_refracted, &m);
-            refracted = into[2] < 0.0 && field.escape(Side::Below).clears(cell, &into);
+            refracted = into[2] < 0.0 && free(Side::Below, &into);
         }
         let weight = facing / (nx * ny) as f64;
-        let free = Ways {
+        let certain = Ways {
             reflected,
             refracted,
         };
-        walk.known::<L>(&m, weight, free, batch);
+        walk.known::<L>(&m, weight, certain, batch);
         // Nothing is refracted into a metal or under total reflection.
         let enters = split.cos_refracted > 0.0;
         ways = Ways {

@@ -78,7 +78,10 @@ fn flat_stacks_agree_with_the_exact_recursion() {
         let totals = traced(&scene(
             theta,
             &layers,
-            &format!("photons = 8192\nseed = {n}\ntheta_bins = 9\nphi_bins = 12"),
+            &format!(
+                "photons = 8192\nseed = {}\ntheta_bins = 9\nphi_bins = 12",
+                1000 + n
+            ),
         ));
         let t = theta.to_radians();
         let exact = FlatStack::parse(&record[0]).unwrap().reflect(t).unwrap();
@@ -100,6 +103,7 @@ fn flat_stacks_agree_with_the_exact_recursion() {
     let beyond_three = deviations.iter().filter(|d| **d > 3.0).count();
     assert_eq!(deviations.len(), 16 * 102);
     assert!(worst < 5.0, "{worst}");
+    // The eight elements of one run deviate together: two unlucky runs of 102 would pass just so.
     assert!(beyond_three * 100 <= deviations.len(), "{beyond_three}");
 }
 
@@ -205,6 +209,78 @@ fn variance_reduction_does_not_move_the_result() {
     }
     let chi = chi_square(&a, &b, 120);
     assert!(chi.within(5.0), "{chi:?}");
+    assert!(smallest_cloude_share(&b) > -1e-12);
+}
+
+/// Of all bins that light reached.
+fn smallest_cloude_share(totals: &Totals) -> f64 {
+    let mut smallest = f64::INFINITY;
+    for side in [Side::Above, Side::Below] {
+        for bin in 0..totals.grid().per_side() {
+            if !totals.is_empty(side, bin) {
+                let values: Vec<f64> = (0..16)
+                    .map(|i| totals.element(side, bin, i).value)
+                    .collect();
+                let m = Mueller(nalgebra::Matrix4::from_row_slice(&values));
+                smallest = smallest.min(m.smallest_cloude_share());
+            }
+        }
+    }
+    smallest
+}
+
+#[test]
+fn fields_of_little_roughness_approach_flat_layers() {
+    let run = |layers: &str, theta: f64, alpha: f64| {
+        let interfaces: String = layers
+            .split('/')
+            .enumerate()
+            .map(|(n, layer)| {
+                let below = match layer.parse::<f64>() {
+                    Ok(n) => format!("{{ n = {n} }}"),
+                    Err(_) => format!("\"{layer}\""),
+                };
+                let shape = format!(
+                    "shape = \"beckmann\"\nalpha_u = {alpha}\nalpha_v = {alpha}\ncells = 64\nseed = {n}"
+                );
+                interface(&shape, &below)
+            })
+            .collect();
+        let totals = traced(&scene(
+            theta,
+            &interfaces,
+            "photons = 20000\ntheta_bins = 18\nphi_bins = 36",
+        ));
+        let exact = FlatStack::parse(layers)
+            .unwrap()
+            .reflect(theta.to_radians())
+            .unwrap()
+            .channel;
+        let expected = [
+            (0, exact.unpolarised()),
+            (1, 0.5 * (exact.s - exact.p)),
+            (10, exact.re),
+        ];
+        expected.map(|(i, e)| {
+            let found = all_reflected(&totals, i);
+            ((found.value - e).abs() - 5.0 * found.std).max(0.0)
+        })
+    };
+    for (layers, theta) in [
+        ("1.5/2.4", 30.0),
+        ("1.5/Au550", 50.0),
+        ("1.3/1.5/Au550", 40.0),
+    ] {
+        let [m00, m01, m22] = run(layers, theta, 0.01);
+        // Frames z × k of neighbouring directions are turned by α/tan θ: second order in m22.
+        assert!(
+            m00 < 5e-4 && m01 < 1e-3 && m22 < 4e-3,
+            "{layers}: {m00} {m01} {m22}"
+        );
+    }
+    // At 75° light inside is 2° from total reflection: there it takes less roughness to come near.
+    let ([far, ..], [near, ..]) = (run("1.5/Al550", 75.0, 0.01), run("1.5/Al550", 75.0, 0.001));
+    assert!(far > 0.01 && near < 0.1 * far, "{far} {near}");
 }
 
 #[derive(Debug)]
@@ -219,11 +295,13 @@ impl Chi {
     }
 }
 
-/// Σ (a − b)²/(σa² + σb²)/n over m00 of the reflected bins with so many hits or more.
+/// Σ (a − b)²/(σa² + σb²)/n over m00 of the reflected bins with so many hits or more on average over
+/// both. The sum of the hits picks the bins: picking them by the smaller number would prefer those
+/// where both happen to agree (and the mean comes out as low as 0.3 where most bins are near the limit).
 fn chi_square(a: &Totals, b: &Totals, hits: u64) -> Chi {
     let (mut sum, mut n) = (0.0, 0.0);
     for bin in 0..a.grid().per_side() {
-        if a.hits(Side::Above, bin).min(b.hits(Side::Above, bin)) >= hits {
+        if a.hits(Side::Above, bin) + b.hits(Side::Above, bin) >= 2 * hits {
             let (x, y) = (
                 a.element(Side::Above, bin, 0),
                 b.element(Side::Above, bin, 0),
@@ -235,7 +313,8 @@ fn chi_square(a: &Totals, b: &Totals, hits: u64) -> Chi {
     Chi { mean: sum / n, n }
 }
 
-const ROUGH_GLASS: &str = "shape = \"beckmann\"\nalpha_u = 0.4\nalpha_v = 0.4\nseed = 1";
+const ROUGH_GLASS: &str =
+    "shape = \"beckmann\"\nalpha_u = 0.4\nalpha_v = 0.4\nseed = 1\ncells = 200";
 
 #[test]
 fn two_seeds_differ_by_their_errors_and_every_matrix_is_physical() {
@@ -251,15 +330,7 @@ fn two_seeds_differ_by_their_errors_and_every_matrix_is_physical() {
         let (a, b) = (run(1), run(2));
         let chi = chi_square(&a, &b, 50);
         assert!(chi.within(4.0), "{method}: {chi:?}");
-        for side in [Side::Above, Side::Below] {
-            for bin in 0..a.grid().per_side() {
-                if !a.is_empty(side, bin) {
-                    let values: Vec<f64> = (0..16).map(|i| a.element(side, bin, i).value).collect();
-                    let m = Mueller(nalgebra::Matrix4::from_row_slice(&values));
-                    assert!(m.smallest_cloude_share() > -1e-12);
-                }
-            }
-        }
+        assert!(smallest_cloude_share(&a) > -1e-12);
     }
 }
 
@@ -275,7 +346,8 @@ fn the_error_falls_with_the_square_root_of_the_photons() {
         .relative_error()
         .unwrap()
     };
-    let slope = (error(160_000) / error(5_000)).ln() / 32f64.ln();
+    // From where hardly a bin that matters is empty.
+    let slope = (error(320_000) / error(20_000)).ln() / 16f64.ln();
     assert!(slope < -0.45, "{slope}");
 }
 
@@ -284,7 +356,7 @@ fn unpolarised_light_scattered_once_does_not_know_about_polarisation() {
     let run = |polarised: bool| {
         single(
             60.0,
-            "shape = \"beckmann\"\nalpha_u = 0.1\nalpha_v = 0.1\nseed = 2",
+            "shape = \"beckmann\"\nalpha_u = 0.1\nalpha_v = 0.1\nseed = 2\ncells = 128",
             "{ n = 1.5 }",
             &format!("photons = 100000\npolarised = {polarised}"),
         )
@@ -302,7 +374,7 @@ fn there_and_back_are_reciprocal() {
     let bins = "theta_bins = 18\nphi_bins = 36\nphotons = 150000";
     let layers = interface(ROUGH_GLASS, "{ n = 1.5 }")
         + &interface(
-            "shape = \"beckmann\"\nalpha_u = 0.4\nalpha_v = 0.4\nseed = 9",
+            "shape = \"beckmann\"\nalpha_u = 0.4\nalpha_v = 0.4\nseed = 9\ncells = 200",
             "\"Al550\"",
         );
     let run = |theta: f64, phi: f64| {
@@ -457,7 +529,7 @@ fn traced_fields_have_smith_s_energies_within_what_a_real_surface_differs() {
         let e = single(
             row.theta_i_deg,
             &format!(
-                "shape = \"beckmann\"\nalpha_u = {0}\nalpha_v = {0}\nseed = 1\ncells = 256",
+                "shape = \"beckmann\"\nalpha_u = {0}\nalpha_v = {0}\nseed = 1\ncells = 128",
                 row.alpha
             ),
             &format!("{{ n = {}, k = {} }}", row.n, row.k),

@@ -41,6 +41,12 @@ pub enum MediaError {
     },
 }
 
+/// Whether a name stands for a table over the wavelength.
+#[must_use]
+pub fn is_dispersive(name: &str) -> bool {
+    TABLES.iter().any(|t| t.0 == name)
+}
+
 /// Complex index n + ik of a named material at a wavelength in nm.
 ///
 /// # Errors

@@ -9,7 +9,11 @@
 //! Directions are in the sample frame x = u, y = v, z = n; sources of the conventions are in
 //! [`crate::model::polarisation`].
 
+pub mod beam;
 pub mod beckmann;
+pub mod compare;
+pub mod crystals;
+pub mod ellipsometer;
 pub mod escape;
 pub mod facet;
 pub mod height_field;
@@ -18,8 +22,10 @@ pub mod launch;
 mod laws;
 pub mod light;
 pub mod media;
+pub mod paired;
 pub mod pilot;
 pub mod profile;
+pub mod report;
 pub mod ridged;
 pub mod ridges;
 pub mod rng;

@@ -83,10 +83,7 @@ pub struct Pilot {
 /// polarisation.
 #[must_use]
 pub fn pilot(prepared: &Prepared, photons: u64) -> Pilot {
-    let grid = Grid {
-        n_theta: 1,
-        n_phi: 1,
-    };
+    let grid = Grid::polar(1, 1);
     let totals = trace_as::<Paired>(prepared, grid, photons, Shard::WHOLE, &|_| true);
     let whole = std::f64::consts::PI;
     // One bin per side: its value times the projected solid angle π is the share of the light.

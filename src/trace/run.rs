@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::launch::FirstHits;
 use super::light::{Light, Polarised, Scalar};
+use super::paired::Paired;
 use super::rng::{Purpose, Stream};
 use super::scene::Prepared;
 use super::tally::{Batch, Block, Grid, Totals};
@@ -39,10 +40,13 @@ pub struct Progress {
 
 /// Photons are dealt out in this many blocks at least, and none is larger than [`BLOCK_MAX`].
 const BLOCKS_MIN: u64 = 16;
-/// Batches per block: 128 replicates and more, so that standard errors are known to 6 %.
-const BATCHES: u64 = 8;
-/// Largest block: bounds the time between two looks at the stop conditions.
-const BLOCK_MAX: u64 = 1 << 20;
+/// Batches per block: 64 replicates and more, so that standard errors are known to 9 %. More of them would
+/// each be smaller, and strata pay only where there are several to a triangle.
+const BATCHES: u64 = 4;
+/// Largest block: what is lost at most per thread when a run is stopped.
+const BLOCK_MAX: u64 = 1 << 22;
+/// Photons between two looks at the stop conditions.
+const LOOK: u64 = 1 << 13;
 
 /// The photons `[first, end)` of one block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,8 +69,8 @@ fn span(photons: u64, parts: u64, part: u64) -> Span {
     }
 }
 
-/// Traces a shard of a scene. After every block `proceed` is asked, from any thread, whether to go
-/// on; what is finished by then counts. The result depends on the scene and on which blocks
+/// Traces a shard of a scene. `proceed` is asked from time to time, from any thread, whether to go
+/// on; the blocks that are finished by then count. The result depends on the scene and on which blocks
 /// were finished, never on threads.
 pub fn trace(
     prepared: &Prepared,
@@ -88,6 +92,15 @@ pub fn trace_photons(
     } else {
         trace_as::<Scalar>(prepared, prepared.grid, photons, shard, proceed)
     }
+}
+
+/// As [`trace`], but every path is followed with and without polarisation ([`Paired`]).
+pub fn trace_paired(
+    prepared: &Prepared,
+    shard: Shard,
+    proceed: &(dyn Fn(&Progress) -> bool + Sync),
+) -> Totals {
+    trace_as::<Paired>(prepared, prepared.grid, prepared.photons, shard, proceed)
 }
 
 /// The same for any kind of light, bins and number of photons.
@@ -129,13 +142,31 @@ pub(super) fn trace_as<L: Light>(
                 return;
             }
             let span = span(photons, count, number);
+            let so_far = Progress {
+                photons: totals
+                    .lock()
+                    .expect("no thread panics while it adds")
+                    .photons(),
+                photons_planned: planned,
+                relative_error: None,
+            };
+            let go_on = || {
+                let go_on = !stopped.load(Ordering::Relaxed) && proceed(&so_far);
+                if !go_on {
+                    stopped.store(true, Ordering::Relaxed);
+                }
+                go_on
+            };
             let job = Job {
                 walk: &walk,
                 first_hits: first_hits.as_ref(),
                 seed: prepared.seed,
                 number,
+                go_on: &go_on,
             };
-            job.trace::<L>(span, batch, block);
+            if !job.trace::<L>(span, batch, block) {
+                return;
+            }
             let mut totals = totals.lock().expect("no thread panics while it adds");
             totals.add(block, span.end - span.first);
             block.clear();
@@ -157,44 +188,46 @@ pub(super) fn trace_as<L: Light>(
     totals
 }
 
-/// The plastic ratio's powers: the points (i α1, i α2) mod 1 fill the square evenly.
-const EVEN: (f64, f64) = (0.754_877_666_246_692_7, 0.569_840_290_998_053_3);
-
 /// One block of a run.
 struct Job<'a> {
     walk: &'a Walk<'a>,
     first_hits: Option<&'a FirstHits<'a>>,
     seed: u64,
     number: u64,
+    /// Whether to go on, asked every [`LOOK`] photons.
+    go_on: &'a (dyn Fn() -> bool + Sync),
 }
 
 impl Job<'_> {
-    fn trace<L: Light>(&self, span: Span, batch: &mut Batch, block: &mut Block) {
+    /// `false` where it was stopped: what is in the batch and the block then is of no use.
+    fn trace<L: Light>(&self, span: Span, batch: &mut Batch, block: &mut Block) -> bool {
         let size = span.end - span.first;
         let parts = BATCHES.min(size);
         for part in 0..parts {
             let inner = self::span(size, parts, part);
             let replicate = self.number * BATCHES + part;
-            let mut shared = Stream::new(self.seed, Purpose::Batch, replicate);
-            let (shift_x, shift_y) = (shared.uniform(), shared.uniform());
-            // A batch's photons are numbered within it: 2^17 at most, and few more starts.
+            // A batch's photons are numbered within it: 2^20 at most, and four times as many starts.
             let stream = |n: u64| Stream::new(self.seed, Purpose::Photon, (replicate << 24) + n);
             let photons = inner.end - inner.first;
             match self.first_hits {
                 Some(first_hits) => {
-                    first_hits.batch::<L>(self.walk, photons, shift_x, stream, batch);
+                    let go_on = |n: u64| !n.is_multiple_of(LOOK) || (self.go_on)();
+                    if !first_hits.batch::<L>(self.walk, photons, stream, go_on, batch) {
+                        return false;
+                    }
                 }
                 None => {
                     for n in 0..photons {
+                        if n.is_multiple_of(LOOK) && !(self.go_on)() {
+                            return false;
+                        }
                         let mut random = stream(n);
                         let (x, y) = match self.walk.method {
                             Method::Analog => (random.uniform(), random.uniform()),
+                            // A profile is the same all along x.
                             Method::Split => {
-                                let i = n as f64;
-                                (
-                                    (shift_x + i * EVEN.0).fract(),
-                                    (shift_y + i * EVEN.1).fract(),
-                                )
+                                let y = (n as f64 + random.uniform()) / photons as f64;
+                                (random.uniform(), y)
                             }
                         };
                         self.walk.photon::<L>(x, y, &mut random, batch);
@@ -203,5 +236,6 @@ impl Job<'_> {
             }
             block.take(batch);
         }
+        true
     }
 }

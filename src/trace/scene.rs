@@ -10,6 +10,7 @@ use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
 
 use super::beckmann::{self, beckmann};
+use super::crystals::crystals;
 use super::facet::{Diffuse, Roughness};
 use super::height_field::HeightField;
 use super::media::{self, MediaError};
@@ -70,7 +71,7 @@ impl Default for Lamp {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shape {
-    /// `flat`, `beckmann`, `smith`, `ridges`, `profile` or `file`.
+    /// `flat`, `beckmann`, `smith`, `ridges`, `profile`, `crystals` or `file`.
     pub shape: String,
     /// What is below: `{ n, k, rho_d }` or a material's name.
     pub below: toml::Value,
@@ -96,6 +97,10 @@ pub struct Shape {
     pub draft_deg: Option<f64>,
     /// Mean height of burrs on the crests, µm.
     pub burr_um: Option<f64>,
+    /// Mean size of a crystal, µm.
+    pub size_um: Option<f64>,
+    /// Crystals per size².
+    pub cover: Option<f64>,
     /// A file of heights.
     pub path: Option<String>,
     /// Micrometres per unit of the file's heights.
@@ -135,6 +140,9 @@ impl Default for Run {
         }
     }
 }
+
+/// Crystals per size² unless a scene says otherwise: hardly any of the plane is left.
+const COVER: f64 = 3.0;
 
 fn one() -> f64 {
     1.0
@@ -285,6 +293,15 @@ impl Prepared {
     }
 }
 
+impl Prepared {
+    /// The same scene, counted in other direction bins.
+    #[must_use]
+    pub fn with_grid(mut self, grid: Grid) -> Self {
+        self.grid = grid;
+        self
+    }
+}
+
 struct Medium {
     index: Complex<f64>,
     rho_d: Option<f64>,
@@ -372,16 +389,32 @@ impl Scene {
             k: [-sin * cos_phi, -sin * sin_phi, -cos],
             s: [sin_phi, -cos_phi, 0.0],
             interactions_max: self.run.interactions_max,
-            grid: Grid {
-                n_theta: self.run.theta_bins,
-                n_phi: self.run.phi_bins,
-            },
+            grid: Grid::polar(self.run.theta_bins, self.run.phi_bins),
             seed: self.run.seed,
             photons: self.run.photons,
             polarised,
             left_out,
             ridge_angles,
         })
+    }
+
+    /// Checks lamp and run, without building surfaces.
+    ///
+    /// # Errors
+    /// See [`SceneError`].
+    pub fn check(&self) -> Result<(), SceneError> {
+        self.check_run()?;
+        self.check_light().map(|_| ())
+    }
+
+    /// Whether a material comes from a table over the wavelength.
+    #[must_use]
+    pub fn depends_on_wavelength(&self) -> bool {
+        let named = |shape: &Shape| match &shape.below {
+            toml::Value::String(name) => media::is_dispersive(name),
+            _ => false,
+        };
+        self.interface.iter().any(named)
     }
 
     fn check_run(&self) -> Result<(), SceneError> {
@@ -529,6 +562,19 @@ impl Scene {
         Ok((depth, 0.0))
     }
 
+    /// Cells per side and seed of a random tile.
+    fn tile(&self, keys: &Keys<'_>) -> Result<(usize, u64), SceneError> {
+        let cells = keys.shape.cells.unwrap_or(beckmann::CELLS);
+        if !(16..=4096).contains(&cells) {
+            return Err(value(&keys.name("cells"), cells, "must be from 16 to 4096"));
+        }
+        // Without a seed of its own each interface gets another one from the run's.
+        let seed = keys.shape.seed.unwrap_or_else(|| {
+            Stream::new(self.run.seed, Purpose::Surface, keys.number as u64).bits()
+        });
+        Ok((cells, seed))
+    }
+
     fn relief(
         &self,
         shape: &Shape,
@@ -559,15 +605,24 @@ impl Scene {
             "beckmann" => {
                 keys.only(&["alpha_u", "alpha_v", "seed", "cells"])?;
                 let Roughness { alpha_u, alpha_v } = roughness()?;
-                let cells = shape.cells.unwrap_or(beckmann::CELLS);
-                if !(16..=4096).contains(&cells) {
-                    return Err(value(&keys.name("cells"), cells, "must be from 16 to 4096"));
-                }
-                // Without a seed of its own each interface gets another one from the run's.
-                let seed = shape.seed.unwrap_or_else(|| {
-                    Stream::new(self.run.seed, Purpose::Surface, number as u64).bits()
-                });
+                let (cells, seed) = self.tile(&keys)?;
                 let field = beckmann(cells, alpha_u, alpha_v, seed);
+                Ok((Relief::Field(Arc::new(field)), None))
+            }
+            "crystals" => {
+                keys.only(&["size_um", "cover", "seed", "cells"])?;
+                let size = keys.need("size_um", shape.size_um)?;
+                let cover = keys.need("cover", shape.cover.or(Some(COVER)))?;
+                if cover > 100.0 {
+                    return Err(value(&keys.name("cover"), cover, "must be 100 or less"));
+                }
+                let (cells, seed) = self.tile(&keys)?;
+                left_out.push(LeftOut {
+                    what: format!("overhangs of the crystals of interface {number}"),
+                    why: "a height field has none: faces that lean over stand upright".to_owned(),
+                    cost: None,
+                });
+                let field = crystals(cells, size, cover, seed);
                 Ok((Relief::Field(Arc::new(field)), None))
             }
             "ridges" => {
@@ -665,7 +720,7 @@ impl Scene {
             other => Err(value(
                 &keys.name("shape"),
                 format!("{other:?}"),
-                "known shapes are flat, beckmann, smith, ridges, profile, file",
+                "known shapes are flat, beckmann, smith, ridges, profile, crystals, file",
             )),
         }
     }
@@ -778,6 +833,8 @@ impl Keys<'_> {
             ("round", s.round.is_some()),
             ("draft_deg", s.draft_deg.is_some()),
             ("burr_um", s.burr_um.is_some()),
+            ("size_um", s.size_um.is_some()),
+            ("cover", s.cover.is_some()),
             ("path", s.path.is_some()),
             ("height_unit_um", s.height_unit_um.is_some()),
         ];

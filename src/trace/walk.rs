@@ -2,7 +2,7 @@
 //!
 //! Call [`Walk::photon`]. Every photon is unit light; what becomes of it goes to a [`Batch`].
 //! Reflection or refraction is drawn by the share of unpolarised light that each gets, so the Mueller
-//! matrix holds for every lamp; with [`Method::Split`] both are followed from the first hit,
+//! matrix holds for every lamp; with [`Method::Split`] both are followed as long as they carry enough,
 //! metals and layers take their part of every photon, and weak photons play roulette.
 
 use super::height_field::Side;
@@ -19,8 +19,8 @@ use crate::model::polarisation::Channel;
 pub enum Method {
     /// As nature does: every photon goes one way and ends in one place, with weight 1.
     Analog,
-    /// The same on average, with less noise: stratified starts, both ways from the first hit,
-    /// absorption by weight, roulette for weak photons.
+    /// The same on average, with less noise: stratified starts, both ways at a hit as long as both carry
+    /// enough, absorption by weight, roulette for weak photons.
     Split,
 }
 
@@ -28,6 +28,42 @@ pub enum Method {
 const WEAK: f64 = 1e-3;
 /// What it weighs when it survives.
 const REVIVED: f64 = 1e-2;
+
+/// After the first hit both ways are followed where the weaker one carries at least this, in a stack
+/// for as many hits as there are interfaces: on the way down. Later each part goes a long way, and what
+/// chance decides there costs less variance than following both costs time.
+const WORTH_SPLITTING: f64 = 1e-3;
+/// Ways of one photon that wait at most; beyond it one way is drawn.
+const WAITING: usize = 12;
+
+/// Parts of a photon that are still to be followed.
+struct Waiting<L> {
+    states: [Option<State<L>>; WAITING],
+    count: usize,
+}
+
+impl<L: Light> Waiting<L> {
+    fn none() -> Self {
+        Waiting {
+            states: [const { None }; WAITING],
+            count: 0,
+        }
+    }
+
+    fn has_room(&self) -> bool {
+        self.count < WAITING
+    }
+
+    fn push(&mut self, state: State<L>) {
+        self.states[self.count] = Some(state);
+        self.count += 1;
+    }
+
+    fn pop(&mut self) -> Option<State<L>> {
+        self.count = self.count.checked_sub(1)?;
+        self.states[self.count].take()
+    }
+}
 
 /// What all photons of a run share.
 #[derive(Debug)]
@@ -109,15 +145,11 @@ impl Walk<'_> {
             place,
             interactions: 0,
         };
-        let mut second = None;
-        loop {
-            self.follow(&mut state, &mut second, ways, random, batch);
-            match second.take() {
-                Some(other) => state = other,
-                None => return,
-            }
-            if let Event::Ends = self.advance(&mut state, random, batch) {
-                return;
+        let mut waiting = Waiting::none();
+        self.follow(&mut state, &mut waiting, ways, random, batch);
+        while let Some(mut other) = waiting.pop() {
+            if let Event::Goes = self.advance(&mut other, random, batch) {
+                self.follow(&mut other, &mut waiting, Ways::BOTH, random, batch);
             }
         }
     }
@@ -160,7 +192,7 @@ impl Walk<'_> {
     fn follow<L: Light>(
         &self,
         state: &mut State<L>,
-        second: &mut Option<State<L>>,
+        waiting: &mut Waiting<L>,
         ways: Ways,
         random: &mut Stream,
         batch: &mut Batch,
@@ -174,8 +206,13 @@ impl Walk<'_> {
                 self.meet_rough(state, interface, random, batch)
             } else {
                 let m = interface.relief.normal(&state.place);
-                if state.interactions == 0 && self.method == Method::Split {
-                    self.split_smooth(state, second, ways, &m, random, batch)
+                if self.method == Method::Split && waiting.has_room() {
+                    let ways = if state.interactions == 0 {
+                        ways
+                    } else {
+                        Ways::BOTH
+                    };
+                    self.split_smooth(state, waiting, ways, &m, random, batch)
                 } else {
                     self.meet_smooth(state, interface, &m, random, batch)
                 }
@@ -280,11 +317,12 @@ impl Walk<'_> {
         false
     }
 
-    /// The first hit on a smooth facet: both ways are followed.
+    /// A hit on a smooth facet: both ways are followed, from the first hit always, later on where both are
+    /// worth it.
     fn split_smooth<L: Light>(
         &self,
         state: &mut State<L>,
-        second: &mut Option<State<L>>,
+        waiting: &mut Waiting<L>,
         ways: Ways,
         m: &V3,
         random: &mut Stream,
@@ -297,6 +335,19 @@ impl Walk<'_> {
             return self.meet_smooth(state, interface, m, random, batch);
         }
         let split = boundary.at(cos);
+        if state.interactions > 0 {
+            // The frame of the hit is not set yet: what unpolarised light does is near enough.
+            let weight = state.light.weight();
+            let weaker = split
+                .reflected
+                .unpolarised()
+                .min(split.refracted.unpolarised());
+            let interfaces = self.stack.interfaces.len();
+            let deep = interfaces > 1 && state.interactions as usize >= interfaces;
+            if deep || weaker * weight < WORTH_SPLITTING {
+                return self.meet_smooth(state, interface, m, random, batch);
+            }
+        }
         state.light.meet(&state.k, m);
         state.interactions += 1;
         if split.cos_refracted > 0.0 && ways.refracted {
@@ -311,7 +362,7 @@ impl Walk<'_> {
                 split.cos_refracted,
             );
             other.side = state.side.across();
-            *second = Some(other);
+            waiting.push(other);
         }
         if !ways.reflected {
             return Event::Ends;

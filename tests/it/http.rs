@@ -483,6 +483,34 @@ async fn a_scan_is_compared_judged_and_mapped() {
         "invalid-value",
     );
 
+    // A trace is of a scene, not of a scan; what makes no sense is said by its key.
+    let scene = json!({
+        "light": { "theta_i_deg": 56.31 },
+        "interface": [{ "shape": "flat", "below": { "n": 1.5 } }],
+        "run": { "photons": 2000 },
+    });
+    let request = json!({ "scene": scene });
+    let begun = post(&router, "/api/v1/traces", &request.to_string()).await;
+    let trace = ended(&router, &begun).await;
+    assert_eq!(trace["state"], "completed", "{trace}");
+    assert_eq!(trace["photons"], 2000);
+    let reflected = trace["energy"]["reflected"]["value"].as_f64().unwrap();
+    assert!((reflected - 0.073_964_5).abs() < 1e-6, "{reflected}");
+    let text = "[[interface]]\nshape = \"flat\"\nbelow = { n = 0 }\n";
+    for (request, word) in [
+        (json!({ "scene": text }), "below.n"),
+        (json!({ "scene": {} }), "interface"),
+        (
+            json!({ "scene": scene, "max_seconds": -1.0 }),
+            "greater than 0",
+        ),
+    ] {
+        let refused = post(&router, "/api/v1/traces", &request.to_string()).await;
+        is_problem(&refused, 422, "invalid-value");
+        let detail = refused.body["detail"].as_str().unwrap();
+        assert!(detail.contains(word), "{detail}");
+    }
+
     // A map is long work: it can be cancelled, and then has no files.
     let begun = post(&router, "/api/v1/maps", r#"{"scan_id": 1}"#).await;
     let map = begun.location.clone().unwrap();

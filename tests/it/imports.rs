@@ -148,6 +148,7 @@ const RULES: &[(&str, &[&str])] = &[
             "contrast",
             "judge",
             "map",
+            "trace",
             "config",
         ],
     ),

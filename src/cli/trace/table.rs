@@ -11,6 +11,7 @@ use anyhow::{Context, anyhow};
 use serde::{Deserialize, Serialize};
 
 use crate::cli::CliError;
+use crate::trace::ellipsometer::{aop_deg, dolp};
 use crate::trace::height_field::Side;
 use crate::trace::tally::{Grid, Totals};
 
@@ -33,11 +34,19 @@ pub(super) struct Part {
     pub elements: usize,
     /// Exact sums of the energies.
     pub energies: String,
+    /// The lamp's Stokes vector.
+    pub stokes: [f64; 4],
 }
 
-/// Writes the bins; with a `part`, as a shard. The file appears whole or not at all.
-pub(super) fn write(path: &Path, totals: &Totals, part: Option<&Part>) -> Result<(), CliError> {
-    let text = text(totals, part);
+/// Writes the bins, with DOLP and AOP for the lamp's `stokes`; with a `part`, as a shard. The file appears whole
+/// or not at all.
+pub(super) fn write(
+    path: &Path,
+    totals: &Totals,
+    stokes: &[f64; 4],
+    part: Option<&Part>,
+) -> Result<(), CliError> {
+    let text = text(totals, stokes, part);
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
     let mut name = path.file_name().unwrap_or_default().to_os_string();
     name.push(".part");
@@ -52,7 +61,7 @@ pub(super) fn write(path: &Path, totals: &Totals, part: Option<&Part>) -> Result
         .map_err(CliError::no_result)
 }
 
-fn text(totals: &Totals, part: Option<&Part>) -> String {
+fn text(totals: &Totals, stokes: &[f64; 4], part: Option<&Part>) -> String {
     let grid = totals.grid();
     let mut text = String::from("side,theta_lo_deg,theta_hi_deg,phi_lo_deg,phi_hi_deg");
     for suffix in ["", "_std"] {
@@ -60,6 +69,7 @@ fn text(totals: &Totals, part: Option<&Part>) -> String {
             let _ = write!(text, ",m{}{}{suffix}", i / 4, i % 4);
         }
     }
+    text.push_str(",hits,dolp,aop_deg");
     text.push_str(if part.is_some() { ",exact,run\n" } else { "\n" });
     let exact = part.is_some();
     let mut part = part;
@@ -83,6 +93,17 @@ fn text(totals: &Totals, part: Option<&Part>) -> String {
                     let _ = write!(text, ",{x:e}");
                 }
             }
+            let _ = write!(text, ",{}", totals.hits(side, bin));
+            if empty || totals.elements() < 16 {
+                text.push_str(",,");
+            } else {
+                let seen: [f64; 4] = std::array::from_fn(|i| {
+                    let row =
+                        (0..4).map(|j| totals.element(side, bin, 4 * i + j).value * stokes[j]);
+                    row.sum()
+                });
+                let _ = write!(text, ",{:e},{:e}", dolp(&seen), aop_deg(&seen));
+            }
             if exact {
                 let sums = totals.exact_bin(side, bin).unwrap_or_default();
                 let _ = write!(text, ",{sums},");
@@ -98,7 +119,7 @@ fn text(totals: &Totals, part: Option<&Part>) -> String {
 }
 
 /// Puts all shards of one run together.
-pub(super) fn merge(files: &[PathBuf]) -> Result<Totals, CliError> {
+pub(super) fn merge(files: &[PathBuf]) -> Result<(Totals, [f64; 4]), CliError> {
     let mut merged: Option<(Part, Totals)> = None;
     let mut seen: Vec<(u64, &PathBuf)> = Vec::new();
     for file in files {
@@ -134,7 +155,7 @@ pub(super) fn merge(files: &[PathBuf]) -> Result<Totals, CliError> {
         .take(10)
         .collect();
     if missing.is_empty() {
-        Ok(sum)
+        Ok((sum, first.stokes))
     } else {
         Err(CliError::bad_input(anyhow!(
             "of {} shards these are missing: {}",
@@ -170,10 +191,7 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
             if !sane {
                 return Err(wrong("the column run is damaged"));
             }
-            let grid = Grid {
-                n_theta: part.n_theta,
-                n_phi: part.n_phi,
-            };
+            let grid = Grid::polar(part.n_theta, part.n_phi);
             let mut totals = Totals::new(grid, part.elements);
             totals
                 .set_exact_energies(&part.energies)
@@ -214,7 +232,14 @@ mod tests {
             .unwrap();
         let folder = tempfile::tempdir().unwrap();
         let whole = folder.path().join("whole.csv");
-        write(&whole, &trace(&prepared, Shard::WHOLE, &|_| true), None).unwrap();
+        let lamp = [1.0, 0.0, 0.5, 0.0];
+        write(
+            &whole,
+            &trace(&prepared, Shard::WHOLE, &|_| true),
+            &lamp,
+            None,
+        )
+        .unwrap();
         let part = |number, complete| {
             let shard = Shard { number, of: 3 };
             let totals = trace(&prepared, shard, &|_| true);
@@ -228,13 +253,15 @@ mod tests {
                 n_phi: 12,
                 elements: 16,
                 energies: totals.exact_energies(),
+                stokes: lamp,
             };
-            write(&file, &totals, Some(&part)).unwrap();
+            write(&file, &totals, &lamp, Some(&part)).unwrap();
             file
         };
         let files = [part(3, true), part(1, true), part(2, true)];
         let merged = folder.path().join("merged.csv");
-        write(&merged, &merge(&files).unwrap(), None).unwrap();
+        let (sum, stokes) = merge(&files).unwrap();
+        write(&merged, &sum, &stokes, None).unwrap();
         let read = |p: &Path| std::fs::read(p).unwrap();
         assert_eq!(read(&whole), read(&merged));
         let cut = part(2, false);

@@ -1,0 +1,368 @@
+//! `ridged trace compare`: where a computation without polarisation goes wrong, as ADM and MDM maps.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+
+use anyhow::anyhow;
+use serde::Serialize;
+
+use super::curves::{Line, Panel, panels};
+use super::hemisphere::{Disc, Lamp, Scale, sheet};
+use super::{CliError, Source, interrupt};
+use crate::cli::progress::Bar;
+use crate::trace::compare::{Difference, Direction, Mask, Summary};
+use crate::trace::height_field::Side;
+use crate::trace::paired::SCALAR;
+use crate::trace::run::{Shard, trace_paired};
+use crate::trace::tally::{Grid, Totals};
+
+/// The wavelengths of Wang et al. 2017, nm.
+const WAVELENGTHS_NM: [f64; 8] = [380.0, 420.0, 460.0, 500.0, 540.0, 580.0, 620.0, 660.0];
+
+/// Polarised against scalar: the relative difference d per direction of exit, its mean |d| over the
+/// wavelengths (ADM) and its greatest (MDM).
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  ridged trace compare scenes/glass-over-diamond.toml --angles-deg 50,56,60,65\n  ridged trace compare scenes/glass-over-gold.toml --angles-deg 60,80 --pictures out"
+)]
+pub struct Args {
+    /// The scene; its photons are those of each angle and wavelength.
+    #[arg(value_name = "SCENE.toml")]
+    scene: PathBuf,
+    /// Angles of incidence, instead of the scene's.
+    #[arg(long, value_name = "DEG,…", value_delimiter = ',')]
+    angles_deg: Vec<f64>,
+    /// Wavelengths, nm; default 380 to 660 by 40 where a material depends on it, else the scene's.
+    #[arg(long, value_name = "NM,…", value_delimiter = ',')]
+    wavelengths_nm: Vec<f64>,
+    /// Photons per angle and wavelength, instead of the scene's.
+    #[arg(long, value_name = "N")]
+    photons: Option<u64>,
+    /// Directions are square pixels of the direction cosines, so many across the hemisphere.
+    #[arg(long, value_name = "N", default_value_t = 128, value_parser = clap::value_parser!(u16).range(8..=1024))]
+    pixels: u16,
+    /// Directions darker than the mean of the lit ones over this are left out.
+    #[arg(long, value_name = "T", default_value_t = 10.0)]
+    mask: f64,
+    /// Directions whose difference has a standard error above this are left out.
+    #[arg(long, value_name = "E", default_value_t = 0.02)]
+    error_max: f64,
+    /// A folder for difference maps and for the lobes in the plane of incidence (SVG).
+    #[arg(long, value_name = "DIR")]
+    pictures: Option<PathBuf>,
+    /// One JSON object on stdout instead of a table.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    pixels: u16,
+    mask: Mask,
+    wavelengths_nm: Vec<f64>,
+    photons_per_wavelength: u64,
+    angles: Vec<Angle>,
+    program: String,
+}
+
+#[derive(Debug, Serialize)]
+struct Angle {
+    theta_i_deg: f64,
+    adm: Option<Summary>,
+    mdm: Option<Summary>,
+    worst: Option<Direction>,
+    directions: usize,
+    too_dark: usize,
+    not_settled: usize,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input for a scene or options that make no sense; no result where a picture cannot be written.
+pub fn run(args: &Args) -> Result<(), CliError> {
+    let bad = |text: &str| Err(CliError::bad_input(anyhow!("{text}")));
+    if !(args.mask > 0.0 && args.mask.is_finite()) {
+        return bad("--mask must be greater than 0");
+    }
+    if args.error_max.is_nan() || args.error_max <= 0.0 {
+        return bad("--error-max must be greater than 0");
+    }
+    let mut source = Source::read(&args.scene)?;
+    if let Some(photons) = args.photons {
+        source.scene.run.photons = photons;
+    }
+    let angles = match args.angles_deg.len() {
+        0 => vec![source.scene.light.theta_i_deg],
+        _ => args.angles_deg.clone(),
+    };
+    let wavelengths = if !args.wavelengths_nm.is_empty() {
+        args.wavelengths_nm.clone()
+    } else if source.scene.depends_on_wavelength() {
+        WAVELENGTHS_NM.to_vec()
+    } else {
+        vec![source.scene.light.wavelength_nm]
+    };
+    let mask = Mask {
+        divisor: args.mask,
+        error_max: args.error_max,
+    };
+    let grid = Grid::disc(usize::from(args.pixels));
+    // Everything is checked before anything is traced.
+    for &theta in &angles {
+        for &wavelength in &wavelengths {
+            source.scene.light.theta_i_deg = theta;
+            source.scene.light.wavelength_nm = wavelength;
+            source.scene.check().map_err(CliError::bad_input)?;
+        }
+    }
+    let cancel = interrupt::flag()?;
+    let bar = Bar::new("runs");
+    let total = (angles.len() * wavelengths.len()) as u64;
+    let mut report = Report {
+        pixels: args.pixels,
+        mask,
+        wavelengths_nm: wavelengths.clone(),
+        photons_per_wavelength: source.scene.run.photons,
+        angles: Vec::new(),
+        program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
+    };
+    for (done, &theta) in angles.iter().enumerate() {
+        let mut runs = Vec::new();
+        for (n, &wavelength) in wavelengths.iter().enumerate() {
+            bar.at((done * wavelengths.len() + n) as u64, total);
+            source.scene.light.theta_i_deg = theta;
+            source.scene.light.wavelength_nm = wavelength;
+            let prepared = source.prepare()?.with_grid(grid);
+            let proceed = |_: &_| !cancel.load(Ordering::Relaxed);
+            runs.push(trace_paired(&prepared, Shard::WHOLE, &proceed));
+            if cancel.load(Ordering::Relaxed) {
+                bar.clear();
+                return Err(CliError::Interrupted);
+            }
+        }
+        let difference = Difference::of(&runs, &mask)
+            .ok_or_else(|| CliError::no_result(anyhow!("no run was finished")))?;
+        if let Some(folder) = &args.pictures {
+            let lamp = Lamp {
+                theta_deg: theta,
+                phi_deg: source.scene.light.phi_i_deg,
+            };
+            pictures(folder, lamp, &wavelengths, &runs, &difference, &mask)?;
+        }
+        report.angles.push(Angle {
+            theta_i_deg: theta,
+            adm: difference.adm(),
+            mdm: difference.mdm(),
+            worst: difference.worst().copied(),
+            directions: difference.directions.len(),
+            too_dark: difference.too_dark,
+            not_settled: difference.not_settled,
+        });
+    }
+    bar.clear();
+    super::print(args.json, &report, |out| report.table(out))
+}
+
+impl Report {
+    fn table(&self, out: &mut dyn std::io::Write) -> std::io::Result<()> {
+        writeln!(
+            out,
+            "{} × {} pixels of the direction cosines; left out: darker than the mean / {}, error above {}",
+            self.pixels, self.pixels, self.mask.divisor, self.mask.error_max
+        )?;
+        writeln!(
+            out,
+            "θi / °  ADM most  99 %   mean   MDM most  99 %   most at θ, φ / °   scalar is       directions"
+        )?;
+        for a in &self.angles {
+            let (Some(adm), Some(mdm), Some(w)) = (a.adm, a.mdm, &a.worst) else {
+                writeln!(
+                    out,
+                    "{:6}  no direction is settled: more photons",
+                    a.theta_i_deg
+                )?;
+                continue;
+            };
+            let percent = |x: f64| 100.0 * x;
+            writeln!(
+                out,
+                "{:6}  {:6.1} % {:5.1} % {:5.1} %  {:5.1} % {:5.1} %   {:5.1}, {:5.1}     {:+.1} ± {:.1} %    {}",
+                a.theta_i_deg,
+                percent(adm.greatest),
+                percent(adm.percentile_99),
+                percent(adm.mean),
+                percent(mdm.greatest),
+                percent(mdm.percentile_99),
+                w.theta_deg,
+                w.phi_deg,
+                percent(-w.mean),
+                percent(w.std),
+                a.directions
+            )?;
+        }
+        Ok(())
+    }
+}
+
+fn pictures(
+    folder: &Path,
+    lamp: Lamp,
+    wavelengths: &[f64],
+    runs: &[Totals],
+    difference: &Difference,
+    mask: &Mask,
+) -> Result<(), CliError> {
+    let grid = difference.grid;
+    let bins = grid.per_side();
+    let mean = |element: usize| -> Vec<Option<f64>> {
+        (0..bins)
+            .map(|bin| {
+                let sum: f64 = runs
+                    .iter()
+                    .filter(|r| !r.is_empty(Side::Above, bin))
+                    .map(|r| r.element(Side::Above, bin, element).value)
+                    .sum();
+                (sum > 0.0).then_some(sum / runs.len() as f64)
+            })
+            .collect()
+    };
+    let of = |value: fn(&Direction) -> f64| -> Vec<Option<f64>> {
+        let mut values = vec![None; bins];
+        for direction in &difference.directions {
+            values[direction.bin] = Some(value(direction));
+        }
+        values
+    };
+    let (polarised, scalar) = (mean(0), mean(SCALAR));
+    let decades = Scale::decades(difference.directions.iter().map(|d| d.scalar));
+    let round_up = |x: f64| ((x * 20.0).ceil() / 20.0).max(0.05);
+    let most = round_up(difference.mdm().map_or(0.05, |s| s.greatest));
+    let mut discs = vec![
+        disc("polarised BRDF / sr⁻¹", decades, polarised),
+        disc("scalar BRDF / sr⁻¹", decades, scalar),
+        disc(
+            "mean d (polarised − scalar)/scalar",
+            Scale::Signed(most),
+            of(|d| d.mean),
+        ),
+        disc("ADM, mean |d|", Scale::Range(0.0, most), of(|d| d.adm)),
+    ];
+    if wavelengths.len() > 1 {
+        discs.push(disc(
+            "MDM, greatest |d|",
+            Scale::Range(0.0, most),
+            of(|d| d.mdm),
+        ));
+    }
+    let waves = match wavelengths {
+        [one] => format!("{one} nm"),
+        many => format!(
+            "{} wavelengths from {} nm to {} nm",
+            many.len(),
+            many[0],
+            many[many.len() - 1]
+        ),
+    };
+    let note = format!(
+        "{waves}; {0} × {0} pixels of the direction cosines; grey: darker than the mean of the lit pixels / {1}, or not settled to {2}",
+        grid.n_phi, mask.divisor, mask.error_max
+    );
+    let title = format!("Polarised against scalar, lamp at {}°", lamp.theta_deg);
+    let name = format!("difference-{}.svg", lamp.theta_deg);
+    super::write_picture(
+        folder,
+        &name,
+        &sheet(grid, lamp, discs.len(), &title, &note, &discs),
+    )?;
+    let name = format!("lobe-{}.svg", lamp.theta_deg);
+    super::write_picture(folder, &name, &lobe(lamp, runs, &waves))
+}
+
+fn disc(title: &str, scale: Scale, values: Vec<Option<f64>>) -> Disc {
+    Disc {
+        title: title.to_owned(),
+        scale,
+        values,
+    }
+}
+
+/// Polarised and scalar BRDF, and their difference, along three planes through n.
+fn lobe(lamp: Lamp, runs: &[Totals], waves: &str) -> String {
+    const STEP_DEG: i32 = 2;
+    let grid = runs[0].grid();
+    let off_deg = [0.0, 10.0, 20.0];
+    let mut upper = Vec::new();
+    let mut lower = Vec::new();
+    let mut brightest = 0.0f64;
+    for off in off_deg {
+        let (mut polarised, mut scalar, mut relative) = (Vec::new(), Vec::new(), Vec::new());
+        for step in -90 / STEP_DEG + 1..90 / STEP_DEG {
+            let theta = f64::from(step * STEP_DEG);
+            let phi =
+                (lamp.phi_deg + 180.0 + off + if step < 0 { 180.0 } else { 0.0 }).to_radians();
+            let (s, c) = theta.abs().to_radians().sin_cos();
+            let bin = grid.bin(Side::Above, &[s * phi.cos(), s * phi.sin(), c]);
+            let n = runs.len() as f64;
+            let mean = |element: usize| {
+                let values = runs.iter().map(|r| r.element(Side::Above, bin, element));
+                let (sum, square) =
+                    values.fold((0.0, 0.0), |(a, b), e| (a + e.value, b + e.std * e.std));
+                (sum / n, square.sqrt() / n)
+            };
+            let ((p, p_std), (q, q_std)) = (mean(0), mean(SCALAR));
+            let (d, d_std) = mean(crate::trace::paired::DIFFERENCE);
+            brightest = brightest.max(p).max(q);
+            polarised.push((theta, p, p_std));
+            scalar.push((theta, q, q_std));
+            let settled = d_std < 0.03 * q;
+            relative.push((theta, if settled { d / q } else { f64::NAN }, d_std / q));
+        }
+        let line = |name: &str, points| Line {
+            name: name.to_owned(),
+            points,
+        };
+        upper.push(Panel {
+            title: match off {
+                0.0 => "plane of incidence".to_owned(),
+                _ => format!("{off}° beside it"),
+            },
+            axis: "BRDF / sr⁻¹".to_owned(),
+            range: (0.0, 1.0),
+            ticks: Vec::new(),
+            lines: vec![line("polarised", polarised), line("scalar", scalar)],
+        });
+        lower.push(Panel {
+            title: String::new(),
+            axis: "(pol. − scalar)/scalar".to_owned(),
+            range: (-0.25, 0.25),
+            ticks: vec![-0.2, -0.1, 0.0, 0.1, 0.2],
+            lines: vec![line("", relative)],
+        });
+    }
+    let top = nice(brightest);
+    for panel in &mut upper {
+        panel.range = (0.0, top);
+        panel.ticks = (0..=4).map(|n| top * f64::from(n) / 4.0).collect();
+    }
+    upper.extend(lower);
+    panels(
+        &format!("Lobe with the lamp at {}°", lamp.theta_deg),
+        &format!(
+            "{waves}; positive angles lie on the side of the mirror direction; bars are standard errors"
+        ),
+        3,
+        &upper,
+    )
+}
+
+/// The next of 1, 2, 4, 5, 8, 10 times a power of ten.
+fn nice(x: f64) -> f64 {
+    if x <= 0.0 {
+        return 1.0;
+    }
+    let power = 10f64.powf(x.log10().floor());
+    let step = [1.0, 2.0, 4.0, 5.0, 8.0, 10.0];
+    let found = step.iter().find(|s| *s * power >= x);
+    found.map_or(10.0, |s| *s) * power
+}

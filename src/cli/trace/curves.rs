@@ -1,0 +1,191 @@
+//! Curves over the angle of reflection as panels of one SVG.
+
+use std::fmt::Write as _;
+
+use super::hemisphere::escaped;
+
+const COLOURS: [&str; 4] = ["#2166ac", "#b2182b", "#4d9221", "#666666"];
+const WIDTH: f64 = 250.0;
+const HEIGHT: f64 = 130.0;
+const LEFT: f64 = 58.0;
+const TOP: f64 = 64.0;
+const GAP_X: f64 = 22.0;
+const GAP_Y: f64 = 40.0;
+
+/// A line of (angle in degrees, value, half the height of its error bar).
+#[derive(Debug, Clone)]
+pub(super) struct Line {
+    /// For the legend.
+    pub name: String,
+    /// Points by rising angle; a gap where the value is not finite.
+    pub points: Vec<(f64, f64, f64)>,
+}
+
+/// One panel.
+#[derive(Debug, Clone)]
+pub(super) struct Panel {
+    /// Above it.
+    pub title: String,
+    /// Beside it.
+    pub axis: String,
+    /// Lowest and highest value.
+    pub range: (f64, f64),
+    /// Values that get a label and a line.
+    pub ticks: Vec<f64>,
+    /// At most four.
+    pub lines: Vec<Line>,
+}
+
+/// Panels in rows of `columns`, over angles from −90° to 90°.
+pub(super) fn panels(title: &str, note: &str, columns: usize, panels: &[Panel]) -> String {
+    let rows = panels.len().div_ceil(columns);
+    let width = LEFT + columns as f64 * (WIDTH + GAP_X) + 8.0;
+    let height = TOP + rows as f64 * (HEIGHT + GAP_Y) + 12.0;
+    let mut svg = String::new();
+    let _ = writeln!(
+        svg,
+        r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" font-family="DejaVu Sans, Verdana, sans-serif" font-size="10" fill="#282828">
+<rect width="{width}" height="{height}" fill="white"/>
+<text x="{LEFT}" y="22" font-size="16">{}</text>
+<text x="{LEFT}" y="40" font-size="11" fill="#606060">{}</text>"##,
+        escaped(title),
+        escaped(note)
+    );
+    for (n, panel) in panels.iter().enumerate() {
+        let (column, row) = (n % columns, n / columns);
+        let x = LEFT + column as f64 * (WIDTH + GAP_X);
+        let y = TOP + row as f64 * (HEIGHT + GAP_Y);
+        draw(&mut svg, panel, x, y, column == 0, row + 1 == rows);
+    }
+    svg.push_str("</svg>\n");
+    svg
+}
+
+fn draw(svg: &mut String, panel: &Panel, x: f64, y: f64, first: bool, last: bool) {
+    let (low, high) = panel.range;
+    let at_x = |angle: f64| x + (angle + 90.0) / 180.0 * WIDTH;
+    let at_y = |value: f64| {
+        let share = ((value - low) / (high - low)).clamp(-0.02, 1.02);
+        y + HEIGHT * (1.0 - share)
+    };
+    let _ = writeln!(
+        svg,
+        r##"<text x="{x}" y="{}" font-size="11">{}</text>"##,
+        y - 6.0,
+        escaped(&panel.title)
+    );
+    for &tick in &panel.ticks {
+        let ty = at_y(tick);
+        let _ = writeln!(
+            svg,
+            r##"<path d="M{x} {ty:.1}h{WIDTH}" stroke="#dddddd" stroke-width="0.7"/>"##
+        );
+        if first {
+            let label = format!("{}", (tick * 1e4).round() / 1e4).replace('-', "−");
+            let _ = writeln!(
+                svg,
+                r##"<text x="{}" y="{:.1}" text-anchor="end">{label}</text>"##,
+                x - 5.0,
+                ty + 3.5
+            );
+        }
+    }
+    for angle in [-60, -30, 0, 30, 60] {
+        let tx = at_x(f64::from(angle));
+        let _ = writeln!(
+            svg,
+            r##"<path d="M{tx:.1} {y}v{HEIGHT}" stroke="#eeeeee" stroke-width="0.7"/>"##
+        );
+        let label = format!("{angle}°").replace('-', "−");
+        let _ = writeln!(
+            svg,
+            r##"<text x="{tx:.1}" y="{:.1}" text-anchor="middle">{label}</text>"##,
+            y + HEIGHT + 13.0
+        );
+    }
+    if first {
+        let middle = y + 0.5 * HEIGHT;
+        let _ = writeln!(
+            svg,
+            r##"<text x="{0}" y="{middle}" transform="rotate(-90 {0} {middle})" text-anchor="middle" font-size="11">{1}</text>"##,
+            x - 42.0,
+            escaped(&panel.axis)
+        );
+    }
+    if last {
+        let _ = writeln!(
+            svg,
+            r##"<text x="{}" y="{}" text-anchor="middle" fill="#606060">angle of reflection</text>"##,
+            x + 0.5 * WIDTH,
+            y + HEIGHT + 27.0
+        );
+    }
+    for (n, line) in panel.lines.iter().enumerate() {
+        let colour = COLOURS[n % COLOURS.len()];
+        let (mut path, mut bars, mut pen_down) = (String::new(), String::new(), false);
+        for &(angle, value, half) in &line.points {
+            if !value.is_finite() {
+                pen_down = false;
+                continue;
+            }
+            let (px, py) = (at_x(angle), at_y(value));
+            // A line that runs off the panel at a jump (an angle that turns round) is lifted there.
+            let command = if pen_down { 'L' } else { 'M' };
+            let _ = write!(path, "{command}{px:.1} {py:.1}");
+            pen_down = true;
+            // A short stroke shows a point that has no neighbours.
+            path.push_str("h0.01");
+            if half > 0.0 {
+                let (from, to) = (at_y(value - half), at_y(value + half));
+                let _ = write!(bars, "M{px:.1} {from:.1}V{to:.1}");
+            }
+        }
+        let _ = writeln!(
+            svg,
+            r##"<path d="{bars}" stroke="{colour}" stroke-opacity="0.35" stroke-width="2" fill="none"/><path d="{path}" stroke="{colour}" stroke-width="1.4" stroke-linecap="round" fill="none"/>"##
+        );
+        if panel.lines.len() > 1 {
+            let (lx, ly) = (x + 8.0, y + 12.0 + 13.0 * n as f64);
+            let _ = writeln!(
+                svg,
+                r##"<path d="M{lx} {ly}h14" stroke="{colour}" stroke-width="2"/><text x="{}" y="{}">{}</text>"##,
+                lx + 18.0,
+                ly + 3.5,
+                escaped(&line.name)
+            );
+        }
+    }
+    let _ = writeln!(
+        svg,
+        r##"<rect x="{x}" y="{y}" width="{WIDTH}" height="{HEIGHT}" fill="none" stroke="#888888" stroke-width="0.8"/>"##
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gap_in_the_values_is_a_gap_in_the_line() {
+        let panel = Panel {
+            title: "a".to_owned(),
+            axis: "b".to_owned(),
+            range: (0.0, 1.0),
+            ticks: vec![0.0, 1.0],
+            lines: vec![Line {
+                name: "c".to_owned(),
+                points: vec![
+                    (-90.0, 0.0, 0.0),
+                    (0.0, f64::NAN, 0.0),
+                    (45.0, 0.5, 0.0),
+                    (90.0, 1.0, 0.1),
+                ],
+            }],
+        };
+        let svg = panels("t", "n", 1, &[panel]);
+        assert!(
+            svg.contains("M58.0 194.0h0.01M245.5 129.0h0.01L308.0 64.0h0.01"),
+            "{svg}"
+        );
+    }
+}

@@ -1,0 +1,237 @@
+//! `ridged trace ellipsometer`: what a camera records through filter and compensator, DOLP and AOP.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+
+use anyhow::{Context, anyhow};
+use serde::Serialize;
+
+use super::curves::{Line, Panel, panels};
+use super::{CliError, Source, interrupt};
+use crate::cli::progress::Bar;
+use crate::trace::ellipsometer::{Point, SETTINGS, curve};
+use crate::trace::run::{Shard, trace};
+
+/// Six states of the lamp's light, six settings of the camera's filter and compensator, over the plane
+/// of incidence: intensities, Stokes vectors, DOLP and AOP.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example:\n  ridged trace ellipsometer scenes/sandpaper.toml --angles-deg 30,45,60 --out states.csv --pictures out"
+)]
+pub struct Args {
+    /// The scene.
+    #[arg(value_name = "SCENE.toml")]
+    scene: PathBuf,
+    /// Angles of incidence.
+    #[arg(long, value_name = "DEG,…", value_delimiter = ',', default_values_t = [30.0, 45.0, 60.0])]
+    angles_deg: Vec<f64>,
+    /// Photons per angle, instead of the scene's.
+    #[arg(long, value_name = "N")]
+    photons: Option<u64>,
+    /// CSV file of all readings.
+    #[arg(long, value_name = "FILE.csv")]
+    out: Option<PathBuf>,
+    /// A folder for the curves (SVG).
+    #[arg(long, value_name = "DIR")]
+    pictures: Option<PathBuf>,
+    /// One JSON object on stdout with all readings.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    settings: [crate::trace::ellipsometer::Setting; 6],
+    photons: u64,
+    angles: Vec<Angle>,
+    program: String,
+}
+
+#[derive(Debug, Serialize)]
+struct Angle {
+    theta_i_deg: f64,
+    points: Vec<Point>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input for a scene that makes no sense; no result where a file cannot be written.
+pub fn run(args: &Args) -> Result<(), CliError> {
+    let mut source = Source::read(&args.scene)?;
+    if let Some(photons) = args.photons {
+        source.scene.run.photons = photons;
+    }
+    // States of the lamp are all had from one polarised run.
+    source.scene.run.polarised = toml::Value::Boolean(true);
+    for &theta in &args.angles_deg {
+        source.scene.light.theta_i_deg = theta;
+        source.scene.check().map_err(CliError::bad_input)?;
+    }
+    let cancel = interrupt::flag()?;
+    let bar = Bar::new("runs");
+    let mut report = Report {
+        settings: SETTINGS,
+        photons: source.scene.run.photons,
+        angles: Vec::new(),
+        program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
+    };
+    for (n, &theta) in args.angles_deg.iter().enumerate() {
+        bar.at(n as u64, args.angles_deg.len() as u64);
+        source.scene.light.theta_i_deg = theta;
+        let proceed = |_: &_| !cancel.load(Ordering::Relaxed);
+        let totals = trace(&source.prepare()?, Shard::WHOLE, &proceed);
+        if cancel.load(Ordering::Relaxed) {
+            bar.clear();
+            return Err(CliError::Interrupted);
+        }
+        let points = curve(&totals, source.scene.light.phi_i_deg)
+            .ok_or_else(|| CliError::no_result(anyhow!("nothing was reflected")))?;
+        report.angles.push(Angle {
+            theta_i_deg: theta,
+            points,
+        });
+    }
+    bar.clear();
+    if let Some(out) = &args.out {
+        std::fs::write(out, report.csv())
+            .with_context(|| format!("cannot write {}", out.display()))
+            .map_err(CliError::no_result)?;
+    }
+    if let Some(folder) = &args.pictures {
+        for angle in &report.angles {
+            let name = format!("ellipsometer-{}.svg", angle.theta_i_deg);
+            write_curves(folder, &name, angle.theta_i_deg, &angle.points)?;
+        }
+    }
+    super::print(args.json, &report, |out| report.table(out))
+}
+
+/// DOLP and AOP for the six states of the lamp.
+pub(super) fn write_curves(
+    folder: &Path,
+    name: &str,
+    theta_i_deg: f64,
+    points: &[Point],
+) -> Result<(), CliError> {
+    let mut sheet = Vec::new();
+    for dolp in [true, false] {
+        for (n, setting) in SETTINGS.iter().enumerate() {
+            let points: Vec<(f64, f64, f64)> = points
+                .iter()
+                .map(|p| {
+                    let r = &p.readings[n];
+                    let noise = r.stokes_std[1].hypot(r.stokes_std[2]) / r.stokes[0];
+                    // Half a turn is a full one for an axis: the error of an angle is half that of 2 × angle.
+                    let (value, std) = if dolp {
+                        (r.dolp, noise)
+                    } else {
+                        (r.aop_deg, (0.5 * noise / r.dolp).to_degrees())
+                    };
+                    let settled = if dolp { std < 0.25 } else { std < 15.0 };
+                    (p.theta_s_deg, if settled { value } else { f64::NAN }, std)
+                })
+                .collect();
+            let points = if dolp { points } else { lifted(points) };
+            sheet.push(Panel {
+                title: setting.name.to_owned(),
+                axis: if dolp { "DOLP" } else { "AOP / °" }.to_owned(),
+                range: if dolp { (0.0, 1.0) } else { (-90.0, 90.0) },
+                ticks: if dolp {
+                    vec![0.0, 0.25, 0.5, 0.75, 1.0]
+                } else {
+                    vec![-90.0, -45.0, 0.0, 45.0, 90.0]
+                },
+                lines: vec![Line {
+                    name: String::new(),
+                    points,
+                }],
+            });
+        }
+    }
+    let (dolp, aop) = sheet.split_at(SETTINGS.len());
+    // Three states per row: DOLP above AOP.
+    let ordered: Vec<Panel> = [&dolp[..3], &aop[..3], &dolp[3..], &aop[3..]]
+        .into_iter()
+        .flatten()
+        .cloned()
+        .collect();
+    let svg = panels(
+        &format!("Polarisation of the reflected light, lamp at {theta_i_deg}°"),
+        "plane of incidence; positive angles lie on the side of the mirror direction; AOP counts from s to p; bars are standard errors",
+        3,
+        &ordered,
+    );
+    super::write_picture(folder, name, &svg)
+}
+
+/// Gaps where an angle turns round at ±90°, which is no jump.
+fn lifted(points: Vec<(f64, f64, f64)>) -> Vec<(f64, f64, f64)> {
+    let mut out: Vec<(f64, f64, f64)> = Vec::with_capacity(points.len());
+    for point in points {
+        if let Some(last) = out.last()
+            && (last.1 - point.1).abs() > 90.0
+        {
+            out.push((0.5 * (last.0 + point.0), f64::NAN, 0.0));
+        }
+        out.push(point);
+    }
+    out
+}
+
+impl Report {
+    fn csv(&self) -> String {
+        let mut text = String::from("theta_i_deg,theta_s_deg,input,filter_deg,compensator_deg");
+        for setting in &SETTINGS {
+            let _ = write!(text, ",camera_{}", setting.name.replace('-', "_"));
+        }
+        text.push_str(",s0,s1,s2,s3,s0_std,s1_std,s2_std,s3_std,dolp,aop_deg\n");
+        for angle in &self.angles {
+            for point in &angle.points {
+                for (reading, setting) in point.readings.iter().zip(&SETTINGS) {
+                    let _ = write!(
+                        text,
+                        "{},{},{},{},{}",
+                        angle.theta_i_deg,
+                        point.theta_s_deg,
+                        reading.input,
+                        setting.filter_deg,
+                        setting.compensator_deg
+                    );
+                    let numbers = reading.camera.iter().chain(&reading.stokes);
+                    for x in numbers.chain(&reading.stokes_std) {
+                        let _ = write!(text, ",{x:e}");
+                    }
+                    let _ = writeln!(text, ",{:e},{:e}", reading.dolp, reading.aop_deg);
+                }
+            }
+        }
+        text
+    }
+
+    fn table(&self, out: &mut dyn std::io::Write) -> std::io::Result<()> {
+        writeln!(out, "θi / °  θs / °  lamp        I / sr⁻¹   DOLP   AOP / °")?;
+        for angle in &self.angles {
+            for point in &angle.points {
+                // The table shows every ten degrees; the CSV file has all.
+                if (point.theta_s_deg / 10.0).fract().abs() > 0.11 {
+                    continue;
+                }
+                for r in &point.readings {
+                    writeln!(
+                        out,
+                        "{:6}  {:6}  {:10}  {:.3e}  {:.3}  {:6.1}",
+                        angle.theta_i_deg,
+                        point.theta_s_deg,
+                        r.input,
+                        r.stokes[0],
+                        r.dolp,
+                        r.aop_deg
+                    )?;
+                }
+            }
+        }
+        Ok(())
+    }
+}

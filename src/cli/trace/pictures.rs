@@ -1,0 +1,102 @@
+//! The pictures of one run: all Mueller elements, the Stokes vector of the scene's own light, and the
+//! six canonical states over the plane of incidence.
+
+use std::path::Path;
+
+use super::hemisphere::{Disc, Lamp, Scale, sheet};
+use super::{CliError, ellipsometer, write_picture};
+use crate::trace::ellipsometer::{aop_deg, curve, dolp};
+use crate::trace::height_field::Side;
+use crate::trace::scene::Scene;
+use crate::trace::tally::Totals;
+
+/// Bins whose brightness is known no better than this are grey where ratios are shown.
+const SETTLED: f64 = 0.3;
+
+/// Writes `mueller.svg`, `stokes.svg` and `curves.svg`; of a scalar run `brdf.svg` alone.
+pub(super) fn write(folder: &Path, scene: &Scene, totals: &Totals) -> Result<(), CliError> {
+    let lamp = Lamp {
+        theta_deg: scene.light.theta_i_deg,
+        phi_deg: scene.light.phi_i_deg,
+    };
+    let grid = totals.grid();
+    let value = |bin: usize, i: usize| totals.element(Side::Above, bin, i).value;
+    let lit = |bin: usize| !totals.is_empty(Side::Above, bin) && value(bin, 0) > 0.0;
+    let over = |f: &dyn Fn(usize) -> Option<f64>| -> Vec<Option<f64>> {
+        (0..grid.per_side()).map(f).collect()
+    };
+    let brightness = over(&|bin| lit(bin).then(|| value(bin, 0)));
+    let decades = Scale::decades(brightness.iter().flatten().copied());
+    let note = format!(
+        "{} × {} bins of polar angle and azimuth, {} photons; ○ lamp, + mirror direction",
+        grid.n_theta,
+        grid.n_phi,
+        totals.photons()
+    );
+    let title = |what: &str| format!("{what}, lamp at {}°", lamp.theta_deg);
+    let brdf = |title: &str, values| Disc {
+        title: title.to_owned(),
+        scale: decades,
+        values,
+    };
+    if totals.elements() < 16 {
+        let discs = [brdf("BRDF / sr⁻¹", brightness)];
+        let svg = sheet(grid, lamp, 1, &title("Reflected light"), &note, &discs);
+        return write_picture(folder, "brdf.svg", &svg);
+    }
+    let settled = |bin: usize| {
+        let m00 = totals.element(Side::Above, bin, 0);
+        lit(bin) && m00.std <= SETTLED * m00.value
+    };
+    let mut discs = vec![brdf("m00 / sr⁻¹", brightness)];
+    for i in 1..16 {
+        discs.push(Disc {
+            title: format!("m{}{} / m00", i / 4, i % 4),
+            scale: Scale::Signed(1.0),
+            values: over(&|bin| settled(bin).then(|| value(bin, i) / value(bin, 0))),
+        });
+    }
+    let svg = sheet(grid, lamp, 4, &title("Mueller matrix"), &note, &discs);
+    write_picture(folder, "mueller.svg", &svg)?;
+
+    let [intensity, q, u, v] = scene.light.stokes;
+    let input = [1.0, q / intensity, u / intensity, v / intensity];
+    let stokes = |bin: usize| -> [f64; 4] {
+        std::array::from_fn(|i| (0..4).map(|j| value(bin, 4 * i + j) * input[j]).sum())
+    };
+    let seen = |f: &dyn Fn(&[f64; 4]) -> f64| over(&|bin| settled(bin).then(|| f(&stokes(bin))));
+    let ratio = |name: &str, i: usize| Disc {
+        title: format!("{name} / I"),
+        scale: Scale::Signed(1.0),
+        values: seen(&|s| s[i] / s[0]),
+    };
+    let discs = [
+        brdf("I / sr⁻¹", over(&|bin| lit(bin).then(|| stokes(bin)[0]))),
+        ratio("Q", 1),
+        ratio("U", 2),
+        ratio("V", 3),
+        Disc {
+            title: "DOLP".to_owned(),
+            scale: Scale::Range(0.0, 1.0),
+            values: seen(&dolp),
+        },
+        Disc {
+            title: "AOP from s to p".to_owned(),
+            scale: Scale::Turn,
+            // An angle means nothing where hardly anything is polarised.
+            values: over(&|bin| {
+                (settled(bin) && dolp(&stokes(bin)) > 0.01).then(|| aop_deg(&stokes(bin)))
+            }),
+        },
+    ];
+    let what = format!(
+        "Stokes vector for the lamp's ({}, {}, {}, {})",
+        1, input[1], input[2], input[3]
+    );
+    let svg = sheet(grid, lamp, 3, &title(&what), &note, &discs);
+    write_picture(folder, "stokes.svg", &svg)?;
+    match curve(totals, lamp.phi_deg) {
+        Some(points) => ellipsometer::write_curves(folder, "curves.svg", lamp.theta_deg, &points),
+        None => Ok(()),
+    }
+}

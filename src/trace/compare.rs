@@ -1,0 +1,220 @@
+//! Where a computation without polarisation goes wrong: difference maps over the directions of exit.
+//!
+//! Call [`Difference::of`] on runs of [`super::run::trace_paired`], one per wavelength, all with the
+//! same bins. As Wang et al. 2017 (Sec. 5) have it, per direction d = (I_pol − I_scalar)/I_scalar of an
+//! unpolarised lamp; ADM is the mean of |d| over the wavelengths, MDM the greatest. Directions
+//! darker than the mean of the lit ones over a divisor are left out, and so are those that the run has
+//! not settled. Bin size and mask move the numbers: a result is told with both.
+
+use serde::Serialize;
+
+use super::height_field::Side;
+use super::paired::{DIFFERENCE, SCALAR};
+use super::tally::{Estimate, Grid, Totals};
+
+/// Which directions count.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Mask {
+    /// Directions darker than the mean of the lit ones over this are left out.
+    pub divisor: f64,
+    /// So are those whose relative difference has a standard error above this.
+    pub error_max: f64,
+}
+
+/// The relative difference in one direction.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Direction {
+    /// Bin of the upper side.
+    #[serde(skip)]
+    pub bin: usize,
+    /// Polar angle of the bin's centre, degrees.
+    pub theta_deg: f64,
+    /// Azimuth of the bin's centre, degrees.
+    pub phi_deg: f64,
+    /// Mean over the wavelengths of the scalar BRDF, sr⁻¹.
+    pub scalar: f64,
+    /// Signed mean of d over the wavelengths.
+    pub mean: f64,
+    /// Standard error of it.
+    pub std: f64,
+    /// Mean of |d|.
+    pub adm: f64,
+    /// Greatest |d|.
+    pub mdm: f64,
+}
+
+/// All directions that count.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Difference {
+    /// The bins.
+    pub grid: Grid,
+    /// Directions that count, in the order of the bins.
+    pub directions: Vec<Direction>,
+    /// Lit directions left out as too dark.
+    pub too_dark: usize,
+    /// Directions left out as not settled.
+    pub not_settled: usize,
+}
+
+/// A map in a few numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Summary {
+    /// Greatest over the directions.
+    pub greatest: f64,
+    /// 99 % of the directions are below it.
+    pub percentile_99: f64,
+    /// Mean over the directions.
+    pub mean: f64,
+}
+
+impl Difference {
+    /// From runs of one scene at one or more wavelengths; `None` where the runs do not fit together or
+    /// were not paired.
+    #[must_use]
+    pub fn of(runs: &[Totals], mask: &Mask) -> Option<Difference> {
+        let grid = runs.first()?.grid();
+        if runs
+            .iter()
+            .any(|r| r.grid() != grid || r.elements() <= DIFFERENCE)
+        {
+            return None;
+        }
+        let scalar = |run: &Totals, bin| run.element(Side::Above, bin, SCALAR).value;
+        let brightness: Vec<f64> = (0..grid.per_side())
+            .map(|bin| {
+                let lit = runs.iter().filter(|r| !r.is_empty(Side::Above, bin));
+                lit.map(|r| scalar(r, bin)).sum::<f64>() / runs.len() as f64
+            })
+            .collect();
+        let lit = brightness.iter().filter(|b| **b > 0.0).count();
+        let limit = brightness.iter().sum::<f64>() / (lit.max(1) as f64 * mask.divisor);
+        let (mut directions, mut too_dark, mut not_settled) = (Vec::new(), 0, 0);
+        for (bin, &bright) in brightness.iter().enumerate() {
+            if bright <= 0.0 {
+                continue;
+            }
+            if bright < limit {
+                too_dark += 1;
+                continue;
+            }
+            let of: Vec<Estimate> = runs.iter().map(|r| relative(r, bin)).collect();
+            let n = of.len() as f64;
+            let std = of.iter().map(|d| d.std * d.std).sum::<f64>().sqrt() / n;
+            // A bin that one photon alone reached has no error to speak of.
+            if of.iter().all(|d| d.std <= mask.error_max) {
+                let [t0, t1, p0, p1] = grid.limits_deg(bin);
+                directions.push(Direction {
+                    bin,
+                    theta_deg: 0.5 * (t0 + t1),
+                    phi_deg: 0.5 * (p0 + p1),
+                    scalar: bright,
+                    mean: of.iter().map(|d| d.value).sum::<f64>() / n,
+                    std,
+                    adm: of.iter().map(|d| d.value.abs()).sum::<f64>() / n,
+                    mdm: of.iter().map(|d| d.value.abs()).fold(0.0, f64::max),
+                });
+            } else {
+                not_settled += 1;
+            }
+        }
+        Some(Difference {
+            grid,
+            directions,
+            too_dark,
+            not_settled,
+        })
+    }
+
+    /// The ADM map in numbers; `None` where no direction counts.
+    #[must_use]
+    pub fn adm(&self) -> Option<Summary> {
+        summary(self.directions.iter().map(|d| d.adm).collect())
+    }
+
+    /// The MDM map in numbers; `None` where no direction counts.
+    #[must_use]
+    pub fn mdm(&self) -> Option<Summary> {
+        summary(self.directions.iter().map(|d| d.mdm).collect())
+    }
+
+    /// The direction where the scalar computation is most wrong.
+    #[must_use]
+    pub fn worst(&self) -> Option<&Direction> {
+        self.directions
+            .iter()
+            .max_by(|a, b| a.adm.total_cmp(&b.adm))
+    }
+}
+
+/// d of a bin.
+fn relative(run: &Totals, bin: usize) -> Estimate {
+    let scalar = run.element(Side::Above, bin, SCALAR).value;
+    let difference = run.element(Side::Above, bin, DIFFERENCE);
+    Estimate {
+        value: difference.value / scalar,
+        std: difference.std / scalar,
+    }
+}
+
+fn summary(mut values: Vec<f64>) -> Option<Summary> {
+    values.sort_by(f64::total_cmp);
+    let greatest = *values.last()?;
+    let at = (values.len() * 99).div_ceil(100) - 1;
+    Some(Summary {
+        greatest,
+        percentile_99: values[at],
+        mean: values.iter().sum::<f64>() / values.len() as f64,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::run::{Shard, trace_paired};
+    use super::super::scene::Scene;
+    use super::*;
+    use crate::model::flat_stack::FlatStack;
+
+    fn traced(theta_deg: f64, interfaces: &str, photons: u32) -> Totals {
+        let text = format!(
+            "[light]\ntheta_i_deg = {theta_deg}\nphi_i_deg = 170.0\n{interfaces}\n[run]\nphotons = {photons}\n"
+        );
+        let scene = Scene::parse(&text).unwrap();
+        let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
+        trace_paired(&prepared.with_grid(Grid::disc(16)), Shard::WHOLE, &|_| true)
+    }
+
+    const MASK: Mask = Mask {
+        divisor: 10.0,
+        error_max: 0.02,
+    };
+
+    #[test]
+    fn flat_layers_differ_as_the_exact_recursion_says() {
+        let layers = "[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n\
+                      [[interface]]\nshape = \"flat\"\nbelow = { n = 2.4 }";
+        let difference = Difference::of(&[traced(65.0, layers, 60_000)], &MASK).unwrap();
+        let [only] = difference.directions[..] else {
+            panic!("a mirror sends light in one direction")
+        };
+        let exact = FlatStack::parse("1.5/2.4")
+            .unwrap()
+            .reflect(65f64.to_radians())
+            .unwrap();
+        let expected = exact.channel.unpolarised() / exact.scalar - 1.0;
+        assert!(
+            (only.mean - expected).abs() < 4.0 * only.std,
+            "{only:?} {expected}"
+        );
+        assert!(only.std < 0.1 * expected.abs());
+        assert_eq!((only.adm, only.mdm), (only.mean.abs(), only.mean.abs()));
+    }
+
+    #[test]
+    fn one_reflection_of_unpolarised_light_needs_no_polarisation() {
+        let facet = "[[interface]]\nshape = \"beckmann\"\nalpha_u = 0.05\nalpha_v = 0.05\n\
+                     cells = 64\nbelow = \"Au\"";
+        let difference = Difference::of(&[traced(20.0, facet, 20_000)], &MASK).unwrap();
+        assert!(difference.adm().unwrap().greatest < 1e-12);
+        assert!(!difference.directions.is_empty());
+    }
+}

@@ -1,0 +1,274 @@
+//! What a camera records of a traced surface with a filter and a compensator before lamp and camera.
+//!
+//! Call [`curve`] for the plane of incidence: for six states of the lamp's light and six settings of the
+//! camera's optics the intensities, and from the Stokes vector degree and angle of linear polarisation
+//! (Wang et al. 2017, Sec. 4.4 and Figs. 7–9). Filter angles count from s to p of a beam, in the frame
+//! (z × k, k × s) of [`crate::model::polarisation`]; the compensator is an ideal quarter-wave plate
+//! behind the lamp's filter and before the camera's, its angle that of the fast axis.
+
+use nalgebra::{RowVector4, Vector4};
+use serde::Serialize;
+
+use super::height_field::Side;
+use super::tally::{Layout, Totals};
+use crate::model::polarisation::{Channel, Mueller, Stokes};
+
+/// A setting of filter and compensator.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Setting {
+    /// What it makes, or lets through.
+    pub name: &'static str,
+    /// Transmission axis of the filter, degrees from s to p.
+    pub filter_deg: f64,
+    /// Fast axis of the quarter-wave plate, degrees from s to p; along the filter it does nothing.
+    pub compensator_deg: f64,
+}
+
+const fn setting(name: &'static str, filter_deg: f64, compensator_deg: f64) -> Setting {
+    Setting {
+        name,
+        filter_deg,
+        compensator_deg,
+    }
+}
+
+/// The canonical inputs, and the settings of the camera.
+pub const SETTINGS: [Setting; 6] = [
+    setting("linear-0", 0.0, 0.0),
+    setting("linear-45", 45.0, 45.0),
+    setting("linear-90", 90.0, 90.0),
+    setting("linear-135", 135.0, 135.0),
+    setting("left", 0.0, 135.0),
+    setting("right", 0.0, 45.0),
+];
+
+fn at_angle(optic: &Mueller, degrees: f64) -> Mueller {
+    let angle = degrees.to_radians();
+    Mueller::rotation(-angle) * *optic * Mueller::rotation(angle)
+}
+
+fn filter(degrees: f64) -> Mueller {
+    let along_s = Channel {
+        s: 1.0,
+        ..Channel::NONE
+    };
+    at_angle(&along_s.mueller(), degrees)
+}
+
+/// A quarter-wave plate: with exp(−iωt) the slow axis (p) gains the phase π/2, so t_s t_p* = −i.
+fn quarter_wave(degrees: f64) -> Mueller {
+    let fast_s = Channel {
+        s: 1.0,
+        p: 1.0,
+        re: 0.0,
+        im: -1.0,
+    };
+    at_angle(&fast_s.mueller(), degrees)
+}
+
+impl Setting {
+    /// The lamp's light behind its optics, with intensity 1.
+    #[must_use]
+    pub fn lamp(&self) -> Stokes {
+        let behind = quarter_wave(self.compensator_deg) * filter(self.filter_deg);
+        2.0 * behind.0 * Vector4::new(1.0, 0.0, 0.0, 0.0)
+    }
+
+    /// What the camera records per Stokes component of the light before its optics.
+    #[must_use]
+    pub fn camera(&self) -> RowVector4<f64> {
+        let through = filter(self.filter_deg) * quarter_wave(self.compensator_deg);
+        through.0.row(0).into_owned()
+    }
+}
+
+/// What is known of one direction for one state of the lamp.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Reading {
+    /// The lamp's state.
+    pub input: &'static str,
+    /// Stokes vector per irradiance, sr⁻¹.
+    pub stokes: [f64; 4],
+    /// Standard errors of it (those of the Mueller elements, taken as independent).
+    pub stokes_std: [f64; 4],
+    /// What the camera records for each of [`SETTINGS`], sr⁻¹.
+    pub camera: [f64; 6],
+    /// Degree of linear polarisation.
+    pub dolp: f64,
+    /// Angle of polarisation, degrees from s to p, in (−90, 90].
+    pub aop_deg: f64,
+}
+
+/// One direction in the plane of incidence.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Point {
+    /// Angle of reflection, degrees; positive on the side of the mirror direction.
+    pub theta_s_deg: f64,
+    /// For each of [`SETTINGS`] before the lamp.
+    pub readings: Vec<Reading>,
+}
+
+/// Degree of linear polarisation of a Stokes vector.
+#[must_use]
+pub fn dolp(stokes: &[f64; 4]) -> f64 {
+    stokes[1].hypot(stokes[2]) / stokes[0]
+}
+
+/// Angle of polarisation, degrees from s to p.
+#[must_use]
+pub fn aop_deg(stokes: &[f64; 4]) -> f64 {
+    0.5 * stokes[2].atan2(stokes[1]).to_degrees()
+}
+
+/// The plane of incidence of a polarised run whose lamp stands at the azimuth `phi_i_deg`, by the
+/// angle of reflection; directions that no light reached are left out. `None` for scalar runs and pixel bins.
+#[must_use]
+pub fn curve(totals: &Totals, phi_i_deg: f64) -> Option<Vec<Point>> {
+    let grid = totals.grid();
+    if totals.elements() < 16 || grid.layout != Layout::Polar {
+        return None;
+    }
+    let mut points = Vec::new();
+    for (sign, plane_deg) in [(-1.0, phi_i_deg), (1.0, phi_i_deg + 180.0)] {
+        for row in 0..grid.n_theta {
+            let bins = beside(grid.n_phi, plane_deg).map(|column| row * grid.n_phi + column);
+            let bins: Vec<usize> = bins
+                .filter(|&bin| !totals.is_empty(Side::Above, bin))
+                .collect();
+            if bins.is_empty() {
+                continue;
+            }
+            let n = bins.len() as f64;
+            let (mut values, mut squares) = ([0.0; 16], [0.0; 16]);
+            for bin in bins {
+                for (i, (value, square)) in values.iter_mut().zip(&mut squares).enumerate() {
+                    let e = totals.element(Side::Above, bin, i);
+                    *value += e.value / n;
+                    *square += (e.std / n).powi(2);
+                }
+            }
+            let [lo, hi, _, _] = grid.limits_deg(row * grid.n_phi);
+            points.push(Point {
+                theta_s_deg: sign * 0.5 * (lo + hi),
+                readings: SETTINGS
+                    .iter()
+                    .map(|s| reading(s, &values, &squares))
+                    .collect(),
+            });
+        }
+    }
+    points.sort_by(|a, b| a.theta_s_deg.total_cmp(&b.theta_s_deg));
+    Some(points)
+}
+
+/// The columns of bins at an azimuth: that which holds it, or both where it is their border.
+fn beside(n_phi: usize, phi_deg: f64) -> impl Iterator<Item = usize> {
+    let at = (phi_deg / 360.0).rem_euclid(1.0) * n_phi as f64;
+    let nearest = at.round();
+    let (first, last) = if (at - nearest).abs() < 1e-6 {
+        (nearest as usize + n_phi - 1, nearest as usize)
+    } else {
+        (at as usize, at as usize)
+    };
+    let (first, last) = (first % n_phi, last % n_phi);
+    std::iter::once(first).chain((first != last).then_some(last))
+}
+
+fn reading(input: &Setting, values: &[f64; 16], squares: &[f64; 16]) -> Reading {
+    let lamp = input.lamp();
+    let (mut stokes, mut stokes_std) = ([0.0; 4], [0.0; 4]);
+    for i in 0..4 {
+        stokes[i] = (0..4).map(|j| values[4 * i + j] * lamp[j]).sum();
+        let square: f64 = (0..4).map(|j| squares[4 * i + j] * lamp[j] * lamp[j]).sum();
+        stokes_std[i] = square.sqrt();
+    }
+    let seen = Vector4::from(stokes);
+    Reading {
+        input: input.name,
+        camera: SETTINGS.map(|s| (s.camera() * seen)[0]),
+        dolp: dolp(&stokes),
+        aop_deg: aop_deg(&stokes),
+        stokes,
+        stokes_std,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::run::{Shard, trace};
+    use super::super::scene::Scene;
+    use super::*;
+    use crate::model::polarisation::Boundary;
+
+    #[test]
+    fn the_six_settings_make_the_six_states() {
+        let expected = [
+            [1.0, 1.0, 0.0, 0.0],
+            [1.0, 0.0, 1.0, 0.0],
+            [1.0, -1.0, 0.0, 0.0],
+            [1.0, 0.0, -1.0, 0.0],
+            [1.0, 0.0, 0.0, 1.0],
+            [1.0, 0.0, 0.0, -1.0],
+        ];
+        for (setting, state) in SETTINGS.iter().zip(expected) {
+            let lamp = setting.lamp();
+            for (i, x) in state.iter().enumerate() {
+                assert!((lamp[i] - x).abs() < 1e-15, "{} {lamp}", setting.name);
+            }
+        }
+    }
+
+    #[test]
+    fn the_camera_lets_its_own_state_through_and_stops_the_opposite_one() {
+        // Circular light keeps its hand when it goes the other way through plate and filter, so the
+        // camera's plate has to stand across the lamp's: the same setting there is the other hand.
+        let seen =
+            |camera: usize, lamp: usize| (SETTINGS[camera].camera() * SETTINGS[lamp].lamp())[0];
+        for (camera, lamp, share) in [
+            (0, 0, 1.0),
+            (0, 2, 0.0),
+            (1, 1, 1.0),
+            (1, 3, 0.0),
+            (4, 5, 1.0),
+            (4, 4, 0.0),
+            (5, 4, 1.0),
+            (0, 4, 0.5),
+            (1, 0, 0.5),
+        ] {
+            assert!(
+                (seen(camera, lamp) - share).abs() < 1e-15,
+                "{camera} {lamp}"
+            );
+        }
+    }
+
+    #[test]
+    fn gold_turns_linear_light_as_fresnel_says() {
+        let theta = 61f64.to_radians();
+        let text = "[light]\ntheta_i_deg = 61.0\nphi_i_deg = 90.0\n[[interface]]\nshape = \"flat\"\n\
+                    below = \"Au550\"\n[run]\nphotons = 64\n";
+        let scene = Scene::parse(text).unwrap();
+        let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
+        let totals = trace(&prepared, Shard::WHOLE, &|_| true);
+        let points = curve(&totals, 90.0).unwrap();
+        let [only] = &points[..] else {
+            panic!("a mirror sends light in one direction: {points:?}")
+        };
+        assert!((only.theta_s_deg - 61.0).abs() < 1e-9);
+        let fresnel = Boundary::new(1.0, 0.3504, 2.7141).at(theta.cos()).reflected;
+        let at_45 = &only.readings[1];
+        let (i, q) = (0.5 * (fresnel.s + fresnel.p), 0.5 * (fresnel.s - fresnel.p));
+        let expected = [1.0, q / i, fresnel.re / i, -fresnel.im / i];
+        for (found, e) in at_45.stokes.iter().zip(expected) {
+            assert!((found / at_45.stokes[0] - e).abs() < 1e-12, "{at_45:?}");
+        }
+        assert!((at_45.dolp - expected[1].hypot(expected[2])).abs() < 1e-12);
+        // s light stays s light: full polarisation at 0°.
+        assert!((only.readings[0].dolp - 1.0).abs() < 1e-12);
+        assert!(only.readings[0].aop_deg.abs() < 1e-9);
+        assert!((only.readings[2].aop_deg.abs() - 90.0).abs() < 1e-9);
+        // Filters along s and along p share all of the light between them.
+        let camera = &at_45.camera;
+        assert!((camera[0] + camera[2] - at_45.stokes[0]).abs() < 1e-12 * camera[0]);
+    }
+}

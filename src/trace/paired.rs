@@ -1,0 +1,73 @@
+//! Light whose polarisation is followed and, on the very same path, light whose is not.
+//!
+//! The difference of a polarised and a scalar computation is small where it matters; two runs would bury
+//! it in the noise of both. [`Paired`] carries both through one path: what the paths have in common
+//! drops out of the difference. Ways are drawn by the mean of both shares, so neither weight
+//! can grow beyond twice its share: each of the two is an unbiased result of its own.
+
+use super::light::{Light, Polarised, Scalar};
+use super::vec3::V3;
+use crate::model::polarisation::Channel;
+
+/// A Mueller matrix and a scalar weight. A bin holds the matrix, the scalar, and m00 less the scalar (whose
+/// standard error is thus known, though both are strongly correlated).
+#[derive(Debug, Clone, Copy)]
+pub struct Paired {
+    polarised: Polarised,
+    scalar: Scalar,
+}
+
+/// The place of the scalar weight in a bin.
+pub const SCALAR: usize = Polarised::ELEMENTS;
+/// The place of m00 less the scalar weight.
+pub const DIFFERENCE: usize = SCALAR + 1;
+
+impl Light for Paired {
+    const ELEMENTS: usize = DIFFERENCE + 1;
+
+    fn launch(s: &V3) -> Self {
+        Paired {
+            polarised: Polarised::launch(s),
+            scalar: Scalar::launch(s),
+        }
+    }
+    #[inline]
+    fn weight(&self) -> f64 {
+        0.5 * (self.polarised.weight() + self.scalar.weight())
+    }
+    #[inline]
+    fn power(&self, stokes: &[f64; 4]) -> f64 {
+        self.polarised.power(stokes)
+    }
+    #[inline]
+    fn meet(&mut self, k: &V3, m: &V3) {
+        self.polarised.meet(k, m);
+    }
+    #[inline]
+    fn share(&self, channel: &Channel) -> f64 {
+        0.5 * (self.polarised.share(channel) + self.scalar.share(channel))
+    }
+    #[inline]
+    fn pass(&mut self, channel: &Channel, factor: f64) {
+        self.polarised.pass(channel, factor);
+        self.scalar.pass(channel, factor);
+    }
+    fn depolarise(&mut self, s: &V3) {
+        self.polarised.depolarise(s);
+    }
+    #[inline]
+    fn scale(&mut self, factor: f64) {
+        self.polarised.scale(factor);
+        self.scalar.scale(factor);
+    }
+    #[inline]
+    fn leave(&mut self, k: &V3, straight: &V3) {
+        self.polarised.leave(k, straight);
+    }
+    #[inline]
+    fn add_to(&self, bin: &mut [f64]) {
+        self.polarised.add_to(&mut bin[..SCALAR]);
+        self.scalar.add_to(&mut bin[SCALAR..DIFFERENCE]);
+        bin[DIFFERENCE] += self.polarised.weight() - self.scalar.weight();
+    }
+}

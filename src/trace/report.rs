@@ -1,0 +1,97 @@
+//! A run in one object: what `ridged trace --json` prints and `/traces` answers.
+
+use serde::{Serialize, Serializer};
+
+use super::scene::{LeftOut, Prepared};
+use super::tally::{Energies, Estimate, ORDERS, Totals};
+
+/// Energies, errors and what was left out.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// Photons launched.
+    pub photons: u64,
+    /// Time of the run, s, where it is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<f64>,
+    /// Part of `seconds` before the first photon: where the light falls, and what is certain of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub setup_seconds: Option<f64>,
+    /// Before `seconds`: making or reading the surfaces.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surface_seconds: Option<f64>,
+    /// Whether polarisation was followed.
+    pub polarised: bool,
+    /// Shares of the light.
+    pub energy: Energy,
+    /// Mean relative error of a reflected bin, by energy.
+    pub relative_error: Option<f64>,
+    /// Independent replicates behind the standard errors.
+    pub batches: u64,
+    /// What was left out, why, and what that may cost.
+    pub left_out: Vec<LeftOut>,
+    /// Who computed it.
+    pub program: String,
+}
+
+/// Shares of the light; the first four add up to 1.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Energy {
+    /// Back to the upper side.
+    pub reflected: Estimate,
+    /// Through the last interface.
+    pub transmitted: Estimate,
+    /// By metals, layers and diffuse bodies.
+    pub absorbed: Estimate,
+    /// Given up.
+    pub truncated: Estimate,
+    /// R1, R2, … and T1, T2, …: by the number of interactions.
+    #[serde(serialize_with = "as_map")]
+    pub by_interactions: Vec<(String, Estimate)>,
+}
+
+fn as_map<S: Serializer>(list: &[(String, Estimate)], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(list.iter().map(|(name, x)| (name, x)))
+}
+
+impl Report {
+    /// Of what was counted; times are for the caller to fill in. `left_out` as in [`Prepared`].
+    #[must_use]
+    pub fn new(totals: &Totals, polarised: bool, left_out: &[LeftOut]) -> Self {
+        let e: Energies<Estimate> = totals.energies();
+        let mut by_interactions = Vec::new();
+        for (side, orders) in [("R", &e.reflected), ("T", &e.transmitted)] {
+            let used = orders
+                .iter()
+                .rposition(|x| x.value != 0.0)
+                .map_or(1, |n| n + 1);
+            for (n, x) in orders.iter().take(used).enumerate() {
+                let more = if n + 1 == ORDERS { "plus" } else { "" };
+                by_interactions.push((format!("{side}{}{more}", n + 1), *x));
+            }
+        }
+        Report {
+            photons: totals.photons(),
+            seconds: None,
+            setup_seconds: None,
+            surface_seconds: None,
+            polarised,
+            energy: Energy {
+                reflected: e.reflected_all,
+                transmitted: e.transmitted_all,
+                absorbed: e.absorbed,
+                truncated: e.truncated,
+                by_interactions,
+            },
+            relative_error: totals.relative_error(),
+            batches: totals.batches(),
+            left_out: left_out.to_vec(),
+            program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
+        }
+    }
+
+    /// Of a run of a scene.
+    #[must_use]
+    pub fn of(prepared: &Prepared, totals: &Totals) -> Self {
+        Report::new(totals, prepared.polarised, &prepared.left_out)
+    }
+}
