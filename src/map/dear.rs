@@ -12,11 +12,13 @@
 use std::collections::HashMap;
 use std::sync::{Arc, RwLock};
 
+use super::integrated::Integrated;
 use super::kernel::{Geometry, Parameters, single};
 use super::solve::FREE;
-use crate::geometry::{Pose, RigGeometry};
+use crate::geometry::{Directions, Pose, RigGeometry};
 use crate::material::Material;
 use crate::model::prepared::{OpticsTable, Prepared};
+use crate::model::quadrature::Quadrature;
 use crate::model::{Optics, Surface, Variant};
 
 /// Widths of a cell: rad, rad, logarithms, ρd or amplitude. Within half of it second order is below
@@ -25,6 +27,16 @@ use crate::model::{Optics, Surface, Variant};
 pub(super) const CELL: [f64; FREE] = [0.005, 0.0175, 0.1, 0.1, 0.05];
 /// ψ cells widen below this ridge angle, where turning changes little.
 const SHALLOW: f64 = 0.1;
+
+/// Integration error allowed, as a share of the brightest observation.
+const TOLERANCE: f64 = 1e-5;
+
+fn turned(pose: &Pose, p: &Parameters) -> Pose {
+    Pose {
+        phi_s: pose.phi_s + crate::units::Angle::from_rad(p[1]),
+        ..*pose
+    }
+}
 
 /// The rig and the matter that pixels share.
 pub(super) struct Dear {
@@ -38,6 +50,7 @@ pub(super) struct Dear {
     /// Factor on [`CELL`].
     coarseness: f64,
     cells: RwLock<HashMap<[i32; FREE], Arc<Cell>>>,
+    integrated: Integrated,
 }
 
 /// One cell's expansion, one element per observation.
@@ -57,6 +70,7 @@ impl Dear {
         poses: Vec<Pose>,
         geometry: Vec<Geometry>,
         coarseness: f64,
+        integrated: Integrated,
     ) -> Self {
         let lamp = rig.light_angular_radius.rad().powi(2) / 8.0;
         Dear {
@@ -68,6 +82,7 @@ impl Dear {
             lamp,
             coarseness,
             cells: RwLock::new(HashMap::new()),
+            integrated,
         }
     }
 
@@ -121,13 +136,7 @@ impl Dear {
     fn expand(&self, centre: &Parameters) -> Cell {
         let n = self.poses.len();
         let (alpha_u, alpha_v) = (centre[2].exp(), centre[3].exp());
-        let surface = Surface {
-            theta_r: centre[0],
-            alpha_u,
-            alpha_v,
-            rho_d: if self.amplitude { 0.0 } else { centre[4] },
-            amplitude: if self.amplitude { centre[4] } else { 1.0 },
-        };
+        let surface = self.surface(centre);
         let prepared = Prepared::new(Variant::Sawtooth, &surface, &self.table);
         let mut cell = Cell {
             centre: *centre,
@@ -137,11 +146,7 @@ impl Dear {
             tilt: Vec::with_capacity(n),
         };
         for (pose, geometry) in self.poses.iter().zip(&self.geometry) {
-            let turned = Pose {
-                phi_s: pose.phi_s + crate::units::Angle::from_rad(centre[1]),
-                ..*pose
-            };
-            let full = prepared.gradient(&self.rig, turned);
+            let full = prepared.gradient(&self.rig, turned(pose, centre));
             let (a, slopes) = single(geometry, centre, self.lamp);
             let share = surface.amplitude;
             let (rest, last, basis) = if self.amplitude {
@@ -183,10 +188,53 @@ impl Dear {
                 .fold(*o, |sum, (slope, away)| slope.mul_add(*away, sum));
             *basis = *b;
         }
+        if let Some((share, integrated)) = self.integrated.near(p) {
+            for (offset, extra) in offset.iter_mut().zip(integrated) {
+                *offset = share.mul_add(*extra, *offset);
+            }
+        }
+    }
+
+    /// What the closed form lacks of integrated double reflections at `p`, per observation.
+    pub(super) fn lacking(&self, p: &Parameters) -> Vec<f64> {
+        let surface = self.surface(p);
+        let directions: Vec<Directions> = self
+            .poses
+            .iter()
+            .map(|pose| self.rig.directions(turned(pose, p)))
+            .collect();
+        let closed = self.closed(p);
+        let brightest = closed.iter().copied().fold(0.0, f64::max);
+        Quadrature::new(&surface, &self.table)
+            .radiances(&directions, TOLERANCE * brightest)
+            .iter()
+            .zip(&closed)
+            .map(|(integrated, closed)| integrated.value - closed)
+            .collect()
+    }
+
+    fn surface(&self, p: &Parameters) -> Surface {
+        Surface {
+            theta_r: p[0],
+            alpha_u: p[2].exp(),
+            alpha_v: p[3].exp(),
+            rho_d: if self.amplitude { 0.0 } else { p[4] },
+            amplitude: if self.amplitude { p[4] } else { 1.0 },
+        }
     }
 
     /// Full radiances at `p` for all observations, without an expansion.
     pub(super) fn full(&self, p: &Parameters) -> Vec<f64> {
+        let mut full = self.closed(p);
+        if let Some((share, integrated)) = self.integrated.near(p) {
+            for (value, extra) in full.iter_mut().zip(integrated) {
+                *value = share.mul_add(*extra, *value);
+            }
+        }
+        full
+    }
+
+    fn closed(&self, p: &Parameters) -> Vec<f64> {
         let cell = self.expand(p);
         self.geometry
             .iter()

@@ -1,11 +1,12 @@
 //! What all pixels share: gain, stray light and the zero of the tilt.
 //!
 //! signal = gain · (L(θc + δ) + s) and flat = gain · (ρ/π cos θi(θc + δ) + s). Gain and stray light
-//! come from the flats and from what is known of the mount, never from the pixels: s is nearly the
-//! same thing as a pixel's diffuse light. The zero δ comes from the pixels: each has eliminated its
-//! own five parameters (the Schur complement of its normal equations), and what is left says how
-//! far all of them would like to tilt. Without a white reference the gain comes from the pixels in
-//! the same way, since a dielectric's Fresnel peak is known.
+//! come from the flats and from what is known of the mount: on a dielectric s is nearly the same
+//! thing as a pixel's diffuse light. The zero δ comes from the pixels: each has eliminated its own
+//! five parameters (the Schur complement of its normal equations), and what is left says how far all
+//! of them would like to tilt. A second quantity comes from the pixels in the same way where they
+//! know it better than anybody: without a white reference the gain (a dielectric's Fresnel peak is
+//! known), and on a metal, which has no diffuse light, s, with what the flats say as its prior.
 
 use super::kernel::{Parameters, single};
 use super::run::Run;
@@ -36,6 +37,22 @@ pub struct Globals {
     pub tilt_offset: Angle,
     /// Standard uncertainty of `tilt_offset`.
     pub tilt_offset_std: Angle,
+}
+
+/// What pixels tell beside the zero of the tilt.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Second {
+    /// Nothing.
+    Nothing,
+    /// The gain.
+    Gain,
+    /// The stray light, with what is known of it otherwise.
+    Stray {
+        /// Mean, radiance.
+        prior: f64,
+        /// Standard uncertainty.
+        prior_std: f64,
+    },
 }
 
 impl Globals {
@@ -85,8 +102,9 @@ impl Globals {
         }
     }
 
-    /// One Gauss–Newton step of the tilt's zero, and of the gain if `free_gain`, from fitted pixels.
-    /// `birge` is their usual χ² per degree of freedom. Returns the step in δ (rad) and ln gain.
+    /// One Gauss–Newton step of the tilt's zero, and of the second quantity, from fitted pixels.
+    /// `birge` is their usual χ² per degree of freedom. Returns the step in δ (rad) and of the second
+    /// quantity: in ln gain, or in standard uncertainties of the stray light's prior.
     #[expect(
         clippy::needless_range_loop,
         reason = "matrix indices are the notation"
@@ -96,7 +114,7 @@ impl Globals {
         run: &Run<'_>,
         fits: &[(usize, PixelFit)],
         birge: f64,
-        free_gain: bool,
+        second: Second,
     ) -> [f64; 2] {
         let mut normal = [[0.0; 2]; 2];
         let mut gradient = [0.0; 2];
@@ -106,7 +124,7 @@ impl Globals {
             let Some(covariance) = &fit.covariance else {
                 continue;
             };
-            let pulls = Pulls::of(run, *pixel, &fit.p);
+            let pulls = Pulls::of(run, *pixel, &fit.p, second);
             for a in 0..2 {
                 gradient[a] += pulls.residual[a] - pulls.through(covariance, a, None);
                 for b in 0..2 {
@@ -114,10 +132,18 @@ impl Globals {
                 }
             }
         }
-        if !free_gain {
-            normal[1] = [0.0, 1.0];
-            normal[0][1] = 0.0;
-            gradient[1] = 0.0;
+        match second {
+            Second::Nothing => {
+                normal[1] = [0.0, 1.0];
+                normal[0][1] = 0.0;
+                gradient[1] = 0.0;
+            }
+            Second::Gain => {}
+            Second::Stray { prior, prior_std } => {
+                let weight = birge * prior_std.powi(-2);
+                normal[1][1] += weight;
+                gradient[1] += weight * (prior - self.stray);
+            }
         }
         let determinant = normal[0][0] * normal[1][1] - normal[0][1] * normal[1][0];
         let step = [
@@ -134,15 +160,26 @@ impl Globals {
             step[0].clamp(-0.05, 0.05)
         };
         self.tilt_offset += Angle::from_rad(tilt);
-        if free_gain {
-            self.gain *= step[1].clamp(-0.3, 0.3).exp();
-            self.gain_relative_std = (birge * normal[0][0] / determinant).max(0.0).sqrt();
-        }
-        [tilt, if free_gain { step[1] } else { 0.0 }]
+        let second_std = (birge * normal[0][0] / determinant).max(0.0).sqrt();
+        let second_step = match second {
+            Second::Nothing => 0.0,
+            Second::Gain => {
+                self.gain *= step[1].clamp(-0.3, 0.3).exp();
+                self.gain_relative_std = second_std;
+                step[1]
+            }
+            Second::Stray { prior_std, .. } => {
+                self.stray += step[1];
+                self.stray_std = second_std;
+                step[1] / prior_std
+            }
+        };
+        [tilt, second_step]
     }
 }
 
-/// One pixel's weighted sums over its observations for the shared unknowns δ and ln gain.
+/// One pixel's weighted sums over its observations for δ and the second shared quantity (the gain
+/// where there is none).
 struct Pulls {
     /// Σ tᵀt
     own: [[f64; 2]; 2],
@@ -159,7 +196,7 @@ impl Pulls {
         clippy::needless_range_loop,
         reason = "matrix indices are the notation"
     )]
-    fn of(run: &Run<'_>, pixel: usize, p: &Parameters) -> Pulls {
+    fn of(run: &Run<'_>, pixel: usize, p: &Parameters, second: Second) -> Pulls {
         let n = run.batch.observations;
         let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
         run.read(pixel, &mut signal, &mut weight);
@@ -185,8 +222,12 @@ impl Pulls {
                 (a + p[4] * basis[j] + offset[j], 1.0, basis[j])
             };
             let row = [first * s[0], first * s[1], first * s[2], first * s[3], last];
-            // ∂/∂ ln gain of gain (L + s), in radiance.
-            let t = [w * cell.tilt[j], w * (full + run.globals.stray)];
+            // ∂/∂ ln gain, or ∂/∂s, of gain (L + s), in radiance.
+            let by_second = match second {
+                Second::Stray { .. } => 1.0,
+                Second::Gain | Second::Nothing => full + run.globals.stray,
+            };
+            let t = [w * cell.tilt[j], w * by_second];
             let residual = w * (signal[j] - full);
             for x in 0..2 {
                 pulls.residual[x] += t[x] * residual;
@@ -225,7 +266,7 @@ pub(super) fn shared_effects(
     fit: &PixelFit,
 ) -> Option<[[f64; FREE]; 3]> {
     let covariance = fit.covariance.as_ref()?;
-    let pulls = Pulls::of(run, pixel, &fit.p);
+    let pulls = Pulls::of(run, pixel, &fit.p, Second::Gain);
     let n = run.batch.observations;
     let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
     run.read(pixel, &mut signal, &mut weight);

@@ -4,7 +4,7 @@
 //! Call [`map`]. It reads darks and flats, turns and stretches every sample frame back into the
 //! sample's frame (`observe`, `view`), settles on a sample of pixels what all of them share
 //! (`settle`, `globals`), fits every pixel with the `sawtooth` closed form, several pixels per
-//! vector register and tiles in parallel (`kernel`, `lanes`, `solve`, `dear`), marks borders and
+//! vector register and tiles in parallel (`kernel`, `lanes`, `solve`, `dear`, `integrated`), marks borders and
 //! defects (`defects`), and sums up. [`write::write`] makes the files; [`folder::map_into`] does both. Time grows with pixels ×
 //! observations; memory is bounded by [`MapOptions::memory_bytes_max`], beyond which planes go to a
 //! scratch file.
@@ -17,6 +17,7 @@ mod dear;
 pub mod defects;
 pub mod folder;
 mod globals;
+mod integrated;
 mod inverse;
 mod kernel;
 mod lanes;
@@ -125,6 +126,16 @@ pub enum MapError {
         "no pixel shows the reflection of a ridged surface: brightness does not change with the pose beyond a matte surface's; check focus, region and azimuths of the scan"
     )]
     NoLobes,
+    /// No pixel's fit came to an end.
+    #[error(
+        "no pixel could be fitted at these {poses} poses (usual χ² per degree of freedom {chi2:.1e}): their lobes are told too poorly; scan more tilts and azimuths, or fit the whole area"
+    )]
+    NothingFitted {
+        /// Poses that the series has.
+        poses: usize,
+        /// What the best fits of the sampled pixels leave.
+        chi2: f64,
+    },
     /// The scratch file failed.
     #[error("the scratch file of the map: {0}; free space there or choose another output folder")]
     Scratch(std::io::Error),
@@ -239,6 +250,12 @@ pub fn map(
         view.pixel_mm,
     );
     let pixels_fitted = layers.chi2_reduced.iter().filter(|x| x.is_finite()).count();
+    if pixels_fitted == 0 {
+        return Err(MapError::NothingFitted {
+            poses: groups.len(),
+            chi2: settled.birge,
+        });
+    }
 
     let mut warnings = calibration.warnings.clone();
     warnings.extend(doubts(&settled, &view));
@@ -402,13 +419,13 @@ fn doubts(settled: &Settled, view: &View) -> Vec<String> {
     }
     if settled.birge > 4.0 {
         doubts.push(format!(
-            "the usual χ² per degree of freedom is {:.1}: the closed form does not explain this sample at its noise; uncertainties are scaled by its root",
+            "the usual χ² per degree of freedom is {:.1}: the model does not explain this sample's pixels at their noise; uncertainties are scaled by its root",
             settled.birge
         ));
     }
     if settled.dear.is_amplitude() {
         doubts.push(
-            "on metal much light comes back from two reflections, which this map takes from its last estimate only: pixels with few observations in the lobe may be off by several of their standard uncertainties; `ridged fit` has the whole"
+            "on metal much light comes back from two reflections, which this map takes from the surfaces that most pixels look like: pixels unlike them, or with few observations in the lobe, may be off by several of their standard uncertainties; `ridged fit` has the whole"
                 .to_owned(),
         );
     }

@@ -5,6 +5,7 @@
 
 use super::dear::Dear;
 use super::globals::Globals;
+use super::integrated::Integrated;
 use super::run::{Batch, Run};
 use super::solve::{End, FREE, packed};
 use super::view::View;
@@ -67,7 +68,14 @@ impl PixelFitter {
         let view = View::far(rig, &material);
         let geometry = poses.iter().map(|p| view.geometry(*p, [0.0; 2])).collect();
         PixelFitter {
-            dear: Dear::new(rig, material, poses.clone(), geometry, 1.0),
+            dear: Dear::new(
+                rig,
+                material,
+                poses.clone(),
+                geometry,
+                1.0,
+                Integrated::default(),
+            ),
             view,
             poses,
             globals: Globals {

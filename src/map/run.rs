@@ -108,6 +108,9 @@ impl Batch {
     }
 }
 
+/// One fit in so many is good enough to be followed by the others.
+const FOLLOWED: usize = 8;
+
 /// What is needed to fit any pixel.
 pub(super) struct Run<'a> {
     pub(super) batch: &'a Batch,
@@ -210,6 +213,25 @@ impl Run<'_> {
             }
         }
         best
+    }
+
+    /// Fits the chosen pixels again from the surfaces that the best fits found; a lower χ² wins.
+    ///
+    /// Templates know single reflections only, so on metal most descents from them may end beside
+    /// the minimum; those that did not show the others where it is.
+    pub(super) fn follow_the_best(&self, chosen: &[usize], fits: &mut [PixelFit]) {
+        let mut best: Vec<&PixelFit> = fits.iter().filter(|f| f.end == End::Converged).collect();
+        best.sort_by(|a, b| (a.chi2 / freedom(a)).total_cmp(&(b.chi2 / freedom(b))));
+        best.truncate(best.len().div_ceil(FOLLOWED));
+        let best: Vec<Parameters> = best.iter().map(|fit| fit.p).collect();
+        for leader in Leaders::gather(&best).points {
+            let again = self.fit(chosen, &vec![leader; chosen.len()], 2);
+            for (fit, again) in fits.iter_mut().zip(again) {
+                if better(&again, fit) {
+                    *fit = again;
+                }
+            }
+        }
     }
 
     /// χ² of the best Lambert surface for a pixel.

@@ -4,7 +4,8 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::dear::Dear;
-use super::globals::{Globals, shared_effects};
+use super::globals::{Globals, Second, shared_effects};
+use super::integrated::Integrated;
 use super::kernel::Parameters;
 use super::run::{Batch, Run, freedom};
 use super::solve::{End, FREE, PixelFit, packed};
@@ -17,6 +18,8 @@ use crate::observation::{FlatObservation, WhiteReference};
 
 /// Rounds in which zero of the tilt, gain and fits take turns.
 const ROUNDS: usize = 6;
+/// How often the rounds are gone through; before each but the first, integrals are taken anew.
+const PASSES: usize = 3;
 /// A lobe has to lower χ² by this many usual χ² units.
 pub(super) const LOBE_SIGNIFICANCE: f64 = 30.0;
 /// Least certain parameters that still count as known: θr 2°, ln α 0.3.
@@ -79,16 +82,21 @@ pub(super) fn settle(
         });
         shifted.collect()
     };
-    let dear_at = |poses: &[Pose], coarseness: f64| {
+    let dear_at = |poses: &[Pose], coarseness: f64, integrated: &Integrated| {
         let geometry = poses
             .iter()
             .map(|pose| view.geometry(*pose, place))
             .collect();
-        Dear::new(view.rig, *material, poses.to_vec(), geometry, coarseness)
+        Dear::new(
+            view.rig,
+            *material,
+            poses.to_vec(),
+            geometry,
+            coarseness,
+            integrated.clone(),
+        )
     };
-    // A metal pixel has an amplitude of its own, which is the gain by another name.
     let relative = references.white.is_none();
-    let free_gain = relative && !amplitude;
     let flats = |globals: Globals| match &references.white {
         Some(white) => globals.with_flats(references.flats, white, &view.rig, largest),
         None => globals,
@@ -99,7 +107,8 @@ pub(super) fn settle(
 
     let mut globals = Globals::first(1.0, largest);
     let mut poses = poses_at(&globals);
-    let mut dear = dear_at(&poses, 1.0);
+    let mut integrated = Integrated::default();
+    let mut dear = dear_at(&poses, 1.0, &integrated);
     let lambert_first = lambert(dear.geometry());
     if relative {
         let templates = Templates::new(dear.geometry(), dear.lamp(), amplitude);
@@ -109,6 +118,7 @@ pub(super) fn settle(
             largest,
         );
     }
+    let first = globals;
     globals = flats(globals);
 
     // Pixels that show a lobe at all; a mount has nothing to say here.
@@ -133,14 +143,17 @@ pub(super) fn settle(
 
     let mut birge = 1.0;
     let mut good: Vec<(usize, PixelFit)> = Vec::new();
-    for round in 0..ROUNDS {
+    // First with the closed form alone, then with double reflections integrated at what was found.
+    let mut passes_left = PASSES;
+    let mut rounds_left = ROUNDS;
+    for round in 0..ROUNDS * PASSES {
         if cancel.load(Ordering::Relaxed) {
             return Err(MapError::Cancelled);
         }
         progress(Progress {
             stage: Stage::Settling,
             done: round,
-            total: ROUNDS,
+            total: ROUNDS * PASSES,
         });
         let run = Run {
             batch,
@@ -153,7 +166,9 @@ pub(super) fn settle(
         let search = round == 0 || good.is_empty();
         let (chosen, fits) = if search {
             let templates = Templates::new(dear.geometry(), dear.lamp(), amplitude);
-            (lobed.clone(), run.fit_from_templates(&lobed, &templates))
+            let mut fits = run.fit_from_templates(&lobed, &templates);
+            run.follow_the_best(&lobed, &mut fits);
+            (lobed.clone(), fits)
         } else {
             let chosen: Vec<usize> = good.iter().map(|(index, _)| *index).collect();
             let starts: Vec<Parameters> = good.iter().map(|(_, fit)| fit.p).collect();
@@ -181,15 +196,39 @@ pub(super) fn settle(
                 view,
                 poses: &poses,
             };
+            let prior = if relative { first } else { flats(globals) };
+            let second = match (amplitude, relative) {
+                // A metal pixel has an amplitude of its own, which is the gain by another name.
+                (true, _) => Second::Stray {
+                    prior: prior.stray,
+                    prior_std: prior.stray_std,
+                },
+                (false, true) => Second::Gain,
+                (false, false) => Second::Nothing,
+            };
             let mut next = globals;
-            let step = next.step(&run, &good, birge, free_gain);
+            let step = next.step(&run, &good, birge, second);
             globals = flats(next);
+            if amplitude {
+                globals.stray = next.stray;
+                globals.stray_std = next.stray_std;
+            }
             step
         };
         poses = poses_at(&globals);
-        dear = dear_at(&poses, 1.0);
-        if round > 0 && step[0].abs() < 2e-5 && step[1].abs() < 1e-4 {
-            break;
+        dear = dear_at(&poses, 1.0, &integrated);
+        rounds_left -= 1;
+        let settled = rounds_left + 1 < ROUNDS && step[0].abs() < 2e-5 && step[1].abs() < 1e-4;
+        if settled || rounds_left == 0 {
+            passes_left -= 1;
+            if passes_left == 0 {
+                break;
+            }
+            rounds_left = ROUNDS;
+            let fits: Vec<Parameters> = good.iter().map(|(_, fit)| fit.p).collect();
+            let centres = Leaders::gather(&fits).centres(&fits);
+            integrated = Integrated::at(centres, amplitude, |p| dear.lacking(p));
+            dear = dear_at(&poses, 1.0, &integrated);
         }
     }
 
@@ -199,7 +238,7 @@ pub(super) fn settle(
     }))
     .unwrap_or(1.0)
     .clamp(1.0, COARSENESS_MAX);
-    dear = dear_at(&poses, coarseness);
+    dear = dear_at(&poses, coarseness, &integrated);
     let run = Run {
         batch,
         globals: &globals,

@@ -6,6 +6,7 @@
 //! where none does, at its own templates again.
 
 use super::kernel::{Geometry, Parameters, single};
+use super::settle::median;
 use super::solve::FREE;
 
 const THETA_R_DEG: [f64; 6] = [2.5, 6.0, 11.0, 18.0, 28.0, 42.0];
@@ -171,6 +172,25 @@ impl Leaders {
             points: groups.into_iter().map(|(p, _)| p).collect(),
             predicted: Vec::new(),
         }
+    }
+
+    /// The middle of each leader's group.
+    pub(super) fn centres(&self, fits: &[Parameters]) -> Vec<Parameters> {
+        let turn = std::f64::consts::TAU;
+        let centre = |leader: &Parameters| {
+            std::array::from_fn(|k| {
+                let offsets = fits.iter().filter(|p| near(leader, p)).map(|p| {
+                    let d = p[k] - leader[k];
+                    if k == 1 {
+                        d - turn * (d / turn).round()
+                    } else {
+                        d
+                    }
+                });
+                leader[k] + median(offsets).unwrap_or(0.0)
+            })
+        };
+        self.points.iter().map(centre).collect()
     }
 
     /// Computes what each leader predicts.
