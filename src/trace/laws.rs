@@ -663,7 +663,7 @@ fn bad_scenes_get_a_message_that_names_the_key() {
             scene(
                 45.0,
                 &interface(
-                    "shape = \"ridges\"\ntheta_r_deg = 10.0\npitch_um = 50.0\nround_um = 9.0",
+                    "shape = \"ridges\"\ntheta_r_deg = 10.0\npitch_um = 50.0\nround_um = -9.0",
                     "{ n = 1.5 }",
                 ),
                 "",
