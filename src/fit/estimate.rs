@@ -249,6 +249,8 @@ pub fn estimate<'a>(
     }
     while !enough(&search) && rounds < THOROUGH_ROUNDS && !search.cancelled() {
         search.thorough(&problem);
+        // A metal lit in the tilt plane is nearly its own mirror image at any number of azimuths.
+        search.images(&problem);
         rounds += 1;
     }
     let mut minimum = search.best()?.clone();

@@ -32,7 +32,7 @@ pub mod scans;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use sqlx::migrate::Migrator;
@@ -67,7 +67,8 @@ struct Inner {
     disk: Arc<dyn Disk>,
     clock: Arc<dyn Clock>,
     /// Held for the life of the store; `None` for a reader beside a running daemon.
-    _lock: Option<File>,
+    /// Held while this process writes.
+    lock: Mutex<Option<File>>,
 }
 
 impl std::fmt::Debug for Store {
@@ -198,15 +199,23 @@ impl Store {
                 readers,
                 disk,
                 clock,
-                _lock: lock,
+                lock: Mutex::new(lock),
             }),
         })
     }
 
-    /// Writes what is still in the log into the database file and closes it.
+    /// Writes what is still in the log into the database file, closes it, and lets others open it.
     pub async fn close(&self) {
         self.inner.readers.close().await;
         self.inner.writer.close().await;
+        // Nothing can be written any more, whoever still has a handle: the next one may open.
+        let lock = self
+            .inner
+            .lock
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        drop(lock);
     }
 
     /// The folder of the store.
