@@ -33,7 +33,7 @@ pub struct EventParams {
     since: Option<i64>,
 }
 
-/// Events as they happen: rig, scan, frame, fit, calculation, alarm, each with an id.
+/// Events as they happen: rig, scan, frame, fit, uncertainty, calculation, alarm, each with an id.
 #[utoipa::path(get, path = "/api/v1/events", tag = "events", params(EventParams,
     ("Last-Event-ID" = Option<i64>, Header, description = "Last id seen; what came after is sent first")), responses(
     (status = 200, description = "Server-sent events; `data` is one JSON object with id, at, type and what belongs to the type", content_type = "text/event-stream", body = String),
@@ -156,7 +156,10 @@ fn body(recorded: &RecordedEvent) -> Value {
             data["image"] = json!(image_of(*frame_id));
             data["progress"] = json!(ProgressBody::new(progress, ScanState::Running));
         }
-        Event::Fit { .. } | Event::Calculation { .. } | Event::Alarm { .. } => {}
+        Event::Fit { .. }
+        | Event::Uncertainty { .. }
+        | Event::Calculation { .. }
+        | Event::Alarm { .. } => {}
     }
     data
 }

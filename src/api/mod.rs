@@ -9,6 +9,7 @@
 
 mod calculations;
 mod calibrations;
+mod certainty;
 mod error;
 mod events;
 mod extract;
@@ -122,6 +123,7 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(scans::estimate))
         .routes(routes!(scans::get))
         .routes(routes!(scans::command))
+        .routes(routes!(certainty::of_scan))
         .routes(routes!(imports::add))
         .routes(routes!(frames::of_scan))
         .routes(routes!(observations::of_scan))

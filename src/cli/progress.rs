@@ -38,7 +38,7 @@ impl Bar {
         }
         let bar = self.bar.get_or_init(|| {
             let template = format!(
-                "{{msg:24}} {{wide_bar}} {{pos}}/{{len}} {}, {{eta}} left",
+                "{{msg:30}} {{wide_bar}} {{pos}}/{{len}} {}, {{eta}} left",
                 self.unit
             );
             let style = ProgressStyle::with_template(&template)

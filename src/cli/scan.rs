@@ -22,6 +22,9 @@ use crate::scan::{Event, OperatorAction, PlanRequest, ScanState};
 use crate::store::PageRequest;
 use crate::store::samples::NewSample;
 
+/// A daemon is asked how sure its fit is once in so many looks at its scan.
+const LOOKS_PER_QUESTION: u32 = 8;
+
 /// Runs one scan.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -339,6 +342,7 @@ pub async fn follow(
     mut people: Option<People>,
 ) -> Result<ScanState, CliError> {
     let bar = Bar::new("frames");
+    let mut sure = None;
     loop {
         let mut step = None;
         let mut paused = None;
@@ -368,8 +372,16 @@ pub async fn follow(
                         bar.show(
                             u64::from(progress.frames_done),
                             u64::from(progress.frames_total),
-                            kind.as_str(),
+                            sure.as_deref().unwrap_or(kind.as_str()),
                         );
+                        false
+                    }
+                    Event::Uncertainty { certainty, .. } => {
+                        sure = certainty
+                            .parameters
+                            .get("theta_r_deg")
+                            .map(|p| sure_words(p.value, p.std, certainty.elapsed_s))
+                            .or(sure.take());
                         false
                     }
                     _ => false,
@@ -385,6 +397,9 @@ pub async fn follow(
         }
         if scan.state.is_end() || scan.state == ScanState::Interrupted {
             bar.clear();
+            if let Some(sure) = sure {
+                eprintln!("fitted along with the scan: {sure}");
+            }
             if let (ScanState::Failed, Some(reason)) = (scan.state, &scan.reason) {
                 return Err(CliError::no_result(anyhow!(
                     "scan {scan_id} failed: {reason}"
@@ -399,6 +414,26 @@ pub async fn follow(
                 .map_err(daemon::lab_error)?;
         }
     }
+}
+
+/// The ridge angle in passing, with its expanded uncertainty (k = 2) and the rig's time.
+fn sure_words(value_deg: f64, std_deg: f64, elapsed_s: f64) -> String {
+    let expanded = 2.0 * std_deg;
+    // Two digits of the uncertainty.
+    let digits = (1.0 - expanded.log10().floor()).clamp(0.0, 6.0) as usize;
+    let minutes = elapsed_s / 60.0;
+    format!("θr {value_deg:.digits$} ± {expanded:.digits$}° at {minutes:.1} min")
+}
+
+/// The newest row of what the fit along with a daemon's scan says.
+fn newest_words(client: &Client, id: i64) -> Option<String> {
+    let rows = client
+        .get(&format!("/scans/{id}/uncertainty?limit=1000"))
+        .ok()?;
+    let row = rows["items"].as_array()?.last()?.clone();
+    let theta_r = &row["parameters"]["theta_r_deg"];
+    let (value, std) = (theta_r["value"].as_f64()?, theta_r["std"].as_f64()?);
+    Some(sure_words(value, std, row["elapsed_s"].as_f64()?))
 }
 
 fn by_daemon(client: &Client, args: &Args, plan: &PlanRequest) -> Result<Value, CliError> {
@@ -421,12 +456,19 @@ fn by_daemon(client: &Client, args: &Args, plan: &PlanRequest) -> Result<Value, 
     let stopped = super::interrupt::flag()?;
     let mut people = (!simulated).then(People::at_the_terminal);
     let bar = Bar::new("frames");
+    let mut sure: Option<String> = None;
+    let mut looks = 0u32;
     let state = loop {
+        if looks % LOOKS_PER_QUESTION == LOOKS_PER_QUESTION - 1 {
+            sure = newest_words(client, id).or(sure);
+        }
+        looks = looks.wrapping_add(1);
         let scan = client.get(&format!("/scans/{id}"))?;
         let state = scan["state"].as_str().unwrap_or_default().to_owned();
         let progress = &scan["progress"];
         let number = |key: &str| progress[key].as_u64().unwrap_or(0);
-        bar.show(number("frames_done"), number("frames_total"), &state);
+        let word = sure.as_deref().unwrap_or(&state);
+        bar.show(number("frames_done"), number("frames_total"), word);
         if stopped.load(std::sync::atomic::Ordering::Relaxed) {
             bar.clear();
             client.post(&format!("/scans/{id}/pause"), None).ok();
@@ -459,6 +501,9 @@ fn by_daemon(client: &Client, args: &Args, plan: &PlanRequest) -> Result<Value, 
         }
     };
     bar.clear();
+    if let Some(sure) = newest_words(client, id) {
+        eprintln!("fitted along with the scan: {sure}");
+    }
     if state != "completed" {
         return Err(CliError::no_result(anyhow!(
             "scan {id} is {state}; what it committed is kept"
@@ -484,4 +529,18 @@ fn daemons_sample(client: &Client, args: &Args) -> Result<i64, CliError> {
     let body = json!({ "name": wanted.unwrap_or("sample"), "material": material });
     let added = client.post("/samples", Some(&body))?;
     Ok(added["id"].as_i64().unwrap_or_default())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ridge_angle_in_passing_has_two_digits_of_its_uncertainty() {
+        assert_eq!(
+            sure_words(10.0312, 0.041, 330.0),
+            "θr 10.031 ± 0.082° at 5.5 min"
+        );
+        assert_eq!(sure_words(10.0312, 6.0, 60.0), "θr 10 ± 12° at 1.0 min");
+    }
 }

@@ -13,7 +13,7 @@ use serde_json::json;
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
 use super::recorder::LabRecorder;
-use super::{LabError, Occupation, RigParts, RigSettings, RigSide, tell};
+use super::{LabError, Occupation, RigParts, RigSettings, RigSide, along, tell};
 use crate::bench::stage::{AxisName, Stage, StageError};
 use crate::clock::Clock;
 use crate::geometry::Pose;
@@ -69,7 +69,7 @@ pub(super) struct Told {
 }
 
 impl Told {
-    async fn record(&self, event: Event) {
+    pub(super) async fn record(&self, event: Event) {
         match self.store.record(event).await {
             Ok(event) => tell(&self.events, event),
             Err(error) => tracing::error!(%error, "an event could not be recorded: {error}"),
@@ -368,7 +368,9 @@ impl Owner {
             settings: self.settings.runner.clone(),
             clock: Arc::clone(&self.told.clock),
         };
+        let along = along::begin(&self.told, scan_id);
         let end = runner::run(job, rig, &mut recorder, &mut orders).await;
+        drop(along);
         match end {
             Ok(end) => self.told.ends.send_modify(|ends| {
                 ends.insert(scan_id, end);

@@ -6,6 +6,7 @@
 //! log show comes from the store and from [`Lab::events`]; nobody asks the runner. The lab knows no
 //! HTTP and no simulator.
 
+mod along;
 mod bench;
 mod calculations;
 mod curves;
@@ -598,6 +599,14 @@ fn log(event: &RecordedEvent) {
         Event::Fit { fit_id, state, .. } => {
             tracing::info!(id, fit_id, "fit {fit_id} is {state}");
         }
+        Event::Uncertainty { scan_id, certainty } => tracing::debug!(
+            id,
+            scan_id,
+            "scan {scan_id}: {} after {} poses and {:.0} s",
+            certainty.status,
+            certainty.n_observations,
+            certainty.elapsed_s
+        ),
         Event::Calculation {
             kind,
             calculation_id,

@@ -168,6 +168,32 @@ pub struct ShortValue {
     pub expanded: f64,
 }
 
+/// A fitted parameter in passing.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct UncertainValue {
+    /// Estimate, in the unit of the parameter's name.
+    pub value: f64,
+    /// Standard uncertainty with everything known in it.
+    pub std: f64,
+}
+
+/// How sure a fit of the frames so far is, against the rig's time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Certainty {
+    /// Time spent moving and exposing when the newest of its frames came; waiting for people not counted.
+    pub elapsed_s: f64,
+    /// Poses fitted.
+    pub n_observations: usize,
+    /// Frames used, darks and flats included.
+    pub n_frames_used: u32,
+    /// Variant it hangs on.
+    pub variant: String,
+    /// How the fit ended, as in a report.
+    pub status: String,
+    /// By name as in a report; a parameter that the frames so far cannot tell is missing.
+    pub parameters: std::collections::BTreeMap<String, UncertainValue>,
+}
+
 /// What is worked out beside fits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -286,6 +312,14 @@ pub enum Event {
         /// The ridge angle in degrees, where the data can tell it.
         theta_r_deg: Option<ShortValue>,
     },
+    /// The fit that runs along with a scan is surer (or knows nothing yet).
+    Uncertainty {
+        /// Scan it is of.
+        scan_id: i64,
+        /// How sure.
+        #[serde(flatten)]
+        certainty: Certainty,
+    },
     /// A map, contrast, verdict or trace began or ended.
     Calculation {
         /// Of what.
@@ -317,6 +351,7 @@ impl Event {
             Event::Scan { .. } => "scan",
             Event::Frame { .. } => "frame",
             Event::Fit { .. } => "fit",
+            Event::Uncertainty { .. } => "uncertainty",
             Event::Calculation { .. } => "calculation",
             Event::Alarm { .. } => "alarm",
         }
@@ -329,7 +364,8 @@ impl Event {
             Event::Rig { .. } => None,
             Event::Scan { scan_id, .. }
             | Event::Frame { scan_id, .. }
-            | Event::Fit { scan_id, .. } => Some(*scan_id),
+            | Event::Fit { scan_id, .. }
+            | Event::Uncertainty { scan_id, .. } => Some(*scan_id),
             Event::Calculation { scan_id, .. } | Event::Alarm { scan_id, .. } => *scan_id,
         }
     }

@@ -92,9 +92,34 @@ impl Store {
             Event::Scan { progress, .. } | Event::Frame { progress, .. } => Ok(progress),
             Event::Rig { .. }
             | Event::Fit { .. }
+            | Event::Uncertainty { .. }
             | Event::Calculation { .. }
             | Event::Alarm { .. } => Ok(Progress::default()),
         }
+    }
+
+    /// What the fit that ran along with a scan said of its uncertainty, oldest first, at most `limit`
+    /// after event number `after`.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn uncertainties(
+        &self,
+        scan_id: i64,
+        after: i64,
+        limit: u32,
+    ) -> Result<Vec<RecordedEvent>, StoreError> {
+        sqlx::query_as::<_, Row>(
+            "SELECT id, at, body FROM events WHERE scan_id = ? AND kind = 'uncertainty' AND id > ? ORDER BY id LIMIT ?",
+        )
+        .bind(scan_id)
+        .bind(after)
+        .bind(limit)
+        .fetch_all(self.readers())
+        .await?
+        .into_iter()
+        .map(RecordedEvent::try_from)
+        .collect()
     }
 
     /// Number of the newest event; 0 if there is none.

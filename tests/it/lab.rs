@@ -115,6 +115,59 @@ async fn a_scan_is_planned_run_kept_told_and_fitted() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_scan_is_fitted_while_it_runs_and_its_uncertainty_falls() {
+    // The scan waits for hands between its phases and twice for a person in the middle: time enough for
+    // the fit that runs along, whatever the machine does.
+    let bench = BenchInABox::new().await;
+    let lab = &bench.lab;
+    let mut events = lab.events();
+    let tilts = [-20.0, -10.0, 0.0, 10.0, 20.0];
+    let azimuths = [0.0, 60.0, 120.0, 180.0, 240.0, 300.0];
+    let scan = bench.start(small(&tilts, &azimuths)).await;
+    let mut fitted_at: Vec<(usize, f64, f64)> = Vec::new();
+    let (mut poses, mut held) = (0, 0);
+    while fitted_at.len() < 2 {
+        match &events.recv().await.unwrap().event {
+            Event::Frame {
+                kind: ridged::frame::FrameKind::Sample,
+                ..
+            } => {
+                poses += 1;
+                // After half and near the end of its 30 poses somebody wants to look.
+                if poses == [15, 28, 0][held] {
+                    held += 1;
+                    lab.order(scan.id, Order::Pause).await.unwrap();
+                }
+            }
+            Event::Uncertainty { certainty, .. } => {
+                if let Some(theta_r) = certainty.parameters.get("theta_r_deg") {
+                    let point = (certainty.n_observations, certainty.elapsed_s, theta_r.std);
+                    let news = fitted_at.last().is_none_or(|l| point.0 >= l.0 + 10);
+                    if news {
+                        fitted_at.push(point);
+                    }
+                }
+                // Refused where it is not paused.
+                lab.order(scan.id, Order::Resume).await.ok();
+            }
+            Event::Scan { state, .. } if state.is_end() => break,
+            _ => {}
+        }
+    }
+    lab.order(scan.id, Order::Abort).await.ok();
+    bench.finish(scan.id).await;
+    let [(few, early_s, wide), (many, late_s, narrow)] = fitted_at[..] else {
+        panic!("{fitted_at:?}");
+    };
+    assert!(few < many && early_s < late_s, "{fitted_at:?}");
+    assert!(narrow < wide, "{fitted_at:?}");
+    // It is kept, in order.
+    let kept = lab.store().uncertainties(scan.id, 0, 1000).await.unwrap();
+    assert!(kept.len() >= 2 && kept.windows(2).all(|w| w[0].id < w[1].id));
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn the_second_scan_uses_the_first_ones_darks_and_white_reference() {
     let bench = BenchInABox::new().await;
     let first = bench.start(small(&[0.0, 10.0], &[0.0])).await;

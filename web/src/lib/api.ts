@@ -2,6 +2,7 @@
 
 import type {
   AxisName,
+  Certainty,
   Curves,
   CurvePoint,
   Estimate,
@@ -125,6 +126,7 @@ export const api = {
   frames: (id: number, signal?: AbortSignal): Promise<FrameRow[]> => getAll(`/scans/${id}/frames`, signal),
   observations: (id: number, signal?: AbortSignal): Promise<Omit<CurvePoint, 'predicted' | 'residual'>[]> =>
     getAll(`/scans/${id}/observations`, signal),
+  certainties: (id: number, signal?: AbortSignal): Promise<Certainty[]> => getAll(`/scans/${id}/uncertainty`, signal),
   observationsCsvUrl: (id: number): string => `${PREFIX}/scans/${id}/observations?format=csv`,
 
   fits: (): Promise<Fit[]> => getAll('/fits'),

@@ -2,7 +2,7 @@
 // whole page; parts read it and call its verbs.
 
 import { api, Problem, spoken } from './api';
-import type { Alarm, Fit, FrameRow, OperatorStep, Progress, Rig, Sample, Scan, ScanState } from './types';
+import type { Alarm, Certainty, Fit, FrameRow, OperatorStep, Progress, Rig, Sample, Scan, ScanState } from './types';
 import { isActive } from './words';
 
 type Link = 'connecting' | 'live' | 'lost';
@@ -42,6 +42,8 @@ class Live {
   alarms = $state.raw<readonly Alarm[]>([]);
   /** Frames that came by event since the page was opened, by scan. */
   freshFrames = $state.raw<readonly FrameRow[]>([]);
+  /** What fits that run along with scans said since the page was opened, by scan. */
+  freshCertainties = $state.raw<readonly (Certainty & { readonly scan_id: number })[]>([]);
   /** Failures of what the person asked for. */
   notices = $state.raw<readonly Notice[]>([]);
   /** True once scans and fits have been read at least once. */
@@ -180,6 +182,9 @@ class Live {
     on<ScanEvent>('scan', (event) => this.#takeScan(event));
     on<FrameEvent>('frame', (event) => this.#takeFrame(event));
     on<{ fit_id: number }>('fit', (event) => void this.reloadFit(event.fit_id).catch(() => undefined));
+    on<Certainty & { readonly scan_id: number }>('uncertainty', (row) => {
+      if (!this.freshCertainties.some((c) => c.id === row.id)) this.freshCertainties = [...this.freshCertainties, row].slice(-2000);
+    });
     on<Alarm>('alarm', (alarm) => {
       if (!this.alarms.some((a) => a.id === alarm.id)) this.alarms = [...this.alarms, alarm].slice(-5);
       void this.#pollRig();

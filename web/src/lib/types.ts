@@ -175,6 +175,19 @@ export interface Fit extends Partial<FitResult> {
   readonly error?: { readonly code: string; readonly detail: string } | null;
 }
 
+/** What the fit that runs along with a scan says of the frames so far. */
+export interface Certainty {
+  readonly id: number;
+  /** Time that the rig had spent moving and exposing. */
+  readonly elapsed_s: number;
+  readonly n_observations: number;
+  readonly n_frames_used: number;
+  readonly variant: string;
+  readonly status: string;
+  /** By name; what the frames so far cannot tell is missing. */
+  readonly parameters: Readonly<Record<string, { readonly value: number; readonly std: number }>>;
+}
+
 export interface CurvePoint {
   readonly theta_c_deg: number;
   readonly phi_s_deg: number;

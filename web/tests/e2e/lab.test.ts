@@ -40,6 +40,15 @@ async function get(path: string): Promise<Record<string, unknown>> {
   return (await response.json()) as Record<string, unknown>;
 }
 
+/** Pauses the scan that runs once it is so far; whether it is paused. Not by the page: a click may come too late. */
+async function pausedAt(fraction: number): Promise<boolean> {
+  const { scan_id } = (await get('/rig')) as { scan_id: number | null };
+  if (scan_id === null) return false;
+  const scan = (await get(`/scans/${scan_id}`)) as { state: string; progress: { fraction: number } };
+  if (scan.progress.fraction >= fraction && scan.state === 'running') await fetch(`${daemon.url}/api/v1/scans/${scan_id}/pause`, { method: 'POST' });
+  return scan.progress.fraction >= fraction && scan.state === 'paused';
+}
+
 describe('a lab’s day', () => {
   it('scans a sample with its operator steps, fits it, and the numbers change with the sample', async () => {
     await fillScan(page, { sample: 'traced polymer', grid: 'paper' });
@@ -94,6 +103,28 @@ describe('a lab’s day', () => {
     expect(Object.values(rig.axes).map((axis) => axis.moving)).toEqual([false, false]);
     await page.getByRole('button', { name: 'Resume' }).click();
     await page.getByRole('button', { name: 'Pause' }).waitFor();
+    await page.getByRole('button', { name: 'Abort …' }).click();
+    await page.getByRole('button', { name: 'Abort for good' }).click();
+    await page.getByRole('button', { name: 'Start scan' }).waitFor();
+  });
+
+  it('shows the uncertainty of the ridge angle falling while the scan runs', async () => {
+    await fillScan(page, { sample: 'traced polymer', grid: 'custom', tilts: '-20:5:20', azimuths: '0:30:330' });
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    const line = page.getByTestId('certainty').locator('[data-line=theta_r_deg]');
+    /** Its standard uncertainty as the page shows it; NaN before there is one. */
+    const std = async (): Promise<number> => ((await line.count()) === 0 ? Number.NaN : Number.parseFloat((await line.innerText()).split('±')[1] ?? ''));
+    // A pause gives the fit that runs along the time that a debug binary needs.
+    await doSteps(page, () => pausedAt(0.45), SCAN_MS_MAX);
+    await expect.poll(std, { timeout: 90_000 }).toBeGreaterThan(0);
+    const early = await std();
+    await page.getByRole('button', { name: 'Resume' }).click();
+    await doSteps(page, () => pausedAt(0.7), SCAN_MS_MAX);
+    await expect.poll(std, { timeout: 90_000 }).toBeLessThan(early);
+    expect(await page.getByTestId('certainty').locator('canvas').count()).toBe(1);
+    // The past is there for who opens the page now.
+    await page.reload();
+    await expect.poll(async () => Number(await page.getByTestId('certainty').getAttribute('data-rows'))).toBeGreaterThanOrEqual(2);
     await page.getByRole('button', { name: 'Abort …' }).click();
     await page.getByRole('button', { name: 'Abort for good' }).click();
     await page.getByRole('button', { name: 'Start scan' }).waitFor();

@@ -382,6 +382,7 @@ export class MockDaemon {
       const verb = scanMatch[2];
       if (verb === undefined) return send(200, scan.body);
       if (verb === 'frames') return list(scan.frames);
+      if (verb === 'uncertainty') return list([]);
       if (verb === 'observations') {
         const surface = this.surfaces.get(scan.body.sample_id);
         const poses = new Map(scan.frames.filter((f) => f['kind'] === 'sample').map((f) => [`${String(f['theta_c_deg'])} ${String(f['phi_s_deg'])}`, f]));

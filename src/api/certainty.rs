@@ -1,0 +1,105 @@
+//! `/scans/{id}/uncertainty`: how sure the fit that ran along with a scan was, against the rig's time.
+
+use std::collections::BTreeMap;
+
+use axum::Json;
+use axum::extract::State;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::error::{ApiError, Problem};
+use super::extract::{Id, PageParams, Params, page};
+use super::{App, List};
+use crate::scan::event::Certainty;
+use crate::scan::{Event, RecordedEvent};
+use crate::store::utc_text;
+
+/// A parameter in passing.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct UncertainBody {
+    /// Estimate, in the unit of the parameter's name.
+    value: f64,
+    /// Standard uncertainty with everything known in it.
+    std: f64,
+}
+
+/// What the frames so far say.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct CertaintyBody {
+    /// Number of its event.
+    id: i64,
+    /// When it was told, RFC 3339 UTC.
+    at: String,
+    /// Time that the rig had spent moving and exposing; waiting for people not counted.
+    elapsed_s: f64,
+    /// Poses fitted.
+    n_observations: usize,
+    /// Frames used, darks and flats included.
+    n_frames_used: u32,
+    /// Variant it hangs on.
+    variant: String,
+    /// How the fit ended: too-few-observations, rank-deficient, …, converged.
+    status: String,
+    /// By name; a parameter that the frames so far cannot tell is missing.
+    parameters: BTreeMap<String, UncertainBody>,
+}
+
+impl CertaintyBody {
+    fn of(recorded: RecordedEvent) -> Option<Self> {
+        let Event::Uncertainty { certainty, .. } = recorded.event else {
+            return None;
+        };
+        let Certainty {
+            elapsed_s,
+            n_observations,
+            n_frames_used,
+            variant,
+            status,
+            parameters,
+        } = certainty;
+        Some(CertaintyBody {
+            id: recorded.id,
+            at: utc_text(recorded.at),
+            elapsed_s,
+            n_observations,
+            n_frames_used,
+            variant,
+            status,
+            parameters: parameters
+                .into_iter()
+                .map(|(name, p)| {
+                    let (value, std) = (p.value, p.std);
+                    (name, UncertainBody { value, std })
+                })
+                .collect(),
+        })
+    }
+}
+
+/// How the uncertainties fell while the scan ran: one row per fit of the frames that were there. The same rows come
+/// as events of type `uncertainty` while it runs.
+#[utoipa::path(get, path = "/api/v1/scans/{id}/uncertainty", tag = "scans", params(("id" = i64, Path, description = "Number of the scan"), PageParams), responses(
+    (status = 200, description = "A page of rows, oldest first", body = List<CertaintyBody>),
+    (status = 404, description = "There is no such scan", body = Problem),
+))]
+pub(super) async fn of_scan(
+    State(app): State<App>,
+    Id(id): Id,
+    Params(params): Params<PageParams>,
+) -> Result<Json<List<CertaintyBody>>, ApiError> {
+    let store = app.lab.store();
+    store.scan(id).await?;
+    let page = page(params.limit, params.cursor.as_deref())?;
+    let mut found = store
+        .uncertainties(id, page.cursor.unwrap_or(0), page.limit + 1)
+        .await?;
+    let more = found.len() > page.limit as usize;
+    found.truncate(page.limit as usize);
+    let next_cursor = more
+        .then(|| found.last().map(|e| e.id.to_string()))
+        .flatten();
+    Ok(Json(List {
+        items: found.into_iter().filter_map(CertaintyBody::of).collect(),
+        next_cursor,
+    }))
+}
