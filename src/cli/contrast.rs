@@ -17,7 +17,7 @@ use crate::geometry::RigGeometry;
 use crate::model::contrast::{
     Exposure, PAIRS, PAPER_RIDGES_DEG, PAPER_TILTS_DEG, Table, Tier, predict,
 };
-use crate::model::{Optics, Surface, Variant};
+use crate::model::{Optics, Surface, Variant, domain};
 use crate::observation::ObservationSet;
 use crate::reduction::{FrameSource, ReductionError, reduce};
 use crate::series::Series;
@@ -150,11 +150,12 @@ impl Model {
 }
 
 impl Scene {
-    /// Checks the numbers and makes rig, optics and surface (ridge angle 0) of them.
+    /// Checks the numbers, and that ridges of `theta_r_deg` (degrees) have a radiance with them; makes
+    /// rig, optics and surface (ridge angle 0) of them.
     ///
     /// # Errors
     /// Bad input, naming the option and its range.
-    pub fn build(&self) -> Result<(RigGeometry, Optics, Surface), CliError> {
+    pub fn build(&self, theta_r_deg: &[f64]) -> Result<(RigGeometry, Optics, Surface), CliError> {
         let check = |name: &str, value: f64, low: f64, high: f64| {
             if value.is_finite() && value >= low && value <= high {
                 Ok(())
@@ -202,6 +203,11 @@ impl Scene {
             rho_d: self.rho_d,
             amplitude: 1.0,
         };
+        for &ridge in theta_r_deg {
+            check("theta-r-deg", ridge, 0.0, 60.0)?;
+            let theta_r = ridge.to_radians();
+            domain::check(&Surface { theta_r, ..surface }, &optics).map_err(CliError::bad_input)?;
+        }
         Ok((rig, optics, surface))
     }
 }
@@ -254,14 +260,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
 }
 
 fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
-    let (rig, optics, surface) = args.scene.build()?;
-    for &ridge in &args.theta_r_deg {
-        if !(0.0..=60.0).contains(&ridge) {
-            return Err(CliError::bad_input(anyhow!(
-                "--theta-r-deg = {ridge} is not within 0 and 60"
-            )));
-        }
-    }
+    let (rig, optics, surface) = args.scene.build(&args.theta_r_deg)?;
     let table = predict(
         args.variant.tier(),
         &rig,

@@ -82,7 +82,6 @@ pub fn run(args: Args) -> Result<(), CliError> {
 }
 
 fn report(args: &Args) -> Result<serde_json::Value, CliError> {
-    let (rig, optics, surface) = args.scene.build()?;
     let theta_r_deg = [args.theta_r_min_deg, args.theta_r_max_deg];
     if !(theta_r_deg[0] >= 0.0 && theta_r_deg[0] < theta_r_deg[1] && theta_r_deg[1] <= 60.0) {
         return Err(CliError::bad_input(anyhow!(
@@ -91,6 +90,7 @@ fn report(args: &Args) -> Result<serde_json::Value, CliError> {
             theta_r_deg[1]
         )));
     }
+    let (rig, optics, surface) = args.scene.build(&theta_r_deg)?;
     let alpha = match (args.alpha_min, args.alpha_max) {
         (Some(low), Some(high)) if low >= 1e-3 && low < high && high <= 1.0 => [low, high],
         (Some(low), Some(high)) => {

@@ -75,13 +75,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
 
 /// Before and after, side by side.
 fn pictures(args: &Args) -> Result<Picture, CliError> {
-    let (rig, optics, surface) = args.scene.build()?;
-    if !(0.0..=60.0).contains(&args.theta_r_deg) {
-        return Err(CliError::bad_input(anyhow!(
-            "--theta-r-deg = {} is not within 0 and 60",
-            args.theta_r_deg
-        )));
-    }
+    let (rig, optics, surface) = args.scene.build(&[args.theta_r_deg])?;
     for (name, value) in [("size-mm", args.size_mm), ("distance-mm", args.distance_mm)] {
         if !(value.is_finite() && value > 0.0) {
             return Err(CliError::bad_input(anyhow!(

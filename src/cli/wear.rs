@@ -175,7 +175,6 @@ pub fn run(args: Args) -> Result<(), CliError> {
 }
 
 fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
-    let (rig, optics, surface) = args.scene.build()?;
     let bad = |what: String| Err(CliError::bad_input(anyhow!(what)));
     let (low, high, step) = (
         args.theta_r_min_deg,
@@ -188,6 +187,7 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
              step of at least 0.01"
         ));
     }
+    let (rig, optics, surface) = args.scene.build(&[low, high])?;
     for (name, list) in [("--rounds", &args.rounds), ("--burrs", &args.burrs)] {
         if let Some(x) = list.iter().find(|x| !(0.0..=1.0).contains(*x)) {
             return bad(format!("{name} {x}: give facet lengths from 0 to 1"));

@@ -5,13 +5,14 @@
 //! ranges lie where products of the forms' factors would leave the range of doubles, far beyond
 //! any surface.
 
+use super::sawtooth::diffuse_transmittance;
 use super::{Optics, Surface};
 
 /// Why there is no radiance.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum OutOfDomain {
     /// A NaN, an infinity or a number at which doubles end.
-    #[error("{name} = {value} is not within {low} and {high}")]
+    #[error("{name} = {value:e} is not within {low:e} and {high:e}")]
     Range {
         /// Which number.
         name: &'static str,
@@ -31,6 +32,19 @@ pub enum OutOfDomain {
         rho_d: f64,
         /// What gets in, straight or at θl.
         transmittance: f64,
+    },
+    /// Diffuse light that two walls exchange for ever without losing any: the series has no sum.
+    #[error(
+        "rho_d = {rho_d} means that of diffuse light a wall gives back {albedo} times what it gets: \
+         lower rho_d, or give the index of the body (eta = {eta})"
+    )]
+    GivesMoreThanItGets {
+        /// The diffuse reflectance asked for.
+        rho_d: f64,
+        /// Share of diffuse light that comes back, above 1.
+        albedo: f64,
+        /// The relative index.
+        eta: f64,
     },
 }
 
@@ -75,5 +89,79 @@ pub fn check(surface: &Surface, optics: &Optics) -> Result<(), OutOfDomain> {
             transmittance,
         });
     }
+    // The exchange between facet and riser is a geometric series of ratio κ² φ_fr φ_rf.
+    let t_bar = diffuse_transmittance(optics.eta, optics.k);
+    let albedo = surface.rho_d * t_bar * t_bar / (enters(1.0) * enters(optics.theta_l.cos()));
+    let (sin, cos) = surface.theta_r.abs().sin_cos();
+    let gap = sin + cos - 1.0;
+    let diverges = sin > 0.0 && albedo * albedo * gap * gap >= 4.0 * sin * cos;
+    if surface.rho_d > 0.0 && diverges {
+        return Err(OutOfDomain::GivesMoreThanItGets {
+            rho_d: surface.rho_d,
+            albedo,
+            eta: optics.eta,
+        });
+    }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SURFACE: Surface = Surface {
+        theta_r: 0.7,
+        alpha_u: 0.1,
+        alpha_v: 0.1,
+        rho_d: 1.0,
+        amplitude: 1.0,
+    };
+    const PLASTIC: Optics = Optics {
+        eta: 1.54,
+        k: 0.0,
+        theta_l: 0.17,
+        light_angular_radius: 0.0,
+    };
+
+    #[test]
+    fn what_labs_measure_is_within_the_domain() {
+        for theta_r in [-1.5, 0.0, 1e-17, 0.1, 0.7, 1.5] {
+            let surface = Surface { theta_r, ..SURFACE };
+            assert_eq!(check(&surface, &PLASTIC), Ok(()), "theta_r {theta_r}");
+        }
+    }
+
+    #[test]
+    fn walls_that_give_back_more_than_they_get_are_refused_only_where_they_face_each_other() {
+        // T at θl = 1.4 rad is small where straight light is let in: ρd = 1 has no body there.
+        let optics = Optics {
+            eta: 0.9,
+            k: 1e-3,
+            theta_l: 1.4,
+            ..PLASTIC
+        };
+        let refused = check(&SURFACE, &optics);
+        assert!(
+            matches!(refused, Err(OutOfDomain::GivesMoreThanItGets { albedo, .. }) if albedo > 1.0),
+            "{refused:?}"
+        );
+        let flat = Surface {
+            theta_r: 0.0,
+            ..SURFACE
+        };
+        assert_eq!(check(&flat, &optics), Ok(()));
+    }
+
+    #[test]
+    fn a_number_beyond_its_range_is_named() {
+        let surface = Surface {
+            alpha_v: f64::NAN,
+            ..SURFACE
+        };
+        let told = check(&surface, &PLASTIC).map_err(|e| e.to_string());
+        assert_eq!(
+            told,
+            Err("alpha_v = NaN is not within 1e-50 and 1e50".to_owned())
+        );
+    }
 }

@@ -78,12 +78,24 @@ prop_compose! {
     }
 }
 
+/// So many cases per claim as is usual, or as many as `PROPTEST_CASES` asks for.
+fn cases(usual: u32) -> ProptestConfig {
+    let asked = std::env::var("PROPTEST_CASES")
+        .ok()
+        .and_then(|n| n.parse().ok());
+    ProptestConfig {
+        cases: asked.unwrap_or(usual),
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    }
+}
+
 fn in_unit(x: f64) -> bool {
     (0.0..=1.0 + 1e-12).contains(&x)
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 600, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(cases(600))]
 
     #[test]
     fn the_printed_brdf_is_finite_or_refused(x in prop::array::uniform10(any_double())) {
@@ -121,8 +133,7 @@ proptest! {
         let boundary = Boundary::new(1.0, eta, k);
         let split = boundary.at(cos);
         let (kept_s, kept_p) = boundary.kept(cos);
-        // For η ≪ 1 near the critical angle q² = η² − 1 + cos² keeps 2⁻⁵³/η² of its digits.
-        let allowed = 1e-12 + 1e-15 / (eta * eta);
+        let allowed = 1e-12;
         let reflected = [split.reflected.s, split.reflected.p];
         prop_assert!(reflected.iter().all(|r| (0.0..=1.0 + allowed).contains(r)), "{reflected:?}");
         prop_assert!((split.reflected.s + kept_s - 1.0).abs() < allowed, "{} {kept_s}", split.reflected.s);
@@ -158,7 +169,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(cases(24))]
 
     #[test]
     fn the_quadrature_is_finite_where_the_domain_says_so(d in directions(), s in surfaces(), o in optics()) {

@@ -48,20 +48,50 @@ pub fn transmittance(cos: f64, eta: f64, k: f64) -> f64 {
 pub fn reflectances(cos: f64, eta: f64, k: f64) -> (f64, f64) {
     let lift = (eta - 1.0) * (eta + 1.0);
     if k == 0.0 {
-        let q2 = lift + cos * cos;
+        let n2 = eta * eta;
+        let q2 = refracted_squared(cos, n2, lift);
         if q2 <= 0.0 {
             return if lift == 0.0 { (0.0, 0.0) } else { (1.0, 1.0) };
         }
         let q = q2.sqrt();
-        let n2 = eta * eta;
         let sum_s = cos + q;
         let sum_p = n2 * cos + q;
         let r_s = lift / (sum_s * sum_s);
-        let r_p = lift * ((n2 + 1.0) * cos * cos - 1.0) / (sum_p * sum_p);
+        let r_p = lift * (n2 * cos * cos - sin_squared(cos)) / (sum_p * sum_p);
         return ((r_s * r_s).min(1.0), (r_p * r_p).min(1.0));
     }
     let parts = Parts::new(cos, eta, k);
     (parts.r_s.norm_sqr().min(1.0), parts.r_p.norm_sqr().min(1.0))
+}
+
+/// sin² θ without the cancellation of 1 − cos².
+#[inline]
+pub(super) fn sin_squared(cos: f64) -> f64 {
+    (1.0 - cos) * (1.0 + cos)
+}
+
+/// N² from which on q² is formed as (N² − 1) + cos², the one that keeps its digits for N near 1 at
+/// grazing; below it as N² − sin², the one that keeps them for N ≪ 1 near the critical angle.
+const RARE: f64 = 0.5;
+
+/// q² = N² − sin² θ of a real relative index; `lift` is N² − 1.
+#[inline]
+pub(super) fn refracted_squared(cos: f64, n2: f64, lift: f64) -> f64 {
+    if n2 < RARE {
+        n2 - sin_squared(cos)
+    } else {
+        lift + cos * cos
+    }
+}
+
+/// q, the root of N² − sin² θ with Im q ≥ 0, of a complex relative index; `lift` is N² − 1.
+#[inline]
+pub(super) fn refracted(cos: f64, n2: Complex<f64>, lift: Complex<f64>) -> Complex<f64> {
+    principal_sqrt(if n2.re.abs() < RARE {
+        n2 - sin_squared(cos)
+    } else {
+        lift + cos * cos
+    })
 }
 
 struct Parts {
@@ -81,10 +111,10 @@ impl Parts {
         let n = Complex::new(eta, k);
         let n2 = n * n;
         let lift = Complex::new((eta - 1.0) * (eta + 1.0) - k * k, 2.0 * eta * k);
-        let q = principal_sqrt(lift + cos * cos);
+        let q = refracted(cos, n2, lift);
         let (sum_s, sum_p) = (q + cos, n2 * cos + q);
         let zero = Complex::new(0.0, 0.0);
-        let brewster = (n2 + 1.0) * (cos * cos) - 1.0;
+        let brewster = n2 * (cos * cos) - sin_squared(cos);
         if q == zero {
             // The critical angle, or matched media: 1 and 0.
             let matched = lift == zero;
@@ -235,13 +265,13 @@ impl Reflectances {
 #[must_use]
 pub fn dielectric_slopes(cos: f64, eta: f64) -> Slopes {
     let lift = (eta - 1.0) * (eta + 1.0);
-    let q2 = lift + cos * cos;
+    let n2 = eta * eta;
+    let q2 = refracted_squared(cos, n2, lift);
     if q2 <= 0.0 {
         // Total reflection: the least absorption takes from it, ∂R/∂k < 0.
         return Reflectances::at(cos, eta, 0.0).unpolarised();
     }
     let q = q2.sqrt();
-    let n2 = eta * eta;
     // One division for three: this is the innermost of inner loops.
     let (sum_s, sum_p) = (cos + q, n2 * cos + q);
     let per_all = 1.0 / (q * sum_s * sum_p);
@@ -250,7 +280,7 @@ pub fn dielectric_slopes(cos: f64, eta: f64) -> Slopes {
     let per_q = 2.0 * per_all * sum_s * sum_p;
     let (s2, p2) = (per_s * per_s, per_p * per_p);
     let r_s = lift * s2;
-    let r_p = lift * ((n2 + 1.0) * cos * cos - 1.0) * p2;
+    let r_p = lift * (n2 * cos * cos - sin_squared(cos)) * p2;
     Slopes {
         value: (0.5 * (r_s * r_s + r_p * r_p)).min(1.0),
         cos: per_q * (n2 * lift * p2 * r_p - r_s * r_s),
