@@ -15,8 +15,9 @@ use crate::scan::event::CalculationKind;
 use crate::store::StoreError;
 use crate::store::calculations::{Calculation, CalculationFilter};
 
-/// The object of the command of that name, once there is one, with what the store adds.
-fn body(calculation: Calculation) -> Result<Value, ApiError> {
+/// The object of the command of that name, once there is one, with what the store adds; before, how
+/// far it has come (`progress`: stage, fraction of it, elapsed_s, time_left_s).
+fn body(app: &App, calculation: Calculation) -> Result<Value, ApiError> {
     let parsed = |text: &str, table| -> Result<Value, ApiError> {
         Ok(serde_json::from_str(text).map_err(|e| StoreError::bad_row(table, e))?)
     };
@@ -30,6 +31,9 @@ fn body(calculation: Calculation) -> Result<Value, ApiError> {
     object["request"] = parsed(&calculation.request, "calculations")?;
     object["created_at"] = json!(calculation.created_at);
     object["ended_at"] = json!(calculation.ended_at);
+    if let Some(progress) = app.lab.calculation_progress(calculation.id) {
+        object["progress"] = json!(progress);
+    }
     if let (Some(code), Some(detail)) = (calculation.error_code, calculation.error_detail) {
         object["error"] = json!({ "code": code, "detail": detail });
     }
@@ -75,7 +79,7 @@ async fn list(
         items: found
             .items
             .into_iter()
-            .map(body)
+            .map(|calculation| body(app, calculation))
             .collect::<Result<_, _>>()?,
         next_cursor: found.next_cursor.map(|c| c.to_string()),
     }))
@@ -96,7 +100,8 @@ async fn begin(
 }
 
 async fn one(app: &App, kind: CalculationKind, id: i64) -> Result<Json<Value>, ApiError> {
-    Ok(Json(body(app.lab.store().calculation(kind, id).await?)?))
+    let found = app.lab.store().calculation(kind, id).await?;
+    Ok(Json(body(app, found)?))
 }
 
 async fn cancel(
@@ -139,7 +144,7 @@ pub(super) async fn begin_map(
 
 /// One map: the object of `map --json` plus id, scan_id and state; its `files` lie below `files/`.
 #[utoipa::path(get, path = "/api/v1/maps/{id}", tag = "maps", params(("id" = i64, Path, description = "Number of the map")), responses(
-    (status = 200, description = "The map; `state` running, completed, failed, cancelled or interrupted", body = Object),
+    (status = 200, description = "The map; `state` running (with `progress`), completed, failed, cancelled or interrupted", body = Object),
     (status = 404, description = "There is none", body = Problem),
 ))]
 pub(super) async fn map(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {

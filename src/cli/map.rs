@@ -124,12 +124,7 @@ impl Watch {
         if first {
             bar.reset();
         }
-        bar.set_message(match p.stage {
-            Stage::Calibrating => "darks and flats",
-            Stage::Resampling => "reading poses",
-            Stage::Settling => "settling what all pixels share",
-            Stage::Fitting => "fitting pixels",
-        });
+        bar.set_message(p.stage.words());
         bar.set_length(p.total as u64);
         bar.set_position(p.done as u64);
     }

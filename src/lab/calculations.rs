@@ -11,13 +11,14 @@ use serde::{Deserialize, Serialize};
 use tokio::task::JoinHandle;
 
 use super::fits::{check_region, reduction_code};
+use super::headway::{Headway, Progress};
 use super::{Lab, LabError, StoredSeries};
 use crate::analysis::{self, AnalysisError, AnalysisOptions};
 use crate::contrast;
 use crate::fit::{FitOptions, VariantChoice};
 use crate::judge::{Specification, VerdictReport};
 use crate::map::folder::{FolderError, map_into};
-use crate::map::{MapError, MapOptions};
+use crate::map::{self, MapError, MapOptions};
 use crate::reduction::{self, ReductionError};
 use crate::scan::event::CalculationKind;
 use crate::store::calculations::CalculationEnd;
@@ -154,6 +155,7 @@ impl CalculationRequest {
 /// A calculation that has not ended.
 pub(super) struct UnderWay {
     cancel: Arc<AtomicBool>,
+    headway: Arc<Headway>,
     task: JoinHandle<()>,
 }
 
@@ -279,12 +281,13 @@ impl Lab {
             .await?;
         self.tell(event);
         let cancel = Arc::new(AtomicBool::new(false));
-        let (lab, flag) = (self.clone(), Arc::clone(&cancel));
+        let headway = Arc::new(Headway::new());
+        let (lab, flag, told) = (self.clone(), Arc::clone(&cancel), Arc::clone(&headway));
         // Held while the work begins, so that it cannot end before it is known.
         let mut under_way = self.calculations();
         let task = tokio::spawn(async move {
             let store = lab.store().clone();
-            let end = tokio::task::spawn_blocking(move || work.run(&store, id, &flag))
+            let end = tokio::task::spawn_blocking(move || work.run(&store, id, &told, &flag))
                 .await
                 .unwrap_or_else(|_| CalculationEnd::Failed {
                     code: "internal".into(),
@@ -298,8 +301,21 @@ impl Lab {
             }
             lab.calculations().remove(&id);
         });
-        under_way.insert(id, UnderWay { cancel, task });
+        under_way.insert(
+            id,
+            UnderWay {
+                cancel,
+                headway,
+                task,
+            },
+        );
         Ok(id)
+    }
+
+    /// How far a calculation has come; none where it has ended or cannot say yet.
+    #[must_use]
+    pub fn calculation_progress(&self, id: i64) -> Option<Progress> {
+        self.calculations().get(&id)?.headway.now()
     }
 
     /// Asks a calculation to stop; it ends within a moment.
@@ -374,14 +390,15 @@ impl Lab {
 }
 
 impl Work {
-    fn run(self, store: &Store, id: i64, cancel: &AtomicBool) -> CalculationEnd {
+    fn run(self, store: &Store, id: i64, told: &Headway, cancel: &AtomicBool) -> CalculationEnd {
+        told.tell("preparing", 0, 1);
         let result = match self {
-            Work::Map(series) => map_of(&series, store, id, cancel),
+            Work::Map(series) => map_of(&series, store, id, told, cancel),
             Work::Contrast(series, region) => contrast_of(&series, region.as_deref(), cancel),
             Work::Verdict(series, specification, options) => {
                 verdict_of(&series, &specification, &options, cancel)
             }
-            Work::Trace(prepared, request) => trace_of(&prepared, &request, cancel),
+            Work::Trace(prepared, request) => trace_of(&prepared, &request, told, cancel),
         };
         match result {
             Ok(result) => CalculationEnd::Completed(result),
@@ -398,6 +415,7 @@ fn map_of(
     series: &StoredSeries,
     store: &Store,
     id: i64,
+    told: &Headway,
     cancel: &AtomicBool,
 ) -> Result<String, Failure> {
     let not_written = |error: StoreError| Failure::Because {
@@ -411,7 +429,10 @@ fn map_of(
     };
     let made = std::fs::create_dir_all(&part)
         .map_err(|e| not_written(StoreError::file("the map", &part, e)))
-        .and_then(|()| Ok(map_into(series, &options, &part, &|_| {}, cancel)?))
+        .and_then(|()| {
+            let tell = |p: map::Progress| told.tell(p.stage.words(), p.done as u64, p.total as u64);
+            Ok(map_into(series, &options, &part, &tell, cancel)?)
+        })
         .and_then(|summary| {
             store.keep_map(id).map_err(not_written)?;
             serde_json::to_string(&summary).map_err(Failure::internal)
@@ -450,6 +471,7 @@ fn verdict_of(
 fn trace_of(
     prepared: &Prepared,
     request: &TraceRequest,
+    told: &Headway,
     cancel: &AtomicBool,
 ) -> Result<String, Failure> {
     let started = Instant::now();
@@ -463,6 +485,11 @@ fn trace_of(
         _ => false,
     };
     let totals = trace(prepared, Shard::WHOLE, &|progress| {
+        told.tell(
+            "tracing photons",
+            progress.photons,
+            progress.photons_planned,
+        );
         !(cancel.load(Ordering::Relaxed) || late() || reached(progress.relative_error))
     });
     if cancel.load(Ordering::Relaxed) {

@@ -12,6 +12,7 @@ mod calculations;
 mod curves;
 mod error;
 mod fits;
+mod headway;
 mod plans;
 mod recorder;
 mod series;
@@ -42,6 +43,7 @@ pub use calculations::{
 pub use curves::{Curve, FitCurves};
 pub use error::LabError;
 pub use fits::{FitRequest, Reduced};
+pub use headway::Progress as CalculationProgress;
 pub use plans::{Estimated, ScanRequest};
 pub use series::{ImportOptions, Imported, StoredSeries, export};
 

@@ -89,6 +89,19 @@ pub enum Stage {
     Fitting,
 }
 
+impl Stage {
+    /// The same for people.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Stage::Calibrating => "darks and flats",
+            Stage::Resampling => "reading poses",
+            Stage::Settling => "settling what all pixels share",
+            Stage::Fitting => "fitting pixels",
+        }
+    }
+}
+
 /// How far it has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {

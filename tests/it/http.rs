@@ -511,9 +511,19 @@ async fn a_scan_is_compared_judged_and_mapped() {
         assert!(detail.contains(word), "{detail}");
     }
 
-    // A map is long work: it can be cancelled, and then has no files.
+    // A map is long work: it says how far it is, can be cancelled, and then has no files.
     let begun = post(&router, "/api/v1/maps", r#"{"scan_id": 1}"#).await;
     let map = begun.location.clone().unwrap();
+    let progress = loop {
+        let now = get(&router, &map).await.body;
+        assert_eq!(now["state"], "running", "{now}");
+        if !now["progress"].is_null() {
+            break now["progress"].clone();
+        }
+    };
+    assert!(progress["stage"].is_string(), "{progress}");
+    let fraction = progress["fraction"].as_f64().unwrap();
+    assert!((0.0..=1.0).contains(&fraction), "{progress}");
     let cancelled = post(&router, &format!("{map}/cancel"), "").await;
     assert_eq!(cancelled.status, 202, "{}", cancelled.body);
     assert_eq!(ended(&router, &begun).await["state"], "cancelled");

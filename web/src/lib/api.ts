@@ -2,6 +2,8 @@
 
 import type {
   AxisName,
+  Calculation,
+  CalculationKind,
   Certainty,
   Curves,
   CurvePoint,
@@ -136,6 +138,14 @@ export const api = {
   cancelFit: (id: number): Promise<unknown> => post(`/fits/${id}/cancel`),
   fitUrl: (id: number): string => `${PREFIX}/fits/${id}`,
   curves: (id: number, signal?: AbortSignal): Promise<Curves> => get(`/fits/${id}/curve?step_deg=2`, signal),
+
+  /** Of one scan, newest first. */
+  calculations: (kind: CalculationKind, scan_id: number, signal?: AbortSignal): Promise<Calculation[]> =>
+    getAll(`/${kind}?scan_id=${scan_id}`, signal),
+  startCalculation: (kind: CalculationKind, request: Record<string, unknown>): Promise<{ id: number }> => post(`/${kind}`, request),
+  cancelCalculation: (kind: CalculationKind, id: number): Promise<unknown> => post(`/${kind}/${id}/cancel`),
+  calculationUrl: (kind: CalculationKind, id: number): string => `${PREFIX}/${kind}/${id}`,
+  mapFileUrl: (id: number, name: string): string => `${PREFIX}/maps/${id}/files/${name}`,
 
   /** The bytes of a frame's file. */
   async frameBytes(row: FrameRow, signal?: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {

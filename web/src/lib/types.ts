@@ -212,6 +212,91 @@ export interface Curves {
   }[];
 }
 
+export type CalculationKind = 'maps' | 'contrasts' | 'verdicts';
+
+/** What a map, a contrast table and a verdict have in common while they run and when they have ended. */
+export interface Calculation {
+  readonly id: number;
+  readonly scan_id: number;
+  readonly state: 'running' | 'completed' | 'failed' | 'cancelled' | 'interrupted';
+  readonly created_at: string;
+  readonly progress?: {
+    readonly stage: string;
+    readonly fraction: number;
+    readonly time_left_s: number | null;
+  };
+  readonly error?: { readonly code: string; readonly detail: string };
+  readonly request: { readonly specification?: Specification; readonly region?: string | null };
+}
+
+interface Spread {
+  readonly median: number | null;
+  readonly p5: number | null;
+  readonly p95: number | null;
+  readonly std_median: number | null;
+  readonly std_shared: number | null;
+}
+
+/** The object of `ridged map --json`. */
+export interface MapResult extends Calculation {
+  readonly pixels: number;
+  readonly pixels_with_value: number;
+  readonly parameters: Readonly<Record<string, Spread>>;
+  readonly lean_directions: readonly { readonly azimuth_deg: number; readonly share: number }[];
+  readonly defects: readonly {
+    readonly x_mm: number;
+    readonly y_mm: number;
+    readonly area_mm2: number;
+    readonly worst: string;
+    readonly deviations: readonly { readonly parameter: string; readonly value: number; readonly usual: number; readonly sigmas: number }[];
+  }[];
+  readonly files: readonly string[];
+  readonly warnings: readonly string[];
+}
+
+interface ContrastPair {
+  readonly absolute: number;
+  readonly absolute_std: number | null;
+  readonly michelson: number | null;
+}
+
+/** The object of `ridged contrast --json`. */
+export interface ContrastResult extends Calculation {
+  readonly lines: readonly {
+    readonly theta_c_deg: number;
+    readonly radiance: Readonly<Record<string, number>>;
+    readonly contrast: Readonly<Record<'0-90' | '90-180', ContrastPair>>;
+  }[];
+}
+
+export type LimitPair = { readonly lower?: number; readonly upper?: number };
+
+export interface Specification {
+  readonly name: string;
+  readonly limits: Readonly<Record<string, LimitPair>>;
+}
+
+export type VerdictWord = 'pass' | 'fail' | 'cannot-tell';
+
+/** The object of `ridged judge --json`. */
+export interface VerdictResult extends Calculation {
+  readonly verdict: VerdictWord;
+  readonly specification: string;
+  readonly decision_rule: string;
+  readonly items: readonly {
+    readonly quantity: string;
+    readonly value: number | null;
+    readonly expanded: number | null;
+    readonly lower: number | null;
+    readonly upper: number | null;
+    readonly acceptance_lower: number | null;
+    readonly acceptance_upper: number | null;
+    readonly conformance_probability: number | null;
+    readonly verdict: VerdictWord;
+    readonly reason: string;
+  }[];
+}
+
 export interface Alarm {
   readonly id: number;
   readonly at: string;

@@ -22,6 +22,15 @@ export const PARAMETERS: Readonly<Record<string, ParameterWords>> = {
   tilt_offset_deg: { symbol: 'Δθ_c', name: 'tilt offset', unit: '°' },
 };
 
+/** What a map and a verdict know beside the parameters. */
+export const QUANTITIES: Readonly<Record<string, ParameterWords>> = {
+  ...PARAMETERS,
+  lean_azimuth_deg: { symbol: 'φ_lean', name: 'azimuth of the lean', unit: '°' },
+  chi2_reduced: { symbol: 'χ²', name: 'reduced chi square', unit: '' },
+  contrast_mean: { symbol: 'C', name: 'mean contrast after rotation', unit: '' },
+  contrast_michelson_mean: { symbol: 'C_M', name: 'mean Michelson contrast', unit: '' },
+};
+
 export interface BudgetWords {
   readonly name: string;
   readonly meaning: string;

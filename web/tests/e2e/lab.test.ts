@@ -10,6 +10,8 @@ import { completed, doSteps, fillScan, fitted } from '../operate';
 const TIME_SCALE = 50;
 /** One paper scan at this time scale with a debug binary on a busy machine. */
 const SCAN_MS_MAX = 120_000;
+/** A map, a contrast table or a verdict of such a scan. */
+const CALCULATION_MS_MAX = 240_000;
 
 let browser: OpenBrowser;
 let daemon: RunningDaemon;
@@ -129,6 +131,37 @@ describe('a lab’s day', () => {
     await page.getByRole('button', { name: 'Abort for good' }).click();
     await page.getByRole('button', { name: 'Start scan' }).waitFor();
   });
+
+  it('maps a scan, measures its contrast and judges it against limits', async () => {
+    await page.goto(`${daemon.url}/#/scan/1`);
+    const card = page.getByTestId('calculations');
+    await card.getByRole('button', { name: 'Map every pixel' }).click();
+    await card.getByRole('progressbar').waitFor();
+    const picture = card.getByTestId('map-picture');
+    await picture.waitFor({ timeout: CALCULATION_MS_MAX });
+    await expect.poll(() => picture.evaluate((img: HTMLImageElement) => img.naturalWidth)).toBeGreaterThan(100);
+    const [map] = (await get('/maps'))['items'] as { parameters: Record<string, { median: number; std_shared: number }> }[];
+    const median = Number.parseFloat(await card.getByTestId('map-parameters').locator('td').first().innerText());
+    expect(median).toBeCloseTo(map?.parameters['theta_r_deg']?.median ?? Number.NaN, 1);
+    expect(Math.abs(median - 10)).toBeLessThan(0.5);
+
+    await card.getByRole('tab', { name: 'Contrast' }).click();
+    await card.getByRole('button', { name: 'Measure contrast' }).click();
+    await card.getByTestId('contrast').waitFor({ timeout: CALCULATION_MS_MAX });
+    expect(await card.getByTestId('contrast').locator('tbody tr').count()).toBe(5);
+
+    await card.getByRole('tab', { name: 'Verdict' }).click();
+    const verdict = card.getByTestId('verdict');
+    const judge = async (lower: string, upper: string): Promise<void> => {
+      await card.getByLabel('ridge angle: lower limit').fill(lower);
+      await card.getByLabel('ridge angle: upper limit').fill(upper);
+      await card.getByRole('button', { name: 'Judge' }).click();
+    };
+    await judge('9', '11');
+    await verdict.filter({ hasText: 'pass' }).waitFor({ timeout: CALCULATION_MS_MAX });
+    await judge('12', '');
+    await verdict.filter({ hasText: 'fail' }).waitFor({ timeout: CALCULATION_MS_MAX });
+  }, 2 * CALCULATION_MS_MAX);
 
   it('moves an axis by hand and reads the position back', async () => {
     const axis = page.locator('[data-axis=theta_c]');

@@ -1,0 +1,105 @@
+//! How far a calculation has come, told by the thread that works and read by any that asks.
+//!
+//! Make a [`Headway`], hand it to the work, and call [`Headway::now`]. It does not know what is
+//! calculated.
+
+use std::sync::{Mutex, MutexGuard};
+use std::time::Instant;
+
+use serde::Serialize;
+
+/// How far a calculation has come.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Progress {
+    /// What is being done.
+    pub stage: &'static str,
+    /// Share of this stage that is done, 0 to 1.
+    pub fraction: f64,
+    /// Seconds since the calculation began.
+    pub elapsed_s: f64,
+    /// Seconds left of this stage at the pace so far; none before there is one.
+    pub time_left_s: Option<f64>,
+}
+
+/// A place where work says how far it has come.
+#[derive(Debug)]
+pub(super) struct Headway {
+    begun: Instant,
+    stage: Mutex<Option<Reached>>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Reached {
+    stage: &'static str,
+    begun: Instant,
+    fraction: f64,
+}
+
+impl Headway {
+    pub(super) fn new() -> Self {
+        Headway {
+            begun: Instant::now(),
+            stage: Mutex::new(None),
+        }
+    }
+
+    /// `done` of `total` of a stage; several threads may tell, the furthest counts.
+    pub(super) fn tell(&self, stage: &'static str, done: u64, total: u64) {
+        let fraction = if total == 0 {
+            0.0
+        } else {
+            (done as f64 / total as f64).clamp(0.0, 1.0)
+        };
+        let mut reached = self.lock();
+        match reached.as_mut() {
+            Some(r) if r.stage == stage => r.fraction = r.fraction.max(fraction),
+            _ => {
+                *reached = Some(Reached {
+                    stage,
+                    begun: Instant::now(),
+                    fraction,
+                });
+            }
+        }
+    }
+
+    /// How far it has come by now; none before the work has said anything.
+    pub(super) fn now(&self) -> Option<Progress> {
+        let reached = (*self.lock())?;
+        let spent_s = reached.begun.elapsed().as_secs_f64();
+        Some(Progress {
+            stage: reached.stage,
+            fraction: reached.fraction,
+            elapsed_s: self.begun.elapsed().as_secs_f64(),
+            time_left_s: (reached.fraction > 0.0)
+                .then(|| spent_s * (1.0 - reached.fraction) / reached.fraction),
+        })
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<Reached>> {
+        self.stage.lock().expect("no holder of this lock panics")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stage_only_goes_forward_and_the_next_begins_anew() {
+        let headway = Headway::new();
+        assert_eq!(headway.now(), None);
+        headway.tell("reading", 3, 4);
+        // A thread that was slow to tell.
+        headway.tell("reading", 2, 4);
+        let now = headway.now().unwrap();
+        assert_eq!((now.stage, now.fraction), ("reading", 0.75));
+        assert!(now.time_left_s.unwrap() <= now.elapsed_s / 3.0);
+        headway.tell("fitting", 0, 1000);
+        let now = headway.now().unwrap();
+        assert_eq!(
+            (now.stage, now.fraction, now.time_left_s),
+            ("fitting", 0.0, None)
+        );
+    }
+}

@@ -1,0 +1,39 @@
+import { describe, expect, it } from 'vitest';
+
+import { emptyRows, rowProblem, rowsOf, specificationOf, typed } from '../../src/lib/limits';
+
+describe('typed', () => {
+  it('takes a decimal comma and a true minus sign, and nothing as nothing', () => {
+    expect(typed(' 9,5 ')).toBe(9.5);
+    expect(typed('−2')).toBe(-2);
+    expect(typed('1e-3')).toBe(0.001);
+    expect(typed('')).toBeNull();
+  });
+
+  it('does not take half a number', () => {
+    for (const text of ['9.5°', 'ten', '1,2,3', '0x10', 'Infinity', '.']) expect(typed(text), text).toBeNaN();
+  });
+});
+
+describe('a specification', () => {
+  const row = (quantity: string, lower: string, upper: string) => ({ quantity, lower, upper });
+
+  it('has the limits that are written, each side alone or both', () => {
+    const rows = [row('theta_r_deg', '9,5', '10.5'), row('rho_d', '0.25', ''), row('alpha_u', '', '')];
+    expect(specificationOf(' drawing 7 ', rows)).toEqual({ name: 'drawing 7', limits: { theta_r_deg: { lower: 9.5, upper: 10.5 }, rho_d: { lower: 0.25 } } });
+  });
+
+  it('is none without a limit or with a wrong one', () => {
+    expect(specificationOf('x', emptyRows())).toBeNull();
+    expect(specificationOf('x', [row('rho_d', '0.25', ''), row('alpha_u', 'a', '')])).toBeNull();
+    expect(rowProblem(row('rho_d', '2', '1'))).toBe('the lower limit is not below the upper');
+    expect(specificationOf('x', [row('rho_d', '2', '1')])).toBeNull();
+  });
+
+  it('comes back as rows, quantities that the form does not list included', () => {
+    const specification = { name: 'x', limits: { theta_r_deg: { lower: 9.5 }, scale: { upper: 2 } } };
+    const rows = rowsOf(specification);
+    expect(rows.at(-1)).toEqual(row('scale', '', '2'));
+    expect(specificationOf('x', rows)).toEqual(specification);
+  });
+});
