@@ -5,9 +5,9 @@ use serde::Serialize;
 /// Half a unit in the last place of 1: the relative error of one rounding.
 const ROUNDING: f64 = 1.0 / (1u64 << 53) as f64;
 /// Roundings that a result may be off by for every unit of its condition number. A closed form is a
-/// chain of up to a hundred roundings of half a unit or less, which add up like a random walk to a few
-/// units; a form that cancels loses thousands.
-const DIGITS: f64 = 8.0;
+/// chain of up to fifty roundings of half a unit or less, which add up like a random walk
+/// (½·√50 ≈ 4); a form that cancels loses thousands.
+const DIGITS: f64 = 4.0;
 /// Standard errors that a sampled value may be off: one row in 16,000 by chance.
 const SIGMAS: f64 = 4.0;
 
@@ -122,8 +122,8 @@ mod tests {
 
     #[test]
     fn the_last_digit_times_the_condition_is_allowed_and_no_more() {
-        assert!(digits(1.0, 0.0, 1.0 + 4.0 * f64::EPSILON).as_expected);
-        assert!(!digits(1.0, 0.0, 1.0 + 5.0 * f64::EPSILON).as_expected);
-        assert!(digits(1.0, 100.0, 1.0 + 400.0 * f64::EPSILON).as_expected);
+        assert!(digits(1.0, 0.0, 1.0 + 2.0 * f64::EPSILON).as_expected);
+        assert!(!digits(1.0, 0.0, 1.0 + 3.0 * f64::EPSILON).as_expected);
+        assert!(digits(1.0, 100.0, 1.0 + 200.0 * f64::EPSILON).as_expected);
     }
 }

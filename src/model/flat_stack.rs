@@ -164,12 +164,26 @@ impl Below {
     /// over a metal) and sends back all but `kept`.
     fn under(self, r: f64, t: f64, kept: f64) -> Below {
         if t == 0.0 {
-            return Below { reflected: r, kept };
+            return Below { reflected: r, kept }.settled();
         }
         let all_orders = t / (t + r * self.kept);
         Below {
             reflected: r + all_orders * t * self.reflected,
             kept: all_orders * self.kept,
+        }
+        .settled()
+    }
+
+    /// The greater of the two shares from the smaller: the roundings of twenty layers add up in both,
+    /// and count for less in the smaller.
+    fn settled(self) -> Below {
+        if self.kept < 0.5 {
+            Below {
+                reflected: 1.0 - self.kept,
+                ..self
+            }
+        } else {
+            self
         }
     }
 }

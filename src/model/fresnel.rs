@@ -14,7 +14,9 @@
 //! ```
 //!
 //! and N² − 1 = (n − 1)(n + 1) − k² + 2ink is exact to rounding. These forms give 0 for N = 1,
-//! 1 at grazing, and R = 1 to rounding for total internal reflection. The sign of r_p is that of
+//! 1 at grazing, and R = 1 to rounding for total internal reflection. Their roundings add up to a few
+//! units in the last place of R; where R is above ½ it is taken from what enters instead, 1 − T with
+//! T_s = 4c Re q/|c + q|² and T_p = 4c Re(N² q*)/|N² c + q|², whose roundings shrink with T. The sign of r_p is that of
 //! the electric field's component along p (r_p = −r_s at normal incidence).
 //!
 //! This module does not know about polarisation states; that is the ray tracer's.
@@ -37,10 +39,39 @@ pub fn reflectance(cos: f64, eta: f64, k: f64) -> f64 {
     0.5 * (r_s + r_p)
 }
 
-/// 1 − [`reflectance`]: what enters.
+/// 1 − [`reflectance`], with all its digits where next to nothing enters.
 #[must_use]
 pub fn transmittance(cos: f64, eta: f64, k: f64) -> f64 {
-    1.0 - reflectance(cos, eta, k)
+    let (t_s, t_p) = transmittances(cos, eta, k);
+    let t = 0.5 * (t_s + t_p);
+    // An index whose square overflows lets nothing in.
+    if t.is_nan() {
+        1.0 - reflectance(cos, eta, k)
+    } else {
+        t
+    }
+}
+
+/// Shares (1 − R_s, 1 − R_p) that enter: no difference of nearly equal numbers, whatever R is.
+fn transmittances(cos: f64, eta: f64, k: f64) -> (f64, f64) {
+    let lift = (eta - 1.0) * (eta + 1.0);
+    if k == 0.0 {
+        let n2 = eta * eta;
+        let q2 = refracted_squared(cos, n2, lift);
+        if q2 <= 0.0 {
+            return if lift == 0.0 { (1.0, 1.0) } else { (0.0, 0.0) };
+        }
+        let q = q2.sqrt();
+        let (sum_s, sum_p) = (cos + q, n2 * cos + q);
+        let flux = 4.0 * cos * q;
+        return (flux / (sum_s * sum_s), flux * n2 / (sum_p * sum_p));
+    }
+    let n = Complex::new(eta, k);
+    let n2 = n * n;
+    let q = refracted(cos, n2, Complex::new(lift - k * k, 2.0 * eta * k));
+    let (sum_s, sum_p) = (q + cos, n2 * cos + q);
+    let share = |flux: f64, sum: Complex<f64>| (4.0 * cos * flux / sum.norm_sqr()).max(0.0);
+    (share(q.re, sum_s), share((n2 * q.conj()).re, sum_p))
 }
 
 /// Power reflectances (R_s, R_p), each within [0, 1].
@@ -58,10 +89,22 @@ pub fn reflectances(cos: f64, eta: f64, k: f64) -> (f64, f64) {
         let sum_p = n2 * cos + q;
         let r_s = lift / (sum_s * sum_s);
         let r_p = lift * (n2 * cos * cos - sin_squared(cos)) / (sum_p * sum_p);
-        return ((r_s * r_s).min(1.0), (r_p * r_p).min(1.0));
+        return settled(r_s * r_s, r_p * r_p, cos, eta, k);
     }
     let parts = Parts::new(cos, eta, k);
-    (parts.r_s.norm_sqr().min(1.0), parts.r_p.norm_sqr().min(1.0))
+    settled(parts.r_s.norm_sqr(), parts.r_p.norm_sqr(), cos, eta, k)
+}
+
+/// Reflectances above ½ from what enters, and 1 where an index is so large that its square overflows.
+fn settled(r_s: f64, r_p: f64, cos: f64, eta: f64, k: f64) -> (f64, f64) {
+    let (r_s, r_p) = (r_s.min(1.0), r_p.min(1.0));
+    if r_s <= 0.5 && r_p <= 0.5 {
+        return (r_s, r_p);
+    }
+    let (t_s, t_p) = transmittances(cos, eta, k);
+    // Not so where T is no number.
+    let better = |r: f64, t: f64| if r > 0.5 && t < 1.0 { 1.0 - t } else { r };
+    (better(r_s, t_s), better(r_p, t_p))
 }
 
 /// sin² θ without the cancellation of 1 − cos².
@@ -214,11 +257,7 @@ impl Reflectances {
             k: 0.0,
         };
         let z = Parts::new(cos, eta, k);
-        let (r_s, r_p) = if k == 0.0 {
-            reflectances(cos, eta, k)
-        } else {
-            (z.r_s.norm_sqr().min(1.0), z.r_p.norm_sqr().min(1.0))
-        };
+        let (r_s, r_p) = reflectances(cos, eta, k);
         if z.q == Complex::new(0.0, 0.0) {
             return Reflectances {
                 s: flat(r_s),
