@@ -6,10 +6,15 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
 
+use crate::fit::report::LeftOut;
 use crate::fit::traced::TracingProgress;
+use crate::fit::trail::Time;
 use crate::fit::{self, FitOptions, FitReport};
 use crate::frame::Frame;
+use crate::geometry::Pose;
+use crate::model::Surface;
 use crate::observation::ObservationSet;
+use crate::plan;
 use crate::reduction::{FrameReadError, FrameSource, ReductionError, reduce};
 use crate::series::{FrameRow, Manifest};
 use crate::trace::profile::Profile;
@@ -23,8 +28,10 @@ pub struct AnalysisOptions {
     pub fit: FitOptions,
     /// The sample's own shape, for the ray tracer; the ideal sawtooth if not given.
     pub profile: Option<Profile>,
-    /// The ray tracer ends after so many seconds; what it reached by then counts.
+    /// The ray tracer and the bootstrap end after so many seconds of fitting; what they reached by then counts.
     pub max_seconds: Option<f64>,
+    /// Whether a descent to the minimum is retraced, step by step (`iterations` of the report).
+    pub iterations: bool,
 }
 
 /// Where an analysis stands. Frames may be read more than once, so `done` may pass `total`.
@@ -105,7 +112,20 @@ pub fn analyse(
         options.max_seconds.is_none_or(|limit| spent < limit)
     };
     let profile = options.profile.as_ref();
-    let mut report = fit::fit_watched(&observations, &options.fit, profile, &watch, cancel);
+    let time = Time {
+        now: &|| fitting.elapsed().as_secs_f64(),
+        limit_s: options.max_seconds,
+        retrace: options.iterations,
+    };
+    let mut report = fit::fit_watched(
+        &observations,
+        &options.fit,
+        profile,
+        &watch,
+        Some(time),
+        cancel,
+    );
+    leave_out(&mut report, source.manifest(), &observations);
     if cancel.load(Ordering::Relaxed) {
         return Err(AnalysisError::Cancelled);
     }
@@ -118,6 +138,39 @@ pub fn analyse(
         observations,
         report,
     })
+}
+
+/// What the plan of the series leaves out, with the costs at the fitted surface, takes the place of what the fit says of
+/// the same in general.
+fn leave_out(report: &mut FitReport, manifest: &Manifest, set: &ObservationSet) {
+    let p = &report.parameters;
+    let (Some(theta_r_deg), Some(alpha_u), Some(alpha_v)) =
+        (p.theta_r_deg.value, p.alpha_u.value, p.alpha_v.value)
+    else {
+        return;
+    };
+    let surface = Surface {
+        theta_r: theta_r_deg.to_radians(),
+        alpha_u,
+        alpha_v,
+        rho_d: p.rho_d.value.unwrap_or(0.0).clamp(0.0, 1.0),
+        amplitude: 1.0,
+    };
+    let poses: Vec<Pose> = set.observations.iter().map(|o| o.pose).collect();
+    let plan = plan::series::over(manifest, &poses, &[surface], plan::TOLERANCE);
+    for choice in plan.left_out() {
+        let entry = LeftOut {
+            what: choice.what.clone(),
+            why: choice.why.clone(),
+            cost: choice.cost,
+        };
+        match report.left_out.iter_mut().find(|l| l.what == entry.what) {
+            Some(known) => *known = entry,
+            // A third bounce is told by the fit itself.
+            None if choice.decision == plan::Decision::Bounces => {}
+            None => report.left_out.push(entry),
+        }
+    }
 }
 
 /// Counts and times what the reduction reads.

@@ -101,7 +101,7 @@ pub(super) async fn list(
 
 /// Begin a fit.
 #[utoipa::path(post, path = "/api/v1/fits", tag = "fits", request_body(content = Object, description =
-    "`scan_id`, optional `variant` (auto, paper, sawtooth, traced), `region` and `judge` (true: the difference to traced is the model line of the budget)"), responses(
+    "`scan_id`, optional `variant` (auto, paper, sawtooth, traced), `region`, `judge` (true: the difference to traced is the model line of the budget) and `iterations` (true: the report has a descent step by step: seconds, cost, gradient, step, error, accepted)"), responses(
     (status = 202, description = "The fit runs", body = Begun, headers(("Location" = String, description = "The fit"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
     (status = 404, description = "There is no such scan", body = Problem),

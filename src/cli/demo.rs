@@ -189,6 +189,7 @@ async fn fitted(lab: &Lab, scan_id: i64) -> Result<Value, CliError> {
         scan_id,
         variant: VariantChoice::Auto,
         judge: false,
+        iterations: false,
         region: None,
     };
     let fit_id = lab.start_fit(&request).await.map_err(daemon::lab_error)?;

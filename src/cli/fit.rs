@@ -68,13 +68,17 @@ pub struct Args {
     /// the ridges (+v is where the facets lean), the last row closing the period.
     #[arg(long, value_name = "FILE.csv")]
     pub shape: Option<PathBuf>,
-    /// End the ray tracer after this time; what it reached by then counts.
+    /// End the ray tracer and the bootstrap after this time of fitting; what they reached by then counts.
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
     /// End the ray tracer once its standard error, as a share of the largest radiance, is below this
     /// (without it: once its line of the budget is small).
     #[arg(long, value_name = "E")]
     pub target_error: Option<f64>,
+    /// Retrace a descent to the minimum: cost, gradient, step and error of every trial step against
+    /// seconds (`iterations` of --json).
+    #[arg(long)]
+    pub iterations: bool,
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
@@ -142,6 +146,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         },
         profile: args.shape.as_deref().map(profile::read).transpose()?,
         max_seconds: args.max_seconds,
+        iterations: args.iterations,
     };
     let source: Box<dyn FrameSource> = match (&args.dir, args.scan) {
         (Some(dir), _) => Box::new(Series::open(dir).map_err(CliError::bad_input)?),
@@ -170,12 +175,20 @@ fn tracing_options(args: &Args) -> Result<TracingOptions, CliError> {
     let traces = args.judge || args.variant == Variant::Traced;
     let given = [
         ("--shape", args.shape.is_some()),
-        ("--max-seconds", args.max_seconds.is_some()),
+        (
+            "--max-seconds",
+            args.max_seconds.is_some() && args.bootstrap.is_none(),
+        ),
         ("--target-error", args.target_error.is_some()),
     ];
     if let Some((name, _)) = given.iter().find(|(_, is)| *is && !traces) {
         return Err(CliError::bad_input(anyhow!(
-            "{name} is for the ray tracer: add --variant traced, or --judge"
+            "{name} is for the ray tracer{}: add --variant traced, or --judge",
+            if *name == "--max-seconds" {
+                " or the bootstrap"
+            } else {
+                ""
+            }
         )));
     }
     for (name, x) in [

@@ -20,13 +20,14 @@ pub struct Interval {
     pub upper: Option<f64>,
 }
 
-/// Adds the intervals that the options ask for. Where a profile comes upon a better minimum, the
+/// Adds the intervals that the options ask for; no further bootstrap series is drawn once `enough` says so. Where a profile comes upon a better minimum, the
 /// report says so and stays as it is.
 pub fn add(
     report: &mut FitReport,
     e: &Estimate<'_>,
     u: &Uncertainty,
     options: &FitOptions,
+    enough: &(dyn Fn() -> bool + Sync),
     cancel: &AtomicBool,
 ) {
     let drawn = if options.bootstrap > 0 {
@@ -35,6 +36,7 @@ pub fn add(
             &e.minimum,
             options.bootstrap,
             options.seed,
+            enough,
             cancel,
         )
     } else {
@@ -42,9 +44,10 @@ pub fn add(
     };
     if options.bootstrap > 0 && drawn.len() < options.bootstrap as usize {
         report.warnings.push(format!(
-            "{} of {} bootstrap series reached no minimum and are left out",
+            "{} of {} bootstrap series reached no minimum{} and are left out",
             options.bootstrap as usize - drawn.len(),
-            options.bootstrap
+            options.bootstrap,
+            if enough() { " within the time" } else { "" }
         ));
     }
     let mut better = false;

@@ -10,7 +10,7 @@
 //! observation model · [`loss`] how residuals count · [`start`] where to begin and [`search`] how far
 //! to look · [`estimate`] one variant · [`tier`] the dearer model as an offset · [`traced`] the ray tracer
 //! in its place · [`covariance`] and [`budget`] how sure · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice ·
-//! [`report`] the answer's form. It knows neither frames nor files nor the clock.
+//! [`trail`] against time · [`report`] the answer's form. It knows neither frames nor files nor the clock.
 
 use std::sync::atomic::AtomicBool;
 
@@ -36,6 +36,7 @@ pub mod start;
 pub mod text;
 pub mod tier;
 pub mod traced;
+pub mod trail;
 mod trust_region;
 pub mod variants;
 
@@ -46,6 +47,7 @@ pub use loss::Loss;
 pub use quantity::Quantity;
 pub use report::FitReport;
 use traced::{TracingOptions, Watch};
+use trail::Time;
 
 /// Which variant the report shall hang on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -123,19 +125,25 @@ impl Default for FitOptions {
 /// `cancel` stops it within one evaluation of the model.
 #[must_use]
 pub fn fit(set: &ObservationSet, options: &FitOptions, cancel: &AtomicBool) -> FitReport {
-    fit_watched(set, options, None, &|_| true, cancel)
+    fit_watched(set, options, None, &|_| true, None, cancel)
 }
 
 /// [`fit`] with what the ray tracer may be told: a profile to trace on instead of the ideal sawtooth,
-/// and a watcher that sees how it gets on and may end it early.
+/// and a watcher that sees how it gets on and may end it early; and with a clock, where a descent is to be
+/// retraced or the bootstrap to be cut short.
 #[must_use]
 pub fn fit_watched(
     set: &ObservationSet,
     options: &FitOptions,
     profile: Option<&Profile>,
     watch: Watch<'_>,
+    time: Option<Time<'_>>,
     cancel: &AtomicBool,
 ) -> FitReport {
-    let tracer = variants::Tracer { profile, watch };
+    let tracer = variants::Tracer {
+        profile,
+        watch,
+        time,
+    };
     variants::fit_with_tracer(set, options, Some(&tier::two_bounces), &tracer, cancel)
 }

@@ -11,7 +11,8 @@ use super::estimate::{Estimate, estimate};
 use super::problem::{Problem, Quantity, Values};
 use super::report::VariantName;
 use super::solver::{Settings, minimise};
-use super::variants::{fit_with_tier, report_of};
+use super::trail::Time;
+use super::variants::{Tracer, fit_with_tier, fit_with_tracer, report_of};
 use super::{FitOptions, Loss, Told, VariantChoice};
 use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;
@@ -282,4 +283,50 @@ fn the_budget_is_what_distributions_propagate_to() {
         );
     }
     assert!(report.parameters.theta_r_deg.coverage_factor == Some(2.0));
+}
+
+#[test]
+fn a_retraced_descent_ends_at_the_minimum_and_a_bootstrap_without_time_draws_nothing() {
+    let set = series(4);
+    let cancel = AtomicBool::new(false);
+    let ticks = std::sync::atomic::AtomicU32::new(0);
+    // A clock that moves on by a second whenever it is looked at.
+    let now = || f64::from(ticks.fetch_add(1, std::sync::atomic::Ordering::Relaxed));
+    let time = Time {
+        now: &now,
+        limit_s: Some(0.0),
+        retrace: true,
+    };
+    let tracer = Tracer {
+        time: Some(time),
+        ..Tracer::UNTOLD
+    };
+    let options = FitOptions {
+        bootstrap: 50,
+        ..options()
+    };
+    let report = fit_with_tracer(&set, &options, None, &tracer, &cancel);
+    let (first, last) = (
+        report.iterations.first().unwrap(),
+        report.iterations.last().unwrap(),
+    );
+    assert!(
+        report
+            .iterations
+            .windows(2)
+            .all(|w| w[0].seconds < w[1].seconds)
+    );
+    // The start is many standard uncertainties away, the last accepted step none.
+    assert!(first.error > 1.0 && last.error < 1e-6, "{first:?} {last:?}");
+    assert!(
+        last.cost < 0.1 * first.cost && last.gradient < 1e-6,
+        "{last:?}"
+    );
+    assert!(report.parameters.theta_r_deg.bootstrap.is_none());
+    assert!(
+        report
+            .warnings
+            .iter()
+            .any(|w| w.contains("within the time"))
+    );
 }

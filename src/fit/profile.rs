@@ -159,13 +159,14 @@ impl Walk<'_> {
 }
 
 /// Parameters of `count` series drawn from the model at `minimum`, one row per refit that reached a
-/// minimum; reproducible for a seed.
+/// minimum; reproducible for a seed as long as `enough` never says that no more are wanted.
 #[must_use]
 pub fn bootstrap(
     problem: &Problem<'_>,
     minimum: &Minimum,
     count: u32,
     seed: u32,
+    enough: &(dyn Fn() -> bool + Sync),
     cancel: &AtomicBool,
 ) -> Vec<Vec<f64>> {
     let values = problem.unpack(&minimum.parameters);
@@ -179,7 +180,7 @@ pub fn bootstrap(
     (0..count)
         .into_par_iter()
         .filter_map(|k| {
-            if cancel.load(Ordering::Relaxed) {
+            if cancel.load(Ordering::Relaxed) || enough() {
                 return None;
             }
             let stream = (u64::from(seed) << 32) | u64::from(k);

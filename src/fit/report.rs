@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::budget::Budget;
 use super::intervals::Interval;
 use super::traced::TracingEnd;
+use super::trail::Iteration;
 use crate::observation::RejectedFrame;
 
 /// How a fit ended, as a word that scripts compare.
@@ -300,6 +301,9 @@ pub struct FitReport {
     /// What the starts did.
     #[serde(default)]
     pub starts: Starts,
+    /// A descent to the reported minimum, step by step, on request.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub iterations: Vec<Iteration>,
     /// Degrees of freedom of the two parts of every budget that come from scatter.
     #[serde(default)]
     pub freedom: Freedom,

@@ -16,6 +16,7 @@ use super::report::{
 };
 use super::solver::Minimum;
 use super::traced::{Watch, estimate_traced};
+use super::trail::{Time, retrace};
 use super::{FitOptions, VariantChoice};
 use crate::material::Material;
 use crate::model::Variant;
@@ -39,6 +40,8 @@ pub struct Tracer<'t> {
     pub profile: Option<&'t Profile>,
     /// Sees how it gets on, and may end it.
     pub watch: Watch<'t>,
+    /// The caller's clock, where there is one.
+    pub time: Option<Time<'t>>,
 }
 
 impl Tracer<'static> {
@@ -46,6 +49,7 @@ impl Tracer<'static> {
     pub const UNTOLD: Self = Tracer {
         profile: None,
         watch: &|_| true,
+        time: None,
     };
 }
 
@@ -161,7 +165,11 @@ pub fn fit_with_tracer(
         );
     }
     if options.profile || options.bootstrap > 0 {
-        intervals::add(&mut report, main, &u, options, cancel);
+        let enough = || tracer.time.is_some_and(|t| !t.allows());
+        intervals::add(&mut report, main, &u, options, &enough, cancel);
+    }
+    if let Some(time) = tracer.time.filter(|t| t.retrace) {
+        report.iterations = retrace(main, &u, options.seed, time, cancel);
     }
     for (name, each) in fitted {
         if let Some(e) = each {
@@ -279,6 +287,7 @@ fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitRepor
         tracer: None,
         fitted: Vec::new(),
         starts: Starts::default(),
+        iterations: Vec::new(),
         freedom: Freedom::default(),
         timing_s: Timing::default(),
         program: program(),
@@ -425,6 +434,7 @@ fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> FitRe
             elsewhere: e.starts.elsewhere,
             not_converged: e.starts.not_converged,
         },
+        iterations: Vec::new(),
         freedom: freedom(u),
         timing_s: Timing::default(),
         program: program(),

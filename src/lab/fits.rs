@@ -32,6 +32,9 @@ pub struct FitRequest {
     /// Whether the ray tracer is asked how wrong the variant is (see [`FitOptions::judge`]).
     #[serde(default)]
     pub judge: bool,
+    /// Whether a descent to the minimum is retraced, step by step.
+    #[serde(default)]
+    pub iterations: bool,
 }
 
 /// A fit that has not ended.
@@ -100,6 +103,7 @@ impl Lab {
                 judge: request.judge,
                 ..FitOptions::default()
             },
+            iterations: request.iterations,
             ..AnalysisOptions::default()
         };
         let new = NewFit {

@@ -50,6 +50,7 @@ const RULES: &[(&str, &[&str])] = &[
             "fit",
             "series",
             "reduction",
+            "plan",
         ],
     ),
     ("judge", &["units", "geometry", "observation", "fit"]),

@@ -86,6 +86,7 @@ async fn a_scan_is_planned_run_kept_told_and_fitted() {
             scan_id: scan.id,
             variant: ridged::fit::VariantChoice::Auto,
             judge: false,
+            iterations: false,
             region: None,
         })
         .await
