@@ -3,7 +3,10 @@
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use super::Point;
+use nalgebra::{DMatrix, DVector};
+
+use super::{Point, Rate};
+use crate::fit::least_squares::LeastSquares;
 use crate::fit::problem::{Problem, Quantity, Values};
 use crate::fit::solver::{Settings, minimise};
 use crate::geometry::{Pose, RigGeometry};
@@ -15,9 +18,14 @@ use crate::units::Angle;
 /// Trial steps after which the error is looked at.
 const STEPS: [u64; 16] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16, 20, 30];
 
-pub(super) fn measure(cancel: &AtomicBool, points: &mut Vec<Point>) {
+/// Descents of which the shortest time counts.
+const REPEATS: u32 = 20;
+/// Error below which a descent has come to rounding.
+const ROUNDING: f64 = 1e-12;
+
+pub(super) fn measure(cancel: &AtomicBool, points: &mut Vec<Point>, rates: &mut Vec<Rate>) {
     for (name, misfit) in [("zero residual", 0.0), ("5 % misfit", 0.05)] {
-        iterations(name, misfit, cancel, points);
+        iterations(name, misfit, cancel, points, rates);
     }
 }
 
@@ -36,7 +44,13 @@ fn truth() -> Values {
     }
 }
 
-fn iterations(name: &str, misfit: f64, cancel: &AtomicBool, points: &mut Vec<Point>) {
+fn iterations(
+    name: &str,
+    misfit: f64,
+    cancel: &AtomicBool,
+    points: &mut Vec<Point>,
+    rates: &mut Vec<Rate>,
+) {
     let truth = truth();
     let rig = RigGeometry::IN_PLANE;
     let material = Material::Dielectric {
@@ -125,26 +139,41 @@ fn iterations(name: &str, misfit: f64, cancel: &AtomicBool, points: &mut Vec<Poi
         );
         (other.parameters, "minimum reached from the truth")
     };
+    rates.push(if misfit == 0.0 {
+        order(name, &problem, &goal)
+    } else {
+        rate(name, &problem, &goal)
+    });
     for polish_steps in [0, 60] {
+        let mut errors: Vec<f64> = Vec::new();
         for steps in STEPS {
             let settings = Settings {
                 max_iterations: steps,
                 polish_steps,
                 ..Settings::default()
             };
-            let repeats = 20;
-            let started = Instant::now();
+            // The shortest of some: other work on the machine only ever adds.
+            let mut seconds = f64::INFINITY;
             let mut found = descend(&settings, &start);
-            for _ in 1..repeats {
+            for _ in 0..REPEATS {
+                let started = Instant::now();
                 found = descend(&settings, &start);
+                seconds = seconds.min(started.elapsed().as_secs_f64());
             }
-            let seconds = started.elapsed().as_secs_f64() / f64::from(repeats);
             let off = found
                 .parameters
                 .iter()
                 .zip(&goal)
                 .map(|(a, b)| (a - b).abs());
             let error = off.fold(0.0, f64::max).max(f64::EPSILON / 4.0);
+            // Further steps find nothing more than rounding.
+            if errors
+                .last()
+                .is_some_and(|last| error >= *last && *last < ROUNDING)
+            {
+                break;
+            }
+            errors.push(error);
             points.push(Point {
                 scene: format!("fit, {name}"),
                 method: if polish_steps == 0 {
@@ -159,5 +188,122 @@ fn iterations(name: &str, misfit: f64, cancel: &AtomicBool, points: &mut Vec<Poi
                 reference: reference.to_owned(),
             });
         }
+    }
+}
+
+/// Residuals and derivatives at a point.
+fn at(problem: &Problem<'_>, x: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
+    let (m, n) = (problem.n_residuals(), problem.n_parameters());
+    let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * n]);
+    problem.evaluate(x, &mut r, &mut j);
+    (DVector::from_vec(r), DMatrix::from_vec(m, n, j))
+}
+
+/// The undamped Gauss–Newton step at a point.
+fn newton(problem: &Problem<'_>, x: &DVector<f64>) -> Option<DVector<f64>> {
+    let (r, j) = at(problem, x.as_slice());
+    (j.transpose() * &j)
+        .cholesky()
+        .map(|c| c.solve(&(-(j.transpose() * r))))
+}
+
+/// Errors of undamped Gauss–Newton steps from near a minimum, in the norm of the derivatives.
+fn last_steps(problem: &Problem<'_>, goal: &[f64]) -> Vec<f64> {
+    let goal = DVector::from_column_slice(goal);
+    let (_, j) = at(problem, goal.as_slice());
+    let mut x = goal.map(|g| g + NEAR);
+    let mut errors = vec![(&j * (&x - &goal)).norm()];
+    for _ in 0..NEAR_STEPS {
+        let Some(step) = newton(problem, &x) else {
+            break;
+        };
+        x += step;
+        errors.push((&j * (&x - &goal)).norm());
+    }
+    errors
+}
+
+/// Where the last steps begin, off the minimum in every parameter, and how many there are.
+const NEAR: f64 = 3e-3;
+const NEAR_STEPS: usize = 6;
+
+/// Without residuals the error of a step is the square of the one before: its logarithms' differences double.
+fn order(name: &str, problem: &Problem<'_>, goal: &[f64]) -> Rate {
+    let errors = last_steps(problem, goal);
+    // The last step whose error rounding (1e-12 of the first) does not hide.
+    let floor = 1e-12 * errors[0];
+    let found = errors
+        .windows(3)
+        .take_while(|w| w[2] > floor)
+        .last()
+        .map(|w| (w[2] / w[1]).ln() / (w[1] / w[0]).ln());
+    Rate {
+        scene: format!("fit, {name}"),
+        quantity: "order of the last steps".to_owned(),
+        predicted: 2.0,
+        found,
+    }
+}
+
+/// With residuals Gauss–Newton leaves out their curvature: near the minimum each step's error is
+/// I − (JᵀJ)⁻¹H times the one before, H the Hessian of half the cost, and in the end its spectral radius.
+fn rate(name: &str, problem: &Problem<'_>, goal: &[f64]) -> Rate {
+    let goal_at = DVector::from_column_slice(goal);
+    let n = goal.len();
+    let gradient = |x: &DVector<f64>| {
+        let (r, j) = at(problem, x.as_slice());
+        j.transpose() * r
+    };
+    // Central differences: exact to the third order of a step that rounding does not disturb.
+    let step = 1e-5;
+    let mut hessian = DMatrix::zeros(n, n);
+    for k in 0..n {
+        let mut moved = [goal_at.clone(), goal_at.clone()];
+        moved[0][k] += step;
+        moved[1][k] -= step;
+        let slope = (gradient(&moved[0]) - gradient(&moved[1])) / (2.0 * step);
+        hessian.set_column(k, &slope);
+    }
+    let (_, j) = at(problem, goal);
+    let normal = j.transpose() * &j;
+    let predicted = normal
+        .cholesky()
+        .map(|c| DMatrix::identity(n, n) - c.solve(&hessian))
+        .map_or(f64::NAN, |m| {
+            let values = m.complex_eigenvalues();
+            values.iter().map(|v| v.norm()).fold(0.0, f64::max)
+        });
+    let errors = last_steps(problem, goal);
+    let floor = 1e-9 * errors[0];
+    let found = errors
+        .windows(2)
+        .take_while(|w| w[1] > floor)
+        .last()
+        .map(|w| w[1] / w[0]);
+    Rate {
+        scene: format!("fit, {name}"),
+        quantity: "error of a step over that of the one before".to_owned(),
+        predicted,
+        found,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_steps_are_quadratic_without_residuals_and_linear_at_the_predicted_rate_with_them() {
+        let (mut points, mut rates) = (Vec::new(), Vec::new());
+        measure(&AtomicBool::new(false), &mut points, &mut rates);
+        let (order, rate) = (&rates[0], &rates[1]);
+        assert!((order.found.unwrap() - 2.0).abs() < 0.3, "{order:?}");
+        let found = rate.found.unwrap();
+        assert!((found / rate.predicted - 1.0).abs() < 0.2, "{rate:?}");
+        assert!(
+            points
+                .iter()
+                .all(|p| p.error.is_finite() && p.seconds > 0.0)
+        );
     }
 }

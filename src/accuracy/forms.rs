@@ -2,12 +2,14 @@
 
 use std::time::Instant;
 
+use super::proof::{Part, Proof};
 use super::{Effort, Point};
 use crate::geometry::{Directions, Pose};
 use crate::model::brdf::{self, Case};
 use crate::model::prepared::OpticsTable;
 use crate::model::quadrature::Quadrature;
 use crate::model::{Optics, Surface, Variant, radiance};
+use crate::plan::{self, Decision, TOLERANCE};
 use crate::series::Manifest;
 
 pub(super) fn measure(effort: Effort, points: &mut Vec<Point>) {
@@ -138,42 +140,70 @@ const SERIES: [Recorded; 3] = [
     },
 ];
 
+/// A series with its truth: what the radiances should be computed from.
+struct Ready {
+    manifest: Manifest,
+    surface: Surface,
+    optics: Optics,
+    /// Each pose in truth, its directions, and the path tracer's radiance.
+    rows: Vec<(Pose, Directions, f64)>,
+}
+
+impl Recorded {
+    fn ready(&self) -> Option<Ready> {
+        let manifest = Manifest::from_toml(self.manifest, "manifest.toml").ok()?;
+        let truth: toml::Table = toml::from_str(self.truth).unwrap_or_default();
+        let number = |section: &str, keys: &[&str]| {
+            let table = truth.get(section).and_then(toml::Value::as_table);
+            keys.iter()
+                .find_map(|k| table.and_then(|t| t.get(*k)))
+                .and_then(toml::Value::as_float)
+                .unwrap_or(0.0)
+        };
+        let rig = manifest.rig_geometry();
+        let optics = Optics::new(&rig, &manifest.material());
+        let surface = Surface {
+            theta_r: number("sample", &["theta_r_deg"]).to_radians(),
+            alpha_u: number("sample", &["alpha_u", "alpha"]),
+            alpha_v: number("sample", &["alpha_v", "alpha"]),
+            rho_d: number("sample", &["rho_d_lambertian_equivalent"]),
+            amplitude: 1.0,
+        };
+        let rows: Vec<(Pose, Directions, f64)> = self
+            .radiance
+            .lines()
+            .skip(1)
+            .filter_map(|line| {
+                let f: Vec<&str> = line.split(',').collect();
+                let parse = |n: usize| f.get(n).and_then(|t| t.parse::<f64>().ok());
+                let tilt = parse(0)? + number("mounting", &["camera_tilt_zero_offset_deg"]);
+                let turn = parse(1)? + number("mounting", &["azimuth_offset_deg"]);
+                let pose = Pose::from_deg(tilt, turn);
+                Some((pose, rig.directions(pose), parse(3)?))
+            })
+            .collect();
+        Some(Ready {
+            manifest,
+            surface,
+            optics,
+            rows,
+        })
+    }
+}
+
 fn recorded(series: &Recorded, effort: Effort, points: &mut Vec<Point>) {
-    let Ok(manifest) = Manifest::from_toml(series.manifest, "manifest.toml") else {
+    let Some(Ready {
+        surface,
+        optics,
+        rows,
+        ..
+    }) = series.ready()
+    else {
         return;
     };
-    let truth: toml::Table = toml::from_str(series.truth).unwrap_or_default();
-    let number = |section: &str, keys: &[&str]| {
-        let table = truth.get(section).and_then(toml::Value::as_table);
-        keys.iter()
-            .find_map(|k| table.and_then(|t| t.get(*k)))
-            .and_then(toml::Value::as_float)
-            .unwrap_or(0.0)
-    };
-    let rig = manifest.rig_geometry();
-    let optics = Optics::new(&rig, &manifest.material());
-    let surface = Surface {
-        theta_r: number("sample", &["theta_r_deg"]).to_radians(),
-        alpha_u: number("sample", &["alpha_u", "alpha"]),
-        alpha_v: number("sample", &["alpha_v", "alpha"]),
-        rho_d: number("sample", &["rho_d_lambertian_equivalent"]),
-        amplitude: 1.0,
-    };
-    let rows: Vec<(Directions, f64)> = series
-        .radiance
-        .lines()
-        .skip(1)
-        .filter_map(|line| {
-            let f: Vec<&str> = line.split(',').collect();
-            let parse = |n: usize| f.get(n).and_then(|t| t.parse::<f64>().ok());
-            let tilt = parse(0)? + number("mounting", &["camera_tilt_zero_offset_deg"]);
-            let turn = parse(1)? + number("mounting", &["azimuth_offset_deg"]);
-            Some((rig.directions(Pose::from_deg(tilt, turn)), parse(3)?))
-        })
-        .collect();
-    let peak = rows.iter().map(|r| r.1).fold(0.0, f64::max);
+    let peak = rows.iter().map(|r| r.2).fold(0.0, f64::max);
     let count = rows.len() as f64;
-    let directions: Vec<Directions> = rows.iter().map(|r| r.0).collect();
+    let directions: Vec<Directions> = rows.iter().map(|r| r.1).collect();
     let mut add = |method: String, f: &dyn Fn() -> Vec<f64>| {
         let values = f();
         let seconds = seconds_of(|| {
@@ -182,7 +212,7 @@ fn recorded(series: &Recorded, effort: Effort, points: &mut Vec<Point>) {
         let squares: f64 = values
             .iter()
             .zip(&rows)
-            .map(|(v, r)| ((v - r.1) / peak).powi(2))
+            .map(|(v, r)| ((v - r.2) / peak).powi(2))
             .sum();
         points.push(Point {
             scene: format!("series {}", series.name),
@@ -230,5 +260,114 @@ fn recorded(series: &Recorded, effort: Effort, points: &mut Vec<Point>) {
                 .map(|e| e.value)
                 .collect()
         });
+    }
+}
+
+/// Points of a pixel raster over which directions are taken with everything on, per axis: as few as show a
+/// trend over the field.
+const RASTER: usize = 2;
+
+/// The plan of every series beside a computation with everything on: two bounces integrated for every node
+/// of the lamp's disc and a raster of pixels, polarisation followed.
+pub(super) fn prove(effort: Effort, proofs: &mut Vec<Proof>) {
+    for series in &SERIES {
+        if let Some(ready) = series.ready() {
+            proofs.push(proof_of(series.name, &ready, effort));
+        }
+    }
+}
+
+fn proof_of(name: &str, ready: &Ready, effort: Effort) -> Proof {
+    let poses: Vec<Pose> = ready.rows.iter().map(|r| r.0).collect();
+    let planned_for = || plan::series::over(&ready.manifest, &poses, &[ready.surface], TOLERANCE);
+    let plan = planned_for();
+    // Every third pose is enough for a quick look.
+    let step = match effort {
+        Effort::Quick => 3,
+        Effort::Full => 1,
+    };
+    let directions: Vec<Directions> = ready.rows.iter().step_by(step).map(|r| r.1).collect();
+    let peak = ready.rows.iter().map(|r| r.2).fold(0.0, f64::max);
+    // A hundredth of the tolerance: the reference's own error is nothing beside it.
+    let exactness = 0.01 * TOLERANCE * peak;
+    let radius = ready.optics.light_angular_radius;
+    let compute = |cone: bool, polarised: bool, pixels: bool| -> Vec<f64> {
+        let optics = Optics {
+            light_angular_radius: if cone { 0.0 } else { radius },
+            // The forms follow polarisation where the index has an imaginary part, however small.
+            k: if polarised && ready.optics.k == 0.0 {
+                1e-9
+            } else {
+                ready.optics.k
+            },
+            ..ready.optics
+        };
+        let quadrature = Quadrature::new(&ready.surface, &OpticsTable::new(&optics));
+        let times = if pixels { RASTER * RASTER } else { 1 };
+        let nodes: Vec<Directions> = directions
+            .iter()
+            // Camera and lamp are far: every pixel has the same directions, which is the point.
+            .flat_map(|d| std::iter::repeat_n(*d, times))
+            .flat_map(|d| match cone {
+                true => plan::series::disc(&d, radius).to_vec(),
+                false => vec![d],
+            })
+            .collect();
+        let each = nodes.len() / directions.len().max(1);
+        quadrature
+            .radiances(&nodes, exactness)
+            .chunks(each.max(1))
+            .map(|c| c.iter().map(|e| e.value).sum::<f64>() / c.len() as f64)
+            .collect()
+    };
+    let wanted = |d: Decision| plan.on(d).is_none_or(|c| c.included);
+    let planned_way = [
+        wanted(Decision::ConeAverage),
+        wanted(Decision::Polarisation),
+        wanted(Decision::PerPixelGeometry),
+    ];
+    let full = compute(true, true, true);
+    let planned = compute(planned_way[0], planned_way[1], planned_way[2]);
+    let off = full
+        .iter()
+        .zip(&planned)
+        .map(|(a, b)| (a - b).abs() / peak)
+        .fold(0.0, f64::max);
+    let seconds = |cone: bool, polarised: bool, pixels: bool| {
+        seconds_of(|| {
+            std::hint::black_box(compute(cone, polarised, pixels));
+        })
+    };
+    let full_s = seconds(true, true, true);
+    let parts = plan.left_out().map(|c| Part {
+        decision: c.decision,
+        what: c.what.clone(),
+        cost: c.cost,
+        speed_up: match c.decision {
+            Decision::ConeAverage => Some(full_s / seconds(false, true, true)),
+            Decision::Polarisation => Some(full_s / seconds(true, false, true)),
+            Decision::PerPixelGeometry => Some(full_s / seconds(true, true, false)),
+            Decision::Bounces | Decision::Layers => None,
+        },
+    });
+    let parts = parts.collect();
+    let started = Instant::now();
+    std::hint::black_box(planned_for());
+    let planning_s = started.elapsed().as_secs_f64();
+    let brightest = |values: &[f64]| values.iter().copied().fold(0.0, f64::max);
+    let allowed = TOLERANCE + exactness / peak;
+    Proof {
+        scene: format!("series {name}"),
+        quantity: "radiance of every pose over the brightest, largest difference".to_owned(),
+        tolerance: TOLERANCE,
+        full: [brightest(&full), exactness],
+        planned: [brightest(&planned), exactness],
+        off,
+        allowed,
+        holds: off <= allowed,
+        full_s,
+        planned_s: seconds(planned_way[0], planned_way[1], planned_way[2]) + planning_s,
+        planning_s,
+        parts,
     }
 }

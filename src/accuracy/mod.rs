@@ -9,7 +9,9 @@
 mod fits;
 pub mod forecast;
 mod forms;
+pub mod page;
 pub mod plot;
+pub mod proof;
 mod traced;
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -62,6 +64,19 @@ impl Foretold {
     }
 }
 
+/// How a solver's last steps close in, as theory says and as found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Rate {
+    /// Scene.
+    pub scene: String,
+    /// What is predicted.
+    pub quantity: String,
+    /// As theory says.
+    pub predicted: f64,
+    /// As found; null where rounding came first.
+    pub found: Option<f64>,
+}
+
 /// All measurements.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Measurements {
@@ -69,6 +84,10 @@ pub struct Measurements {
     pub points: Vec<Point>,
     /// Forecasts against seconds.
     pub forecasts: Vec<Foretold>,
+    /// Rates of solvers.
+    pub rates: Vec<Rate>,
+    /// Plans beside everything on.
+    pub proofs: Vec<proof::Proof>,
 }
 
 /// Measures everything; `progress` is told what starts, and how much is done of how much. Ends early, with
@@ -83,8 +102,9 @@ pub fn run(
     let total = scenes.len() + 2;
     progress("closed forms", 0, total);
     forms::measure(effort, &mut found.points);
+    forms::prove(effort, &mut found.proofs);
     progress("fit iterations", 1, total);
-    fits::measure(cancel, &mut found.points);
+    fits::measure(cancel, &mut found.points, &mut found.rates);
     for (n, scene) in scenes.iter().enumerate() {
         if cancel.load(Ordering::Relaxed) {
             break;
@@ -95,7 +115,8 @@ pub fn run(
     found
 }
 
-/// Slope of log error over log seconds by least squares; `None` for fewer than three points of effort.
+/// Slope of log error over log seconds by least squares; `None` for fewer than three points of effort, or where
+/// the effort spans less than a factor of 3.
 #[must_use]
 pub fn slope(points: &[&Point]) -> Option<f64> {
     let logs: Vec<(f64, f64)> = points
@@ -111,7 +132,9 @@ pub fn slope(points: &[&Point]) -> Option<f64> {
     let (x, y) = (mean(&|p| p.0), mean(&|p| p.1));
     let xx: f64 = logs.iter().map(|p| (p.0 - x).powi(2)).sum();
     let xy: f64 = logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
-    (xx > 0.0).then(|| xy / xx)
+    let seconds = |f: fn(f64, f64) -> f64, from: f64| logs.iter().map(|p| p.0).fold(from, f);
+    let span = seconds(f64::max, f64::NEG_INFINITY) - seconds(f64::min, f64::INFINITY);
+    (xx > 0.0 && span >= 3f64.ln()).then(|| xy / xx)
 }
 
 #[cfg(test)]

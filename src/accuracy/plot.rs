@@ -38,6 +38,18 @@ pub fn svg(scene: &str, points: &[&Point], footer: &str) -> String {
         FRAME[0],
         escaped(quantity)
     ));
+    for at in x.between() {
+        put(format!(
+            "<line x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"{}\" y2=\"{}\" stroke=\"#f0f0f0\"/>\n",
+            FRAME[2], FRAME[3]
+        ));
+    }
+    for at in y.between() {
+        put(format!(
+            "<line x1=\"{}\" x2=\"{}\" y1=\"{at:.1}\" y2=\"{at:.1}\" stroke=\"#f0f0f0\"/>\n",
+            FRAME[0], FRAME[1]
+        ));
+    }
     for (power, at) in x.decades() {
         put(format!(
             "<line x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"{}\" y2=\"{}\" stroke=\"#ddd\"/>\n<text x=\"{at:.1}\" y=\"{}\" text-anchor=\"middle\">{}</text>\n",
@@ -66,6 +78,17 @@ pub fn svg(scene: &str, points: &[&Point], footer: &str) -> String {
         0.5 * (FRAME[0] + FRAME[1]),
         FRAME[3] + 46.0
     ));
+    if let Some([from, to]) = root_guide(&shown, &x, &y) {
+        put(format!(
+            "<line x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\" stroke=\"#888\" stroke-dasharray=\"6 5\"/>\n<text x=\"{:.1}\" y=\"{:.1}\" fill=\"#666\" font-size=\"12\" text-anchor=\"end\">slope \u{2212}½</text>\n",
+            from.0,
+            from.1,
+            to.0,
+            to.1,
+            to.0 - 4.0,
+            to.1 - 8.0
+        ));
+    }
     for (n, group) in groups(&shown).into_iter().enumerate() {
         let colour = COLOURS[n % COLOURS.len()];
         let mut places = String::new();
@@ -80,7 +103,9 @@ pub fn svg(scene: &str, points: &[&Point], footer: &str) -> String {
             "<polyline points=\"{places}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"2.5\"/>\n"
         ));
         let line = FRAME[2] + 14.0 + 44.0 * n as f64;
-        let told = slope(&group).map_or(String::new(), |s| format!("slope {s:.2}"));
+        let told = slope(&group).map_or(String::new(), |s| {
+            format!("slope {s:.2}").replace('-', "\u{2212}")
+        });
         put(format!(
             "<rect x=\"{}\" y=\"{}\" width=\"14\" height=\"14\" fill=\"{colour}\"/>\n<text x=\"{}\" y=\"{}\">{}</text>\n<text x=\"{}\" y=\"{}\" fill=\"#666\" font-size=\"12\">{told}</text>\n",
             FRAME[1] + 22.0,
@@ -132,10 +157,40 @@ fn label(point: &Point, all: &[&Point]) -> String {
 }
 
 fn power_of_ten(power: i32) -> String {
+    let power = power.to_string().replace('-', "\u{2212}");
     format!("10<tspan dy=\"-6\" font-size=\"10\">{power}</tspan>")
 }
 
-fn escaped(text: &str) -> String {
+/// Ends in pixels of a line that falls with the root of the time, above all points; `None` where no method is of chance.
+fn root_guide(points: &[&Point], x: &Axis, y: &Axis) -> Option<[(f64, f64); 2]> {
+    let chance: Vec<&&Point> = points
+        .iter()
+        .filter(|p| p.method.starts_with("split") || p.method.starts_with("analog"))
+        .collect();
+    let seconds =
+        |f: fn(f64, f64) -> f64, from: f64| chance.iter().map(|p| p.seconds).fold(from, f);
+    let (first, last) = (
+        seconds(f64::min, f64::INFINITY),
+        seconds(f64::max, f64::NEG_INFINITY),
+    );
+    // Twice as high as the highest point needs.
+    let height = chance
+        .iter()
+        .map(|p| p.error * p.seconds.sqrt())
+        .fold(0.0, f64::max)
+        * 2.0;
+    if chance.len() < 3 || last <= first {
+        return None;
+    }
+    let top = 10f64.powf(y.high);
+    // Where it would leave the frame it begins later.
+    let first = first.max((height / top).powi(2));
+    (first < last).then(|| [first, last].map(|s| (x.at(s), y.at(height / s.sqrt()))))
+}
+
+/// Text for XML and HTML.
+#[must_use]
+pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;")
 }
 
@@ -171,6 +226,18 @@ impl Axis {
 
     fn at(&self, value: f64) -> f64 {
         self.from + (self.to - self.from) * (value.log10() - self.low) / (self.high - self.low)
+    }
+
+    /// Places of 2 to 9 times a power of ten, where there is room for them.
+    fn between(&self) -> Vec<f64> {
+        let (low, high) = (self.low as i32, self.high as i32);
+        if high - low > 4 {
+            return Vec::new();
+        }
+        (low..high)
+            .flat_map(|p| (2..10).map(move |n| f64::from(n) * 10f64.powi(p)))
+            .map(|v| self.at(v))
+            .collect()
     }
 
     /// Powers of ten with their places, not more than a dozen.

@@ -7,12 +7,13 @@ use std::time::Instant;
 use anyhow::Context;
 
 use super::{CliError, interrupt};
-use crate::accuracy::{self, Effort, Measurements, Point, plot, slope};
+use crate::accuracy::proof::{self, Proof};
+use crate::accuracy::{self, Effort, Measurements, Point, page, plot, slope};
 
 /// Measures error against run time on a fixed list of scenes, by every method that applies.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  ridged accuracy --quick --out accuracy\n\nWrites accuracy.csv and one SVG per scene into DIR."
+    after_help = "Example:\n  ridged accuracy --quick --out accuracy\n\nWrites accuracy.csv, plans.csv, one SVG per scene and all of it as one page, index.html, into DIR."
 )]
 pub struct Args {
     /// Fewer scenes and photons: less than a minute.
@@ -107,7 +108,11 @@ fn write(folder: &Path, found: &Measurements, machine: &str) -> anyhow::Result<(
         table.serialize(point).with_context(failed)?;
     }
     table.flush().with_context(failed)?;
+    write_proofs(&folder.join("plans.csv"), &found.proofs)?;
     std::fs::write(folder.join("machine.txt"), format!("{machine}\n"))?;
+    let page = folder.join("index.html");
+    std::fs::write(&page, page::html(found, &scenes(&found.points), machine))
+        .with_context(|| format!("cannot write {}", page.display()))?;
     for scene in scenes(&found.points) {
         let name: String = scene
             .chars()
@@ -122,6 +127,90 @@ fn write(folder: &Path, found: &Measurements, machine: &str) -> anyhow::Result<(
         let file = folder.join(format!("{}.svg", name.trim_matches('-')));
         std::fs::write(&file, plot::svg(scene, &of(&found.points, scene), machine))
             .with_context(|| format!("cannot write {}", file.display()))?;
+    }
+    Ok(())
+}
+
+/// One row per scene: whether its plan keeps its word and what that brings.
+fn write_proofs(path: &Path, proofs: &[Proof]) -> anyhow::Result<()> {
+    let failed = || format!("cannot write {}", path.display());
+    let mut table = csv::Writer::from_path(path).with_context(failed)?;
+    table
+        .write_record([
+            "scene",
+            "quantity",
+            "tolerance",
+            "full",
+            "full_std",
+            "planned",
+            "planned_std",
+            "off",
+            "allowed",
+            "holds",
+            "full_seconds",
+            "planned_seconds",
+            "planning_seconds",
+            "speed_up",
+            "left_out",
+        ])
+        .with_context(failed)?;
+    for p in proofs {
+        let numbers = [
+            p.tolerance,
+            p.full[0],
+            p.full[1],
+            p.planned[0],
+            p.planned[1],
+            p.off,
+            p.allowed,
+        ];
+        let seconds = [p.full_s, p.planned_s, p.planning_s, p.speed_up()];
+        let mut record = vec![p.scene.clone(), p.quantity.clone()];
+        record.extend(numbers.map(|x| x.to_string()));
+        record.push(p.holds.to_string());
+        record.extend(seconds.map(|x| x.to_string()));
+        record.push(p.parts_in_words());
+        table.write_record(&record).with_context(failed)?;
+    }
+    table.flush().with_context(failed)
+}
+
+/// The proofs in words.
+pub(super) fn print_proofs(proofs: &[Proof], out: &mut dyn Write) -> std::io::Result<()> {
+    if proofs.is_empty() {
+        return Ok(());
+    }
+    let kept = proofs.iter().filter(|p| p.holds).count();
+    writeln!(
+        out,
+        "\nplans that keep their word (difference to everything on within tolerance + 2 σ): {kept} of {}",
+        proofs.len()
+    )?;
+    for p in proofs {
+        let verdict = if p.holds { "ok " } else { "NOT" };
+        writeln!(
+            out,
+            "  {verdict} {:<32} off {:+.2} % (allowed {:.2} %), ×{:.2} faster ({:.1} ms against {:.1} ms): {}",
+            p.scene,
+            100.0 * p.off,
+            100.0 * p.allowed,
+            p.speed_up(),
+            1e3 * p.planned_s,
+            1e3 * p.full_s,
+            p.parts_in_words()
+        )?;
+    }
+    let of = |series: bool| {
+        proof::median_speed_up(
+            proofs
+                .iter()
+                .filter(move |p| p.scene.starts_with("series ") == series),
+        )
+    };
+    for (name, median) in [("traced scenes", of(false)), ("recorded series", of(true))] {
+        if let Some(median) = median {
+            writeln!(out, "  median over {name}: ×{median:.2}")?;
+        }
     }
     Ok(())
 }
@@ -150,6 +239,17 @@ fn print(found: &Measurements, machine: &str, json: bool) -> std::io::Result<()>
             }
         }
     }
+    for r in &found.rates {
+        let told = r
+            .found
+            .map_or_else(|| "rounding came first".to_owned(), |x| format!("{x:.4}"));
+        writeln!(
+            out,
+            "\n{}: {} {told} ({:.4} predicted)",
+            r.scene, r.quantity, r.predicted
+        )?;
+    }
+    print_proofs(&found.proofs, &mut out)?;
     let right = found
         .forecasts
         .iter()

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::CliError;
 use crate::accuracy::forecast::{Forecast, of_run};
+use crate::accuracy::proof::{Proof, of_scene as of_scene_proof};
 use crate::plan::{self, Basis, Plan};
 use crate::series::Series;
 use crate::trace::scene::Scene;
@@ -15,7 +16,7 @@ use crate::trace::scene::Scene;
 /// Prints the plan of a scene or a recorded series without computing it.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  ridged explain scene.toml\n  ridged explain tests/data/series/steel-15 --tolerance 0.001 --json"
+    after_help = "Examples:\n  ridged explain scene.toml\n  ridged explain scene.toml --prove\n  ridged explain tests/data/series/steel-15 --tolerance 0.001 --json"
 )]
 pub struct Args {
     /// A scene of `ridged trace`, or the folder of a recorded series.
@@ -27,6 +28,9 @@ pub struct Args {
     /// Plan for Mueller matrices by direction (as `ridged trace --out` asks for them), not for energies.
     #[arg(long)]
     pub mueller: bool,
+    /// Compute a scene with everything on and as planned, and compare results and times.
+    #[arg(long, conflicts_with = "mueller")]
+    pub prove: bool,
     /// One JSON object on stdout instead of text.
     #[arg(long)]
     pub json: bool,
@@ -40,6 +44,8 @@ struct Explanation {
     plan: Plan,
     #[serde(skip_serializing_if = "Option::is_none")]
     forecast: Option<Forecast>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    proof: Option<Proof>,
     program: String,
 }
 
@@ -51,6 +57,11 @@ pub fn run(args: Args) -> Result<(), CliError> {
     if !(args.tolerance > 0.0 && args.tolerance < 1.0) {
         return Err(CliError::bad_input(anyhow!(
             "--tolerance must be between 0 and 1"
+        )));
+    }
+    if args.prove && args.input.is_dir() {
+        return Err(CliError::bad_input(anyhow!(
+            "--prove is for scenes; `ridged accuracy` proves the plans of recorded series whose truth is known"
         )));
     }
     let explanation = if args.input.is_dir() {
@@ -85,6 +96,7 @@ fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
         ],
         plan: plan::series::plan(series.manifest(), series.rows(), tolerance),
         forecast: None,
+        proof: None,
         program: program(),
     })
 }
@@ -103,11 +115,15 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
         photons: None,
     };
     let plan = plan::scene::plan(&scene, &prepared, &wish);
-    super::trace::apply(&plan, &scene, &mut prepared);
+    plan::scene::apply(&plan, &scene, &mut prepared);
     let kind = if prepared.polarised {
         "polarised"
     } else {
         "scalar"
+    };
+    let proof = match args.prove {
+        true => Some(proved(args, &scene)?),
+        false => None,
     };
     Ok(Explanation {
         input: "scene",
@@ -117,9 +133,18 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
             scene.interface.len()
         )],
         forecast: Some(of_run(&prepared, None)),
+        proof,
         plan,
         program: program(),
     })
+}
+
+/// The plan beside everything on.
+fn proved(args: &Args, scene: &Scene) -> Result<Proof, CliError> {
+    let cancel = super::interrupt::flag()?;
+    let name = args.input.display().to_string();
+    let ready = |s: &Scene| super::trace::ready(&args.input, s).ok();
+    of_scene_proof(&name, scene, &ready, args.tolerance, &cancel).ok_or(CliError::Interrupted)
 }
 
 fn print(e: &Explanation, out: &mut dyn Write) -> std::io::Result<()> {
@@ -132,7 +157,7 @@ fn print(e: &Explanation, out: &mut dyn Write) -> std::io::Result<()> {
     }
     writeln!(
         out,
-        "plan (each may cost {:.3} % of the {})",
+        "plan (together it may cost {:.3} % of the {})",
         100.0 * e.plan.tolerance,
         e.plan.quantity
     )?;
@@ -160,5 +185,8 @@ fn print(e: &Explanation, out: &mut dyn Write) -> std::io::Result<()> {
             writeln!(out, "{:27}{left} {basis} {:.3} %", "", 100.0 * cost)?;
         }
     }
-    Ok(())
+    match &e.proof {
+        Some(proof) => super::accuracy::print_proofs(std::slice::from_ref(proof), out),
+        None => Ok(()),
+    }
 }

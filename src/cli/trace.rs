@@ -20,8 +20,8 @@ use sha2::{Digest, Sha256};
 
 use super::{CliError, heights, interrupt};
 use crate::accuracy::forecast::of_run;
+use crate::plan;
 use crate::plan::scene::Wish;
-use crate::plan::{self, Decision, Plan};
 use crate::trace::run::{self, Progress, Shard};
 use crate::trace::scene::{LeftOut, Prepared, RidgeAngle, Scene};
 use crate::trace::tally::{Energies, Estimate, ORDERS, Totals};
@@ -137,7 +137,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     if !plan.idle_interfaces.is_empty() {
         prepared = ready(path, &plan::scene::lean(&scene, &plan))?;
     }
-    apply(&plan, &scene, &mut prepared);
+    plan::scene::apply(&plan, &scene, &mut prepared);
     let asked = args.target_error.is_some() || args.max_seconds.is_some();
     let worth = asked || (std::io::stderr().is_terminal() && prepared.photons >= LONG);
     let forecast = (worth && args.shard.is_none()).then(|| of_run(&prepared, args.target_error));
@@ -226,23 +226,6 @@ fn timed_out(args: &Args, started: Instant) -> bool {
 
 /// Photons from which on a forecast is worth its time.
 const LONG: u64 = 2_000_000;
-
-/// Makes a plan's decisions those of a run; what the scene itself says stands.
-pub(super) fn apply(plan: &Plan, scene: &Scene, prepared: &mut Prepared) {
-    if let Some(choice) = plan.on(Decision::Polarisation)
-        && scene.run.polarised.as_str() == Some("auto")
-    {
-        prepared.polarised = choice.included;
-    }
-    if let Some(limit) = plan.interactions_max {
-        prepared.give_up_after(limit);
-    }
-    prepared.left_out.extend(plan.left_out().map(|c| LeftOut {
-        what: c.what.clone(),
-        why: c.why.clone(),
-        cost: c.cost,
-    }));
-}
 
 /// A scene with its files, ready to trace.
 pub(super) fn ready(path: &Path, scene: &Scene) -> Result<Prepared, CliError> {

@@ -75,7 +75,7 @@ pub struct Choice {
 /// All decisions on one computation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Plan {
-    /// Relative error that each decision may cost.
+    /// Relative error that the plan may cost.
     pub tolerance: f64,
     /// What the error is relative to.
     pub quantity: String,

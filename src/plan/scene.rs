@@ -1,8 +1,12 @@
 //! The plan of a scene for the tracer.
 
+use nalgebra::Complex;
+
 use super::{Basis, Choice, Decision, Plan};
+use crate::model::flat_stack::{FlatStack, StackReflectance};
+use crate::trace::media::index_of;
 use crate::trace::pilot::{Pilot, pilot};
-use crate::trace::scene::{Prepared, Scene};
+use crate::trace::scene::{LeftOut, Prepared, Scene};
 use crate::trace::tally::ORDERS;
 
 /// What the user wants from a run.
@@ -10,35 +14,60 @@ use crate::trace::tally::ORDERS;
 pub struct Wish {
     /// Mueller matrices are asked for, not only energies.
     pub mueller: bool,
-    /// Relative error of the reflected energy that each decision may cost.
+    /// Relative error of the reflected energy that all decisions together may cost.
     pub tolerance: f64,
     /// Costs no greater than the run's own standard error at this number of photons only.
     pub photons: Option<u64>,
 }
 
-/// Share of a run's photons that a pilot may take: with both kinds of light at once it costs about twice
-/// that share of the time.
+/// Share of a run's photons that pilots may take.
 const PILOT_SHARE: u64 = 50;
-/// Photons of a pilot, least and most.
-const PILOT_PHOTONS: (u64, u64) = (1_000, 20_000);
+/// Photons of pilots, least and most: fewer say nothing of what comes back after many bounces.
+const PILOT_PHOTONS: (u64, u64) = (500, 20_000);
+/// A pilot that leaves a decision open is followed by one of so many times its photons.
+const PILOT_GROWTH: u64 = 4;
+/// Share of the tolerance that bounces may cost at most, so that all decisions together keep to it.
+const BOUNCES_SHARE: f64 = 0.5;
 
-/// Plans a scene. A pilot is run where closed reasons do not decide; it depends on the scene and
-/// its seed alone, so all shards of a run come to the same plan.
+/// Plans a scene. Closed answers decide where they are exact; else pilots do, the shortest that is clear. They
+/// depend on the scene and its seed alone, so all shards of a run come to the same plan.
 #[must_use]
 pub fn plan(scene: &Scene, prepared: &Prepared, wish: &Wish) -> Plan {
-    let photons = (prepared.photons / PILOT_SHARE).clamp(PILOT_PHOTONS.0, PILOT_PHOTONS.1);
-    let asks = asks_for_polarisation(scene, wish);
-    let alone = scene.interface.len() == 1 && scene.interface[0].shape == "flat";
-    let told = scene.run.polarised.is_bool();
-    let needs_pilot = !alone && ((asks.is_none() && !told) || wish.photons.is_none());
-    let seen = needs_pilot.then(|| pilot(prepared, photons.min(prepared.photons)));
-    let tolerance = match (&seen, wish.photons) {
-        (Some(p), Some(run)) => wish.tolerance.min(own_error(p, run)),
-        _ => wish.tolerance,
+    let known = Known {
+        asks: asks_for_polarisation(scene, wish),
+        told: scene.run.polarised.as_bool(),
+        alone: scene.interface.len() == 1 && scene.interface[0].shape == "flat",
+        stack: flat_stack(scene),
     };
     // Without a stated tolerance a run keeps its bounces and its count of interactions.
     let stated = wish.photons.is_none();
-    let (bounces, interactions_max) = bounces(alone, seen.as_ref().filter(|_| stated), tolerance);
+    let open = known.asks.is_none() && known.told.is_none();
+    let flat = known.alone || known.stack.is_some();
+    let needs_pilot = match stated {
+        true => !flat,
+        false => open && !known.alone,
+    };
+    let seen = needs_pilot.then(|| {
+        let most = (prepared.photons / PILOT_SHARE)
+            .clamp(PILOT_PHOTONS.0, PILOT_PHOTONS.1)
+            .min(prepared.photons);
+        let mut photons = PILOT_PHOTONS.0.min(most);
+        loop {
+            let seen = pilot(prepared, photons);
+            if photons == most || !open || is_clear(&seen, tolerance_of(wish, Some(&seen))) {
+                return seen;
+            }
+            photons = (photons * PILOT_GROWTH).min(most);
+        }
+    });
+    let tolerance = tolerance_of(wish, seen.as_ref());
+    let polarisation = polarisation(&known, seen.as_ref(), tolerance);
+    let spent = match (polarisation.included, polarisation.cost) {
+        (false, Some(cost)) => cost,
+        _ => 0.0,
+    };
+    let allowed = (tolerance - spent).clamp(0.0, BOUNCES_SHARE * tolerance);
+    let (bounces, interactions_max) = bounces(flat, seen.as_ref().filter(|_| stated), allowed);
     let idle = if stated {
         idle_interfaces(scene)
     } else {
@@ -52,7 +81,7 @@ pub fn plan(scene: &Scene, prepared: &Prepared, wish: &Wish) -> Plan {
             "reflected energy".to_owned()
         },
         decisions: vec![
-            polarisation(scene, asks, alone, seen.as_ref(), tolerance),
+            polarisation,
             bounces,
             layers(scene, &idle),
             Choice {
@@ -77,6 +106,59 @@ pub fn plan(scene: &Scene, prepared: &Prepared, wish: &Wish) -> Plan {
     }
 }
 
+/// What is known of a scene without a photon.
+struct Known {
+    /// Why polarisation is part of the question.
+    asks: Option<&'static str>,
+    /// What the scene says of it.
+    told: Option<bool>,
+    /// A single flat interface.
+    alone: bool,
+    /// Flat interfaces only: their answer is exact.
+    stack: Option<StackReflectance>,
+}
+
+/// Relative error that the plan as a whole may cost.
+fn tolerance_of(wish: &Wish, seen: Option<&Pilot>) -> f64 {
+    match (seen, wish.photons) {
+        (Some(p), Some(run)) => wish.tolerance.min(own_error(p, run)),
+        _ => wish.tolerance,
+    }
+}
+
+/// What leaving polarisation out costs, at least and at most: two standard errors either way.
+fn difference(p: &Pilot) -> (f64, f64) {
+    let d = p.reflected_difference;
+    let per = 1.0 / p.reflected.value.max(f64::MIN_POSITIVE);
+    let (value, spread) = (d.value.abs(), 2.0 * d.std);
+    ((value - spread) * per, (value + spread) * per)
+}
+
+/// Whether a pilot decides on polarisation either way.
+fn is_clear(p: &Pilot, tolerance: f64) -> bool {
+    let (least, most) = difference(p);
+    most <= tolerance || least > tolerance
+}
+
+/// The exact answer where all interfaces are flat, neither diffuse nor, above the last, absorbing.
+fn flat_stack(scene: &Scene) -> Option<StackReflectance> {
+    let mut indices = vec![Complex::new(scene.n_top, 0.0)];
+    for shape in &scene.interface {
+        if shape.shape != "flat" {
+            return None;
+        }
+        indices.push(match &shape.below {
+            toml::Value::String(name) => index_of(name, scene.light.wavelength_nm).ok()?,
+            below => {
+                let (n, k) = number(below)?;
+                Complex::new(n, k)
+            }
+        });
+    }
+    let stack = FlatStack::new(indices).ok()?;
+    stack.reflect(scene.light.theta_i_deg.to_radians()).ok()
+}
+
 /// Relative standard error of the reflected energy that a run of so many photons will have.
 fn own_error(pilot: &Pilot, photons: u64) -> f64 {
     let ratio = pilot.photons as f64 / photons.max(1) as f64;
@@ -97,13 +179,7 @@ fn asks_for_polarisation(scene: &Scene, wish: &Wish) -> Option<&'static str> {
     }
 }
 
-fn polarisation(
-    scene: &Scene,
-    asks: Option<&str>,
-    alone: bool,
-    seen: Option<&Pilot>,
-    tolerance: f64,
-) -> Choice {
+fn polarisation(known: &Known, seen: Option<&Pilot>, tolerance: f64) -> Choice {
     let choice = |included: bool, why: String, cost: Option<f64>, basis: Basis| Choice {
         decision: Decision::Polarisation,
         included,
@@ -112,16 +188,25 @@ fn polarisation(
         cost,
         basis,
     };
-    if scene.run.polarised.as_bool() == Some(false) {
+    if known.told == Some(false) {
         return choice(false, "the scene says so".to_owned(), None, Basis::Bound);
     }
-    if let Some(why) = asks {
+    if let Some(why) = known.asks {
         return choice(true, why.to_owned(), None, Basis::Exact);
     }
-    if alone {
+    if known.alone {
         let why =
             "a single reflection of unpolarised light, counted by energy, does not depend on it";
         return choice(false, why.to_owned(), Some(0.0), Basis::Exact);
+    }
+    if let Some(exact) = &known.stack {
+        let with = exact.channel.unpolarised();
+        let cost = (exact.scalar / with.max(f64::MIN_POSITIVE) - 1.0).abs();
+        let percent = 100.0 * cost;
+        let why = format!(
+            "the closed answer of flat layers differs by {percent:.2} % without it (unpolarised lamp, energies only)"
+        );
+        return choice(cost > tolerance, why, Some(cost), Basis::Exact);
     }
     let Some(p) = seen else {
         return choice(
@@ -131,8 +216,7 @@ fn polarisation(
             Basis::Bound,
         );
     };
-    let d = p.reflected_difference;
-    let cost = (d.value.abs() + 2.0 * d.std) / p.reflected.value.max(f64::MIN_POSITIVE);
+    let (_, cost) = difference(p);
     let percent = 100.0 * cost;
     if cost <= tolerance {
         let why = format!(
@@ -150,7 +234,7 @@ fn polarisation(
 }
 
 /// Bounces beyond which next to nothing comes back.
-fn bounces(alone: bool, seen: Option<&Pilot>, tolerance: f64) -> (Choice, Option<u32>) {
+fn bounces(flat: bool, seen: Option<&Pilot>, allowed: f64) -> (Choice, Option<u32>) {
     let choice =
         |included: bool, what: String, why: String, cost: Option<f64>, basis: Basis| Choice {
             decision: Decision::Bounces,
@@ -160,9 +244,9 @@ fn bounces(alone: bool, seen: Option<&Pilot>, tolerance: f64) -> (Choice, Option
             cost,
             basis,
         };
-    if alone {
-        let why = "a single flat interface is met once".to_owned();
-        let what = "bounces beyond the first".to_owned();
+    if flat {
+        let why = "on a flat interface light bounces once".to_owned();
+        let what = "bounces within an interface".to_owned();
         return (choice(false, what, why, Some(0.0), Basis::Exact), None);
     }
     let all = "bounces up to run.interactions_max".to_owned();
@@ -182,7 +266,7 @@ fn bounces(alone: bool, seen: Option<&Pilot>, tolerance: f64) -> (Choice, Option
             // Where next to nothing goes through a percentage of it says nothing.
             cost = cost.max((*value + 2.0 * *std) / all.value.max(1e-3));
         }
-        if cost > 0.5 * tolerance {
+        if cost > allowed {
             break;
         }
         limit = Some((order + 1, cost));
@@ -199,24 +283,27 @@ fn bounces(alone: bool, seen: Option<&Pilot>, tolerance: f64) -> (Choice, Option
         }
         None => {
             let why = format!(
-                "more than half of the tolerance comes back after {ORDERS} interactions and more"
+                "more than {:.2} % comes back after {ORDERS} interactions and more",
+                100.0 * allowed
             );
             (choice(true, all, why, None, Basis::Pilot), None)
         }
     }
 }
 
+/// n and k of a medium given by numbers; `None` for a name or a diffuse body.
+fn number(below: &toml::Value) -> Option<(f64, f64)> {
+    let table = below.as_table()?;
+    let of = |key: &str| match table.get(key) {
+        None => Some(0.0),
+        Some(v) => v.as_float().or_else(|| v.as_integer().map(|i| i as f64)),
+    };
+    (!table.contains_key("rho_d")).then_some((of("n")?, of("k")?))
+}
+
 /// Interfaces between equal media, which do nothing to light whatever their shape (1 for the topmost). A
 /// scene keeps at least one.
 fn idle_interfaces(scene: &Scene) -> Vec<usize> {
-    let number = |below: &toml::Value| -> Option<(f64, f64)> {
-        let table = below.as_table()?;
-        let of = |key: &str| match table.get(key) {
-            None => Some(0.0),
-            Some(v) => v.as_float().or_else(|| v.as_integer().map(|i| i as f64)),
-        };
-        (!table.contains_key("rho_d")).then_some((of("n")?, of("k")?))
-    };
     let mut above = Some((scene.n_top, 0.0));
     let mut idle = Vec::new();
     for (i, shape) in scene.interface.iter().enumerate() {
@@ -267,6 +354,23 @@ pub fn lean(scene: &Scene, plan: &Plan) -> Scene {
     lean
 }
 
+/// Makes a plan's decisions those of a run; what the scene itself says of polarisation stands.
+pub fn apply(plan: &Plan, scene: &Scene, prepared: &mut Prepared) {
+    if let Some(choice) = plan.on(Decision::Polarisation)
+        && !scene.run.polarised.is_bool()
+    {
+        prepared.polarised = choice.included;
+    }
+    if let Some(limit) = plan.interactions_max {
+        prepared.give_up_after(limit);
+    }
+    prepared.left_out.extend(plan.left_out().map(|c| LeftOut {
+        what: c.what.clone(),
+        why: c.why.clone(),
+        cost: c.cost,
+    }));
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -301,7 +405,7 @@ mod tests {
         let brewster = planned(&smooth(60.0, "{ n = 2.4 }"), &ENERGY);
         let choice = brewster.on(Decision::Polarisation).unwrap();
         // The exact answer of flat layers: what leaving it out costs is what the plan says.
-        let stack = crate::model::flat_stack::FlatStack::parse("1.5/2.4").unwrap();
+        let stack = FlatStack::parse("1.5/2.4").unwrap();
         let exact = stack.reflect(60f64.to_radians()).unwrap();
         let off = (exact.channel.unpolarised() / exact.scalar - 1.0).abs();
         assert!(choice.included && off > 0.01, "{choice:?} {off}");

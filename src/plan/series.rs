@@ -14,22 +14,36 @@ use nalgebra::Vector3;
 /// Surfaces over which costs are taken: (θr in degrees, α).
 const SURFACES: [(f64, f64); 4] = [(5.0, 0.05), (10.0, 0.12), (15.0, 0.06), (20.0, 0.2)];
 
-/// Plans the fit of a series; `tolerance` is relative to the brightest radiance.
+/// Plans the fit of a series before a frame is read; `tolerance` is relative to the brightest radiance.
 #[must_use]
 pub fn plan(manifest: &Manifest, rows: &[FrameRow], tolerance: f64) -> Plan {
-    let rig = manifest.rig_geometry();
-    let (eta, k) = manifest.material().index();
     let mut poses: Vec<Pose> = rows
         .iter()
         .filter(|r| r.kind == FrameKind::Sample)
         .map(FrameRow::pose)
         .collect();
     poses.dedup();
+    let metal = manifest.material().index().1 > 0.0;
+    let surfaces = SURFACES.map(|(theta_r_deg, alpha)| Surface {
+        theta_r: theta_r_deg.to_radians(),
+        alpha_u: alpha,
+        alpha_v: alpha,
+        rho_d: if metal { 0.0 } else { 0.35 },
+        amplitude: 1.0,
+    });
+    over(manifest, &poses, &surfaces, tolerance)
+}
+
+/// The same for given poses, with the costs on given surfaces: those that samples have, or the fitted one.
+#[must_use]
+pub fn over(manifest: &Manifest, poses: &[Pose], surfaces: &[Surface], tolerance: f64) -> Plan {
+    let rig = manifest.rig_geometry();
+    let (eta, k) = manifest.material().index();
     Plan {
         tolerance,
         quantity: "brightest radiance of the series".to_owned(),
         decisions: vec![
-            polarisation(&rig, eta, k, &poses, tolerance),
+            polarisation(&rig, eta, k, poses, surfaces, tolerance),
             bounces(k),
             Choice {
                 decision: Decision::Layers,
@@ -39,7 +53,7 @@ pub fn plan(manifest: &Manifest, rows: &[FrameRow], tolerance: f64) -> Plan {
                 cost: Some(0.0),
                 basis: Basis::Exact,
             },
-            cone(&rig, eta, k, &poses, tolerance),
+            cone(&rig, eta, k, poses, surfaces, tolerance),
             pixels(manifest),
         ],
         interactions_max: None,
@@ -49,7 +63,14 @@ pub fn plan(manifest: &Manifest, rows: &[FrameRow], tolerance: f64) -> Plan {
 
 /// Lamp and camera do not polarise, so a single reflection does not depend on it at all; a second one
 /// sees what the first has polarised.
-fn polarisation(rig: &RigGeometry, eta: f64, k: f64, poses: &[Pose], tolerance: f64) -> Choice {
+fn polarisation(
+    rig: &RigGeometry,
+    eta: f64,
+    k: f64,
+    poses: &[Pose],
+    surfaces: &[Surface],
+    tolerance: f64,
+) -> Choice {
     let mut choice = Choice {
         decision: Decision::Polarisation,
         included: k > 0.0,
@@ -73,8 +94,7 @@ fn polarisation(rig: &RigGeometry, eta: f64, k: f64, poses: &[Pose], tolerance: 
     }
     // The closed form follows polarisation where the index has an imaginary part, however small.
     let mut cost = 0.0f64;
-    for (theta_r_deg, alpha) in SURFACES {
-        let surface = nominal(theta_r_deg, alpha, 0.35);
+    for surface in surfaces {
         let (mut peak, mut off) = (0.0f64, 0.0f64);
         for d in some(poses).map(|p| rig.directions(p)) {
             let at = |k: f64| {
@@ -84,7 +104,7 @@ fn polarisation(rig: &RigGeometry, eta: f64, k: f64, poses: &[Pose], tolerance: 
                     theta_l: rig.theta_l.rad(),
                     light_angular_radius: 0.0,
                 };
-                radiance(Variant::Sawtooth, &d, &surface, &optics)
+                radiance(Variant::Sawtooth, &d, surface, &optics)
             };
             let (with, without) = (at(1e-9), at(0.0));
             peak = peak.max(without);
@@ -103,17 +123,6 @@ fn polarisation(rig: &RigGeometry, eta: f64, k: f64, poses: &[Pose], tolerance: 
     choice.cost = Some(cost);
     choice.basis = Basis::Estimate;
     choice
-}
-
-/// A surface as samples have it.
-fn nominal(theta_r_deg: f64, alpha: f64, rho_d: f64) -> Surface {
-    Surface {
-        theta_r: theta_r_deg.to_radians(),
-        alpha_u: alpha,
-        alpha_v: alpha,
-        rho_d,
-        amplitude: 1.0,
-    }
 }
 
 /// At most 60 of the poses.
@@ -149,7 +158,14 @@ fn bounces(k: f64) -> Choice {
 
 /// The closed correction of the lobes' widths against an average over the lamp's disc, and against
 /// nothing at all.
-fn cone(rig: &RigGeometry, eta: f64, k: f64, poses: &[Pose], tolerance: f64) -> Choice {
+fn cone(
+    rig: &RigGeometry,
+    eta: f64,
+    k: f64,
+    poses: &[Pose],
+    surfaces: &[Surface],
+    tolerance: f64,
+) -> Choice {
     let radius = rig.light_angular_radius.rad();
     let mut choice = Choice {
         decision: Decision::ConeAverage,
@@ -163,8 +179,8 @@ fn cone(rig: &RigGeometry, eta: f64, k: f64, poses: &[Pose], tolerance: f64) -> 
         return choice;
     }
     let (mut closed, mut point) = (0.0f64, 0.0f64);
-    for (theta_r_deg, alpha) in SURFACES {
-        let (c, p) = cone_costs(rig, eta, k, poses, theta_r_deg, alpha);
+    for surface in surfaces {
+        let (c, p) = cone_costs(rig, eta, k, poses, surface);
         (closed, point) = (closed.max(c), point.max(p));
     }
     choice.basis = Basis::Estimate;
@@ -193,10 +209,8 @@ fn cone_costs(
     eta: f64,
     k: f64,
     poses: &[Pose],
-    theta_r_deg: f64,
-    alpha: f64,
+    surface: &Surface,
 ) -> (f64, f64) {
-    let surface = nominal(theta_r_deg, alpha, if k > 0.0 { 0.0 } else { 0.35 });
     let radius = rig.light_angular_radius.rad();
     let optics = |light_angular_radius: f64| Optics {
         eta,
@@ -204,7 +218,7 @@ fn cone_costs(
         theta_l: rig.theta_l.rad(),
         light_angular_radius,
     };
-    let at = |d: &Directions, r: f64| radiance(Variant::Sawtooth, d, &surface, &optics(r));
+    let at = |d: &Directions, r: f64| radiance(Variant::Sawtooth, d, surface, &optics(r));
     let (mut peak, mut closed, mut point) = (0.0f64, 0.0f64, 0.0f64);
     for d in some(poses).map(|p| rig.directions(p)) {
         let mean = disc_mean(&d, radius, &|d| at(d, 0.0));
@@ -216,9 +230,14 @@ fn cone_costs(
     (closed * per_peak, point * per_peak)
 }
 
-/// Mean over the lamp's disc by the 12-point rule of degree 5 in radius and 12 in angle: two rings
-/// at the Gauss radii of r dr, six points each.
 fn disc_mean(d: &Directions, radius: f64, f: &dyn Fn(&Directions) -> f64) -> f64 {
+    disc(d, radius).iter().map(f).sum::<f64>() / 12.0
+}
+
+/// Nodes of equal weight over the lamp's disc of angular radius `radius` (rad): the 12-point rule of degree
+/// 5 in radius and 12 in angle, two rings at the Gauss radii of r dr, six points each.
+#[must_use]
+pub fn disc(d: &Directions, radius: f64) -> [Directions; 12] {
     let w = d.incident;
     let helper = if w.z.abs() < 0.9 {
         Vector3::z()
@@ -227,17 +246,15 @@ fn disc_mean(d: &Directions, radius: f64, f: &dyn Fn(&Directions) -> f64) -> f64
     };
     let x = w.cross(&helper).normalize();
     let y = w.cross(&x);
-    let mut sum = 0.0;
-    // Nodes of Gauss–Legendre in r²: (1 ∓ 1/√3)/2.
-    for (ring, sign) in [-1.0, 1.0].into_iter().enumerate() {
+    std::array::from_fn(|node| {
+        let (ring, n) = (node / 6, node % 6);
+        // Nodes of Gauss–Legendre in r²: (1 ∓ 1/√3)/2.
+        let sign = if ring == 0 { -1.0 } else { 1.0 };
         let r = (0.5 * (1.0 + sign / 3f64.sqrt())).sqrt() * radius.tan();
-        for n in 0..6 {
-            let angle = std::f64::consts::TAU * (f64::from(n) + 0.5 * ring as f64) / 6.0;
-            let incident = (w + x * (r * angle.cos()) + y * (r * angle.sin())).normalize();
-            sum += f(&Directions { incident, ..*d });
-        }
-    }
-    sum / 12.0
+        let angle = std::f64::consts::TAU * (n as f64 + 0.5 * ring as f64) / 6.0;
+        let incident = (w + x * (r * angle.cos()) + y * (r * angle.sin())).normalize();
+        Directions { incident, ..*d }
+    })
 }
 
 fn pixels(manifest: &Manifest) -> Choice {
@@ -286,7 +303,14 @@ mod tests {
         let poses: Vec<Pose> = (0..9)
             .map(|t| Pose::from_deg(-20.0 + 5.0 * f64::from(t), 0.0))
             .collect();
-        let (closed, point) = cone_costs(&rig, 1.54, 0.0, &poses, 5.0, 0.05);
+        let surface = Surface {
+            theta_r: 5f64.to_radians(),
+            alpha_u: 0.05,
+            alpha_v: 0.05,
+            rho_d: 0.35,
+            amplitude: 1.0,
+        };
+        let (closed, point) = cone_costs(&rig, 1.54, 0.0, &poses, &surface);
         assert!(
             closed < 1e-3 && point > 2e-3 && closed < 0.2 * point,
             "{closed} {point}"

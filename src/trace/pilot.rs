@@ -5,7 +5,7 @@
 
 use super::height_field::Side;
 use super::light::{Light, Polarised, Scalar};
-use super::run::{Shard, trace_as};
+use super::run::trace_briefly;
 use super::scene::Prepared;
 use super::tally::{Estimate, Grid, ORDERS};
 use super::vec3::V3;
@@ -84,7 +84,7 @@ pub struct Pilot {
 #[must_use]
 pub fn pilot(prepared: &Prepared, photons: u64) -> Pilot {
     let grid = Grid::polar(1, 1);
-    let totals = trace_as::<Paired>(prepared, grid, photons, Shard::WHOLE, &|_| true);
+    let totals = trace_briefly::<Paired>(prepared, grid, photons);
     let whole = std::f64::consts::PI;
     // One bin per side: its value times the projected solid angle π is the share of the light.
     let of = |side: Side, i: usize| {
@@ -107,7 +107,7 @@ pub fn pilot(prepared: &Prepared, photons: u64) -> Pilot {
 
 #[cfg(test)]
 mod tests {
-    use super::super::run::trace;
+    use super::super::run::{Shard, trace};
     use super::super::scene::Scene;
     use super::*;
 

@@ -111,15 +111,54 @@ pub(super) fn trace_as<L: Light>(
     shard: Shard,
     proceed: &(dyn Fn(&Progress) -> bool + Sync),
 ) -> Totals {
-    let walk = Walk {
+    let walk = walk_of(prepared);
+    let first_hits = FirstHits::new::<L>(&walk, grid);
+    trace_from::<L>(
+        &walk,
+        first_hits,
+        prepared.seed,
+        grid,
+        photons,
+        shard,
+        proceed,
+    )
+}
+
+/// A short run in bins of its own that does without the look at every triangle, which pays for thousands of
+/// photons only.
+pub(super) fn trace_briefly<L: Light>(prepared: &Prepared, grid: Grid, photons: u64) -> Totals {
+    let walk = walk_of(prepared);
+    trace_from::<L>(
+        &walk,
+        None,
+        prepared.seed,
+        grid,
+        photons,
+        Shard::WHOLE,
+        &|_| true,
+    )
+}
+
+fn walk_of(prepared: &Prepared) -> Walk<'_> {
+    Walk {
         stack: &prepared.stack,
         method: prepared.method,
         stokes: prepared.stokes,
         k: prepared.k,
         s: prepared.s,
         interactions_max: prepared.interactions_max,
-    };
-    let first_hits = FirstHits::new::<L>(&walk, grid);
+    }
+}
+
+fn trace_from<L: Light>(
+    walk: &Walk<'_>,
+    first_hits: Option<FirstHits<'_>>,
+    seed: u64,
+    grid: Grid,
+    photons: u64,
+    shard: Shard,
+    proceed: &(dyn Fn(&Progress) -> bool + Sync),
+) -> Totals {
     let count = blocks(photons);
     let mine: Vec<u64> = (0..count)
         .filter(|block| block % shard.of == shard.number - 1)
@@ -158,9 +197,9 @@ pub(super) fn trace_as<L: Light>(
                 go_on
             };
             let job = Job {
-                walk: &walk,
+                walk,
                 first_hits: first_hits.as_ref(),
-                seed: prepared.seed,
+                seed,
                 number,
                 go_on: &go_on,
             };

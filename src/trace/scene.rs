@@ -257,7 +257,7 @@ pub struct LeftOut {
 }
 
 /// A scene ready to trace.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Prepared {
     pub(super) stack: Stack,
     pub(super) method: Method,
@@ -294,6 +294,13 @@ impl Prepared {
 }
 
 impl Prepared {
+    /// The same surfaces, met by other photons.
+    #[must_use]
+    pub fn with_seed(mut self, seed: u64) -> Self {
+        self.seed = seed;
+        self
+    }
+
     /// The same scene, counted in other direction bins.
     #[must_use]
     pub fn with_grid(mut self, grid: Grid) -> Self {
