@@ -1,9 +1,17 @@
-//! How long a trace will take, told before it starts, from two short runs of it.
+//! How long a trace or a fit will take, told before it starts, from short runs of it.
 
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use serde::Serialize;
 
+use super::fits::painted;
+use crate::fit::{FitOptions, fit};
+use crate::frame::{Frame, FrameKind};
+use crate::geometry::Pose;
+use crate::model::Surface;
+use crate::reduction::{FrameReadError, FrameSource, reduce};
+use crate::series::{FrameRow, Manifest};
 use crate::trace::run::{Shard, trace_photons};
 use crate::trace::scene::Prepared;
 
@@ -35,6 +43,9 @@ impl std::fmt::Display for Forecast {
 /// Share of the run that the larger of the two short runs takes.
 const SHARE: u64 = 32;
 
+/// The same of a third run, where the start takes most of the time of both.
+const LONGER_SHARE: u64 = 8;
+
 /// Forecasts a run of the scene's photons, or of as many as `target_error` needs (no more than those).
 ///
 /// Two short runs part what a run costs at its start (shapes, first hits) from what a photon costs; the
@@ -57,9 +68,15 @@ pub fn of_run(prepared: &Prepared, target_error: Option<f64>) -> Forecast {
     };
     let (little, _) = better(small);
     let (more, error) = better(large);
-    let per_photon =
-        ((more - little) / (large - small).max(1) as f64).max(0.2 * more / large as f64);
-    let start = (more - per_photon * large as f64).max(0.0);
+    // Where the start costs more than the photons a small difference would be magnified: a longer run tells.
+    let longer = (prepared.photons / LONGER_SHARE).max(large);
+    let (upper, time) = if more < 1.5 * little && longer > large {
+        (longer, timed(longer).0)
+    } else {
+        (large, more)
+    };
+    let per_photon = ((time - little) / (upper - small).max(1) as f64).max(0.0);
+    let start = (time - per_photon * upper as f64).max(0.0);
     let photons = match (target_error, error) {
         (Some(target), Some(error)) => {
             let needed = large as f64 * (error / target).powi(2);
@@ -72,5 +89,149 @@ pub fn of_run(prepared: &Prepared, target_error: Option<f64>) -> Forecast {
         seconds: start + per_photon * photons as f64,
         photons,
         relative_error: error.map(|e| e * (large as f64 / photons as f64).sqrt()),
+    }
+}
+
+/// What the analysis of a series will take.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SeriesForecast {
+    /// Seconds in all.
+    pub seconds: f64,
+    /// Of these, reading and reducing frames.
+    pub reduce_s: f64,
+    /// Of these, the fit of all variants.
+    pub fit_s: f64,
+}
+
+impl std::fmt::Display for SeriesForecast {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "about {:.1} s: {:.1} s to read and reduce, {:.1} s to fit",
+            self.seconds, self.reduce_s, self.fit_s
+        )
+    }
+}
+
+/// Of so many poses one is read.
+const THINNED: usize = 6;
+
+/// A series with a few of its sample frames.
+struct Thinned<'a> {
+    source: &'a dyn FrameSource,
+    rows: Vec<FrameRow>,
+    places: Vec<usize>,
+}
+
+impl<'a> Thinned<'a> {
+    fn new(source: &'a dyn FrameSource) -> Self {
+        let mut poses: Vec<Pose> = Vec::new();
+        let mut thinned = Thinned {
+            source,
+            rows: Vec::new(),
+            places: Vec::new(),
+        };
+        for (place, row) in source.rows().iter().enumerate() {
+            let kept = match row.kind {
+                FrameKind::Dark | FrameKind::Flat => true,
+                FrameKind::Sample => {
+                    if poses.last() != Some(&row.pose()) {
+                        poses.push(row.pose());
+                    }
+                    poses.len() % THINNED == 1
+                }
+            };
+            if kept {
+                thinned.rows.push(row.clone());
+                thinned.places.push(place);
+            }
+        }
+        thinned
+    }
+}
+
+impl FrameSource for Thinned<'_> {
+    fn manifest(&self) -> &Manifest {
+        self.source.manifest()
+    }
+
+    fn rows(&self) -> &[FrameRow] {
+        &self.rows
+    }
+
+    fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
+        self.source.read(self.places[index])
+    }
+}
+
+/// Forecasts the analysis of a series: a sixth of its poses are read and reduced, and a surface as samples have
+/// it is fitted at all of its poses. `None` where those frames give no observations.
+#[must_use]
+pub fn of_series(source: &dyn FrameSource, cancel: &AtomicBool) -> Option<SeriesForecast> {
+    let manifest = source.manifest();
+    let region = manifest.sample.layout.as_ref().map(|_| "even");
+    let thinned = Thinned::new(source);
+    let started = Instant::now();
+    reduce(&thinned, region, cancel).ok()?;
+    let share = source.rows().len() as f64 / thinned.rows.len().max(1) as f64;
+    let reduce_s = share * started.elapsed().as_secs_f64();
+    let mut poses: Vec<Pose> = source
+        .rows()
+        .iter()
+        .filter(|r| r.kind == FrameKind::Sample)
+        .map(FrameRow::pose)
+        .collect();
+    poses.dedup();
+    let metal = manifest.material().index().1 > 0.0;
+    let surface = Surface {
+        theta_r: 12f64.to_radians(),
+        alpha_u: 0.1,
+        alpha_v: 0.1,
+        rho_d: if metal { 0.0 } else { 0.3 },
+        amplitude: 1.0,
+    };
+    let set = painted(
+        manifest.rig_geometry(),
+        manifest.material(),
+        &surface,
+        &poses,
+        0.01,
+    );
+    let started = Instant::now();
+    std::hint::black_box(fit(&set, &FitOptions::default(), cancel));
+    let fit_s = started.elapsed().as_secs_f64();
+    Some(SeriesForecast {
+        seconds: reduce_s + fit_s,
+        reduce_s,
+        fit_s,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::series::Series;
+
+    #[test]
+    fn a_series_is_forecast_from_all_its_calibrations_and_a_sixth_of_its_poses() {
+        let series = Series::open("tests/data/series/paper-rig-full".as_ref()).unwrap();
+        let thinned = Thinned::new(&series);
+        let count = |rows: &[FrameRow], sample: bool| {
+            let kind = |r: &&FrameRow| (r.kind == FrameKind::Sample) == sample;
+            rows.iter().filter(kind).count()
+        };
+        let (all, some) = (FrameSource::rows(&series), thinned.rows());
+        assert_eq!(count(all, false), count(some, false));
+        assert!(
+            count(some, true) * THINNED >= count(all, true)
+                && count(some, true) < count(all, true) / 3
+        );
+        // What is read is what its row says.
+        for (place, row) in some.iter().enumerate() {
+            assert_eq!(row.file, all[thinned.places[place]].file);
+        }
+        let told = of_series(&series, &AtomicBool::new(false)).unwrap();
+        assert!(told.reduce_s > 0.0 && told.fit_s > 0.0);
+        assert!((told.seconds - told.reduce_s - told.fit_s).abs() < 1e-12);
     }
 }

@@ -7,7 +7,9 @@ use anyhow::{Context, anyhow};
 use serde::Serialize;
 
 use super::CliError;
-use crate::accuracy::forecast::{Forecast, of_run};
+use crate::accuracy::forecast::{
+    Forecast, SeriesForecast, of_run, of_series as of_series_forecast,
+};
 use crate::accuracy::proof::{Proof, of_scene as of_scene_proof};
 use crate::plan::{self, Basis, Plan};
 use crate::series::Series;
@@ -36,6 +38,23 @@ pub struct Args {
     pub json: bool,
 }
 
+/// A forecast of either kind.
+#[derive(Serialize)]
+#[serde(untagged)]
+enum Told {
+    Run(Forecast),
+    Series(SeriesForecast),
+}
+
+impl std::fmt::Display for Told {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Told::Run(told) => told.fmt(f),
+            Told::Series(told) => told.fmt(f),
+        }
+    }
+}
+
 #[derive(Serialize)]
 struct Explanation {
     input: &'static str,
@@ -43,7 +62,7 @@ struct Explanation {
     #[serde(flatten)]
     plan: Plan,
     #[serde(skip_serializing_if = "Option::is_none")]
-    forecast: Option<Forecast>,
+    forecast: Option<Told>,
     #[serde(skip_serializing_if = "Option::is_none")]
     proof: Option<Proof>,
     program: String,
@@ -87,6 +106,7 @@ fn program() -> String {
 fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
     let series = Series::open(folder).map_err(CliError::bad_input)?;
     let frames = series.rows().len();
+    let cancel = super::interrupt::flag()?;
     Ok(Explanation {
         input: "series",
         computes: vec![
@@ -95,7 +115,7 @@ fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
             "double reflections by quadrature at the fitted values, and a refit".to_owned(),
         ],
         plan: plan::series::plan(series.manifest(), series.rows(), tolerance),
-        forecast: None,
+        forecast: of_series_forecast(&series, &cancel).map(Told::Series),
         proof: None,
         program: program(),
     })
@@ -132,7 +152,7 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
             prepared.photons,
             scene.interface.len()
         )],
-        forecast: Some(of_run(&prepared, None)),
+        forecast: Some(Told::Run(of_run(&prepared, None))),
         proof,
         plan,
         program: program(),

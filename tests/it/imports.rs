@@ -93,6 +93,7 @@ const RULES: &[(&str, &[&str])] = &[
         "accuracy",
         &[
             "units",
+            "frame",
             "geometry",
             "material",
             "observation",
@@ -100,6 +101,7 @@ const RULES: &[(&str, &[&str])] = &[
             "trace",
             "fit",
             "series",
+            "reduction",
             "plan",
         ],
     ),
