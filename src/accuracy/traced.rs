@@ -170,8 +170,8 @@ const PLANNED_PHOTONS: u64 = 100_000;
 /// Photons of a run with how many runs of other seeds make one point: the shorter, the more, since a root mean
 /// square of n errors is itself known to 1/√(2n) only.
 type Sizes = &'static [(u64, u64)];
-const QUICK: Sizes = &[(4_000, 12), (16_000, 8), (64_000, 4)];
-const FULL: Sizes = &[(4_000, 24), (16_000, 16), (64_000, 8), (256_000, 4)];
+const QUICK: Sizes = &[(4_000, 8), (16_000, 6), (64_000, 3)];
+const FULL: Sizes = &[(4_000, 24), (16_000, 16), (64_000, 8), (256_000, 3)];
 /// Light without polarisation ends at its bias, which few runs show.
 const FULL_SCALAR: Sizes = &[(4_000, 6), (16_000, 4), (64_000, 3), (256_000, 2)];
 
@@ -182,8 +182,8 @@ pub(super) fn measure(
     found: &mut Measurements,
 ) {
     let (sizes, scalar, long) = match effort {
-        Effort::Quick => (QUICK, QUICK, 500_000),
-        Effort::Full => (FULL, FULL_SCALAR, 2_000_000),
+        Effort::Quick => (QUICK, QUICK, 300_000),
+        Effort::Full => (FULL, FULL_SCALAR, 1_500_000),
     };
     // A forecast of the reference's run, before it starts.
     let told = scene
