@@ -22,7 +22,7 @@ pub struct Forecast {
     pub seconds: f64,
     /// Photons that it will trace.
     pub photons: u64,
-    /// Mean relative error of a reflected bin at its end.
+    /// Relative error of the reflected bins (root mean square) at its end.
     pub relative_error: Option<f64>,
 }
 

@@ -46,7 +46,7 @@ pub struct Args {
     /// Stop after this time; what is finished by then counts.
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
-    /// Stop once the mean relative error of a reflected bin (by energy) is below this.
+    /// Stop once the relative error of the reflected bins (root mean square) is below this.
     #[arg(long, value_name = "E")]
     pub target_error: Option<f64>,
     /// Leave out what costs the reflected energy no more than this share (see `ridged explain`). Without
@@ -215,7 +215,9 @@ fn unreached(target: f64, reached: Option<f64>, photons: u64) -> anyhow::Error {
              needed (run.photons in the scene)",
             photons as f64 * (e / target).powi(2)
         ),
-        None => anyhow!("the target error {target} cannot be reached: no light was reflected"),
+        None => anyhow!(
+            "the target error {target} cannot be reached: no light was reflected, or no more than its own noise"
+        ),
     }
 }
 
@@ -483,7 +485,7 @@ impl<'a> Report<'a> {
         if let Some(error) = self.relative_error {
             writeln!(
                 out,
-                "  error of a reflected bin (by energy): {:.2} %",
+                "  error of the reflected bins, root mean square: {:.2} %",
                 100.0 * error
             )?;
         }

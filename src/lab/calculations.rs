@@ -71,7 +71,7 @@ pub struct TraceRequest {
     /// Stop after this time, s; what is finished by then counts.
     #[serde(default)]
     pub max_seconds: Option<f64>,
-    /// Stop once the mean relative error of a reflected bin (by energy) is below this.
+    /// Stop once the relative error of the reflected bins (root mean square) is below this.
     #[serde(default)]
     pub target_error: Option<f64>,
 }
@@ -508,11 +508,10 @@ fn trace_of(
         && !reached(report.relative_error)
         && !late()
     {
-        let got = report
-            .relative_error
-            .map_or("no light was reflected".to_owned(), |e| {
-                format!("{} photons gave {e:.3e}", report.photons)
-            });
+        let got = report.relative_error.map_or(
+            "no light was reflected, or no more than its own noise".to_owned(),
+            |e| format!("{} photons gave {e:.3e}", report.photons),
+        );
         return Err(Failure::Because {
             code: "target-not-reached",
             detail: format!("the target error {target} was not reached: {got}"),

@@ -267,9 +267,11 @@ impl Boundary {
             };
         }
         let q = refracted(cos, self.squared, self.lift);
-        let (sum_s, sum_p) = (q + cos, self.squared * cos + q);
-        let r_s = -self.lift / (sum_s * sum_s);
-        let r_p = self.lift * (self.squared * (cos * cos) - sin_squared(cos)) / (sum_p * sum_p);
+        let over_s = inverse(q + cos);
+        let over_p = inverse(self.squared * cos + q);
+        let brewster = self.squared * (cos * cos) - sin_squared(cos);
+        let r_s = -self.lift * over_s * over_s;
+        let r_p = self.lift * over_p * (brewster * over_p);
         let z = r_s * r_p.conj();
         Split {
             reflected: Channel {
@@ -297,6 +299,11 @@ impl Boundary {
             im: z.im,
         }
     }
+}
+
+#[inline]
+fn inverse(z: Complex<f64>) -> Complex<f64> {
+    z.conj() * (1.0 / z.norm_sqr())
 }
 
 #[cfg(test)]

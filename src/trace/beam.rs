@@ -71,6 +71,7 @@ pub fn is_free(field: &HeightField, i: usize, j: usize, upper: bool, side: Side,
     let beam = Beam::new(&own, upper, d, sx, sy, gain);
     let (low, high) = field.range();
     let slack = ROUNDING * (high - low);
+    let outermost = if sign > 0.0 { high } else { -low };
     let along_x = d[0].abs() >= d[1].abs();
     let (ahead, across) = if along_x { (d[0], d[1]) } else { (d[1], d[0]) };
     if ahead == 0.0 {
@@ -105,7 +106,8 @@ pub fn is_free(field: &HeightField, i: usize, j: usize, upper: bool, side: Side,
             if !beam.clears_cell(&h, cx as f64, cy as f64, skip, slack) {
                 return false;
             }
-            all_clear &= field.escape(side).clears(wi * ny + wj, k);
+            all_clear &= field.escape(side).clears(wi * ny + wj, k)
+                || beam.is_over(outermost, cx as f64, cy as f64);
         }
         if all_clear && step > 0 {
             return true;
@@ -169,6 +171,16 @@ impl Beam {
         x * self.d[1] - y * self.d[0]
     }
 
+    /// Whether the beam is over a level everywhere in the cell at (cx, cy) from its own.
+    #[inline]
+    fn is_over(&self, level: f64, cx: f64, cy: f64) -> bool {
+        let corners = CORNERS.map(|(x, y)| (x + cx, y + cy));
+        let lowest = &self.lowest[..self.n_lowest];
+        lowest
+            .iter()
+            .any(|l| corners.iter().all(|p| l.at(p.0, p.1) >= level))
+    }
+
     /// Whether the beam passes over a cell at (cx, cy) from its own, whose triangle `skip` is its start.
     fn clears_cell(&self, h: &[f64; 4], cx: f64, cy: f64, skip: Option<usize>, slack: f64) -> bool {
         let places = CORNERS.map(|(x, y)| (x + cx, y + cy));
@@ -185,21 +197,88 @@ impl Beam {
             if skip == Some(n) {
                 return true;
             }
-            let corners = corners.map(|c| (places[c], h[c]));
-            let across = corners.map(|(p, _)| self.across(p));
-            if across.iter().all(|w| *w <= self.strip.0)
-                || across.iter().all(|w| *w >= self.strip.1)
-            {
-                return true;
-            }
-            let behind = |time: &Linear| corners.iter().all(|(p, _)| time.at(p.0, p.1) <= 1e-12);
-            if self.latest[..self.n_latest].iter().any(behind) {
-                return true;
-            }
-            lowest
-                .iter()
-                .any(|l| corners.iter().all(|(p, z)| l.at(p.0, p.1) + slack >= *z))
+            let corners = corners.map(|c| [places[c].0, places[c].1, h[c]]);
+            let below = |l: &Linear| corners.iter().all(|p| l.at(p[0], p[1]) + slack >= p[2]);
+            lowest.iter().any(below) || self.clears_triangle(&corners, slack)
         })
+    }
+
+    /// The same for one triangle: its part in the beam is cut out, and the highest of the lowest light by
+    /// each edge must be nowhere below it. (A maximum of linear functions is so exactly where some mean of
+    /// them is; means of two are tried, and there are hardly ever more than two that matter.)
+    fn clears_triangle(&self, corners: &[[f64; 3]; 3], slack: f64) -> bool {
+        let mut part = Polygon::of(corners);
+        let [dx, dy] = self.d;
+        let across = |limit: f64, sign: f64| Linear {
+            at_origin: -sign * limit,
+            x: sign * dy,
+            y: -sign * dx,
+        };
+        part.keep(&across(self.strip.0, 1.0));
+        part.keep(&across(self.strip.1, -1.0));
+        for time in &self.latest[..self.n_latest] {
+            part.keep(time);
+        }
+        let part = part.corners();
+        let over = |l: &Linear, p: &[f64; 3]| l.at(p[0], p[1]) + slack - p[2];
+        let lowest = &self.lowest[..self.n_lowest];
+        lowest.iter().enumerate().any(|(n, l)| {
+            part.iter().all(|p| over(l, p) >= 0.0)
+                || lowest[..n].iter().any(|other| {
+                    // The weights w of `l` with w l + (1 − w) other ≥ 0 at every corner.
+                    let (mut least, mut most) = (0.0f64, 1.0f64);
+                    for p in part {
+                        let (x, y) = (over(l, p), over(other, p));
+                        let rate = x - y;
+                        if rate > 0.0 {
+                            least = least.max(-y / rate);
+                        } else if rate < 0.0 {
+                            most = most.min(-y / rate);
+                        } else if y < 0.0 {
+                            return false;
+                        }
+                    }
+                    least <= most
+                })
+        })
+    }
+}
+
+/// A flat convex polygon in space: a triangle, cut up to four times.
+struct Polygon {
+    corners: [[f64; 3]; 7],
+    count: usize,
+}
+
+impl Polygon {
+    fn of(triangle: &[[f64; 3]; 3]) -> Self {
+        let mut corners = [[0.0; 3]; 7];
+        corners[..3].copy_from_slice(triangle);
+        Polygon { corners, count: 3 }
+    }
+
+    fn corners(&self) -> &[[f64; 3]] {
+        &self.corners[..self.count]
+    }
+
+    /// Cuts off where the function is negative.
+    fn keep(&mut self, function: &Linear) {
+        let mut kept = [[0.0; 3]; 7];
+        let mut count = 0;
+        for (n, p) in self.corners().iter().enumerate() {
+            let q = &self.corners[(n + 1) % self.count];
+            let (a, b) = (function.at(p[0], p[1]), function.at(q[0], q[1]));
+            if a >= 0.0 {
+                kept[count] = *p;
+                count += 1;
+            }
+            if (a < 0.0) != (b < 0.0) {
+                let t = a / (a - b);
+                kept[count] = std::array::from_fn(|i| p[i] + t * (q[i] - p[i]));
+                count += 1;
+            }
+        }
+        (self.corners, self.count) = (kept, count);
     }
 }
 
@@ -212,7 +291,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_ray_of_a_free_beam_is_free_and_most_free_beams_are_found() {
+    fn every_ray_of_a_free_beam_is_free_and_hardly_a_free_beam_is_missed() {
         let field = beckmann(64, 0.5, 0.35, 3);
         let mut random = Stream::new(5, Purpose::Photon, 0);
         let (mut found, mut missed, mut blocked) = (0, 0, 0);
@@ -250,6 +329,6 @@ mod tests {
         }
         assert!(found > 500 && blocked > 200, "{found} {blocked}");
         // Forty rays may miss an obstacle at a triangle's rim, so some of these are no misses.
-        assert!(missed < found, "{missed} of {found}");
+        assert!(missed * 50 < found, "{missed} of {found}");
     }
 }

@@ -18,7 +18,7 @@ use super::rng::Stream;
 use super::surface::{Place, Relief};
 use super::tally::{Batch, Grid, Known};
 use super::vec3::{V3, dot, scaled, unit};
-use super::walk::{Method, Walk, Ways};
+use super::walk::{Method, Waiting, Walk, Ways};
 
 /// A triangle on which photons start.
 #[derive(Debug, Clone, Copy)]
@@ -117,6 +117,7 @@ impl<'a> FirstHits<'a> {
         photons: u64,
         stream: impl Fn(u64) -> Stream,
         go_on: impl Fn(u64) -> bool,
+        waiting: &mut Waiting<L>,
         batch: &mut Batch,
     ) -> bool {
         let (nx, ny) = self.field.cells();
@@ -142,7 +143,7 @@ impl<'a> FirstHits<'a> {
             let lit =
                 start.lit || self.field.onward(&spot, Side::Above, &self.to_lamp) == Flight::Free;
             if lit {
-                walk.photon_at::<L>(Place::Field(spot), start.ways, &mut random, batch);
+                walk.photon_at(Place::Field(spot), start.ways, &mut random, waiting, batch);
             }
         }
         true

@@ -78,10 +78,7 @@ fn flat_stacks_agree_with_the_exact_recursion() {
         let totals = traced(&scene(
             theta,
             &layers,
-            &format!(
-                "photons = 8192\nseed = {}\ntheta_bins = 9\nphi_bins = 12",
-                1000 + n
-            ),
+            &format!("photons = 8192\nseed = {n}\ntheta_bins = 9\nphi_bins = 12"),
         ));
         let t = theta.to_radians();
         let exact = FlatStack::parse(&record[0]).unwrap().reflect(t).unwrap();
@@ -103,7 +100,8 @@ fn flat_stacks_agree_with_the_exact_recursion() {
     let beyond_three = deviations.iter().filter(|d| **d > 3.0).count();
     assert_eq!(deviations.len(), 16 * 102);
     assert!(worst < 5.0, "{worst}");
-    // The eight elements of one run deviate together: two unlucky runs of 102 would pass just so.
+    // With 64 replicates 0.4 % of runs are beyond 3, and their eight elements deviate together: 3 elements of
+    // the 16 allowed on average, more than 16 only where three runs of 102 are (once in 130 tables).
     assert!(beyond_three * 100 <= deviations.len(), "{beyond_three}");
 }
 
@@ -207,8 +205,8 @@ fn variance_reduction_does_not_move_the_result() {
         let z = (x.value - y.value) / x.std.hypot(y.std);
         assert!(z.abs() < 4.0, "{x:?} {y:?}");
     }
-    let chi = chi_square(&a, &b, 120);
-    assert!(chi.within(5.0), "{chi:?}");
+    let chi = chi_square(&a, &b, 50);
+    assert!(chi.within(4.0), "{chi:?}");
     assert!(smallest_cloude_share(&b) > -1e-12);
 }
 
@@ -295,13 +293,14 @@ impl Chi {
     }
 }
 
-/// Σ (a − b)²/(σa² + σb²)/n over m00 of the reflected bins with so many hits or more on average over
-/// both. The sum of the hits picks the bins: picking them by the smaller number would prefer those
-/// where both happen to agree (and the mean comes out as low as 0.3 where most bins are near the limit).
+/// Σ (a − b)²/(σa² + σb²)/n over m00 of the reflected bins with so many hits or more in each run.
+///
+/// For bins much wider than that limit asks: the smaller of two numbers prefers bins where both happen to
+/// agree, so where many are near the limit the mean comes out too low (0.9 at 50 hits of 40 on average).
 fn chi_square(a: &Totals, b: &Totals, hits: u64) -> Chi {
     let (mut sum, mut n) = (0.0, 0.0);
     for bin in 0..a.grid().per_side() {
-        if a.hits(Side::Above, bin) + b.hits(Side::Above, bin) >= 2 * hits {
+        if a.hits(Side::Above, bin).min(b.hits(Side::Above, bin)) >= hits {
             let (x, y) = (
                 a.element(Side::Above, bin, 0),
                 b.element(Side::Above, bin, 0),
@@ -324,7 +323,9 @@ fn two_seeds_differ_by_their_errors_and_every_matrix_is_physical() {
                 45.0,
                 ROUGH_GLASS,
                 "\"Au\"",
-                &format!("photons = 300000\nseed = {seed}\nmethod = \"{method}\""),
+                &format!(
+                    "photons = 300000\nseed = {seed}\nmethod = \"{method}\"\ntheta_bins = 18\nphi_bins = 36"
+                ),
             )
         };
         let (a, b) = (run(1), run(2));
@@ -336,19 +337,28 @@ fn two_seeds_differ_by_their_errors_and_every_matrix_is_physical() {
 
 #[test]
 fn the_error_falls_with_the_square_root_of_the_photons() {
-    let error = |photons: u64| {
-        single(
-            45.0,
-            ROUGH_GLASS,
-            "{ n = 1.5 }",
-            &format!("photons = {photons}\nmethod = \"analog\"\ntheta_bins = 9\nphi_bins = 12"),
-        )
-        .relative_error()
-        .unwrap()
-    };
-    // From where hardly a bin that matters is empty.
-    let slope = (error(320_000) / error(20_000)).ln() / 16f64.ln();
-    assert!(slope < -0.45, "{slope}");
+    // Also where most bins are nearly empty: 5000 photons for the light of 8100 bins.
+    for (method, bins) in [
+        ("analog", "theta_bins = 9\nphi_bins = 12"),
+        ("split", "theta_bins = 9\nphi_bins = 12"),
+        ("analog", "theta_bins = 45\nphi_bins = 180"),
+    ] {
+        let error = |photons: u64| {
+            single(
+                45.0,
+                ROUGH_GLASS,
+                "{ n = 1.5 }",
+                &format!("photons = {photons}\nmethod = \"{method}\"\n{bins}"),
+            )
+            .relative_error()
+            .unwrap()
+        };
+        let slope = (error(160_000) / error(5_000)).ln() / 32f64.ln();
+        assert!(slope < -0.45, "{method} {bins}: {slope}");
+        // Strata make it steeper, never shallower; a variance from 64 replicates is known to 18 %, shared by
+        // few bins at worst: each error to 9 %, the slope to 0.04.
+        assert!(slope > -0.75, "{method} {bins}: {slope}");
+    }
 }
 
 #[test]
@@ -521,9 +531,8 @@ fn the_smith_walk_has_heitz_s_energies() {
 #[test]
 fn traced_fields_have_smith_s_energies_within_what_a_real_surface_differs() {
     let mut rows = 0;
-    for row in heitz().iter().step_by(3) {
-        let common = row.alpha <= 0.4 && row.theta_i_deg <= 60.0 && row.theta_i_deg >= 30.0;
-        if !common {
+    for row in heitz() {
+        if row.alpha > 0.4 + 1e-9 || row.theta_i_deg > 60.0 + 1e-9 {
             continue;
         }
         let e = single(
@@ -533,11 +542,12 @@ fn traced_fields_have_smith_s_energies_within_what_a_real_surface_differs() {
                 row.alpha
             ),
             &format!("{{ n = {}, k = {} }}", row.n, row.k),
-            "photons = 60000\npolarised = false\ntheta_bins = 9\nphi_bins = 12",
+            "photons = 20000\npolarised = false\ntheta_bins = 9\nphi_bins = 12",
         )
         .energies();
         rows += 1;
-        assert!(e.reflected_all.std < 1.2e-3);
+        // The limit is for the surface: sampling takes no more than a sixth of it.
+        assert!(e.reflected_all.std < 5e-4, "{row:?} {:?}", e.reflected_all);
         assert!(
             (e.reflected_all.value - row.R).abs() < 0.003,
             "{row:?} {:?}",
@@ -551,7 +561,7 @@ fn traced_fields_have_smith_s_energies_within_what_a_real_surface_differs() {
             );
         }
     }
-    assert!(rows > 7, "{rows}");
+    assert!(rows > 50, "{rows}");
 }
 
 #[test]

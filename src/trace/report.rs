@@ -23,7 +23,7 @@ pub struct Report {
     pub polarised: bool,
     /// Shares of the light.
     pub energy: Energy,
-    /// Mean relative error of a reflected bin, by energy.
+    /// Relative error of the reflected bins, root mean square ([`Totals::relative_error`]).
     pub relative_error: Option<f64>,
     /// Independent replicates behind the standard errors.
     pub batches: u64,

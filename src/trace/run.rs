@@ -11,7 +11,7 @@ use super::paired::Paired;
 use super::rng::{Purpose, Stream};
 use super::scene::Prepared;
 use super::tally::{Batch, Block, Grid, Totals};
-use super::walk::{Method, Walk};
+use super::walk::{Method, Waiting, Walk};
 
 /// Which part of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -242,6 +242,7 @@ impl Job<'_> {
     fn trace<L: Light>(&self, span: Span, batch: &mut Batch, block: &mut Block) -> bool {
         let size = span.end - span.first;
         let parts = BATCHES.min(size);
+        let mut waiting = Waiting::none();
         for part in 0..parts {
             let inner = self::span(size, parts, part);
             let replicate = self.number * BATCHES + part;
@@ -251,7 +252,14 @@ impl Job<'_> {
             match self.first_hits {
                 Some(first_hits) => {
                     let go_on = |n: u64| !n.is_multiple_of(LOOK) || (self.go_on)();
-                    if !first_hits.batch::<L>(self.walk, photons, stream, go_on, batch) {
+                    if !first_hits.batch::<L>(
+                        self.walk,
+                        photons,
+                        stream,
+                        go_on,
+                        &mut waiting,
+                        batch,
+                    ) {
                         return false;
                     }
                 }
@@ -269,7 +277,8 @@ impl Job<'_> {
                                 (random.uniform(), y)
                             }
                         };
-                        self.walk.photon::<L>(x, y, &mut random, batch);
+                        self.walk
+                            .photon::<L>(x, y, &mut random, &mut waiting, batch);
                     }
                 }
             }

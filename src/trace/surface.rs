@@ -167,6 +167,17 @@ pub struct Stack {
 }
 
 impl Stack {
+    /// Whether all interfaces are smooth planes: then chance decides only at which of them light turns back.
+    #[inline]
+    #[must_use]
+    pub fn is_flat(&self) -> bool {
+        self.interfaces.iter().all(|interface| {
+            matches!(interface.relief, Relief::Flat)
+                && interface.roughness.is_none()
+                && interface.diffuse.is_none()
+        })
+    }
+
     /// Share of light that a straight crossing of the layer below `interface` leaves at |cos θ|.
     #[inline]
     #[must_use]

@@ -569,9 +569,12 @@ impl Totals {
     fn estimate(&self, sum: i128, square: i128, known: i128, norm: f64) -> Estimate {
         let (s, q) = (from_fixed(sum), from_fixed(square));
         let b = self.batches as f64;
-        // Variance of the sum of B independent batches: B/(B−1) (Σ x² − (Σ x)²/B).
+        // Variance of the sum of B independent batches: B/(B−1) (Σ x² − (Σ x)²/B). Both terms are rounded to
+        // an f64, so their difference says nothing below that: what is certain but for rounding
+        // (Brewster's angle takes the chance out of m22) has an error of 4e-9 of itself, not none.
         let variance = if self.batches > 1 {
-            ((q - s * s / b) * b / (b - 1.0)).max(0.0)
+            let mean_square = s * s / b;
+            ((q - mean_square) * b / (b - 1.0)).max(4.0 * f64::EPSILON * mean_square)
         } else {
             f64::NAN
         };
@@ -617,20 +620,27 @@ impl Totals {
         out
     }
 
-    /// Σ of the standard errors of m00 over Σ m00, both weighted by the bins' projected solid angles:
-    /// the mean relative error of a reflected bin, by energy. `None` where nothing was reflected.
+    /// Root mean square error of m00 over its own root mean square, both over the reflected bins and by
+    /// the bins' projected solid angles: the relative error of a bin that is as bright as most of the
+    /// light's are. `None` where nothing was reflected, or not yet more than its own noise.
+    ///
+    /// Sums of squares, because a variance estimated from few photons is right on average and a
+    /// standard error is not: a bin hit once says "100 %" whatever the truth, so a mean of relative errors
+    /// is too small, and falls too slowly, as long as many bins are nearly empty. The brightness squared has its
+    /// own noise taken off for the same reason.
     #[must_use]
     pub fn relative_error(&self) -> Option<f64> {
         let (mut noise, mut signal) = (0.0, 0.0);
         for bin in 0..self.grid.per_side() {
             if !self.is_empty(Side::Above, bin) {
                 let e = self.element(Side::Above, bin, 0);
-                let weight = self.grid.projected_solid_angle(bin);
-                noise += e.std * weight;
-                signal += e.value * weight;
+                let weight = self.grid.projected_solid_angle(bin).powi(2);
+                let variance = e.std * e.std;
+                noise += variance * weight;
+                signal += (e.value * e.value - variance) * weight;
             }
         }
-        (signal > 0.0).then(|| noise / signal)
+        (signal > 0.0).then(|| (noise / signal).sqrt())
     }
 
     /// The exact sums of a bin as hexadecimal numbers, for a shard's file; `None` for an empty bin.
