@@ -22,16 +22,16 @@ use super::{CliError, heights, interrupt};
 use crate::accuracy::forecast::of_run;
 use crate::plan;
 use crate::plan::scene::Wish;
-use crate::trace::run::{self, Progress, Shard};
-use crate::trace::scene::{LeftOut, Prepared, RidgeAngle, Scene};
-use crate::trace::tally::{Energies, Estimate, ORDERS, Totals};
+use crate::trace::report::Report;
+use crate::trace::run::{self, Progress, Shard, SoFar};
+use crate::trace::scene::{LeftOut, Prepared, Scene};
 
 /// Traces polarised light through a scene of single or layered micro-surfaces.
 #[derive(Debug, clap::Args)]
 #[command(
     args_conflicts_with_subcommands = true,
     subcommand_negates_reqs = true,
-    after_help = "Examples:\n  ridged trace scene.toml --json --out bins.csv\n  ridged trace scene.toml --shard 1/4 --out a.csv\n  ridged trace merge a.csv b.csv c.csv d.csv --out bins.csv"
+    after_help = "Examples:\n  ridged trace scene.toml --json --out bins.csv\n  ridged trace scene.toml --resume bins.csv\n  ridged trace scene.toml --shard 1/4 --out a.csv\n  ridged trace merge a.csv b.csv c.csv d.csv --out bins.csv"
 )]
 pub struct Args {
     /// Merge shards instead.
@@ -56,9 +56,14 @@ pub struct Args {
     /// Trace part K of N; `ridged trace merge` puts the parts together.
     #[arg(long, value_name = "K/N", value_parser = parse_shard)]
     pub shard: Option<Shard>,
-    /// CSV file of the direction bins.
+    /// CSV file of the direction bins. Of a run that is stopped (Ctrl-C, --max-seconds, --target-error) it
+    /// holds all that --resume needs.
     #[arg(long, value_name = "FILE.csv")]
     pub out: Option<PathBuf>,
+    /// Go on with the stopped run that wrote this file; the end is the same, bit by bit, as without the
+    /// stop. Writes to the same file unless --out names another.
+    #[arg(long, value_name = "FILE.csv")]
+    pub resume: Option<PathBuf>,
     /// A folder for pictures (SVG): hemispheres of every Mueller and Stokes component, DOLP and AOP.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
@@ -128,8 +133,12 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let surface_seconds = before.elapsed().as_secs_f64();
     let cancel = interrupt::flag()?;
     let started = Instant::now();
+    let out = args.out.as_deref().or(args.resume.as_deref());
+    // What is left out decides which bits come out: parts of one run leave out the same.
+    fingerprint.update(format!("{:?}", args.tolerance));
+    let run_id = hex(&fingerprint.finalize());
     let wish = Wish {
-        mueller: args.out.is_some() || args.pictures.is_some(),
+        mueller: out.is_some() || args.pictures.is_some(),
         tolerance: args.tolerance.unwrap_or(plan::TOLERANCE),
         photons: args.tolerance.is_none().then_some(prepared.photons),
     };
@@ -140,18 +149,25 @@ pub fn run(args: Args) -> Result<(), CliError> {
     plan::scene::apply(&plan, &scene, &mut prepared);
     let asked = args.target_error.is_some() || args.max_seconds.is_some();
     let worth = asked || (std::io::stderr().is_terminal() && prepared.photons >= LONG);
-    let forecast = (worth && args.shard.is_none()).then(|| of_run(&prepared, args.target_error));
+    let shard = args.shard.unwrap_or(Shard::WHOLE);
+    let before = args
+        .resume
+        .as_deref()
+        .map(|file| table::kept(file, &run_id, prepared.photons, shard, prepared.polarised));
+    let before = before.transpose()?;
+    let forecast = (worth && args.shard.is_none() && before.is_none())
+        .then(|| of_run(&prepared, args.target_error));
     if let Some(forecast) = &forecast {
         eprintln!("forecast: {forecast}");
     }
-    let shard = args.shard.unwrap_or(Shard::WHOLE);
     // The first photon comes once it is known where the light falls.
     let (set_up, run_started) = (OnceLock::new(), Instant::now());
-    let totals = watched(&prepared, shard, &args, &cancel, started, &|| {
+    let so_far = watched(&prepared, shard, before, &args, &cancel, started, &|| {
         set_up.get_or_init(|| run_started.elapsed().as_secs_f64());
     });
     let run_seconds = run_started.elapsed().as_secs_f64();
     let seconds = started.elapsed().as_secs_f64();
+    let totals = &so_far.totals;
     if totals.photons() == 0 {
         if cancel.load(Ordering::Relaxed) {
             return Err(CliError::Interrupted);
@@ -162,35 +178,24 @@ pub fn run(args: Args) -> Result<(), CliError> {
             )));
         }
     }
-    let cut_short = cancel.load(Ordering::Relaxed) || timed_out(&args, started);
-    if let Some(out) = &args.out {
-        let part = args.shard.map(|shard| table::Part {
-            run: hex(&fingerprint.finalize()),
-            shard: shard.number,
-            of: shard.of,
-            complete: !cut_short,
-            n_theta: totals.grid().n_theta,
-            n_phi: totals.grid().n_phi,
-            elements: totals.elements(),
-            energies: totals.exact_energies(),
-            stokes: scene.light.stokes,
-        });
-        table::write(out, &totals, &scene.light.stokes, part.as_ref())?;
+    let complete = so_far.is_complete(prepared.photons, shard);
+    if let Some(out) = out {
+        let part = (args.shard.is_some() || !complete)
+            .then(|| table::Part::of(run_id, shard, &so_far, complete, scene.light.stokes));
+        table::write(out, totals, &scene.light.stokes, part.as_ref())?;
+    }
+    if !complete {
+        eprintln!("{}", how_to_go_on(path, out, args.shard));
     }
     if let Some(folder) = &args.pictures {
-        pictures::write(folder, &scene, &totals)?;
+        pictures::write(folder, &scene, totals)?;
     }
-    let mut report = Report::new(
-        &totals,
-        Some(seconds),
-        prepared.polarised,
-        &prepared.left_out,
-        &prepared.ridge_angles,
-    );
+    let mut report = Report::of(&prepared, totals);
+    report.seconds = Some(seconds);
     report.run_seconds = Some(run_seconds);
     report.setup_seconds = set_up.get().copied();
     report.surface_seconds = Some(surface_seconds);
-    report.print(args.json)?;
+    print(args.json, &report, |out| table_of(&report, out))?;
     if cancel.load(Ordering::Relaxed) {
         return Err(CliError::Interrupted);
     }
@@ -205,6 +210,19 @@ pub fn run(args: Args) -> Result<(), CliError> {
             )))
         }
         _ => Ok(()),
+    }
+}
+
+fn how_to_go_on(scene: &Path, out: Option<&Path>, shard: Option<Shard>) -> String {
+    let shard = shard.map_or(String::new(), |s| format!(" --shard {}/{}", s.number, s.of));
+    match out {
+        Some(out) => format!(
+            "stopped before the last photon; to go on: ridged trace {}{shard} --resume {}",
+            scene.display(),
+            out.display()
+        ),
+        None => "stopped before the last photon; with --out FILE.csv it could be gone on with"
+            .to_owned(),
     }
 }
 
@@ -319,11 +337,12 @@ fn print(
 fn watched(
     prepared: &Prepared,
     shard: Shard,
+    before: Option<SoFar>,
     args: &Args,
     cancel: &AtomicBool,
     started: Instant,
     first: &(dyn Fn() + Sync),
-) -> Totals {
+) -> SoFar {
     let bar = if std::io::stderr().is_terminal() {
         let bar = ProgressBar::new(prepared.photons);
         let style = "{spinner} {human_pos} of {human_len} photons {wide_bar} {msg} {eta} left";
@@ -335,7 +354,10 @@ fn watched(
         ProgressBar::hidden()
     };
     let slow = Duration::from_secs(1);
-    let totals = run::trace(prepared, shard, &|progress: &Progress| {
+    let done = before.as_ref().map_or(0, |b| b.totals.photons());
+    bar.set_position(done);
+    bar.reset_eta();
+    let so_far = run::resume(prepared, shard, before, &|progress: &Progress| {
         first();
         if started.elapsed() > slow {
             bar.set_length(progress.photons_planned);
@@ -350,14 +372,15 @@ fn watched(
         !(cancel.load(Ordering::Relaxed) || timed_out(args, started) || good_enough)
     });
     bar.finish_and_clear();
-    totals
+    so_far
 }
 
 fn merge(files: &[PathBuf], out: &Path, json: bool) -> Result<(), CliError> {
     let (merged, stokes) = table::merge(files)?;
     table::write(out, &merged, &stokes, None)?;
     if json {
-        Report::new(&merged, None, merged.elements() > 1, &[], &[]).print(true)?;
+        let report = Report::new(&merged, merged.elements() > 1);
+        print(true, &report, |_| Ok(()))?;
     }
     Ok(())
 }
@@ -370,135 +393,43 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// What `--json` prints.
-#[derive(Debug, Serialize)]
-struct Report<'a> {
-    photons: u64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    seconds: Option<f64>,
-    /// Photons alone, set-up included.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    run_seconds: Option<f64>,
-    /// Part of `run_seconds` before the first photon: where the light falls, and what is certain of it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    setup_seconds: Option<f64>,
-    /// Making or reading the surfaces.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    surface_seconds: Option<f64>,
-    polarised: bool,
-    energy: Energy,
-    relative_error: Option<f64>,
-    batches: u64,
-    /// Effective ridge angles of the interfaces that have one.
-    #[serde(skip_serializing_if = "<[_]>::is_empty")]
-    ridge_angles: &'a [RidgeAngle],
-    left_out: &'a [LeftOut],
-    program: String,
-}
-
-#[derive(Debug, Serialize)]
-struct Energy {
-    reflected: Estimate,
-    transmitted: Estimate,
-    absorbed: Estimate,
-    truncated: Estimate,
-    by_interactions: serde_json::Map<String, serde_json::Value>,
-}
-
-impl<'a> Report<'a> {
-    fn new(
-        totals: &Totals,
-        seconds: Option<f64>,
-        polarised: bool,
-        left_out: &'a [LeftOut],
-        ridge_angles: &'a [RidgeAngle],
-    ) -> Self {
-        let e: Energies<Estimate> = totals.energies();
-        let mut by_interactions = serde_json::Map::new();
-        for (side, orders) in [("R", &e.reflected), ("T", &e.transmitted)] {
-            let used = orders
-                .iter()
-                .rposition(|x| x.value != 0.0)
-                .map_or(1, |n| n + 1);
-            for (n, x) in orders.iter().take(used).enumerate() {
-                let more = if n + 1 == ORDERS { "plus" } else { "" };
-                let value = serde_json::to_value(x).unwrap_or_default();
-                by_interactions.insert(format!("{side}{}{more}", n + 1), value);
-            }
-        }
-        Report {
-            photons: totals.photons(),
-            seconds,
-            run_seconds: None,
-            setup_seconds: None,
-            surface_seconds: None,
-            polarised,
-            energy: Energy {
-                reflected: e.reflected_all,
-                transmitted: e.transmitted_all,
-                absorbed: e.absorbed,
-                truncated: e.truncated,
-                by_interactions,
-            },
-            relative_error: totals.relative_error(),
-            batches: totals.batches(),
-            ridge_angles,
-            left_out,
-            program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
-        }
+/// The report for people.
+fn table_of(report: &Report, out: &mut dyn Write) -> std::io::Result<()> {
+    let kind = if report.polarised {
+        "polarised"
+    } else {
+        "scalar"
+    };
+    write!(out, "{} photons, {kind}", report.photons)?;
+    if let Some(seconds) = report.seconds {
+        write!(out, ", {seconds:.2} s")?;
     }
-
-    fn print(&self, json: bool) -> Result<(), CliError> {
-        let mut out = std::io::stdout().lock();
-        let written = if json {
-            serde_json::to_writer_pretty(&mut out, self)
-                .map_err(std::io::Error::from)
-                .and_then(|()| writeln!(out))
-        } else {
-            self.table(&mut out)
-        };
-        written
-            .context("cannot write to stdout")
-            .map_err(CliError::no_result)
+    writeln!(out)?;
+    let e = &report.energy;
+    for (name, x) in [
+        ("reflected", e.reflected),
+        ("transmitted", e.transmitted),
+        ("absorbed", e.absorbed),
+        ("truncated", e.truncated),
+    ] {
+        writeln!(out, "  {name:<12} {:.6} ± {:.6}", x.value, x.std)?;
     }
-
-    fn table(&self, out: &mut dyn Write) -> std::io::Result<()> {
-        let kind = if self.polarised {
-            "polarised"
-        } else {
-            "scalar"
-        };
-        write!(out, "{} photons, {kind}", self.photons)?;
-        if let Some(seconds) = self.seconds {
-            write!(out, ", {seconds:.2} s")?;
-        }
-        writeln!(out)?;
-        let e = &self.energy;
-        for (name, x) in [
-            ("reflected", e.reflected),
-            ("transmitted", e.transmitted),
-            ("absorbed", e.absorbed),
-            ("truncated", e.truncated),
-        ] {
-            writeln!(out, "  {name:<12} {:.6} ± {:.6}", x.value, x.std)?;
-        }
-        if let Some(error) = self.relative_error {
-            writeln!(
-                out,
-                "  error of the reflected bins, root mean square: {:.2} %",
-                100.0 * error
-            )?;
-        }
-        for angle in self.ridge_angles {
-            writeln!(
-                out,
-                "  interface {}: effective ridge angle {:.3}° (median inclination towards +v, by area)",
-                angle.interface, angle.theta_r_deg
-            )?;
-        }
-        for left in self.left_out {
-            writeln!(out, "  left out: {} ({})", left.what, left.why)?;
-        }
-        Ok(())
+    if let Some(error) = report.relative_error {
+        writeln!(
+            out,
+            "  error of the reflected bins, root mean square: {:.2} %",
+            100.0 * error
+        )?;
     }
+    for angle in &report.ridge_angles {
+        writeln!(
+            out,
+            "  interface {}: effective ridge angle {:.3}° (median inclination towards +v, by area)",
+            angle.interface, angle.theta_r_deg
+        )?;
+    }
+    for left in &report.left_out {
+        writeln!(out, "  left out: {} ({})", left.what, left.why)?;
+    }
+    Ok(())
 }

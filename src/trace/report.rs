@@ -2,7 +2,7 @@
 
 use serde::{Serialize, Serializer};
 
-use super::scene::{LeftOut, Prepared};
+use super::scene::{LeftOut, Prepared, RidgeAngle};
 use super::tally::{Energies, Estimate, ORDERS, Totals};
 
 /// Energies, errors and what was left out.
@@ -13,7 +13,10 @@ pub struct Report {
     /// Time of the run, s, where it is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
-    /// Part of `seconds` before the first photon: where the light falls, and what is certain of it.
+    /// Part of `seconds` for the photons alone, set-up included.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run_seconds: Option<f64>,
+    /// Part of `run_seconds` before the first photon: where the light falls, and what is certain of it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub setup_seconds: Option<f64>,
     /// Before `seconds`: making or reading the surfaces.
@@ -27,6 +30,9 @@ pub struct Report {
     pub relative_error: Option<f64>,
     /// Independent replicates behind the standard errors.
     pub batches: u64,
+    /// Effective ridge angles of the interfaces that have one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub ridge_angles: Vec<RidgeAngle>,
     /// What was left out, why, and what that may cost.
     pub left_out: Vec<LeftOut>,
     /// Who computed it.
@@ -54,9 +60,9 @@ fn as_map<S: Serializer>(list: &[(String, Estimate)], serializer: S) -> Result<S
 }
 
 impl Report {
-    /// Of what was counted; times are for the caller to fill in. `left_out` as in [`Prepared`].
+    /// Of what was counted; times, and what belongs to the scene, are for the caller to fill in.
     #[must_use]
-    pub fn new(totals: &Totals, polarised: bool, left_out: &[LeftOut]) -> Self {
+    pub fn new(totals: &Totals, polarised: bool) -> Self {
         let e: Energies<Estimate> = totals.energies();
         let mut by_interactions = Vec::new();
         for (side, orders) in [("R", &e.reflected), ("T", &e.transmitted)] {
@@ -72,6 +78,7 @@ impl Report {
         Report {
             photons: totals.photons(),
             seconds: None,
+            run_seconds: None,
             setup_seconds: None,
             surface_seconds: None,
             polarised,
@@ -84,7 +91,8 @@ impl Report {
             },
             relative_error: totals.relative_error(),
             batches: totals.batches(),
-            left_out: left_out.to_vec(),
+            ridge_angles: Vec::new(),
+            left_out: Vec::new(),
             program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
         }
     }
@@ -92,6 +100,10 @@ impl Report {
     /// Of a run of a scene.
     #[must_use]
     pub fn of(prepared: &Prepared, totals: &Totals) -> Self {
-        Report::new(totals, prepared.polarised, &prepared.left_out)
+        Report {
+            ridge_angles: prepared.ridge_angles.clone(),
+            left_out: prepared.left_out.clone(),
+            ..Report::new(totals, prepared.polarised)
+        }
     }
 }

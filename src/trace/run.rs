@@ -25,6 +25,42 @@ pub struct Shard {
 impl Shard {
     /// The whole run.
     pub const WHOLE: Shard = Shard { number: 1, of: 1 };
+
+    /// Numbers of its blocks, of a run of so many photons.
+    fn blocks(self, photons: u64) -> impl Iterator<Item = u64> {
+        (0..blocks(photons)).filter(move |block| block % self.of == self.number - 1)
+    }
+}
+
+/// What was done of a run: all that is needed to go on with it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SoFar {
+    /// What was counted.
+    pub totals: Totals,
+    /// Numbers of the finished blocks, rising.
+    pub blocks: Vec<u64>,
+}
+
+impl SoFar {
+    /// What was kept of a shard of a run of so many photons; `None` where it cannot be that: blocks that the
+    /// shard does not have, or other photons than theirs.
+    #[must_use]
+    pub fn kept(totals: Totals, blocks: Vec<u64>, photons: u64, shard: Shard) -> Option<Self> {
+        let count = self::blocks(photons);
+        let known = |block: &u64| *block < count && block % shard.of == shard.number - 1;
+        let rising = blocks.windows(2).all(|pair| pair[0] < pair[1]);
+        if !(rising && blocks.iter().all(known)) {
+            return None;
+        }
+        let traced: u64 = blocks.iter().map(|b| span(photons, count, *b).size()).sum();
+        (traced == totals.photons()).then_some(SoFar { totals, blocks })
+    }
+
+    /// Whether nothing is left to trace of a shard of a run of so many photons.
+    #[must_use]
+    pub fn is_complete(&self, photons: u64, shard: Shard) -> bool {
+        self.blocks.len() == shard.blocks(photons).count()
+    }
 }
 
 /// How far a run is.
@@ -55,6 +91,12 @@ struct Span {
     end: u64,
 }
 
+impl Span {
+    fn size(self) -> u64 {
+        self.end - self.first
+    }
+}
+
 /// The plan of a run of so many photons: how they fall into blocks.
 fn blocks(photons: u64) -> u64 {
     BLOCKS_MIN.max(photons.div_ceil(BLOCK_MAX)).min(photons)
@@ -78,6 +120,25 @@ pub fn trace(
     proceed: &(dyn Fn(&Progress) -> bool + Sync),
 ) -> Totals {
     trace_photons(prepared, prepared.photons, shard, proceed)
+}
+
+/// [`trace`], going on from what was done `before`. Whatever the stops, the result of all blocks is that of one
+/// run, bit by bit.
+///
+/// # Panics
+/// Where `before` has other bins than the scene.
+pub fn resume(
+    prepared: &Prepared,
+    shard: Shard,
+    before: Option<SoFar>,
+    proceed: &(dyn Fn(&Progress) -> bool + Sync),
+) -> SoFar {
+    let (grid, photons) = (prepared.grid, prepared.photons);
+    if prepared.polarised {
+        resume_as::<Polarised>(prepared, grid, photons, shard, before, proceed)
+    } else {
+        resume_as::<Scalar>(prepared, grid, photons, shard, before, proceed)
+    }
 }
 
 /// [`trace`] with another number of photons than the scene's.
@@ -111,32 +172,41 @@ pub(super) fn trace_as<L: Light>(
     shard: Shard,
     proceed: &(dyn Fn(&Progress) -> bool + Sync),
 ) -> Totals {
+    resume_as::<L>(prepared, grid, photons, shard, None, proceed).totals
+}
+
+fn resume_as<L: Light>(
+    prepared: &Prepared,
+    grid: Grid,
+    photons: u64,
+    shard: Shard,
+    before: Option<SoFar>,
+    proceed: &(dyn Fn(&Progress) -> bool + Sync),
+) -> SoFar {
     let walk = walk_of(prepared);
-    let first_hits = FirstHits::new::<L>(&walk, grid);
-    trace_from::<L>(
-        &walk,
-        first_hits,
-        prepared.seed,
+    let task = Task {
+        walk: &walk,
+        first_hits: FirstHits::new::<L>(&walk, grid),
+        seed: prepared.seed,
         grid,
         photons,
         shard,
-        proceed,
-    )
+    };
+    task.trace::<L>(before, proceed)
 }
 
 /// A short run in bins of its own that does without the look at every triangle, which pays for thousands of
 /// photons only.
 pub(super) fn trace_briefly<L: Light>(prepared: &Prepared, grid: Grid, photons: u64) -> Totals {
-    let walk = walk_of(prepared);
-    trace_from::<L>(
-        &walk,
-        None,
-        prepared.seed,
+    let task = Task {
+        walk: &walk_of(prepared),
+        first_hits: None,
+        seed: prepared.seed,
         grid,
         photons,
-        Shard::WHOLE,
-        &|_| true,
-    )
+        shard: Shard::WHOLE,
+    };
+    task.trace::<L>(None, &|_| true).totals
 }
 
 fn walk_of(prepared: &Prepared) -> Walk<'_> {
@@ -150,81 +220,98 @@ fn walk_of(prepared: &Prepared) -> Walk<'_> {
     }
 }
 
-fn trace_from<L: Light>(
-    walk: &Walk<'_>,
-    first_hits: Option<FirstHits<'_>>,
+/// A shard of a run, ready to start.
+struct Task<'a> {
+    walk: &'a Walk<'a>,
+    first_hits: Option<FirstHits<'a>>,
     seed: u64,
     grid: Grid,
     photons: u64,
     shard: Shard,
-    proceed: &(dyn Fn(&Progress) -> bool + Sync),
-) -> Totals {
-    let count = blocks(photons);
-    let mine: Vec<u64> = (0..count)
-        .filter(|block| block % shard.of == shard.number - 1)
-        .collect();
-    let planned = mine
-        .iter()
-        .map(|&b| span(photons, count, b))
-        .map(|s| s.end - s.first)
-        .sum();
-    let totals = Mutex::new(Totals::new(grid, L::ELEMENTS));
-    let stopped = AtomicBool::new(false);
-    mine.par_iter().with_max_len(1).for_each_init(
-        || {
-            let batch = Batch::new::<L>(grid);
-            let block = Block::like(&batch);
-            (batch, block)
-        },
-        |(batch, block), &number| {
-            if stopped.load(Ordering::Relaxed) {
-                return;
-            }
-            let span = span(photons, count, number);
-            let so_far = Progress {
-                photons: totals
-                    .lock()
-                    .expect("no thread panics while it adds")
-                    .photons(),
-                photons_planned: planned,
-                relative_error: None,
-            };
-            let go_on = || {
-                let go_on = !stopped.load(Ordering::Relaxed) && proceed(&so_far);
-                if !go_on {
+}
+
+impl Task<'_> {
+    fn trace<L: Light>(
+        &self,
+        before: Option<SoFar>,
+        proceed: &(dyn Fn(&Progress) -> bool + Sync),
+    ) -> SoFar {
+        let (grid, photons, shard) = (self.grid, self.photons, self.shard);
+        let count = blocks(photons);
+        let planned = shard
+            .blocks(photons)
+            .map(|b| span(photons, count, b).size())
+            .sum();
+        let before = before.unwrap_or_else(|| SoFar {
+            totals: Totals::new(grid, L::ELEMENTS),
+            blocks: Vec::new(),
+        });
+        assert!(
+            before.totals.grid() == grid && before.totals.elements() == L::ELEMENTS,
+            "what was done before has the scene's bins"
+        );
+        let left: Vec<u64> = shard
+            .blocks(photons)
+            .filter(|block| before.blocks.binary_search(block).is_err())
+            .collect();
+        let so_far = Mutex::new(before);
+        let lock = || so_far.lock().expect("no thread panics while it adds");
+        let stopped = AtomicBool::new(false);
+        left.par_iter().with_max_len(1).for_each_init(
+            || {
+                let batch = Batch::new::<L>(grid);
+                let block = Block::like(&batch);
+                (batch, block)
+            },
+            |(batch, block), &number| {
+                if stopped.load(Ordering::Relaxed) {
+                    return;
+                }
+                let span = span(photons, count, number);
+                let at_start = Progress {
+                    photons: lock().totals.photons(),
+                    photons_planned: planned,
+                    relative_error: None,
+                };
+                let go_on = || {
+                    let go_on = !stopped.load(Ordering::Relaxed) && proceed(&at_start);
+                    if !go_on {
+                        stopped.store(true, Ordering::Relaxed);
+                    }
+                    go_on
+                };
+                let job = Job {
+                    walk: self.walk,
+                    first_hits: self.first_hits.as_ref(),
+                    seed: self.seed,
+                    number,
+                    go_on: &go_on,
+                };
+                if !job.trace::<L>(span, batch, block) {
+                    return;
+                }
+                let mut so_far = lock();
+                so_far.totals.add(block, span.size());
+                if let Some(first_hits) = &self.first_hits {
+                    so_far.totals.include(&first_hits.known, span.size());
+                }
+                so_far.blocks.push(number);
+                let progress = Progress {
+                    photons: so_far.totals.photons(),
+                    photons_planned: planned,
+                    relative_error: so_far.totals.relative_error(),
+                };
+                drop(so_far);
+                block.clear();
+                if !proceed(&progress) {
                     stopped.store(true, Ordering::Relaxed);
                 }
-                go_on
-            };
-            let job = Job {
-                walk,
-                first_hits: first_hits.as_ref(),
-                seed,
-                number,
-                go_on: &go_on,
-            };
-            if !job.trace::<L>(span, batch, block) {
-                return;
-            }
-            let mut totals = totals.lock().expect("no thread panics while it adds");
-            totals.add(block, span.end - span.first);
-            block.clear();
-            let progress = Progress {
-                photons: totals.photons(),
-                photons_planned: planned,
-                relative_error: totals.relative_error(),
-            };
-            drop(totals);
-            if !proceed(&progress) {
-                stopped.store(true, Ordering::Relaxed);
-            }
-        },
-    );
-    let mut totals = totals.into_inner().expect("no thread panics while it adds");
-    if let Some(first_hits) = &first_hits {
-        totals.include(&first_hits.known);
+            },
+        );
+        let mut so_far = so_far.into_inner().expect("no thread panics while it adds");
+        so_far.blocks.sort_unstable();
+        so_far
     }
-    totals
 }
 
 /// One block of a run.
@@ -240,7 +327,7 @@ struct Job<'a> {
 impl Job<'_> {
     /// `false` where it was stopped: what is in the batch and the block then is of no use.
     fn trace<L: Light>(&self, span: Span, batch: &mut Batch, block: &mut Block) -> bool {
-        let size = span.end - span.first;
+        let size = span.size();
         let parts = BATCHES.min(size);
         let mut waiting = Waiting::none();
         for part in 0..parts {
@@ -248,7 +335,7 @@ impl Job<'_> {
             let replicate = self.number * BATCHES + part;
             // A batch's photons are numbered within it: 2^20 at most, and four times as many starts.
             let stream = |n: u64| Stream::new(self.seed, Purpose::Photon, (replicate << 24) + n);
-            let photons = inner.end - inner.first;
+            let photons = inner.size();
             match self.first_hits {
                 Some(first_hits) => {
                     let go_on = |n: u64| !n.is_multiple_of(LOOK) || (self.go_on)();

@@ -445,9 +445,9 @@ impl Totals {
         }
     }
 
-    /// Adds what is known per photon, for all photons counted so far: once, at the end of a run.
-    pub fn include(&mut self, known: &Known) {
-        let photons = i128::from(self.photons);
+    /// Adds what is known per photon, for `photons` of those counted.
+    pub fn include(&mut self, known: &Known, photons: u64) {
+        let photons = i128::from(photons);
         for (total, x) in self.known.iter_mut().zip(&known.bins) {
             *total += x * photons;
         }

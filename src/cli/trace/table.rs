@@ -1,7 +1,7 @@
 //! The CSV file of direction bins: written, and put together from shards.
 //!
-//! A shard's file has two columns more: `exact`, the bin's sums as hexadecimal integers, which add up
-//! without rounding, and `run`, in its first row, what the shard is part of.
+//! The file of a shard, or of a run that was stopped, has two columns more: `exact`, the bin's sums as
+//! hexadecimal integers, which add up without rounding, and `run`, in its first row, what it is part of.
 
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -13,12 +13,13 @@ use serde::{Deserialize, Serialize};
 use crate::cli::CliError;
 use crate::trace::ellipsometer::{aop_deg, dolp};
 use crate::trace::height_field::Side;
+use crate::trace::run::{Shard, SoFar};
 use crate::trace::tally::{Grid, Totals};
 
-/// What a shard's file is part of.
+/// What the file of a shard or of a stopped run is part of.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Part {
-    /// SHA-256 of the scene and its files.
+    /// SHA-256 of the scene, its files and the tolerance.
     pub run: String,
     /// 1 to `of`.
     pub shard: u64,
@@ -26,6 +27,8 @@ pub(super) struct Part {
     pub of: u64,
     /// Whether all photons of the shard were traced.
     pub complete: bool,
+    /// The finished blocks as ranges, first and last.
+    pub blocks: Vec<[u64; 2]>,
     /// Bins over the polar angle.
     pub n_theta: usize,
     /// Bins over the azimuth.
@@ -36,6 +39,74 @@ pub(super) struct Part {
     pub energies: String,
     /// The lamp's Stokes vector.
     pub stokes: [f64; 4],
+}
+
+impl Part {
+    /// Of what was done of a shard of the run with this SHA-256.
+    pub fn of(run: String, shard: Shard, done: &SoFar, complete: bool, stokes: [f64; 4]) -> Self {
+        let totals = &done.totals;
+        Part {
+            run,
+            shard: shard.number,
+            of: shard.of,
+            complete,
+            blocks: ranges(&done.blocks),
+            n_theta: totals.grid().n_theta,
+            n_phi: totals.grid().n_phi,
+            elements: totals.elements(),
+            energies: totals.exact_energies(),
+            stokes,
+        }
+    }
+}
+
+/// Rising numbers as ranges.
+fn ranges(numbers: &[u64]) -> Vec<[u64; 2]> {
+    let mut ranges: Vec<[u64; 2]> = Vec::new();
+    for &n in numbers {
+        match ranges.last_mut() {
+            Some([_, last]) if *last + 1 == n => *last = n,
+            _ => ranges.push([n, n]),
+        }
+    }
+    ranges
+}
+
+/// What a stopped run kept in `file`, to go on with.
+pub(super) fn kept(
+    file: &Path,
+    run: &str,
+    photons: u64,
+    shard: Shard,
+    polarised: bool,
+) -> Result<SoFar, CliError> {
+    let wrong = |what: &str| CliError::bad_input(anyhow!("{}: {what}", file.display()));
+    let (part, totals) = read(file)?;
+    if part.run != run {
+        return Err(wrong(
+            "this is of another scene (or its files, run or --tolerance were changed since): give the scene that it \
+             was stopped in, or start afresh without --resume",
+        ));
+    }
+    if (part.shard, part.of) != (shard.number, shard.of) {
+        return Err(wrong(&match part.of {
+            1 => "this is of a whole run: leave out --shard".to_owned(),
+            of => format!("this is of a shard: add --shard {}/{of}", part.shard),
+        }));
+    }
+    let damaged = || wrong("the column run is damaged");
+    if (totals.elements() > 1) != polarised {
+        return Err(damaged());
+    }
+    // No more blocks than photons: a damaged file must not ask for all memory.
+    let mut blocks = Vec::new();
+    for [first, last] in part.blocks {
+        if first > last || last >= photons || last - first > totals.photons() {
+            return Err(damaged());
+        }
+        blocks.extend(first..=last);
+    }
+    SoFar::kept(totals, blocks, photons, shard).ok_or_else(damaged)
 }
 
 /// Writes the bins, with DOLP and AOP for the lamp's `stokes`; with a `part`, as a shard. The file appears whole
@@ -127,7 +198,7 @@ pub(super) fn merge(files: &[PathBuf]) -> Result<(Totals, [f64; 4]), CliError> {
         let (part, totals) = read(file)?;
         if !part.complete {
             return Err(wrong(
-                "this shard was stopped before its end: trace it again",
+                "this shard was stopped before its end: go on with it by --resume",
             ));
         }
         if let Some((_, other)) = seen.iter().find(|(n, _)| *n == part.shard) {
@@ -170,7 +241,7 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
     let mut reader = csv::Reader::from_path(file)
         .with_context(|| format!("cannot read {}", file.display()))
         .map_err(CliError::bad_input)?;
-    let not_a_shard = "this is not the file of a shard (made with --shard K/N)";
+    let not_a_shard = "this is not the file of a shard (--shard K/N) or of a stopped run: a finished run has nothing left to do";
     let head = reader.headers().map_err(|_| wrong(not_a_shard))?;
     let find = |name: &str| head.iter().position(|h| h == name);
     let (Some(exact), Some(run)) = (find("exact"), find("run")) else {
@@ -218,7 +289,7 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trace::run::{Shard, trace};
+    use crate::trace::run::{resume, trace};
     use crate::trace::scene::Scene;
 
     #[test]
@@ -249,6 +320,7 @@ mod tests {
                 shard: number,
                 of: 3,
                 complete,
+                blocks: Vec::new(),
                 n_theta: 9,
                 n_phi: 12,
                 elements: 16,
@@ -272,6 +344,69 @@ mod tests {
             vec![whole],
         ] {
             assert!(matches!(merge(&bad), Err(CliError::BadInput(_))));
+        }
+    }
+
+    #[test]
+    fn a_run_stopped_again_and_again_ends_with_the_same_bytes() {
+        let text = "[light]\ntheta_i_deg = 45.0\n[[interface]]\nshape = \"beckmann\"\nalpha_u = 0.4\n\
+                    alpha_v = 0.4\ncells = 64\nbelow = { n = 1.5 }\n[run]\nphotons = 5000\ntheta_bins = 9\n\
+                    phi_bins = 12\n";
+        let prepared = Scene::parse(text)
+            .unwrap()
+            .prepare(&|_| Err(String::new()))
+            .unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let lamp = [1.0, 0.0, 0.0, 0.0];
+        for shard in [Shard::WHOLE, Shard { number: 2, of: 3 }] {
+            let (file, whole) = (
+                folder.path().join("kept.csv"),
+                folder.path().join("whole.csv"),
+            );
+            let save = |file: &Path, done: &SoFar| {
+                let complete = done.is_complete(5000, shard);
+                let part = Part::of("r".to_owned(), shard, done, complete, lamp);
+                write(file, &done.totals, &lamp, Some(&part)).unwrap();
+                complete
+            };
+            let load = || kept(&file, "r", 5000, shard, true).unwrap();
+            save(&whole, &resume(&prepared, shard, None, &|_| true));
+            let (mut before, mut stops) = (None, 0);
+            loop {
+                // Each time a block or two more than before.
+                let start = before.as_ref().map_or(0, |b: &SoFar| b.totals.photons());
+                let done = resume(&prepared, shard, before, &|p| p.photons <= start);
+                if save(&file, &done) {
+                    break;
+                }
+                stops += 1;
+                before = Some(load());
+                assert_eq!(before.as_ref(), Some(&done));
+            }
+            assert!(stops > 1, "{stops}");
+            assert_eq!(
+                std::fs::read(&file).unwrap(),
+                std::fs::read(&whole).unwrap()
+            );
+        }
+        let whole = Shard::WHOLE;
+        let file = folder.path().join("kept.csv");
+        for (run, photons, shard, polarised, says) in [
+            (
+                "other",
+                5000,
+                Shard { number: 2, of: 3 },
+                true,
+                "another scene",
+            ),
+            ("r", 5000, whole, true, "--shard 2/3"),
+            ("r", 6000, Shard { number: 2, of: 3 }, true, "damaged"),
+            ("r", 5000, Shard { number: 2, of: 3 }, false, "damaged"),
+        ] {
+            let Err(CliError::BadInput(error)) = kept(&file, run, photons, shard, polarised) else {
+                panic!("{says}")
+            };
+            assert!(error.to_string().contains(says), "{error}");
         }
     }
 }
