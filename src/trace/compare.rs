@@ -8,9 +8,10 @@
 
 use serde::Serialize;
 
+use super::grid::Grid;
 use super::height_field::Side;
 use super::paired::{DIFFERENCE, SCALAR};
-use super::tally::{Estimate, Grid, Totals};
+use super::tally::{Estimate, Totals};
 
 /// Which directions count.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

@@ -9,8 +9,9 @@
 use nalgebra::{RowVector4, Vector4};
 use serde::Serialize;
 
+use super::grid::Layout;
 use super::height_field::Side;
-use super::tally::{Layout, Totals};
+use super::tally::Totals;
 use crate::model::polarisation::{Channel, Mueller, Stokes};
 
 /// A setting of filter and compensator.

@@ -12,11 +12,12 @@
 use rayon::prelude::*;
 
 use super::beam;
+use super::grid::Grid;
 use super::height_field::{Flight, HeightField, Side, Spot};
 use super::light::Light;
 use super::rng::Stream;
 use super::surface::{Place, Relief};
-use super::tally::{Batch, Grid, Known};
+use super::tally::{Batch, Known};
 use super::vec3::{V3, dot, scaled, unit};
 use super::walk::{Method, Waiting, Walk, Ways};
 

@@ -15,7 +15,9 @@ pub mod compare;
 pub mod crystals;
 pub mod ellipsometer;
 pub mod escape;
+mod exact;
 pub mod facet;
+pub mod grid;
 pub mod height_field;
 pub mod launch;
 #[cfg(test)]

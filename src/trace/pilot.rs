@@ -3,11 +3,12 @@
 //! Call [`pilot`]. Polarised and scalar light meet the same facets with the same random numbers, so
 //! their difference is known far better than either of them, from few photons.
 
+use super::grid::Grid;
 use super::height_field::Side;
 use super::light::{Light, Polarised, Scalar};
 use super::run::trace_briefly;
 use super::scene::Prepared;
-use super::tally::{Estimate, Grid, ORDERS};
+use super::tally::{Estimate, ORDERS};
 use super::vec3::V3;
 use crate::model::polarisation::Channel;
 

@@ -5,12 +5,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
+use super::grid::Grid;
 use super::launch::FirstHits;
 use super::light::{Light, Polarised, Scalar};
 use super::paired::Paired;
 use super::rng::{Purpose, Stream};
 use super::scene::Prepared;
-use super::tally::{Batch, Block, Grid, Totals};
+use super::tally::{Batch, Block, Totals};
 use super::walk::{Method, Waiting, Walk};
 
 /// Which part of a run.

@@ -4,25 +4,22 @@
 //! does not have; every message names the key, what is wrong and what would be right. Files are
 //! read by the caller and handed in as heights: this room does no I/O.
 
-use std::sync::Arc;
+mod shape;
 
 use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
 
-use super::beckmann::{self, beckmann};
-use super::crystals::crystals;
-use super::facet::{Diffuse, Roughness};
-use super::height_field::HeightField;
+use super::facet::Diffuse;
+use super::grid::Grid;
 use super::media::{self, MediaError};
-use super::profile::{Profile, ProfileError};
-use super::ridges::Ridges;
-use super::rng::{Purpose, Stream};
-use super::surface::{Interface, Relief, Stack};
-use super::tally::Grid;
+use super::profile::ProfileError;
+use super::surface::{Interface, Stack};
 use super::vec3::V3;
 use super::walk::Method;
 use crate::model::fresnel;
 use crate::model::polarisation::Boundary;
+
+pub use shape::{HeightMap, MapUnits, Shape};
 
 /// A scene as written.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -67,46 +64,6 @@ impl Default for Lamp {
     }
 }
 
-/// One interface as written; which keys it may have depends on `shape`.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Shape {
-    /// `flat`, `beckmann`, `smith`, `ridges`, `profile`, `crystals` or `file`.
-    pub shape: String,
-    /// What is below: `{ n, k, rho_d }` or a material's name.
-    pub below: toml::Value,
-    /// Thickness of the layer below, µm; needed where it absorbs.
-    pub thickness_um: Option<f64>,
-    /// Beckmann α along u.
-    pub alpha_u: Option<f64>,
-    /// Beckmann α along v.
-    pub alpha_v: Option<f64>,
-    /// Seed of the surface.
-    pub seed: Option<u64>,
-    /// Cells per side of a random tile.
-    pub cells: Option<usize>,
-    /// Ridge angle, degrees.
-    pub theta_r_deg: Option<f64>,
-    /// Facet length of ridges, or the pixel pitch of a file, µm.
-    pub pitch_um: Option<f64>,
-    /// Radius of crests and valleys, µm.
-    pub round_um: Option<f64>,
-    /// The same as a share of the pitch.
-    pub round: Option<f64>,
-    /// By how much risers are flatter than a right angle to their facets, degrees.
-    pub draft_deg: Option<f64>,
-    /// Mean height of burrs on the crests, µm.
-    pub burr_um: Option<f64>,
-    /// Mean size of a crystal, µm.
-    pub size_um: Option<f64>,
-    /// Crystals per size².
-    pub cover: Option<f64>,
-    /// A file of heights.
-    pub path: Option<String>,
-    /// Micrometres per unit of the file's heights.
-    pub height_unit_um: Option<f64>,
-}
-
 /// How to trace.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -140,9 +97,6 @@ impl Default for Run {
         }
     }
 }
-
-/// Crystals per size² unless a scene says otherwise: hardly any of the plane is left.
-const COVER: f64 = 3.0;
 
 fn one() -> f64 {
     1.0
@@ -221,28 +175,6 @@ pub enum SceneError {
         /// 1 for the topmost.
         number: usize,
     },
-}
-
-/// Heights read from a file, in the file's own unit; index row·columns + column, rows along v.
-#[derive(Debug, Clone, PartialEq)]
-pub struct HeightMap {
-    /// Samples along u.
-    pub columns: usize,
-    /// Samples along v.
-    pub rows: usize,
-    /// Heights.
-    pub heights: Vec<f64>,
-    /// What the file says of its units; `None` where the scene must.
-    pub units: Option<MapUnits>,
-}
-
-/// Units of a height map.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MapUnits {
-    /// Spacing of samples along u and v, µm.
-    pub pitch_um: [f64; 2],
-    /// Micrometres per unit of the heights.
-    pub height_unit_um: f64,
 }
 
 /// Something that a computation leaves out, why, and what that may cost.
@@ -568,206 +500,6 @@ impl Scene {
         });
         Ok((depth, 0.0))
     }
-
-    /// Cells per side and seed of a random tile.
-    fn tile(&self, keys: &Keys<'_>) -> Result<(usize, u64), SceneError> {
-        let cells = keys.shape.cells.unwrap_or(beckmann::CELLS);
-        if !(16..=4096).contains(&cells) {
-            return Err(value(&keys.name("cells"), cells, "must be from 16 to 4096"));
-        }
-        // Without a seed of its own each interface gets another one from the run's.
-        let seed = keys.shape.seed.unwrap_or_else(|| {
-            Stream::new(self.run.seed, Purpose::Surface, keys.number as u64).bits()
-        });
-        Ok((cells, seed))
-    }
-
-    fn relief(
-        &self,
-        shape: &Shape,
-        number: usize,
-        load: &dyn Fn(&str) -> Result<HeightMap, String>,
-        left_out: &mut Vec<LeftOut>,
-    ) -> Result<(Relief, Option<Roughness>), SceneError> {
-        let keys = Keys { shape, number };
-        let roughness = || -> Result<Roughness, SceneError> {
-            Ok(Roughness {
-                alpha_u: keys.need("alpha_u", shape.alpha_u)?,
-                alpha_v: keys.need("alpha_v", shape.alpha_v)?,
-            })
-        };
-        let optional_roughness = || match (shape.alpha_u, shape.alpha_v) {
-            (None, None) => Ok(None),
-            _ => roughness().map(Some),
-        };
-        match shape.shape.as_str() {
-            "flat" => {
-                keys.only(&[])?;
-                Ok((Relief::Flat, None))
-            }
-            "smith" => {
-                keys.only(&["alpha_u", "alpha_v"])?;
-                Ok((Relief::Flat, Some(roughness()?)))
-            }
-            "beckmann" => {
-                keys.only(&["alpha_u", "alpha_v", "seed", "cells"])?;
-                let Roughness { alpha_u, alpha_v } = roughness()?;
-                let (cells, seed) = self.tile(&keys)?;
-                let field = beckmann(cells, alpha_u, alpha_v, seed);
-                Ok((Relief::Field(Arc::new(field)), None))
-            }
-            "crystals" => {
-                keys.only(&["size_um", "cover", "seed", "cells"])?;
-                let size = keys.need("size_um", shape.size_um)?;
-                let cover = keys.need("cover", shape.cover.or(Some(COVER)))?;
-                if cover > 100.0 {
-                    return Err(value(&keys.name("cover"), cover, "must be 100 or less"));
-                }
-                let (cells, seed) = self.tile(&keys)?;
-                left_out.push(LeftOut {
-                    what: format!("overhangs of the crystals of interface {number}"),
-                    why: "a height field has none: faces that lean over stand upright".to_owned(),
-                    cost: None,
-                });
-                let field = crystals(cells, size, cover, seed);
-                Ok((Relief::Field(Arc::new(field)), None))
-            }
-            "ridges" => {
-                keys.only(&[
-                    "theta_r_deg",
-                    "pitch_um",
-                    "round_um",
-                    "round",
-                    "draft_deg",
-                    "burr_um",
-                    "seed",
-                    "alpha_u",
-                    "alpha_v",
-                ])?;
-                let theta = keys.need("theta_r_deg", shape.theta_r_deg)?;
-                if theta > 85.0 {
-                    return Err(value(
-                        &keys.name("theta_r_deg"),
-                        theta,
-                        "must be 85 or less",
-                    ));
-                }
-                let pitch = keys.need("pitch_um", shape.pitch_um)?;
-                if shape.round.is_some() && shape.round_um.is_some() {
-                    let expected = "is round_um in units of the pitch: give one of them";
-                    return Err(value(
-                        &keys.name("round"),
-                        shape.round.unwrap_or(0.0),
-                        expected,
-                    ));
-                }
-                let round = match shape.round {
-                    Some(share) => keys.none_or_more("round", share)? * pitch,
-                    None => keys.none_or_more("round_um", shape.round_um.unwrap_or(0.0))?,
-                };
-                if round > 100.0 * pitch {
-                    let expected = "is more than 100 pitches: nothing of the ridges would be left";
-                    return Err(value(&keys.name("round_um"), round, expected));
-                }
-                let draft = keys.none_or_more("draft_deg", shape.draft_deg.unwrap_or(0.0))?;
-                let burr = keys.none_or_more("burr_um", shape.burr_um.unwrap_or(0.0))?;
-                let ridges = Ridges {
-                    theta_r: theta.to_radians(),
-                    pitch,
-                    round,
-                    draft: draft.to_radians(),
-                    burr,
-                    seed: shape.seed.unwrap_or(self.run.seed),
-                };
-                let profile = ridges
-                    .profile()
-                    .map_err(|source| SceneError::Profile { number, source })?;
-                Ok((Relief::Profile(Arc::new(profile)), optional_roughness()?))
-            }
-            "profile" => {
-                keys.only(&["path", "alpha_u", "alpha_v"])?;
-                let path = shape.path.as_deref().ok_or_else(|| keys.missing("path"))?;
-                let failed = |reason: String| SceneError::File {
-                    number,
-                    path: path.to_owned(),
-                    reason,
-                };
-                let map = load(path).map_err(failed)?;
-                let profile = map.profile().map_err(|e| failed(e.to_string()))?;
-                Ok((Relief::Profile(Arc::new(profile)), optional_roughness()?))
-            }
-            "file" => {
-                keys.only(&["path", "pitch_um", "height_unit_um", "alpha_u", "alpha_v"])?;
-                let path = shape.path.as_deref().ok_or_else(|| keys.missing("path"))?;
-                let failed = |reason: String| SceneError::File {
-                    number,
-                    path: path.to_owned(),
-                    reason,
-                };
-                let map = load(path).map_err(failed)?;
-                // What the scene says counts more than what the file says.
-                let own = map.units;
-                let pitch = match (shape.pitch_um, own) {
-                    (None, Some(units)) => units.pitch_um,
-                    _ => [keys.need("pitch_um", shape.pitch_um)?; 2],
-                };
-                let unit = match (shape.height_unit_um, own) {
-                    (None, Some(units)) => units.height_unit_um,
-                    _ => keys.need("height_unit_um", shape.height_unit_um)?,
-                };
-                let field = field_of(&map, pitch, unit).map_err(|r| failed(r.to_owned()))?;
-                left_out.push(LeftOut {
-                    what: format!("what lies beyond the map of interface {number}"),
-                    why: "the map is repeated as it is; where its rims differ there is a wall"
-                        .to_owned(),
-                    cost: None,
-                });
-                Ok((Relief::Field(Arc::new(field)), optional_roughness()?))
-            }
-            other => Err(value(
-                &keys.name("shape"),
-                format!("{other:?}"),
-                "known shapes are flat, beckmann, smith, ridges, profile, crystals, file",
-            )),
-        }
-    }
-}
-
-impl HeightMap {
-    /// The profile whose corners are the rows: v and height in one unit, the last row closing the
-    /// period.
-    ///
-    /// # Errors
-    /// Rows that are not two numbers, or no closed profile that leans to +v.
-    pub fn profile(&self) -> Result<Profile, ProfileError> {
-        if self.columns != 2 {
-            return Err(ProfileError::NotTwoColumns {
-                columns: self.columns,
-            });
-        }
-        let rows: Vec<(f64, f64)> = self.heights.chunks_exact(2).map(|r| (r[0], r[1])).collect();
-        Profile::measured(&rows)
-    }
-}
-
-fn field_of(map: &HeightMap, pitch: [f64; 2], unit: f64) -> Result<HeightField, &'static str> {
-    let (columns, rows) = (map.columns, map.rows);
-    if columns == 0 || rows == 0 || map.heights.len() != columns * rows {
-        return Err("the map is not a full rectangle of heights");
-    }
-    if columns.saturating_mul(rows) > 1 << 26 {
-        return Err("the map has more than 67 million heights");
-    }
-    if !map.heights.iter().all(|h| (h * unit).abs() < 1e12) {
-        return Err("the map holds a height that is not a number");
-    }
-    let mut heights = vec![0.0; columns * rows];
-    for (n, h) in map.heights.iter().enumerate() {
-        heights[(n % columns) * rows + n / columns] = h * unit;
-    }
-    Ok(HeightField::new(
-        columns, rows, pitch[0], pitch[1], &heights,
-    ))
 }
 
 fn wave_optics() -> LeftOut {
@@ -791,67 +523,5 @@ fn positive(key: &str, x: f64) -> Result<(), SceneError> {
         Ok(())
     } else {
         Err(value(key, x, "must be greater than 0"))
-    }
-}
-
-struct Keys<'a> {
-    shape: &'a Shape,
-    number: usize,
-}
-
-impl Keys<'_> {
-    fn name(&self, key: &str) -> String {
-        format!("interface {}: {key}", self.number)
-    }
-
-    fn missing(&self, key: &'static str) -> SceneError {
-        SceneError::Missing {
-            number: self.number,
-            shape: self.shape.shape.clone(),
-            key,
-        }
-    }
-
-    fn need(&self, key: &'static str, x: Option<f64>) -> Result<f64, SceneError> {
-        let x = x.ok_or_else(|| self.missing(key))?;
-        positive(&self.name(key), x)?;
-        Ok(x)
-    }
-
-    fn none_or_more(&self, key: &'static str, x: f64) -> Result<f64, SceneError> {
-        if x >= 0.0 && x.is_finite() {
-            Ok(x)
-        } else {
-            Err(value(&self.name(key), x, "must be 0 or more"))
-        }
-    }
-
-    /// Refuses keys that the shape does not have.
-    fn only(&self, known: &[&str]) -> Result<(), SceneError> {
-        let s = self.shape;
-        let given = [
-            ("alpha_u", s.alpha_u.is_some()),
-            ("alpha_v", s.alpha_v.is_some()),
-            ("seed", s.seed.is_some()),
-            ("cells", s.cells.is_some()),
-            ("theta_r_deg", s.theta_r_deg.is_some()),
-            ("pitch_um", s.pitch_um.is_some()),
-            ("round_um", s.round_um.is_some()),
-            ("round", s.round.is_some()),
-            ("draft_deg", s.draft_deg.is_some()),
-            ("burr_um", s.burr_um.is_some()),
-            ("size_um", s.size_um.is_some()),
-            ("cover", s.cover.is_some()),
-            ("path", s.path.is_some()),
-            ("height_unit_um", s.height_unit_um.is_some()),
-        ];
-        match given.iter().find(|(key, is)| *is && !known.contains(key)) {
-            Some((key, _)) => Err(SceneError::Foreign {
-                number: self.number,
-                shape: s.shape.clone(),
-                key,
-            }),
-            None => Ok(()),
-        }
     }
 }

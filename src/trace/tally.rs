@@ -1,149 +1,15 @@
-//! Counting light: direction bins, energies, and standard errors that hold for any sampling.
+//! Counting light in bins and energies, with standard errors that hold for any sampling.
 //!
 //! A [`Batch`] counts the photons of one independent replicate; the spread of the batches' sums is the
 //! standard error, so stratified starts, splitting and roulette need no theory of their own. A
 //! [`Block`] adds up some batches in a fixed order; [`Totals`] add up blocks in fixed-point integers,
 //! whose sum does not depend on the order: threads and shards give the same bits.
 
+use super::exact::{from_fixed, numbers_of, text_of, to_fixed};
+use super::grid::Grid;
 use super::height_field::Side;
 use super::light::Light;
 use super::vec3::V3;
-
-/// How the directions of a hemisphere fall into bins.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Layout {
-    /// Rows are equal steps of the polar angle from ±n, columns of the azimuth.
-    Polar,
-    /// Square pixels of the direction cosines: rows along v, columns along u, both from −1 to 1; the
-    /// hemisphere seen from above.
-    Disc,
-}
-
-/// Direction bins of both hemispheres.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Grid {
-    /// What rows and columns are.
-    pub layout: Layout,
-    /// Rows: over 0 to 90° of polar angle, or along v.
-    pub n_theta: usize,
-    /// Columns: over 0 to 360° of azimuth, or along u.
-    pub n_phi: usize,
-}
-
-impl Grid {
-    /// Steps of polar angle and azimuth.
-    #[must_use]
-    pub const fn polar(n_theta: usize, n_phi: usize) -> Self {
-        Grid {
-            layout: Layout::Polar,
-            n_theta,
-            n_phi,
-        }
-    }
-
-    /// `n` × `n` pixels over the direction cosines.
-    #[must_use]
-    pub const fn disc(n: usize) -> Self {
-        Grid {
-            layout: Layout::Disc,
-            n_theta: n,
-            n_phi: n,
-        }
-    }
-
-    /// Bins of one side.
-    #[must_use]
-    pub fn per_side(&self) -> usize {
-        self.n_theta * self.n_phi
-    }
-
-    /// The bin of a direction of exit; those of the upper side come first.
-    #[inline]
-    #[must_use]
-    pub fn bin(&self, side: Side, k: &V3) -> usize {
-        let (row, column) = match self.layout {
-            Layout::Polar => {
-                let theta = (k[0] * k[0] + k[1] * k[1]).sqrt().atan2(k[2].abs());
-                let phi = k[1].atan2(k[0]);
-                let turn = phi * (0.5 * std::f64::consts::FRAC_1_PI);
-                let turn = if turn < 0.0 { turn + 1.0 } else { turn };
-                (
-                    (theta * std::f64::consts::FRAC_2_PI * self.n_theta as f64) as usize,
-                    (turn * self.n_phi as f64) as usize,
-                )
-            }
-            Layout::Disc => (
-                ((0.5 * k[1] + 0.5) * self.n_theta as f64) as usize,
-                ((0.5 * k[0] + 0.5) * self.n_phi as f64) as usize,
-            ),
-        };
-        let bin = row.min(self.n_theta - 1) * self.n_phi + column.min(self.n_phi - 1);
-        match side {
-            Side::Above => bin,
-            Side::Below => bin + self.per_side(),
-        }
-    }
-
-    /// Limits (θ_lo, θ_hi, φ_lo, φ_hi) of a bin of one side, degrees. A pixel of a disc has none: its
-    /// centre's angles stand for both limits.
-    #[must_use]
-    pub fn limits_deg(&self, bin: usize) -> [f64; 4] {
-        let (row, column) = (bin / self.n_phi, bin % self.n_phi);
-        match self.layout {
-            Layout::Polar => {
-                let theta = |r: usize| 90.0 * r as f64 / self.n_theta as f64;
-                let phi = |c: usize| 360.0 * c as f64 / self.n_phi as f64;
-                [theta(row), theta(row + 1), phi(column), phi(column + 1)]
-            }
-            Layout::Disc => {
-                let (x, y) = self.cosines(row, column);
-                let theta = x.hypot(y).min(1.0).asin().to_degrees();
-                let phi = y.atan2(x).to_degrees().rem_euclid(360.0);
-                [theta, theta, phi, phi]
-            }
-        }
-    }
-
-    /// Direction cosines of a pixel's centre.
-    fn cosines(&self, row: usize, column: usize) -> (f64, f64) {
-        (
-            (2 * column + 1) as f64 / self.n_phi as f64 - 1.0,
-            (2 * row + 1) as f64 / self.n_theta as f64 - 1.0,
-        )
-    }
-
-    /// ∫ cos θ dω over a bin, sr: what a share of the light is divided by to be a BRDF.
-    #[must_use]
-    pub fn projected_solid_angle(&self, bin: usize) -> f64 {
-        match self.layout {
-            Layout::Polar => {
-                let [lo, hi, _, _] = self.limits_deg(bin);
-                let (a, b) = (lo.to_radians().sin(), hi.to_radians().sin());
-                0.5 * (b * b - a * a) * std::f64::consts::TAU / self.n_phi as f64
-            }
-            Layout::Disc => self.area_in_disc(bin / self.n_phi, bin % self.n_phi),
-        }
-    }
-
-    /// Area of a pixel inside the unit disc, by strips.
-    fn area_in_disc(&self, row: usize, column: usize) -> f64 {
-        const STRIPS: usize = 64;
-        let (x, y) = self.cosines(row, column);
-        let (wide, high) = (2.0 / self.n_phi as f64, 2.0 / self.n_theta as f64);
-        let (half_x, half_y) = (0.5 * wide, 0.5 * high);
-        if (x.abs() + half_x).hypot(y.abs() + half_y) <= 1.0 {
-            return wide * high;
-        }
-        let step = high / STRIPS as f64;
-        (0..STRIPS)
-            .map(|strip| {
-                let y = y - half_y + (strip as f64 + 0.5) * step;
-                let reach = (1.0 - y * y).max(0.0).sqrt();
-                ((x + half_x).min(reach) - (x - half_x).max(-reach)).max(0.0) * step
-            })
-            .sum()
-    }
-}
 
 /// Energies are told apart up to this number of interactions; the last place holds "and more".
 pub const ORDERS: usize = 16;
@@ -331,22 +197,6 @@ impl Block {
         self.energy_squares = Energies::filled(0.0);
         self.batches = 0;
     }
-}
-
-/// 2^-82 as the unit of [`Totals`]: sums below 2^43 fit and rounding is far below an f64's.
-const UNIT_BITS: (i32, i32) = (20, 62);
-
-#[inline]
-fn to_fixed(x: f64) -> i128 {
-    let scaled = x * f64::from(1u32 << UNIT_BITS.0);
-    let whole = scaled as i64;
-    let rest = ((scaled - whole as f64) * (1u64 << UNIT_BITS.1) as f64) as i64;
-    (i128::from(whole) << UNIT_BITS.1) + i128::from(rest)
-}
-
-#[inline]
-fn from_fixed(x: i128) -> f64 {
-    x as f64 * 2f64.powi(-(UNIT_BITS.0 + UNIT_BITS.1))
 }
 
 /// Sums over any number of blocks; adding is exact, so its order does not matter.
@@ -653,7 +503,7 @@ impl Totals {
         let n = 2 * self.stride;
         let known = &self.known[index * self.stride..(index + 1) * self.stride];
         let numbers = self.bins[index * n..(index + 1) * n].iter().chain(known);
-        Some(exact_text(self.hits[index], numbers))
+        Some(text_of(self.hits[index], numbers))
     }
 
     /// The exact sums of the energies, likewise.
@@ -664,7 +514,7 @@ impl Totals {
             .all()
             .chain(self.energy_squares.all())
             .chain(self.energy_known.all());
-        exact_text(
+        text_of(
             self.photons,
             std::iter::once(&i128::from(self.batches)).chain(numbers),
         )
@@ -672,7 +522,7 @@ impl Totals {
 
     /// Reads back what [`Totals::exact_bin`] wrote.
     pub fn set_exact_bin(&mut self, side: Side, bin: usize, text: &str) -> Option<()> {
-        let (hits, numbers) = exact_numbers(text)?;
+        let (hits, numbers) = numbers_of(text)?;
         let (index, n) = (self.index(side, bin), 2 * self.stride);
         if numbers.len() != n + self.stride || bin >= self.grid.per_side() {
             return None;
@@ -685,7 +535,7 @@ impl Totals {
 
     /// Reads back what [`Totals::exact_energies`] wrote.
     pub fn set_exact_energies(&mut self, text: &str) -> Option<()> {
-        let (photons, numbers) = exact_numbers(text)?;
+        let (photons, numbers) = numbers_of(text)?;
         let count = self.energy_sums.all().count();
         if numbers.len() != 1 + 3 * count {
             return None;
@@ -710,25 +560,6 @@ impl Totals {
 #[error("the shards have different direction bins or differ in polarisation")]
 pub struct DifferentRuns;
 
-fn exact_text<'a>(count: u64, numbers: impl Iterator<Item = &'a i128>) -> String {
-    use std::fmt::Write;
-    let mut text = count.to_string();
-    for x in numbers {
-        let sign = if *x < 0 { "-" } else { "" };
-        write!(text, " {sign}{:x}", x.unsigned_abs()).expect("a String takes everything");
-    }
-    text
-}
-
-fn exact_numbers(text: &str) -> Option<(u64, Vec<i128>)> {
-    let mut words = text.split(' ');
-    let count = words.next()?.parse().ok()?;
-    let numbers = words
-        .map(|w| i128::from_str_radix(w, 16).ok())
-        .collect::<Option<Vec<_>>>()?;
-    Some((count, numbers))
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::light::Scalar;
@@ -737,46 +568,6 @@ mod tests {
     use super::*;
 
     const GRID: Grid = Grid::polar(45, 180);
-
-    #[test]
-    fn bins_tile_the_hemisphere() {
-        let total: f64 = (0..GRID.per_side())
-            .map(|b| GRID.projected_solid_angle(b))
-            .sum();
-        assert!((total - std::f64::consts::PI).abs() < 1e-12);
-        for (theta, phi) in [(0.5f64, 1.0f64), (31.0, 359.5), (89.9, 180.5)] {
-            let (s, c) = theta.to_radians().sin_cos();
-            let (sp, cp) = phi.to_radians().sin_cos();
-            let bin = GRID.bin(Side::Above, &[s * cp, s * sp, c]);
-            let [a, b, d, e] = GRID.limits_deg(bin);
-            assert!(a <= theta && theta < b && d <= phi && phi < e);
-        }
-        assert!(GRID.bin(Side::Below, &[1.0, -1e-300, -0.0]) < 2 * GRID.per_side());
-    }
-
-    #[test]
-    fn pixels_tile_the_disc() {
-        let disc = Grid::disc(128);
-        let total: f64 = (0..disc.per_side())
-            .map(|b| disc.projected_solid_angle(b))
-            .sum();
-        // 64 strips per pixel: the rim's error is of the order of a strip's width squared.
-        assert!((total - std::f64::consts::PI).abs() < 1e-5, "{total}");
-        let k = unit(&[0.5, -0.7, 0.2]);
-        let [theta, _, phi, _] = disc.limits_deg(disc.bin(Side::Above, &k));
-        let (s, z) = theta.to_radians().sin_cos();
-        let (sp, cp) = phi.to_radians().sin_cos();
-        assert!((s * cp - k[0]).abs() < 1.0 / 128.0 && (s * sp - k[1]).abs() < 1.0 / 128.0);
-        assert!(z > 0.0);
-        assert!(disc.bin(Side::Below, &[1.0, 0.0, -0.0]) < 2 * disc.per_side());
-    }
-
-    #[test]
-    fn fixed_point_keeps_what_an_f64_has() {
-        for x in [0.0, 1.0, -1.0, 1e-9, 0.1, -123_456.789, 3e10] {
-            assert!((from_fixed(to_fixed(x)) - x).abs() <= 2f64.powi(-80) + x.abs() * 1e-15);
-        }
-    }
 
     #[test]
     fn the_order_of_blocks_does_not_matter_and_text_brings_them_back() {

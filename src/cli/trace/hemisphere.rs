@@ -7,8 +7,8 @@
 use std::fmt::Write as _;
 
 use crate::map::colour::{Rgb, cyclic, diverging, sequential};
+use crate::trace::grid::{Grid, Layout};
 use crate::trace::height_field::Side;
-use crate::trace::tally::{Grid, Layout};
 
 /// Pixels across a disc's bitmap, and its side in the sheet.
 const PIXELS: usize = 300;

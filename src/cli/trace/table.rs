@@ -12,9 +12,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::cli::CliError;
 use crate::trace::ellipsometer::{aop_deg, dolp};
+use crate::trace::grid::Grid;
 use crate::trace::height_field::Side;
 use crate::trace::run::{Shard, SoFar};
-use crate::trace::tally::{Grid, Totals};
+use crate::trace::tally::Totals;
 
 /// What the file of a shard or of a stopped run is part of.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

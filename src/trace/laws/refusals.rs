@@ -1,0 +1,108 @@
+//! Scenes that make no sense, and the key that each message names.
+
+use super::super::scene::Scene;
+use super::{interface, scene};
+
+#[test]
+fn bad_scenes_get_a_message_that_names_the_key() {
+    let flat = interface("shape = \"flat\"", "{ n = 1.5 }");
+    let beckmann = |keys: &str| interface(&format!("shape = \"beckmann\"\n{keys}"), "{ n = 1.5 }");
+    let cases = [
+        (scene(45.0, "", ""), "interface"),
+        (scene(95.0, &flat, ""), "theta_i_deg"),
+        (
+            scene(45.0, &beckmann("alpha_u = 0.0\nalpha_v = 0.1"), ""),
+            "alpha_u",
+        ),
+        (
+            scene(45.0, &beckmann("alpha_u = nan\nalpha_v = 0.1"), ""),
+            "alpha_u",
+        ),
+        (
+            scene(45.0, &beckmann("alpha_u = -0.1\nalpha_v = 0.1"), ""),
+            "alpha_u",
+        ),
+        (scene(45.0, &beckmann("alpha_u = 0.1"), ""), "alpha_v"),
+        (
+            scene(45.0, &interface("shape = \"flat\"", "{ n = 0 }"), ""),
+            "below.n",
+        ),
+        (
+            scene(45.0, &interface("shape = \"flat\"", "{ m = 1.5 }"), ""),
+            "below.m",
+        ),
+        (
+            scene(45.0, &interface("shape = \"flat\"", "\"Unobtainium\""), ""),
+            "Unobtainium",
+        ),
+        (
+            scene(45.0, &interface("shape = \"flat\"", "7"), ""),
+            "below",
+        ),
+        (
+            scene(45.0, &interface("shape = \"bumpy\"", "{ n = 1.5 }"), ""),
+            "shape",
+        ),
+        (
+            scene(
+                45.0,
+                &interface("shape = \"flat\"\nalpha_u = 0.1", "{ n = 1.5 }"),
+                "",
+            ),
+            "alpha_u",
+        ),
+        (
+            scene(
+                45.0,
+                &interface("shape = \"flat\"\ncolour = 1", "{ n = 1.5 }"),
+                "",
+            ),
+            "colour",
+        ),
+        (
+            scene(45.0, &(interface("shape = \"flat\"", "\"Au\"") + &flat), ""),
+            "thickness",
+        ),
+        (scene(45.0, &flat, "photons = 0"), "photons"),
+        (scene(45.0, &flat, "photons = -5"), "photons"),
+        (scene(45.0, &flat, "fotons = 5"), "fotons"),
+        (scene(45.0, &flat, "polarised = \"yes\""), "polarised"),
+        (scene(45.0, &flat, "theta_bins = 0"), "theta_bins"),
+        (
+            scene(
+                45.0,
+                &interface(
+                    "shape = \"file\"\npath = \"a.csv\"\npitch_um = 1.0\nheight_unit_um = 1.0",
+                    "{ n = 1.5 }",
+                ),
+                "",
+            ),
+            "a.csv",
+        ),
+        (
+            scene(
+                45.0,
+                &interface(
+                    "shape = \"ridges\"\ntheta_r_deg = 10.0\npitch_um = 50.0\nround_um = -9.0",
+                    "{ n = 1.5 }",
+                ),
+                "",
+            ),
+            "round_um",
+        ),
+        (
+            "n_top = 0.0\n".to_owned() + &scene(45.0, &flat, ""),
+            "n_top",
+        ),
+        (
+            scene(45.0, &flat, "")
+                .replace("wavelength_nm = 550.0", "stokes = [1.0, 1.0, 1.0, 0.0]"),
+            "stokes",
+        ),
+    ];
+    for (text, word) in cases {
+        let outcome = Scene::parse(&text).and_then(|s| s.prepare(&|_| Err("missing".to_owned())));
+        let message = outcome.map(|_| ()).unwrap_err().to_string();
+        assert!(message.contains(word), "{word}: {message}");
+    }
+}
