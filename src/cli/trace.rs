@@ -24,7 +24,7 @@ use crate::plan;
 use crate::plan::scene::Wish;
 use crate::trace::report::Report;
 use crate::trace::run::{self, Progress, Shard, SoFar};
-use crate::trace::scene::{LeftOut, Prepared, Scene};
+use crate::trace::scene::{Prepared, Scene};
 
 /// Traces polarised light through a scene of single or layered micro-surfaces.
 #[derive(Debug, clap::Args)]
