@@ -41,7 +41,11 @@ web/node_modules/.installed: web/package.json web/package-lock.json
 screenshot: build setup-test  ## docs/screenshot.png from a real run
 	cd web && RIDGED_BIN=../target/release/ridged npm run screenshot
 
-bench-peers: bench-peers-trace  ## ridged against what one would use instead
+bench-peers: bench-peers-fit bench-peers-trace  ## ridged against what one would use instead
+
+bench-peers-fit: setup-build web  ## Seconds of a fit beside scipy.optimize.least_squares, one run (makes its own venv)
+	@tools/setup python
+	benches/peers/run
 
 bench-peers-trace: build  ## ridged trace against Mitsuba 3, one field, one run (needs its own venv: made here)
 	@tools/setup python llvm
@@ -56,4 +60,4 @@ setup-build:
 setup-test:
 	@tools/setup build browser python
 
-.PHONY: bench-peers bench-peers-trace help demo build test check test-rust test-vendor test-web web screenshot setup-build setup-test
+.PHONY: bench-peers bench-peers-fit bench-peers-trace help demo build test check test-rust test-vendor test-web web screenshot setup-build setup-test

@@ -40,6 +40,19 @@ pub struct StartReport {
     pub not_converged: usize,
 }
 
+/// The best minimum from given starts, and what became of each; `None` where none has a value.
+#[must_use]
+pub fn from_starts(
+    problem: &Problem<'_>,
+    starts: &[Values],
+    cancel: &AtomicBool,
+) -> Option<(Minimum, StartReport)> {
+    let mut search = Search::new(starts.first()?, 0, cancel);
+    search.descend(problem, &problem.clone().with_lean(true), starts);
+    let report = search.report();
+    search.best().cloned().map(|best| (best, report))
+}
+
 /// A search under way. All ends are of the same problem.
 pub(super) struct Search<'p> {
     fallback: &'p Values,
@@ -65,6 +78,13 @@ impl<'p> Search<'p> {
     /// often as starts came to it.
     pub(super) fn quick(&mut self, problem: &Problem<'_>, count: usize) {
         let lean = problem.clone().with_lean(true);
+        let found = starts(&lean, self.fallback, count, self.seed);
+        self.seed = self.seed.wrapping_add(1);
+        self.descend(problem, &lean, &found);
+    }
+
+    /// Descents on the lean form from given starts, the different ends refined on `problem`.
+    fn descend(&mut self, problem: &Problem<'_>, lean: &Problem<'_>, starts: &[Values]) {
         let rough = Settings {
             polish_steps: 0,
             cost_tolerance: 1e-6,
@@ -72,12 +92,12 @@ impl<'p> Search<'p> {
             ..Settings::default()
         };
         let bounds = problem.bounds();
-        let mut ends: Vec<Minimum> = starts(&lean, self.fallback, count, self.seed)
-            .iter()
-            .map(|v| minimise(&lean, &lean.pack(v), &bounds, &rough, self.cancel))
+        let cancel = self.cancel;
+        let mut ends: Vec<Minimum> = starts
+            .par_iter()
+            .map(|v| minimise(lean, &lean.pack(v), &bounds, &rough, cancel))
             .filter(usable)
             .collect();
-        self.seed = self.seed.wrapping_add(1);
         ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         let fine = Settings {
             polish_steps: 20,
