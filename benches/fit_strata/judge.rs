@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 use ridged::fit::estimate::free_quantities;
 use ridged::fit::least_squares::LeastSquares;
 use ridged::fit::problem::{Problem, Quantity, Values};
-use ridged::fit::solver::{Settings, minimise};
+use ridged::fit::solver::{Minimum, Settings, minimise};
 use ridged::model::Variant;
 
 use crate::draw::{Case, Draw, Stratum, Truth, painted};
@@ -135,7 +135,13 @@ pub fn best_of(case: &Case, stratum: Stratum, count: usize, seed: u64) -> (f64, 
     let problem = Problem::new(&case.set, case.variant, free, fixed);
     let bounds = problem.bounds();
     let mut draw = Draw::new(seed ^ 0x5eed);
-    let mut best = (f64::INFINITY, fixed);
+    let rough = Settings {
+        polish_steps: 0,
+        cost_tolerance: 1e-5,
+        max_iterations: 200,
+        ..Settings::default()
+    };
+    let mut ends: Vec<Minimum> = Vec::new();
     let metal = case.truth.surface.rho_d == 0.0;
     let cancel = AtomicBool::new(false);
     for k in 0..count {
@@ -160,9 +166,27 @@ pub fn best_of(case: &Case, stratum: Stratum, count: usize, seed: u64) -> (f64, 
             // The printed lobe's ρd is part of the scale then.
             start.scale *= amplitude(case);
         }
+        // The truth is polished in any case.
+        let settings = if k == 0 { Settings::default() } else { rough };
+        let start = problem.pack(&start);
+        ends.push(minimise(&problem, &start, &bounds, &settings, &cancel));
+    }
+    ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    // A rough end is within a hundredth of its minimum, or still far up a slope; of those that could
+    // still win the different ones are polished.
+    let least = ends.first().map_or(f64::INFINITY, |m| m.cost);
+    let mut best = (f64::INFINITY, fixed);
+    let mut polished: Vec<f64> = Vec::new();
+    for m in &ends {
+        let near = |cost: &f64| (m.cost - cost).abs() <= 1e-4 * cost.max(1e-3);
+        let hopeless = m.cost > 1.1 * least + 10.0;
+        if hopeless || polished.len() >= POLISHED || polished.iter().any(near) {
+            continue;
+        }
+        polished.push(m.cost);
         let m = minimise(
             &problem,
-            &problem.pack(&start),
+            &m.parameters,
             &bounds,
             &Settings::default(),
             &cancel,
@@ -173,6 +197,9 @@ pub fn best_of(case: &Case, stratum: Stratum, count: usize, seed: u64) -> (f64, 
     }
     best
 }
+
+/// Different ends of a crowd that are polished.
+const POLISHED: usize = 12;
 
 /// [F + (ρd/π)(1 − F)²]/F at the rig's difference angle.
 fn amplitude(case: &Case) -> f64 {

@@ -19,6 +19,8 @@
 //!   `model`, and the distance from the `sawtooth` estimate, since light under rough facets is
 //!   described by both in ways that only agree where the roughness is small.
 //!
+//! Several scans fitted together are one such problem, their rows below each other ([`of_parts`]).
+//!
 //! The zeros of the stages are exactly the offsets that the fit looks for, so no data can tell them;
 //! and the reference's certificate is not for a model to revise. Neither is fitted.
 
@@ -34,6 +36,7 @@ use super::profile::profile;
 use super::report::COVERAGE_FACTOR;
 use super::solver::Minimum;
 use crate::model::Variant;
+use crate::observation::ObservationSet;
 use crate::units::Angle;
 
 /// Standard uncertainties by source, in the unit of the parameter. They combine in quadrature.
@@ -139,77 +142,147 @@ fn floor(quantity: Quantity, values: &Values) -> f64 {
 /// The uncertainty of a fit, source by source.
 #[must_use]
 pub fn uncertainty(estimate: &Estimate<'_>) -> Uncertainty {
-    let problem = &estimate.problem;
-    let set = problem.set();
-    let m = problem.residual_count();
-    let n = problem.free().len();
-    let samples = set.observations.len();
-    let jacobian = &estimate.minimum.jacobian;
-    let covariance = covariance(jacobian, m, &estimate.minimum.residuals, Scaling::Absolute);
+    let columns: Vec<usize> = (0..estimate.problem.free().len()).collect();
+    let Minimum {
+        jacobian,
+        residuals,
+        ..
+    } = &estimate.minimum;
+    let mut of = of_parts(&[Part { estimate, columns }], jacobian, residuals);
+    for j in 0..of.budgets.len() {
+        of.budgets[j].shape = to_rivals(estimate, j).hypot(bent(estimate, &of.covariance, j));
+    }
+    of
+}
+
+/// One scan's share of a fit of several.
+#[derive(Debug, Clone)]
+pub(super) struct Part<'e, 'a> {
+    /// The scan at the joint minimum.
+    pub estimate: &'e Estimate<'a>,
+    /// For each of its free quantities the column of the joint derivatives.
+    pub columns: Vec<usize>,
+}
+
+/// Parts of one source over all scans: one and the same error in all of them adds up with its sign,
+/// independent ones in quadrature.
+#[derive(Debug, Clone, Copy, Default)]
+struct Common {
+    sum: f64,
+    squares: f64,
+}
+
+impl Common {
+    fn add(&mut self, part: f64) {
+        self.sum += part;
+        self.squares += part * part;
+    }
+
+    fn size(self, same: bool) -> f64 {
+        if same {
+            self.sum.abs()
+        } else {
+            self.squares.sqrt()
+        }
+    }
+}
+
+/// The uncertainty without its line `shape`, for rows of residuals that stand below each other part
+/// by part; derivatives column-major.
+pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f64]) -> Uncertainty {
+    let m = residuals.len();
+    let n = jacobian.len() / m.max(1);
+    let covariance = covariance(jacobian, m, residuals, Scaling::Absolute);
     let k = pseudo_inverse(jacobian, &covariance, m, n);
-    let shared = Shared::new(problem, &estimate.values);
-    let through = |change: &[f64], j: usize| -> f64 { (0..m).map(|i| k[(j, i)] * change[i]).sum() };
-    let (by_group, model_freedom) = left_out(estimate, m, n);
+    let shared: Vec<Shared> = parts
+        .iter()
+        .map(|p| Shared::new(&p.estimate.problem, &p.estimate.values))
+        .collect();
+    let (by_group, model_freedom) = left_out(parts, jacobian, residuals);
+    let sets = || parts.iter().map(|p| p.estimate.problem.set());
+    let alike = |same: &dyn Fn(&ObservationSet, &ObservationSet) -> bool| -> bool {
+        sets().zip(sets().skip(1)).all(|(a, b)| same(a, b))
+    };
+    // The same certificate is the same reference, the same drawing the same stages.
+    let same_reference = alike(&|a, b| a.white_reference == b.white_reference);
+    let same_rig = alike(&|a, b| a.rig == b.rig);
     let budgets = (0..n)
         .map(|j| {
-            let counting: f64 = (0..m - problem.priors().len())
-                .map(|i| {
-                    let share = if i < samples {
-                        set.observations[i].sigma / problem.sigma()[i]
-                    } else {
-                        1.0
+            let mut squares = Budget::default();
+            let (mut reference, mut tilt, mut turn) = <(Common, Common, Common)>::default();
+            let (mut tier, mut floored) = (0.0_f64, 0.0_f64);
+            let mut first = 0;
+            for (part, shared) in parts.iter().zip(&shared) {
+                let estimate = part.estimate;
+                let (problem, set) = (&estimate.problem, estimate.problem.set());
+                let rows = problem.residual_count();
+                let (samples, priors) = (set.observations.len(), problem.priors());
+                let told = first + rows - priors.len();
+                for i in 0..rows - priors.len() {
+                    let k = k[(j, first + i)];
+                    let Some(o) = set.observations.get(i) else {
+                        squares.counting += k * k;
+                        continue;
                     };
-                    (k[(j, i)] * share).powi(2)
-                })
-                .sum();
-            let independent: f64 = (0..samples)
-                .map(|i| (k[(j, i)] * estimate.misfit[i] / problem.sigma()[i]).powi(2))
-                .sum();
-            let tier = match &estimate.traced {
-                Some(traced) => traced.last_step[j].hypot(SHARE_OF_DISAGREEMENT * traced.apart[j]),
-                None => SHARE_OF_TIER_SHIFT * estimate.tier_shift[j],
-            };
-            let sigmas = estimate.traced.iter().flat_map(|t| &t.sigma);
-            let tracer: f64 = sigmas
-                .enumerate()
-                .map(|(i, s)| (k[(j, i)] * s / problem.sigma()[i]).powi(2))
-                .sum();
-            // Where counting noise explains the scatter, what groups of it do is counting noise.
-            let missed = if estimate.discrepancy > 0.0 {
-                by_group[j].hypot(floor(problem.free()[j], &estimate.values))
-            } else {
-                0.0
-            };
-            let model = independent + missed * missed + tier * tier;
-            let prior = |wanted: Quantity| -> f64 {
-                let rows = problem.priors().iter().enumerate();
-                rows.filter(|(_, (q, _))| *q == wanted)
-                    .map(|(row, _)| k[(j, m - problem.priors().len() + row)].abs())
-                    .sum()
-            };
-            let mut gain = through(&shared.gain, j).abs();
-            if problem.free()[j] == Quantity::Background && set.white_reference.is_some() {
-                // Stray light is stated in radiance, on the scale that the reference gives.
-                gain = gain.hypot(estimate.values.background);
+                    let per_sigma = k / problem.sigma()[i];
+                    squares.counting += (per_sigma * o.sigma).powi(2);
+                    squares.model += (per_sigma * estimate.misfit[i]).powi(2);
+                }
+                for (i, s) in estimate.traced.iter().flat_map(|t| &t.sigma).enumerate() {
+                    squares.tracer += (k[(j, first + i)] * s / problem.sigma()[i]).powi(2);
+                }
+                for (row, (q, _)) in priors.iter().enumerate() {
+                    let line = match q {
+                        Quantity::Eta | Quantity::K => &mut squares.material,
+                        Quantity::Background => &mut squares.background,
+                        _ => &mut squares.prior,
+                    };
+                    *line += k[(j, told + row)].powi(2);
+                }
+                let through = |change: &[f64]| -> f64 {
+                    let rows = change.iter().enumerate();
+                    rows.map(|(i, c)| k[(j, first + i)] * c).sum()
+                };
+                let gain = through(&shared.gain);
+                let own = part.columns.iter().position(|c| *c == j);
+                let own = own.map(|local| (local, problem.free()[local]));
+                reference.add(gain * reference_std(set));
+                squares.drift += (gain * drift_std(set)).powi(2);
+                tilt.add(through(&shared.tilt_zero));
+                turn.add(through(&shared.turn_zero));
+                if let Some((local, quantity)) = own {
+                    if quantity == Quantity::Background && set.white_reference.is_some() {
+                        // Stray light is stated in radiance, on the scale that the reference gives.
+                        let scale = estimate.values.background;
+                        squares.reference += (scale * reference_std(set)).powi(2);
+                        squares.drift += (scale * drift_std(set)).powi(2);
+                    }
+                    tier = tier.max(match &estimate.traced {
+                        Some(traced) => traced.last_step[local]
+                            .hypot(SHARE_OF_DISAGREEMENT * traced.apart[local]),
+                        None => (SHARE_OF_TIER_SHIFT * estimate.tier_shift[local]).abs(),
+                    });
+                    // Where counting noise explains the scatter, what groups of it do is counting
+                    // noise.
+                    if estimate.discrepancy > 0.0 && samples > 0 {
+                        floored = by_group[j].hypot(floor(quantity, &estimate.values));
+                    }
+                }
+                first += rows;
             }
             Budget {
-                counting: counting.sqrt(),
-                reference: gain * reference_std(set),
-                angles: through(&shared.tilt_zero, j).hypot(through(&shared.turn_zero, j)),
-                material: prior(Quantity::Eta).hypot(prior(Quantity::K)),
-                drift: gain * drift_std(set),
-                background: prior(Quantity::Background),
-                model: model.sqrt(),
-                prior: problem
-                    .priors()
-                    .iter()
-                    .map(|(q, _)| match q {
-                        Quantity::Background | Quantity::Eta | Quantity::K => 0.0,
-                        told => prior(*told),
-                    })
-                    .fold(0.0, f64::hypot),
-                shape: to_rivals(estimate, j).hypot(bent(estimate, &covariance, j)),
-                tracer: tracer.sqrt(),
+                counting: squares.counting.sqrt(),
+                reference: reference
+                    .size(same_reference)
+                    .hypot(squares.reference.sqrt()),
+                angles: tilt.size(same_rig).hypot(turn.size(same_rig)),
+                material: squares.material.sqrt(),
+                drift: squares.drift.sqrt(),
+                background: squares.background.sqrt(),
+                model: (squares.model + floored * floored + tier * tier).sqrt(),
+                shape: 0.0,
+                prior: squares.prior.sqrt(),
+                tracer: squares.tracer.sqrt(),
             }
         })
         .collect();
@@ -348,25 +421,28 @@ fn pseudo_inverse(jacobian: &[f64], covariance: &Covariance, m: usize, n: usize)
     &covariance.matrix * j.transpose()
 }
 
-/// Standard uncertainty of each free parameter from leaving out whole tilts and whole azimuths, both
-/// in quadrature, with the lesser degrees of freedom.
-fn left_out(estimate: &Estimate<'_>, m: usize, n: usize) -> (Vec<f64>, f64) {
-    let set = estimate.problem.set();
+/// Standard uncertainty of each free parameter from leaving out whole tilts, whole azimuths and (from
+/// three on) whole scans, all in quadrature, with the least degrees of freedom.
+fn left_out(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f64]) -> (Vec<f64>, f64) {
+    let m = residuals.len();
+    let n = jacobian.len() / m.max(1);
     let tenth = |deg: f64| (deg * 10.0).round() as i64;
-    let tilts: Vec<i64> = set
-        .observations
-        .iter()
-        .map(|o| tenth(o.pose.theta_c.deg()))
-        .collect();
-    let azimuths: Vec<i64> = set
-        .observations
-        .iter()
-        .map(|o| tenth(o.pose.phi_s.deg()).rem_euclid(3600))
-        .collect();
+    // None where a row is no observation of the sample.
+    let mut labels = vec![vec![None; m]; 3];
+    let mut first = 0;
+    for (scan, part) in parts.iter().enumerate() {
+        let set = part.estimate.problem.set();
+        for (i, o) in set.observations.iter().enumerate() {
+            labels[0][first + i] = Some(tenth(o.pose.theta_c.deg()));
+            labels[1][first + i] = Some(tenth(o.pose.phi_s.deg()).rem_euclid(3600));
+            labels[2][first + i] = Some(scan as i64);
+        }
+        first += part.estimate.problem.residual_count();
+    }
     let mut largest = vec![0.0_f64; n];
     let mut freedom = f64::INFINITY;
-    for labels in [tilts, azimuths] {
-        let mut names = labels.clone();
+    for labels in labels {
+        let mut names: Vec<i64> = labels.iter().copied().flatten().collect();
         names.sort_unstable();
         names.dedup();
         let groups = names.len() as f64;
@@ -376,10 +452,8 @@ fn left_out(estimate: &Estimate<'_>, m: usize, n: usize) -> (Vec<f64>, f64) {
         let mut sums = vec![0.0; n];
         let mut solved = 0.0;
         for name in &names {
-            let keep: Vec<usize> = (0..m)
-                .filter(|&i| labels.get(i).is_none_or(|label| label != name))
-                .collect();
-            if let Some(step) = step_without(estimate, &keep, m, n) {
+            let keep: Vec<usize> = (0..m).filter(|&i| labels[i] != Some(*name)).collect();
+            if let Some(step) = step_without(jacobian, residuals, &keep) {
                 for (sum, p) in sums.iter_mut().zip(&step) {
                     *sum += p * p;
                 }
@@ -398,20 +472,17 @@ fn left_out(estimate: &Estimate<'_>, m: usize, n: usize) -> (Vec<f64>, f64) {
 }
 
 /// One Gauss–Newton step on the kept rows alone, from the minimum of all.
-fn step_without(estimate: &Estimate<'_>, keep: &[usize], m: usize, n: usize) -> Option<Vec<f64>> {
-    let rows = keep.len();
+fn step_without(jacobian: &[f64], residuals: &[f64], keep: &[usize]) -> Option<Vec<f64>> {
+    let (rows, m) = (keep.len(), residuals.len());
+    let n = jacobian.len() / m.max(1);
     if rows <= n {
         return None;
     }
-    let jacobian = &estimate.minimum.jacobian;
     let mut a: Vec<f64> = Vec::with_capacity(rows * n);
     for j in 0..n {
         a.extend(keep.iter().map(|&i| jacobian[i + j * m]));
     }
-    let mut b: Vec<f64> = keep
-        .iter()
-        .map(|&i| -estimate.minimum.residuals[i])
-        .collect();
+    let mut b: Vec<f64> = keep.iter().map(|&i| -residuals[i]).collect();
     householder(&mut a, rows, n, &mut b);
     solve_upper(&a, rows, n, &mut b).then(|| b[..n].to_vec())
 }

@@ -5,11 +5,12 @@
 //! σ² + d²·s², s = |signal| + a tenth of the peak, with the one number d chosen such that χ² equals
 //! its degrees of freedom: d·s is the model's discrepancy.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use super::least_squares::{householder, sum_of_squares};
 use super::problem::{Problem, Quantity, Values, certified};
 use super::search::{Search, StartReport};
+use super::settle::{Settled, Weighing, with_tier};
 use super::solver::{Ending, Minimum, Settings, minimise};
 use super::traced::Tracing;
 use super::{FitOptions, Loss, Told};
@@ -28,8 +29,15 @@ const RIVAL_RISE: f64 = 25.0;
 /// Rise of the cost up to which a minimum is as good as the best one: the square of the report's
 /// coverage factor.
 const AMBIGUOUS_RISE: f64 = 4.0;
-/// Discrepancy above which a fit of the full closed form has missed the lobe.
-const UNEXPLAINED: f64 = 0.1;
+/// Discrepancy above which a fit of the full closed form has missed the lobe, or the sample is no
+/// sawtooth.
+const UNEXPLAINED: f64 = 0.06;
+/// Discrepancy above which a fit of the full closed form says aloud that it describes another
+/// surface: ideal ridges up to 30°, traced, are fitted to a third of it.
+pub(super) const LOUD: f64 = 0.03;
+/// Observations in the lobe up to which its shape has more than one explanation that only the final
+/// weights tell apart.
+const FEW_IN_LOBE: usize = 12;
 /// Rounds of a thorough search.
 const THOROUGH_ROUNDS: usize = 3;
 /// Rounds of discrepancy, weights and refit.
@@ -73,6 +81,13 @@ pub struct Estimate<'a> {
     pub rivals: Vec<Minimum>,
     /// What the ray tracer did, where the estimate hangs on it.
     pub traced: Option<Tracing>,
+}
+
+impl Estimate<'_> {
+    /// Whether the dear tier's corrections are in use.
+    pub(super) fn takes_tier(&self) -> bool {
+        self.tier_shift.iter().any(|s| *s != 0.0)
+    }
 }
 
 /// Takes what the user holds fixed out of what is free.
@@ -181,17 +196,15 @@ pub fn estimate<'a>(
             (t.quantity, Prior { mean, std })
         })
         .collect();
-    let scale: Vec<f64> = {
-        let floor = DISCREPANCY_FLOOR * peak(set);
-        set.observations
-            .iter()
-            .map(|o| o.signal.abs() + floor)
-            .collect()
-    };
+    let scale = misfit_scale(set);
     let own: Vec<f64> = set.observations.iter().map(|o| o.sigma).collect();
-    let weights = |d: f64| -> Vec<f64> {
-        let both = own.iter().zip(&scale);
-        both.map(|(o, s)| o.hypot(d * s)).collect()
+    let fitted = free.len();
+    let weighing = Weighing {
+        own: &own,
+        scale: &scale,
+        fitted,
+        options,
+        cancel,
     };
     // Flats at their full weight would drag a start about for the last digit of gain and tilt.
     let loose = set
@@ -199,14 +212,13 @@ pub fn estimate<'a>(
         .iter()
         .map(|f| f.sigma.hypot(FIRST_DISCREPANCY * f.signal));
     let first = Problem::new(set, variant, free, fixed)
-        .with_sigma(weights(FIRST_DISCREPANCY))
+        .with_sigma(weighing.sigma(FIRST_DISCREPANCY))
         .with_flat_sigma(loose.collect())
         .with_priors(&priors)
         .with_loss(options.loss);
     let settings = Settings::default();
     let mut search = Search::new(&fixed, options.seed, cancel);
     search.quick(&first, options.starts);
-    let fitted = first.free().len();
     // The starts leave the index at its nominal value; from here on it may move.
     let mut free = first.free().to_vec();
     let held = |q: &Quantity| {
@@ -238,7 +250,7 @@ pub fn estimate<'a>(
             let explained = best.cost <= SUSPICIOUS * observations as f64;
             (explained || variant == Variant::Paper) && search.confirmed(2)
         } else {
-            best.cost <= freedom * chance(freedom) && search.confirmed(2)
+            best.cost <= freedom * chance(freedom, LIKELY) && search.confirmed(2)
         }
     };
     let mut rounds = 0;
@@ -253,104 +265,66 @@ pub fn estimate<'a>(
         search.images(&problem);
         rounds += 1;
     }
-    let mut minimum = search.best()?.clone();
+    let minimum = search.best()?.clone();
     let starts = search.report();
     let candidates = search.rivals(RIVAL_RISE);
-    let mut discrepancy = if options.misfit {
-        FIRST_DISCREPANCY
-    } else {
-        0.0
+    let mut narrow: Vec<Minimum> = Vec::new();
+    let mut settled = Settled {
+        problem,
+        minimum,
+        discrepancy: if options.misfit {
+            FIRST_DISCREPANCY
+        } else {
+            0.0
+        },
     };
-    let mut shift = vec![0.0; minimum.parameters.len()];
-    let settle = |problem: &mut Problem<'a>, minimum: &mut Minimum, discrepancy: &mut f64| {
-        for _ in 0..ROUNDS {
-            let values = problem.unpack(&minimum.parameters);
-            let residuals: Vec<f64> = problem
-                .predicted(&values)
-                .iter()
-                .zip(&set.observations)
-                .map(|(p, o)| p - o.signal)
-                .collect();
-            let next = if options.misfit {
-                discrepancy_of(&residuals, &own, &scale, fitted, options.loss)
-            } else {
-                0.0
-            };
-            let settled = (next - *discrepancy).abs() <= 1e-3 * next;
-            *discrepancy = next;
-            *problem = problem.clone().with_sigma(weights(next));
-            let again = minimise(&*problem, &minimum.parameters, &bounds, &settings, cancel);
-            *minimum = again;
-            if settled || cancel.load(Ordering::Relaxed) {
-                break;
-            }
-        }
-    };
-    settle(&mut problem, &mut minimum, &mut discrepancy);
+    settled.settle(&weighing);
+    if options.misfit && tier.is_some() && in_lobe(&settled) <= FEW_IN_LOBE {
+        narrow = search.look_again(&settled.problem, &settled.minimum);
+    }
     // The weights of the starts may rank near minima wrongly; the final ones decide.
     let mut rivals: Vec<Minimum> = Vec::new();
+    let mut weights_moved = false;
     for other in &candidates {
-        let again = minimise(&problem, &other.parameters, &bounds, &settings, cancel);
-        if again.cost < minimum.cost && again.ending != Ending::NotFinite {
-            rivals.push(std::mem::replace(&mut minimum, again));
-            settle(&mut problem, &mut minimum, &mut discrepancy);
+        let again = settled.again(&other.parameters, cancel);
+        if again.cost < settled.minimum.cost && again.ending != Ending::NotFinite {
+            rivals.push(std::mem::replace(&mut settled.minimum, again));
+            settled.settle(&weighing);
+            weights_moved = true;
         } else {
             rivals.push(again);
         }
     }
-    rivals.retain(|m| {
-        let rise = m.cost - minimum.cost;
-        m.cost.is_finite() && rise < AMBIGUOUS_RISE && rise > 1e-6 * minimum.cost.max(1.0)
-    });
-    // χ² of a linear loss, the loss itself of another.
-    let misses = |problem: &Problem<'_>, minimum: &Minimum| -> f64 {
-        let values = problem.unpack(&minimum.parameters);
-        let predicted = problem.predicted(&values);
-        let terms = predicted.iter().zip(&set.observations);
-        terms
-            .map(|(p, o)| options.loss.bent((p - o.signal) / o.sigma).0.powi(2))
-            .sum()
-    };
-    if let Some(tier) = tier {
-        let mut dear = (problem.clone(), minimum.clone(), discrepancy);
-        let mut offsets = false;
-        for _ in 0..2 {
-            let values = dear.0.unpack(&dear.1.parameters);
-            let Some(correction) = tier(&dear.0, &values) else {
-                break;
-            };
-            dear.0 = dear.0.with_correction(correction);
-            settle(&mut dear.0, &mut dear.1, &mut dear.2);
-            offsets = true;
-        }
-        // A sample painted by the closed form itself would only be spoilt by the tier.
-        let better = if dear.2 == 0.0 && discrepancy == 0.0 {
-            misses(&dear.0, &dear.1) <= misses(&problem, &minimum)
-        } else {
-            dear.2 < discrepancy
-        };
-        if offsets && better {
-            for (s, (a, b)) in shift
-                .iter_mut()
-                .zip(dear.1.parameters.iter().zip(&minimum.parameters))
-            {
-                *s = a - b;
-            }
-            (problem, minimum, discrepancy) = dear;
+    if weights_moved {
+        for rival in &mut rivals {
+            *rival = settled.again(&rival.parameters, cancel);
         }
     }
+    rivals.retain(|m| {
+        let (cost, rise) = (settled.minimum.cost, m.cost - settled.minimum.cost);
+        m.cost.is_finite() && rise < AMBIGUOUS_RISE && rise > 1e-6 * cost.max(1.0)
+    });
+    let mut shift = vec![0.0; settled.minimum.parameters.len()];
+    if let Some(tier) = tier {
+        let found = with_tier(settled, tier, &search, &narrow, &weighing);
+        settled = found.settled;
+        shift = found.shift;
+        if found.elsewhere {
+            rivals.clear();
+        }
+        rivals.extend(found.rivals);
+    }
+    let Settled {
+        mut problem,
+        mut minimum,
+        discrepancy,
+    } = settled;
     let values = problem.unpack(&minimum.parameters);
     let predicted = problem.predicted(&values);
-    let loss_weights: Vec<f64> = predicted
-        .iter()
-        .zip(&set.observations)
-        .zip(problem.sigma())
-        .map(|((p, o), sigma)| options.loss.weight((p - o.signal) / sigma))
-        .collect();
+    let loss_weights = loss_weights(&problem, &values, options.loss);
     if options.loss != Loss::Linear {
         // The same point as the minimum of least squares, in which form the budget reads it.
-        let sigma = problem.sigma().iter().zip(&loss_weights);
-        let sigma = sigma.map(|(s, w)| s / w.max(LEAST_WEIGHT).sqrt()).collect();
+        let sigma = lightened(&problem, &loss_weights);
         problem = problem.with_loss(Loss::Linear).with_sigma(sigma);
         minimum = minimise(&problem, &minimum.parameters, &bounds, &settings, cancel);
     }
@@ -362,11 +336,7 @@ pub fn estimate<'a>(
     };
     let count = set.observations.len();
     let freedom = count.saturating_sub(fitted).max(1) as f64;
-    let explained = if options.misfit {
-        variant == Variant::Paper || discrepancy <= UNEXPLAINED
-    } else {
-        minimum.cost <= freedom * chance(freedom)
-    };
+    let explained = explained(variant, options, discrepancy, minimum.cost, freedom);
     let peak = peak(set);
     Some(Estimate {
         chi2_reduced_without_model: squares(&|i| 1.0 / own[i]) / freedom,
@@ -392,6 +362,63 @@ pub fn estimate<'a>(
     })
 }
 
+/// Scale on which the model may miss each observation: its signal and a tenth of the peak.
+pub(super) fn misfit_scale(set: &ObservationSet) -> Vec<f64> {
+    let floor = DISCREPANCY_FLOOR * peak(set);
+    let signals = set.observations.iter().map(|o| o.signal.abs());
+    signals.map(|s| s + floor).collect()
+}
+
+/// Weight that a loss leaves each observation at `values`.
+pub(super) fn loss_weights(problem: &Problem<'_>, values: &Values, loss: Loss) -> Vec<f64> {
+    let predicted = problem.predicted(values);
+    let pairs = predicted.iter().zip(&problem.set().observations);
+    let residuals = pairs.map(|(p, o)| p - o.signal).zip(problem.sigma());
+    residuals.map(|(r, sigma)| loss.weight(r / sigma)).collect()
+}
+
+/// Standard uncertainties with which least squares give each observation that weight.
+pub(super) fn lightened(problem: &Problem<'_>, weights: &[f64]) -> Vec<f64> {
+    let both = problem.sigma().iter().zip(weights);
+    both.map(|(s, w)| s / w.max(LEAST_WEIGHT).sqrt()).collect()
+}
+
+/// Whether the scatter is what noise, or a small misfit of the model, accounts for.
+pub(super) fn explained(
+    variant: Variant,
+    options: &FitOptions,
+    discrepancy: f64,
+    cost: f64,
+    freedom: f64,
+) -> bool {
+    if options.misfit {
+        variant == Variant::Paper || discrepancy <= UNEXPLAINED
+    } else {
+        cost <= freedom * chance(freedom, RARE)
+    }
+}
+
+/// Observations where the facets' lobe is above a twentieth of its top.
+fn in_lobe(settled: &Settled<'_>) -> usize {
+    let problem = &settled.problem;
+    let values = problem.unpack(&settled.minimum.parameters);
+    let (ready, radius) = (
+        problem.ready(&values),
+        problem.set().rig.light_angular_radius.rad(),
+    );
+    let (s, c) = values.theta_r.abs().sin_cos();
+    let lamp = radius * radius / 8.0;
+    let inside = |i: &usize| {
+        let d = problem.directions(*i, &ready).0;
+        let h = d.incident + d.outgoing;
+        let m = h.y * s + h.z * c;
+        let (x, y) = (h.x / m, (h.y * c - h.z * s) / m);
+        let along = x * x / (values.alpha_u * values.alpha_u + lamp);
+        m > 0.0 && along + y * y / (values.alpha_v * values.alpha_v + lamp) < 3.0
+    };
+    (0..problem.set().observations.len()).filter(inside).count()
+}
+
 /// Whether the poses are so few, or their azimuths, that near symmetries make near minima.
 fn few_directions(set: &ObservationSet) -> bool {
     let mut azimuths: Vec<i64> = set
@@ -404,10 +431,16 @@ fn few_directions(set: &ObservationSet) -> bool {
     azimuths.len() <= 4 || set.observations.len() <= 24
 }
 
-/// χ²/ν that noise alone passes once in a thousand (Wilson and Hilferty 1931).
-fn chance(freedom: f64) -> f64 {
+/// Normal quantile that one in four passes: a χ² above it is looked at once more.
+const LIKELY: f64 = 0.674;
+/// Normal quantile that one in a thousand passes.
+const RARE: f64 = 3.09;
+
+/// χ²/ν that noise alone passes as seldom as a normal variable passes `quantile` (Wilson and Hilferty
+/// 1931).
+pub(super) fn chance(freedom: f64, quantile: f64) -> f64 {
     let spread = 2.0 / (9.0 * freedom);
-    (1.0 - spread + 3.09 * spread.sqrt()).powi(3)
+    (1.0 - spread + quantile * spread.sqrt()).powi(3)
 }
 
 /// The d for which Σ r²/(σ² + d² s²) equals the degrees of freedom; 0 where σ alone suffices.
@@ -433,7 +466,7 @@ pub(super) fn discrepancy_of(
         squares.sort_by(f64::total_cmp);
         squares[squares.len() / 2] / MEDIAN_OF_CHI2 * squares.len() as f64
     };
-    if chi2(0.0) <= freedom * chance(freedom) {
+    if chi2(0.0) <= freedom * chance(freedom, RARE) {
         return 0.0;
     }
     let (mut low, mut high) = (0.0, 1e-6);

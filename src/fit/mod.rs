@@ -8,7 +8,7 @@
 //! The one function to call is [`fit`]. Rooms within: [`least_squares`] what a problem is ·
 //! [`solver`] bounded Levenberg–Marquardt · [`quantity`] what can be looked for · [`problem`] the
 //! observation model · [`loss`] how residuals count · [`start`] where to begin and [`search`] how far
-//! to look · [`estimate`] one variant · [`tier`] the dearer model as an offset · [`traced`] the ray tracer
+//! to look (`crew`: all starts at once) · [`estimate`] one variant · `settle` its weights · [`tier`] the dearer model as an offset · [`traced`] the ray tracer
 //! in its place · [`covariance`] and [`budget`] how sure · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice ·
 //! [`trail`] against time · [`report`] the answer's form. It knows neither frames nor files nor the clock.
 
@@ -21,6 +21,7 @@ use crate::trace::profile::Profile;
 
 pub mod budget;
 pub mod covariance;
+mod crew;
 mod descent;
 pub mod estimate;
 pub mod intervals;
@@ -31,6 +32,7 @@ pub mod profile;
 pub mod quantity;
 pub mod report;
 pub mod search;
+mod settle;
 pub mod solver;
 pub mod start;
 pub mod text;

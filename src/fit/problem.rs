@@ -118,6 +118,22 @@ impl<'a> Problem<'a> {
         self
     }
 
+    /// The same problem with other values of what is not free.
+    #[must_use]
+    pub fn with_fixed(mut self, fixed: Values) -> Self {
+        self.fixed = fixed;
+        self
+    }
+
+    /// The same problem without what is known beforehand of some quantities: another problem that
+    /// is solved together with this one states it.
+    #[must_use]
+    pub fn without_priors(mut self, of: &[Quantity]) -> Self {
+        self.told.retain(|(q, _)| !of.contains(q));
+        self.priors.retain(|(q, _)| !of.contains(q));
+        self
+    }
+
     /// The same problem with priors of the user, in natural units: angles in radians, θr ≥ 0,
     /// roughness as it is. Those on quantities that are not free are ignored.
     #[must_use]
@@ -440,7 +456,39 @@ impl<'a> Problem<'a> {
         values.scale * self.reflectance() / PI * cosine + values.background
     }
 
-    fn reflectance(&self) -> f64 {
+    /// Residual of prior number `row`, its quantity, and the residual's slope in the solver's unit.
+    pub(super) fn prior_row(&self, row: usize, values: &Values) -> (f64, Quantity, f64) {
+        let (quantity, prior) = self.priors[row];
+        let mut away = values.natural(quantity) - prior.mean;
+        if quantity == Quantity::AzimuthOffset {
+            away = Angle::from_rad(away).wrapped().rad();
+        }
+        let slope = match quantity {
+            Quantity::ThetaR if values.theta_r < 0.0 => -1.0,
+            Quantity::AlphaU => values.alpha_u,
+            Quantity::AlphaV => values.alpha_v,
+            _ => 1.0,
+        };
+        (away / prior.std, quantity, slope / prior.std)
+    }
+
+    /// Whether this is the full sawtooth of a far rig by least squares, without corrections.
+    pub(super) fn is_plain(&self) -> bool {
+        self.variant == Variant::Sawtooth
+            && self.set.views.is_empty()
+            && self.loss == Loss::Linear
+            && !self.logarithmic
+            && self.factor.iter().all(|f| *f == 1.0)
+            && self.correction.iter().all(|c| *c == 0.0)
+    }
+
+    /// Sines and cosines of the recorded tilts and azimuths, known zeros included.
+    pub(super) fn poses(&self) -> &[[(f64, f64); 2]] {
+        &self.poses
+    }
+
+    /// Of the white reference; 1 without one.
+    pub(super) fn reflectance(&self) -> f64 {
         self.set.white_reference.map_or(1.0, |w| w.reflectance)
     }
 }
@@ -521,22 +569,12 @@ impl LeastSquares for &Problem<'_> {
                     };
             }
         }
-        for (row, (quantity, prior)) in self.priors.iter().enumerate() {
+        for row in 0..self.priors.len() {
             let i = samples + flats + row;
-            let mut away = values.natural(*quantity) - prior.mean;
-            if *quantity == Quantity::AzimuthOffset {
-                away = Angle::from_rad(away).wrapped().rad();
-            }
-            residuals[i] = away / prior.std;
-            let slope = match quantity {
-                Quantity::ThetaR if values.theta_r < 0.0 => -1.0,
-                Quantity::AlphaU => values.alpha_u,
-                Quantity::AlphaV => values.alpha_v,
-                _ => 1.0,
-            };
+            let (residual, quantity, slope) = self.prior_row(row, &values);
+            residuals[i] = residual;
             for (j, q) in self.free.iter().enumerate() {
-                let own = q == quantity;
-                jacobian[i + j * m] = if own { slope / prior.std } else { 0.0 };
+                jacobian[i + j * m] = if *q == quantity { slope } else { 0.0 };
             }
         }
     }

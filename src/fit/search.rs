@@ -13,14 +13,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 use sobol_burley::sample;
 
+use super::crew::{End, descend_together};
 use super::problem::{Problem, Values};
 use super::solver::{Ending, Minimum, Settings, minimise};
-use super::start::{settle_linear, spread, starts};
+use super::start::{distance, settle_linear, spread, starts};
 
 /// Relative difference in cost below which two ends are one minimum.
 const SAME: f64 = 1e-6;
 /// Different ends of the quick look that are refined.
 const REFINED: usize = 4;
+/// How different ends are that count as other surfaces (see [`distance`]).
+const APART: f64 = 0.3;
 /// Candidates of a thorough round and those that are descended.
 const POOL: u32 = 512;
 const DESCENDED: usize = 24;
@@ -93,11 +96,14 @@ impl<'p> Search<'p> {
         };
         let bounds = problem.bounds();
         let cancel = self.cancel;
-        let mut ends: Vec<Minimum> = starts
-            .par_iter()
-            .map(|v| minimise(lean, &lean.pack(v), &bounds, &rough, cancel))
-            .filter(usable)
-            .collect();
+        let mut ends: Vec<Minimum> = match descend_together(problem, starts, cancel) {
+            Some(ends) => ends.into_iter().map(Minimum::from).collect(),
+            None => starts
+                .par_iter()
+                .map(|v| minimise(lean, &lean.pack(v), &bounds, &rough, cancel))
+                .collect(),
+        };
+        ends.retain(usable);
         ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         let fine = Settings {
             polish_steps: 20,
@@ -242,6 +248,38 @@ impl<'p> Search<'p> {
         chosen
     }
 
+    /// Looks around an end with other weights; the different ends that it finds, the best first.
+    pub(super) fn look_again(&mut self, problem: &Problem<'_>, around: &Minimum) -> Vec<Minimum> {
+        let before = std::mem::replace(&mut self.runs, vec![around.clone()]);
+        self.around_best = true;
+        self.thorough(problem);
+        let found = self.distinct(problem, &around.parameters, RIVALS);
+        self.runs = before;
+        found
+    }
+
+    /// Up to `count` ends of other surfaces than that at `known`, the best first, whatever they cost.
+    pub(super) fn distinct(
+        &self,
+        problem: &Problem<'_>,
+        known: &[f64],
+        count: usize,
+    ) -> Vec<Minimum> {
+        let mut ends: Vec<&Minimum> = self.runs.iter().filter(|m| usable(m)).collect();
+        ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        let surface = |x: &[f64]| problem.unpack(x).folded();
+        let mut seen = vec![surface(known)];
+        let mut chosen = Vec::new();
+        for end in ends {
+            let here = surface(&end.parameters);
+            if chosen.len() < count && seen.iter().all(|s| distance(s, &here) > APART) {
+                seen.push(here);
+                chosen.push(end.clone());
+            }
+        }
+        chosen
+    }
+
     /// Refines all different ends on a problem with other weights or more free parameters; their
     /// counts stay.
     pub(super) fn carry_over(&mut self, from: &Problem<'_>, to: &Problem<'_>) {
@@ -305,6 +343,20 @@ impl<'p> Search<'p> {
             at_minimum,
             elsewhere,
             not_converged: self.runs.len() - at_minimum - elsewhere,
+        }
+    }
+}
+
+impl From<End> for Minimum {
+    fn from(end: End) -> Self {
+        Minimum {
+            parameters: end.parameters,
+            residuals: Vec::new(),
+            jacobian: Vec::new(),
+            cost: end.cost,
+            ending: Ending::ConvergedByCost,
+            at_bound: Vec::new(),
+            evaluations: 0,
         }
     }
 }

@@ -295,7 +295,7 @@ pub(super) fn settle_linear(problem: &Problem<'_>, mut values: Values) -> (f64, 
 }
 
 /// How different two starts are, in units of what a descent bridges easily.
-fn distance(a: &Values, b: &Values) -> f64 {
+pub(super) fn distance(a: &Values, b: &Values) -> f64 {
     let lean = |v: &Values| {
         let (s, c) = v.azimuth_offset.sin_cos();
         (v.theta_r.sin() * c, v.theta_r.sin() * s)

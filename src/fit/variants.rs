@@ -7,7 +7,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::budget::{Budget, Uncertainty, judged, tied, uncertainty};
-use super::estimate::{Estimate, Tier, estimate, free_quantities, peak};
+use super::estimate::{Estimate, LOUD, Tier, estimate, free_quantities, peak};
 use super::intervals;
 use super::problem::{Quantity, Values, drift_std, reference_std};
 use super::report::{
@@ -235,6 +235,12 @@ fn refusal(set: &ObservationSet) -> Option<Status> {
     (set.observations.len() < needed).then_some(Status::TooFewObservations)
 }
 
+/// Why a set cannot be fitted at all, in words.
+pub(super) fn refused(set: &ObservationSet, options: &FitOptions) -> Option<String> {
+    let status = refusal(set)?;
+    empty(set, options, status).warnings.pop()
+}
+
 /// A report without numbers.
 fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitReport {
     let reason = match status {
@@ -328,7 +334,12 @@ fn shape_unknown(e: &Estimate<'_>, u: &Uncertainty) -> bool {
     })
 }
 
-fn summary(e: &Estimate<'_>, variant: VariantName, status: Status, qaic: f64) -> VariantSummary {
+pub(super) fn summary(
+    e: &Estimate<'_>,
+    variant: VariantName,
+    status: Status,
+    qaic: f64,
+) -> VariantSummary {
     let values = e.values.folded();
     let free = |q| e.problem.free().contains(&q);
     VariantSummary {
@@ -351,7 +362,7 @@ pub fn report_of(e: &Estimate<'_>, variant: VariantName) -> FitReport {
     report_with(e, &uncertainty(e), variant)
 }
 
-fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> FitReport {
+pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> FitReport {
     let set = e.problem.set();
     let status = status(e, u);
     let mut warnings = set.warnings.clone();
@@ -369,6 +380,14 @@ fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> FitRe
              the lobe; look at the residuals, take more poses around the bright spot or more starts"
                 .to_owned(),
         );
+    }
+    if e.discrepancy > LOUD && variant != VariantName::Paper {
+        warnings.push(format!(
+            "the model misses the data by {:.1} % of the signals: ridges of one angle and roughness are \
+             described three times better, so this is another surface or another minimum; do not \
+             trust the parameters before --variant traced or a look at the residuals confirms them",
+            100.0 * e.discrepancy
+        ));
     }
     let light = e.loss_weights.iter().filter(|w| **w < 0.1).count();
     if light > 0 {
@@ -447,7 +466,7 @@ fn ambiguity(e: &Estimate<'_>, rival: &Minimum) -> String {
     format!(
         "another surface fits as well (χ² higher by {:.2}): θr {:.2}°, αu {:.4}, αv {:.4}, azimuth \
          offset {:.2}°; the uncertainties cover both, more azimuths would tell them apart",
-        rival.cost - e.minimum.cost,
+        (rival.cost - e.minimum.cost).max(0.0),
         v.theta_r.to_degrees(),
         v.alpha_u,
         v.alpha_v,
@@ -658,7 +677,7 @@ fn left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
             Some(e.rms_residual),
         )),
         VariantName::Sawtooth => {
-            if e.tier_shift.iter().all(|s| *s == 0.0) {
+            if !e.takes_tier() {
                 list.push(entry(
                     "two-bounce quadrature",
                     "the closed form describes these data better than with its second bounce \

@@ -21,7 +21,7 @@
 
 use pulp::Simd;
 
-use super::lanes::Lane;
+use crate::model::lanes::Lane;
 
 /// Numbers that describe one observation's geometry; see [`Geometry`].
 pub(super) const GEOMETRY: usize = 7;

@@ -4,7 +4,7 @@
 //! Call [`map`]. It reads darks and flats, turns and stretches every sample frame back into the
 //! sample's frame (`observe`, `view`), settles on a sample of pixels what all of them share
 //! (`settle`, `globals`), fits every pixel with the `sawtooth` closed form, several pixels per
-//! vector register and tiles in parallel (`kernel`, `lanes`, `solve`, `dear`, `integrated`), marks borders and
+//! vector register and tiles in parallel (`kernel`, `solve`, `dear`, `integrated`), marks borders and
 //! defects (`defects`), and sums up. [`write::write`] makes the files; [`folder::map_into`] does both. Time grows with pixels ×
 //! observations; memory is bounded by [`MapOptions::memory_bytes_max`], beyond which planes go to a
 //! scratch file.
@@ -20,7 +20,6 @@ mod globals;
 mod integrated;
 mod inverse;
 mod kernel;
-mod lanes;
 pub mod layers;
 mod observe;
 mod picture;

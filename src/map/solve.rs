@@ -10,7 +10,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::inverse::invert;
 use super::kernel::{GEOMETRY, Geometry, Parameters, Shape, row};
-use super::lanes::Lane;
+use crate::model::lanes::Lane;
 
 /// Free parameters per pixel.
 pub(super) const FREE: usize = 5;

@@ -18,6 +18,7 @@ pub mod fresnel;
 pub mod gauss;
 mod gradient_paper;
 mod gradient_sawtooth;
+pub(crate) mod lanes;
 pub mod paper;
 pub mod picture;
 pub mod polarisation;

@@ -1,4 +1,4 @@
-//! Several pixels in one register: a number type over `pulp`'s run-time chosen vector width.
+//! Several pixels, or several starts, in one register: a number type over `pulp`'s run-time chosen vector width.
 //!
 //! One [`Lane`] is 8 doubles with AVX-512, 4 with AVX2, 1 elsewhere. Everything here is inlined
 //! into the function that `pulp` compiles once per instruction set; that is what makes the choice
@@ -10,60 +10,60 @@ use pulp::Simd;
 
 /// One number per pixel.
 #[derive(Clone, Copy)]
-pub(super) struct Lane<S: Simd>(pub S, pub S::f64s);
+pub(crate) struct Lane<S: Simd>(pub S, pub S::f64s);
 
 /// One yes or no per pixel.
 #[derive(Clone, Copy)]
-pub(super) struct Mask<S: Simd>(S, S::m64s);
+pub(crate) struct Mask<S: Simd>(S, S::m64s);
 
 impl<S: Simd> Lane<S> {
     /// Pixels per register.
-    pub(super) const WIDTH: usize = S::F64_LANES;
+    pub(crate) const WIDTH: usize = S::F64_LANES;
 
     #[inline(always)]
-    pub(super) fn splat(simd: S, x: f64) -> Self {
+    pub(crate) fn splat(simd: S, x: f64) -> Self {
         Lane(simd, simd.splat_f64s(x))
     }
 
     /// Lanes `at * WIDTH ..` of a slice.
     #[inline(always)]
-    pub(super) fn load(simd: S, from: &[f64], at: usize) -> Self {
+    pub(crate) fn load(simd: S, from: &[f64], at: usize) -> Self {
         Lane(simd, S::as_simd_f64s(from).0[at])
     }
 
     #[inline(always)]
-    pub(super) fn store(self, to: &mut [f64], at: usize) {
+    pub(crate) fn store(self, to: &mut [f64], at: usize) {
         S::as_mut_simd_f64s(to).0[at] = self.1;
     }
 
     /// self · a + b, fused where the machine can.
     #[inline(always)]
-    pub(super) fn mul_add(self, a: Self, b: Self) -> Self {
+    pub(crate) fn mul_add(self, a: Self, b: Self) -> Self {
         Lane(self.0, self.0.mul_add_e_f64s(self.1, a.1, b.1))
     }
 
     #[inline(always)]
-    pub(super) fn sqrt(self) -> Self {
+    pub(crate) fn sqrt(self) -> Self {
         Lane(self.0, self.0.sqrt_f64s(self.1))
     }
 
     #[inline(always)]
-    pub(super) fn abs(self) -> Self {
+    pub(crate) fn abs(self) -> Self {
         Lane(self.0, self.0.abs_f64s(self.1))
     }
 
     #[inline(always)]
-    pub(super) fn max(self, other: Self) -> Self {
+    pub(crate) fn max(self, other: Self) -> Self {
         Lane(self.0, self.0.max_f64s(self.1, other.1))
     }
 
     #[inline(always)]
-    pub(super) fn min(self, other: Self) -> Self {
+    pub(crate) fn min(self, other: Self) -> Self {
         Lane(self.0, self.0.min_f64s(self.1, other.1))
     }
 
     #[inline(always)]
-    pub(super) fn less(self, other: Self) -> Mask<S> {
+    pub(crate) fn less(self, other: Self) -> Mask<S> {
         Mask(self.0, self.0.less_than_f64s(self.1, other.1))
     }
 
@@ -71,7 +71,7 @@ impl<S: Simd> Lane<S> {
     ///
     /// (e^(−q/128))^128 by seven squarings: `pulp` has no shift of 64-bit lanes to build 2^k with.
     #[inline(always)]
-    pub(super) fn exp_neg(self) -> Self {
+    pub(crate) fn exp_neg(self) -> Self {
         // Taylor about the middle of [0, 60/128]: |d| ≤ 0.234, 0.234¹⁰/10! = 1.4e-13 (× 128).
         let d = Self::splat(self.0, CENTRE)
             - self.min(Self::splat(self.0, 60.0)) * Self::splat(self.0, 1.0 / 128.0);
@@ -87,7 +87,7 @@ impl<S: Simd> Lane<S> {
 
     /// e^x for |x| ≤ 1 by its series; 1/17! = 3e-15 is left out.
     #[inline(always)]
-    pub(super) fn exp_small(self) -> Self {
+    pub(crate) fn exp_small(self) -> Self {
         let mut e = Self::splat(self.0, 1.0);
         for n in (1..=16).rev() {
             e = (e * self).mul_add(
@@ -100,7 +100,7 @@ impl<S: Simd> Lane<S> {
 
     /// sin x and cos x for |x| ≤ 0.7 by their series; 0.7¹⁴/14! = 8e-14 is left out.
     #[inline(always)]
-    pub(super) fn sin_cos_small(self) -> (Self, Self) {
+    pub(crate) fn sin_cos_small(self) -> (Self, Self) {
         let minus = -(self * self);
         let (mut sin, mut cos) = (Self::splat(self.0, 1.0), Self::splat(self.0, 1.0));
         for n in (1..=6).rev() {
@@ -124,12 +124,12 @@ const EXP_CENTRE: f64 = 0.791_065_110_850_296;
 
 impl<S: Simd> Mask<S> {
     #[inline(always)]
-    pub(super) fn select(self, yes: Lane<S>, no: Lane<S>) -> Lane<S> {
+    pub(crate) fn select(self, yes: Lane<S>, no: Lane<S>) -> Lane<S> {
         Lane(self.0, self.0.select_f64s(self.1, yes.1, no.1))
     }
 
     #[inline(always)]
-    pub(super) fn and(self, other: Self) -> Self {
+    pub(crate) fn and(self, other: Self) -> Self {
         Mask(self.0, self.0.and_m64s(self.1, other.1))
     }
 }

@@ -1,0 +1,205 @@
+//! The lanes against the scalar lean form, which has the riser's share too.
+
+use pulp::Scalar;
+
+use super::*;
+use crate::fit::estimate::free_quantities;
+use crate::fit::least_squares::LeastSquares;
+use crate::fit::solver::{Settings, minimise};
+use crate::geometry::{Pose, RigGeometry};
+use crate::material::Material;
+use crate::model::Variant;
+use crate::observation::{
+    FlatObservation, Observation, ObservationSet, Prior, SharedErrors, WhiteReference,
+};
+use crate::units::Angle;
+
+fn set(metal: bool, beside: bool) -> ObservationSet {
+    let quarter = Angle::from_deg(if beside { 90.0 } else { 0.0 });
+    let observations = (0..60).map(|k| Observation {
+        pose: Pose::from_deg(
+            -20.0 + 10.0 * f64::from(k / 12),
+            30.0 * f64::from(k % 12) + 7.0,
+        ),
+        signal: 0.1 + 0.01 * f64::from(k % 7),
+        sigma: 0.01 + 0.001 * f64::from(k % 5),
+        shared: SharedErrors::default(),
+        n_frames: 1,
+    });
+    ObservationSet {
+        rig: RigGeometry {
+            light_azimuth: quarter,
+            azimuth_zero: quarter,
+            ..RigGeometry::IN_PLANE
+        },
+        material: if metal {
+            Material::Conductor {
+                eta: 2.9,
+                k: 3.1,
+                eta_std: 0.0,
+                k_std: 0.0,
+            }
+        } else {
+            Material::Dielectric {
+                eta: 1.54,
+                eta_std: 0.0,
+            }
+        },
+        observations: observations.collect(),
+        views: Vec::new(),
+        flats: (0..5)
+            .map(|k| FlatObservation {
+                theta_c: Angle::from_deg(-20.0 + 10.0 * f64::from(k)),
+                signal: 0.3,
+                sigma: 0.01,
+            })
+            .collect(),
+        white_reference: Some(WhiteReference {
+            reflectance: 0.99,
+            reflectance_std: 0.005,
+        }),
+        background: Prior {
+            mean: 0.001,
+            std: 0.005,
+        },
+        region: None,
+        region_azimuth: Angle::ZERO,
+        n_frames_used: 0,
+        rejected_frames: Vec::new(),
+        warnings: Vec::new(),
+    }
+}
+
+fn problem(set: &ObservationSet) -> Problem<'_> {
+    let (free, fixed) = free_quantities(set, Variant::Sawtooth);
+    Problem::new(set, Variant::Sawtooth, free, fixed).with_lean(true)
+}
+
+/// Points on both sides of θr = 0 whose risers send nothing back at these poses.
+fn points(problem: &Problem<'_>) -> Vec<Values> {
+    let mut points = Vec::new();
+    for (n, theta_r_deg) in [9.0f64, -14.0, 22.0, 3.0].into_iter().enumerate() {
+        let mut v = problem.unpack(&vec![0.1; problem.free().len()]);
+        v.theta_r = theta_r_deg.to_radians();
+        v.alpha_u = 0.1 + 0.03 * n as f64;
+        v.alpha_v = 0.2 - 0.03 * n as f64;
+        v.rho_d = if problem.free().contains(&Quantity::RhoD) {
+            0.3
+        } else {
+            0.0
+        };
+        v.scale = 0.9;
+        v.background = 0.004;
+        v.azimuth_offset = 0.4 * n as f64;
+        v.tilt_offset = 0.02 * n as f64 - 0.03;
+        points.push(v);
+    }
+    points
+}
+
+#[test]
+fn a_lane_has_cost_gradient_and_normal_matrix_of_the_lean_problem() {
+    for (metal, beside) in [(false, false), (true, true), (false, true)] {
+        let set = set(metal, beside);
+        let problem = problem(&set);
+        let (n, m) = (problem.free().len(), problem.residual_count());
+        let columns: Vec<usize> = problem
+            .free()
+            .iter()
+            .map(|q| {
+                COLUMNS
+                    .iter()
+                    .position(|c| c == q)
+                    .expect("no index is free")
+            })
+            .collect();
+        let table = Table::new(&problem, columns.clone());
+        for v in points(&problem) {
+            let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * n]);
+            (&problem).evaluate(&problem.pack(&v), &mut r, &mut j);
+            let state = State::new(&table, &v);
+            let mut sums = vec![0.0; 1 + N + PACKED];
+            evaluate(Scalar::new(), &table, &[state], &mut sums);
+            let mut gradient: [f64; N] = std::array::from_fn(|a| sums[1 + a]);
+            let mut normal: [f64; PACKED] = std::array::from_fn(|k| sums[1 + N + k]);
+            let cost = sums[0] + rest(&table, &v, &mut gradient, &mut normal);
+            let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+            let column = |k: usize| &j[k * m..(k + 1) * m];
+            // The exponential keeps ten digits; a sum of products the size of its largest terms.
+            let close = |a: f64, b: f64, size: f64| (a - b).abs() <= 1e-9 * size;
+            assert!(close(cost, dot(&r, &r), cost), "{cost} {}", dot(&r, &r));
+            for (k, c) in columns.iter().enumerate() {
+                let size = (dot(column(k), column(k)) * dot(&r, &r)).sqrt();
+                let found = gradient[*c];
+                assert!(
+                    close(found, dot(column(k), &r), size),
+                    "{metal} {:?}: {found} {}",
+                    problem.free()[k],
+                    dot(column(k), &r)
+                );
+                for (l, d) in columns.iter().enumerate() {
+                    let found = normal[packed(*c.max(d), *c.min(d))];
+                    let size = (dot(column(k), column(k)) * dot(column(l), column(l))).sqrt();
+                    assert!(close(found, dot(column(k), column(l)), size));
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn lanes_end_where_the_scalar_descent_ends() {
+    let never = AtomicBool::new(false);
+    for metal in [false, true] {
+        let mut set = set(metal, false);
+        let blank = problem(&set);
+        let truth = points(&blank)[0];
+        let painted = blank.predicted(&truth);
+        drop(blank);
+        for (o, clean) in set.observations.iter_mut().zip(&painted) {
+            o.signal = *clean;
+        }
+        let problem = problem(&set);
+        let starts: Vec<Values> = [-0.03, 0.0, 0.02, 0.04, 0.05]
+            .into_iter()
+            .map(|away| {
+                let mut v = truth;
+                v.theta_r += away;
+                v.alpha_v *= 1.2;
+                v
+            })
+            .collect();
+        let ends = descend_together(&problem, &starts, &never).expect("a plain problem");
+        let settings = Settings::default();
+        let x = problem.pack(&truth);
+        let scalar = minimise(&problem, &x, &problem.bounds(), &settings, &never);
+        assert_eq!(ends.len(), starts.len());
+        for end in ends {
+            assert!(
+                end.cost <= scalar.cost * (1.0 + 1e-6),
+                "{} {}",
+                end.cost,
+                scalar.cost
+            );
+        }
+    }
+}
+
+#[test]
+fn what_lanes_do_not_know_is_left_to_the_scalar_way() {
+    let set = set(false, false);
+    let never = AtomicBool::new(false);
+    let plain = problem(&set);
+    let start = points(&plain);
+    let corrected = plain.clone().with_correction(vec![1e-3; 60]);
+    assert_eq!(descend_together(&corrected, &start, &never), None);
+    let mut free = plain.free().to_vec();
+    free.push(Quantity::Eta);
+    assert_eq!(
+        descend_together(&plain.clone().with_free(free), &start, &never),
+        None
+    );
+    let (free, fixed) = free_quantities(&set, Variant::Paper);
+    let paper = Problem::new(&set, Variant::Paper, free, fixed);
+    assert_eq!(descend_together(&paper, &start, &never), None);
+}

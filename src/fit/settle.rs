@@ -1,0 +1,220 @@
+//! A minimum, the size of the model's misfit that its weights stand on, and the dear tier on top.
+//!
+//! The one function to call is [`with_tier`]. It does not search: it is handed the ends of a search.
+//! The closed form may rank them wrongly where it misses most, on steep and rough ridges: a surface
+//! far away then describes the data better than the closed form at the truth does, and only with the
+//! second bounce integrated the right one wins. So where the best end keeps a misfit that the
+//! integrated form never has on ridges of one angle, the tier is asked about the others too.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::FitOptions;
+use super::estimate::{ROUNDS, Tier, discrepancy_of};
+use super::problem::Problem;
+use super::search::Search;
+use super::solver::{Ending, Minimum, Settings, minimise};
+use super::start::distance;
+
+/// Discrepancy above which the fit with the tier is doubted: on traced ideal ridges up to 30° it
+/// stays below.
+const DOUBTFUL: f64 = 0.015;
+/// Other ends that are tried with the tier then.
+const TRIALS: usize = 6;
+/// Near ends of a narrow lobe that are tried with the tier in any case.
+const NARROW_TRIALS: usize = 3;
+/// Misfit of another end, as a multiple of the best one's, up to which it is no worse where neither
+/// describes the data: a misfit is not independent from pose to pose, and no χ² tells them apart.
+const AS_GOOD: f64 = 1.25;
+/// How far apart two ends are at least to be two surfaces (see [`distance`]).
+const SAME: f64 = 0.05;
+/// How many times smaller the misfit of another end of a narrow lobe has to be.
+const CLEAR_GAIN: f64 = 2.0;
+/// Passes of tier and refit at most.
+const PASSES: usize = 5;
+/// Change of ridge angle (rad) and logarithm of roughness below which passes stay where they are.
+const STILL: f64 = 1e-4;
+
+/// What the observations' weights are made of.
+pub(super) struct Weighing<'s> {
+    /// The observations' own standard uncertainties.
+    pub own: &'s [f64],
+    /// Scale on which the model may miss an observation.
+    pub scale: &'s [f64],
+    /// Free parameters without those that only move within a stated uncertainty.
+    pub fitted: usize,
+    pub options: &'s FitOptions,
+    pub cancel: &'s AtomicBool,
+}
+
+impl Weighing<'_> {
+    /// Standard uncertainties of the observations at a discrepancy.
+    pub(super) fn sigma(&self, discrepancy: f64) -> Vec<f64> {
+        let both = self.own.iter().zip(self.scale);
+        both.map(|(o, s)| o.hypot(discrepancy * s)).collect()
+    }
+}
+
+/// A problem, its minimum, and the discrepancy that its weights stand on.
+#[derive(Debug, Clone)]
+pub(super) struct Settled<'a> {
+    pub problem: Problem<'a>,
+    pub minimum: Minimum,
+    pub discrepancy: f64,
+}
+
+impl Settled<'_> {
+    /// Rounds of discrepancy, weights and refit.
+    pub(super) fn settle(&mut self, weighing: &Weighing<'_>) {
+        for _ in 0..ROUNDS {
+            let next = if weighing.options.misfit {
+                let (own, scale) = (weighing.own, weighing.scale);
+                let loss = weighing.options.loss;
+                discrepancy_of(&self.residuals(), own, scale, weighing.fitted, loss)
+            } else {
+                0.0
+            };
+            let settled = (next - self.discrepancy).abs() <= 1e-3 * next;
+            self.discrepancy = next;
+            self.problem = self.problem.clone().with_sigma(weighing.sigma(next));
+            self.minimum = self.again(&self.minimum.parameters, weighing.cancel);
+            if settled || weighing.cancel.load(Ordering::Relaxed) {
+                break;
+            }
+        }
+    }
+
+    /// The minimum that a start leads to.
+    pub(super) fn again(&self, start: &[f64], cancel: &AtomicBool) -> Minimum {
+        let bounds = self.problem.bounds();
+        minimise(&self.problem, start, &bounds, &Settings::default(), cancel)
+    }
+
+    /// Model less observation.
+    fn residuals(&self) -> Vec<f64> {
+        let values = self.problem.unpack(&self.minimum.parameters);
+        let predicted = self.problem.predicted(&values);
+        let pairs = predicted.iter().zip(&self.problem.set().observations);
+        pairs.map(|(p, o)| p - o.signal).collect()
+    }
+
+    /// χ² of a linear loss, the loss itself of another.
+    fn misses(&self, weighing: &Weighing<'_>) -> f64 {
+        let pairs = self.residuals().into_iter().zip(weighing.own);
+        let loss = weighing.options.loss;
+        pairs.map(|(r, o)| loss.bent(r / o).0.powi(2)).sum()
+    }
+
+    /// The same with the tier's corrections at its own values; `None` where the tier has nothing to
+    /// say.
+    fn corrected(&self, tier: Tier<'_>, weighing: &Weighing<'_>) -> Option<Self> {
+        let mut dear = self.clone();
+        for pass in 0..PASSES {
+            let values = dear.problem.unpack(&dear.minimum.parameters);
+            let Some(correction) = tier(&dear.problem, &values) else {
+                return (pass > 0).then_some(dear);
+            };
+            dear.problem = dear.problem.with_correction(correction);
+            dear.settle(weighing);
+            let now = dear.problem.unpack(&dear.minimum.parameters);
+            let moved = [
+                now.theta_r - values.theta_r,
+                (now.alpha_u / values.alpha_u).ln(),
+                (now.alpha_v / values.alpha_v).ln(),
+            ];
+            if moved.iter().all(|m| m.abs() < STILL) || weighing.cancel.load(Ordering::Relaxed) {
+                break;
+            }
+        }
+        Some(dear)
+    }
+
+    /// Whether this describes the data better than `other`.
+    fn better_than(&self, other: &Self, weighing: &Weighing<'_>) -> bool {
+        if self.discrepancy == 0.0 && other.discrepancy == 0.0 {
+            self.misses(weighing) <= other.misses(weighing)
+        } else {
+            self.discrepancy < other.discrepancy
+        }
+    }
+}
+
+/// What the tier made of the ends of a search.
+pub(super) struct Corrected<'a> {
+    pub settled: Settled<'a>,
+    /// How far the tier moved each free parameter (solver's units); zero where it is not in use.
+    pub shift: Vec<f64>,
+    /// Whether another end than the search's best is the answer now.
+    pub elsewhere: bool,
+    /// Other ends that describe the data no worse, where none describes them well.
+    pub rivals: Vec<Minimum>,
+}
+
+/// The best end with the tier on top, or without it where the tier only spoils it (a sample painted
+/// by the closed form itself). Of a lobe that few poses meet, the other explanations in `narrow` are
+/// tried too.
+pub(super) fn with_tier<'a>(
+    closed: Settled<'a>,
+    tier: Tier<'_>,
+    search: &Search<'_>,
+    narrow: &[Minimum],
+    weighing: &Weighing<'_>,
+) -> Corrected<'a> {
+    let step = |from: &Settled<'_>, to: &Settled<'_>| -> Vec<f64> {
+        let pairs = to.minimum.parameters.iter().zip(&from.minimum.parameters);
+        pairs.map(|(a, b)| a - b).collect()
+    };
+    let mut best = Corrected {
+        shift: vec![0.0; closed.minimum.parameters.len()],
+        settled: closed.clone(),
+        elsewhere: false,
+        rivals: Vec::new(),
+    };
+    if let Some(dear) = closed.corrected(tier, weighing)
+        && dear.better_than(&closed, weighing)
+    {
+        best.shift = step(&closed, &dear);
+        best.settled = dear;
+    }
+    let doubtful = best.settled.discrepancy > DOUBTFUL;
+    let mut trials: Vec<Minimum> = narrow.iter().take(NARROW_TRIALS).cloned().collect();
+    if doubtful {
+        trials.extend(search.distinct(&closed.problem, &closed.minimum.parameters, TRIALS));
+    } else if best.settled.discrepancy == 0.0 {
+        trials.clear();
+    }
+    let mut others: Vec<Settled<'a>> = Vec::new();
+    for end in trials {
+        if weighing.cancel.load(Ordering::Relaxed) {
+            return best;
+        }
+        let mut trial = closed.clone();
+        trial.minimum = trial.again(&end.parameters, weighing.cancel);
+        trial.settle(weighing);
+        let Some(dear) = trial.corrected(tier, weighing) else {
+            continue;
+        };
+        if dear.minimum.ending == Ending::NotFinite {
+            continue;
+        }
+        // The few poses of a narrow lobe are fitted too well by some surface or other.
+        let clearly = doubtful || CLEAR_GAIN * dear.discrepancy < best.settled.discrepancy;
+        if clearly && dear.better_than(&best.settled, weighing) {
+            best.shift = step(&trial, &dear);
+            best.elsewhere = true;
+            others.push(std::mem::replace(&mut best.settled, dear));
+        } else {
+            others.push(dear);
+        }
+    }
+    let discrepancy = best.settled.discrepancy;
+    if discrepancy > DOUBTFUL {
+        let near = others.into_iter();
+        let near = near.filter(|o| o.discrepancy <= AS_GOOD * discrepancy);
+        let near = near.map(|o| o.minimum);
+        let surface = |m: &Minimum| best.settled.problem.unpack(&m.parameters).folded();
+        let here = surface(&best.settled.minimum);
+        let near = near.filter(|m| m.ending.is_success() && distance(&here, &surface(m)) > SAME);
+        best.rivals = near.collect();
+    }
+    best
+}
