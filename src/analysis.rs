@@ -1,11 +1,13 @@
 //! From frames to an answer in one call: read, reduce, fit, with the seconds each took.
 //!
-//! The one function to call is [`analyse`]; command line and daemon both do. It does not know where
+//! The one function to call is [`analyse`]; command line and daemon both do. [`analyse_together`] does
+//! it for several scans of one sample. It does not know where
 //! frames come from ([`FrameSource`]) and prints nothing: progress is told to a callback.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
 
+use crate::fit::joint::{JointError, JointReport, Scan};
 use crate::fit::report::LeftOut;
 use crate::fit::traced::TracingProgress;
 use crate::fit::trail::Time;
@@ -66,6 +68,17 @@ pub enum AnalysisError {
     Cancelled,
 }
 
+/// Why there is no joint report.
+#[derive(Debug, thiserror::Error)]
+pub enum JointAnalysisError {
+    /// One of the scans gives no observations, or it was cancelled.
+    #[error(transparent)]
+    Scan(#[from] AnalysisError),
+    /// The scans cannot be fitted together.
+    #[error(transparent)]
+    Joint(#[from] JointError),
+}
+
 /// A report and the observations that it rests on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Analysis {
@@ -85,22 +98,11 @@ pub fn analyse(
     progress: &(dyn Fn(Progress) + Sync),
     cancel: &AtomicBool,
 ) -> Result<Analysis, AnalysisError> {
-    let started = Instant::now();
-    let timed = Timed {
-        source,
-        progress,
-        reads: AtomicUsize::new(0),
-        nanoseconds: AtomicU64::new(0),
-    };
-    let observations = match reduce(&timed, options.region.as_deref(), cancel) {
-        Err(ReductionError::Cancelled) => return Err(AnalysisError::Cancelled),
-        other => other?,
-    };
-    let reduced_s = started.elapsed().as_secs_f64();
-    // Several threads read at once: their sum, shared out, is the part of the time that went there.
-    let threads = rayon::current_num_threads().max(1) as f64;
-    let summed_s = timed.nanoseconds.load(Ordering::Relaxed) as f64 * 1e-9;
-    let read_s = (summed_s / threads).min(reduced_s);
+    let Observed {
+        observations,
+        read_s,
+        reduce_s,
+    } = observe(source, options.region.as_deref(), progress, cancel)?;
     progress(Progress::Fitting);
     let fitting = Instant::now();
     let watch = |p: TracingProgress| {
@@ -131,7 +133,7 @@ pub fn analyse(
     }
     report.timing_s = fit::report::Timing {
         read: read_s,
-        reduce: reduced_s - read_s,
+        reduce: reduce_s,
         fit: fitting.elapsed().as_secs_f64(),
     };
     Ok(Analysis {
@@ -171,6 +173,92 @@ fn leave_out(report: &mut FitReport, manifest: &Manifest, set: &ObservationSet) 
             None => report.left_out.push(entry),
         }
     }
+}
+
+/// A joint report and the observations that it rests on, scan by scan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointAnalysis {
+    /// What was fitted.
+    pub observations: Vec<ObservationSet>,
+    /// The answer.
+    pub report: JointReport,
+}
+
+/// Reads and reduces several scans of one sample and fits them together; `names` stand for them in
+/// the report.
+///
+/// # Errors
+/// [`JointAnalysisError`]. A fit that fails is no error: the report's status says so.
+pub fn analyse_together(
+    sources: &[(&str, &dyn FrameSource)],
+    options: &AnalysisOptions,
+    progress: &(dyn Fn(Progress) + Sync),
+    cancel: &AtomicBool,
+) -> Result<JointAnalysis, JointAnalysisError> {
+    let (mut observations, mut read, mut reduce) = (Vec::new(), 0.0, 0.0);
+    for (_, source) in sources {
+        let observed = observe(*source, options.region.as_deref(), progress, cancel)?;
+        observations.push(observed.observations);
+        read += observed.read_s;
+        reduce += observed.reduce_s;
+    }
+    progress(Progress::Fitting);
+    let fitting = Instant::now();
+    let scans: Vec<Scan<'_>> = sources
+        .iter()
+        .zip(&observations)
+        .map(|((name, _), set)| Scan { name, set })
+        .collect();
+    let mut report = fit::joint::fit_joint(&scans, &options.fit, &fit::tier::two_bounces, cancel)
+        .map_err(|error| match error {
+        JointError::Cancelled => AnalysisError::Cancelled.into(),
+        other => JointAnalysisError::from(other),
+    })?;
+    report.report.timing_s = fit::report::Timing {
+        read,
+        reduce,
+        fit: fitting.elapsed().as_secs_f64(),
+    };
+    Ok(JointAnalysis {
+        observations,
+        report,
+    })
+}
+
+/// Observations with the seconds that reading and reducing took.
+struct Observed {
+    observations: ObservationSet,
+    read_s: f64,
+    reduce_s: f64,
+}
+
+fn observe(
+    source: &dyn FrameSource,
+    region: Option<&str>,
+    progress: &(dyn Fn(Progress) + Sync),
+    cancel: &AtomicBool,
+) -> Result<Observed, AnalysisError> {
+    let started = Instant::now();
+    let timed = Timed {
+        source,
+        progress,
+        reads: AtomicUsize::new(0),
+        nanoseconds: AtomicU64::new(0),
+    };
+    let observations = match reduce(&timed, region, cancel) {
+        Err(ReductionError::Cancelled) => return Err(AnalysisError::Cancelled),
+        other => other?,
+    };
+    let both_s = started.elapsed().as_secs_f64();
+    // Several threads read at once: their sum, shared out, is the part of the time that went there.
+    let threads = rayon::current_num_threads().max(1) as f64;
+    let summed_s = timed.nanoseconds.load(Ordering::Relaxed) as f64 * 1e-9;
+    let read_s = (summed_s / threads).min(both_s);
+    Ok(Observed {
+        observations,
+        read_s,
+        reduce_s: both_s - read_s,
+    })
 }
 
 /// Counts and times what the reduction reads.

@@ -1,5 +1,7 @@
-//! `ridged fit`: a recorded series in, ridge angle with uncertainty out.
+//! `ridged fit`: a recorded series in, ridge angle with uncertainty out; of several series of one
+//! sample one common surface.
 
+mod joint;
 mod profile;
 
 use std::io::{IsTerminal, Write};
@@ -19,17 +21,23 @@ use crate::fit::{FitOptions, Loss, Told, VariantChoice, text};
 use crate::reduction::{FrameSource, ReductionError};
 use crate::series::Series;
 
-/// Reduces and fits one series of frames.
+/// Reduces and fits one series of frames, or several of one sample together.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  ridged fit tests/data/series/polymer-10 --json > polymer-10.json\n  \
                   ridged fit tests/data/series/steel-15 --variant traced\n  \
-                  ridged fit tests/data/series/steel-15 --variant paper --judge"
+                  ridged fit tests/data/series/steel-15 --variant paper --judge\n  \
+                  ridged fit monday tuesday remounted --fix rho_d=0"
 )]
 pub struct Args {
-    /// Folder of a recorded series (manifest.toml, frames.csv, frames/).
-    #[arg(required_unless_present = "scan", conflicts_with = "scan")]
-    pub dir: Option<PathBuf>,
+    /// Folder of a recorded series (manifest.toml, frames.csv, frames/). Several folders of one sample
+    /// are fitted together: one surface, offsets and gains of each its own.
+    #[arg(
+        value_name = "DIR",
+        required_unless_present = "scan",
+        conflicts_with = "scan"
+    )]
+    pub dirs: Vec<PathBuf>,
     /// Number of a scan in the store instead.
     #[arg(long, value_name = "ID")]
     pub scan: Option<i64>,
@@ -148,11 +156,12 @@ pub fn run(args: Args) -> Result<(), CliError> {
         max_seconds: args.max_seconds,
         iterations: args.iterations,
     };
-    let source: Box<dyn FrameSource> = match (&args.dir, args.scan) {
-        (Some(dir), _) => Box::new(Series::open(dir).map_err(CliError::bad_input)?),
-        (None, scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
-    };
     let cancel = interrupt::flag()?;
+    let source: Box<dyn FrameSource> = match (&args.dirs[..], args.scan) {
+        ([], scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
+        ([dir], _) => Box::new(Series::open(dir).map_err(CliError::bad_input)?),
+        (dirs, _) => return joint::run(dirs, &options, args.json, &cancel),
+    };
     let analysis = watched(source.as_ref(), &options, &cancel)?;
     print(&analysis, args.json)
 }
@@ -224,6 +233,25 @@ pub fn watched(
     options: &AnalysisOptions,
     cancel: &AtomicBool,
 ) -> Result<Analysis, CliError> {
+    with_bar(|progress| analyse(source, options, progress, cancel)).map_err(refusal)
+}
+
+/// What an analysis without an answer is to the shell.
+fn refusal(error: AnalysisError) -> CliError {
+    match error {
+        AnalysisError::Cancelled => CliError::Interrupted,
+        AnalysisError::Reduction(
+            reason @ (ReductionError::NoObservations { .. } | ReductionError::Vanished { .. }),
+        ) => CliError::no_result(reason),
+        AnalysisError::Reduction(reason) => CliError::bad_input(reason),
+    }
+}
+
+/// What is told how work gets on.
+type Tell<'t> = &'t (dyn Fn(Progress) + Sync);
+
+/// Anything that reads and fits, with that bar.
+fn with_bar<T>(work: impl FnOnce(Tell<'_>) -> T) -> T {
     let started = Instant::now();
     let bar: OnceLock<ProgressBar> = OnceLock::new();
     let tracing: OnceLock<()> = OnceLock::new();
@@ -246,17 +274,11 @@ pub fn watched(
             }
         }
     };
-    let outcome = analyse(source, options, &progress, cancel);
+    let outcome = work(&progress);
     if let Some(bar) = bar.get() {
         bar.finish_and_clear();
     }
-    outcome.map_err(|error| match error {
-        AnalysisError::Cancelled => CliError::Interrupted,
-        AnalysisError::Reduction(
-            reason @ (ReductionError::NoObservations { .. } | ReductionError::Vanished { .. }),
-        ) => CliError::no_result(reason),
-        AnalysisError::Reduction(reason) => CliError::bad_input(reason),
-    })
+    outcome
 }
 
 fn new_bar() -> ProgressBar {

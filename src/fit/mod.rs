@@ -10,7 +10,7 @@
 //! observation model · [`loss`] how residuals count · [`start`] where to begin and [`search`] how far
 //! to look (`crew`: all starts at once) · [`estimate`] one variant · `settle` its weights · [`tier`] the dearer model as an offset · [`traced`] the ray tracer
 //! in its place · [`covariance`] and [`budget`] how sure · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice ·
-//! [`trail`] against time · [`report`] the answer's form. It knows neither frames nor files nor the clock.
+//! [`joint`] several scans · [`trail`] against time · [`report`] the answer's form. It knows neither frames nor files nor the clock.
 
 use std::sync::atomic::AtomicBool;
 
@@ -25,6 +25,7 @@ mod crew;
 mod descent;
 pub mod estimate;
 pub mod intervals;
+pub mod joint;
 pub mod least_squares;
 pub mod loss;
 pub mod problem;

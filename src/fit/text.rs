@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use super::budget::Budget;
 use super::intervals::Interval;
+use super::joint::JointReport;
 use super::report::{FitReport, Parameter, Status};
 
 /// The report laid out for a terminal of 80 columns and more; `colour` allows ANSI attributes.
@@ -109,6 +110,36 @@ pub fn table(report: &FitReport, colour: bool) -> String {
         &paint("frames rejected", "1"),
         rejected(report).into_iter(),
     );
+    out
+}
+
+/// The common surface of several scans, then a row for each of them.
+#[must_use]
+pub fn joint(report: &JointReport, colour: bool) -> String {
+    let mut out = table(&report.report, colour);
+    line(&mut out, "");
+    line(
+        &mut out,
+        &format!(
+            "  {:<32}{:>9}{:>16}{:>14}{:>10}",
+            "scan", "θr alone", "azimuth offset", "tilt offset", "residual"
+        ),
+    );
+    let degrees = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| format!("{v:.3}°"));
+    for scan in &report.scans {
+        let own = &scan.report.parameters;
+        line(
+            &mut out,
+            &format!(
+                "  {:<32}{:>9}{:>16}{:>14}{:>10}",
+                scan.name,
+                degrees(scan.theta_r_alone_deg),
+                degrees(own.azimuth_offset_deg.value),
+                degrees(own.tilt_offset_deg.value),
+                percent(scan.report.rms_residual)
+            ),
+        );
+    }
     out
 }
 

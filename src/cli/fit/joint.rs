@@ -1,0 +1,55 @@
+//! Several series of one sample: one surface, each scan's own offsets.
+
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+use super::{refusal, with_bar};
+use crate::analysis::{AnalysisOptions, JointAnalysisError, analyse_together};
+use crate::cli::CliError;
+use crate::fit::joint::JointError;
+use crate::fit::text;
+use crate::reduction::FrameSource;
+use crate::series::Series;
+
+/// Reads, reduces and fits the series together and prints the answer.
+///
+/// # Errors
+/// Bad input for a folder that is no series, or series that are not of one sample; no result where no
+/// frame can be used.
+pub(super) fn run(
+    dirs: &[PathBuf],
+    options: &AnalysisOptions,
+    json: bool,
+    cancel: &AtomicBool,
+) -> Result<(), CliError> {
+    let opened = dirs
+        .iter()
+        .map(|dir| Series::open(dir))
+        .collect::<Result<Vec<_>, _>>();
+    let opened = opened.map_err(CliError::bad_input)?;
+    let names: Vec<String> = dirs.iter().map(|d| d.display().to_string()).collect();
+    let sources: Vec<(&str, &dyn FrameSource)> = names
+        .iter()
+        .zip(&opened)
+        .map(|(name, series)| (name.as_str(), series as &dyn FrameSource))
+        .collect();
+    let analysis = with_bar(|progress| analyse_together(&sources, options, progress, cancel));
+    let analysis = analysis.map_err(|error| match error {
+        JointAnalysisError::Scan(reason) => refusal(reason),
+        JointAnalysisError::Joint(reason @ JointError::NoFit(..)) => CliError::no_result(reason),
+        JointAnalysisError::Joint(reason) => CliError::bad_input(reason),
+    })?;
+    let mut out = std::io::stdout().lock();
+    let text = if json {
+        let mut text =
+            serde_json::to_string_pretty(&analysis.report).map_err(CliError::no_result)?;
+        text.push('\n');
+        text
+    } else {
+        text::joint(&analysis.report, out.is_terminal())
+    };
+    out.write_all(text.as_bytes())
+        .and_then(|()| out.flush())
+        .map_err(CliError::no_result)
+}

@@ -1,0 +1,733 @@
+//! Several scans of one sample, fitted together: one surface and one index, while gain, stray light
+//! and the zeros of the stages are each scan's own.
+//!
+//! Every scan is fitted alone first. From each of these surfaces the others look for their own zeros
+//! again (a scan of few azimuths alone may have taken a mirror image), all are descended together,
+//! and the best is kept. What the data say of the model's misfit is judged scan by scan.
+//!
+//! The one function to call is [`fit_joint`]. A white reference of the same certificate errs alike in all
+//! scans, and so do the stages of the same rig. Scans that disagree by more than their
+//! own uncertainties have that scatter in the line `model`.
+
+use std::f64::consts::PI;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::budget::{Part, Uncertainty, of_parts, uncertainty};
+use super::covariance::Covariance;
+use super::estimate::{
+    Estimate, ROUNDS, Tier, chance, discrepancy_of, estimate, explained, loss_weights,
+    misfit_scale, peak,
+};
+use super::least_squares::LeastSquares;
+use super::problem::{Problem, Quantity, Values};
+use super::report::{FitReport, Parameter, Parameters, VariantName};
+use super::solver::{Bounds, Minimum, Settings, minimise};
+use super::variants::{report_with, summary};
+use super::{FitOptions, Loss, VariantChoice};
+use crate::model::Variant;
+use crate::observation::ObservationSet;
+
+/// What all scans of one sample have in common.
+const SHARED: [Quantity; 6] = [
+    Quantity::ThetaR,
+    Quantity::AlphaU,
+    Quantity::AlphaV,
+    Quantity::RhoD,
+    Quantity::Eta,
+    Quantity::K,
+];
+/// Passes of tier and refit.
+const TIER_PASSES: usize = 2;
+/// Normal quantiles of a scatter that widens the uncertainty (one in a hundred by chance, for each of
+/// four parameters), and of one that a warning names (one in a thousand).
+const WIDENS: f64 = 2.326;
+const DISAGREES: f64 = 3.09;
+
+/// One scan with a name for the report.
+#[derive(Debug, Clone, Copy)]
+pub struct Scan<'a> {
+    /// Folder or number.
+    pub name: &'a str,
+    /// What it observed.
+    pub set: &'a ObservationSet,
+}
+
+/// Why scans cannot be fitted together.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum JointError {
+    /// One scan, or none.
+    #[error("a joint fit wants two scans or more; for one, fit it alone")]
+    TooFew,
+    /// The manifests name different materials.
+    #[error("{first} and {other} state different materials, but one sample has one")]
+    Materials {
+        /// A scan.
+        first: String,
+        /// Another one.
+        other: String,
+    },
+    /// An option that works on one scan alone.
+    #[error("{0} works on one scan alone; leave it out, or fit the scans one by one")]
+    OneScanOnly(&'static str),
+    /// A scan cannot be fitted at all.
+    #[error("{0} gives no fit by itself: {1}")]
+    NoFit(String, String),
+    /// The cancel flag was raised.
+    #[error("the fit was cancelled")]
+    Cancelled,
+}
+
+/// The common answer and each scan's own.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct JointReport {
+    /// The surface; what each scan has of its own is null here.
+    #[serde(flatten)]
+    pub report: FitReport,
+    /// The scans in the order given.
+    pub scans: Vec<ScanReport>,
+}
+
+/// One scan in a joint fit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ScanReport {
+    /// Its name.
+    pub name: String,
+    /// Ridge angle of this scan fitted alone.
+    pub theta_r_alone_deg: Option<f64>,
+    /// Its standard uncertainty there.
+    pub theta_r_alone_std: Option<f64>,
+    /// The joint answer in this scan: the common surface, its own offsets, residuals, warnings.
+    #[serde(flatten)]
+    pub report: FitReport,
+}
+
+/// Fits scans of one sample together. `auto` takes the variant `sawtooth`; priors and fixed values on
+/// what is each scan's own hold for every one of them.
+///
+/// # Errors
+/// [`JointError`]: too few scans, different materials, options for single scans, a scan that gives no
+/// fit, cancelled. A fit that fails is no error: the report's status says so.
+pub fn fit_joint(
+    scans: &[Scan<'_>],
+    options: &FitOptions,
+    tier: Tier<'_>,
+    cancel: &AtomicBool,
+) -> Result<JointReport, JointError> {
+    check(scans, options)?;
+    let variant = match options.variant {
+        VariantChoice::Paper => Variant::Paper,
+        _ => Variant::Sawtooth,
+    };
+    let tier = Some(tier).filter(|_| variant == Variant::Sawtooth);
+    let alone: Vec<Estimate<'_>> = scans
+        .par_iter()
+        .map(|scan| {
+            let refusal = super::variants::refused(scan.set, options);
+            let fitted = match &refusal {
+                Some(_) => None,
+                None => estimate(scan.set, variant, options, tier, cancel),
+            };
+            let reason = || refusal.unwrap_or_else(|| "no start has a value".to_owned());
+            fitted.ok_or_else(|| JointError::NoFit(scan.name.to_owned(), reason()))
+        })
+        .collect::<Result<_, _>>()?;
+    let mut joint = Joint::new(&alone, options, cancel);
+    joint.settle();
+    if let Some(tier) = tier {
+        joint.correct(tier);
+    }
+    if cancel.load(Ordering::Relaxed) {
+        return Err(JointError::Cancelled);
+    }
+    Ok(joint.report(scans))
+}
+
+fn check(scans: &[Scan<'_>], options: &FitOptions) -> Result<(), JointError> {
+    let [first, others @ ..] = scans else {
+        return Err(JointError::TooFew);
+    };
+    if others.is_empty() {
+        return Err(JointError::TooFew);
+    }
+    if let Some(other) = others.iter().find(|o| o.set.material != first.set.material) {
+        return Err(JointError::Materials {
+            first: first.name.to_owned(),
+            other: other.name.to_owned(),
+        });
+    }
+    let single = [
+        (
+            "the variant traced",
+            options.variant == VariantChoice::Traced,
+        ),
+        ("the ray tracer as a judge", options.judge),
+        ("a profile", options.profile),
+        ("a bootstrap", options.bootstrap > 0),
+    ];
+    match single.into_iter().find(|(_, asked)| *asked) {
+        Some((what, _)) => Err(JointError::OneScanOnly(what)),
+        None => Ok(()),
+    }
+}
+
+/// All scans as one problem; rows below each other.
+struct Stacked<'j, 'a> {
+    problems: &'j [Problem<'a>],
+    columns: &'j [Vec<usize>],
+    n: usize,
+}
+
+impl LeastSquares for &Stacked<'_, '_> {
+    fn n_parameters(&self) -> usize {
+        self.n
+    }
+
+    fn n_residuals(&self) -> usize {
+        self.problems.iter().map(Problem::residual_count).sum()
+    }
+
+    fn evaluate(&self, x: &[f64], residuals: &mut [f64], jacobian: &mut [f64]) {
+        let m = residuals.len();
+        jacobian.fill(0.0);
+        let mut first = 0;
+        for (problem, columns) in self.problems.iter().zip(self.columns) {
+            let rows = problem.residual_count();
+            let own: Vec<f64> = columns.iter().map(|c| x[*c]).collect();
+            let mut slopes = vec![0.0; rows * own.len()];
+            problem.evaluate(&own, &mut residuals[first..first + rows], &mut slopes);
+            for (c, column) in columns.iter().zip(slopes.chunks_exact(rows)) {
+                let at = c * m + first;
+                jacobian[at..at + rows].copy_from_slice(column);
+            }
+            first += rows;
+        }
+    }
+}
+
+/// A joint fit under way.
+struct Joint<'e, 'a> {
+    alone: &'e [Estimate<'a>],
+    options: &'e FitOptions,
+    cancel: &'e AtomicBool,
+    problems: Vec<Problem<'a>>,
+    discrepancies: Vec<f64>,
+    /// For each scan's free quantities the column of the joint parameters.
+    columns: Vec<Vec<usize>>,
+    n: usize,
+    minimum: Minimum,
+}
+
+impl<'e, 'a> Joint<'e, 'a> {
+    /// The best of the descents from each scan's own surface.
+    fn new(alone: &'e [Estimate<'a>], options: &'e FitOptions, cancel: &'e AtomicBool) -> Self {
+        let mut common: Vec<Quantity> = Vec::new();
+        for q in alone.iter().flat_map(|e| e.problem.free()) {
+            if SHARED.contains(q) && !common.contains(q) {
+                common.push(*q);
+            }
+        }
+        let mut n = common.len();
+        let columns: Vec<Vec<usize>> = alone
+            .iter()
+            .map(|e| {
+                let free = e.problem.free().iter();
+                free.map(|q| {
+                    common.iter().position(|c| c == q).unwrap_or_else(|| {
+                        n += 1;
+                        n - 1
+                    })
+                })
+                .collect()
+            })
+            .collect();
+        let problems: Vec<Problem<'a>> = alone
+            .iter()
+            .enumerate()
+            .map(|(scan, e)| {
+                let own = e.problem.set().observations.iter().map(|o| o.sigma);
+                let sigma = own.zip(&e.misfit).map(|(o, m)| o.hypot(*m)).collect();
+                let problem = e.problem.clone().with_loss(options.loss).with_sigma(sigma);
+                // What is known of the common surface is known once.
+                match scan {
+                    0 => problem,
+                    _ => problem.without_priors(&SHARED),
+                }
+            })
+            .collect();
+        let stacked = Stacked {
+            problems: &problems,
+            columns: &columns,
+            n,
+        };
+        let bounds = bounds(&stacked);
+        let minima: Vec<Minimum> = alone
+            .par_iter()
+            .map(|e| {
+                let surface = e.values.folded();
+                let mut start = vec![0.0; n];
+                for ((problem, columns), own) in problems.iter().zip(&columns).zip(alone) {
+                    let values = zeros_for(problem, &surface, own, cancel);
+                    for (c, x) in columns.iter().zip(problem.pack(&values)) {
+                        start[*c] = x;
+                    }
+                }
+                minimise(&stacked, &start, &bounds, &Settings::default(), cancel)
+            })
+            .collect();
+        let best = minima
+            .into_iter()
+            .min_by(|a, b| a.cost.total_cmp(&b.cost))
+            .expect("two scans or more were asked for");
+        Joint {
+            alone,
+            options,
+            cancel,
+            problems,
+            discrepancies: alone.iter().map(|e| e.discrepancy).collect(),
+            columns,
+            n,
+            minimum: best,
+        }
+    }
+
+    fn stacked(&self) -> Stacked<'_, 'a> {
+        Stacked {
+            problems: &self.problems,
+            columns: &self.columns,
+            n: self.n,
+        }
+    }
+
+    fn values(&self, scan: usize) -> Values {
+        let own: Vec<f64> = self.columns[scan]
+            .iter()
+            .map(|c| self.minimum.parameters[*c])
+            .collect();
+        self.problems[scan].unpack(&own)
+    }
+
+    fn refit(&mut self) {
+        let stacked = self.stacked();
+        let start = &self.minimum.parameters;
+        let bounds = bounds(&stacked);
+        self.minimum = minimise(&stacked, start, &bounds, &Settings::default(), self.cancel);
+    }
+
+    /// Rounds of discrepancies, weights and refit.
+    fn settle(&mut self) {
+        for _ in 0..ROUNDS {
+            let mut still = true;
+            for scan in 0..self.alone.len() {
+                let set = self.problems[scan].set();
+                let own: Vec<f64> = set.observations.iter().map(|o| o.sigma).collect();
+                let scale = misfit_scale(set);
+                let next = if self.options.misfit {
+                    let residuals = self.residuals(scan);
+                    discrepancy_of(
+                        &residuals,
+                        &own,
+                        &scale,
+                        self.fitted(scan),
+                        self.options.loss,
+                    )
+                } else {
+                    0.0
+                };
+                still &= (next - self.discrepancies[scan]).abs() <= 1e-3 * next;
+                self.discrepancies[scan] = next;
+                let both = own.iter().zip(&scale);
+                let sigma = both.map(|(o, s)| o.hypot(next * s)).collect();
+                self.problems[scan] = self.problems[scan].clone().with_sigma(sigma);
+            }
+            self.refit();
+            if still || self.cancel.load(Ordering::Relaxed) {
+                break;
+            }
+        }
+    }
+
+    /// A scan's share of what was fitted.
+    fn fitted(&self, scan: usize) -> usize {
+        let alone = self.alone[scan].fitted;
+        let free = self.problems[scan].free();
+        let common = free.iter().filter(|q| SHARED[..4].contains(q)).count();
+        alone - common + common.div_ceil(self.alone.len())
+    }
+
+    fn residuals(&self, scan: usize) -> Vec<f64> {
+        let predicted = self.problems[scan].predicted(&self.values(scan));
+        let pairs = predicted
+            .iter()
+            .zip(&self.problems[scan].set().observations);
+        pairs.map(|(p, o)| p - o.signal).collect()
+    }
+
+    /// The tier's corrections at the common surface, for the scans that it describes better.
+    fn correct(&mut self, tier: Tier<'_>) {
+        let takes: Vec<bool> = self.alone.iter().map(Estimate::takes_tier).collect();
+        if !takes.contains(&true) {
+            return;
+        }
+        for _ in 0..TIER_PASSES {
+            for scan in (0..takes.len()).filter(|s| takes[*s]) {
+                if let Some(correction) = tier(&self.problems[scan], &self.values(scan)) {
+                    let problem = self.problems[scan].clone();
+                    self.problems[scan] = problem.with_correction(correction);
+                }
+            }
+            self.settle();
+        }
+    }
+
+    /// The scans at the joint minimum, each as an estimate of its own.
+    fn parts(&mut self) -> Vec<Estimate<'a>> {
+        let loss = self.options.loss;
+        let mut weights = Vec::new();
+        for scan in 0..self.alone.len() {
+            let problem = &self.problems[scan];
+            let w = loss_weights(problem, &self.values(scan), loss);
+            if loss != Loss::Linear {
+                // The same point as the minimum of least squares, in which form the budget reads it.
+                let sigma = super::estimate::lightened(problem, &w);
+                self.problems[scan] = problem.clone().with_loss(Loss::Linear).with_sigma(sigma);
+            }
+            weights.push(w);
+        }
+        if loss != Loss::Linear {
+            self.refit();
+        }
+        let m = self.minimum.residuals.len();
+        let mut first = 0;
+        let mut parts = Vec::new();
+        for (scan, loss_weights) in weights.into_iter().enumerate() {
+            let (problem, alone) = (self.problems[scan].clone(), &self.alone[scan]);
+            let rows = problem.residual_count();
+            let columns = &self.columns[scan];
+            let set = problem.set();
+            let residuals = self.minimum.residuals[first..first + rows].to_vec();
+            let column = |c: &usize| {
+                let at = c * m + first;
+                self.minimum.jacobian[at..at + rows].iter().copied()
+            };
+            let minimum = Minimum {
+                parameters: columns
+                    .iter()
+                    .map(|c| self.minimum.parameters[*c])
+                    .collect(),
+                jacobian: columns.iter().flat_map(column).collect(),
+                cost: residuals.iter().map(|r| r * r).sum(),
+                residuals,
+                at_bound: (0..columns.len())
+                    .filter(|k| self.minimum.at_bound.contains(&columns[*k]))
+                    .collect(),
+                ending: self.minimum.ending,
+                evaluations: self.minimum.evaluations,
+            };
+            let missed = self.residuals(scan);
+            let fitted = self.fitted(scan);
+            let count = missed.len();
+            let freedom = count.saturating_sub(fitted).max(1) as f64;
+            let squares = |weight: &dyn Fn(usize) -> f64| -> f64 {
+                let all = missed.iter().zip(&loss_weights).enumerate();
+                all.map(|(i, (r, w))| w * (r * weight(i)).powi(2)).sum()
+            };
+            let discrepancy = self.discrepancies[scan];
+            let top = peak(set);
+            parts.push(Estimate {
+                values: self.values(scan),
+                chi2_reduced_without_model: squares(&|i| 1.0 / set.observations[i].sigma) / freedom,
+                rms_residual: (squares(&|_| 1.0 / top) / count.max(1) as f64).sqrt(),
+                misfit: misfit_scale(set).iter().map(|s| discrepancy * s).collect(),
+                explained: explained(
+                    problem.variant(),
+                    self.options,
+                    discrepancy,
+                    minimum.cost,
+                    freedom,
+                ),
+                discrepancy,
+                fitted,
+                minimum,
+                problem,
+                loss_weights,
+                rivals: Vec::new(),
+                ..alone.clone()
+            });
+            first += rows;
+        }
+        parts
+    }
+
+    fn report(mut self, scans: &[Scan<'_>]) -> JointReport {
+        let estimates = self.parts();
+        let parts: Vec<Part<'_, '_>> = estimates
+            .iter()
+            .zip(&self.columns)
+            .map(|(estimate, columns)| Part {
+                estimate,
+                columns: columns.clone(),
+            })
+            .collect();
+        let mut joint = of_parts(&parts, &self.minimum.jacobian, &self.minimum.residuals);
+        let singly: Vec<Uncertainty> = self.alone.iter().map(uncertainty).collect();
+        let warnings = self.scatter(&mut joint, &singly, scans);
+        let name = match estimates[0].problem.variant() {
+            Variant::Paper => VariantName::Paper,
+            Variant::Sawtooth => VariantName::Sawtooth,
+        };
+        let reports: Vec<FitReport> = estimates
+            .iter()
+            .zip(&self.columns)
+            .map(|(e, columns)| report_with(e, &seen_by(&joint, columns), name))
+            .collect();
+        let absolute = scans.iter().position(|s| s.set.white_reference.is_some());
+        let common = reports[absolute.unwrap_or(0)].clone();
+        let mut top = together(&common, &reports, &estimates);
+        top.warnings.extend(warnings);
+        for (scan, report) in scans.iter().zip(&reports) {
+            let named = report
+                .warnings
+                .iter()
+                .map(|w| format!("{}: {w}", scan.name));
+            top.warnings.extend(named);
+        }
+        let criterion = f64::from(u32::try_from(self.n).unwrap_or(u32::MAX));
+        top.variants = vec![super::report::VariantSummary {
+            rms_residual: top.rms_residual,
+            chi2_reduced_without_model: top.chi2_reduced_without_model,
+            ..summary(
+                &estimates[absolute.unwrap_or(0)],
+                name,
+                top.status,
+                2.0 * criterion,
+            )
+        }];
+        let scans = scans.iter().zip(reports).zip(self.alone).zip(&singly);
+        let scans = scans.map(|(((scan, mut report), alone), u)| {
+            surface_of(&common.parameters, &mut report.parameters);
+            let j = alone
+                .problem
+                .free()
+                .iter()
+                .position(|q| *q == Quantity::ThetaR);
+            ScanReport {
+                name: scan.name.to_owned(),
+                theta_r_alone_deg: j.map(|_| alone.values.folded().theta_r.to_degrees()),
+                theta_r_alone_std: j.map(|j| u.budgets[j].combined().to_degrees()),
+                report,
+            }
+        });
+        JointReport {
+            report: top,
+            scans: scans.collect(),
+        }
+    }
+
+    /// Adds to the model's line what the scans alone scatter by beyond their uncertainties; a
+    /// sentence for each parameter on which they disagree.
+    fn scatter(
+        &self,
+        joint: &mut Uncertainty,
+        singly: &[Uncertainty],
+        scans: &[Scan<'_>],
+    ) -> Vec<String> {
+        let mut warnings = Vec::new();
+        for (q, spoken) in [
+            (Quantity::ThetaR, "θr"),
+            (Quantity::AlphaU, "αu"),
+            (Quantity::AlphaV, "αv"),
+            (Quantity::RhoD, "ρd"),
+        ] {
+            let mut column = None;
+            let (mut weights, mut seen) = (Vec::new(), Vec::new());
+            for ((e, u), columns) in self.alone.iter().zip(singly).zip(&self.columns) {
+                let Some(j) = e.problem.free().iter().position(|f| *f == q) else {
+                    continue;
+                };
+                let b = &u.budgets[j];
+                // Reference and index are common to all scans, they cannot set them apart.
+                let own = [
+                    b.counting,
+                    b.angles,
+                    b.drift,
+                    b.background,
+                    b.model,
+                    b.shape,
+                ];
+                let variance: f64 = own.iter().map(|p| p * p).sum();
+                if u.covariance.identifiable[j] && variance.is_finite() && variance > 0.0 {
+                    column = Some(columns[j]);
+                    weights.push(1.0 / variance);
+                    seen.push(e.values.folded().inner(q));
+                }
+            }
+            let (Some(column), true) = (column, seen.len() > 1) else {
+                continue;
+            };
+            let total: f64 = weights.iter().sum();
+            let mean = seen.iter().zip(&weights).map(|(x, w)| x * w).sum::<f64>() / total;
+            let freedom = (seen.len() - 1) as f64;
+            let chi2 = seen
+                .iter()
+                .zip(&weights)
+                .map(|(x, w)| w * (x - mean).powi(2));
+            let birge = chi2.sum::<f64>() / freedom;
+            if birge > chance(freedom, WIDENS) {
+                let extra = ((birge - 1.0) / total).sqrt();
+                let budget = &mut joint.budgets[column];
+                budget.model = budget.model.hypot(extra);
+            }
+            if birge > chance(freedom, DISAGREES) {
+                warnings.push(format!(
+                    "the {} scans disagree on {spoken} by {:.1} times their uncertainties: are they of \
+                     one sample, mounted alike?",
+                    scans.len(),
+                    birge.sqrt()
+                ));
+            }
+        }
+        warnings
+    }
+}
+
+/// The box of all scans: of what is common, where their boxes overlap.
+fn bounds(stacked: &Stacked<'_, '_>) -> Bounds {
+    let mut all = Bounds::none(stacked.n);
+    for (problem, columns) in stacked.problems.iter().zip(stacked.columns) {
+        let own = problem.bounds();
+        for (k, c) in columns.iter().enumerate() {
+            all.lower[*c] = all.lower[*c].max(own.lower[k]);
+            all.upper[*c] = all.upper[*c].min(own.upper[k]);
+        }
+    }
+    all
+}
+
+/// A scan's own values for a given surface: gain, stray light and zeros that fit it best, looked for
+/// from those of the scan alone, its near minima and their mirror images.
+fn zeros_for(
+    problem: &Problem<'_>,
+    surface: &Values,
+    alone: &Estimate<'_>,
+    cancel: &AtomicBool,
+) -> Values {
+    let set = problem.set();
+    let zero = (set.rig.azimuth_zero + set.region_azimuth).rad();
+    let own: Vec<Quantity> = problem
+        .free()
+        .iter()
+        .copied()
+        .filter(|q| !SHARED.contains(q))
+        .collect();
+    let rivals = alone
+        .rivals
+        .iter()
+        .map(|m| alone.problem.unpack(&m.parameters));
+    let mut starts = Vec::new();
+    for found in std::iter::once(alone.values).chain(rivals) {
+        let found = found.folded();
+        for image in 0..8u8 {
+            let mut v = found;
+            for q in problem.free().iter().filter(|q| SHARED.contains(q)) {
+                v.set_inner(*q, surface.inner(*q));
+            }
+            if image & 1 == 1 {
+                v.azimuth_offset = -v.azimuth_offset - 2.0 * zero;
+            }
+            v.azimuth_offset += f64::from(image >> 1) * 0.5 * PI;
+            starts.push(v);
+        }
+    }
+    let rough = Settings {
+        polish_steps: 0,
+        max_iterations: 60,
+        ..Settings::default()
+    };
+    let ends = starts.into_iter().map(|v| {
+        let alone = problem.clone().with_fixed(v).with_free(own.clone());
+        let m = minimise(&alone, &alone.pack(&v), &alone.bounds(), &rough, cancel);
+        (m.cost, alone.unpack(&m.parameters))
+    });
+    let best = ends.min_by(|a, b| a.0.total_cmp(&b.0));
+    best.expect("the scan's own values are among the starts").1
+}
+
+/// What one scan's report needs of the joint uncertainty.
+fn seen_by(joint: &Uncertainty, columns: &[usize]) -> Uncertainty {
+    let all = &joint.covariance;
+    let null = all.null_directions.iter().filter_map(|direction| {
+        let part: Vec<f64> = columns.iter().map(|c| direction[*c]).collect();
+        let length = part.iter().map(|p| p * p).sum::<f64>().sqrt();
+        (length > 1e-3).then(|| part.iter().map(|p| p / length).collect())
+    });
+    Uncertainty {
+        budgets: columns.iter().map(|c| joint.budgets[*c]).collect(),
+        covariance: Covariance {
+            matrix: DMatrix::from_fn(columns.len(), columns.len(), |a, b| {
+                all.matrix[(columns[a], columns[b])]
+            }),
+            identifiable: columns.iter().map(|c| all.identifiable[*c]).collect(),
+            null_directions: null.collect(),
+            singular_values: all.singular_values.clone(),
+            degrees_of_freedom: all.degrees_of_freedom,
+            chi2_reduced: all.chi2_reduced,
+        },
+        model_freedom: joint.model_freedom,
+    }
+}
+
+/// Copies the common surface.
+fn surface_of(from: &Parameters, to: &mut Parameters) {
+    to.theta_r_deg = from.theta_r_deg.clone();
+    to.alpha_u = from.alpha_u.clone();
+    to.alpha_v = from.alpha_v.clone();
+    to.rho_d = from.rho_d.clone();
+}
+
+/// The report on the common surface.
+fn together(common: &FitReport, reports: &[FitReport], estimates: &[Estimate<'_>]) -> FitReport {
+    let own = || Parameter::unknown("each scan has its own: see scans");
+    let count = |r: &FitReport| r.n_observations as f64;
+    let total: f64 = reports.iter().map(count).sum();
+    let mean = |of: &dyn Fn(&FitReport) -> f64| -> f64 {
+        reports.iter().map(|r| of(r) * count(r)).sum::<f64>() / total
+    };
+    let worst = reports
+        .iter()
+        .map(|r| r.status)
+        .find(|s| *s != common.status);
+    FitReport {
+        status: worst
+            .filter(|_| common.status == super::report::Status::Converged)
+            .unwrap_or(common.status),
+        n_observations: reports.iter().map(|r| r.n_observations).sum(),
+        n_frames_used: reports.iter().map(|r| r.n_frames_used).sum(),
+        region: None,
+        parameters: Parameters {
+            scale: own(),
+            background: own(),
+            azimuth_offset_deg: own(),
+            tilt_offset_deg: own(),
+            ..common.parameters.clone()
+        },
+        rms_residual: mean(&|r| r.rms_residual * r.rms_residual).sqrt(),
+        model_discrepancy: estimates.iter().map(|e| e.discrepancy).fold(0.0, f64::max) * 1.1,
+        chi2_reduced_without_model: mean(&|r| r.chi2_reduced_without_model),
+        rejected_frames: reports
+            .iter()
+            .flat_map(|r| r.rejected_frames.clone())
+            .collect(),
+        warnings: Vec::new(),
+        variants: Vec::new(),
+        fitted: Vec::new(),
+        ..common.clone()
+    }
+}
+
+#[cfg(test)]
+#[path = "joint_tests.rs"]
+mod tests;

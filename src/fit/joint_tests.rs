@@ -1,0 +1,228 @@
+//! Scans of one sample that the closed form painted, each mounted anew.
+
+use std::sync::atomic::AtomicBool;
+
+use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
+
+use super::*;
+use crate::fit::Told;
+use crate::fit::report::Status;
+use crate::geometry::{Pose, RigGeometry};
+use crate::material::Material;
+use crate::observation::{Observation, Prior, SharedErrors, WhiteReference};
+use crate::units::Angle;
+
+const TRUTH: Values = Values {
+    theta_r: 0.17,
+    alpha_u: 0.12,
+    alpha_v: 0.15,
+    rho_d: 0.3,
+    scale: 1.0,
+    background: 0.0,
+    azimuth_offset: 0.0,
+    tilt_offset: 0.0,
+    eta: 1.54,
+    k: 0.0,
+};
+
+/// A scan of the sample, mounted with these zeros; five tilts at every azimuth.
+fn scan(seed: u64, azimuths: &[f64], zeros_deg: [f64; 2]) -> ObservationSet {
+    let observations = azimuths
+        .iter()
+        .flat_map(|azimuth| (0..5).map(move |k| (*azimuth, -20.0 + 10.0 * f64::from(k))))
+        .map(|(azimuth, tilt)| Observation {
+            pose: Pose::from_deg(tilt, azimuth),
+            signal: 0.0,
+            sigma: 1.0,
+            shared: SharedErrors::default(),
+            n_frames: 1,
+        });
+    let mut set = ObservationSet {
+        rig: RigGeometry::IN_PLANE,
+        material: Material::Dielectric {
+            eta: 1.54,
+            eta_std: 0.0,
+        },
+        observations: observations.collect(),
+        views: Vec::new(),
+        flats: Vec::new(),
+        white_reference: Some(WhiteReference {
+            reflectance: 0.99,
+            reflectance_std: 0.005,
+        }),
+        background: Prior {
+            mean: 0.0,
+            std: 0.005,
+        },
+        region: None,
+        region_azimuth: Angle::ZERO,
+        n_frames_used: 40,
+        rejected_frames: Vec::new(),
+        warnings: Vec::new(),
+    };
+    let truth = Values {
+        azimuth_offset: zeros_deg[0].to_radians(),
+        tilt_offset: zeros_deg[1].to_radians(),
+        ..TRUTH
+    };
+    let free = Quantity::ALL.to_vec();
+    let painted = Problem::new(&set, Variant::Sawtooth, free, truth).predicted(&truth);
+    let peak = painted.iter().copied().fold(0.0, f64::max);
+    let mut draw = rand_pcg::Pcg64::seed_from_u64(seed);
+    for (o, clean) in set.observations.iter_mut().zip(painted) {
+        o.sigma = 2e-3 * peak;
+        o.signal = clean + o.sigma * draw.sample::<f64, _>(StandardNormal);
+    }
+    set
+}
+
+fn options() -> FitOptions {
+    FitOptions {
+        variant: VariantChoice::Sawtooth,
+        starts: 3,
+        misfit: false,
+        ..FitOptions::default()
+    }
+}
+
+fn joined(sets: &[ObservationSet], options: &FitOptions) -> Result<JointReport, JointError> {
+    let names = ["first", "second", "third"];
+    let scans: Vec<Scan<'_>> = names
+        .iter()
+        .zip(sets)
+        .map(|(name, set)| Scan { name, set })
+        .collect();
+    fit_joint(&scans, options, &|_, _| None, &AtomicBool::new(false))
+}
+
+fn known(parameter: &Parameter) -> (f64, f64) {
+    let both = parameter.value.zip(parameter.std);
+    both.unwrap_or_else(|| panic!("{:?}", parameter.note))
+}
+
+#[test]
+fn three_mountings_give_one_surface_and_each_its_own_zeros() {
+    let zeros = [[2.0, -0.5], [-6.0, 1.0], [9.0, 0.3]];
+    let turns: [&[f64]; 3] = [
+        &[0.0, 90.0, 180.0, 270.0],
+        &[0.0, 60.0, 120.0],
+        &[15.0, 105.0, 195.0],
+    ];
+    let sets: Vec<ObservationSet> = (0..3)
+        .map(|k| scan(11 + k as u64, turns[k], zeros[k]))
+        .collect();
+    let joint = joined(&sets, &options()).expect("three scans of one sample");
+    assert_eq!(joint.report.status, Status::Converged);
+    let (theta, std) = known(&joint.report.parameters.theta_r_deg);
+    // Four standard uncertainties: passed by one seed in 16,000.
+    assert!((theta - TRUTH.theta_r.to_degrees()).abs() < 4.0 * std);
+    for (scan, zeros) in joint.scans.iter().zip(zeros) {
+        let own = &scan.report.parameters;
+        let alone = scan.theta_r_alone_std.expect("each is known alone");
+        // Never less sure than any scan alone.
+        assert!(std < alone, "{std} {alone}");
+        assert_eq!(own.theta_r_deg, joint.report.parameters.theta_r_deg);
+        for (found, zero) in [
+            (&own.azimuth_offset_deg, zeros[0]),
+            (&own.tilt_offset_deg, zeros[1]),
+        ] {
+            let (value, std) = known(found);
+            assert!((value - zero).abs() < 4.0 * std, "{value} {zero} {std}");
+        }
+    }
+    // 4, 3 and 3 azimuths of five tilts.
+    assert_eq!(joint.report.n_observations, 50);
+    assert_eq!(joint.report.parameters.tilt_offset_deg.value, None);
+}
+
+#[test]
+fn a_scan_with_itself_is_that_scan_with_its_noise_less_by_the_root_of_two() {
+    let set = scan(21, &[0.0, 90.0, 180.0, 270.0], [3.0, 0.5]);
+    let joint = joined(&[set.clone(), set], &options()).expect("two scans");
+    let (theta, _) = known(&joint.report.parameters.theta_r_deg);
+    let alone = joint.scans[0].theta_r_alone_deg.expect("known");
+    assert!((theta - alone).abs() < 1e-6, "{theta} {alone}");
+    let counting = |p: &Parameter| p.budget.map_or(f64::NAN, |b| b.counting);
+    let both = counting(&joint.report.parameters.theta_r_deg);
+    let set = scan(21, &[0.0, 90.0, 180.0, 270.0], [3.0, 0.5]);
+    let one = estimate(
+        &set,
+        Variant::Sawtooth,
+        &options(),
+        None,
+        &AtomicBool::new(false),
+    );
+    let one = one
+        .map(|e| uncertainty(&e).budgets[0])
+        .expect("it has a minimum");
+    let ratio = one.counting.to_degrees() / both;
+    // Exact but for the prior on the stray light, which each scan has of its own.
+    assert!((ratio - 2f64.sqrt()).abs() < 1e-6, "{ratio}");
+    // The same certificate in both: no average makes it smaller.
+    let reference = |p: &Parameter| p.budget.map_or(f64::NAN, |b| b.reference);
+    let shared = reference(&joint.report.parameters.theta_r_deg);
+    assert!((shared / one.reference.to_degrees() - 1.0).abs() < 1e-6);
+}
+
+#[test]
+fn scans_of_two_samples_are_told_apart_and_widen_the_model_line() {
+    let turns = [0.0, 90.0, 180.0, 270.0];
+    let (mut one, mut other) = (scan(31, &turns, [0.0, 0.0]), scan(32, &turns, [0.0, 0.0]));
+    // Without stray light that could be it, more light from everywhere is a brighter surface.
+    for o in &mut other.observations {
+        o.signal += 0.01;
+    }
+    one.background.std = 1e-5;
+    other.background.std = 1e-5;
+    let joint = joined(&[one, other], &options()).expect("two scans");
+    let told = &joint.report.warnings;
+    assert!(
+        told.iter().any(|w| w.contains("disagree on ρd")),
+        "{told:?}"
+    );
+    let (rho_d, std) = known(&joint.report.parameters.rho_d);
+    assert!((rho_d - 0.3).abs() < 2.0 * std, "{rho_d} {std}");
+}
+
+#[test]
+fn what_is_held_holds_for_all_and_what_cannot_be_is_refused_by_name() {
+    let turns = [0.0, 90.0, 180.0, 270.0];
+    let sets = [scan(41, &turns, [0.0, 0.0]), scan(42, &turns, [4.0, 0.0])];
+    let held = FitOptions {
+        told: vec![Told {
+            quantity: Quantity::AlphaU,
+            value: 0.12,
+            std: 0.0,
+        }],
+        ..options()
+    };
+    let joint = joined(&sets, &held).expect("two scans");
+    assert_eq!(joint.report.parameters.alpha_u.value, Some(0.12));
+    assert_eq!(joint.report.parameters.alpha_u.std, None);
+
+    assert_eq!(joined(&sets[..1], &options()), Err(JointError::TooFew));
+    let mut glass = sets.clone();
+    glass[1].material = Material::Dielectric {
+        eta: 1.5,
+        eta_std: 0.0,
+    };
+    let refused = joined(&glass, &options()).expect_err("two materials");
+    assert_eq!(
+        refused.to_string(),
+        "first and second state different materials, but one sample has one"
+    );
+    let traced = FitOptions {
+        variant: VariantChoice::Traced,
+        ..options()
+    };
+    assert_eq!(
+        joined(&sets, &traced),
+        Err(JointError::OneScanOnly("the variant traced"))
+    );
+    let mut few = sets.clone();
+    few[1].observations.truncate(5);
+    assert!(
+        matches!(joined(&few, &options()), Err(JointError::NoFit(name, _)) if name == "second")
+    );
+}
