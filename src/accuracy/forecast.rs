@@ -1,6 +1,6 @@
 //! How long a trace or a fit will take, told before it starts, from short runs of it.
 
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use serde::Serialize;
@@ -20,6 +20,9 @@ use crate::trace::scene::Prepared;
 pub struct Forecast {
     /// Seconds, start included.
     pub seconds: f64,
+    /// Whether `seconds` is a bound, not an estimate: one short run alone was waited for, and its start
+    /// cannot be told from its photons.
+    pub at_most: bool,
     /// Photons that it will trace.
     pub photons: u64,
     /// Relative error of the reflected bins (root mean square) at its end.
@@ -30,8 +33,10 @@ impl std::fmt::Display for Forecast {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
             f,
-            "about {:.1} s for {} photons",
-            self.seconds, self.photons
+            "{} {:.1} s for {} photons",
+            if self.at_most { "at most" } else { "about" },
+            self.seconds,
+            self.photons
         )?;
         match self.relative_error {
             Some(error) => write!(f, ", error of a reflected bin about {:.2} %", 100.0 * error),
@@ -46,50 +51,95 @@ const SHARE: u64 = 32;
 /// The same of a third run, where the start takes most of the time of both.
 const LONGER_SHARE: u64 = 8;
 
+/// What a forecast itself may take.
+#[derive(Debug, Clone, Copy)]
+pub struct Patience<'a> {
+    /// Seconds after which the forecast is made of what is known by then.
+    pub seconds: f64,
+    /// Ends it at once.
+    pub cancel: &'a AtomicBool,
+}
+
+/// One short run: photons traced, seconds, relative error.
+#[derive(Debug, Clone, Copy)]
+struct Trial {
+    photons: u64,
+    seconds: f64,
+    error: Option<f64>,
+}
+
 /// Forecasts a run of the scene's photons, or of as many as `target_error` needs (no more than those).
 ///
 /// Two short runs part what a run costs at its start (shapes, first hits) from what a photon costs; the
-/// error falls with the root of the photons once the bins that matter have been hit.
+/// error falls with the root of the photons once the bins that matter have been hit. Where patience ends
+/// early the forecast is of the runs by then, and none where not even the first came to anything.
 #[must_use]
-pub fn of_run(prepared: &Prepared, target_error: Option<f64>) -> Forecast {
+pub fn of_run(
+    prepared: &Prepared,
+    target_error: Option<f64>,
+    patience: Patience<'_>,
+) -> Option<Forecast> {
     let large = (prepared.photons / SHARE)
         .clamp(1_000, 500_000)
         .min(prepared.photons);
     let small = (large / 4).max(1);
-    let timed = |photons: u64| {
+    let begun = Instant::now();
+    let go_on = || {
+        !patience.cancel.load(Ordering::Relaxed) && begun.elapsed().as_secs_f64() < patience.seconds
+    };
+    let timed = |photons: u64| -> Option<Trial> {
+        if !go_on() {
+            return None;
+        }
         let started = Instant::now();
-        let totals = trace_photons(prepared, photons, Shard::WHOLE, &|_| true);
-        (started.elapsed().as_secs_f64(), totals.relative_error())
+        let totals = trace_photons(prepared, photons, Shard::WHOLE, &|_| go_on());
+        (totals.photons() > 0).then(|| Trial {
+            photons: totals.photons(),
+            seconds: started.elapsed().as_secs_f64(),
+            error: totals.relative_error(),
+        })
     };
     // The better of two: other work on the machine only ever adds.
     let better = |photons: u64| {
-        let (first, error) = timed(photons);
-        (first.min(timed(photons).0), error)
+        let first = timed(photons)?;
+        let again = timed(photons).filter(|again| again.photons == first.photons);
+        let seconds = again.map_or(first.seconds, |again| again.seconds.min(first.seconds));
+        Some(Trial { seconds, ..first })
     };
-    let (little, _) = better(small);
-    let (more, error) = better(large);
+    let little = better(small)?;
+    let more = better(large).filter(|more| more.photons > little.photons);
+    let known = more.unwrap_or(little);
     // Where the start costs more than the photons a small difference would be magnified: a longer run tells.
     let longer = (prepared.photons / LONGER_SHARE).max(large);
-    let (upper, time) = if more < 1.5 * little && longer > large {
-        (longer, timed(longer).0)
-    } else {
-        (large, more)
+    let upper = match more {
+        Some(more) if more.seconds < 1.5 * little.seconds && longer > large => timed(longer)
+            .filter(|upper| upper.photons > more.photons)
+            .unwrap_or(more),
+        _ => known,
     };
-    let per_photon = ((time - little) / (upper - small).max(1) as f64).max(0.0);
-    let start = (time - per_photon * upper as f64).max(0.0);
-    let photons = match (target_error, error) {
+    let per_photon = if upper.photons > little.photons {
+        ((upper.seconds - little.seconds) / (upper.photons - little.photons) as f64).max(0.0)
+    } else {
+        // One run alone cannot part the start from the photons.
+        little.seconds / little.photons as f64
+    };
+    let start = (upper.seconds - per_photon * upper.photons as f64).max(0.0);
+    let photons = match (target_error, known.error) {
         (Some(target), Some(error)) => {
-            let needed = large as f64 * (error / target).powi(2);
+            let needed = known.photons as f64 * (error / target).powi(2);
             // Blocks are whole: a run ends at the first one whose error is small enough.
             (needed as u64).clamp(1, prepared.photons)
         }
         _ => prepared.photons,
     };
-    Forecast {
+    Some(Forecast {
         seconds: start + per_photon * photons as f64,
+        at_most: upper.photons == little.photons,
         photons,
-        relative_error: error.map(|e| e * (large as f64 / photons as f64).sqrt()),
-    }
+        relative_error: known
+            .error
+            .map(|e| e * (known.photons as f64 / photons as f64).sqrt()),
+    })
 }
 
 /// What the analysis of a series will take.
@@ -211,6 +261,23 @@ pub fn of_series(source: &dyn FrameSource, cancel: &AtomicBool) -> Option<Series
 mod tests {
     use super::*;
     use crate::series::Series;
+
+    #[test]
+    fn a_run_is_forecast_only_while_there_is_patience() {
+        let text =
+            "[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n[run]\nphotons = 40_000\n";
+        let scene = crate::trace::scene::Scene::parse(text).unwrap();
+        let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
+        let told = |seconds, cancelled| {
+            let cancel = &AtomicBool::new(cancelled);
+            of_run(&prepared, None, Patience { seconds, cancel })
+        };
+        assert_eq!(told(f64::INFINITY, true), None);
+        assert_eq!(told(0.0, false), None);
+        let forecast = told(f64::INFINITY, false).unwrap();
+        assert_eq!(forecast.photons, 40_000);
+        assert!(!forecast.at_most && forecast.seconds > 0.0, "{forecast:?}");
+    }
 
     #[test]
     fn a_series_is_forecast_from_all_its_calibrations_and_a_sixth_of_its_poses() {

@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+use super::forecast::Patience;
 use super::{Effort, Foretold, Measurements, Point, forecast, proof};
 use crate::model::flat_stack::FlatStack;
 use crate::plan::TOLERANCE;
@@ -188,7 +189,10 @@ pub(super) fn measure(
     // A forecast of the reference's run, before it starts.
     let told = scene
         .prepared("split", "true", long, REFERENCE_SEED)
-        .map(|prepared| forecast::of_run(&prepared, None));
+        .and_then(|prepared| {
+            let seconds = f64::INFINITY;
+            forecast::of_run(&prepared, None, Patience { seconds, cancel })
+        });
     // Each method's reference is another method: the analog tracer's is the split one and the reverse.
     let exact = scene.exact().map(|r| (r, "exact (flat layers)".to_owned()));
     let mut taken = None;

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::CliError;
 use crate::accuracy::forecast::{
-    Forecast, SeriesForecast, of_run, of_series as of_series_forecast,
+    Forecast, Patience, SeriesForecast, of_run, of_series as of_series_forecast,
 };
 use crate::accuracy::proof::{Proof, of_scene as of_scene_proof};
 use crate::plan::{self, Basis, Plan};
@@ -141,6 +141,11 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
     } else {
         "scalar"
     };
+    let cancel = super::interrupt::flag()?;
+    let patience = Patience {
+        seconds: FORECAST_S_MAX,
+        cancel: &cancel,
+    };
     let proof = match args.prove {
         true => Some(proved(args, &scene)?),
         false => None,
@@ -152,12 +157,15 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
             prepared.photons,
             scene.interface.len()
         )],
-        forecast: Some(Told::Run(of_run(&prepared, None))),
+        forecast: of_run(&prepared, None, patience).map(Told::Run),
         proof,
         plan,
         program: program(),
     })
 }
+
+/// A forecast takes no longer, s.
+const FORECAST_S_MAX: f64 = 3.0;
 
 /// The plan beside everything on.
 fn proved(args: &Args, scene: &Scene) -> Result<Proof, CliError> {

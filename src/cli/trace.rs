@@ -19,7 +19,7 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::{CliError, heights, interrupt};
-use crate::accuracy::forecast::of_run;
+use crate::accuracy::forecast::{Patience, of_run};
 use crate::plan;
 use crate::plan::scene::Wish;
 use crate::trace::report::Report;
@@ -156,7 +156,14 @@ pub fn run(args: Args) -> Result<(), CliError> {
         .map(|file| table::kept(file, &run_id, prepared.photons, shard, prepared.polarised));
     let before = before.transpose()?;
     let forecast = (worth && args.shard.is_none() && before.is_none())
-        .then(|| of_run(&prepared, args.target_error));
+        .then(|| {
+            let seconds = args.max_seconds.map_or(FORECAST_S_MAX, |max_s| {
+                (FORECAST_SHARE * max_s).min(FORECAST_S_MAX)
+            });
+            let cancel: &AtomicBool = &cancel;
+            of_run(&prepared, args.target_error, Patience { seconds, cancel })
+        })
+        .flatten();
     if let Some(forecast) = &forecast {
         eprintln!("forecast: {forecast}");
     }
@@ -246,6 +253,10 @@ fn timed_out(args: &Args, started: Instant) -> bool {
 
 /// Photons from which on a forecast is worth its time.
 const LONG: u64 = 2_000_000;
+/// Seconds after which the run begins, forecast or not,
+const FORECAST_S_MAX: f64 = 3.0;
+/// and the share of a limited time that the forecast may take.
+const FORECAST_SHARE: f64 = 0.1;
 
 /// A scene with its files, ready to trace.
 pub(super) fn ready(path: &Path, scene: &Scene) -> Result<Prepared, CliError> {
