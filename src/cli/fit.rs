@@ -14,6 +14,8 @@ use anyhow::anyhow;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 
+use serde::Serialize;
+
 use super::{CliError, daemon, interrupt, told};
 use crate::analysis::{Analysis, AnalysisError, AnalysisOptions, Progress, analyse};
 use crate::fit::traced::TracingOptions;
@@ -299,14 +301,22 @@ fn paths_style() -> ProgressStyle {
 /// # Errors
 /// No result where stdout cannot be written.
 pub fn print(analysis: &Analysis, json: bool) -> Result<(), CliError> {
+    put(&analysis.report, json, text::table)
+}
+
+/// A report as JSON, or as the text that `table` makes of it (told whether in colour).
+fn put<R: Serialize>(
+    report: &R,
+    json: bool,
+    table: impl FnOnce(&R, bool) -> String,
+) -> Result<(), CliError> {
     let mut out = std::io::stdout().lock();
     let text = if json {
-        let mut text =
-            serde_json::to_string_pretty(&analysis.report).map_err(CliError::no_result)?;
+        let mut text = serde_json::to_string_pretty(report).map_err(CliError::no_result)?;
         text.push('\n');
         text
     } else {
-        text::table(&analysis.report, out.is_terminal())
+        table(report, out.is_terminal())
     };
     out.write_all(text.as_bytes())
         .and_then(|()| out.flush())

@@ -1,6 +1,5 @@
 //! Several series of one sample: one surface, each scan's own offsets.
 
-use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
@@ -40,16 +39,5 @@ pub(super) fn run(
         JointAnalysisError::Joint(reason @ JointError::NoFit(..)) => CliError::no_result(reason),
         JointAnalysisError::Joint(reason) => CliError::bad_input(reason),
     })?;
-    let mut out = std::io::stdout().lock();
-    let text = if json {
-        let mut text =
-            serde_json::to_string_pretty(&analysis.report).map_err(CliError::no_result)?;
-        text.push('\n');
-        text
-    } else {
-        text::joint(&analysis.report, out.is_terminal())
-    };
-    out.write_all(text.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(CliError::no_result)
+    super::put(&analysis.report, json, text::joint)
 }

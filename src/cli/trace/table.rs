@@ -291,17 +291,21 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
 mod tests {
     use super::*;
     use crate::trace::run::{resume, trace};
-    use crate::trace::scene::Scene;
+    use crate::trace::scene::{Prepared, Scene};
 
-    #[test]
-    fn merged_files_are_byte_for_byte_those_of_one_run() {
+    fn rough_glass() -> Prepared {
         let text = "[light]\ntheta_i_deg = 45.0\n[[interface]]\nshape = \"beckmann\"\nalpha_u = 0.4\n\
                     alpha_v = 0.4\ncells = 64\nbelow = { n = 1.5 }\n[run]\nphotons = 5000\ntheta_bins = 9\n\
                     phi_bins = 12\n";
-        let prepared = Scene::parse(text)
+        Scene::parse(text)
             .unwrap()
             .prepare(&|_| Err(String::new()))
-            .unwrap();
+            .unwrap()
+    }
+
+    #[test]
+    fn merged_files_are_byte_for_byte_those_of_one_run() {
+        let prepared = rough_glass();
         let folder = tempfile::tempdir().unwrap();
         let whole = folder.path().join("whole.csv");
         let lamp = [1.0, 0.0, 0.5, 0.0];
@@ -350,13 +354,7 @@ mod tests {
 
     #[test]
     fn a_run_stopped_again_and_again_ends_with_the_same_bytes() {
-        let text = "[light]\ntheta_i_deg = 45.0\n[[interface]]\nshape = \"beckmann\"\nalpha_u = 0.4\n\
-                    alpha_v = 0.4\ncells = 64\nbelow = { n = 1.5 }\n[run]\nphotons = 5000\ntheta_bins = 9\n\
-                    phi_bins = 12\n";
-        let prepared = Scene::parse(text)
-            .unwrap()
-            .prepare(&|_| Err(String::new()))
-            .unwrap();
+        let prepared = rough_glass();
         let folder = tempfile::tempdir().unwrap();
         let lamp = [1.0, 0.0, 0.0, 0.0];
         for shard in [Shard::WHOLE, Shard { number: 2, of: 3 }] {
