@@ -31,27 +31,32 @@ impl EscapeSlopes {
         k[2] * k[2] > f64::from(self.squared[cell]) * (k[0] * k[0] + k[1] * k[1])
     }
 
-    /// For rays above and below the field with these corners (see `HeightField`).
+    /// For rays above and below the field with these corners, of which each cell's highest and lowest are given too
+    /// (see `HeightField`).
     pub(super) fn of_both_sides(
         nx: usize,
         ny: usize,
         cell_x: f64,
         cell_y: f64,
         corners: &[[f32; 4]],
+        high: &[f32],
+        low: &[f32],
     ) -> (Self, Self) {
         let steepest = steepest_around(nx, ny, cell_x, cell_y, corners);
-        let high: Vec<f32> = corners
-            .iter()
-            .map(|h| h[0].max(h[1]).max(h[2].max(h[3])))
-            .collect();
-        let low: Vec<f32> = corners
-            .iter()
-            .map(|h| h[0].min(h[1]).min(h[2].min(h[3])))
-            .collect();
         let mirrored = |v: &[f32]| v.iter().map(|x| -x).collect::<Vec<f32>>();
-        let (high_below, low_below) = (mirrored(&low), mirrored(&high));
+        let (high_below, low_below) = (mirrored(low), mirrored(high));
         rayon::join(
-            || of_one_side(nx, ny, cell_x, cell_y, &steepest, high, low),
+            || {
+                of_one_side(
+                    nx,
+                    ny,
+                    cell_x,
+                    cell_y,
+                    &steepest,
+                    high.to_vec(),
+                    low.to_vec(),
+                )
+            },
             || of_one_side(nx, ny, cell_x, cell_y, &steepest, high_below, low_below),
         )
     }

@@ -84,6 +84,9 @@ pub struct HeightField {
     cell_y: f64,
     /// h00, h10, h01, h11 of each cell; the first index is along x. Rounded to f32 once, here.
     corners: Vec<[f32; 4]>,
+    /// Of each cell's corners, the highest and the lowest.
+    high: Vec<f32>,
+    low: Vec<f32>,
     lowest: f64,
     highest: f64,
     above: EscapeSlopes,
@@ -116,13 +119,24 @@ impl HeightField {
         }
         let lowest = f64::from(rounded.iter().copied().fold(f32::INFINITY, f32::min));
         let highest = f64::from(rounded.iter().copied().fold(f32::NEG_INFINITY, f32::max));
-        let (above, below) = EscapeSlopes::of_both_sides(nx, ny, cell_x, cell_y, &corners);
+        let high: Vec<f32> = corners
+            .iter()
+            .map(|h| h[0].max(h[1]).max(h[2].max(h[3])))
+            .collect();
+        let low: Vec<f32> = corners
+            .iter()
+            .map(|h| h[0].min(h[1]).min(h[2].min(h[3])))
+            .collect();
+        let (above, below) =
+            EscapeSlopes::of_both_sides(nx, ny, cell_x, cell_y, &corners, &high, &low);
         HeightField {
             nx,
             ny,
             cell_x,
             cell_y,
             corners,
+            high,
+            low,
             lowest,
             highest,
             above,
@@ -259,13 +273,14 @@ impl HeightField {
     }
 
     fn march(&self, start: &Spot, on_surface: bool, sign: f64, k: &V3) -> Flight {
-        let (dx, dy, dz) = (k[0] / self.cell_x, k[1] / self.cell_y, k[2]);
-        let leaving = sign * dz > 0.0;
-        let slopes = if sign > 0.0 { &self.above } else { &self.below };
-        let limit = if sign > 0.0 {
-            self.highest
+        let (dx, dy) = (k[0] / self.cell_x, k[1] / self.cell_y);
+        // Heights count away from the surface, on the side of the light.
+        let (start_z, dz) = (sign * start.z, sign * k[2]);
+        let leaving = dz > 0.0;
+        let (slopes, outermost, limit) = if sign > 0.0 {
+            (&self.above, &self.high, self.highest)
         } else {
-            -self.lowest
+            (&self.below, &self.low, -self.lowest)
         };
         let (mut i, mut j) = (start.i, start.j);
         // Position in the current cell = start + d t − offset.
@@ -280,26 +295,34 @@ impl HeightField {
             }
         };
         let (mut tx, mut ty) = (first_crossing(x0, dx), first_crossing(y0, dy));
+        if tx.min(ty) == f64::INFINITY {
+            // Straight up or down: this cell decides.
+            return self.vertical(start, on_surface, leaving);
+        }
         let (step_x, step_y) = (1.0 / dx.abs(), 1.0 / dy.abs());
+        let (shift_x, shift_y) = (
+            if dx > 0.0 { -1.0 } else { 1.0 },
+            if dy > 0.0 { -1.0 } else { 1.0 },
+        );
+        // One step back over the rim wraps to the largest number.
+        let (step_i, step_j) = (
+            if dx > 0.0 { 1 } else { usize::MAX },
+            if dy > 0.0 { 1 } else { usize::MAX },
+        );
         let mut t_in = 0.0;
+        let mut z_in = start_z;
         let mut first = on_surface;
         // Clearance at t_in; unknown after cells that the ray cleared as a whole.
         let mut known = on_surface.then_some(0.0);
+        let mut cell = i * self.ny + j;
         for _ in 0..CELLS_MAX {
-            let cell = i * self.ny + j;
-            let t_out = tx.min(ty);
-            if t_out == f64::INFINITY {
-                // Straight up or down: this cell decides.
-                return self.vertical(start, on_surface, leaving);
-            }
-            let h = self.corners[cell].map(f64::from);
-            let z_in = start.z + dz * t_in;
-            let z_out = start.z + dz * t_out;
-            let nearest = (sign * z_in).min(sign * z_out);
-            let top = (sign * h[0])
-                .max(sign * h[1])
-                .max((sign * h[2]).max(sign * h[3]));
-            if first || nearest <= top {
+            // Whichever side comes first: chosen without a branch, which nothing could predict.
+            let along_x = tx <= ty;
+            let t_out = if along_x { tx } else { ty };
+            let z_out = start_z + dz * t_out;
+            let nearest = if leaving { z_in } else { z_out };
+            if first || nearest <= sign * f64::from(outermost[cell]) {
+                let h = self.corners[cell].map(|h| sign * f64::from(h));
                 let (x_in, y_in) = (x0 + dx * t_in, y0 + dy * t_in);
                 let (x_out, y_out) = (x0 + dx * t_out, y0 + dy * t_out);
                 let (mut u_in, u_out) = (x_in - y_in, x_out - y_out);
@@ -316,57 +339,52 @@ impl HeightField {
                     u_in < 0.0 || (u_in == 0.0 && u_out < 0.0)
                 };
                 let mut c_in = known
-                    .unwrap_or_else(|| sign * (z_in - Self::plane(&h, upper, x_in, y_in)))
+                    .unwrap_or_else(|| z_in - Self::plane(&h, upper, x_in, y_in))
                     .max(0.0);
                 let mut seen_from = t_in;
                 let crosses = if upper { u_out > 0.0 } else { u_out < 0.0 };
                 if crosses {
                     let t_mid = t_in + (t_out - t_in) * (u_in / (u_in - u_out));
                     let at = 0.5 * ((x0 + dx * t_mid) + (y0 + dy * t_mid));
-                    let c_mid = sign * (start.z + dz * t_mid - (h[0] + at * (h[3] - h[0])));
+                    let c_mid = start_z + dz * t_mid - (h[0] + at * (h[3] - h[0]));
                     if c_mid < 0.0 && !first {
                         let t = t_in + (t_mid - t_in) * (c_in / (c_in - c_mid));
-                        return Flight::Hit(self.spot(i, j, upper, x0 + dx * t, y0 + dy * t, &h));
+                        return Flight::Hit(self.spot_at(i, j, upper, x0 + dx * t, y0 + dy * t));
                     }
                     c_in = c_mid.max(0.0);
                     seen_from = t_mid;
                     first = false;
                 }
                 let upper = upper != crosses;
-                let c_out = sign * (z_out - Self::plane(&h, upper, x_out, y_out));
+                let c_out = z_out - Self::plane(&h, upper, x_out, y_out);
                 if c_out < 0.0 && !first {
                     let t = seen_from + (t_out - seen_from) * (c_in / (c_in - c_out));
-                    return Flight::Hit(self.spot(i, j, upper, x0 + dx * t, y0 + dy * t, &h));
+                    return Flight::Hit(self.spot_at(i, j, upper, x0 + dx * t, y0 + dy * t));
                 }
                 known = Some(c_out.max(0.0));
                 first = false;
             } else {
                 known = None;
             }
-            if leaving && sign * z_out > limit {
+            if leaving && z_out > limit {
                 return Flight::Free;
             }
-            t_in = t_out;
-            if tx <= ty {
-                tx += step_x;
-                if dx > 0.0 {
-                    x0 -= 1.0;
-                    i = if i + 1 == self.nx { 0 } else { i + 1 };
-                } else {
-                    x0 += 1.0;
-                    i = if i == 0 { self.nx - 1 } else { i - 1 };
-                }
-            } else {
-                ty += step_y;
-                if dy > 0.0 {
-                    y0 -= 1.0;
-                    j = if j + 1 == self.ny { 0 } else { j + 1 };
-                } else {
-                    y0 += 1.0;
-                    j = if j == 0 { self.ny - 1 } else { j - 1 };
-                }
+            (t_in, z_in) = (t_out, z_out);
+            let across = !along_x;
+            tx += if along_x { step_x } else { 0.0 };
+            ty += if across { step_y } else { 0.0 };
+            x0 += if along_x { shift_x } else { 0.0 };
+            y0 += if across { shift_y } else { 0.0 };
+            i = i.wrapping_add(if along_x { step_i } else { 0 });
+            j = j.wrapping_add(if across { step_j } else { 0 });
+            if i >= self.nx {
+                i = if step_i == 1 { 0 } else { self.nx - 1 };
             }
-            if leaving && slopes.clears(i * self.ny + j, k) {
+            if j >= self.ny {
+                j = if step_j == 1 { 0 } else { self.ny - 1 };
+            }
+            cell = i * self.ny + j;
+            if leaving && slopes.clears(cell, k) {
                 return Flight::Free;
             }
         }
@@ -378,19 +396,14 @@ impl HeightField {
         if leaving || on_surface {
             return Flight::Free;
         }
-        let h = self.corners[start.i * self.ny + start.j].map(f64::from);
         let upper = start.y > start.x;
-        Flight::Hit(self.spot(start.i, start.j, upper, start.x, start.y, &h))
+        Flight::Hit(self.spot_at(start.i, start.j, upper, start.x, start.y))
     }
 
     /// A place of a triangle as a spot.
     #[must_use]
     pub fn spot_at(&self, i: usize, j: usize, upper: bool, x: f64, y: f64) -> Spot {
         let h = self.corners[i * self.ny + j].map(f64::from);
-        self.spot(i, j, upper, x, y, &h)
-    }
-
-    fn spot(&self, i: usize, j: usize, upper: bool, x: f64, y: f64, h: &[f64; 4]) -> Spot {
         let (x, y) = (x.clamp(0.0, 1.0), y.clamp(0.0, 1.0));
         Spot {
             i,
@@ -398,7 +411,7 @@ impl HeightField {
             upper,
             x,
             y,
-            z: Self::plane(h, upper, x, y),
+            z: Self::plane(&h, upper, x, y),
         }
     }
 }

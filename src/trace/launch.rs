@@ -5,99 +5,148 @@
 //! the shadow is dropped. All lit area together is the tile's, whatever the relief, so the number of
 //! photons that this stands for is known exactly.
 //!
-//! Triangles that the lamp lights wholly and whose reflected (or refracted) light leaves for
-//! certain ([`super::escape`]) need no photons for that: all of their light goes one way. It is
-//! counted once and for all, and photons start only where something is left to chance.
+//! Of a smooth triangle all light is reflected one way and refracted one way ([`super::first_hit`]). Where the
+//! lamp lights it wholly and what leaves is free for certain ([`super::escape`], [`super::beam`]), nothing
+//! is left to chance but, with [`Method::Analog`], which way a photon goes: it is counted without being
+//! followed. With [`Method::Split`] such light needs no photons at all: it is counted once and for all, and photons
+//! start only where something is left to chance.
+
+use std::sync::Mutex;
 
 use rayon::prelude::*;
 
 use super::beam;
+use super::first_hit::{Facet, Incidence, Passage};
 use super::grid::Grid;
 use super::height_field::{Flight, HeightField, Side, Spot};
 use super::light::Light;
 use super::rng::Stream;
 use super::surface::{Place, Relief};
 use super::tally::{Batch, Known};
-use super::vec3::{V3, dot, scaled, unit};
-use super::walk::{Method, Waiting, Walk, Ways};
+use super::vec3::{V3, scaled, unit};
+use super::walk::{Method, Waiting, Walk};
 
 /// A triangle on which photons start.
 #[derive(Debug, Clone, Copy)]
 struct Start {
     cell: u32,
     upper: bool,
+    /// Wholly, for certain.
     lit: bool,
-    ways: Ways,
+    reflected: Fate,
+    refracted: Fate,
+}
+
+/// What is known of light that leaves a triangle one way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Fate {
+    /// All of it is free.
+    Free,
+    /// It has to be followed.
+    Open,
+    /// There is none, or it is counted already.
+    Done,
 }
 
 /// Where photons start on a field, for one direction of light.
 #[derive(Debug)]
 pub struct FirstHits<'a> {
     field: &'a HeightField,
+    grid: Grid,
     to_lamp: V3,
+    /// Whether facets are mirrors: a triangle then sends all light the same ways.
+    smooth: bool,
     starts: Vec<Start>,
+    /// What the starts do to light, where photons are many enough to make it worth keeping.
+    facets: Vec<Facet>,
     /// Projected areas of the starts up to and including each, in cells.
     until: Vec<f64>,
-    /// For equal steps of projected area, the start to look from.
-    guide: Vec<u32>,
     /// What needs no photon, per photon of the whole run.
     pub known: Known,
 }
 
 /// Cells whose known light one thread adds up.
 const CHUNK: usize = 1 << 13;
+/// Photons per triangle from which on it pays to find out which light of theirs is free for certain, where they
+/// are followed one by one.
+const WORTH_A_LOOK: u64 = 8;
+/// Photons per start from which on what it does to light is kept,
+const WORTH_KEEPING: u64 = 2;
+/// and the starts that are kept at most (200 bytes each).
+const KEPT_MAX: usize = 1 << 20;
 
 impl<'a> FirstHits<'a> {
-    /// Looks at all triangles of the first interface; `None` where it is not a height field, or where light
-    /// falls so flat that most starts would lie in the shadow.
+    /// Looks at all triangles of the first interface for a run of so many photons; `None` where it is not a height
+    /// field, or where light falls so flat that most starts would lie in the shadow.
     #[must_use]
-    pub fn new<L: Light>(walk: &'a Walk<'a>, grid: Grid) -> Option<Self> {
+    pub fn new<L: Light>(walk: &'a Walk<'a>, grid: Grid, photons: u64) -> Option<Self> {
         let interface = &walk.stack.interfaces[0];
         let Relief::Field(field) = &interface.relief else {
             return None;
         };
         let (nx, ny) = field.cells();
         let cells = nx * ny;
-        let single = walk.stack.interfaces.len() == 1;
-        let chunks: Vec<(Vec<(Start, f64)>, Known)> = (0..cells.div_ceil(CHUNK))
+        let look = Look {
+            walk,
+            field,
+            grid,
+            to_lamp: scaled(-1.0, &walk.k),
+            single: walk.stack.interfaces.len() == 1,
+            smooth: interface.roughness.is_none() && interface.diffuse.is_none(),
+            thorough: walk.method == Method::Split || photons / WORTH_A_LOOK >= 2 * cells as u64,
+        };
+        let known = Mutex::new(Known::new(grid, L::ELEMENTS));
+        let chunks: Vec<Vec<(Start, f64)>> = (0..cells.div_ceil(CHUNK))
             .into_par_iter()
-            .map(|chunk| {
-                let mut batch = Batch::new::<L>(grid);
-                let mut starts = Vec::new();
-                for cell in chunk * CHUNK..((chunk + 1) * CHUNK).min(cells) {
-                    for upper in [false, true] {
-                        look_at::<L>(walk, field, single, cell, upper, &mut starts, &mut batch);
+            .map_init(
+                || Batch::new::<L>(grid),
+                |batch, chunk| {
+                    let mut starts = Vec::with_capacity(2 * CHUNK);
+                    for cell in chunk * CHUNK..((chunk + 1) * CHUNK).min(cells) {
+                        for upper in [false, true] {
+                            starts.extend(look.at::<L>(cell, upper, batch));
+                        }
                     }
-                }
-                let mut known = Known::new(grid, L::ELEMENTS);
-                known.take(&mut batch);
-                (starts, known)
-            })
+                    // Adding in fixed point is exact: the order of the chunks does not matter.
+                    known
+                        .lock()
+                        .expect("no thread panics while it adds")
+                        .take(batch);
+                    starts
+                },
+            )
             .collect();
-        let mut known = Known::new(grid, L::ELEMENTS);
-        let mut starts = Vec::with_capacity(chunks.iter().map(|c| c.0.len()).sum());
-        let mut until = Vec::with_capacity(starts.capacity());
-        let mut sum = 0.0;
-        for (chunk, part) in chunks {
-            known.add(&part);
-            for (start, area) in chunk {
-                sum += area;
-                until.push(sum);
-                starts.push(start);
-            }
+        let count = chunks.iter().map(Vec::len).sum();
+        let (mut starts, mut until) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        let mut area = 0.0;
+        for (start, facing) in chunks.into_iter().flatten() {
+            area += facing;
+            until.push(area);
+            starts.push(start);
         }
         // Lit area is the tile's; what lies in the shadow is spent in vain.
-        if sum > 4.0 * cells as f64 {
+        if area > 4.0 * cells as f64 {
             return None;
         }
-        Some(FirstHits {
+        let mut first_hits = FirstHits {
             field,
-            to_lamp: scaled(-1.0, &walk.k),
-            guide: guide(&until),
-            until,
+            grid,
+            to_lamp: look.to_lamp,
+            smooth: look.smooth,
             starts,
-            known,
-        })
+            facets: Vec::new(),
+            until,
+            known: known.into_inner().expect("no thread panics while it adds"),
+        };
+        let expected = (photons as f64 * first_hits.share()) as u64;
+        if look.smooth && count <= KEPT_MAX && expected / WORTH_KEEPING >= count as u64 {
+            first_hits.facets = first_hits
+                .starts
+                .par_iter()
+                .map(|start| first_hits.incidence::<L>(walk, start).facet::<L>(&grid))
+                .collect();
+        }
+        Some(first_hits)
     }
 
     /// Share of the light that is left to chance (a little more where starts lie in the shadow).
@@ -121,13 +170,13 @@ impl<'a> FirstHits<'a> {
         waiting: &mut Waiting<L>,
         batch: &mut Batch,
     ) -> bool {
-        let (nx, ny) = self.field.cells();
-        let spacing = (nx * ny) as f64 / photons as f64;
         let Some(&end) = self.until.last() else {
             return true;
         };
-        let strata = (end / spacing).ceil() as u64;
-        for n in 0..strata {
+        let (nx, ny) = self.field.cells();
+        let spacing = (nx * ny) as f64 / photons as f64;
+        let mut at = 0;
+        for n in 0..(end / spacing).ceil() as u64 {
             if !go_on(n) {
                 return false;
             }
@@ -136,32 +185,142 @@ impl<'a> FirstHits<'a> {
             if position >= end {
                 break;
             }
-            let at = self.find(position, end);
+            at = first_beyond(&self.until, at, position);
             let start = &self.starts[at];
-            let before = if at == 0 { 0.0 } else { self.until[at - 1] };
-            let along = ((position - before) / (self.until[at] - before)).clamp(0.0, 1.0);
-            let spot = self.spot(start, along, random.uniform(), ny);
+            let place = |random: &mut Stream| {
+                let before = if at == 0 { 0.0 } else { self.until[at - 1] };
+                let along = ((position - before) / (self.until[at] - before)).clamp(0.0, 1.0);
+                self.spot(start, along, random.uniform())
+            };
+            if start.lit && self.smooth && walk.method == Method::Analog {
+                self.one_way(walk, at, place, &mut random, waiting, batch);
+                continue;
+            }
+            let spot = place(&mut random);
             let lit =
                 start.lit || self.field.onward(&spot, Side::Above, &self.to_lamp) == Flight::Free;
-            if lit {
-                walk.photon_at(Place::Field(spot), start.ways, &mut random, waiting, batch);
+            if !lit {
+                continue;
+            }
+            if !self.smooth {
+                walk.photon_at(Place::Field(spot), &mut random, waiting, batch);
+            } else if walk.method == Method::Analog {
+                self.one_way(walk, at, |_| spot, &mut random, waiting, batch);
+            } else {
+                self.both_ways(walk, at, &spot, &mut random, waiting, batch);
             }
         }
         true
     }
 
-    /// The start that holds a position below `end`.
-    fn find(&self, position: f64, end: f64) -> usize {
-        let step = (position / end * self.guide.len() as f64) as usize;
-        let mut at = self.guide[step.min(self.guide.len() - 1)] as usize;
-        while at + 1 < self.until.len() && self.until[at] <= position {
-            at += 1;
+    /// A photon that is reflected, refracted or absorbed; its place on the triangle is asked for only where it
+    /// matters.
+    #[inline(always)]
+    fn one_way<L: Light>(
+        &self,
+        walk: &Walk<'_>,
+        at: usize,
+        place: impl FnOnce(&mut Stream) -> Spot,
+        random: &mut Stream,
+        waiting: &mut Waiting<L>,
+        batch: &mut Batch,
+    ) {
+        let start = &self.starts[at];
+        let computed;
+        let facet = match self.facets.get(at) {
+            Some(facet) => facet,
+            None => {
+                computed = self.incidence::<L>(walk, start).facet::<L>(&self.grid);
+                &computed
+            }
+        };
+        let (way, fate, side) = if random.uniform() < facet.share {
+            (&facet.reflected, start.reflected, Side::Above)
+        } else if facet.enters {
+            (&facet.refracted, start.refracted, Side::Below)
+        } else {
+            return batch.absorb(1.0);
+        };
+        if fate == Fate::Free {
+            let light: L = facet.leaving(way, 1.0);
+            return batch.count(&light, way.power, way.bin as usize, side, 1);
         }
-        at
+        let spot = place(random);
+        self.follow(walk, facet, way, side, spot, random, waiting, batch);
+    }
+
+    /// A photon of which both ways are followed as far as they are open.
+    fn both_ways<L: Light>(
+        &self,
+        walk: &Walk<'_>,
+        at: usize,
+        spot: &Spot,
+        random: &mut Stream,
+        waiting: &mut Waiting<L>,
+        batch: &mut Batch,
+    ) {
+        let start = &self.starts[at];
+        let computed;
+        let facet = match self.facets.get(at) {
+            Some(facet) => facet,
+            None => {
+                computed = self.incidence::<L>(walk, start).facet::<L>(&self.grid);
+                &computed
+            }
+        };
+        for (way, fate, side) in [
+            (&facet.reflected, start.reflected, Side::Above),
+            (&facet.refracted, start.refracted, Side::Below),
+        ] {
+            match fate {
+                Fate::Done => {}
+                Fate::Free => {
+                    let light: L = facet.leaving(way, 1.0);
+                    batch.count(&light, way.power, way.bin as usize, side, 1);
+                }
+                Fate::Open => self.follow(walk, facet, way, side, *spot, random, waiting, batch),
+            }
+        }
+        if facet.absorbs() && start.reflected != Fate::Done {
+            batch.absorb(1.0 - facet.reflected.power);
+        }
+    }
+
+    /// Follows light on its way from a start.
+    #[expect(clippy::too_many_arguments, reason = "a photon's state and its tools")]
+    fn follow<L: Light>(
+        &self,
+        walk: &Walk<'_>,
+        facet: &Facet,
+        way: &Passage,
+        side: Side,
+        spot: Spot,
+        random: &mut Stream,
+        waiting: &mut Waiting<L>,
+        batch: &mut Batch,
+    ) {
+        let incidence = Incidence::of::<L>(walk, &self.field.normal(&spot));
+        let k = match side {
+            Side::Above => incidence.reflected(),
+            Side::Below => incidence.refracted(),
+        };
+        let light: L = facet.after(way, &incidence.s, 1.0);
+        // A reflection so weak that it is nothing (index 1, or Brewster's angle exactly).
+        if light.weight() > f64::MIN_POSITIVE {
+            walk.go_on(light, k, side, Place::Field(spot), random, waiting, batch);
+        }
+    }
+
+    fn incidence<'b, L: Light>(&self, walk: &'b Walk<'b>, start: &Start) -> Incidence<'b> {
+        let (_, ny) = self.field.cells();
+        let cell = start.cell as usize;
+        let (sx, sy) = self.field.slopes(cell / ny, cell % ny, start.upper);
+        Incidence::of::<L>(walk, &unit(&[-sx, -sy, 1.0]))
     }
 
     /// A uniform point of a triangle from two numbers in [0, 1].
-    fn spot(&self, start: &Start, a: f64, b: f64, ny: usize) -> Spot {
+    fn spot(&self, start: &Start, a: f64, b: f64) -> Spot {
+        let (_, ny) = self.field.cells();
         let r = a.sqrt();
         // Barycentric (1 − r, r(1 − b), r b) on the corners (0,0), (1,1), and (1,0) or (0,1).
         let (far, side) = (r * (1.0 - b), r * b);
@@ -176,87 +335,96 @@ impl<'a> FirstHits<'a> {
     }
 }
 
-/// For equal steps of the sum, the first place whose sum passes the step's start.
-fn guide(until: &[f64]) -> Vec<u32> {
-    let Some(&end) = until.last() else {
-        return Vec::new();
-    };
-    let steps = until.len();
-    let mut at = 0;
-    (0..steps)
-        .map(|step| {
-            let start = end * step as f64 / steps as f64;
-            while at + 1 < until.len() && until[at] <= start {
-                at += 1;
-            }
-            at as u32
-        })
-        .collect()
+/// The first of rising sums from `at` on that passes a position; the last where none does.
+#[inline(always)]
+fn first_beyond(sums: &[f64], at: usize, position: f64) -> usize {
+    let last = sums.len() - 1;
+    let (mut below, mut step) = (at, 1);
+    if sums[below] > position {
+        return below;
+    }
+    // In growing steps, since the next start is near by.
+    loop {
+        let next = (below + step).min(last);
+        if sums[next] > position || next == last {
+            return below + 1 + sums[below + 1..next].partition_point(|s| *s <= position);
+        }
+        (below, step) = (next, 2 * step);
+    }
 }
 
-/// Counts what is known of a triangle, and lists it where something is left to chance.
-fn look_at<L: Light>(
-    walk: &Walk<'_>,
-    field: &HeightField,
+/// What is looked at, of every triangle.
+struct Look<'a> {
+    walk: &'a Walk<'a>,
+    field: &'a HeightField,
+    grid: Grid,
+    to_lamp: V3,
     single: bool,
-    cell: usize,
-    upper: bool,
-    starts: &mut Vec<(Start, f64)>,
-    batch: &mut Batch,
-) {
-    let (nx, ny) = field.cells();
-    let (sx, sy) = field.slopes(cell / ny, cell % ny, upper);
-    let k = &walk.k;
-    // Area projected along the light over that of a horizontal triangle.
-    let facing = 0.5 * (-k[0] * sx - k[1] * sy + k[2]) / k[2];
-    if facing <= 0.0 {
-        return;
-    }
-    let m = unit(&[-sx, -sy, 1.0]);
-    let cos = -dot(k, &m);
-    if cos <= 0.0 {
-        return;
-    }
-    let mut ways = Ways::BOTH;
-    let to_lamp = scaled(-1.0, k);
-    // By its cell's escape slope, or else by a look at what lies in its way.
-    let free = |side: Side, k: &V3| {
-        field.escape(side).clears(cell, k)
-            || beam::is_free(field, cell / ny, cell % ny, upper, side, k)
-    };
-    let lit = free(Side::Above, &to_lamp);
-    if lit && walk.method == Method::Split {
-        let boundary = &walk.stack.interfaces[0].from_above;
-        let split = boundary.at(cos);
-        let away = super::vec3::combine(1.0, k, 2.0 * cos, &m);
-        let reflected = away[2] > 0.0 && free(Side::Above, &away);
-        let mut refracted = false;
-        if single && split.cos_refracted > 0.0 {
-            let ratio = boundary.snell_ratio();
-            let into = super::vec3::combine(ratio, k, ratio * cos - split.cos_refracted, &m);
-            refracted = into[2] < 0.0 && free(Side::Below, &into);
+    smooth: bool,
+    /// Whether it is worth finding out what is free, beyond what is plain.
+    thorough: bool,
+}
+
+impl Look<'_> {
+    /// A triangle as a start, and its area projected along the light over that of a horizontal one's cell;
+    /// `None` where it faces away or nothing of it is left to chance. What is known of it is counted.
+    fn at<L: Light>(&self, cell: usize, upper: bool, batch: &mut Batch) -> Option<(Start, f64)> {
+        let (nx, ny) = self.field.cells();
+        let (sx, sy) = self.field.slopes(cell / ny, cell % ny, upper);
+        let k = &self.walk.k;
+        let facing = 0.5 * (-k[0] * sx - k[1] * sy + k[2]) / k[2];
+        if facing <= 0.0 {
+            return None;
         }
-        let weight = facing / (nx * ny) as f64;
-        let certain = Ways {
-            reflected,
-            refracted,
+        let free = |side: Side, k: &V3| self.is_free(cell, upper, side, k);
+        let mut start = Start {
+            cell: cell as u32,
+            upper,
+            lit: free(Side::Above, &self.to_lamp),
+            reflected: Fate::Open,
+            refracted: Fate::Open,
         };
-        walk.known::<L>(&m, weight, certain, batch);
+        if !self.smooth {
+            return Some((start, facing));
+        }
+        let incidence = Incidence::of::<L>(self.walk, &unit(&[-sx, -sy, 1.0]));
+        let (away, into) = (incidence.reflected(), incidence.refracted());
+        if away[2] > 0.0 && free(Side::Above, &away) {
+            start.reflected = Fate::Free;
+        }
         // Nothing is refracted into a metal or under total reflection.
-        let enters = split.cos_refracted > 0.0;
-        ways = Ways {
-            reflected: !reflected,
-            refracted: enters && !refracted,
-        };
-        if !ways.reflected && !ways.refracted {
-            return;
+        if !incidence.enters() {
+            start.refracted = Fate::Done;
+        } else if self.single && into[2] < 0.0 && free(Side::Below, &into) {
+            start.refracted = Fate::Free;
         }
+        if start.lit && self.walk.method == Method::Split {
+            let facet = incidence.facet::<L>(&self.grid);
+            let weight = facing / (nx * ny) as f64;
+            for (way, fate, side) in [
+                (&facet.reflected, &mut start.reflected, Side::Above),
+                (&facet.refracted, &mut start.refracted, Side::Below),
+            ] {
+                if *fate == Fate::Free {
+                    let light: L = facet.leaving(way, weight);
+                    batch.count(&light, weight * way.power, way.bin as usize, side, 1);
+                    *fate = Fate::Done;
+                }
+            }
+            if facet.absorbs() && start.reflected == Fate::Done {
+                batch.absorb(weight * (1.0 - facet.reflected.power));
+            }
+            if start.reflected == Fate::Done && start.refracted == Fate::Done {
+                return None;
+            }
+        }
+        Some((start, facing))
     }
-    let start = Start {
-        cell: cell as u32,
-        upper,
-        lit,
-        ways,
-    };
-    starts.push((start, facing));
+
+    /// By the cell's escape slope, or else by a look at what lies in its way.
+    fn is_free(&self, cell: usize, upper: bool, side: Side, k: &V3) -> bool {
+        let (_, ny) = self.field.cells();
+        self.field.escape(side).clears(cell, k)
+            || (self.thorough && beam::is_free(self.field, cell / ny, cell % ny, upper, side, k))
+    }
 }

@@ -106,6 +106,47 @@ fn variance_reduction_does_not_move_the_result() {
     assert!(smallest_cloude_share(&b) > -1e-12);
 }
 
+#[test]
+fn facets_that_are_rough_or_bright_inside_are_the_same_by_either_method() {
+    use super::scene::HeightMap;
+    // Such a facet sends light everywhere: none of it is certain, on a height field either.
+    let waves = |path: &str| {
+        let height =
+            |n: usize| 0.6 * ((n % 32) as f64 * 0.59).sin() + 0.5 * ((n / 32) as f64 * 0.39).cos();
+        assert_eq!(path, "waves.csv");
+        Ok(HeightMap {
+            columns: 32,
+            rows: 32,
+            heights: (0..32 * 32).map(height).collect(),
+            units: None,
+        })
+    };
+    let file = "shape = \"file\"\npath = \"waves.csv\"\npitch_um = 1.0\nheight_unit_um = 1.0";
+    let rough = interface(
+        &format!("{file}\nalpha_u = 0.3\nalpha_v = 0.2"),
+        "\"Au550\"",
+    );
+    for interfaces in [rough, interface(file, "{ n = 1.5, rho_d = 0.3 }")] {
+        let [a, b] = ["analog", "split"].map(|method| {
+            let run =
+                format!("photons = 40000\nmethod = \"{method}\"\ntheta_bins = 9\nphi_bins = 12");
+            let scene = Scene::parse(&scene(45.0, &interfaces, &run)).unwrap();
+            let totals = trace(&scene.prepare(&waves).unwrap(), Shard::WHOLE, &|_| true);
+            totals.energies()
+        });
+        for (x, y) in [
+            (a.reflected_all, b.reflected_all),
+            (a.absorbed, b.absorbed),
+            (a.reflected[0], b.reflected[0]),
+            (a.reflected[1], b.reflected[1]),
+        ] {
+            let z = (x.value - y.value) / x.std.hypot(y.std);
+            assert!(z.abs() < 4.0, "{x:?} {y:?}");
+        }
+        assert!(a.transmitted_all.value == 0.0 && b.transmitted_all.value == 0.0);
+    }
+}
+
 /// Of all bins that light reached.
 fn smallest_cloude_share(totals: &Totals) -> f64 {
     let mut smallest = f64::INFINITY;

@@ -7,10 +7,77 @@
 use super::vec3::{V3, cross, dot, scaled};
 use crate::model::polarisation::Channel;
 
+/// A turn of a beam's frame about the beam: cos and sin of twice its angle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Turn {
+    cos: f64,
+    sin: f64,
+}
+
+/// Below this sin² of the angle between beam and normal every frame is one of the hit: the two
+/// channels differ by less than rounding there.
+const STRAIGHT: f64 = 1e-24;
+
+impl Turn {
+    /// None at all.
+    pub const NONE: Turn = Turn { cos: 1.0, sin: 0.0 };
+
+    /// To the frame with s' = c s + d p, for c² + d² = `square`.
+    #[inline(always)]
+    fn new(c: f64, d: f64, square: f64) -> Self {
+        let inverse = 1.0 / square;
+        Turn {
+            cos: (c * c - d * d) * inverse,
+            sin: 2.0 * c * d * inverse,
+        }
+    }
+
+    /// Of a beam along `k` whose frame has the given `s`, to the frame of a hit with normal `m`; and the s of
+    /// that.
+    #[inline(always)]
+    #[must_use]
+    pub fn to_hit(k: &V3, m: &V3, s: &V3) -> (Self, V3) {
+        // With s ⟂ k: (k × m)·s and (k × m)·(k × s) = m·s.
+        let s_hit = cross(k, m);
+        let (c, d) = (dot(&s_hit, s), dot(m, s));
+        let square = c * c + d * d;
+        if square > STRAIGHT {
+            let s_hit = scaled(1.0 / square.sqrt(), &s_hit);
+            (Turn::new(c, d, square), s_hit)
+        } else {
+            (Turn::NONE, *s)
+        }
+    }
+
+    /// Of a beam along `k` whose frame has the given `s`, to the frame (z × k, k × s) of a direction of exit;
+    /// straight up or down, to that with s = `straight`.
+    #[inline(always)]
+    #[must_use]
+    pub fn to_exit(k: &V3, s: &V3, straight: &V3) -> Self {
+        // s_out = z × k; its sign does not matter to a Stokes vector.
+        let s_out = [-k[1], k[0], 0.0];
+        let square = s_out[0] * s_out[0] + s_out[1] * s_out[1];
+        let (s_out, square) = if square > STRAIGHT {
+            (s_out, square)
+        } else {
+            (*straight, 1.0)
+        };
+        Turn::new(dot(&s_out, s), dot(&s_out, &cross(k, s)), square)
+    }
+
+    /// Turns a Q and a U.
+    #[inline(always)]
+    pub(super) fn apply(&self, q: &mut f64, u: &mut f64) {
+        (*q, *u) = (self.cos * *q + self.sin * *u, self.cos * *u - self.sin * *q);
+    }
+}
+
 /// What the walk does to the light that a photon carries.
 pub trait Light: Copy + Send + Sync {
     /// How many numbers a direction bin holds: 16 or 1.
     const ELEMENTS: usize;
+    /// Whether it has a frame that turns mean something to.
+    const HAS_FRAME: bool = true;
 
     /// Unit light along a direction whose frame has this s (unit, perpendicular to it).
     fn launch(s: &V3) -> Self;
@@ -31,8 +98,20 @@ pub trait Light: Copy + Send + Sync {
     /// Turns to the frame (z × k, k × s) of a direction of exit; straight up or down, to that with
     /// s = `straight`.
     fn leave(&mut self, k: &V3, straight: &V3);
+    /// Turns its frame; what the frame's s is afterwards it is not told.
+    fn turn(&mut self, turn: &Turn);
     /// Adds itself to a bin of `ELEMENTS` numbers, row by row.
     fn add_to(&self, bin: &mut [f64]);
+
+    /// What unit light is after its first hit: turned from the frame of launch to that of the hit, whose s is
+    /// given, and gone through a channel times `factor`.
+    #[inline(always)]
+    fn after_hit(turn: &Turn, s: &V3, channel: &Channel, factor: f64) -> Self {
+        let mut light = Self::launch(s);
+        light.turn(turn);
+        light.pass(channel, factor);
+        light
+    }
 }
 
 /// A Mueller matrix by rows, and s of the current frame.
@@ -40,25 +119,6 @@ pub trait Light: Copy + Send + Sync {
 pub struct Polarised {
     rows: [[f64; 4]; 4],
     s: V3,
-}
-
-/// Below this sin² of the angle between beam and normal every frame is one of the hit: the two
-/// channels differ by less than rounding there.
-const STRAIGHT: f64 = 1e-24;
-
-impl Polarised {
-    /// Rotates to the frame with s' = c s + d p, for c² + d² = `square`.
-    #[inline]
-    fn turn(&mut self, c: f64, d: f64, square: f64) {
-        let inverse = 1.0 / square;
-        let (cos, sin) = ((c * c - d * d) * inverse, 2.0 * c * d * inverse);
-        let [_, q, u, _] = &mut self.rows;
-        for (a, b) in q.iter_mut().zip(u.iter_mut()) {
-            let (old_q, old_u) = (*a, *b);
-            *a = cos * old_q + sin * old_u;
-            *b = cos * old_u - sin * old_q;
-        }
-    }
 }
 
 impl Light for Polarised {
@@ -85,14 +145,9 @@ impl Light for Polarised {
 
     #[inline]
     fn meet(&mut self, k: &V3, m: &V3) {
-        // With s ⟂ k: (k × m)·s and (k × m)·(k × s) = m·s.
-        let s_hit = cross(k, m);
-        let (c, d) = (dot(&s_hit, &self.s), dot(m, &self.s));
-        let square = c * c + d * d;
-        if square > STRAIGHT {
-            self.turn(c, d, square);
-            self.s = scaled(1.0 / square.sqrt(), &s_hit);
-        }
+        let (turn, s) = Turn::to_hit(k, m, &self.s);
+        self.turn(&turn);
+        self.s = s;
     }
 
     #[inline]
@@ -136,17 +191,36 @@ impl Light for Polarised {
 
     #[inline]
     fn leave(&mut self, k: &V3, straight: &V3) {
-        // s_out = z × k; its sign does not matter to a Stokes vector.
-        let s_out = [-k[1], k[0], 0.0];
-        let square = s_out[0] * s_out[0] + s_out[1] * s_out[1];
-        let (s_out, square) = if square > STRAIGHT {
-            (s_out, square)
-        } else {
-            (*straight, 1.0)
-        };
-        let c = dot(&s_out, &self.s);
-        let d = dot(&s_out, &cross(k, &self.s));
-        self.turn(c, d, square);
+        self.turn(&Turn::to_exit(k, &self.s, straight));
+    }
+
+    #[inline(always)]
+    fn turn(&mut self, turn: &Turn) {
+        let [_, q, u, _] = &mut self.rows;
+        for (q, u) in q.iter_mut().zip(u) {
+            turn.apply(q, u);
+        }
+    }
+
+    /// Of the turned identity, half the elements are nothing.
+    #[inline(always)]
+    fn after_hit(turn: &Turn, s: &V3, channel: &Channel, factor: f64) -> Self {
+        let half = 0.5 * factor;
+        let (a, b) = (
+            half * (channel.s + channel.p),
+            half * (channel.s - channel.p),
+        );
+        let (re, im) = (factor * channel.re, factor * channel.im);
+        let Turn { cos, sin } = *turn;
+        Polarised {
+            rows: [
+                [a, b * cos, b * sin, 0.0],
+                [b, a * cos, a * sin, 0.0],
+                [0.0, -re * sin, re * cos, im],
+                [0.0, im * sin, -im * cos, re],
+            ],
+            s: *s,
+        }
     }
 
     #[inline]
@@ -163,6 +237,7 @@ pub struct Scalar(f64);
 
 impl Light for Scalar {
     const ELEMENTS: usize = 1;
+    const HAS_FRAME: bool = false;
 
     fn launch(_: &V3) -> Self {
         Scalar(1.0)
@@ -192,6 +267,8 @@ impl Light for Scalar {
     }
     #[inline]
     fn leave(&mut self, _: &V3, _: &V3) {}
+    #[inline]
+    fn turn(&mut self, _: &Turn) {}
     #[inline]
     fn add_to(&self, bin: &mut [f64]) {
         bin[0] += self.0;
@@ -234,6 +311,22 @@ mod tests {
                     assert!(difference.abs() < 1e-14, "{i}{j}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn the_first_hit_in_one_step_is_the_first_hit_in_three() {
+        let s = [0.0, 1.0, 0.0];
+        let k = [-0.6, 0.0, -0.8];
+        let m = unit(&[0.2, -0.3, 1.0]);
+        for boundary in [Boundary::new(1.0, 1.5, 0.0), Boundary::new(1.0, 0.2, 3.0)] {
+            let channel = boundary.at(-dot(&k, &m)).reflected;
+            let mut whole = Polarised::launch(&s);
+            whole.meet(&k, &m);
+            whole.pass(&channel, 1.25);
+            let (turn, s_hit) = Turn::to_hit(&k, &m, &s);
+            let short = Polarised::after_hit(&turn, &s_hit, &channel, 1.25);
+            assert_eq!((short.rows, short.s), (whole.rows, whole.s));
         }
     }
 

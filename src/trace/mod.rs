@@ -17,6 +17,7 @@ pub mod ellipsometer;
 pub mod escape;
 mod exact;
 pub mod facet;
+pub mod first_hit;
 pub mod grid;
 pub mod height_field;
 pub mod launch;

@@ -5,7 +5,7 @@
 //! drops out of the difference. Ways are drawn by the mean of both shares, so neither weight
 //! can grow beyond twice its share: each of the two is an unbiased result of its own.
 
-use super::light::{Light, Polarised, Scalar};
+use super::light::{Light, Polarised, Scalar, Turn};
 use super::vec3::V3;
 use crate::model::polarisation::Channel;
 
@@ -63,6 +63,10 @@ impl Light for Paired {
     #[inline]
     fn leave(&mut self, k: &V3, straight: &V3) {
         self.polarised.leave(k, straight);
+    }
+    #[inline]
+    fn turn(&mut self, turn: &Turn) {
+        self.polarised.turn(turn);
     }
     #[inline]
     fn add_to(&self, bin: &mut [f64]) {

@@ -5,7 +5,7 @@
 
 use super::grid::Grid;
 use super::height_field::Side;
-use super::light::{Light, Polarised, Scalar};
+use super::light::{Light, Polarised, Scalar, Turn};
 use super::run::trace_briefly;
 use super::scene::Prepared;
 use super::tally::{Estimate, ORDERS};
@@ -14,17 +14,17 @@ use crate::model::polarisation::Channel;
 
 /// Scalar light, and beside it polarised light of the same lamp.
 #[derive(Debug, Clone, Copy)]
-struct Paired {
+struct Accompanied {
     scalar: Scalar,
     polarised: Polarised,
 }
 
-impl Light for Paired {
+impl Light for Accompanied {
     /// The scalar weight and by how much the polarised one differs.
     const ELEMENTS: usize = 2;
 
     fn launch(s: &V3) -> Self {
-        Paired {
+        Accompanied {
             scalar: Scalar::launch(s),
             polarised: Polarised::launch(s),
         }
@@ -56,6 +56,9 @@ impl Light for Paired {
     fn leave(&mut self, k: &V3, straight: &V3) {
         self.polarised.leave(k, straight);
     }
+    fn turn(&mut self, turn: &Turn) {
+        self.polarised.turn(turn);
+    }
     fn add_to(&self, bin: &mut [f64]) {
         bin[0] += self.scalar.weight();
         bin[1] += self.polarised.weight() - self.scalar.weight();
@@ -85,7 +88,7 @@ pub struct Pilot {
 #[must_use]
 pub fn pilot(prepared: &Prepared, photons: u64) -> Pilot {
     let grid = Grid::polar(1, 1);
-    let totals = trace_briefly::<Paired>(prepared, grid, photons);
+    let totals = trace_briefly::<Accompanied>(prepared, grid, photons);
     let whole = std::f64::consts::PI;
     // One bin per side: its value times the projected solid angle π is the share of the light.
     let of = |side: Side, i: usize| {

@@ -187,7 +187,7 @@ fn resume_as<L: Light>(
     let walk = walk_of(prepared);
     let task = Task {
         walk: &walk,
-        first_hits: FirstHits::new::<L>(&walk, grid),
+        first_hits: FirstHits::new::<L>(&walk, grid, photons),
         seed: prepared.seed,
         grid,
         photons,

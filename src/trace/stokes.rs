@@ -3,8 +3,8 @@
 //! Where the lamp is unpolarised and the camera blind to polarisation, the first column of the
 //! Mueller matrix is all that the next bounces need, at a quarter of the work.
 
-use super::light::Light;
-use super::vec3::{V3, cross, dot, scaled};
+use super::light::{Light, Turn};
+use super::vec3::V3;
 use crate::model::polarisation::Channel;
 
 /// The Stokes vector (I, Q, U, V) of light that was launched unpolarised with I = 1, and s of its
@@ -16,18 +16,6 @@ pub struct Stokes {
     u: f64,
     v: f64,
     s: V3,
-}
-
-/// Below this sin² of the angle between beam and normal every frame is one of the hit.
-const STRAIGHT: f64 = 1e-24;
-
-impl Stokes {
-    /// Turns to the frame with s' = c s + d p, for c² + d² = `square`.
-    fn turn(&mut self, c: f64, d: f64, square: f64) {
-        let inverse = 1.0 / square;
-        let (cos, sin) = ((c * c - d * d) * inverse, 2.0 * c * d * inverse);
-        (self.q, self.u) = (cos * self.q + sin * self.u, cos * self.u - sin * self.q);
-    }
 }
 
 impl Light for Stokes {
@@ -52,13 +40,9 @@ impl Light for Stokes {
     }
 
     fn meet(&mut self, k: &V3, m: &V3) {
-        let s_hit = cross(k, m);
-        let (c, d) = (dot(&s_hit, &self.s), dot(m, &self.s));
-        let square = c * c + d * d;
-        if square > STRAIGHT {
-            self.turn(c, d, square);
-            self.s = scaled(1.0 / square.sqrt(), &s_hit);
-        }
+        let (turn, s) = Turn::to_hit(k, m, &self.s);
+        self.turn(&turn);
+        self.s = s;
     }
 
     fn share(&self, channel: &Channel) -> f64 {
@@ -89,16 +73,11 @@ impl Light for Stokes {
     }
 
     fn leave(&mut self, k: &V3, straight: &V3) {
-        let s_out = [-k[1], k[0], 0.0];
-        let square = s_out[0] * s_out[0] + s_out[1] * s_out[1];
-        let (s_out, square) = if square > STRAIGHT {
-            (s_out, square)
-        } else {
-            (*straight, 1.0)
-        };
-        let c = dot(&s_out, &self.s);
-        let d = dot(&s_out, &cross(k, &self.s));
-        self.turn(c, d, square);
+        self.turn(&Turn::to_exit(k, &self.s, straight));
+    }
+
+    fn turn(&mut self, turn: &Turn) {
+        turn.apply(&mut self.q, &mut self.u);
     }
 
     fn add_to(&self, bin: &mut [f64]) {
@@ -112,7 +91,7 @@ impl Light for Stokes {
 mod tests {
     use super::super::light::Polarised;
     use super::super::rng::{Purpose, Stream};
-    use super::super::vec3::unit;
+    use super::super::vec3::{dot, unit};
     use super::*;
     use crate::model::polarisation::Boundary;
 

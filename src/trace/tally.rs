@@ -94,12 +94,24 @@ impl Batch {
     /// Light leaves along `k` on a side after `interactions` (≥ 1), already in the frame of exit.
     #[inline]
     pub fn exit<L: Light>(&mut self, light: &L, power: f64, side: Side, k: &V3, interactions: u32) {
-        let bin = self.grid.bin(side, k);
+        self.count(light, power, self.grid.bin(side, k), side, interactions);
+    }
+
+    /// The same where the bin is known.
+    #[inline(always)]
+    pub fn count<L: Light>(
+        &mut self,
+        light: &L,
+        power: f64,
+        bin: usize,
+        side: Side,
+        interactions: u32,
+    ) {
         if self.hits[bin] == 0 {
             self.touched.push(bin as u32);
         }
         self.hits[bin] += 1;
-        light.add_to(&mut self.bins[bin * self.stride..(bin + 1) * self.stride]);
+        light.add_to(&mut self.bins[bin * L::ELEMENTS..(bin + 1) * L::ELEMENTS]);
         let order = (interactions as usize).clamp(1, ORDERS) - 1;
         match side {
             Side::Above => {

@@ -90,23 +90,6 @@ pub struct Walk<'a> {
     pub interactions_max: u32,
 }
 
-/// Which ways a first hit opens that are not known already.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Ways {
-    /// Reflection.
-    pub reflected: bool,
-    /// Refraction.
-    pub refracted: bool,
-}
-
-impl Ways {
-    /// Nothing is known.
-    pub const BOTH: Ways = Ways {
-        reflected: true,
-        refracted: true,
-    };
-}
-
 /// A photon that has just left a place.
 #[derive(Debug, Clone, Copy)]
 struct State<L> {
@@ -140,15 +123,13 @@ impl Walk<'_> {
             Way::Hit(place) => place,
             Way::Free | Way::Lost => return batch.truncate(1.0),
         };
-        self.photon_at(place, Ways::BOTH, random, waiting, batch);
+        self.photon_at(place, random, waiting, batch);
     }
 
-    /// One photon that meets the first interface at `place`; with [`Method::Split`] only those ways of
-    /// its first hit are followed that `ways` allows.
+    /// One photon that meets the first interface at `place`.
     pub fn photon_at<L: Light>(
         &self,
         place: Place,
-        ways: Ways,
         random: &mut Stream,
         waiting: &mut Waiting<L>,
         batch: &mut Batch,
@@ -161,45 +142,46 @@ impl Walk<'_> {
             place,
             interactions: 0,
         };
-        self.follow(&mut state, waiting, ways, random, batch);
-        while let Some(mut other) = waiting.pop() {
-            if let Event::Goes = self.advance(&mut other, random, batch) {
-                self.follow(&mut other, waiting, Ways::BOTH, random, batch);
-            }
-        }
+        self.follow(&mut state, waiting, random, batch);
+        self.follow_waiting(waiting, random, batch);
     }
 
-    /// What a facet with normal `m` that the lamp lights wholly does at the first hit, with no chance in
-    /// it: the ways that `free` marks as leading out at once are counted with `weight`.
-    pub fn known<L: Light>(&self, m: &V3, weight: f64, free: Ways, batch: &mut Batch) {
-        let boundary = &self.stack.interfaces[0].from_above;
-        let cos = -dot(&self.k, m);
-        let split = boundary.at(cos);
-        let mut light = L::launch(&self.s);
-        light.meet(&self.k, m);
-        light.scale(weight);
-        let count = |channel: &Channel, side: Side, k: &V3, batch: &mut Batch| {
-            let mut out = light;
-            out.pass(channel, 1.0);
-            let power = out.power(&self.stokes);
-            out.leave(k, &self.s);
-            batch.exit(&out, power, side, k, 1);
-            power
+    /// What becomes of light that goes from its first hit, at `place`, along `k` on a side.
+    #[expect(clippy::too_many_arguments, reason = "a photon's state and its tools")]
+    pub fn go_on<L: Light>(
+        &self,
+        light: L,
+        k: V3,
+        side: Side,
+        place: Place,
+        random: &mut Stream,
+        waiting: &mut Waiting<L>,
+        batch: &mut Batch,
+    ) {
+        let mut state = State {
+            light,
+            k,
+            side,
+            interface: 0,
+            place,
+            interactions: 1,
         };
-        if free.reflected {
-            let mut k = self.k;
-            reflect(&mut k, m, Side::Above, cos);
-            let power = count(&split.reflected, Side::Above, &k, batch);
-            if !boundary.is_transparent() {
-                let before = light.power(&self.stokes);
-                batch.absorb(before - power);
-            }
+        if let Event::Goes = self.advance(&mut state, random, batch) {
+            self.follow(&mut state, waiting, random, batch);
         }
-        if free.refracted {
-            let mut k = self.k;
-            let ratio = boundary.snell_ratio();
-            refract(&mut k, m, Side::Above, cos, ratio, split.cos_refracted);
-            count(&split.refracted, Side::Below, &k, batch);
+        self.follow_waiting(waiting, random, batch);
+    }
+
+    fn follow_waiting<L: Light>(
+        &self,
+        waiting: &mut Waiting<L>,
+        random: &mut Stream,
+        batch: &mut Batch,
+    ) {
+        while let Some(mut other) = waiting.pop() {
+            if let Event::Goes = self.advance(&mut other, random, batch) {
+                self.follow(&mut other, waiting, random, batch);
+            }
         }
     }
 
@@ -208,7 +190,6 @@ impl Walk<'_> {
         &self,
         state: &mut State<L>,
         waiting: &mut Waiting<L>,
-        ways: Ways,
         random: &mut Stream,
         batch: &mut Batch,
     ) {
@@ -222,12 +203,7 @@ impl Walk<'_> {
             } else {
                 let m = interface.relief.normal(&state.place);
                 if self.method == Method::Split && waiting.has_room() {
-                    let ways = if state.interactions == 0 {
-                        ways
-                    } else {
-                        Ways::BOTH
-                    };
-                    self.split_smooth(state, waiting, ways, &m, random, batch)
+                    self.split_smooth(state, waiting, &m, random, batch)
                 } else {
                     self.meet_smooth(state, interface, &m, random, batch)
                 }
@@ -319,7 +295,7 @@ impl Walk<'_> {
     }
 
     /// `false` where a weak photon lost.
-    fn roulette<L: Light>(&self, light: &mut L, random: &mut Stream) -> bool {
+    pub fn roulette<L: Light>(&self, light: &mut L, random: &mut Stream) -> bool {
         let weight = light.weight();
         if weight >= WEAK {
             return true;
@@ -338,7 +314,6 @@ impl Walk<'_> {
         &self,
         state: &mut State<L>,
         waiting: &mut Waiting<L>,
-        ways: Ways,
         m: &V3,
         random: &mut Stream,
         batch: &mut Batch,
@@ -367,7 +342,7 @@ impl Walk<'_> {
         }
         state.light.meet(&state.k, m);
         state.interactions += 1;
-        if split.cos_refracted > 0.0 && ways.refracted {
+        if split.cos_refracted > 0.0 {
             let mut other = *state;
             other.light.pass(&split.refracted, 1.0);
             refract(
@@ -380,9 +355,6 @@ impl Walk<'_> {
             );
             other.side = state.side.across();
             waiting.push(other);
-        }
-        if !ways.reflected {
-            return Event::Ends;
         }
         state.light.pass(&split.reflected, 1.0);
         reflect(&mut state.k, m, state.side, cos);

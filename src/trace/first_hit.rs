@@ -1,0 +1,182 @@
+//! What a smooth facet does to the lamp's light, all but chance: directions, shares, Mueller matrices, bins.
+//!
+//! All photons that come from the lamp onto one triangle meet the same facet in the same direction. So
+//! an [`Incidence`] is worked out once per triangle instead of once per photon, and a [`Facet`] is what is kept of
+//! it: enough to count light that leaves at once without looking at the triangle again.
+
+use super::grid::Grid;
+use super::height_field::Side;
+use super::light::{Light, Turn};
+use super::vec3::{V3, combine, dot};
+use super::walk::{Method, Walk};
+use crate::model::polarisation::{Boundary, Channel, Split};
+
+/// The lamp's light on a smooth facet of the first interface.
+#[derive(Debug, Clone, Copy)]
+pub struct Incidence<'a> {
+    walk: &'a Walk<'a>,
+    boundary: &'a Boundary,
+    m: V3,
+    cos: f64,
+    split: Split,
+    turn: Turn,
+    /// s of the frame of the hit.
+    pub s: V3,
+}
+
+/// One way on from a facet, for light that leaves at once.
+#[derive(Debug, Clone, Copy)]
+pub struct Passage {
+    /// What the boundary does.
+    pub channel: Channel,
+    /// From the frame of the hit to that of the exit.
+    pub leave: Turn,
+    /// Power of the lamp's light that goes this way.
+    pub power: f64,
+    /// The bin of the direction of exit.
+    pub bin: u32,
+}
+
+/// Both ways on from a facet.
+#[derive(Debug, Clone, Copy)]
+pub struct Facet {
+    /// From the frame of launch to that of the hit.
+    pub turn: Turn,
+    /// Chance of a photon to be reflected: what unpolarised light would be.
+    pub share: f64,
+    /// Whether light is refracted.
+    pub enters: bool,
+    metal: bool,
+    /// Reflection.
+    pub reflected: Passage,
+    /// Refraction.
+    pub refracted: Passage,
+}
+
+impl<'a> Incidence<'a> {
+    /// On a facet with upward normal `m` that faces the lamp.
+    #[inline(always)]
+    #[must_use]
+    pub fn of<L: Light>(walk: &'a Walk<'a>, m: &V3) -> Self {
+        let boundary = &walk.stack.interfaces[0].from_above;
+        // Rounding at grazing must not turn it away.
+        let cos = (-dot(&walk.k, m)).max(1e-12);
+        let (turn, s) = if L::HAS_FRAME {
+            Turn::to_hit(&walk.k, m, &walk.s)
+        } else {
+            (Turn::NONE, walk.s)
+        };
+        Incidence {
+            walk,
+            boundary,
+            m: *m,
+            cos,
+            split: boundary.at(cos),
+            turn,
+            s,
+        }
+    }
+
+    /// Direction of the reflected light.
+    #[inline(always)]
+    #[must_use]
+    pub fn reflected(&self) -> V3 {
+        combine(1.0, &self.walk.k, 2.0 * self.cos, &self.m)
+    }
+
+    /// Direction of the refracted light, where there is any.
+    #[inline(always)]
+    #[must_use]
+    pub fn refracted(&self) -> V3 {
+        let ratio = self.boundary.snell_ratio();
+        let along = ratio * self.cos - self.split.cos_refracted;
+        combine(ratio, &self.walk.k, along, &self.m)
+    }
+
+    /// Whether light is refracted: not into a metal, nor under total reflection.
+    #[inline(always)]
+    #[must_use]
+    pub fn enters(&self) -> bool {
+        self.split.cos_refracted > 0.0
+    }
+
+    /// What is kept of it. For [`Method::Analog`], where a photon that goes a way weighs 1 on it,
+    /// the channels are those of such a photon.
+    #[inline(always)]
+    #[must_use]
+    pub fn facet<L: Light>(&self, grid: &Grid) -> Facet {
+        let passage = |channel: &Channel, factor: f64, side: Side, k: &V3| {
+            let channel = Channel {
+                s: factor * channel.s,
+                p: factor * channel.p,
+                re: factor * channel.re,
+                im: factor * channel.im,
+            };
+            let leave = if L::HAS_FRAME {
+                Turn::to_exit(k, &self.s, &self.walk.s)
+            } else {
+                Turn::NONE
+            };
+            Passage {
+                leave,
+                power: L::after_hit(&self.turn, &self.s, &channel, 1.0).power(&self.walk.stokes),
+                bin: grid.bin(side, k) as u32,
+                channel,
+            }
+        };
+        let (enters, split) = (self.enters(), &self.split);
+        let share = if enters || !self.boundary.is_transparent() {
+            split.reflected.unpolarised()
+        } else {
+            1.0
+        };
+        let (up, down) = match self.walk.method {
+            Method::Analog => (1.0 / share, 1.0 / (1.0 - share)),
+            Method::Split => (1.0, 1.0),
+        };
+        let reflected = passage(&split.reflected, up, Side::Above, &self.reflected());
+        let refracted = if enters {
+            passage(&split.refracted, down, Side::Below, &self.refracted())
+        } else {
+            Passage {
+                channel: Channel::NONE,
+                power: 0.0,
+                ..reflected
+            }
+        };
+        Facet {
+            turn: self.turn,
+            share,
+            enters,
+            metal: !self.boundary.is_transparent(),
+            reflected,
+            refracted,
+        }
+    }
+}
+
+impl Facet {
+    /// Whether a photon that is not reflected is absorbed.
+    #[inline(always)]
+    #[must_use]
+    pub fn absorbs(&self) -> bool {
+        self.metal
+    }
+
+    /// Light that has just gone a way, for one that goes on from there.
+    #[inline(always)]
+    #[must_use]
+    pub fn after<L: Light>(&self, way: &Passage, s: &V3, factor: f64) -> L {
+        L::after_hit(&self.turn, s, &way.channel, factor)
+    }
+
+    /// Light that has just gone a way and leaves at once, in the frame of its exit.
+    #[inline(always)]
+    #[must_use]
+    pub fn leaving<L: Light>(&self, way: &Passage, factor: f64) -> L {
+        // Of what leaves, the frame of the hit is no longer asked for.
+        let mut light: L = self.after(way, &super::vec3::UP, factor);
+        light.turn(&way.leave);
+        light
+    }
+}
