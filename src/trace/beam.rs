@@ -6,11 +6,11 @@
 //! clears all of that triangle: a handful of comparisons instead of many rays. "Not free" may be
 //! wrong, "free" is not.
 
-use super::height_field::{HeightField, Side};
+use super::height_field::{HeightField, Side, WINDOW};
 use super::vec3::V3;
 
 /// Columns of cells that are looked at before it stays undecided.
-const COLUMNS_MAX: i64 = 48;
+const COLUMNS_MAX: i64 = 96;
 /// Rounding of heights over the steepest triangles, in units of the heights' spread.
 const ROUNDING: f64 = 1e-9;
 
@@ -33,10 +33,30 @@ struct Linear {
 }
 
 impl Linear {
-    #[inline]
+    #[inline(always)]
     fn at(&self, x: f64, y: f64) -> f64 {
         self.at_origin + self.x * x + self.y * y
     }
+}
+
+/// Four such functions side by side, for vector instructions.
+#[derive(Clone, Copy)]
+struct Four {
+    at_origin: [f64; 4],
+    x: [f64; 4],
+    y: [f64; 4],
+}
+
+impl Four {
+    #[inline(always)]
+    fn at(&self, x: f64, y: f64) -> [f64; 4] {
+        std::array::from_fn(|n| self.at_origin[n] + self.x[n] * x + self.y[n] * y)
+    }
+}
+
+#[inline(always)]
+fn greatest(x: &[f64; 4]) -> f64 {
+    greater(greater(x[0], x[1]), greater(x[2], x[3]))
 }
 
 /// The beam in the frame of its cell, in cells; heights count away from the surface.
@@ -45,6 +65,7 @@ struct Beam {
     /// Lowest light by each edge that faces forward, and the triangle's own plane.
     lowest: [Linear; 4],
     n_lowest: usize,
+    side_by_side: Four,
     /// Latest times by the edges that face backward: behind them there is no light.
     latest: [Linear; 2],
     n_latest: usize,
@@ -52,10 +73,29 @@ struct Beam {
     strip: (f64, f64),
 }
 
+/// `index` + `shift` on a tile of `n`.
+#[inline(always)]
+fn wrapped(index: usize, shift: i64, n: usize) -> usize {
+    let at = index as i64 + shift;
+    if (0..n as i64).contains(&at) {
+        at as usize
+    } else {
+        at.rem_euclid(n as i64) as usize
+    }
+}
+
 /// Whether everything that leaves the triangle on a side along `k` is free. `k` must lead away from the
 /// triangle and from the surface as a whole.
 #[must_use]
 pub fn is_free(field: &HeightField, i: usize, j: usize, upper: bool, side: Side, k: &V3) -> bool {
+    // Compiled for each set of vector instructions; the bits are the same with all of them.
+    field
+        .arch()
+        .dispatch(|| looked_at(field, i, j, upper, side, k))
+}
+
+#[inline(always)]
+fn looked_at(field: &HeightField, i: usize, j: usize, upper: bool, side: Side, k: &V3) -> bool {
     let sign = side.sign();
     let (cell_x, cell_y) = field.cell_size();
     let (nx, ny) = field.cells();
@@ -80,51 +120,106 @@ pub fn is_free(field: &HeightField, i: usize, j: usize, upper: bool, side: Side,
     let forward = if ahead > 0.0 { 1 } else { -1 };
     // Across at an ahead position a and strip coordinate w: (a across ∓ w)/ahead.
     let turn = if along_x { -1.0 } else { 1.0 };
-    for step in 0..COLUMNS_MAX {
+    let (drift, rims) = (
+        across / ahead,
+        [turn * beam.strip.0 / ahead, turn * beam.strip.1 / ahead],
+    );
+    let (rim_from, rim_to) = (lesser(rims[0], rims[1]), greater(rims[0], rims[1]));
+    // Rows that the beam crosses between two positions ahead.
+    let rows = |first: i64, last: i64| {
+        let (a, b) = (drift * first as f64, drift * last as f64);
+        (
+            floor(lesser(a, b) + rim_from),
+            floor(greater(a, b) + rim_to),
+        )
+    };
+    let place = |column: i64, row: i64| {
+        if along_x {
+            (column, row)
+        } else {
+            (row, column)
+        }
+    };
+    let mut step = 0;
+    while step < COLUMNS_MAX {
         let column = step * forward;
-        let (mut from, mut to) = (f64::INFINITY, f64::NEG_INFINITY);
-        for a in [column as f64, column as f64 + 1.0] {
-            for w in [beam.strip.0, beam.strip.1] {
-                let at = (a * across + turn * w) / ahead;
-                from = from.min(at);
-                to = to.max(at);
+        if step > 0 {
+            // Many columns at once, as soon as the beam is over all that is there.
+            let first = if forward > 0 { step } else { 1 - step - WINDOW };
+            let (from, to) = rows(first, first + WINDOW);
+            if to - from < WINDOW {
+                let (cx, cy) = place(first, from);
+                let wide = place(WINDOW, to - from + 1);
+                let top = field.outermost_around(side, wrapped(i, cx, nx), wrapped(j, cy, ny));
+                let lowest = beam.lowest_over((cx, cy), wide);
+                if lowest >= top {
+                    let (from, to) = rows(column, column + 1);
+                    let mut cells = (from..=to).map(|row| place(column, row));
+                    let free = lowest >= outermost
+                        || cells.all(|(cx, cy)| {
+                            let cell = wrapped(i, cx, nx) * ny + wrapped(j, cy, ny);
+                            field.escape(side).clears(cell, k)
+                        });
+                    if free {
+                        return true;
+                    }
+                    step += WINDOW;
+                    continue;
+                }
             }
         }
+        let (from, to) = rows(column, column + 1);
         let mut all_clear = true;
-        for row in from.floor() as i64..=to.floor() as i64 {
-            let (cx, cy) = if along_x {
-                (column, row)
-            } else {
-                (row, column)
-            };
-            let (wi, wj) = (
-                (i as i64 + cx).rem_euclid(nx as i64) as usize,
-                (j as i64 + cy).rem_euclid(ny as i64) as usize,
-            );
+        for row in from..=to {
+            let (cx, cy) = place(column, row);
+            let (wi, wj) = (wrapped(i, cx, nx), wrapped(j, cy, ny));
             let h = field.corner_heights(wi, wj).map(|h| sign * h);
             let skip = (cx == 0 && cy == 0).then_some(usize::from(upper));
             if !beam.clears_cell(&h, cx as f64, cy as f64, skip, slack) {
                 return false;
             }
             all_clear &= field.escape(side).clears(wi * ny + wj, k)
-                || beam.is_over(outermost, cx as f64, cy as f64);
+                || beam.lowest_over((cx, cy), (1, 1)) >= outermost;
         }
         if all_clear && step > 0 {
             return true;
         }
+        step += 1;
     }
     false
 }
 
+/// The smaller of two numbers that are numbers.
+#[inline(always)]
+fn lesser(a: f64, b: f64) -> f64 {
+    if b < a { b } else { a }
+}
+
+/// The greater of two numbers that are numbers.
+#[inline(always)]
+fn greater(a: f64, b: f64) -> f64 {
+    if b > a { b } else { a }
+}
+
+/// Rounded down; without the library's function, which is slow where the machine's instruction is not
+/// counted on.
+#[inline(always)]
+fn floor(x: f64) -> i64 {
+    let whole = x as i64;
+    whole - i64::from(whole as f64 > x)
+}
+
 impl Beam {
+    #[inline(always)]
     fn new(own: &[f64; 4], upper: bool, d: [f64; 2], sx: f64, sy: f64, gain: f64) -> Self {
         let plane = Linear {
             at_origin: own[0],
             x: sx,
             y: sy,
         };
+        // Below everything, so that it never matters.
         let none = Linear {
-            at_origin: 0.0,
+            at_origin: f64::NEG_INFINITY,
             x: 0.0,
             y: 0.0,
         };
@@ -132,6 +227,11 @@ impl Beam {
             d,
             lowest: [plane, none, none, none],
             n_lowest: 1,
+            side_by_side: Four {
+                at_origin: [0.0; 4],
+                x: [0.0; 4],
+                y: [0.0; 4],
+            },
             latest: [none; 2],
             n_latest: 0,
             strip: (f64::INFINITY, f64::NEG_INFINITY),
@@ -159,6 +259,11 @@ impl Beam {
                 beam.n_latest += 1;
             }
         }
+        beam.side_by_side = Four {
+            at_origin: beam.lowest.map(|l| l.at_origin),
+            x: beam.lowest.map(|l| l.x),
+            y: beam.lowest.map(|l| l.y),
+        };
         for corner in TRIANGLES[usize::from(upper)] {
             let w = beam.across(CORNERS[corner]);
             beam.strip = (beam.strip.0.min(w), beam.strip.1.max(w));
@@ -166,54 +271,73 @@ impl Beam {
         beam
     }
 
-    #[inline]
+    #[inline(always)]
     fn across(&self, (x, y): (f64, f64)) -> f64 {
         x * self.d[1] - y * self.d[0]
     }
 
-    /// Whether the beam is over a level everywhere in the cell at (cx, cy) from its own.
-    #[inline]
-    fn is_over(&self, level: f64, cx: f64, cy: f64) -> bool {
-        let corners = CORNERS.map(|(x, y)| (x + cx, y + cy));
-        let lowest = &self.lowest[..self.n_lowest];
-        lowest
-            .iter()
-            .any(|l| corners.iter().all(|p| l.at(p.0, p.1) >= level))
+    /// A height that the beam is nowhere below over the `wide` cells from (cx, cy) on, from its own.
+    #[inline(always)]
+    fn lowest_over(&self, (cx, cy): (i64, i64), wide: (i64, i64)) -> f64 {
+        let (x, y) = (wide.0 as f64, wide.1 as f64);
+        let at = self.side_by_side.at(cx as f64, cy as f64);
+        let Four {
+            x: along_x,
+            y: along_y,
+            ..
+        } = &self.side_by_side;
+        greatest(&std::array::from_fn(|n| {
+            at[n] + lesser(0.0, along_x[n] * x) + lesser(0.0, along_y[n] * y)
+        }))
     }
 
     /// Whether the beam passes over a cell at (cx, cy) from its own, whose triangle `skip` is its start.
+    #[inline(always)]
     fn clears_cell(&self, h: &[f64; 4], cx: f64, cy: f64, skip: Option<usize>, slack: f64) -> bool {
-        let places = CORNERS.map(|(x, y)| (x + cx, y + cy));
-        let lowest = &self.lowest[..self.n_lowest];
-        if lowest.iter().any(|l| {
-            places
-                .iter()
-                .zip(h)
-                .all(|(p, height)| l.at(p.0, p.1) + slack >= *height)
-        }) {
-            return true;
-        }
+        // How far the lowest light by some one edge is over the lower and over the upper triangle.
+        let at = self.side_by_side.at(cx, cy);
+        let Four { x, y, .. } = &self.side_by_side;
+        let diagonal: [f64; 4] =
+            std::array::from_fn(|n| lesser(at[n] - h[0], at[n] + (x[n] + y[n]) - h[3]));
+        let over = [
+            greatest(&std::array::from_fn(|n| {
+                lesser(diagonal[n], at[n] + x[n] - h[1])
+            })),
+            greatest(&std::array::from_fn(|n| {
+                lesser(diagonal[n], at[n] + y[n] - h[2])
+            })),
+        ];
         TRIANGLES.iter().enumerate().all(|(n, corners)| {
-            if skip == Some(n) {
-                return true;
+            over[n] + slack >= 0.0 || skip == Some(n) || {
+                let place = |c: usize| [CORNERS[c].0 + cx, CORNERS[c].1 + cy, h[c]];
+                self.clears_triangle(&corners.map(place), slack)
             }
-            let corners = corners.map(|c| [places[c].0, places[c].1, h[c]]);
-            let below = |l: &Linear| corners.iter().all(|p| l.at(p[0], p[1]) + slack >= p[2]);
-            lowest.iter().any(below) || self.clears_triangle(&corners, slack)
         })
     }
 
     /// The same for one triangle: its part in the beam is cut out, and the highest of the lowest light by
     /// each edge must be nowhere below it. (A maximum of linear functions is so exactly where some mean of
     /// them is; means of two are tried, and there are hardly ever more than two that matter.)
+    #[inline(always)]
     fn clears_triangle(&self, corners: &[[f64; 3]; 3], slack: f64) -> bool {
-        let mut part = Polygon::of(corners);
         let [dx, dy] = self.d;
+        // Most are beside the strip or behind the light as a whole.
+        let mut beside = [true, true];
+        for [x, y, _] in corners {
+            let w = x * dy - y * dx;
+            beside[0] &= w <= self.strip.0;
+            beside[1] &= w >= self.strip.1;
+        }
+        let behind = |time: &Linear| corners.iter().all(|p| time.at(p[0], p[1]) < 0.0);
+        if beside[0] || beside[1] || self.latest[..self.n_latest].iter().any(behind) {
+            return true;
+        }
         let across = |limit: f64, sign: f64| Linear {
             at_origin: -sign * limit,
             x: sign * dy,
             y: -sign * dx,
         };
+        let mut part = Polygon::of(corners);
         part.keep(&across(self.strip.0, 1.0));
         part.keep(&across(self.strip.1, -1.0));
         for time in &self.latest[..self.n_latest] {
@@ -262,6 +386,7 @@ impl Polygon {
     }
 
     /// Cuts off where the function is negative.
+    #[inline(always)]
     fn keep(&mut self, function: &Linear) {
         let mut kept = [[0.0; 3]; 7];
         let mut count = 0;

@@ -10,6 +10,8 @@
 //! a triangle cannot hit it again: no epsilon anywhere. Where its slope exceeds everything that
 //! can stand in its way ([`super::escape`]) it is known to be free.
 
+use pulp::Arch;
+
 use super::escape::EscapeSlopes;
 use super::vec3::{V3, unit};
 
@@ -72,6 +74,9 @@ pub enum Flight {
     Lost,
 }
 
+/// Cells along each side of the windows of [`HeightField::outermost_around`].
+pub const WINDOW: i64 = 4;
+
 /// A ray that crosses more cells than this is given up (and booked as truncated).
 pub const CELLS_MAX: usize = 1_000_000;
 
@@ -87,6 +92,11 @@ pub struct HeightField {
     /// Of each cell's corners, the highest and the lowest.
     high: Vec<f32>,
     low: Vec<f32>,
+    /// The same over the [`WINDOW`] × [`WINDOW`] cells from each cell on.
+    high_around: Vec<f32>,
+    low_around: Vec<f32>,
+    /// The instructions that this machine has.
+    arch: Arch,
     lowest: f64,
     highest: f64,
     above: EscapeSlopes,
@@ -135,8 +145,11 @@ impl HeightField {
             cell_x,
             cell_y,
             corners,
+            high_around: over_windows(nx, ny, &high, f32::max),
+            low_around: over_windows(nx, ny, &low, f32::min),
             high,
             low,
+            arch: Arch::new(),
             lowest,
             highest,
             above,
@@ -181,6 +194,13 @@ impl HeightField {
         }
     }
 
+    /// The instructions that this machine has.
+    #[inline]
+    #[must_use]
+    pub(super) fn arch(&self) -> Arch {
+        self.arch
+    }
+
     /// Unit normal of a spot's triangle, upwards.
     #[inline]
     #[must_use]
@@ -217,6 +237,18 @@ impl HeightField {
             below += area;
         }
         None
+    }
+
+    /// The outermost point on a side of the [`WINDOW`] × [`WINDOW`] cells from (i, j) on, counted away from the
+    /// surface (so below, of the negative heights).
+    #[inline]
+    #[must_use]
+    pub fn outermost_around(&self, side: Side, i: usize, j: usize) -> f64 {
+        let cell = i * self.ny + j;
+        match side {
+            Side::Above => f64::from(self.high_around[cell]),
+            Side::Below => -f64::from(self.low_around[cell]),
+        }
     }
 
     /// The escape slopes of one side.
@@ -401,6 +433,7 @@ impl HeightField {
     }
 
     /// A place of a triangle as a spot.
+    #[inline]
     #[must_use]
     pub fn spot_at(&self, i: usize, j: usize, upper: bool, x: f64, y: f64) -> Spot {
         let h = self.corners[i * self.ny + j].map(f64::from);
@@ -414,6 +447,28 @@ impl HeightField {
             z: Self::plane(&h, upper, x, y),
         }
     }
+}
+
+/// Of every cell and the [`WINDOW`] − 1 after it along both axes, what `pick` picks.
+fn over_windows(nx: usize, ny: usize, cells: &[f32], pick: fn(f32, f32) -> f32) -> Vec<f32> {
+    let mut picked = cells.to_vec();
+    let mut reach = 1;
+    while reach < WINDOW as usize {
+        let (down, right) = (reach % nx, reach % ny);
+        let before = picked.clone();
+        let shifted = before.chunks(ny).cycle().skip(down);
+        for ((out, own), other) in picked.chunks_mut(ny).zip(before.chunks(ny)).zip(shifted) {
+            let across = own[right..].iter().chain(&own[..right]);
+            let diagonal = other[right..].iter().chain(&other[..right]);
+            for ((((o, a), b), c), d) in
+                out.iter_mut().zip(own).zip(other).zip(across).zip(diagonal)
+            {
+                *o = pick(pick(*a, *b), pick(*c, *d));
+            }
+        }
+        reach *= 2;
+    }
+    picked
 }
 
 #[cfg(test)]

@@ -368,6 +368,7 @@ struct Look<'a> {
 impl Look<'_> {
     /// A triangle as a start, and its area projected along the light over that of a horizontal one's cell;
     /// `None` where it faces away or nothing of it is left to chance. What is known of it is counted.
+    #[inline(always)]
     fn at<L: Light>(&self, cell: usize, upper: bool, batch: &mut Batch) -> Option<(Start, f64)> {
         let (nx, ny) = self.field.cells();
         let (sx, sy) = self.field.slopes(cell / ny, cell % ny, upper);
@@ -422,6 +423,7 @@ impl Look<'_> {
     }
 
     /// By the cell's escape slope, or else by a look at what lies in its way.
+    #[inline]
     fn is_free(&self, cell: usize, upper: bool, side: Side, k: &V3) -> bool {
         let (_, ny) = self.field.cells();
         self.field.escape(side).clears(cell, k)
