@@ -103,8 +103,9 @@ impl<'a> FirstHits<'a> {
                 |batch, chunk| {
                     let mut starts = Vec::with_capacity(2 * CHUNK);
                     for cell in chunk * CHUNK..((chunk + 1) * CHUNK).min(cells) {
+                        let (i, j) = (cell / ny, cell % ny);
                         for upper in [false, true] {
-                            starts.extend(look.at::<L>(cell, upper, batch));
+                            starts.extend(look.at::<L>(i, j, upper, batch));
                         }
                     }
                     // Adding in fixed point is exact: the order of the chunks does not matter.
@@ -369,17 +370,23 @@ impl Look<'_> {
     /// A triangle as a start, and its area projected along the light over that of a horizontal one's cell;
     /// `None` where it faces away or nothing of it is left to chance. What is known of it is counted.
     #[inline(always)]
-    fn at<L: Light>(&self, cell: usize, upper: bool, batch: &mut Batch) -> Option<(Start, f64)> {
+    fn at<L: Light>(
+        &self,
+        i: usize,
+        j: usize,
+        upper: bool,
+        batch: &mut Batch,
+    ) -> Option<(Start, f64)> {
         let (nx, ny) = self.field.cells();
-        let (sx, sy) = self.field.slopes(cell / ny, cell % ny, upper);
+        let (sx, sy) = self.field.slopes(i, j, upper);
         let k = &self.walk.k;
         let facing = 0.5 * (-k[0] * sx - k[1] * sy + k[2]) / k[2];
         if facing <= 0.0 {
             return None;
         }
-        let free = |side: Side, k: &V3| self.is_free(cell, upper, side, k);
+        let free = |side: Side, k: &V3| self.is_free(i, j, upper, side, k);
         let mut start = Start {
-            cell: cell as u32,
+            cell: (i * ny + j) as u32,
             upper,
             lit: free(Side::Above, &self.to_lamp),
             reflected: Fate::Open,
@@ -424,9 +431,9 @@ impl Look<'_> {
 
     /// By the cell's escape slope, or else by a look at what lies in its way.
     #[inline]
-    fn is_free(&self, cell: usize, upper: bool, side: Side, k: &V3) -> bool {
+    fn is_free(&self, i: usize, j: usize, upper: bool, side: Side, k: &V3) -> bool {
         let (_, ny) = self.field.cells();
-        self.field.escape(side).clears(cell, k)
-            || (self.thorough && beam::is_free(self.field, cell / ny, cell % ny, upper, side, k))
+        self.field.escape(side).clears(i * ny + j, k)
+            || (self.thorough && beam::is_free(self.field, i, j, upper, side, k))
     }
 }

@@ -1,4 +1,4 @@
-//! A run: photons in blocks of batches over all cores, until enough.
+//! A run: photons in batches over all cores, until enough.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,7 +11,7 @@ use super::light::{Light, Polarised, Scalar};
 use super::paired::Paired;
 use super::rng::{Purpose, Stream};
 use super::scene::Prepared;
-use super::tally::{Batch, Block, Totals};
+use super::tally::{Batch, Totals};
 use super::walk::{Method, Waiting, Walk};
 
 /// Which part of a run.
@@ -27,9 +27,9 @@ impl Shard {
     /// The whole run.
     pub const WHOLE: Shard = Shard { number: 1, of: 1 };
 
-    /// Numbers of its blocks, of a run of so many photons.
-    fn blocks(self, photons: u64) -> impl Iterator<Item = u64> {
-        (0..blocks(photons)).filter(move |block| block % self.of == self.number - 1)
+    /// Numbers of its batches, of a run of so many photons.
+    fn batches(self, photons: u64) -> impl Iterator<Item = u64> {
+        (0..batches(photons)).filter(move |batch| batch % self.of == self.number - 1)
     }
 }
 
@@ -38,29 +38,29 @@ impl Shard {
 pub struct SoFar {
     /// What was counted.
     pub totals: Totals,
-    /// Numbers of the finished blocks, rising.
-    pub blocks: Vec<u64>,
+    /// Numbers of the finished batches, rising.
+    pub batches: Vec<u64>,
 }
 
 impl SoFar {
-    /// What was kept of a shard of a run of so many photons; `None` where it cannot be that: blocks that the
+    /// What was kept of a shard of a run of so many photons; `None` where it cannot be that: batches that the
     /// shard does not have, or other photons than theirs.
     #[must_use]
-    pub fn kept(totals: Totals, blocks: Vec<u64>, photons: u64, shard: Shard) -> Option<Self> {
-        let count = self::blocks(photons);
-        let known = |block: &u64| *block < count && block % shard.of == shard.number - 1;
-        let rising = blocks.windows(2).all(|pair| pair[0] < pair[1]);
-        if !(rising && blocks.iter().all(known)) {
+    pub fn kept(totals: Totals, batches: Vec<u64>, photons: u64, shard: Shard) -> Option<Self> {
+        let count = self::batches(photons);
+        let known = |batch: &u64| *batch < count && batch % shard.of == shard.number - 1;
+        let rising = batches.windows(2).all(|pair| pair[0] < pair[1]);
+        if !(rising && batches.iter().all(known)) {
             return None;
         }
-        let traced: u64 = blocks.iter().map(|b| span(photons, count, *b).size()).sum();
-        (traced == totals.photons()).then_some(SoFar { totals, blocks })
+        let traced: u64 = batches.iter().map(|b| share(photons, count, *b)).sum();
+        (traced == totals.photons()).then_some(SoFar { totals, batches })
     }
 
     /// Whether nothing is left to trace of a shard of a run of so many photons.
     #[must_use]
     pub fn is_complete(&self, photons: u64, shard: Shard) -> bool {
-        self.blocks.len() == shard.blocks(photons).count()
+        self.batches.len() == shard.batches(photons).count()
     }
 }
 
@@ -75,45 +75,30 @@ pub struct Progress {
     pub relative_error: Option<f64>,
 }
 
-/// Photons are dealt out in this many blocks at least, and none is larger than [`BLOCK_MAX`].
-const BLOCKS_MIN: u64 = 16;
-/// Batches per block: 64 replicates and more, so that standard errors are known to 9 %. More of them would
-/// each be smaller, and strata pay only where there are several to a triangle.
-const BATCHES: u64 = 4;
-/// Largest block: what is lost at most per thread when a run is stopped.
-const BLOCK_MAX: u64 = 1 << 22;
-/// Photons between two looks at the stop conditions.
+/// Photons are dealt out in this many batches at least: as many independent replicates, so that standard errors are
+/// known to 9 %. More of them would each be smaller, and strata pay only where there are several to a triangle.
+const BATCHES_MIN: u64 = 64;
+/// Largest batch: what is lost at most per thread when a run is stopped.
+const BATCH_MAX: u64 = 1 << 20;
+/// Photons between two looks at the stop conditions,
 const LOOK: u64 = 1 << 13;
+/// and batches between two looks at the error.
+const LOOK_BATCHES: usize = 4;
 
-/// The photons `[first, end)` of one block.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Span {
-    first: u64,
-    end: u64,
+/// In how many batches a run of so many photons is dealt out.
+fn batches(photons: u64) -> u64 {
+    BATCHES_MIN.max(photons.div_ceil(BATCH_MAX)).min(photons)
 }
 
-impl Span {
-    fn size(self) -> u64 {
-        self.end - self.first
-    }
-}
-
-/// The plan of a run of so many photons: how they fall into blocks.
-fn blocks(photons: u64) -> u64 {
-    BLOCKS_MIN.max(photons.div_ceil(BLOCK_MAX)).min(photons)
-}
-
-fn span(photons: u64, parts: u64, part: u64) -> Span {
-    // 128 bits: photons × parts may pass 64.
-    let cut = |n: u64| (u128::from(photons) * u128::from(n) / u128::from(parts)) as u64;
-    Span {
-        first: cut(part),
-        end: cut(part + 1),
-    }
+/// Photons of one batch.
+fn share(photons: u64, batches: u64, number: u64) -> u64 {
+    // 128 bits: photons × batches may pass 64.
+    let until = |n: u64| (u128::from(photons) * u128::from(n) / u128::from(batches)) as u64;
+    until(number + 1) - until(number)
 }
 
 /// Traces a shard of a scene. `proceed` is asked from time to time, from any thread, whether to go
-/// on; the blocks that are finished by then count. The result depends on the scene and on which blocks
+/// on; the batches that are finished by then count. The result depends on the scene and on which batches
 /// were finished, never on threads.
 pub fn trace(
     prepared: &Prepared,
@@ -123,7 +108,7 @@ pub fn trace(
     trace_photons(prepared, prepared.photons, shard, proceed)
 }
 
-/// [`trace`], going on from what was done `before`. Whatever the stops, the result of all blocks is that of one
+/// [`trace`], going on from what was done `before`. Whatever the stops, the result of all batches is that of one
 /// run, bit by bit.
 ///
 /// # Panics
@@ -221,6 +206,22 @@ fn walk_of(prepared: &Prepared) -> Walk<'_> {
     }
 }
 
+/// What the threads of a run share.
+struct Counted {
+    so_far: SoFar,
+    /// Photons whose known part is still to be added: that takes as long for one as for all.
+    without_known: u64,
+}
+
+impl Counted {
+    fn include(&mut self, first_hits: Option<&FirstHits<'_>>) {
+        if let Some(first_hits) = first_hits {
+            let photons = std::mem::take(&mut self.without_known);
+            self.so_far.totals.include(&first_hits.known, photons);
+        }
+    }
+}
+
 /// A shard of a run, ready to start.
 struct Task<'a> {
     walk: &'a Walk<'a>,
@@ -238,139 +239,116 @@ impl Task<'_> {
         proceed: &(dyn Fn(&Progress) -> bool + Sync),
     ) -> SoFar {
         let (grid, photons, shard) = (self.grid, self.photons, self.shard);
-        let count = blocks(photons);
+        let count = batches(photons);
         let planned = shard
-            .blocks(photons)
-            .map(|b| span(photons, count, b).size())
+            .batches(photons)
+            .map(|b| share(photons, count, b))
             .sum();
         let before = before.unwrap_or_else(|| SoFar {
             totals: Totals::new(grid, L::ELEMENTS),
-            blocks: Vec::new(),
+            batches: Vec::new(),
         });
         assert!(
             before.totals.grid() == grid && before.totals.elements() == L::ELEMENTS,
             "what was done before has the scene's bins"
         );
         let left: Vec<u64> = shard
-            .blocks(photons)
-            .filter(|block| before.blocks.binary_search(block).is_err())
+            .batches(photons)
+            .filter(|batch| before.batches.binary_search(batch).is_err())
             .collect();
-        let so_far = Mutex::new(before);
-        let lock = || so_far.lock().expect("no thread panics while it adds");
+        let counted = Mutex::new(Counted {
+            so_far: before,
+            without_known: 0,
+        });
+        let lock = || counted.lock().expect("no thread panics while it adds");
         let stopped = AtomicBool::new(false);
-        left.par_iter().with_max_len(1).for_each_init(
-            || {
-                let batch = Batch::new::<L>(grid);
-                let block = Block::like(&batch);
-                (batch, block)
-            },
-            |(batch, block), &number| {
-                if stopped.load(Ordering::Relaxed) {
-                    return;
+        // Empty batches are kept: one per thread is made, since megabytes take their time.
+        let spare = Mutex::new(Vec::new());
+        let spare = || spare.lock().expect("no thread panics while it takes one");
+        left.par_iter().with_max_len(1).for_each(|&number| {
+            if stopped.load(Ordering::Relaxed) {
+                return;
+            }
+            let (mut batch, mut waiting) = spare()
+                .pop()
+                .unwrap_or_else(|| (Batch::new::<L>(grid), Waiting::none()));
+            let share = share(photons, count, number);
+            let at_start = Progress {
+                photons: lock().so_far.totals.photons(),
+                photons_planned: planned,
+                relative_error: None,
+            };
+            let go_on = |n: u64| {
+                if !n.is_multiple_of(LOOK) {
+                    return true;
                 }
-                let span = span(photons, count, number);
-                let at_start = Progress {
-                    photons: lock().totals.photons(),
-                    photons_planned: planned,
-                    relative_error: None,
-                };
-                let go_on = || {
-                    let go_on = !stopped.load(Ordering::Relaxed) && proceed(&at_start);
-                    if !go_on {
-                        stopped.store(true, Ordering::Relaxed);
-                    }
-                    go_on
-                };
-                let job = Job {
-                    walk: self.walk,
-                    first_hits: self.first_hits.as_ref(),
-                    seed: self.seed,
-                    number,
-                    go_on: &go_on,
-                };
-                if !job.trace::<L>(span, batch, block) {
-                    return;
-                }
-                let mut so_far = lock();
-                so_far.totals.add(block, span.size());
-                if let Some(first_hits) = &self.first_hits {
-                    so_far.totals.include(&first_hits.known, span.size());
-                }
-                so_far.blocks.push(number);
-                let progress = Progress {
-                    photons: so_far.totals.photons(),
-                    photons_planned: planned,
-                    relative_error: so_far.totals.relative_error(),
-                };
-                drop(so_far);
-                block.clear();
-                if !proceed(&progress) {
+                let go_on = !stopped.load(Ordering::Relaxed) && proceed(&at_start);
+                if !go_on {
                     stopped.store(true, Ordering::Relaxed);
                 }
-            },
-        );
-        let mut so_far = so_far.into_inner().expect("no thread panics while it adds");
-        so_far.blocks.sort_unstable();
+                go_on
+            };
+            if !self.batch::<L>(number, share, &go_on, &mut waiting, &mut batch) {
+                return;
+            }
+            let mut counted = lock();
+            counted.so_far.totals.take(&mut batch, share);
+            counted.so_far.batches.push(number);
+            counted.without_known += share;
+            let look = counted.so_far.batches.len().is_multiple_of(LOOK_BATCHES);
+            if look {
+                counted.include(self.first_hits.as_ref());
+            }
+            let totals = &counted.so_far.totals;
+            let progress = Progress {
+                photons: totals.photons(),
+                photons_planned: planned,
+                relative_error: look.then(|| totals.relative_error()).flatten(),
+            };
+            drop(counted);
+            spare().push((batch, waiting));
+            if !proceed(&progress) {
+                stopped.store(true, Ordering::Relaxed);
+            }
+        });
+        let mut counted = counted
+            .into_inner()
+            .expect("no thread panics while it adds");
+        counted.include(self.first_hits.as_ref());
+        let mut so_far = counted.so_far;
+        so_far.batches.sort_unstable();
         so_far
     }
-}
 
-/// One block of a run.
-struct Job<'a> {
-    walk: &'a Walk<'a>,
-    first_hits: Option<&'a FirstHits<'a>>,
-    seed: u64,
-    number: u64,
-    /// Whether to go on, asked every [`LOOK`] photons.
-    go_on: &'a (dyn Fn() -> bool + Sync),
-}
-
-impl Job<'_> {
-    /// `false` where it was stopped: what is in the batch and the block then is of no use.
-    fn trace<L: Light>(&self, span: Span, batch: &mut Batch, block: &mut Block) -> bool {
-        let size = span.size();
-        let parts = BATCHES.min(size);
-        let mut waiting = Waiting::none();
-        for part in 0..parts {
-            let inner = self::span(size, parts, part);
-            let replicate = self.number * BATCHES + part;
-            // A batch's photons are numbered within it: 2^20 at most, and four times as many starts.
-            let stream = |n: u64| Stream::new(self.seed, Purpose::Photon, (replicate << 24) + n);
-            let photons = inner.size();
-            match self.first_hits {
-                Some(first_hits) => {
-                    let go_on = |n: u64| !n.is_multiple_of(LOOK) || (self.go_on)();
-                    if !first_hits.batch::<L>(
-                        self.walk,
-                        photons,
-                        stream,
-                        go_on,
-                        &mut waiting,
-                        batch,
-                    ) {
-                        return false;
-                    }
-                }
-                None => {
-                    for n in 0..photons {
-                        if n.is_multiple_of(LOOK) && !(self.go_on)() {
-                            return false;
-                        }
-                        let mut random = stream(n);
-                        let (x, y) = match self.walk.method {
-                            Method::Analog => (random.uniform(), random.uniform()),
-                            // A profile is the same all along x.
-                            Method::Split => {
-                                let y = (n as f64 + random.uniform()) / photons as f64;
-                                (random.uniform(), y)
-                            }
-                        };
-                        self.walk
-                            .photon::<L>(x, y, &mut random, &mut waiting, batch);
-                    }
-                }
+    /// One batch; `go_on` is asked before each photon. `false` where it was told to stop: what is in the batch then
+    /// is of no use.
+    fn batch<L: Light>(
+        &self,
+        number: u64,
+        photons: u64,
+        go_on: &impl Fn(u64) -> bool,
+        waiting: &mut Waiting<L>,
+        batch: &mut Batch,
+    ) -> bool {
+        // A batch's photons are numbered within it: 2^20 at most, and four times as many starts.
+        let stream = |n: u64| Stream::new(self.seed, Purpose::Photon, (number << 24) + n);
+        if let Some(first_hits) = &self.first_hits {
+            return first_hits.batch::<L>(self.walk, photons, stream, go_on, waiting, batch);
+        }
+        for n in 0..photons {
+            if !go_on(n) {
+                return false;
             }
-            block.take(batch);
+            let mut random = stream(n);
+            let (x, y) = match self.walk.method {
+                Method::Analog => (random.uniform(), random.uniform()),
+                // A profile is the same all along x.
+                Method::Split => {
+                    let y = (n as f64 + random.uniform()) / photons as f64;
+                    (random.uniform(), y)
+                }
+            };
+            self.walk.photon::<L>(x, y, &mut random, waiting, batch);
         }
         true
     }

@@ -1,9 +1,9 @@
 //! Counting light in bins and energies, with standard errors that hold for any sampling.
 //!
 //! A [`Batch`] counts the photons of one independent replicate; the spread of the batches' sums is the
-//! standard error, so stratified starts, splitting and roulette need no theory of their own. A
-//! [`Block`] adds up some batches in a fixed order; [`Totals`] add up blocks in fixed-point integers,
-//! whose sum does not depend on the order: threads and shards give the same bits.
+//! standard error, so stratified starts, splitting and roulette need no theory of their own.
+//! [`Totals`] add up batches in fixed-point integers, whose sum does not depend on the order: threads, shards and
+//! stops give the same bits.
 
 use super::exact::{from_fixed, numbers_of, text_of, to_fixed};
 use super::grid::Grid;
@@ -131,6 +131,16 @@ impl Batch {
         self.energies.absorbed += power;
     }
 
+    /// Empties it for its next use.
+    pub fn clear(&mut self) {
+        for bin in self.touched.drain(..) {
+            let bin = bin as usize;
+            self.hits[bin] = 0;
+            self.bins[bin * self.stride..(bin + 1) * self.stride].fill(0.0);
+        }
+        self.energies = Energies::filled(0.0);
+    }
+
     /// Power that was given up.
     #[inline]
     pub fn truncate(&mut self, power: f64) {
@@ -138,80 +148,7 @@ impl Batch {
     }
 }
 
-/// Sums over the batches of one block, and sums of squares of the batches' sums.
-#[derive(Debug)]
-pub struct Block {
-    stride: usize,
-    sums: Vec<f64>,
-    squares: Vec<f64>,
-    hits: Vec<u32>,
-    energy_sums: Energies<f64>,
-    energy_squares: Energies<f64>,
-    batches: u64,
-}
-
-impl Block {
-    /// An empty block for batches like this one.
-    #[must_use]
-    pub fn like(batch: &Batch) -> Self {
-        Block {
-            stride: batch.stride,
-            sums: vec![0.0; batch.bins.len()],
-            squares: vec![0.0; batch.bins.len()],
-            hits: vec![0; batch.hits.len()],
-            energy_sums: Energies::filled(0.0),
-            energy_squares: Energies::filled(0.0),
-            batches: 0,
-        }
-    }
-
-    /// Takes a batch over and leaves it empty.
-    pub fn take(&mut self, batch: &mut Batch) {
-        for &bin in &batch.touched {
-            let bin = bin as usize;
-            self.hits[bin] += batch.hits[bin];
-            batch.hits[bin] = 0;
-            let range = bin * self.stride..(bin + 1) * self.stride;
-            let (sums, squares) = (
-                &mut self.sums[range.clone()],
-                &mut self.squares[range.clone()],
-            );
-            for ((sum, square), x) in sums.iter_mut().zip(squares).zip(&mut batch.bins[range]) {
-                *sum += *x;
-                *square += *x * *x;
-                *x = 0.0;
-            }
-        }
-        batch.touched.clear();
-        let sums = self.energy_sums.all_mut();
-        for ((sum, square), x) in sums
-            .zip(self.energy_squares.all_mut())
-            .zip(batch.energies.all())
-        {
-            *sum += x;
-            *square += x * x;
-        }
-        batch.energies = Energies::filled(0.0);
-        self.batches += 1;
-    }
-
-    /// Empties the block for its next use.
-    pub fn clear(&mut self) {
-        for (bin, hits) in self.hits.iter_mut().enumerate() {
-            if *hits > 0 {
-                *hits = 0;
-                let range = bin * self.stride..(bin + 1) * self.stride;
-                self.sums[range.clone()].fill(0.0);
-                self.squares[range].fill(0.0);
-            }
-        }
-        self.energy_sums = Energies::filled(0.0);
-        self.energy_squares = Energies::filled(0.0);
-        self.batches = 0;
-    }
-}
-
-/// Sums over any number of blocks; adding is exact, so its order does not matter.
+/// Sums over any number of batches; adding is exact, so its order does not matter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Totals {
     grid: Grid,
@@ -251,31 +188,15 @@ impl Known {
     pub fn take(&mut self, batch: &mut Batch) {
         for &bin in &batch.touched {
             let bin = bin as usize;
-            batch.hits[bin] = 0;
             let range = bin * self.stride..(bin + 1) * self.stride;
-            for (known, x) in self.bins[range.clone()]
-                .iter_mut()
-                .zip(&mut batch.bins[range])
-            {
+            for (known, x) in self.bins[range.clone()].iter_mut().zip(&batch.bins[range]) {
                 *known += to_fixed(*x);
-                *x = 0.0;
             }
         }
-        batch.touched.clear();
         for (known, x) in self.energies.all_mut().zip(batch.energies.all()) {
             *known += to_fixed(*x);
         }
-        batch.energies = Energies::filled(0.0);
-    }
-
-    /// Adds what another part knows.
-    pub fn add(&mut self, other: &Known) {
-        for (a, b) in self.bins.iter_mut().zip(&other.bins) {
-            *a += b;
-        }
-        for (a, b) in self.energies.all_mut().zip(other.energies.all()) {
-            *a += b;
-        }
+        batch.clear();
     }
 }
 
@@ -318,34 +239,29 @@ impl Totals {
         }
     }
 
-    /// Adds a block of `photons` launched.
-    pub fn add(&mut self, block: &Block, photons: u64) {
+    /// Takes a batch of `photons` launched over and leaves it empty.
+    pub fn take(&mut self, batch: &mut Batch, photons: u64) {
         let n = self.stride;
-        for (bin, &hits) in block.hits.iter().enumerate() {
-            if hits == 0 {
-                continue;
-            }
-            self.hits[bin] += u64::from(hits);
+        for &bin in &batch.touched {
+            let bin = bin as usize;
+            self.hits[bin] += u64::from(batch.hits[bin]);
             let (sums, squares) = self.bins[bin * 2 * n..(bin + 1) * 2 * n].split_at_mut(n);
-            let range = bin * n..(bin + 1) * n;
-            for (total, x) in sums.iter_mut().zip(&block.sums[range.clone()]) {
-                *total += to_fixed(*x);
-            }
-            for (total, x) in squares.iter_mut().zip(&block.squares[range]) {
-                *total += to_fixed(*x);
+            let values = &batch.bins[bin * n..(bin + 1) * n];
+            for ((sum, square), x) in sums.iter_mut().zip(squares).zip(values) {
+                *sum += to_fixed(*x);
+                *square += to_fixed(x * x);
             }
         }
-        for (total, x) in self.energy_sums.all_mut().zip(block.energy_sums.all()) {
-            *total += to_fixed(*x);
-        }
-        for (total, x) in self
-            .energy_squares
-            .all_mut()
-            .zip(block.energy_squares.all())
+        let sums = self.energy_sums.all_mut();
+        for ((sum, square), x) in sums
+            .zip(self.energy_squares.all_mut())
+            .zip(batch.energies.all())
         {
-            *total += to_fixed(*x);
+            *sum += to_fixed(*x);
+            *square += to_fixed(x * x);
         }
-        self.batches += block.batches;
+        batch.clear();
+        self.batches += 1;
         self.photons += photons;
     }
 
@@ -582,27 +498,22 @@ mod tests {
     const GRID: Grid = Grid::polar(45, 180);
 
     #[test]
-    fn the_order_of_blocks_does_not_matter_and_text_brings_them_back() {
-        let mut batch = Batch::new::<Scalar>(GRID);
-        let mut blocks = Vec::new();
-        for seed in 0..4 {
+    fn the_order_of_batches_does_not_matter_and_text_brings_them_back() {
+        let batch = |seed: u64| {
+            let mut batch = Batch::new::<Scalar>(GRID);
             let mut random = Stream::new(seed, Purpose::Photon, 0);
-            let mut block = Block::like(&batch);
-            for _ in 0..3 {
-                for _ in 0..500 {
-                    let k = unit(&[random.uniform() - 0.5, random.uniform() - 0.5, 0.3]);
-                    let mut light = Scalar::launch(&k);
-                    light.scale(random.uniform());
-                    batch.exit(&light, light.weight(), Side::Above, &k, 1);
-                }
-                block.take(&mut batch);
+            for _ in 0..1500 {
+                let k = unit(&[random.uniform() - 0.5, random.uniform() - 0.5, 0.3]);
+                let mut light = Scalar::launch(&k);
+                light.scale(random.uniform());
+                batch.exit(&light, light.weight(), Side::Above, &k, 1);
             }
-            blocks.push(block);
-        }
-        let sum = |order: [usize; 4]| {
+            batch
+        };
+        let sum = |order: [u64; 4]| {
             let mut totals = Totals::new(GRID, 1);
-            for i in order {
-                totals.add(&blocks[i], 1500);
+            for seed in order {
+                totals.take(&mut batch(seed), 1500);
             }
             totals
         };

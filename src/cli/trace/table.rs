@@ -28,8 +28,8 @@ pub(super) struct Part {
     pub of: u64,
     /// Whether all photons of the shard were traced.
     pub complete: bool,
-    /// The finished blocks as ranges, first and last.
-    pub blocks: Vec<[u64; 2]>,
+    /// The finished batches as ranges, first and last.
+    pub batches: Vec<[u64; 2]>,
     /// Bins over the polar angle.
     pub n_theta: usize,
     /// Bins over the azimuth.
@@ -51,7 +51,7 @@ impl Part {
             shard: shard.number,
             of: shard.of,
             complete,
-            blocks: ranges(&done.blocks),
+            batches: ranges(&done.batches),
             n_theta: totals.grid().n_theta,
             n_phi: totals.grid().n_phi,
             elements: totals.elements(),
@@ -99,15 +99,15 @@ pub(super) fn kept(
     if (totals.elements() > 1) != polarised {
         return Err(damaged());
     }
-    // No more blocks than photons: a damaged file must not ask for all memory.
-    let mut blocks = Vec::new();
-    for [first, last] in part.blocks {
+    // No more batches than photons: a damaged file must not ask for all memory.
+    let mut batches = Vec::new();
+    for [first, last] in part.batches {
         if first > last || last >= photons || last - first > totals.photons() {
             return Err(damaged());
         }
-        blocks.extend(first..=last);
+        batches.extend(first..=last);
     }
-    SoFar::kept(totals, blocks, photons, shard).ok_or_else(damaged)
+    SoFar::kept(totals, batches, photons, shard).ok_or_else(damaged)
 }
 
 /// Writes the bins, with DOLP and AOP for the lamp's `stokes`; with a `part`, as a shard. The file appears whole
@@ -325,7 +325,7 @@ mod tests {
                 shard: number,
                 of: 3,
                 complete,
-                blocks: Vec::new(),
+                batches: Vec::new(),
                 n_theta: 9,
                 n_phi: 12,
                 elements: 16,
@@ -372,7 +372,7 @@ mod tests {
             save(&whole, &resume(&prepared, shard, None, &|_| true));
             let (mut before, mut stops) = (None, 0);
             loop {
-                // Each time a block or two more than before.
+                // Each time a batch or two more than before.
                 let start = before.as_ref().map_or(0, |b: &SoFar| b.totals.photons());
                 let done = resume(&prepared, shard, before, &|p| p.photons <= start);
                 if save(&file, &done) {
