@@ -3,6 +3,7 @@
 
 mod references;
 mod refusals;
+mod stepped;
 
 use super::height_field::Side;
 use super::run::{Shard, trace};

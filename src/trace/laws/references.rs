@@ -220,21 +220,21 @@ fn little_masking_leaves_scatmech_s_single_bounce() {
 
 #[derive(Debug, serde::Deserialize)]
 #[expect(non_snake_case, reason = "the table's names")]
-struct Heitz {
-    material: String,
-    n: f64,
-    k: f64,
-    slopes: String,
-    alpha: f64,
-    theta_i_deg: f64,
-    R: f64,
-    T: f64,
-    R1: f64,
-    R2: f64,
-    T1: f64,
+pub(super) struct Heitz {
+    pub(super) material: String,
+    pub(super) n: f64,
+    pub(super) k: f64,
+    pub(super) slopes: String,
+    pub(super) alpha: f64,
+    pub(super) theta_i_deg: f64,
+    pub(super) R: f64,
+    pub(super) T: f64,
+    pub(super) R1: f64,
+    pub(super) R2: f64,
+    pub(super) T1: f64,
 }
 
-fn heitz() -> Vec<Heitz> {
+pub(super) fn heitz() -> Vec<Heitz> {
     csv::Reader::from_path("tests/data/polarised/heitz.csv")
         .unwrap()
         .deserialize()
