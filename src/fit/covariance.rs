@@ -7,6 +7,8 @@
 
 use nalgebra::DMatrix;
 
+use super::least_squares::householder;
+
 /// Whether uncertainties are taken as given or scaled by the scatter of the residuals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scaling {
@@ -51,14 +53,18 @@ pub fn covariance(jacobian: &[f64], m: usize, residuals: &[f64], scaling: Scalin
         .collect();
     // QR first: an SVD of the n × n triangle is as accurate and independent of m.
     let rows = m.max(n);
-    let scaled = DMatrix::from_fn(rows, n, |i, j| {
-        if i < m && lengths[j] > 0.0 {
-            jacobian[i + j * m] / lengths[j]
-        } else {
-            0.0
+    let mut scaled = vec![0.0; rows * n];
+    for j in 0..n {
+        if lengths[j] > 0.0 {
+            let column = &jacobian[j * m..(j + 1) * m];
+            for (to, from) in scaled[j * rows..].iter_mut().zip(column) {
+                *to = from / lengths[j];
+            }
         }
-    });
-    let svd = scaled.qr().r().svd(false, true);
+    }
+    householder(&mut scaled, rows, n, &mut vec![0.0; rows]);
+    let triangle = DMatrix::from_fn(n, n, |i, j| if i <= j { scaled[i + j * rows] } else { 0.0 });
+    let svd = triangle.svd(false, true);
     let v_t = svd.v_t.expect("asked for");
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by(|a, b| svd.singular_values[*b].total_cmp(&svd.singular_values[*a]));

@@ -1,50 +1,27 @@
 //! The starts of a search as lanes of one register: all descend together on the lean form.
 //!
-//! The lean form is the light that the facets reflect once and a flat Lambertian surface for all
-//! diffuse light (see [`crate::model::prepared::Prepared::lean`]; the riser's share is left out here).
-//! Its ends are only where the true descents begin, so the damping is Marquardt's on the normal
-//! equations, in doubles. With the lamp at infinity the half angle, and with it the reflectance F, is
-//! one number for all poses; the directions are turned by each lane's own offsets:
-//!
-//! ```text
-//! L = F |h|⁴/(4π o_n) · G · exp(−q)/(h_m⁴ √(ab)) + ρd/π · i_n,   G = cos θr − sin θr t
-//! q = x²/a + y²/b, x = h_u/h_m, y = h_e/h_m, a = αu² + R²/8, b = αv² + R²/8, t = max(0, i_e/i_m, o_e/o_m)
-//! ```
-//!
-//! Every derivative to an angle is a turn of h and of the direction that t belongs to:
-//! ∂ ln D = −2x(∂h_u − x ∂h_m)/(a h_m) − 2y(∂h_e − y ∂h_m)/(b h_m) − 4 ∂h_m/h_m.
+//! The form is that of `lean`. Its ends are only where the true descents begin, so the damping is
+//! Marquardt's on the normal equations, in doubles.
 //!
 //! The one function to call is [`descend_together`].
 
-use std::f64::consts::{FRAC_1_PI, PI};
+use std::f64::consts::FRAC_1_PI;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::problem::{Problem, Quantity, Values};
+use super::lean::{self, COLUMNS, N, Optics, ROW, SHAPE};
+use super::problem::{Problem, Values};
 use super::solver::Bounds;
-use crate::model::fresnel::reflectance;
-use crate::model::lanes::Lane;
+use crate::model::lanes::{Lane, Numbers};
 
-/// What lanes move, in the order of their columns.
-const COLUMNS: [Quantity; N] = [
-    Quantity::ThetaR,
-    Quantity::AlphaU,
-    Quantity::AlphaV,
-    Quantity::RhoD,
-    Quantity::Scale,
-    Quantity::Background,
-    Quantity::AzimuthOffset,
-    Quantity::TiltOffset,
-];
-const N: usize = 8;
 const PACKED: usize = N * (N + 1) / 2;
 /// Most lanes of any register.
-const WIDEST: usize = 16;
+const WIDEST: usize = 8;
 /// Evaluations after which a lane is left where it is.
 const EVALUATIONS_MAX: usize = 60;
 /// Gain, as a share of the cost, below which a lane is done.
-const SMALL_GAIN: f64 = 1e-9;
+const SMALL_GAIN: f64 = 1e-7;
 /// Longest steps: rad, logarithms, ρd, a share of scale (see [`limit`]).
 const STEP_MAX: [f64; N] = [0.15, 0.7, 0.7, 0.5, 1.0, f64::INFINITY, 0.5, 0.1];
 
@@ -64,11 +41,7 @@ pub(super) fn descend_together(
     starts: &[Values],
     cancel: &AtomicBool,
 ) -> Option<Vec<End>> {
-    let columns: Vec<usize> = problem
-        .free()
-        .iter()
-        .map(|q| COLUMNS.iter().position(|c| c == q))
-        .collect::<Option<_>>()?;
+    let columns = lean::columns(problem)?;
     if !problem.is_plain() {
         return None;
     }
@@ -81,52 +54,24 @@ pub(super) fn descend_together(
     Some(Arch::new().dispatch(run))
 }
 
-/// One observation: sine and cosine of tilt and azimuth, signal, weight.
-type Row = [f64; 6];
-
 /// What no lane changes.
 struct Table<'p, 'a> {
     problem: &'p Problem<'a>,
     /// Column of each free quantity.
     columns: Vec<usize>,
-    rows: Vec<Row>,
+    rows: Vec<[f64; ROW]>,
     bounds: Bounds,
-    /// Lamp along the camera's direction, in the tilt plane across it, and beside it.
-    lamp: [f64; 3],
-    /// F |h|⁴/(4π).
-    gloss: f64,
-    /// R²/8.
-    wide: f64,
-    /// 1/π, or 0 for metal.
-    lambert: f64,
+    optics: Optics,
 }
 
 impl<'p, 'a> Table<'p, 'a> {
     fn new(problem: &'p Problem<'a>, columns: Vec<usize>) -> Self {
-        let set = problem.set();
-        let (sl, cl) = set.rig.theta_l.sin_cos();
-        let (sa, ca) = set.rig.light_azimuth.sin_cos();
-        let (eta, k) = set.material.index();
-        let h2 = 2.0 + 2.0 * cl;
-        let radius = set.rig.light_angular_radius.rad();
-        let rows = set
-            .observations
-            .iter()
-            .zip(problem.sigma())
-            .zip(problem.poses());
         Table {
             problem,
             columns,
-            rows: rows
-                .map(|((o, sigma), [tilt, turn])| {
-                    [tilt.0, tilt.1, turn.0, turn.1, o.signal, 1.0 / sigma]
-                })
-                .collect(),
+            rows: lean::rows(problem).collect(),
             bounds: problem.bounds(),
-            lamp: [cl, sl * ca, sl * sa],
-            gloss: reflectance(0.5 * h2.sqrt(), eta, k) * h2 * h2 / (4.0 * PI),
-            wide: radius * radius / 8.0,
-            lambert: if k > 0.0 { 0.0 } else { FRAC_1_PI },
+            optics: Optics::new(problem),
         }
     }
 }
@@ -152,7 +97,7 @@ impl WithSimd for Run<'_, '_, '_> {
             for lane in &mut lanes[batch.len()..] {
                 lane.done = true;
             }
-            let mut sums = vec![0.0; (1 + N + PACKED) * width];
+            let mut sums = Numbers::zeros((1 + N + PACKED) * width);
             for _ in 0..EVALUATIONS_MAX {
                 evaluate(simd, self.table, &lanes, &mut sums);
                 for (lane, state) in lanes.iter_mut().enumerate() {
@@ -352,6 +297,21 @@ fn rest(
     cost
 }
 
+/// Rows that are worked out before they are summed.
+const BLOCK: usize = 12;
+
+/// The slopes and residuals of some rows: `[row][slope, …, residual][lane]`. Its alignment is that of
+/// the whole stack frame, so that registers put aside there do not lie across cache lines either.
+#[repr(align(64))]
+struct Block([f64; BLOCK * (N + 1) * WIDEST]);
+
+impl Block {
+    #[inline(always)]
+    fn new() -> Self {
+        Block([0.0; BLOCK * (N + 1) * WIDEST])
+    }
+}
+
 /// Cost, gradient and normal matrix of the sample's residuals at every lane's trial.
 #[inline(always)]
 #[expect(
@@ -365,156 +325,59 @@ fn evaluate<S: Simd>(simd: S, table: &Table<'_, '_>, lanes: &[State], sums: &mut
         };
     }
     let width = Lane::<S>::WIDTH;
-    let mut shape = [0.0; 14 * WIDEST];
+    let mut block = Block::new();
+    let mut shape = [0.0; SHAPE * WIDEST];
     for (lane, state) in lanes.iter().enumerate() {
-        let x = &state.trial;
-        let side = if x[0] < 0.0 { -1.0 } else { 1.0 };
-        let (s, c) = x[0].abs().sin_cos();
-        let (au, av) = (x[1].exp(), x[2].exp());
-        let (a, b) = (au * au + table.wide, av * av + table.wide);
-        let (so, co) = x[7].sin_cos();
-        let (sp, cp) = x[6].sin_cos();
-        let numbers = [
-            s,
-            c,
-            1.0 / a,
-            1.0 / b,
-            table.gloss / (a * b).sqrt(),
-            au * au / a,
-            av * av / b,
-            so,
-            co,
-            side * sp,
-            side * cp,
-            x[3] * table.lambert,
-            x[4],
-            x[5],
-        ];
+        let numbers = table.optics.shape(&state.trial);
         for (n, value) in numbers.into_iter().enumerate() {
             shape[n * width + lane] = value;
         }
     }
-    let mut at = [k!(0.0); 14];
-    for n in 0..14 {
-        at[n] = Lane::load(simd, &shape[..14 * width], n);
+    let zero = k!(0.0);
+    let mut at = [zero; SHAPE];
+    for n in 0..SHAPE {
+        at[n] = Lane::load(simd, &shape[..SHAPE * width], n);
     }
-    let [
-        s,
-        c,
-        per_a,
-        per_b,
-        norm,
-        wu,
-        wv,
-        so,
-        co,
-        sp0,
-        cp0,
-        albedo,
-        scale,
-        background,
-    ] = at;
-    let (zero, one, two, tiny) = (k!(0.0), k!(1.0), k!(2.0), k!(1e-6));
-    let [along, inside, beside] = table.lamp.map(|x| k!(x));
     let mut cost = zero;
     let mut gradient = [zero; N];
     let mut normal = [zero; PACKED];
-    for row in &table.rows {
-        let (st, ct, sr, cr) = (k!(row[0]), k!(row[1]), k!(row[2]), k!(row[3]));
-        let (signal, weight) = (k!(row[4]), k!(row[5]));
-        let (sin, cos) = (st.mul_add(co, ct * so), ct.mul_add(co, -(st * so)));
-        let (sp, cp) = (sr.mul_add(cp0, cr * sp0), cr.mul_add(cp0, -(sr * sp0)));
-        // Rig frame x, y, z; the camera's y is 0.
-        let (ix, iz) = (
-            along.mul_add(sin, inside * cos),
-            along.mul_add(cos, -(inside * sin)),
-        );
-        let (ox, oz) = (sin, cos);
-        // Sample frame u, v.
-        let (iu, iv) = (ix.mul_add(sp, -(beside * cp)), ix.mul_add(cp, beside * sp));
-        let (ou, ov) = (ox * sp, ox * cp);
-        let (hu, hv, hn, hx) = (iu + ou, iv + ov, iz + oz, ix + ox);
-        // Corner frame.
-        let (ie, im) = (iv.mul_add(c, -(iz * s)), iv.mul_add(s, iz * c));
-        let (oe, om) = (ov.mul_add(c, -(oz * s)), ov.mul_add(s, oz * c));
-        let (he, hm) = (ie + oe, im + om);
-        let faces = zero.less(im).and(zero.less(om));
-        let above = zero.less(iz).and(zero.less(oz));
-        let hides_i = (oe * im).less(ie * om);
-        macro_rules! nearer {
-            ($i:expr, $o:expr) => {
-                hides_i.select($i, $o)
+    // First some rows, then what they add to the sums: the registers do not hold both at once.
+    for rows in table.rows.chunks(BLOCK) {
+        for (i, row) in rows.iter().enumerate() {
+            let mut pose = [k!(0.0); ROW];
+            for n in 0..ROW {
+                pose[n] = k!(row[n]);
+            }
+            let found = lean::row(simd, &table.optics, &pose, &at);
+            for a in 0..N {
+                found.slopes[a].store(&mut block.0, i * (N + 1) + a);
+            }
+            found.residual.store(&mut block.0, i * (N + 1) + N);
+        }
+        // In goes with about as many sums as there are registers.
+        macro_rules! add {
+            ($from:expr, $to:expr) => {
+                for i in 0..rows.len() {
+                    for a in $from..$to {
+                        let x = Lane::load(simd, &block.0, i * (N + 1) + a);
+                        for b in 0..=a {
+                            let y = Lane::load(simd, &block.0, i * (N + 1) + b);
+                            normal[packed(a, b)] = x.mul_add(y, normal[packed(a, b)]);
+                        }
+                    }
+                }
             };
         }
-        let (we, wm) = (nearer!(ie, oe), nearer!(im, om).max(tiny));
-        let (across, wn, wx) = (nearer!(iu, ou), nearer!(iz, oz), nearer!(ix, ox));
-        let hm_ = hm.max(tiny);
-        let oz_ = oz.max(tiny);
-        let (per_wm, per_hm, per_oz) = (one / wm, one / hm_, one / oz_);
-        let slope = we * per_wm;
-        let hides = zero.less(slope);
-        let t = slope.max(zero);
-        let g = c - s * t;
-        let seen = faces.and(above).and(zero.less(g));
-        let (x, y) = (hu * per_hm, he * per_hm);
-        let (xa, yb) = (x * per_a, y * per_b);
-        let (qx, qy) = (x * xa, y * yb);
-        let per2 = per_hm * per_hm;
-        let base = seen.select((qx + qy).exp_neg() * per2 * per2 * norm * per_oz, zero);
-        let value = base * g;
-        // ln D for a change of h, and what hides for a change of its direction.
-        let four_q = two * (qx + qy) - k!(4.0);
-        macro_rules! turned {
-            ($hu:expr, $he:expr, $hm:expr, $we:expr, $wm:expr, $bare:expr, $more:expr) => {{
-                let lobe = (four_q * $hm - two * (xa * $hu + yb * $he)) * per_hm + $more;
-                let hidden = hides.select(s * ($we - t * $wm) * per_wm, zero);
-                base * (g.mul_add(lobe, $bare - hidden))
-            }};
-        }
-        // θr: de = −m dθ, dm = e dθ, dG = −s − c t.
-        let to_theta = turned!(zero, -hm, he, -wm, we, -(s + c * t), zero);
-        // Turn: du = v, dv = −u.
-        let to_turn = turned!(
-            hv,
-            -(hu * c),
-            -(hu * s),
-            -(across * c),
-            -(across * s),
-            zero,
-            zero
-        );
-        // Tilt: du = n sin, dv = n cos, dn = −x.
-        let to_tilt = turned!(
-            hn * sp,
-            (hn * cp).mul_add(c, hx * s),
-            (hn * cp).mul_add(s, -(hx * c)),
-            (wn * cp).mul_add(c, wx * s),
-            (wn * cp).mul_add(s, -(wx * c)),
-            zero,
-            ox * per_oz
-        );
-        let lit = above.select(iz, zero);
-        let diffuse = albedo * lit;
-        let tilted = above.select(albedo * ix, zero);
-        let radiance = value + diffuse;
-        let residual = weight * (scale.mul_add(radiance, background) - signal);
-        let gain = weight * scale;
-        let slopes = [
-            gain * to_theta,
-            gain * (value * (two * qx - one)) * wu,
-            gain * (value * (two * qy - one)) * wv,
-            gain * lit * k!(table.lambert),
-            weight * radiance,
-            weight,
-            gain * to_turn,
-            gain * (to_tilt - tilted),
-        ];
-        cost = residual.mul_add(residual, cost);
-        for a in 0..N {
-            gradient[a] = slopes[a].mul_add(residual, gradient[a]);
-            for b in 0..=a {
-                normal[packed(a, b)] = slopes[a].mul_add(slopes[b], normal[packed(a, b)]);
+        add!(0, 4);
+        add!(4, 6);
+        add!(6, N);
+        for i in 0..rows.len() {
+            let residual = Lane::load(simd, &block.0, i * (N + 1) + N);
+            for a in 0..N {
+                let x = Lane::load(simd, &block.0, i * (N + 1) + a);
+                gradient[a] = x.mul_add(residual, gradient[a]);
             }
+            cost = residual.mul_add(residual, cost);
         }
     }
     // ∂/∂|θr| is −∂/∂θr on the other side.

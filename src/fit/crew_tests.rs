@@ -5,6 +5,7 @@ use pulp::Scalar;
 use super::*;
 use crate::fit::estimate::free_quantities;
 use crate::fit::least_squares::LeastSquares;
+use crate::fit::problem::Quantity;
 use crate::fit::solver::{Settings, minimise};
 use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;
@@ -202,4 +203,65 @@ fn what_lanes_do_not_know_is_left_to_the_scalar_way() {
     let (free, fixed) = free_quantities(&set, Variant::Paper);
     let paper = Problem::new(&set, Variant::Paper, free, fixed);
     assert_eq!(descend_together(&paper, &start, &never), None);
+}
+
+/// Residuals and slopes of the samples by the scalar lean form, which has the riser's share too.
+fn scalar(problem: &Problem<'_>, v: &Values) -> (Vec<f64>, Vec<f64>) {
+    let m = problem.residual_count();
+    let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * problem.free().len()]);
+    let ready = problem.ready(v);
+    for (i, o) in problem.set().observations.iter().enumerate() {
+        let g = problem.corrected(i, &ready);
+        let weight = 1.0 / problem.sigma()[i];
+        r[i] = weight * (v.scale * g.value + v.background - o.signal);
+        for (k, q) in problem.free().iter().enumerate() {
+            j[i + k * m] = weight
+                * match q {
+                    Quantity::ThetaR => v.scale * g.theta_r,
+                    Quantity::AlphaU => v.scale * g.alpha_u * v.alpha_u,
+                    Quantity::AlphaV => v.scale * g.alpha_v * v.alpha_v,
+                    Quantity::RhoD => v.scale * g.rho_d,
+                    Quantity::Scale => g.value,
+                    Quantity::Background => 1.0,
+                    Quantity::AzimuthOffset => v.scale * g.phi_s,
+                    Quantity::TiltOffset => v.scale * g.theta_c,
+                    Quantity::Eta | Quantity::K => 0.0,
+                };
+        }
+    }
+    (r, j)
+}
+
+#[test]
+fn observations_as_lanes_give_the_scalar_lean_form_or_leave_it_to_it() {
+    let mut left = 0;
+    for (metal, beside) in [(false, false), (true, true), (false, true)] {
+        let set = set(metal, beside);
+        let problem = problem(&set);
+        let (m, n) = (problem.residual_count(), set.observations.len());
+        let mut points = points(&problem);
+        // A rough sample far off its zero: its risers show.
+        points.push(Values {
+            theta_r: 0.7,
+            alpha_v: 0.9,
+            ..points[0]
+        });
+        for v in points {
+            let (expected, slopes) = scalar(&problem, &v);
+            let (mut r, mut j) = (vec![0.0; m], vec![0.0; slopes.len()]);
+            left += usize::from(!lean::evaluate(&problem, &v, &mut r, &mut j, m));
+            (&problem).evaluate(&problem.pack(&v), &mut r, &mut j);
+            // Rounding of some fifty operations on numbers of this size.
+            let close = |a: &[f64], b: &[f64]| {
+                let size = b.iter().fold(1e-3_f64, |size, x| size.max(x.abs()));
+                a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-12 * size)
+            };
+            assert!(close(&r[..n], &expected[..n]), "{v:?}");
+            for (k, q) in problem.free().iter().enumerate() {
+                let column = k * m..k * m + n;
+                assert!(close(&j[column.clone()], &slopes[column]), "{q:?} {v:?}");
+            }
+        }
+    }
+    assert!(left > 0 && left < 15, "{left}");
 }

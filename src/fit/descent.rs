@@ -396,6 +396,11 @@ impl<'a> LevenbergMarquardt<'a> {
             return self.give_up_polish();
         }
         let vanished = self.settings.vanished_step;
+        // Far below what counts as vanished there is nothing left to gain.
+        if relative <= 0.1 * vanished && last.is_finite() {
+            self.finish(Ending::ConvergedByStep);
+            return Ok(());
+        }
         let missed = relative >= last;
         if missed && last < vanished {
             self.finish(Ending::ConvergedByStep);
@@ -462,15 +467,15 @@ impl<'a> LevenbergMarquardt<'a> {
         if columns.len() > self.m {
             return 0.0;
         }
-        let matrix = DMatrix::from_fn(self.m, columns.len(), |i, k| {
-            let length = norm(self.column(columns[k]));
-            if length > 0.0 {
-                self.j[i + columns[k] * self.m] / length
-            } else {
-                0.0
-            }
-        });
-        let r = matrix.qr().r();
+        let (m, n) = (self.m, columns.len());
+        let mut scaled = Vec::with_capacity(m * n);
+        for &j in &columns {
+            let length = norm(self.column(j));
+            let factor = if length > 0.0 { 1.0 / length } else { 0.0 };
+            scaled.extend(self.column(j).iter().map(|x| x * factor));
+        }
+        householder(&mut scaled, m, n, &mut vec![0.0; m]);
+        let r = DMatrix::from_fn(n, n, |i, j| if i <= j { scaled[i + j * m] } else { 0.0 });
         let values = r.singular_values();
         values.min() / values.max()
     }

@@ -8,7 +8,7 @@
 //! The one function to call is [`fit`]. Rooms within: [`least_squares`] what a problem is ·
 //! [`solver`] bounded Levenberg–Marquardt · [`quantity`] what can be looked for · [`problem`] the
 //! observation model · [`loss`] how residuals count · [`start`] where to begin and [`search`] how far
-//! to look (`crew`: all starts at once) · [`estimate`] one variant · `settle` its weights · [`tier`] the dearer model as an offset · [`traced`] the ray tracer
+//! to look (`crew`: all starts at once, on the form of `lean`) · [`estimate`] one variant · `settle` its weights · [`tier`] the dearer model as an offset · [`traced`] the ray tracer
 //! in its place · [`covariance`] and [`budget`] how sure · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice ·
 //! [`joint`] several scans · [`trail`] against time · [`report`] the answer's form. It knows neither frames nor files nor the clock.
 
@@ -26,6 +26,7 @@ mod descent;
 pub mod estimate;
 pub mod intervals;
 pub mod joint;
+mod lean;
 pub mod least_squares;
 pub mod loss;
 pub mod problem;

@@ -10,6 +10,7 @@
 //! centre of the field, since it varies slowly.
 
 use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::{Arc, RwLock};
 
 use super::integrated::Integrated;
@@ -25,6 +26,8 @@ use crate::model::{Optics, Surface, Variant};
 /// 1e-3 of the offset, itself a few percent of the signal; a kink of the diffuse light (a direction
 /// that passes the facets' normal) costs ρd/π · sin θr · half a width, 2e-4 of a usual peak.
 pub(super) const CELL: [f64; FREE] = [0.005, 0.0175, 0.1, 0.1, 0.05];
+/// How much wider cells for the way to the minimum are.
+const LARGE: f64 = 3.0;
 /// ψ cells widen below this ridge angle, where turning changes little.
 const SHALLOW: f64 = 0.1;
 
@@ -38,6 +41,68 @@ fn turned(pose: &Pose, p: &Parameters) -> Pose {
     }
 }
 
+/// Greatest whole number that is not above `x`; without a call, which `f64::floor` is on old machines.
+fn floor(x: f64) -> i32 {
+    let cut = x as i32;
+    cut - i32::from(x < f64::from(cut))
+}
+
+/// Mixes a cell's five numbers; cells come from fits, so nobody chooses them to collide.
+#[derive(Default)]
+struct Mixer(u64);
+
+impl Hasher for Mixer {
+    fn write(&mut self, bytes: &[u8]) {
+        // A key comes as the bytes of its five numbers.
+        for four in bytes.chunks(4) {
+            let number = four.iter().fold(0, |sum, byte| sum << 8 | u64::from(*byte));
+            self.write_u64(number);
+        }
+    }
+    fn write_u64(&mut self, x: u64) {
+        // Knuth's multiplicative hashing with 2⁶⁴ over the golden ratio.
+        self.0 = (self.0.rotate_left(23) ^ x).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    }
+    fn finish(&self) -> u64 {
+        self.0 ^ (self.0 >> 32)
+    }
+}
+
+/// A cell's number.
+type Key = [i32; FREE];
+/// Cells by their numbers.
+type Cells = HashMap<Key, Arc<Cell>, BuildHasherDefault<Mixer>>;
+
+/// Number and centre of the cell that holds `p`.
+fn key(p: &Parameters, coarseness: f64) -> (Key, Parameters) {
+    let mut width = CELL.map(|w| w * coarseness);
+    let theta = (f64::from(floor(p[0] / width[0])) + 0.5) * width[0];
+    width[1] *= (SHALLOW / theta).max(1.0);
+    let mut x = *p;
+    x[1] -= f64::from(floor(p[1] / std::f64::consts::TAU)) * std::f64::consts::TAU;
+    let key: Key = std::array::from_fn(|k| floor(x[k] / width[k]));
+    let mut centre: Parameters = std::array::from_fn(|k| (f64::from(key[k]) + 0.5) * width[k]);
+    // The two logarithms end at their bound, α = 1.
+    centre[2] = centre[2].min(0.0);
+    centre[3] = centre[3].min(0.0);
+    (key, centre)
+}
+
+fn add_scaled(to: &mut [f64], factor: f64, what: &[f64]) {
+    for (to, what) in to.iter_mut().zip(what) {
+        *to += factor * what;
+    }
+}
+
+/// How far the expansion has to reach.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Size {
+    /// For a minimum: what is left out does not show in a pixel.
+    Usual,
+    /// For the way there.
+    Large,
+}
+
 /// The rig and the matter that pixels share.
 pub(super) struct Dear {
     rig: RigGeometry,
@@ -49,18 +114,49 @@ pub(super) struct Dear {
     amplitude: bool,
     /// Factor on [`CELL`].
     coarseness: f64,
-    cells: RwLock<HashMap<[i32; FREE], Arc<Cell>>>,
+    cells: RwLock<Cells>,
+    /// Larger ones, for the way to the minimum: so few that they stay in the processor's cache.
+    large_cells: RwLock<Cells>,
     integrated: Integrated,
 }
 
-/// One cell's expansion, one element per observation.
-pub(super) struct Cell {
+/// An expansion to first order, one element per observation.
+struct Expansion {
     centre: Parameters,
     offset: Vec<f64>,
     basis: Vec<f64>,
-    slopes: Vec<Parameters>,
+    /// Of the offset, per parameter.
+    slopes: [Vec<f64>; FREE],
+    /// ∂L/∂θc.
+    tilt: Vec<f64>,
+}
+
+/// One cell's expansion, short and in one piece: cells are many, and fetching them from memory is what
+/// they cost. Single precision is 6e-8 of an offset.
+pub(super) struct Cell {
+    centre: Parameters,
+    /// Offset, B, and the offset's slopes, one after the other.
+    numbers: Vec<f32>,
     /// ∂L/∂θc, for the tilt's zero.
     pub(super) tilt: Vec<f64>,
+}
+
+impl From<Expansion> for Cell {
+    fn from(full: Expansion) -> Self {
+        let columns = [&full.offset, &full.basis].into_iter().chain(&full.slopes);
+        Cell {
+            centre: full.centre,
+            numbers: columns.flatten().map(|x| *x as f32).collect(),
+            tilt: full.tilt,
+        }
+    }
+}
+
+/// Cells that one thread has met: looked up without asking the others.
+#[derive(Default)]
+pub(super) struct Met {
+    usual: Cells,
+    large: Cells,
 }
 
 impl Dear {
@@ -81,7 +177,8 @@ impl Dear {
             geometry,
             lamp,
             coarseness,
-            cells: RwLock::new(HashMap::new()),
+            cells: RwLock::new(Cells::default()),
+            large_cells: RwLock::new(Cells::default()),
             integrated,
         }
     }
@@ -100,9 +197,16 @@ impl Dear {
 
     /// The cell that holds `p`.
     pub(super) fn cell(&self, p: &Parameters) -> Arc<Cell> {
-        let (key, centre) = self.key(p);
-        if let Some(cell) = self
-            .cells
+        let (key, centre) = key(p, self.coarseness);
+        self.cell_of(key, centre, Size::Usual)
+    }
+
+    fn cell_of(&self, key: Key, centre: Parameters, size: Size) -> Arc<Cell> {
+        let cells = match size {
+            Size::Usual => &self.cells,
+            Size::Large => &self.large_cells,
+        };
+        if let Some(cell) = cells
             .read()
             .expect("no holder of this lock panics")
             .get(&key)
@@ -110,8 +214,8 @@ impl Dear {
             return Arc::clone(cell);
         }
         // Two threads may compute the same cell; they get the same numbers.
-        let cell = Arc::new(self.expand(&centre));
-        self.cells
+        let cell = Arc::new(Cell::from(self.expand(&centre)));
+        cells
             .write()
             .expect("no holder of this lock panics")
             .entry(key)
@@ -119,30 +223,16 @@ impl Dear {
             .clone()
     }
 
-    fn key(&self, p: &Parameters) -> ([i32; FREE], Parameters) {
-        let mut width = CELL.map(|w| w * self.coarseness);
-        let theta = (p[0] / width[0]).floor() * width[0] + 0.5 * width[0];
-        width[1] *= (SHALLOW / theta).max(1.0);
-        let mut x = *p;
-        x[1] = p[1].rem_euclid(std::f64::consts::TAU);
-        let key: [i32; FREE] = std::array::from_fn(|k| (x[k] / width[k]).floor() as i32);
-        let mut centre: Parameters = std::array::from_fn(|k| (f64::from(key[k]) + 0.5) * width[k]);
-        // The two logarithms end at their bound, α = 1.
-        centre[2] = centre[2].min(0.0);
-        centre[3] = centre[3].min(0.0);
-        (key, centre)
-    }
-
-    fn expand(&self, centre: &Parameters) -> Cell {
+    fn expand(&self, centre: &Parameters) -> Expansion {
         let n = self.poses.len();
         let (alpha_u, alpha_v) = (centre[2].exp(), centre[3].exp());
         let surface = self.surface(centre);
         let prepared = Prepared::new(Variant::Sawtooth, &surface, &self.table);
-        let mut cell = Cell {
+        let mut cell = Expansion {
             centre: *centre,
             offset: Vec::with_capacity(n),
             basis: Vec::with_capacity(n),
-            slopes: Vec::with_capacity(n),
+            slopes: std::array::from_fn(|_| Vec::with_capacity(n)),
             tilt: Vec::with_capacity(n),
         };
         for (pose, geometry) in self.poses.iter().zip(&self.geometry) {
@@ -156,13 +246,16 @@ impl Dear {
             };
             cell.offset.push(rest);
             cell.basis.push(basis);
-            cell.slopes.push([
+            let slopes = [
                 full.theta_r - share * slopes[0],
                 full.phi_s - share * slopes[1],
                 full.alpha_u * alpha_u - share * slopes[2],
                 full.alpha_v * alpha_v - share * slopes[3],
                 last,
-            ]);
+            ];
+            for (column, slope) in cell.slopes.iter_mut().zip(slopes) {
+                column.push(slope);
+            }
             cell.tilt.push(full.theta_c);
         }
         // B's own change with the shape belongs to the pixel's ρd, which the slopes hold to first
@@ -172,26 +265,43 @@ impl Dear {
 
     /// Writes offset and B at `p`.
     pub(super) fn write(&self, p: &Parameters, offset: &mut [f64], basis: &mut [f64]) {
-        let cell = self.cell(p);
+        self.write_from(p, Size::Usual, &mut Met::default(), offset, basis);
+    }
+
+    /// As [`Dear::write`], from a cell of a size, for a thread that keeps the cells it has met.
+    pub(super) fn write_from(
+        &self,
+        p: &Parameters,
+        size: Size,
+        met: &mut Met,
+        offset: &mut [f64],
+        basis: &mut [f64],
+    ) {
+        let (met, coarseness) = match size {
+            Size::Usual => (&mut met.usual, self.coarseness),
+            Size::Large => (&mut met.large, LARGE * self.coarseness),
+        };
+        let (key, centre) = key(p, coarseness);
+        let cell = met
+            .entry(key)
+            .or_insert_with(|| self.cell_of(key, centre, size));
         let mut away: Parameters = std::array::from_fn(|k| p[k] - cell.centre[k]);
         let turn = std::f64::consts::TAU;
-        away[1] -= turn * (away[1] / turn).round();
-        for (((offset, basis), (o, b)), slopes) in offset
-            .iter_mut()
-            .zip(basis)
-            .zip(cell.offset.iter().zip(&cell.basis))
-            .zip(&cell.slopes)
-        {
-            *offset = slopes
-                .iter()
-                .zip(&away)
-                .fold(*o, |sum, (slope, away)| slope.mul_add(*away, sum));
-            *basis = *b;
+        away[1] -= turn * f64::from(floor(away[1] / turn + 0.5));
+        let n = offset.len();
+        let column = |k: usize| &cell.numbers[k * n..(k + 1) * n];
+        for (basis, b) in basis.iter_mut().zip(column(1)) {
+            *basis = f64::from(*b);
+        }
+        // No `mul_add` here: where the compiler may not count on fused instructions it is a call.
+        let slopes = column(2).iter().zip(column(3)).zip(column(4));
+        let slopes = slopes.zip(column(5)).zip(column(6));
+        for ((offset, o), ((((a, b), c), d), e)) in offset.iter_mut().zip(column(0)).zip(slopes) {
+            let [a, b, c, d, e, o] = [*a, *b, *c, *d, *e, *o].map(f64::from);
+            *offset = o + (away[0] * a + away[1] * b) + (away[2] * c + away[3] * d) + away[4] * e;
         }
         if let Some((share, integrated)) = self.integrated.near(p) {
-            for (offset, extra) in offset.iter_mut().zip(integrated) {
-                *offset = share.mul_add(*extra, *offset);
-            }
+            add_scaled(offset, share, integrated);
         }
     }
 
@@ -227,9 +337,7 @@ impl Dear {
     pub(super) fn full(&self, p: &Parameters) -> Vec<f64> {
         let mut full = self.closed(p);
         if let Some((share, integrated)) = self.integrated.near(p) {
-            for (value, extra) in full.iter_mut().zip(integrated) {
-                *value = share.mul_add(*extra, *value);
-            }
+            add_scaled(&mut full, share, integrated);
         }
         full
     }

@@ -64,8 +64,8 @@ pub(super) struct Shape<S: Simd> {
     pub(super) norm: Lane<S>,
 }
 
-/// A single reflection of amplitude 1 with its derivatives. `alpha_u` and `alpha_v` still want the
-/// factors αu²/a and αv²/b.
+/// A single reflection of amplitude 1 with its derivatives, times a weight. `alpha_u` and `alpha_v`
+/// still want the factors αu²/a and αv²/b.
 #[derive(Clone, Copy)]
 pub(super) struct Row<S: Simd> {
     pub(super) value: Lane<S>,
@@ -77,7 +77,12 @@ pub(super) struct Row<S: Simd> {
 
 /// Evaluates one observation for all lanes.
 #[inline(always)]
-pub(super) fn row<S: Simd>(simd: S, at: &[Lane<S>; GEOMETRY], shape: &Shape<S>) -> Row<S> {
+pub(super) fn row<S: Simd>(
+    simd: S,
+    at: &[Lane<S>; GEOMETRY],
+    shape: &Shape<S>,
+    weight: Lane<S>,
+) -> Row<S> {
     macro_rules! k {
         ($x:expr) => {
             Lane::splat(simd, $x)
@@ -117,7 +122,9 @@ pub(super) fn row<S: Simd>(simd: S, at: &[Lane<S>; GEOMETRY], shape: &Shape<S>) 
     let (qx, qy) = (x * x * shape.inv_a, y * y * shape.inv_b);
     let q = qx + qy;
     let inv2 = inv_hm * inv_hm;
-    let base = seen.select(q.exp_neg() * inv2 * inv2 * shape.norm * scale, zero);
+    // The exponential comes last of all: whatever else is a factor is ready before it.
+    let factor = inv2 * inv2 * (shape.norm * scale * weight);
+    let base = seen.select(q.exp_neg() * factor, zero);
     let value = base * g;
     let two = k!(2.0);
     let ln_theta = two * y * (q + shape.inv_b - two);
@@ -152,7 +159,7 @@ pub(super) fn single(geometry: &Geometry, p: &Parameters, lamp: f64) -> (f64, [f
         inv_b: k(inv_b),
         norm: k((inv_a * inv_b).sqrt()),
     };
-    let r = row(simd, &geometry.0.map(k), &shape);
+    let r = row(simd, &geometry.0.map(k), &shape, k(1.0));
     (
         r.value.1,
         [

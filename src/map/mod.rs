@@ -46,6 +46,7 @@ use self::planes::Planes;
 use self::run::{Batch, Run, better, freedom, usual_chi2_max};
 use self::settle::{LOBE_SIGNIFICANCE, References, Settled};
 use self::solve::{End, FREE};
+use self::start::lambert_chi2;
 use self::view::View;
 use crate::geometry::Pose;
 use crate::observation::RejectedFrame;
@@ -54,8 +55,11 @@ use crate::reduction::{FrameSource, ReductionError, calibrate};
 /// Tiles and pixels per tile from which the shared quantities are settled.
 const SAMPLED_TILES: usize = 32;
 const SAMPLED_PIXELS: usize = 2048;
-/// How often the dear terms are taken anew within a pixel's descent.
-const REFRESHES: u8 = 2;
+/// How often the dear terms are taken anew within a pixel's descent, at most.
+const REFRESHES: u8 = 3;
+
+/// Common uncertainty of the ridge angle above which the map says so aloud.
+const SHARED_THETA_R_STD_MAX_DEG: f64 = 0.5;
 
 /// What to do how.
 #[derive(Debug, Clone)]
@@ -356,6 +360,8 @@ fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, usize) {
     let n = run.batch.observations;
     let mut answers: Vec<Answer> = Vec::with_capacity(run.batch.pixels.len());
     let (mut chosen, mut starts): (Vec<usize>, Vec<Parameters>) = (Vec::new(), Vec::new());
+    let mut mattes = Vec::new();
+    let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
     for index in 0..run.batch.pixels.len() {
         let used = run.batch.used(index);
         if used <= FREE {
@@ -364,13 +370,15 @@ fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, usize) {
         }
         answers.push(Answer::none(NOT_IDENTIFIABLE, used));
         // Nothing to fit where a matte surface explains all.
-        let matte = run.lambert_chi2(index, &settled.lambert);
+        run.read(index, &mut signal, &mut weight);
+        let matte = lambert_chi2(&signal, &weight, &settled.lambert);
         if matte <= birge * (used as f64 - 1.0 + LOBE_SIGNIFICANCE) {
             continue;
         }
-        if let Some((start, _)) = run.leader(index, &settled.leaders) {
+        if let Some((start, _)) = settled.leaders.best(&signal, &weight) {
             chosen.push(index);
             starts.push(start);
+            mattes.push(matte);
         }
     }
     let mut fits = run.fit(&chosen, &starts, REFRESHES);
@@ -396,9 +404,8 @@ fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, usize) {
             }
         }
     }
-    for (index, fit) in chosen.iter().zip(&fits) {
+    for ((index, fit), matte) in chosen.iter().zip(&fits).zip(mattes) {
         let mut answer = Answer::of(fit, birge, n, amplitude);
-        let matte = run.lambert_chi2(*index, &settled.lambert);
         if matte - fit.chi2 < birge * LOBE_SIGNIFICANCE {
             answer = Answer::none(answer.flags | NOT_IDENTIFIABLE, usize::from(fit.n_used));
         }
@@ -427,6 +434,12 @@ fn doubts(settled: &Settled, view: &View) -> Vec<String> {
     if zero > 1.0 {
         doubts.push(format!(
             "the tilt's zero cannot be told from these poses (± {zero:.1}°): the recorded tilts are believed; scan more azimuths"
+        ));
+    }
+    let shared = settled.shared_std.map_or(0.0, |std| std[0].to_degrees());
+    if shared > SHARED_THETA_R_STD_MAX_DEG {
+        doubts.push(format!(
+            "these poses leave the ridge angle of all pixels open by ± {shared:.1}° together (gain, stray light and the tilt's zero are not told from it): differences between pixels hold, the angle itself does not; scan more tilts"
         ));
     }
     if settled.birge > 4.0 {

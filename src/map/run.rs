@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use super::dear::Dear;
+use super::dear::{Dear, Met, Size};
 use super::globals::Globals;
 use super::kernel::{Geometry, Parameters};
 use super::planes::Planes;
@@ -201,7 +201,7 @@ impl Run<'_> {
         let mut best: Vec<PixelFit> = Vec::new();
         for quarter in 0..super::start::QUARTERS {
             let from: Vec<Parameters> = starts.iter().map(|s| s[quarter]).collect();
-            let fits = self.fit(chosen, &from, 2);
+            let fits = self.fit(chosen, &from, super::REFRESHES);
             if best.is_empty() {
                 best = fits;
             } else {
@@ -225,7 +225,7 @@ impl Run<'_> {
         best.truncate(best.len().div_ceil(FOLLOWED));
         let best: Vec<Parameters> = best.iter().map(|fit| fit.p).collect();
         for leader in Leaders::gather(&best).points {
-            let again = self.fit(chosen, &vec![leader; chosen.len()], 2);
+            let again = self.fit(chosen, &vec![leader; chosen.len()], super::REFRESHES);
             for (fit, again) in fits.iter_mut().zip(again) {
                 if better(&again, fit) {
                     *fit = again;
@@ -240,14 +240,6 @@ impl Run<'_> {
         let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
         self.read(index, &mut signal, &mut weight);
         lambert_chi2(&signal, &weight, lambert)
-    }
-
-    /// The leader that fits a pixel best, with its χ².
-    pub(super) fn leader(&self, index: usize, leaders: &Leaders) -> Option<(Parameters, f64)> {
-        let n = self.batch.observations;
-        let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
-        self.read(index, &mut signal, &mut weight);
-        leaders.best(&signal, &weight)
     }
 }
 
@@ -287,8 +279,15 @@ impl Pixels for Chosen<'_> {
         self.starts[pixel]
     }
 
-    fn dear(&self, p: &Parameters, offset: &mut [f64], basis: &mut [f64]) {
-        self.run.dear.write(p, offset, basis);
+    fn dear(
+        &self,
+        p: &Parameters,
+        size: Size,
+        met: &mut Met,
+        offset: &mut [f64],
+        basis: &mut [f64],
+    ) {
+        self.run.dear.write_from(p, size, met, offset, basis);
     }
 }
 

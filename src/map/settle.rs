@@ -175,13 +175,18 @@ pub(super) fn settle(
             let fits = run.fit(&chosen, &starts, 1);
             (chosen, fits)
         };
+        let left = median(fits.iter().map(|f| f.chi2 / freedom(f)));
         let converged: Vec<(usize, PixelFit)> = chosen
             .into_iter()
             .zip(fits)
             .filter(|(_, fit)| fit.end == End::Converged && identifiable(fit, 1.0))
             .collect();
+        // There are lobes, but these poses do not tell whose.
         birge = median(converged.iter().map(|(_, f)| f.chi2 / freedom(f)))
-            .ok_or(MapError::NoLobes)?
+            .ok_or(MapError::NothingFitted {
+                poses: recorded.len(),
+                chi2: left.unwrap_or(f64::INFINITY),
+            })?
             .max(1.0);
         // Pixels that straddle two surfaces pull at everything: only the usual ones have a say.
         good = converged

@@ -8,14 +8,29 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
+use super::dear::{Met, Size};
 use super::inverse::invert;
 use super::kernel::{GEOMETRY, Geometry, Parameters, Shape, row};
-use crate::model::lanes::Lane;
+use crate::model::lanes::{Lane, Numbers};
 
 /// Free parameters per pixel.
 pub(super) const FREE: usize = 5;
 /// Numbers in a packed symmetric matrix of [`FREE`] rows.
 pub(super) const PACKED: usize = FREE * (FREE + 1) / 2;
+/// Numbers per observation and lane: weight, weighted signal, weighted B.
+const ROW: usize = 3;
+/// A descent is over where the next step would lower the cost by less than this share of 1 + cost.
+const CONVERGED: f64 = 1e-6;
+/// The same where the dear terms are taken anew since the minimum is near.
+const NEAR: f64 = 1e-2;
+/// The same on metal.
+const NEAR_ON_METAL: f64 = 1e-3;
+/// First steps at whose ends the dear terms are taken anew, so that not the kernel's minimum is
+/// walked to first.
+const EARLY: u16 = 2;
+/// Squared distance, in standard deviations, from where the dear terms were taken beyond which a
+/// descent does not end: they change by a few percent of what the signal does.
+const STALE2: f64 = 1.0;
 /// Evaluations after which a pixel is given up.
 const EVALUATIONS_MAX: u16 = 80;
 /// Longest step per parameter: rad, rad, logarithms, ρd or amplitude.
@@ -85,7 +100,14 @@ pub(super) trait Pixels: Sync {
         geometry: &mut [Geometry],
     ) -> Parameters;
     /// Writes what the kernel leaves out at parameters `p`, and B.
-    fn dear(&self, p: &Parameters, offset: &mut [f64], basis: &mut [f64]);
+    fn dear(
+        &self,
+        p: &Parameters,
+        size: Size,
+        met: &mut Met,
+        offset: &mut [f64],
+        basis: &mut [f64],
+    );
 }
 
 /// What is the same for all pixels.
@@ -140,18 +162,18 @@ struct Slot {
     refreshes_left: u8,
     evaluations: u16,
     n_used: u16,
+    /// Where the dear terms were taken.
+    taken_at: Parameters,
 }
 
 struct Table<'a> {
     job: &'a Job<'a>,
     width: usize,
-    state: Vec<f64>,
-    /// Signal less offset, weight, B: `[observation][lane]`.
-    signal: Vec<f64>,
-    weight: Vec<f64>,
-    basis: Vec<f64>,
+    state: Numbers,
+    /// Weight, signal less offset and B, both weighted: `[observation][these three][lane]`.
+    rows: Numbers,
     /// `[observation][GEOMETRY][lane]`; empty where shared.
-    geometry: Vec<f64>,
+    geometry: Numbers,
     /// One pixel's columns while it moves in.
     raw: Vec<Vec<f64>>,
     offset: Vec<f64>,
@@ -159,6 +181,7 @@ struct Table<'a> {
     own_geometry: Vec<Geometry>,
     slots: Vec<Option<Slot>>,
     next: usize,
+    met: Met,
 }
 
 impl<'a> Table<'a> {
@@ -167,13 +190,11 @@ impl<'a> Table<'a> {
         Table {
             job,
             width,
-            state: vec![0.0; ROWS * width],
-            signal: vec![0.0; n * width],
-            weight: vec![0.0; n * width],
-            basis: vec![0.0; n * width],
+            state: Numbers::zeros(ROWS * width),
+            rows: Numbers::zeros(ROW * n * width),
             geometry: match job.shared {
-                Some(_) => Vec::new(),
-                None => vec![0.0; n * GEOMETRY * width],
+                Some(_) => Numbers::zeros(0),
+                None => Numbers::zeros(n * GEOMETRY * width),
             },
             raw: vec![vec![0.0; n]; width],
             offset: vec![0.0; n],
@@ -184,6 +205,7 @@ impl<'a> Table<'a> {
             },
             slots: vec![None; width],
             next: 0,
+            met: Met::default(),
         }
     }
 
@@ -221,8 +243,12 @@ impl<'a> Table<'a> {
                 };
                 continue;
             }
-            for (j, w) in self.column.iter().enumerate() {
-                self.weight[j * self.width + lane] = *w;
+            for (row, w) in self
+                .rows
+                .chunks_exact_mut(ROW * self.width)
+                .zip(&self.column)
+            {
+                row[lane] = *w;
             }
             for (j, g) in self.own_geometry.iter().enumerate() {
                 for (k, x) in g.0.iter().enumerate() {
@@ -234,25 +260,42 @@ impl<'a> Table<'a> {
                 refreshes_left: self.job.refreshes,
                 evaluations: 0,
                 n_used: used as u16,
+                taken_at: start,
             });
-            self.begin(lane, &start);
+            let size = if self.job.amplitude {
+                Size::Usual
+            } else {
+                Size::Large
+            };
+            self.refresh(lane, &start, size);
+            self.begin_at(lane, &start);
             return;
         }
-        for j in 0..self.job.observations {
-            self.weight[j * self.width + lane] = 0.0;
-            self.signal[j * self.width + lane] = 0.0;
+        for row in self.rows.chunks_exact_mut(self.width) {
+            row[lane] = 0.0;
         }
         self.begin_at(lane, &[0.1, 0.0, -2.0, -2.0, 0.1]);
     }
 
-    /// Takes the dear terms at `p` and starts a descent there.
-    fn begin(&mut self, lane: usize, p: &Parameters) {
-        self.job.pixels.dear(p, &mut self.offset, &mut self.column);
-        for j in 0..self.job.observations {
-            self.signal[j * self.width + lane] = self.raw[lane][j] - self.offset[j];
-            self.basis[j * self.width + lane] = self.column[j];
+    /// Takes the dear terms at `p`.
+    fn refresh(&mut self, lane: usize, p: &Parameters, size: Size) {
+        let (offset, basis) = (&mut self.offset, &mut self.column);
+        self.job.pixels.dear(p, size, &mut self.met, offset, basis);
+        let width = self.width;
+        for (((row, raw), offset), basis) in self
+            .rows
+            .chunks_exact_mut(ROW * width)
+            .zip(&self.raw[lane])
+            .zip(&self.offset)
+            .zip(&self.column)
+        {
+            let weight = row[lane];
+            row[width + lane] = weight * (raw - offset);
+            row[2 * width + lane] = weight * basis;
         }
-        self.begin_at(lane, p);
+        if let Some(slot) = &mut self.slots[lane] {
+            slot.taken_at = *p;
+        }
     }
 
     fn begin_at(&mut self, lane: usize, p: &Parameters) {
@@ -279,6 +322,20 @@ impl<'a> Table<'a> {
         }
     }
 
+    /// Squared distance of the accepted point from another, in standard deviations.
+    fn moved2(&self, lane: usize, from: &Parameters) -> f64 {
+        let away: Parameters = std::array::from_fn(|k| self.get(P + k, lane) - from[k]);
+        let mut sum = 0.0;
+        for i in 0..FREE {
+            let own = self.get(NORMAL + packed(i, i), lane) * away[i];
+            let others: f64 = (0..i)
+                .map(|j| self.get(NORMAL + packed(i, j), lane) * away[j])
+                .sum();
+            sum += away[i] * (own + 2.0 * others);
+        }
+        sum
+    }
+
     /// Looks at a lane after a step was proposed: goes on, refreshes the dear terms, or answers.
     fn look(&mut self, lane: usize, fits: &mut [PixelFit]) {
         let Some(mut slot) = self.slots[lane] else {
@@ -290,14 +347,31 @@ impl<'a> Table<'a> {
         let lambda = self.get(LAMBDA, lane);
         // What an undamped step would gain, at most.
         let gain = self.get(DECREMENT, lane) * (1.0 + lambda);
-        let share = if slot.refreshes_left > 0 { 1e-3 } else { 1e-6 };
-        let converged = gain <= share * (1.0 + cost);
+        let converged = gain <= CONVERGED * (1.0 + cost);
         let stalled = lambda > 1e7 || !cost.is_finite() || slot.evaluations >= EVALUATIONS_MAX;
-        if converged && slot.refreshes_left > 0 {
-            slot.refreshes_left -= 1;
+        // On metal the dear terms are no small part of the light: there the way to the kernel's own
+        // minimum is the safe one, and every round of new terms is asked for.
+        let careful = self.job.amplitude;
+        let near = if careful { NEAR_ON_METAL } else { NEAR };
+        let early = !careful && slot.evaluations <= EARLY && gain > near * (1.0 + cost);
+        let first = slot.refreshes_left == self.job.refreshes;
+        let stale = slot.refreshes_left > 0
+            && if first || careful {
+                gain <= near * (1.0 + cost)
+            } else {
+                converged && self.moved2(lane, &slot.taken_at) > STALE2
+            };
+        if (stale || early && self.job.refreshes > 0) && !stalled {
+            // At the next trial, so that no evaluation is lost. Near the minimum its cost has nothing
+            // to be compared with; far from it the change is much smaller than what a step gains.
+            if stale {
+                slot.refreshes_left -= 1;
+                self.set(COST, lane, f64::INFINITY);
+            }
             self.slots[lane] = Some(slot);
-            let p = self.parameters(lane);
-            self.begin(lane, &p);
+            let trial = std::array::from_fn(|k| self.get(TRIAL + k, lane));
+            let size = if stale { Size::Usual } else { Size::Large };
+            self.refresh(lane, &trial, size);
         } else if converged || stalled {
             let normal: [f64; PACKED] = std::array::from_fn(|k| self.get(NORMAL + k, lane));
             fits[slot.pixel] = PixelFit {
@@ -348,6 +422,23 @@ fn descend<S: Simd>(simd: S, job: &Job<'_>) -> Vec<PixelFit> {
     fits
 }
 
+/// Rows that are worked out before they are summed.
+const BLOCK: usize = 12;
+/// Most lanes of any register.
+const WIDEST: usize = 8;
+
+/// The slopes and residuals of some rows: `[row][slope, …, residual][lane]`. Its alignment is that of
+/// the whole stack frame, so that registers put aside there do not lie across cache lines either.
+#[repr(align(64))]
+struct Block([f64; BLOCK * (FREE + 1) * WIDEST]);
+
+impl Block {
+    #[inline(always)]
+    fn new() -> Self {
+        Block([0.0; BLOCK * (FREE + 1) * WIDEST])
+    }
+}
+
 /// Evaluates all trials, accepts or rejects each, and proposes the next ones.
 #[inline(always)]
 #[expect(
@@ -389,43 +480,71 @@ fn step<S: Simd, const AMPLITUDE: bool>(simd: S, table: &mut Table<'_>) {
     let mut cost = k!(0.0);
     let mut gradient = [k!(0.0); FREE];
     let mut normal = [k!(0.0); PACKED];
-    for j in 0..table.job.observations {
-        let mut at = [k!(0.0); GEOMETRY];
-        match table.job.shared {
-            Some(shared) => {
-                for i in 0..GEOMETRY {
-                    at[i] = Lane::splat(simd, shared[j].0[i]);
+    // First some rows, then what they add to the sums: the registers do not hold both at once.
+    let mut block = Block::new();
+    let n = table.job.observations;
+    let mut done = 0;
+    while done < n {
+        let count = (n - done).min(BLOCK);
+        for i in 0..count {
+            let j = done + i;
+            let mut at = [k!(0.0); GEOMETRY];
+            match table.job.shared {
+                Some(shared) => {
+                    for i in 0..GEOMETRY {
+                        at[i] = Lane::splat(simd, shared[j].0[i]);
+                    }
+                }
+                None => {
+                    for i in 0..GEOMETRY {
+                        at[i] = Lane::load(simd, &table.geometry, j * GEOMETRY + i);
+                    }
                 }
             }
-            None => {
-                for i in 0..GEOMETRY {
-                    at[i] = Lane::load(simd, &table.geometry, j * GEOMETRY + i);
+            let weight = read!(&table.rows, ROW * j);
+            let signal = read!(&table.rows, ROW * j + 1);
+            let mut r = row(simd, &at, &shape, weight);
+            // Everything here has the weight in it.
+            let (residual, last) = if AMPLITUDE {
+                for slope in [&mut r.theta, &mut r.psi, &mut r.alpha_u, &mut r.alpha_v] {
+                    *slope = *slope * fifth;
+                }
+                (signal - fifth * r.value, r.value)
+            } else {
+                let basis = read!(&table.rows, ROW * j + 2);
+                ((-fifth).mul_add(basis, signal - r.value), basis)
+            };
+            let numbers = [r.theta, r.psi, r.alpha_u, r.alpha_v, last, residual];
+            for (k, x) in numbers.into_iter().enumerate() {
+                x.store(&mut block.0, i * (FREE + 1) + k);
+            }
+        }
+        // In two goes, each with no more sums than the narrower machines have registers.
+        const HALF: usize = FREE - 1;
+        for i in 0..count {
+            let mut x = [k!(0.0); HALF];
+            for a in 0..HALF {
+                x[a] = read!(&block.0, i * (FREE + 1) + a);
+            }
+            for a in 0..HALF {
+                for b in 0..=a {
+                    normal[packed(a, b)] = x[a].mul_add(x[b], normal[packed(a, b)]);
                 }
             }
         }
-        let weight = read!(&table.weight, j);
-        let r = row(simd, &at, &shape);
-        let (predicted, first, last) = if AMPLITUDE {
-            (fifth * r.value, weight * fifth, r.value)
-        } else {
-            let basis = read!(&table.basis, j);
-            (fifth.mul_add(basis, r.value), weight, basis)
-        };
-        let residual = weight * (read!(&table.signal, j) - predicted);
-        let slopes = [
-            first * r.theta,
-            first * r.psi,
-            first * r.alpha_u,
-            first * r.alpha_v,
-            weight * last,
-        ];
-        cost = residual.mul_add(residual, cost);
-        for a in 0..FREE {
-            gradient[a] = slopes[a].mul_add(residual, gradient[a]);
-            for b in 0..=a {
-                normal[packed(a, b)] = slopes[a].mul_add(slopes[b], normal[packed(a, b)]);
+        for i in 0..count {
+            let last = read!(&block.0, i * (FREE + 1) + HALF);
+            let residual = read!(&block.0, i * (FREE + 1) + FREE);
+            for a in 0..HALF {
+                let x = read!(&block.0, i * (FREE + 1) + a);
+                normal[packed(HALF, a)] = x.mul_add(last, normal[packed(HALF, a)]);
+                gradient[a] = x.mul_add(residual, gradient[a]);
             }
+            normal[packed(HALF, HALF)] = last.mul_add(last, normal[packed(HALF, HALF)]);
+            gradient[HALF] = last.mul_add(residual, gradient[HALF]);
+            cost = residual.mul_add(residual, cost);
         }
+        done += count;
     }
     // The factors that all rows of a column share.
     let factor = [

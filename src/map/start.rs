@@ -136,15 +136,28 @@ fn two_terms(
     }
 }
 
+/// Σ a b and Σ a a; four sums at a time, since one waits for its last addition.
+fn dots(a: &[f64], b: &[f64]) -> (f64, f64) {
+    let (mut ab, mut aa) = ([0.0; 4], [0.0; 4]);
+    let (mut left, mut right) = (a.chunks_exact(4), b.chunks_exact(4));
+    for (a, b) in (&mut left).zip(&mut right) {
+        for k in 0..4 {
+            ab[k] += a[k] * b[k];
+            aa[k] += a[k] * a[k];
+        }
+    }
+    for (a, b) in left.remainder().iter().zip(right.remainder()) {
+        ab[0] += a * b;
+        aa[0] += a * a;
+    }
+    (ab.iter().sum(), aa.iter().sum())
+}
+
 /// χ² of the best Lambert surface: what a pixel without any lobe would have.
 pub(super) fn lambert_chi2(signal: &[f64], weight: &[f64], lambert: &[f64]) -> f64 {
-    let (mut ll, mut ly, mut yy) = (0.0, 0.0, 0.0);
-    for ((y, w), l) in signal.iter().zip(weight).zip(lambert) {
-        let w2 = w * w;
-        ll += w2 * l * l;
-        ly += w2 * l * y;
-        yy += w2 * y * y;
-    }
+    let weighted = |x: &[f64]| -> Vec<f64> { x.iter().zip(weight).map(|(x, w)| x * w).collect() };
+    let (l, y) = (weighted(lambert), weighted(signal));
+    let ((ly, ll), (_, yy)) = (dots(&l, &y), dots(&y, &l));
     yy - ly * ly / ll.max(1e-300)
 }
 
@@ -201,14 +214,14 @@ impl Leaders {
     /// The leader that fits best, with its χ² once a common factor is fitted.
     pub(super) fn best(&self, signal: &[f64], weight: &[f64]) -> Option<(Parameters, f64)> {
         let mut best: Option<(Parameters, f64)> = None;
+        let seen: Vec<f64> = signal.iter().zip(weight).map(|(y, w)| y * w).collect();
+        let (_, yy) = dots(&seen, &seen);
+        let mut expected = vec![0.0; seen.len()];
         for (p, predicted) in self.points.iter().zip(&self.predicted) {
-            let (mut pp, mut py, mut yy) = (0.0, 0.0, 0.0);
-            for ((y, w), m) in signal.iter().zip(weight).zip(predicted) {
-                let w2 = w * w;
-                pp += w2 * m * m;
-                py += w2 * m * y;
-                yy += w2 * y * y;
+            for ((x, m), w) in expected.iter_mut().zip(predicted).zip(weight) {
+                *x = m * w;
             }
+            let (py, pp) = dots(&expected, &seen);
             let chi2 = yy - py * py / pp.max(1e-300);
             if best.is_none_or(|(_, c)| chi2 < c) {
                 best = Some((*p, chi2));

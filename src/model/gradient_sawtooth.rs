@@ -300,7 +300,7 @@ fn single(
     let (hu, he, hm) = (i.u + o.u, i.e + o.e, i.m + o.m);
     let h2 = hu * hu + he * he + hm * hm;
     let length = h2.sqrt();
-    let f = q.table.reflectance(0.5 * length);
+    let f = q.table.mirrored(0.5 * length);
     let quarter = 0.25 * q.surface.amplitude;
     let mut lobes = 0.0;
     // To h_u, h_e, h_m of the lobes (without F and A/4).

@@ -81,6 +81,8 @@ pub struct OpticsTable {
     pub(super) diffuse: [f64; 3],
     /// π T̄² with ∂/∂n, ∂/∂k.
     pub(super) exchange: [f64; 3],
+    /// cos(θl/2) and the reflectance there: of every single reflection of a far rig.
+    half: (f64, Slopes),
 }
 
 impl OpticsTable {
@@ -114,21 +116,39 @@ impl OpticsTable {
         let t_bar = diffuse_transmittance(eta, k);
         let exchange = t_bar * t_bar * std::f64::consts::PI;
         let parts = |x: Dual<2>| [x.value, x.partials[0], x.partials[1]];
+        let cos_half = (0.5 * optics.theta_l).cos();
         OpticsTable {
             optics: *optics,
             diffuse: parts(diffuse),
             exchange: parts(exchange),
+            half: (cos_half, slopes_at(optics, cos_half)),
+        }
+    }
+
+    /// [`OpticsTable::reflectance`] at the half angle of lamp and camera.
+    #[inline]
+    pub(super) fn mirrored(&self, cos: f64) -> Slopes {
+        // Within the rounding of the cosine itself the known one is as good.
+        if (cos - self.half.0).abs() <= 4.0 * f64::EPSILON {
+            self.half.1
+        } else {
+            self.reflectance(cos)
         }
     }
 
     /// Unpolarised reflectance with derivatives, the short way for a dielectric.
     #[inline]
     pub(super) fn reflectance(&self, cos: f64) -> Slopes {
-        if self.optics.k == 0.0 {
-            dielectric_slopes(cos, self.optics.eta)
-        } else {
-            Reflectances::at(cos, self.optics.eta, self.optics.k).unpolarised()
-        }
+        slopes_at(&self.optics, cos)
+    }
+}
+
+#[inline]
+fn slopes_at(optics: &Optics, cos: f64) -> Slopes {
+    if optics.k == 0.0 {
+        dielectric_slopes(cos, optics.eta)
+    } else {
+        Reflectances::at(cos, optics.eta, optics.k).unpolarised()
     }
 }
 

@@ -104,7 +104,7 @@ impl Pixels for Synthetic {
         [p[0] + 0.05, p[1] + 0.3, p[2] + 0.3, p[3] - 0.3, p[4] * 0.7]
     }
 
-    fn dear(&self, _: &Parameters, offset: &mut [f64], basis: &mut [f64]) {
+    fn dear(&self, _: &Parameters, _: Size, _: &mut Met, offset: &mut [f64], basis: &mut [f64]) {
         offset.fill(0.0);
         basis.copy_from_slice(&self.basis);
     }
@@ -176,8 +176,15 @@ fn a_masked_observation_has_no_say_and_too_few_are_named() {
             }
             start
         }
-        fn dear(&self, p: &Parameters, offset: &mut [f64], basis: &mut [f64]) {
-            self.0.dear(p, offset, basis);
+        fn dear(
+            &self,
+            p: &Parameters,
+            size: Size,
+            met: &mut Met,
+            offset: &mut [f64],
+            basis: &mut [f64],
+        ) {
+            self.0.dear(p, size, met, offset, basis);
         }
     }
     let masked = Masked(Synthetic::new(9, 0.0), 5);
