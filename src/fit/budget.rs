@@ -24,17 +24,19 @@
 //! The zeros of the stages are exactly the offsets that the fit looks for, so no data can tell them;
 //! and the reference's certificate is not for a model to revise. Neither is fitted.
 
+use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::DMatrix;
 
 use super::covariance::{Covariance, Scaling, covariance};
 use super::estimate::Estimate;
-use super::least_squares::{householder, solve_upper};
+use super::least_squares::solve_upper;
 use super::problem::{Problem, Quantity, Values, drift_std, reference_std};
 use super::profile::profile;
 use super::report::COVERAGE_FACTOR;
 use super::solver::Minimum;
+use super::thin::triangle;
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 use crate::units::Angle;
@@ -442,49 +444,79 @@ fn left_out(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f64]) -> (Vec
     let mut largest = vec![0.0_f64; n];
     let mut freedom = f64::INFINITY;
     for labels in labels {
-        let mut names: Vec<i64> = labels.iter().copied().flatten().collect();
-        names.sort_unstable();
-        names.dedup();
-        let groups = names.len() as f64;
-        if groups < 3.0 {
+        let mut groups: BTreeMap<Option<i64>, Vec<usize>> = BTreeMap::new();
+        for (row, label) in labels.iter().enumerate() {
+            groups.entry(*label).or_default().push(row);
+        }
+        let always = groups.remove(&None).unwrap_or_default();
+        let count = groups.len() as f64;
+        if count < 3.0 {
             continue;
         }
+        let groups: Vec<Vec<usize>> = groups.into_values().collect();
         let mut sums = vec![0.0; n];
         let mut solved = 0.0;
-        for name in &names {
-            let keep: Vec<usize> = (0..m).filter(|&i| labels[i] != Some(*name)).collect();
-            if let Some(step) = step_without(jacobian, residuals, &keep) {
-                for (sum, p) in sums.iter_mut().zip(&step) {
-                    *sum += p * p;
-                }
-                solved += 1.0;
+        for step in steps_without(jacobian, residuals, &groups, &always) {
+            for (sum, p) in sums.iter_mut().zip(&step) {
+                *sum += p * p;
             }
+            solved += 1.0;
         }
         if solved < 3.0 {
             continue;
         }
         for (all, sum) in largest.iter_mut().zip(&sums) {
-            *all = all.hypot(((groups - 1.0) / solved * sum).sqrt());
+            *all = all.hypot(((count - 1.0) / solved * sum).sqrt());
         }
         freedom = freedom.min(solved - 1.0);
     }
     (largest, freedom)
 }
 
-/// One Gauss–Newton step on the kept rows alone, from the minimum of all.
-fn step_without(jacobian: &[f64], residuals: &[f64], keep: &[usize]) -> Option<Vec<f64>> {
-    let (rows, m) = (keep.len(), residuals.len());
+/// Gauss–Newton steps from the minimum of all, each without one of the groups of rows; none where the
+/// others do not determine it. Each group is reduced to a triangle once, and what stands before and what
+/// stands behind a group to one each, so the rows are read once however many groups there are.
+fn steps_without(
+    jacobian: &[f64],
+    residuals: &[f64],
+    groups: &[Vec<usize>],
+    always: &[usize],
+) -> Vec<Vec<f64>> {
+    let m = residuals.len();
     let n = jacobian.len() / m.max(1);
-    if rows <= n {
-        return None;
+    let of_rows = |rows: &[usize]| -> Vec<f64> {
+        let height = rows.len().max(n + 1);
+        let mut a = vec![0.0; height * (n + 1)];
+        for (i, row) in rows.iter().enumerate() {
+            for j in 0..n {
+                a[i + j * height] = jacobian[row + j * m];
+            }
+            a[i + n * height] = -residuals[*row];
+        }
+        triangle(a, height, n + 1)
+    };
+    let both = |upper: &[f64], lower: &[f64]| -> Vec<f64> {
+        let columns = upper.chunks(n + 1).zip(lower.chunks(n + 1));
+        let a = columns.flat_map(|(u, l)| u.iter().chain(l).copied());
+        triangle(a.collect(), 2 * (n + 1), n + 1)
+    };
+    let own: Vec<Vec<f64>> = groups.iter().map(|rows| of_rows(rows)).collect();
+    let mut behind = vec![vec![0.0; (n + 1) * (n + 1)]; groups.len() + 1];
+    for k in (0..groups.len()).rev() {
+        behind[k] = both(&own[k], &behind[k + 1]);
     }
-    let mut a: Vec<f64> = Vec::with_capacity(rows * n);
-    for j in 0..n {
-        a.extend(keep.iter().map(|&i| jacobian[i + j * m]));
+    let all: usize = groups.iter().map(Vec::len).sum();
+    let mut before = of_rows(always);
+    let mut steps = Vec::with_capacity(groups.len());
+    for (k, rows) in groups.iter().enumerate() {
+        let others = both(&before, &behind[k + 1]);
+        let mut step = others[n * (n + 1)..][..n].to_vec();
+        if all - rows.len() + always.len() > n && solve_upper(&others, n + 1, n, &mut step) {
+            steps.push(step);
+        }
+        before = both(&before, &own[k]);
     }
-    let mut b: Vec<f64> = keep.iter().map(|&i| -residuals[i]).collect();
-    householder(&mut a, rows, n, &mut b);
-    solve_upper(&a, rows, n, &mut b).then(|| b[..n].to_vec())
+    steps
 }
 
 /// The free parameters that a null direction ties together, by name; largest part first.

@@ -11,7 +11,8 @@ use super::least_squares::{householder, sum_of_squares};
 use super::problem::{Problem, Quantity, Values, certified};
 use super::search::{Search, StartReport};
 use super::settle::{Settled, Weighing, with_tier};
-use super::solver::{Ending, Minimum, Settings, minimise};
+use super::solver::{Ending, Minimum, Settings};
+use super::thin::{self, Thinned};
 use super::traced::Tracing;
 use super::{FitOptions, Loss, Told};
 use crate::material::Material;
@@ -81,6 +82,10 @@ pub struct Estimate<'a> {
     pub rivals: Vec<Minimum>,
     /// What the ray tracer did, where the estimate hangs on it.
     pub traced: Option<Tracing>,
+    /// Where the tolerance allowed to leave the dear tier out: what it changes, as a share of the peak.
+    pub tier_left_out: Option<f64>,
+    /// What was done without, where there are very many observations.
+    pub thinned: Option<Thinned>,
 }
 
 impl Estimate<'_> {
@@ -186,6 +191,20 @@ pub fn estimate<'a>(
     tier: Option<Tier<'_>>,
     cancel: &AtomicBool,
 ) -> Option<Estimate<'a>> {
+    match thin::representative(set) {
+        Some(kept) => thin::estimate(set, kept, variant, options, tier, cancel),
+        None => whole(set, variant, options, tier, cancel),
+    }
+}
+
+/// The same with every step on all observations.
+pub(super) fn whole<'a>(
+    set: &'a ObservationSet,
+    variant: Variant,
+    options: &FitOptions,
+    tier: Option<Tier<'_>>,
+    cancel: &AtomicBool,
+) -> Option<Estimate<'a>> {
     let (free, fixed) = with_told(free_quantities(set, variant), &options.told);
     let priors: Vec<(Quantity, Prior)> = options
         .told
@@ -216,7 +235,6 @@ pub fn estimate<'a>(
         .with_flat_sigma(loose.collect())
         .with_priors(&priors)
         .with_loss(options.loss);
-    let settings = Settings::default();
     let mut search = Search::new(&fixed, options.seed, cancel);
     search.quick(&first, options.starts);
     // The starts leave the index at its nominal value; from here on it may move.
@@ -232,7 +250,6 @@ pub fn estimate<'a>(
         .clone()
         .with_free(free)
         .with_flat_sigma(flat_sigma(set));
-    let bounds = problem.bounds();
     if !options.misfit {
         problem = problem.with_sigma(own.clone());
     }
@@ -305,7 +322,12 @@ pub fn estimate<'a>(
         m.cost.is_finite() && rise < AMBIGUOUS_RISE && rise > 1e-6 * cost.max(1.0)
     });
     let mut shift = vec![0.0; settled.minimum.parameters.len()];
-    if let Some(tier) = tier {
+    let dispensable = |tier: Tier<'_>| {
+        let cost = thin::tier_cost(&settled, tier)?;
+        (cost <= options.tolerance?).then_some(cost)
+    };
+    let tier_left_out = tier.and_then(dispensable);
+    if let Some(tier) = tier.filter(|_| tier_left_out.is_none()) {
         let found = with_tier(settled, tier, &search, &narrow, &weighing);
         settled = found.settled;
         shift = found.shift;
@@ -314,11 +336,51 @@ pub fn estimate<'a>(
         }
         rivals.extend(found.rivals);
     }
+    let reached = Reached {
+        settled,
+        shift,
+        starts,
+        rivals,
+        tier_left_out,
+    };
+    Some(conclude(reached, variant, &weighing))
+}
+
+/// Where a search and the descents after it have come to.
+pub(super) struct Reached<'a> {
+    pub settled: Settled<'a>,
+    pub shift: Vec<f64>,
+    pub starts: StartReport,
+    pub rivals: Vec<Minimum>,
+    pub tier_left_out: Option<f64>,
+}
+
+/// The estimate at a settled minimum.
+pub(super) fn conclude<'a>(
+    reached: Reached<'a>,
+    variant: Variant,
+    weighing: &Weighing<'_>,
+) -> Estimate<'a> {
+    let Reached {
+        settled,
+        shift,
+        starts,
+        rivals,
+        tier_left_out,
+    } = reached;
+    let Weighing {
+        own,
+        scale,
+        fitted,
+        options,
+        cancel,
+    } = *weighing;
     let Settled {
         mut problem,
         mut minimum,
         discrepancy,
     } = settled;
+    let set = problem.set();
     let values = problem.unpack(&minimum.parameters);
     let predicted = problem.predicted(&values);
     let loss_weights = loss_weights(&problem, &values, options.loss);
@@ -326,7 +388,9 @@ pub fn estimate<'a>(
         // The same point as the minimum of least squares, in which form the budget reads it.
         let sigma = lightened(&problem, &loss_weights);
         problem = problem.with_loss(Loss::Linear).with_sigma(sigma);
-        minimum = minimise(&problem, &minimum.parameters, &bounds, &settings, cancel);
+        let bounds = problem.bounds();
+        let settings = Settings::default();
+        minimum = thin::minimise(&problem, &minimum.parameters, &bounds, &settings, cancel);
     }
     let squares = |weight: &dyn Fn(usize) -> f64| -> f64 {
         let pairs = predicted.iter().zip(&set.observations).enumerate();
@@ -338,7 +402,7 @@ pub fn estimate<'a>(
     let freedom = count.saturating_sub(fitted).max(1) as f64;
     let explained = explained(variant, options, discrepancy, minimum.cost, freedom);
     let peak = peak(set);
-    Some(Estimate {
+    Estimate {
         chi2_reduced_without_model: squares(&|i| 1.0 / own[i]) / freedom,
         rms_residual: (squares(&|_| 1.0 / peak) / count as f64).sqrt(),
         misfit: scale.iter().map(|s| discrepancy * s).collect(),
@@ -359,7 +423,9 @@ pub fn estimate<'a>(
             .collect(),
         rivals,
         traced: None,
-    })
+        tier_left_out,
+        thinned: None,
+    }
 }
 
 /// Scale on which the model may miss each observation: its signal and a tenth of the peak.

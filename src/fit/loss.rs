@@ -34,7 +34,8 @@ impl Loss {
             Loss::Linear => (r, 1.0),
             Loss::Huber if r.abs() <= HUBER => (r, 1.0),
             Loss::Huber => {
-                let bent = (HUBER * (2.0 * r.abs() - HUBER)).sqrt();
+                // √(c (2|r| − c)) with no product that could pass the largest double.
+                let bent = (2.0 * HUBER).sqrt() * (r.abs() - 0.5 * HUBER).sqrt();
                 (bent.copysign(r), HUBER / bent)
             }
             Loss::Tukey => {

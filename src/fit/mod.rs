@@ -8,7 +8,8 @@
 //! The one function to call is [`fit`]. Rooms within: [`least_squares`] what a problem is ·
 //! [`solver`] bounded Levenberg–Marquardt · [`quantity`] what can be looked for · [`problem`] the
 //! observation model · [`loss`] how residuals count · [`start`] where to begin and [`search`] how far
-//! to look (`crew`: all starts at once, on the form of `lean`) · [`estimate`] one variant · `settle` its weights · [`tier`] the dearer model as an offset · [`traced`] the ray tracer
+//! to look (`crew`: all starts at once, on the form of `lean`) · [`estimate`] one variant · [`thin`] of very many observations ·
+//! `settle` its weights · [`tier`] the dearer model as an offset · [`traced`] the ray tracer
 //! in its place · [`covariance`] and [`budget`] how sure · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice ·
 //! [`joint`] several scans · [`trail`] against time · [`report`] the answer's form. It knows neither frames nor files nor the clock.
 
@@ -38,12 +39,15 @@ mod settle;
 pub mod solver;
 pub mod start;
 pub mod text;
+pub mod thin;
 pub mod tier;
 pub mod traced;
 pub mod trail;
 mod trust_region;
 pub mod variants;
 
+#[cfg(test)]
+mod extreme_tests;
 #[cfg(test)]
 mod options_tests;
 
@@ -90,6 +94,9 @@ pub struct FitOptions {
     pub profile: bool,
     /// Series drawn for bootstrap intervals; 0 for none.
     pub bootstrap: u32,
+    /// Share of the peak that may be left out of the model where that saves time: the integrated second
+    /// bounce, where it changes less. Without it nothing is.
+    pub tolerance: Option<f64>,
     /// Whether the ray tracer is asked how wrong the variant is: the difference to `traced` then is
     /// the model's line of the budget.
     pub judge: bool,
@@ -119,6 +126,7 @@ impl Default for FitOptions {
             told: Vec::new(),
             profile: false,
             bootstrap: 0,
+            tolerance: None,
             judge: false,
             tracer: TracingOptions::default(),
         }

@@ -512,54 +512,83 @@ impl LeastSquares for &Problem<'_> {
     fn evaluate(&self, x: &[f64], residuals: &mut [f64], jacobian: &mut [f64]) {
         let values = self.unpack(x);
         let m = self.n_residuals();
-        let (samples, flats) = (self.set.observations.len(), self.set.flats.len());
+        let samples = self.set.observations.len();
         let known = self.lean
             && self.is_plain()
             && self.optics(&values) == self.optics
             && lean::evaluate(self, &values, residuals, jacobian, m);
         let ready = self.ready(&values);
+        let mut row = vec![0.0; self.free.len()];
         for i in if known { samples } else { 0 }..samples {
-            let g = self.corrected(i, &ready);
-            let l = g.value;
-            let weight = 1.0 / self.sigma[i];
-            let gain = values.scale;
-            residuals[i] =
-                (gain * l + values.background - self.set.observations[i].signal) * weight;
-            for (j, q) in self.free.iter().enumerate() {
-                jacobian[i + j * m] = weight
-                    * match q {
-                        Quantity::ThetaR => gain * g.theta_r,
-                        Quantity::AlphaU => gain * g.alpha_u * values.alpha_u,
-                        Quantity::AlphaV => gain * g.alpha_v * values.alpha_v,
-                        Quantity::RhoD => gain * g.rho_d,
-                        Quantity::Scale => l,
-                        Quantity::Background => 1.0,
-                        Quantity::Eta => gain * g.eta,
-                        Quantity::K => gain * g.k,
-                        Quantity::AzimuthOffset => gain * g.phi_s,
-                        Quantity::TiltOffset => gain * g.theta_c,
-                    };
-            }
-            if self.logarithmic {
-                let (seen, floor) = (self.set.observations[i].signal, 3.0 * self.sigma[i]);
-                let expected = residuals[i] * self.sigma[i] + seen;
-                residuals[i] = LOG_WEIGHT * ((expected / floor).asinh() - (seen / floor).asinh());
-                let slope = LOG_WEIGHT * self.sigma[i] / expected.hypot(floor);
-                for j in 0..self.free.len() {
-                    jacobian[i + j * m] *= slope;
-                }
-            } else if self.loss != Loss::Linear {
-                let (bent, slope) = self.loss.bent(residuals[i]);
-                residuals[i] = bent;
-                for j in 0..self.free.len() {
-                    jacobian[i + j * m] *= slope;
-                }
+            residuals[i] = self.sample_row(i, &ready, &values, &mut row);
+            for (j, d) in row.iter().enumerate() {
+                jacobian[i + j * m] = *d;
             }
         }
+        self.other_rows(&values, samples, m, residuals, jacobian);
+    }
+}
+
+impl Problem<'_> {
+    /// Residual of observation `index`, and in `row` its derivatives by the free quantities.
+    pub(super) fn sample_row(
+        &self,
+        index: usize,
+        ready: &Ready,
+        values: &Values,
+        row: &mut [f64],
+    ) -> f64 {
+        let g = self.corrected(index, ready);
+        let l = g.value;
+        let (sigma, seen) = (self.sigma[index], self.set.observations[index].signal);
+        let weight = 1.0 / sigma;
+        let gain = values.scale;
+        let residual = (gain * l + values.background - seen) * weight;
+        for (d, q) in row.iter_mut().zip(&self.free) {
+            *d = weight
+                * match q {
+                    Quantity::ThetaR => gain * g.theta_r,
+                    Quantity::AlphaU => gain * g.alpha_u * values.alpha_u,
+                    Quantity::AlphaV => gain * g.alpha_v * values.alpha_v,
+                    Quantity::RhoD => gain * g.rho_d,
+                    Quantity::Scale => l,
+                    Quantity::Background => 1.0,
+                    Quantity::Eta => gain * g.eta,
+                    Quantity::K => gain * g.k,
+                    Quantity::AzimuthOffset => gain * g.phi_s,
+                    Quantity::TiltOffset => gain * g.theta_c,
+                };
+        }
+        let (bent, slope) = if self.logarithmic {
+            let floor = 3.0 * sigma;
+            let expected = residual * sigma + seen;
+            let bent = LOG_WEIGHT * ((expected / floor).asinh() - (seen / floor).asinh());
+            (bent, LOG_WEIGHT * sigma / expected.hypot(floor))
+        } else if self.loss != Loss::Linear {
+            self.loss.bent(residual)
+        } else {
+            return residual;
+        };
+        for d in row {
+            *d *= slope;
+        }
+        bent
+    }
+
+    /// Residuals and derivatives of flats and priors, from row `first` of `m` on.
+    pub(super) fn other_rows(
+        &self,
+        values: &Values,
+        first: usize,
+        m: usize,
+        residuals: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        let flats = self.set.flats.len();
         let albedo = self.reflectance() / PI;
         for k in 0..flats {
-            let i = samples + k;
-            let (cosine, slope) = self.flat_cosine(k, &values);
+            let i = first + k;
+            let (cosine, slope) = self.flat_cosine(k, values);
             let weight = 1.0 / self.flat_sigma[k];
             residuals[i] = (values.scale * albedo * cosine + values.background
                 - self.set.flats[k].signal)
@@ -575,8 +604,8 @@ impl LeastSquares for &Problem<'_> {
             }
         }
         for row in 0..self.priors.len() {
-            let i = samples + flats + row;
-            let (residual, quantity, slope) = self.prior_row(row, &values);
+            let i = first + flats + row;
+            let (residual, quantity, slope) = self.prior_row(row, values);
             residuals[i] = residual;
             for (j, q) in self.free.iter().enumerate() {
                 jacobian[i + j * m] = if *q == quantity { slope } else { 0.0 };

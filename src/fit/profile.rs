@@ -16,7 +16,8 @@ use rand_distr::StandardNormal;
 use rayon::prelude::*;
 
 use super::problem::Problem;
-use super::solver::{Bounds, Minimum, Settings, minimise};
+use super::solver::{Bounds, Minimum, Settings};
+use super::thin::minimise;
 
 /// An interval whose ends may be open.
 #[derive(Debug, Clone, PartialEq)]

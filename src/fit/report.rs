@@ -9,6 +9,7 @@ use super::budget::Budget;
 use super::intervals::Interval;
 use super::traced::TracingEnd;
 use super::trail::Iteration;
+pub use crate::model::LeftOut;
 use crate::observation::RejectedFrame;
 
 /// How a fit ended, as a word that scripts compare.
@@ -182,17 +183,6 @@ pub struct VariantSummary {
     pub alpha_v: Option<f64>,
     /// Diffuse reflectance.
     pub rho_d: Option<f64>,
-}
-
-/// Something that the computation leaves out.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct LeftOut {
-    /// What.
-    pub what: String,
-    /// Why.
-    pub why: String,
-    /// What it may cost, as a share of the peak; null where nobody knows.
-    pub cost: Option<f64>,
 }
 
 /// Seconds spent; filled in by whoever holds a clock.

@@ -12,8 +12,9 @@ use super::FitOptions;
 use super::estimate::{ROUNDS, Tier, discrepancy_of};
 use super::problem::Problem;
 use super::search::Search;
-use super::solver::{Ending, Minimum, Settings, minimise};
+use super::solver::{Ending, Minimum, Settings};
 use super::start::distance;
+use super::thin::minimise;
 
 /// Discrepancy above which the fit with the tier is doubted: on traced ideal ridges up to 30° it
 /// stays below.

@@ -44,6 +44,23 @@ pub struct TracingOptions {
     pub target_error: Option<f64>,
 }
 
+impl TracingOptions {
+    /// To a stated error, if there is one: who names an error wants it, whatever it takes.
+    #[must_use]
+    pub fn to_error(target_error: Option<f64>) -> Self {
+        let default = TracingOptions::default();
+        TracingOptions {
+            target_error,
+            paths_max: if target_error.is_some() {
+                1 << 24
+            } else {
+                default.paths_max
+            },
+            ..default
+        }
+    }
+}
+
 impl Default for TracingOptions {
     fn default() -> Self {
         TracingOptions {

@@ -15,11 +15,12 @@ use super::report::{
     TracerReport, VariantName, VariantSummary,
 };
 use super::solver::Minimum;
+use super::thin;
 use super::traced::{Watch, estimate_traced};
 use super::trail::{Time, retrace};
 use super::{FitOptions, VariantChoice};
 use crate::material::Material;
-use crate::model::Variant;
+use crate::model::{Variant, left_out};
 use crate::observation::ObservationSet;
 use crate::trace::profile::Profile;
 
@@ -92,6 +93,55 @@ pub fn fit_with_tracer(
     if let Some(status) = refusal(set) {
         return empty(set, options, status);
     }
+    let merged = thin::merged(set, options.loss);
+    let all = merged.as_ref().map_or(set, |m| &m.set);
+    // The ray tracer looks at every pose for itself, so it gets no more than stand for all.
+    let asked = options.variant == VariantChoice::Traced || options.judge;
+    let kept = thin::representative(all).filter(|_| asked);
+    let few = kept.map(|kept| thin::subset(all, &kept));
+    let mut report = fit_each(few.as_ref().unwrap_or(all), options, tier, tracer, cancel);
+    if let Some(few) = few {
+        let (kept, of) = (few.observations.len(), all.observations.len());
+        report.left_out.push(LeftOut::new(
+            format!("{} of {of} observations", of - kept),
+            "the ray tracer works pose by pose; those that are kept are spread over the poses, with the \
+             brightest of each neighbourhood. The counting noise is theirs alone",
+            None,
+        ));
+    }
+    if let Some(merged) = merged {
+        let poses = merged.set.observations.len();
+        report.left_out.push(LeftOut::new(
+            "repeats of a pose one by one",
+            format!(
+                "{} observations at {poses} poses: least squares see the weighted mean of repeats; what \
+                 they scatter is in chi-square",
+                merged.observations
+            ),
+            Some(0.0),
+        ));
+        let (chi2, freedom) = merged.within;
+        let counting = report.freedom.counting;
+        for reduced in [
+            &mut report.chi2_reduced,
+            &mut report.chi2_reduced_without_model,
+        ] {
+            *reduced = (*reduced * counting + chi2) / (counting + freedom).max(1.0);
+        }
+        report.freedom.counting += freedom;
+        report.n_observations = merged.observations;
+    }
+    report
+}
+
+/// [`fit_with_tracer`] of a set that can be fitted at all.
+fn fit_each(
+    set: &ObservationSet,
+    options: &FitOptions,
+    tier: Option<Tier<'_>>,
+    tracer: &Tracer<'_>,
+    cancel: &AtomicBool,
+) -> FitReport {
     let run = |variant: Variant| {
         let tier = tier.filter(|_| variant == Variant::Sawtooth);
         estimate(set, variant, options, tier, cancel)
@@ -418,17 +468,21 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         warnings.push(no_reference(set, variant, &e.values));
     }
     let predicted = e.problem.predicted(&e.values);
-    let fitted = predicted
-        .iter()
-        .zip(&set.observations)
-        .map(|(p, o)| FittedObservation {
+    let listed: Vec<usize> = match &e.thinned {
+        Some(thinned) => thinned.kept.clone(),
+        None => (0..set.observations.len()).collect(),
+    };
+    let listed = listed.into_iter().map(|i| {
+        let o = &set.observations[i];
+        FittedObservation {
             theta_c_deg: o.pose.theta_c.deg_for_tables(),
             phi_s_deg: o.pose.phi_s.deg_for_tables(),
             signal: o.signal,
             sigma: o.sigma,
-            fitted: *p,
-        })
-        .collect();
+            fitted: predicted[i],
+        }
+    });
+    let fitted = listed.collect();
     let peak = peak(set);
     FitReport {
         variant,
@@ -444,7 +498,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         rejected_frames: set.rejected_frames.clone(),
         warnings,
         variants: Vec::new(),
-        left_out: left_out(e, variant),
+        left_out: all_left_out(e, variant),
         tracer: None,
         fitted,
         starts: Starts {
@@ -640,55 +694,49 @@ fn effective_freedom(budget: &Budget, u: &Uncertainty) -> Option<f64> {
     (freedom.is_finite() && freedom < 1000.0).then_some(freedom)
 }
 
-fn left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
-    let entry = |what: &str, why: &str, cost: Option<f64>| LeftOut {
-        what: what.to_owned(),
-        why: why.to_owned(),
-        cost,
-    };
-    let mut list = vec![
-        entry(
-            "average over the lamp's cone",
-            "replaced by a closed correction of the lobes' widths (α² + R²/8)",
-            Some(5e-4),
-        ),
-        entry(
-            "average over the lens's cone",
-            "the aperture is not among the rig's facts; it counts only for lobes as narrow as the cone",
-            None,
-        ),
-    ];
+fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
+    let mut list = left_out::cones().to_vec();
     if variant != VariantName::Traced {
-        list.push(entry(
-            "rounded crests, burrs, draft of the risers",
-            "the closed form is an ideal sawtooth with a right angle",
-            None,
-        ));
+        list.push(left_out::ideal_profile());
     }
     match variant {
-        VariantName::Traced => list.push(entry(
+        VariantName::Traced => list.push(LeftOut::new(
             "bounces among the facets' own roughness",
             "below the profile light meets one microfacet per hit, with Smith's masking",
             None,
         )),
-        VariantName::Paper => list.push(entry(
-            "risers, diffuse walls and light that bounces twice",
-            "the variant paper is the lobe as printed",
-            Some(e.rms_residual),
-        )),
+        VariantName::Paper => list.push(left_out::printed_lobe(Some(e.rms_residual))),
         VariantName::Sawtooth => {
-            if !e.takes_tier() {
-                list.push(entry(
+            if let Some(cost) = e.tier_left_out {
+                list.push(LeftOut::new(
+                    "two-bounce quadrature",
+                    "at poses spread over the data it changes less than the tolerance",
+                    Some(cost),
+                ));
+            } else if !e.takes_tier() {
+                list.push(LeftOut::new(
                     "two-bounce quadrature",
                     "the closed form describes these data better than with its second bounce \
                      integrated",
                     Some(e.rms_residual),
                 ));
             }
-            list.push(entry(
-                "third bounce",
-                "specular thrice: a few thousandths of the second bounce's light; diffuse tails are in",
-                Some(3e-4),
+            list.push(left_out::third_bounce());
+        }
+    }
+    if let Some(thinned) = &e.thinned {
+        let (kept, of) = (thinned.kept.len(), e.problem.set().observations.len());
+        list.push(LeftOut::new(
+            format!("{} of {of} observations while looking for the minimum, and in `fitted`", of - kept),
+            "the others are spread over the poses, with the brightest of each neighbourhood; descent, \
+             weights and uncertainties are of all. A minimum that only the rest shows would be missed",
+            None,
+        ));
+        if let Some((nodes, error)) = thinned.interpolated {
+            list.push(LeftOut::new(
+                "two-bounce quadrature at every pose",
+                format!("integrated at {nodes} poses and interpolated between them"),
+                Some(error),
             ));
         }
     }

@@ -58,10 +58,16 @@ impl Contrast {
     #[must_use]
     pub fn between(a: f64, b: f64) -> Self {
         let absolute = (a - b).abs();
-        let sum = a + b;
+        // In units of the greater one, since the sum of two large ones may pass the largest double.
+        let (low, high) = (a.min(b), a.max(b));
+        let michelson = if high > 0.0 && low > -high {
+            absolute / high / (1.0 + low / high)
+        } else {
+            0.0
+        };
         Contrast {
             absolute,
-            michelson: if sum > 0.0 { absolute / sum } else { 0.0 },
+            michelson,
         }
     }
 }

@@ -4,6 +4,7 @@ use nalgebra::{Complex, Vector3};
 use proptest::prelude::*;
 
 use super::brdf::{self, Case};
+use super::contrast::Contrast;
 use super::domain::check;
 use super::flat_stack::FlatStack;
 use super::fresnel::{Reflectances, amplitudes, reflectances};
@@ -148,6 +149,13 @@ proptest! {
             prop_assert!(in_unit(r.channel.s) && in_unit(r.channel.p) && in_unit(r.scalar), "{r:?}");
             prop_assert!(r.channel.re.is_finite() && r.channel.im.is_finite());
         }
+    }
+
+    #[test]
+    fn contrast_is_finite_and_michelson_s_at_most_all(a in any_double().prop_map(f64::abs), b in any_double().prop_map(f64::abs)) {
+        let c = Contrast::between(a, b);
+        prop_assert!(c.absolute.is_finite() && (0.0..=1.0 + 1e-15).contains(&c.michelson), "{c:?}");
+        prop_assert_eq!(Contrast::between(a, 0.0).michelson, if a > 0.0 { 1.0 } else { 0.0 });
     }
 
     #[test]

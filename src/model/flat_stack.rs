@@ -4,6 +4,11 @@
 //! Call [`FlatStack::reflect`]. The recursion runs per channel x ∈ {s, p, z} from the bottom,
 //! R ← r + t↓ t↑ R / (1 − r↑ R), with z = r_s r_p* and q t_s t_p* as in
 //! [`super::polarisation`]. It is what the ray tracer must give on flat shapes.
+//!
+//! *Conditioning.* Powers are sums of positive terms only: the share that comes back and the share that does not are
+//! carried side by side ([`Below`]), cosines within are roots of (1 − s)(1 + s), and every boundary is taken from
+//! above, where grazing light keeps its cosine's digits. A layer costs a few roundings. The terms of z may cancel:
+//! its error is relative to 1, not to itself.
 
 use nalgebra::Complex;
 

@@ -19,6 +19,7 @@ pub mod gauss;
 mod gradient_paper;
 mod gradient_sawtooth;
 pub(crate) mod lanes;
+pub mod left_out;
 pub mod paper;
 pub mod picture;
 pub mod polarisation;
@@ -40,6 +41,7 @@ use nalgebra::Vector3;
 use crate::geometry::{Directions, Pose, RigGeometry};
 use crate::material::Material;
 use dual::{Dual, Scalar};
+pub use left_out::LeftOut;
 
 /// Which closed form.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

@@ -3,6 +3,11 @@
 //! Call [`mueller_brdf`]: isotropic Beckmann slopes, no masking. It is what the ray tracer's
 //! single-bounce part must give where masking is negligible, and SCATMECH's facet model with
 //! shadowing "none". It does not know about masking or second bounces.
+//!
+//! *Conditioning.* No angle is subtracted from another: slope and angle at the facet are those of h's components, frames
+//! are turned by `atan2`. What is left is the density's own exponent: it magnifies a rounding of h by tan²/α², so an
+//! element far out in the lobe's tail has that many roundings, and one at the lobe a handful. Only directions that
+//! graze from opposite sides leave h itself a small difference, which is the problem's condition, not the form's.
 
 use nalgebra::Vector3;
 

@@ -5,6 +5,11 @@
 //! next encounter is drawn, then the normal from those visible, until the light leaves. Energy is
 //! kept; all orders of scattering are there.
 //!
+//! *Conditioning.* With a = ω_z/|(αu ω_x, αv ω_y)| Λ is a difference of two terms of which 1/(2a²) is left: it loses 2a²
+//! roundings, a thousand of them where Λ has fallen to 1e-160, and is 0 beyond, where light leaves for certain.
+//! `hypot` keeps the denominator from under- and overflow at any α. Towards the horizon (a → 0) Λ grows without bound
+//! and the next encounter is where light is.
+//!
 //! [`Diffuse`] is a Lambert body under the Fresnel boundary: what enters comes out unpolarised at
 //! all angles, weighted by the boundary's transmittance.
 

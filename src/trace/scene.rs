@@ -16,6 +16,7 @@ use super::profile::ProfileError;
 use super::surface::{Interface, Stack};
 use super::vec3::V3;
 use super::walk::Method;
+pub use crate::model::LeftOut;
 use crate::model::fresnel;
 use crate::model::polarisation::Boundary;
 
@@ -175,17 +176,6 @@ pub enum SceneError {
         /// 1 for the topmost.
         number: usize,
     },
-}
-
-/// Something that a computation leaves out, why, and what that may cost.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct LeftOut {
-    /// What.
-    pub what: String,
-    /// Why.
-    pub why: String,
-    /// Estimated relative error of the reflected energy; null where nobody knows.
-    pub cost: Option<f64>,
 }
 
 /// A scene ready to trace.

@@ -1,0 +1,555 @@
+//! Sets of so many observations that only the descent can afford to see them all.
+//!
+//! A search looks at every observation some ten thousand times and an integration costs a thousand
+//! closed forms a pose; neither needs a million of them. So, above [`ALL`] observations:
+//!
+//! - repeats of one pose become one observation, their weighted mean ([`merged`]): for least squares
+//!   that is exact, and what they scatter among each other is kept for χ²;
+//! - where the lobe is, which minima there are and whether the dearer tier helps is found out on
+//!   [`SPREAD`] observations spread over the poses and the brightest of each neighbourhood;
+//! - the last descent, the weights and the uncertainties are of all, block by block: each block of rows
+//!   of the derivatives is reduced to a triangle, so that no copy of the whole is made and the solver
+//!   sees a problem of a few rows with the same cost, gradient and steps;
+//! - the dearer tier is integrated on a grid of poses and interpolated, on a finer one until it agrees
+//!   with poses in between.
+//!
+//! The one function to call is [`estimate`]; what it does without stands in [`Thinned`].
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rayon::prelude::*;
+
+use super::estimate::{Estimate, Reached, Tier, conclude, misfit_scale, peak, whole};
+use super::least_squares::{LeastSquares, householder, sum_of_squares};
+use super::problem::{Problem, Values};
+use super::settle::{Settled, Weighing};
+use super::solver::{Bounds, Minimum, Settings};
+use super::{FitOptions, Loss};
+use crate::geometry::Pose;
+use crate::model::Variant;
+use crate::observation::{Observation, ObservationSet, Prior, SharedErrors};
+use crate::units::Angle;
+
+/// Observations up to which nothing is thinned.
+pub(super) const ALL: usize = 4096;
+/// Strata of the poses; two observations are kept of each.
+const SPREAD: usize = 1024;
+/// Rows that are reduced to one triangle at a time.
+const BLOCK: usize = 2048;
+/// Nodes per axis of the first and of the finest grid on which a tier is integrated.
+const NODES: (usize, usize) = (32, 128);
+/// Poses between the nodes at which the interpolation is checked.
+const CHECKED: usize = 128;
+/// Poses at which a tier is asked whether it is worth its time.
+const PROBED: usize = 16;
+/// Error of the interpolation (root mean square, as a share of the peak) that needs no finer grid.
+const SMOOTH: f64 = 1e-4;
+/// Rounds of tier and descent over all observations.
+const PASSES: usize = 2;
+/// Rise of the cost up to which another minimum is as good (see [`super::estimate`]).
+const AMBIGUOUS_RISE: f64 = 4.0;
+
+/// What a fit of very many observations did without.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Thinned {
+    /// Observations that the search saw, as places in the set.
+    pub kept: Vec<usize>,
+    /// Poses at which the dearer tier was integrated, and the error of interpolating between them (root
+    /// mean square over poses in between, as a share of the peak); `None` where no tier is in use or it
+    /// was integrated at every pose.
+    pub interpolated: Option<(usize, f64)>,
+}
+
+/// Repeats that became one observation each.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Merged {
+    /// The set with one observation per pose.
+    pub set: ObservationSet,
+    /// Observations before.
+    pub observations: usize,
+    /// What repeats of one pose scatter around their mean: χ² and its degrees of freedom.
+    pub within: (f64, f64),
+}
+
+/// Poses that agree to the last bit are the same.
+fn key(pose: Pose) -> (u64, u64) {
+    (pose.theta_c.rad().to_bits(), pose.phi_s.rad().to_bits())
+}
+
+/// One observation per pose, where there are so many that it matters and where that is exact: least
+/// squares see nothing of repeats but their weighted mean, as long as all else about them is the same. A
+/// robust loss looks at each of them, and views that change from frame to frame are no repeats. What the
+/// model misses at a pose it misses in all repeats alike, so it counts once.
+#[must_use]
+pub fn merged(set: &ObservationSet, loss: Loss) -> Option<Merged> {
+    if set.observations.len() <= ALL || loss != Loss::Linear || !set.views.is_empty() {
+        return None;
+    }
+    let mut places: HashMap<(u64, u64), usize> = HashMap::new();
+    let mut groups: Vec<Vec<&Observation>> = Vec::new();
+    for o in &set.observations {
+        let place = *places.entry(key(o.pose)).or_insert(groups.len());
+        if place == groups.len() {
+            groups.push(Vec::new());
+        }
+        groups[place].push(o);
+    }
+    if groups.len() == set.observations.len() {
+        return None;
+    }
+    let mut within = (0.0, 0.0);
+    let observations = groups
+        .iter()
+        .map(|group| {
+            let weights: f64 = group.iter().map(|o| o.sigma.powi(-2)).sum();
+            let mean = |of: &dyn Fn(&Observation) -> f64| {
+                group.iter().map(|o| of(o) / o.sigma.powi(2)).sum::<f64>() / weights
+            };
+            let signal = mean(&|o| o.signal);
+            let squares = group
+                .iter()
+                .map(|o| ((o.signal - signal) / o.sigma).powi(2));
+            within.0 += squares.sum::<f64>();
+            within.1 += group.len() as f64 - 1.0;
+            // Errors in common are linear in the signals, so theirs is the mean too.
+            Observation {
+                pose: group[0].pose,
+                signal,
+                sigma: weights.powf(-0.5),
+                shared: SharedErrors {
+                    white_reference: mean(&|o| o.shared.white_reference),
+                    led_drift: mean(&|o| o.shared.led_drift),
+                    theta_c_zero: Angle::from_rad(mean(&|o| o.shared.theta_c_zero.rad())),
+                    phi_s_zero: Angle::from_rad(mean(&|o| o.shared.phi_s_zero.rad())),
+                },
+                n_frames: group.iter().map(|o| o.n_frames).sum(),
+            }
+        })
+        .collect();
+    Some(Merged {
+        observations: set.observations.len(),
+        within,
+        set: ObservationSet {
+            observations,
+            ..set.clone()
+        },
+    })
+}
+
+/// Which observations stand for all: of each of [`SPREAD`] strata of the poses (slabs of tilts, in each
+/// runs of azimuths) the one in the middle and the brightest, so that a lobe narrower than a stratum
+/// is not missed. In ascending order; the same for the same set. `None` where all of them can be afforded.
+#[must_use]
+pub fn representative(set: &ObservationSet) -> Option<Vec<usize>> {
+    let observations = &set.observations;
+    if observations.len() <= ALL {
+        return None;
+    }
+    let tilt = |i: &usize| observations[*i].pose.theta_c.rad();
+    let azimuth = |i: &usize| observations[*i].pose.phi_s.rad();
+    let mut order: Vec<usize> = (0..observations.len()).collect();
+    order.par_sort_by(|a, b| tilt(a).total_cmp(&tilt(b)).then(a.cmp(b)));
+    let slabs = (SPREAD as f64).sqrt() as usize;
+    let runs = SPREAD / slabs;
+    let mut kept = Vec::with_capacity(2 * SPREAD);
+    for (n, slab) in parts(&mut order, slabs).enumerate() {
+        slab.sort_by(|a, b| azimuth(a).total_cmp(&azimuth(b)).then(a.cmp(b)));
+        for (m, run) in parts(slab, runs).enumerate() {
+            // Not the same place in each: poses stand on grids.
+            let place = (n * 7 + m * 3) % 11;
+            kept.push(run[(run.len() * (2 * place + 1) / 22).min(run.len() - 1)]);
+            let brightest = run.iter().max_by(|a, b| {
+                observations[**a]
+                    .signal
+                    .total_cmp(&observations[**b].signal)
+            });
+            kept.extend(brightest);
+        }
+    }
+    kept.sort_unstable();
+    kept.dedup();
+    Some(kept)
+}
+
+/// Cuts a list into so many parts of nearly equal length, none empty.
+fn parts(list: &mut [usize], count: usize) -> impl Iterator<Item = &mut [usize]> {
+    let length = list.len().div_ceil(count).max(1);
+    list.chunks_mut(length)
+}
+
+/// The set with some of its observations only.
+#[must_use]
+pub fn subset(set: &ObservationSet, kept: &[usize]) -> ObservationSet {
+    let mut few = ObservationSet {
+        observations: kept.iter().map(|i| set.observations[*i]).collect(),
+        views: Vec::new(),
+        flats: set.flats.clone(),
+        rejected_frames: set.rejected_frames.clone(),
+        warnings: set.warnings.clone(),
+        region: set.region.clone(),
+        ..*set
+    };
+    if !set.views.is_empty() {
+        few.views = kept.iter().map(|i| set.views[*i].clone()).collect();
+    }
+    few
+}
+
+/// Fits one variant to all observations, the search done on `kept` of them. `None` where nothing could be
+/// evaluated at all.
+pub(super) fn estimate<'a>(
+    set: &'a ObservationSet,
+    kept: Vec<usize>,
+    variant: Variant,
+    options: &FitOptions,
+    tier: Option<Tier<'_>>,
+    cancel: &AtomicBool,
+) -> Option<Estimate<'a>> {
+    let few = subset(set, &kept);
+    let found = whole(&few, variant, options, tier, cancel)?;
+    let own: Vec<f64> = set.observations.iter().map(|o| o.sigma).collect();
+    let scale = misfit_scale(set);
+    let weighing = Weighing {
+        own: &own,
+        scale: &scale,
+        fitted: found.fitted,
+        options,
+        cancel,
+    };
+    let stated = options.told.iter().filter(|t| t.std > 0.0).map(|t| {
+        let (mean, std) = (t.value, t.std);
+        (t.quantity, Prior { mean, std })
+    });
+    let problem = Problem::new(set, variant, found.problem.free().to_vec(), found.values)
+        .with_sigma(weighing.sigma(found.discrepancy))
+        .with_flat_sigma(found.problem.flat_sigma().to_vec())
+        .with_priors(&stated.collect::<Vec<_>>())
+        .with_loss(options.loss);
+    let tier = tier.filter(|_| found.takes_tier());
+    let mut settled = Settled {
+        minimum: Minimum {
+            parameters: found.minimum.parameters.clone(),
+            ..found.minimum.clone()
+        },
+        discrepancy: found.discrepancy,
+        problem,
+    };
+    let mut interpolated = None;
+    for _ in 0..PASSES {
+        if let Some(tier) = tier {
+            let values = settled.problem.unpack(&settled.minimum.parameters);
+            let everywhere = everywhere(&settled.problem, &values, tier, &kept, cancel)?;
+            interpolated = everywhere.nodes.map(|n| (n, everywhere.error));
+            settled.problem = settled.problem.with_correction(everywhere.offsets);
+        }
+        settled.settle(&weighing);
+        if tier.is_none() || cancel.load(Ordering::Relaxed) {
+            break;
+        }
+    }
+    let mut rivals: Vec<Minimum> = found
+        .rivals
+        .iter()
+        .map(|rival| settled.again(&rival.parameters, cancel))
+        .collect();
+    // A misfit of the model is the same with more poses; counting noise is not.
+    if settled.discrepancy == 0.0 {
+        rivals.retain(|m| {
+            let (cost, rise) = (settled.minimum.cost, m.cost - settled.minimum.cost);
+            m.cost.is_finite() && rise < AMBIGUOUS_RISE && rise > 1e-6 * cost.max(1.0)
+        });
+    }
+    let reached = Reached {
+        settled,
+        shift: found.tier_shift,
+        starts: found.starts,
+        rivals,
+        tier_left_out: found.tier_left_out,
+    };
+    let mut all = conclude(reached, variant, &weighing);
+    all.thinned = Some(Thinned { kept, interpolated });
+    Some(all)
+}
+
+/// What a tier changes at a settled minimum: the largest of [`PROBED`] observations and the brightest, as a
+/// share of the peak. `None` where the tier has nothing to say.
+pub(super) fn tier_cost(settled: &Settled<'_>, tier: Tier<'_>) -> Option<f64> {
+    let (problem, set) = (&settled.problem, settled.problem.set());
+    let count = set.observations.len();
+    let mut probed: Vec<usize> = (0..PROBED).map(|k| k * count / PROBED).collect();
+    let signal = |i: &usize| set.observations[*i].signal;
+    probed.extend((0..count).max_by(|a, b| signal(a).total_cmp(&signal(b))));
+    probed.sort_unstable();
+    probed.dedup();
+    let few = subset(set, &probed);
+    let values = problem.unpack(&settled.minimum.parameters);
+    let problem = Problem::new(&few, problem.variant(), problem.free().to_vec(), values);
+    let offsets = tier(&problem, &values)?;
+    let largest = offsets.iter().map(|o| o.abs()).fold(0.0, f64::max);
+    Some(largest * values.scale.abs() / peak(set).max(f64::MIN_POSITIVE))
+}
+
+/// A tier at every observation.
+struct Everywhere {
+    offsets: Vec<f64>,
+    /// Nodes of the grid; `None` where every pose was integrated.
+    nodes: Option<usize>,
+    /// Of the interpolation, root mean square as a share of the peak.
+    error: f64,
+}
+
+/// The tier at every pose: each integrated where there are few, else interpolated between the nodes of
+/// a grid. `None` where the tier has nothing to say or it was cancelled.
+fn everywhere(
+    problem: &Problem<'_>,
+    values: &Values,
+    tier: Tier<'_>,
+    kept: &[usize],
+    cancel: &AtomicBool,
+) -> Option<Everywhere> {
+    let set = problem.set();
+    let at = |poses: &[Pose]| -> Option<Vec<f64>> {
+        let model = set.observations.first()?;
+        let posed = poses.iter().map(|pose| Observation {
+            pose: *pose,
+            ..*model
+        });
+        let few = ObservationSet {
+            observations: posed.collect(),
+            ..subset(set, &[])
+        };
+        let free = problem.free().to_vec();
+        tier(
+            &Problem::new(&few, problem.variant(), free, *values),
+            values,
+        )
+    };
+    let mut places: HashMap<(u64, u64), usize> = HashMap::new();
+    let mut poses: Vec<Pose> = Vec::new();
+    for o in &set.observations {
+        if poses.len() > ALL {
+            break;
+        }
+        places.entry(key(o.pose)).or_insert_with(|| {
+            poses.push(o.pose);
+            poses.len() - 1
+        });
+    }
+    if poses.len() <= ALL {
+        let each = at(&poses)?;
+        let offsets = set.observations.iter().map(|o| each[places[&key(o.pose)]]);
+        return Some(Everywhere {
+            offsets: offsets.collect(),
+            nodes: None,
+            error: 0.0,
+        });
+    }
+    let step = kept.len().div_ceil(CHECKED).max(1);
+    let checked: Vec<Pose> = kept
+        .iter()
+        .step_by(step)
+        .map(|i| set.observations[*i].pose)
+        .collect();
+    let exact = at(&checked)?;
+    // Gain and stray light aside, offsets are radiances: so is the peak.
+    let top = peak(set) / values.scale.abs().max(f64::MIN_POSITIVE);
+    let tilts = Axis::over(set.observations.iter().map(|o| o.pose.theta_c.rad()));
+    let turns = Axis::over(set.observations.iter().map(|o| o.pose.phi_s.rad()));
+    let mut count = NODES.0;
+    loop {
+        let (tilts, turns) = (tilts.nodes(count), turns.nodes(count));
+        let nodes: Vec<Pose> = tilts
+            .iter()
+            .flat_map(|t| {
+                turns.iter().map(|p| Pose {
+                    theta_c: Angle::from_rad(*t),
+                    phi_s: Angle::from_rad(*p),
+                })
+            })
+            .collect();
+        let integrated = at(&nodes)?;
+        let between = |pose: &Pose| -> f64 {
+            let (i, u) = place(&tilts, pose.theta_c.rad());
+            let (j, v) = place(&turns, pose.phi_s.rad());
+            let node = |i: usize, j: usize| {
+                let (i, j) = (i.min(tilts.len() - 1), j.min(turns.len() - 1));
+                integrated[i * turns.len() + j]
+            };
+            (1.0 - u) * ((1.0 - v) * node(i, j) + v * node(i, j + 1))
+                + u * ((1.0 - v) * node(i + 1, j) + v * node(i + 1, j + 1))
+        };
+        let squares = checked
+            .iter()
+            .zip(&exact)
+            .map(|(pose, e)| ((between(pose) - e) / top).powi(2));
+        let error = (squares.sum::<f64>() / checked.len() as f64).sqrt();
+        if cancel.load(Ordering::Relaxed) {
+            return None;
+        }
+        if error <= SMOOTH || count >= NODES.1 {
+            let offsets = set.observations.par_iter().map(|o| between(&o.pose));
+            return Some(Everywhere {
+                offsets: offsets.collect(),
+                nodes: Some(nodes.len()),
+                error,
+            });
+        }
+        count *= 2;
+    }
+}
+
+/// Where poses stand along one angle.
+struct Axis {
+    least: f64,
+    most: f64,
+    /// The angles themselves, ascending, where there are few.
+    few: Option<Vec<f64>>,
+}
+
+impl Axis {
+    fn over(angles: impl Iterator<Item = f64>) -> Self {
+        let mut axis = Axis {
+            least: f64::INFINITY,
+            most: f64::NEG_INFINITY,
+            few: Some(Vec::new()),
+        };
+        for a in angles {
+            axis.least = axis.least.min(a);
+            axis.most = axis.most.max(a);
+            if let Some(few) = &mut axis.few
+                && let Err(place) = few.binary_search_by(|b| b.total_cmp(&a))
+            {
+                few.insert(place, a);
+                if few.len() > NODES.0 {
+                    axis.few = None;
+                }
+            }
+        }
+        axis
+    }
+
+    /// About `count` nodes: the angles themselves where they are fewer, else at equal distances.
+    fn nodes(&self, count: usize) -> Vec<f64> {
+        self.few.clone().unwrap_or_else(|| {
+            let last = (count - 1) as f64;
+            let share = |n: usize| self.least + (self.most - self.least) * n as f64 / last;
+            (0..count).map(share).collect()
+        })
+    }
+}
+
+/// The node before an angle, and the share of the way to the next.
+fn place(nodes: &[f64], angle: f64) -> (usize, f64) {
+    let after = nodes.partition_point(|n| *n <= angle);
+    let before = after.saturating_sub(1);
+    match nodes.get(before + 1) {
+        Some(next) => {
+            let width = next - nodes[before];
+            (before, ((angle - nodes[before]) / width).clamp(0.0, 1.0))
+        }
+        None => (before, 0.0),
+    }
+}
+
+/// [`super::solver::minimise`] of a problem of any size: block by block where it has many observations.
+pub(super) fn minimise(
+    problem: &Problem<'_>,
+    start: &[f64],
+    bounds: &Bounds,
+    settings: &Settings,
+    cancel: &AtomicBool,
+) -> Minimum {
+    if problem.set().observations.len() <= ALL {
+        return super::solver::minimise(problem, start, bounds, settings, cancel);
+    }
+    let mut minimum = super::solver::minimise(Blocks(problem), start, bounds, settings, cancel);
+    let rows = problem.residual_count();
+    minimum.residuals = vec![0.0; rows];
+    minimum.jacobian = vec![0.0; rows * problem.free().len()];
+    problem.evaluate(
+        &minimum.parameters,
+        &mut minimum.residuals,
+        &mut minimum.jacobian,
+    );
+    minimum
+}
+
+/// A problem as few rows: the triangle R of [J r] = Q R has the same JᵀJ, Jᵀr and rᵀr, so a solver that
+/// is handed its columns takes the same steps.
+struct Blocks<'p, 'a>(&'p Problem<'a>);
+
+impl LeastSquares for Blocks<'_, '_> {
+    fn n_parameters(&self) -> usize {
+        self.0.free().len()
+    }
+
+    fn n_residuals(&self) -> usize {
+        self.0.free().len() + 1
+    }
+
+    fn evaluate(&self, x: &[f64], residuals: &mut [f64], jacobian: &mut [f64]) {
+        let problem = self.0;
+        let (n, samples) = (problem.free().len(), problem.set().observations.len());
+        let rest = problem.residual_count() - samples;
+        let values = problem.unpack(x);
+        let ready = problem.ready(&values);
+        let blocks = samples.div_ceil(BLOCK);
+        let triangles: Vec<Vec<f64>> = (0..=blocks)
+            .into_par_iter()
+            .map(|block| {
+                let first = block * BLOCK;
+                let count = if block < blocks {
+                    BLOCK.min(samples - first)
+                } else {
+                    rest
+                };
+                let rows = count.max(n + 1);
+                let mut a = vec![0.0; rows * (n + 1)];
+                let (j, r) = a.split_at_mut(rows * n);
+                if block < blocks {
+                    let mut row = vec![0.0; n];
+                    for i in 0..count {
+                        r[i] = problem.sample_row(first + i, &ready, &values, &mut row);
+                        for (k, d) in row.iter().enumerate() {
+                            j[i + k * rows] = *d;
+                        }
+                    }
+                } else {
+                    problem.other_rows(&values, 0, rows, r, j);
+                }
+                triangle(a, rows, n + 1)
+            })
+            .collect();
+        let rows = (n + 1) * triangles.len();
+        let mut stacked = vec![0.0; rows * (n + 1)];
+        for (b, t) in triangles.iter().enumerate() {
+            for k in 0..=n {
+                let from = &t[k * (n + 1)..(k + 1) * (n + 1)];
+                stacked[k * rows + b * (n + 1)..][..=n].copy_from_slice(from);
+            }
+        }
+        let all = triangle(stacked, rows, n + 1);
+        jacobian.copy_from_slice(&all[..n * (n + 1)]);
+        residuals.copy_from_slice(&all[n * (n + 1)..]);
+    }
+}
+
+/// The triangle R of a column-major m × n matrix, n × n; not a number all over where an entry is not, or where
+/// the squares of a column pass the largest double. Reflections are orthogonal, so R is as well conditioned as the
+/// matrix; its normal equations would have the square of that condition.
+pub(super) fn triangle(mut a: Vec<f64>, m: usize, n: usize) -> Vec<f64> {
+    if !sum_of_squares(&a).is_finite() {
+        return vec![f64::NAN; n * n];
+    }
+    householder(&mut a, m, n, &mut vec![0.0; m]);
+    let mut r = vec![0.0; n * n];
+    for j in 0..n {
+        r[j * n..=j * n + j].copy_from_slice(&a[j * m..=j * m + j]);
+    }
+    r
+}
+
+#[cfg(test)]
+#[path = "thin_tests.rs"]
+mod tests;

@@ -1,0 +1,98 @@
+//! What an answer does without: the one form in which every result says it.
+
+use serde::{Deserialize, Serialize};
+
+use super::Variant;
+
+/// Something that a computation leaves out.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LeftOut {
+    /// What.
+    pub what: String,
+    /// Why.
+    pub why: String,
+    /// What it may cost: a share of the quantity asked for (of the peak, where that is a radiance); null
+    /// where nobody knows.
+    pub cost: Option<f64>,
+}
+
+impl LeftOut {
+    /// In words, with its cost where it is known.
+    #[must_use]
+    pub fn new(what: impl Into<String>, why: impl Into<String>, cost: Option<f64>) -> Self {
+        LeftOut {
+            what: what.into(),
+            why: why.into(),
+            cost,
+        }
+    }
+}
+
+/// What every use of a closed form does without, whatever is done with its radiances.
+#[must_use]
+pub fn of_closed_form(variant: Variant) -> Vec<LeftOut> {
+    let mut list = cones().to_vec();
+    list.push(ideal_profile());
+    list.push(match variant {
+        Variant::Paper => printed_lobe(None),
+        Variant::Sawtooth => third_bounce(),
+    });
+    list
+}
+
+/// Averages over the cones of light on both sides.
+#[must_use]
+pub fn cones() -> [LeftOut; 2] {
+    [
+        LeftOut::new(
+            "average over the lamp's cone",
+            "replaced by a closed correction of the lobes' widths (α² + R²/8)",
+            Some(5e-4),
+        ),
+        LeftOut::new(
+            "average over the lens's cone",
+            "the aperture is not among the rig's facts; it counts only for lobes as narrow as the cone",
+            None,
+        ),
+    ]
+}
+
+/// What real ridges have beside their two slopes.
+#[must_use]
+pub fn ideal_profile() -> LeftOut {
+    LeftOut::new(
+        "rounded crests, burrs, draft of the risers",
+        "the closed form is an ideal sawtooth with a right angle",
+        None,
+    )
+}
+
+/// What the printed lobe has not; `cost` where a fit has told it.
+#[must_use]
+pub fn printed_lobe(cost: Option<f64>) -> LeftOut {
+    LeftOut::new(
+        "risers, diffuse walls and light that bounces twice",
+        "the variant paper is the lobe as printed",
+        cost,
+    )
+}
+
+/// Light that is reflected a third time.
+#[must_use]
+pub fn third_bounce() -> LeftOut {
+    LeftOut::new(
+        "third bounce",
+        "specular thrice: a few thousandths of the second bounce's light; diffuse tails are in",
+        Some(3e-4),
+    )
+}
+
+/// Light that bounces twice where only its closed approximation is at hand.
+#[must_use]
+pub fn two_bounce_quadrature() -> LeftOut {
+    LeftOut::new(
+        "two-bounce quadrature",
+        "light that bounces twice is taken from its closed approximation",
+        None,
+    )
+}
