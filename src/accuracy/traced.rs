@@ -172,9 +172,9 @@ const PLANNED_PHOTONS: u64 = 100_000;
 /// square of n errors is itself known to 1/√(2n) only.
 type Sizes = &'static [(u64, u64)];
 const QUICK: Sizes = &[(4_000, 8), (16_000, 6), (64_000, 3)];
-const FULL: Sizes = &[(4_000, 24), (16_000, 16), (64_000, 8), (256_000, 3)];
+const FULL: Sizes = &[(4_000, 16), (16_000, 10), (64_000, 6), (256_000, 2)];
 /// Light without polarisation ends at its bias, which few runs show.
-const FULL_SCALAR: Sizes = &[(4_000, 6), (16_000, 4), (64_000, 3), (256_000, 2)];
+const FULL_SCALAR: Sizes = &[(4_000, 5), (16_000, 3), (64_000, 2), (256_000, 1)];
 
 pub(super) fn measure(
     scene: &Traced,

@@ -5,7 +5,7 @@ use nalgebra::Complex;
 use super::{Basis, Choice, Decision, Plan};
 use crate::model::flat_stack::{FlatStack, StackReflectance};
 use crate::trace::media::index_of;
-use crate::trace::pilot::{Pilot, pilot};
+use crate::trace::pilot::{Pilot, effort, pilot};
 use crate::trace::scene::{LeftOut, Prepared, Scene};
 use crate::trace::tally::ORDERS;
 
@@ -20,12 +20,16 @@ pub struct Wish {
     pub photons: Option<u64>,
 }
 
-/// Share of a run's photons that pilots may take.
-const PILOT_SHARE: u64 = 50;
-/// Photons of pilots, least and most: fewer say nothing of what comes back after many bounces.
+/// Share of a run's effort that pilots may take.
+const PILOT_SHARE: u64 = 30;
+/// Photons of the first pilot, and of all together at most.
 const PILOT_PHOTONS: (u64, u64) = (500, 20_000);
-/// A pilot that leaves a decision open is followed by one of so many times its photons.
-const PILOT_GROWTH: u64 = 4;
+/// A pilot that leaves a decision open is gone on with until it has so many times its photons.
+const PILOT_GROWTH: u64 = 2;
+/// What none of n photons met happens to fewer than this many of n, nineteen times out of twenty.
+const UNSEEN: f64 = 3.0;
+/// A pilot for the bounces alone takes no more than one photon in so many.
+const SELDOM_SHARE: u64 = 50;
 /// Share of the tolerance that bounces may cost at most, so that all decisions together keep to it.
 const BOUNCES_SHARE: f64 = 0.5;
 
@@ -48,17 +52,22 @@ pub fn plan(scene: &Scene, prepared: &Prepared, wish: &Wish) -> Plan {
         false => open && !known.alone,
     };
     let seen = needs_pilot.then(|| {
-        let most = (prepared.photons / PILOT_SHARE)
-            .clamp(PILOT_PHOTONS.0, PILOT_PHOTONS.1)
-            .min(prepared.photons);
-        let mut photons = PILOT_PHOTONS.0.min(most);
-        loop {
-            let seen = pilot(prepared, photons);
-            if photons == most || !open || is_clear(&seen, tolerance_of(wish, Some(&seen))) {
-                return seen;
+        let most = (effort(prepared) / PILOT_SHARE).clamp(PILOT_PHOTONS.0, PILOT_PHOTONS.1);
+        let mut seen = pilot(prepared, PILOT_PHOTONS.0.min(prepared.photons), 0);
+        for number in 1.. {
+            let more = ((PILOT_GROWTH - 1) * seen.photons).min(most.saturating_sub(seen.photons));
+            let tolerance = tolerance_of(wish, Some(&seen));
+            let hopeful = open && may_turn_out(&seen, tolerance);
+            if more == 0 || !(hopeful || stated && blind(&seen, tolerance)) {
+                break;
             }
-            photons = (photons * PILOT_GROWTH).min(most);
+            // What can only tell of seldom light is worth no more than a fiftieth of the photons.
+            if !hopeful && seen.photons + more > prepared.photons / SELDOM_SHARE {
+                break;
+            }
+            seen = seen.and(pilot(prepared, more, number));
         }
+        seen
     });
     let tolerance = tolerance_of(wish, seen.as_ref());
     let polarisation = polarisation(&known, seen.as_ref(), tolerance);
@@ -134,10 +143,20 @@ fn difference(p: &Pilot) -> (f64, f64) {
     ((value - spread) * per, (value + spread) * per)
 }
 
-/// Whether a pilot decides on polarisation either way.
-fn is_clear(p: &Pilot, tolerance: f64) -> bool {
+/// Whether a pilot leaves open if polarisation matters, and its best guess is that it does not.
+fn may_turn_out(p: &Pilot, tolerance: f64) -> bool {
     let (least, most) = difference(p);
-    most <= tolerance || least > tolerance
+    most > tolerance && 0.5 * (least + most) <= tolerance
+}
+
+/// Whether a pilot has too few photons to tell of light that comes back after many bounces.
+fn blind(p: &Pilot, tolerance: f64) -> bool {
+    unseen(p, p.reflected.value) > 0.5 * BOUNCES_SHARE * tolerance
+}
+
+/// What none of a pilot's photons met may amount to, relative to a share of the light.
+fn unseen(p: &Pilot, share: f64) -> f64 {
+    UNSEEN / p.photons.max(1) as f64 / share.max(1e-3)
 }
 
 /// The exact answer where all interfaces are flat, neither diffuse nor, above the last, absorbing.
@@ -254,7 +273,8 @@ fn bounces(flat: bool, seen: Option<&Pilot>, allowed: f64) -> (Choice, Option<u3
         let why = "no tolerance was stated".to_owned();
         return (choice(true, all, why, None, Basis::Bound), None);
     };
-    // A few further orders that the pilot met seldom or never cost no more than its own error.
+    // Late light is seldom: what its few photons say of their own scatter is no bound, and none at all says
+    // nothing, so what so many photons may have missed is added.
     let mut beyond = [(0.0, 0.0f64); 2];
     let mut limit = None;
     for order in (0..ORDERS - 1).rev() {
@@ -263,8 +283,10 @@ fn bounces(flat: bool, seen: Option<&Pilot>, allowed: f64) -> (Choice, Option<u3
             let next = p.by_interactions[side][order + 1];
             let (value, std) = &mut beyond[side];
             (*value, *std) = (*value + next.value, std.hypot(next.std));
-            // Where next to nothing goes through a percentage of it says nothing.
-            cost = cost.max((*value + 2.0 * *std) / all.value.max(1e-3));
+            // Where next to nothing goes one way a percentage of it says nothing.
+            if all.value > 1e-3 {
+                cost = cost.max((*value + 2.0 * *std) / all.value + unseen(p, all.value));
+            }
         }
         if cost > allowed {
             break;
@@ -282,10 +304,19 @@ fn bounces(flat: bool, seen: Option<&Pilot>, allowed: f64) -> (Choice, Option<u3
             (choice(false, what, why, Some(cost), Basis::Pilot), limit)
         }
         None => {
-            let why = format!(
-                "more than {:.2} % comes back after {ORDERS} interactions and more",
-                100.0 * allowed
-            );
+            let least = unseen(p, p.reflected.value);
+            let why = if least > allowed {
+                format!(
+                    "{} photons cannot tell of less than {:.2} % that comes back late",
+                    p.photons,
+                    100.0 * least
+                )
+            } else {
+                format!(
+                    "more than {:.2} % comes back after {ORDERS} interactions and more",
+                    100.0 * allowed
+                )
+            };
             (choice(true, all, why, None, Basis::Pilot), None)
         }
     }

@@ -8,6 +8,7 @@ use super::height_field::Side;
 use super::light::{Light, Polarised, Scalar, Turn};
 use super::run::trace_briefly;
 use super::scene::Prepared;
+use super::surface::Relief;
 use super::tally::{Estimate, ORDERS};
 use super::vec3::V3;
 use crate::model::polarisation::Channel;
@@ -84,11 +85,11 @@ pub struct Pilot {
 }
 
 /// Traces `photons` both ways. What it says holds for an unpolarised lamp and a camera that is blind to
-/// polarisation.
+/// polarisation. Pilots of another `number` are independent and may be taken together ([`Pilot::and`]).
 #[must_use]
-pub fn pilot(prepared: &Prepared, photons: u64) -> Pilot {
+pub fn pilot(prepared: &Prepared, photons: u64, number: u64) -> Pilot {
     let grid = Grid::polar(1, 1);
-    let totals = trace_briefly::<Accompanied>(prepared, grid, photons);
+    let totals = trace_briefly::<Accompanied>(prepared, grid, photons, number);
     let whole = std::f64::consts::PI;
     // One bin per side: its value times the projected solid angle π is the share of the light.
     let of = |side: Side, i: usize| {
@@ -109,6 +110,44 @@ pub fn pilot(prepared: &Prepared, photons: u64) -> Pilot {
     }
 }
 
+impl Pilot {
+    /// Both together.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        let photons = self.photons + other.photons;
+        let share = self.photons as f64 / photons.max(1) as f64;
+        let both = |a: Estimate, b: Estimate| Estimate {
+            value: share * a.value + (1.0 - share) * b.value,
+            std: (share * a.std).hypot((1.0 - share) * b.std),
+        };
+        Pilot {
+            photons,
+            reflected: both(self.reflected, other.reflected),
+            reflected_difference: both(self.reflected_difference, other.reflected_difference),
+            transmitted_difference: both(self.transmitted_difference, other.transmitted_difference),
+            transmitted: both(self.transmitted, other.transmitted),
+            by_interactions: std::array::from_fn(|side| {
+                let (a, b) = (self.by_interactions[side], other.by_interactions[side]);
+                std::array::from_fn(|n| both(a[n], b[n]))
+            }),
+        }
+    }
+}
+
+/// What a run takes in all, in photons: before its first one it looks at every cell of the topmost height
+/// field, each half a photon's time.
+#[must_use]
+pub fn effort(prepared: &Prepared) -> u64 {
+    let look = match &prepared.stack.interfaces[0].relief {
+        Relief::Field(field) => {
+            let (nx, ny) = field.cells();
+            (nx * ny / 2) as u64
+        }
+        _ => 0,
+    };
+    prepared.photons.saturating_add(look)
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::run::{Shard, trace};
@@ -125,7 +164,7 @@ mod tests {
 
     #[test]
     fn the_difference_is_that_of_the_two_modes_and_known_better_than_either() {
-        let pilot = pilot(&prepared(true), 4000);
+        let pilot = pilot(&prepared(true), 4000, 0);
         let both = [true, false].map(|p| {
             let totals = trace(&prepared(p), Shard::WHOLE, &|_| true);
             totals.energies().reflected_all
@@ -138,6 +177,19 @@ mod tests {
     }
 
     #[test]
+    fn two_pilots_together_are_one_of_both_their_photons() {
+        let parts = [0, 1].map(|number| pilot(&prepared(true), 2000, number));
+        assert_ne!(parts[0].reflected, parts[1].reflected);
+        let both = parts[0].and(parts[1]);
+        assert_eq!(both.photons, 4000);
+        let mean = 0.5 * (parts[0].reflected.value + parts[1].reflected.value);
+        assert!((both.reflected.value - mean).abs() < 1e-15);
+        // Half of either's variance: the errors are known to a tenth each.
+        let ratio = both.reflected_difference.std / parts[0].reflected_difference.std;
+        assert!((ratio - 0.5f64.sqrt()).abs() < 0.3 * ratio, "{ratio}");
+    }
+
+    #[test]
     fn of_a_single_interface_and_single_reflections_polarisation_makes_no_difference() {
         let scene =
             "[light]\ntheta_i_deg = 60.0\n[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n";
@@ -145,7 +197,7 @@ mod tests {
             .unwrap()
             .prepare(&|_| Err(String::new()))
             .unwrap();
-        let pilot = pilot(&ready, 500);
+        let pilot = pilot(&ready, 500, 0);
         assert!(pilot.reflected_difference.value.abs() < 1e-12);
     }
 }

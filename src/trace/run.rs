@@ -182,12 +182,19 @@ fn resume_as<L: Light>(
 }
 
 /// A short run in bins of its own that does without the look at every triangle, which pays for thousands of
-/// photons only.
-pub(super) fn trace_briefly<L: Light>(prepared: &Prepared, grid: Grid, photons: u64) -> Totals {
+/// photons only. Runs of another `number` have random numbers of their own.
+pub(super) fn trace_briefly<L: Light>(
+    prepared: &Prepared,
+    grid: Grid,
+    photons: u64,
+    number: u64,
+) -> Totals {
+    // An odd multiplier: no two numbers share a seed.
+    let apart = number.wrapping_mul(0x9E37_79B9_7F4A_7C15);
     let task = Task {
         walk: &walk_of(prepared),
         first_hits: None,
-        seed: prepared.seed,
+        seed: prepared.seed.wrapping_add(apart),
         grid,
         photons,
         shard: Shard::WHOLE,
