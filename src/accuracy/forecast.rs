@@ -167,14 +167,15 @@ impl std::fmt::Display for SeriesForecast {
 const THINNED: usize = 6;
 
 /// A series with a few of its sample frames.
-struct Thinned<'a> {
+pub(super) struct Thinned<'a> {
     source: &'a dyn FrameSource,
     rows: Vec<FrameRow>,
     places: Vec<usize>,
 }
 
 impl<'a> Thinned<'a> {
-    fn new(source: &'a dyn FrameSource) -> Self {
+    /// With one pose of so many.
+    pub(super) fn new(source: &'a dyn FrameSource, every: usize) -> Self {
         let mut poses: Vec<Pose> = Vec::new();
         let mut thinned = Thinned {
             source,
@@ -188,7 +189,7 @@ impl<'a> Thinned<'a> {
                     if poses.last() != Some(&row.pose()) {
                         poses.push(row.pose());
                     }
-                    poses.len() % THINNED == 1
+                    poses.len() % every == 1 % every
                 }
             };
             if kept {
@@ -220,7 +221,7 @@ impl FrameSource for Thinned<'_> {
 pub fn of_series(source: &dyn FrameSource, cancel: &AtomicBool) -> Option<SeriesForecast> {
     let manifest = source.manifest();
     let region = manifest.sample.layout.as_ref().map(|_| "even");
-    let thinned = Thinned::new(source);
+    let thinned = Thinned::new(source, THINNED);
     let started = Instant::now();
     reduce(&thinned, region, cancel).ok()?;
     let share = source.rows().len() as f64 / thinned.rows.len().max(1) as f64;
@@ -282,7 +283,7 @@ mod tests {
     #[test]
     fn a_series_is_forecast_from_all_its_calibrations_and_a_sixth_of_its_poses() {
         let series = Series::open("tests/data/series/paper-rig-full".as_ref()).unwrap();
-        let thinned = Thinned::new(&series);
+        let thinned = Thinned::new(&series, THINNED);
         let count = |rows: &[FrameRow], sample: bool| {
             let kind = |r: &&FrameRow| (r.kind == FrameKind::Sample) == sample;
             rows.iter().filter(kind).count()

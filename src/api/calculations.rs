@@ -130,10 +130,12 @@ pub(super) async fn maps(
 }
 
 /// Begin a map: every pixel of a scan fitted.
-#[utoipa::path(post, path = "/api/v1/maps", tag = "maps", request_body(content = Object, description = "`scan_id`"), responses(
+#[utoipa::path(post, path = "/api/v1/maps", tag = "maps", request_body(content = Object, description =
+    "`scan_id`, optional `max_seconds` (pixels not reached by then have no value) and `target_error` (share of the brightest radiance that may be left out)"), responses(
     (status = 202, description = "It runs", body = Begun, headers(("Location" = String, description = "The map"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
     (status = 404, description = "There is no such scan", body = Problem),
+    (status = 422, description = "A value makes no sense", body = Problem),
 ))]
 pub(super) async fn begin_map(
     State(app): State<App>,

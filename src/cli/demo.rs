@@ -14,7 +14,6 @@ use super::scan::{follow, timing_words, with_times};
 use super::serve::listen_error;
 use super::simulated::{SimulatedRig, Simulation, TRACED_SAMPLE};
 use crate::api::server::{self, ListenError};
-use crate::fit::VariantChoice;
 use crate::lab::{FitRequest, Lab, ScanRequest};
 use crate::scan::plan::Preset;
 use crate::scan::{Event, PlanRequest, ScanState};
@@ -187,10 +186,7 @@ async fn fitted(lab: &Lab, scan_id: i64) -> Result<Value, CliError> {
     let mut events = lab.events();
     let request = FitRequest {
         scan_id,
-        variant: VariantChoice::Auto,
-        judge: false,
-        iterations: false,
-        region: None,
+        ..FitRequest::default()
     };
     let fit_id = lab.start_fit(&request).await.map_err(daemon::lab_error)?;
     loop {

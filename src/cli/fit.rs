@@ -85,6 +85,10 @@ pub struct Args {
     /// (without it: once its line of the budget is small).
     #[arg(long, value_name = "E")]
     pub target_error: Option<f64>,
+    /// Share of the brightest observation that may be left out of the model where that saves time (the
+    /// integrated second bounce, where it changes less); `left_out` says what was.
+    #[arg(long, value_name = "E")]
+    pub tolerance: Option<f64>,
     /// Retrace a descent to the minimum: cost, gradient, step and error of every trial step against
     /// seconds (`iterations` of --json).
     #[arg(long)]
@@ -151,6 +155,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             profile: args.profile,
             bootstrap: args.bootstrap.unwrap_or(0),
             judge: args.judge,
+            tolerance: args.tolerance,
             tracer: tracing_options(&args)?,
             ..FitOptions::default()
         },
@@ -205,6 +210,7 @@ fn tracing_options(args: &Args) -> Result<TracingOptions, CliError> {
     for (name, x) in [
         ("--max-seconds", args.max_seconds),
         ("--target-error", args.target_error),
+        ("--tolerance", args.tolerance),
     ] {
         if x.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
             return Err(CliError::bad_input(anyhow!(
@@ -212,17 +218,7 @@ fn tracing_options(args: &Args) -> Result<TracingOptions, CliError> {
             )));
         }
     }
-    let default = TracingOptions::default();
-    Ok(TracingOptions {
-        target_error: args.target_error,
-        // Who names an error wants it, whatever it takes.
-        paths_max: if args.target_error.is_some() {
-            1 << 24
-        } else {
-            default.paths_max
-        },
-        ..default
-    })
+    Ok(TracingOptions::to_error(args.target_error))
 }
 
 /// The analysis of any source of frames, with a progress bar on a terminal once it takes more than

@@ -5,9 +5,11 @@ use std::path::PathBuf;
 use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
+use anyhow::anyhow;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{CliError, daemon, interrupt};
+use crate::accuracy::map_forecast::of_map;
 use crate::map::folder::{FolderError, map_into};
 use crate::map::write::Summary;
 use crate::map::{MapError, MapOptions, Progress, Stage};
@@ -41,6 +43,13 @@ pub struct Args {
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
+    /// Begin no further pixels after this time; those that were not reached have no value and are counted.
+    #[arg(long, value_name = "S")]
+    pub max_seconds: Option<f64>,
+    /// Share of the brightest radiance that may be left out of a pixel's physics (double reflections by
+    /// integration, where they change less); the summary says what was.
+    #[arg(long, value_name = "E")]
+    pub target_error: Option<f64>,
     /// Memory for resampled frames, in MiB; more goes to a scratch file in the output folder.
     #[arg(long, default_value_t = 1024)]
     pub memory_mib: usize,
@@ -56,12 +65,29 @@ pub fn run(args: Args) -> Result<(), CliError> {
         (Some(dir), _) => Box::new(Series::open(dir).map_err(CliError::bad_input)?),
         (None, scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
     };
+    for (name, x) in [
+        ("--max-seconds", args.max_seconds),
+        ("--target-error", args.target_error),
+    ] {
+        if x.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
+            return Err(CliError::bad_input(anyhow!(
+                "{name} must be greater than 0"
+            )));
+        }
+    }
     let cancel = interrupt::flag()?;
     let watch = Watch::new();
     let options = MapOptions {
         memory_bytes_max: args.memory_mib << 20,
         scratch: args.out.clone(),
+        target_error: args.target_error,
+        max_seconds: args.max_seconds,
     };
+    if (args.max_seconds.is_some() || args.target_error.is_some())
+        && let Some(told) = of_map(source.as_ref(), &options, &cancel)
+    {
+        eprintln!("forecast: {told}");
+    }
     let summary = map_into(
         source.as_ref(),
         &options,
@@ -192,6 +218,16 @@ fn table(summary: &Summary, args: &Args) -> String {
     }
     for warning in &summary.warnings {
         text.push_str(&format!("warning: {warning}\n"));
+    }
+    for left in &summary.left_out {
+        let cost = left.cost.map_or_else(
+            || "cost unknown".to_owned(),
+            |c| format!("may cost {:.3} % of the brightest radiance", 100.0 * c),
+        );
+        text.push_str(&format!(
+            "not computed: {} ({cost}): {}\n",
+            left.what, left.why
+        ));
     }
     for frame in &summary.rejected_frames {
         text.push_str(&format!(

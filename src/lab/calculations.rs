@@ -33,6 +33,12 @@ use crate::trace::scene::{Prepared, Scene};
 pub struct MapRequest {
     /// Scan to map.
     pub scan_id: i64,
+    /// Begin no further pixels after this time, s; those that were not reached have no value.
+    #[serde(default)]
+    pub max_seconds: Option<f64>,
+    /// Share of the brightest radiance that may be left out of a pixel's physics.
+    #[serde(default)]
+    pub target_error: Option<f64>,
 }
 
 /// A contrast table that is asked for.
@@ -79,17 +85,10 @@ pub struct TraceRequest {
 impl TraceRequest {
     /// Checks everything and makes the surfaces, which takes a while.
     fn prepare(&self) -> Result<Prepared, LabError> {
-        for (field, x) in [
+        positive([
             ("max_seconds", self.max_seconds),
             ("target_error", self.target_error),
-        ] {
-            if x.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
-                return Err(LabError::Invalid {
-                    field: field.into(),
-                    problem: "must be greater than 0".into(),
-                });
-            }
-        }
+        ])?;
         let wrong = |problem: String| LabError::Invalid {
             field: "scene".into(),
             problem,
@@ -103,6 +102,18 @@ impl TraceRequest {
         scene
             .prepare(&|_| Err("files of heights are read by the command line alone".to_owned()))
             .map_err(|e| wrong(e.to_string()))
+    }
+}
+
+/// Refuses limits that are not greater than 0, by name.
+pub(super) fn positive<const N: usize>(limits: [(&str, Option<f64>); N]) -> Result<(), LabError> {
+    let wrong = |x: &f64| !(*x > 0.0 && x.is_finite());
+    match limits.iter().find(|(_, x)| x.as_ref().is_some_and(wrong)) {
+        Some((field, _)) => Err(LabError::Invalid {
+            field: (*field).into(),
+            problem: "must be greater than 0".into(),
+        }),
+        None => Ok(()),
     }
 }
 
@@ -214,7 +225,7 @@ impl From<FolderError> for Failure {
 
 /// What is to be done, checked and with all that it reads.
 enum Work {
-    Map(StoredSeries),
+    Map(StoredSeries, MapRequest),
     Contrast(StoredSeries, Option<String>),
     Verdict(StoredSeries, Box<Specification>, AnalysisOptions),
     Trace(Box<Prepared>, TraceRequest),
@@ -226,7 +237,13 @@ impl Lab {
         // Read what is there now: the result is of this snapshot, whatever comes later.
         let series = |scan_id: i64| StoredSeries::open(self.store(), scan_id);
         Ok(match request {
-            CalculationRequest::Map(request) => Work::Map(series(request.scan_id).await?),
+            CalculationRequest::Map(request) => {
+                positive([
+                    ("max_seconds", request.max_seconds),
+                    ("target_error", request.target_error),
+                ])?;
+                Work::Map(series(request.scan_id).await?, request.clone())
+            }
             CalculationRequest::Contrast(request) => {
                 let series = series(request.scan_id).await?;
                 check_region(&series, request.region.as_deref())?;
@@ -393,7 +410,7 @@ impl Work {
     fn run(self, store: &Store, id: i64, told: &Headway, cancel: &AtomicBool) -> CalculationEnd {
         told.tell("preparing", 0, 1);
         let result = match self {
-            Work::Map(series) => map_of(&series, store, id, told, cancel),
+            Work::Map(series, request) => map_of(&series, &request, store, id, told, cancel),
             Work::Contrast(series, region) => contrast_of(&series, region.as_deref(), cancel),
             Work::Verdict(series, specification, options) => {
                 verdict_of(&series, &specification, &options, cancel)
@@ -413,6 +430,7 @@ impl Work {
 
 fn map_of(
     series: &StoredSeries,
+    request: &MapRequest,
     store: &Store,
     id: i64,
     told: &Headway,
@@ -425,6 +443,8 @@ fn map_of(
     let part = store.part_of_map(id);
     let options = MapOptions {
         scratch: part.clone(),
+        max_seconds: request.max_seconds,
+        target_error: request.target_error,
         ..MapOptions::default()
     };
     let made = std::fs::create_dir_all(&part)

@@ -7,9 +7,11 @@ use std::sync::{Arc, MutexGuard};
 use serde::{Deserialize, Serialize};
 use tokio::task::JoinHandle;
 
+use super::calculations::positive;
 use super::curves::{FitCurves, curves_of};
 use super::{Lab, LabError, StoredSeries};
 use crate::analysis::{self, AnalysisError, AnalysisOptions};
+use crate::fit::traced::TracingOptions;
 use crate::fit::{FitOptions, FitReport, VariantChoice};
 use crate::observation::ObservationSet;
 use crate::reduction::{self, FrameSource, ReductionError};
@@ -18,7 +20,7 @@ use crate::store::StoreError;
 use crate::store::fits::{FitEnd, NewFit};
 
 /// A fit that is asked for.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FitRequest {
     /// Scan to fit.
@@ -35,6 +37,15 @@ pub struct FitRequest {
     /// Whether a descent to the minimum is retraced, step by step.
     #[serde(default)]
     pub iterations: bool,
+    /// End ray tracer and bootstrap after this time, s.
+    #[serde(default)]
+    pub max_seconds: Option<f64>,
+    /// End the ray tracer once its standard error, as a share of the largest radiance, is below this.
+    #[serde(default)]
+    pub target_error: Option<f64>,
+    /// Share of the peak that may be left out of the model (see [`FitOptions::tolerance`]).
+    #[serde(default)]
+    pub tolerance: Option<f64>,
 }
 
 /// A fit that has not ended.
@@ -93,6 +104,11 @@ impl Lab {
     /// # Errors
     /// An unknown scan or region, or what the store says.
     pub async fn start_fit(&self, request: &FitRequest) -> Result<i64, LabError> {
+        positive([
+            ("max_seconds", request.max_seconds),
+            ("target_error", request.target_error),
+            ("tolerance", request.tolerance),
+        ])?;
         // Read what is there now: the fit is of this snapshot, whatever comes later.
         let series = StoredSeries::open(self.store(), request.scan_id).await?;
         check_region(&series, request.region.as_deref())?;
@@ -101,9 +117,12 @@ impl Lab {
             fit: FitOptions {
                 variant: request.variant,
                 judge: request.judge,
+                tolerance: request.tolerance,
+                tracer: TracingOptions::to_error(request.target_error),
                 ..FitOptions::default()
             },
             iterations: request.iterations,
+            max_seconds: request.max_seconds,
             ..AnalysisOptions::default()
         };
         let new = NewFit {

@@ -323,6 +323,19 @@ impl Dear {
             .collect()
     }
 
+    /// The largest of it as a share of the brightest radiance.
+    pub(super) fn share_lacking(&self, p: &Parameters) -> f64 {
+        let largest = self.lacking(p).iter().fold(0.0, |most: f64, x| {
+            if x.is_finite() {
+                most.max(x.abs())
+            } else {
+                f64::INFINITY
+            }
+        });
+        let brightest = self.closed(p).into_iter().fold(f64::MIN_POSITIVE, f64::max);
+        largest / brightest
+    }
+
     fn surface(&self, p: &Parameters) -> Surface {
         Surface {
             theta_r: p[0],

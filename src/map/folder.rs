@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::write::{Summary, Timing, WriteError, summary, write};
-use super::{MapError, MapOptions, Progress, Stage, map};
+use super::{MapError, MapOptions, Progress, Stage, map_until};
 use crate::reduction::FrameSource;
 
 /// Name of the summary among the files.
@@ -25,7 +25,8 @@ pub enum FolderError {
 }
 
 /// Maps a series and writes all files of the map and its summary into `folder`, which is made if
-/// need be. `progress` may be called from several threads at once.
+/// need be. Once `options.max_seconds` are over no further tile is begun; what is fitted by then is written.
+/// `progress` may be called from several threads at once.
 ///
 /// # Errors
 /// [`FolderError`].
@@ -37,9 +38,14 @@ pub fn map_into(
     cancel: &AtomicBool,
 ) -> Result<Summary, FolderError> {
     let stages = StageTimes::start();
-    let mapped = map(
+    let late = || {
+        let spent = stages.started.elapsed().as_secs_f64();
+        options.max_seconds.is_some_and(|limit| spent >= limit)
+    };
+    let mapped = map_until(
         source,
         options,
+        &late,
         &|p| {
             stages.note(p.stage);
             progress(p);

@@ -44,11 +44,12 @@ use self::layers::{Answer, FEW_OBSERVATIONS, Layers, NOT_IDENTIFIABLE};
 use self::observe::Light;
 use self::planes::Planes;
 use self::run::{Batch, Run, better, freedom, usual_chi2_max};
-use self::settle::{LOBE_SIGNIFICANCE, References, Settled};
+use self::settle::{DoubleReflections, LOBE_SIGNIFICANCE, References, Settled};
 use self::solve::{End, FREE};
 use self::start::lambert_chi2;
 use self::view::View;
 use crate::geometry::Pose;
+use crate::model::{LeftOut, left_out};
 use crate::observation::RejectedFrame;
 use crate::reduction::{FrameSource, ReductionError, calibrate};
 
@@ -68,6 +69,11 @@ pub struct MapOptions {
     pub memory_bytes_max: usize,
     /// Folder for the scratch file.
     pub scratch: PathBuf,
+    /// Share of the brightest radiance that may be left out of a pixel's physics where that saves time:
+    /// double reflections by integration, where they change less. Without it they are in.
+    pub target_error: Option<f64>,
+    /// Seconds after which no further tile is begun; for whoever holds a clock (see [`map_until`]).
+    pub max_seconds: Option<f64>,
 }
 
 impl Default for MapOptions {
@@ -75,6 +81,8 @@ impl Default for MapOptions {
         MapOptions {
             memory_bytes_max: 1 << 30,
             scratch: std::env::temp_dir(),
+            target_error: None,
+            max_seconds: None,
         }
     }
 }
@@ -155,6 +163,9 @@ pub enum MapError {
     /// The scratch file failed.
     #[error("the scratch file of the map: {0}; free space there or choose another output folder")]
     Scratch(std::io::Error),
+    /// No pixel that shows a lobe was reached in the time allowed.
+    #[error("the time was over before a pixel with a lobe was fitted; allow more seconds")]
+    Late,
     /// The cancel flag was raised.
     #[error("the map was cancelled")]
     Cancelled,
@@ -192,6 +203,10 @@ pub struct Map {
     pub rejected_frames: Vec<RejectedFrame>,
     /// Sentences for the user.
     pub warnings: Vec<String>,
+    /// What was left out, why, and what that may cost (as a share of the brightest radiance).
+    pub left_out: Vec<LeftOut>,
+    /// Pixels that nobody looked at because time was over; flagged `few_observations`, with none.
+    pub pixels_left_out: usize,
 }
 
 /// Maps the sample of a series.
@@ -201,6 +216,21 @@ pub struct Map {
 pub fn map(
     source: &dyn FrameSource,
     options: &MapOptions,
+    progress: &(dyn Fn(Progress) + Sync),
+    cancel: &AtomicBool,
+) -> Result<Map, MapError> {
+    map_until(source, options, &|| false, progress, cancel)
+}
+
+/// [`map`], with no further tile begun once `late` says so. Tiles are taken in an order that spreads over
+/// the field, so that a map that ends early shows all of it coarsely rather than its top.
+///
+/// # Errors
+/// [`MapError`], also where it is late before the first tile.
+pub fn map_until(
+    source: &dyn FrameSource,
+    options: &MapOptions,
+    late: &(dyn Fn() -> bool + Sync),
     progress: &(dyn Fn(Progress) + Sync),
     cancel: &AtomicBool,
 ) -> Result<Map, MapError> {
@@ -250,12 +280,15 @@ pub fn map(
         &material,
         &recorded,
         &references,
+        options.target_error,
         progress,
         cancel,
     )?;
     drop(batch);
 
-    let (mut layers, evaluations) = fit_tiles(&planes, &view, &settled, progress, cancel)?;
+    let tiles = fit_tiles(&planes, &view, &settled, late, progress, cancel)?;
+    let (mut layers, evaluations) = (tiles.layers, tiles.evaluations);
+    let pixels_left_out = view.pixels() - tiles.pixels;
     let leans = defects::leans(&layers);
     defects::mark_borders(&mut layers, &leans);
     let pixel_mm = view.has_scale.then_some(view.pixel_mm);
@@ -266,6 +299,9 @@ pub fn map(
         view.pixel_mm,
     );
     let pixels_fitted = layers.chi2_reduced.iter().filter(|x| x.is_finite()).count();
+    if pixels_fitted == 0 && pixels_left_out > 0 {
+        return Err(MapError::Late);
+    }
     if pixels_fitted == 0 {
         return Err(MapError::NothingFitted {
             poses: groups.len(),
@@ -290,7 +326,41 @@ pub fn map(
         n_poses: groups.len(),
         rejected_frames: rejected,
         warnings,
+        left_out: what_is_left_out(&settled, &view, pixels_left_out),
+        pixels_left_out,
     })
+}
+
+/// What a map does without.
+fn what_is_left_out(settled: &Settled, view: &View, pixels_left_out: usize) -> Vec<LeftOut> {
+    let mut list = left_out::of_closed_form(crate::model::Variant::Sawtooth);
+    list.push(match settled.double_reflections {
+        DoubleReflections::LeftOut { cost } => LeftOut::new(
+            "double reflections by integration",
+            "on the surfaces that the sampled pixels look like they change less than the target error",
+            Some(cost),
+        ),
+        DoubleReflections::Integrated => LeftOut::new(
+            "double reflections by integration, pixel by pixel",
+            "integrated on the surfaces that most pixels look like, and taken from the nearest of them",
+            None,
+        ),
+    });
+    if !view.is_telecentric() {
+        list.push(LeftOut::new(
+            "each pixel's own directions in what is reflected twice",
+            "they vary slowly: those of the field's centre stand for all",
+            None,
+        ));
+    }
+    if pixels_left_out > 0 {
+        list.push(LeftOut::new(
+            format!("{pixels_left_out} of {} pixels", view.pixels()),
+            "time was over; those that were fitted are spread over the field",
+            None,
+        ));
+    }
+    list
 }
 
 /// A sample of pixels from tiles spread over the map.
@@ -311,45 +381,74 @@ fn sampled(planes: &Planes) -> Result<Batch, MapError> {
     Ok(Batch::join(batches))
 }
 
-/// Fits all pixels, tile by tile on all cores.
+/// What came of the tiles.
+struct Tiles {
+    layers: Layers,
+    evaluations: u64,
+    /// Pixels that were looked at.
+    pixels: usize,
+}
+
+/// Fits all pixels, tile by tile on all cores, until it is late.
 fn fit_tiles(
     planes: &Planes,
     view: &View,
     settled: &Settled,
+    late: &(dyn Fn() -> bool + Sync),
     progress: &(dyn Fn(Progress) + Sync),
     cancel: &AtomicBool,
-) -> Result<(Layers, u64), MapError> {
+) -> Result<Tiles, MapError> {
     let amplitude = settled.dear.is_amplitude();
     let layers = Mutex::new(Layers::new(view.width, view.height, amplitude));
     let (done, evaluations) = (AtomicUsize::new(0), AtomicUsize::new(0));
-    (0..planes.tiles()).into_par_iter().try_for_each(|tile| {
-        if cancel.load(Ordering::Relaxed) {
-            return Err(MapError::Cancelled);
-        }
-        let batch = Batch::of_tile(planes, tile, |_| true).map_err(MapError::Scratch)?;
-        let run = Run {
-            batch: &batch,
-            globals: &settled.globals,
-            dear: &settled.dear,
-            view,
-            poses: &settled.poses,
-        };
-        let (answers, spent) = fit_batch(&run, settled);
-        evaluations.fetch_add(spent, Ordering::Relaxed);
-        let mut layers = layers.lock().expect("no holder of this lock panics");
-        for (pixel, answer) in batch.pixels.iter().zip(&answers) {
-            layers.put(*pixel, answer);
-        }
-        drop(layers);
-        progress(Progress {
-            stage: Stage::Fitting,
-            done: done.fetch_add(batch.pixels.len(), Ordering::Relaxed) + batch.pixels.len(),
-            total: view.pixels(),
-        });
-        Ok(())
-    })?;
-    let layers = layers.into_inner().expect("no holder of this lock panics");
-    Ok((layers, evaluations.into_inner() as u64))
+    spread_out(planes.tiles())
+        .into_par_iter()
+        .with_max_len(1)
+        .try_for_each(|tile| {
+            if cancel.load(Ordering::Relaxed) {
+                return Err(MapError::Cancelled);
+            }
+            if late() {
+                return Ok(());
+            }
+            let batch = Batch::of_tile(planes, tile, |_| true).map_err(MapError::Scratch)?;
+            let run = Run {
+                batch: &batch,
+                globals: &settled.globals,
+                dear: &settled.dear,
+                view,
+                poses: &settled.poses,
+            };
+            let (answers, spent) = fit_batch(&run, settled);
+            evaluations.fetch_add(spent, Ordering::Relaxed);
+            let mut layers = layers.lock().expect("no holder of this lock panics");
+            for (pixel, answer) in batch.pixels.iter().zip(&answers) {
+                layers.put(*pixel, answer);
+            }
+            drop(layers);
+            progress(Progress {
+                stage: Stage::Fitting,
+                done: done.fetch_add(batch.pixels.len(), Ordering::Relaxed) + batch.pixels.len(),
+                total: view.pixels(),
+            });
+            Ok(())
+        })?;
+    Ok(Tiles {
+        layers: layers.into_inner().expect("no holder of this lock panics"),
+        evaluations: evaluations.into_inner() as u64,
+        pixels: done.into_inner(),
+    })
+}
+
+/// The numbers below `count` in an order each beginning of which is spread over all, the middle first: their
+/// bits reversed, half way round.
+fn spread_out(count: usize) -> Vec<usize> {
+    let bits = usize::BITS - count.saturating_sub(1).leading_zeros();
+    (0..1usize << bits)
+        .map(|n| n.reverse_bits() >> (usize::BITS - bits.max(1)))
+        .filter(|n| *n < count)
+        .map(|n| (n + count / 2) % count)
+        .collect()
 }
 
 /// Fits the pixels of a batch that show a lobe; those that the leaders do not serve start again

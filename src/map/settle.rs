@@ -20,6 +20,8 @@ use crate::observation::{FlatObservation, WhiteReference};
 const ROUNDS: usize = 6;
 /// How often the rounds are gone through; before each but the first, integrals are taken anew.
 const PASSES: usize = 3;
+/// Surfaces on which it is looked whether double reflections have to be integrated.
+const PROBED: usize = 2;
 /// A lobe has to lower χ² by this many usual χ² units.
 pub(super) const LOBE_SIGNIFICANCE: f64 = 30.0;
 /// Least certain parameters that still count as known: θr 2°, ln α 0.3.
@@ -43,6 +45,16 @@ pub(super) struct Settled {
     pub(super) shared_std: Option<Parameters>,
     /// Sampled pixels that gave a good fit.
     pub(super) sampled: usize,
+    pub(super) double_reflections: DoubleReflections,
+}
+
+/// What became of double reflections.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum DoubleReflections {
+    /// They are integrated on the surfaces that pixels look like.
+    Integrated,
+    /// They are the closed form's; integrated they would change this share of the brightest radiance.
+    LeftOut { cost: f64 },
 }
 
 /// What the camera's references say.
@@ -66,6 +78,7 @@ pub(super) fn settle(
     material: &Material,
     recorded: &[Pose],
     references: &References<'_>,
+    target_error: Option<f64>,
     progress: &(dyn Fn(Progress) + Sync),
     cancel: &AtomicBool,
 ) -> Result<Settled, MapError> {
@@ -145,6 +158,7 @@ pub(super) fn settle(
     let mut good: Vec<(usize, PixelFit)> = Vec::new();
     // First with the closed form alone, then with double reflections integrated at what was found.
     let mut passes_left = PASSES;
+    let mut double_reflections = DoubleReflections::Integrated;
     let mut rounds_left = ROUNDS;
     for round in 0..ROUNDS * PASSES {
         if cancel.load(Ordering::Relaxed) {
@@ -232,6 +246,17 @@ pub(super) fn settle(
             rounds_left = ROUNDS;
             let fits: Vec<Parameters> = good.iter().map(|(_, fit)| fit.p).collect();
             let centres = Leaders::gather(&fits).centres(&fits);
+            if passes_left + 1 == PASSES
+                && let Some(target) = target_error
+            {
+                // The first centres are those of most pixels.
+                let cost = centres.iter().take(PROBED).map(|p| dear.share_lacking(p));
+                let cost = cost.fold(0.0, f64::max);
+                if cost <= target {
+                    double_reflections = DoubleReflections::LeftOut { cost };
+                    break;
+                }
+            }
             integrated = Integrated::at(centres, amplitude, |p| dear.lacking(p));
             dear = dear_at(&poses, 1.0, &integrated);
         }
@@ -267,6 +292,7 @@ pub(super) fn settle(
         lambert,
         birge,
         shared_std,
+        double_reflections,
     })
 }
 

@@ -232,6 +232,7 @@ fn a_scratch_file_changes_nothing() {
     let options = MapOptions {
         memory_bytes_max: 0,
         scratch: place.path().to_owned(),
+        ..MapOptions::default()
     };
     let source = series("checker");
     let again = map(&source, &options, &|_| {}, &AtomicBool::new(false)).unwrap();
@@ -441,4 +442,45 @@ fn too_few_poses_darkness_and_a_raised_flag_have_their_names() {
         stopped,
         Err(MapError::Cancelled | MapError::Reduction(ReductionError::Cancelled))
     ));
+}
+
+#[test]
+fn a_map_that_is_late_says_which_pixels_it_has_not_and_a_target_error_what_it_did_without() {
+    let options = MapOptions {
+        target_error: Some(1.0),
+        ..MapOptions::default()
+    };
+    let source = series("checker");
+    let asked = AtomicUsize::new(0);
+    let late = || asked.fetch_add(1, Ordering::Relaxed) >= 2;
+    let never = AtomicBool::new(false);
+    let part = map_until(&source, &options, &late, &|_| {}, &never).unwrap();
+    let all = part.layers.flags.len();
+    // Two tiles, of which the last may be short.
+    assert!(part.pixels_left_out >= all - 2 * planes::TILE && part.pixels_left_out < all);
+    let untouched = (0..all).filter(|p| part.layers.n_observations[*p] == 0);
+    let untouched: Vec<usize> = untouched.collect();
+    assert!(untouched.len() >= part.pixels_left_out);
+    assert!(
+        untouched
+            .iter()
+            .all(|p| part.layers.flags[*p] & FEW_OBSERVATIONS != 0 && !part.layers.has_value(*p))
+    );
+    let of = |what: &str| part.left_out.iter().find(|l| l.what.contains(what));
+    assert!(of("pixels").is_some());
+    let cost = of("double reflections by integration").unwrap().cost;
+    assert!(cost.is_some_and(|c| c > 0.0 && c <= 1.0), "{cost:?}");
+    let too_late = map_until(&source, &options, &|| true, &|_| {}, &never);
+    assert!(matches!(too_late, Err(MapError::Late)));
+}
+
+#[test]
+fn tiles_in_any_number_are_taken_once_each_and_spread() {
+    for count in [1, 2, 3, 8, 9, 1000] {
+        let order = spread_out(count);
+        let mut sorted = order.clone();
+        sorted.sort_unstable();
+        assert_eq!(sorted, (0..count).collect::<Vec<_>>());
+    }
+    assert_eq!(spread_out(8)[..4], [4, 0, 6, 2]);
 }

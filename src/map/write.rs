@@ -116,6 +116,10 @@ pub struct Summary {
     pub rejected_frames: Vec<crate::observation::RejectedFrame>,
     /// Sentences for the user.
     pub warnings: Vec<String>,
+    /// What was left out, why, and what that may cost.
+    pub left_out: Vec<crate::model::LeftOut>,
+    /// Pixels that nobody looked at because time was over.
+    pub pixels_left_out: usize,
     /// Name and version of the program.
     pub program: String,
 }
@@ -174,6 +178,8 @@ pub fn summary(map: &Map, timing: Timing, files: Vec<String>) -> Summary {
         files,
         rejected_frames: map.rejected_frames.clone(),
         warnings: map.warnings.clone(),
+        left_out: map.left_out.clone(),
+        pixels_left_out: map.pixels_left_out,
         program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
     }
 }
@@ -282,6 +288,27 @@ pub fn write(map: &Map, folder: &Path) -> Result<Vec<String>, WriteError> {
     Ok(files)
 }
 
+/// Seconds that one thread takes to draw and compress a sheet of a series' size, on a smooth field with noise:
+/// for a forecast. `None` where it cannot be encoded.
+#[must_use]
+pub fn seconds_of_a_sheet(manifest: &crate::series::Manifest) -> Option<f64> {
+    let camera = &manifest.camera;
+    let (width, height) = (camera.width_px as usize, camera.height_px as usize);
+    let sheet = Sheet {
+        width,
+        height,
+        column_mm: None,
+        aspect: 1.0,
+    };
+    let values: Vec<f32> = (0..width * height)
+        .map(|n| (n as f32 * 1.7).sin() + (n / width) as f32 / height as f32)
+        .collect();
+    let started = std::time::Instant::now();
+    let picture = picture::layer(&sheet, &values, Scale::of(&values), "forecast", "");
+    encode_png(io::sink(), &picture).ok()?;
+    Some(started.elapsed().as_secs_f64())
+}
+
 fn failed(path: &Path) -> impl Fn(io::Error) -> WriteError + '_ {
     |source| WriteError::File {
         file: path.display().to_string(),
@@ -323,16 +350,16 @@ fn write_flags(path: &Path, map: &Map) -> Result<(), WriteError> {
 
 fn write_png(path: &Path, picture: &Picture) -> Result<(), WriteError> {
     let file = BufWriter::new(File::create(path).map_err(failed(path))?);
-    let mut encoder = png::Encoder::new(file, picture.width as u32, picture.height as u32);
+    encode_png(file, picture).map_err(|e| unencodable(path, &e))
+}
+
+fn encode_png(into: impl Write, picture: &Picture) -> Result<(), png::EncodingError> {
+    let mut encoder = png::Encoder::new(into, picture.width as u32, picture.height as u32);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
-    encoder
-        .write_header()
-        .and_then(|mut writer| {
-            writer.write_image_data(&picture.rgb)?;
-            writer.finish()
-        })
-        .map_err(|e| unencodable(path, &e))
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(&picture.rgb)?;
+    writer.finish()
 }
 
 /// The classes of `flags.png`, the first that holds counts.

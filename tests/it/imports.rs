@@ -103,6 +103,7 @@ const RULES: &[(&str, &[&str])] = &[
             "series",
             "reduction",
             "plan",
+            "map",
         ],
     ),
     ("bench", &["units", "geometry", "frame", "clock"]),

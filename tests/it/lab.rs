@@ -85,9 +85,7 @@ async fn a_scan_is_planned_run_kept_told_and_fitted() {
         .start_fit(&FitRequest {
             scan_id: scan.id,
             variant: ridged::fit::VariantChoice::Auto,
-            judge: false,
-            iterations: false,
-            region: None,
+            ..FitRequest::default()
         })
         .await
         .unwrap();

@@ -1,0 +1,159 @@
+//! How long a map will take, told before it starts: some of its poses are read, pixels of a surface as samples
+//! have it are fitted at all of them, and one sheet is drawn.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::forecast::Thinned;
+use crate::frame::FrameKind;
+use crate::geometry::Pose;
+use crate::map::pixels::{Instructions, PixelFitter};
+use crate::map::{self, MapOptions, Stage};
+use crate::reduction::FrameSource;
+use crate::series::FrameRow;
+
+/// What a map will take.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct MapForecast {
+    /// Seconds in all.
+    pub seconds: f64,
+    /// Of these, reading frames and bringing them into the sample's frame.
+    pub read_s: f64,
+    /// Of these, what all pixels share.
+    pub settle_s: f64,
+    /// Of these, the pixels.
+    pub fit_s: f64,
+    /// Of these, the files.
+    pub write_s: f64,
+    /// Pixels.
+    pub pixels: usize,
+}
+
+impl std::fmt::Display for MapForecast {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "about {:.1} s: {:.1} s to read, {:.1} s for what pixels share, {:.1} s for {} pixels, {:.1} s for files",
+            self.seconds, self.read_s, self.settle_s, self.fit_s, self.pixels, self.write_s
+        )
+    }
+}
+
+/// Poses that are read at least: a map wants more than five.
+const POSES_MIN: usize = 8;
+/// Of so many poses one is read, where there are enough.
+const THINNED: usize = 6;
+/// Pixels that are fitted for the forecast.
+const PIXELS: usize = 128;
+/// Descents per pixel of the sample from which shared quantities are settled, and its size.
+const SETTLING: (f64, f64) = (25.0, 2048.0);
+/// Descents per pixel of a map: noise and edges take longer than a clean surface.
+const DESCENTS: f64 = 2.0;
+/// Sheets that a map draws.
+const SHEETS: f64 = 12.0;
+
+/// Forecasts a map. `None` where its frames give none, or `cancel` was raised.
+#[must_use]
+pub fn of_map(
+    source: &dyn FrameSource,
+    options: &MapOptions,
+    cancel: &AtomicBool,
+) -> Option<MapForecast> {
+    let manifest = source.manifest();
+    let mut poses: Vec<Pose> = source
+        .rows()
+        .iter()
+        .filter(|r| r.kind == FrameKind::Sample)
+        .map(FrameRow::pose)
+        .collect();
+    poses.dedup();
+    let every = (poses.len() / POSES_MIN).clamp(1, THINNED);
+    let thinned = Thinned::new(source, every);
+    let started = Instant::now();
+    let read = std::sync::OnceLock::new();
+    let enough = AtomicBool::new(false);
+    let stopped = map::map(
+        &thinned,
+        options,
+        &|p| {
+            if p.stage == Stage::Settling {
+                read.get_or_init(|| started.elapsed().as_secs_f64());
+            }
+            if p.stage == Stage::Settling || cancel.load(Ordering::Relaxed) {
+                enough.store(true, Ordering::Relaxed);
+            }
+        },
+        &enough,
+    );
+    drop(stopped);
+    let share = source.rows().len() as f64 / thinned.rows().len().max(1) as f64;
+    let read_s = share * read.get()?;
+    let pixels = manifest.camera.width_px as usize * manifest.camera.height_px as usize;
+    let metal = manifest.material().index().1 > 0.0;
+    let truth = [
+        0.2,
+        0.3,
+        0.1f64.ln(),
+        0.1f64.ln(),
+        if metal { 1.0 } else { 0.3 },
+    ];
+    let fitter = PixelFitter::new(manifest.rig_geometry(), manifest.material(), poses.clone());
+    let clean = fitter.radiances(&truth);
+    let brightest = clean.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+    let sigma = vec![(0.01 * brightest) as f32; PIXELS * poses.len()];
+    let signal: Vec<f32> = (0..PIXELS)
+        .flat_map(|pixel| {
+            let noise = move |pose: usize| (1.7 * (pixel * 31 + pose) as f64).sin() * 0.014;
+            clean
+                .iter()
+                .enumerate()
+                .map(move |(pose, l)| (l + brightest * noise(pose)) as f32)
+        })
+        .collect();
+    let starts = vec![[0.21, 0.31, truth[2] + 0.1, truth[3] + 0.1, truth[4]]; PIXELS];
+    let again = || {
+        let (signal, sigma) = (signal.clone(), sigma.clone());
+        fitter.fit(signal, sigma, &starts, 2, Instructions::Widest)
+    };
+    // The first call makes cells that later ones find.
+    std::hint::black_box(again());
+    let started = Instant::now();
+    std::hint::black_box(again());
+    let per_pixel = started.elapsed().as_secs_f64() / PIXELS as f64;
+    let threads = rayon::current_num_threads().max(1) as f64;
+    let settle_s = SETTLING.0 * SETTLING.1.min(pixels as f64) * per_pixel;
+    let fit_s = DESCENTS * pixels as f64 * per_pixel / threads;
+    let write_s = SHEETS * map::write::seconds_of_a_sheet(manifest)? / threads;
+    Some(MapForecast {
+        seconds: read_s + settle_s + fit_s + write_s,
+        read_s,
+        settle_s,
+        fit_s,
+        write_s,
+        pixels,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::series::Series;
+
+    #[test]
+    fn a_map_is_forecast_in_its_parts_and_a_raised_flag_ends_it() {
+        let series = Series::open("tests/data/series/checker".as_ref()).unwrap();
+        let options = MapOptions::default();
+        assert_eq!(of_map(&series, &options, &AtomicBool::new(true)), None);
+        let told = of_map(&series, &options, &AtomicBool::new(false)).unwrap();
+        let camera = &series.manifest().camera;
+        assert_eq!(
+            told.pixels,
+            camera.width_px as usize * camera.height_px as usize
+        );
+        let parts = [told.read_s, told.settle_s, told.fit_s, told.write_s];
+        assert!(parts.iter().all(|s| *s > 0.0), "{told:?}");
+        assert!((told.seconds - parts.iter().sum::<f64>()).abs() < 1e-9 * told.seconds);
+    }
+}
