@@ -7,6 +7,7 @@
 
 use serde_json::{Value, json};
 
+use crate::model::LeftOut;
 use crate::model::contrast::{
     Contrast, Exposure, Findings, Mean, PAIRS, PAPER_AZIMUTHS_DEG, Table,
 };
@@ -39,6 +40,11 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
         "arbitrary"
     });
     report["warnings"] = json!(set.warnings);
+    report["left_out"] = json!([LeftOut::new(
+        "directions of single pixels",
+        "the region's mean counts as seen from its centre, as in the paper",
+        None,
+    )]);
     Ok((table, report))
 }
 

@@ -26,9 +26,9 @@ pub fn svg(scene: &str, points: &[&Point], footer: &str) -> String {
     let mut out = String::new();
     let mut put = |text: String| out.push_str(&text);
     put(format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" font-family=\"sans-serif\" font-size=\"15\">\n\
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" font-family=\"Inter, Helvetica, Arial, sans-serif\" font-size=\"16\">\n\
          <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n\
-         <text x=\"{}\" y=\"34\" font-size=\"22\" font-weight=\"bold\">{}</text>\n",
+         <text x=\"{}\" y=\"34\" font-size=\"24\" font-weight=\"600\">{}</text>\n",
         FRAME[0],
         escaped(scene)
     ));
@@ -38,35 +38,35 @@ pub fn svg(scene: &str, points: &[&Point], footer: &str) -> String {
         FRAME[0],
         escaped(quantity)
     ));
-    for at in x.between() {
+    for (value, at) in x.lines() {
         put(format!(
-            "<line x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"{}\" y2=\"{}\" stroke=\"#f0f0f0\"/>\n",
-            FRAME[2], FRAME[3]
-        ));
-    }
-    for at in y.between() {
-        put(format!(
-            "<line x1=\"{}\" x2=\"{}\" y1=\"{at:.1}\" y2=\"{at:.1}\" stroke=\"#f0f0f0\"/>\n",
-            FRAME[0], FRAME[1]
-        ));
-    }
-    for (power, at) in x.decades() {
-        put(format!(
-            "<line x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"{}\" y2=\"{}\" stroke=\"#ddd\"/>\n<text x=\"{at:.1}\" y=\"{}\" text-anchor=\"middle\">{}</text>\n",
+            "<line x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"{}\" y2=\"{}\" stroke=\"{}\"/>\n",
             FRAME[2],
             FRAME[3],
-            FRAME[3] + 22.0,
-            power_of_ten(power)
+            shade(value)
         ));
     }
-    for (power, at) in y.decades() {
+    for (value, at) in y.lines() {
         put(format!(
-            "<line x1=\"{}\" x2=\"{}\" y1=\"{at:.1}\" y2=\"{at:.1}\" stroke=\"#ddd\"/>\n<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>\n",
+            "<line x1=\"{}\" x2=\"{}\" y1=\"{at:.1}\" y2=\"{at:.1}\" stroke=\"{}\"/>\n",
             FRAME[0],
             FRAME[1],
+            shade(value)
+        ));
+    }
+    for (value, at) in x.labels() {
+        put(format!(
+            "<text x=\"{at:.1}\" y=\"{}\" text-anchor=\"middle\">{}</text>\n",
+            FRAME[3] + 24.0,
+            number(value)
+        ));
+    }
+    for (value, at) in y.labels() {
+        put(format!(
+            "<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>\n",
             FRAME[0] - 8.0,
-            at + 5.0,
-            power_of_ten(power)
+            at + 5.5,
+            number(value)
         ));
     }
     put(format!(
@@ -76,17 +76,17 @@ pub fn svg(scene: &str, points: &[&Point], footer: &str) -> String {
         FRAME[1] - FRAME[0],
         FRAME[3] - FRAME[2],
         0.5 * (FRAME[0] + FRAME[1]),
-        FRAME[3] + 46.0
+        FRAME[3] + 50.0
     ));
     if let Some([from, to]) = root_guide(&shown, &x, &y) {
         put(format!(
-            "<line x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\" stroke=\"#888\" stroke-dasharray=\"6 5\"/>\n<text x=\"{:.1}\" y=\"{:.1}\" fill=\"#666\" font-size=\"12\" text-anchor=\"end\">slope \u{2212}½</text>\n",
+            "<line x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\" stroke=\"#777\" stroke-width=\"1.5\" stroke-dasharray=\"7 5\"/>\n<text x=\"{:.1}\" y=\"{:.1}\" fill=\"#555\" font-size=\"14\">slope \u{2212}½</text>\n",
             from.0,
             from.1,
             to.0,
             to.1,
-            to.0 - 4.0,
-            to.1 - 8.0
+            0.5 * (from.0 + to.0) + 8.0,
+            0.5 * (from.1 + to.1) - 8.0
         ));
     }
     for (n, group) in groups(&shown).into_iter().enumerate() {
@@ -96,32 +96,32 @@ pub fn svg(scene: &str, points: &[&Point], footer: &str) -> String {
             let (px, py) = (x.at(p.seconds), y.at(p.error));
             let _ = write!(places, "{px:.1},{py:.1} ");
             put(format!(
-                "<circle cx=\"{px:.1}\" cy=\"{py:.1}\" r=\"5\" fill=\"{colour}\"/>\n"
+                "<circle cx=\"{px:.1}\" cy=\"{py:.1}\" r=\"6\" fill=\"{colour}\"/>\n"
             ));
         }
         put(format!(
-            "<polyline points=\"{places}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"2.5\"/>\n"
+            "<polyline points=\"{places}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"3\" stroke-linejoin=\"round\"/>\n"
         ));
-        let line = FRAME[2] + 14.0 + 44.0 * n as f64;
+        let line = FRAME[2] + 14.0 + 48.0 * n as f64;
         let told = slope(&group).map_or(String::new(), |s| {
             format!("slope {s:.2}").replace('-', "\u{2212}")
         });
         put(format!(
-            "<rect x=\"{}\" y=\"{}\" width=\"14\" height=\"14\" fill=\"{colour}\"/>\n<text x=\"{}\" y=\"{}\">{}</text>\n<text x=\"{}\" y=\"{}\" fill=\"#666\" font-size=\"12\">{told}</text>\n",
+            "<rect x=\"{}\" y=\"{}\" width=\"14\" height=\"14\" fill=\"{colour}\"/>\n<text x=\"{}\" y=\"{}\">{}</text>\n<text x=\"{}\" y=\"{}\" fill=\"#555\" font-size=\"14\">{told}</text>\n",
             FRAME[1] + 22.0,
             line - 12.0,
             FRAME[1] + 44.0,
             line,
             escaped(&label(group[0], &shown)),
             FRAME[1] + 44.0,
-            line + 16.0
+            line + 18.0
         ));
     }
     let mut references: Vec<&str> = shown.iter().map(|p| p.reference.as_str()).collect();
     references.sort_unstable();
     references.dedup();
     put(format!(
-        "<text x=\"{}\" y=\"{}\" font-size=\"12\" fill=\"#444\">error against: {}</text>\n<text x=\"{}\" y=\"{}\" font-size=\"12\" fill=\"#666\">{}</text>\n</svg>\n",
+        "<text x=\"{}\" y=\"{}\" font-size=\"13\" fill=\"#444\">error against: {}</text>\n<text x=\"{}\" y=\"{}\" font-size=\"13\" fill=\"#555\">{}</text>\n</svg>\n",
         FRAME[0] - 60.0,
         HEIGHT - 24.0,
         escaped(&references.join("; ")),
@@ -156,16 +156,37 @@ fn label(point: &Point, all: &[&Point]) -> String {
     format!("{} ({last})", point.method)
 }
 
-fn power_of_ten(power: i32) -> String {
-    let power = power.to_string().replace('-', "\u{2212}");
-    format!("10<tspan dy=\"-6\" font-size=\"10\">{power}</tspan>")
+/// A power of ten darker than what lies between.
+fn shade(value: f64) -> &'static str {
+    let power = value.log10();
+    if (power - power.round()).abs() < 1e-9 {
+        "#cfcfcf"
+    } else {
+        "#eeeeee"
+    }
 }
 
-/// Ends in pixels of a line that falls with the root of the time, above all points; `None` where no method is of chance.
+/// A value of an axis: as it is where it is short, else as a power of ten.
+fn number(value: f64) -> String {
+    let power = value.log10().floor();
+    if (-3.0..4.0).contains(&value.log10()) {
+        return format!("{value:.*}", (-power).max(0.0) as usize);
+    }
+    let factor = (value / 10f64.powf(power)).round();
+    let factor = if factor == 1.0 {
+        String::new()
+    } else {
+        format!("{factor:.0}·")
+    };
+    let power = format!("{power:.0}").replace('-', "\u{2212}");
+    format!("{factor}10<tspan dy=\"-6\" font-size=\"11\">{power}</tspan>")
+}
+
+/// Ends in pixels of a line that falls with the root of the time, above the tracer's own points; `None` without any.
 fn root_guide(points: &[&Point], x: &Axis, y: &Axis) -> Option<[(f64, f64); 2]> {
     let chance: Vec<&&Point> = points
         .iter()
-        .filter(|p| p.method.starts_with("split") || p.method.starts_with("analog"))
+        .filter(|p| p.method == "split, polarised")
         .collect();
     let seconds =
         |f: fn(f64, f64) -> f64, from: f64| chance.iter().map(|p| p.seconds).fold(from, f);
@@ -173,12 +194,12 @@ fn root_guide(points: &[&Point], x: &Axis, y: &Axis) -> Option<[(f64, f64); 2]> 
         seconds(f64::min, f64::INFINITY),
         seconds(f64::max, f64::NEG_INFINITY),
     );
-    // Twice as high as the highest point needs.
+    // A little higher than the highest point needs.
     let height = chance
         .iter()
         .map(|p| p.error * p.seconds.sqrt())
         .fold(0.0, f64::max)
-        * 2.0;
+        * 1.4;
     if chance.len() < 3 || last <= first {
         return None;
     }
@@ -194,7 +215,7 @@ pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;")
 }
 
-/// Whole decades of positive values onto pixels.
+/// Logarithms of positive values onto pixels, from one of 1, 2 and 5 times a power of ten to another.
 struct Axis {
     low: f64,
     high: f64,
@@ -212,13 +233,20 @@ impl Axis {
         if low > high {
             (low, high) = (0.0, 1.0);
         }
-        let (low, mut high) = ((low - 0.05).floor(), (high + 0.05).ceil());
-        if high <= low {
-            high = low + 1.0;
-        }
+        let steps = || {
+            let first = low.floor() as i32 - 1;
+            let last = high.ceil() as i32 + 1;
+            (first..=last).flat_map(|p| [1.0, 2.0, 5.0].map(|f: f64| f.log10() + f64::from(p)))
+        };
+        let low_end = steps()
+            .filter(|s| *s <= low - 0.04)
+            .fold(low - 1.0, f64::max);
+        let high_end = steps()
+            .filter(|s| *s >= high + 0.04)
+            .fold(high + 1.0, f64::min);
         Axis {
-            low,
-            high,
+            low: low_end,
+            high: high_end,
             from,
             to,
         }
@@ -228,26 +256,34 @@ impl Axis {
         self.from + (self.to - self.from) * (value.log10() - self.low) / (self.high - self.low)
     }
 
-    /// Places of 2 to 9 times a power of ten, where there is room for them.
-    fn between(&self) -> Vec<f64> {
-        let (low, high) = (self.low as i32, self.high as i32);
-        if high - low > 4 {
-            return Vec::new();
-        }
-        (low..high)
-            .flat_map(|p| (2..10).map(move |n| f64::from(n) * 10f64.powi(p)))
-            .map(|v| self.at(v))
+    /// Of given factors times every so manyth power of ten, those on the axis with their places.
+    fn on(&self, factors: &[f64], step: usize) -> Vec<(f64, f64)> {
+        let (low, high) = (self.low.floor() as i32, self.high.ceil() as i32);
+        (low..=high)
+            .filter(|p| p.rem_euclid(step as i32) == 0)
+            .flat_map(|p| factors.iter().map(move |f| f * 10f64.powi(p)))
+            .filter(|v| {
+                let log = v.log10();
+                log > self.low - 1e-9 && log < self.high + 1e-9
+            })
+            .map(|v| (v, self.at(v)))
             .collect()
     }
 
-    /// Powers of ten with their places, not more than a dozen.
-    fn decades(&self) -> Vec<(i32, f64)> {
-        let (low, high) = (self.low as i32, self.high as i32);
-        let step = ((high - low) / 12 + 1) as usize;
-        (low..=high)
-            .step_by(step)
-            .map(|p| (p, self.at(10f64.powi(p))))
-            .collect()
+    /// Powers of ten with their places, and what lies between where there is room.
+    fn lines(&self) -> Vec<(f64, f64)> {
+        match self.high - self.low {
+            span if span <= 4.0 => self.on(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0], 1),
+            _ => self.labels(),
+        }
+    }
+
+    /// Values to be named with their places, not more than a dozen.
+    fn labels(&self) -> Vec<(f64, f64)> {
+        match self.high - self.low {
+            span if span <= 3.0 => self.on(&[1.0, 2.0, 5.0], 1),
+            span => self.on(&[1.0], 1 + (span / 12.0) as usize),
+        }
     }
 }
 
@@ -278,5 +314,23 @@ mod tests {
             text.contains("a &lt; b") && text.contains("R &amp; D") && text.contains("machine")
         );
         assert!(!text.contains("NaN") && !text.contains("inf"));
+    }
+
+    #[test]
+    fn an_axis_holds_its_values_between_round_ends_and_names_few_of_them() {
+        for (low, high) in [(0.03, 0.04), (1e-5, 0.9), (1e-16, 1.0), (3.0, 3.0)] {
+            let axis = Axis::over([low, high].into_iter(), 0.0, 100.0);
+            let names = axis.labels();
+            assert!((2..=14).contains(&names.len()), "{low} {high}: {names:?}");
+            assert!(axis.at(low) > 0.0 && axis.at(high) < 100.0);
+            assert!(
+                names
+                    .iter()
+                    .all(|(_, at)| (-1e-6..=100.0 + 1e-6).contains(at))
+            );
+        }
+        assert_eq!(number(0.02), "0.02");
+        assert_eq!(number(20.0), "20");
+        assert!(number(5e-7).starts_with("5·10"));
     }
 }

@@ -187,6 +187,7 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::Analysis(AnalysisError::Cancelled) => {
             (StatusCode::CONFLICT, "the analysis was cancelled")
         }
+        LabError::NothingMeasured => (StatusCode::NOT_FOUND, "there is no measurement"),
         LabError::Store(StoreError::NotFound { .. }) => {
             (StatusCode::NOT_FOUND, "there is no such thing")
         }

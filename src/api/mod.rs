@@ -7,6 +7,7 @@
 //! To add a route: a handler in the noun's file with `#[utoipa::path]` (each response with a
 //! description), one line in [`router`], and the snapshot in `tests/data/openapi.json` renewed.
 
+mod accuracy;
 mod calculations;
 mod calibrations;
 mod certainty;
@@ -151,6 +152,7 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(calculations::trace))
         .routes(routes!(calculations::cancel_trace))
         .routes(routes!(calibrations::list))
+        .routes(routes!(accuracy::get))
         .routes(routes!(events::stream))
         .routes(routes!(health::healthz))
         .routes(routes!(health::readyz))

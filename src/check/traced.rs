@@ -71,12 +71,13 @@ pub(super) fn rows(effort: Effort, cancel: &AtomicBool) -> Vec<Row> {
     let photons = if effort == Effort::Quick {
         2_000
     } else {
-        100_000
+        40_000
     };
     let mut rows = Vec::new();
     conserved(&mut rows, photons, cancel);
     smooth_limits(&mut rows, photons, cancel);
-    stacks(&mut rows, photons, cancel);
+    // A photon that is split at each of twenty layers is worth many, and takes as long as many.
+    stacks(&mut rows, photons.min(2_000), cancel);
     refusals(&mut rows);
     rows
 }

@@ -5,15 +5,17 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Context;
+use serde::Serialize;
 
 use super::{CliError, interrupt};
 use crate::accuracy::proof::{self, Proof};
 use crate::accuracy::{self, Effort, Measurements, Point, page, plot, slope};
+use crate::lab::measured::{ACCURACY_FILE, ACCURACY_FOLDER};
 
 /// Measures error against run time on a fixed list of scenes, by every method that applies.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  ridged accuracy --quick --out accuracy\n\nWrites accuracy.csv, plans.csv, one SVG per scene and all of it as one page, index.html, into DIR."
+    after_help = "Example:\n  ridged accuracy --quick --out accuracy\n\nWrites accuracy.csv, plans.csv, accuracy.json, one SVG per scene and all of it as one page, index.html, into DIR."
 )]
 pub struct Args {
     /// Fewer scenes and photons: less than a minute.
@@ -22,6 +24,9 @@ pub struct Args {
     /// Folder for accuracy.csv and the pictures.
     #[arg(long, value_name = "DIR", default_value = "accuracy")]
     pub out: PathBuf,
+    /// Data folder of a daemon instead: its page shows what is measured last.
+    #[arg(long, value_name = "DIR", conflicts_with = "out")]
+    pub data: Option<PathBuf>,
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
@@ -38,8 +43,12 @@ pub fn run(args: Args) -> Result<(), CliError> {
     } else {
         Effort::Full
     };
-    std::fs::create_dir_all(&args.out)
-        .with_context(|| format!("cannot make the folder {}", args.out.display()))
+    let out = match &args.data {
+        Some(data) => data.join(ACCURACY_FOLDER),
+        None => args.out.clone(),
+    };
+    std::fs::create_dir_all(&out)
+        .with_context(|| format!("cannot make the folder {}", out.display()))
         .map_err(CliError::no_result)?;
     let started = Instant::now();
     let terminal = std::io::stderr().is_terminal();
@@ -51,12 +60,20 @@ pub fn run(args: Args) -> Result<(), CliError> {
         }
     });
     let machine = machine(started.elapsed().as_secs_f64());
-    write(&args.out, &found, &machine).map_err(CliError::no_result)?;
+    write(&out, &found, &machine).map_err(CliError::no_result)?;
     print(&found, &machine, args.json).map_err(CliError::no_result)?;
     if cancel.load(std::sync::atomic::Ordering::Relaxed) {
         return Err(CliError::Interrupted);
     }
     Ok(())
+}
+
+/// The object of `--json`: the measurements and where they were made.
+#[derive(Serialize)]
+struct Report<'a> {
+    machine: &'a str,
+    #[serde(flatten)]
+    found: &'a Measurements,
 }
 
 /// Program, processor, cores in use and the whole run's seconds.
@@ -110,6 +127,12 @@ fn write(folder: &Path, found: &Measurements, machine: &str) -> anyhow::Result<(
     table.flush().with_context(failed)?;
     write_proofs(&folder.join("plans.csv"), &found.proofs)?;
     std::fs::write(folder.join("machine.txt"), format!("{machine}\n"))?;
+    let report = serde_json::to_string(&Report { machine, found })?;
+    // Renamed, so that the daemon never reads half of it.
+    let (part, whole) = (folder.join("accuracy.part"), folder.join(ACCURACY_FILE));
+    std::fs::write(&part, report)
+        .and_then(|()| std::fs::rename(&part, &whole))
+        .with_context(|| format!("cannot write {}", whole.display()))?;
     let page = folder.join("index.html");
     std::fs::write(&page, page::html(found, &scenes(&found.points), machine))
         .with_context(|| format!("cannot write {}", page.display()))?;
@@ -218,7 +241,7 @@ pub(super) fn print_proofs(proofs: &[Proof], out: &mut dyn Write) -> std::io::Re
 fn print(found: &Measurements, machine: &str, json: bool) -> std::io::Result<()> {
     let mut out = std::io::stdout().lock();
     if json {
-        serde_json::to_writer_pretty(&mut out, found)?;
+        serde_json::to_writer_pretty(&mut out, &Report { machine, found })?;
         return writeln!(out);
     }
     writeln!(out, "{machine}")?;

@@ -17,7 +17,7 @@ use crate::geometry::RigGeometry;
 use crate::model::contrast::{
     Exposure, PAIRS, PAPER_RIDGES_DEG, PAPER_TILTS_DEG, Table, Tier, predict,
 };
-use crate::model::{Optics, Surface, Variant, domain};
+use crate::model::{LeftOut, Optics, Surface, Variant, domain, left_out};
 use crate::observation::ObservationSet;
 use crate::reduction::{FrameSource, ReductionError, reduce};
 use crate::series::Series;
@@ -136,6 +136,19 @@ impl Model {
             Model::Sawtooth => Tier::Closed(Variant::Sawtooth),
             Model::Quadrature => Tier::Quadrature,
         }
+    }
+
+    /// What its radiances do without.
+    #[must_use]
+    pub fn left_out(self) -> Vec<LeftOut> {
+        let mut list = left_out::of_closed_form(match self {
+            Model::Paper => Variant::Paper,
+            Model::Sawtooth | Model::Quadrature => Variant::Sawtooth,
+        });
+        if self == Model::Sawtooth {
+            list.push(left_out::two_bounce_quadrature());
+        }
+        list
     }
 
     /// Its name in JSON.
@@ -272,6 +285,7 @@ fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
     let mut report = as_json(&table, None);
     report["mode"] = json!("predicted");
     report["variant"] = json!(args.variant.name());
+    report["left_out"] = json!(args.variant.left_out());
     Ok((table, report))
 }
 

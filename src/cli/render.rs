@@ -10,8 +10,8 @@ use anyhow::{Context, anyhow};
 
 use super::CliError;
 use super::contrast::Scene;
-use crate::model::Surface;
 use crate::model::picture::{Board, Picture};
+use crate::model::{Surface, Variant, left_out};
 use crate::units::Angle;
 
 /// Renders a checkerboard of orthogonal ridges before and after rotation, side by side.
@@ -143,6 +143,10 @@ fn write_png(path: &Path, picture: &Picture) -> anyhow::Result<()> {
     let mut encoder = png::Encoder::new(file, picture.width as u32, picture.height as u32);
     encoder.set_color(png::ColorType::Grayscale);
     encoder.set_depth(png::BitDepth::Eight);
+    // A picture keeps with it what its radiances do without.
+    let mut left_out = left_out::of_closed_form(Variant::Sawtooth);
+    left_out.push(left_out::two_bounce_quadrature());
+    encoder.add_itxt_chunk("left_out".to_owned(), serde_json::to_string(&left_out)?)?;
     let mut writer = encoder.write_header()?;
     writer.write_image_data(&bytes)?;
     writer.finish()?;
@@ -191,7 +195,10 @@ mod tests {
         assert!((at(16) > at(20)) != (at(48) > at(52)));
         run(args).unwrap();
         let decoder = png::Decoder::new(std::io::BufReader::new(File::open(&png).unwrap()));
-        assert_eq!(decoder.read_info().unwrap().info().size(), (64, 32));
+        let read = decoder.read_info().unwrap();
+        assert_eq!(read.info().size(), (64, 32));
+        let kept = &read.info().utf8_text[0];
+        assert!(kept.keyword == "left_out" && kept.get_text().unwrap().contains("third bounce"));
         let bytes = std::fs::read(&exr).unwrap();
         assert_eq!(bytes[..4], [0x76, 0x2f, 0x31, 0x01]);
     }

@@ -23,7 +23,7 @@ pub use specification::{Decision, Limits, Specification, SpecificationError};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
-use crate::fit::report::{FitReport, Status, VariantName};
+use crate::fit::report::{FitReport, LeftOut, Status, VariantName};
 use crate::observation::ObservationSet;
 
 /// A measured number, or why there is none.
@@ -133,6 +133,9 @@ pub struct VerdictReport {
     pub status: Status,
     /// Region of the sample.
     pub region: Option<String>,
+    /// What the fit left out, why, and what that may cost.
+    #[serde(default)]
+    pub left_out: Vec<LeftOut>,
     /// Name and version of the program.
     pub program: String,
 }
@@ -152,6 +155,7 @@ impl VerdictReport {
             variant: report.variant,
             status: report.status,
             region: report.region.clone(),
+            left_out: report.left_out.clone(),
             program: report.program.clone(),
         }
     }

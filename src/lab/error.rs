@@ -62,6 +62,11 @@ pub enum LabError {
     /// The store.
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// There is no measurement of accuracy.
+    #[error(
+        "nothing was measured yet: `ridged accuracy --data FOLDER` with this daemon's data folder does"
+    )]
+    NothingMeasured,
     /// A folder is no series.
     #[error(transparent)]
     Series(#[from] SeriesError),
@@ -105,6 +110,7 @@ impl LabError {
             LabError::Stage(error) => stage_code(error),
             LabError::Camera(_) => "camera-failed",
             LabError::Store(error) => store_code(error),
+            LabError::NothingMeasured => "not-found",
             LabError::Series(_) => "series-invalid",
             LabError::Frame { .. } => "frame-unreadable",
             LabError::Export(_) => "export-failed",

@@ -13,6 +13,7 @@ mod curves;
 mod error;
 mod fits;
 mod headway;
+pub mod measured;
 mod plans;
 mod recorder;
 mod series;

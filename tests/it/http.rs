@@ -534,7 +534,33 @@ async fn a_scan_is_compared_judged_and_mapped() {
         404,
         "not-found",
     );
+    let nonsense = r#"{"scan_id": 1, "target_error": 0}"#;
+    let refused = post(&router, "/api/v1/maps", nonsense).await;
+    is_problem(&refused, 422, "invalid-value");
+    let nonsense = r#"{"scan_id": 1, "tolerance": -1}"#;
+    let refused = post(&router, "/api/v1/fits", nonsense).await;
+    is_problem(&refused, 422, "invalid-value");
     is_problem(&get(&router, "/api/v1/contrasts/2").await, 404, "not-found");
+
+    // What was measured of accuracy is served as it was written, once it is there.
+    let missing = get(&router, "/api/v1/accuracy").await;
+    is_problem(&missing, 404, "not-found");
+    assert!(
+        missing.body["detail"]
+            .as_str()
+            .unwrap()
+            .contains("ridged accuracy --data")
+    );
+    let folder = bench.lab.store().folder().join("accuracy");
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(
+        folder.join("accuracy.json"),
+        r#"{"machine": "m", "points": []}"#,
+    )
+    .unwrap();
+    let found = get(&router, "/api/v1/accuracy").await;
+    assert_eq!((found.status, &found.body["machine"]), (200, &json!("m")));
+    assert!(found.body["written_at"].as_str().unwrap().ends_with('Z'));
     bench.end().await;
 }
 

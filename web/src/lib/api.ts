@@ -1,6 +1,7 @@
 // The page's only way to the daemon: typed requests, and every failure as a sentence.
 
 import type {
+  Accuracy,
   AxisName,
   Calculation,
   CalculationKind,
@@ -146,6 +147,9 @@ export const api = {
   cancelCalculation: (kind: CalculationKind, id: number): Promise<unknown> => post(`/${kind}/${id}/cancel`),
   calculationUrl: (kind: CalculationKind, id: number): string => `${PREFIX}/${kind}/${id}`,
   mapFileUrl: (id: number, name: string): string => `${PREFIX}/maps/${id}/files/${name}`,
+
+  accuracy: (signal?: AbortSignal): Promise<Accuracy> => get('/accuracy', signal),
+  accuracyUrl: (): string => `${PREFIX}/accuracy`,
 
   /** The bytes of a frame's file. */
   async frameBytes(row: FrameRow, signal?: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {

@@ -159,7 +159,7 @@ export interface FitResult {
     readonly rms_residual: number | null;
     readonly theta_r_deg: number | null;
   }[];
-  readonly left_out: readonly { readonly what: string; readonly why: string; readonly cost: number | null }[];
+  readonly left_out: readonly LeftOut[];
   readonly starts?: { readonly tried: number; readonly at_minimum: number; readonly elsewhere: number; readonly not_converged: number };
   readonly timing_s: Readonly<Record<string, number>>;
   readonly program: string;
@@ -227,6 +227,7 @@ export interface Calculation {
   };
   readonly error?: { readonly code: string; readonly detail: string };
   readonly request: { readonly specification?: Specification; readonly region?: string | null };
+  readonly left_out?: readonly LeftOut[];
 }
 
 interface Spread {
@@ -294,6 +295,40 @@ export interface VerdictResult extends Calculation {
     readonly conformance_probability: number | null;
     readonly verdict: VerdictWord;
     readonly reason: string;
+  }[];
+}
+
+/** Something that a computation does without. */
+export interface LeftOut {
+  readonly what: string;
+  readonly why: string;
+  /** Share of the quantity asked for; null where nobody knows. */
+  readonly cost: number | null;
+}
+
+export interface AccuracyPoint {
+  readonly scene: string;
+  readonly method: string;
+  readonly seconds: number;
+  readonly error: number;
+  readonly quantity: string;
+  readonly reference: string;
+}
+
+/** What `ridged accuracy` measured last. */
+export interface Accuracy {
+  readonly machine: string;
+  readonly written_at: string | null;
+  readonly points: readonly AccuracyPoint[];
+  readonly forecasts: readonly { readonly scene: string; readonly forecast_s: number; readonly taken_s: number }[];
+  readonly proofs: readonly {
+    readonly scene: string;
+    readonly off: number;
+    readonly allowed: number;
+    readonly holds: boolean;
+    readonly full_s: number;
+    readonly planned_s: number;
+    readonly parts: readonly { readonly what: string; readonly speed_up: number | null }[];
   }[];
 }
 

@@ -56,6 +56,8 @@ export class MockDaemon {
   readonly samples: Json[] = [];
   readonly scans: MockScan[] = [];
   readonly fits: Json[] = [];
+  /** What `ridged accuracy` left in the folder, if anything. */
+  accuracy: Json | null = null;
 
   #server: Server;
   #streams = new Set<ServerResponse>();
@@ -416,6 +418,7 @@ export class MockDaemon {
       const id = Number(fitMatch[1]);
       return send(200, fitMatch[2] ? this.#curve(id) : this.fits.find((f) => f['id'] === id));
     }
+    if (path === '/accuracy' && this.accuracy) return send(200, this.accuracy);
     return problem(404, 'not-found', `there is no ${path}`);
   }
 

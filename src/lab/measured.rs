@@ -1,0 +1,42 @@
+//! What `ridged accuracy` left in the data folder.
+
+use std::time::SystemTime;
+
+use serde_json::{Value, json};
+
+use super::{Lab, LabError};
+use crate::store::{StoreError, utc_text};
+
+/// Folder of the last measurement, below the data folder.
+pub const ACCURACY_FOLDER: &str = "accuracy";
+/// Its object, in that folder.
+pub const ACCURACY_FILE: &str = "accuracy.json";
+
+impl Lab {
+    /// The object that `ridged accuracy` wrote last, and when (`written_at`).
+    ///
+    /// # Errors
+    /// [`LabError::Store`] where none is there, or it cannot be read.
+    pub async fn accuracy(&self) -> Result<Value, LabError> {
+        let path = self
+            .store()
+            .folder()
+            .join(ACCURACY_FOLDER)
+            .join(ACCURACY_FILE);
+        let text = match tokio::fs::read_to_string(&path).await {
+            Ok(text) => text,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
+                return Err(LabError::NothingMeasured);
+            }
+            Err(e) => return Err(StoreError::file("the measurement", &path, e).into()),
+        };
+        let mut found: Value = serde_json::from_str(&text)
+            .map_err(|e| StoreError::file("the measurement", &path, e.into()))?;
+        let written: Option<SystemTime> = tokio::fs::metadata(&path)
+            .await
+            .and_then(|m| m.modified())
+            .ok();
+        found["written_at"] = json!(written.map(|at| utc_text(at.into())));
+        Ok(found)
+    }
+}

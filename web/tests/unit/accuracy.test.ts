@@ -1,0 +1,32 @@
+import { describe, expect, it } from 'vitest';
+
+import { linesOf, scenesOf, slopeOf, ticksOf } from '../../src/lib/accuracy';
+import type { Accuracy, AccuracyPoint } from '../../src/lib/types';
+
+const point = (method: string, seconds: number, error: number, quantity = 'rms'): AccuracyPoint => ({ scene: 's', method, seconds, error, quantity, reference: 'r' });
+const of = (points: AccuracyPoint[]): Accuracy => ({ machine: '', written_at: null, points, forecasts: [], proofs: [] });
+
+describe('error against run time', () => {
+  it('has a line per method and leaves out what no logarithm has', () => {
+    const found = of([point('a', 1, 0.1), point('b', 1, 0.2), point('a', 2, 0), { ...point('a', 1, 1), scene: 't' }]);
+    expect(scenesOf(found)).toEqual(['s', 't']);
+    expect(linesOf(found, 's').map((line) => [line.method, line.points.length])).toEqual([['a', 1], ['b', 1]]);
+  });
+
+  it('tells quantities apart where a scene has several', () => {
+    const lines = linesOf(of([point('a', 1, 0.1, 'error, rms'), point('a', 1, 0.2, 'error, largest')]), 's');
+    expect(lines.map((line) => line.method)).toEqual(['a (rms)', 'a (largest)']);
+  });
+
+  it('knows the slope of a root, and none of too few points or too short a span', () => {
+    const root = [0.1, 1, 7].map((s) => point('a', s, 0.3 / Math.sqrt(s)));
+    expect(slopeOf(root)).toBeCloseTo(-0.5, 12);
+    expect(slopeOf(root.slice(1))).toBeNull();
+    expect(slopeOf([1, 1.5, 2].map((s) => point('a', s, 1 / s)))).toBeNull();
+  });
+
+  it('has round ticks within its range', () => {
+    expect(ticksOf([0.9, 30])).toEqual([1, 2, 5, 10, 20]);
+    expect(ticksOf([1e-5, 2]).map(Math.log10).map(Math.round)).toEqual([-5, -4, -3, -2, -1, 0]);
+  });
+});
