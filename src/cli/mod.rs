@@ -4,6 +4,7 @@
 //! result, 2 bad usage or bad input, 130 after Ctrl-C once things are safe.
 
 pub mod accuracy;
+mod allowance;
 pub mod check;
 pub mod client;
 pub mod contrast;

@@ -14,6 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::{Context, anyhow};
 use rayon::prelude::*;
 
+use super::allowance::Allowance;
 use super::progress::Bar;
 use super::{CliError, interrupt};
 use crate::fit::{FitOptions, VariantChoice, fit};
@@ -49,6 +50,9 @@ pub struct Args {
     /// Paths per radiance, from the camera and as many from the lamp.
     #[arg(long, default_value_t = 8192)]
     pub paths: u64,
+    /// Time and error allowed.
+    #[command(flatten)]
+    pub allowance: Allowance,
     /// Seed of everything random.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -147,10 +151,22 @@ fn cells(args: &Args, cancel: &AtomicBool) -> Result<Vec<Cell>, CliError> {
             );
         }
     }
+    args.allowance.check()?;
+    let mut paths = args.paths;
+    if args.allowance.is_any()
+        && let Some((material, theta_r_deg, alpha)) = wanted.get(wanted.len() / 2)
+    {
+        let pilot = |paths| Some(cell(args, paths, *material, *theta_r_deg, *alpha, cancel)?.noise);
+        let told = args.allowance.plan(wanted.len(), 1, paths, &pilot);
+        if let Some(told) = told {
+            eprintln!("forecast: {told}");
+            paths = told.paths;
+        }
+    }
     let bar = Bar::new("surfaces");
     let mut cells = Vec::new();
     for (n, (material, theta_r_deg, alpha)) in wanted.iter().enumerate() {
-        let found = cell(args, *material, *theta_r_deg, *alpha, cancel);
+        let found = cell(args, paths, *material, *theta_r_deg, *alpha, cancel);
         if cancel.load(Ordering::Relaxed) {
             return Err(CliError::Interrupted);
         }
@@ -162,6 +178,7 @@ fn cells(args: &Args, cancel: &AtomicBool) -> Result<Vec<Cell>, CliError> {
 
 fn cell(
     args: &Args,
+    paths: u64,
     material: usize,
     theta_r_deg: f64,
     alpha: f64,
@@ -195,7 +212,7 @@ fn cell(
         .enumerate()
         .map(|(n, d)| {
             let options = RadianceOptions {
-                paths: args.paths,
+                paths,
                 seed: Stream::new(args.seed, Purpose::Batch, n as u64).bits(),
                 light_angular_radius: rig.light_angular_radius.rad(),
                 polarised: true,

@@ -15,10 +15,12 @@ use anyhow::{Context, anyhow};
 use rayon::prelude::*;
 use serde_json::json;
 
+use super::allowance::Allowance;
 use super::contrast::Scene;
 use super::progress::Bar;
 use super::{CliError, interrupt};
 use crate::geometry::{Pose, RigGeometry};
+use crate::model::LeftOut;
 use crate::model::contrast::{PAPER_AZIMUTHS_DEG, PAPER_RIDGES_DEG};
 use crate::model::polarisation::Boundary;
 use crate::trace::facet::{Diffuse, Roughness};
@@ -54,6 +56,9 @@ pub struct Args {
     /// Paths per radiance, from the camera and as many from the lamp.
     #[arg(long, default_value_t = 4096)]
     pub paths: u64,
+    /// Time and error allowed.
+    #[command(flatten)]
+    pub allowance: Allowance,
     /// Seed of everything random.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -210,37 +215,55 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
         alpha_u: surface.alpha_u,
         alpha_v: surface.alpha_v,
     };
+    args.allowance.check()?;
+    let surface_of = |n: usize, paths: u64| -> Option<Point> {
+        let theta_r_deg = low + step * (n % count) as f64;
+        let mut ridges = Ridges::ideal(theta_r_deg.to_radians(), 1.0);
+        ridges.seed = args.seed;
+        match wears[n / count] {
+            Wear::Round(round) => ridges.round = round,
+            Wear::Burr(burr) => ridges.burr = burr,
+        }
+        let profile = ridges.profile().ok()?;
+        let effective = profile.effective_ridge_angle()?.to_degrees();
+        let worn = RidgedSurface {
+            profile,
+            roughness,
+            boundary,
+            diffuse: (optics.k == 0.0 && surface.rho_d > 0.0).then_some(body),
+        };
+        Some(Point {
+            theta_r_deg,
+            effective_deg: effective,
+            contrast: contrast(&worn, &rig, args, paths),
+        })
+    };
+    let surfaces = wears.len() * count;
+    let mut paths = args.paths;
+    if args.allowance.is_any() {
+        let pilot = |paths: u64| {
+            let c = surface_of(surfaces / 2, paths)?.contrast;
+            Some(c.std / c.value.abs().max(f64::MIN_POSITIVE))
+        };
+        let told = args
+            .allowance
+            .plan(surfaces, rayon::current_num_threads(), paths, &pilot);
+        if let Some(told) = told {
+            eprintln!("forecast: {told}");
+            paths = told.paths;
+        }
+    }
     let bar = Bar::new("surfaces");
-    let total = (wears.len() * count) as u64;
     let done = std::sync::atomic::AtomicU64::new(0);
-    let points: Vec<Option<Point>> = (0..wears.len() * count)
+    let points: Vec<Option<Point>> = (0..surfaces)
         .into_par_iter()
         .map(|n| {
             if cancel.load(Ordering::Relaxed) {
                 return None;
             }
-            let theta_r_deg = low + step * (n % count) as f64;
-            let mut ridges = Ridges::ideal(theta_r_deg.to_radians(), 1.0);
-            ridges.seed = args.seed;
-            match wears[n / count] {
-                Wear::Round(round) => ridges.round = round,
-                Wear::Burr(burr) => ridges.burr = burr,
-            }
-            let profile = ridges.profile().ok()?;
-            let effective = profile.effective_ridge_angle()?.to_degrees();
-            let worn = RidgedSurface {
-                profile,
-                roughness,
-                boundary,
-                diffuse: (optics.k == 0.0 && surface.rho_d > 0.0).then_some(body),
-            };
-            let contrast = contrast(&worn, &rig, args);
-            bar.at(1 + done.fetch_add(1, Ordering::Relaxed), total);
-            Some(Point {
-                theta_r_deg,
-                effective_deg: effective,
-                contrast,
-            })
+            let point = surface_of(n, paths)?;
+            bar.at(1 + done.fetch_add(1, Ordering::Relaxed), surfaces as u64);
+            Some(point)
         })
         .collect();
     if cancel.load(Ordering::Relaxed) {
@@ -261,14 +284,14 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
 }
 
 /// Mean absolute contrast over the tilts; every surface sees the same random numbers.
-fn contrast(surface: &RidgedSurface, rig: &RigGeometry, args: &Args) -> Estimate {
+fn contrast(surface: &RidgedSurface, rig: &RigGeometry, args: &Args, paths: u64) -> Estimate {
     let tilts = &args.scene.theta_c_deg;
     let (mut sum, mut variance) = (0.0, 0.0);
     for (t, tilt) in tilts.iter().enumerate() {
         let radiance = [0, 1, 2].map(|a| {
             let index = (3 * t + a) as u64;
             let options = RadianceOptions {
-                paths: args.paths,
+                paths,
                 seed: Stream::new(args.seed, Purpose::Batch, index).bits(),
                 light_angular_radius: rig.light_angular_radius.rad(),
                 polarised: true,
@@ -336,6 +359,11 @@ fn report(sweeps: &[Sweep]) -> serde_json::Value {
     json!({
         "paper_ridges_deg": PAPER_RIDGES_DEG,
         "sweeps": rows,
+        "left_out": [LeftOut::new(
+            "bounces among the facets' own roughness",
+            "below the profile light meets one microfacet per hit, with Smith's masking",
+            None,
+        )],
         "program": concat!("ridged ", env!("CARGO_PKG_VERSION")),
     })
 }

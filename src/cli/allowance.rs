@@ -1,0 +1,161 @@
+//! `--max-seconds` and `--target-error` of work that is many surfaces of so many paths each: a small and a larger
+//! pilot part what a surface costs from what a path costs, and say how many paths are affordable and enough.
+
+use std::time::Instant;
+
+use anyhow::anyhow;
+
+use super::CliError;
+
+/// What a user allows.
+#[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
+pub struct Allowance {
+    /// Take no longer than about this: fewer paths are traced if need be, and how many is told.
+    #[arg(long, value_name = "S")]
+    pub max_seconds: Option<f64>,
+    /// Trace as many paths as bring the tracer's relative standard error below this, instead of --paths.
+    #[arg(long, value_name = "E")]
+    pub target_error: Option<f64>,
+}
+
+/// How a run will go, told before it starts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Told {
+    /// Paths per radiance.
+    pub paths: u64,
+    /// Seconds in all.
+    pub seconds: f64,
+    /// Relative standard error.
+    pub error: f64,
+    /// Whether time allows fewer paths than were wanted.
+    pub fewer: bool,
+}
+
+impl std::fmt::Display for Told {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "about {:.1} s with {} paths per radiance, standard error about {:.2} %",
+            self.seconds,
+            self.paths,
+            100.0 * self.error
+        )?;
+        if self.fewer {
+            f.write_str(" (time allows no more)")?;
+        }
+        Ok(())
+    }
+}
+
+/// Paths of the two pilots.
+const PILOTS: [u64; 2] = [64, 512];
+/// Fewest and most paths of a run.
+const PATHS: (u64, u64) = (64, 10_000_000);
+
+impl Allowance {
+    /// Refuses limits that are not greater than 0.
+    ///
+    /// # Errors
+    /// Bad input, naming the option.
+    pub fn check(&self) -> Result<(), CliError> {
+        for (name, x) in [
+            ("--max-seconds", self.max_seconds),
+            ("--target-error", self.target_error),
+        ] {
+            if x.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
+                return Err(CliError::bad_input(anyhow!(
+                    "{name} must be greater than 0"
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether there is anything to plan.
+    #[must_use]
+    pub fn is_any(&self) -> bool {
+        self.max_seconds.is_some() || self.target_error.is_some()
+    }
+
+    /// Plans a run of `surfaces` at `wanted` paths each, of which `abreast` run at the same time. `pilot` does
+    /// one of them with a number of paths and returns its relative standard error; `None` where it cannot.
+    pub fn plan(
+        &self,
+        surfaces: usize,
+        abreast: usize,
+        wanted: u64,
+        pilot: &dyn Fn(u64) -> Option<f64>,
+    ) -> Option<Told> {
+        let started = Instant::now();
+        let timed = |paths: u64| {
+            let started = Instant::now();
+            let error = pilot(paths)?;
+            Some((started.elapsed().as_secs_f64(), error))
+        };
+        let (little, _) = timed(PILOTS[0])?;
+        let (more, error) = timed(PILOTS[1])?;
+        let spent = started.elapsed().as_secs_f64();
+        Some(self.from_pilots(
+            [little, more],
+            error,
+            surfaces.div_ceil(abreast.max(1)),
+            wanted,
+            spent,
+        ))
+    }
+
+    fn from_pilots(
+        &self,
+        seconds: [f64; 2],
+        error: f64,
+        turns: usize,
+        wanted: u64,
+        spent: f64,
+    ) -> Told {
+        let between = (PILOTS[1] - PILOTS[0]) as f64;
+        let per_path = ((seconds[1] - seconds[0]) / between).max(1e-12);
+        let start = (seconds[1] - per_path * PILOTS[1] as f64).max(0.0);
+        let turns = turns as f64;
+        let enough = match self.target_error {
+            // Standard errors fall with the root of the paths.
+            Some(target) => (PILOTS[1] as f64 * (error / target).powi(2)).ceil() as u64,
+            None => wanted,
+        };
+        let affordable = self.max_seconds.map_or(u64::MAX, |limit| {
+            ((((limit - spent) / turns - start) / per_path).max(0.0)) as u64
+        });
+        let paths = enough.min(affordable).clamp(PATHS.0, PATHS.1);
+        Told {
+            paths,
+            seconds: spent + turns * (start + per_path * paths as f64),
+            error: error * (PILOTS[1] as f64 / paths as f64).sqrt(),
+            fewer: affordable < enough,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_are_those_for_the_error_and_no_more_than_time_allows() {
+        // A surface: 0.1 s and 1 ms per path; 2 % after 512 paths; 10 turns.
+        let seconds = PILOTS.map(|paths| 0.1 + 1e-3 * paths as f64);
+        let told = |max_seconds, target_error| {
+            let allowance = Allowance {
+                max_seconds,
+                target_error,
+            };
+            allowance.from_pilots(seconds, 0.02, 10, 4096, 0.0)
+        };
+        assert_eq!(told(None, Some(0.01)).paths, 2048);
+        assert!((told(None, Some(0.01)).seconds - (1.0 + 20.48)).abs() < 1e-9);
+        let short = told(Some(11.0), None);
+        assert!(short.fewer && short.paths.abs_diff(1000) <= 1, "{short:?}");
+        assert!((short.error - 0.02 * (512.0f64 / 1000.0).sqrt()).abs() < 1e-4);
+        let ample = told(Some(1000.0), None);
+        assert!(!ample.fewer && ample.paths == 4096);
+        assert_eq!(told(Some(0.1), None).paths, PATHS.0);
+    }
+}
