@@ -95,7 +95,7 @@ impl Allowance {
         let (little, _) = timed(PILOTS[0])?;
         let (more, error) = timed(PILOTS[1])?;
         let spent = started.elapsed().as_secs_f64();
-        Some(self.from_pilots(
+        Some(self.told_by(
             [little, more],
             error,
             surfaces.div_ceil(abreast.max(1)),
@@ -104,7 +104,7 @@ impl Allowance {
         ))
     }
 
-    fn from_pilots(
+    fn told_by(
         &self,
         seconds: [f64; 2],
         error: f64,
@@ -147,7 +147,7 @@ mod tests {
                 max_seconds,
                 target_error,
             };
-            allowance.from_pilots(seconds, 0.02, 10, 4096, 0.0)
+            allowance.told_by(seconds, 0.02, 10, 4096, 0.0)
         };
         assert_eq!(told(None, Some(0.01)).paths, 2048);
         assert!((told(None, Some(0.01)).seconds - (1.0 + 20.48)).abs() < 1e-9);

@@ -35,6 +35,10 @@ pub fn householder(a: &mut [f64], m: usize, n: usize, rhs: &mut [f64]) {
     for k in 0..n {
         let (head, tail) = a.split_at_mut((k + 1) * m);
         let column = &mut head[k * m + k..];
+        let unit = unit_of(column);
+        if unit != 1.0 {
+            column.iter_mut().for_each(|v| *v *= unit);
+        }
         let length = norm(column);
         if length == 0.0 || !length.is_finite() {
             continue;
@@ -48,7 +52,18 @@ pub fn householder(a: &mut [f64], m: usize, n: usize, rhs: &mut [f64]) {
             reflect(column, beta, other);
         }
         reflect(column, beta, &mut rhs[k..]);
-        column[0] = alpha;
+        column[0] = alpha / unit;
+    }
+}
+
+/// A power of two that brings a column's entries near 1 where their squares would leave the range of doubles: a
+/// reflection does not know how long its vector is, but one of lost digits is no reflection.
+fn unit_of(column: &[f64]) -> f64 {
+    let largest = column.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
+    if (1e-140..1e140).contains(&largest) || largest == 0.0 || !largest.is_finite() {
+        1.0
+    } else {
+        2f64.powi(-(largest.log2() as i32).clamp(-1000, 1000))
     }
 }
 

@@ -547,6 +547,9 @@ pub(super) fn triangle(mut a: Vec<f64>, m: usize, n: usize) -> Vec<f64> {
     for j in 0..n {
         r[j * n..=j * n + j].copy_from_slice(&a[j * m..=j * m + j]);
     }
+    if r.iter().any(|v| !v.is_finite()) {
+        return vec![f64::NAN; n * n];
+    }
     r
 }
 

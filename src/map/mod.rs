@@ -277,10 +277,12 @@ pub fn map_until(
     let settled = settle::settle(
         &batch,
         &view,
-        &material,
-        &recorded,
-        &references,
-        options.target_error,
+        &settle::Given {
+            material: &material,
+            recorded: &recorded,
+            references: &references,
+            target_error: options.target_error,
+        },
         progress,
         cancel,
     )?;

@@ -63,6 +63,15 @@ pub(super) struct References<'a> {
     pub(super) white: Option<WhiteReference>,
 }
 
+/// What is known and asked for before anything is settled.
+pub(super) struct Given<'a> {
+    pub(super) material: &'a Material,
+    pub(super) recorded: &'a [Pose],
+    pub(super) references: &'a References<'a>,
+    /// Share of the brightest radiance that may be left out.
+    pub(super) target_error: Option<f64>,
+}
+
 /// Whether a fit tells all that it was asked for.
 pub(super) fn identifiable(fit: &PixelFit, birge: f64) -> bool {
     let Some(covariance) = &fit.covariance else {
@@ -75,13 +84,16 @@ pub(super) fn identifiable(fit: &PixelFit, birge: f64) -> bool {
 pub(super) fn settle(
     batch: &Batch,
     view: &View,
-    material: &Material,
-    recorded: &[Pose],
-    references: &References<'_>,
-    target_error: Option<f64>,
+    given: &Given<'_>,
     progress: &(dyn Fn(Progress) + Sync),
     cancel: &AtomicBool,
 ) -> Result<Settled, MapError> {
+    let Given {
+        material,
+        recorded,
+        references,
+        target_error,
+    } = *given;
     let largest = batch.largest();
     if largest <= 0.0 {
         return Err(MapError::NothingSeen);
