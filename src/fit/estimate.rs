@@ -41,6 +41,8 @@ pub(super) const LOUD: f64 = 0.03;
 const FEW_IN_LOBE: usize = 12;
 /// Rounds of a thorough search.
 const THOROUGH_ROUNDS: usize = 3;
+/// The same where no end describes the data.
+const PATIENT_ROUNDS: usize = 8;
 /// Rounds of discrepancy, weights and refit.
 pub(super) const ROUNDS: usize = 6;
 /// Median of χ² with one degree of freedom.
@@ -267,21 +269,40 @@ pub(super) fn whole<'a>(
             let explained = best.cost <= SUSPICIOUS * observations as f64;
             (explained || variant == Variant::Paper) && search.confirmed(2)
         } else {
-            best.cost <= freedom * chance(freedom, LIKELY) && search.confirmed(2)
+            // An end that is no minimum lies in a valley, and there may be a deeper one.
+            let settled = best.ending.is_success() && search.confirmed(2);
+            best.cost <= freedom * chance(freedom, LIKELY) && settled
+        }
+    };
+    // Whether the best end is one that noise, or a small misfit, allows: if not, there is a better one.
+    let plausible = |search: &Search<'_>| {
+        let cost = search.best().map_or(f64::INFINITY, |m| m.cost);
+        let observations = set.observations.len();
+        let freedom = observations.saturating_sub(fitted).max(1) as f64;
+        if options.misfit {
+            variant == Variant::Paper || cost <= observations as f64
+        } else {
+            cost <= freedom * chance(freedom, RARE)
         }
     };
     let mut rounds = 0;
     if few_directions(set) {
         search.thorough(&problem);
+        search.rescan(&problem);
         search.images(&problem);
         rounds += 1;
     }
-    while !enough(&search) && rounds < THOROUGH_ROUNDS && !search.cancelled() {
+    while !enough(&search)
+        && (rounds < THOROUGH_ROUNDS || (rounds < PATIENT_ROUNDS && !plausible(&search)))
+        && !search.cancelled()
+    {
         search.thorough(&problem);
+        search.rescan(&problem);
         // A metal lit in the tilt plane is nearly its own mirror image at any number of azimuths.
         search.images(&problem);
         rounds += 1;
     }
+    search.follow(&problem);
     let minimum = search.best()?.clone();
     let starts = search.report();
     let candidates = search.rivals(RIVAL_RISE);

@@ -8,7 +8,8 @@
 //! The one function to call is [`fit`]. Rooms within: [`least_squares`] what a problem is ·
 //! [`solver`] bounded Levenberg–Marquardt · [`quantity`] what can be looked for · [`problem`] the
 //! observation model · [`loss`] how residuals count · [`start`] where to begin and [`search`] how far
-//! to look (`crew`: all starts at once, on the form of `lean`) · [`estimate`] one variant · [`thin`] of very many observations ·
+//! to look (`crew`: all starts at once, on the form of `lean`; `candidates`: from where else;
+//! `projection`: amplitudes solved for) · [`estimate`] one variant · [`thin`] of very many observations ·
 //! `settle` its weights · [`tier`] the dearer model as an offset · [`traced`] the ray tracer
 //! in its place · [`covariance`] and [`budget`] how sure · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice ·
 //! [`joint`] several scans · [`trail`] against time · [`report`] the answer's form. It knows neither frames nor files nor the clock.
@@ -21,6 +22,7 @@ use crate::observation::ObservationSet;
 use crate::trace::profile::Profile;
 
 pub mod budget;
+mod candidates;
 pub mod covariance;
 mod crew;
 mod descent;
@@ -32,6 +34,7 @@ pub mod least_squares;
 pub mod loss;
 pub mod problem;
 pub mod profile;
+mod projection;
 pub mod quantity;
 pub mod report;
 pub mod search;

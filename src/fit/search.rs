@@ -11,12 +11,13 @@ use std::f64::consts::PI;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
-use sobol_burley::sample;
 
+use super::candidates;
 use super::crew::{End, descend_together};
 use super::problem::{Problem, Values};
+use super::projection::Projected;
 use super::solver::{Ending, Minimum, Settings, minimise};
-use super::start::{distance, settle_linear, spread, starts};
+use super::start::{distance, starts};
 
 /// Relative difference in cost below which two ends are one minimum.
 const SAME: f64 = 1e-6;
@@ -24,9 +25,36 @@ const SAME: f64 = 1e-6;
 const REFINED: usize = 4;
 /// How different ends are that count as other surfaces (see [`distance`]).
 const APART: f64 = 0.3;
-/// Candidates of a thorough round and those that are descended.
-const POOL: u32 = 512;
-const DESCENDED: usize = 24;
+/// Candidates of a thorough round that are descended: at least, at most, and how many residuals they
+/// have together in between.
+const DESCENDED: usize = 32;
+const MOST_DESCENDED: usize = 256;
+const WORTH: usize = 6000;
+/// How near to each other two rough ends are that lead to one minimum (see [`distance`]).
+const SAME_SPOT: f64 = 0.05;
+/// Different ends of a thorough round that are refined.
+const REFINED_THOROUGHLY: usize = 12;
+/// Ends whose valleys are followed.
+const FOLLOWED: usize = 4;
+/// Different ends whose roughnesses are looked at again, and how many others each of them gets.
+const RESCANNED: usize = 4;
+const OTHER_ROUGHNESSES: usize = 3;
+/// A descent that only has to come near, and one whose end counts.
+const ROUGH: Settings = Settings {
+    polish_steps: 0,
+    cost_tolerance: 1e-5,
+    max_iterations: 40,
+    ..Settings::DEFAULT
+};
+const FOLLOW: Settings = Settings {
+    cost_tolerance: 1e-12,
+    ..Settings::DEFAULT
+};
+const FINE: Settings = Settings {
+    polish_steps: 20,
+    max_iterations: 400,
+    ..Settings::DEFAULT
+};
 /// Near minima that are remembered.
 const RIVALS: usize = 8;
 
@@ -104,28 +132,42 @@ impl<'p> Search<'p> {
                 .collect(),
         };
         ends.retain(usable);
+        self.refine(problem, ends, REFINED, 1e-3);
+    }
+
+    /// Takes in the ends of rough descents: of those that could still win, the `most` different ones are
+    /// refined, `near` being the share of the cost that tells two apart.
+    fn refine(&mut self, problem: &Problem<'_>, mut ends: Vec<Minimum>, most: usize, near: f64) {
         ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        let fine = Settings {
-            polish_steps: 20,
-            max_iterations: 300,
-            ..Settings::default()
-        };
-        let mut refined: Vec<(Minimum, Minimum)> = Vec::new();
-        for end in ends {
-            let near = refined
-                .iter()
-                .find(|(lean_end, _)| end.cost <= lean_end.cost * (1.0 + 1e-3) + 1e-3);
-            if let Some((_, known)) = near {
-                self.runs.push(known.clone());
-            } else if refined.len() < REFINED {
-                let m = minimise(problem, &end.parameters, &bounds, &fine, self.cancel);
-                self.runs.push(m.clone());
-                refined.push((end, m));
+        let surface = |m: &Minimum| problem.unpack(&m.parameters).folded();
+        let mut different: Vec<(f64, Values, Minimum)> = Vec::new();
+        let mut leads_to: Vec<Option<usize>> = Vec::new();
+        for end in &ends {
+            let here = surface(end);
+            let known = different.iter().position(|(cost, other, _)| {
+                end.cost <= cost * (1.0 + near) + near || distance(&here, other) < SAME_SPOT
+            });
+            leads_to.push(known.or_else(|| {
+                (different.len() < most).then(|| {
+                    different.push((end.cost, here, end.clone()));
+                    different.len() - 1
+                })
+            }));
+        }
+        let bounds = problem.bounds();
+        let cancel = self.cancel;
+        let fine = |m: &mut Minimum| *m = minimise(problem, &m.parameters, &bounds, &FINE, cancel);
+        match &mut different[..] {
+            [(_, _, only)] => fine(only),
+            several => several.par_iter_mut().for_each(|(_, _, m)| fine(m)),
+        }
+        for (mut end, to) in ends.into_iter().zip(leads_to) {
+            if let Some(k) = to {
+                self.runs.push(different[k].2.clone());
             } else {
-                let mut unfinished = end;
-                unfinished.ending = Ending::MaxIterations;
-                unfinished.cost = f64::INFINITY;
-                self.runs.push(unfinished);
+                end.ending = Ending::MaxIterations;
+                end.cost = f64::INFINITY;
+                self.runs.push(end);
             }
         }
     }
@@ -133,66 +175,76 @@ impl<'p> Search<'p> {
     /// One round of candidates: from all over the box, then, by turns, from around the best end.
     pub(super) fn thorough(&mut self, problem: &Problem<'_>) {
         let logarithmic = problem.clone().with_logarithmic(true);
-        // The full form judges: on steep ridges the lean one misses most of the light.
         let centre = self.best().filter(|_| self.around_best);
         let centre = centre.map(|m| problem.unpack(&m.parameters));
         self.around_best = !self.around_best;
-        let mut judged: Vec<(f64, Values)> = (0..POOL)
-            .map(|k| self.candidate(k, centre.as_ref()))
-            .map(|v| settle_linear(problem, v))
-            .filter(|(cost, _)| cost.is_finite())
-            .collect();
-        judged.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let judged = spread(&judged, &[], DESCENDED);
+        // Few poses leave many minima, and cost little.
+        let count = (WORTH / problem.residual_count().max(1)).clamp(DESCENDED, MOST_DESCENDED);
+        // The full form judges: on steep ridges the lean one misses most of the light.
+        let starts = candidates::starts(problem, self.fallback, centre.as_ref(), self.seed, count);
         self.seed = self.seed.wrapping_add(1);
         let bounds = problem.bounds();
-        let rough = Settings {
-            polish_steps: 0,
-            cost_tolerance: 1e-5,
-            max_iterations: 40,
-            ..Settings::default()
-        };
-        let fine = Settings {
-            polish_steps: 20,
-            max_iterations: 400,
-            ..Settings::default()
-        };
         let cancel = self.cancel;
-        let ends: Vec<Minimum> = judged
+        let ends: Vec<Minimum> = starts
             .par_iter()
             .enumerate()
             .map(|(k, v)| {
-                let mut x = problem.pack(v);
-                // Half of them on the logarithmic scale first.
-                if k % 2 == 0 {
-                    x = minimise(&logarithmic, &x, &bounds, &rough, cancel).parameters;
+                // Every third on the logarithmic scale first.
+                let x = problem.pack(v);
+                if k % 3 == 0 {
+                    let x = minimise(&logarithmic, &x, &bounds, &ROUGH, cancel).parameters;
+                    over_shapes(problem, &problem.unpack(&x), &ROUGH, cancel)
+                } else {
+                    over_shapes(problem, v, &ROUGH, cancel)
                 }
-                minimise(problem, &x, &bounds, &fine, cancel)
             })
+            .filter(usable)
             .collect();
-        self.runs.extend(ends.into_iter().filter(usable));
+        self.refine(problem, ends, REFINED_THOROUGHLY, 1e-4);
     }
 
-    /// A candidate from the whole box, or around a centre. Most samples are mounted within a few
-    /// degrees of where they should be, so two of three from the box have small offsets. Lobes may be
-    /// so narrow that no pose meets them: then the diffuse light alone tells where the ridges are.
-    fn candidate(&self, k: u32, centre: Option<&Values>) -> Values {
-        let at = |dimension| f64::from(sample(k, dimension, self.seed));
-        let mut values = *self.fallback;
-        values.alpha_u = 0.001 * 1000f64.powf(at(3));
-        values.alpha_v = 0.001 * 1000f64.powf(at(4));
-        let span = |dimension, half_deg: f64| (at(dimension) - 0.5) * 2.0 * half_deg.to_radians();
-        if let Some(c) = centre {
-            values.theta_r = c.theta_r + span(0, 4.0);
-            values.azimuth_offset = c.azimuth_offset + span(1, 8.0);
-            values.tilt_offset = c.tilt_offset + span(2, 2.0);
-        } else {
-            let near = !k.is_multiple_of(3);
-            values.theta_r = at(0) * 62f64.to_radians();
-            values.azimuth_offset = span(1, if near { 15.0 } else { 180.0 });
-            values.tilt_offset = span(2, if near { 4.0 } else { 12.0 });
-        }
-        values
+    /// Looks at the different ends' roughnesses again: a lobe that few poses meet has several.
+    pub(super) fn rescan(&mut self, problem: &Problem<'_>) {
+        let Some(best) = self.best() else {
+            return;
+        };
+        let mut ends = vec![best.clone()];
+        ends.extend(self.distinct(problem, &best.parameters, RESCANNED - 1));
+        let starts: Vec<Values> = ends
+            .par_iter()
+            .flat_map_iter(|m| {
+                let end = problem.unpack(&m.parameters).folded();
+                candidates::rougher(problem, &end, OTHER_ROUGHNESSES)
+            })
+            .collect();
+        let cancel = self.cancel;
+        let ends: Vec<Minimum> = starts
+            .par_iter()
+            .map(|v| over_shapes(problem, v, &ROUGH, cancel))
+            .filter(usable)
+            .collect();
+        self.refine(problem, ends, REFINED, 1e-4);
+    }
+
+    /// Follows the valleys of the best ends to their bottom: where gain and shape make up for each
+    /// other the problem itself creeps, over shapes alone the gain is no obstacle.
+    pub(super) fn follow(&mut self, problem: &Problem<'_>) {
+        let Some(best) = self.best() else {
+            return;
+        };
+        let mut ends = vec![best.clone()];
+        ends.extend(self.distinct(problem, &best.parameters, FOLLOWED - 1));
+        ends.retain(|m| !m.ending.is_success());
+        let cancel = self.cancel;
+        let bounds = problem.bounds();
+        let ends: Vec<Minimum> = ends
+            .par_iter()
+            .map(|m| over_shapes(problem, &problem.unpack(&m.parameters), &FOLLOW, cancel))
+            .filter(usable)
+            .map(|m| minimise(problem, &m.parameters, &bounds, &FINE, cancel))
+            .filter(usable)
+            .collect();
+        self.runs.extend(ends);
     }
 
     /// Starts from the images of the best end under the symmetries that few azimuths nearly have:
@@ -359,6 +411,22 @@ impl From<End> for Minimum {
             evaluations: 0,
         }
     }
+}
+
+/// Where a descent over shapes alone, amplitudes projected out, leads.
+fn over_shapes(
+    problem: &Problem<'_>,
+    start: &Values,
+    settings: &Settings,
+    cancel: &AtomicBool,
+) -> Minimum {
+    let shapes = Projected::new(problem, start);
+    let x = shapes.shape(&problem.pack(start));
+    let mut end = minimise(&shapes, &x, &shapes.bounds(), settings, cancel);
+    if usable(&end) {
+        end.parameters = shapes.whole(&end.parameters);
+    }
+    end
 }
 
 fn usable(m: &Minimum) -> bool {

@@ -97,17 +97,22 @@ pub struct Settings {
     pub rank_tolerance: f64,
 }
 
+impl Settings {
+    /// Those of a fit whose last digit counts.
+    pub const DEFAULT: Settings = Settings {
+        max_iterations: 2000,
+        initial_radius: 0.1,
+        cost_tolerance: 1e-9,
+        step_tolerance: 1e-7,
+        polish_steps: 60,
+        vanished_step: 1e-12,
+        rank_tolerance: 1e-11,
+    };
+}
+
 impl Default for Settings {
     fn default() -> Self {
-        Settings {
-            max_iterations: 2000,
-            initial_radius: 0.1,
-            cost_tolerance: 1e-9,
-            step_tolerance: 1e-7,
-            polish_steps: 60,
-            vanished_step: 1e-12,
-            rank_tolerance: 1e-11,
-        }
+        Settings::DEFAULT
     }
 }
 

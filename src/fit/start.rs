@@ -14,9 +14,10 @@ use std::f64::consts::PI;
 
 use sobol_burley::sample;
 
-use super::least_squares::{LeastSquares, householder, solve_upper};
-use super::problem::{Problem, Quantity, Values};
-use crate::geometry::Pose;
+use super::candidates::facing_normal;
+use super::least_squares::{householder, solve_upper};
+use super::problem::{Problem, Values};
+use super::projection::settle;
 use crate::observation::ObservationSet;
 
 /// Candidates judged per requested start.
@@ -48,7 +49,7 @@ pub fn starts(problem: &Problem<'_>, fallback: &Values, count: usize, seed: u32)
         candidates.push(values);
     }
     let judge = |candidates: Vec<Values>| {
-        let settled = candidates.into_iter().map(|v| settle_linear(problem, v));
+        let settled = candidates.iter().map(|v| settle(problem, v));
         let mut judged: Vec<(f64, Values)> = settled.filter(|(cost, _)| cost.is_finite()).collect();
         judged.sort_by(|a, b| a.0.total_cmp(&b.0));
         judged
@@ -235,12 +236,7 @@ fn from_brightest(set: &ObservationSet, fallback: &Values) -> Vec<Values> {
     });
     let mut found = Vec::new();
     for &i in order.iter().take(3) {
-        let Pose { theta_c, phi_s } = set.observations[i].pose;
-        let rig = set.rig.rig_directions(theta_c);
-        let h = (rig.incident + rig.outgoing).normalize();
-        // v stands at azimuth φs + zero + Δφ in the rig's frame; the facet leans to where h points.
-        let lean = h.y.atan2(h.x);
-        let azimuth = lean - (phi_s + set.rig.azimuth_zero + set.region_azimuth).rad();
+        let (theta_r, azimuth) = facing_normal(set, i, fallback.tilt_offset);
         for (alpha_u, alpha_v) in [
             (0.08, 0.08),
             (0.2, 0.2),
@@ -249,7 +245,7 @@ fn from_brightest(set: &ObservationSet, fallback: &Values) -> Vec<Values> {
             (0.04, 0.04),
         ] {
             let mut values = *fallback;
-            values.theta_r = h.z.clamp(-1.0, 1.0).acos();
+            values.theta_r = theta_r;
             values.alpha_u = alpha_u;
             values.alpha_v = alpha_v;
             values.azimuth_offset = azimuth;
@@ -257,41 +253,6 @@ fn from_brightest(set: &ObservationSet, fallback: &Values) -> Vec<Values> {
         }
     }
     found
-}
-
-/// Sets gain (where only the samples carry it) or diffuse part by one linear step on the samples;
-/// returns the cost after it.
-pub(super) fn settle_linear(problem: &Problem<'_>, mut values: Values) -> (f64, Values) {
-    let linear = if problem.set().flats.is_empty() && problem.free().contains(&Quantity::Scale) {
-        Some(Quantity::Scale)
-    } else if problem.free().contains(&Quantity::RhoD) {
-        Some(Quantity::RhoD)
-    } else {
-        None
-    };
-    let bounds = problem.bounds();
-    let (n, m) = (problem.n_parameters(), problem.n_residuals());
-    let mut r = vec![0.0; m];
-    let mut j = vec![0.0; m * n];
-    if let Some(k) = linear.and_then(|q| problem.free().iter().position(|f| *f == q)) {
-        let mut x = problem.pack(&values);
-        problem.evaluate(&x, &mut r, &mut j);
-        let column = &j[k * m..(k + 1) * m];
-        let (mut top, mut bottom) = (0.0, 0.0);
-        for (c, r) in column.iter().zip(&r) {
-            top += c * r;
-            bottom += c * c;
-        }
-        if bottom > 0.0 {
-            x[k] = (x[k] - top / bottom).clamp(bounds.lower[k], bounds.upper[k]);
-            let predicted = r.iter().zip(column).map(|(r, c)| r - c * top / bottom);
-            let cost = predicted.map(|v| v * v).sum();
-            values = problem.unpack(&x);
-            return (cost, values);
-        }
-    }
-    problem.evaluate(&problem.pack(&values), &mut r, &mut j);
-    (r.iter().map(|v| v * v).sum(), values)
 }
 
 /// How different two starts are, in units of what a descent bridges easily.

@@ -1,0 +1,249 @@
+//! Where a thorough search begins: shapes from all over the box, shapes that turn the facets towards a
+//! bright pose or two, and for the most promising of them the roughnesses that suit them best.
+//!
+//! A lobe that is narrower than the distance between poses shows in one pose or two, and no slope
+//! leads there. But a pose that is much brighter than the rest has its half vector near the facets'
+//! normal, so for every tilt zero it gives the ridge angle and the azimuth at once; two such poses
+//! give them for a lobe that is narrow along one axis only. What is left to draw are roughnesses and
+//! the place inside the lobe. Other lobes no pose meets at all; then the diffuse light alone tells
+//! where the ridges lean, and any lobe out of sight will do.
+//!
+//! The one function to call is [`starts`]; [`rougher`] looks again at the roughnesses of an end.
+//! Every shape is judged with its best amplitudes ([`settle`]).
+
+use std::f64::consts::PI;
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use sobol_burley::sample;
+
+use super::problem::{ALPHA_MIN, Problem, Values};
+use super::projection::settle;
+use super::start::{distance, spread};
+use crate::observation::ObservationSet;
+use crate::units::Angle;
+
+/// Shapes drawn.
+const POOL: u32 = 512;
+/// Shapes of them whose roughnesses are looked at.
+const SCANNED: usize = 48;
+/// Roughnesses looked at along each axis, from the smoothest facet to 1.
+const SCAN: u32 = 8;
+/// Bright poses that facets are turned to.
+const ANCHORS: usize = 16;
+/// Half-widths of the lobe within which a bright pose may lie off its top.
+const OFF_TOP: f64 = 1.2;
+
+/// The `count` most promising shapes, best first and not too near to each other. With a centre half
+/// of the pool is drawn around it.
+pub(super) fn starts(
+    problem: &Problem<'_>,
+    fallback: &Values,
+    centre: Option<&Values>,
+    seed: u32,
+    count: usize,
+) -> Vec<Values> {
+    let anchors = anchors(problem, centre);
+    let settled = |v: &Values| Some(settle(problem, v)).filter(|(cost, _)| cost.is_finite());
+    let mut judged: Vec<(f64, Values)> = (0..POOL)
+        .into_par_iter()
+        .filter_map(|k| {
+            let at = |dimension| f64::from(sample(k, dimension, seed));
+            let v = match (k % 4, centre) {
+                (0, _) if !anchors.is_empty() => facing(problem.set(), fallback, &anchors, &at),
+                (1, _) if anchors.len() > 1 => stripe(problem.set(), fallback, &anchors, &at),
+                (_, Some(c)) => around(c, fallback, &at),
+                _ => anywhere(fallback, k, &at),
+            };
+            settled(&v)
+        })
+        .collect();
+    judged.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let promising = spread(&judged, &[], SCANNED);
+    judged.par_extend(
+        promising
+            .par_iter()
+            .flat_map_iter(|v| scan(problem, v).into_iter().take(2)),
+    );
+    judged.sort_by(|a, b| a.0.total_cmp(&b.0));
+    spread(&judged, &[], count)
+}
+
+/// Other roughnesses for the shape of an end, up to `count`, the most promising first.
+pub(super) fn rougher(problem: &Problem<'_>, end: &Values, count: usize) -> Vec<Values> {
+    let others: Vec<(f64, Values)> = scan(problem, end)
+        .into_iter()
+        .filter(|(_, v)| distance(v, end) > 1.0)
+        .collect();
+    spread(&others, &[], count)
+}
+
+/// A shape with every pair of roughnesses, the most promising first.
+fn scan(problem: &Problem<'_>, shape: &Values) -> Vec<(f64, Values)> {
+    let alpha = |k: u32| ALPHA_MIN.powf(1.0 - f64::from(k) / f64::from(SCAN - 1));
+    let mut judged: Vec<(f64, Values)> = (0..SCAN * SCAN)
+        .map(|k| Values {
+            alpha_u: alpha(k / SCAN),
+            alpha_v: alpha(k % SCAN),
+            ..*shape
+        })
+        .map(|v| settle(problem, &v))
+        .filter(|(cost, _)| cost.is_finite())
+        .collect();
+    judged.sort_by(|a, b| a.0.total_cmp(&b.0));
+    judged
+}
+
+/// Roughnesses from the smoothest that a fit considers to 1.
+fn roughness(share: f64) -> f64 {
+    ALPHA_MIN.powf(1.0 - share)
+}
+
+/// Most samples are mounted within a few degrees of where they should be, so two of three have small
+/// offsets.
+fn anywhere(fallback: &Values, k: u32, at: &dyn Fn(u32) -> f64) -> Values {
+    let near = !k.is_multiple_of(3);
+    let span = |dimension, half_deg: f64| (at(dimension) - 0.5) * 2.0 * half_deg.to_radians();
+    Values {
+        theta_r: at(0) * 62f64.to_radians(),
+        azimuth_offset: span(1, if near { 15.0 } else { 180.0 }),
+        tilt_offset: span(2, if near { 4.0 } else { 12.0 }),
+        alpha_u: roughness(at(3)),
+        alpha_v: roughness(at(4)),
+        ..*fallback
+    }
+}
+
+fn around(centre: &Values, fallback: &Values, at: &dyn Fn(u32) -> f64) -> Values {
+    let span = |dimension, half_deg: f64| (at(dimension) - 0.5) * 2.0 * half_deg.to_radians();
+    Values {
+        theta_r: centre.theta_r + span(0, 4.0),
+        azimuth_offset: centre.azimuth_offset + span(1, 8.0),
+        tilt_offset: centre.tilt_offset + span(2, 2.0),
+        alpha_u: roughness(at(3)),
+        alpha_v: roughness(at(4)),
+        ..*fallback
+    }
+}
+
+/// Facets turned so that a bright pose sees their lobe.
+fn facing(
+    set: &ObservationSet,
+    fallback: &Values,
+    anchors: &[usize],
+    at: &dyn Fn(u32) -> f64,
+) -> Values {
+    let tilt = tilt(at);
+    let (alpha_u, alpha_v) = (roughness(at(3)), roughness(at(4)));
+    let (theta_r, azimuth) = facing_normal(set, one_of(anchors, at(5) * at(6)), tilt);
+    let across = off_top(set, alpha_u, at(0)) / theta_r.sin().max(0.02);
+    Values {
+        theta_r: theta_r + off_top(set, alpha_v, at(1)),
+        azimuth_offset: azimuth + across.clamp(-PI, PI),
+        tilt_offset: tilt,
+        alpha_u,
+        alpha_v,
+        ..*fallback
+    }
+    .folded()
+}
+
+/// A lobe that is narrow along v and wide along u, laid through two bright poses.
+fn stripe(
+    set: &ObservationSet,
+    fallback: &Values,
+    anchors: &[usize],
+    at: &dyn Fn(u32) -> f64,
+) -> Values {
+    let tilt = tilt(at);
+    let first = one_of(anchors, at(5) * at(6));
+    let second = one_of(anchors, at(0));
+    let both = half_vector(set, first, tilt).cross(&half_vector(set, second, tilt));
+    // The facets' upward axis is square to both half vectors; u runs level.
+    let level = both.x.hypot(both.y);
+    let (axis, level) = if both.z <= 0.0 {
+        (both, level)
+    } else {
+        (-both, level)
+    };
+    if level < 1e-6 {
+        return facing(set, fallback, anchors, at);
+    }
+    let alpha_v = roughness(at(4));
+    Values {
+        theta_r: (-axis.z).atan2(level) + off_top(set, alpha_v, at(1)),
+        azimuth_offset: axis.y.atan2(axis.x),
+        tilt_offset: tilt,
+        alpha_u: roughness(0.5 + 0.5 * at(3)),
+        alpha_v,
+        ..*fallback
+    }
+    .folded()
+}
+
+/// The first anchors are the brightest, and more likely in the lobe.
+fn one_of(anchors: &[usize], share: f64) -> usize {
+    anchors[(share * anchors.len() as f64) as usize]
+}
+
+/// Zeros of the tilt stage, the small ones more often.
+fn tilt(at: &dyn Fn(u32) -> f64) -> f64 {
+    (at(2) - 0.5) * 2.0 * 12f64.to_radians() * at(7)
+}
+
+/// How far a bright pose lies off the lobe's top, as a slope.
+fn off_top(set: &ObservationSet, alpha: f64, share: f64) -> f64 {
+    let lamp = set.rig.light_angular_radius.rad();
+    (alpha * alpha + lamp * lamp / 8.0).sqrt().min(0.5) * OFF_TOP * (2.0 * share - 1.0)
+}
+
+/// Ridge angle and azimuth offset at which the facets' normal is the half vector of an observation,
+/// the zero of the tilt being `tilt`.
+pub(super) fn facing_normal(set: &ObservationSet, index: usize, tilt: f64) -> (f64, f64) {
+    let h = half_vector(set, index, tilt);
+    (h.z.clamp(-1.0, 1.0).acos(), h.y.atan2(h.x))
+}
+
+/// Half vector of an observation, the zero of the tilt being `tilt`, seen from the sample were its
+/// azimuth offset 0: x along v, which leans to where the facets' normal points.
+fn half_vector(set: &ObservationSet, index: usize, tilt: f64) -> Vector3<f64> {
+    let pose = set.observations[index].pose;
+    let rig = set.rig.rig_directions(pose.theta_c + Angle::from_rad(tilt));
+    let h = (rig.incident + rig.outgoing).normalize();
+    let (s, c) = (pose.phi_s + set.rig.azimuth_zero + set.region_azimuth).sin_cos();
+    Vector3::new(h.x * c + h.y * s, h.y * c - h.x * s, h.z)
+}
+
+/// The brightest poses, and those that an end so far leaves darker than they are, by turns.
+fn anchors(problem: &Problem<'_>, centre: Option<&Values>) -> Vec<usize> {
+    let observations = &problem.set().observations;
+    let ranked = |excess: Vec<f64>| {
+        let mut order: Vec<usize> = (0..excess.len()).collect();
+        order.sort_by(|a, b| excess[*b].total_cmp(&excess[*a]));
+        order
+    };
+    let mut bright = ranked(observations.iter().map(|o| o.signal).collect());
+    let Some(centre) = centre else {
+        bright.truncate(ANCHORS);
+        return bright;
+    };
+    let expected = problem.predicted(centre);
+    let left = observations
+        .iter()
+        .zip(expected)
+        .zip(problem.sigma())
+        .map(|((o, e), s)| (o.signal - e) / s);
+    let missed = ranked(left.collect());
+    let pairs = missed.into_iter().zip(bright);
+    let mut both: Vec<usize> = Vec::new();
+    for index in pairs.flat_map(|(a, b)| [a, b]) {
+        if !both.contains(&index) && both.len() < ANCHORS {
+            both.push(index);
+        }
+    }
+    both
+}
+
+#[cfg(test)]
+#[path = "candidates_tests.rs"]
+mod tests;

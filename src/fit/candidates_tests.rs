@@ -1,0 +1,168 @@
+//! Candidates of a thorough search, and the amplitudes that each of them gets.
+
+use std::sync::atomic::AtomicBool;
+
+use super::*;
+use crate::fit::estimate::free_quantities;
+use crate::fit::least_squares::LeastSquares;
+use crate::fit::projection::Projected;
+use crate::fit::solver::{Settings, minimise};
+use crate::geometry::{Pose, RigGeometry};
+use crate::material::Material;
+use crate::model::Variant;
+use crate::observation::{Observation, Prior, SharedErrors};
+
+const TRUTH: Values = Values {
+    theta_r: 0.3,
+    alpha_u: 0.12,
+    alpha_v: 0.07,
+    rho_d: 0.4,
+    scale: 3.0,
+    background: 0.01,
+    azimuth_offset: 0.1,
+    tilt_offset: 0.03,
+    eta: 1.54,
+    k: 0.0,
+};
+
+/// 40 poses, lit beside the tilt plane, painted with the truth.
+fn painted() -> ObservationSet {
+    let beside = Angle::from_deg(90.0);
+    let poses = (0..40).map(|k| (10 * (k % 5) - 20, 45 * (k / 5)));
+    let mut set = ObservationSet {
+        rig: RigGeometry {
+            light_azimuth: beside,
+            azimuth_zero: beside,
+            ..RigGeometry::IN_PLANE
+        },
+        material: Material::Dielectric {
+            eta: 1.54,
+            eta_std: 0.0,
+        },
+        observations: poses
+            .map(|(tilt, turn)| Observation {
+                pose: Pose::from_deg(f64::from(tilt), f64::from(turn)),
+                signal: 1.0,
+                sigma: 0.01,
+                shared: SharedErrors::default(),
+                n_frames: 1,
+            })
+            .collect(),
+        views: Vec::new(),
+        flats: Vec::new(),
+        white_reference: None,
+        background: Prior {
+            mean: TRUTH.background,
+            std: 1.0,
+        },
+        region: None,
+        region_azimuth: Angle::ZERO,
+        n_frames_used: 40,
+        rejected_frames: Vec::new(),
+        warnings: Vec::new(),
+    };
+    let (free, _) = free_quantities(&set, Variant::Sawtooth);
+    let signals = Problem::new(&set, Variant::Sawtooth, free, TRUTH).predicted(&TRUTH);
+    for (o, s) in set.observations.iter_mut().zip(signals) {
+        o.signal = s;
+    }
+    set
+}
+
+#[test]
+fn a_shape_gets_the_amplitudes_that_the_signals_were_painted_with() {
+    let set = painted();
+    let (free, fixed) = free_quantities(&set, Variant::Sawtooth);
+    let problem = Problem::new(&set, Variant::Sawtooth, free, fixed);
+    let mut found = Values {
+        scale: 40.0,
+        rho_d: 0.9,
+        background: -2.0,
+        ..TRUTH
+    };
+    // Light from wall to wall is not linear in ρd: a few steps, as Newton's.
+    for _ in 0..6 {
+        found = settle(&problem, &found).1;
+    }
+    assert!((found.scale / TRUTH.scale - 1.0).abs() < 1e-6, "{found:?}");
+    assert!((found.rho_d - TRUTH.rho_d).abs() < 1e-6, "{found:?}");
+    assert!((found.background - TRUTH.background).abs() < 1e-6);
+}
+
+#[test]
+fn amplitudes_stay_inside_their_bounds() {
+    let mut set = painted();
+    // Darker where the sample is brighter: no gain above 0 describes that.
+    for o in &mut set.observations {
+        o.signal = -o.signal;
+    }
+    set.background.std = 1e-6;
+    let (free, fixed) = free_quantities(&set, Variant::Sawtooth);
+    let problem = Problem::new(&set, Variant::Sawtooth, free, fixed);
+    assert_eq!(settle(&problem, &TRUTH).0, f64::INFINITY);
+}
+
+#[test]
+fn a_descent_over_shapes_alone_ends_beside_the_minimum_of_the_whole_problem() {
+    let set = painted();
+    let (free, fixed) = free_quantities(&set, Variant::Sawtooth);
+    let problem = Problem::new(&set, Variant::Sawtooth, free, fixed);
+    let start = Values {
+        theta_r: 0.26,
+        alpha_u: 0.2,
+        alpha_v: 0.1,
+        azimuth_offset: 0.0,
+        tilt_offset: 0.0,
+        ..fixed
+    };
+    let shapes = Projected::new(&problem, &start);
+    let x = shapes.shape(&problem.pack(&start));
+    let end = minimise(
+        &shapes,
+        &x,
+        &shapes.bounds(),
+        &Settings::default(),
+        &AtomicBool::new(false),
+    );
+    let found = problem.unpack(&shapes.whole(&end.parameters));
+    // Not in it: the light from wall to wall was linearised at another ρd.
+    assert!((found.theta_r - TRUTH.theta_r).abs() < 1e-3, "{found:?}");
+    assert!(
+        (found.alpha_u / TRUTH.alpha_u - 1.0).abs() < 1e-2,
+        "{found:?}"
+    );
+    assert!((found.tilt_offset - TRUTH.tilt_offset).abs() < 1e-3);
+    assert_eq!((&shapes).n_parameters() + 3, (&problem).n_parameters());
+}
+
+#[test]
+fn a_facet_that_faces_a_pose_has_its_normal_in_the_half_vector() {
+    let set = painted();
+    for index in [0, 7, 22] {
+        let (theta_r, azimuth) = facing_normal(&set, index, 0.05);
+        let mut pose = set.observations[index].pose;
+        pose.theta_c += Angle::from_rad(0.05);
+        pose.phi_s += Angle::from_rad(azimuth);
+        let d = set.rig.directions(pose);
+        let h = (d.incident + d.outgoing).normalize();
+        let (s, c) = theta_r.sin_cos();
+        assert!((h - Vector3::new(0.0, s, c)).norm() < 1e-12);
+    }
+}
+
+#[test]
+fn a_stripe_runs_through_both_of_its_poses() {
+    let set = painted();
+    // The smoothest roughness leaves next to no room off the stripe's middle.
+    let at = |dimension: u32| [0.0, 0.5, 0.7, 0.5, 0.0, 1.0, 0.999, 1.0][dimension as usize];
+    let v = stripe(&set, &TRUTH, &[3, 21], &at);
+    for index in [3, 21] {
+        let mut pose = set.observations[index].pose;
+        pose.theta_c += Angle::from_rad(v.tilt_offset);
+        pose.phi_s += Angle::from_rad(v.azimuth_offset);
+        let d = set.rig.directions(pose);
+        let h = (d.incident + d.outgoing).normalize();
+        let (s, c) = v.theta_r.sin_cos();
+        assert!((h.y * c - h.z * s).abs() < 1e-9, "pose {index}: {v:?}");
+    }
+}

@@ -1,0 +1,307 @@
+//! Variable projection: the amplitudes of the signals are solved for, not searched for.
+//!
+//! ```text
+//! signal = g · [single reflections + ρd · diffuse light] + B
+//! ```
+//!
+//! is linear in (g, g·ρd, B) but for light that goes from wall to wall more than once, so for every
+//! shape (ridge angle, roughnesses, zeros of the stages) the best amplitudes are one small linear
+//! least-squares problem with 0 ≤ g·ρd ≤ g (Golub and Pereyra 1973). A search over shapes alone has
+//! three dimensions less, and a start needs no idea of how bright the sample is. [`settle`] gives one
+//! shape its amplitudes; [`Projected`] is the least-squares problem over shapes with Kaufman's
+//! derivative (1975). Neither knows of starts. The answer of a search with them is refined on the
+//! problem itself, whose diffuse part is not quite linear.
+
+use super::least_squares::{LeastSquares, householder, solve_upper, sum_of_squares};
+use super::problem::{Problem, Quantity, Values};
+use super::solver::Bounds;
+
+/// Diffuse reflectance at which the diffuse light is linearised where none is stated.
+const MIDDLE: f64 = 0.3;
+/// Length of what is left of a column, as a share of itself, below which it says nothing new.
+const NOTHING_NEW: f64 = 1e-10;
+
+/// Where the amplitudes stand among the free quantities.
+#[derive(Debug, Clone, Copy)]
+struct Amplitudes {
+    scale: Option<usize>,
+    rho_d: Option<usize>,
+    background: Option<usize>,
+    rho_d_range: (f64, f64),
+}
+
+impl Amplitudes {
+    fn of(problem: &Problem<'_>, bounds: &Bounds) -> Self {
+        let at = |q: Quantity| problem.free().iter().position(|f| *f == q);
+        let rho_d = at(Quantity::RhoD);
+        Amplitudes {
+            scale: at(Quantity::Scale),
+            rho_d,
+            background: at(Quantity::Background),
+            rho_d_range: rho_d.map_or((0.0, 0.0), |k| (bounds.lower[k], bounds.upper[k])),
+        }
+    }
+
+    fn is_one(&self, position: usize) -> bool {
+        [self.scale, self.rho_d, self.background].contains(&Some(position))
+    }
+
+    /// Puts the best amplitudes into `x`, given residuals `r` and derivatives `j` there; returns the
+    /// cost that the linear problem expects, and which amplitudes no bound holds.
+    fn solve(&self, x: &mut [f64], r: &[f64], j: &[f64]) -> (f64, Vec<usize>) {
+        let m = r.len();
+        let column = |k: usize| &j[k * m..(k + 1) * m];
+        let background = self.background.map(|k| column(k).to_vec());
+        // The signal's parts at gain 1: what does not hang on ρd, and what is proportional to it.
+        let (gain, rho_d) = (
+            self.scale.map_or(1.0, |k| x[k]),
+            self.rho_d.map_or(0.0, |k| x[k]),
+        );
+        let diffuse = self.rho_d.map(|k| -> Vec<f64> {
+            let share = if self.scale.is_some() { gain } else { 1.0 };
+            column(k).iter().map(|c| c / share).collect()
+        });
+        let single = self.scale.map(|k| -> Vec<f64> {
+            match &diffuse {
+                Some(d) => column(k)
+                    .iter()
+                    .zip(d)
+                    .map(|(c, d)| c - rho_d * d)
+                    .collect(),
+                None => column(k).to_vec(),
+            }
+        });
+        // Residuals with all amplitudes at 0, the fixed gain's single reflections left in.
+        let mut dark = r.to_vec();
+        let mut take = |c: Option<&Vec<f64>>, by: f64| {
+            if let Some(c) = c {
+                dark.iter_mut().zip(c).for_each(|(v, c)| *v -= by * c);
+            }
+        };
+        take(single.as_ref(), gain);
+        take(
+            diffuse.as_ref(),
+            if self.scale.is_some() {
+                gain * rho_d
+            } else {
+                rho_d
+            },
+        );
+        take(background.as_ref(), self.background.map_or(0.0, |k| x[k]));
+        let (low, high) = self.rho_d_range;
+        let mix = |share: f64| -> Option<Vec<f64>> {
+            let (s, d) = (single.as_ref()?, diffuse.as_ref()?);
+            Some(s.iter().zip(d).map(|(s, d)| s + share * d).collect())
+        };
+        let mut held: Option<f64> = None;
+        let (mut cost, mut found) = match (&single, &diffuse) {
+            (Some(s), Some(d)) => least(&dark, &[Some(s), Some(d), background.as_ref()]),
+            (Some(s), None) => least(&dark, &[Some(s), None, background.as_ref()]),
+            (None, Some(d)) => least(&dark, &[None, Some(d), background.as_ref()]),
+            (None, None) => least(&dark, &[None, None, background.as_ref()]),
+        };
+        if single.is_some() && diffuse.is_some() {
+            let [g, gd, _] = found;
+            let inside = g > 0.0 && gd >= low * g && gd <= high * g;
+            if !inside {
+                // The least of the two edges; a gain below 0 is none.
+                let mut edges: Vec<(f64, [f64; 3], f64)> = [low, high]
+                    .into_iter()
+                    .filter_map(|share| {
+                        let (cost, [g, _, b]) =
+                            least(&dark, &[mix(share).as_ref(), None, background.as_ref()]);
+                        (g > 0.0).then_some((cost, [g, share * g, b], share))
+                    })
+                    .collect();
+                edges.sort_by(|a, b| a.0.total_cmp(&b.0));
+                match edges.first() {
+                    Some((c, f, share)) => (cost, found, held) = (*c, *f, Some(*share)),
+                    None => return (f64::INFINITY, Vec::new()),
+                }
+            }
+        } else if diffuse.is_some() && !(low..=high).contains(&found[1]) {
+            let share = found[1].clamp(low, high);
+            let rest: Vec<f64> = diffuse
+                .iter()
+                .flat_map(|d| d.iter().zip(&dark).map(|(d, r)| r + share * d))
+                .collect();
+            let (c, [_, _, b]) = least(&rest, &[None, None, background.as_ref()]);
+            (cost, found, held) = (c, [0.0, share, b], Some(share));
+        } else if single.is_some() && found[0] <= 0.0 {
+            return (f64::INFINITY, Vec::new());
+        }
+        let mut loose = Vec::new();
+        if let Some(k) = self.scale {
+            x[k] = found[0];
+            loose.push(k);
+        }
+        if let Some(k) = self.rho_d {
+            x[k] = match held {
+                Some(share) => share,
+                None if self.scale.is_some() => found[1] / found[0],
+                None => found[1],
+            };
+            if held.is_none() {
+                loose.push(k);
+            }
+        }
+        if let Some(k) = self.background {
+            x[k] = found[2];
+            loose.push(k);
+        }
+        (cost, loose)
+    }
+}
+
+/// Least squares of `dark` + Σ factor·column: the cost and the factors, 0 where there is no column or
+/// it says nothing that the others do not.
+fn least(dark: &[f64], columns: &[Option<&Vec<f64>>; 3]) -> (f64, [f64; 3]) {
+    let m = dark.len();
+    let present: Vec<(usize, &Vec<f64>)> = columns
+        .iter()
+        .enumerate()
+        .filter_map(|(k, c)| c.map(|c| (k, c)))
+        .filter(|(_, c)| sum_of_squares(c) > 0.0)
+        .take(m)
+        .collect();
+    let mut a: Vec<f64> = Vec::with_capacity(m * present.len());
+    present.iter().for_each(|(_, c)| a.extend_from_slice(c));
+    let mut b: Vec<f64> = dark.iter().map(|v| -v).collect();
+    let n = present.len();
+    householder(&mut a, m, n, &mut b);
+    let mut factors = [0.0; 3];
+    let rest = sum_of_squares(&b[n..]);
+    if solve_upper(&a, m, n, &mut b) {
+        for ((k, _), f) in present.iter().zip(&b) {
+            factors[*k] = *f;
+        }
+        (rest, factors)
+    } else {
+        (f64::INFINITY, factors)
+    }
+}
+
+/// The values with the amplitudes that suit their shape best, and the cost that the linear problem
+/// expects there; infinite where no gain above 0 helps.
+pub(super) fn settle(problem: &Problem<'_>, values: &Values) -> (f64, Values) {
+    let bounds = problem.bounds();
+    let amplitudes = Amplitudes::of(problem, &bounds);
+    let mut x = problem.pack(&inner(problem, values));
+    let (n, m) = (problem.n_parameters(), problem.n_residuals());
+    let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * n]);
+    problem.evaluate(&x, &mut r, &mut j);
+    let (cost, _) = amplitudes.solve(&mut x, &r, &j);
+    (cost, problem.unpack(&x))
+}
+
+/// The values with a diffuse part that is inside its bounds, so that it has a derivative.
+fn inner(problem: &Problem<'_>, values: &Values) -> Values {
+    let mut values = *values;
+    if problem.free().contains(&Quantity::RhoD) && !(0.01..=0.99).contains(&values.rho_d) {
+        values.rho_d = MIDDLE;
+    }
+    values
+}
+
+/// A problem over shapes alone.
+#[derive(Debug)]
+pub(super) struct Projected<'p, 'a> {
+    problem: &'p Problem<'a>,
+    amplitudes: Amplitudes,
+    shape: Vec<usize>,
+    reference: Vec<f64>,
+}
+
+impl<'p, 'a> Projected<'p, 'a> {
+    /// `reference` gives the amplitudes at which the signals are linearised.
+    pub(super) fn new(problem: &'p Problem<'a>, reference: &Values) -> Self {
+        let amplitudes = Amplitudes::of(problem, &problem.bounds());
+        Projected {
+            shape: (0..problem.n_parameters())
+                .filter(|k| !amplitudes.is_one(*k))
+                .collect(),
+            reference: problem.pack(&inner(problem, reference)),
+            amplitudes,
+            problem,
+        }
+    }
+
+    /// The shape's part of the problem's bounds.
+    pub(super) fn bounds(&self) -> Bounds {
+        let all = self.problem.bounds();
+        let of = |b: &[f64]| self.shape.iter().map(|k| b[*k]).collect();
+        Bounds {
+            lower: of(&all.lower),
+            upper: of(&all.upper),
+        }
+    }
+
+    /// The shape in a vector of all free quantities.
+    pub(super) fn shape(&self, x: &[f64]) -> Vec<f64> {
+        self.shape.iter().map(|k| x[*k]).collect()
+    }
+
+    /// All free quantities of a shape, its best amplitudes among them.
+    pub(super) fn whole(&self, shape: &[f64]) -> Vec<f64> {
+        let (n, m) = (self.problem.n_parameters(), self.problem.n_residuals());
+        let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * n]);
+        self.amplify(shape, &mut r, &mut j).0
+    }
+
+    fn amplify(&self, shape: &[f64], r: &mut [f64], j: &mut [f64]) -> (Vec<f64>, Vec<usize>) {
+        let mut x = self.reference.clone();
+        for (k, v) in self.shape.iter().zip(shape) {
+            x[*k] = *v;
+        }
+        self.problem.evaluate(&x, r, j);
+        let (_, loose) = self.amplitudes.solve(&mut x, r, j);
+        (x, loose)
+    }
+}
+
+impl LeastSquares for &Projected<'_, '_> {
+    fn n_parameters(&self) -> usize {
+        self.shape.len()
+    }
+
+    fn n_residuals(&self) -> usize {
+        self.problem.n_residuals()
+    }
+
+    fn evaluate(&self, shape: &[f64], residuals: &mut [f64], jacobian: &mut [f64]) {
+        let (n, m) = (self.problem.n_parameters(), self.problem.n_residuals());
+        let mut j = vec![0.0; m * n];
+        let (x, loose) = self.amplify(shape, residuals, &mut j);
+        if loose.is_empty() {
+            // No gain above 0 fits: not a point for the solver.
+            residuals.fill(f64::NAN);
+            return;
+        }
+        self.problem.evaluate(&x, residuals, &mut j);
+        // Kaufman: of the shape's derivatives, what the amplitudes cannot do themselves.
+        let mut basis: Vec<Vec<f64>> = Vec::new();
+        for k in loose {
+            let mut c = j[k * m..(k + 1) * m].to_vec();
+            let length = sum_of_squares(&c).sqrt();
+            for _ in 0..2 {
+                basis.iter().for_each(|b| remove(&mut c, b));
+            }
+            let left = sum_of_squares(&c).sqrt();
+            if left > NOTHING_NEW * length {
+                c.iter_mut().for_each(|v| *v /= left);
+                basis.push(c);
+            }
+        }
+        for (to, from) in self.shape.iter().enumerate() {
+            let target = &mut jacobian[to * m..(to + 1) * m];
+            target.copy_from_slice(&j[from * m..(from + 1) * m]);
+            basis.iter().for_each(|b| remove(target, b));
+        }
+    }
+}
+
+/// Takes out of `from` its part along the unit vector `along`.
+fn remove(from: &mut [f64], along: &[f64]) {
+    let dot: f64 = from.iter().zip(along).map(|(a, b)| a * b).sum();
+    from.iter_mut().zip(along).for_each(|(v, b)| *v -= dot * b);
+}
