@@ -25,8 +25,6 @@ use crate::units::Angle;
 
 /// Shapes drawn.
 const POOL: u32 = 512;
-/// Shapes of them whose roughnesses are looked at.
-const SCANNED: usize = 48;
 /// Roughnesses looked at along each axis, from the smoothest facet to 1.
 const SCAN: u32 = 8;
 /// Bright poses that facets are turned to.
@@ -34,21 +32,30 @@ const ANCHORS: usize = 16;
 /// Half-widths of the lobe within which a bright pose may lie off its top.
 const OFF_TOP: f64 = 1.2;
 
-/// The `count` most promising shapes, best first and not too near to each other. With a centre half
-/// of the pool is drawn around it.
+/// How many candidates a round asks for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Wanted {
+    /// Promising shapes whose roughnesses are looked at.
+    pub scanned: usize,
+    /// Shapes that are handed out.
+    pub starts: usize,
+    pub seed: u32,
+}
+
+/// The most promising shapes, best first and not too near to each other. With a centre half of the
+/// pool is drawn around it.
 pub(super) fn starts(
     problem: &Problem<'_>,
     fallback: &Values,
     centre: Option<&Values>,
-    seed: u32,
-    count: usize,
+    wanted: Wanted,
 ) -> Vec<Values> {
     let anchors = anchors(problem, centre);
     let settled = |v: &Values| Some(settle(problem, v)).filter(|(cost, _)| cost.is_finite());
     let mut judged: Vec<(f64, Values)> = (0..POOL)
         .into_par_iter()
         .filter_map(|k| {
-            let at = |dimension| f64::from(sample(k, dimension, seed));
+            let at = |dimension| f64::from(sample(k, dimension, wanted.seed));
             let v = match (k % 4, centre) {
                 (0, _) if !anchors.is_empty() => facing(problem.set(), fallback, &anchors, &at),
                 (1, _) if anchors.len() > 1 => stripe(problem.set(), fallback, &anchors, &at),
@@ -59,14 +66,14 @@ pub(super) fn starts(
         })
         .collect();
     judged.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let promising = spread(&judged, &[], SCANNED);
+    let promising = spread(&judged, &[], wanted.scanned);
     judged.par_extend(
         promising
             .par_iter()
             .flat_map_iter(|v| scan(problem, v).into_iter().take(2)),
     );
     judged.sort_by(|a, b| a.0.total_cmp(&b.0));
-    spread(&judged, &[], count)
+    spread(&judged, &[], wanted.starts)
 }
 
 /// Other roughnesses for the shape of an end, up to `count`, the most promising first.

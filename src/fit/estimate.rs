@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::least_squares::{householder, sum_of_squares};
 use super::problem::{Problem, Quantity, Values, certified};
-use super::search::{Search, StartReport};
+use super::search::{Effort, Search, StartReport};
 use super::settle::{Settled, Weighing, with_tier};
 use super::solver::{Ending, Minimum, Settings};
 use super::thin::{self, Thinned};
@@ -237,7 +237,12 @@ pub(super) fn whole<'a>(
         .with_flat_sigma(loose.collect())
         .with_priors(&priors)
         .with_loss(options.loss);
-    let mut search = Search::new(&fixed, options.seed, cancel);
+    let effort = if options.misfit {
+        Effort::MISFIT
+    } else {
+        Effort::NOISE
+    };
+    let mut search = Search::new(&fixed, options.seed, effort, cancel);
     search.quick(&first, options.starts);
     // The starts leave the index at its nominal value; from here on it may move.
     let mut free = first.free().to_vec();

@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-use super::candidates;
+use super::candidates::{self, Wanted};
 use super::crew::{End, descend_together};
 use super::problem::{Problem, Values};
 use super::projection::Projected;
@@ -25,19 +25,13 @@ const SAME: f64 = 1e-6;
 const REFINED: usize = 4;
 /// How different ends are that count as other surfaces (see [`distance`]).
 const APART: f64 = 0.3;
-/// Candidates of a thorough round that are descended: at least, at most, and how many residuals they
-/// have together in between.
-const DESCENDED: usize = 32;
-const MOST_DESCENDED: usize = 256;
-const WORTH: usize = 6000;
 /// How near to each other two rough ends are that lead to one minimum (see [`distance`]).
 const SAME_SPOT: f64 = 0.05;
 /// Different ends of a thorough round that are refined.
 const REFINED_THOROUGHLY: usize = 12;
 /// Ends whose valleys are followed.
 const FOLLOWED: usize = 4;
-/// Different ends whose roughnesses are looked at again, and how many others each of them gets.
-const RESCANNED: usize = 4;
+/// Other roughnesses that an end gets when they are looked at again.
 const OTHER_ROUGHNESSES: usize = 3;
 /// A descent that only has to come near, and one whose end counts.
 const ROUGH: Settings = Settings {
@@ -57,6 +51,40 @@ const FINE: Settings = Settings {
 };
 /// Near minima that are remembered.
 const RIVALS: usize = 8;
+
+/// How much of the box a thorough round looks at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Effort {
+    /// Promising shapes whose roughnesses are looked at.
+    pub scanned: usize,
+    /// Candidates that are descended: at least, at most, and how many residuals they have together
+    /// in between.
+    pub descended: (usize, usize),
+    pub worth: usize,
+    /// Different ends whose roughnesses are looked at again.
+    pub rescanned: usize,
+}
+
+impl Effort {
+    /// Noise alone tells the minima apart, so the deepest of many counts.
+    pub(super) const NOISE: Self = Effort {
+        scanned: 48,
+        descended: (32, 256),
+        worth: 6000,
+        rescanned: 4,
+    };
+    /// The model's misfit is larger than what tells near minima apart.
+    pub(super) const MISFIT: Self = Effort {
+        scanned: 12,
+        descended: (24, 24),
+        worth: 0,
+        rescanned: 1,
+    };
+
+    fn starts(self, residuals: usize) -> usize {
+        (self.worth / residuals.max(1)).clamp(self.descended.0, self.descended.1)
+    }
+}
 
 /// How a run over several starts ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -78,7 +106,7 @@ pub fn from_starts(
     starts: &[Values],
     cancel: &AtomicBool,
 ) -> Option<(Minimum, StartReport)> {
-    let mut search = Search::new(starts.first()?, 0, cancel);
+    let mut search = Search::new(starts.first()?, 0, Effort::MISFIT, cancel);
     search.descend(problem, &problem.clone().with_lean(true), starts);
     let report = search.report();
     search.best().cloned().map(|best| (best, report))
@@ -89,17 +117,24 @@ pub(super) struct Search<'p> {
     fallback: &'p Values,
     cancel: &'p AtomicBool,
     seed: u32,
+    effort: Effort,
     runs: Vec<Minimum>,
     /// Whether the next thorough round looks around the best end.
     around_best: bool,
 }
 
 impl<'p> Search<'p> {
-    pub(super) fn new(fallback: &'p Values, seed: u32, cancel: &'p AtomicBool) -> Self {
+    pub(super) fn new(
+        fallback: &'p Values,
+        seed: u32,
+        effort: Effort,
+        cancel: &'p AtomicBool,
+    ) -> Self {
         Search {
             fallback,
             cancel,
             seed,
+            effort,
             runs: Vec::new(),
             around_best: false,
         }
@@ -179,9 +214,13 @@ impl<'p> Search<'p> {
         let centre = centre.map(|m| problem.unpack(&m.parameters));
         self.around_best = !self.around_best;
         // Few poses leave many minima, and cost little.
-        let count = (WORTH / problem.residual_count().max(1)).clamp(DESCENDED, MOST_DESCENDED);
+        let wanted = Wanted {
+            scanned: self.effort.scanned,
+            starts: self.effort.starts(problem.residual_count()),
+            seed: self.seed,
+        };
         // The full form judges: on steep ridges the lean one misses most of the light.
-        let starts = candidates::starts(problem, self.fallback, centre.as_ref(), self.seed, count);
+        let starts = candidates::starts(problem, self.fallback, centre.as_ref(), wanted);
         self.seed = self.seed.wrapping_add(1);
         let bounds = problem.bounds();
         let cancel = self.cancel;
@@ -209,7 +248,7 @@ impl<'p> Search<'p> {
             return;
         };
         let mut ends = vec![best.clone()];
-        ends.extend(self.distinct(problem, &best.parameters, RESCANNED - 1));
+        ends.extend(self.distinct(problem, &best.parameters, self.effort.rescanned - 1));
         let starts: Vec<Values> = ends
             .par_iter()
             .flat_map_iter(|m| {
