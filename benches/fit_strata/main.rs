@@ -1,5 +1,5 @@
 //! The fit against random synthetic series: does it find the minimum, does its status tell the
-//! truth, do its intervals cover?
+//! truth, do its intervals cover (in the stiff stratum: the profiles)?
 //!
 //! `cargo bench --bench fit_strata -- --stratum ordinary|stiff|paper|both --cases N --seed S`; the whole
 //! proof is `--stratum both --cases 10000`, some two hours of two cores. It ends with one line per
@@ -23,7 +23,9 @@ use std::time::{Duration, Instant};
 use clap::Parser;
 use rayon::prelude::*;
 use ridged::fit::FitOptions;
+use ridged::fit::budget::uncertainty;
 use ridged::fit::estimate::estimate;
+use ridged::fit::intervals;
 use ridged::fit::problem::Quantity;
 use ridged::fit::report::{Parameter, Status, VariantName};
 use ridged::fit::variants::report_of;
@@ -219,9 +221,18 @@ fn one(stratum: Stratum, seed: u64, crowd: usize) -> Outcome {
         Variant::Paper => VariantName::Paper,
         Variant::Sawtooth => VariantName::Sawtooth,
     };
-    let report = report_of(&e, name);
+    let mut report = report_of(&e, name);
     let chi2 = judge::chi2(&case, &e.values);
     let linear = judge::linear(&case, e.problem.free());
+    if stratum == Stratum::Stiff && linear.identifiable {
+        // A parabola is too much to ask of these: their intervals are profiles.
+        let options = FitOptions {
+            profile: true,
+            ..options
+        };
+        let u = uncertainty(&e);
+        intervals::add(&mut report, &e, &u, &options, &|| false, &cancel);
+    }
     let named = |q: Quantity| -> Option<(&'static str, &Parameter, f64)> {
         let p = &report.parameters;
         let deg = 1f64.to_radians();
@@ -279,7 +290,13 @@ fn one(stratum: Stratum, seed: u64, crowd: usize) -> Outcome {
                     if *q == Quantity::AzimuthOffset {
                         d -= (d / 360.0).round() * 360.0;
                     }
-                    pulls.push((name, d / x));
+                    // An open end covers all that lies there.
+                    let half = match p.profile {
+                        None => x,
+                        Some(i) if d < 0.0 => i.lower.map_or(f64::INFINITY, |l| v - l),
+                        Some(i) => i.upper.map_or(f64::INFINITY, |u| u - v),
+                    };
+                    pulls.push((name, d / half));
                 }
                 _ => withheld.push(name),
             }

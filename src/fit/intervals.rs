@@ -7,9 +7,10 @@ use serde::{Deserialize, Serialize};
 use super::FitOptions;
 use super::budget::Uncertainty;
 use super::estimate::Estimate;
-use super::problem::Quantity;
+use super::problem::{Quantity, Values};
 use super::profile::{bootstrap, central, profile};
 use super::report::{COVERAGE, COVERAGE_FACTOR, FitReport, Parameter};
+use crate::units::Angle;
 
 /// Ends of an interval at the report's coverage; an end that no value is beyond is null.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -20,7 +21,18 @@ pub struct Interval {
     pub upper: Option<f64>,
 }
 
-/// Adds the intervals that the options ask for; no further bootstrap series is drawn once `enough` says so. Where a profile comes upon a better minimum, the
+impl Interval {
+    /// The interval around both.
+    fn with(self, other: Self) -> Self {
+        Interval {
+            lower: self.lower.zip(other.lower).map(|(a, b)| a.min(b)),
+            upper: self.upper.zip(other.upper).map(|(a, b)| a.max(b)),
+        }
+    }
+}
+
+/// Adds the intervals that the options ask for; a profile covers the other minima that the data do not
+/// exclude; no further bootstrap series is drawn once `enough` says so. Where a profile comes upon a better minimum, the
 /// report says so and stays as it is.
 pub fn add(
     report: &mut FitReport,
@@ -55,13 +67,23 @@ pub fn add(
         let Some(parameter) = parameter(report, *q) else {
             continue;
         };
-        let read = Reading::new(e, *q);
+        let read = Reading::new(e, &e.values, *q);
         if options.profile {
             let guess = COVERAGE_FACTOR * u.covariance.matrix[(j, j)].sqrt();
             let rise = COVERAGE_FACTOR * COVERAGE_FACTOR;
             let found = profile(&e.problem, &e.minimum, j, guess, rise, cancel);
             better |= found.better.is_some();
-            parameter.profile = Some(read.interval(found.lower, found.upper));
+            let mut interval = read.interval(found.lower, found.upper);
+            for rival in &e.rivals {
+                let left = rise - (rival.cost - e.minimum.cost);
+                if left > 0.0 {
+                    let found = profile(&e.problem, rival, j, guess, left, cancel);
+                    let there = e.problem.unpack(&rival.parameters);
+                    let near = Reading::new(e, &there, *q);
+                    interval = interval.with(near.interval(found.lower, found.upper));
+                }
+            }
+            parameter.profile = Some(interval);
         }
         let sample: Vec<f64> = drawn.iter().map(|x| x[j]).collect();
         parameter.bootstrap =
@@ -102,13 +124,16 @@ struct Reading {
 }
 
 impl Reading {
-    fn new(e: &Estimate<'_>, quantity: Quantity) -> Self {
+    /// For intervals around `values`; azimuths come out on the branch of the estimate's.
+    fn new(e: &Estimate<'_>, values: &Values, quantity: Quantity) -> Self {
         let absolute = e.problem.set().white_reference.is_some();
+        let home = e.values.folded().azimuth_offset;
+        let away = Angle::from_rad(values.folded().azimuth_offset - home).wrapped();
         Reading {
             quantity,
-            mirrored: e.values.theta_r < 0.0,
-            shift: e.values.folded().azimuth_offset - e.values.azimuth_offset,
-            gain: if absolute { e.values.scale } else { 1.0 },
+            mirrored: values.theta_r < 0.0,
+            shift: home + away.rad() - values.azimuth_offset,
+            gain: if absolute { values.scale } else { 1.0 },
         }
     }
 
@@ -133,5 +158,25 @@ impl Reading {
             lower = lower.map(|l| l.max(0.0));
         }
         Interval { lower, upper }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_interval_around_two_is_open_where_one_of_them_is() {
+        let narrow = Interval {
+            lower: Some(1.0),
+            upper: Some(2.0),
+        };
+        let open = Interval {
+            lower: Some(0.5),
+            upper: None,
+        };
+        let both = narrow.with(open);
+        assert_eq!((both.lower, both.upper), (Some(0.5), None));
+        assert_eq!(both, open.with(narrow));
     }
 }
