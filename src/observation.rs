@@ -93,6 +93,20 @@ pub struct View {
     pub weight: f64,
 }
 
+impl Observation {
+    /// Of one frame, with no error in common with others.
+    #[must_use]
+    pub fn new(pose: Pose, signal: f64, sigma: f64) -> Self {
+        Observation {
+            pose,
+            signal,
+            sigma,
+            shared: SharedErrors::default(),
+            n_frames: 1,
+        }
+    }
+}
+
 /// All that a fit needs to know about one sample (or one region of it).
 #[derive(Debug, Clone, PartialEq)]
 pub struct ObservationSet {
@@ -122,4 +136,31 @@ pub struct ObservationSet {
     pub rejected_frames: Vec<RejectedFrame>,
     /// Sentences for the user.
     pub warnings: Vec<String>,
+}
+
+impl ObservationSet {
+    /// One sample of a far rig, one frame per observation, without flats and without a certificate of
+    /// the scale.
+    #[must_use]
+    pub fn bare(
+        rig: RigGeometry,
+        material: Material,
+        observations: Vec<Observation>,
+        background: Prior,
+    ) -> Self {
+        ObservationSet {
+            rig,
+            material,
+            n_frames_used: u32::try_from(observations.len()).unwrap_or(u32::MAX),
+            observations,
+            views: Vec::new(),
+            flats: Vec::new(),
+            white_reference: None,
+            background,
+            region: None,
+            region_azimuth: Angle::ZERO,
+            rejected_frames: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
 }

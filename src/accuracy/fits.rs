@@ -12,8 +12,7 @@ use crate::fit::solver::{Settings, minimise};
 use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;
 use crate::model::{Optics, Surface, Variant, radiance};
-use crate::observation::{Observation, ObservationSet, Prior, SharedErrors, WhiteReference};
-use crate::units::Angle;
+use crate::observation::{Observation, ObservationSet, Prior, WhiteReference};
 
 /// Trial steps after which the error is looked at.
 const STEPS: [u64; 16] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16, 20, 30];
@@ -56,33 +55,22 @@ pub(super) fn painted(
     let observations = poses.iter().enumerate().map(|(n, pose)| {
         let clean = radiance(Variant::Sawtooth, &rig.directions(*pose), surface, &optics);
         let sign = if n % 2 == 0 { 1.0 } else { -1.0 };
-        Observation {
-            pose: *pose,
-            signal: clean * (1.0 + misfit * sign),
-            sigma: 1e-3,
-            shared: SharedErrors::default(),
-            n_frames: 1,
-        }
+        Observation::new(*pose, clean * (1.0 + misfit * sign), 1e-3)
     });
     ObservationSet {
-        rig,
-        material,
-        observations: observations.collect(),
-        views: Vec::new(),
-        flats: Vec::new(),
         white_reference: Some(WhiteReference {
             reflectance: 0.99,
             reflectance_std: 0.005,
         }),
-        background: Prior {
-            mean: 0.0,
-            std: 1e-3,
-        },
-        region: None,
-        region_azimuth: Angle::ZERO,
-        n_frames_used: u32::try_from(poses.len()).unwrap_or(u32::MAX),
-        rejected_frames: Vec::new(),
-        warnings: Vec::new(),
+        ..ObservationSet::bare(
+            rig,
+            material,
+            observations.collect(),
+            Prior {
+                mean: 0.0,
+                std: 1e-3,
+            },
+        )
     }
 }
 

@@ -23,14 +23,11 @@ use crate::material::Material;
 use crate::model::prepared::{OpticsTable, Prepared};
 use crate::model::quadrature::Quadrature;
 use crate::model::{Optics, Surface, Variant};
-use crate::observation::{
-    FlatObservation, Observation, ObservationSet, Prior, SharedErrors, WhiteReference,
-};
+use crate::observation::{FlatObservation, Observation, ObservationSet, Prior, WhiteReference};
 use crate::trace::facet::{Diffuse, Roughness};
 use crate::trace::ridged::{RadianceOptions, RidgedSurface};
 use crate::trace::ridges::Ridges;
 use crate::trace::rng::{Purpose, Stream};
-use crate::units::Angle;
 
 /// Where and by how much the variants paper and sawtooth are wrong: table, maps.
 #[derive(Debug, clap::Args)]
@@ -284,12 +281,8 @@ fn optics(rig: &RigGeometry, eta: f64, k: f64) -> (Material, Optics) {
 /// white reference.
 fn observations(rig: &RigGeometry, material: Material, radiances: &[(f64, f64)]) -> ObservationSet {
     let peak = radiances.iter().map(|r| r.0).fold(0.0, f64::max);
-    let observation = |(n, (signal, std)): (usize, &(f64, f64))| Observation {
-        pose: pose(n),
-        signal: *signal,
-        sigma: std.max(1e-6 * peak),
-        shared: SharedErrors::default(),
-        n_frames: 1,
+    let observation = |(n, (signal, std)): (usize, &(f64, f64))| {
+        Observation::new(pose(n), *signal, std.max(1e-6 * peak))
     };
     let flat = |t: usize| {
         let theta_c = pose(t * AZIMUTHS).theta_c;
@@ -301,24 +294,21 @@ fn observations(rig: &RigGeometry, material: Material, radiances: &[(f64, f64)])
         }
     };
     ObservationSet {
-        rig: *rig,
-        material,
-        observations: radiances.iter().enumerate().map(observation).collect(),
-        views: Vec::new(),
         flats: (0..TILTS).map(flat).collect(),
         white_reference: Some(WhiteReference {
             reflectance: 1.0,
             reflectance_std: 0.0,
         }),
-        background: Prior {
-            mean: 0.0,
-            std: 1e-4 * peak,
-        },
-        region: None,
-        region_azimuth: Angle::ZERO,
         n_frames_used: 0,
-        rejected_frames: Vec::new(),
-        warnings: Vec::new(),
+        ..ObservationSet::bare(
+            *rig,
+            material,
+            radiances.iter().enumerate().map(observation).collect(),
+            Prior {
+                mean: 0.0,
+                std: 1e-4 * peak,
+            },
+        )
     }
 }
 

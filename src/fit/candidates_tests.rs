@@ -10,7 +10,7 @@ use crate::fit::solver::{Settings, minimise};
 use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;
 use crate::model::Variant;
-use crate::observation::{Observation, Prior, SharedErrors};
+use crate::observation::{Observation, Prior};
 
 const TRUTH: Values = Values {
     theta_r: 0.3,
@@ -29,38 +29,26 @@ const TRUTH: Values = Values {
 fn painted() -> ObservationSet {
     let beside = Angle::from_deg(90.0);
     let poses = (0..40).map(|k| (10 * (k % 5) - 20, 45 * (k / 5)));
-    let mut set = ObservationSet {
-        rig: RigGeometry {
+    let mut set = ObservationSet::bare(
+        RigGeometry {
             light_azimuth: beside,
             azimuth_zero: beside,
             ..RigGeometry::IN_PLANE
         },
-        material: Material::Dielectric {
+        Material::Dielectric {
             eta: 1.54,
             eta_std: 0.0,
         },
-        observations: poses
-            .map(|(tilt, turn)| Observation {
-                pose: Pose::from_deg(f64::from(tilt), f64::from(turn)),
-                signal: 1.0,
-                sigma: 0.01,
-                shared: SharedErrors::default(),
-                n_frames: 1,
+        poses
+            .map(|(tilt, turn)| {
+                Observation::new(Pose::from_deg(f64::from(tilt), f64::from(turn)), 1.0, 0.01)
             })
             .collect(),
-        views: Vec::new(),
-        flats: Vec::new(),
-        white_reference: None,
-        background: Prior {
+        Prior {
             mean: TRUTH.background,
             std: 1.0,
         },
-        region: None,
-        region_azimuth: Angle::ZERO,
-        n_frames_used: 40,
-        rejected_frames: Vec::new(),
-        warnings: Vec::new(),
-    };
+    );
     let (free, _) = free_quantities(&set, Variant::Sawtooth);
     let signals = Problem::new(&set, Variant::Sawtooth, free, TRUTH).predicted(&TRUTH);
     for (o, s) in set.observations.iter_mut().zip(signals) {

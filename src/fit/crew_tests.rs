@@ -10,44 +10,22 @@ use crate::fit::solver::{Settings, minimise};
 use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;
 use crate::model::Variant;
-use crate::observation::{
-    FlatObservation, Observation, ObservationSet, Prior, SharedErrors, WhiteReference,
-};
+use crate::observation::{FlatObservation, Observation, ObservationSet, Prior, WhiteReference};
 use crate::units::Angle;
 
 fn set(metal: bool, beside: bool) -> ObservationSet {
     let quarter = Angle::from_deg(if beside { 90.0 } else { 0.0 });
-    let observations = (0..60).map(|k| Observation {
-        pose: Pose::from_deg(
-            -20.0 + 10.0 * f64::from(k / 12),
-            30.0 * f64::from(k % 12) + 7.0,
-        ),
-        signal: 0.1 + 0.01 * f64::from(k % 7),
-        sigma: 0.01 + 0.001 * f64::from(k % 5),
-        shared: SharedErrors::default(),
-        n_frames: 1,
+    let observations = (0..60).map(|k| {
+        Observation::new(
+            Pose::from_deg(
+                -20.0 + 10.0 * f64::from(k / 12),
+                30.0 * f64::from(k % 12) + 7.0,
+            ),
+            0.1 + 0.01 * f64::from(k % 7),
+            0.01 + 0.001 * f64::from(k % 5),
+        )
     });
     ObservationSet {
-        rig: RigGeometry {
-            light_azimuth: quarter,
-            azimuth_zero: quarter,
-            ..RigGeometry::IN_PLANE
-        },
-        material: if metal {
-            Material::Conductor {
-                eta: 2.9,
-                k: 3.1,
-                eta_std: 0.0,
-                k_std: 0.0,
-            }
-        } else {
-            Material::Dielectric {
-                eta: 1.54,
-                eta_std: 0.0,
-            }
-        },
-        observations: observations.collect(),
-        views: Vec::new(),
         flats: (0..5)
             .map(|k| FlatObservation {
                 theta_c: Angle::from_deg(-20.0 + 10.0 * f64::from(k)),
@@ -59,15 +37,31 @@ fn set(metal: bool, beside: bool) -> ObservationSet {
             reflectance: 0.99,
             reflectance_std: 0.005,
         }),
-        background: Prior {
-            mean: 0.001,
-            std: 0.005,
-        },
-        region: None,
-        region_azimuth: Angle::ZERO,
-        n_frames_used: 0,
-        rejected_frames: Vec::new(),
-        warnings: Vec::new(),
+        ..ObservationSet::bare(
+            RigGeometry {
+                light_azimuth: quarter,
+                azimuth_zero: quarter,
+                ..RigGeometry::IN_PLANE
+            },
+            if metal {
+                Material::Conductor {
+                    eta: 2.9,
+                    k: 3.1,
+                    eta_std: 0.0,
+                    k_std: 0.0,
+                }
+            } else {
+                Material::Dielectric {
+                    eta: 1.54,
+                    eta_std: 0.0,
+                }
+            },
+            observations.collect(),
+            Prior {
+                mean: 0.001,
+                std: 0.005,
+            },
+        )
     }
 }
 

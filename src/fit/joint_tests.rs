@@ -10,8 +10,7 @@ use crate::fit::Told;
 use crate::fit::report::Status;
 use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;
-use crate::observation::{Observation, Prior, SharedErrors, WhiteReference};
-use crate::units::Angle;
+use crate::observation::{Observation, Prior, WhiteReference};
 
 const TRUTH: Values = Values {
     theta_r: 0.17,
@@ -31,35 +30,24 @@ fn scan(seed: u64, azimuths: &[f64], zeros_deg: [f64; 2]) -> ObservationSet {
     let observations = azimuths
         .iter()
         .flat_map(|azimuth| (0..5).map(move |k| (*azimuth, -20.0 + 10.0 * f64::from(k))))
-        .map(|(azimuth, tilt)| Observation {
-            pose: Pose::from_deg(tilt, azimuth),
-            signal: 0.0,
-            sigma: 1.0,
-            shared: SharedErrors::default(),
-            n_frames: 1,
-        });
+        .map(|(azimuth, tilt)| Observation::new(Pose::from_deg(tilt, azimuth), 0.0, 1.0));
     let mut set = ObservationSet {
-        rig: RigGeometry::IN_PLANE,
-        material: Material::Dielectric {
-            eta: 1.54,
-            eta_std: 0.0,
-        },
-        observations: observations.collect(),
-        views: Vec::new(),
-        flats: Vec::new(),
         white_reference: Some(WhiteReference {
             reflectance: 0.99,
             reflectance_std: 0.005,
         }),
-        background: Prior {
-            mean: 0.0,
-            std: 0.005,
-        },
-        region: None,
-        region_azimuth: Angle::ZERO,
-        n_frames_used: 40,
-        rejected_frames: Vec::new(),
-        warnings: Vec::new(),
+        ..ObservationSet::bare(
+            RigGeometry::IN_PLANE,
+            Material::Dielectric {
+                eta: 1.54,
+                eta_std: 0.0,
+            },
+            observations.collect(),
+            Prior {
+                mean: 0.0,
+                std: 0.005,
+            },
+        )
     };
     let truth = Values {
         azimuth_offset: zeros_deg[0].to_radians(),

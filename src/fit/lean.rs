@@ -24,16 +24,7 @@ use crate::model::fresnel::reflectance;
 use crate::model::lanes::{Lane, Numbers};
 
 /// What the form knows slopes to, in the order of their columns.
-pub(super) const COLUMNS: [Quantity; N] = [
-    Quantity::ThetaR,
-    Quantity::AlphaU,
-    Quantity::AlphaV,
-    Quantity::RhoD,
-    Quantity::Scale,
-    Quantity::Background,
-    Quantity::AzimuthOffset,
-    Quantity::TiltOffset,
-];
+pub(super) const COLUMNS: [Quantity; N] = Quantity::ALL;
 pub(super) const N: usize = 8;
 /// Numbers that describe a surface.
 pub(super) const SHAPE: usize = 14;

@@ -50,36 +50,31 @@ impl Draw {
 /// 40 poses of a plastic sample with an absolute scale.
 fn series(seed: u64) -> ObservationSet {
     let observations = (0..40)
-        .map(|k| Observation {
-            pose: Pose::from_deg(-20.0 + 10.0 * f64::from(k / 8), 45.0 * f64::from(k % 8)),
-            signal: 0.0,
-            sigma: 1.0,
-            shared: SharedErrors::default(),
-            n_frames: 1,
+        .map(|k| {
+            Observation::new(
+                Pose::from_deg(-20.0 + 10.0 * f64::from(k / 8), 45.0 * f64::from(k % 8)),
+                0.0,
+                1.0,
+            )
         })
         .collect();
     let mut set = ObservationSet {
-        rig: RigGeometry::IN_PLANE,
-        material: Material::Dielectric {
-            eta: 1.54,
-            eta_std: 0.0,
-        },
-        observations,
-        views: Vec::new(),
-        flats: Vec::new(),
         white_reference: Some(WhiteReference {
             reflectance: 0.99,
             reflectance_std: 0.005,
         }),
-        background: Prior {
-            mean: 0.0,
-            std: 0.005,
-        },
-        region: None,
-        region_azimuth: Angle::ZERO,
-        n_frames_used: 40,
-        rejected_frames: Vec::new(),
-        warnings: Vec::new(),
+        ..ObservationSet::bare(
+            RigGeometry::IN_PLANE,
+            Material::Dielectric {
+                eta: 1.54,
+                eta_std: 0.0,
+            },
+            observations,
+            Prior {
+                mean: 0.0,
+                std: 0.005,
+            },
+        )
     };
     let painted =
         Problem::new(&set, Variant::Sawtooth, Quantity::ALL.to_vec(), TRUTH).predicted(&TRUTH);

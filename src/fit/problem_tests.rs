@@ -3,43 +3,32 @@
 use super::*;
 use crate::geometry::{Pose, RigGeometry};
 use crate::model::radiance_gradient;
-use crate::observation::{Observation, SharedErrors, View};
+use crate::observation::{Observation, View};
 use crate::units::Angle;
 
 fn set() -> ObservationSet {
     let poses = [(-20.0, 0.0), (3.0, 40.0), (15.0, 200.0), (0.0, 330.0)];
     ObservationSet {
-        rig: RigGeometry {
-            light_azimuth: Angle::from_deg(70.0),
-            azimuth_zero: Angle::from_deg(33.0),
-            ..RigGeometry::IN_PLANE
-        },
-        material: Material::Dielectric {
-            eta: 1.54,
-            eta_std: 0.005,
-        },
-        observations: poses
-            .iter()
-            .map(|(t, p)| Observation {
-                pose: Pose::from_deg(*t, *p),
-                signal: 0.1,
-                sigma: 0.01,
-                shared: SharedErrors::default(),
-                n_frames: 1,
-            })
-            .collect(),
-        views: Vec::new(),
-        flats: Vec::new(),
-        white_reference: None,
-        background: Prior {
-            mean: 0.0,
-            std: 0.01,
-        },
-        region: None,
         region_azimuth: Angle::from_deg(90.0),
-        n_frames_used: 4,
-        rejected_frames: Vec::new(),
-        warnings: Vec::new(),
+        ..ObservationSet::bare(
+            RigGeometry {
+                light_azimuth: Angle::from_deg(70.0),
+                azimuth_zero: Angle::from_deg(33.0),
+                ..RigGeometry::IN_PLANE
+            },
+            Material::Dielectric {
+                eta: 1.54,
+                eta_std: 0.005,
+            },
+            poses
+                .iter()
+                .map(|(t, p)| Observation::new(Pose::from_deg(*t, *p), 0.1, 0.01))
+                .collect(),
+            Prior {
+                mean: 0.0,
+                std: 0.01,
+            },
+        )
     }
 }
 

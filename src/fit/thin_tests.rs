@@ -33,35 +33,28 @@ fn grid(tilts: usize, turns: usize, repeats: usize, alpha: f64) -> ObservationSe
                     first.signal
                 };
                 let wave = (1.7 * (observations.len() as f64)).sin() * 1.4;
-                observations.push(Observation {
+                observations.push(Observation::new(
                     pose,
-                    signal: clean * (1.0 + 1e-3 * wave),
-                    sigma: 1e-3 * clean * (1.0 + 0.2 * repeat as f64),
-                    shared: SharedErrors::default(),
-                    n_frames: 1,
-                });
+                    clean * (1.0 + 1e-3 * wave),
+                    1e-3 * clean * (1.0 + 0.2 * repeat as f64),
+                ));
             }
         }
     }
     ObservationSet {
-        rig,
-        material,
-        observations,
-        views: Vec::new(),
-        flats: Vec::new(),
         white_reference: Some(WhiteReference {
             reflectance: 0.99,
             reflectance_std: 0.005,
         }),
-        background: Prior {
-            mean: 0.0,
-            std: 1e-4,
-        },
-        region: None,
-        region_azimuth: Angle::ZERO,
-        n_frames_used: 1,
-        rejected_frames: Vec::new(),
-        warnings: Vec::new(),
+        ..ObservationSet::bare(
+            rig,
+            material,
+            observations,
+            Prior {
+                mean: 0.0,
+                std: 1e-4,
+            },
+        )
     }
 }
 

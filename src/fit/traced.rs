@@ -568,8 +568,7 @@ mod tests {
     use crate::fit::estimate::estimate;
     use crate::geometry::{Pose, RigGeometry};
     use crate::model::{self, Surface, Variant};
-    use crate::observation::{Observation, Prior, SharedErrors};
-    use crate::units::Angle;
+    use crate::observation::{Observation, Prior};
 
     /// Steel seen at 24 poses, painted by the closed form.
     fn set() -> ObservationSet {
@@ -592,30 +591,22 @@ mod tests {
             let n = f64::from(n);
             Pose::from_deg(10.0 * (n % 4.0) - 15.0, 60.0 * (n / 4.0).floor())
         });
-        let observations = poses.map(|pose| Observation {
-            pose,
-            signal: model::radiance(Variant::Sawtooth, &rig.directions(pose), &surface, &optics),
-            sigma: 1e-3,
-            shared: SharedErrors::default(),
-            n_frames: 1,
+        let observations = poses.map(|pose| {
+            Observation::new(
+                pose,
+                model::radiance(Variant::Sawtooth, &rig.directions(pose), &surface, &optics),
+                1e-3,
+            )
         });
-        ObservationSet {
-            observations: observations.collect(),
+        ObservationSet::bare(
             rig,
             material,
-            views: Vec::new(),
-            flats: Vec::new(),
-            white_reference: None,
-            background: Prior {
+            observations.collect(),
+            Prior {
                 mean: 0.0,
                 std: 1e-3,
             },
-            region: None,
-            region_azimuth: Angle::ZERO,
-            n_frames_used: 24,
-            rejected_frames: Vec::new(),
-            warnings: Vec::new(),
-        }
+        )
     }
 
     #[test]

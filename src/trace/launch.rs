@@ -214,6 +214,23 @@ impl<'a> FirstHits<'a> {
         true
     }
 
+    /// What a triangle does to the lamp's light: from the table, or worked out into `room`.
+    #[inline(always)]
+    fn facet_at<'r, L: Light>(
+        &'r self,
+        walk: &Walk<'_>,
+        at: usize,
+        room: &'r mut Option<Facet>,
+    ) -> &'r Facet {
+        match self.facets.get(at) {
+            Some(facet) => facet,
+            None => room.insert(
+                self.incidence::<L>(walk, &self.starts[at])
+                    .facet::<L>(&self.grid),
+            ),
+        }
+    }
+
     /// A photon that is reflected, refracted or absorbed; its place on the triangle is asked for only where it
     /// matters.
     #[inline(always)]
@@ -227,14 +244,8 @@ impl<'a> FirstHits<'a> {
         batch: &mut Batch,
     ) {
         let start = &self.starts[at];
-        let computed;
-        let facet = match self.facets.get(at) {
-            Some(facet) => facet,
-            None => {
-                computed = self.incidence::<L>(walk, start).facet::<L>(&self.grid);
-                &computed
-            }
-        };
+        let mut computed = None;
+        let facet = self.facet_at::<L>(walk, at, &mut computed);
         let (way, fate, side) = if random.uniform() < facet.share {
             (&facet.reflected, start.reflected, Side::Above)
         } else if facet.enters {
@@ -261,14 +272,8 @@ impl<'a> FirstHits<'a> {
         batch: &mut Batch,
     ) {
         let start = &self.starts[at];
-        let computed;
-        let facet = match self.facets.get(at) {
-            Some(facet) => facet,
-            None => {
-                computed = self.incidence::<L>(walk, start).facet::<L>(&self.grid);
-                &computed
-            }
-        };
+        let mut computed = None;
+        let facet = self.facet_at::<L>(walk, at, &mut computed);
         for (way, fate, side) in [
             (&facet.reflected, start.reflected, Side::Above),
             (&facet.refracted, start.refracted, Side::Below),
