@@ -16,7 +16,7 @@ use ridged::fit::covariance::{Scaling, covariance};
 use ridged::fit::problem::{Problem, Quantity, Values};
 use ridged::fit::search::{StartReport, from_starts};
 use ridged::fit::solver::Minimum;
-use ridged::geometry::{Pose, RigGeometry};
+use ridged::geometry::{Cones, Pose, RigGeometry};
 use ridged::material::Material;
 use ridged::model::Variant;
 use ridged::observation::{Observation, ObservationSet, Prior, SharedErrors};
@@ -158,7 +158,7 @@ fn radiances(folder: &str) -> Result<ObservationSet, anyhow::Error> {
     Ok(ObservationSet {
         views: Vec::new(),
         rig: RigGeometry {
-            light_angular_radius: Angle::ZERO,
+            cones: Cones::NONE,
             ..RigGeometry::IN_PLANE
         },
         material: Material::Dielectric {

@@ -2,7 +2,7 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
-use ridged::geometry::{Pose, RigGeometry};
+use ridged::geometry::{Cones, Pose, RigGeometry};
 use ridged::material::Material;
 use ridged::model::{Optics, Surface, Variant, radiance};
 use ridged::observation::{Observation, ObservationSet, Prior, SharedErrors, WhiteReference};
@@ -155,7 +155,7 @@ pub fn case(stratum: Stratum, seed: u64) -> Case {
         let rig = RigGeometry {
             light_azimuth: quarter,
             azimuth_zero: quarter,
-            light_angular_radius: Angle::from_deg(if point { 0.0 } else { 1.0 }),
+            cones: Cones::of_lamp(Angle::from_deg(if point { 0.0 } else { 1.0 })),
             ..RigGeometry::IN_PLANE
         };
         let material = if metal {

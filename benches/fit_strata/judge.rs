@@ -61,8 +61,7 @@ pub fn linear(case: &Case, free: &[Quantity]) -> Linear {
     let (set, truth) = (&case.set, &case.truth);
     let m = set.observations.len();
     let n = free.len();
-    let radius = set.rig.light_angular_radius.rad();
-    let width = |a: f64| (a * a + radius * radius / 8.0).sqrt();
+    let width = |a: f64| (a * a + set.rig.cones.widening()).sqrt();
     let narrow = width(truth.surface.alpha_u).min(width(truth.surface.alpha_v));
     let mut j = DMatrix::<f64>::zeros(m + 1, n);
     for (k, q) in free.iter().enumerate() {
@@ -111,9 +110,8 @@ pub fn linear(case: &Case, free: &[Quantity]) -> Linear {
 /// Observations whose half vector lies where the facets' lobe is above 5 % of its top.
 fn in_lobe(case: &Case) -> usize {
     let (set, t) = (&case.set, &case.truth);
-    let radius = set.rig.light_angular_radius.rad();
     let (s, c) = t.surface.theta_r.sin_cos();
-    let lamp = radius * radius / 8.0;
+    let lamp = set.rig.cones.widening();
     let inside = |o: &&ridged::observation::Observation| {
         let pose = ridged::geometry::Pose {
             theta_c: o.pose.theta_c + ridged::units::Angle::from_rad(t.tilt_offset),

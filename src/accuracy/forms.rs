@@ -4,11 +4,11 @@ use std::time::Instant;
 
 use super::proof::{Part, Proof};
 use super::{Effort, Point};
-use crate::geometry::{Directions, Pose};
+use crate::geometry::{Cones, Directions, Pose};
 use crate::model::brdf::{self, Case};
 use crate::model::prepared::OpticsTable;
 use crate::model::quadrature::Quadrature;
-use crate::model::{Optics, Surface, Variant, radiance};
+use crate::model::{Optics, Surface, Variant, cone, radiance};
 use crate::plan::{self, Decision, TOLERANCE};
 use crate::series::Manifest;
 
@@ -94,7 +94,7 @@ fn printed(points: &mut Vec<Point>) {
             eta: c.eta,
             k: c.k,
             theta_l: 0.0,
-            light_angular_radius: 0.0,
+            cones: Cones::NONE,
         };
         let of = |theta: f64, phi: f64| {
             nalgebra::Vector3::new(
@@ -223,11 +223,8 @@ fn recorded(series: &Recorded, effort: Effort, points: &mut Vec<Point>) {
             reference: "path tracer (Mitsuba 3.9.1), 0.1 % noise".to_owned(),
         });
     };
-    let with_radius = |variant: Variant, light_angular_radius: f64| {
-        let optics = Optics {
-            light_angular_radius,
-            ..optics
-        };
+    let with_cones = |variant: Variant, cones: Cones| {
+        let optics = Optics { cones, ..optics };
         let d = &directions;
         move || {
             d.iter()
@@ -235,18 +232,17 @@ fn recorded(series: &Recorded, effort: Effort, points: &mut Vec<Point>) {
                 .collect::<Vec<f64>>()
         }
     };
-    let radius = optics.light_angular_radius;
     add(
         "closed form, as printed".to_owned(),
-        &with_radius(Variant::Paper, radius),
+        &with_cones(Variant::Paper, optics.cones),
     );
     add(
         "closed form, sawtooth, point lamp".to_owned(),
-        &with_radius(Variant::Sawtooth, 0.0),
+        &with_cones(Variant::Sawtooth, Cones::NONE),
     );
     add(
         "closed form, sawtooth".to_owned(),
-        &with_radius(Variant::Sawtooth, radius),
+        &with_cones(Variant::Sawtooth, optics.cones),
     );
     let tolerances: &[f64] = match effort {
         Effort::Quick => &[1e-1, 1e-2, 1e-3],
@@ -290,10 +286,17 @@ fn proof_of(name: &str, ready: &Ready, effort: Effort) -> Proof {
     let peak = ready.rows.iter().map(|r| r.2).fold(0.0, f64::max);
     // A hundredth of the tolerance: the reference's own error is nothing beside it.
     let exactness = 0.01 * TOLERANCE * peak;
-    let radius = ready.optics.light_angular_radius;
+    let nodes = cone::nodes(
+        &ready.optics.cones,
+        ready.surface.alpha_u.min(ready.surface.alpha_v),
+    );
     let compute = |cone: bool, polarised: bool, pixels: bool| -> Vec<f64> {
         let optics = Optics {
-            light_angular_radius: if cone { 0.0 } else { radius },
+            cones: if cone {
+                Cones::NONE
+            } else {
+                ready.optics.cones
+            },
             // The forms follow polarisation where the index has an imaginary part, however small.
             k: if polarised && ready.optics.k == 0.0 {
                 1e-9
@@ -304,20 +307,21 @@ fn proof_of(name: &str, ready: &Ready, effort: Effort) -> Proof {
         };
         let quadrature = Quadrature::new(&ready.surface, &OpticsTable::new(&optics));
         let times = if pixels { RASTER * RASTER } else { 1 };
-        let nodes: Vec<Directions> = directions
+        let each: &[cone::Node] = if cone { &nodes } else { &[cone::Node::CENTRE] };
+        let all: Vec<Directions> = directions
             .iter()
             // Camera and lamp are far: every pixel has the same directions, which is the point.
             .flat_map(|d| std::iter::repeat_n(*d, times))
-            .flat_map(|d| match cone {
-                true => plan::series::disc(&d, radius).to_vec(),
-                false => vec![d],
-            })
+            .flat_map(|d| each.iter().map(move |node| cone::moved(&d, node)))
             .collect();
-        let each = nodes.len() / directions.len().max(1);
+        let per_view = each.len() * times;
         quadrature
-            .radiances(&nodes, exactness)
-            .chunks(each.max(1))
-            .map(|c| c.iter().map(|e| e.value).sum::<f64>() / c.len() as f64)
+            .radiances(&all, exactness)
+            .chunks(per_view)
+            .map(|c| {
+                let weights = each.iter().map(|n| n.weight).cycle();
+                c.iter().zip(weights).map(|(e, w)| e.value * w).sum::<f64>() / times as f64
+            })
             .collect()
     };
     let wanted = |d: Decision| plan.on(d).is_none_or(|c| c.included);

@@ -103,6 +103,8 @@ pub struct GeometryBody {
     azimuth_zero_deg: f64,
     /// Half angle of the lamp seen from the sample.
     light_angular_radius_deg: Option<f64>,
+    /// Half angle of the lens's pupil seen from the sample; null for a point.
+    lens_angular_radius_deg: Option<f64>,
     /// Wavelength of the lamp.
     wavelength_nm: Option<f64>,
 }
@@ -156,6 +158,7 @@ impl From<RigView> for RigBody {
                 light_azimuth_deg: view.rig_facts.light_azimuth_deg,
                 azimuth_zero_deg: view.rig_facts.azimuth_zero_deg,
                 light_angular_radius_deg: view.rig_facts.light_angular_radius_deg,
+                lens_angular_radius_deg: view.rig_facts.lens_angular_radius_deg,
                 wavelength_nm: view.rig_facts.wavelength_nm,
             },
             camera: CameraBody {

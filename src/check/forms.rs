@@ -6,7 +6,7 @@ use nalgebra::{Complex, Vector3};
 
 use super::criterion::{digits, limit, refused};
 use super::{Effort, Row};
-use crate::geometry::Directions;
+use crate::geometry::{Cones, Directions};
 use crate::model::brdf::{self, Case};
 use crate::model::flat_stack::FlatStack;
 use crate::model::fresnel;
@@ -109,7 +109,7 @@ fn surface_of(c: &Case) -> (Surface, Optics) {
         eta: c.eta,
         k: c.k,
         theta_l: THETA_L_DEG.to_radians(),
-        light_angular_radius: 0.0,
+        cones: Cones::NONE,
     };
     (surface, optics)
 }

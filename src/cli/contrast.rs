@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 use super::{CliError, daemon, interrupt};
 use crate::contrast::{as_json, findings_json, measure, rounded_deg};
-use crate::geometry::RigGeometry;
+use crate::geometry::{Cones, RigGeometry};
 use crate::model::contrast::{
     Exposure, PAIRS, PAPER_RIDGES_DEG, PAPER_TILTS_DEG, Table, Tier, predict,
 };
@@ -114,6 +114,9 @@ pub struct Scene {
     /// Angular radius of the lamp.
     #[arg(long, default_value_t = 1.0, value_name = "DEG")]
     pub light_angular_radius_deg: f64,
+    /// Angular radius of the lens's pupil, seen from the sample; 0 for a point.
+    #[arg(long, default_value_t = 0.0, value_name = "DEG")]
+    pub lens_angular_radius_deg: f64,
 }
 
 /// Tiers by the names of the command line.
@@ -138,17 +141,24 @@ impl Model {
         }
     }
 
-    /// What its radiances do without.
+    /// What its radiances do without on a rig of those cones, the lobes' narrower roughness being `alpha`.
     #[must_use]
-    pub fn left_out(self) -> Vec<LeftOut> {
-        let mut list = left_out::of_closed_form(match self {
-            Model::Paper => Variant::Paper,
-            Model::Sawtooth | Model::Quadrature => Variant::Sawtooth,
-        });
-        if self == Model::Sawtooth {
-            list.push(left_out::two_bounce_quadrature());
+    pub fn left_out(self, cones: &Cones, alpha: f64) -> Vec<LeftOut> {
+        let of = |variant| left_out::of_closed_form(variant, cones, alpha);
+        match self {
+            Model::Paper => of(Variant::Paper),
+            Model::Sawtooth => {
+                let mut list = of(Variant::Sawtooth);
+                list.push(left_out::two_bounce_quadrature());
+                list
+            }
+            // It averages over the cones.
+            Model::Quadrature => {
+                let mut list: Vec<LeftOut> = left_out::lens(cones).into_iter().collect();
+                list.extend([left_out::ideal_profile(), left_out::third_bounce()]);
+                list
+            }
         }
-        list
     }
 
     /// Its name in JSON.
@@ -194,6 +204,12 @@ impl Scene {
             0.0,
             10.0,
         )?;
+        check(
+            "lens-angular-radius-deg",
+            self.lens_angular_radius_deg,
+            0.0,
+            30.0,
+        )?;
         for &tilt in &self.theta_c_deg {
             check("theta-c-deg", tilt, -89.0, 89.0)?;
         }
@@ -201,13 +217,16 @@ impl Scene {
             theta_l: Angle::from_deg(self.theta_l_deg),
             light_azimuth: Angle::from_deg(self.light_azimuth_deg),
             azimuth_zero: Angle::from_deg(self.azimuth_zero_deg),
-            light_angular_radius: Angle::from_deg(self.light_angular_radius_deg),
+            cones: Cones {
+                lamp: Angle::from_deg(self.light_angular_radius_deg),
+                lens: Angle::from_deg(self.lens_angular_radius_deg),
+            },
         };
         let optics = Optics {
             eta: self.eta,
             k: self.k,
             theta_l: rig.theta_l.rad(),
-            light_angular_radius: rig.light_angular_radius.rad(),
+            cones: rig.cones,
         };
         let surface = Surface {
             theta_r: 0.0,
@@ -285,7 +304,10 @@ fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
     let mut report = as_json(&table, None);
     report["mode"] = json!("predicted");
     report["variant"] = json!(args.variant.name());
-    report["left_out"] = json!(args.variant.left_out());
+    report["left_out"] = json!(
+        args.variant
+            .left_out(&rig.cones, surface.alpha_u.min(surface.alpha_v))
+    );
     Ok((table, report))
 }
 

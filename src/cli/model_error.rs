@@ -211,7 +211,7 @@ fn cell(
             let options = RadianceOptions {
                 paths,
                 seed: Stream::new(args.seed, Purpose::Batch, n as u64).bits(),
-                light_angular_radius: rig.light_angular_radius.rad(),
+                cones: rig.cones,
                 polarised: true,
             };
             (!cancel.load(Ordering::Relaxed)).then(|| traced.radiance(d, &options))

@@ -122,7 +122,7 @@ fn report(args: &Args) -> Result<serde_json::Value, CliError> {
         "at_theta_r_bound": best.at_theta_r_bound,
         "at_alpha_bound": best.at_alpha_bound,
         "theta_c_deg": args.scene.theta_c_deg,
-        "left_out": args.variant.left_out(),
+        "left_out": args.variant.left_out(&rig.cones, best.alpha),
         "program": concat!("ridged ", env!("CARGO_PKG_VERSION")),
     }))
 }

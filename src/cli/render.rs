@@ -144,7 +144,11 @@ fn write_png(path: &Path, picture: &Picture) -> anyhow::Result<()> {
     encoder.set_color(png::ColorType::Grayscale);
     encoder.set_depth(png::BitDepth::Eight);
     // A picture keeps with it what its radiances do without.
-    let mut left_out = left_out::of_closed_form(Variant::Sawtooth);
+    let mut left_out = left_out::of_closed_form(
+        Variant::Sawtooth,
+        &crate::geometry::Cones::NONE,
+        f64::INFINITY,
+    );
     left_out.push(left_out::two_bounce_quadrature());
     encoder.add_itxt_chunk("left_out".to_owned(), serde_json::to_string(&left_out)?)?;
     let mut writer = encoder.write_header()?;

@@ -293,7 +293,7 @@ fn contrast(surface: &RidgedSurface, rig: &RigGeometry, args: &Args, paths: u64)
             let options = RadianceOptions {
                 paths,
                 seed: Stream::new(args.seed, Purpose::Batch, index).bits(),
-                light_angular_radius: rig.light_angular_radius.rad(),
+                cones: rig.cones,
                 polarised: true,
             };
             let pose = Pose::from_deg(*tilt, PAPER_AZIMUTHS_DEG[a]);

@@ -169,9 +169,15 @@ impl Config {
             ("rig.azimuth_zero_deg", rig.azimuth_zero_deg, -360.0, 360.0),
             (
                 "rig.light_angular_radius_deg",
-                rig.light_angular_radius_deg,
+                rig.light_angular_radius_deg.unwrap_or(0.0),
                 0.0,
                 20.0,
+            ),
+            (
+                "rig.lens_angular_radius_deg",
+                rig.lens_angular_radius_deg.unwrap_or(0.0),
+                0.0,
+                45.0,
             ),
             ("rig.wavelength_nm", rig.wavelength_nm, 200.0, 20_000.0),
             ("camera.timeout_s", camera.timeout_s, 0.1, 3600.0),
@@ -224,6 +230,7 @@ impl Config {
             ("rig.light_distance_mm", rig.light_distance_mm),
             ("rig.light_radius_mm", rig.light_radius_mm),
             ("rig.camera_distance_mm", rig.camera_distance_mm),
+            ("rig.lens_radius_mm", rig.lens_radius_mm),
             ("camera.field_width_mm", camera.field_width_mm),
             ("camera.field_height_mm", camera.field_height_mm),
             ("camera.saturation_dn", camera.saturation_dn),
@@ -266,11 +273,15 @@ impl Config {
     pub fn rig_facts(&self) -> RigFacts {
         let rig = &self.rig;
         let distance = |mm: Option<f64>| mm.map(|_| "finite".to_owned());
+        let light_angular_radius_deg = rig
+            .light_angular_radius_deg
+            .or_else(|| rig.light_radius_mm.is_none().then_some(USUAL_LAMP_DEG));
         RigFacts {
             theta_l_deg: rig.theta_l_deg,
             light_azimuth_deg: rig.light_azimuth_deg,
             azimuth_zero_deg: rig.azimuth_zero_deg,
-            light_angular_radius_deg: Some(rig.light_angular_radius_deg),
+            light_angular_radius_deg,
+            lens_angular_radius_deg: rig.lens_angular_radius_deg,
             wavelength_nm: Some(rig.wavelength_nm),
             rotation_axis_px: rig.rotation_axis_px,
             light_distance: distance(rig.light_distance_mm),
@@ -278,6 +289,7 @@ impl Config {
             light_distance_mm: rig.light_distance_mm,
             light_radius_mm: rig.light_radius_mm,
             camera_distance_mm: rig.camera_distance_mm,
+            lens_radius_mm: rig.lens_radius_mm,
             notes: Default::default(),
         }
     }
@@ -335,6 +347,8 @@ impl Config {
 
 /// An end that does not belong to its range is moved inwards by this.
 const OPEN: f64 = 1e-9;
+/// Half angle of a lamp of which the settings say nothing, the recorded series' LED.
+const USUAL_LAMP_DEG: f64 = 1.0;
 
 /// A range in words, open ends as they are meant.
 fn range(min: f64, max: f64) -> String {

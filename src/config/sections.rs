@@ -49,8 +49,11 @@ pub struct RigSettings {
     pub light_azimuth_deg: f64,
     /// Added to the recorded φs it gives the azimuth of v. Default 0, −360 to 360.
     pub azimuth_zero_deg: f64,
-    /// Half angle of the lamp seen from the sample. Default 1, 0 to 20.
-    pub light_angular_radius_deg: f64,
+    /// Half angle of the lamp seen from the sample. Default: what `light_radius_mm` spans, or else 1; 0 to 20.
+    pub light_angular_radius_deg: Option<f64>,
+    /// Half angle of the lens's pupil seen from the sample. Default: what `lens_radius_mm` spans, or else 0 (a
+    /// lens stopped down to a point); 0 to 45.
+    pub lens_angular_radius_deg: Option<f64>,
     /// Wavelength of the lamp. Default 550, 200 to 20 000.
     pub wavelength_nm: f64,
     /// Column and row of the rotation axis, from the outer corner of the first pixel. Default: the
@@ -62,6 +65,8 @@ pub struct RigSettings {
     pub light_radius_mm: Option<f64>,
     /// From the centre of tilt to the camera's pupil; leave it out for a telecentric lens. Above 0.
     pub camera_distance_mm: Option<f64>,
+    /// Radius of the lens's pupil where its distance is given. Above 0.
+    pub lens_radius_mm: Option<f64>,
 }
 
 impl Default for RigSettings {
@@ -70,12 +75,14 @@ impl Default for RigSettings {
             theta_l_deg: 10.0,
             light_azimuth_deg: 0.0,
             azimuth_zero_deg: 0.0,
-            light_angular_radius_deg: 1.0,
+            light_angular_radius_deg: None,
+            lens_angular_radius_deg: None,
             wavelength_nm: 550.0,
             rotation_axis_px: None,
             light_distance_mm: None,
             light_radius_mm: None,
             camera_distance_mm: None,
+            lens_radius_mm: None,
         }
     }
 }

@@ -200,8 +200,7 @@ fn tilt(at: &dyn Fn(u32) -> f64) -> f64 {
 
 /// How far a bright pose lies off the lobe's top, as a slope.
 fn off_top(set: &ObservationSet, alpha: f64, share: f64) -> f64 {
-    let lamp = set.rig.light_angular_radius.rad();
-    (alpha * alpha + lamp * lamp / 8.0).sqrt().min(0.5) * OFF_TOP * (2.0 * share - 1.0)
+    (alpha * alpha + set.rig.cones.widening()).sqrt().min(0.5) * OFF_TOP * (2.0 * share - 1.0)
 }
 
 /// Ridge angle and azimuth offset at which the facets' normal is the half vector of an observation,

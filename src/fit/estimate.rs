@@ -494,19 +494,15 @@ pub(super) fn explained(
 fn in_lobe(settled: &Settled<'_>) -> usize {
     let problem = &settled.problem;
     let values = problem.unpack(&settled.minimum.parameters);
-    let (ready, radius) = (
-        problem.ready(&values),
-        problem.set().rig.light_angular_radius.rad(),
-    );
+    let (ready, cones) = (problem.ready(&values), problem.set().rig.cones.widening());
     let (s, c) = values.theta_r.abs().sin_cos();
-    let lamp = radius * radius / 8.0;
     let inside = |i: &usize| {
         let d = problem.directions(*i, &ready).0;
         let h = d.incident + d.outgoing;
         let m = h.y * s + h.z * c;
         let (x, y) = (h.x / m, (h.y * c - h.z * s) / m);
-        let along = x * x / (values.alpha_u * values.alpha_u + lamp);
-        m > 0.0 && along + y * y / (values.alpha_v * values.alpha_v + lamp) < 3.0
+        let along = x * x / (values.alpha_u * values.alpha_u + cones);
+        m > 0.0 && along + y * y / (values.alpha_v * values.alpha_v + cones) < 3.0
     };
     (0..problem.set().observations.len()).filter(inside).count()
 }

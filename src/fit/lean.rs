@@ -57,11 +57,10 @@ impl Optics {
         let (sa, ca) = set.rig.light_azimuth.sin_cos();
         let (eta, k) = set.material.index();
         let h2 = 2.0 + 2.0 * cl;
-        let radius = set.rig.light_angular_radius.rad();
         Optics {
             lamp: [cl, sl * ca, sl * sa],
             gloss: reflectance(0.5 * h2.sqrt(), eta, k) * h2 * h2 / (4.0 * PI),
-            wide: radius * radius / 8.0,
+            wide: set.rig.cones.widening(),
             lambert: if k > 0.0 { 0.0 } else { FRAC_1_PI },
         }
     }

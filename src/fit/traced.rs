@@ -486,7 +486,7 @@ impl Task<'_, '_> {
                 let options = RadianceOptions {
                     paths: self.paths,
                     seed: Stream::new(self.seed, Purpose::Batch, i as u64).bits(),
-                    light_angular_radius: set.rig.light_angular_radius.rad(),
+                    cones: set.rig.cones,
                     polarised: self.polarised,
                 };
                 let radiance = surface.radiance(&problem.directions(i, &ready).0, &options);

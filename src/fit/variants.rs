@@ -695,7 +695,12 @@ fn effective_freedom(budget: &Budget, u: &Uncertainty) -> Option<f64> {
 }
 
 fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
-    let mut list = left_out::cones().to_vec();
+    let cones = &e.problem.set().rig.cones;
+    let narrow = e.values.alpha_u.min(e.values.alpha_v);
+    let mut list: Vec<LeftOut> = left_out::lens(cones).into_iter().collect();
+    if variant != VariantName::Traced && !(variant == VariantName::Sawtooth && e.takes_tier()) {
+        list.push(left_out::cone_average(cones, narrow));
+    }
     if variant != VariantName::Traced {
         list.push(left_out::ideal_profile());
     }

@@ -168,7 +168,7 @@ impl Dear {
         coarseness: f64,
         integrated: Integrated,
     ) -> Self {
-        let lamp = rig.light_angular_radius.rad().powi(2) / 8.0;
+        let lamp = rig.cones.widening();
         Dear {
             table: OpticsTable::new(&Optics::new(&rig, &material)),
             amplitude: super::view::View::fits_amplitude(&material),

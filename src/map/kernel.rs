@@ -229,7 +229,7 @@ mod tests {
         let mut compared = 0;
         for (rig, pose, p) in cases() {
             let optics = Optics::new(&rig, &material);
-            let lamp = rig.light_angular_radius.rad().powi(2) / 8.0;
+            let lamp = rig.cones.widening();
             let (value, _) = single(&geometry(&rig, pose), &p, lamp);
             // ρd = 0 leaves the model's (a) and (c). (c) is proportional to A², the riser's part of
             // (a) is beyond e⁻⁶⁰ of its peak at these angles only where θr is small: compare there.
@@ -267,7 +267,7 @@ mod tests {
     #[test]
     fn the_derivatives_are_those_of_central_differences() {
         for (rig, pose, p) in cases() {
-            let lamp = rig.light_angular_radius.rad().powi(2) / 8.0;
+            let lamp = rig.cones.widening();
             let g = geometry(&rig, pose);
             let (value, slopes) = single(&g, &p, lamp);
             for k in 0..4 {

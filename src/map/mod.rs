@@ -313,6 +313,7 @@ pub fn map_until(
 
     let mut warnings = calibration.warnings.clone();
     warnings.extend(doubts(&settled, &view));
+    let left_out = what_is_left_out(&settled, &view, &layers, pixels_left_out);
     Ok(Map {
         shared_std: settled.shared_std.map(|std| in_layer_units(&std, &layers)),
         layers,
@@ -328,14 +329,30 @@ pub fn map_until(
         n_poses: groups.len(),
         rejected_frames: rejected,
         warnings,
-        left_out: what_is_left_out(&settled, &view, pixels_left_out),
+        left_out,
         pixels_left_out,
     })
 }
 
 /// What a map does without.
-fn what_is_left_out(settled: &Settled, view: &View, pixels_left_out: usize) -> Vec<LeftOut> {
-    let mut list = left_out::of_closed_form(crate::model::Variant::Sawtooth);
+fn what_is_left_out(
+    settled: &Settled,
+    view: &View,
+    layers: &Layers,
+    pixels_left_out: usize,
+) -> Vec<LeftOut> {
+    let [_, _, along, across, _] = &layers.parameters;
+    let narrower = along.values.iter().zip(&across.values);
+    let alpha = settle::median(
+        narrower
+            .map(|(u, v)| f64::from(u.min(*v)))
+            .filter(|alpha| alpha.is_finite()),
+    );
+    let mut list = left_out::of_closed_form(
+        crate::model::Variant::Sawtooth,
+        &view.rig.cones,
+        alpha.unwrap_or(f64::MAX),
+    );
     list.push(match settled.double_reflections {
         DoubleReflections::LeftOut { cost } => LeftOut::new(
             "double reflections by integration",

@@ -7,7 +7,7 @@ use super::dual::Scalar;
 use super::prepared::{OpticsTable, Partials, Prepared};
 use super::sawtooth::Parameters;
 use super::{Optics, Surface, Variant, paper, sawtooth};
-use crate::geometry::{Directions, Pose, RigGeometry};
+use crate::geometry::{Cones, Directions, Pose, RigGeometry};
 use crate::units::Angle;
 
 /// θr, αu, αv, ρd, A, n, k, then the components of ω_i and of ω_o.
@@ -77,7 +77,7 @@ fn by_num_dual(variant: Variant, c: &Case) -> [f64; 14] {
         eta: variable(c.optics.eta, 5),
         k: variable(c.optics.k, 6),
         theta_l: c.optics.theta_l,
-        light_angular_radius: c.optics.light_angular_radius,
+        widening: c.optics.cones.widening(),
     };
     let i = [0, 1, 2].map(|j| variable(c.incident[j], 7 + j));
     let o = [0, 1, 2].map(|j| variable(c.outgoing[j], 10 + j));
@@ -180,7 +180,7 @@ fn over_the_brdf_reference_cases() {
                 eta: x[8],
                 k: x[9],
                 theta_l: 0.17,
-                light_angular_radius: 0.0,
+                cones: Cones::NONE,
             },
             condition: 1.0 + x[14],
         };
@@ -198,7 +198,7 @@ fn over_the_closed_form_cases() {
         let x: Vec<f64> = line.split(',').map(|f| f.parse().unwrap()).collect();
         let rig = RigGeometry {
             theta_l: Angle::from_deg(x[7]),
-            light_angular_radius: Angle::from_deg(x[8]),
+            cones: Cones::of_lamp(Angle::from_deg(x[8])),
             ..RigGeometry::IN_PLANE
         };
         let d = rig.directions(Pose::from_deg(x[9], x[10]));
@@ -216,7 +216,7 @@ fn over_the_closed_form_cases() {
                 eta: x[5],
                 k: x[6],
                 theta_l: x[7].to_radians(),
-                light_angular_radius: x[8].to_radians(),
+                cones: Cones::of_lamp(Angle::from_deg(x[8])),
             },
             condition: 100.0,
         };

@@ -63,12 +63,8 @@ pub fn check(surface: &Surface, optics: &Optics) -> Result<(), OutOfDomain> {
         ("eta", optics.eta, 1e-6, 1e6),
         ("k", optics.k, 0.0, 1e6),
         ("theta_l", optics.theta_l, -1.5, 1.5),
-        (
-            "light_angular_radius",
-            optics.light_angular_radius,
-            0.0,
-            1.5,
-        ),
+        ("light_angular_radius", optics.cones.lamp.rad(), 0.0, 1.5),
+        ("lens_angular_radius", optics.cones.lens.rad(), 0.0, 1.5),
     ] {
         // A NaN is within nothing.
         if !(low..=high).contains(&value) {
@@ -120,7 +116,7 @@ mod tests {
         eta: 1.54,
         k: 0.0,
         theta_l: 0.17,
-        light_angular_radius: 0.0,
+        cones: crate::geometry::Cones::NONE,
     };
 
     #[test]

@@ -14,7 +14,7 @@ use super::quadrature::Quadrature;
 use super::sawtooth::visible_and_lit_fraction;
 use super::single_bounce::{Scattering, mueller_brdf};
 use super::{Optics, Surface, Variant, radiance};
-use crate::geometry::Directions;
+use crate::geometry::{Cones, Directions};
 
 /// Doubles that meet the ends: special values, every exponent, and plain ones.
 fn any_double() -> impl Strategy<Value = f64> {
@@ -73,9 +73,11 @@ prop_compose! {
 prop_compose! {
     fn optics()(eta in prop_oneof![wide(1e-6, 1e6), Just(1.0), Just(1.0 + 1e-12), 1.0..3.0f64],
                 k in prop_oneof![Just(0.0), Just(30.0), wide(1e-15, 1e6)], theta_l in -1.5..1.5f64,
-                light_angular_radius in prop_oneof![Just(0.0), 0.0..0.1f64]) -> Optics
+                lamp in prop_oneof![Just(0.0), 0.0..0.1f64],
+                lens in prop_oneof![Just(0.0), 0.0..0.5f64]) -> Optics
     {
-        Optics { eta, k, theta_l, light_angular_radius }
+        let cones = Cones { lamp: crate::units::Angle::from_rad(lamp), lens: crate::units::Angle::from_rad(lens) };
+        Optics { eta, k, theta_l, cones }
     }
 }
 

@@ -499,7 +499,7 @@ fn retro(q: &Prepared, a: &Ray, b: &Ray, ga: &mut Back, gb: &mut Back, shared: &
     let surface = &q.surface;
     let au2 = surface.alpha_u * surface.alpha_u;
     let spread = 0.5 * (a.m * a.m + b.rho * b.rho);
-    let v_u = au2 * spread + q.lamp;
+    let v_u = au2 * spread + q.cones;
     let per_v_v = q.per_v_v;
     let per_v_u = 1.0 / v_u;
     let x = 0.5 * (a.u + b.u);

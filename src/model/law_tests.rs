@@ -6,7 +6,7 @@ use super::fresnel::{reflectance, transmittance};
 use super::prepared::{OpticsTable, Prepared};
 use super::quadrature::Quadrature;
 use super::{Optics, Surface, Variant, radiance};
-use crate::geometry::{Directions, Pose, RigGeometry};
+use crate::geometry::{Cones, Directions, Pose, RigGeometry};
 use crate::units::Angle;
 
 /// One way from directions to a radiance. A new form is one line here, and all laws are asked of it.
@@ -63,7 +63,7 @@ fn optics(eta: f64, k: f64) -> Optics {
         eta,
         k,
         theta_l: 10f64.to_radians(),
-        light_angular_radius: 0.0,
+        cones: Cones::NONE,
     }
 }
 

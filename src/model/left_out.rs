@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Variant;
+use super::{Variant, cone};
+use crate::geometry::Cones;
 
 /// Something that a computation leaves out.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,10 +29,12 @@ impl LeftOut {
     }
 }
 
-/// What every use of a closed form does without, whatever is done with its radiances.
+/// What every use of a closed form does without, whatever is done with its radiances; `alpha` is the
+/// narrower roughness of its lobes.
 #[must_use]
-pub fn of_closed_form(variant: Variant) -> Vec<LeftOut> {
-    let mut list = cones().to_vec();
+pub fn of_closed_form(variant: Variant, cones: &Cones, alpha: f64) -> Vec<LeftOut> {
+    let mut list = vec![cone_average(cones, alpha)];
+    list.extend(lens(cones));
     list.push(ideal_profile());
     list.push(match variant {
         Variant::Paper => printed_lobe(None),
@@ -40,21 +43,32 @@ pub fn of_closed_form(variant: Variant) -> Vec<LeftOut> {
     list
 }
 
-/// Averages over the cones of light on both sides.
+/// The average over the cones of light, replaced by wider lobes.
 #[must_use]
-pub fn cones() -> [LeftOut; 2] {
-    [
+pub fn cone_average(cones: &Cones, alpha: f64) -> LeftOut {
+    let points = cones.reach() <= 0.0;
+    LeftOut::new(
+        "average over the cones of lamp and lens",
+        if points {
+            "lamp and lens are points"
+        } else {
+            "replaced by a closed correction of the lobes' widths (α² + (Rl² + Rc²)/8)"
+        },
+        Some(cone::costs(cones, alpha).widened),
+    )
+}
+
+/// The lens's cone, where the rig states none.
+#[must_use]
+pub fn lens(cones: &Cones) -> Option<LeftOut> {
+    (cones.lens.rad() <= 0.0).then(|| {
         LeftOut::new(
-            "average over the lamp's cone",
-            "replaced by a closed correction of the lobes' widths (α² + R²/8)",
-            Some(5e-4),
-        ),
-        LeftOut::new(
-            "average over the lens's cone",
-            "the aperture is not among the rig's facts; it counts only for lobes as narrow as the cone",
+            "the lens's cone",
+            "the rig states no lens_angular_radius_deg, so the lens counts as a point; that matters for \
+             lobes as narrow as its cone",
             None,
-        ),
-    ]
+        )
+    })
 }
 
 /// What real ridges have beside their two slopes.

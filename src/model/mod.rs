@@ -9,6 +9,7 @@
 //! for irradiance 1 on a surface facing the lamp, so L = f cos θi.
 
 pub mod brdf;
+pub mod cone;
 pub mod contrast;
 pub mod domain;
 pub mod double_double;
@@ -38,7 +39,7 @@ mod law_tests;
 
 use nalgebra::Vector3;
 
-use crate::geometry::{Directions, Pose, RigGeometry};
+use crate::geometry::{Cones, Directions, Pose, RigGeometry};
 use crate::material::Material;
 use dual::{Dual, Scalar};
 pub use left_out::LeftOut;
@@ -78,8 +79,8 @@ pub struct Optics {
     pub k: f64,
     /// Angle between lamp and camera, rad; normalises ρd in `Sawtooth`.
     pub theta_l: f64,
-    /// Angular radius of the lamp, rad; widens the lobes (α² + R²/8).
-    pub light_angular_radius: f64,
+    /// The cones of lamp and lens; they widen the lobes (α² + (Rl² + Rc²)/8).
+    pub cones: Cones,
 }
 
 impl Surface {
@@ -104,7 +105,7 @@ impl Optics {
             eta,
             k,
             theta_l: rig.theta_l.rad(),
-            light_angular_radius: rig.light_angular_radius.rad(),
+            cones: rig.cones,
         }
     }
 }
@@ -224,7 +225,7 @@ pub fn gradient_by_dual_numbers(
         eta: D::variable(optics.eta, 5),
         k: D::variable(optics.k, 6),
         theta_l: optics.theta_l,
-        light_angular_radius: optics.light_angular_radius,
+        widening: optics.cones.widening(),
     };
     let directions = rig.directions(pose);
     let (sin, cos) = (pose.phi_s + rig.azimuth_zero).sin_cos();
@@ -290,6 +291,6 @@ fn parameters(surface: &Surface, optics: &Optics) -> sawtooth::Parameters<f64> {
         eta: optics.eta,
         k: optics.k,
         theta_l: optics.theta_l,
-        light_angular_radius: optics.light_angular_radius,
+        widening: optics.cones.widening(),
     }
 }

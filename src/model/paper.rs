@@ -29,7 +29,7 @@ fn masking<S: Scalar>(w: [S; 3], sin: S, cos: S, over_cos: bool) -> S {
 }
 
 /// L = f cos θi towards `o` for irradiance 1 on a surface facing the light at `i`, times the
-/// amplitude; roughness widened by the lamp's disc (α² + R²/8).
+/// amplitude; roughness widened by the cones of lamp and lens (α² + w).
 pub fn radiance_of<S: Scalar>(i: [S; 3], o: [S; 3], q: &Parameters<S>) -> S {
     let zero = S::constant(0.0);
     if i[2].value() <= 0.0 || o[2].value() <= 0.0 {
@@ -44,7 +44,7 @@ pub fn radiance_of<S: Scalar>(i: [S; 3], o: [S; 3], q: &Parameters<S>) -> S {
     }
     let h_e = h[1] * cos - h[2] * sin;
     let h2 = h[0] * h[0] + h[1] * h[1] + h[2] * h[2];
-    let lamp = S::constant(q.light_angular_radius * q.light_angular_radius / 8.0);
+    let lamp = S::constant(q.widening);
     let au2 = q.alpha_u * q.alpha_u + lamp;
     let av2 = q.alpha_v * q.alpha_v + lamp;
     let m2 = h_m * h_m;
@@ -153,7 +153,7 @@ mod tests {
                 eta: x[8],
                 k: x[9],
                 theta_l: 0.2,
-                light_angular_radius: 0.0,
+                widening: 0.0,
             };
             let (f, cond, cos_i) = (x[10], x[14], x[0].cos());
             let l = radiance_of(direction(x[0], x[1]), direction(x[2], x[3]), &q);

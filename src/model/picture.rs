@@ -134,7 +134,7 @@ mod tests {
             eta: 1.54,
             k: 0.0,
             theta_l: rig.theta_l.rad(),
-            light_angular_radius: 0.0,
+            cones: crate::geometry::Cones::NONE,
         };
         BOARD.render(
             &rig,
@@ -179,7 +179,7 @@ mod tests {
             eta: 1.54,
             k: 0.0,
             theta_l: rig.theta_l.rad(),
-            light_angular_radius: 0.0,
+            cones: crate::geometry::Cones::NONE,
         };
         let tilt = Angle::from_deg(12.0);
         let p = far.render(&rig, tilt, Angle::ZERO, &surface, &optics, 50);

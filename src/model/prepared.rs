@@ -168,8 +168,8 @@ pub struct Prepared {
     /// 1/(α² + R²/8) along and across the ridges.
     pub(super) per_au2: f64,
     pub(super) per_av2: f64,
-    /// R²/16, the lamp's share in the retro lobe's variances.
-    pub(super) lamp: f64,
+    /// (Rl² + Rc²)/16, the cones' share in the retro lobe's variances.
+    pub(super) cones: f64,
     /// 1/(αv² + R²/16) and 1/αv.
     pub(super) per_v_v: f64,
     pub(super) per_alpha_v: f64,
@@ -194,11 +194,10 @@ impl Prepared {
             ..*surface
         };
         let (sin, cos) = surface.theta_r.sin_cos();
-        let radius = table.optics.light_angular_radius;
-        let lamp = radius * radius / 16.0;
-        let au2 = surface.alpha_u * surface.alpha_u + 2.0 * lamp;
-        let av2 = surface.alpha_v * surface.alpha_v + 2.0 * lamp;
-        let v_v = surface.alpha_v * surface.alpha_v + lamp;
+        let cones = 0.5 * table.optics.cones.widening();
+        let au2 = surface.alpha_u * surface.alpha_u + 2.0 * cones;
+        let av2 = surface.alpha_v * surface.alpha_v + 2.0 * cones;
+        let v_v = surface.alpha_v * surface.alpha_v + cones;
         let c_d = surface.rho_d * table.diffuse[0];
         let kappa = [
             c_d * table.exchange[0],
@@ -220,7 +219,7 @@ impl Prepared {
             tan: sin / cos,
             per_au2: 1.0 / au2,
             per_av2: 1.0 / av2,
-            lamp,
+            cones,
             per_v_v: 1.0 / v_v,
             per_alpha_v: 1.0 / surface.alpha_v,
             peak: 1.0 / (std::f64::consts::PI * (au2 * av2).sqrt()),
@@ -344,7 +343,7 @@ mod tests {
             theta_l: Angle::from_deg(s.between(0.0, 40.0)),
             light_azimuth: Angle::from_deg(s.between(-180.0, 180.0)),
             azimuth_zero: Angle::from_deg(s.between(-180.0, 180.0)),
-            light_angular_radius: Angle::from_deg(s.between(0.0, 2.0)),
+            cones: crate::geometry::Cones::of_lamp(Angle::from_deg(s.between(0.0, 2.0))),
         };
         let metal = s.next() < 0.4;
         let (eta, k) = if metal {
@@ -371,7 +370,7 @@ mod tests {
                 eta,
                 k,
                 theta_l: rig.theta_l.rad(),
-                light_angular_radius: rig.light_angular_radius.rad(),
+                cones: rig.cones,
             },
         }
     }

@@ -9,8 +9,8 @@
 //! angle, of lengths p and r. Both carry Beckmann roughness with Smith masking (Walter et al.
 //! 2007, rational form) and a Lambert term under the Fresnel boundary.
 //!
-//! *One bounce* is exact: visible length times the wall's reflectance, averaged over the lamp's
-//! disc by cubature. *Two bounces*, facet then riser, for lamp direction a and camera direction b
+//! *One bounce* is exact: visible length times the wall's reflectance, averaged over the cones
+//! of lamp and lens by cubature ([`cone`]). *Two bounces*, facet then riser, for lamp direction a and camera direction b
 //! (in the corner frame u, e, m):
 //!
 //! ```text
@@ -38,8 +38,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use super::cone::{self, Node};
 use super::fresnel::reflectances;
-use super::gauss::LEGENDRE_4;
 use super::prepared::OpticsTable;
 use super::sawtooth::{Parameters, three_bounces_and_more};
 use super::{Optics, Surface, third_bounce};
@@ -65,8 +65,8 @@ pub struct Quadrature {
     cos: f64,
     c_d: f64,
     kappa: f64,
-    /// Nodes of the lamp's disc: offsets along two axes across the direction, and weights.
-    disc: Vec<[f64; 3]>,
+    /// The cubature over the cones of lamp and lens.
+    cones: Vec<Node>,
 }
 
 /// Radiance at one pair of directions to an absolute tolerance: (value, error estimate).
@@ -143,10 +143,7 @@ impl Quadrature {
             cos,
             c_d: surface.rho_d * table.diffuse[0],
             kappa: surface.rho_d * table.diffuse[0] * table.exchange[0],
-            disc: lamp_disc(
-                optics.light_angular_radius,
-                surface.alpha_u.min(surface.alpha_v),
-            ),
+            cones: cone::nodes(&optics.cones, surface.alpha_u.min(surface.alpha_v)),
         }
     }
 
@@ -251,29 +248,24 @@ impl Quadrature {
         0.5 * (s + p)
     }
 
-    fn lobe(&self, with_lamp: bool) -> Lobe {
-        let radius = self.q.light_angular_radius;
-        let lamp = if with_lamp {
-            radius * radius / 8.0
-        } else {
-            0.0
-        };
+    fn lobe(&self, widened: bool) -> Lobe {
+        let cones = if widened { self.q.widening } else { 0.0 };
         Lobe {
-            au2: self.q.alpha_u * self.q.alpha_u + lamp,
-            av2: self.q.alpha_v * self.q.alpha_v + lamp,
+            au2: self.q.alpha_u * self.q.alpha_u + cones,
+            av2: self.q.alpha_v * self.q.alpha_v + cones,
         }
     }
 
-    /// Direct reflection off both walls, averaged over the lamp's disc.
+    /// Direct reflection off both walls, averaged over the cones of lamp and lens.
     fn one_bounce(&self, i: [f64; 3], o: &Ray) -> f64 {
-        let (x, y) = across(i);
+        let (x, y) = cone::across(&i.into());
         let lobe = self.lobe(false);
         let smith_facet = lobe.smith(o.u, o.e, o.m);
         let smith_riser = lobe.smith(o.u, o.m, -o.e);
-        self.disc
+        self.cones
             .iter()
-            .map(|[a, b, weight]| {
-                let w = [0, 1, 2].map(|j| i[j] + a * x[j] + b * y[j]);
+            .map(|node| {
+                let w = [0, 1, 2].map(|j| i[j] + node.x * x[j] + node.y * y[j]);
                 let per_length = 1.0 / (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]).sqrt();
                 let w = w.map(|c| c * per_length);
                 if w[2] <= 0.0 {
@@ -310,7 +302,7 @@ impl Quadrature {
                             * o.e;
                     }
                 }
-                sum * weight
+                sum * node.weight
             })
             .sum()
     }
@@ -321,7 +313,7 @@ impl Quadrature {
         if a.m <= 0.0 || b.e >= 0.0 || r <= 0.0 || a.sigma >= p || b.tau >= r {
             return (0.0, 0.0);
         }
-        // The lamp's disc widens the lobe of the wall that it shines on.
+        // Both cones widen the lobe of the wall that the lamp shines on.
         let path = Path {
             walls: self,
             a: *a,
@@ -361,66 +353,4 @@ fn borders(edges: &mut Vec<f64>, low: f64, high: f64) {
     edges.retain(|x| (low..=high).contains(x));
     edges.sort_by(f64::total_cmp);
     edges.dedup_by(|b, a| *b - *a < 1e-9);
-}
-
-/// Two unit vectors across `w` and each other.
-fn across(w: [f64; 3]) -> ([f64; 3], [f64; 3]) {
-    let helper = if w[2].abs() < 0.9 {
-        [0.0, 0.0, 1.0]
-    } else {
-        [1.0, 0.0, 0.0]
-    };
-    let cross = |a: [f64; 3], b: [f64; 3]| {
-        [
-            a[1] * b[2] - a[2] * b[1],
-            a[2] * b[0] - a[0] * b[2],
-            a[0] * b[1] - a[1] * b[0],
-        ]
-    };
-    let x = cross(w, helper);
-    let length = (x[0] * x[0] + x[1] * x[1] + x[2] * x[2]).sqrt();
-    let x = x.map(|c| c / length);
-    (x, cross(w, x))
-}
-
-/// Cubature of a uniform disc of angular radius `radius`: seven nodes, exact to degree 5, where
-/// the lobes are broader than the disc; rings of Gauss nodes where they are not.
-fn lamp_disc(radius: f64, alpha: f64) -> Vec<[f64; 3]> {
-    if radius <= 0.0 {
-        return vec![[0.0, 0.0, 1.0]];
-    }
-    // The half vector moves by half the lamp's angle: radius/(2 α) is the disc in lobe widths.
-    let breadth = radius / (2.0 * alpha);
-    let ring = |distance: f64, spokes: u32, turn: f64, weight: f64| {
-        (0..spokes).map(move |k| {
-            let angle = 2.0 * PI * (f64::from(k) + turn) / f64::from(spokes);
-            [
-                distance * angle.cos(),
-                distance * angle.sin(),
-                weight / f64::from(spokes),
-            ]
-        })
-    };
-    if breadth <= 0.3 {
-        let mut nodes = vec![[0.0, 0.0, 0.25]];
-        nodes.extend(ring(radius * (2.0f64 / 3.0).sqrt(), 6, 0.0, 0.75));
-        return nodes;
-    }
-    // Panels in the squared radius (uniform area), spokes to match.
-    let panels = breadth.ceil().clamp(1.0, 20.0) as u32;
-    let spokes = 12 * panels + 4;
-    let mut nodes = Vec::new();
-    for panel in 0..panels {
-        for (x, w) in LEGENDRE_4 {
-            let area = (f64::from(panel) + 0.5 * (1.0 + x)) / f64::from(panels);
-            let turn = if panel % 2 == 0 { 0.0 } else { 0.5 };
-            nodes.extend(ring(
-                radius * area.sqrt(),
-                spokes,
-                turn,
-                0.5 * w / f64::from(panels),
-            ));
-        }
-    }
-    nodes
 }

@@ -74,8 +74,8 @@ pub struct Parameters<S> {
     pub k: S,
     /// Angle between lamp and camera.
     pub theta_l: f64,
-    /// Angular radius of the lamp.
-    pub light_angular_radius: f64,
+    /// What the cones of lamp and lens add to α², see [`crate::geometry::Cones::widening`].
+    pub widening: f64,
 }
 
 /// One direction in the corner frame with what facet and riser see of it.
@@ -220,9 +220,8 @@ pub fn radiance_of<S: Scalar>(i: [S; 3], o: [S; 3], q: &Parameters<S>) -> S {
 /// (a) Single reflection from facet and riser.
 fn single<S: Scalar>(i: [S; 3], o: [S; 3], ri: &Ray<S>, ro: &Ray<S>, q: &Parameters<S>) -> S {
     let (s, c) = (q.theta_r.sin(), q.theta_r.cos());
-    let lamp = q.light_angular_radius * q.light_angular_radius / 8.0;
-    let au2 = q.alpha_u * q.alpha_u + S::constant(lamp);
-    let av2 = q.alpha_v * q.alpha_v + S::constant(lamp);
+    let au2 = q.alpha_u * q.alpha_u + S::constant(q.widening);
+    let av2 = q.alpha_v * q.alpha_v + S::constant(q.widening);
     let h = [i[0] + o[0], i[1] + o[1], i[2] + o[2]];
     let h2 = h[0] * h[0] + h[1] * h[1] + h[2] * h[2];
     let cos_d = h2.sqrt() * 0.5;
@@ -357,9 +356,9 @@ fn retro<S: Scalar>(a: &Ray<S>, b: &Ray<S>, q: &Parameters<S>) -> S {
     if length.value() <= 0.0 {
         return zero();
     }
-    let lamp = q.light_angular_radius * q.light_angular_radius / 16.0;
-    let v_u = q.alpha_u * q.alpha_u * (a.m * a.m + b.rho * b.rho) * 0.5 + S::constant(lamp);
-    let v_v = q.alpha_v * q.alpha_v + S::constant(lamp);
+    let cones = 0.5 * q.widening;
+    let v_u = q.alpha_u * q.alpha_u * (a.m * a.m + b.rho * b.rho) * 0.5 + S::constant(cones);
+    let v_v = q.alpha_v * q.alpha_v + S::constant(cones);
     let f = if q.k.value() > 0.0 {
         (a.facet.0 * b.riser.0 + a.facet.1 * b.riser.1) * 0.5
     } else {
@@ -379,7 +378,7 @@ fn retro<S: Scalar>(a: &Ray<S>, b: &Ray<S>, q: &Parameters<S>) -> S {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Pose, RigGeometry};
+    use crate::geometry::{Cones, Pose, RigGeometry};
     use crate::model::{Optics, Surface, Variant, radiance};
     use crate::units::Angle;
 
@@ -424,7 +423,7 @@ mod tests {
         for row in &rows {
             let rig = RigGeometry {
                 theta_l: Angle::from_deg(row[7]),
-                light_angular_radius: Angle::from_deg(row[8]),
+                cones: Cones::of_lamp(Angle::from_deg(row[8])),
                 ..RigGeometry::IN_PLANE
             };
             let surface = Surface {
@@ -438,7 +437,7 @@ mod tests {
                 eta: row[5],
                 k: row[6],
                 theta_l: row[7].to_radians(),
-                light_angular_radius: row[8].to_radians(),
+                cones: Cones::of_lamp(Angle::from_deg(row[8])),
             };
             let directions = rig.directions(Pose::from_deg(row[9], row[10]));
             let value = radiance(Variant::Sawtooth, &directions, &surface, &optics);

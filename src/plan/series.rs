@@ -5,11 +5,10 @@
 
 use super::{Basis, Choice, Decision, Plan};
 use crate::frame::FrameKind;
-use crate::geometry::{Directions, Pose, RigGeometry};
+use crate::geometry::{Cones, Directions, Pose, RigGeometry};
 use crate::model::fresnel::reflectances;
-use crate::model::{Optics, Surface, Variant, radiance};
+use crate::model::{Optics, Surface, Variant, cone as cubature, radiance};
 use crate::series::{FrameRow, Manifest};
-use nalgebra::Vector3;
 
 /// Surfaces over which costs are taken: (θr in degrees, α).
 const SURFACES: [(f64, f64); 4] = [(5.0, 0.05), (10.0, 0.12), (15.0, 0.06), (20.0, 0.2)];
@@ -102,7 +101,7 @@ fn polarisation(
                     eta,
                     k,
                     theta_l: rig.theta_l.rad(),
-                    light_angular_radius: 0.0,
+                    cones: Cones::NONE,
                 };
                 radiance(Variant::Sawtooth, &d, surface, &optics)
             };
@@ -156,8 +155,8 @@ fn bounces(k: f64) -> Choice {
     }
 }
 
-/// The closed correction of the lobes' widths against an average over the lamp's disc, and against
-/// nothing at all.
+/// The closed correction of the lobes' widths against an average over the cones of lamp and lens, and
+/// against nothing at all.
 fn cone(
     rig: &RigGeometry,
     eta: f64,
@@ -166,16 +165,21 @@ fn cone(
     surfaces: &[Surface],
     tolerance: f64,
 ) -> Choice {
-    let radius = rig.light_angular_radius.rad();
+    let (lamp, lens) = (rig.cones.lamp.rad() > 0.0, rig.cones.lens.rad() > 0.0);
+    let whose = match (lamp, lens) {
+        (true, true) => "the cones of lamp and lens",
+        (false, true) => "the lens's cone",
+        _ => "the lamp's cone",
+    };
     let mut choice = Choice {
         decision: Decision::ConeAverage,
         included: false,
-        what: "average over the lamp's cone".to_owned(),
-        why: "the lamp is a point".to_owned(),
+        what: format!("average over {whose}"),
+        why: "lamp and lens are points".to_owned(),
         cost: Some(0.0),
         basis: Basis::Exact,
     };
-    if radius <= 0.0 {
+    if !lamp && !lens {
         return choice;
     }
     let (mut closed, mut point) = (0.0f64, 0.0f64);
@@ -184,26 +188,28 @@ fn cone(
         (closed, point) = (closed.max(c), point.max(p));
     }
     choice.basis = Basis::Estimate;
-    choice.cost = Some(closed);
     let percent = |x: f64| format!("{:.3} %", 100.0 * x);
-    choice.why = if closed <= tolerance {
-        format!(
-            "the closed correction of the lobes' widths (α² + R²/8) is within {} of it (a point lamp would be {} off)",
+    if closed <= tolerance {
+        choice.cost = Some(closed);
+        choice.why = format!(
+            "the closed correction of the lobes' widths (α² + (Rl² + Rc²)/8) is within {} of it (points would be {} off)",
             percent(closed),
             percent(point)
-        )
+        );
     } else {
-        // The closed correction is all that a fit has: what it may cost is told.
-        format!(
-            "only the closed correction (α² + R²/8) is at hand; it may be {} off",
+        choice.included = true;
+        choice.cost = None;
+        choice.why = format!(
+            "the closed correction of the lobes' widths (α² + (Rl² + Rc²)/8) would be {} off: a fit adds the \
+             cubature over {whose} with its second tier",
             percent(closed)
-        )
-    };
+        );
+    }
     choice
 }
 
-/// Largest differences from the disc's average over the brightest radiance: (with the closed correction,
-/// with a point lamp). At most 60 poses.
+/// Largest differences from the average over the cones over the brightest radiance: (with the closed
+/// correction, with points at both ends). At most 60 poses.
 fn cone_costs(
     rig: &RigGeometry,
     eta: f64,
@@ -211,50 +217,27 @@ fn cone_costs(
     poses: &[Pose],
     surface: &Surface,
 ) -> (f64, f64) {
-    let radius = rig.light_angular_radius.rad();
-    let optics = |light_angular_radius: f64| Optics {
+    let optics = |cones: Cones| Optics {
         eta,
         k,
         theta_l: rig.theta_l.rad(),
-        light_angular_radius,
+        cones,
     };
-    let at = |d: &Directions, r: f64| radiance(Variant::Sawtooth, d, surface, &optics(r));
+    let (wide, points) = (optics(rig.cones), optics(Cones::NONE));
+    let at = |d: &Directions, optics: &Optics| radiance(Variant::Sawtooth, d, surface, optics);
+    let nodes = cubature::nodes(&rig.cones, surface.alpha_u.min(surface.alpha_v));
     let (mut peak, mut closed, mut point) = (0.0f64, 0.0f64, 0.0f64);
     for d in some(poses).map(|p| rig.directions(p)) {
-        let mean = disc_mean(&d, radius, &|d| at(d, 0.0));
+        let mean: f64 = nodes
+            .iter()
+            .map(|node| node.weight * at(&cubature::moved(&d, node), &points))
+            .sum();
         peak = peak.max(mean);
-        closed = closed.max((at(&d, radius) - mean).abs());
-        point = point.max((at(&d, 0.0) - mean).abs());
+        closed = closed.max((at(&d, &wide) - mean).abs());
+        point = point.max((at(&d, &points) - mean).abs());
     }
     let per_peak = 1.0 / peak.max(f64::MIN_POSITIVE);
     (closed * per_peak, point * per_peak)
-}
-
-fn disc_mean(d: &Directions, radius: f64, f: &dyn Fn(&Directions) -> f64) -> f64 {
-    disc(d, radius).iter().map(f).sum::<f64>() / 12.0
-}
-
-/// Nodes of equal weight over the lamp's disc of angular radius `radius` (rad): the 12-point rule of degree
-/// 5 in radius and 12 in angle, two rings at the Gauss radii of r dr, six points each.
-#[must_use]
-pub fn disc(d: &Directions, radius: f64) -> [Directions; 12] {
-    let w = d.incident;
-    let helper = if w.z.abs() < 0.9 {
-        Vector3::z()
-    } else {
-        Vector3::x()
-    };
-    let x = w.cross(&helper).normalize();
-    let y = w.cross(&x);
-    std::array::from_fn(|node| {
-        let (ring, n) = (node / 6, node % 6);
-        // Nodes of Gauss–Legendre in r²: (1 ∓ 1/√3)/2.
-        let sign = if ring == 0 { -1.0 } else { 1.0 };
-        let r = (0.5 * (1.0 + sign / 3f64.sqrt())).sqrt() * radius.tan();
-        let angle = std::f64::consts::TAU * (n as f64 + 0.5 * ring as f64) / 6.0;
-        let incident = (w + x * (r * angle.cos()) + y * (r * angle.sin())).normalize();
-        Directions { incident, ..*d }
-    })
 }
 
 fn pixels(manifest: &Manifest) -> Choice {

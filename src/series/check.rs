@@ -20,6 +20,7 @@ const KEYS: [(&str, &[&str]); 6] = [
             "light_azimuth_deg",
             "azimuth_zero_deg",
             "light_angular_radius_deg",
+            "lens_angular_radius_deg",
             "wavelength_nm",
             "rotation_axis_px",
             "light_distance",
@@ -27,6 +28,7 @@ const KEYS: [(&str, &[&str]); 6] = [
             "light_distance_mm",
             "light_radius_mm",
             "camera_distance_mm",
+            "lens_radius_mm",
         ],
     ),
     (
@@ -168,6 +170,7 @@ impl Manifest {
                 &[
                     ("theta_l_deg", Some(rig.theta_l_deg)),
                     ("light_angular_radius_deg", rig.light_angular_radius_deg),
+                    ("lens_angular_radius_deg", rig.lens_angular_radius_deg),
                 ],
             ),
             (
@@ -204,7 +207,10 @@ impl Manifest {
                 0.0,
                 1e9,
                 "write it from 0",
-                &[("light_radius_mm", rig.light_radius_mm)],
+                &[
+                    ("light_radius_mm", rig.light_radius_mm),
+                    ("lens_radius_mm", rig.lens_radius_mm),
+                ],
             ),
             (
                 "camera",

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::RigGeometry;
+use crate::geometry::{Cones, RigGeometry};
 use crate::material::Material;
 use crate::units::Angle;
 
@@ -79,12 +79,19 @@ pub struct RigFacts {
     /// From the centre of tilt to the lamp, where it is finite.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light_distance_mm: Option<f64>,
+    /// Half angle of the lens's pupil seen from the sample; its sine is the numerical aperture there. A point
+    /// where neither this nor `lens_radius_mm` is stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lens_angular_radius_deg: Option<f64>,
     /// Radius of the lamp, where its distance is finite.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light_radius_mm: Option<f64>,
     /// From the centre of tilt to the camera's pupil, where it is finite.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera_distance_mm: Option<f64>,
+    /// Radius of the lens's pupil, where its distance is finite.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lens_radius_mm: Option<f64>,
     /// Further keys.
     #[serde(flatten)]
     pub notes: Notes,
@@ -272,17 +279,28 @@ impl Manifest {
     #[must_use]
     pub fn rig_geometry(&self) -> RigGeometry {
         let rig = &self.rig;
-        let radius_deg = rig.light_angular_radius_deg.unwrap_or_else(|| {
-            match (rig.light_radius_mm, rig.light_distance_mm) {
-                (Some(radius), Some(distance)) => (radius / distance).atan().to_degrees(),
-                _ => 0.0,
-            }
-        });
+        // The angle where it is stated, else what the radius spans at its distance, else a point.
+        let cone = |deg: Option<f64>, radius_mm: Option<f64>, distance_mm: Option<f64>| {
+            deg.map(Angle::from_deg)
+                .or_else(|| Some(Angle::from_rad((radius_mm? / distance_mm?).atan())))
+                .unwrap_or(Angle::ZERO)
+        };
         RigGeometry {
             theta_l: Angle::from_deg(rig.theta_l_deg),
             light_azimuth: Angle::from_deg(rig.light_azimuth_deg),
             azimuth_zero: Angle::from_deg(rig.azimuth_zero_deg),
-            light_angular_radius: Angle::from_deg(radius_deg),
+            cones: Cones {
+                lamp: cone(
+                    rig.light_angular_radius_deg,
+                    rig.light_radius_mm,
+                    rig.light_distance_mm,
+                ),
+                lens: cone(
+                    rig.lens_angular_radius_deg,
+                    rig.lens_radius_mm,
+                    rig.camera_distance_mm.or(self.camera.camera_distance_mm),
+                ),
+            },
         }
     }
 
@@ -352,6 +370,31 @@ mod tests {
             let json = serde_json::to_string(&manifest).unwrap();
             assert_eq!(serde_json::from_str::<Manifest>(&json).unwrap(), manifest);
         }
+    }
+
+    #[test]
+    fn cones_are_stated_as_angles_or_spanned_by_radii() {
+        let mut manifest = Manifest::from_toml(CHECKER, "").unwrap();
+        let stated = manifest.rig.light_angular_radius_deg.unwrap();
+        let cones = manifest.rig_geometry().cones;
+        assert_eq!(
+            (cones.lamp.deg_for_tables(), cones.lens.deg()),
+            (stated, 0.0)
+        );
+
+        let rig = &mut manifest.rig;
+        rig.light_angular_radius_deg = None;
+        (rig.light_radius_mm, rig.light_distance_mm) = (Some(10.0), Some(1000.0));
+        (rig.lens_radius_mm, rig.camera_distance_mm) = (Some(20.0), Some(1000.0));
+        let cones = manifest.rig_geometry().cones;
+        assert_eq!(cones.lamp.rad(), 0.01f64.atan());
+        assert_eq!(cones.lens.rad(), 0.02f64.atan());
+
+        manifest.rig.lens_angular_radius_deg = Some(3.0);
+        let cones = manifest.rig_geometry().cones;
+        assert_eq!(cones.lens.deg_for_tables(), 3.0);
+        let doubled = cones.lens.rad().powi(2) + 0.01f64.atan().powi(2);
+        assert!((cones.widening() - doubled / 8.0).abs() < 1e-18);
     }
 
     #[test]

@@ -368,7 +368,7 @@ pub fn manifest(
             theta_l_deg: rig.theta_l.deg(),
             light_azimuth_deg: rig.light_azimuth.deg(),
             azimuth_zero_deg: rig.azimuth_zero.deg(),
-            light_angular_radius_deg: Some(rig.light_angular_radius.deg()),
+            light_angular_radius_deg: Some(rig.cones.lamp.deg()),
             wavelength_nm: Some(550.0),
             rotation_axis_px: Some([
                 0.5 * f64::from(settings.width_px),
@@ -377,7 +377,9 @@ pub fn manifest(
             light_distance: Some("infinity".to_owned()),
             camera_distance: Some("infinity".to_owned()),
             light_distance_mm: None,
+            lens_angular_radius_deg: Some(rig.cones.lens.deg()).filter(|deg| *deg > 0.0),
             light_radius_mm: None,
+            lens_radius_mm: None,
             camera_distance_mm: None,
             notes: Default::default(),
         },

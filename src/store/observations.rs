@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use sqlx::FromRow;
 
 use super::{PROGRAM, Store, StoreError};
-use crate::geometry::{Directions, Pose, RigGeometry};
+use crate::geometry::{Cones, Directions, Pose, RigGeometry};
 use crate::material::Material;
 use crate::observation::{
     FlatObservation, Observation, ObservationSet, Prior, RejectedFrame, SharedErrors, View,
@@ -19,6 +19,8 @@ struct Context {
     light_azimuth_deg: f64,
     azimuth_zero_deg: f64,
     light_angular_radius_deg: f64,
+    #[serde(default)]
+    lens_angular_radius_deg: f64,
     material: Material,
     /// Tilt in degrees, signal, sigma.
     flats: Vec<(f64, f64, f64)>,
@@ -63,7 +65,8 @@ impl Store {
             theta_l_deg: set.rig.theta_l.deg(),
             light_azimuth_deg: set.rig.light_azimuth.deg(),
             azimuth_zero_deg: set.rig.azimuth_zero.deg(),
-            light_angular_radius_deg: set.rig.light_angular_radius.deg(),
+            light_angular_radius_deg: set.rig.cones.lamp.deg(),
+            lens_angular_radius_deg: set.rig.cones.lens.deg(),
             material: set.material,
             flats: set
                 .flats
@@ -180,7 +183,10 @@ impl Store {
                 theta_l: Angle::from_deg(context.theta_l_deg),
                 light_azimuth: Angle::from_deg(context.light_azimuth_deg),
                 azimuth_zero: Angle::from_deg(context.azimuth_zero_deg),
-                light_angular_radius: Angle::from_deg(context.light_angular_radius_deg),
+                cones: Cones {
+                    lamp: Angle::from_deg(context.light_angular_radius_deg),
+                    lens: Angle::from_deg(context.lens_angular_radius_deg),
+                },
             },
             material: context.material,
             observations: rows.iter().map(observation).collect(),

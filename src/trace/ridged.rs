@@ -19,7 +19,7 @@ use super::rng::{Purpose, Stream};
 use super::stokes::Stokes;
 use super::tally::Estimate;
 use super::vec3::{V3, combine, cross, dot, scaled, unit};
-use crate::geometry::Directions;
+use crate::geometry::{Cones, Directions};
 use crate::model::polarisation::Boundary;
 
 /// A ridged sample as the tracer sees it.
@@ -42,8 +42,8 @@ pub struct RadianceOptions {
     pub paths: u64,
     /// Seed of everything random.
     pub seed: u64,
-    /// Angular radius of the lamp's disc, rad.
-    pub light_angular_radius: f64,
+    /// The cones of lamp and lens, both averaged over.
+    pub cones: Cones,
     /// Whether polarisation is followed from bounce to bounce.
     pub polarised: bool,
 }
@@ -93,8 +93,7 @@ impl RidgedSurface {
                 if self.diffuse.is_none() {
                     return camera;
                 }
-                // From the lamp the walk gives f cos θo; the radiance is f cos θi.
-                camera + from(End::Lamp) * incident[2] / outgoing[2]
+                camera + from(End::Lamp)
             })
             .collect();
         let n = BATCHES as f64;
@@ -158,7 +157,9 @@ impl Task<'_> {
             let mut random = Stream::new(self.options.seed, Purpose::Photon, index);
             let along = [1.0 / paths as f64, SPREAD[0], SPREAD[1]];
             let [at, r, phi] = [0, 1, 2].map(|i| (shift[i] + path as f64 * along[i]).fract());
-            sum += self.path::<L>(at, [r, phi], &mut random);
+            sum += self
+                .through_the_lens(&mut random)
+                .path::<L>(at, [r, phi], &mut random);
         }
         sum / paths as f64
     }
@@ -166,10 +167,18 @@ impl Task<'_> {
     /// One path: the light that it joins.
     fn path<L: Light>(&self, at: f64, first_lamp: [f64; 2], random: &mut Stream) -> f64 {
         let profile = &self.surface.profile;
-        let start = match self.start {
-            End::Camera => self.outgoing,
-            End::Lamp => self.lamp(first_lamp),
+        let (start, share) = match self.start {
+            End::Camera => (self.outgoing, 1.0),
+            // From the lamp the walk gives f cos θo; the radiance is f cos θi.
+            End::Lamp => {
+                let lamp = self.lamp(first_lamp);
+                (lamp, lamp[2] / self.outgoing[2])
+            }
         };
+        // A cone's rim may dip below the surface.
+        if start[2] <= 0.0 || self.outgoing[2] <= 0.0 {
+            return 0.0;
+        }
         let mut k = scaled(-1.0, &start);
         let mut first = None;
         let mut light = L::launch(&perpendicular(&k));
@@ -204,21 +213,23 @@ impl Task<'_> {
             }
             flight = profile.onward(&spot, Side::Above, &k);
         }
-        gathered
+        gathered * share
+    }
+
+    /// The same task for one point of the lens's pupil. A lens that is a point takes no random numbers.
+    fn through_the_lens(&self, random: &mut Stream) -> Self {
+        let radius = self.options.cones.lens.rad();
+        let outgoing = if radius == 0.0 {
+            self.outgoing
+        } else {
+            within(&self.outgoing, radius, [random.uniform(), random.uniform()])
+        };
+        Task { outgoing, ..*self }
     }
 
     /// A direction to the point of the lamp's disc that two numbers from 0 to 1 name.
-    fn lamp(&self, [area, turn]: [f64; 2]) -> V3 {
-        let radius = self.options.light_angular_radius;
-        if radius == 0.0 {
-            return self.incident;
-        }
-        let a = perpendicular(&self.incident);
-        let b = cross(&self.incident, &a);
-        let (r, phi) = (radius * area.sqrt(), std::f64::consts::TAU * turn);
-        let (s, c) = phi.sin_cos();
-        let (sin, cos) = r.sin_cos();
-        combine(cos, &self.incident, sin, &combine(c, &a, s, &b))
+    fn lamp(&self, point: [f64; 2]) -> V3 {
+        within(&self.incident, self.options.cones.lamp.rad(), point)
     }
 
     /// Light that comes straight from the other end and is scattered here along the path.
@@ -329,6 +340,19 @@ fn perpendicular(k: &V3) -> V3 {
     }
 }
 
+/// A direction within `radius` (rad) of `w`, evenly spread as the two numbers from 0 to 1 are.
+fn within(w: &V3, radius: f64, [area, turn]: [f64; 2]) -> V3 {
+    if radius == 0.0 {
+        return *w;
+    }
+    let a = perpendicular(w);
+    let b = cross(w, &a);
+    let (r, phi) = (radius * area.sqrt(), std::f64::consts::TAU * turn);
+    let (s, c) = phi.sin_cos();
+    let (sin, cos) = r.sin_cos();
+    combine(cos, w, sin, &combine(c, &a, s, &b))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -383,7 +407,7 @@ mod tests {
                 let options = RadianceOptions {
                     paths: 10_000,
                     seed: n as u64,
-                    light_angular_radius: sample.rig.light_angular_radius.rad(),
+                    cones: sample.rig.cones,
                     polarised: sample.polarised,
                 };
                 let directions = sample.rig.directions(Pose::from_deg(row[0], row[1]));

@@ -9,7 +9,7 @@ use rand_distr::StandardNormal;
 use ridged::fit::report::{FitReport, Parameter, Status, VariantName};
 use ridged::fit::traced::TracingOptions;
 use ridged::fit::{FitOptions, VariantChoice, fit};
-use ridged::geometry::{Pose, RigGeometry};
+use ridged::geometry::{Cones, Pose, RigGeometry};
 use ridged::material::Material;
 use ridged::observation::{
     FlatObservation, Observation, ObservationSet, Prior, SharedErrors, WhiteReference,
@@ -48,7 +48,7 @@ fn observations(name: &str, bench: Bench) -> ObservationSet {
         theta_l: angle("theta_l_deg"),
         light_azimuth: angle("light_azimuth_deg"),
         azimuth_zero: angle("azimuth_zero_deg"),
-        light_angular_radius: angle("light_angular_radius_deg"),
+        cones: Cones::of_lamp(angle("light_angular_radius_deg")),
     };
     let material = if sample["kind"].as_str() == Some("conductor") {
         Material::Conductor {

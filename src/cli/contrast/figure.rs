@@ -113,7 +113,7 @@ pub(super) fn bars(tables: &[(&str, &Table)]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::RigGeometry;
+    use crate::geometry::{Cones, RigGeometry};
     use crate::model::contrast::{PAPER_RIDGES_DEG, PAPER_TILTS_DEG, Tier, predict};
     use crate::model::{Optics, Surface, Variant};
 
@@ -123,7 +123,7 @@ mod tests {
             eta: 1.54,
             k: 0.0,
             theta_l: 0.17,
-            light_angular_radius: 0.0,
+            cones: Cones::NONE,
         };
         let surface = Surface {
             theta_r: 0.0,

@@ -63,7 +63,7 @@ impl Synthetic {
         Synthetic {
             geometry,
             basis,
-            lamp: rig.light_angular_radius.rad().powi(2) / 8.0,
+            lamp: rig.cones.widening(),
             truth,
             noise,
         }

@@ -1,7 +1,7 @@
 //! Against the path tracer, and the laws that are the quadrature's own.
 
 use super::*;
-use crate::geometry::{Pose, RigGeometry};
+use crate::geometry::{Cones, Pose, RigGeometry};
 use crate::model::{Variant, prepared::Prepared};
 use crate::units::Angle;
 
@@ -31,7 +31,7 @@ fn optics((eta, k): (f64, f64), lamp_deg: f64) -> Optics {
         eta,
         k,
         theta_l: 10f64.to_radians(),
-        light_angular_radius: lamp_deg.to_radians(),
+        cones: Cones::of_lamp(Angle::from_deg(lamp_deg)),
     }
 }
 

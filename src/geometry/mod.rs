@@ -15,9 +15,12 @@
 //! components are (u, v, n). Source: Luongo et al. 2017, Figs. 3, 6 and 7; the figure does not fix
 //! φl nor the zero of φs, so both belong to the rig ([`RigGeometry`]).
 
+mod cones;
+
 use nalgebra::Vector3;
 
 use crate::units::Angle;
+pub use cones::Cones;
 
 /// Where the two stages stand: camera tilt θc and sample azimuth φs, as read from the stages.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,8 +51,8 @@ pub struct RigGeometry {
     pub light_azimuth: Angle,
     /// Added to the recorded φs it gives the azimuth of v.
     pub azimuth_zero: Angle,
-    /// Half angle of the cone in which the lamp is seen from the sample; 0 for a point.
-    pub light_angular_radius: Angle,
+    /// The cones in which light comes and goes.
+    pub cones: Cones,
 }
 
 impl RigGeometry {
@@ -58,7 +61,7 @@ impl RigGeometry {
         theta_l: Angle::from_deg(10.0),
         light_azimuth: Angle::ZERO,
         azimuth_zero: Angle::ZERO,
-        light_angular_radius: Angle::from_deg(1.0),
+        cones: Cones::of_lamp(Angle::from_deg(1.0)),
     };
 
     /// Directions in the rig's frame (x, y, z) for a camera tilt.
