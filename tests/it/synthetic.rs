@@ -9,7 +9,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use ridged::fit::report::{FitReport, Status, VariantName};
 use ridged::fit::{FitOptions, fit};
-use ridged::geometry::{Pose, RigGeometry};
+use ridged::geometry::{Cones, Pose, RigGeometry};
 use ridged::material::Material;
 use ridged::model::prepared::OpticsTable;
 use ridged::model::quadrature::Quadrature;
@@ -44,6 +44,11 @@ const REFLECTANCE: WhiteReference = WhiteReference {
 
 /// A random sample on a random rig; `poses` are recorded angles.
 fn case(seed: u64, poses: &[(f64, f64)]) -> Case {
+    case_within(seed, poses, RigGeometry::IN_PLANE.cones, 0.04)
+}
+
+/// The same with cones of that breadth and lobes from `alpha` on.
+fn case_within(seed: u64, poses: &[(f64, f64)], cones: Cones, alpha: f64) -> Case {
     let mut draw = Draw(rand_pcg::Pcg64::seed_from_u64(seed));
     let metal = draw.between(0.0, 1.0) < 0.4;
     let beside = draw.between(0.0, 1.0) < 0.3;
@@ -51,14 +56,15 @@ fn case(seed: u64, poses: &[(f64, f64)]) -> Case {
     let rig = RigGeometry {
         light_azimuth: quarter,
         azimuth_zero: quarter,
+        cones,
         ..RigGeometry::IN_PLANE
     };
     let (nominal, actual) = materials(&mut draw, metal);
     let theta_r_deg = draw.between(2.0, 20.0);
     let surface = Surface {
         theta_r: theta_r_deg.to_radians(),
-        alpha_u: 0.04 * 6f64.powf(draw.between(0.0, 1.0)),
-        alpha_v: 0.04 * 6f64.powf(draw.between(0.0, 1.0)),
+        alpha_u: alpha * 6f64.powf(draw.between(0.0, 1.0)),
+        alpha_v: alpha * 6f64.powf(draw.between(0.0, 1.0)),
         rho_d: if metal { 0.0 } else { draw.between(0.05, 0.7) },
         amplitude: 1.0,
     };
@@ -219,6 +225,30 @@ fn expanded_uncertainties_cover_random_samples_and_stay_small() {
     );
     let far = outside.values().flatten().any(|z| z.abs() > 4.0);
     assert!(!far, "{outside:?}");
+}
+
+#[test]
+fn lobes_narrower_than_the_cones_of_lamp_and_lens_are_told_apart_from_them() {
+    let cones = Cones {
+        lamp: Angle::from_deg(2.0),
+        lens: Angle::from_deg(5.0),
+    };
+    // αv = 0.035 behind cones that reach 0.061 as a slope.
+    let case = case_within(1, &grid(17, 2.5, 16, 22.5), cones, 0.015);
+    let report = fitted(&case.set);
+    assert_eq!(report.status, Status::Converged);
+    for (name, truth) in case.truth {
+        let named = report.parameters.named();
+        let found = named.into_iter().find(|(n, _)| *n == name);
+        let p = found.expect("a parameter of that name").1;
+        let (value, expanded) = (p.value.expect(name), p.expanded.expect(name));
+        assert!(
+            (value - truth).abs() <= expanded,
+            "{name}: {value} ± {expanded}, not {truth}"
+        );
+    }
+    let left_out = |what: &str| report.left_out.iter().any(|l| l.what.contains(what));
+    assert!(!left_out("cone"), "{:?}", report.left_out);
 }
 
 #[test]
