@@ -1,4 +1,4 @@
-//! `/maps`, `/contrasts`, `/verdicts` and `/traces`: begin, look, search, cancel, and the files of a map.
+//! `/maps`, `/contrasts`, `/verdicts` and `/traces`: begin, look, search, cancel, and the files of maps and traces.
 
 use axum::Json;
 use axum::extract::State;
@@ -104,6 +104,34 @@ async fn one(app: &App, kind: CalculationKind, id: i64) -> Result<Json<Value>, A
     Ok(Json(body(app, found)?))
 }
 
+async fn file(
+    app: &App,
+    kind: CalculationKind,
+    id: i64,
+    name: &str,
+) -> Result<impl IntoResponse + use<>, ApiError> {
+    let path = app.lab.calculation_file(kind, id, name).await?;
+    let bytes = tokio::fs::read(&path)
+        .await
+        .map_err(|e| StoreError::file("a file of a calculation", &path, e))?;
+    let kind = match path.extension().and_then(|e| e.to_str()) {
+        Some("png") => "image/png",
+        Some("tif") => "image/tiff",
+        Some("csv") => "text/csv; charset=utf-8",
+        Some("json") => "application/json",
+        _ => "application/octet-stream",
+    };
+    // The files of a calculation never change.
+    let headers = [
+        (header::CONTENT_TYPE, kind),
+        (
+            header::CACHE_CONTROL,
+            "private, max-age=31536000, immutable",
+        ),
+    ];
+    Ok((headers, bytes))
+}
+
 async fn cancel(
     app: &App,
     kind: CalculationKind,
@@ -179,26 +207,7 @@ pub(super) async fn map_file(
     State(app): State<App>,
     axum::extract::Path((id, name)): axum::extract::Path<(i64, String)>,
 ) -> Result<impl IntoResponse, ApiError> {
-    let path = app.lab.map_file(id, &name).await?;
-    let bytes = tokio::fs::read(&path)
-        .await
-        .map_err(|e| StoreError::file("a file of the map", &path, e))?;
-    let kind = match path.extension().and_then(|e| e.to_str()) {
-        Some("png") => "image/png",
-        Some("tif") => "image/tiff",
-        Some("csv") => "text/csv; charset=utf-8",
-        Some("json") => "application/json",
-        _ => "application/octet-stream",
-    };
-    // The files of a map never change.
-    let headers = [
-        (header::CONTENT_TYPE, kind),
-        (
-            header::CACHE_CONTROL,
-            "private, max-age=31536000, immutable",
-        ),
-    ];
-    Ok((headers, bytes))
+    file(&app, CalculationKind::Map, id, &name).await
 }
 
 /// Contrasts, newest first.
@@ -312,7 +321,7 @@ pub(super) async fn traces(
 
 /// Begin a trace: polarised light through a scene.
 #[utoipa::path(post, path = "/api/v1/traces", tag = "traces", request_body(content = Object, description =
-    "`scene` (the text of its TOML, or an object of the same keys), optional `max_seconds` and `target_error`"), responses(
+    "`scene` (the text of its TOML, or an object of the same keys), optional `photons` (instead of the scene's), `max_seconds`, `target_error` (relative error of the reflected bins) and `compare` (every path with and without polarisation; where a material depends on the wavelength, at eight of them)"), responses(
     (status = 202, description = "It runs", body = Begun, headers(("Location" = String, description = "The trace"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
     (status = 422, description = "The scene makes no sense", body = Problem),
@@ -324,7 +333,8 @@ pub(super) async fn begin_trace(
     begin(&app, CalculationRequest::Trace(request), "traces").await
 }
 
-/// One trace: the object of `trace --json` plus id and state.
+/// One trace: the object of `trace --json` plus id and state, `light`, `bins` (what is in its files), `comparison` (with
+/// `compare`: ADM and MDM of Wang et al. 2017, their mask) and `warnings`; its `files` lie below `files/`.
 #[utoipa::path(get, path = "/api/v1/traces/{id}", tag = "traces", params(("id" = i64, Path, description = "Number of the trace")), responses(
     (status = 200, description = "The trace", body = Object),
     (status = 404, description = "There is none", body = Problem),
@@ -344,4 +354,24 @@ pub(super) async fn cancel_trace(
     Id(id): Id,
 ) -> Result<impl IntoResponse, ApiError> {
     cancel(&app, CalculationKind::Trace, id).await
+}
+
+/// A file of a trace: `bins.csv` (the table of `trace --out`), `plane.json` (the plane of incidence: the virtual ellipsometer's
+/// readings, and polarised against scalar), or little-endian 32-bit floats: `bins.f32` (for every of `bins.sides`, bin row by row
+/// over polar angle and azimuth, and of `bins.numbers`: value and standard error, sr⁻¹, NaN where no light arrived),
+/// `difference.f32` (for every bin of the upper side: d = (polarised − scalar)/scalar averaged over the wavelengths, its standard
+/// error, ADM and MDM; NaN where it does not count).
+#[utoipa::path(get, path = "/api/v1/traces/{id}/files/{name}", tag = "traces", params(
+    ("id" = i64, Path, description = "Number of the trace"),
+    ("name" = String, Path, description = "One of its `files`, such as bins.csv"),
+), responses(
+    (status = 200, description = "The file", body = Vec<u8>, content_type = "application/octet-stream"),
+    (status = 404, description = "There is no such trace", body = Problem),
+    (status = 422, description = "The trace has no such file", body = Problem),
+))]
+pub(super) async fn trace_file(
+    State(app): State<App>,
+    axum::extract::Path((id, name)): axum::extract::Path<(i64, String)>,
+) -> Result<impl IntoResponse, ApiError> {
+    file(&app, CalculationKind::Trace, id, &name).await
 }

@@ -151,6 +151,7 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(calculations::traces, calculations::begin_trace))
         .routes(routes!(calculations::trace))
         .routes(routes!(calculations::cancel_trace))
+        .routes(routes!(calculations::trace_file))
         .routes(routes!(calibrations::list))
         .routes(routes!(accuracy::get))
         .routes(routes!(events::stream))

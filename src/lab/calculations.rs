@@ -2,16 +2,16 @@
 //! cancellable.
 
 use std::collections::HashMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, MutexGuard};
-use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 use tokio::task::JoinHandle;
 
 use super::fits::{check_region, reduction_code};
 use super::headway::{Headway, Progress};
+use super::traces::{TraceRequest, TraceToDo};
 use super::{Lab, LabError, StoredSeries};
 use crate::analysis::{self, AnalysisError, AnalysisOptions};
 use crate::contrast;
@@ -23,9 +23,6 @@ use crate::reduction::{self, ReductionError};
 use crate::scan::event::CalculationKind;
 use crate::store::calculations::CalculationEnd;
 use crate::store::{Store, StoreError};
-use crate::trace::report::Report;
-use crate::trace::run::{Shard, trace};
-use crate::trace::scene::{Prepared, Scene};
 
 /// A map that is asked for: every pixel of a scan fitted.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -66,43 +63,6 @@ pub struct VerdictRequest {
     /// Region of a sample that has several.
     #[serde(default)]
     pub region: Option<String>,
-}
-
-/// A trace that is asked for: light through a scene.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct TraceRequest {
-    /// The scene, as the text of its TOML or as an object of the same keys.
-    pub scene: serde_json::Value,
-    /// Stop after this time, s; what is finished by then counts.
-    #[serde(default)]
-    pub max_seconds: Option<f64>,
-    /// Stop once the relative error of the reflected bins (root mean square) is below this.
-    #[serde(default)]
-    pub target_error: Option<f64>,
-}
-
-impl TraceRequest {
-    /// Checks everything and makes the surfaces, which takes a while.
-    fn prepare(&self) -> Result<Prepared, LabError> {
-        positive([
-            ("max_seconds", self.max_seconds),
-            ("target_error", self.target_error),
-        ])?;
-        let wrong = |problem: String| LabError::Invalid {
-            field: "scene".into(),
-            problem,
-        };
-        let scene = match &self.scene {
-            serde_json::Value::String(text) => {
-                Scene::parse(text).map_err(|e| wrong(e.to_string()))?
-            }
-            object => Scene::deserialize(object).map_err(|e| wrong(e.to_string()))?,
-        };
-        scene
-            .prepare(&|_| Err("files of heights are read by the command line alone".to_owned()))
-            .map_err(|e| wrong(e.to_string()))
-    }
 }
 
 /// Refuses limits that are not greater than 0, by name.
@@ -171,13 +131,13 @@ pub(super) struct UnderWay {
 }
 
 /// Why a calculation has no result.
-enum Failure {
+pub(super) enum Failure {
     Cancelled,
     Because { code: &'static str, detail: String },
 }
 
 impl Failure {
-    fn internal(error: impl std::fmt::Display) -> Self {
+    pub(super) fn internal(error: impl std::fmt::Display) -> Self {
         Failure::Because {
             code: "internal",
             detail: format!("the result is no JSON: {error}"),
@@ -228,7 +188,7 @@ enum Work {
     Map(StoredSeries, MapRequest),
     Contrast(StoredSeries, Option<String>),
     Verdict(StoredSeries, Box<Specification>, AnalysisOptions),
-    Trace(Box<Prepared>, TraceRequest),
+    Trace(Box<TraceToDo>),
 }
 
 impl Lab {
@@ -271,7 +231,7 @@ impl Lab {
             }
             CalculationRequest::Trace(request) => {
                 let wanted = request.clone();
-                let prepared = tokio::task::spawn_blocking(move || wanted.prepare())
+                let ready = tokio::task::spawn_blocking(move || wanted.prepare())
                     .await
                     .unwrap_or_else(|_| {
                         Err(LabError::Invalid {
@@ -281,7 +241,7 @@ impl Lab {
                                     .into(),
                         })
                     })?;
-                Work::Trace(Box::new(prepared), request.clone())
+                Work::Trace(Box::new(ready))
             }
         })
     }
@@ -375,16 +335,21 @@ impl Lab {
             .expect("no holder of this lock panics")
     }
 
-    /// Path of a file of a finished map.
+    /// Path of a file of a finished map or trace.
     ///
     /// # Errors
-    /// An unknown map, one without files, or a name that is none of them.
-    pub async fn map_file(&self, id: i64, name: &str) -> Result<PathBuf, LabError> {
-        let map = self.store().calculation(CalculationKind::Map, id).await?;
-        let Some(result) = &map.result else {
+    /// An unknown one, one without files, or a name that is none of them.
+    pub async fn calculation_file(
+        &self,
+        kind: CalculationKind,
+        id: i64,
+        name: &str,
+    ) -> Result<PathBuf, LabError> {
+        let found = self.store().calculation(kind, id).await?;
+        let Some(result) = &found.result else {
             return Err(LabError::Invalid {
                 field: "id".into(),
-                problem: format!("map {id} is {} and has no files", map.state),
+                problem: format!("{kind} {id} is {} and has no files", found.state),
             });
         };
         let summary: serde_json::Value =
@@ -399,10 +364,10 @@ impl Lab {
         if !names.contains(&name) {
             return Err(LabError::Invalid {
                 field: "name".into(),
-                problem: format!("map {id} has no such file; it has {}", names.join(", ")),
+                problem: format!("{kind} {id} has no such file; it has {}", names.join(", ")),
             });
         }
-        Ok(self.store().map_folder(id).join(name))
+        Ok(self.store().files_folder(kind, id).join(name))
     }
 }
 
@@ -410,12 +375,16 @@ impl Work {
     fn run(self, store: &Store, id: i64, told: &Headway, cancel: &AtomicBool) -> CalculationEnd {
         told.tell("preparing", 0, 1);
         let result = match self {
-            Work::Map(series, request) => map_of(&series, &request, store, id, told, cancel),
+            Work::Map(series, request) => kept(store, CalculationKind::Map, id, |part| {
+                map_of(&series, &request, part, told, cancel)
+            }),
             Work::Contrast(series, region) => contrast_of(&series, region.as_deref(), cancel),
             Work::Verdict(series, specification, options) => {
                 verdict_of(&series, &specification, &options, cancel)
             }
-            Work::Trace(prepared, request) => trace_of(&prepared, &request, told, cancel),
+            Work::Trace(to_do) => kept(store, CalculationKind::Trace, id, |part| {
+                to_do.run(part, told, cancel)
+            }),
         };
         match result {
             Ok(result) => CalculationEnd::Completed(result),
@@ -428,40 +397,51 @@ impl Work {
     }
 }
 
+/// Work that leaves files: made in a folder that is kept once all is done, and removed otherwise.
+fn kept(
+    store: &Store,
+    kind: CalculationKind,
+    id: i64,
+    work: impl FnOnce(&Path) -> Result<String, Failure>,
+) -> Result<String, Failure> {
+    let not_written = |error: StoreError| Failure::Because {
+        code: match kind {
+            CalculationKind::Trace => "trace-not-written",
+            _ => "map-not-written",
+        },
+        detail: error.to_string(),
+    };
+    let part = store.part_folder(kind, id);
+    let made = std::fs::create_dir_all(&part)
+        .map_err(|e| not_written(StoreError::file("a calculation", &part, e)))
+        .and_then(|()| work(&part))
+        .and_then(|result| {
+            store.keep_files(kind, id).map_err(not_written)?;
+            Ok(result)
+        });
+    if made.is_err() {
+        // Best effort: what cannot be removed now names no calculation and does no harm.
+        std::fs::remove_dir_all(&part).ok();
+    }
+    made
+}
+
 fn map_of(
     series: &StoredSeries,
     request: &MapRequest,
-    store: &Store,
-    id: i64,
+    part: &Path,
     told: &Headway,
     cancel: &AtomicBool,
 ) -> Result<String, Failure> {
-    let not_written = |error: StoreError| Failure::Because {
-        code: "map-not-written",
-        detail: error.to_string(),
-    };
-    let part = store.part_of_map(id);
     let options = MapOptions {
-        scratch: part.clone(),
+        scratch: part.to_owned(),
         max_seconds: request.max_seconds,
         target_error: request.target_error,
         ..MapOptions::default()
     };
-    let made = std::fs::create_dir_all(&part)
-        .map_err(|e| not_written(StoreError::file("the map", &part, e)))
-        .and_then(|()| {
-            let tell = |p: map::Progress| told.tell(p.stage.words(), p.done as u64, p.total as u64);
-            Ok(map_into(series, &options, &part, &tell, cancel)?)
-        })
-        .and_then(|summary| {
-            store.keep_map(id).map_err(not_written)?;
-            serde_json::to_string(&summary).map_err(Failure::internal)
-        });
-    if made.is_err() {
-        // Best effort: what cannot be removed now names no map and does no harm.
-        std::fs::remove_dir_all(&part).ok();
-    }
-    made
+    let tell = |p: map::Progress| told.tell(p.stage.words(), p.done as u64, p.total as u64);
+    let summary = map_into(series, &options, part, &tell, cancel)?;
+    serde_json::to_string(&summary).map_err(Failure::internal)
 }
 
 fn contrast_of(
@@ -486,56 +466,4 @@ fn verdict_of(
     let analysed = analysis::analyse(series, options, &|_| {}, cancel)?;
     let verdict = VerdictReport::new(specification, &analysed.report, &analysed.observations);
     serde_json::to_string(&verdict).map_err(Failure::internal)
-}
-
-fn trace_of(
-    prepared: &Prepared,
-    request: &TraceRequest,
-    told: &Headway,
-    cancel: &AtomicBool,
-) -> Result<String, Failure> {
-    let started = Instant::now();
-    let late = || {
-        request
-            .max_seconds
-            .is_some_and(|limit| started.elapsed().as_secs_f64() >= limit)
-    };
-    let reached = |error: Option<f64>| match (request.target_error, error) {
-        (Some(target), Some(error)) => error <= target,
-        _ => false,
-    };
-    let totals = trace(prepared, Shard::WHOLE, &|progress| {
-        told.tell(
-            "tracing photons",
-            progress.photons,
-            progress.photons_planned,
-        );
-        !(cancel.load(Ordering::Relaxed) || late() || reached(progress.relative_error))
-    });
-    if cancel.load(Ordering::Relaxed) {
-        return Err(Failure::Cancelled);
-    }
-    if totals.photons() == 0 {
-        return Err(Failure::Because {
-            code: "no-trace",
-            detail: "nothing was finished in time: allow more seconds or ask for fewer photons"
-                .to_owned(),
-        });
-    }
-    let mut report = Report::of(prepared, &totals);
-    report.seconds = Some(started.elapsed().as_secs_f64());
-    if let Some(target) = request.target_error
-        && !reached(report.relative_error)
-        && !late()
-    {
-        let got = report.relative_error.map_or(
-            "no light was reflected, or no more than its own noise".to_owned(),
-            |e| format!("{} photons gave {e:.3e}", report.photons),
-        );
-        return Err(Failure::Because {
-            code: "target-not-reached",
-            detail: format!("the target error {target} was not reached: {got}"),
-        });
-    }
-    serde_json::to_string(&report).map_err(Failure::internal)
 }

@@ -17,6 +17,7 @@ pub mod measured;
 mod plans;
 mod recorder;
 mod series;
+mod traces;
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -38,15 +39,14 @@ use crate::store::{Recovery, Store, StoreError};
 use crate::units::Angle;
 
 pub use crate::bench::stage::AxisName;
-pub use calculations::{
-    CalculationRequest, ContrastRequest, MapRequest, TraceRequest, VerdictRequest,
-};
+pub use calculations::{CalculationRequest, ContrastRequest, MapRequest, VerdictRequest};
 pub use curves::{Curve, FitCurves};
 pub use error::LabError;
 pub use fits::{FitRequest, Reduced};
 pub use headway::Progress as CalculationProgress;
 pub use plans::{Estimated, ScanRequest};
 pub use series::{ImportOptions, Imported, StoredSeries, export};
+pub use traces::TraceRequest;
 
 /// What the lab knows of its rig beside the devices themselves.
 #[derive(Debug, Clone)]

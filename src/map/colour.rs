@@ -124,6 +124,11 @@ mod tests {
             assert!(high < before && low < cie_lightness(diverging(1.0 / 16.0 - t)));
         }
         assert_eq!(diverging(0.0), diverging(-0.0));
+        // A test of the page (web/tests/unit/perceptual.test.ts) holds the same numbers.
+        assert_eq!(
+            [-1.0, 0.0, 1.0].map(diverging),
+            [[0, 75, 150], [248, 248, 248], [149, 0, 7]]
+        );
     }
 
     #[test]

@@ -174,7 +174,9 @@ impl Store {
         let mut events = Vec::new();
         for id in &ids {
             events.push(self.insert_end_of(*id, "interrupted", None, None).await?);
-            fs::remove_dir_all(self.part_of_map(*id)).ok();
+            for kind in [CalculationKind::Map, CalculationKind::Trace] {
+                fs::remove_dir_all(self.part_folder(kind, *id)).ok();
+            }
         }
         Ok((ids, events))
     }
@@ -226,25 +228,29 @@ impl Store {
         Ok(Page::cut(rows, page.limit, |c: &Calculation| c.id))
     }
 
-    /// Folder of a finished map's files.
+    /// Folder of the files of a finished map or trace.
     #[must_use]
-    pub fn map_folder(&self, id: i64) -> PathBuf {
-        self.folder().join("maps").join(id.to_string())
+    pub fn files_folder(&self, kind: CalculationKind, id: i64) -> PathBuf {
+        self.files_of(kind).join(id.to_string())
     }
 
-    /// Folder in which a map's files are made.
+    /// Folder in which those files are made.
     #[must_use]
-    pub fn part_of_map(&self, id: i64) -> PathBuf {
-        self.map_folder(id).with_extension(PART_SUFFIX)
+    pub fn part_folder(&self, kind: CalculationKind, id: i64) -> PathBuf {
+        self.files_folder(kind, id).with_extension(PART_SUFFIX)
     }
 
-    /// Makes a map's files durable under their final name; call before the end is committed.
+    fn files_of(&self, kind: CalculationKind) -> PathBuf {
+        self.folder().join(format!("{kind}s"))
+    }
+
+    /// Makes the files of a calculation durable under their final name; call before the end is committed.
     ///
     /// # Errors
     /// What the disk says.
-    pub fn keep_map(&self, id: i64) -> Result<(), StoreError> {
-        let (part, folder) = (self.part_of_map(id), self.map_folder(id));
-        let error = |e| StoreError::file("the map", &folder, e);
+    pub fn keep_files(&self, kind: CalculationKind, id: i64) -> Result<(), StoreError> {
+        let (part, folder) = (self.part_folder(kind, id), self.files_folder(kind, id));
+        let error = |e| StoreError::file("the files of a calculation", &folder, e);
         for entry in fs::read_dir(&part).map_err(error)? {
             let path = entry.map_err(error)?.path();
             File::open(path).and_then(|f| f.sync_all()).map_err(error)?;
@@ -253,8 +259,9 @@ impl Store {
             .and_then(|f| f.sync_all())
             .map_err(error)?;
         fs::rename(&part, &folder).map_err(error)?;
-        let above = self.folder().join("maps");
-        File::open(&above).and_then(|f| f.sync_all()).map_err(error)
+        File::open(self.files_of(kind))
+            .and_then(|f| f.sync_all())
+            .map_err(error)
     }
 }
 
@@ -315,7 +322,7 @@ mod tests {
             .begin_calculation(CalculationKind::Map, Some(scan.id), "{}")
             .await
             .unwrap();
-        let part = store.part_of_map(id);
+        let part = store.part_folder(CalculationKind::Map, id);
         fs::create_dir_all(&part).unwrap();
         fs::write(part.join("theta_r.tif"), b"half").unwrap();
         store.close().await;

@@ -12,6 +12,7 @@
 //!   ridged.sqlite      the rows (with -wal and -shm beside it while open)
 //!   frames/ab/cd….png  frames, named by the SHA-256 of the file
 //!   maps/ID/           pictures and tables of a finished map
+//!   traces/ID/         direction bins of a finished trace
 //!   quarantine/        files that no row names, found at a start
 //!   lock               held by the process that writes
 //! ```

@@ -9,9 +9,8 @@
 use nalgebra::{RowVector4, Vector4};
 use serde::Serialize;
 
-use super::grid::Layout;
-use super::height_field::Side;
-use super::tally::Totals;
+use super::plane::{Direction, plane};
+use super::tally::{Estimate, Totals};
 use crate::model::polarisation::{Channel, Mueller, Stokes};
 
 /// A setting of filter and compensator.
@@ -105,7 +104,7 @@ pub struct Reading {
 pub struct Point {
     /// Angle of reflection, degrees; positive on the side of the mirror direction.
     pub theta_s_deg: f64,
-    /// For each of [`SETTINGS`] before the lamp.
+    /// For each state of the lamp, such as [`SETTINGS`] make.
     pub readings: Vec<Reading>,
 }
 
@@ -125,67 +124,41 @@ pub fn aop_deg(stokes: &[f64; 4]) -> f64 {
 /// angle of reflection; directions that no light reached are left out. `None` for scalar runs and pixel bins.
 #[must_use]
 pub fn curve(totals: &Totals, phi_i_deg: f64) -> Option<Vec<Point>> {
-    let grid = totals.grid();
-    if totals.elements() < 16 || grid.layout != Layout::Polar {
+    curve_of(totals, phi_i_deg, &SETTINGS.map(|s| (s.name, s.lamp())))
+}
+
+/// The same for other states of the lamp's light, each of intensity 1 and with a name.
+#[must_use]
+pub fn curve_of(
+    totals: &Totals,
+    phi_i_deg: f64,
+    lamps: &[(&'static str, Stokes)],
+) -> Option<Vec<Point>> {
+    if totals.elements() < 16 {
         return None;
     }
-    let mut points = Vec::new();
-    for (sign, plane_deg) in [(-1.0, phi_i_deg), (1.0, phi_i_deg + 180.0)] {
-        for row in 0..grid.n_theta {
-            let bins = beside(grid.n_phi, plane_deg).map(|column| row * grid.n_phi + column);
-            let bins: Vec<usize> = bins
-                .filter(|&bin| !totals.is_empty(Side::Above, bin))
-                .collect();
-            if bins.is_empty() {
-                continue;
-            }
-            let n = bins.len() as f64;
-            let (mut values, mut squares) = ([0.0; 16], [0.0; 16]);
-            for bin in bins {
-                for (i, (value, square)) in values.iter_mut().zip(&mut squares).enumerate() {
-                    let e = totals.element(Side::Above, bin, i);
-                    *value += e.value / n;
-                    *square += (e.std / n).powi(2);
-                }
-            }
-            let [lo, hi, _, _] = grid.limits_deg(row * grid.n_phi);
-            points.push(Point {
-                theta_s_deg: sign * 0.5 * (lo + hi),
-                readings: SETTINGS
-                    .iter()
-                    .map(|s| reading(s, &values, &squares))
-                    .collect(),
-            });
-        }
-    }
-    points.sort_by(|a, b| a.theta_s_deg.total_cmp(&b.theta_s_deg));
-    Some(points)
-}
-
-/// The columns of bins at an azimuth: that which holds it, or both where it is their border.
-fn beside(n_phi: usize, phi_deg: f64) -> impl Iterator<Item = usize> {
-    let at = (phi_deg / 360.0).rem_euclid(1.0) * n_phi as f64;
-    let nearest = at.round();
-    let (first, last) = if (at - nearest).abs() < 1e-6 {
-        (nearest as usize + n_phi - 1, nearest as usize)
-    } else {
-        (at as usize, at as usize)
+    let point = |direction: Direction| Point {
+        theta_s_deg: direction.theta_s_deg,
+        readings: lamps
+            .iter()
+            .map(|(name, lamp)| reading(name, lamp, &direction.numbers))
+            .collect(),
     };
-    let (first, last) = (first % n_phi, last % n_phi);
-    std::iter::once(first).chain((first != last).then_some(last))
+    let directions = plane(totals, phi_i_deg)?;
+    Some(directions.into_iter().map(point).collect())
 }
 
-fn reading(input: &Setting, values: &[f64; 16], squares: &[f64; 16]) -> Reading {
-    let lamp = input.lamp();
+fn reading(input: &'static str, lamp: &Stokes, mueller: &[Estimate]) -> Reading {
     let (mut stokes, mut stokes_std) = ([0.0; 4], [0.0; 4]);
     for i in 0..4 {
-        stokes[i] = (0..4).map(|j| values[4 * i + j] * lamp[j]).sum();
-        let square: f64 = (0..4).map(|j| squares[4 * i + j] * lamp[j] * lamp[j]).sum();
+        let row = &mueller[4 * i..4 * i + 4];
+        stokes[i] = (0..4).map(|j| row[j].value * lamp[j]).sum();
+        let square: f64 = (0..4).map(|j| (row[j].std * lamp[j]).powi(2)).sum();
         stokes_std[i] = square.sqrt();
     }
     let seen = Vector4::from(stokes);
     Reading {
-        input: input.name,
+        input,
         camera: SETTINGS.map(|s| (s.camera() * seen)[0]),
         dolp: dolp(&stokes),
         aop_deg: aop_deg(&stokes),

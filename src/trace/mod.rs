@@ -11,6 +11,7 @@
 
 pub mod beam;
 pub mod beckmann;
+pub mod bins;
 pub mod compare;
 pub mod crystals;
 pub mod ellipsometer;
@@ -27,6 +28,7 @@ pub mod light;
 pub mod media;
 pub mod paired;
 pub mod pilot;
+pub mod plane;
 pub mod profile;
 pub mod report;
 pub mod ridged;

@@ -10,15 +10,12 @@ use super::curves::{Line, Panel, panels};
 use super::hemisphere::{Disc, Lamp, Scale, sheet};
 use super::{CliError, Source, interrupt};
 use crate::cli::progress::Bar;
-use crate::trace::compare::{Difference, Direction, Mask, Summary};
+use crate::trace::compare::{Difference, Direction, Mask, Summary, WAVELENGTHS_NM};
 use crate::trace::grid::Grid;
 use crate::trace::height_field::Side;
 use crate::trace::paired::SCALAR;
 use crate::trace::run::{Shard, trace_paired};
 use crate::trace::tally::Totals;
-
-/// The wavelengths of Wang et al. 2017, nm.
-const WAVELENGTHS_NM: [f64; 8] = [380.0, 420.0, 460.0, 500.0, 540.0, 580.0, 620.0, 660.0];
 
 /// Polarised against scalar: the relative difference d per direction of exit, its mean |d| over the
 /// wavelengths (ADM) and its greatest (MDM).

@@ -3,7 +3,6 @@
 //! The file of a shard, or of a run that was stopped, has two columns more: `exact`, the bin's sums as
 //! hexadecimal integers, which add up without rounding, and `run`, in its first row, what it is part of.
 
-use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -11,7 +10,7 @@ use anyhow::{Context, anyhow};
 use serde::{Deserialize, Serialize};
 
 use crate::cli::CliError;
-use crate::trace::ellipsometer::{aop_deg, dolp};
+use crate::trace::bins;
 use crate::trace::grid::Grid;
 use crate::trace::height_field::Side;
 use crate::trace::run::{Shard, SoFar};
@@ -134,60 +133,19 @@ pub(super) fn write(
 }
 
 fn text(totals: &Totals, stokes: &[f64; 4], part: Option<&Part>) -> String {
-    let grid = totals.grid();
-    let mut text = String::from("side,theta_lo_deg,theta_hi_deg,phi_lo_deg,phi_hi_deg");
-    for suffix in ["", "_std"] {
-        for i in 0..16 {
-            let _ = write!(text, ",m{}{}{suffix}", i / 4, i % 4);
+    let Some(part) = part else {
+        return bins::csv(totals, stokes, "", |_, _| String::new());
+    };
+    let mut first = true;
+    bins::csv(totals, stokes, ",exact,run", |side, bin| {
+        let sums = totals.exact_bin(side, bin).unwrap_or_default();
+        if std::mem::take(&mut first) {
+            let json = serde_json::to_string(part).unwrap_or_default();
+            format!(",{sums},\"{}\"", json.replace('"', "\"\""))
+        } else {
+            format!(",{sums},")
         }
-    }
-    text.push_str(",hits,dolp,aop_deg");
-    text.push_str(if part.is_some() { ",exact,run\n" } else { "\n" });
-    let exact = part.is_some();
-    let mut part = part;
-    let transmits = (0..grid.per_side()).any(|bin| !totals.is_empty(Side::Below, bin));
-    for (side, name) in [(Side::Above, "R"), (Side::Below, "T")] {
-        if side == Side::Below && !transmits {
-            continue;
-        }
-        for bin in 0..grid.per_side() {
-            let [t0, t1, p0, p1] = grid.limits_deg(bin);
-            let _ = write!(text, "{name},{t0},{t1},{p0},{p1}");
-            let empty = totals.is_empty(side, bin);
-            for of_std in [false, true] {
-                for i in 0..16 {
-                    if empty || i >= totals.elements() {
-                        text.push_str(",0");
-                        continue;
-                    }
-                    let e = totals.element(side, bin, i);
-                    let x = if of_std { e.std } else { e.value };
-                    let _ = write!(text, ",{x:e}");
-                }
-            }
-            let _ = write!(text, ",{}", totals.hits(side, bin));
-            if empty || totals.elements() < 16 {
-                text.push_str(",,");
-            } else {
-                let seen: [f64; 4] = std::array::from_fn(|i| {
-                    let row =
-                        (0..4).map(|j| totals.element(side, bin, 4 * i + j).value * stokes[j]);
-                    row.sum()
-                });
-                let _ = write!(text, ",{:e},{:e}", dolp(&seen), aop_deg(&seen));
-            }
-            if exact {
-                let sums = totals.exact_bin(side, bin).unwrap_or_default();
-                let _ = write!(text, ",{sums},");
-            }
-            if let Some(part) = part.take() {
-                let json = serde_json::to_string(part).unwrap_or_default();
-                let _ = write!(text, "\"{}\"", json.replace('"', "\"\""));
-            }
-            text.push('\n');
-        }
-    }
-    text
+    })
 }
 
 /// Puts all shards of one run together.

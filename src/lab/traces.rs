@@ -1,0 +1,406 @@
+//! Traces of scenes: what may be asked for, and what is kept of one.
+//!
+//! A trace leaves its energies and errors as a result and its direction bins as files, so that a page can draw any of
+//! their numbers. With `compare` every path is followed with and without polarisation; where a material depends on the
+//! wavelength, at those of Wang et al. 2017.
+
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+use super::LabError;
+use super::calculations::{Failure, positive};
+use super::headway::Headway;
+use crate::model::polarisation::Stokes;
+use crate::store::StoreError;
+use crate::trace::bins;
+use crate::trace::compare::{
+    Difference, Direction, LobePoint, Mask, Summary, WAVELENGTHS_NM, lobe,
+};
+use crate::trace::ellipsometer::{Point, SETTINGS, Setting, curve_of};
+use crate::trace::height_field::Side;
+use crate::trace::report::Report;
+use crate::trace::run::{Progress, Shard, trace, trace_paired};
+use crate::trace::scene::{Prepared, Scene, SceneError};
+use crate::trace::tally::Totals;
+
+/// Direction bins per side beyond which the files of a trace were too large for a page: 0.5° by 0.5°.
+const BINS_MAX: usize = 180 * 720;
+
+/// A trace that is asked for: light through a scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TraceRequest {
+    /// The scene, as the text of its TOML or as an object of the same keys.
+    pub scene: serde_json::Value,
+    /// Photons instead of the scene's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub photons: Option<u64>,
+    /// Stop after this time, s; what is finished by then counts.
+    #[serde(default)]
+    pub max_seconds: Option<f64>,
+    /// Stop once the relative error of the reflected bins (root mean square) is below this.
+    #[serde(default)]
+    pub target_error: Option<f64>,
+    /// Follow every path with and without polarisation, and say where the latter is wrong.
+    #[serde(default)]
+    pub compare: bool,
+}
+
+/// A trace that was checked, its surfaces made.
+pub(super) struct TraceToDo {
+    request: TraceRequest,
+    scene: Scene,
+    prepared: Prepared,
+}
+
+/// The whole result of a trace.
+#[derive(Debug, Serialize)]
+struct TraceResult {
+    #[serde(flatten)]
+    report: Report,
+    light: Light,
+    bins: Bins,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    comparison: Option<Comparison>,
+    files: Vec<&'static str>,
+    warnings: Vec<String>,
+}
+
+/// The lamp.
+#[derive(Debug, Serialize)]
+struct Light {
+    theta_i_deg: f64,
+    phi_i_deg: f64,
+    wavelength_nm: f64,
+    /// For intensity 1.
+    stokes: [f64; 4],
+}
+
+/// What is in `bins.f32`.
+#[derive(Debug, Serialize)]
+struct Bins {
+    n_theta: usize,
+    n_phi: usize,
+    sides: Vec<&'static str>,
+    numbers: Vec<String>,
+}
+
+/// Polarised against scalar, in numbers.
+#[derive(Debug, Serialize)]
+struct Comparison {
+    wavelengths_nm: Vec<f64>,
+    mask: Mask,
+    adm: Option<Summary>,
+    mdm: Option<Summary>,
+    worst: Option<Direction>,
+    directions: usize,
+    too_dark: usize,
+    not_settled: usize,
+}
+
+/// A state of the lamp's light.
+#[derive(Debug, Serialize)]
+struct State {
+    name: &'static str,
+    stokes: [f64; 4],
+}
+
+/// The file `plane.json`.
+#[derive(Debug, Serialize)]
+struct Plane {
+    /// The lamp's states, the scene's own first; in the order of each point's readings.
+    states: Vec<State>,
+    /// What the camera's columns are.
+    settings: [Setting; 6],
+    points: Option<Vec<Point>>,
+    lobe: Option<Vec<LobePoint>>,
+}
+
+impl TraceRequest {
+    /// Checks everything and makes the surfaces, which takes a while.
+    pub(super) fn prepare(&self) -> Result<TraceToDo, LabError> {
+        positive([
+            ("max_seconds", self.max_seconds),
+            ("target_error", self.target_error),
+        ])?;
+        let wrong = |problem: String| LabError::Invalid {
+            field: "scene".into(),
+            problem,
+        };
+        let mut scene = match &self.scene {
+            serde_json::Value::String(text) => {
+                Scene::parse(text).map_err(|e| wrong(e.to_string()))?
+            }
+            object => Scene::deserialize(object).map_err(|e| wrong(e.to_string()))?,
+        };
+        if let Some(photons) = self.photons {
+            scene.run.photons = photons;
+        }
+        scene.check().map_err(|e| wrong(e.to_string()))?;
+        let bins = scene.run.theta_bins * scene.run.phi_bins;
+        if bins > BINS_MAX {
+            return Err(wrong(format!(
+                "run.theta_bins × run.phi_bins = {bins}: at most {BINS_MAX} here; `ridged trace` takes more"
+            )));
+        }
+        let prepared = made(&scene).map_err(|e| wrong(e.to_string()))?;
+        if self.compare && !prepared.polarised {
+            return Err(LabError::Invalid {
+                field: "compare".into(),
+                problem: "needs run.polarised = true or \"auto\" in the scene".into(),
+            });
+        }
+        Ok(TraceToDo {
+            request: self.clone(),
+            scene,
+            prepared,
+        })
+    }
+}
+
+fn made(scene: &Scene) -> Result<Prepared, SceneError> {
+    scene.prepare(&|_| Err("files of heights are read by the command line alone".to_owned()))
+}
+
+impl TraceToDo {
+    /// Traces and writes the files; the result as JSON.
+    pub(super) fn run(
+        &self,
+        folder: &Path,
+        told: &Headway,
+        cancel: &AtomicBool,
+    ) -> Result<String, Failure> {
+        let started = Instant::now();
+        let mut wavelengths = vec![self.scene.light.wavelength_nm];
+        if self.request.compare && self.scene.depends_on_wavelength() {
+            // The scene's own comes first: energies and bins are of it.
+            wavelengths.extend(WAVELENGTHS_NM);
+        }
+        let mut runs: Vec<Totals> = Vec::new();
+        let (mut traced, mut own_seconds) = (Vec::new(), 0.0);
+        for (done, &wavelength) in wavelengths.iter().enumerate() {
+            let other = (done > 0).then(|| {
+                let mut scene = self.scene.clone();
+                scene.light.wavelength_nm = wavelength;
+                made(&scene)
+            });
+            let other = other.transpose().map_err(|e| Failure::Because {
+                code: "no-trace",
+                detail: format!("at {wavelength} nm: {e}"),
+            })?;
+            let prepared = other.as_ref().unwrap_or(&self.prepared);
+            let left = wavelengths.len() - done;
+            let totals = self.one_run(prepared, started, left, &|photons| {
+                let each = prepared.photons;
+                let all = each.saturating_mul(wavelengths.len() as u64);
+                let so_far = each.saturating_mul(done as u64);
+                told.tell("tracing photons", so_far.saturating_add(photons), all);
+                !cancel.load(Ordering::Relaxed)
+            });
+            if cancel.load(Ordering::Relaxed) {
+                return Err(Failure::Cancelled);
+            }
+            if done == 0 {
+                own_seconds = started.elapsed().as_secs_f64();
+            }
+            if totals.photons() > 0 {
+                traced.push(wavelength);
+                runs.push(totals);
+            } else if done == 0 {
+                return Err(Failure::Because {
+                    code: "no-trace",
+                    detail:
+                        "nothing was finished in time: allow more seconds or ask for fewer photons"
+                            .to_owned(),
+                });
+            }
+        }
+        let seconds = started.elapsed().as_secs_f64();
+        told.tell("writing the bins", 0, 1);
+        let own = &runs[0];
+        let mut report = Report::of(&self.prepared, own);
+        report.seconds = Some(seconds);
+        report.run_seconds = Some(own_seconds);
+        let difference = self.request.compare.then(|| {
+            let compared = if runs.len() > 1 {
+                &runs[1..]
+            } else {
+                &runs[..]
+            };
+            Difference::of(compared, &Mask::default())
+        });
+        let difference = difference.flatten();
+        let files = self.write(folder, own, difference.as_ref())?;
+        let mut warnings = self.warnings(&report, started);
+        if traced.len() < wavelengths.len() {
+            let missing = wavelengths.iter().filter(|w| !traced.contains(w));
+            let missing: Vec<String> = missing.map(|w| format!("{w}")).collect();
+            warnings.push(format!(
+                "nothing was finished in time at {} nm: the comparison does without",
+                missing.join(", ")
+            ));
+        }
+        let result = TraceResult {
+            light: Light {
+                theta_i_deg: self.scene.light.theta_i_deg,
+                phi_i_deg: self.scene.light.phi_i_deg,
+                wavelength_nm: self.scene.light.wavelength_nm,
+                stokes: self.lamp(),
+            },
+            bins: bins_of(own),
+            comparison: difference.map(|d| Comparison {
+                wavelengths_nm: match &traced[..] {
+                    [_, others @ ..] if !others.is_empty() => others.to_vec(),
+                    one => one.to_vec(),
+                },
+                mask: Mask::default(),
+                adm: d.adm(),
+                mdm: d.mdm(),
+                worst: d.worst().copied(),
+                directions: d.directions.len(),
+                too_dark: d.too_dark,
+                not_settled: d.not_settled,
+            }),
+            files,
+            warnings,
+            report,
+        };
+        serde_json::to_string(&result).map_err(Failure::internal)
+    }
+
+    /// One wavelength, within its share of the time: `left` runs are to come, this one included.
+    fn one_run(
+        &self,
+        prepared: &Prepared,
+        started: Instant,
+        left: usize,
+        go_on: &(dyn Fn(u64) -> bool + Sync),
+    ) -> Totals {
+        let begun = Instant::now();
+        let share = self.request.max_seconds.map(|limit| {
+            let rest = limit - begun.duration_since(started).as_secs_f64();
+            rest.max(0.0) / left as f64
+        });
+        let proceed = |progress: &Progress| {
+            let late = share.is_some_and(|limit| begun.elapsed().as_secs_f64() >= limit);
+            go_on(progress.photons) && !late && !self.is_reached(progress.relative_error)
+        };
+        let run = if self.request.compare {
+            trace_paired
+        } else {
+            trace
+        };
+        run(prepared, Shard::WHOLE, &proceed)
+    }
+
+    fn is_reached(&self, error: Option<f64>) -> bool {
+        matches!((self.request.target_error, error), (Some(target), Some(error)) if error <= target)
+    }
+
+    fn lamp(&self) -> [f64; 4] {
+        let [i, q, u, v] = self.scene.light.stokes;
+        [1.0, q / i, u / i, v / i]
+    }
+
+    fn warnings(&self, report: &Report, started: Instant) -> Vec<String> {
+        let mut warnings = Vec::new();
+        let late = |limit: f64| started.elapsed().as_secs_f64() >= limit;
+        if let Some(target) = self.request.target_error
+            && !self.is_reached(report.relative_error)
+        {
+            let got = match report.relative_error {
+                None => "no light was reflected, or no more than its own noise".to_owned(),
+                Some(e) => format!(
+                    "{} photons gave {e:.2e}; about {:.1e} would be needed",
+                    report.photons,
+                    report.photons as f64 * (e / target).powi(2)
+                ),
+            };
+            warnings.push(format!("the target error {target} was not reached: {got}"));
+        } else if let Some(limit) = self.request.max_seconds
+            && report.photons < self.scene.run.photons
+            && late(limit)
+        {
+            warnings.push(format!(
+                "stopped after {limit} s: {} of {} photons were traced",
+                report.photons, self.scene.run.photons
+            ));
+        }
+        warnings
+    }
+
+    fn write(
+        &self,
+        folder: &Path,
+        totals: &Totals,
+        difference: Option<&Difference>,
+    ) -> Result<Vec<&'static str>, Failure> {
+        let phi_i_deg = self.scene.light.phi_i_deg;
+        let own = ("scene", Stokes::from(self.lamp()));
+        let states: Vec<(&str, Stokes)> = std::iter::once(own)
+            .chain(SETTINGS.iter().map(|s| (s.name, s.lamp())))
+            .collect();
+        let plane = Plane {
+            settings: SETTINGS,
+            points: curve_of(totals, phi_i_deg, &states),
+            states: states
+                .iter()
+                .map(|(name, stokes)| State {
+                    name,
+                    stokes: (*stokes).into(),
+                })
+                .collect(),
+            lobe: lobe(totals, phi_i_deg),
+        };
+        let plane = serde_json::to_vec(&plane).map_err(Failure::internal)?;
+        let table = bins::csv(totals, &self.lamp(), "", |_, _| String::new());
+        let mut files = vec![
+            ("bins.csv", table.into_bytes()),
+            ("bins.f32", bins::float32(totals)),
+            ("plane.json", plane),
+        ];
+        files.extend(difference.map(|d| ("difference.f32", block_of(d))));
+        for (name, content) in &files {
+            let path = folder.join(name);
+            std::fs::write(&path, content).map_err(|e| Failure::Because {
+                code: "trace-not-written",
+                detail: StoreError::file("a trace", &path, e).to_string(),
+            })?;
+        }
+        Ok(files.iter().map(|(name, _)| *name).collect())
+    }
+}
+
+fn bins_of(totals: &Totals) -> Bins {
+    let numbers = match totals.elements() {
+        0..16 => vec!["brdf".to_owned()],
+        n => {
+            let mueller = (0..16).map(|i| format!("m{}{}", i / 4, i % 4));
+            let paired = ["scalar", "m00-scalar"].map(str::to_owned);
+            mueller.chain(paired).take(n).collect()
+        }
+    };
+    let names = bins::sides(totals).into_iter().map(|side| match side {
+        Side::Above => "reflected",
+        Side::Below => "transmitted",
+    });
+    Bins {
+        n_theta: totals.grid().n_theta,
+        n_phi: totals.grid().n_phi,
+        sides: names.collect(),
+        numbers,
+    }
+}
+
+/// Per bin of the upper side: d, its standard error, ADM and MDM; NaN for directions that do not count.
+fn block_of(difference: &Difference) -> Vec<u8> {
+    let mut values = vec![[f64::NAN; 4]; difference.grid.per_side()];
+    for d in &difference.directions {
+        values[d.bin] = [d.mean, d.std, d.adm, d.mdm];
+    }
+    let numbers = values.iter().flatten();
+    numbers.flat_map(|x| (*x as f32).to_le_bytes()).collect()
+}

@@ -1,0 +1,133 @@
+//! Direction bins as text and as bytes, for files that other programs read.
+//!
+//! Call [`csv`] for a table, [`float32`] for a block that a page can draw from. It does not know where they are kept.
+
+use std::fmt::Write as _;
+
+use super::ellipsometer::{aop_deg, dolp};
+use super::height_field::Side;
+use super::tally::Totals;
+
+/// The table of bins: limits in degrees, Mueller elements and their standard errors in sr⁻¹, hits, DOLP and AOP for the
+/// lamp's `stokes`. `also` adds columns: their names, each after a comma, and what a row has in them, likewise.
+#[must_use]
+pub fn csv(
+    totals: &Totals,
+    stokes: &[f64; 4],
+    also: &str,
+    mut of_row: impl FnMut(Side, usize) -> String,
+) -> String {
+    let grid = totals.grid();
+    let mut text = String::from("side,theta_lo_deg,theta_hi_deg,phi_lo_deg,phi_hi_deg");
+    for suffix in ["", "_std"] {
+        for i in 0..16 {
+            let _ = write!(text, ",m{}{}{suffix}", i / 4, i % 4);
+        }
+    }
+    let _ = writeln!(text, ",hits,dolp,aop_deg{also}");
+    for side in sides(totals) {
+        let name = match side {
+            Side::Above => "R",
+            Side::Below => "T",
+        };
+        for bin in 0..grid.per_side() {
+            let [t0, t1, p0, p1] = grid.limits_deg(bin);
+            let _ = write!(text, "{name},{t0},{t1},{p0},{p1}");
+            let empty = totals.is_empty(side, bin);
+            for of_std in [false, true] {
+                for i in 0..16 {
+                    if empty || i >= totals.elements() {
+                        text.push_str(",0");
+                        continue;
+                    }
+                    let e = totals.element(side, bin, i);
+                    let x = if of_std { e.std } else { e.value };
+                    let _ = write!(text, ",{x:e}");
+                }
+            }
+            let _ = write!(text, ",{}", totals.hits(side, bin));
+            if empty || totals.elements() < 16 {
+                text.push_str(",,");
+            } else {
+                let seen: [f64; 4] = std::array::from_fn(|i| {
+                    let row =
+                        (0..4).map(|j| totals.element(side, bin, 4 * i + j).value * stokes[j]);
+                    row.sum()
+                });
+                let _ = write!(text, ",{:e},{:e}", dolp(&seen), aop_deg(&seen));
+            }
+            text.push_str(&of_row(side, bin));
+            text.push('\n');
+        }
+    }
+    text
+}
+
+/// The upper side, and the lower one where light reached it.
+#[must_use]
+pub fn sides(totals: &Totals) -> Vec<Side> {
+    let transmits = (0..totals.grid().per_side()).any(|bin| !totals.is_empty(Side::Below, bin));
+    let below = transmits.then_some(Side::Below);
+    std::iter::once(Side::Above).chain(below).collect()
+}
+
+/// Side by side ([`sides`]), bin by bin, number by number of a bin: value and standard error, sr⁻¹, as little-endian
+/// 32-bit floats. NaN where no light arrived.
+#[must_use]
+pub fn float32(totals: &Totals) -> Vec<u8> {
+    let (bins, numbers) = (totals.grid().per_side(), totals.elements());
+    let sides = sides(totals);
+    let mut bytes = Vec::with_capacity(8 * sides.len() * bins * numbers);
+    for side in sides {
+        for bin in 0..bins {
+            let empty = totals.is_empty(side, bin);
+            for i in 0..numbers {
+                let (value, std) = if empty {
+                    (f64::NAN, f64::NAN)
+                } else {
+                    let e = totals.element(side, bin, i);
+                    (e.value, e.std)
+                };
+                bytes.extend((value as f32).to_le_bytes());
+                bytes.extend((std as f32).to_le_bytes());
+            }
+        }
+    }
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::run::{Shard, trace};
+    use super::super::scene::Scene;
+    use super::*;
+
+    #[test]
+    fn table_and_block_hold_the_same_numbers_of_both_sides() {
+        let text = "[light]\ntheta_i_deg = 40.0\n[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n\
+                    [run]\nphotons = 500\ntheta_bins = 6\nphi_bins = 8\n";
+        let prepared = Scene::parse(text).unwrap().prepare(&|_| Err(String::new()));
+        let totals = trace(&prepared.unwrap(), Shard::WHOLE, &|_| true);
+        let table = csv(&totals, &[1.0, 0.0, 0.0, 0.0], ",more", |_, bin| {
+            format!(",{bin}")
+        });
+        let block = float32(&totals);
+        assert_eq!(block.len(), 2 * 48 * 16 * 2 * 4);
+        let rows: Vec<Vec<&str>> = table.lines().map(|l| l.split(',').collect()).collect();
+        assert_eq!(rows.len(), 1 + 2 * 48);
+        assert_eq!(rows[0][rows[0].len() - 1], "more");
+        let mut lit = 0;
+        for (row, bin) in rows[1..].iter().zip(block.chunks(16 * 2 * 4)) {
+            let first = f32::from_le_bytes(bin[..4].try_into().unwrap());
+            if first.is_nan() {
+                assert_eq!(row[5], "0");
+            } else {
+                assert_eq!(row[5].parse::<f64>().unwrap() as f32, first);
+                lit += 1;
+            }
+        }
+        // A mirror and a window: one direction each.
+        assert_eq!(lit, 2);
+        assert_eq!(rows[96][0], "T");
+    }
+}

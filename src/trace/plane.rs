@@ -1,0 +1,71 @@
+//! The plane of incidence of polar bins: directions of reflection from the lamp's side to the mirror's.
+//!
+//! Call [`plane`]; what is read off it is [`super::ellipsometer`]'s and [`super::compare`]'s affair.
+
+use super::grid::Layout;
+use super::height_field::Side;
+use super::tally::{Estimate, Totals};
+
+/// A direction of the plane.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Direction {
+    /// Angle of reflection, degrees; positive on the side of the mirror direction.
+    pub theta_s_deg: f64,
+    /// The numbers of its bins, sr⁻¹: means, where the plane is the border of two.
+    pub numbers: Vec<Estimate>,
+}
+
+/// The directions by rising angle, for a lamp at the azimuth `phi_i_deg`; those that no light reached are left out.
+/// `None` where bins are pixels, which have no such rows.
+#[must_use]
+pub fn plane(totals: &Totals, phi_i_deg: f64) -> Option<Vec<Direction>> {
+    let grid = totals.grid();
+    if grid.layout != Layout::Polar {
+        return None;
+    }
+    let mut directions = Vec::new();
+    for (sign, plane_deg) in [(-1.0, phi_i_deg), (1.0, phi_i_deg + 180.0)] {
+        for row in 0..grid.n_theta {
+            let bins = beside(grid.n_phi, plane_deg).map(|column| row * grid.n_phi + column);
+            let bins: Vec<usize> = bins
+                .filter(|&bin| !totals.is_empty(Side::Above, bin))
+                .collect();
+            if bins.is_empty() {
+                continue;
+            }
+            let n = bins.len() as f64;
+            let mean = |i: usize| {
+                let (mut value, mut square) = (0.0, 0.0);
+                for &bin in &bins {
+                    let e = totals.element(Side::Above, bin, i);
+                    value += e.value / n;
+                    square += (e.std / n).powi(2);
+                }
+                Estimate {
+                    value,
+                    std: square.sqrt(),
+                }
+            };
+            let [lo, hi, _, _] = grid.limits_deg(row * grid.n_phi);
+            directions.push(Direction {
+                theta_s_deg: sign * 0.5 * (lo + hi),
+                numbers: (0..totals.elements()).map(mean).collect(),
+            });
+        }
+    }
+    directions.sort_by(|a, b| a.theta_s_deg.total_cmp(&b.theta_s_deg));
+    Some(directions)
+}
+
+/// The columns of bins at an azimuth: that which holds it, or both where it is their border.
+fn beside(n_phi: usize, phi_deg: f64) -> impl Iterator<Item = usize> {
+    let at = (phi_deg / 360.0).rem_euclid(1.0) * n_phi as f64;
+    let nearest = at.round();
+    let (first, last) = if (at - nearest).abs() < 1e-6 {
+        (nearest as usize + n_phi - 1, nearest as usize)
+    } else {
+        (at as usize, at as usize)
+    };
+    let (first, last) = (first % n_phi, last % n_phi);
+    std::iter::once(first).chain((first != last).then_some(last))
+}
