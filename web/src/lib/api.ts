@@ -16,6 +16,8 @@ import type {
   Rig,
   Sample,
   Scan,
+  Trace,
+  TracePlane,
 } from './types';
 
 const PREFIX = '/api/v1';
@@ -112,6 +114,15 @@ export interface ScanRequest {
   readonly plan: Record<string, unknown>;
 }
 
+/** A trace as it is asked for: `scene` is the text of its TOML. */
+export interface TraceRequest {
+  readonly scene: string;
+  readonly photons?: number;
+  readonly max_seconds?: number;
+  readonly target_error?: number;
+  readonly compare: boolean;
+}
+
 export const api = {
   rig: (): Promise<Rig> => get('/rig'),
   move: (axis: AxisName, position_deg: number): Promise<unknown> => post(`/rig/axes/${axis}/move`, { position_deg }),
@@ -147,6 +158,14 @@ export const api = {
   cancelCalculation: (kind: CalculationKind, id: number): Promise<unknown> => post(`/${kind}/${id}/cancel`),
   calculationUrl: (kind: CalculationKind, id: number): string => `${PREFIX}/${kind}/${id}`,
   mapFileUrl: (id: number, name: string): string => `${PREFIX}/maps/${id}/files/${name}`,
+
+  /** Newest first; what is not asked for stays where it is. */
+  traces: async (signal?: AbortSignal): Promise<readonly Trace[]> => (await get<Page<Trace>>('/traces?limit=50', signal)).items,
+  startTrace: (request: TraceRequest): Promise<{ id: number }> => post('/traces', request),
+  traceFileUrl: (id: number, name: string): string => `${PREFIX}/traces/${id}/files/${name}`,
+  tracePlane: (id: number, signal?: AbortSignal): Promise<TracePlane> => get(`/traces/${id}/files/plane.json`, signal),
+  traceBytes: async (id: number, name: string, signal?: AbortSignal): Promise<ArrayBuffer> =>
+    (await ask(`${PREFIX}/traces/${id}/files/${name}`, signal ? { signal } : undefined)).arrayBuffer(),
 
   accuracy: (signal?: AbortSignal): Promise<Accuracy> => get('/accuracy', signal),
   accuracyUrl: (): string => `${PREFIX}/accuracy`,

@@ -34,6 +34,11 @@ export function significant(x: number, digits = 2): string {
   return `${mantissa}${THIN}×${THIN}10${superscript(exponent)}`;
 }
 
+/** Up to so many significant digits and no needless zeros: `12.5`, `550`. */
+export function plain(x: number, digits = 3): string {
+  return String(Number(x.toPrecision(digits))).replace('-', MINUS);
+}
+
 function superscript(n: number): string {
   return String(n).replace(/[-\d]/g, (c) => (c === '-' ? '⁻' : ('⁰¹²³⁴⁵⁶⁷⁸⁹'[Number(c)] ?? '')));
 }

@@ -212,7 +212,7 @@ export interface Curves {
   }[];
 }
 
-export type CalculationKind = 'maps' | 'contrasts' | 'verdicts';
+export type CalculationKind = 'maps' | 'contrasts' | 'verdicts' | 'traces';
 
 /** What a map, a contrast table and a verdict have in common while they run and when they have ended. */
 export interface Calculation {
@@ -296,6 +296,79 @@ export interface VerdictResult extends Calculation {
     readonly verdict: VerdictWord;
     readonly reason: string;
   }[];
+}
+
+/** A mean and its standard error; the latter is null where there is one replicate alone. */
+export interface Estimated {
+  readonly value: number;
+  readonly std: number | null;
+}
+
+interface DirectionsSummary {
+  readonly greatest: number;
+  readonly percentile_99: number;
+  readonly mean: number;
+}
+
+/** The object of `ridged trace --json` with what the daemon adds; a trace that has no result yet lacks most of it. */
+export interface Trace extends Omit<Calculation, 'request'>, Partial<Omit<TraceResult, keyof Calculation>> {
+  readonly request: {
+    readonly scene: unknown;
+    readonly photons?: number;
+    readonly max_seconds: number | null;
+    readonly target_error: number | null;
+    readonly compare: boolean;
+  };
+}
+
+export interface TraceResult {
+  readonly photons: number;
+  readonly seconds: number;
+  /** Of the scene's own wavelength alone. */
+  readonly run_seconds: number;
+  readonly polarised: boolean;
+  readonly energy: Readonly<Record<'reflected' | 'transmitted' | 'absorbed' | 'truncated', Estimated>> & {
+    readonly by_interactions: Readonly<Record<string, Estimated>>;
+  };
+  readonly relative_error: number | null;
+  readonly batches: number;
+  readonly ridge_angles?: readonly { readonly interface: number; readonly theta_r_deg: number }[];
+  readonly light: {
+    readonly theta_i_deg: number;
+    readonly phi_i_deg: number;
+    readonly wavelength_nm: number;
+    readonly stokes: readonly [number, number, number, number];
+  };
+  readonly bins: { readonly n_theta: number; readonly n_phi: number; readonly sides: readonly string[]; readonly numbers: readonly string[] };
+  readonly comparison?: {
+    readonly wavelengths_nm: readonly number[];
+    readonly mask: { readonly divisor: number; readonly error_max: number };
+    readonly adm: DirectionsSummary | null;
+    readonly mdm: DirectionsSummary | null;
+    readonly worst: { readonly theta_deg: number; readonly phi_deg: number; readonly mean: number; readonly std: number } | null;
+    readonly directions: number;
+    readonly too_dark: number;
+    readonly not_settled: number;
+  };
+  readonly files: readonly string[];
+  readonly warnings: readonly string[];
+}
+
+/** The file `plane.json` of a trace: the plane of incidence by the angle of reflection. */
+export interface TracePlane {
+  readonly states: readonly { readonly name: string; readonly stokes: readonly [number, number, number, number] }[];
+  readonly points:
+    | readonly {
+        readonly theta_s_deg: number;
+        readonly readings: readonly {
+          readonly stokes: readonly number[];
+          readonly stokes_std: readonly (number | null)[];
+          readonly dolp: number | null;
+          readonly aop_deg: number | null;
+        }[];
+      }[]
+    | null;
+  readonly lobe: readonly { readonly theta_s_deg: number; readonly polarised: Estimated; readonly scalar: Estimated; readonly difference: Estimated }[] | null;
 }
 
 /** Something that a computation does without. */

@@ -163,6 +163,32 @@ describe('a lab’s day', () => {
     await verdict.filter({ hasText: 'fail' }).waitFor({ timeout: CALCULATION_MS_MAX });
   }, 2 * CALCULATION_MS_MAX);
 
+  it('traces a scene, and the page shows what physics says of it', async () => {
+    const card = page.getByTestId('traces');
+    const form = card.getByTestId('trace-form');
+    await form.getByLabel('Scene, TOML').fill('[[interface]]\nshape = "flat"\nbelow = { n = 0 }\n');
+    await form.getByRole('button', { name: 'Trace' }).click();
+    await form.getByRole('alert').filter({ hasText: 'below.n' }).waitFor();
+    // Brewster's angle of glass: what is reflected is s light alone.
+    await form.getByLabel('Scene, TOML').fill('# Brewster\n[light]\ntheta_i_deg = 56.31\nphi_i_deg = 195.0\n[[interface]]\nshape = "flat"\nbelow = { n = 1.5 }\n[run]\ntheta_bins = 9\nphi_bins = 12\n');
+    await form.getByLabel('Photons').fill('2000');
+    await form.getByRole('button', { name: 'Trace' }).click();
+    await card.getByTestId('plane-curves').waitFor({ timeout: CALCULATION_MS_MAX });
+    const reflected = Number.parseFloat(await card.getByTestId('trace-energy').locator('td').first().innerText());
+    expect(reflected).toBeCloseTo(0.0739645, 4);
+    expect(await card.getByTestId('trace-list').innerText()).toMatch(/Brewster[^]*done/);
+    await card.locator('[data-component=dolp]').click();
+    const disc = card.getByTestId('hemisphere');
+    await disc.scrollIntoViewIfNeeded();
+    const box = await disc.boundingBox();
+    // The middle of the bin of the mirror direction: θ 55°, φ 15°.
+    const [x, y] = [Math.cos(Math.PI / 12), Math.sin(Math.PI / 12)].map((c) => (c * 55) / 90) as [number, number];
+    await disc.hover({ position: { x: 0.5 * (1 + x) * (box?.width ?? 0), y: 0.5 * (1 - y) * (box?.height ?? 0) } });
+    expect(await card.getByTestId('reading').innerText()).toMatch(/φ 15\.0° 1\.000/);
+    const [trace] = (await get('/traces'))['items'] as { id: number; files: string[] }[];
+    for (const file of trace?.files ?? []) expect((await fetch(`${daemon.url}/api/v1/traces/${trace?.id}/files/${file}`)).status).toBe(200);
+  });
+
   it('moves an axis by hand and reads the position back', async () => {
     const axis = page.locator('[data-axis=theta_c]');
     await axis.getByRole('button', { name: 'Move' }).waitFor();

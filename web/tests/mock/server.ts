@@ -8,6 +8,7 @@ import { extname, join, normalize } from 'node:path';
 
 import { radiance, random, type MockSurface } from './bench';
 import { encodePng } from './png';
+import { traceFiles, traceResult } from './trace';
 
 type Json = Record<string, unknown>;
 
@@ -58,6 +59,8 @@ export class MockDaemon {
   readonly fits: Json[] = [];
   /** What `ridged accuracy` left in the folder, if anything. */
   accuracy: Json | null = null;
+  /** Newest first; one that is asked for runs until `finishTrace`. */
+  readonly traces: Json[] = [];
 
   #server: Server;
   #streams = new Set<ServerResponse>();
@@ -121,6 +124,12 @@ export class MockDaemon {
     this.fits.unshift({ id, scan_id: scanId, state: 'running', created_at: new Date().toISOString() });
     this.#finishFit(id, variant);
     return id;
+  }
+
+  finishTrace(): void {
+    const [trace] = this.traces;
+    if (trace) Object.assign(trace, traceResult(), { state: 'completed', progress: undefined });
+    this.event('calculation', {});
   }
 
   #after(ms: number, work: () => void): void {
@@ -417,6 +426,23 @@ export class MockDaemon {
     if (fitMatch) {
       const id = Number(fitMatch[1]);
       return send(200, fitMatch[2] ? this.#curve(id) : this.fits.find((f) => f['id'] === id));
+    }
+    if (path === '/traces' && method === 'POST') {
+      const id = this.traces.length + 1;
+      this.traces.unshift({ id, scan_id: null, state: 'running', created_at: new Date().toISOString(), request: { max_seconds: null, target_error: null, ...body }, progress: { stage: 'tracing photons', fraction: 0.25, time_left_s: 42 } });
+      return send(202, { id, state: 'running' });
+    }
+    if (path === '/traces') return list(this.traces);
+    const traceMatch = /^\/traces\/(\d+)\/(cancel|files\/(.+))$/.exec(path);
+    if (traceMatch) {
+      const trace = this.traces.find((t) => t['id'] === Number(traceMatch[1]));
+      if (traceMatch[2] === 'cancel' && trace) {
+        Object.assign(trace, { state: 'cancelled', progress: undefined });
+        this.event('calculation', {});
+        return send(202, { id: trace['id'], state: 'cancelled' });
+      }
+      const file = traceFiles().get(traceMatch[3] ?? '');
+      return file ? send(200, file, 'application/octet-stream') : problem(422, 'invalid-value', 'no such file');
     }
     if (path === '/accuracy' && this.accuracy) return send(200, this.accuracy);
     return problem(404, 'not-found', `there is no ${path}`);

@@ -1,5 +1,5 @@
-// Makes docs/screenshot.png (and docs/screenshot-dark.png) from a real run on the simulated rig:
-// the full grid on the path-traced sample, fitted. `make screenshot` runs it.
+// Makes docs/screenshot.png, docs/screenshot-dark.png (the full grid on the path-traced sample of the simulated rig, fitted) and
+// docs/screenshot-ellipsometer.png (a traced scene) from real runs. `make screenshot` runs it.
 
 import { mkdir } from 'node:fs/promises';
 import { join } from 'node:path';
@@ -50,4 +50,22 @@ it('makes the pictures of the README', async () => {
   await night.locator('section[aria-labelledby=parameters-title]').evaluate((e) => scrollTo(0, e.getBoundingClientRect().top + scrollY - 80));
   await night.screenshot({ path: join(DOCS, 'screenshot-dark.png') });
   expect(await night.getByTestId('parameters').isVisible()).toBe(true);
+});
+
+it('makes the picture of the virtual ellipsometer', async () => {
+  const light = await openBrowser({ width: 1440, height: 1000, scale: 1.5 });
+  browsers.push(light);
+  const page = await light.context.newPage();
+  await page.goto(daemon.url);
+  const card = page.getByTestId('traces');
+  await card.getByTestId('trace-form').getByLabel('Photons').fill('1e6');
+  await card.getByRole('button', { name: 'Trace', exact: true }).click();
+  await card.getByTestId('plane-curves').waitFor({ timeout: 200_000 });
+  await card.getByRole('button', { name: 'Mueller' }).click();
+  await card.locator('[data-component=m12]').click();
+  await card.getByTestId('trace-energy').evaluate((e) => scrollTo(0, e.getBoundingClientRect().top + scrollY - 110));
+  const disc = await card.getByTestId('hemisphere').boundingBox();
+  await page.mouse.move((disc?.x ?? 0) + 0.8 * (disc?.width ?? 0), (disc?.y ?? 0) + 0.38 * (disc?.height ?? 0));
+  await page.waitForTimeout(300);
+  await page.screenshot({ path: join(DOCS, 'screenshot-ellipsometer.png') });
 });

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { angle, bytes, count, decimalsFor, duration, exposure, fixed, percent, significant, when, withUncertainty } from '../../src/lib/format';
+import { angle, bytes, count, decimalsFor, duration, exposure, fixed, percent, plain, significant, when, withUncertainty } from '../../src/lib/format';
 
 describe('withUncertainty', () => {
   it('rounds value and uncertainty to the same place, two digits of the uncertainty', () => {
@@ -36,6 +36,7 @@ describe('numbers', () => {
     expect(significant(9.99e-5)).toBe('0.00010');
     expect(significant(0)).toBe('0');
     expect(percent(0.0061)).toBe('0.61\u202f%');
+    expect([plain(12.5), plain(-15), plain(550, 5), plain(0)]).toEqual(['12.5', '−15', '550', '0']);
   });
 
   it('group digits by three', () => {

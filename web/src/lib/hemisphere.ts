@@ -1,0 +1,186 @@
+// Direction bins of a trace: what is in them, what follows from them, and where they lie on a disc.
+//
+// A disc shows the directions of exit from above: the polar angle grows linearly from the centre to the rim, +u is to the
+// right, +v upwards. Stokes vectors count from s to p of the beam, as the daemon's do.
+
+import type { Palette } from './perceptual';
+import type { TraceResult } from './types';
+
+export type Side = 'reflected' | 'transmitted';
+export type Stokes = readonly [number, number, number, number];
+
+/** Values over the bins of one side, with their standard errors; NaN where there is none. */
+export interface Field {
+  readonly values: Float32Array;
+  readonly stds: Float32Array;
+}
+
+/** The numbers of `bins.f32`. */
+export class Bins {
+  readonly nTheta: number;
+  readonly nPhi: number;
+  readonly sides: readonly string[];
+  readonly names: readonly string[];
+  readonly #block: Float32Array;
+
+  /** Fails where the block is not as long as the trace says. */
+  constructor(of: TraceResult['bins'], bytes: ArrayBuffer) {
+    this.nTheta = of.n_theta;
+    this.nPhi = of.n_phi;
+    this.sides = of.sides;
+    this.names = of.numbers;
+    if (bytes.byteLength !== 8 * this.perSide * of.sides.length * of.numbers.length) throw new Error('the file of bins is damaged');
+    this.#block = new Float32Array(bytes);
+  }
+
+  get perSide(): number {
+    return this.nTheta * this.nPhi;
+  }
+
+  get polarised(): boolean {
+    return this.names.length >= 16;
+  }
+
+  /** One number of all bins of a side. */
+  field(side: Side, name: string): Field {
+    const [at, n, i] = [this.sides.indexOf(side), this.names.length, this.names.indexOf(name)];
+    const [values, stds] = [new Float32Array(this.perSide).fill(Number.NaN), new Float32Array(this.perSide).fill(Number.NaN)];
+    if (at < 0 || i < 0) return { values, stds };
+    for (let bin = 0; bin < this.perSide; bin++) {
+      const place = 2 * ((at * this.perSide + bin) * n + i);
+      values[bin] = this.#block[place] ?? Number.NaN;
+      stds[bin] = this.#block[place + 1] ?? Number.NaN;
+    }
+    return { values, stds };
+  }
+}
+
+export const MUELLER: readonly string[] = Array.from({ length: 16 }, (_, i) => `m${Math.floor(i / 4)}${i % 4}`);
+
+/** A Stokes component (0 to 3) of the light that leaves, for the lamp's state; errors of the elements are taken as independent. */
+export function stokesField(bins: Bins, side: Side, component: number, lamp: Stokes): Field {
+  const row = [0, 1, 2, 3].map((j) => bins.field(side, `m${component}${j}`));
+  const first = row[0];
+  if (!first) throw new Error('a row has four elements');
+  const [values, stds] = [new Float32Array(first.values), new Float32Array(first.stds)];
+  for (let bin = 0; bin < values.length; bin++) {
+    let [sum, square] = [0, 0];
+    row.forEach((element, j) => {
+      sum += (element.values[bin] ?? 0) * (lamp[j] ?? 0);
+      square += ((element.stds[bin] ?? 0) * (lamp[j] ?? 0)) ** 2;
+    });
+    values[bin] = sum;
+    stds[bin] = Math.sqrt(square);
+  }
+  return { values, stds };
+}
+
+/** Ratios are shown where their denominator is known to this share of itself. */
+const SETTLED = 0.3;
+
+/** One field over another; its error is that of the numerator, and none is shown where the denominator is noise. */
+export function ratioField(above: Field, below: Field): Field {
+  const values = above.values.map((x, bin) => (settled(below, bin) ? x / (below.values[bin] ?? Number.NaN) : Number.NaN));
+  const stds = above.stds.map((x, bin) => x / (below.values[bin] ?? Number.NaN));
+  return { values, stds };
+}
+
+function settled(field: Field, bin: number): boolean {
+  const [value, std] = [field.values[bin] ?? Number.NaN, field.stds[bin] ?? Number.NaN];
+  return value > 0 && std <= SETTLED * value;
+}
+
+/** Degree of linear polarisation. */
+export function dolpField(i: Field, q: Field, u: Field): Field {
+  const noise = i.values.map((x, bin) => Math.hypot(q.stds[bin] ?? 0, u.stds[bin] ?? 0) / x);
+  const values = i.values.map((x, bin) => (settled(i, bin) ? Math.hypot(q.values[bin] ?? 0, u.values[bin] ?? 0) / x : Number.NaN));
+  return { values, stds: noise };
+}
+
+/** Angle of polarisation, degrees from s to p; none where hardly anything is polarised. */
+export function aopField(i: Field, q: Field, u: Field): Field {
+  const dolp = dolpField(i, q, u);
+  const means = (bin: number): boolean => (dolp.values[bin] ?? 0) > Math.max(0.01, 2 * (dolp.stds[bin] ?? 0));
+  const values = i.values.map((_, bin) => (means(bin) ? (90 / Math.PI) * Math.atan2(u.values[bin] ?? 0, q.values[bin] ?? 0) : Number.NaN));
+  const stds = i.values.map((_, bin) => (90 / Math.PI) * ((dolp.stds[bin] ?? 0) / (dolp.values[bin] ?? Number.NaN)));
+  return { values, stds };
+}
+
+/** The four numbers of `difference.f32`; the errors of the second pair are not known. */
+export function differenceFields(bytes: ArrayBuffer): Record<'mean' | 'adm' | 'mdm', Field> {
+  const block = new Float32Array(bytes);
+  const column = (i: number): Float32Array => Float32Array.from({ length: block.length / 4 }, (_, bin) => block[4 * bin + i] ?? Number.NaN);
+  const std = column(1);
+  return { mean: { values: column(0), stds: std }, adm: { values: column(2), stds: std }, mdm: { values: column(3), stds: std } };
+}
+
+/** How values become colours. */
+export interface Scale {
+  readonly kind: 'log' | 'linear';
+  /** Values are shown from −top to top, from 0 to top, or round from −top to top. */
+  readonly palette: Palette;
+  readonly top: number;
+}
+
+/** Powers of ten on either side of zero that a logarithmic scale tells apart. */
+const DECADES = 3;
+
+/** Place of a value on a scale, 0 to 1 and beyond where it is too large. */
+export function placeOn(scale: Scale, x: number): number {
+  const share = x / scale.top;
+  if (scale.palette === 'sequential') return share;
+  if (scale.kind === 'linear') return 0.5 + 0.5 * share;
+  // Linear about zero, logarithmic beyond a thousandth of the top.
+  const grown = Math.asinh(Math.abs(share) * 0.5 * 10 ** DECADES) / Math.asinh(0.5 * 10 ** DECADES);
+  return 0.5 + 0.5 * Math.sign(share) * grown;
+}
+
+/** Values that get a mark on the colour bar. */
+export function marksOf(scale: Scale): number[] {
+  const { top } = scale;
+  if (scale.palette === 'sequential') return [0, 0.5 * top, top];
+  if (scale.palette === 'cyclic') return [-90, -45, 0, 45, 90];
+  if (scale.kind === 'linear') return [-top, -0.5 * top, 0, 0.5 * top, top];
+  const powers = [top, top / 10, top / 100];
+  return [...powers.map((x) => -x), 0, ...powers.toReversed()];
+}
+
+/** The next power of ten. */
+export function decadeAbove(x: number): number {
+  return x > 0 && Number.isFinite(x) ? 10 ** Math.ceil(Math.log10(x) - 1e-9) : 1;
+}
+
+/** The next of 1, 2, 3 and 5 times the powers of ten. */
+export function roundAbove(x: number): number {
+  const power = decadeAbove(x) / 10;
+  return power * ([1, 2, 3, 5, 10].find((step) => step * power >= x * (1 - 1e-9)) ?? 10);
+}
+
+/** Greatest absolute value of those that are more than noise; 0 where there is none. */
+export function greatest(field: Field): number {
+  let most = 0;
+  field.values.forEach((x, bin) => {
+    if (Math.abs(x) > 2 * (field.stds[bin] ?? 0)) most = Math.max(most, Math.abs(x));
+  });
+  return most;
+}
+
+/** The bin at a place of the unit disc, y upwards; null beyond its rim. */
+export function binAt(x: number, y: number, nTheta: number, nPhi: number): number | null {
+  const r = Math.hypot(x, y);
+  if (r >= 1) return null;
+  const turn = Math.atan2(y, x) / (2 * Math.PI);
+  const column = Math.min(nPhi - 1, Math.floor((turn < 0 ? turn + 1 : turn) * nPhi));
+  return Math.min(nTheta - 1, Math.floor(r * nTheta)) * nPhi + column;
+}
+
+/** The middle of a bin, degrees. */
+export function middleOf(bin: number, nTheta: number, nPhi: number): { theta_deg: number; phi_deg: number } {
+  return { theta_deg: (90 * (Math.floor(bin / nPhi) + 0.5)) / nTheta, phi_deg: (360 * ((bin % nPhi) + 0.5)) / nPhi };
+}
+
+/** Where a direction is on the unit disc, y upwards. */
+export function placeOf(thetaDeg: number, phiDeg: number): { x: number; y: number } {
+  const phi = (phiDeg * Math.PI) / 180;
+  return { x: (thetaDeg / 90) * Math.cos(phi), y: (thetaDeg / 90) * Math.sin(phi) };
+}

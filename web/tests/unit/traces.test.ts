@@ -1,0 +1,70 @@
+import { describe, expect, it } from 'vitest';
+
+import { panelsOf, strokes } from '../../src/lib/plane';
+import { EXAMPLES, hasRidges, ordersOf, titleOf, typedCount } from '../../src/lib/scenes';
+import type { TracePlane } from '../../src/lib/types';
+
+describe('a scene', () => {
+  it('is called by its first comment, else by its shapes from the top down', () => {
+    expect(titleOf('# Gold, rough.\n[light]')).toBe('Gold, rough');
+    expect(titleOf('[[interface]]\nshape = "flat"\n[[interface]]\n shape = "beckmann"\n')).toBe('flat over beckmann');
+    expect(titleOf({ interface: [{ shape: 'ridges' }] })).toBe('ridges');
+    expect(titleOf('')).toBe('scene');
+    expect([{ interface: [{ shape: 'ridges' }] }, 'shape = "profile"', 'shape = "beckmann"', null].map(hasRidges)).toEqual([true, true, false, false]);
+    expect(EXAMPLES.map((e) => e.text.includes('[[interface]]'))).toEqual(EXAMPLES.map(() => true));
+  });
+
+  it('takes photons as people write them', () => {
+    expect(['1e6', '1 000 000', '1_000_000', '1.5e3', ''].map(typedCount)).toEqual([1e6, 1e6, 1e6, 1500, null]);
+    expect(['-1', '0', '1.5', 'many'].map(typedCount)).toEqual([Number.NaN, Number.NaN, Number.NaN, Number.NaN]);
+  });
+});
+
+describe('energies by interactions', () => {
+  it('come in their order, small ones together', () => {
+    const e = (value: number) => ({ value, std: 1e-5 });
+    const orders = ordersOf({ R1: e(0.1), R10: e(2e-4), R16plus: e(0.02), R2: e(0.3), T1: e(3e-4), T2: e(0) });
+    expect(orders.map((o) => `${o.letter}${o.order}`)).toEqual(['R1', 'R2', 'R16+', '']);
+    expect(orders.at(-1)?.value).toBeCloseTo(5e-4, 12);
+    expect(orders.at(-1)?.std).toBeCloseTo(Math.SQRT2 * 1e-5, 12);
+    expect(ordersOf({ R1: e(1e-4) }).map((o) => o.order)).toEqual(['1']);
+  });
+});
+
+describe('the plane of incidence', () => {
+  const reading = (dolp: number, std: number) => ({ stokes: [1, dolp, 0, 0], stokes_std: [0.01, std, 0, 0], dolp, aop_deg: 0 });
+  const plane = (lobe: TracePlane['lobe']): TracePlane => ({
+    states: [{ name: 'scene', stokes: [1, 0, 0, 0] }],
+    points: [
+      { theta_s_deg: -10, readings: [reading(0.5, 0.01)] },
+      { theta_s_deg: 10, readings: [reading(0.5, 0.3)] },
+      { theta_s_deg: 12, readings: [reading(0.005, 0.0001)] },
+    ],
+    lobe,
+  });
+
+  it('leaves out degrees and angles that are not settled', () => {
+    const [dolp, aop, bright] = panelsOf(plane(null), 0);
+    expect(dolp?.lines[0]?.points.map((p) => p.x)).toEqual([-10, 12]);
+    // Where hardly anything is polarised an angle means nothing.
+    expect(aop?.lines[0]?.points.map((p) => p.x)).toEqual([-10]);
+    expect(bright?.lines[0]?.points.length).toBe(3);
+  });
+
+  it('shows polarised beside scalar, their difference in per cent where it is known', () => {
+    const point = (x: number, p: number, s: number, std: number) => ({ theta_s_deg: x, polarised: { value: p, std: 0 }, scalar: { value: s, std: 0 }, difference: { value: p - s, std } });
+    const panels = panelsOf(plane([point(40, 0.8, 1, 0.01), point(42, 0.02, 0.01, 0.01)]), 0);
+    expect(panels.map((p) => p.key)).toEqual(['dolp', 'aop', 'lobe', 'difference']);
+    const [lobe, d] = [panels[2], panels[3]];
+    expect(lobe?.lines.map((l) => l.name)).toEqual(['polarised', 'scalar']);
+    expect(lobe?.range).toEqual([0.01, 1]);
+    expect(d?.lines[0]?.points.map((p) => [p.x, Number(p.y.toFixed(6))])).toEqual([[40, -20]]);
+    expect(d?.range).toEqual([-20, 20]);
+  });
+
+  it('lifts the pen at gaps and where an angle turns round', () => {
+    const points = [[0, 80], [2, 89], [4, -88], [10, -80]].map(([x, y]) => ({ x: x ?? 0, y: y ?? 0, half: 0 }));
+    expect(strokes(points, 3, 180).map((s) => s.length)).toEqual([2, 1, 1]);
+    expect(strokes(points, 3, null).map((s) => s.length)).toEqual([3, 1]);
+  });
+});
