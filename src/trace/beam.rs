@@ -89,13 +89,46 @@ fn wrapped(index: usize, shift: i64, n: usize) -> usize {
 #[must_use]
 pub fn is_free(field: &HeightField, i: usize, j: usize, upper: bool, side: Side, k: &V3) -> bool {
     // Compiled for each set of vector instructions; the bits are the same with all of them.
-    field
-        .arch()
-        .dispatch(|| looked_at(field, i, j, upper, side, k))
+    field.arch().dispatch(Look {
+        field,
+        i,
+        j,
+        upper,
+        side,
+        k,
+    })
+}
+
+/// One question, as a type and not a closure: a closure of this size is not inlined, and what is not inlined
+/// is not compiled for the wider instructions.
+struct Look<'a> {
+    field: &'a HeightField,
+    i: usize,
+    j: usize,
+    upper: bool,
+    side: Side,
+    k: &'a V3,
+}
+
+impl pulp::WithSimd for Look<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> bool {
+        looked_at(self)
+    }
 }
 
 #[inline(always)]
-fn looked_at(field: &HeightField, i: usize, j: usize, upper: bool, side: Side, k: &V3) -> bool {
+fn looked_at(look: Look<'_>) -> bool {
+    let Look {
+        field,
+        i,
+        j,
+        upper,
+        side,
+        k,
+    } = look;
     let sign = side.sign();
     let (cell_x, cell_y) = field.cell_size();
     let (nx, ny) = field.cells();
@@ -169,7 +202,8 @@ fn looked_at(field: &HeightField, i: usize, j: usize, upper: bool, side: Side, k
             }
         }
         let (from, to) = rows(column, column + 1);
-        let mut all_clear = true;
+        // From its own column on nothing is clear by the cells' escape slopes, or it would not be looked at.
+        let mut all_clear = step > 0;
         for row in from..=to {
             let (cx, cy) = place(column, row);
             let (wi, wj) = (wrapped(i, cx, nx), wrapped(j, cy, ny));
@@ -178,10 +212,13 @@ fn looked_at(field: &HeightField, i: usize, j: usize, upper: bool, side: Side, k
             if !beam.clears_cell(&h, cx as f64, cy as f64, skip, slack) {
                 return false;
             }
-            all_clear &= field.escape(side).clears(wi * ny + wj, k)
-                || beam.lowest_over((cx, cy), (1, 1)) >= outermost;
+            all_clear = all_clear && field.escape(side).clears(wi * ny + wj, k);
         }
-        if all_clear && step > 0 {
+        if !all_clear && step > 0 {
+            let (corner, wide) = (place(column, from), place(1, to - from + 1));
+            all_clear = beam.lowest_over(corner, wide) >= outermost;
+        }
+        if all_clear {
             return true;
         }
         step += 1;
@@ -266,7 +303,7 @@ impl Beam {
         };
         for corner in TRIANGLES[usize::from(upper)] {
             let w = beam.across(CORNERS[corner]);
-            beam.strip = (beam.strip.0.min(w), beam.strip.1.max(w));
+            beam.strip = (lesser(beam.strip.0, w), greater(beam.strip.1, w));
         }
         beam
     }
@@ -307,12 +344,17 @@ impl Beam {
                 lesser(diagonal[n], at[n] + y[n] - h[2])
             })),
         ];
-        TRIANGLES.iter().enumerate().all(|(n, corners)| {
-            over[n] + slack >= 0.0 || skip == Some(n) || {
-                let place = |c: usize| [CORNERS[c].0 + cx, CORNERS[c].1 + cy, h[c]];
-                self.clears_triangle(&corners.map(place), slack)
+        // Loops from here on, not iterators with closures: those are not inlined either.
+        for (n, corners) in TRIANGLES.iter().enumerate() {
+            if over[n] + slack >= 0.0 || skip == Some(n) {
+                continue;
             }
-        })
+            let place = |c: usize| [CORNERS[c].0 + cx, CORNERS[c].1 + cy, h[c]];
+            if !self.clears_triangle(&corners.map(place), slack) {
+                return false;
+            }
+        }
+        true
     }
 
     /// The same for one triangle: its part in the beam is cut out, and the highest of the lowest light by
@@ -328,9 +370,17 @@ impl Beam {
             beside[0] &= w <= self.strip.0;
             beside[1] &= w >= self.strip.1;
         }
-        let behind = |time: &Linear| corners.iter().all(|p| time.at(p[0], p[1]) < 0.0);
-        if beside[0] || beside[1] || self.latest[..self.n_latest].iter().any(behind) {
+        if beside[0] || beside[1] {
             return true;
+        }
+        for time in &self.latest[..self.n_latest] {
+            let mut behind = true;
+            for p in corners {
+                behind &= time.at(p[0], p[1]) < 0.0;
+            }
+            if behind {
+                return true;
+            }
         }
         let across = |limit: f64, sign: f64| Linear {
             at_origin: -sign * limit,
@@ -346,25 +396,34 @@ impl Beam {
         let part = part.corners();
         let over = |l: &Linear, p: &[f64; 3]| l.at(p[0], p[1]) + slack - p[2];
         let lowest = &self.lowest[..self.n_lowest];
-        lowest.iter().enumerate().any(|(n, l)| {
-            part.iter().all(|p| over(l, p) >= 0.0)
-                || lowest[..n].iter().any(|other| {
-                    // The weights w of `l` with w l + (1 − w) other ≥ 0 at every corner.
-                    let (mut least, mut most) = (0.0f64, 1.0f64);
-                    for p in part {
-                        let (x, y) = (over(l, p), over(other, p));
-                        let rate = x - y;
-                        if rate > 0.0 {
-                            least = least.max(-y / rate);
-                        } else if rate < 0.0 {
-                            most = most.min(-y / rate);
-                        } else if y < 0.0 {
-                            return false;
-                        }
+        for (n, l) in lowest.iter().enumerate() {
+            let mut clear = true;
+            for p in part {
+                clear &= over(l, p) >= 0.0;
+            }
+            if clear {
+                return true;
+            }
+            for other in &lowest[..n] {
+                // The weights w of `l` with w l + (1 − w) other ≥ 0 at every corner.
+                let (mut least, mut most) = (0.0f64, 1.0f64);
+                for p in part {
+                    let (x, y) = (over(l, p), over(other, p));
+                    let rate = x - y;
+                    if rate > 0.0 {
+                        least = greater(least, -y / rate);
+                    } else if rate < 0.0 {
+                        most = lesser(most, -y / rate);
+                    } else if y < 0.0 {
+                        most = f64::NEG_INFINITY;
                     }
-                    least <= most
-                })
-        })
+                }
+                if least <= most {
+                    return true;
+                }
+            }
+        }
+        false
     }
 }
 

@@ -66,7 +66,7 @@ pub struct FirstHits<'a> {
 }
 
 /// Cells whose known light one thread adds up.
-const CHUNK: usize = 1 << 13;
+const CHUNK: usize = 1 << 14;
 /// Photons per triangle from which on it pays to find out which light of theirs is free for certain, where they
 /// are followed one by one.
 const WORTH_A_LOOK: u64 = 8;
