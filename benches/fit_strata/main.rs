@@ -53,6 +53,9 @@ struct Args {
     /// Starts of the crowd that the fit is compared with.
     #[arg(long, default_value_t = 256)]
     crowd: usize,
+    /// Only these cases, by their own seeds as `--verbose` tells them.
+    #[arg(long, value_delimiter = ',')]
+    only: Vec<u64>,
     /// Tells of every case that is not as it should be.
     #[arg(long)]
     verbose: bool,
@@ -103,17 +106,24 @@ fn run(stratum: Stratum, args: &Args) -> bool {
     let done = AtomicUsize::new(0);
     let started = Instant::now();
     let last = Mutex::new(Instant::now());
-    let outcomes: Vec<Outcome> = (0..args.cases)
+    let seeds: Vec<u64> = if args.only.is_empty() {
+        let first = args.seed.wrapping_mul(1_000_003);
+        (0..args.cases).map(|k| first + k).collect()
+    } else {
+        args.only.clone()
+    };
+    let all = seeds.len();
+    let outcomes: Vec<Outcome> = seeds
         .into_par_iter()
-        .map(|k| {
-            let outcome = one(stratum, args.seed.wrapping_mul(1_000_003) + k, args.crowd);
+        .map(|seed| {
+            let outcome = one(stratum, seed, args.crowd);
             let n = done.fetch_add(1, Ordering::Relaxed) + 1;
             if let Ok(mut last) = last.try_lock()
                 && last.elapsed() > Duration::from_secs(10)
             {
                 let spent = started.elapsed().as_secs_f64();
-                let left = spent / n as f64 * (args.cases as usize - n) as f64;
-                eprintln!("{n}/{} cases, {left:.0} s left", args.cases);
+                let left = spent / n as f64 * (all - n) as f64;
+                eprintln!("{n}/{all} cases, {left:.0} s left");
                 *last = Instant::now();
             }
             outcome

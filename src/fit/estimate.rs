@@ -307,6 +307,9 @@ pub(super) fn whole<'a>(
         search.images(&problem);
         rounds += 1;
     }
+    if !options.misfit {
+        search.persist(&problem);
+    }
     search.follow(&problem);
     let minimum = search.best()?.clone();
     let starts = search.report();

@@ -13,9 +13,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 
 use super::candidates::{self, Wanted};
+use super::covariance::{Scaling, covariance};
 use super::crew::{End, descend_together};
 use super::problem::{Problem, Values};
 use super::projection::Projected;
+use super::quantity::Quantity;
 use super::solver::{Ending, Minimum, Settings, minimise};
 use super::start::{distance, starts};
 
@@ -49,6 +51,11 @@ const FINE: Settings = Settings {
     max_iterations: 400,
     ..Settings::DEFAULT
 };
+/// Rounds without a deeper minimum after which nobody expects one, and rounds at most.
+const CALM: usize = 5;
+const PERSISTENT_ROUNDS: usize = 24;
+/// Standard uncertainty of an angle (rad) or a ln α above which the data leave the surface open.
+const OPEN: f64 = 0.1;
 /// Near minima that are remembered.
 const RIVALS: usize = 8;
 
@@ -273,7 +280,9 @@ impl<'p> Search<'p> {
         };
         let mut ends = vec![best.clone()];
         ends.extend(self.distinct(problem, &best.parameters, FOLLOWED - 1));
-        ends.retain(|m| !m.ending.is_success());
+        if self.effort == Effort::MISFIT {
+            ends.retain(|m| !m.ending.is_success());
+        }
         let cancel = self.cancel;
         let bounds = problem.bounds();
         let ends: Vec<Minimum> = ends
@@ -284,6 +293,26 @@ impl<'p> Search<'p> {
             .filter(usable)
             .collect();
         self.runs.extend(ends);
+    }
+
+    /// Rounds on end where the data leave the surface open: there minima are many, and the deepest is found
+    /// by looking on until [`CALM`] rounds in a row find none deeper.
+    pub(super) fn persist(&mut self, problem: &Problem<'_>) {
+        let mut calm = 0;
+        for _ in 0..PERSISTENT_ROUNDS {
+            let Some(before) = self.best() else {
+                return;
+            };
+            if calm == CALM || determined(problem, before) || self.cancelled() {
+                return;
+            }
+            let before = before.cost;
+            self.thorough(problem);
+            self.rescan(problem);
+            self.follow(problem);
+            let deeper = self.best().is_some_and(|m| !same(before, m.cost));
+            calm = if deeper { 0 } else { calm + 1 };
+        }
     }
 
     /// Starts from the images of the best end under the symmetries that few azimuths nearly have:
@@ -466,6 +495,27 @@ fn over_shapes(
         end.parameters = shapes.whole(&end.parameters);
     }
     end
+}
+
+/// Whether the data determine the surface near an end.
+fn determined(problem: &Problem<'_>, end: &Minimum) -> bool {
+    let rows = problem.residual_count();
+    if end.jacobian.len() != rows * problem.free().len() {
+        return false;
+    }
+    let known = covariance(&end.jacobian, rows, &end.residuals, Scaling::Absolute);
+    let std = known.standard_deviations();
+    problem.free().iter().zip(std).all(|(quantity, std)| {
+        let counts = matches!(
+            quantity,
+            Quantity::ThetaR
+                | Quantity::AlphaU
+                | Quantity::AlphaV
+                | Quantity::AzimuthOffset
+                | Quantity::TiltOffset
+        );
+        !counts || std < OPEN
+    })
 }
 
 fn usable(m: &Minimum) -> bool {
