@@ -142,7 +142,7 @@ impl Traced {
         for (_, below) in self.layers {
             let index = match below.strip_prefix('"') {
                 Some(name) => {
-                    crate::trace::media::index_of(name.trim_end_matches('"'), 550.0).ok()?
+                    crate::material::tables::index_of(name.trim_end_matches('"'), 550.0).ok()?
                 }
                 None => {
                     let n = below.trim_matches(|c: char| !c.is_ascii_digit() && c != '.');

@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, PageParams, Params, page};
 use super::{App, List};
-use crate::material::Material;
+use crate::material::{Material, tables};
 use crate::store::samples::{NewSample, Sample, SimulatedSurface};
 
 /// Nominal material: complex index N = n + ik with standard uncertainties.
@@ -86,6 +86,17 @@ impl From<Material> for MaterialBody {
     }
 }
 
+/// A metal by its name.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MetalBody {
+    /// `Ag`, `Al`, `Au`, `Cr`, `Cu` or `W`.
+    name: String,
+    /// Wavelength; the rig's lamp's if not given.
+    #[serde(default)]
+    wavelength_nm: Option<f64>,
+}
+
 /// A sample to be added.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -96,6 +107,9 @@ pub struct SampleRequest {
     /// sample's note says so.
     #[serde(default)]
     material: Option<MaterialBody>,
+    /// In place of a material: a metal of the tables, taken at the lamp's wavelength.
+    #[serde(default)]
+    metal: Option<MetalBody>,
     /// Free text.
     #[serde(default)]
     note: Option<String>,
@@ -159,6 +173,24 @@ pub(super) async fn add(
     State(app): State<App>,
     Body(body): Body<SampleRequest>,
 ) -> Result<impl IntoResponse, ApiError> {
+    let mut body = body;
+    if let Some(metal) = &body.metal {
+        if body.material.is_some() {
+            let message = "stands in place of a material: give one of them";
+            return Err(ApiError::invalid("metal", message));
+        }
+        let wavelength_nm = match metal.wavelength_nm {
+            None => app.lab.rig().await?.rig_facts.wavelength_nm,
+            given => given,
+        };
+        let Some(wavelength_nm) = wavelength_nm else {
+            let message = "is not known of this rig's lamp: give it";
+            return Err(ApiError::invalid("metal.wavelength_nm", message));
+        };
+        let found = tables::metal(&metal.name, wavelength_nm)
+            .map_err(|e| ApiError::invalid("metal", e.to_string()))?;
+        body.material = Some(found.into());
+    }
     check(&body)?;
     let note = match (body.material, body.note) {
         (Some(_), note) => note,

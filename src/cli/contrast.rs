@@ -14,6 +14,7 @@ use serde_json::{Value, json};
 use super::{CliError, daemon, interrupt};
 use crate::contrast::{as_json, findings_json, measure, rounded_deg};
 use crate::geometry::{Cones, RigGeometry};
+use crate::material::tables;
 use crate::model::contrast::{
     Exposure, PAIRS, PAPER_RIDGES_DEG, PAPER_TILTS_DEG, Table, Tier, predict,
 };
@@ -83,15 +84,21 @@ pub struct Scene {
     /// Roughness across the ridges, if it differs.
     #[arg(long)]
     pub alpha_v: Option<f64>,
-    /// Diffuse reflectance.
-    #[arg(long, default_value_t = 0.35)]
-    pub rho_d: f64,
+    /// Diffuse reflectance [default: 0.35, and 0 of a metal].
+    #[arg(long)]
+    pub rho_d: Option<f64>,
     /// Real part of the index.
     #[arg(long, default_value_t = 1.54)]
     pub eta: f64,
     /// Imaginary part of the index.
     #[arg(long, default_value_t = 0.0)]
     pub k: f64,
+    /// A metal of the tables (Ag, Al, Au, Cr, Cu, W) in place of its index.
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["eta", "k"])]
+    pub metal: Option<String>,
+    /// Wavelength at which the metal is looked up.
+    #[arg(long, value_name = "NM", default_value_t = 550.0)]
+    pub wavelength_nm: f64,
     /// Angle between lamp and camera.
     #[arg(long, default_value_t = 10.0, value_name = "DEG")]
     pub theta_l_deg: f64,
@@ -192,7 +199,6 @@ impl Scene {
         let alpha_v = self.alpha_v.unwrap_or(self.alpha);
         check("alpha-u", alpha_u, 1e-4, 10.0)?;
         check("alpha-v", alpha_v, 1e-4, 10.0)?;
-        check("rho-d", self.rho_d, 0.0, 1.0)?;
         check("eta", self.eta, 1e-3, 1e3)?;
         check("k", self.k, 0.0, 1e3)?;
         check("theta-l-deg", self.theta_l_deg, 0.0, 80.0)?;
@@ -222,9 +228,17 @@ impl Scene {
                 lens: Angle::from_deg(self.lens_angular_radius_deg),
             },
         };
+        let (eta, k) = match &self.metal {
+            Some(name) => tables::metal(name, self.wavelength_nm)
+                .map_err(CliError::bad_input)?
+                .index(),
+            None => (self.eta, self.k),
+        };
+        let rho_d = self.rho_d.unwrap_or(if k > 0.0 { 0.0 } else { 0.35 });
+        check("rho-d", rho_d, 0.0, 1.0)?;
         let optics = Optics {
-            eta: self.eta,
-            k: self.k,
+            eta,
+            k,
             theta_l: rig.theta_l.rad(),
             cones: rig.cones,
         };
@@ -232,7 +246,7 @@ impl Scene {
             theta_r: 0.0,
             alpha_u,
             alpha_v,
-            rho_d: self.rho_d,
+            rho_d,
             amplitude: 1.0,
         };
         for &ridge in theta_r_deg {

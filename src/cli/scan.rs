@@ -15,7 +15,7 @@ use super::daemon;
 use super::progress::Bar;
 use super::simulated::{SimulatedRig, Simulation, TRACED_SAMPLE};
 use crate::lab::{Lab, ScanRequest};
-use crate::material::Material;
+use crate::material::{Material, tables};
 use crate::scan::plan::Preset;
 use crate::scan::runner::{Order, RunEnd};
 use crate::scan::{Event, OperatorAction, PlanRequest, ScanState};
@@ -51,6 +51,12 @@ pub struct Args {
     /// Imaginary part of the index, for metals.
     #[arg(long, value_name = "K", requires = "eta")]
     pub k: Option<f64>,
+    /// A metal of the tables (Ag, Al, Au, Cr, Cu, W) in place of its index.
+    #[arg(long, value_name = "NAME", requires = "sample", conflicts_with = "eta")]
+    pub metal: Option<String>,
+    /// Wavelength at which the metal is looked up.
+    #[arg(long, value_name = "NM", default_value_t = 550.0)]
+    pub wavelength_nm: f64,
     /// Data folder.
     #[arg(long, value_name = "DIR", default_value = "ridged-data")]
     pub data: PathBuf,
@@ -247,7 +253,7 @@ async fn sample_for(lab: &Lab, args: &Args) -> Result<i64, CliError> {
             None => break,
         }
     }
-    let Some(material) = material(args) else {
+    let Some(material) = material(args)? else {
         return Err(no_sample(wanted));
     };
     let sample = NewSample {
@@ -260,12 +266,18 @@ async fn sample_for(lab: &Lab, args: &Args) -> Result<i64, CliError> {
     Ok(sample.map_err(|e| daemon::lab_error(e.into()))?.id)
 }
 
-/// The material that the arguments state; its uncertainty is that of a data sheet, one unit in the
-/// second decimal.
-fn material(args: &Args) -> Option<Material> {
+/// The material that the arguments state; the uncertainty of a number is that of a data sheet, one unit in
+/// the second decimal.
+///
+/// # Errors
+/// Bad input: a metal that is in no table, or not at that wavelength.
+fn material(args: &Args) -> Result<Option<Material>, CliError> {
     const STD: f64 = 0.01;
-    let eta = args.eta?;
-    Some(match args.k {
+    if let Some(name) = &args.metal {
+        let metal = tables::metal(name, args.wavelength_nm).map_err(CliError::bad_input)?;
+        return Ok(Some(metal));
+    }
+    Ok(args.eta.map(|eta| match args.k {
         None => Material::Dielectric { eta, eta_std: STD },
         Some(k) => Material::Conductor {
             eta,
@@ -273,7 +285,7 @@ fn material(args: &Args) -> Option<Material> {
             eta_std: STD,
             k_std: STD,
         },
-    })
+    }))
 }
 
 fn no_sample(wanted: Option<&str>) -> CliError {
@@ -523,7 +535,7 @@ fn daemons_sample(client: &Client, args: &Args) -> Result<i64, CliError> {
     if let Some(id) = found {
         return Ok(id);
     }
-    let Some(material) = material(args) else {
+    let Some(material) = material(args)? else {
         return Err(no_sample(wanted));
     };
     let body = json!({ "name": wanted.unwrap_or("sample"), "material": material });

@@ -228,6 +228,7 @@ impl Lab {
 /// `[sample]` of a manifest for a nominal material.
 fn sample_facts(material: &Material) -> SampleFacts {
     let blank = SampleFacts {
+        metal: None,
         kind: SampleKind::Dielectric,
         index_of_refraction: None,
         index_of_refraction_std: None,

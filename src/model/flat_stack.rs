@@ -13,6 +13,7 @@
 use nalgebra::Complex;
 
 use super::polarisation::{Boundary, Channel};
+use crate::material::tables::FIXED_METALS;
 
 /// Indices from the medium above down to the substrate, n + ik each.
 #[derive(Debug, Clone, PartialEq)]
@@ -192,14 +193,6 @@ impl Below {
         }
     }
 }
-
-/// The metals that a stack may name, with the index that the name stands for, exactly (their tables
-/// at 550 nm, four decimals).
-pub const FIXED_METALS: [(&str, f64, f64); 3] = [
-    ("Au550", 0.3504, 2.7141),
-    ("Al550", 0.9586, 6.6870),
-    ("Cu550", 0.9582, 2.5771),
-];
 
 #[cfg(test)]
 mod tests {

@@ -3,8 +3,8 @@
 use nalgebra::Complex;
 
 use super::{Basis, Choice, Decision, Plan};
+use crate::material::tables::index_of;
 use crate::model::flat_stack::{FlatStack, StackReflectance};
-use crate::trace::media::index_of;
 use crate::trace::pilot::{Pilot, effort, pilot};
 use crate::trace::scene::{LeftOut, Prepared, Scene};
 use crate::trace::tally::ORDERS;

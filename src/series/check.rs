@@ -54,6 +54,7 @@ const KEYS: [(&str, &[&str]); 6] = [
             "kind",
             "index_of_refraction",
             "index_of_refraction_std",
+            "metal",
             "eta",
             "k",
             "eta_std",
@@ -362,7 +363,23 @@ impl Manifest {
                 "write seconds",
             ));
         }
+        if let Some(Err(cause)) = self.metal() {
+            return Err(p(
+                "sample",
+                "metal",
+                cause,
+                "name one of them and the lamp's wavelength, or write eta and k",
+            ));
+        }
         match sample.kind {
+            SampleKind::Dielectric if sample.metal.is_some() => {
+                return Err(p(
+                    "sample",
+                    "metal",
+                    "the sample's kind is dielectric".into(),
+                    "write kind = \"conductor\", or leave the metal out",
+                ));
+            }
             SampleKind::Dielectric if sample.index_of_refraction.or(sample.eta).is_none() => {
                 return Err(p(
                     "sample",
@@ -371,12 +388,14 @@ impl Manifest {
                     "write the index of the material, 1.5 for most plastics",
                 ));
             }
-            SampleKind::Conductor if sample.eta.is_none() || sample.k.is_none() => {
+            SampleKind::Conductor
+                if sample.metal.is_none() && (sample.eta.is_none() || sample.k.is_none()) =>
+            {
                 return Err(p(
                     "sample",
                     if sample.eta.is_none() { "eta" } else { "k" },
                     "a conductor needs it and it is missing".into(),
-                    "write the metal's eta and k at the lamp's wavelength",
+                    "write the metal's eta and k at the lamp's wavelength, or its name as metal",
                 ));
             }
             _ => {}
@@ -476,6 +495,8 @@ fn one_line(message: &str) -> String {
 mod tests {
     use super::*;
 
+    use crate::material::tables;
+
     const CHECKER: &str = include_str!("../../tests/data/series/checker/manifest.toml");
 
     fn refusal(text: &str) -> String {
@@ -560,6 +581,34 @@ mod tests {
                 assert!(said.contains(word), "{to}: `{word}` is not in: {said}");
             }
         }
+    }
+
+    #[test]
+    fn a_metal_may_be_named_and_what_is_stated_beside_it_counts_more() {
+        let plastic = "index_of_refraction = 1.54";
+        let named = |metal: &str| {
+            CHECKER
+                .replacen("\"dielectric\"", "\"conductor\"", 1)
+                .replacen(plastic, metal, 1)
+        };
+        let manifest = Manifest::from_toml(&named("metal = \"Cr\""), "").unwrap();
+        let wavelength_nm = manifest.rig.wavelength_nm.unwrap();
+        let table = tables::metal("Cr", wavelength_nm).unwrap();
+        assert_eq!(manifest.material(), table);
+        assert_eq!(
+            Manifest::from_toml(&manifest.to_toml(), "").unwrap(),
+            manifest
+        );
+        let stated = named("metal = \"Cr\"\nk = 4.4\nk_std = 0.1");
+        let stated = Manifest::from_toml(&stated, "").unwrap().material();
+        assert_eq!(stated.index(), (table.index().0, 4.4));
+
+        assert!(refusal(&named("metal = \"Unobtainium\"")).contains("known are Ag, Al"));
+        let infrared =
+            named("metal = \"Cr\"").replacen("wavelength_nm = 550", "wavelength_nm = 5000", 1);
+        assert!(refusal(&infrared).contains("reaches from"));
+        let clear = CHECKER.replacen(plastic, "metal = \"Cr\"", 1);
+        assert!(refusal(&clear).contains("dielectric"));
     }
 
     #[test]

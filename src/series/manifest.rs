@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Cones, RigGeometry};
-use crate::material::Material;
+use crate::material::{Material, tables};
 use crate::units::Angle;
 
 /// The form's name, the value of the manifest's `schema`.
@@ -185,6 +185,10 @@ pub struct SampleFacts {
     /// Its standard uncertainty.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub index_of_refraction_std: Option<f64>,
+    /// A metal of the tables ([`crate::material::tables`]) that stands for `eta` and `k` at the lamp's wavelength,
+    /// where they are not stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub metal: Option<String>,
     /// n of a conductor (or of a dielectric).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub eta: Option<f64>,
@@ -304,11 +308,46 @@ impl Manifest {
         }
     }
 
-    /// The nominal material. A standard uncertainty that is not stated counts as 0.01.
+    /// The metal that the sample names, at the lamp's wavelength; none where it names none.
+    ///
+    /// # Errors
+    /// In words: no wavelength, no such metal, or a wavelength outside its table.
+    pub(super) fn metal(&self) -> Option<Result<Material, String>> {
+        let name = self.sample.metal.as_deref()?;
+        Some(match self.rig.wavelength_nm {
+            Some(wavelength_nm) => tables::metal(name, wavelength_nm).map_err(|e| e.to_string()),
+            None => Err("rig.wavelength_nm is missing".to_owned()),
+        })
+    }
+
+    /// The nominal material. A standard uncertainty that is not stated counts as 0.01, and that of a metal by name
+    /// as [`tables::RELATIVE_STD`] of its index.
     #[must_use]
     pub fn material(&self) -> Material {
         const STD: f64 = 0.01;
         let sample = &self.sample;
+        if let Some(Ok(Material::Conductor {
+            eta,
+            k,
+            eta_std,
+            k_std,
+        })) = self.metal()
+        {
+            // What is stated counts more than what a table says.
+            let or = |stated: Option<f64>, std: Option<f64>, table: f64, table_std: f64| {
+                stated.map_or((table, std.unwrap_or(table_std)), |x| {
+                    (x, std.unwrap_or(STD))
+                })
+            };
+            let (eta, eta_std) = or(sample.eta, sample.eta_std, eta, eta_std);
+            let (k, k_std) = or(sample.k, sample.k_std, k, k_std);
+            return Material::Conductor {
+                eta,
+                k,
+                eta_std,
+                k_std,
+            };
+        }
         match sample.kind {
             SampleKind::Dielectric => Material::Dielectric {
                 eta: sample

@@ -405,6 +405,7 @@ pub fn manifest(
         }),
         dark: Some(DarkFacts::default()),
         sample: SampleFacts {
+            metal: None,
             kind,
             index_of_refraction: value(index),
             index_of_refraction_std: std(index),

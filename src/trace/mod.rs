@@ -25,7 +25,6 @@ pub mod launch;
 #[cfg(test)]
 mod laws;
 pub mod light;
-pub mod media;
 pub mod paired;
 pub mod pilot;
 pub mod plane;

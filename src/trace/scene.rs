@@ -11,11 +11,11 @@ use serde::{Deserialize, Serialize};
 
 use super::facet::Diffuse;
 use super::grid::Grid;
-use super::media::{self, MediaError};
 use super::profile::ProfileError;
 use super::surface::{Interface, Stack};
 use super::vec3::V3;
 use super::walk::Method;
+use crate::material::tables::{self, MediaError};
 pub use crate::model::LeftOut;
 use crate::model::fresnel;
 use crate::model::polarisation::Boundary;
@@ -340,7 +340,7 @@ impl Scene {
     #[must_use]
     pub fn depends_on_wavelength(&self) -> bool {
         let named = |shape: &Shape| match &shape.below {
-            toml::Value::String(name) => media::is_dispersive(name),
+            toml::Value::String(name) => tables::is_dispersive(name),
             _ => false,
         };
         self.interface.iter().any(named)
@@ -395,7 +395,7 @@ impl Scene {
         let key = |k: &str| format!("interface {number}: below.{k}");
         match &shape.below {
             toml::Value::String(name) => {
-                let index = media::index_of(name, self.light.wavelength_nm)
+                let index = tables::index_of(name, self.light.wavelength_nm)
                     .map_err(|source| SceneError::Material { number, source })?;
                 Ok(Medium { index, rho_d: None })
             }

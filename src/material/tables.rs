@@ -1,12 +1,19 @@
 //! Materials by name: n and k over wavelength from the tables in `assets/optical-constants`.
 //!
-//! Call [`index_of`]. `Au`, `Al`, `Cu`, `Ag`, `Cr`, `W` are interpolated linearly at a wavelength; `Au550`,
+//! Call [`index_of`], or [`metal`] for a sample's nominal material. `Au`, `Al`, `Cu`, `Ag`, `Cr`, `W` are interpolated linearly at a wavelength; `Au550`,
 //! `Al550`, `Cu550` are fixed numbers. Other published tables differ, gold by up to 0.7 in k, so a
 //! result names its table.
 
 use nalgebra::Complex;
 
-use crate::model::flat_stack::FIXED_METALS;
+use super::Material;
+
+/// Metals under names that stand for fixed numbers, exactly (their tables at 550 nm, four decimals).
+pub const FIXED_METALS: [(&str, f64, f64); 3] = [
+    ("Au550", 0.3504, 2.7141),
+    ("Al550", 0.9586, 6.6870),
+    ("Cu550", 0.9582, 2.5771),
+];
 
 /// Name and table (`wavelength_nm,n,k`).
 const TABLES: [(&str, &str); 6] = [
@@ -79,6 +86,24 @@ pub fn index_of(name: &str, wavelength_nm: f64) -> Result<Complex<f64>, MediaErr
     Ok(Complex::new(between(1), between(2)))
 }
 
+/// Published tables of one metal differ by so much of n and of k (gold near 550 nm, see the README beside the
+/// tables): the standard uncertainty of a sample's index that nobody measured.
+pub const RELATIVE_STD: f64 = 0.1;
+
+/// A named metal at a wavelength in nm as a sample's nominal material, with [`RELATIVE_STD`].
+///
+/// # Errors
+/// As [`index_of`].
+pub fn metal(name: &str, wavelength_nm: f64) -> Result<Material, MediaError> {
+    let index = index_of(name, wavelength_nm)?;
+    Ok(Material::Conductor {
+        eta: index.re,
+        k: index.im,
+        eta_std: RELATIVE_STD * index.re,
+        k_std: RELATIVE_STD * index.im,
+    })
+}
+
 fn row(line: &str) -> Option<[f64; 3]> {
     let mut numbers = line.split(',').map(|x| x.trim().parse::<f64>().ok());
     Some([numbers.next()??, numbers.next()??, numbers.next()??])
@@ -110,5 +135,15 @@ mod tests {
             index_of("Gold", 550.0),
             Err(MediaError::Unknown { .. })
         ));
+    }
+
+    #[test]
+    fn a_metal_by_name_is_a_conductor_with_the_spread_of_published_tables() {
+        let index = index_of("Cr", 633.0).unwrap();
+        let Ok(Material::Conductor { eta, k, k_std, .. }) = metal("Cr", 633.0) else {
+            panic!("a conductor");
+        };
+        assert_eq!((eta, k), (index.re, index.im));
+        assert_eq!(k_std, RELATIVE_STD * k);
     }
 }

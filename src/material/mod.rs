@@ -1,5 +1,7 @@
 //! What a surface is made of, as optics sees it: a complex index with its uncertainty.
 
+pub mod tables;
+
 use serde::{Deserialize, Serialize};
 
 /// Complex refractive index N = n + ik (convention exp(−iωt)) with standard uncertainties.
