@@ -28,7 +28,7 @@ use ridged::fit::estimate::estimate;
 use ridged::fit::intervals;
 use ridged::fit::problem::Quantity;
 use ridged::fit::report::{Parameter, Status, VariantName};
-use ridged::fit::variants::report_of;
+use ridged::fit::reporting::report_of;
 use ridged::model::Variant;
 
 use draw::Stratum;

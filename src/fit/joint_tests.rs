@@ -7,6 +7,8 @@ use rand_distr::StandardNormal;
 
 use super::*;
 use crate::fit::Told;
+use crate::fit::budget::uncertainty;
+use crate::fit::report::Parameter;
 use crate::fit::report::Status;
 use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;

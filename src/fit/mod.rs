@@ -11,7 +11,7 @@
 //! to look (`crew`: all starts at once, on the form of `lean`; `candidates`: from where else;
 //! `projection`: amplitudes solved for) · [`estimate`] one variant · [`thin`] of very many observations ·
 //! `settle` its weights · [`tier`] the dearer model as an offset · [`traced`] the ray tracer
-//! in its place · [`covariance`] and [`budget`] how sure · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice ·
+//! in its place · [`covariance`] and [`budget`] how sure · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice · [`reporting`] the report ·
 //! [`joint`] several scans · [`trail`] against time · [`report`] the answer's form. It knows neither frames nor files nor the clock.
 
 use std::sync::atomic::AtomicBool;
@@ -37,6 +37,7 @@ pub mod profile;
 mod projection;
 pub mod quantity;
 pub mod report;
+pub mod reporting;
 pub mod search;
 mod settle;
 pub mod solver;

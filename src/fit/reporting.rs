@@ -1,0 +1,421 @@
+//! From an estimate to the report on it: status, parameters with their budgets, warnings, what was left out.
+//!
+//! Call [`report_of`], or [`report_with`] where the uncertainties are known already. Which variant to report on,
+//! and how they compare, is decided in [`super::variants`].
+
+use super::budget::{Budget, Uncertainty, tied, uncertainty};
+use super::estimate::{Estimate, LOUD, peak};
+use super::problem::{Quantity, Values, drift_std, reference_std};
+use super::report::{
+    FitReport, FittedObservation, Freedom, LeftOut, Parameter, Parameters, Starts, Status, Timing,
+    VariantName, VariantSummary,
+};
+use super::solver::Minimum;
+use crate::material::Material;
+use crate::model::left_out;
+use crate::observation::ObservationSet;
+
+/// Standard uncertainty beyond which an angle is as good as unknown, rad.
+const HOPELESS_ANGLE: f64 = 0.35;
+/// The same for the logarithm of a roughness.
+const HOPELESS_LOG_ALPHA: f64 = 1.0;
+/// The same for the diffuse reflectance.
+const HOPELESS_RHO_D: f64 = 0.5;
+
+pub(super) fn program() -> String {
+    concat!("ridged ", env!("CARGO_PKG_VERSION")).to_owned()
+}
+
+pub(super) fn status(e: &Estimate<'_>, uncertainty: &Uncertainty) -> Status {
+    use super::solver::Ending;
+    match e.minimum.ending {
+        Ending::Cancelled => Status::Cancelled,
+        Ending::NotFinite => Status::NotFinite,
+        _ if !uncertainty.covariance.null_directions.is_empty() => Status::RankDeficient,
+        Ending::RankDeficient => Status::RankDeficient,
+        Ending::ConvergedByStep | Ending::ConvergedByGradient if !e.explained => Status::Stalled,
+        _ if shape_unknown(e, uncertainty) => Status::RankDeficient,
+        Ending::ConvergedByStep | Ending::ConvergedByGradient if !e.minimum.at_bound.is_empty() => {
+            Status::AtBound
+        }
+        Ending::ConvergedByStep | Ending::ConvergedByGradient => Status::Converged,
+        Ending::ConvergedByCost | Ending::Stalled | Ending::MaxIterations => Status::Stalled,
+    }
+}
+
+/// Whether ridge angle or roughness is as good as unknown: an open direction by any other name.
+fn shape_unknown(e: &Estimate<'_>, u: &Uncertainty) -> bool {
+    e.problem.free().iter().enumerate().any(|(j, q)| {
+        let limit = match q {
+            Quantity::ThetaR => HOPELESS_ANGLE,
+            Quantity::AlphaU | Quantity::AlphaV => HOPELESS_LOG_ALPHA,
+            _ => return false,
+        };
+        let std = u.budgets[j].combined();
+        std.is_nan() || std >= limit
+    })
+}
+
+pub(super) fn summary(
+    e: &Estimate<'_>,
+    variant: VariantName,
+    status: Status,
+    qaic: f64,
+) -> VariantSummary {
+    let values = e.values.folded();
+    let free = |q| e.problem.free().contains(&q);
+    VariantSummary {
+        variant,
+        status,
+        rms_residual: e.rms_residual,
+        chi2_reduced_without_model: e.chi2_reduced_without_model,
+        qaic,
+        theta_r_deg: Some(values.theta_r.to_degrees()),
+        alpha_u: Some(values.alpha_u),
+        alpha_v: Some(values.alpha_v),
+        rho_d: (free(Quantity::RhoD) && e.problem.set().white_reference.is_some())
+            .then_some(values.rho_d),
+    }
+}
+
+/// The report on one fitted variant, the others not compared.
+#[must_use]
+pub fn report_of(e: &Estimate<'_>, variant: VariantName) -> FitReport {
+    report_with(e, &uncertainty(e), variant)
+}
+
+pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> FitReport {
+    let set = e.problem.set();
+    let status = status(e, u);
+    let mut warnings = set.warnings.clone();
+    let parameters = parameters(e, u, variant);
+    for direction in &u.covariance.null_directions {
+        let names: Vec<&str> = tied(e.problem.free(), direction)
+            .into_iter()
+            .map(spoken)
+            .collect();
+        warnings.push(format!("the data cannot tell apart: {}", names.join(", ")));
+    }
+    if !e.explained {
+        warnings.push(
+            "the fit leaves more than noise and the model's misfit account for: no start may have found \
+             the lobe; look at the residuals, take more poses around the bright spot or more starts"
+                .to_owned(),
+        );
+    }
+    if e.discrepancy > LOUD && variant != VariantName::Paper {
+        warnings.push(format!(
+            "the model misses the data by {:.1} % of the signals: ridges of one angle and roughness are \
+             described three times better, so this is another surface or another minimum; do not \
+             trust the parameters before --variant traced or a look at the residuals confirms them",
+            100.0 * e.discrepancy
+        ));
+    }
+    let light = e.loss_weights.iter().filter(|w| **w < 0.1).count();
+    if light > 0 {
+        warnings.push(format!(
+            "{light} of {} observations are outliers: the loss leaves them less than a tenth of \
+             their weight",
+            e.loss_weights.len()
+        ));
+    }
+    for rival in &e.rivals {
+        warnings.push(ambiguity(e, rival));
+    }
+    for &j in &e.minimum.at_bound {
+        warnings.push(format!(
+            "{} stands at the end of its range",
+            spoken(e.problem.free()[j])
+        ));
+    }
+    if variant == VariantName::Paper
+        && let Some(rho_d) = parameters.rho_d.value
+        && !(0.0..=1.0).contains(&rho_d)
+    {
+        warnings.push(format!(
+            "ρd = {rho_d:.3} is no reflectance: the printed lobe does not describe this sample"
+        ));
+    }
+    if set.white_reference.is_none() {
+        warnings.push(no_reference(set, variant, &e.values));
+    }
+    let predicted = e.problem.predicted(&e.values);
+    let listed: Vec<usize> = match &e.thinned {
+        Some(thinned) => thinned.kept.clone(),
+        None => (0..set.observations.len()).collect(),
+    };
+    let listed = listed.into_iter().map(|i| {
+        let o = &set.observations[i];
+        FittedObservation {
+            theta_c_deg: o.pose.theta_c.deg_for_tables(),
+            phi_s_deg: o.pose.phi_s.deg_for_tables(),
+            signal: o.signal,
+            sigma: o.sigma,
+            fitted: predicted[i],
+        }
+    });
+    let fitted = listed.collect();
+    let peak = peak(set);
+    FitReport {
+        variant,
+        status,
+        n_observations: set.observations.len(),
+        n_frames_used: set.n_frames_used,
+        region: set.region.clone(),
+        parameters,
+        rms_residual: e.rms_residual,
+        model_discrepancy: e.misfit.iter().copied().fold(0.0, f64::max) / peak,
+        chi2_reduced: u.covariance.chi2_reduced,
+        chi2_reduced_without_model: e.chi2_reduced_without_model,
+        rejected_frames: set.rejected_frames.clone(),
+        warnings,
+        variants: Vec::new(),
+        left_out: all_left_out(e, variant),
+        tracer: None,
+        fitted,
+        starts: Starts {
+            tried: e.starts.tried,
+            at_minimum: e.starts.at_minimum,
+            elsewhere: e.starts.elsewhere,
+            not_converged: e.starts.not_converged,
+        },
+        iterations: Vec::new(),
+        freedom: freedom(u),
+        timing_s: Timing::default(),
+        program: program(),
+    }
+}
+
+/// Tells of a minimum that the data do not exclude.
+fn ambiguity(e: &Estimate<'_>, rival: &Minimum) -> String {
+    let v = e.problem.unpack(&rival.parameters).folded();
+    format!(
+        "another surface fits as well (χ² higher by {:.2}): θr {:.2}°, αu {:.4}, αv {:.4}, azimuth \
+         offset {:.2}°; the uncertainties cover both, more azimuths would tell them apart",
+        (rival.cost - e.minimum.cost).max(0.0),
+        v.theta_r.to_degrees(),
+        v.alpha_u,
+        v.alpha_v,
+        v.azimuth_offset.to_degrees()
+    )
+}
+
+/// The parameter's name as a person says it.
+fn spoken(quantity: Quantity) -> &'static str {
+    match quantity {
+        Quantity::ThetaR => "θr",
+        Quantity::AlphaU => "αu",
+        Quantity::AlphaV => "αv",
+        Quantity::RhoD => "ρd",
+        Quantity::Scale => "scale k",
+        Quantity::Background => "stray light",
+        Quantity::AzimuthOffset => "azimuth offset",
+        Quantity::TiltOffset => "tilt offset",
+        Quantity::Eta => "index n",
+        Quantity::K => "index k",
+    }
+}
+
+fn no_reference(set: &ObservationSet, variant: VariantName, values: &Values) -> String {
+    let half = set.rig.theta_l.deg() / 2.0;
+    let mut text = format!(
+        "k, ρd and η cannot be told apart on this rig: the difference angle is {}° in every frame; a \
+         white reference fixes k",
+        (half * 1e4).round() / 1e4
+    );
+    if variant != VariantName::Paper && matches!(set.material, Material::Dielectric { .. }) {
+        text += &format!(
+            " (if the Fresnel peak of the {variant} variant is taken as calibration, ρd reads {:.3}: \
+             that hangs on the model and is not traceable)",
+            values.rho_d
+        );
+    }
+    text
+}
+
+fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parameters {
+    let set = e.problem.set();
+    let values = e.values.folded();
+    let absolute = set.white_reference.is_some();
+    let metal = matches!(set.material, Material::Conductor { .. });
+    let of = |q: Quantity| -> Parameter {
+        let Some(j) = e.problem.free().iter().position(|f| *f == q) else {
+            return match q {
+                _ if e.held.contains(&q) => held(&values, q),
+                Quantity::RhoD if metal => Parameter::unknown(
+                    "a metal sends no light back from below its surface: there is no ρd to measure",
+                ),
+                Quantity::RhoD => Parameter::unknown(no_reference(set, variant, &e.values)),
+                _ => Parameter::unknown("not fitted"),
+            };
+        };
+        // From the solver's units to those of the report.
+        let (value, factor, hopeless) = match q {
+            Quantity::ThetaR => {
+                let deg = 1f64.to_degrees();
+                (values.theta_r.to_degrees(), deg, HOPELESS_ANGLE)
+            }
+            Quantity::AzimuthOffset => (
+                values.azimuth_offset.to_degrees(),
+                1f64.to_degrees(),
+                HOPELESS_ANGLE,
+            ),
+            Quantity::TiltOffset => (
+                values.tilt_offset.to_degrees(),
+                1f64.to_degrees(),
+                HOPELESS_ANGLE,
+            ),
+            Quantity::AlphaU => (values.alpha_u, values.alpha_u, HOPELESS_LOG_ALPHA),
+            Quantity::AlphaV => (values.alpha_v, values.alpha_v, HOPELESS_LOG_ALPHA),
+            Quantity::RhoD if variant == VariantName::Paper => (values.rho_d, 1.0, f64::INFINITY),
+            Quantity::RhoD => (values.rho_d, 1.0, HOPELESS_RHO_D),
+            Quantity::Scale => (values.scale, 1.0, f64::INFINITY),
+            Quantity::Eta | Quantity::K => (values.inner(q), 1.0, f64::INFINITY),
+            Quantity::Background if absolute => (
+                values.background / values.scale,
+                1.0 / values.scale,
+                f64::INFINITY,
+            ),
+            Quantity::Background => (values.background, 1.0, f64::INFINITY),
+        };
+        if !u.covariance.identifiable[j] {
+            return Parameter::unknown(format!(
+                "{} takes part in a direction that the data leave open",
+                spoken(q)
+            ));
+        }
+        let inner = u.budgets[j];
+        if !(value.is_finite() && inner.combined() < hopeless) {
+            return Parameter::unknown(format!("these poses do not determine {}", spoken(q)));
+        }
+        Parameter::known(value, inner.scaled(factor), effective_freedom(&inner, u))
+    };
+    let mut rho_d = of(Quantity::RhoD);
+    if !absolute && !metal && !e.held.contains(&Quantity::RhoD) {
+        rho_d = Parameter::unknown(no_reference(set, variant, &e.values));
+    }
+    Parameters {
+        theta_r_deg: of(Quantity::ThetaR),
+        alpha_u: of(Quantity::AlphaU),
+        alpha_v: of(Quantity::AlphaV),
+        rho_d,
+        scale: scale(e, variant, of(Quantity::Scale)),
+        background: of(Quantity::Background),
+        azimuth_offset_deg: of(Quantity::AzimuthOffset),
+        tilt_offset_deg: of(Quantity::TiltOffset),
+    }
+}
+
+/// A parameter that the user holds: its value, and no uncertainty that the data could give it.
+fn held(values: &Values, quantity: Quantity) -> Parameter {
+    let value = values.natural(quantity);
+    Parameter {
+        value: Some(match quantity {
+            Quantity::ThetaR | Quantity::AzimuthOffset | Quantity::TiltOffset => value.to_degrees(),
+            _ => value,
+        }),
+        ..Parameter::unknown("held at this value as told")
+    }
+}
+
+fn scale(e: &Estimate<'_>, variant: VariantName, fitted: Parameter) -> Parameter {
+    let set = e.problem.set();
+    if set.white_reference.is_some() {
+        let budget = Budget {
+            reference: reference_std(set),
+            drift: drift_std(set),
+            ..Budget::default()
+        };
+        return Parameter {
+            note: Some("fixed by the white reference".to_owned()),
+            ..Parameter::known(1.0, budget, None)
+        };
+    }
+    match variant {
+        VariantName::Paper => Parameter::unknown(no_reference(set, variant, &e.values)),
+        VariantName::Sawtooth | VariantName::Traced => Parameter {
+            note: Some(
+                "signal per radiance; hangs on the model's Fresnel peak, not traceable".to_owned(),
+            ),
+            ..fitted
+        },
+    }
+}
+
+/// Of the parts that come from scatter. Where no groups could be left out, the model's part comes
+/// from the residuals too.
+fn freedom(u: &Uncertainty) -> Freedom {
+    let counting = u.covariance.degrees_of_freedom.max(1) as f64;
+    Freedom {
+        counting,
+        model: if u.model_freedom.is_finite() {
+            u.model_freedom.max(1.0)
+        } else {
+            counting
+        },
+    }
+}
+
+/// Welch–Satterthwaite with the model's part as the only one of few degrees of freedom beside the
+/// residuals; null from a thousand on.
+fn effective_freedom(budget: &Budget, u: &Uncertainty) -> Option<f64> {
+    let total = budget.combined().powi(4);
+    let Freedom { counting, model } = freedom(u);
+    let parts = budget.model.powi(4) / model + budget.counting.powi(4) / counting;
+    let freedom = total / parts;
+    (freedom.is_finite() && freedom < 1000.0).then_some(freedom)
+}
+
+fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
+    let cones = &e.problem.set().rig.cones;
+    let narrow = e.values.alpha_u.min(e.values.alpha_v);
+    let mut list: Vec<LeftOut> = left_out::lens(cones).into_iter().collect();
+    if variant != VariantName::Traced && !(variant == VariantName::Sawtooth && e.takes_tier()) {
+        list.push(left_out::cone_average(cones, narrow));
+    }
+    if variant != VariantName::Traced {
+        list.push(left_out::ideal_profile());
+    }
+    match variant {
+        VariantName::Traced => list.push(LeftOut::new(
+            "bounces among the facets' own roughness",
+            "below the profile light meets one microfacet per hit, with Smith's masking",
+            None,
+        )),
+        VariantName::Paper => list.push(left_out::printed_lobe(Some(e.rms_residual))),
+        VariantName::Sawtooth => {
+            if let Some(cost) = e.tier_left_out {
+                list.push(LeftOut::new(
+                    "two-bounce quadrature",
+                    "at poses spread over the data it changes less than the tolerance",
+                    Some(cost),
+                ));
+            } else if !e.takes_tier() {
+                list.push(LeftOut::new(
+                    "two-bounce quadrature",
+                    "the closed form describes these data better than with its second bounce \
+                     integrated",
+                    Some(e.rms_residual),
+                ));
+            }
+            list.push(left_out::third_bounce());
+        }
+    }
+    if let Some(thinned) = &e.thinned {
+        let (kept, of) = (thinned.kept.len(), e.problem.set().observations.len());
+        list.push(LeftOut::new(
+            format!("{} of {of} observations while looking for the minimum, and in `fitted`", of - kept),
+            "the others are spread over the poses, with the brightest of each neighbourhood; descent, \
+             weights and uncertainties are of all. A minimum that only the rest shows would be missed",
+            None,
+        ));
+        if let Some((nodes, error)) = thinned.interpolated {
+            list.push(LeftOut::new(
+                "two-bounce quadrature at every pose",
+                format!("integrated at {nodes} poses and interpolated between them"),
+                Some(error),
+            ));
+        }
+    }
+    list
+}
