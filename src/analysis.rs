@@ -20,6 +20,7 @@ use crate::plan;
 use crate::reduction::{FrameReadError, FrameSource, ReductionError, reduce};
 use crate::series::{FrameRow, Manifest};
 use crate::trace::profile::Profile;
+use crate::trace::ridge_map::RidgeFacts;
 
 /// What an analysis may be told.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -30,6 +31,8 @@ pub struct AnalysisOptions {
     pub fit: FitOptions,
     /// The sample's own shape, for the ray tracer; the ideal sawtooth if not given.
     pub profile: Option<Profile>,
+    /// What that profile was made of, where it comes from a height map.
+    pub height_map: Option<RidgeFacts>,
     /// The ray tracer and the bootstrap end after so many seconds of fitting; what they reached by then counts.
     pub max_seconds: Option<f64>,
     /// Whether a descent to the minimum is retraced, step by step (`iterations` of the report).
@@ -128,6 +131,10 @@ pub fn analyse(
         cancel,
     );
     leave_out(&mut report, source.manifest(), &observations);
+    if let (Some(tracer), Some(facts)) = (&mut report.tracer, options.height_map) {
+        tracer.height_map = Some(facts);
+        report.left_out.push(facts.left_out());
+    }
     if cancel.load(Ordering::Relaxed) {
         return Err(AnalysisError::Cancelled);
     }

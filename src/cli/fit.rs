@@ -2,7 +2,7 @@
 //! sample one common surface.
 
 mod joint;
-mod profile;
+mod shape;
 
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
@@ -29,6 +29,7 @@ use crate::series::Series;
     after_help = "Example:\n  ridged fit tests/data/series/polymer-10 --json > polymer-10.json\n  \
                   ridged fit tests/data/series/steel-15 --variant traced\n  \
                   ridged fit tests/data/series/steel-15 --variant paper --judge\n  \
+                  ridged fit series --variant traced --shape map.tif --pitch-um 0.5 --height-unit-um 1\n  \
                   ridged fit monday tuesday remounted --fix rho_d=0"
 )]
 pub struct Args {
@@ -74,10 +75,23 @@ pub struct Args {
     /// of the budget.
     #[arg(long)]
     pub judge: bool,
-    /// Trace on this measured profile instead of an ideal sawtooth: rows of v and height in µm across
-    /// the ridges (+v is where the facets lean), the last row closing the period.
-    #[arg(long, value_name = "FILE.csv")]
+    /// Trace on this measured shape instead of an ideal sawtooth. A profile: CSV rows of v and height in µm across
+    /// the ridges (+v is where the facets lean), the last row closing the period. Or a height map of the ridges,
+    /// turned as it may be: CSV, 16-bit PNG or TIFF, float TIFF, X3P.
+    #[arg(long, value_name = "FILE")]
     pub shape: Option<PathBuf>,
+    /// How far the samples of a height map are apart, µm (one number, or along its rows and along its columns), where
+    /// the file does not say.
+    #[arg(
+        long,
+        value_name = "UM[,UM]",
+        value_delimiter = ',',
+        requires = "shape"
+    )]
+    pub pitch_um: Vec<f64>,
+    /// Micrometres per unit of a map's heights, where the file does not say.
+    #[arg(long, value_name = "UM", requires = "shape")]
+    pub height_unit_um: Option<f64>,
     /// End the ray tracer and the bootstrap after this time of fitting; what they reached by then counts.
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
@@ -141,6 +155,16 @@ impl Variant {
 /// Bad input for a folder that is no series, a region that is missing or unknown, a profile that is
 /// none, options of the tracer where it is not asked; no result where no frame can be used.
 pub fn run(args: Args) -> Result<(), CliError> {
+    let tracer = tracing_options(&args)?;
+    let units = shape::Units {
+        pitch_um: args.pitch_um.clone(),
+        height_unit_um: args.height_unit_um,
+    };
+    let read = |path| shape::read(path, &units);
+    let (profile, height_map) = match args.shape.as_deref().map(read).transpose()? {
+        Some((profile, facts)) => (Some(profile), facts),
+        None => (None, None),
+    };
     let options = AnalysisOptions {
         region: args.region.clone(),
         fit: FitOptions {
@@ -156,10 +180,11 @@ pub fn run(args: Args) -> Result<(), CliError> {
             bootstrap: args.bootstrap.unwrap_or(0),
             judge: args.judge,
             tolerance: args.tolerance,
-            tracer: tracing_options(&args)?,
+            tracer,
             ..FitOptions::default()
         },
-        profile: args.shape.as_deref().map(profile::read).transpose()?,
+        profile,
+        height_map,
         max_seconds: args.max_seconds,
         iterations: args.iterations,
     };

@@ -11,6 +11,7 @@ use super::traced::TracingEnd;
 use super::trail::Iteration;
 pub use crate::model::LeftOut;
 use crate::observation::RejectedFrame;
+use crate::trace::ridge_map::RidgeFacts;
 
 /// How a fit ended, as a word that scripts compare.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -212,6 +213,9 @@ pub struct TracerReport {
     /// Effective ridge angle of the given profile before it was scaled to the fitted one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub profile_theta_r_deg: Option<f64>,
+    /// What that profile was made of, where it comes from a height map.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub height_map: Option<RidgeFacts>,
 }
 
 /// An observation beside what the fit expects of it; recorded angles.

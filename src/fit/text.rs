@@ -68,6 +68,21 @@ pub fn table(report: &FitReport, colour: bool) -> String {
     if !variants.is_empty() {
         line(&mut out, &format!("  {}", variants.join(", ")));
     }
+    if let Some(map) = report.tracer.and_then(|t| t.height_map) {
+        line(
+            &mut out,
+            &format!(
+                "  height map: {} ridges of {:.4} µm and {:.3} µm height that lean to {:.2}° from its rows, effective ridge \
+                 angle {:.2}°; unevenness along them {:.3} µm rms",
+                map.ridges,
+                map.period_um,
+                map.height_um,
+                map.lean_azimuth_deg,
+                map.theta_r_deg,
+                map.unevenness_um
+            ),
+        );
+    }
     let unknown: Vec<(&str, &str)> = report
         .parameters
         .named()

@@ -569,6 +569,8 @@ mod tests {
     use crate::geometry::{Pose, RigGeometry};
     use crate::model::{self, Surface, Variant};
     use crate::observation::{Observation, Prior};
+    use crate::trace::ridge_map::{RidgeMap, height_map_of};
+    use crate::trace::scene::MapUnits;
 
     /// Steel seen at 24 poses, painted by the closed form.
     fn set() -> ObservationSet {
@@ -636,5 +638,21 @@ mod tests {
         let rounded = traced(&|_| true, Some(&round), &go).unwrap();
         assert!((sharp.values.alpha_v - rounded.values.alpha_v).abs() > 1e-4);
         assert!((rounded.values.theta_r.abs() - 0.2).abs() < 0.02);
+        // A height map of that sample, turned and noisy, is as good as its profile.
+        let large = Profile::sawtooth(0.25, 40.0, 2.0).unwrap();
+        let map = height_map_of(&large, 67.0, [300, 260], [1.0, 1.0], 0.05);
+        let units = MapUnits {
+            pitch_um: [1.0, 1.0],
+            height_unit_um: 1.0,
+        };
+        let measured = RidgeMap::of(&map, units).unwrap().profile;
+        let mapped = traced(&|_| true, Some(&measured), &go).unwrap();
+        let (a, b) = (rounded.values, mapped.values);
+        assert!(
+            (a.theta_r - b.theta_r).abs().to_degrees() < 0.1,
+            "{a:?} {b:?}"
+        );
+        assert!((a.alpha_u / b.alpha_u - 1.0).abs() < 0.03, "{a:?} {b:?}");
+        assert!((a.alpha_v / b.alpha_v - 1.0).abs() < 0.03, "{a:?} {b:?}");
     }
 }

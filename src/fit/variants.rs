@@ -58,6 +58,7 @@ impl Tracer<'_> {
             polarised: done.polarised,
             end: done.end,
             profile_theta_r_deg: profile.map(f64::to_degrees),
+            height_map: None,
         })
     }
 }

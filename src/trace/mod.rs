@@ -30,6 +30,7 @@ pub mod pilot;
 pub mod plane;
 pub mod profile;
 pub mod report;
+pub mod ridge_map;
 pub mod ridged;
 pub mod ridges;
 pub mod rng;

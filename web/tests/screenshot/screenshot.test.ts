@@ -63,7 +63,7 @@ it('makes the picture of the virtual ellipsometer', async () => {
   await card.getByTestId('plane-curves').waitFor({ timeout: 200_000 });
   await card.getByRole('button', { name: 'Mueller' }).click();
   await card.locator('[data-component=m12]').click();
-  await card.getByTestId('trace-energy').evaluate((e) => scrollTo(0, e.getBoundingClientRect().top + scrollY - 110));
+  await card.getByRole('heading', { name: 'Where the light leaves' }).evaluate((e) => scrollTo(0, e.getBoundingClientRect().top + scrollY - 90));
   const disc = await card.getByTestId('hemisphere').boundingBox();
   await page.mouse.move((disc?.x ?? 0) + 0.8 * (disc?.width ?? 0), (disc?.y ?? 0) + 0.38 * (disc?.height ?? 0));
   await page.waitForTimeout(300);

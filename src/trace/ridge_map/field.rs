@@ -1,0 +1,362 @@
+//! Which way ridges go in a map, and how long they are: by their strongest wave.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::super::rng::{Purpose, Stream};
+use super::lines::Lines;
+
+/// Pixels along a side of a window whose waves are looked at.
+const WINDOW: usize = 96;
+/// Waves with fewer periods than this within their window are its tilt and bow.
+const PERIODS_MIN: f64 = 2.0;
+/// Places at which a direction is tried.
+const POINTS: usize = 6_000;
+/// Heights that a direction is turned by at most.
+const LOOKED_AT: usize = 1 << 20;
+/// Overtones that sharpen it.
+const OVERTONES: usize = 6;
+/// A line across the ridges counts where it is this share of the longest lines, or more.
+const LINE_MIN: f64 = 0.3;
+
+/// Heights with their places.
+pub(super) struct Field<'a> {
+    pub columns: usize,
+    pub rows: usize,
+    pub pitch: [f64; 2],
+    /// µm, the plane taken off; row by row.
+    pub heights: &'a [f64],
+}
+
+/// Takes the plane of least squares off.
+pub(super) fn take_off_plane(heights: &mut [f64], columns: usize, pitch: [f64; 2]) {
+    let rows = heights.len() / columns;
+    let centre = [0.5 * (columns - 1) as f64, 0.5 * (rows - 1) as f64];
+    let place = |n: usize| {
+        Vector3::new(
+            1.0,
+            ((n % columns) as f64 - centre[0]) * pitch[0],
+            ((n / columns) as f64 - centre[1]) * pitch[1],
+        )
+    };
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for (n, h) in heights.iter().enumerate() {
+        let p = place(n);
+        normal += p * p.transpose();
+        right += p * *h;
+    }
+    let Some(inverse) = normal.try_inverse() else {
+        return;
+    };
+    let plane = inverse * right;
+    for (n, h) in heights.iter_mut().enumerate() {
+        *h -= plane.dot(&place(n));
+    }
+}
+
+/// Spatial frequency, 1/µm along u and v.
+pub(super) type Wave = [f64; 2];
+
+impl Field<'_> {
+    /// The strongest wave of each of several windows about the middle: the finest of single heights, the coarsest of the
+    /// means of so many that it spans the map.
+    pub fn strongest_waves(&self) -> Vec<Wave> {
+        let longest = self.columns.max(self.rows);
+        let mut block = 1;
+        let mut waves = Vec::new();
+        loop {
+            waves.extend(self.strongest_wave(block));
+            if block * WINDOW >= longest {
+                return waves;
+            }
+            block *= 2;
+        }
+    }
+
+    /// The wave that holds most of the variance of a window of means over `block` × `block` heights.
+    fn strongest_wave(&self, block: usize) -> Option<Wave> {
+        let (nx, ny) = (
+            (self.columns / block).min(WINDOW),
+            (self.rows / block).min(WINDOW),
+        );
+        if nx < 8 || ny < 8 {
+            return None;
+        }
+        let (x0, y0) = (
+            (self.columns - nx * block) / 2,
+            (self.rows - ny * block) / 2,
+        );
+        let hann =
+            |n: usize, of: usize| (std::f64::consts::PI * (n as f64 + 0.5) / of as f64).sin();
+        let mut means = vec![0.0; nx * ny];
+        for (n, mean) in means.iter_mut().enumerate() {
+            let (column, row) = (x0 + n % nx * block, y0 + n / nx * block);
+            let cells =
+                (row..row + block).flat_map(|r| (column..column + block).map(move |c| (r, c)));
+            *mean = cells
+                .map(|(r, c)| self.heights[r * self.columns + c])
+                .sum::<f64>();
+        }
+        let middle = means.iter().sum::<f64>() / means.len() as f64;
+        for (n, mean) in means.iter_mut().enumerate() {
+            *mean = (*mean - middle) * (hann(n % nx, nx) * hann(n / nx, ny)).powi(2);
+        }
+        // By rows first: (wave along u, row) → (re, im).
+        let turn = |k: f64, n: usize, of: usize| {
+            (-std::f64::consts::TAU * k * n as f64 / of as f64).sin_cos()
+        };
+        let half = nx / 2;
+        let mut by_row = vec![(0.0, 0.0); (half + 1) * ny];
+        for (n, sum) in by_row.iter_mut().enumerate() {
+            let (k, row) = ((n / ny) as f64, n % ny);
+            for column in 0..nx {
+                let (s, c) = turn(k, column, nx);
+                let h = means[row * nx + column];
+                *sum = (sum.0 + h * c, sum.1 + h * s);
+            }
+        }
+        let mut best: Option<(f64, Wave)> = None;
+        for kx in 0..=half {
+            for ky in -(ny as i64 / 2)..=(ny as i64 / 2) {
+                let (x, y) = (kx as f64, ky as f64);
+                if x.hypot(y) < PERIODS_MIN || (kx == 0 && ky < 0) {
+                    continue;
+                }
+                let (mut re, mut im) = (0.0, 0.0);
+                for row in 0..ny {
+                    let (s, c) = turn(y, row, ny);
+                    let (a, b) = by_row[kx * ny + row];
+                    re += a * c - b * s;
+                    im += a * s + b * c;
+                }
+                let power = re * re + im * im;
+                if best.is_none_or(|(most, _)| power > most) {
+                    let size = block as f64;
+                    let wave = [
+                        x / (nx as f64 * size * self.pitch[0]),
+                        y / (ny as f64 * size * self.pitch[1]),
+                    ];
+                    best = Some((power, wave));
+                }
+            }
+        }
+        best.map(|(_, wave)| wave)
+    }
+
+    /// The same wave, found to a small part of a period over the whole map: in windows that grow, then by its overtones;
+    /// and its power.
+    pub fn sharpened(&self, wave: Wave) -> (Wave, f64) {
+        let size = [
+            self.columns as f64 * self.pitch[0],
+            self.rows as f64 * self.pitch[1],
+        ];
+        let period = 1.0 / wave[0].hypot(wave[1]);
+        let whole = size[0].max(size[1]);
+        let mut wave = wave;
+        let mut window = (6.0 * period).min(whole);
+        loop {
+            let points = self.places(window);
+            let steps = size.map(|s| 0.6 / window.min(s));
+            let (nearer, power) = climb(&points, wave, steps, 1);
+            wave = nearer;
+            if window >= whole {
+                let steps = size.map(|s| 0.1 / s);
+                return (climb(&points, wave, steps, OVERTONES).0, power);
+            }
+            window = (2.0 * window).min(whole);
+        }
+    }
+
+    /// Places drawn within a window about the middle: x, y and weighted height.
+    fn places(&self, window: f64) -> Vec<[f64; 3]> {
+        let mut random = Stream::new(1, Purpose::Surface, 0);
+        let counts = [
+            ((window / self.pitch[0]) as usize).clamp(1, self.columns),
+            ((window / self.pitch[1]) as usize).clamp(1, self.rows),
+        ];
+        let starts = [(self.columns - counts[0]) / 2, (self.rows - counts[1]) / 2];
+        (0..POINTS)
+            .map(|_| {
+                let column = (random.uniform() * counts[0] as f64) as usize;
+                let row = (random.uniform() * counts[1] as f64) as usize;
+                let weight = |n: usize, of: usize| {
+                    (std::f64::consts::PI * (n as f64 + 0.5) / of as f64)
+                        .sin()
+                        .powi(2)
+                };
+                let height = self.heights[(starts[1] + row) * self.columns + starts[0] + column];
+                [
+                    (starts[0] + column) as f64 * self.pitch[0],
+                    (starts[1] + row) as f64 * self.pitch[1],
+                    height * weight(column, counts[0]) * weight(row, counts[1]),
+                ]
+            })
+            .collect()
+    }
+
+    /// The same wave turned so that the means along its ridges explain the most: places drawn by chance leave it askew by
+    /// about a pixel over the map.
+    pub fn aligned(&self, wave: Wave) -> Wave {
+        let mut stride = self.heights.len().div_ceil(LOOKED_AT);
+        // Every so many heights, but never a column of them.
+        while stride > 1 && gcd(stride, self.columns) > 1 {
+            stride += 1;
+        }
+        let turned = |by: f64| {
+            let (s, c) = by.sin_cos();
+            [wave[0] * c - wave[1] * s, wave[0] * s + wave[1] * c]
+        };
+        let explained = |by: f64| self.lines(turned(by), stride).explained;
+        let pixel = 1.0 / self.columns.max(self.rows) as f64;
+        let (mut at, mut best, mut step) = (0.0, explained(0.0), pixel);
+        while step > 0.02 * pixel {
+            let (left, right) = (explained(at - step), explained(at + step));
+            if left.max(right) > best {
+                at += if left > right { -step } else { step };
+                best = left.max(right);
+            } else {
+                step *= 0.5;
+            }
+        }
+        turned(at)
+    }
+
+    /// Means along the ridges of a wave, of one in `stride` heights.
+    pub fn lines(&self, wave: Wave, stride: usize) -> Lines {
+        let f = wave[0].hypot(wave[1]);
+        let (c, s) = (wave[0] / f, wave[1] / f);
+        // A line is as wide as the pitch is across it.
+        let width = c.abs() * self.pitch[0] + s.abs() * self.pitch[1];
+        let place = |n: usize| {
+            let (x, y) = (
+                (n % self.columns) as f64 * self.pitch[0],
+                (n / self.columns) as f64 * self.pitch[1],
+            );
+            (x * c + y * s, y * c - x * s)
+        };
+        let corners = [
+            0,
+            self.columns - 1,
+            self.heights.len() - self.columns,
+            self.heights.len() - 1,
+        ];
+        let first = corners
+            .iter()
+            .map(|n| place(*n).0)
+            .fold(f64::INFINITY, f64::min)
+            - 0.5 * width;
+        let last = corners
+            .iter()
+            .map(|n| place(*n).0)
+            .fold(f64::NEG_INFINITY, f64::max);
+        let count = ((last - first) / width) as usize + 1;
+        let line = |across: f64| (((across - first) / width) as usize).min(count - 1);
+        let mut sums = vec![[0.0; 3]; count];
+        let heights = || self.heights.iter().enumerate().step_by(stride);
+        for (n, h) in heights() {
+            let across = place(n).0;
+            let sum = &mut sums[line(across)];
+            *sum = [sum[0] + 1.0, sum[1] + across, sum[2] + h];
+        }
+        let longest = sums.iter().fold(0.0f64, |a, b| a.max(b[0]));
+        let kept = |sum: &[f64; 3]| sum[0] > 0.0 && sum[0] >= LINE_MIN * longest;
+        // What a map lies askew along its ridges is no unevenness.
+        let (mut squares, mut slope) = ([0.0; 2], [0.0; 3]);
+        let mean = |sum: &[f64; 3]| sum[2] / sum[0];
+        // A line is as steep as the lines beside it say.
+        let steepness: Vec<f64> = (0..count)
+            .map(|n| {
+                let (a, b) = (&sums[n.saturating_sub(1)], &sums[(n + 1).min(count - 1)]);
+                let apart = b[1] / b[0] - a[1] / a[0];
+                if kept(a) && kept(b) && apart > 0.0 {
+                    (mean(b) - mean(a)) / apart
+                } else {
+                    0.0
+                }
+            })
+            .collect();
+        let mut used = 0.0;
+        let mut uneven = vec![0.0; count];
+        for (n, h) in heights() {
+            let (across, along) = place(n);
+            let number = line(across);
+            let sum = &sums[number];
+            if kept(sum) {
+                let rest = h - mean(sum) - steepness[number] * (across - sum[1] / sum[0]);
+                squares = [squares[0] + h * h, squares[1] + rest * rest];
+                uneven[number] += rest * rest;
+                slope = [
+                    slope[0] + along * rest,
+                    slope[1] + along * along,
+                    slope[2] + along,
+                ];
+                used += 1.0;
+            }
+        }
+        let spread = slope[1] - slope[2] * slope[2] / used;
+        let askew = if spread > 0.0 {
+            slope[0] * slope[0] / spread
+        } else {
+            0.0
+        };
+        let lines: Vec<(f64, f64)> = sums
+            .iter()
+            .filter(|sum| kept(sum))
+            .map(|sum| (sum[1] / sum[0], mean(sum)))
+            .collect();
+        // A mean takes its own share of the noise with it.
+        let freedom = (used - lines.len() as f64).max(1.0);
+        let rest = (squares[1] - askew).max(0.0) / freedom;
+        // Where a riser crosses a line its height is no unevenness: the median line tells.
+        let of_lines = sums.iter().zip(&uneven);
+        let mut of_lines: Vec<f64> = of_lines
+            .filter(|(sum, _)| kept(sum) && sum[0] > 1.0)
+            .map(|(sum, square)| square / (sum[0] - 1.0))
+            .collect();
+        of_lines.sort_by(f64::total_cmp);
+        let typical = of_lines.get(of_lines.len() / 2).copied().unwrap_or(rest);
+        let unevenness = (typical - askew / used).max(0.0).sqrt();
+        Lines {
+            width,
+            explained: 1.0 - rest * used / squares[0],
+            unevenness,
+            lines,
+        }
+    }
+}
+
+/// The greatest common divisor.
+fn gcd(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+/// Climbs to the wave whose first overtones together are strongest; with their power.
+fn climb(points: &[[f64; 3]], start: Wave, steps: [f64; 2], overtones: usize) -> (Wave, f64) {
+    let power = |wave: Wave| -> f64 {
+        let mut sums = [(0.0, 0.0); OVERTONES];
+        for [x, y, h] in points {
+            let (s, c) = (std::f64::consts::TAU * (wave[0] * x + wave[1] * y)).sin_cos();
+            let (mut re, mut im) = (c, s);
+            for sum in &mut sums[..overtones] {
+                *sum = (sum.0 + h * re, sum.1 + h * im);
+                (re, im) = (re * c - im * s, re * s + im * c);
+            }
+        }
+        sums[..overtones].iter().map(|(a, b)| a * a + b * b).sum()
+    };
+    let (mut at, mut best) = (start, power(start));
+    let mut scale = 1.0;
+    while scale > 2e-3 {
+        let mut moved = false;
+        for [dx, dy] in [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]] {
+            let to = [at[0] + dx * scale * steps[0], at[1] + dy * scale * steps[1]];
+            let there = power(to);
+            if there > best {
+                (at, best, moved) = (to, there, true);
+            }
+        }
+        if !moved {
+            scale *= 0.5;
+        }
+    }
+    (at, best)
+}

@@ -1,0 +1,155 @@
+//! Maps of sawteeth whose direction, period and noise are known.
+
+use super::super::ridges::Ridges;
+use super::super::rng::{Purpose, Stream};
+use super::*;
+
+/// A map of a profile across whose +v points to `azimuth_deg`, with a tilt, and noise of so many µm (rms).
+pub(crate) fn map_of(
+    profile: &Profile,
+    azimuth_deg: f64,
+    size: [usize; 2],
+    pitch: [f64; 2],
+    noise: f64,
+) -> HeightMap {
+    let (s, c) = azimuth_deg.to_radians().sin_cos();
+    let mut random = Stream::new(7, Purpose::Surface, 1);
+    let pieces = profile.pieces();
+    let height = |v: f64| {
+        let v = pieces[0].from + (v - pieces[0].from).rem_euclid(profile.period());
+        let n = pieces.partition_point(|p| p.to <= v).min(pieces.len() - 1);
+        let p = &pieces[n];
+        p.z_from + (p.z_to - p.z_from) * (v - p.from) / (p.to - p.from)
+    };
+    let heights = (0..size[0] * size[1]).map(|n| {
+        let (x, y) = (
+            (n % size[0]) as f64 * pitch[0],
+            (n / size[0]) as f64 * pitch[1],
+        );
+        // Uniform noise of that standard deviation.
+        let noise = noise * 12f64.sqrt() * (random.uniform() - 0.5);
+        5.0 + height(x * c + y * s) + 0.01 * x - 0.02 * y + noise
+    });
+    HeightMap {
+        columns: size[0],
+        rows: size[1],
+        heights: heights.collect(),
+        units: None,
+    }
+}
+
+fn units(pitch: [f64; 2]) -> MapUnits {
+    MapUnits {
+        pitch_um: pitch,
+        height_unit_um: 1.0,
+    }
+}
+
+fn found(map: &HeightMap, pitch: [f64; 2]) -> Result<RidgeFacts, RidgeMapError> {
+    RidgeMap::of(map, units(pitch)).map(|r| r.facts)
+}
+
+#[test]
+fn direction_period_and_angle_come_back_from_rotated_noisy_maps() {
+    let theta_r = 10f64.to_radians();
+    let sawtooth = Profile::sawtooth(theta_r, 25.0, 0.0).unwrap();
+    for (azimuth_deg, pitch) in [
+        (0.0, [1.0, 1.0]),
+        (23.0, [1.0, 1.3]),
+        (90.7, [1.0, 1.0]),
+        (135.0, [1.2, 1.0]),
+        (201.0, [0.7, 1.0]),
+        (300.0, [1.0, 1.0]),
+    ] {
+        let noise = 0.1;
+        let map = map_of(&sawtooth, azimuth_deg, [230, 190], pitch, noise);
+        let f = found(&map, pitch).unwrap();
+        let off = (f.lean_azimuth_deg - azimuth_deg + 180.0).rem_euclid(360.0) - 180.0;
+        // A turn by this shears a ridge by a third of a pixel over the map.
+        assert!(off.abs() < 0.1, "{azimuth_deg}: {f:?}");
+        let period = sawtooth.period();
+        assert!((f.period_um / period - 1.0).abs() < 1e-3, "{f:?}");
+        assert!((f.theta_r_deg - 10.0).abs() < 0.25, "{azimuth_deg}: {f:?}");
+        // What lies within a line that a riser crosses is not explained: a pixel of 25.
+        assert!(f.ridges >= 5 && f.explained > 0.93, "{f:?}");
+        assert!((f.unevenness_um / noise - 1.0).abs() < 0.1, "{f:?}");
+        let (low, high) = sawtooth.range();
+        assert!((f.height_um / (high - low) - 1.0).abs() < 0.15, "{f:?}");
+    }
+}
+
+#[test]
+fn the_mean_along_the_ridges_is_the_profile_that_the_map_was_made_of() {
+    let worn = Ridges {
+        round: 1.5,
+        ..Ridges::ideal(0.2, 40.0)
+    };
+    let profile = worn.profile().unwrap();
+    let map = map_of(&profile, 67.0, [300, 260], [1.0, 1.0], 0.05);
+    let made = RidgeMap::of(&map, units([1.0, 1.0])).unwrap();
+    let expected = profile.effective_ridge_angle().unwrap().to_degrees();
+    assert!(
+        (made.facts.theta_r_deg - expected).abs() < 0.2,
+        "{:?}",
+        made.facts
+    );
+    // Where the facets lean the slopes are those of the sawtooth, by nine tenths of the length.
+    let pieces = made.profile.pieces();
+    let slope = |p: &&super::super::profile::Piece| (p.z_to - p.z_from) / (p.to - p.from);
+    let close = pieces
+        .iter()
+        .filter(|p| (slope(p) + 0.2f64.tan()).abs() < 0.05);
+    let length: f64 = close.map(|p| p.to - p.from).sum();
+    assert!(length > 0.8 * made.profile.period(), "{length}");
+}
+
+#[test]
+fn ridges_that_are_large_in_pixels_or_many_are_found_alike() {
+    for (pitch_um, size) in [(160.0, [600, 520]), (10.0, [420, 300])] {
+        let sawtooth = Profile::sawtooth(0.15, pitch_um, 0.0).unwrap();
+        let map = map_of(&sawtooth, 75.0, size, [1.0, 1.0], 0.02);
+        let f = found(&map, [1.0, 1.0]).unwrap();
+        assert!(
+            (f.period_um / sawtooth.period() - 1.0).abs() < 1e-3,
+            "{f:?}"
+        );
+        assert!((f.lean_azimuth_deg - 75.0).abs() < 0.1, "{f:?}");
+    }
+}
+
+#[test]
+fn what_is_no_map_of_ridges_is_refused_with_the_way_out() {
+    let unit = [1.0, 1.0];
+    let sawtooth = Profile::sawtooth(0.2, 30.0, 0.0).unwrap();
+    let refused = |map: &HeightMap| found(map, unit).unwrap_err().to_string();
+    let of = |heights: Vec<f64>, columns: usize| HeightMap {
+        columns,
+        rows: heights.len() / columns,
+        heights,
+        units: None,
+    };
+    let mut random = Stream::new(3, Purpose::Surface, 0);
+    let noise = of((0..120 * 120).map(|_| random.uniform()).collect(), 120);
+    assert!(refused(&noise).contains("not made of parallel ridges"));
+    // Two directions at once: a field of pyramids.
+    let one = map_of(&sawtooth, 0.0, [150, 150], unit, 0.0);
+    let other = map_of(&sawtooth, 90.0, [150, 150], unit, 0.0);
+    let both = one.heights.iter().zip(&other.heights).map(|(a, b)| a + b);
+    assert!(refused(&of(both.collect(), 150)).contains("not made of parallel ridges"));
+    let plane = of((0..400).map(|n| 0.3 * f64::from(n % 20)).collect(), 20);
+    assert!(refused(&plane).contains("flat"));
+    let few = map_of(&sawtooth, 0.0, [75, 75], unit, 0.0);
+    assert!(refused(&few).contains("are needed: measure a wider piece"));
+    let fine = Profile::sawtooth(0.2, 5.0, 0.0).unwrap();
+    let coarse = map_of(&fine, 20.0, [100, 100], unit, 0.0);
+    let why = refused(&coarse);
+    assert!(why.contains("finer pitch"), "{why}");
+    let groove = Profile::of_corners(&[(0.0, 0.0), (15.0, -3.0)], 30.0);
+    let grooves = map_of(&groove, 40.0, [200, 200], unit, 0.01);
+    assert!(refused(&grooves).contains("to both sides alike"));
+    let mut hole = map_of(&sawtooth, 0.0, [150, 150], unit, 0.0);
+    hole.heights[151] = f64::NAN;
+    assert!(refused(&hole).contains("row 2, column 2"));
+    assert!(refused(&of(vec![0.0; 100], 10)).contains("16 × 16"));
+    assert_eq!(found(&one, [0.0, 1.0]), Err(RidgeMapError::Units));
+}
