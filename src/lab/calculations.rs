@@ -187,7 +187,7 @@ impl From<FolderError> for Failure {
 enum Work {
     Map(StoredSeries, MapRequest),
     Contrast(StoredSeries, Option<String>),
-    Verdict(StoredSeries, Box<Specification>, AnalysisOptions),
+    Verdict(StoredSeries, Box<(Specification, AnalysisOptions)>),
     Trace(Box<TraceToDo>),
 }
 
@@ -227,7 +227,7 @@ impl Lab {
                     },
                     ..AnalysisOptions::default()
                 };
-                Work::Verdict(series, Box::new(specification), options)
+                Work::Verdict(series, Box::new((specification, options)))
             }
             CalculationRequest::Trace(request) => {
                 let wanted = request.clone();
@@ -379,9 +379,7 @@ impl Work {
                 map_of(&series, &request, part, told, cancel)
             }),
             Work::Contrast(series, region) => contrast_of(&series, region.as_deref(), cancel),
-            Work::Verdict(series, specification, options) => {
-                verdict_of(&series, &specification, &options, cancel)
-            }
+            Work::Verdict(series, asked) => verdict_of(&series, &asked.0, &asked.1, cancel),
             Work::Trace(to_do) => kept(store, CalculationKind::Trace, id, |part| {
                 to_do.run(part, told, cancel)
             }),
