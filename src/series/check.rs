@@ -105,7 +105,7 @@ impl Manifest {
                 line,
                 key,
                 cause: message,
-                remedy: "the README shows a manifest with every key".to_owned(),
+                remedy: "docs/series.md lists every key".to_owned(),
             }
         })?;
         manifest
@@ -343,6 +343,16 @@ impl Manifest {
                 }
             }
         }
+        let pupil = rig.camera_distance_mm.or(camera.camera_distance_mm);
+        if rig.lens_radius_mm.is_some() && pupil.is_none() && rig.lens_angular_radius_deg.is_none()
+        {
+            return Err(p(
+                "rig",
+                "lens_radius_mm",
+                "it spans no angle without `camera_distance_mm`".into(),
+                "write the distance, or lens_angular_radius_deg",
+            ));
+        }
         if !["orthographic", "perspective"].contains(&camera.projection.as_str()) {
             return Err(p(
                 "camera",
@@ -521,7 +531,7 @@ mod tests {
             (
                 "theta_l_deg = 10.0",
                 "theta_l_deg = \"10\"",
-                ["line 9: theta_l_deg", "a number", "README"],
+                ["line 9: theta_l_deg", "a number", "docs/series.md"],
             ),
             (
                 "theta_l_deg = 10.0",
@@ -581,6 +591,26 @@ mod tests {
                 assert!(said.contains(word), "{to}: `{word}` is not in: {said}");
             }
         }
+    }
+
+    #[test]
+    fn the_document_lists_every_key() {
+        let document = include_str!("../../docs/series.md");
+        for (section, keys) in KEYS {
+            for key in keys {
+                let named = document.contains(&format!("`{key}`"))
+                    || document.contains(&format!("{key}]`**"));
+                assert!(named, "{section}.{key} is not in docs/series.md");
+            }
+        }
+    }
+
+    #[test]
+    fn a_pupil_of_some_radius_needs_its_distance() {
+        let broken = CHECKER.replacen("[camera]", "lens_radius_mm = 4.0\n[camera]", 1);
+        assert!(refusal(&broken).contains("camera_distance_mm"));
+        let angle = "lens_radius_mm = 4.0\nlens_angular_radius_deg = 2.0\n[camera]";
+        assert!(Manifest::from_toml(&CHECKER.replacen("[camera]", angle, 1), "").is_ok());
     }
 
     #[test]
