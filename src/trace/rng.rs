@@ -13,6 +13,8 @@ pub enum Purpose {
     Batch,
     /// The shape of a surface.
     Surface,
+    /// The path of one photon of a sketch, which is no part of the run.
+    Sketch,
 }
 
 /// A reproducible stream of random numbers.

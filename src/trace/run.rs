@@ -33,12 +33,13 @@ impl Shard {
     }
 }
 
-/// What was done of a run: all that is needed to go on with it.
+/// What was done of a run: all that is needed to go on with it. Where a whole run was stopped before its first batch was
+/// finished it holds a sketch: photons of their own in smaller replicates, which are no part of the run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SoFar {
     /// What was counted.
     pub totals: Totals,
-    /// Numbers of the finished batches, rising.
+    /// Numbers of the finished batches, rising; none of a sketch.
     pub batches: Vec<u64>,
 }
 
@@ -47,6 +48,11 @@ impl SoFar {
     /// shard does not have, or other photons than theirs.
     #[must_use]
     pub fn kept(totals: Totals, batches: Vec<u64>, photons: u64, shard: Shard) -> Option<Self> {
+        if batches.is_empty() {
+            // A sketch is a result, but no part of the run.
+            let totals = Totals::new(totals.grid(), totals.elements());
+            return Some(SoFar { totals, batches });
+        }
         let count = self::batches(photons);
         let known = |batch: &u64| *batch < count && batch % shard.of == shard.number - 1;
         let rising = batches.windows(2).all(|pair| pair[0] < pair[1]);
@@ -80,6 +86,14 @@ pub struct Progress {
 const BATCHES_MIN: u64 = 64;
 /// Largest batch: what is lost at most per thread when a run is stopped.
 const BATCH_MAX: u64 = 1 << 20;
+/// Replicates of a first sketch,
+const SKETCH_BATCHES: u64 = 16;
+/// the photons of each of its first round,
+const SKETCH_PHOTONS: u64 = 1 << 9;
+/// by how much a round is larger than the one before,
+const SKETCH_GROWTH: u64 = 4;
+/// and the share of a batch that all rounds take at most.
+const SKETCH_SHARE: u64 = 8;
 /// Photons between two looks at the stop conditions,
 const LOOK: u64 = 1 << 13;
 /// and batches between two looks at the error.
@@ -98,7 +112,8 @@ fn share(photons: u64, batches: u64, number: u64) -> u64 {
 }
 
 /// Traces a shard of a scene. `proceed` is asked from time to time, from any thread, whether to go
-/// on; the batches that are finished by then count. The result depends on the scene and on which batches
+/// on; the batches that are finished by then count, and before there is one a sketch of smaller ones ([`SoFar`]). The
+/// result depends on the scene and on which batches
 /// were finished, never on threads.
 pub fn trace(
     prepared: &Prepared,
@@ -251,6 +266,9 @@ impl Task<'_> {
             .batches(photons)
             .map(|b| share(photons, count, b))
             .sum();
+        // Nobody goes on with a sketch.
+        let before = before.filter(|b| !b.batches.is_empty());
+        let fresh = before.is_none();
         let before = before.unwrap_or_else(|| SoFar {
             totals: Totals::new(grid, L::ELEMENTS),
             batches: Vec::new(),
@@ -263,6 +281,17 @@ impl Task<'_> {
             .batches(photons)
             .filter(|batch| before.batches.binary_search(batch).is_err())
             .collect();
+        let sketch = if fresh && shard.of == 1 {
+            self.sketch::<L>(&|| {
+                proceed(&Progress {
+                    photons: 0,
+                    photons_planned: planned,
+                    relative_error: None,
+                })
+            })
+        } else {
+            None
+        };
         let counted = Mutex::new(Counted {
             so_far: before,
             without_known: 0,
@@ -295,7 +324,8 @@ impl Task<'_> {
                 }
                 go_on
             };
-            if !self.batch::<L>(number, share, &go_on, &mut waiting, &mut batch) {
+            let name = (Purpose::Photon, number);
+            if !self.batch::<L>(name, share, &go_on, &mut waiting, &mut batch) {
                 return;
             }
             let mut counted = lock();
@@ -324,21 +354,74 @@ impl Task<'_> {
         counted.include(self.first_hits.as_ref());
         let mut so_far = counted.so_far;
         so_far.batches.sort_unstable();
+        if so_far.batches.is_empty()
+            && let Some(totals) = sketch
+        {
+            so_far.totals = totals;
+        }
         so_far
     }
 
-    /// One batch; `go_on` is asked before each photon. `false` where it was told to stop: what is in the batch then
+    /// A result for whoever stops before the first batch is finished, where that is many times as large: rounds of
+    /// equal replicates, each larger than the one before, of which the last finished one counts. Its photons are none of
+    /// the run's, so what the run counts does not depend on it.
+    fn sketch<L: Light>(&self, go_on: &(dyn Fn() -> bool + Sync)) -> Option<Totals> {
+        let least = share(self.photons, batches(self.photons), 0) / SKETCH_SHARE;
+        let (mut size, mut spent) = (SKETCH_PHOTONS, 0);
+        let mut sketch = None;
+        while spent + SKETCH_BATCHES * size <= least {
+            let round = self.round::<L>(spent, size, go_on);
+            let whole = round.batches() == SKETCH_BATCHES;
+            if round.batches() > 0 && (whole || sketch.is_none()) {
+                sketch = Some(round);
+            }
+            if !whole {
+                break;
+            }
+            spent += SKETCH_BATCHES * size;
+            size *= SKETCH_GROWTH;
+        }
+        sketch
+    }
+
+    /// One round of a sketch: replicates of `size` photons each, named by the photons before them.
+    fn round<L: Light>(&self, before: u64, size: u64, go_on: &(dyn Fn() -> bool + Sync)) -> Totals {
+        let totals = Mutex::new(Totals::new(self.grid, L::ELEMENTS));
+        let look = |photon: u64| !photon.is_multiple_of(SKETCH_PHOTONS) || go_on();
+        let empty = || (Batch::new::<L>(self.grid), Waiting::none());
+        (0..SKETCH_BATCHES as usize)
+            .into_par_iter()
+            .with_max_len(1)
+            .for_each_init(empty, |(batch, waiting), n| {
+                let name = (Purpose::Sketch, before / SKETCH_PHOTONS + n as u64);
+                if self.batch::<L>(name, size, &look, waiting, batch) {
+                    let mut totals = totals.lock().expect("no thread panics while it adds");
+                    totals.take(batch, size);
+                } else {
+                    batch.clear();
+                    *waiting = Waiting::none();
+                }
+            });
+        let mut totals = totals.into_inner().expect("no thread panics while it adds");
+        if let Some(first_hits) = &self.first_hits {
+            let photons = totals.photons();
+            totals.include(&first_hits.known, photons);
+        }
+        totals
+    }
+
+    /// One batch with random numbers of its own name; `go_on` is asked before each photon. `false` where it was told to stop: what is in the batch then
     /// is of no use.
     fn batch<L: Light>(
         &self,
-        number: u64,
+        (purpose, number): (Purpose, u64),
         photons: u64,
         go_on: &impl Fn(u64) -> bool,
         waiting: &mut Waiting<L>,
         batch: &mut Batch,
     ) -> bool {
         // A batch's photons are numbered within it: 2^20 at most, and four times as many starts.
-        let stream = |n: u64| Stream::new(self.seed, Purpose::Photon, (number << 24) + n);
+        let stream = |n: u64| Stream::new(self.seed, purpose, (number << 24) + n);
         if let Some(first_hits) = &self.first_hits {
             return first_hits.batch::<L>(self.walk, photons, stream, go_on, waiting, batch);
         }
@@ -358,5 +441,103 @@ impl Task<'_> {
             self.walk.photon::<L>(x, y, &mut random, waiting, batch);
         }
         true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::scene::Scene;
+    use super::*;
+
+    fn scene(interface: &str, photons: u64) -> Prepared {
+        let text = format!(
+            "[light]\ntheta_i_deg = 40.0\n[[interface]]\n{interface}\nbelow = {{ n = 1.5 }}\n[run]\n\
+             photons = {photons}\ntheta_bins = 9\nphi_bins = 12\n"
+        );
+        let scene = Scene::parse(&text).unwrap();
+        scene.prepare(&|_| Err(String::new())).unwrap()
+    }
+
+    #[test]
+    fn a_run_stopped_before_its_first_batch_has_a_sketch_that_agrees_with_the_whole() {
+        // Batches of 2^18 photons: far more than are traced before the stop.
+        let ridges = |photons| {
+            scene(
+                "shape = \"ridges\"\ntheta_r_deg = 20.0\npitch_um = 50.0",
+                photons,
+            )
+        };
+        let long = ridges(1 << 24);
+        let looks = std::sync::atomic::AtomicU64::new(0);
+        let stopped = resume(&long, Shard::WHOLE, None, &|_| {
+            looks.fetch_add(1, Ordering::Relaxed) < 40
+        });
+        assert_eq!(stopped.batches, Vec::<u64>::new());
+        assert!(!stopped.is_complete(1 << 24, Shard::WHOLE));
+        let totals = &stopped.totals;
+        assert_eq!(totals.photons(), SKETCH_BATCHES * SKETCH_PHOTONS);
+        let (few, many) = (
+            totals.energies(),
+            trace(&ridges(60_000), Shard::WHOLE, &|_| true).energies(),
+        );
+        for (a, b) in [
+            (few.reflected_all, many.reflected_all),
+            (few.transmitted_all, many.transmitted_all),
+        ] {
+            let std = a.std.hypot(b.std);
+            assert!(
+                a.std > 0.0 && (a.value - b.value).abs() < 4.5 * std,
+                "{a:?} {b:?}"
+            );
+        }
+        let sum = few.reflected_all.value + few.transmitted_all.value + few.truncated.value;
+        assert!((sum - 1.0).abs() < 1e-9, "{sum}");
+        // Nothing of it is carried on, from memory or from what a file kept.
+        let none = |before| resume(&long, Shard::WHOLE, before, &|_| false);
+        assert_eq!(none(Some(stopped.clone())).totals.photons(), 0);
+        let kept = SoFar::kept(stopped.totals, Vec::new(), 1 << 24, Shard::WHOLE).unwrap();
+        assert_eq!(kept.totals.photons(), 0);
+        // A shard is no result of its own, so it has none.
+        let shard = Shard { number: 1, of: 2 };
+        let looks = std::sync::atomic::AtomicU64::new(0);
+        let part = resume(&long, shard, None, &|_| {
+            looks.fetch_add(1, Ordering::Relaxed) < 40
+        });
+        assert_eq!(part.totals.photons(), 0);
+    }
+
+    #[test]
+    fn a_sketch_grows_by_whole_rounds_and_takes_little_of_a_batch() {
+        let rough = "shape = \"beckmann\"\nalpha_u = 0.3\nalpha_v = 0.3\ncells = 16";
+        let long = scene(rough, 1 << 24);
+        let (walk, grid) = (walk_of(&long), long.grid);
+        let task = Task {
+            walk: &walk,
+            first_hits: FirstHits::new::<Scalar>(&walk, grid, long.photons),
+            seed: 1,
+            grid,
+            photons: long.photons,
+            shard: Shard::WHOLE,
+        };
+        let sketch = |looks: u64| {
+            let left = std::sync::atomic::AtomicU64::new(looks);
+            let totals = task.sketch::<Scalar>(&|| {
+                left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |n| n.checked_sub(1))
+                    .is_ok()
+            });
+            totals.map_or(0, |t| t.photons())
+        };
+        assert_eq!(sketch(0), 0);
+        let whole = sketch(u64::MAX);
+        // Rounds of 2^13 and four times as many: the next would pass an eighth of 2^18.
+        assert_eq!(whole, SKETCH_BATCHES * SKETCH_PHOTONS);
+        assert!(whole <= (1 << 18) / SKETCH_SHARE);
+        // One thread, or all might stop within their first replicate.
+        let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+        let few = alone.unwrap().install(|| sketch(5));
+        assert!(
+            few > 0 && few < whole && few.is_multiple_of(SKETCH_PHOTONS),
+            "{few}"
+        );
     }
 }
