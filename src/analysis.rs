@@ -133,7 +133,7 @@ pub fn analyse(
     leave_out(&mut report, source.manifest(), &observations);
     if let (Some(tracer), Some(facts)) = (&mut report.tracer, options.height_map) {
         tracer.height_map = Some(facts);
-        report.left_out.push(facts.left_out());
+        report.left_out.extend(facts.left_out());
     }
     if cancel.load(Ordering::Relaxed) {
         return Err(AnalysisError::Cancelled);

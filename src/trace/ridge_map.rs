@@ -36,6 +36,8 @@ pub struct RidgeFacts {
     pub lean_azimuth_deg: f64,
     /// Length of a ridge across, mean plane.
     pub period_um: f64,
+    /// Width of a sample across the ridges.
+    pub sample_um: f64,
     /// Whole ridges that are traced.
     pub ridges: usize,
     /// From the lowest to the highest point of the mean along the ridges.
@@ -201,22 +203,32 @@ impl RidgeMap {
                 explained: lines.explained,
             });
         }
-        lines.profile(period, across)
+        field.fine_lines(wave).profile(&lines, period, across)
     }
 }
 
 impl RidgeFacts {
     /// What tracing on the mean along the ridges does without.
     #[must_use]
-    pub fn left_out(&self) -> LeftOut {
-        LeftOut::new(
-            "unevenness along the ridges of the height map",
-            format!(
-                "the map is traced as the mean along its {} ridges: {:.3} µm root mean square are left of {:.3} µm of \
-                 height, by which share of a ridge the edges of shadows move at most; its slopes are in the fitted roughness",
-                self.ridges, self.unevenness_um, self.height_um
+    pub fn left_out(&self) -> [LeftOut; 2] {
+        [
+            LeftOut::new(
+                "unevenness along the ridges of the height map",
+                format!(
+                    "the map is traced as the mean along its {} ridges: {:.3} µm root mean square are left of {:.3} µm of \
+                     height, by which share of a ridge the edges of shadows move at most; its slopes are in the fitted roughness",
+                    self.ridges, self.unevenness_um, self.height_um
+                ),
+                Some((self.unevenness_um / self.height_um).min(1.0)),
             ),
-            Some((self.unevenness_um / self.height_um).min(1.0)),
-        )
+            LeftOut::new(
+                "corners of the ridges that are sharper than a sample of the height map",
+                format!(
+                    "samples of {:.4} µm on ridges of {:.4} µm: no more of a ridge than one of them",
+                    self.sample_um, self.period_um
+                ),
+                Some((self.sample_um / self.period_um).min(1.0)),
+            ),
+        ]
     }
 }

@@ -13,6 +13,8 @@ const PERIODS_MIN: f64 = 2.0;
 const POINTS: usize = 6_000;
 /// Heights that a direction is turned by at most.
 const LOOKED_AT: usize = 1 << 20;
+/// Width of a fine line in samples.
+const FINE: f64 = 0.25;
 /// Overtones that sharpen it.
 const OVERTONES: usize = 6;
 /// A line across the ridges counts where it is this share of the longest lines, or more.
@@ -222,10 +224,20 @@ impl Field<'_> {
 
     /// Means along the ridges of a wave, of one in `stride` heights.
     pub fn lines(&self, wave: Wave, stride: usize) -> Lines {
+        self.lines_as_wide(wave, stride, 1.0)
+    }
+
+    /// The same, as fine as samples that the ridges cross askew allow: corners are cut by a fraction of a sample.
+    pub fn fine_lines(&self, wave: Wave) -> Lines {
+        self.lines_as_wide(wave, 1, FINE)
+    }
+
+    /// Lines whose width is this share of a sample's.
+    fn lines_as_wide(&self, wave: Wave, stride: usize, share: f64) -> Lines {
         let f = wave[0].hypot(wave[1]);
         let (c, s) = (wave[0] / f, wave[1] / f);
-        // A line is as wide as the pitch is across it.
-        let width = c.abs() * self.pitch[0] + s.abs() * self.pitch[1];
+        // A sample is as wide as the pitch is across the ridges.
+        let width = share * (c.abs() * self.pitch[0] + s.abs() * self.pitch[1]);
         let place = |n: usize| {
             let (x, y) = (
                 (n % self.columns) as f64 * self.pitch[0],
@@ -298,6 +310,8 @@ impl Field<'_> {
         } else {
             0.0
         };
+        let mut counts: Vec<f64> = sums.iter().filter(|s| kept(s)).map(|s| s[0]).collect();
+        counts.sort_by(f64::total_cmp);
         let lines: Vec<(f64, f64)> = sums
             .iter()
             .filter(|sum| kept(sum))
@@ -319,6 +333,7 @@ impl Field<'_> {
             width,
             explained: 1.0 - rest * used / squares[0],
             unevenness,
+            noise: unevenness / counts.get(counts.len() / 2).map_or(1.0, |n| n.sqrt()),
             lines,
         }
     }

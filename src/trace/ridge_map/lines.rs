@@ -6,6 +6,11 @@ use super::{RIDGES_MIN, RidgeFacts, RidgeMap, RidgeMapError, SAMPLES_MIN};
 /// The share of a ridge that leans to its facets' side differs from a half by this at least.
 const LEAN_MIN: f64 = 0.05;
 
+/// Standard errors by which a line may be off a straight facet,
+const NOISE: f64 = 3.0;
+/// and the share of the ridges' height that is no shape of theirs.
+const LEAST: f64 = 1e-3;
+
 /// Means along the ridges, by their place across.
 pub(super) struct Lines {
     /// How wide a line is, µm.
@@ -14,14 +19,22 @@ pub(super) struct Lines {
     pub explained: f64,
     /// Root mean square of what is left along a line, of the median line, µm.
     pub unevenness: f64,
+    /// Standard error of the mean of the median line, µm.
+    pub noise: f64,
     /// Place across and mean height, µm, by rising place.
     pub lines: Vec<(f64, f64)>,
 }
 
 impl Lines {
-    /// Whole periods, levelled, +v where the facets lean.
-    pub fn profile(mut self, period: f64, across: f64) -> Result<RidgeMap, RidgeMapError> {
-        let samples = period / self.width;
+    /// Whole periods, levelled, straight where they are within their noise, +v where the facets lean. `wide` are the
+    /// lines a sample wide, which tell what is left along them.
+    pub fn profile(
+        mut self,
+        wide: &Lines,
+        period: f64,
+        across: f64,
+    ) -> Result<RidgeMap, RidgeMapError> {
+        let samples = period / wide.width;
         if samples < SAMPLES_MIN {
             return Err(RidgeMapError::Coarse {
                 period_um: period,
@@ -50,6 +63,7 @@ impl Lines {
         }
         let period = self.sharpened(period);
         self.level(period);
+        self.straighten();
         let share = self.leaning();
         let turned = share < 0.5;
         if turned {
@@ -70,10 +84,11 @@ impl Lines {
             facts: RidgeFacts {
                 lean_azimuth_deg: lean.rem_euclid(360.0),
                 period_um: period,
+                sample_um: wide.width,
                 ridges: (profile.period() / period).round() as usize,
                 height_um: high - low,
-                unevenness_um: self.unevenness,
-                explained: self.explained,
+                unevenness_um: wide.unevenness,
+                explained: wide.explained,
                 theta_r_deg: theta_r.to_degrees(),
             },
             profile,
@@ -161,6 +176,39 @@ impl Lines {
         }
     }
 
+    /// Leaves out lines that lie on the straight way between others within their noise (Ramer 1972, Douglas and Peucker
+    /// 1973): facets become straight, corners stay where they are.
+    fn straighten(&mut self) {
+        let heights = self.lines.iter().map(|l| l.1);
+        let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| {
+            (l.min(z), h.max(z))
+        });
+        let within = (NOISE * self.noise).max(LEAST * (high - low));
+        let last = self.lines.len().saturating_sub(1);
+        let mut kept = vec![false; self.lines.len()];
+        let mut pieces = vec![(0, last)];
+        while let Some((from, to)) = pieces.pop() {
+            (kept[from], kept[to]) = (true, true);
+            let (a, b) = (self.lines[from], self.lines[to]);
+            let (dx, dz) = (b.0 - a.0, b.1 - a.1);
+            let off = |n: usize| {
+                let (v, z) = self.lines[n];
+                ((v - a.0) * dz - (z - a.1) * dx).abs() / dx.hypot(dz)
+            };
+            let worst = (from + 1..to).map(|n| (n, off(n)));
+            if let Some((n, far)) = worst.max_by(|x, y| x.1.total_cmp(&y.1))
+                && far > within
+            {
+                pieces.extend([(from, n), (n, to)]);
+            }
+        }
+        let mut number = 0;
+        self.lines.retain(|_| {
+            number += 1;
+            kept[number - 1]
+        });
+    }
+
     /// Share of the length that leans to +v.
     fn leaning(&self) -> f64 {
         let pairs = self.lines.windows(2);
@@ -171,25 +219,27 @@ impl Lines {
         down / self.length()
     }
 
-    /// As many whole periods as there are, from where both ends meet best; the last row closes them.
+    /// As many whole periods as there are, from the middle of a flank where both ends meet best; the last row closes them.
     fn whole_periods(&self, period: f64) -> Vec<(f64, f64)> {
         let length = (self.length() / period).floor() * period;
         let end = self.lines.last().map_or(0.0, |l| l.0);
-        let starts = self.lines.iter().enumerate();
-        let start = starts
-            .filter(|(_, (v, _))| v + length <= end)
-            .map(|(n, (v, z))| (n, (z - self.at(v + length)).abs()))
-            .min_by(|a, b| a.1.total_cmp(&b.1))
-            .map_or(0, |(n, _)| n);
-        let (v0, z0) = self.lines[start];
-        // The row before the end may all but touch it.
-        let near = 0.25 * self.width;
-        let mut rows: Vec<(f64, f64)> = self.lines[start..]
+        let flanks = self.lines.windows(2);
+        let middles = flanks.map(|l| (l[1].0 - l[0].0, 0.5 * (l[0].0 + l[1].0)));
+        let within: Vec<(f64, f64)> = middles.filter(|(_, v)| v + length <= end).collect();
+        let longest = within.iter().fold(0.0f64, |a, b| a.max(b.0));
+        let v0 = within
             .iter()
-            .take_while(|(v, _)| *v < v0 + length - near)
-            .copied()
-            .collect();
-        rows.push((v0 + length, z0));
+            .filter(|(flank, _)| *flank >= 0.5 * longest)
+            .map(|(_, v)| (*v, (self.at(*v) - self.at(v + length)).abs()))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .or(self.lines.first().map(|l| (l.0, 0.0)))
+            .map_or(0.0, |(v, _)| v);
+        // A row beside the ends may all but touch them.
+        let near = 0.25 * self.width;
+        let between = |v: f64| v > v0 + near && v < v0 + length - near;
+        let mut rows = vec![(v0, self.at(v0))];
+        rows.extend(self.lines.iter().filter(|(v, _)| between(*v)));
+        rows.push((v0 + length, self.at(v0)));
         rows
     }
 }
