@@ -10,6 +10,7 @@ pub mod clock;
 pub mod config;
 pub mod contrast;
 pub mod fit;
+pub mod forecast;
 pub mod frame;
 pub mod geometry;
 pub mod judge;

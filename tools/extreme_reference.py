@@ -163,7 +163,13 @@ def diffuse_transmittance(eta, k):
     if key not in _TBAR:
         integrand = lambda mu: 2 * mu * (1 - mean(fresnel(mu, eta, k)))
         small = mp.sqrt(abs(eta - 1)) if eta != 1 else mpf("0.1")
-        cuts = sorted({ZERO, min(small, mpf("0.5")), min(4 * small, mpf("0.6")), mpf("0.7"), ONE})
+        cuts = {ZERO, min(small, mpf("0.5")), min(4 * small, mpf("0.6")), mpf("0.7"), ONE}
+        if eta < 1 and k == 0:
+            # Total reflection up to the critical angle, a root from there on.
+            mu = lambda g: mp.sqrt(eta**2 * g * g + 1 - eta**2)
+            _TBAR[key] = mp.quad(lambda g: integrand(mu(g)) * eta**2 * g / mu(g), [ZERO, ONE])
+            return _TBAR[key]
+        cuts = sorted(cuts)
         _TBAR[key] = mp.quad(integrand, cuts)
     return _TBAR[key]
 

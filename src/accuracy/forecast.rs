@@ -1,49 +1,27 @@
 //! How long a trace or a fit will take, told before it starts, from short runs of it.
+//!
+//! [`of_run`] for a scene of the tracer, [`of_analysis`] for a series that is reduced and fitted (a fit, a
+//! verdict), [`of_reduction`] for one that is reduced alone (a contrast). Maps have a file of their own, and so
+//! have predictions. All speak in [`Forecast`]s.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use serde::Serialize;
-
 use super::fits::painted;
-use crate::fit::{FitOptions, fit};
+use crate::analysis::AnalysisOptions;
+use crate::fit::problem::Values;
+use crate::fit::traced::ridged_surface;
+use crate::fit::{FitOptions, VariantChoice, fit};
+use crate::forecast::Forecast;
 use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
 use crate::model::Surface;
+use crate::observation::ObservationSet;
 use crate::reduction::{FrameReadError, FrameSource, reduce};
 use crate::series::{FrameRow, Manifest};
+use crate::trace::ridged::RadianceOptions;
 use crate::trace::run::{Shard, trace_photons};
 use crate::trace::scene::Prepared;
-
-/// What a run will take.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Forecast {
-    /// Seconds, start included.
-    pub seconds: f64,
-    /// Whether `seconds` is a bound, not an estimate: one short run alone was waited for, and its start
-    /// cannot be told from its photons.
-    pub at_most: bool,
-    /// Photons that it will trace.
-    pub photons: u64,
-    /// Relative error of the reflected bins (root mean square) at its end.
-    pub relative_error: Option<f64>,
-}
-
-impl std::fmt::Display for Forecast {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "{} {:.1} s for {} photons",
-            if self.at_most { "at most" } else { "about" },
-            self.seconds,
-            self.photons
-        )?;
-        match self.relative_error {
-            Some(error) => write!(f, ", error of a reflected bin about {:.2} %", 100.0 * error),
-            None => Ok(()),
-        }
-    }
-}
 
 /// Share of the run that the larger of the two short runs takes.
 const SHARE: u64 = 32;
@@ -132,35 +110,15 @@ pub fn of_run(
         }
         _ => prepared.photons,
     };
+    let error = known
+        .error
+        .map(|e| e * (known.photons as f64 / photons as f64).sqrt());
     Some(Forecast {
-        seconds: start + per_photon * photons as f64,
         at_most: upper.photons == little.photons,
-        photons,
-        relative_error: known
-            .error
-            .map(|e| e * (known.photons as f64 / photons as f64).sqrt()),
+        ..Forecast::about(start + per_photon * photons as f64)
+            .for_work(photons, "photons")
+            .to_error(error, "a reflected bin")
     })
-}
-
-/// What the analysis of a series will take.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct SeriesForecast {
-    /// Seconds in all.
-    pub seconds: f64,
-    /// Of these, reading and reducing frames.
-    pub reduce_s: f64,
-    /// Of these, the fit of all variants.
-    pub fit_s: f64,
-}
-
-impl std::fmt::Display for SeriesForecast {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "about {:.1} s: {:.1} s to read and reduce, {:.1} s to fit",
-            self.seconds, self.reduce_s, self.fit_s
-        )
-    }
 }
 
 /// Of so many poses one is read.
@@ -215,24 +173,65 @@ impl FrameSource for Thinned<'_> {
     }
 }
 
-/// Forecasts the analysis of a series: a sixth of its poses are read and reduced, and a surface as samples have
-/// it is fitted at all of its poses. `None` where those frames give no observations.
-#[must_use]
-pub fn of_series(source: &dyn FrameSource, cancel: &AtomicBool) -> Option<SeriesForecast> {
-    let manifest = source.manifest();
-    let region = manifest.sample.layout.as_ref().map(|_| "even");
+/// Names of the parts.
+pub const READ: &str = "to read and reduce";
+/// The descents.
+pub const FIT: &str = "to fit";
+/// The ray tracer's passes.
+pub const TRACE: &str = "to trace";
+/// Fits of drawn series.
+pub const BOOTSTRAP: &str = "for the bootstrap";
+
+/// Seconds of reading and reducing, from a sixth of the poses. `None` where those give no observations.
+fn reduction_s(source: &dyn FrameSource, region: Option<&str>, cancel: &AtomicBool) -> Option<f64> {
+    let layout = source.manifest().sample.layout.as_ref();
+    let region = region.or(layout.map(|_| "even"));
     let thinned = Thinned::new(source, THINNED);
     let started = Instant::now();
     reduce(&thinned, region, cancel).ok()?;
     let share = source.rows().len() as f64 / thinned.rows.len().max(1) as f64;
-    let reduce_s = share * started.elapsed().as_secs_f64();
-    let mut poses: Vec<Pose> = source
-        .rows()
-        .iter()
-        .filter(|r| r.kind == FrameKind::Sample)
-        .map(FrameRow::pose)
-        .collect();
+    Some(share * started.elapsed().as_secs_f64())
+}
+
+/// Poses of a series' sample frames.
+fn poses_of(source: &dyn FrameSource) -> Vec<Pose> {
+    let samples = source.rows().iter().filter(|r| r.kind == FrameKind::Sample);
+    let mut poses: Vec<Pose> = samples.map(FrameRow::pose).collect();
     poses.dedup();
+    poses
+}
+
+/// Forecasts the reduction of a series alone.
+#[must_use]
+pub fn of_reduction(
+    source: &dyn FrameSource,
+    region: Option<&str>,
+    cancel: &AtomicBool,
+) -> Option<Forecast> {
+    let reduce_s = reduction_s(source, region, cancel)?;
+    let poses = poses_of(source).len() as u64;
+    Some(Forecast::of_parts([(READ, reduce_s)]).for_work(poses, "poses"))
+}
+
+/// Forecasts the analysis of a series by the usual fit.
+#[must_use]
+pub fn of_series(source: &dyn FrameSource, cancel: &AtomicBool) -> Option<Forecast> {
+    of_analysis(source, &AnalysisOptions::default(), cancel)
+}
+
+/// Forecasts the analysis of a series: a sixth of its poses are read and reduced, and a surface as samples have
+/// it is fitted at all of its poses with what the options ask for; of that surface a few poses are traced where the
+/// ray tracer is asked, and few series are drawn where a bootstrap is. `None` where those frames give no
+/// observations.
+#[must_use]
+pub fn of_analysis(
+    source: &dyn FrameSource,
+    options: &AnalysisOptions,
+    cancel: &AtomicBool,
+) -> Option<Forecast> {
+    let reduce_s = reduction_s(source, options.region.as_deref(), cancel)?;
+    let manifest = source.manifest();
+    let poses = poses_of(source);
     let metal = manifest.material().index().1 > 0.0;
     let surface = Surface {
         theta_r: 12f64.to_radians(),
@@ -248,14 +247,128 @@ pub fn of_series(source: &dyn FrameSource, cancel: &AtomicBool) -> Option<Series
         &poses,
         0.01,
     );
-    let started = Instant::now();
-    std::hint::black_box(fit(&set, &FitOptions::default(), cancel));
-    let fit_s = started.elapsed().as_secs_f64();
-    Some(SeriesForecast {
-        seconds: reduce_s + fit_s,
-        reduce_s,
-        fit_s,
-    })
+    let asked = &options.fit;
+    let traces = asked.judge || asked.variant == VariantChoice::Traced;
+    let closed = FitOptions {
+        variant: if asked.variant == VariantChoice::Traced {
+            VariantChoice::Auto
+        } else {
+            asked.variant
+        },
+        judge: false,
+        bootstrap: 0,
+        ..asked.clone()
+    };
+    let timed = |options: &FitOptions| {
+        let started = Instant::now();
+        std::hint::black_box(fit(&set, options, cancel));
+        started.elapsed().as_secs_f64()
+    };
+    let fit_s = timed(&closed);
+    let bootstrap_s = if asked.bootstrap > 0 {
+        let drawn = FitOptions {
+            bootstrap: asked.bootstrap.min(DRAWN),
+            ..closed.clone()
+        };
+        let drawn_s = timed(&drawn);
+        // Other work on the machine may make the shorter one look longer: then all of it is a bound.
+        let extra = Some(drawn_s - fit_s).filter(|s| *s > 0.0);
+        extra.unwrap_or(drawn_s) / f64::from(drawn.bootstrap) * f64::from(asked.bootstrap)
+    } else {
+        0.0
+    };
+    let (trace_s, error) = if traces {
+        tracing(&set, &surface, asked, options)?
+    } else {
+        (0.0, None)
+    };
+    let told = Forecast::of_parts([
+        (READ, reduce_s),
+        (FIT, fit_s),
+        (TRACE, trace_s),
+        (BOOTSTRAP, bootstrap_s),
+    ]);
+    // The limit is on the time of fitting, and what it ends is the tracer and the bootstrap.
+    let least = reduce_s + fit_s;
+    let limit = options.max_seconds.map(|s| least.max(reduce_s + s));
+    Some(
+        told.for_work(poses.len() as u64, "poses")
+            .to_error(error, "a traced radiance, of the peak,")
+            .within(limit),
+    )
+}
+
+/// Series drawn to time a bootstrap.
+const DRAWN: u32 = 20;
+/// Poses that are traced to time a tracing, and paths of the two trials.
+const TRACED: (usize, [u64; 2]) = (6, [256, 2048]);
+/// Passes over all poses at the paths that a tracing begins with: metal is polarised from the start, of a
+/// dielectric both kinds of light are looked at.
+const PASSES: (f64, f64) = (3.0, 5.0);
+/// By how much paths grow from there until their line of the budget is small, where nobody names an error.
+const GROWTH: f64 = 1.0;
+
+/// Seconds of the ray tracer's passes, and the standard error at their end as a share of the peak.
+fn tracing(
+    set: &ObservationSet,
+    surface: &Surface,
+    fit: &FitOptions,
+    options: &AnalysisOptions,
+) -> Option<(f64, Option<f64>)> {
+    let (eta, k) = set.material.index();
+    let values = Values {
+        theta_r: surface.theta_r,
+        alpha_u: surface.alpha_u,
+        alpha_v: surface.alpha_v,
+        rho_d: surface.rho_d,
+        scale: 1.0,
+        background: 0.0,
+        azimuth_offset: 0.0,
+        tilt_offset: 0.0,
+        eta,
+        k,
+    };
+    let ridged = ridged_surface(set, &values, options.profile.as_ref())?;
+    let every = set.observations.len().div_ceil(TRACED.0).max(1);
+    let trial = |paths: u64| {
+        let started = Instant::now();
+        let (mut square, mut peak, mut count) = (0.0, f64::MIN_POSITIVE, 0.0);
+        for o in set.observations.iter().step_by(every) {
+            let options = RadianceOptions {
+                paths,
+                seed: 1,
+                light_angular_radius: set.rig.light_angular_radius.rad(),
+                polarised: true,
+            };
+            let found = ridged.radiance(&set.rig.directions(o.pose), &options);
+            square += found.std * found.std;
+            peak = found.value.max(peak);
+            count += 1.0;
+        }
+        let seconds = started.elapsed().as_secs_f64() / f64::max(count, 1.0);
+        (seconds, (square / f64::max(count, 1.0)).sqrt() / peak)
+    };
+    let (little_s, _) = trial(TRACED.1[0]);
+    let (more_s, error) = trial(TRACED.1[1]);
+    let extra = Some(more_s - little_s).filter(|s| *s > 0.0);
+    let per_path = extra.map_or(more_s / TRACED.1[1] as f64, |s| {
+        s / (TRACED.1[1] - TRACED.1[0]) as f64
+    });
+    let poses = set.observations.len() as f64;
+    let first = fit.tracer.paths.max(1) as f64;
+    let at_first = error * (TRACED.1[1] as f64 / first).sqrt();
+    let passes = if k > 0.0 { PASSES.0 } else { PASSES.1 };
+    // Standard errors fall with the root of the paths.
+    let (grown, error) = match fit.tracer.target_error {
+        Some(target) if at_first > target => {
+            let needed =
+                (1.2 * (at_first / target).powi(2)).min(fit.tracer.paths_max as f64 / first);
+            (2.0 * needed, at_first / needed.sqrt())
+        }
+        Some(_) => (0.0, at_first),
+        None => (GROWTH * passes, at_first),
+    };
+    Some((poses * per_path * first * (passes + grown), Some(error)))
 }
 
 #[cfg(test)]
@@ -276,7 +389,7 @@ mod tests {
         assert_eq!(told(f64::INFINITY, true), None);
         assert_eq!(told(0.0, false), None);
         let forecast = told(f64::INFINITY, false).unwrap();
-        assert_eq!(forecast.photons, 40_000);
+        assert_eq!(forecast.amount.as_ref().unwrap().count, 40_000);
         assert!(!forecast.at_most && forecast.seconds > 0.0, "{forecast:?}");
     }
 
@@ -299,7 +412,29 @@ mod tests {
             assert_eq!(row.file, all[thinned.places[place]].file);
         }
         let told = of_series(&series, &AtomicBool::new(false)).unwrap();
-        assert!(told.reduce_s > 0.0 && told.fit_s > 0.0);
-        assert!((told.seconds - told.reduce_s - told.fit_s).abs() < 1e-12);
+        assert!(told.part(READ) > 0.0 && told.part(FIT) > 0.0);
+        assert!((told.seconds - told.part(READ) - told.part(FIT)).abs() < 1e-12);
+        assert_eq!(told.part(TRACE), 0.0);
+        let alone = of_reduction(&series, None, &AtomicBool::new(false)).unwrap();
+        assert!(alone.seconds > 0.0 && alone.parts.len() == 1);
+    }
+
+    #[test]
+    fn what_a_fit_is_asked_for_is_forecast_and_a_limit_cuts_it() {
+        let series = Series::open("tests/data/series/paper-rig-full".as_ref()).unwrap();
+        let mut options = AnalysisOptions::default();
+        options.fit.variant = VariantChoice::Traced;
+        options.fit.tracer.paths = 64;
+        options.fit.bootstrap = 20;
+        options.fit.starts = 1;
+        let told = |options: &AnalysisOptions| {
+            of_analysis(&series, options, &AtomicBool::new(false)).unwrap()
+        };
+        let all = told(&options);
+        assert!(all.part(TRACE) > 0.0 && all.part(BOOTSTRAP) > 0.0, "{all}");
+        assert!(all.error.as_ref().unwrap().value > 0.0 && !all.cut_short);
+        options.max_seconds = Some(1e-6);
+        let cut = told(&options);
+        assert!(cut.cut_short && cut.seconds < cut.parts.iter().map(|p| p.seconds).sum());
     }
 }

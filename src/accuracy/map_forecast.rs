@@ -4,9 +4,8 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use serde::Serialize;
-
 use super::forecast::Thinned;
+use crate::forecast::Forecast;
 use crate::frame::FrameKind;
 use crate::geometry::Pose;
 use crate::map::pixels::{Instructions, PixelFitter};
@@ -14,32 +13,14 @@ use crate::map::{self, MapOptions, Stage};
 use crate::reduction::FrameSource;
 use crate::series::FrameRow;
 
-/// What a map will take.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct MapForecast {
-    /// Seconds in all.
-    pub seconds: f64,
-    /// Of these, reading frames and bringing them into the sample's frame.
-    pub read_s: f64,
-    /// Of these, what all pixels share.
-    pub settle_s: f64,
-    /// Of these, the pixels.
-    pub fit_s: f64,
-    /// Of these, the files.
-    pub write_s: f64,
-    /// Pixels.
-    pub pixels: usize,
-}
-
-impl std::fmt::Display for MapForecast {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "about {:.1} s: {:.1} s to read, {:.1} s for what pixels share, {:.1} s for {} pixels, {:.1} s for files",
-            self.seconds, self.read_s, self.settle_s, self.fit_s, self.pixels, self.write_s
-        )
-    }
-}
+/// Names of the parts.
+pub const READ: &str = "to read and resample";
+/// What all pixels share.
+pub const SETTLE: &str = "for what pixels share";
+/// The pixels.
+pub const FIT: &str = "for the pixels";
+/// The files.
+pub const WRITE: &str = "for files";
 
 /// Poses that are read at least: a map wants more than five.
 const POSES_MIN: usize = 8;
@@ -60,7 +41,7 @@ pub fn of_map(
     source: &dyn FrameSource,
     options: &MapOptions,
     cancel: &AtomicBool,
-) -> Option<MapForecast> {
+) -> Option<Forecast> {
     let manifest = source.manifest();
     let mut poses: Vec<Pose> = source
         .rows()
@@ -126,14 +107,19 @@ pub fn of_map(
     let settle_s = SETTLING.0 * SETTLING.1.min(pixels as f64) * per_pixel;
     let fit_s = DESCENTS * pixels as f64 * per_pixel / threads;
     let write_s = SHEETS * map::write::seconds_of_a_sheet(manifest)? / threads;
-    Some(MapForecast {
-        seconds: read_s + settle_s + fit_s + write_s,
-        read_s,
-        settle_s,
-        fit_s,
-        write_s,
-        pixels,
-    })
+    let told = Forecast::of_parts([
+        (READ, read_s),
+        (SETTLE, settle_s),
+        (FIT, fit_s),
+        (WRITE, write_s),
+    ]);
+    // A map that is late begins no further pixels; its files are written all the same.
+    let limit = options.max_seconds.map(|s| s + write_s);
+    Some(
+        told.for_work(pixels as u64, "pixels")
+            .to_error(options.target_error, "what may be left out of the physics")
+            .within(limit),
+    )
 }
 
 #[cfg(test)]
@@ -149,10 +135,10 @@ mod tests {
         let told = of_map(&series, &options, &AtomicBool::new(false)).unwrap();
         let camera = &series.manifest().camera;
         assert_eq!(
-            told.pixels,
-            camera.width_px as usize * camera.height_px as usize
+            told.amount.as_ref().unwrap().count,
+            u64::from(camera.width_px) * u64::from(camera.height_px)
         );
-        let parts = [told.read_s, told.settle_s, told.fit_s, told.write_s];
+        let parts = [READ, SETTLE, FIT, WRITE].map(|part| told.part(part));
         assert!(parts.iter().all(|s| *s > 0.0), "{told:?}");
         assert!((told.seconds - parts.iter().sum::<f64>()).abs() < 1e-9 * told.seconds);
     }

@@ -16,7 +16,8 @@ use crate::store::StoreError;
 use crate::store::calculations::{Calculation, CalculationFilter};
 
 /// The object of the command of that name, once there is one, with what the store adds; before, how
-/// far it has come (`progress`: stage, fraction of it, elapsed_s, time_left_s).
+/// far it has come (`progress`: stage, fraction of it, elapsed_s, time_left_s) and what it was said to take
+/// (`forecast`, which stays with the result).
 fn body(app: &App, calculation: Calculation) -> Result<Value, ApiError> {
     let parsed = |text: &str, table| -> Result<Value, ApiError> {
         Ok(serde_json::from_str(text).map_err(|e| StoreError::bad_row(table, e))?)
@@ -33,6 +34,9 @@ fn body(app: &App, calculation: Calculation) -> Result<Value, ApiError> {
     object["ended_at"] = json!(calculation.ended_at);
     if let Some(progress) = app.lab.calculation_progress(calculation.id) {
         object["progress"] = json!(progress);
+    }
+    if let Some(forecast) = app.lab.calculation_forecast(calculation.id) {
+        object["forecast"] = json!(forecast);
     }
     if let (Some(code), Some(detail)) = (calculation.error_code, calculation.error_detail) {
         object["error"] = json!({ "code": code, "detail": detail });
@@ -272,7 +276,7 @@ pub(super) async fn verdicts(
 
 /// Begin a verdict: a scan judged against a specification.
 #[utoipa::path(post, path = "/api/v1/verdicts", tag = "verdicts", request_body(content = Object, description =
-    "`scan_id`, `specification` (`name`, `limits` such as {\"theta_r_deg\": {\"lower\": 9.5, \"upper\": 10.5}}, optional `decision`), optional `variant` and `region`"), responses(
+    "`scan_id`, `specification` (`name`, `limits` such as {\"theta_r_deg\": {\"lower\": 9.5, \"upper\": 10.5}}, optional `decision`), optional `variant` and `region`, `max_seconds` and `target_error` (of the ray tracer), `tolerance`"), responses(
     (status = 202, description = "It runs", body = Begun, headers(("Location" = String, description = "The verdict"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
     (status = 404, description = "There is no such scan", body = Problem),

@@ -33,7 +33,7 @@ pub struct EventParams {
     since: Option<i64>,
 }
 
-/// Events as they happen: rig, scan, frame, fit, uncertainty, calculation, alarm, each with an id.
+/// Events as they happen: rig, scan, frame, fit, uncertainty, calculation, forecast, alarm, each with an id.
 #[utoipa::path(get, path = "/api/v1/events", tag = "events", params(EventParams,
     ("Last-Event-ID" = Option<i64>, Header, description = "Last id seen; what came after is sent first")), responses(
     (status = 200, description = "Server-sent events; `data` is one JSON object with id, at, type and what belongs to the type", content_type = "text/event-stream", body = String),
@@ -159,6 +159,7 @@ fn body(recorded: &RecordedEvent) -> Value {
         Event::Fit { .. }
         | Event::Uncertainty { .. }
         | Event::Calculation { .. }
+        | Event::Forecast { .. }
         | Event::Alarm { .. } => {}
     }
     data

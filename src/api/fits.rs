@@ -15,8 +15,9 @@ use crate::lab::FitRequest;
 use crate::store::StoreError;
 use crate::store::fits::{Fit, FitFilter};
 
-/// The object of `fit --json`, once there is one, with what the store adds.
-fn body(fit: Fit) -> Result<Value, ApiError> {
+/// The object of `fit --json`, once there is one, with what the store adds; before, how far it has come
+/// (`progress`) and what it was said to take (`forecast`, which stays with the report).
+fn body(app: &App, fit: Fit) -> Result<Value, ApiError> {
     let mut object = match &fit.report {
         Some(report) => {
             serde_json::from_str(report).map_err(|e| StoreError::bad_row("fit_ends", e))?
@@ -30,6 +31,13 @@ fn body(fit: Fit) -> Result<Value, ApiError> {
     object["state"] = json!(fit.state);
     object["created_at"] = json!(fit.created_at);
     object["ended_at"] = json!(fit.ended_at);
+    let (progress, forecast) = app.lab.fit_progress(fit.id);
+    if let Some(progress) = progress {
+        object["progress"] = json!(progress);
+    }
+    if let Some(forecast) = forecast {
+        object["forecast"] = json!(forecast);
+    }
     if let (Some(code), Some(detail)) = (fit.error_code, fit.error_detail) {
         object["error"] = json!({ "code": code, "detail": detail });
     }
@@ -93,7 +101,7 @@ pub(super) async fn list(
         items: found
             .items
             .into_iter()
-            .map(body)
+            .map(|fit| body(&app, fit))
             .collect::<Result<_, _>>()?,
         next_cursor: found.next_cursor.map(|c| c.to_string()),
     }))
@@ -101,7 +109,7 @@ pub(super) async fn list(
 
 /// Begin a fit.
 #[utoipa::path(post, path = "/api/v1/fits", tag = "fits", request_body(content = Object, description =
-    "`scan_id`, optional `variant` (auto, paper, sawtooth, traced), `region`, `judge` (true: the difference to traced is the model line of the budget) and `iterations` (true: the report has a descent step by step: seconds, cost, gradient, step, error, accepted)"), responses(
+    "`scan_id`, optional `variant` (auto, paper, sawtooth, traced), `region`, `judge` (true: the difference to traced is the model line of the budget), `max_seconds` and `target_error` (of the ray tracer), `tolerance` and `iterations` (true: the report has a descent step by step: seconds, cost, gradient, step, error, accepted)"), responses(
     (status = 202, description = "The fit runs", body = Begun, headers(("Location" = String, description = "The fit"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
     (status = 404, description = "There is no such scan", body = Problem),
@@ -122,11 +130,12 @@ pub(super) async fn begin(
 
 /// One fit: the object of `fit --json` plus id, scan_id and state.
 #[utoipa::path(get, path = "/api/v1/fits/{id}", tag = "fits", params(("id" = i64, Path, description = "Number of the fit")), responses(
-    (status = 200, description = "The fit; `state` running, completed, failed, cancelled or interrupted", body = Object),
+    (status = 200, description = "The fit; `state` running (with `progress` and `forecast`), completed, failed, cancelled or interrupted", body = Object),
     (status = 404, description = "There is none", body = Problem),
 ))]
 pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {
-    Ok(Json(body(app.lab.store().fit(id).await?)?))
+    let fit = app.lab.store().fit(id).await?;
+    Ok(Json(body(&app, fit)?))
 }
 
 /// Cancel a fit that runs.

@@ -59,7 +59,12 @@ fn near(expected: f64, found: f64, allowed: f64) -> Judged {
 /// A value in doubles against one that is exact, with its relative condition number.
 #[must_use]
 pub fn digits(expected: f64, condition: f64, found: f64) -> Judged {
-    let allowed = DIGITS * ROUNDING * (1.0 + condition) * expected.abs();
+    // What is nothing, or below the smallest double, has no digits that a condition could multiply.
+    let allowed = if expected == 0.0 {
+        0.0
+    } else {
+        DIGITS * ROUNDING * (1.0 + condition) * expected.abs()
+    };
     near(expected, found, allowed + f64::MIN_POSITIVE)
 }
 
@@ -125,5 +130,7 @@ mod tests {
         assert!(digits(1.0, 0.0, 1.0 + 2.0 * f64::EPSILON).as_expected);
         assert!(!digits(1.0, 0.0, 1.0 + 3.0 * f64::EPSILON).as_expected);
         assert!(digits(1.0, 100.0, 1.0 + 200.0 * f64::EPSILON).as_expected);
+        assert!(digits(0.0, f64::INFINITY, 0.0).as_expected);
+        assert!(!digits(0.0, f64::INFINITY, 1e-300).as_expected);
     }
 }

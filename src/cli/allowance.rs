@@ -6,6 +6,7 @@ use std::time::Instant;
 use anyhow::anyhow;
 
 use super::CliError;
+use crate::forecast::Forecast;
 
 /// What a user allows.
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
@@ -19,32 +20,12 @@ pub struct Allowance {
 }
 
 /// How a run will go, told before it starts.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Told {
+#[derive(Debug, Clone, PartialEq)]
+pub struct Planned {
     /// Paths per radiance.
     pub paths: u64,
-    /// Seconds in all.
-    pub seconds: f64,
-    /// Relative standard error.
-    pub error: f64,
-    /// Whether time allows fewer paths than were wanted.
-    pub fewer: bool,
-}
-
-impl std::fmt::Display for Told {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "about {:.1} s with {} paths per radiance, standard error about {:.2} %",
-            self.seconds,
-            self.paths,
-            100.0 * self.error
-        )?;
-        if self.fewer {
-            f.write_str(" (time allows no more)")?;
-        }
-        Ok(())
-    }
+    /// What that takes.
+    pub forecast: Forecast,
 }
 
 /// Paths of the two pilots.
@@ -85,7 +66,7 @@ impl Allowance {
         abreast: usize,
         wanted: u64,
         pilot: &dyn Fn(u64) -> Option<f64>,
-    ) -> Option<Told> {
+    ) -> Option<Planned> {
         let started = Instant::now();
         let timed = |paths: u64| {
             let started = Instant::now();
@@ -111,7 +92,7 @@ impl Allowance {
         turns: usize,
         wanted: u64,
         spent: f64,
-    ) -> Told {
+    ) -> Planned {
         let between = (PILOTS[1] - PILOTS[0]) as f64;
         let per_path = ((seconds[1] - seconds[0]) / between).max(1e-12);
         let start = (seconds[1] - per_path * PILOTS[1] as f64).max(0.0);
@@ -125,11 +106,16 @@ impl Allowance {
             ((((limit - spent) / turns - start) / per_path).max(0.0)) as u64
         });
         let paths = enough.min(affordable).clamp(PATHS.0, PATHS.1);
-        Told {
+        let seconds = spent + turns * (start + per_path * paths as f64);
+        let error = error * (PILOTS[1] as f64 / paths as f64).sqrt();
+        Planned {
             paths,
-            seconds: spent + turns * (start + per_path * paths as f64),
-            error: error * (PILOTS[1] as f64 / paths as f64).sqrt(),
-            fewer: affordable < enough,
+            forecast: Forecast {
+                cut_short: affordable < enough,
+                ..Forecast::about(seconds)
+                    .for_work(paths, "paths per radiance")
+                    .to_error(Some(error), "a radiance")
+            },
         }
     }
 }
@@ -150,12 +136,16 @@ mod tests {
             allowance.told_by(seconds, 0.02, 10, 4096, 0.0)
         };
         assert_eq!(told(None, Some(0.01)).paths, 2048);
-        assert!((told(None, Some(0.01)).seconds - (1.0 + 20.48)).abs() < 1e-9);
+        assert!((told(None, Some(0.01)).forecast.seconds - (1.0 + 20.48)).abs() < 1e-9);
         let short = told(Some(11.0), None);
-        assert!(short.fewer && short.paths.abs_diff(1000) <= 1, "{short:?}");
-        assert!((short.error - 0.02 * (512.0f64 / 1000.0).sqrt()).abs() < 1e-4);
+        assert!(
+            short.forecast.cut_short && short.paths.abs_diff(1000) <= 1,
+            "{short:?}"
+        );
+        let error = short.forecast.error.unwrap().value;
+        assert!((error - 0.02 * (512.0f64 / 1000.0).sqrt()).abs() < 1e-4);
         let ample = told(Some(1000.0), None);
-        assert!(!ample.fewer && ample.paths == 4096);
+        assert!(!ample.forecast.cut_short && ample.paths == 4096);
         assert_eq!(told(Some(0.1), None).paths, PATHS.0);
     }
 }

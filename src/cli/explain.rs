@@ -7,10 +7,9 @@ use anyhow::{Context, anyhow};
 use serde::Serialize;
 
 use super::CliError;
-use crate::accuracy::forecast::{
-    Forecast, Patience, SeriesForecast, of_run, of_series as of_series_forecast,
-};
+use crate::accuracy::forecast::{Patience, of_run, of_series as of_series_forecast};
 use crate::accuracy::proof::{Proof, of_scene as of_scene_proof};
+use crate::forecast::Forecast;
 use crate::plan::{self, Basis, Plan};
 use crate::series::Series;
 use crate::trace::scene::Scene;
@@ -38,23 +37,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// A forecast of either kind.
-#[derive(Serialize)]
-#[serde(untagged)]
-enum Told {
-    Run(Forecast),
-    Series(SeriesForecast),
-}
-
-impl std::fmt::Display for Told {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Told::Run(told) => told.fmt(f),
-            Told::Series(told) => told.fmt(f),
-        }
-    }
-}
-
 #[derive(Serialize)]
 struct Explanation {
     input: &'static str,
@@ -62,7 +44,7 @@ struct Explanation {
     #[serde(flatten)]
     plan: Plan,
     #[serde(skip_serializing_if = "Option::is_none")]
-    forecast: Option<Told>,
+    forecast: Option<Forecast>,
     #[serde(skip_serializing_if = "Option::is_none")]
     proof: Option<Proof>,
     program: String,
@@ -115,7 +97,7 @@ fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
             "double reflections by quadrature at the fitted values, and a refit".to_owned(),
         ],
         plan: plan::series::plan(series.manifest(), series.rows(), tolerance),
-        forecast: of_series_forecast(&series, &cancel).map(Told::Series),
+        forecast: of_series_forecast(&series, &cancel),
         proof: None,
         program: program(),
     })
@@ -157,7 +139,7 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
             prepared.photons,
             scene.interface.len()
         )],
-        forecast: of_run(&prepared, None, patience).map(Told::Run),
+        forecast: of_run(&prepared, None, patience),
         proof,
         plan,
         program: program(),

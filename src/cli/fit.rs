@@ -17,6 +17,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::{CliError, daemon, interrupt, told};
+use crate::accuracy::forecast::of_analysis;
 use crate::analysis::{Analysis, AnalysisError, AnalysisOptions, Progress, analyse};
 use crate::fit::traced::TracingOptions;
 use crate::fit::{FitOptions, Loss, Told, VariantChoice, text};
@@ -92,6 +93,21 @@ pub struct Args {
     /// Micrometres per unit of a map's heights, where the file does not say.
     #[arg(long, value_name = "UM", requires = "shape")]
     pub height_unit_um: Option<f64>,
+    /// Time and error allowed.
+    #[command(flatten)]
+    pub limits: Limits,
+    /// Retrace a descent to the minimum: cost, gradient, step and error of every trial step against
+    /// seconds (`iterations` of --json).
+    #[arg(long)]
+    pub iterations: bool,
+    /// One JSON object on stdout instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What a fit may take, and how wrong it may be.
+#[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
+pub struct Limits {
     /// End the ray tracer and the bootstrap after this time of fitting; what they reached by then counts.
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
@@ -103,13 +119,56 @@ pub struct Args {
     /// integrated second bounce, where it changes less); `left_out` says what was.
     #[arg(long, value_name = "E")]
     pub tolerance: Option<f64>,
-    /// Retrace a descent to the minimum: cost, gradient, step and error of every trial step against
-    /// seconds (`iterations` of --json).
-    #[arg(long)]
-    pub iterations: bool,
-    /// One JSON object on stdout instead of a table.
-    #[arg(long)]
-    pub json: bool,
+}
+
+impl Limits {
+    /// Refuses limits that are not greater than 0, and such as nothing is there to obey.
+    ///
+    /// # Errors
+    /// Bad input, naming the option and what would give it a meaning.
+    pub fn check(&self, traces: bool, draws: bool) -> Result<(), CliError> {
+        let idle = [
+            (
+                "--max-seconds",
+                " or the bootstrap",
+                self.max_seconds.is_some() && !draws,
+            ),
+            ("--target-error", "", self.target_error.is_some()),
+        ];
+        if let Some((name, other, _)) = idle.iter().find(|(.., is)| *is && !traces) {
+            return Err(CliError::bad_input(anyhow!(
+                "{name} is for the ray tracer{other}: add --variant traced, or --judge where there is one"
+            )));
+        }
+        for (name, x) in [
+            ("--max-seconds", self.max_seconds),
+            ("--target-error", self.target_error),
+            ("--tolerance", self.tolerance),
+        ] {
+            if x.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
+                return Err(CliError::bad_input(anyhow!(
+                    "{name} must be greater than 0"
+                )));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Says on stderr what an analysis will take: where a limit is set, and on a terminal where it is long (the ray
+/// tracer, the bootstrap).
+pub fn foretell(source: &dyn FrameSource, options: &AnalysisOptions, cancel: &AtomicBool) {
+    let fit = &options.fit;
+    let limited = options.max_seconds.is_some()
+        || fit.tracer.target_error.is_some()
+        || fit.tolerance.is_some();
+    let traces = fit.judge || fit.variant == VariantChoice::Traced;
+    let long = traces || fit.bootstrap > 0;
+    if (limited || (long && std::io::stderr().is_terminal()))
+        && let Some(told) = of_analysis(source, options, cancel)
+    {
+        eprintln!("forecast: {told}");
+    }
 }
 
 /// Losses by the names of the command line.
@@ -179,13 +238,13 @@ pub fn run(args: Args) -> Result<(), CliError> {
             profile: args.profile,
             bootstrap: args.bootstrap.unwrap_or(0),
             judge: args.judge,
-            tolerance: args.tolerance,
+            tolerance: args.limits.tolerance,
             tracer,
             ..FitOptions::default()
         },
         profile,
         height_map,
-        max_seconds: args.max_seconds,
+        max_seconds: args.limits.max_seconds,
         iterations: args.iterations,
     };
     let cancel = interrupt::flag()?;
@@ -194,6 +253,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         ([dir], _) => Box::new(Series::open(dir).map_err(CliError::bad_input)?),
         (dirs, _) => return joint::run(dirs, &options, args.json, &cancel),
     };
+    foretell(source.as_ref(), &options, &cancel);
     let analysis = watched(source.as_ref(), &options, &cancel)?;
     print(&analysis, args.json)
 }
@@ -214,36 +274,13 @@ fn known(args: &Args) -> Result<Vec<Told>, CliError> {
 /// What the command line says about the tracer.
 fn tracing_options(args: &Args) -> Result<TracingOptions, CliError> {
     let traces = args.judge || args.variant == Variant::Traced;
-    let given = [
-        ("--shape", args.shape.is_some()),
-        (
-            "--max-seconds",
-            args.max_seconds.is_some() && args.bootstrap.is_none(),
-        ),
-        ("--target-error", args.target_error.is_some()),
-    ];
-    if let Some((name, _)) = given.iter().find(|(_, is)| *is && !traces) {
+    if args.shape.is_some() && !traces {
         return Err(CliError::bad_input(anyhow!(
-            "{name} is for the ray tracer{}: add --variant traced, or --judge",
-            if *name == "--max-seconds" {
-                " or the bootstrap"
-            } else {
-                ""
-            }
+            "--shape is for the ray tracer: add --variant traced, or --judge"
         )));
     }
-    for (name, x) in [
-        ("--max-seconds", args.max_seconds),
-        ("--target-error", args.target_error),
-        ("--tolerance", args.tolerance),
-    ] {
-        if x.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
-            return Err(CliError::bad_input(anyhow!(
-                "{name} must be greater than 0"
-            )));
-        }
-    }
-    Ok(TracingOptions::to_error(args.target_error))
+    args.limits.check(traces, args.bootstrap.is_some())?;
+    Ok(TracingOptions::to_error(args.limits.target_error))
 }
 
 /// The analysis of any source of frames, with a progress bar on a terminal once it takes more than

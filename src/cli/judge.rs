@@ -3,10 +3,11 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use super::fit::{Variant, watched};
+use super::fit::{Limits, Variant, foretell, watched};
 use super::{CliError, daemon, interrupt};
 use crate::analysis::AnalysisOptions;
 use crate::fit::FitOptions;
+use crate::fit::traced::TracingOptions;
 use crate::judge::{Judgement, Specification, VerdictReport};
 use crate::reduction::FrameSource;
 use crate::series::Series;
@@ -40,6 +41,9 @@ pub struct Args {
     /// Region of a sample with a layout: even, odd or patch-I-J.
     #[arg(long)]
     pub region: Option<String>,
+    /// Time and error allowed.
+    #[command(flatten)]
+    pub limits: Limits,
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
@@ -58,12 +62,16 @@ pub fn run(args: Args) -> Result<(), CliError> {
         )))
     })?;
     let specification = Specification::from_toml(&text, &file).map_err(CliError::bad_input)?;
+    args.limits.check(args.variant == Variant::Traced, false)?;
     let options = AnalysisOptions {
         region: args.region.clone(),
         fit: FitOptions {
             variant: args.variant.choice(),
+            tolerance: args.limits.tolerance,
+            tracer: TracingOptions::to_error(args.limits.target_error),
             ..FitOptions::default()
         },
+        max_seconds: args.limits.max_seconds,
         ..AnalysisOptions::default()
     };
     let source: Box<dyn FrameSource> = match (&args.dir, args.scan) {
@@ -71,6 +79,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         (None, scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
     };
     let cancel = interrupt::flag()?;
+    foretell(source.as_ref(), &options, &cancel);
     let analysis = watched(source.as_ref(), &options, &cancel)?;
     let verdict = VerdictReport::new(&specification, &analysis.report, &analysis.observations);
     let text = if args.json {

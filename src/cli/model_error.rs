@@ -156,7 +156,7 @@ fn cells(args: &Args, cancel: &AtomicBool) -> Result<Vec<Cell>, CliError> {
         let pilot = |paths| Some(cell(args, paths, *material, *theta_r_deg, *alpha, cancel)?.noise);
         let told = args.allowance.plan(wanted.len(), 1, paths, &pilot);
         if let Some(told) = told {
-            eprintln!("forecast: {told}");
+            eprintln!("forecast: {}", told.forecast);
             paths = told.paths;
         }
     }

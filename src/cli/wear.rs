@@ -249,7 +249,7 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
             .allowance
             .plan(surfaces, rayon::current_num_threads(), paths, &pilot);
         if let Some(told) = told {
-            eprintln!("forecast: {told}");
+            eprintln!("forecast: {}", told.forecast);
             paths = told.paths;
         }
     }

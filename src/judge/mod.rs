@@ -23,7 +23,7 @@ pub use specification::{Decision, Limits, Specification, SpecificationError};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
-use crate::fit::report::{FitReport, LeftOut, Status, VariantName};
+use crate::fit::report::{FitReport, LeftOut, Status, Timing, VariantName};
 use crate::observation::ObservationSet;
 
 /// A measured number, or why there is none.
@@ -136,6 +136,9 @@ pub struct VerdictReport {
     /// What the fit left out, why, and what that may cost.
     #[serde(default)]
     pub left_out: Vec<LeftOut>,
+    /// Seconds of reading, reducing and fitting.
+    #[serde(default)]
+    pub timing_s: Timing,
     /// Name and version of the program.
     pub program: String,
 }
@@ -156,6 +159,7 @@ impl VerdictReport {
             status: report.status,
             region: report.region.clone(),
             left_out: report.left_out.clone(),
+            timing_s: report.timing_s,
             program: report.program.clone(),
         }
     }

@@ -10,12 +10,17 @@ use serde::{Deserialize, Serialize};
 use tokio::task::JoinHandle;
 
 use super::fits::{check_region, reduction_code};
+use super::foretell::{Foretold, tell_analysis, with_cost};
 use super::headway::{Headway, Progress};
 use super::traces::{TraceRequest, TraceToDo};
 use super::{Lab, LabError, StoredSeries};
+use crate::accuracy::forecast::{of_analysis, of_reduction};
+use crate::accuracy::map_forecast::of_map;
 use crate::analysis::{self, AnalysisError, AnalysisOptions};
 use crate::contrast;
+use crate::fit::traced::TracingOptions;
 use crate::fit::{FitOptions, VariantChoice};
+use crate::forecast::Forecast;
 use crate::judge::{Specification, VerdictReport};
 use crate::map::folder::{FolderError, map_into};
 use crate::map::{self, MapError, MapOptions};
@@ -63,6 +68,15 @@ pub struct VerdictRequest {
     /// Region of a sample that has several.
     #[serde(default)]
     pub region: Option<String>,
+    /// End the ray tracer after this time of fitting, s (see [`super::FitRequest`]).
+    #[serde(default)]
+    pub max_seconds: Option<f64>,
+    /// End the ray tracer once its standard error, as a share of the largest radiance, is below this.
+    #[serde(default)]
+    pub target_error: Option<f64>,
+    /// Share of the peak that may be left out of the model.
+    #[serde(default)]
+    pub tolerance: Option<f64>,
 }
 
 /// Refuses limits that are not greater than 0, by name.
@@ -210,6 +224,11 @@ impl Lab {
                 Work::Contrast(series, request.region.clone())
             }
             CalculationRequest::Verdict(request) => {
+                positive([
+                    ("max_seconds", request.max_seconds),
+                    ("target_error", request.target_error),
+                    ("tolerance", request.tolerance),
+                ])?;
                 let series = series(request.scan_id).await?;
                 check_region(&series, request.region.as_deref())?;
                 let specification =
@@ -223,8 +242,11 @@ impl Lab {
                     region: request.region.clone(),
                     fit: FitOptions {
                         variant: request.variant,
+                        tolerance: request.tolerance,
+                        tracer: TracingOptions::to_error(request.target_error),
                         ..FitOptions::default()
                     },
+                    max_seconds: request.max_seconds,
                     ..AnalysisOptions::default()
                 };
                 Work::Verdict(series, Box::new((specification, options)))
@@ -260,16 +282,28 @@ impl Lab {
         let cancel = Arc::new(AtomicBool::new(false));
         let headway = Arc::new(Headway::new());
         let (lab, flag, told) = (self.clone(), Arc::clone(&cancel), Arc::clone(&headway));
+        let what = Foretold {
+            of: request.kind().to_string(),
+            number: id,
+            scan_id: request.scan_id(),
+        };
         // Held while the work begins, so that it cannot end before it is known.
         let mut under_way = self.calculations();
         let task = tokio::spawn(async move {
             let store = lab.store().clone();
-            let end = tokio::task::spawn_blocking(move || work.run(&store, id, &told, &flag))
-                .await
-                .unwrap_or_else(|_| CalculationEnd::Failed {
-                    code: "internal".into(),
-                    detail: "something went wrong inside; the daemon's log has the details".into(),
-                });
+            let panicked = || CalculationEnd::Failed {
+                code: "internal".into(),
+                detail: "something went wrong inside; the daemon's log has the details".into(),
+            };
+            let work = lab.foretell(what, work, Work::forecast, &told, &flag);
+            let end = match work.await {
+                Some(work) => {
+                    tokio::task::spawn_blocking(move || work.run(&store, id, &told, &flag))
+                        .await
+                        .unwrap_or_else(|_| panicked())
+                }
+                None => panicked(),
+            };
             match lab.store().end_calculation(id, &end).await {
                 Ok(event) => lab.tell(event),
                 Err(error) => {
@@ -293,6 +327,12 @@ impl Lab {
     #[must_use]
     pub fn calculation_progress(&self, id: i64) -> Option<Progress> {
         self.calculations().get(&id)?.headway.now()
+    }
+
+    /// What a calculation that runs will take; none where it has ended or nobody knows yet.
+    #[must_use]
+    pub fn calculation_forecast(&self, id: i64) -> Option<Forecast> {
+        self.calculations().get(&id)?.headway.forecast()
     }
 
     /// Asks a calculation to stop; it ends within a moment.
@@ -372,6 +412,16 @@ impl Lab {
 }
 
 impl Work {
+    /// What it will take, from short runs of it.
+    fn forecast(&self, cancel: &AtomicBool) -> Option<Forecast> {
+        match self {
+            Work::Map(series, request) => of_map(series, &map_options(request), cancel),
+            Work::Contrast(series, region) => of_reduction(series, region.as_deref(), cancel),
+            Work::Verdict(series, asked) => of_analysis(series, &asked.1, cancel),
+            Work::Trace(to_do) => to_do.forecast(cancel),
+        }
+    }
+
     fn run(self, store: &Store, id: i64, told: &Headway, cancel: &AtomicBool) -> CalculationEnd {
         told.tell("preparing", 0, 1);
         let result = match self {
@@ -379,11 +429,12 @@ impl Work {
                 map_of(&series, &request, part, told, cancel)
             }),
             Work::Contrast(series, region) => contrast_of(&series, region.as_deref(), cancel),
-            Work::Verdict(series, asked) => verdict_of(&series, &asked.0, &asked.1, cancel),
+            Work::Verdict(series, asked) => verdict_of(&series, &asked.0, &asked.1, told, cancel),
             Work::Trace(to_do) => kept(store, CalculationKind::Trace, id, |part| {
                 to_do.run(part, told, cancel)
             }),
         };
+        let result = result.and_then(|r| with_cost(&r, told).map_err(Failure::internal));
         match result {
             Ok(result) => CalculationEnd::Completed(result),
             Err(Failure::Cancelled) => CalculationEnd::Cancelled,
@@ -424,6 +475,14 @@ fn kept(
     made
 }
 
+fn map_options(request: &MapRequest) -> MapOptions {
+    MapOptions {
+        max_seconds: request.max_seconds,
+        target_error: request.target_error,
+        ..MapOptions::default()
+    }
+}
+
 fn map_of(
     series: &StoredSeries,
     request: &MapRequest,
@@ -433,9 +492,7 @@ fn map_of(
 ) -> Result<String, Failure> {
     let options = MapOptions {
         scratch: part.to_owned(),
-        max_seconds: request.max_seconds,
-        target_error: request.target_error,
-        ..MapOptions::default()
+        ..map_options(request)
     };
     let tell = |p: map::Progress| told.tell(p.stage.words(), p.done as u64, p.total as u64);
     let summary = map_into(series, &options, part, &tell, cancel)?;
@@ -459,9 +516,10 @@ fn verdict_of(
     series: &StoredSeries,
     specification: &Specification,
     options: &AnalysisOptions,
+    told: &Headway,
     cancel: &AtomicBool,
 ) -> Result<String, Failure> {
-    let analysed = analysis::analyse(series, options, &|_| {}, cancel)?;
+    let analysed = analysis::analyse(series, options, &|p| tell_analysis(told, p), cancel)?;
     let verdict = VerdictReport::new(specification, &analysed.report, &analysed.observations);
     serde_json::to_string(&verdict).map_err(Failure::internal)
 }

@@ -9,10 +9,14 @@ use tokio::task::JoinHandle;
 
 use super::calculations::positive;
 use super::curves::{FitCurves, curves_of};
+use super::foretell::{Foretold, tell_analysis, with_cost};
+use super::headway::{Headway, Progress};
 use super::{Lab, LabError, StoredSeries};
+use crate::accuracy::forecast::of_analysis;
 use crate::analysis::{self, AnalysisError, AnalysisOptions};
 use crate::fit::traced::TracingOptions;
 use crate::fit::{FitOptions, FitReport, VariantChoice};
+use crate::forecast::Forecast;
 use crate::observation::ObservationSet;
 use crate::reduction::{self, FrameSource, ReductionError};
 use crate::scan::event::ShortValue;
@@ -51,6 +55,7 @@ pub struct FitRequest {
 /// A fit that has not ended.
 pub(super) struct FitUnderWay {
     cancel: Arc<AtomicBool>,
+    headway: Arc<Headway>,
     task: JoinHandle<()>,
 }
 
@@ -135,13 +140,33 @@ impl Lab {
         let (fit_id, event) = self.store().begin_fit(&new).await?;
         self.tell(event);
         let cancel = Arc::new(AtomicBool::new(false));
+        let headway = Arc::new(Headway::new());
         let lab = self.clone();
         let scan_id = request.scan_id;
-        let flag = Arc::clone(&cancel);
+        let (flag, told) = (Arc::clone(&cancel), Arc::clone(&headway));
         // Held while the fit begins, so that it cannot end before it is known.
         let mut under_way = self.fits();
         let task = tokio::spawn(async move {
-            let end = lab.fit_to_its_end(scan_id, series, options, &flag).await;
+            let what = Foretold {
+                of: "fit".into(),
+                number: fit_id,
+                scan_id: Some(scan_id),
+            };
+            let make = |(series, options): &(StoredSeries, AnalysisOptions),
+                        cancel: &AtomicBool| {
+                of_analysis(series, options, cancel)
+            };
+            let work = (series, options);
+            let end = match lab.foretell(what, work, make, &told, &flag).await {
+                Some((series, options)) => {
+                    lab.fit_to_its_end(scan_id, series, options, &told, &flag)
+                        .await
+                }
+                None => FitEnd::Failed {
+                    code: "internal".into(),
+                    detail: "something went wrong inside; the daemon's log has the details".into(),
+                },
+            };
             match lab.store().end_fit(fit_id, &end).await {
                 Ok(event) => lab.tell(event),
                 Err(error) => {
@@ -150,8 +175,22 @@ impl Lab {
             }
             lab.fits().remove(&fit_id);
         });
-        under_way.insert(fit_id, FitUnderWay { cancel, task });
+        let fit = FitUnderWay {
+            cancel,
+            headway,
+            task,
+        };
+        under_way.insert(fit_id, fit);
         Ok(fit_id)
+    }
+
+    /// How far a fit has come, and what it was said to take; none where it has ended or cannot say yet.
+    #[must_use]
+    pub fn fit_progress(&self, fit_id: i64) -> (Option<Progress>, Option<Forecast>) {
+        match self.fits().get(&fit_id) {
+            Some(fit) => (fit.headway.now(), fit.headway.forecast()),
+            None => (None, None),
+        }
     }
 
     fn fits(&self) -> MutexGuard<'_, HashMap<i64, FitUnderWay>> {
@@ -166,11 +205,15 @@ impl Lab {
         scan_id: i64,
         series: StoredSeries,
         options: AnalysisOptions,
+        headway: &Arc<Headway>,
         cancel: &Arc<AtomicBool>,
     ) -> FitEnd {
         let last_frame_id = series.last_frame_id;
-        let flag = Arc::clone(cancel);
-        let analysed = blocking(move || analysis::analyse(&series, &options, &|_| {}, &flag)).await;
+        let (flag, told) = (Arc::clone(cancel), Arc::clone(headway));
+        let analysed = blocking(move || {
+            analysis::analyse(&series, &options, &|p| tell_analysis(&told, p), &flag)
+        })
+        .await;
         let analysed = match analysed {
             Ok(analysed) => analysed,
             Err(AnalysisError::Cancelled) => return FitEnd::Cancelled,
@@ -185,7 +228,8 @@ impl Lab {
             .store()
             .add_observations(scan_id, last_frame_id, &analysed.observations)
             .await;
-        let report = serde_json::to_string(&analysed.report);
+        let report =
+            serde_json::to_string(&analysed.report).and_then(|text| with_cost(&text, headway));
         match (kept, report) {
             (Ok(set_id), Ok(report)) => FitEnd::Completed {
                 set_id,

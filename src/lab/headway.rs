@@ -1,12 +1,14 @@
 //! How far a calculation has come, told by the thread that works and read by any that asks.
 //!
-//! Make a [`Headway`], hand it to the work, and call [`Headway::now`]. It does not know what is
-//! calculated.
+//! Make a [`Headway`], hand it to the work, and call [`Headway::now`] and [`Headway::forecast`]. It does not
+//! know what is calculated.
 
 use std::sync::{Mutex, MutexGuard};
 use std::time::Instant;
 
 use serde::Serialize;
+
+use crate::forecast::Forecast;
 
 /// How far a calculation has come.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -26,6 +28,7 @@ pub struct Progress {
 pub(super) struct Headway {
     begun: Instant,
     stage: Mutex<Option<Reached>>,
+    forecast: Mutex<Option<Forecast>>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -40,7 +43,27 @@ impl Headway {
         Headway {
             begun: Instant::now(),
             stage: Mutex::new(None),
+            forecast: Mutex::new(None),
         }
+    }
+
+    /// What it will take, told once before the work starts.
+    pub(super) fn foretell(&self, forecast: &Forecast) {
+        *self.lock_forecast() = Some(forecast.clone());
+    }
+
+    /// What it will take; none while nobody knows.
+    pub(super) fn forecast(&self) -> Option<Forecast> {
+        self.lock_forecast().clone()
+    }
+
+    /// Seconds since it began.
+    pub(super) fn elapsed_s(&self) -> f64 {
+        self.begun.elapsed().as_secs_f64()
+    }
+
+    fn lock_forecast(&self) -> MutexGuard<'_, Option<Forecast>> {
+        self.forecast.lock().expect("no holder of this lock panics")
     }
 
     /// `done` of `total` of a stage; several threads may tell, the furthest counts.
@@ -70,7 +93,7 @@ impl Headway {
         Some(Progress {
             stage: reached.stage,
             fraction: reached.fraction,
-            elapsed_s: self.begun.elapsed().as_secs_f64(),
+            elapsed_s: self.elapsed_s(),
             time_left_s: (reached.fraction > 0.0)
                 .then(|| spent_s * (1.0 - reached.fraction) / reached.fraction),
         })

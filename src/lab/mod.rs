@@ -12,6 +12,7 @@ mod calculations;
 mod curves;
 mod error;
 mod fits;
+mod foretell;
 mod headway;
 pub mod measured;
 mod plans;
@@ -616,6 +617,12 @@ fn log(event: &RecordedEvent) {
             state,
             ..
         } => tracing::info!(id, calculation_id, "{kind} {calculation_id} is {state}"),
+        Event::Forecast {
+            of,
+            number,
+            forecast,
+            ..
+        } => tracing::info!(id, of, number, "{of} {number} will take {forecast}"),
         Event::Alarm {
             code,
             message,

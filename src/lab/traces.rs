@@ -13,6 +13,8 @@ use serde::{Deserialize, Serialize};
 use super::LabError;
 use super::calculations::{Failure, positive};
 use super::headway::Headway;
+use crate::accuracy::forecast::{Patience, of_run};
+use crate::forecast::Forecast;
 use crate::model::polarisation::Stokes;
 use crate::store::StoreError;
 use crate::trace::bins;
@@ -165,7 +167,36 @@ fn made(scene: &Scene) -> Result<Prepared, SceneError> {
     scene.prepare(&|_| Err("files of heights are read by the command line alone".to_owned()))
 }
 
+/// A trace begins after so many seconds of forecasting, forecast or not,
+const PATIENCE_S: f64 = 3.0;
+/// and after this share of a limited time.
+const PATIENCE_SHARE: f64 = 0.1;
+
 impl TraceToDo {
+    /// Wavelengths that are traced, the scene's own first: energies and bins are of it.
+    fn wavelengths(&self) -> Vec<f64> {
+        let mut wavelengths = vec![self.scene.light.wavelength_nm];
+        if self.request.compare && self.scene.depends_on_wavelength() {
+            wavelengths.extend(WAVELENGTHS_NM);
+        }
+        wavelengths
+    }
+
+    /// What it will take, from short runs of it.
+    pub(super) fn forecast(&self, cancel: &AtomicBool) -> Option<Forecast> {
+        let request = &self.request;
+        let limited = request.max_seconds.map(|s| PATIENCE_SHARE * s);
+        let seconds = limited.unwrap_or(f64::INFINITY).min(PATIENCE_S);
+        let patience = Patience { seconds, cancel };
+        let told = of_run(&self.prepared, request.target_error, patience)?;
+        let runs = self.wavelengths().len() as f64;
+        let told = Forecast {
+            seconds: runs * told.seconds,
+            ..told
+        };
+        Some(told.within(request.max_seconds))
+    }
+
     /// Traces and writes the files; the result as JSON.
     pub(super) fn run(
         &self,
@@ -174,11 +205,7 @@ impl TraceToDo {
         cancel: &AtomicBool,
     ) -> Result<String, Failure> {
         let started = Instant::now();
-        let mut wavelengths = vec![self.scene.light.wavelength_nm];
-        if self.request.compare && self.scene.depends_on_wavelength() {
-            // The scene's own comes first: energies and bins are of it.
-            wavelengths.extend(WAVELENGTHS_NM);
-        }
+        let wavelengths = self.wavelengths();
         let mut runs: Vec<Totals> = Vec::new();
         let (mut traced, mut own_seconds) = (Vec::new(), 0.0);
         for (done, &wavelength) in wavelengths.iter().enumerate() {

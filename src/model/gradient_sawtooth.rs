@@ -385,6 +385,17 @@ fn lobe(q: &Prepared, u: f64, y: f64, z: f64, h2: f64) -> Lobe {
     }
 }
 
+/// [x_a − σ_b]⁺ by the smaller of what `b` sees of the facet and does not see (see [`super::sawtooth`]).
+#[inline]
+fn lit_and_seen(a: &Ray, b: &Ray, p: f64) -> f64 {
+    let length = if b.sigma < b.open {
+        a.x - b.sigma
+    } else {
+        b.open - (p - a.x)
+    };
+    length.max(0.0)
+}
+
 /// (b) Diffuse light without its factor c_d (which the derivatives do carry). `exchange` receives
 /// the products that the three exchange coefficients multiply.
 #[inline]
@@ -404,8 +415,8 @@ fn diffuse(
     let risers = i.b * o.b;
 
     let seen = i.open.min(o.open);
-    let hop_i = (o.open - (p - i.x)).max(0.0);
-    let hop_o = (i.open - (p - o.x)).max(0.0);
+    let hop_i = lit_and_seen(i, o, p);
+    let hop_o = lit_and_seen(o, i, p);
     let both_x = i.x.min(o.x);
     let both_y = i.y.min(o.y);
     let per_facets = seen + ri * hop_i + ro * hop_o + ri * ro * both_x;
@@ -526,17 +537,17 @@ fn retro(q: &Prepared, a: &Ray, b: &Ray, ga: &mut Back, gb: &mut Back, shared: &
         let tan = kept.tan();
         let per_tan = 1.0 / tan;
         let far = p * per_tan;
-        let length = far.min(r) - a.sigma * per_tan;
-        if length <= 0.0 {
-            return 0.0;
-        }
         to_sigma = -per_tan;
-        let mut cut = -a.sigma;
-        if far < r {
+        // Where the facet bounds the pair of walls its length less σ is what is open: no difference.
+        let (length, cut) = if far < r {
             to_p = per_tan;
-            cut += p;
+            (a.open * per_tan, a.open)
         } else {
             to_r = 1.0;
+            (r - a.sigma * per_tan, -a.sigma)
+        };
+        if length <= 0.0 {
+            return 0.0;
         }
         if kept == tilt {
             // d(1/tan)/dtilt = −(1 + tan²)/tan².

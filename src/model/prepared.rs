@@ -281,6 +281,10 @@ impl Prepared {
 /// The exchange term is c_d [C₁ E_f(o) E_f(i) + C₂ (E_f(o) E_r(i) + E_r(o) E_f(i)) + C₃ E_r(o) E_r(i)]
 /// with C₁ = (1/d − 1)/p, C₂ = κ g/(2 p r d), C₃ = (1/d − 1)/r, g = p + r − 1, d = 1 − κ² g²/(4 p r):
 /// the view factors p φ_fr = r φ_rf = g/2 put into the two-wall radiosity. Derivatives to θr and κ.
+///
+/// g cancels at both ends of θr (to a last bit over p or r); g = 2 p r/(1 + p + r), since
+/// (p + r)² − 1 = 2 p r, leaves C₁ = q² r/d, C₂ = q/d, C₃ = q² p/d with q = κ/(1 + p + r),
+/// d = 1 − q² p r: sums and products of positive numbers but for d, which stays above 1 − 0.086 κ².
 fn exchange_coefficients(sin: f64, cos: f64, kappa: f64) -> [Dual<2>; 3] {
     let constant = |value: f64| Dual {
         value,
@@ -301,12 +305,10 @@ fn exchange_coefficients(sin: f64, cos: f64, kappa: f64) -> [Dual<2>; 3] {
         value: kappa,
         partials: [0.0, 1.0],
     };
-    // p + r − 1 = r − r²/(1 + p): exact for small ridges.
-    let gap = r - r * r / (p + constant(1.0));
-    let half = k * gap * 0.5;
-    let loss = half * half / (p * r);
-    let d = constant(1.0) - loss;
-    [loss / d / p, half / (p * r * d), loss / d / r]
+    let per_walls = k / (p + r + constant(1.0));
+    let square = per_walls * per_walls;
+    let d = constant(1.0) - square * p * r;
+    [square * r / d, per_walls / d, square * p / d]
 }
 
 #[cfg(test)]

@@ -248,6 +248,17 @@ fn single<S: Scalar>(i: [S; 3], o: [S; 3], ri: &Ray<S>, ro: &Ray<S>, q: &Paramet
     sum * f * q.amplitude * 0.25
 }
 
+/// Facet length that a mirror hop over the riser lights from `a` and that `b` sees, [x_a − σ_b]⁺: by the smaller
+/// of what `b` sees and does not see, so that neither end loses the digits of a short length.
+fn lit_and_seen<S: Scalar>(a: &Ray<S>, b: &Ray<S>, p: S) -> S {
+    let length = if b.sigma.value() < b.open.value() {
+        a.x - b.sigma
+    } else {
+        b.open - (p - a.x)
+    };
+    length.larger(zero())
+}
+
 /// (b) Diffuse light: direct, with one mirror hop before or after, exchanged between the walls.
 fn diffuse<S: Scalar>(i: &Ray<S>, o: &Ray<S>, q: &Parameters<S>) -> S {
     let (r, p) = (q.theta_r.sin(), q.theta_r.cos());
@@ -257,12 +268,10 @@ fn diffuse<S: Scalar>(i: &Ray<S>, o: &Ray<S>, q: &Parameters<S>) -> S {
     let riser = |w: &Ray<S>| w.riser_t() * w.rho;
     let (ti, to) = (facet(i), facet(o));
     let (ui, uo) = (riser(i), riser(o));
-    let positive = |x: S| x.larger(zero());
-
     let mut sum = i.open.smaller(o.open) * ti * to + r * ui * uo;
     sum = sum
-        + i.riser_f() * ti * positive(o.open - (p - i.x)) * to
-        + o.riser_f() * to * positive(i.open - (p - o.x)) * ti
+        + i.riser_f() * ti * lit_and_seen(i, o, p) * to
+        + o.riser_f() * to * lit_and_seen(o, i, p) * ti
         + i.riser_f() * ti * o.riser_f() * to * i.x.smaller(o.x);
     sum = sum
         + i.facet_f() * ui * i.y * uo
@@ -274,13 +283,15 @@ fn diffuse<S: Scalar>(i: &Ray<S>, o: &Ray<S>, q: &Parameters<S>) -> S {
     if r.value() > 0.0 {
         let t_bar = diffuse_transmittance(q.eta, q.k);
         let kappa = c_d * t_bar * t_bar * PI;
-        let gap = p + r - one();
-        let phi_fr = gap / (p * 2.0);
-        let phi_rf = gap / (r * 2.0);
-        let d = one::<S>() - kappa * kappa * phi_fr * phi_rf;
+        // The view factors (p + r − 1)/(2p) and (p + r − 1)/(2r) without their cancellation at either end of
+        // θr: (p + r)² − 1 = 2 p r. What the first exchange brings is not taken as a difference either.
+        let reach = p + r + one();
+        let (phi_fr, phi_rf) = (r / reach, p / reach);
+        let loss = kappa * kappa * phi_fr * phi_rf;
+        let d = one::<S>() - loss;
         let (fi, ri) = (e_f(i), e_r(i));
-        let delta_f = (fi + kappa * phi_rf * ri) / d - fi;
-        let delta_r = (ri + kappa * phi_fr * fi) / d - ri;
+        let delta_f = (loss * fi + kappa * phi_rf * ri) / d;
+        let delta_r = (loss * ri + kappa * phi_fr * fi) / d;
         sum = sum + e_f(o) * delta_f / p + e_r(o) * delta_r / r;
     }
     c_d * sum
@@ -304,15 +315,15 @@ pub(super) fn three_bounces_and_more(
     let (ui, uo) = (i.riser_t() * i.rho, o.riser_t() * o.rho);
     let hops = ti * i.riser_f() * to * o.riser_f() * i.x.min(o.x)
         + ui * i.facet_f() * uo * o.facet_f() * i.y.min(o.y);
-    let half = 0.5 * kappa * (p + r - 1.0);
-    let loss = half * half / (p * r);
+    // κ (p + r − 1)/2 = κ p r/(1 + p + r), without the cancellation.
+    let per_walls = kappa / (1.0 + p + r);
+    let loss = per_walls * per_walls * (p * r);
     let d = 1.0 - loss;
     let e_f = |t: f64, w: &Ray<f64>| t * (w.open + w.riser_f() * w.x);
     let e_r = |u: f64, w: &Ray<f64>| u * (r + w.facet_f() * w.y);
     let (fi, fo, ri, ro) = (e_f(ti, &i), e_f(to, &o), e_r(ui, &i), e_r(uo, &o));
-    let exchanged =
-        loss / d * (fi * fo / p + ri * ro / r) + half / (p * r * d) * (fo * ri + ro * fi);
-    let first = half / (p * r) * (to * o.open * ui * r + uo * r * ti * i.open);
+    let exchanged = loss / d * (fi * fo / p + ri * ro / r) + per_walls / d * (fo * ri + ro * fi);
+    let first = per_walls * (to * o.open * ui * r + uo * r * ti * i.open);
     c_d * (hops + exchanged - first)
 }
 
@@ -351,7 +362,13 @@ fn retro<S: Scalar>(a: &Ray<S>, b: &Ray<S>, q: &Parameters<S>) -> S {
             .larger(S::constant(0.02))
             .smaller(S::constant(1.5))
             .tan();
-        ((p / kept).smaller(r) - a.sigma / kept).larger(zero())
+        // Where the facet bounds the pair of walls its length less σ is what is open: no difference.
+        let far = p / kept;
+        if far.value() < r.value() {
+            a.open / kept
+        } else {
+            (r - a.sigma / kept).larger(zero())
+        }
     };
     if length.value() <= 0.0 {
         return zero();

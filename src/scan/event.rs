@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 
 use super::state::ScanState;
+use crate::forecast::Forecast;
 use crate::frame::FrameKind;
 
 /// What a person has to do at the rig before the scan can go on.
@@ -331,6 +332,17 @@ pub enum Event {
         /// running, completed, failed, cancelled or interrupted.
         state: String,
     },
+    /// It is known how long something that runs will take.
+    Forecast {
+        /// What runs: fit, map, contrast, verdict or trace.
+        of: String,
+        /// Its number among those.
+        number: i64,
+        /// Scan it is of.
+        scan_id: Option<i64>,
+        /// What it will take.
+        forecast: Forecast,
+    },
     /// Something needs a person's attention.
     Alarm {
         /// Stable word.
@@ -353,6 +365,7 @@ impl Event {
             Event::Fit { .. } => "fit",
             Event::Uncertainty { .. } => "uncertainty",
             Event::Calculation { .. } => "calculation",
+            Event::Forecast { .. } => "forecast",
             Event::Alarm { .. } => "alarm",
         }
     }
@@ -366,7 +379,9 @@ impl Event {
             | Event::Frame { scan_id, .. }
             | Event::Fit { scan_id, .. }
             | Event::Uncertainty { scan_id, .. } => Some(*scan_id),
-            Event::Calculation { scan_id, .. } | Event::Alarm { scan_id, .. } => *scan_id,
+            Event::Calculation { scan_id, .. }
+            | Event::Forecast { scan_id, .. }
+            | Event::Alarm { scan_id, .. } => *scan_id,
         }
     }
 }

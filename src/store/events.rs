@@ -94,6 +94,7 @@ impl Store {
             | Event::Fit { .. }
             | Event::Uncertainty { .. }
             | Event::Calculation { .. }
+            | Event::Forecast { .. }
             | Event::Alarm { .. } => Ok(Progress::default()),
         }
     }

@@ -40,6 +40,10 @@ const WAITING: usize = 12;
 /// missed altogether by many a run, whose standard error then knows nothing of it. So neither way is drawn more
 /// seldom than this; the weights make up for it.
 const FLAT_CHANCE_MIN: f64 = 0.25;
+/// Weight up to which that makes the likelier way's photons heavier. Without an end a path of a thousand
+/// reflections multiplied its weight a thousand times: a few photons then hold most of the light, and most runs,
+/// their standard errors included, know nothing of them.
+const HEAVIEST: f64 = 2.0;
 
 /// Parts of a photon that are still to be followed. One serves all photons of a thread in turn.
 #[derive(Debug)]
@@ -382,16 +386,21 @@ impl Walk<'_> {
         state.light.meet(&state.k, m);
         state.interactions += 1;
         let weight = state.light.weight();
-        let mut share = state.light.share(&split.reflected) / weight;
+        let share = state.light.share(&split.reflected) / weight;
         if split.cos_refracted > 0.0 {
+            let mut chance = share;
             // A way that carries nothing, or as good as nothing, is left to its share.
             if share > 1e-9 && self.method == Method::Split && self.stack.is_flat() {
-                share = share.clamp(FLAT_CHANCE_MIN, 1.0 - FLAT_CHANCE_MIN);
+                let fairer = share.clamp(FLAT_CHANCE_MIN, 1.0 - FLAT_CHANCE_MIN);
+                let gain = (share / fairer).max((1.0 - share) / (1.0 - fairer));
+                if weight * gain <= HEAVIEST {
+                    chance = fairer;
+                }
             }
-            if random.uniform() < share {
-                state.light.pass(&split.reflected, 1.0 / share);
+            if random.uniform() < chance {
+                state.light.pass(&split.reflected, 1.0 / chance);
             } else {
-                state.light.pass(&split.refracted, 1.0 / (1.0 - share));
+                state.light.pass(&split.refracted, 1.0 / (1.0 - chance));
                 refract(
                     &mut state.k,
                     m,

@@ -11,7 +11,7 @@ use tokio_util::sync::CancellationToken;
 use tower::ServiceExt;
 
 use ridged::api;
-use ridged::scan::ScanState;
+use ridged::scan::{Event, ScanState};
 use ridged::store::disk::RealDisk;
 
 use crate::bench_in_a_box::BenchInABox;
@@ -437,6 +437,19 @@ async fn ended(router: &Router, begun: &Answer) -> Value {
     }
 }
 
+/// A result says what it took and what had been told before it started.
+fn costs(result: &Value, of: &str) {
+    assert!(result["seconds"].as_f64().unwrap() > 0.0, "{result}");
+    assert!(result["left_out"].is_array(), "{result}");
+    let forecast = &result["forecast"];
+    assert!(forecast["seconds"].as_f64().unwrap() > 0.0, "{forecast}");
+    assert!(
+        forecast["amount"]["count"].as_u64().unwrap() > 0,
+        "{forecast}"
+    );
+    assert_eq!(forecast["amount"]["of"], of);
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_scan_is_compared_judged_and_mapped() {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/polymer-10");
@@ -450,6 +463,7 @@ async fn a_scan_is_compared_judged_and_mapped() {
     assert_eq!(contrast["state"], "completed", "{contrast}");
     assert_eq!(contrast["mode"], "measured");
     assert_eq!(contrast["lines"].as_array().unwrap().len(), 9);
+    costs(&contrast, "poses");
 
     // The sample has a ridge angle of 10°: one specification allows it, one does not, one asks for
     // what no measurement of this kind can tell.
@@ -464,6 +478,7 @@ async fn a_scan_is_compared_judged_and_mapped() {
         let verdict = ended(&router, &begun).await;
         assert_eq!(verdict["specification"], "lid, revision C", "{verdict}");
         assert_eq!(verdict["items"][0]["quantity"], "theta_r_deg");
+        costs(&verdict, "poses");
         verdict["verdict"].as_str().unwrap().to_owned()
     };
     assert_eq!(judged(9.5, 10.5).await, "pass");
@@ -502,6 +517,20 @@ async fn a_scan_is_compared_judged_and_mapped() {
     let trace = ended(&router, &begun).await;
     assert_eq!(trace["state"], "completed", "{trace}");
     assert_eq!(trace["photons"], 2000);
+    costs(&trace, "photons");
+    // What was told before it started is told to everybody, and durably.
+    let told = bench.lab.store().events_after(0, 1000).await.unwrap();
+    let forecasts: Vec<(&str, i64)> = told
+        .iter()
+        .filter_map(|e| match &e.event {
+            Event::Forecast { of, number, .. } => Some((of.as_str(), *number)),
+            _ => None,
+        })
+        .collect();
+    let verdicts = [2, 3, 4].map(|n| ("verdict", n));
+    assert_eq!(forecasts[0], ("contrast", 1));
+    assert_eq!(&forecasts[1..4], &verdicts);
+    assert_eq!(forecasts[4].0, "trace");
     let reflected = trace["energy"]["reflected"]["value"].as_f64().unwrap();
     assert!((reflected - 0.073_964_5).abs() < 1e-6, "{reflected}");
     assert_eq!(trace["comparison"], Value::Null);

@@ -10,6 +10,7 @@ const RULES: &[(&str, &[&str])] = &[
     ("material", &[]),
     ("frame", &[]),
     ("clock", &[]),
+    ("forecast", &[]),
     ("geometry", &["units"]),
     ("observation", &["units", "geometry", "material"]),
     ("model", &["units", "geometry", "material"]),
@@ -104,12 +105,16 @@ const RULES: &[(&str, &[&str])] = &[
             "reduction",
             "plan",
             "map",
+            "analysis",
+            "forecast",
         ],
     ),
     ("bench", &["units", "geometry", "frame", "clock"]),
     (
         "scan",
-        &["units", "geometry", "frame", "clock", "series", "bench"],
+        &[
+            "units", "geometry", "frame", "clock", "series", "bench", "forecast",
+        ],
     ),
     (
         "sim",
@@ -154,6 +159,8 @@ const RULES: &[(&str, &[&str])] = &[
             "map",
             "trace",
             "config",
+            "forecast",
+            "accuracy",
         ],
     ),
     (

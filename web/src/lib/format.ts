@@ -1,5 +1,7 @@
 // Numbers, times and sizes as people read them in a laboratory.
 
+import type { Forecast } from './types';
+
 const MINUS = '−';
 /** Narrow space that never breaks, between number and unit and in groups of digits. */
 const THIN = '\u202f';
@@ -59,6 +61,20 @@ export function duration(seconds: number): string {
   if (s < 60) return `${s} s`;
   if (s < 3600) return `${Math.floor(s / 60)} min ${String(s % 60).padStart(2, '0')} s`;
   return `${Math.floor(s / 3600)} h ${String(Math.floor((s % 3600) / 60)).padStart(2, '0')} min`;
+}
+
+/** Seconds as measured: `0.34 s`, then as `duration` has them. */
+export function seconds(s: number): string {
+  return s < 10 ? `${significant(Math.max(s, 0.01))} s` : duration(s);
+}
+
+/** What was told before a start: `about 4.2 s for 108 poses: 1.2 s to read and reduce, 3.0 s to fit`. */
+export function foretold(forecast: Forecast): string {
+  const amount = forecast.amount ? ` for ${count(forecast.amount.count)} ${forecast.amount.of}` : '';
+  const parts = (forecast.parts ?? []).map((part) => `${seconds(part.seconds)} ${part.what}`).join(', ');
+  const error = forecast.error ? `; error of ${forecast.error.of.replace(/,$/, '')} about ${percent(forecast.error.value)}` : '';
+  const short = forecast.cut_short ? ' (the time allowed is too short for all of it)' : '';
+  return `${forecast.at_most ? 'at most' : 'about'} ${seconds(forecast.seconds)}${amount}${parts ? `: ${parts}` : ''}${error}${short}`;
 }
 
 /** Decimal units, as disks are sold: `2.6 MB`. */

@@ -188,6 +188,10 @@ class Live {
       if (!this.freshCertainties.some((c) => c.id === row.id)) this.freshCertainties = [...this.freshCertainties, row].slice(-2000);
     });
     on('calculation', () => (this.calculationsChanged += 1));
+    on<{ of: string; number: number }>('forecast', (told) => {
+      if (told.of === 'fit') void this.reloadFit(told.number).catch(() => undefined);
+      else this.calculationsChanged += 1;
+    });
     on<Alarm>('alarm', (alarm) => {
       if (!this.alarms.some((a) => a.id === alarm.id)) this.alarms = [...this.alarms, alarm].slice(-5);
       void this.#pollRig();

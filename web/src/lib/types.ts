@@ -165,6 +165,25 @@ export interface FitResult {
   readonly program: string;
 }
 
+/** What a calculation will take, told before it starts; it stays with the result. */
+export interface Forecast {
+  readonly seconds: number;
+  readonly at_most: boolean;
+  readonly parts?: readonly { readonly what: string; readonly seconds: number }[];
+  readonly amount?: { readonly count: number; readonly of: string };
+  readonly error?: { readonly value: number; readonly of: string };
+  /** The time allowed is too short for what was asked for. */
+  readonly cut_short: boolean;
+}
+
+/** How far a calculation has come. */
+export interface Headway {
+  readonly stage: string;
+  readonly fraction: number;
+  readonly elapsed_s: number;
+  readonly time_left_s: number | null;
+}
+
 export interface Fit extends Partial<FitResult> {
   readonly id: number;
   readonly scan_id: number;
@@ -173,6 +192,9 @@ export interface Fit extends Partial<FitResult> {
   readonly state: 'running' | 'completed' | 'failed' | 'cancelled' | 'interrupted';
   readonly created_at?: string;
   readonly error?: { readonly code: string; readonly detail: string } | null;
+  readonly progress?: Headway;
+  readonly forecast?: Forecast;
+  readonly seconds?: number;
 }
 
 /** What the fit that runs along with a scan says of the frames so far. */
@@ -220,11 +242,10 @@ export interface Calculation {
   readonly scan_id: number;
   readonly state: 'running' | 'completed' | 'failed' | 'cancelled' | 'interrupted';
   readonly created_at: string;
-  readonly progress?: {
-    readonly stage: string;
-    readonly fraction: number;
-    readonly time_left_s: number | null;
-  };
+  readonly progress?: Headway;
+  readonly forecast?: Forecast;
+  /** What it took. */
+  readonly seconds?: number;
   readonly error?: { readonly code: string; readonly detail: string };
   readonly request: { readonly specification?: Specification; readonly region?: string | null };
   readonly left_out?: readonly LeftOut[];
