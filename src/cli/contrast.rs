@@ -3,9 +3,10 @@
 mod figure;
 
 use std::fmt::Write as _;
-use std::io::Write as _;
+use std::io::{IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 use anyhow::{Context, anyhow};
 use clap::ValueEnum;
@@ -13,10 +14,11 @@ use serde_json::{Value, json};
 
 use super::{CliError, daemon, interrupt};
 use crate::contrast::{as_json, findings_json, measure, rounded_deg};
+use crate::forecast::{Expected, Forecast};
 use crate::geometry::{Cones, RigGeometry};
 use crate::material::tables;
 use crate::model::contrast::{
-    Exposure, PAIRS, PAPER_RIDGES_DEG, PAPER_TILTS_DEG, Table, Tier, predict,
+    Exposure, PAIRS, PAPER_RIDGES_DEG, PAPER_TILTS_DEG, Pace, TOLERANCE, Table, Tier, predict_paced,
 };
 use crate::model::{LeftOut, Optics, Surface, Variant, domain, left_out};
 use crate::observation::ObservationSet;
@@ -56,6 +58,9 @@ pub struct Args {
     /// How the radiances are computed.
     #[arg(long, value_enum, default_value_t = Model::Sawtooth)]
     pub variant: Model,
+    /// Time and error allowed of a prediction.
+    #[command(flatten)]
+    pub limits: Limits,
     /// CSV of radiances to compare with (theta_r_deg, theta_c_deg, phi_s_deg, radiance; a column
     /// alpha is matched with --alpha).
     #[arg(long, value_name = "FILE.csv", conflicts_with = "measured")]
@@ -66,6 +71,67 @@ pub struct Args {
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
+}
+
+/// What a prediction may take, and how wrong the quadrature may be.
+#[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
+pub struct Limits {
+    /// Begin no further surface after this time; what is missing then is told (`left_out`).
+    #[arg(long, value_name = "S", conflicts_with = "measured")]
+    pub max_seconds: Option<f64>,
+    /// Error of the quadrature, as a share of a surface's brightest radiance.
+    #[arg(long, value_name = "E", conflicts_with = "measured")]
+    pub target_error: Option<f64>,
+}
+
+impl Limits {
+    /// Refuses limits that are not greater than 0, and an error of a form that has none to choose.
+    ///
+    /// # Errors
+    /// Bad input, naming the option.
+    pub fn check(&self, variant: Model) -> Result<(), CliError> {
+        for (name, x) in [
+            ("--max-seconds", self.max_seconds),
+            ("--target-error", self.target_error),
+        ] {
+            if x.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
+                return Err(CliError::bad_input(anyhow!(
+                    "{name} must be greater than 0"
+                )));
+            }
+        }
+        if self.target_error.is_some() && variant != Model::Quadrature {
+            return Err(CliError::bad_input(anyhow!(
+                "--target-error is for the integral, closed forms have the error that they have: add --variant quadrature"
+            )));
+        }
+        Ok(())
+    }
+
+    /// Error that the quadrature is asked for.
+    #[must_use]
+    pub fn tolerance(&self) -> f64 {
+        self.target_error.unwrap_or(TOLERANCE)
+    }
+
+    /// Says on stderr what `tables` of tables like a pilot's will take, where a limit is set or it is more than a
+    /// second and a terminal is there to tell it to.
+    pub fn foretell(&self, tables: u64, pilot: impl FnOnce()) {
+        let started = Instant::now();
+        pilot();
+        let each_s = started.elapsed().as_secs_f64();
+        let told = Forecast {
+            error: None,
+            ..Forecast::about(tables as f64 * each_s).for_work(tables, "tables")
+        };
+        let told = told
+            .to_error(self.target_error, "a radiance, of the brightest,")
+            .within(self.max_seconds);
+        let asked = *self != Limits::default();
+        if asked || (told.seconds > 1.0 && std::io::stderr().is_terminal()) {
+            eprintln!("forecast: {told}");
+        }
+    }
 }
 
 /// A rig and a surface given by options; the defaults are the paper's rig with narrow lobes.
@@ -148,15 +214,21 @@ impl Model {
         }
     }
 
-    /// What its radiances do without on a rig of those cones, the lobes' narrower roughness being `alpha`.
+    /// What its radiances do without on a rig of those cones, the lobes' narrower roughness being `alpha`; `apart` is how
+    /// far they are from those with two bounces integrated, as a share of the brightest.
     #[must_use]
-    pub fn left_out(self, cones: &Cones, alpha: f64) -> Vec<LeftOut> {
+    pub fn left_out(self, cones: &Cones, alpha: f64, apart: Option<f64>) -> Vec<LeftOut> {
         let of = |variant| left_out::of_closed_form(variant, cones, alpha);
         match self {
-            Model::Paper => of(Variant::Paper),
+            Model::Paper => {
+                let mut list = of(Variant::Paper);
+                list.pop();
+                list.push(left_out::printed_lobe(apart));
+                list
+            }
             Model::Sawtooth => {
                 let mut list = of(Variant::Sawtooth);
-                list.push(left_out::two_bounce_quadrature());
+                list.push(left_out::two_bounce_quadrature(apart));
                 list
             }
             // It averages over the cones.
@@ -264,6 +336,7 @@ impl Scene {
 /// Bad input for options out of range, a folder that is no series, a file that is no table; no
 /// result where the series has no pose at the paper's azimuths or a file cannot be written.
 pub fn run(args: Args) -> Result<(), CliError> {
+    let started = Instant::now();
     let region = args.region.as_deref();
     let (table, mut report) = match (&args.dir, args.scan) {
         (Some(dir), _) => {
@@ -273,6 +346,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         (None, Some(scan)) => measured(&daemon::stored_series(&args.data, scan)?, region)?,
         (None, None) => predicted(&args)?,
     };
+    report["seconds"] = json!(started.elapsed().as_secs_f64());
     let mut others = Vec::new();
     if let Some(path) = &args.compare {
         let alpha = args.scene.alpha;
@@ -307,22 +381,67 @@ pub fn run(args: Args) -> Result<(), CliError> {
 
 fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
     let (rig, optics, surface) = args.scene.build(&args.theta_r_deg)?;
-    let table = predict(
-        args.variant.tier(),
-        &rig,
-        &optics,
-        &surface,
-        &args.theta_r_deg,
-        &args.scene.theta_c_deg,
-    );
-    let mut report = as_json(&table, None);
+    args.limits.check(args.variant)?;
+    let tilts = &args.scene.theta_c_deg;
+    let predicted = |tier, ridges: &[f64], pace: &Pace<'_>| {
+        predict_paced(tier, &rig, &optics, &surface, ridges, tilts, pace)
+    };
+    let started = Instant::now();
+    let late = || {
+        let spent = started.elapsed().as_secs_f64();
+        args.limits.max_seconds.is_some_and(|limit| spent >= limit)
+    };
+    let pace = Pace {
+        tolerance: args.limits.tolerance(),
+        go_on: &|| !late(),
+    };
+    let all = Pace {
+        go_on: &|| true,
+        ..pace
+    };
+    let tier = args.variant.tier();
+    let middle = args.theta_r_deg.len() / 2;
+    args.limits.foretell(args.theta_r_deg.len() as u64, || {
+        let one = args.theta_r_deg.get(middle).copied().unwrap_or_default();
+        std::hint::black_box(predicted(tier, &[one], &all));
+    });
+    let found = predicted(tier, &args.theta_r_deg, &pace);
+    if found.table.lines.is_empty() && !found.left.is_empty() {
+        return Err(CliError::no_result(anyhow!(
+            "nothing was finished in time: allow more seconds"
+        )));
+    }
+    // A closed form is compared with two bounces integrated, as long as time is.
+    let apart = match args.variant {
+        Model::Quadrature => None,
+        Model::Paper | Model::Sawtooth => {
+            let full = predicted(Tier::Quadrature, &args.theta_r_deg, &pace);
+            (found.left.is_empty() && full.left.is_empty())
+                .then(|| found.table.apart(&full.table))
+                .flatten()
+        }
+    };
+    let mut report = as_json(&found.table, None);
     report["mode"] = json!("predicted");
     report["variant"] = json!(args.variant.name());
-    report["left_out"] = json!(
-        args.variant
-            .left_out(&rig.cones, surface.alpha_u.min(surface.alpha_v))
-    );
-    Ok((table, report))
+    let error = found.error.or(apart).map(|value| Expected {
+        value,
+        of: "a radiance, of the brightest".to_owned(),
+    });
+    report["error"] = json!(error);
+    let mut left_out = args
+        .variant
+        .left_out(&rig.cones, surface.alpha_u.min(surface.alpha_v), apart);
+    if !found.left.is_empty() {
+        let ridges: Vec<String> = found.left.iter().map(f64::to_string).collect();
+        left_out.push(LeftOut::new(
+            format!("ridge angles {}", ridges.join(", ")),
+            "time was over",
+            None,
+        ));
+    }
+    report["left_out"] = json!(left_out);
+    Ok((found.table, report))
 }
 
 fn measured(source: &dyn FrameSource, region: Option<&str>) -> Result<(Table, Value), CliError> {

@@ -1,13 +1,18 @@
 //! `ridged optimize`: the micro-structure of greatest contrast on a rig, and how flat the optimum is.
 
 use std::io::Write as _;
+use std::time::Instant;
 
 use anyhow::anyhow;
 use serde_json::json;
 
 use super::CliError;
-use super::contrast::{Model, Scene};
-use crate::model::contrast::{Search, optimise};
+use super::contrast::{Limits, Model, Scene};
+use crate::forecast::Expected;
+use crate::model::LeftOut;
+use crate::model::Surface;
+use crate::model::contrast::{Pace, Tier, predict_paced};
+use crate::model::optimum::{Search, optimise, tables_of};
 
 /// Finds the ridge angle (and the roughness within bounds) of greatest mean contrast on a rig.
 ///
@@ -31,9 +36,12 @@ pub struct Args {
     /// The rig and the rest of the surface.
     #[command(flatten)]
     pub scene: Scene,
-    /// How the radiances are computed (the quadrature takes minutes).
+    /// How the radiances are computed.
     #[arg(long, value_enum, default_value_t = Model::Sawtooth)]
     pub variant: Model,
+    /// Time and error allowed.
+    #[command(flatten)]
+    pub limits: Limits,
     /// One JSON object on stdout instead of sentences.
     #[arg(long)]
     pub json: bool,
@@ -52,8 +60,11 @@ pub fn run(args: Args) -> Result<(), CliError> {
     } else {
         let number = |key: &str| report[key].as_f64().unwrap_or(f64::NAN);
         let range = |key: &str| {
-            let at = |j: usize| report[key][j].as_f64().unwrap_or(f64::NAN);
-            format!("{:.2}° to {:.2}°", at(0), at(1))
+            let at = |j: usize| report[key][j].as_f64();
+            match (at(0), at(1)) {
+                (Some(low), Some(high)) => format!("{low:.2}° to {high:.2}°"),
+                _ => "(time was over)".to_owned(),
+            }
         };
         let bound = |key: &str, what: &str| {
             if report[key] == true {
@@ -110,7 +121,58 @@ fn report(args: &Args) -> Result<serde_json::Value, CliError> {
         alpha,
         tilts_deg: args.scene.theta_c_deg.clone(),
     };
-    let best = optimise(args.variant.tier(), &rig, &optics, &surface, &search);
+    args.limits.check(args.variant)?;
+    let tier = args.variant.tier();
+    let started = Instant::now();
+    let late = || {
+        let spent = started.elapsed().as_secs_f64();
+        args.limits.max_seconds.is_some_and(|limit| spent >= limit)
+    };
+    let pace = Pace {
+        tolerance: args.limits.tolerance(),
+        go_on: &|| !late(),
+    };
+    let table = |tier, theta_r_deg: f64, alpha: f64| {
+        let surface = Surface {
+            alpha_u: alpha,
+            alpha_v: alpha,
+            ..surface
+        };
+        let all = Pace {
+            go_on: &|| true,
+            ..pace
+        };
+        let tilts = &search.tilts_deg;
+        predict_paced(tier, &rig, &optics, &surface, &[theta_r_deg], tilts, &all)
+    };
+    args.limits.foretell(tables_of(&search), || {
+        let middle = 0.5 * (theta_r_deg[0] + theta_r_deg[1]);
+        let alpha = (search.alpha[0] * search.alpha[1]).sqrt();
+        std::hint::black_box(table(tier, middle, alpha));
+    });
+    let best = optimise(tier, &rig, &optics, &surface, &search, &pace);
+    // The closed form's own error is told by the integral at what it found.
+    let apart = (tier != Tier::Quadrature).then(|| {
+        let full = table(Tier::Quadrature, best.theta_r_deg, best.alpha).table;
+        let closed = table(tier, best.theta_r_deg, best.alpha).table;
+        let of_contrast = (full.mean_absolute() - best.contrast).abs() / best.contrast;
+        (of_contrast, closed.apart(&full))
+    });
+    let error = best.error.or(apart.map(|(of_contrast, _)| of_contrast));
+    let mut left_out = args
+        .variant
+        .left_out(apart.and_then(|(_, of_radiance)| of_radiance));
+    if !best.complete {
+        left_out.push(LeftOut::new(
+            "the rest of the search",
+            "time was over: the ridge angle is the best of those that were tried",
+            None,
+        ));
+    }
+    let error = error.filter(|e| e.is_finite()).map(|value| Expected {
+        value,
+        of: "the contrast".to_owned(),
+    });
     Ok(json!({
         "variant": args.variant.name(),
         "theta_r_deg": best.theta_r_deg,
@@ -122,7 +184,12 @@ fn report(args: &Args) -> Result<serde_json::Value, CliError> {
         "at_theta_r_bound": best.at_theta_r_bound,
         "at_alpha_bound": best.at_alpha_bound,
         "theta_c_deg": args.scene.theta_c_deg,
-        "left_out": args.variant.left_out(&rig.cones, best.alpha),
+        "theta_r_resolution_deg": best.theta_r_resolution_deg,
+        "error": error,
+        "complete": best.complete,
+        "tables": best.tables,
+        "seconds": started.elapsed().as_secs_f64(),
+        "left_out": left_out,
         "program": concat!("ridged ", env!("CARGO_PKG_VERSION")),
     }))
 }

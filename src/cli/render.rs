@@ -149,7 +149,7 @@ fn write_png(path: &Path, picture: &Picture) -> anyhow::Result<()> {
         &crate::geometry::Cones::NONE,
         f64::INFINITY,
     );
-    left_out.push(left_out::two_bounce_quadrature());
+    left_out.push(left_out::two_bounce_quadrature(None));
     encoder.add_itxt_chunk("left_out".to_owned(), serde_json::to_string(&left_out)?)?;
     let mut writer = encoder.write_header()?;
     writer.write_image_data(&bytes)?;

@@ -582,4 +582,6 @@ fn doubts(settled: &Settled, view: &View) -> Vec<String> {
 }
 
 #[cfg(test)]
+mod extreme_tests;
+#[cfg(test)]
 mod tests;

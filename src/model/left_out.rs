@@ -101,12 +101,12 @@ pub fn third_bounce() -> LeftOut {
     )
 }
 
-/// Light that bounces twice where only its closed approximation is at hand.
+/// Light that bounces twice where only its closed approximation is at hand; `cost` where the integral was compared.
 #[must_use]
-pub fn two_bounce_quadrature() -> LeftOut {
+pub fn two_bounce_quadrature(cost: Option<f64>) -> LeftOut {
     LeftOut::new(
         "two-bounce quadrature",
         "light that bounces twice is taken from its closed approximation",
-        None,
+        cost,
     )
 }

@@ -21,6 +21,7 @@ mod gradient_paper;
 mod gradient_sawtooth;
 pub(crate) mod lanes;
 pub mod left_out;
+pub mod optimum;
 pub mod paper;
 pub mod picture;
 pub mod polarisation;

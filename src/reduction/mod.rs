@@ -421,6 +421,8 @@ fn over_segments(pose: &PoseLevels, alike: bool) -> Merged {
 }
 
 #[cfg(test)]
+mod extreme_tests;
+#[cfg(test)]
 mod synthetic;
 #[cfg(test)]
 mod tests;

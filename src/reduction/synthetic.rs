@@ -12,7 +12,7 @@ use crate::geometry::Directions;
 use crate::series::{FrameReadError, FrameRow, Manifest, Series};
 
 /// A series in memory; `None` is a frame that cannot be decoded.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub(super) struct Memory {
     pub(super) manifest: Manifest,
     pub(super) rows: Vec<FrameRow>,

@@ -17,6 +17,8 @@ pub mod crystals;
 pub mod ellipsometer;
 pub mod escape;
 mod exact;
+#[cfg(test)]
+mod extreme_tests;
 pub mod facet;
 pub mod first_hit;
 pub mod grid;

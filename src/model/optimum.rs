@@ -1,0 +1,329 @@
+//! The micro-structure of greatest contrast on a rig: [`optimise`].
+//!
+//! The mean of absolute contrasts has kinks and side maxima, so a grid finds the basin and golden sections finish
+//! it. *Conditioning*: a maximum is flat, so its place is known to the root of what its height is known to (half
+//! of the digits), and the sections end where two heights differ by rounding; its height and the
+//! bounds of the plateau around it, which are crossings, keep the digits of the contrast.
+
+use std::cell::Cell;
+
+use crate::geometry::RigGeometry;
+
+use super::contrast::{Pace, Prediction, Tier, predict_paced};
+use super::{Optics, Surface};
+
+/// The best ridge angle and how flat the optimum is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Optimum {
+    /// Ridge angle, degrees.
+    pub theta_r_deg: f64,
+    /// Roughness, both axes (the given one where it was not free).
+    pub alpha: f64,
+    /// Mean absolute contrast there.
+    pub contrast: f64,
+    /// Mean Michelson contrast there.
+    pub michelson: f64,
+    /// Ridge angles between which the contrast stays above 99 % of the best, degrees; none where time was over.
+    pub within_1_percent_deg: Option<[f64; 2]>,
+    /// The same for 90 %.
+    pub within_10_percent_deg: Option<[f64; 2]>,
+    /// Whether the optimum lies on a bound of the ridge angle.
+    pub at_theta_r_bound: bool,
+    /// Whether it lies on a bound of the roughness.
+    pub at_alpha_bound: bool,
+    /// The best ridge angle lies no further than this from the one given, degrees, as far as the grid
+    /// told the basins apart.
+    pub theta_r_resolution_deg: f64,
+    /// Error of the contrast that the quadrature estimates, as a share of it; none of closed forms.
+    pub error: Option<f64>,
+    /// Tables that were computed.
+    pub tables: u64,
+    /// Whether the search came to its end before time was over.
+    pub complete: bool,
+}
+
+/// What [`optimise`] may vary.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Search {
+    /// Bounds of the ridge angle, degrees.
+    pub theta_r_deg: [f64; 2],
+    /// Bounds of the roughness (αu = αv); equal bounds keep it.
+    pub alpha: [f64; 2],
+    /// Tilts over which contrast is averaged, degrees.
+    pub tilts_deg: Vec<f64>,
+}
+
+/// Points of the grids over the ridge angle and over the roughness.
+const GRID: [u32; 2] = [80, 24];
+/// Steps of the walk from the optimum to a bound.
+const WALK: u32 = 400;
+/// Golden sections end at this share of the whole range.
+const END: f64 = 1e-7;
+
+/// Tables that a search will compute, about: the grids, sections down to [`END`] of two cells of them, and a fifth of
+/// each walk.
+#[must_use]
+pub fn tables_of(search: &Search) -> u64 {
+    let sections = |cells: u32| (f64::from(cells) * END / 2.0).ln() / 0.618_f64.ln() + 3.0;
+    let line = |cells: u32| f64::from(cells) + 1.0 + sections(cells);
+    let free = search.alpha[1] > search.alpha[0];
+    let ridges = line(GRID[0]);
+    let all = if free {
+        ridges * (line(GRID[1]) + 1.0)
+    } else {
+        ridges
+    };
+    (all + 4.0 * (0.2 * f64::from(WALK) + 30.0)) as u64
+}
+
+/// The ridge angle (and roughness within its bounds) of greatest mean absolute contrast on a rig; where `pace` ends
+/// it early, the best so far.
+///
+/// The roughness is scanned on a logarithmic grid and refined the same way as the ridge angle.
+#[must_use]
+pub fn optimise(
+    tier: Tier,
+    rig: &RigGeometry,
+    optics: &Optics,
+    surface: &Surface,
+    search: &Search,
+    pace: &Pace<'_>,
+) -> Optimum {
+    let tables = Cell::new(0);
+    let stopped = Cell::new(false);
+    let go_on = || {
+        if !stopped.get() && !(pace.go_on)() {
+            stopped.set(true);
+        }
+        !stopped.get()
+    };
+    let table = |theta_r_deg: f64, alpha: f64| -> Prediction {
+        let surface = Surface {
+            alpha_u: alpha,
+            alpha_v: alpha,
+            ..*surface
+        };
+        tables.set(tables.get() + 1);
+        let one = Pace {
+            go_on: &|| true,
+            ..*pace
+        };
+        let ridge = [theta_r_deg];
+        predict_paced(tier, rig, optics, &surface, &ridge, &search.tilts_deg, &one)
+    };
+    let contrast = |theta_r_deg: f64, alpha: f64| table(theta_r_deg, alpha).table.mean_absolute();
+    let [low, high] = search.theta_r_deg;
+    let best_ridge = |alpha: f64| maximum([low, high], GRID[0], &|t| contrast(t, alpha), &go_on);
+    let [alpha_low, alpha_high] = search.alpha;
+    let alpha = if alpha_high > alpha_low {
+        let logs = [alpha_low.ln(), alpha_high.ln()];
+        let over = |x: f64| contrast(best_ridge(x.exp()).0, x.exp());
+        maximum(logs, GRID[1], &over, &go_on).0.exp()
+    } else {
+        alpha_low
+    };
+    let (theta_r_deg, resolution) = best_ridge(alpha);
+    let best = table(theta_r_deg, alpha);
+    let peak = best.table.mean_absolute();
+    let edge = |to: f64, share: f64| {
+        // Walk outwards to the first fall below the share, then halve.
+        let mut inside = theta_r_deg;
+        for j in 1..=WALK {
+            if !go_on() {
+                return None;
+            }
+            let t = theta_r_deg + (to - theta_r_deg) * f64::from(j) / f64::from(WALK);
+            if contrast(t, alpha) < share * peak {
+                let mut outside = t;
+                for _ in 0..30 {
+                    let middle = 0.5 * (inside + outside);
+                    if contrast(middle, alpha) < share * peak {
+                        outside = middle;
+                    } else {
+                        inside = middle;
+                    }
+                }
+                return Some(inside);
+            }
+            inside = t;
+        }
+        Some(to)
+    };
+    let within = |share: f64| Some([edge(low, share)?, edge(high, share)?]);
+    let n = best.table.by_phi_s.len().max(1) as f64;
+    let near = |a: f64, b: f64| (a - b).abs() < 1e-4 * (1.0 + b.abs());
+    let brightest = best.table.lines.iter().flat_map(|l| l.radiance);
+    let brightest = brightest.fold(0.0, f64::max);
+    Optimum {
+        theta_r_deg,
+        alpha,
+        contrast: peak,
+        michelson: best
+            .table
+            .by_phi_s
+            .iter()
+            .map(|m| m.contrast.michelson)
+            .sum::<f64>()
+            / n,
+        within_1_percent_deg: within(0.99),
+        within_10_percent_deg: within(0.9),
+        at_theta_r_bound: near(theta_r_deg, low) || near(theta_r_deg, high),
+        at_alpha_bound: alpha_high > alpha_low
+            && (near(alpha, alpha_low) || near(alpha, alpha_high)),
+        theta_r_resolution_deg: resolution,
+        // A contrast is a difference of two radiances.
+        error: best
+            .error
+            .map(|e| 2.0 * e * brightest / peak.max(f64::MIN_POSITIVE)),
+        tables: tables.get(),
+        complete: !stopped.get(),
+    }
+}
+
+/// Where `f` is greatest within [low, high], and how far off that may be: the best of `n` + 1 grid points, refined.
+/// What is reached when `go_on` says no is given, the first point at least.
+fn maximum(
+    [low, high]: [f64; 2],
+    n: u32,
+    f: &dyn Fn(f64) -> f64,
+    go_on: &dyn Fn() -> bool,
+) -> (f64, f64) {
+    if high <= low {
+        return (low, 0.0);
+    }
+    let at = |j: u32| low + (high - low) * f64::from(j) / f64::from(n);
+    let mut best = (0, f(low));
+    for j in 1..=n {
+        if !go_on() {
+            return (at(best.0), high - low);
+        }
+        let value = f(at(j));
+        if value > best.1 {
+            best = (j, value);
+        }
+    }
+    let (mut a, mut b) = (at(best.0.saturating_sub(1)), at((best.0 + 1).min(n)));
+    let golden = 0.5 * (5f64.sqrt() - 1.0);
+    let (mut x, mut y) = (b - golden * (b - a), a + golden * (b - a));
+    let (mut fx, mut fy) = (f(x), f(y));
+    while b - a > END * (high - low) && go_on() {
+        if fx > fy {
+            (b, y, fy) = (y, x, fx);
+            x = b - golden * (b - a);
+            fx = f(x);
+        } else {
+            (a, x, fx) = (x, y, fy);
+            y = a + golden * (b - a);
+            fy = f(y);
+        }
+    }
+    let middle = 0.5 * (a + b);
+    // A bound may be better than anything inside.
+    let place = if best.1 > f(middle) {
+        at(best.0)
+    } else {
+        middle
+    };
+    (place, 0.5 * (b - a))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Variant;
+    use crate::model::contrast::{PAPER_RIDGES_DEG, PAPER_TILTS_DEG, predict};
+    use crate::units::Angle;
+
+    fn paper_rig() -> RigGeometry {
+        RigGeometry {
+            light_azimuth: Angle::from_deg(90.0),
+            azimuth_zero: Angle::from_deg(90.0),
+            ..RigGeometry::IN_PLANE
+        }
+    }
+
+    const OPTICS: Optics = Optics {
+        eta: 1.54,
+        k: 0.0,
+        theta_l: 10.0 * std::f64::consts::PI / 180.0,
+        light_angular_radius: std::f64::consts::PI / 180.0,
+    };
+
+    fn plastic(alpha: f64) -> Surface {
+        Surface {
+            theta_r: 0.0,
+            alpha_u: alpha,
+            alpha_v: alpha,
+            rho_d: 0.35,
+            amplitude: 1.0,
+        }
+    }
+
+    fn search() -> Search {
+        Search {
+            theta_r_deg: [1.0, 30.0],
+            alpha: [0.05, 0.05],
+            tilts_deg: PAPER_TILTS_DEG.to_vec(),
+        }
+    }
+
+    #[test]
+    fn the_optimum_beats_its_neighbours_and_its_plateau_holds() {
+        let search = search();
+        let tier = Tier::Closed(Variant::Sawtooth);
+        let o = optimise(
+            tier,
+            &paper_rig(),
+            &OPTICS,
+            &plastic(0.05),
+            &search,
+            &Pace::UNHURRIED,
+        );
+        let at = |ridge: f64| {
+            predict(
+                tier,
+                &paper_rig(),
+                &OPTICS,
+                &plastic(0.05),
+                &[ridge],
+                &PAPER_TILTS_DEG,
+            )
+            .mean_absolute()
+        };
+        assert!((at(o.theta_r_deg) - o.contrast).abs() < 1e-12);
+        for ridge in PAPER_RIDGES_DEG {
+            assert!(at(ridge) <= o.contrast);
+        }
+        let [a, b] = o.within_1_percent_deg.unwrap();
+        assert!(a < o.theta_r_deg && o.theta_r_deg < b);
+        assert!(
+            (at(a) / o.contrast - 0.99).abs() < 1e-4 && (at(b) / o.contrast - 0.99).abs() < 1e-4
+        );
+        assert!(!o.at_theta_r_bound && !o.at_alpha_bound);
+        assert!(o.complete && o.error.is_none() && o.theta_r_resolution_deg < 1e-5);
+        let foreseen = tables_of(&search) as f64 / o.tables as f64;
+        assert!((0.5..2.0).contains(&foreseen), "{foreseen}");
+    }
+
+    #[test]
+    fn a_search_that_is_stopped_gives_the_best_so_far_and_says_so() {
+        let asked = std::sync::atomic::AtomicU32::new(0);
+        let go_on = || asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed) < 40;
+        let pace = Pace {
+            go_on: &go_on,
+            ..Pace::UNHURRIED
+        };
+        let tier = Tier::Closed(Variant::Sawtooth);
+        let o = optimise(
+            tier,
+            &paper_rig(),
+            &OPTICS,
+            &plastic(0.05),
+            &search(),
+            &pace,
+        );
+        assert!(!o.complete && o.within_1_percent_deg.is_none());
+        assert!(o.contrast > 0.0 && o.theta_r_resolution_deg > 10.0, "{o:?}");
+        assert!(o.tables < 60);
+    }
+}
