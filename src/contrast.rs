@@ -40,6 +40,19 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
         "arbitrary"
     });
     report["warnings"] = json!(set.warnings);
+    // How wrong: the largest standard uncertainty of a contrast beside the largest contrast.
+    let largest = |all: &mut dyn Iterator<Item = f64>| all.fold(0.0, f64::max);
+    let brightest = largest(
+        &mut table
+            .lines
+            .iter()
+            .flat_map(|l| l.contrast.map(|c| c.absolute)),
+    );
+    let std = largest(&mut stds.iter().flatten().copied());
+    report["error"] = json!((brightest > 0.0).then(|| json!({
+        "value": std / brightest,
+        "of": "a contrast, of the largest",
+    })));
     report["left_out"] = json!([LeftOut::new(
         "directions of single pixels",
         "the region's mean counts as seen from its centre, as in the paper",

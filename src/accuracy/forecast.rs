@@ -337,7 +337,7 @@ fn tracing(
             let options = RadianceOptions {
                 paths,
                 seed: 1,
-                light_angular_radius: set.rig.light_angular_radius.rad(),
+                cones: set.rig.cones,
                 polarised: true,
             };
             let found = ridged.radiance(&set.rig.directions(o.pose), &options);

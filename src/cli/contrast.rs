@@ -77,10 +77,10 @@ pub struct Args {
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
 pub struct Limits {
     /// Begin no further surface after this time; what is missing then is told (`left_out`).
-    #[arg(long, value_name = "S", conflicts_with = "measured")]
+    #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
     /// Error of the quadrature, as a share of a surface's brightest radiance.
-    #[arg(long, value_name = "E", conflicts_with = "measured")]
+    #[arg(long, value_name = "E")]
     pub target_error: Option<f64>,
 }
 
@@ -338,6 +338,11 @@ impl Scene {
 pub fn run(args: Args) -> Result<(), CliError> {
     let started = Instant::now();
     let region = args.region.as_deref();
+    if (args.dir.is_some() || args.scan.is_some()) && args.limits != Limits::default() {
+        return Err(CliError::bad_input(anyhow!(
+            "--max-seconds and --target-error are for predictions: a measured contrast has the error of its frames"
+        )));
+    }
     let (table, mut report) = match (&args.dir, args.scan) {
         (Some(dir), _) => {
             let series = Series::open(dir).map_err(CliError::bad_input)?;
@@ -429,9 +434,9 @@ fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
         of: "a radiance, of the brightest".to_owned(),
     });
     report["error"] = json!(error);
-    let mut left_out = args
-        .variant
-        .left_out(&rig.cones, surface.alpha_u.min(surface.alpha_v), apart);
+    let mut left_out =
+        args.variant
+            .left_out(&rig.cones, surface.alpha_u.min(surface.alpha_v), apart);
     if !found.left.is_empty() {
         let ridges: Vec<String> = found.left.iter().map(f64::to_string).collect();
         left_out.push(LeftOut::new(

@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use anyhow::{Context, anyhow};
 use serde::Serialize;
@@ -10,6 +11,7 @@ use super::CliError;
 use crate::accuracy::forecast::{Patience, of_run, of_series as of_series_forecast};
 use crate::accuracy::proof::{Proof, of_scene as of_scene_proof};
 use crate::forecast::Forecast;
+use crate::model::LeftOut;
 use crate::plan::{self, Basis, Plan};
 use crate::series::Series;
 use crate::trace::scene::Scene;
@@ -43,6 +45,9 @@ struct Explanation {
     computes: Vec<String>,
     #[serde(flatten)]
     plan: Plan,
+    left_out: Vec<LeftOut>,
+    /// Seconds of the planning.
+    seconds: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     forecast: Option<Forecast>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -86,7 +91,9 @@ fn program() -> String {
 }
 
 fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
+    let started = Instant::now();
     let series = Series::open(folder).map_err(CliError::bad_input)?;
+    let plan = plan::series::plan(series.manifest(), series.rows(), tolerance);
     let frames = series.rows().len();
     let cancel = super::interrupt::flag()?;
     Ok(Explanation {
@@ -96,14 +103,25 @@ fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
             "variants paper and sawtooth fitted to all of them".to_owned(),
             "double reflections by quadrature at the fitted values, and a refit".to_owned(),
         ],
-        plan: plan::series::plan(series.manifest(), series.rows(), tolerance),
+        left_out: left_out_by(&plan),
+        plan,
+        seconds: started.elapsed().as_secs_f64(),
         forecast: of_series_forecast(&series, &cancel),
         proof: None,
         program: program(),
     })
 }
 
+/// What a plan leaves out, in the form of every result.
+fn left_out_by(plan: &Plan) -> Vec<LeftOut> {
+    let choices = plan.left_out();
+    choices
+        .map(|c| LeftOut::new(&c.what, &c.why, c.cost))
+        .collect()
+}
+
 fn of_scene(args: &Args) -> Result<Explanation, CliError> {
+    let started = Instant::now();
     let text = std::fs::read_to_string(&args.input)
         .with_context(|| format!("cannot read {}", args.input.display()))
         .map_err(CliError::bad_input)?;
@@ -118,6 +136,7 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
     };
     let plan = plan::scene::plan(&scene, &prepared, &wish);
     plan::scene::apply(&plan, &scene, &mut prepared);
+    let seconds = started.elapsed().as_secs_f64();
     let kind = if prepared.polarised {
         "polarised"
     } else {
@@ -141,6 +160,8 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
         )],
         forecast: of_run(&prepared, None, patience),
         proof,
+        left_out: prepared.left_out.clone(),
+        seconds,
         plan,
         program: program(),
     })

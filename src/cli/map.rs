@@ -46,8 +46,9 @@ pub struct Args {
     /// Begin no further pixels after this time; those that were not reached have no value and are counted.
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
-    /// Share of the brightest radiance that may be left out of a pixel's physics (double reflections by
-    /// integration, where they change less); the summary says what was.
+    /// Share of the brightest radiance that may be left out of a pixel's physics. It decides about double
+    /// reflections by integration alone: what changes less is not integrated. The other things that a map does without are
+    /// the same whatever it is (`left_out` of the summary), with what they may cost where that is known.
     #[arg(long, value_name = "E")]
     pub target_error: Option<f64>,
     /// Memory for resampled frames, in MiB; more goes to a scratch file in the output folder.

@@ -159,9 +159,11 @@ fn report(args: &Args) -> Result<serde_json::Value, CliError> {
         (of_contrast, closed.apart(&full))
     });
     let error = best.error.or(apart.map(|(of_contrast, _)| of_contrast));
-    let mut left_out = args
-        .variant
-        .left_out(apart.and_then(|(_, of_radiance)| of_radiance));
+    let mut left_out = args.variant.left_out(
+        &rig.cones,
+        best.alpha,
+        apart.and_then(|(_, of_radiance)| of_radiance),
+    );
     if !best.complete {
         left_out.push(LeftOut::new(
             "the rest of the search",

@@ -10,6 +10,7 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use anyhow::{Context, anyhow};
 use rayon::prelude::*;
@@ -19,6 +20,7 @@ use super::allowance::Allowance;
 use super::contrast::Scene;
 use super::progress::Bar;
 use super::{CliError, interrupt};
+use crate::forecast::Expected;
 use crate::geometry::{Pose, RigGeometry};
 use crate::model::LeftOut;
 use crate::model::contrast::{PAPER_AZIMUTHS_DEG, PAPER_RIDGES_DEG};
@@ -157,6 +159,7 @@ impl Sweep {
 /// Bad input for options out of range; no result where a file cannot be written; interrupted.
 pub fn run(args: Args) -> Result<(), CliError> {
     let cancel = interrupt::flag()?;
+    let started = Instant::now();
     let sweeps = sweep(&args, &cancel)?;
     if let Some(out) = &args.out {
         std::fs::create_dir_all(out)
@@ -167,7 +170,8 @@ pub fn run(args: Args) -> Result<(), CliError> {
     }
     let text = if args.json {
         let mut text =
-            serde_json::to_string_pretty(&report(&sweeps)).map_err(CliError::no_result)?;
+            serde_json::to_string_pretty(&report(&sweeps, started.elapsed().as_secs_f64()))
+                .map_err(CliError::no_result)?;
         text.push('\n');
         text
     } else {
@@ -336,7 +340,10 @@ fn csv(sweeps: &[Sweep]) -> String {
     text
 }
 
-fn report(sweeps: &[Sweep]) -> serde_json::Value {
+fn report(sweeps: &[Sweep], seconds: f64) -> serde_json::Value {
+    let points = sweeps.iter().flat_map(|s| &s.points);
+    let relative = points.map(|p| p.contrast.std / p.contrast.value);
+    let error = relative.filter(|e| e.is_finite()).fold(0.0, f64::max);
     let rows: Vec<serde_json::Value> = sweeps
         .iter()
         .map(|s| {
@@ -359,6 +366,11 @@ fn report(sweeps: &[Sweep]) -> serde_json::Value {
     json!({
         "paper_ridges_deg": PAPER_RIDGES_DEG,
         "sweeps": rows,
+        "error": Expected {
+            value: error,
+            of: "a contrast, at worst".to_owned(),
+        },
+        "seconds": seconds,
         "left_out": [LeftOut::new(
             "bounces among the facets' own roughness",
             "below the profile light meets one microfacet per hit, with Smith's masking",

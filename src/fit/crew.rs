@@ -4,6 +4,10 @@
 //! Marquardt's on the normal equations, in doubles.
 //!
 //! The one function to call is [`descend_together`].
+//!
+//! *Conditioning.* Normal equations of up to eight columns in doubles lose half of the digits; that leaves seven, and a start is
+//! good if it lies in the right basin. Marquardt's damping scales with the diagonal, so units do not matter; a lane whose factors are
+//! not positive is damped further, not passed on.
 
 use std::f64::consts::FRAC_1_PI;
 use std::sync::atomic::{AtomicBool, Ordering};

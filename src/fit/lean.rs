@@ -14,6 +14,9 @@
 //! ∂ ln D = −2x(∂h_u − x ∂h_m)/(a h_m) − 2y(∂h_e − y ∂h_m)/(b h_m) − 4 ∂h_m/h_m.
 //!
 //! `crew` has starts as lanes; [`evaluate`] has observations.
+//!
+//! *Conditioning.* The same divisions as the full form, without the terms that cancel. Lanes end descents that are refined
+//! elsewhere on QR: a tenth of their digits would do.
 
 use std::f64::consts::{FRAC_1_PI, PI};
 

@@ -1,6 +1,11 @@
 //! What the solver asks of a problem, and the small dense algebra both share.
 //!
 //! Matrices are column-major slices: entry (i, j) of an m × n matrix is `a[i + j * m]`.
+//!
+//! *Conditioning.* Householder reflections are stable column by column, whatever the columns' lengths; the sign of α is opposed to
+//! that of the leading entry, so its subtraction adds. Columns outside 1e±140 are brought near 1 by a power of two first: their
+//! squares would leave the range of doubles, and a reflection made of those is none. A pivot that is 0 or not finite refuses
+//! the solution; small pivots are for the caller to judge, who knows the scales.
 
 /// A nonlinear least-squares problem: minimise the sum of squared residuals.
 pub trait LeastSquares {

@@ -5,6 +5,10 @@
 //! same estimate is that of least squares with weights w = ρ'(r)/(2r) (Huber 1964; Beaton and Tukey
 //! 1974), in which form the budget reads it. Residuals come here divided by their standard
 //! uncertainty; flats and priors are never touched.
+//!
+//! *Conditioning.* Tukey's ρ = c²/3 (1 − (1 − u)³) is taken as r² (1 − u + u²/3), which keeps its digits at small r; beyond its
+//! end r̃ is a constant and its derivative 0, so an outlier of any size spoils no sum. Huber's √ρ is a root of |r| less half the
+//! limit, never small there.
 
 use serde::{Deserialize, Serialize};
 

@@ -11,6 +11,11 @@
 //! shape its amplitudes; [`Projected`] is the least-squares problem over shapes with Kaufman's
 //! derivative (1975). Neither knows of starts. The answer of a search with them is refined on the
 //! problem itself, whose diffuse part is not quite linear.
+//!
+//! *Conditioning.* The amplitudes' columns (single reflections, diffuse light, background) are nearly parallel where a lobe is
+//! broad: a background and a Lambertian differ by a cosine over the tilts. They are solved for by QR, and a column of which
+//! less than 1e-10 is left beside the others says nothing new and gets no derivative; between that and 1 an amplitude may be
+//! poor while the cost, which is all that a search over shapes compares, keeps its digits.
 
 use super::least_squares::{LeastSquares, householder, solve_upper, sum_of_squares};
 use super::problem::{Problem, Quantity, Values};

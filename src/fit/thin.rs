@@ -14,6 +14,10 @@
 //!   with poses in between.
 //!
 //! The one function to call is [`estimate`]; what it does without stands in [`Thinned`].
+//!
+//! *Conditioning.* Repeats are merged with their weights as Σ w y/Σ w and keep Σ w (y − ȳ)² (a sum of squares of differences, not
+//! a difference of sums). Triangles of blocks are stacked and reduced again by QR: orthogonal at every stage, so a million rows
+//! lose no more than a few hundred do.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -14,6 +14,12 @@
 //! All directions are unit vectors that point away from the surface. In the sample frame their
 //! components are (u, v, n). Source: Luongo et al. 2017, Figs. 3, 6 and 7; the figure does not fix
 //! φl nor the zero of φs, so both belong to the rig ([`RigGeometry`]).
+//!
+//! *Conditioning.* Components are rounded to 1e-16 of 1, whatever the angle. Of two opposite directions ε above the
+//! horizon the half vector has the length 2ε, and its slopes are known to 1e-16/ε: enough for lobes of α = 1e-6 down to
+//! ε = 1e-8, not below, whatever is computed from these vectors later. Where angles are at hand at such ends,
+//! `model::brdf::evaluate` takes them instead. cos θi = cos θl cos θc − sin θl cos φl sin θc cancels towards grazing in
+//! the same way: to 1e-16/cos θi.
 
 mod cones;
 

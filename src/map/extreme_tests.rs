@@ -102,6 +102,11 @@ proptest! {
         let poses = (0..8).map(|n| Pose::from_deg(10.0 * f64::from(n % 2), 45.0 * f64::from(n))).collect();
         let fitter = PixelFitter::new(RigGeometry::IN_PLANE, material, poses);
         let found = fitter.fit(signal, sigma, &[start], 1, Instructions::Widest)[0];
+        // Fewer observations than unknowns are never begun with, and said to be none.
+        if found.evaluations == 0 {
+            prop_assert!(!found.converged && found.std.is_none(), "{found:?}");
+            return Ok(());
+        }
         prop_assert!(found.values.iter().all(|x| x.is_finite()), "{found:?}");
         prop_assert!(!found.chi2.is_nan(), "{found:?}");
         prop_assert!(found.std.is_none_or(|s| s.iter().all(|x| !x.is_nan())), "{found:?}");

@@ -1,4 +1,8 @@
 //! The inverse of a pixel's 5 × 5 normal matrix, with the rank test.
+//!
+//! *Conditioning.* Normal equations square the condition number of the derivatives, so columns are scaled to length 1 first and
+//! a pivot below 1e-9 ends it: what passes has a scaled Jacobian of condition below 3e4, and its variances keep six digits,
+//! of which a map in float32 prints as many. Units do not enter the test.
 
 use super::solve::{FREE, PACKED, packed};
 

@@ -5,6 +5,10 @@
 //! The five parameters are well scaled (angles in radians, logarithms, a reflectance), the damping
 //! is Marquardt's (a multiple of the diagonal), so 5 × 5 Cholesky factors in doubles are safe; a
 //! pixel whose factors are not is flagged by the rank test of [`PixelFit`], never passed on.
+//!
+//! *Conditioning.* A step from the damped normal equations has relative errors of 1e-16 times their condition, below 1e-7 for
+//! all pixels that the rank test of [`super::inverse`] lets pass; a descent ends at 1e-6 of its cost, and what a step lacks the
+//! next one sees. QR in lanes would cost twice as much for digits that nobody reads.
 
 mod step;
 

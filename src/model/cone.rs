@@ -183,6 +183,9 @@ pub fn costs(cones: &Cones, alpha: f64) -> Costs {
             point: 0.0,
         };
     }
+    // Lobes narrower than the nodes' distance would fall between them; what a widened lobe costs has come to its
+    // end by then (all of the top).
+    let alpha = alpha.max(cones.reach() / (2.0 * PANELS_MAX));
     let nodes = nodes(cones, alpha);
     let average = |at: f64| -> f64 {
         let lobe = |n: &Node| {

@@ -4,6 +4,7 @@ use nalgebra::{Complex, Vector3};
 use proptest::prelude::*;
 
 use super::brdf::{self, Case};
+use super::cone;
 use super::contrast::Contrast;
 use super::domain::check;
 use super::flat_stack::FlatStack;
@@ -15,6 +16,7 @@ use super::sawtooth::visible_and_lit_fraction;
 use super::single_bounce::{Scattering, mueller_brdf};
 use super::{Optics, Surface, Variant, radiance};
 use crate::geometry::{Cones, Directions};
+use crate::units::Angle;
 
 /// Doubles that meet the ends: special values, every exponent, and plain ones.
 fn any_double() -> impl Strategy<Value = f64> {
@@ -76,7 +78,7 @@ prop_compose! {
                 lamp in prop_oneof![Just(0.0), 0.0..0.1f64],
                 lens in prop_oneof![Just(0.0), 0.0..0.5f64]) -> Optics
     {
-        let cones = Cones { lamp: crate::units::Angle::from_rad(lamp), lens: crate::units::Angle::from_rad(lens) };
+        let cones = Cones { lamp: Angle::from_rad(lamp), lens: Angle::from_rad(lens) };
         Optics { eta, k, theta_l, cones }
     }
 }
@@ -158,6 +160,23 @@ proptest! {
         let c = Contrast::between(a, b);
         prop_assert!(c.absolute.is_finite() && (0.0..=1.0 + 1e-15).contains(&c.michelson), "{c:?}");
         prop_assert_eq!(Contrast::between(a, 0.0).michelson, if a > 0.0 { 1.0 } else { 0.0 });
+    }
+
+    #[test]
+    fn the_cones_nodes_are_an_average_of_unit_vectors(lamp in prop_oneof![Just(0.0), wide(1e-12, 0.3)], lens in prop_oneof![Just(0.0), wide(1e-12, 0.3)], alpha in wide(1e-9, 1e6), d in directions()) {
+        let cones = Cones { lamp: Angle::from_rad(lamp), lens: Angle::from_rad(lens) };
+        let nodes = cone::nodes(&cones, alpha);
+        let mut sum = 0.0;
+        for node in &nodes {
+            sum += node.weight;
+            let moved = cone::moved(&d, node);
+            for w in [moved.incident, moved.outgoing] {
+                prop_assert!((w.norm() - 1.0).abs() < 1e-12, "{w:?}");
+            }
+        }
+        prop_assert!((sum - 1.0).abs() < 1e-12, "{sum}");
+        let costs = cone::costs(&cones, alpha);
+        prop_assert!(costs.widened.is_finite() && costs.widened >= 0.0, "{costs:?}");
     }
 
     #[test]

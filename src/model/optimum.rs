@@ -246,7 +246,7 @@ mod tests {
         eta: 1.54,
         k: 0.0,
         theta_l: 10.0 * std::f64::consts::PI / 180.0,
-        light_angular_radius: std::f64::consts::PI / 180.0,
+        cones: crate::geometry::Cones::of_lamp(Angle::from_deg(1.0)),
     };
 
     fn plastic(alpha: f64) -> Surface {

@@ -3,6 +3,11 @@
 //! ```text
 //! f = G D / (4 |ω_i·n| |ω_o·n|) · [ F(ω_i, h) + (ρd/π) (1 − F)² ],   h ∝ ω_i + ω_o
 //! ```
+//!
+//! *Conditioning.* G1 = 1 − |tan θr tan θp| cancels towards the horizon on the side that the facets lean to, where with
+//! it G1/(ω·n) = 1/(cos θr ω_m) exactly; away from it G1 vanishes at the edge of visibility, and its digits there are
+//! those of the distance from the edge (its condition number, no more). The exponent is a square over h_m², so nothing is
+//! subtracted but inside h_e.
 
 use std::f64::consts::PI;
 

@@ -18,6 +18,11 @@
 //!
 //! A boundary acts on s and p alone, hence on I ± Q by two powers and on U, V by one complex number
 //! z = r_s r_p*: a [`Channel`]. This module does not know where surfaces are.
+//!
+//! *Conditioning.* Amplitudes and powers are those of [`super::fresnel`], without the cancellation at an index near 1;
+//! what is refracted is not 1 − R but its own product, so R + T = 1 to rounding from grazing to normal. z = r_s r_p* is a
+//! product. The refracted cosine is a root of a sum (k = 0) and 0 beyond the critical angle, at which it has half of the digits,
+//! as the root of what is left: an angle of refraction there is ill-conditioned itself.
 
 use nalgebra::{Complex, Matrix4, Vector4};
 

@@ -6,6 +6,11 @@
 //! radiance to the corner-frame components of the two directions, and checked against the
 //! derivative-carrying numbers of [`super::dual`] that run through the forms of
 //! [`super::sawtooth`] and [`super::paper`].
+//!
+//! *Conditioning.* The value has the forms of [`super::sawtooth`] and their digits. Derivatives are logarithmic
+//! ones times the value, so they vanish where it does and never divide by it; ∂/∂α² of a lobe loses nothing at the lobe's
+//! peak and grows as (x/α)² beside it, which is its true size. A retro lobe beyond e⁻¹⁰⁰ of its peak is left out: below
+//! 1e-43 of it the inner loop says 0 where the reference form has a number.
 
 use nalgebra::Vector3;
 

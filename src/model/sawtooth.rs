@@ -18,6 +18,14 @@
 //! Call [`radiance_of`]; [`visible_and_lit_fraction`] is the geometry alone. Kinks (min, max, clip)
 //! have the derivative of the branch that the comparison takes; at a tie both one-sided
 //! derivatives exist and one of them is returned.
+//!
+//! *Conditioning.* Lengths that vanish are never left as differences: what a riser leaves open of the facet is ω_n/ω_m
+//! (p − σ loses cos⁻¹θ digits towards the horizon), also where the retro lobe's pair of walls ends at the facet's
+//! crest; the view factors' p + r − 1 is 2 p r/(1 + p + r) (loses 1/min(p, r)); what a mirror hop lights and the
+//! other end sees is taken from the smaller of seen and hidden. Transmittances 1 − F are differences where F is nearly 1: their
+//! digits are those of the index there (η = 20 at normal incidence loses a factor 5). Random tables in 60-digit arithmetic (α 1e-6 to
+//! 1e3, θr 0 to 89.99°, grazing to 1e-12 rad) are met to four roundings per unit of condition number, but for lobes narrower than
+//! the directions' own rounding allows (see `crate::geometry`).
 
 use std::f64::consts::PI;
 

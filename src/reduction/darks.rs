@@ -1,6 +1,8 @@
 //! Dark frames → what each pixel counts without light, per exposure time; hot and noisy pixels.
 //!
 //! Counts are summed as whole numbers, so the result does not depend on the order of the frames.
+//!
+//! *Conditioning.* Whole numbers are exact to 2⁵³ counts; means are divided once, at the end.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -1,4 +1,9 @@
 //! One sample frame → the level of each segment, or the reason why the frame is left out.
+//!
+//! *Conditioning.* Dark level and response are taken off pixel by pixel before anything is summed, so a mean loses nothing to
+//! black. A cell's variance is Σv² − (Σv)²/n over at most a sixty-fourth of a frame: counts to 65535 with a variance of 1/12 and more lose
+//! seven digits of sixteen and keep nine. What rounding makes negative there is 0, and the model's variance, a sum of positive parts,
+//! is a floor under every level.
 
 use std::collections::hash_map::DefaultHasher;
 use std::hash::{Hash, Hasher};

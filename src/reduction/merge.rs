@@ -5,6 +5,9 @@
 //! whole while another exposure is there: dropping only the full pixels would drop bright noise
 //! and keep dark noise. And a frame's weight comes from the noise expected at the common level of
 //! its pose, never from its own counts.
+//!
+//! *Conditioning.* Means weighted with 1/variance: positive weights over exposures that may differ by 1e12 without one term
+//! swamping the other in a difference. A pose without a usable pixel has no weight; it becomes no observation.
 
 use std::collections::HashMap;
 

@@ -177,10 +177,22 @@ pub fn reduce(
     warn_of_lost_poses(&calls, &poses, &mut journal);
 
     let reference = camera.reference;
+    // A pose of which no pixel is left (all of them full or wild), or whose numbers left the range of doubles, is
+    // none: an observation of 0 ± 0 would outweigh all others.
+    let told = |l: &Merged| {
+        l.n > 0.0 && l.rate_dn_s.is_finite() && l.variance > 0.0 && l.variance.is_finite()
+    };
     let levels: Vec<(&PoseLevels, Merged)> = poses
         .iter()
         .map(|p| (p, over_segments(p, viewing.is_far())))
+        .filter(|(_, level)| told(level))
         .collect();
+    if levels.len() < poses.len() {
+        journal.warn(format!(
+            "{} poses have no pixel that could be used and are left out",
+            poses.len() - levels.len()
+        ));
+    }
     let largest = levels
         .iter()
         .map(|(_, l)| l.rate_dn_s)

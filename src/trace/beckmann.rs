@@ -5,6 +5,10 @@
 //! vectors are rounded to the tile's lattice, so that it repeats without seams, and they are drawn
 //! in strata. What is left of the realisation's error in the slope variance is taken out by the
 //! cell sizes, one per axis: the variance of the triangles' slopes is α²/2 on both axes exactly.
+//!
+//! *Conditioning.* A height is a sum of 4096 cosines of either sign: 45 on average in units of one, known to 1e-13 of that, then
+//! rounded to f32. The roughness does not hang on it: cell sizes are solved for from the slopes' own sum of squares
+//! (positive terms), so α is exact to rounding for any number of cells.
 
 use rayon::prelude::*;
 

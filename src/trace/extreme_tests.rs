@@ -12,8 +12,9 @@ use super::profile::{Profile, ProfileFlight};
 use super::ridged::{RadianceOptions, RidgedSurface};
 use super::rng::{Purpose, Stream};
 use super::vec3::{V3, dot};
-use crate::geometry::Directions;
+use crate::geometry::{Cones, Directions};
 use crate::model::polarisation::Boundary;
+use crate::units::Angle;
 
 /// So many cases per claim as is usual, or as many as `PROPTEST_CASES` asks for.
 fn cases(usual: u32) -> ProptestConfig {
@@ -146,8 +147,8 @@ proptest! {
         let grid = Grid::polar(theta as usize, phi as usize);
         for side in [Side::Above, Side::Below] {
             let bin = grid.bin(side, &k);
-            prop_assert!(bin < grid.per_side());
-            prop_assert!(grid.projected_solid_angle(bin) > 0.0);
+            prop_assert!(bin / grid.per_side() == usize::from(side == Side::Below));
+            prop_assert!(grid.projected_solid_angle(bin % grid.per_side()) > 0.0);
         }
     }
 }
@@ -159,7 +160,7 @@ proptest! {
     fn a_traced_radiance_is_finite(
         i in upwards(), o in upwards(), theta_r in 1e-4..1.3f64, alpha_u in wide(1e-6, 1e3), alpha_v in wide(1e-6, 1e3),
         n in prop_oneof![wide(1e-3, 1e3), Just(1.0)], k in prop_oneof![Just(0.0), wide(1e-12, 1e3)], rho_d in prop_oneof![Just(0.0), 0.0..1.0f64],
-        radius in prop_oneof![Just(0.0), wide(1e-9, 0.2)], polarised in any::<bool>(), seed in any::<u64>(),
+        radius in prop_oneof![Just(0.0), wide(1e-9, 0.2)], lens in prop_oneof![Just(0.0), wide(1e-9, 0.2)], polarised in any::<bool>(), seed in any::<u64>(),
     ) {
         let Ok(profile) = Profile::sawtooth(theta_r, 1.0, 0.0) else { return Ok(()) };
         let body = Diffuse::new(rho_d, n, 1.0, 0.98);
@@ -170,7 +171,7 @@ proptest! {
             diffuse: (k == 0.0 && rho_d > 0.0 && body.strength.is_finite() && body.strength <= 1e3).then_some(body),
         };
         let directions = Directions { incident: Vector3::from(i), outgoing: Vector3::from(o) };
-        let options = RadianceOptions { paths: 64, seed, light_angular_radius: radius, polarised };
+        let options = RadianceOptions { paths: 64, seed, cones: Cones { lamp: Angle::from_rad(radius), lens: Angle::from_rad(lens) }, polarised };
         let found = surface.radiance(&directions, &options);
         prop_assert!(found.value.is_finite() && found.std.is_finite() && found.value >= 0.0, "{found:?}");
     }

@@ -3,6 +3,10 @@
 //! [`Light`] is implemented twice so that each mode compiles to its own loop: [`Polarised`] holds the
 //! Mueller matrix from the frame of launch to the current frame and that frame's s; [`Scalar`] a
 //! weight. The signs are those of [`crate::model::polarisation`].
+//!
+//! *Conditioning.* Turns are made of the cosine and sine of twice an angle, as (c² − d²)/(c² + d²) and 2cd/(c² + d²): no angle
+//! is formed and none is halved. Where a beam meets its normal to within 1e-12 rad the frame of a hit is whatever it was: r_p = −r_s
+//! there to 1e-24, so the choice cannot be seen.
 
 use super::vec3::{V3, cross, dot, scaled};
 use crate::model::polarisation::Channel;

@@ -4,6 +4,10 @@
 //! that leans to +v by θr, riser of length p tan θr at a right angle to it), with rounded crests and
 //! valleys if asked. The method is that of [`super::height_field`] in one dimension less: the
 //! clearance above the profile is carried from piece to piece.
+//!
+//! *Conditioning.* As there: the clearance at a corner is computed once and handed on, a hit divides it by a sum of two
+//! positive numbers. A piece's direction comes from the differences of its corners, so a profile far from v = 0 loses the
+//! digits of its offset (v = 1e6 steps: ten digits are left); `measured` refuses rows whose steps vanish in that.
 
 use super::height_field::Side;
 use super::vec3::V3;
@@ -236,7 +240,16 @@ impl Profile {
                 last: last.1,
             });
         }
-        let profile = Profile::of_corners(&rows[..rows.len() - 1], last.0 - first.0);
+        // The period is a difference: where the rows' own step is below its rounding the last corner would close
+        // before it.
+        let period = last.0 - first.0;
+        if first.0 + period <= rows[rows.len() - 2].0 {
+            return Err(ProfileError::NotIncreasing {
+                row: rows.len(),
+                v: last.0,
+            });
+        }
+        let profile = Profile::of_corners(&rows[..rows.len() - 1], period);
         match profile.effective_ridge_angle() {
             Some(_) => Ok(profile),
             None => Err(ProfileError::LeansNowhere),

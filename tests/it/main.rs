@@ -6,6 +6,7 @@
 mod bench_in_a_box;
 mod check;
 mod commands;
+mod costs;
 mod http;
 mod imports;
 mod lab;

@@ -5,11 +5,13 @@ use std::sync::atomic::Ordering;
 
 use anyhow::anyhow;
 use serde::Serialize;
+use std::time::Instant;
 
 use super::curves::{Line, Panel, panels};
 use super::hemisphere::{Disc, Lamp, Scale, sheet};
 use super::{CliError, Source, interrupt};
 use crate::cli::progress::Bar;
+use crate::model::LeftOut;
 use crate::trace::compare::{Difference, Direction, Mask, Summary, WAVELENGTHS_NM};
 use crate::trace::grid::Grid;
 use crate::trace::height_field::Side;
@@ -60,6 +62,8 @@ struct Report {
     wavelengths_nm: Vec<f64>,
     photons_per_wavelength: u64,
     angles: Vec<Angle>,
+    seconds: f64,
+    left_out: Vec<LeftOut>,
     program: String,
 }
 
@@ -115,6 +119,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         }
     }
     let cancel = interrupt::flag()?;
+    let started = Instant::now();
     let bar = Bar::new("runs");
     let total = (angles.len() * wavelengths.len()) as u64;
     let mut report = Report {
@@ -123,6 +128,8 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         wavelengths_nm: wavelengths.clone(),
         photons_per_wavelength: source.scene.run.photons,
         angles: Vec::new(),
+        seconds: 0.0,
+        left_out: Vec::new(),
         program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
     };
     for (done, &theta) in angles.iter().enumerate() {
@@ -132,6 +139,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
             source.scene.light.theta_i_deg = theta;
             source.scene.light.wavelength_nm = wavelength;
             let prepared = source.prepare()?.with_grid(grid);
+            report.left_out.clone_from(&prepared.left_out);
             let proceed = |_: &_| !cancel.load(Ordering::Relaxed);
             runs.push(trace_paired(&prepared, Shard::WHOLE, &proceed));
             if cancel.load(Ordering::Relaxed) {
@@ -159,6 +167,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         });
     }
     bar.clear();
+    report.seconds = started.elapsed().as_secs_f64();
     super::print(args.json, &report, |out| report.table(out))
 }
 

@@ -6,10 +6,12 @@ use std::sync::atomic::Ordering;
 
 use anyhow::{Context, anyhow};
 use serde::Serialize;
+use std::time::Instant;
 
 use super::curves::{Line, Panel, panels};
 use super::{CliError, Source, interrupt};
 use crate::cli::progress::Bar;
+use crate::model::LeftOut;
 use crate::trace::ellipsometer::{Point, SETTINGS, curve};
 use crate::trace::run::{Shard, trace};
 
@@ -45,6 +47,8 @@ struct Report {
     settings: [crate::trace::ellipsometer::Setting; 6],
     photons: u64,
     angles: Vec<Angle>,
+    seconds: f64,
+    left_out: Vec<LeftOut>,
     program: String,
 }
 
@@ -70,18 +74,23 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         source.scene.check().map_err(CliError::bad_input)?;
     }
     let cancel = interrupt::flag()?;
+    let started = Instant::now();
     let bar = Bar::new("runs");
     let mut report = Report {
         settings: SETTINGS,
         photons: source.scene.run.photons,
         angles: Vec::new(),
+        seconds: 0.0,
+        left_out: Vec::new(),
         program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
     };
     for (n, &theta) in args.angles_deg.iter().enumerate() {
         bar.at(n as u64, args.angles_deg.len() as u64);
         source.scene.light.theta_i_deg = theta;
         let proceed = |_: &_| !cancel.load(Ordering::Relaxed);
-        let totals = trace(&source.prepare()?, Shard::WHOLE, &proceed);
+        let prepared = source.prepare()?;
+        let totals = trace(&prepared, Shard::WHOLE, &proceed);
+        report.left_out = prepared.left_out;
         if cancel.load(Ordering::Relaxed) {
             bar.clear();
             return Err(CliError::Interrupted);
@@ -94,6 +103,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         });
     }
     bar.clear();
+    report.seconds = started.elapsed().as_secs_f64();
     if let Some(out) = &args.out {
         std::fs::write(out, report.csv())
             .with_context(|| format!("cannot write {}", out.display()))

@@ -84,7 +84,7 @@ fn energies_of_flat_layers_are_within_what_they_say_of_themselves() {
     for (indices, theta_deg, photons) in [
         (&[2.111_4, 1.989_8][..], 0.0, 4096),
         (&[2.5, 2.4, 2.3, 2.1, 1.8, 1.5, 1.2], 55.0, 4096),
-        (&[0.5, 30.0, 1.0, 30.0, 1.0, 30.0], 0.0, 1024),
+        (&[0.5, 30.0, 1.0, 30.0, 1.0, 30.0], 0.0, 4096),
     ] {
         let layers: String = indices
             .iter()
@@ -94,7 +94,7 @@ fn energies_of_flat_layers_are_within_what_they_say_of_themselves() {
         let exact = FlatStack::parse(&spelt.join("/")).unwrap();
         let c = exact.reflect(f64::to_radians(theta_deg)).unwrap().channel;
         let exact = 0.5 * (c.s + c.p);
-        let seeds = 24;
+        let seeds = 12;
         let mut chi2 = 0.0;
         for seed in 1..=seeds {
             let run = format!(
@@ -105,8 +105,8 @@ fn energies_of_flat_layers_are_within_what_they_say_of_themselves() {
             let first = e.reflected[0];
             assert!(first.std < 1e-3 * (1.0 + first.value), "{first:?}");
         }
-        // χ² of 24, each standard error known to 9 % from 64 replicates: beyond 60 once in 20,000.
-        assert!(chi2 < 60.0, "{indices:?}: {chi2}");
+        // χ² of 12, each standard error known to 9 % from 64 replicates: beyond 44 once in 50,000.
+        assert!(chi2 < 44.0, "{indices:?}: {chi2}");
     }
 }
 
