@@ -325,9 +325,6 @@ def write():
         "20 layers of index 1 + 1e-12": [1.0 + 1e-12 * j for j in range(21)],
         "20 layers over a metal": [1.0] + [1.3 if j % 2 else 1.7 for j in range(19)] + [0.3504 + 2.7141j],
         "20 layers over k = 30": [1.0] + [1.3 if j % 2 else 1.7 for j in range(19)] + [1.5 + 30j],
-        "30 layers, falling": [1.0] + [round(2.45 - 0.04 * j, 2) for j in range(30)],
-        "20 layers in no order": [1.0] + [round(1.05 + (7 * j * j + 3 * j) % 23 / 16, 4) for j in range(20)],
-        "6 layers of 0.5 to 30": [1.0, 0.5, 30.0, 1.0, 30.0, 1.0, 30.0],
     }
     for name, indices in layers.items():
         for degrees in (0.0, 45.0, 80.0, 89.999999):
