@@ -9,6 +9,8 @@ pub mod cli;
 pub mod clock;
 pub mod config;
 pub mod contrast;
+#[cfg(test)]
+mod extremes;
 pub mod fit;
 pub mod forecast;
 pub mod frame;

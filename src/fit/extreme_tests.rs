@@ -8,25 +8,7 @@ use super::least_squares::LeastSquares;
 use super::loss::Loss;
 use super::solver::{Bounds, Ending, Settings, minimise};
 use super::thin::triangle;
-
-/// Every exponent, special values and plain ones, of either sign.
-fn any_double() -> impl Strategy<Value = f64> {
-    prop_oneof![
-        prop::sample::select(vec![0.0, 1.0, f64::MAX, -f64::MAX, 5e-324, f64::EPSILON]),
-        proptest::num::f64::NORMAL | proptest::num::f64::SUBNORMAL,
-        -10.0..10.0f64,
-    ]
-}
-
-/// So many cases per claim as is usual, or as many as `PROPTEST_CASES` asks for.
-fn cases(usual: u32) -> ProptestConfig {
-    let asked = std::env::var("PROPTEST_CASES");
-    ProptestConfig {
-        cases: asked.ok().and_then(|n| n.parse().ok()).unwrap_or(usual),
-        failure_persistence: None,
-        ..ProptestConfig::default()
-    }
-}
+use crate::extremes::{any_double, cases};
 
 const ROWS: usize = 5;
 const COLUMNS: usize = 3;

@@ -7,28 +7,10 @@ use super::inverse::invert;
 use super::kernel::{Geometry, single};
 use super::pixels::{Instructions, PixelFitter};
 use super::solve::{FREE, LOWER, PACKED, UPPER};
+use crate::extremes::{any_double, cases};
 use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;
 use crate::model::lanes::Lane;
-
-/// So many cases per claim as is usual, or as many as `PROPTEST_CASES` asks for.
-fn cases(usual: u32) -> ProptestConfig {
-    let asked = std::env::var("PROPTEST_CASES");
-    ProptestConfig {
-        cases: asked.ok().and_then(|n| n.parse().ok()).unwrap_or(usual),
-        failure_persistence: None,
-        ..ProptestConfig::default()
-    }
-}
-
-/// Every exponent, special values and plain ones, of either sign.
-fn any_double() -> impl Strategy<Value = f64> {
-    prop_oneof![
-        prop::sample::select(vec![0.0, 1.0, f64::MAX, -f64::MAX, 5e-324, f64::EPSILON]),
-        proptest::num::f64::NORMAL | proptest::num::f64::SUBNORMAL,
-        -10.0..10.0f64,
-    ]
-}
 
 /// What a pixel of a frame may be turned into: every exponent of a single, and plain ones.
 fn any_single() -> impl Strategy<Value = f32> {

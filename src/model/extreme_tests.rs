@@ -15,31 +15,9 @@ use super::quadrature::Quadrature;
 use super::sawtooth::visible_and_lit_fraction;
 use super::single_bounce::{Scattering, mueller_brdf};
 use super::{Optics, Surface, Variant, radiance};
+use crate::extremes::{any_double, cases, wide};
 use crate::geometry::{Cones, Directions};
 use crate::units::Angle;
-
-/// Doubles that meet the ends: special values, every exponent, and plain ones.
-fn any_double() -> impl Strategy<Value = f64> {
-    prop_oneof![
-        prop::sample::select(vec![
-            0.0,
-            -0.0,
-            1.0,
-            1.0 + 1e-12,
-            1.0 - 1e-12,
-            f64::MIN_POSITIVE,
-            5e-324,
-            f64::MAX,
-            f64::EPSILON,
-            std::f64::consts::FRAC_PI_2,
-            90.0,
-            30.0,
-        ]),
-        proptest::num::f64::NORMAL | proptest::num::f64::SUBNORMAL,
-        -10.0..10.0f64,
-        (-300.0..300.0f64).prop_map(|e| 10f64.powf(e)),
-    ]
-}
 
 /// An angle from n: anywhere, or close to the horizon.
 fn polar() -> impl Strategy<Value = f64> {
@@ -49,10 +27,6 @@ fn polar() -> impl Strategy<Value = f64> {
         Just(std::f64::consts::FRAC_PI_2),
         Just(0.0),
     ]
-}
-
-fn wide(low: f64, high: f64) -> impl Strategy<Value = f64> {
-    (low.log10()..high.log10()).prop_map(|e| 10f64.powf(e))
 }
 
 prop_compose! {
@@ -80,18 +54,6 @@ prop_compose! {
     {
         let cones = Cones { lamp: Angle::from_rad(lamp), lens: Angle::from_rad(lens) };
         Optics { eta, k, theta_l, cones }
-    }
-}
-
-/// So many cases per claim as is usual, or as many as `PROPTEST_CASES` asks for.
-fn cases(usual: u32) -> ProptestConfig {
-    let asked = std::env::var("PROPTEST_CASES")
-        .ok()
-        .and_then(|n| n.parse().ok());
-    ProptestConfig {
-        cases: asked.unwrap_or(usual),
-        failure_persistence: None,
-        ..ProptestConfig::default()
     }
 }
 

@@ -7,25 +7,12 @@ use proptest::prelude::*;
 
 use super::reduce;
 use super::synthetic::Memory;
+use crate::extremes::{cases, wide};
 use crate::frame::{Frame, FrameKind};
 use crate::series::{FrameRow, Manifest};
 
 /// A rig and camera as in the recorded series.
 const MANIFEST: &str = include_str!("../../tests/data/series/polymer-10/manifest.toml");
-
-/// So many cases per claim as is usual, or as many as `PROPTEST_CASES` asks for.
-fn cases(usual: u32) -> ProptestConfig {
-    let asked = std::env::var("PROPTEST_CASES");
-    ProptestConfig {
-        cases: asked.ok().and_then(|n| n.parse().ok()).unwrap_or(usual),
-        failure_persistence: None,
-        ..ProptestConfig::default()
-    }
-}
-
-fn wide(low: f64, high: f64) -> impl Strategy<Value = f64> {
-    (low.log10()..high.log10()).prop_map(|e| 10f64.powf(e))
-}
 
 /// Counts of a frame: black, full, anything, or a level with some noise.
 fn counts(pixels: usize) -> impl Strategy<Value = Vec<u16>> {

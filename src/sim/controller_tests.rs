@@ -279,6 +279,8 @@ fn a_long_command_is_echoed_in_full_and_a_torn_one_refused() {
 }
 
 proptest! {
+    #![proptest_config(crate::extremes::cases(256))]
+
     #[test]
     fn no_bytes_make_the_controller_panic(chunks in proptest::collection::vec(any::<Vec<u8>>(), 0..8)) {
         let mut rig = Rig::homed();

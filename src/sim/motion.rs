@@ -255,6 +255,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::extremes::cases(256))]
+
         #[test]
         fn position_and_velocity_are_continuous_and_end_on_target(
             from in -1e5..1e5f64, v0 in -500.0..500.0f64, to in -1e5..1e5f64,

@@ -12,32 +12,10 @@ use super::profile::{Profile, ProfileFlight};
 use super::ridged::{RadianceOptions, RidgedSurface};
 use super::rng::{Purpose, Stream};
 use super::vec3::{V3, dot};
+use crate::extremes::{any_double, cases, wide};
 use crate::geometry::{Cones, Directions};
 use crate::model::polarisation::Boundary;
 use crate::units::Angle;
-
-/// So many cases per claim as is usual, or as many as `PROPTEST_CASES` asks for.
-fn cases(usual: u32) -> ProptestConfig {
-    let asked = std::env::var("PROPTEST_CASES");
-    ProptestConfig {
-        cases: asked.ok().and_then(|n| n.parse().ok()).unwrap_or(usual),
-        failure_persistence: None,
-        ..ProptestConfig::default()
-    }
-}
-
-fn wide(low: f64, high: f64) -> impl Strategy<Value = f64> {
-    (low.log10()..high.log10()).prop_map(|e| 10f64.powf(e))
-}
-
-/// Every exponent, special values and plain ones, of either sign.
-fn any_double() -> impl Strategy<Value = f64> {
-    prop_oneof![
-        prop::sample::select(vec![0.0, 1.0, f64::MAX, -f64::MAX, 5e-324, f64::EPSILON]),
-        proptest::num::f64::NORMAL | proptest::num::f64::SUBNORMAL,
-        -10.0..10.0f64,
-    ]
-}
 
 /// An angle from n: anywhere above the surface, upright, or as good as level.
 fn polar() -> impl Strategy<Value = f64> {

@@ -352,6 +352,8 @@ fn id() -> impl Strategy<Value = Option<u8>> {
 }
 
 proptest! {
+    #![proptest_config(crate::extremes::cases(256))]
+
     #[test]
     fn any_command_survives_the_line(
         address in 0..=99u8, axis in 0..=9u8, id in id(), words in text(), with_checksum: bool,
