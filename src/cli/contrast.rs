@@ -3,7 +3,7 @@
 mod figure;
 
 use std::fmt::Write as _;
-use std::io::{IsTerminal as _, Write as _};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -12,13 +12,14 @@ use anyhow::{Context, anyhow};
 use clap::ValueEnum;
 use serde_json::{Value, json};
 
+use super::limits::{PredictionLimits, Stopwatch};
 use super::{CliError, daemon, interrupt};
 use crate::contrast::{as_json, findings_json, measure, rounded_deg};
-use crate::forecast::{Expected, Forecast};
+use crate::forecast::Expected;
 use crate::geometry::{Cones, RigGeometry};
 use crate::material::tables;
 use crate::model::contrast::{
-    Exposure, PAIRS, PAPER_RIDGES_DEG, PAPER_TILTS_DEG, Pace, TOLERANCE, Table, Tier, predict_paced,
+    Exposure, PAIRS, PAPER_RIDGES_DEG, PAPER_TILTS_DEG, Pace, Table, Tier, predict_paced,
 };
 use crate::model::{LeftOut, Optics, Surface, Variant, domain, left_out};
 use crate::observation::ObservationSet;
@@ -60,7 +61,7 @@ pub struct Args {
     pub variant: Model,
     /// Time and error allowed of a prediction.
     #[command(flatten)]
-    pub limits: Limits,
+    pub limits: PredictionLimits,
     /// CSV of radiances to compare with (theta_r_deg, theta_c_deg, phi_s_deg, radiance; a column
     /// alpha is matched with --alpha).
     #[arg(long, value_name = "FILE.csv", conflicts_with = "measured")]
@@ -71,67 +72,6 @@ pub struct Args {
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
-}
-
-/// What a prediction may take, and how wrong the quadrature may be.
-#[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
-pub struct Limits {
-    /// Begin no further surface after this time; what is missing then is told (`left_out`).
-    #[arg(long, value_name = "S")]
-    pub max_seconds: Option<f64>,
-    /// Error of the quadrature, as a share of a surface's brightest radiance.
-    #[arg(long, value_name = "E")]
-    pub target_error: Option<f64>,
-}
-
-impl Limits {
-    /// Refuses limits that are not greater than 0, and an error of a form that has none to choose.
-    ///
-    /// # Errors
-    /// Bad input, naming the option.
-    pub fn check(&self, variant: Model) -> Result<(), CliError> {
-        for (name, x) in [
-            ("--max-seconds", self.max_seconds),
-            ("--target-error", self.target_error),
-        ] {
-            if x.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
-                return Err(CliError::bad_input(anyhow!(
-                    "{name} must be greater than 0"
-                )));
-            }
-        }
-        if self.target_error.is_some() && variant != Model::Quadrature {
-            return Err(CliError::bad_input(anyhow!(
-                "--target-error is for the integral, closed forms have the error that they have: add --variant quadrature"
-            )));
-        }
-        Ok(())
-    }
-
-    /// Error that the quadrature is asked for.
-    #[must_use]
-    pub fn tolerance(&self) -> f64 {
-        self.target_error.unwrap_or(TOLERANCE)
-    }
-
-    /// Says on stderr what `tables` of tables like a pilot's will take, where a limit is set or it is more than a
-    /// second and a terminal is there to tell it to.
-    pub fn foretell(&self, tables: u64, pilot: impl FnOnce()) {
-        let started = Instant::now();
-        pilot();
-        let each_s = started.elapsed().as_secs_f64();
-        let told = Forecast {
-            error: None,
-            ..Forecast::about(tables as f64 * each_s).for_work(tables, "tables")
-        };
-        let told = told
-            .to_error(self.target_error, "a radiance, of the brightest,")
-            .within(self.max_seconds);
-        let asked = *self != Limits::default();
-        if asked || (told.seconds > 1.0 && std::io::stderr().is_terminal()) {
-            eprintln!("forecast: {told}");
-        }
-    }
 }
 
 /// A rig and a surface given by options; the defaults are the paper's rig with narrow lobes.
@@ -338,7 +278,7 @@ impl Scene {
 pub fn run(args: Args) -> Result<(), CliError> {
     let started = Instant::now();
     let region = args.region.as_deref();
-    if (args.dir.is_some() || args.scan.is_some()) && args.limits != Limits::default() {
+    if (args.dir.is_some() || args.scan.is_some()) && args.limits != PredictionLimits::default() {
         return Err(CliError::bad_input(anyhow!(
             "--max-seconds and --target-error are for predictions: a measured contrast has the error of its frames"
         )));
@@ -391,24 +331,14 @@ fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
     let predicted = |tier, ridges: &[f64], pace: &Pace<'_>| {
         predict_paced(tier, &rig, &optics, &surface, ridges, tilts, pace)
     };
-    let started = Instant::now();
-    let late = || {
-        let spent = started.elapsed().as_secs_f64();
-        args.limits.max_seconds.is_some_and(|limit| spent >= limit)
-    };
-    let pace = Pace {
-        tolerance: args.limits.tolerance(),
-        go_on: &|| !late(),
-    };
-    let all = Pace {
-        go_on: &|| true,
-        ..pace
-    };
+    let watch = Stopwatch::start(args.limits.max_seconds);
+    let in_time = || !watch.is_late();
+    let pace = args.limits.pace(&in_time);
     let tier = args.variant.tier();
     let middle = args.theta_r_deg.len() / 2;
     args.limits.foretell(args.theta_r_deg.len() as u64, || {
         let one = args.theta_r_deg.get(middle).copied().unwrap_or_default();
-        std::hint::black_box(predicted(tier, &[one], &all));
+        std::hint::black_box(predicted(tier, &[one], &pace.to_the_end()));
     });
     let found = predicted(tier, &args.theta_r_deg, &pace);
     if found.table.lines.is_empty() && !found.left.is_empty() {

@@ -16,6 +16,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use serde::Serialize;
 
+use super::limits::FitLimits;
 use super::{CliError, daemon, interrupt, told};
 use crate::accuracy::forecast::of_analysis;
 use crate::analysis::{Analysis, AnalysisError, AnalysisOptions, Progress, analyse};
@@ -95,7 +96,7 @@ pub struct Args {
     pub height_unit_um: Option<f64>,
     /// Time and error allowed.
     #[command(flatten)]
-    pub limits: Limits,
+    pub limits: FitLimits,
     /// Retrace a descent to the minimum: cost, gradient, step and error of every trial step against
     /// seconds (`iterations` of --json).
     #[arg(long)]
@@ -103,56 +104,6 @@ pub struct Args {
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
-}
-
-/// What a fit may take, and how wrong it may be.
-#[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
-pub struct Limits {
-    /// End the ray tracer and the bootstrap after this time of fitting; what they reached by then counts.
-    #[arg(long, value_name = "S")]
-    pub max_seconds: Option<f64>,
-    /// End the ray tracer once its standard error, as a share of the largest radiance, is below this
-    /// (without it: once its line of the budget is small).
-    #[arg(long, value_name = "E")]
-    pub target_error: Option<f64>,
-    /// Share of the brightest observation that may be left out of the model where that saves time (the
-    /// integrated second bounce, where it changes less); `left_out` says what was.
-    #[arg(long, value_name = "E")]
-    pub tolerance: Option<f64>,
-}
-
-impl Limits {
-    /// Refuses limits that are not greater than 0, and such as nothing is there to obey.
-    ///
-    /// # Errors
-    /// Bad input, naming the option and what would give it a meaning.
-    pub fn check(&self, traces: bool, draws: bool) -> Result<(), CliError> {
-        let idle = [
-            (
-                "--max-seconds",
-                " or the bootstrap",
-                self.max_seconds.is_some() && !draws,
-            ),
-            ("--target-error", "", self.target_error.is_some()),
-        ];
-        if let Some((name, other, _)) = idle.iter().find(|(.., is)| *is && !traces) {
-            return Err(CliError::bad_input(anyhow!(
-                "{name} is for the ray tracer{other}: add --variant traced, or --judge where there is one"
-            )));
-        }
-        for (name, x) in [
-            ("--max-seconds", self.max_seconds),
-            ("--target-error", self.target_error),
-            ("--tolerance", self.tolerance),
-        ] {
-            if x.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
-                return Err(CliError::bad_input(anyhow!(
-                    "{name} must be greater than 0"
-                )));
-            }
-        }
-        Ok(())
-    }
 }
 
 /// Says on stderr what an analysis will take: where a limit is set, and on a terminal where it is long (the ray

@@ -3,7 +3,8 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use super::fit::{Limits, Variant, foretell, watched};
+use super::fit::{Variant, foretell, watched};
+use super::limits::FitLimits;
 use super::{CliError, daemon, interrupt};
 use crate::analysis::AnalysisOptions;
 use crate::fit::FitOptions;
@@ -43,7 +44,7 @@ pub struct Args {
     pub region: Option<String>,
     /// Time and error allowed.
     #[command(flatten)]
-    pub limits: Limits,
+    pub limits: FitLimits,
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,

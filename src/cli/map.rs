@@ -5,10 +5,9 @@ use std::path::PathBuf;
 use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
-use anyhow::anyhow;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{CliError, daemon, interrupt};
+use super::{CliError, daemon, interrupt, limits};
 use crate::accuracy::map_forecast::of_map;
 use crate::map::folder::{FolderError, map_into};
 use crate::map::write::Summary;
@@ -66,16 +65,10 @@ pub fn run(args: Args) -> Result<(), CliError> {
         (Some(dir), _) => Box::new(Series::open(dir).map_err(CliError::bad_input)?),
         (None, scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
     };
-    for (name, x) in [
+    limits::check(&[
         ("--max-seconds", args.max_seconds),
         ("--target-error", args.target_error),
-    ] {
-        if x.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
-            return Err(CliError::bad_input(anyhow!(
-                "{name} must be greater than 0"
-            )));
-        }
-    }
+    ])?;
     let cancel = interrupt::flag()?;
     let watch = Watch::new();
     let options = MapOptions {

@@ -4,7 +4,6 @@
 //! result, 2 bad usage or bad input, 130 after Ctrl-C once things are safe.
 
 pub mod accuracy;
-mod allowance;
 pub mod check;
 pub mod client;
 pub mod contrast;
@@ -18,6 +17,7 @@ mod heights;
 pub mod import;
 pub mod interrupt;
 pub mod judge;
+mod limits;
 pub mod map;
 pub mod model_error;
 pub mod optimize;

@@ -16,7 +16,7 @@ use anyhow::{Context, anyhow};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use super::allowance::Allowance;
+use super::limits::PathLimits;
 use super::progress::Bar;
 use super::{CliError, interrupt};
 use crate::fit::{FitOptions, VariantChoice, fit};
@@ -52,7 +52,7 @@ pub struct Args {
     pub paths: u64,
     /// Time and error allowed.
     #[command(flatten)]
-    pub allowance: Allowance,
+    pub limits: PathLimits,
     /// Seed of everything random.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -226,13 +226,13 @@ fn cells(args: &Args, cancel: &AtomicBool) -> Result<Vec<Cell>, CliError> {
             );
         }
     }
-    args.allowance.check()?;
+    args.limits.check()?;
     let mut paths = args.paths;
-    if args.allowance.is_any()
+    if args.limits.is_any()
         && let Some((material, theta_r_deg, alpha)) = wanted.get(wanted.len() / 2)
     {
         let pilot = |paths| Some(cell(args, paths, *material, *theta_r_deg, *alpha, cancel)?.noise);
-        let told = args.allowance.plan(wanted.len(), 1, paths, &pilot);
+        let told = args.limits.plan(wanted.len(), 1, paths, &pilot);
         if let Some(told) = told {
             eprintln!("forecast: {}", told.forecast);
             paths = told.paths;

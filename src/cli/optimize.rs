@@ -1,17 +1,17 @@
 //! `ridged optimize`: the micro-structure of greatest contrast on a rig, and how flat the optimum is.
 
 use std::io::Write as _;
-use std::time::Instant;
 
 use anyhow::anyhow;
 use serde_json::json;
 
 use super::CliError;
-use super::contrast::{Limits, Model, Scene};
+use super::contrast::{Model, Scene};
+use super::limits::{PredictionLimits, Stopwatch};
 use crate::forecast::Expected;
 use crate::model::LeftOut;
 use crate::model::Surface;
-use crate::model::contrast::{Pace, Tier, predict_paced};
+use crate::model::contrast::{Tier, predict_paced};
 use crate::model::optimum::{Search, optimise, tables_of};
 
 /// Finds the ridge angle (and the roughness within bounds) of greatest mean contrast on a rig.
@@ -41,7 +41,7 @@ pub struct Args {
     pub variant: Model,
     /// Time and error allowed.
     #[command(flatten)]
-    pub limits: Limits,
+    pub limits: PredictionLimits,
     /// One JSON object on stdout instead of sentences.
     #[arg(long)]
     pub json: bool,
@@ -123,25 +123,16 @@ fn report(args: &Args) -> Result<serde_json::Value, CliError> {
     };
     args.limits.check(args.variant)?;
     let tier = args.variant.tier();
-    let started = Instant::now();
-    let late = || {
-        let spent = started.elapsed().as_secs_f64();
-        args.limits.max_seconds.is_some_and(|limit| spent >= limit)
-    };
-    let pace = Pace {
-        tolerance: args.limits.tolerance(),
-        go_on: &|| !late(),
-    };
+    let watch = Stopwatch::start(args.limits.max_seconds);
+    let in_time = || !watch.is_late();
+    let pace = args.limits.pace(&in_time);
     let table = |tier, theta_r_deg: f64, alpha: f64| {
         let surface = Surface {
             alpha_u: alpha,
             alpha_v: alpha,
             ..surface
         };
-        let all = Pace {
-            go_on: &|| true,
-            ..pace
-        };
+        let all = pace.to_the_end();
         let tilts = &search.tilts_deg;
         predict_paced(tier, &rig, &optics, &surface, &[theta_r_deg], tilts, &all)
     };
@@ -190,7 +181,7 @@ fn report(args: &Args) -> Result<serde_json::Value, CliError> {
         "error": error,
         "complete": best.complete,
         "tables": best.tables,
-        "seconds": started.elapsed().as_secs_f64(),
+        "seconds": watch.seconds(),
         "left_out": left_out,
         "program": concat!("ridged ", env!("CARGO_PKG_VERSION")),
     }))

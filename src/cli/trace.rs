@@ -11,13 +11,14 @@ use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use anyhow::{Context, anyhow};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
+use super::limits::{self, Stopwatch};
 use super::{CliError, heights, interrupt};
 use crate::accuracy::forecast::{Patience, of_run};
 use crate::plan;
@@ -116,23 +117,17 @@ pub fn run(args: Args) -> Result<(), CliError> {
         .scene
         .as_deref()
         .ok_or_else(|| CliError::bad_input(anyhow!("which scene?")))?;
-    for (name, x) in [
+    limits::check(&[
         ("--max-seconds", args.max_seconds),
         ("--target-error", args.target_error),
         ("--tolerance", args.tolerance),
-    ] {
-        if x.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
-            return Err(CliError::bad_input(anyhow!(
-                "{name} must be greater than 0"
-            )));
-        }
-    }
+    ])?;
     let mut fingerprint = Sha256::new();
     let before = Instant::now();
     let (scene, mut prepared) = prepare(path, &mut fingerprint)?;
     let surface_seconds = before.elapsed().as_secs_f64();
     let cancel = interrupt::flag()?;
-    let started = Instant::now();
+    let watch = Stopwatch::start(args.max_seconds);
     let out = args.out.as_deref().or(args.resume.as_deref());
     // What is left out decides which bits come out: parts of one run leave out the same.
     fingerprint.update(format!("{:?}", args.tolerance));
@@ -169,11 +164,11 @@ pub fn run(args: Args) -> Result<(), CliError> {
     }
     // The first photon comes once it is known where the light falls.
     let (set_up, run_started) = (OnceLock::new(), Instant::now());
-    let so_far = watched(&prepared, shard, before, &args, &cancel, started, &|| {
+    let so_far = watched(&prepared, shard, before, &args, &cancel, &watch, &|| {
         set_up.get_or_init(|| run_started.elapsed().as_secs_f64());
     });
     let run_seconds = run_started.elapsed().as_secs_f64();
-    let seconds = started.elapsed().as_secs_f64();
+    let seconds = watch.seconds();
     let totals = &so_far.totals;
     if totals.photons() == 0 {
         if cancel.load(Ordering::Relaxed) {
@@ -207,15 +202,9 @@ pub fn run(args: Args) -> Result<(), CliError> {
         return Err(CliError::Interrupted);
     }
     match (args.target_error, totals.relative_error()) {
-        (Some(target), reached)
-            if reached.is_none_or(|e| e > target) && !timed_out(&args, started) =>
-        {
-            Err(CliError::no_result(unreached(
-                target,
-                reached,
-                totals.photons(),
-            )))
-        }
+        (Some(target), reached) if reached.is_none_or(|e| e > target) && !watch.is_late() => Err(
+            CliError::no_result(unreached(target, reached, totals.photons())),
+        ),
         _ => Ok(()),
     }
 }
@@ -244,11 +233,6 @@ fn unreached(target: f64, reached: Option<f64>, photons: u64) -> anyhow::Error {
             "the target error {target} cannot be reached: no light was reflected, or no more than its own noise"
         ),
     }
-}
-
-fn timed_out(args: &Args, started: Instant) -> bool {
-    args.max_seconds
-        .is_some_and(|limit| started.elapsed().as_secs_f64() >= limit)
 }
 
 /// Photons from which on a forecast is worth its time.
@@ -351,7 +335,7 @@ fn watched(
     before: Option<SoFar>,
     args: &Args,
     cancel: &AtomicBool,
-    started: Instant,
+    watch: &Stopwatch,
     first: &(dyn Fn() + Sync),
 ) -> SoFar {
     let bar = if std::io::stderr().is_terminal() {
@@ -364,13 +348,12 @@ fn watched(
     } else {
         ProgressBar::hidden()
     };
-    let slow = Duration::from_secs(1);
     let done = before.as_ref().map_or(0, |b| b.totals.photons());
     bar.set_position(done);
     bar.reset_eta();
     let so_far = run::resume(prepared, shard, before, &|progress: &Progress| {
         first();
-        if started.elapsed() > slow {
+        if watch.seconds() > 1.0 {
             bar.set_length(progress.photons_planned);
             bar.set_position(progress.photons);
             if let Some(error) = progress.relative_error {
@@ -380,7 +363,7 @@ fn watched(
         let good_enough = args
             .target_error
             .is_some_and(|target| progress.relative_error.is_some_and(|e| e <= target));
-        !(cancel.load(Ordering::Relaxed) || timed_out(args, started) || good_enough)
+        !(cancel.load(Ordering::Relaxed) || watch.is_late() || good_enough)
     });
     bar.finish_and_clear();
     so_far

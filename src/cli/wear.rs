@@ -16,8 +16,8 @@ use anyhow::{Context, anyhow};
 use rayon::prelude::*;
 use serde_json::json;
 
-use super::allowance::Allowance;
 use super::contrast::Scene;
+use super::limits::PathLimits;
 use super::progress::Bar;
 use super::{CliError, interrupt};
 use crate::forecast::Expected;
@@ -60,7 +60,7 @@ pub struct Args {
     pub paths: u64,
     /// Time and error allowed.
     #[command(flatten)]
-    pub allowance: Allowance,
+    pub limits: PathLimits,
     /// Seed of everything random.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -219,7 +219,7 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
         alpha_u: surface.alpha_u,
         alpha_v: surface.alpha_v,
     };
-    args.allowance.check()?;
+    args.limits.check()?;
     let surface_of = |n: usize, paths: u64| -> Option<Point> {
         let theta_r_deg = low + step * (n % count) as f64;
         let mut ridges = Ridges::ideal(theta_r_deg.to_radians(), 1.0);
@@ -244,13 +244,13 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
     };
     let surfaces = wears.len() * count;
     let mut paths = args.paths;
-    if args.allowance.is_any() {
+    if args.limits.is_any() {
         let pilot = |paths: u64| {
             let c = surface_of(surfaces / 2, paths)?.contrast;
             Some(c.std / c.value.abs().max(f64::MIN_POSITIVE))
         };
         let told = args
-            .allowance
+            .limits
             .plan(surfaces, rayon::current_num_threads(), paths, &pilot);
         if let Some(told) = told {
             eprintln!("forecast: {}", told.forecast);

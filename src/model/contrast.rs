@@ -288,6 +288,15 @@ impl Pace<'_> {
         tolerance: TOLERANCE,
         go_on: &|| true,
     };
+
+    /// To the same error, to the end.
+    #[must_use]
+    pub fn to_the_end(&self) -> Pace<'static> {
+        Pace {
+            tolerance: self.tolerance,
+            ..Pace::UNHURRIED
+        }
+    }
 }
 
 /// A predicted table with how wrong it may be and what it has not.

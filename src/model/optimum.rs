@@ -104,10 +104,7 @@ pub fn optimise(
             ..*surface
         };
         tables.set(tables.get() + 1);
-        let one = Pace {
-            go_on: &|| true,
-            ..*pace
-        };
+        let one = pace.to_the_end();
         let ridge = [theta_r_deg];
         predict_paced(tier, rig, optics, &surface, &ridge, &search.tilts_deg, &one)
     };

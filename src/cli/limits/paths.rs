@@ -3,14 +3,13 @@
 
 use std::time::Instant;
 
-use anyhow::anyhow;
-
-use super::CliError;
+use super::check;
+use crate::cli::CliError;
 use crate::forecast::Forecast;
 
 /// What a user allows.
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
-pub struct Allowance {
+pub struct PathLimits {
     /// Take no longer than about this: fewer paths are traced if need be, and how many is told.
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
@@ -33,23 +32,16 @@ const PILOTS: [u64; 2] = [64, 512];
 /// Fewest and most paths of a run.
 const PATHS: (u64, u64) = (64, 10_000_000);
 
-impl Allowance {
+impl PathLimits {
     /// Refuses limits that are not greater than 0.
     ///
     /// # Errors
     /// Bad input, naming the option.
     pub fn check(&self) -> Result<(), CliError> {
-        for (name, x) in [
+        check(&[
             ("--max-seconds", self.max_seconds),
             ("--target-error", self.target_error),
-        ] {
-            if x.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
-                return Err(CliError::bad_input(anyhow!(
-                    "{name} must be greater than 0"
-                )));
-            }
-        }
-        Ok(())
+        ])
     }
 
     /// Whether there is anything to plan.
@@ -129,11 +121,11 @@ mod tests {
         // A surface: 0.1 s and 1 ms per path; 2 % after 512 paths; 10 turns.
         let seconds = PILOTS.map(|paths| 0.1 + 1e-3 * paths as f64);
         let told = |max_seconds, target_error| {
-            let allowance = Allowance {
+            let limits = PathLimits {
                 max_seconds,
                 target_error,
             };
-            allowance.told_by(seconds, 0.02, 10, 4096, 0.0)
+            limits.told_by(seconds, 0.02, 10, 4096, 0.0)
         };
         assert_eq!(told(None, Some(0.01)).paths, 2048);
         assert!((told(None, Some(0.01)).forecast.seconds - (1.0 + 20.48)).abs() < 1e-9);

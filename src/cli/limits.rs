@@ -1,0 +1,94 @@
+//! What a user allows a command: seconds and errors, refused in one wording and timed by one [`Stopwatch`].
+//!
+//! The options that commands share are here too, by what they bound: [`PredictionLimits`] tables of closed forms
+//! and quadratures, [`PathLimits`] surfaces of so many paths each, [`FitLimits`] fits. A command whose limits mean
+//! something of its own keeps the options and calls [`check`]. What a limit leaves out is told by the command.
+
+mod fit;
+mod paths;
+mod prediction;
+
+use std::time::Instant;
+
+use anyhow::anyhow;
+
+use super::CliError;
+
+pub use fit::FitLimits;
+pub use paths::PathLimits;
+pub use prediction::PredictionLimits;
+
+/// Refuses limits that are not greater than 0; those that nobody set are fine.
+///
+/// # Errors
+/// Bad input, naming the option.
+pub fn check(limits: &[(&str, Option<f64>)]) -> Result<(), CliError> {
+    for (name, limit) in limits {
+        if limit.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
+            return Err(CliError::bad_input(anyhow!(
+                "{name} must be greater than 0"
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// The time of a calculation that may have to end early.
+#[derive(Debug, Clone, Copy)]
+pub struct Stopwatch {
+    started: Instant,
+    max_seconds: Option<f64>,
+}
+
+impl Stopwatch {
+    /// Runs from now on; without `max_seconds` for ever.
+    #[must_use]
+    pub fn start(max_seconds: Option<f64>) -> Self {
+        Stopwatch {
+            started: Instant::now(),
+            max_seconds,
+        }
+    }
+
+    /// Seconds since the start.
+    #[must_use]
+    pub fn seconds(&self) -> f64 {
+        self.started.elapsed().as_secs_f64()
+    }
+
+    /// Whether the time allowed is over.
+    #[must_use]
+    pub fn is_late(&self) -> bool {
+        self.max_seconds
+            .is_some_and(|limit| self.seconds() >= limit)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_limit_that_is_not_greater_than_0_is_refused_by_name() {
+        let refusal = |limit| match check(&[("--max-seconds", None), ("--tolerance", Some(limit))])
+        {
+            Err(CliError::BadInput(error)) => Some(error.to_string()),
+            other => {
+                assert!(other.is_ok());
+                None
+            }
+        };
+        for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let text = refusal(bad).expect("it is refused");
+            assert_eq!(text, "--tolerance must be greater than 0");
+        }
+        assert_eq!(refusal(1e-9), None);
+    }
+
+    #[test]
+    fn only_a_limit_makes_it_late() {
+        assert!(!Stopwatch::start(None).is_late());
+        assert!(!Stopwatch::start(Some(1e9)).is_late());
+        assert!(Stopwatch::start(Some(0.0)).is_late());
+    }
+}

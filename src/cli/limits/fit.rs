@@ -1,0 +1,49 @@
+//! `--max-seconds`, `--target-error` and `--tolerance` of fits.
+
+use anyhow::anyhow;
+
+use super::check;
+use crate::cli::CliError;
+
+/// What a fit may take, and how wrong it may be.
+#[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
+pub struct FitLimits {
+    /// End the ray tracer and the bootstrap after this time of fitting; what they reached by then counts.
+    #[arg(long, value_name = "S")]
+    pub max_seconds: Option<f64>,
+    /// End the ray tracer once its standard error, as a share of the largest radiance, is below this
+    /// (without it: once its line of the budget is small).
+    #[arg(long, value_name = "E")]
+    pub target_error: Option<f64>,
+    /// Share of the brightest observation that may be left out of the model where that saves time (the
+    /// integrated second bounce, where it changes less); `left_out` says what was.
+    #[arg(long, value_name = "E")]
+    pub tolerance: Option<f64>,
+}
+
+impl FitLimits {
+    /// Refuses limits that are not greater than 0, and such as nothing is there to obey.
+    ///
+    /// # Errors
+    /// Bad input, naming the option and what would give it a meaning.
+    pub fn check(&self, traces: bool, draws: bool) -> Result<(), CliError> {
+        let idle = [
+            (
+                "--max-seconds",
+                " or the bootstrap",
+                self.max_seconds.is_some() && !draws,
+            ),
+            ("--target-error", "", self.target_error.is_some()),
+        ];
+        if let Some((name, other, _)) = idle.iter().find(|(.., is)| *is && !traces) {
+            return Err(CliError::bad_input(anyhow!(
+                "{name} is for the ray tracer{other}: add --variant traced, or --judge where there is one"
+            )));
+        }
+        check(&[
+            ("--max-seconds", self.max_seconds),
+            ("--target-error", self.target_error),
+            ("--tolerance", self.tolerance),
+        ])
+    }
+}
