@@ -69,6 +69,12 @@ impl RigGeometry {
         azimuth_zero: Angle::ZERO,
         cones: Cones::of_lamp(Angle::from_deg(1.0)),
     };
+    /// The rig of the first paper's experiment: the same lamp beside the tilt plane, v at azimuth 90°.
+    pub const BESIDE: RigGeometry = RigGeometry {
+        light_azimuth: Angle::from_deg(90.0),
+        azimuth_zero: Angle::from_deg(90.0),
+        ..RigGeometry::IN_PLANE
+    };
 
     /// Directions in the rig's frame (x, y, z) for a camera tilt.
     #[must_use]

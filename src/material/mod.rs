@@ -29,6 +29,21 @@ pub enum Material {
 }
 
 impl Material {
+    /// A material whose index n + ik is known without uncertainty; transparent where k is 0.
+    #[must_use]
+    pub const fn exactly(eta: f64, k: f64) -> Self {
+        if k == 0.0 {
+            Material::Dielectric { eta, eta_std: 0.0 }
+        } else {
+            Material::Conductor {
+                eta,
+                k,
+                eta_std: 0.0,
+                k_std: 0.0,
+            }
+        }
+    }
+
     /// Real part n and imaginary part k of the index.
     #[must_use]
     pub const fn index(&self) -> (f64, f64) {

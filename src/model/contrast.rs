@@ -389,26 +389,19 @@ pub fn predict_paced(
     }
 }
 
+/// What the tests of contrast and of its optimum look at: the paper's plastic under its lamp.
 #[cfg(test)]
-mod tests {
-    use super::*;
+pub(super) mod fixture {
+    use super::{Optics, RigGeometry, Surface};
+    use crate::material::Material;
 
-    fn paper_rig() -> RigGeometry {
-        RigGeometry {
-            light_azimuth: Angle::from_deg(90.0),
-            azimuth_zero: Angle::from_deg(90.0),
-            ..RigGeometry::IN_PLANE
-        }
+    /// Plastic on the paper's rig.
+    pub fn optics() -> Optics {
+        Optics::new(&RigGeometry::BESIDE, &Material::exactly(1.54, 0.0))
     }
 
-    const OPTICS: Optics = Optics {
-        eta: 1.54,
-        k: 0.0,
-        theta_l: 10.0 * std::f64::consts::PI / 180.0,
-        cones: crate::geometry::Cones::of_lamp(Angle::from_deg(1.0)),
-    };
-
-    fn plastic(alpha: f64) -> Surface {
+    /// The same lobe along and across ridges of angle 0.
+    pub fn plastic(alpha: f64) -> Surface {
         Surface {
             theta_r: 0.0,
             alpha_u: alpha,
@@ -417,12 +410,18 @@ mod tests {
             amplitude: 1.0,
         }
     }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::fixture::{optics, plastic};
+    use super::*;
 
     fn table(tier: Tier, rig: &RigGeometry, alpha: f64) -> Table {
         predict(
             tier,
             rig,
-            &OPTICS,
+            &optics(),
             &plastic(alpha),
             &PAPER_RIDGES_DEG,
             &PAPER_TILTS_DEG,
@@ -436,7 +435,7 @@ mod tests {
             Tier::Closed(Variant::Sawtooth),
             Tier::Quadrature,
         ] {
-            let t = table(tier, &paper_rig(), 0.05);
+            let t = table(tier, &RigGeometry::BESIDE, 0.05);
             assert_eq!(t.lines.len(), 20);
             assert_eq!(
                 t.findings(),
@@ -500,8 +499,8 @@ mod tests {
         let beside = include_str!("../../tests/data/contrast-raytraced-paper-rig.csv");
         let in_plane = include_str!("../../tests/data/contrast-raytraced.csv");
         for (rig, text, column, alpha, rho_d) in [
-            (paper_rig(), beside, Some(0.06), 0.06, 0.342),
-            (paper_rig(), beside, Some(0.12), 0.12, 0.33725),
+            (RigGeometry::BESIDE, beside, Some(0.06), 0.06, 0.342),
+            (RigGeometry::BESIDE, beside, Some(0.12), 0.12, 0.33725),
             (RigGeometry::IN_PLANE, in_plane, None, 0.12, 0.33725),
         ] {
             let truth = Table::of(&traced(text, column));
@@ -514,7 +513,7 @@ mod tests {
                 predict(
                     tier,
                     &rig,
-                    &OPTICS,
+                    &optics(),
                     &surface,
                     &PAPER_RIDGES_DEG,
                     &PAPER_TILTS_DEG,

@@ -228,33 +228,8 @@ fn maximum(
 mod tests {
     use super::*;
     use crate::model::Variant;
+    use crate::model::contrast::fixture::{optics, plastic};
     use crate::model::contrast::{PAPER_RIDGES_DEG, PAPER_TILTS_DEG, predict};
-    use crate::units::Angle;
-
-    fn paper_rig() -> RigGeometry {
-        RigGeometry {
-            light_azimuth: Angle::from_deg(90.0),
-            azimuth_zero: Angle::from_deg(90.0),
-            ..RigGeometry::IN_PLANE
-        }
-    }
-
-    const OPTICS: Optics = Optics {
-        eta: 1.54,
-        k: 0.0,
-        theta_l: 10.0 * std::f64::consts::PI / 180.0,
-        cones: crate::geometry::Cones::of_lamp(Angle::from_deg(1.0)),
-    };
-
-    fn plastic(alpha: f64) -> Surface {
-        Surface {
-            theta_r: 0.0,
-            alpha_u: alpha,
-            alpha_v: alpha,
-            rho_d: 0.35,
-            amplitude: 1.0,
-        }
-    }
 
     fn search() -> Search {
         Search {
@@ -270,8 +245,8 @@ mod tests {
         let tier = Tier::Closed(Variant::Sawtooth);
         let o = optimise(
             tier,
-            &paper_rig(),
-            &OPTICS,
+            &RigGeometry::BESIDE,
+            &optics(),
             &plastic(0.05),
             &search,
             &Pace::UNHURRIED,
@@ -279,8 +254,8 @@ mod tests {
         let at = |ridge: f64| {
             predict(
                 tier,
-                &paper_rig(),
-                &OPTICS,
+                &RigGeometry::BESIDE,
+                &optics(),
                 &plastic(0.05),
                 &[ridge],
                 &PAPER_TILTS_DEG,
@@ -313,8 +288,8 @@ mod tests {
         let tier = Tier::Closed(Variant::Sawtooth);
         let o = optimise(
             tier,
-            &paper_rig(),
-            &OPTICS,
+            &RigGeometry::BESIDE,
+            &optics(),
             &plastic(0.05),
             &search(),
             &pace,

@@ -118,11 +118,7 @@ mod tests {
     };
 
     fn picture(phi_s_deg: f64) -> Picture {
-        let rig = RigGeometry {
-            light_azimuth: Angle::from_deg(90.0),
-            azimuth_zero: Angle::from_deg(90.0),
-            ..RigGeometry::IN_PLANE
-        };
+        let rig = RigGeometry::BESIDE;
         let surface = Surface {
             theta_r: 5f64.to_radians(),
             alpha_u: 0.05,

@@ -360,7 +360,6 @@ fn within(w: &V3, radius: f64, [area, turn]: [f64; 2]) -> V3 {
 mod tests {
     use super::*;
     use crate::geometry::{Pose, RigGeometry};
-    use crate::units::Angle;
 
     struct Sample {
         series: &'static str,
@@ -445,11 +444,7 @@ mod tests {
             alpha: (0.05, 0.05),
             index: (1.54, 0.0),
             rho_d: Some(0.34395),
-            rig: RigGeometry {
-                light_azimuth: Angle::from_deg(90.0),
-                azimuth_zero: Angle::from_deg(90.0),
-                ..RigGeometry::IN_PLANE
-            },
+            rig: RigGeometry::BESIDE,
             polarised: false,
             every: 11,
         });

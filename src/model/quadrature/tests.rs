@@ -105,14 +105,9 @@ fn path_traced_steel_is_met_within_a_fortieth_of_a_per_cent_of_the_peak() {
 
 #[test]
 fn the_papers_rig_is_met_within_a_hundredth_of_a_per_cent_of_the_peak() {
-    let rig = RigGeometry {
-        light_azimuth: Angle::from_deg(90.0),
-        azimuth_zero: Angle::from_deg(90.0),
-        ..RigGeometry::IN_PLANE
-    };
     let t = traced(
         include_str!("../../../tests/data/series/paper-rig-full/radiance.csv"),
-        &rig,
+        &RigGeometry::BESIDE,
         surface(5.0, 0.05, 0.05, 0.34395),
         PLASTIC,
     );
