@@ -19,8 +19,7 @@ use ridged::fit::solver::Minimum;
 use ridged::geometry::{Cones, Pose, RigGeometry};
 use ridged::material::Material;
 use ridged::model::Variant;
-use ridged::observation::{Observation, ObservationSet, Prior, SharedErrors};
-use ridged::units::Angle;
+use ridged::observation::{Observation, ObservationSet, Prior};
 
 /// Times that each fit is repeated; the best counts, as it does for the peer.
 const REPEATS: usize = 200;
@@ -147,35 +146,19 @@ fn radiances(folder: &str) -> Result<ObservationSet, anyhow::Error> {
             continue;
         }
         let signal: f64 = row[radiance].parse()?;
-        observations.push(Observation {
-            pose: Pose::from_deg(row[tilt].parse()?, row[turn].parse()?),
-            signal,
-            sigma: 0.01 * signal + 0.001,
-            shared: SharedErrors::default(),
-            n_frames: 1,
-        });
+        let pose = Pose::from_deg(row[tilt].parse()?, row[turn].parse()?);
+        observations.push(Observation::new(pose, signal, 0.01 * signal + 0.001));
     }
-    Ok(ObservationSet {
-        views: Vec::new(),
-        rig: RigGeometry {
+    Ok(ObservationSet::bare(
+        RigGeometry {
             cones: Cones::NONE,
             ..RigGeometry::IN_PLANE
         },
-        material: Material::Dielectric {
-            eta: 1.54,
-            eta_std: 0.0,
-        },
+        Material::exactly(1.54, 0.0),
         observations,
-        flats: Vec::new(),
-        white_reference: None,
-        background: Prior {
+        Prior {
             mean: 0.0,
             std: 1.0,
         },
-        region: None,
-        region_azimuth: Angle::ZERO,
-        n_frames_used: 0,
-        rejected_frames: Vec::new(),
-        warnings: Vec::new(),
-    })
+    ))
 }

@@ -5,7 +5,7 @@ use rand_distr::StandardNormal;
 use ridged::geometry::{Cones, Pose, RigGeometry};
 use ridged::material::Material;
 use ridged::model::{Optics, Surface, Variant, radiance};
-use ridged::observation::{Observation, ObservationSet, Prior, SharedErrors, WhiteReference};
+use ridged::observation::{Observation, ObservationSet, Prior, WhiteReference};
 use ridged::units::Angle;
 
 /// How hard the series are.
@@ -150,26 +150,20 @@ pub fn case(stratum: Stratum, seed: u64) -> Case {
             Variant::Sawtooth
         };
         let beside = draw.chance(0.3);
-        let quarter = Angle::from_deg(if beside { 90.0 } else { 0.0 });
+        let mount = if beside {
+            RigGeometry::BESIDE
+        } else {
+            RigGeometry::IN_PLANE
+        };
         let point = stratum == Stratum::Stiff && draw.chance(0.5);
         let rig = RigGeometry {
-            light_azimuth: quarter,
-            azimuth_zero: quarter,
             cones: Cones::of_lamp(Angle::from_deg(if point { 0.0 } else { 1.0 })),
-            ..RigGeometry::IN_PLANE
+            ..mount
         };
         let material = if metal {
-            Material::Conductor {
-                eta: 2.9,
-                k: 3.1,
-                eta_std: 0.0,
-                k_std: 0.0,
-            }
+            Material::exactly(2.9, 3.1)
         } else {
-            Material::Dielectric {
-                eta: 1.54,
-                eta_std: 0.0,
-            }
+            Material::exactly(1.54, 0.0)
         };
         let absolute = draw.chance(0.5);
         let (surface, azimuth_offset, tilt_offset) = stratum.surface(&mut draw, metal);
@@ -186,24 +180,20 @@ pub fn case(stratum: Stratum, seed: u64) -> Case {
         };
         let poses = stratum.poses(&mut draw);
         let mut set = ObservationSet {
-            views: Vec::new(),
-            rig,
-            material,
-            observations: Vec::new(),
-            flats: Vec::new(),
             white_reference: absolute.then_some(WhiteReference {
                 reflectance: 0.99,
                 reflectance_std: 0.0,
             }),
-            background: Prior {
-                mean: 0.0,
-                std: 1.0,
-            },
-            region: None,
-            region_azimuth: Angle::ZERO,
             n_frames_used: 100,
-            rejected_frames: Vec::new(),
-            warnings: Vec::new(),
+            ..ObservationSet::bare(
+                rig,
+                material,
+                Vec::new(),
+                Prior {
+                    mean: 0.0,
+                    std: 1.0,
+                },
+            )
         };
         let clean: Vec<f64> = poses
             .iter()
@@ -229,13 +219,9 @@ pub fn case(stratum: Stratum, seed: u64) -> Case {
                 1.0
             };
             let sigma = peak / snr * share;
-            set.observations.push(Observation {
-                pose: *pose,
-                signal: clean + truth.background + sigma * draw.normal(),
-                sigma,
-                shared: SharedErrors::default(),
-                n_frames: 1,
-            });
+            let signal = clean + truth.background + sigma * draw.normal();
+            set.observations
+                .push(Observation::new(*pose, signal, sigma));
         }
         return Case {
             variant,

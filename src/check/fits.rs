@@ -18,8 +18,7 @@ use crate::fit::{FitOptions, VariantChoice};
 use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;
 use crate::model::{Optics, Surface, Variant, radiance};
-use crate::observation::{Observation, ObservationSet, Prior, SharedErrors, WhiteReference};
-use crate::units::Angle;
+use crate::observation::{Observation, ObservationSet, Prior, WhiteReference};
 
 const AREA: &str = "fit";
 const TRUTH: &str = "truth that was put in";
@@ -67,35 +66,24 @@ fn set(surface: &Surface, poses: &[(f64, f64)], noise: f64) -> ObservationSet {
             let pose = Pose::from_deg(*t, *p);
             let clean = radiance(Variant::Sawtooth, &rig.directions(pose), surface, &optics);
             let draw: f64 = random.sample(StandardNormal);
-            Observation {
-                pose,
-                signal: clean * (1.0 + noise * draw),
-                sigma: NOISE * clean,
-                shared: SharedErrors::default(),
-                n_frames: 1,
-            }
+            Observation::new(pose, clean * (1.0 + noise * draw), NOISE * clean)
         })
         .collect();
     let peak = observations.iter().map(|o| o.signal).fold(0.0, f64::max);
     ObservationSet {
-        rig,
-        material,
-        observations,
-        views: Vec::new(),
-        flats: Vec::new(),
         white_reference: Some(WhiteReference {
             reflectance: 0.99,
             reflectance_std: 0.005,
         }),
-        background: Prior {
-            mean: 0.0,
-            std: 1e-4 * peak,
-        },
-        region: None,
-        region_azimuth: Angle::ZERO,
-        n_frames_used: u32::try_from(poses.len()).unwrap_or(u32::MAX),
-        rejected_frames: Vec::new(),
-        warnings: Vec::new(),
+        ..ObservationSet::bare(
+            rig,
+            material,
+            observations,
+            Prior {
+                mean: 0.0,
+                std: 1e-4 * peak,
+            },
+        )
     }
 }
 

@@ -27,18 +27,10 @@ const TRUTH: Values = Values {
 
 /// 40 poses, lit beside the tilt plane, painted with the truth.
 fn painted() -> ObservationSet {
-    let beside = Angle::from_deg(90.0);
     let poses = (0..40).map(|k| (10 * (k % 5) - 20, 45 * (k / 5)));
     let mut set = ObservationSet::bare(
-        RigGeometry {
-            light_azimuth: beside,
-            azimuth_zero: beside,
-            ..RigGeometry::IN_PLANE
-        },
-        Material::Dielectric {
-            eta: 1.54,
-            eta_std: 0.0,
-        },
+        RigGeometry::BESIDE,
+        Material::exactly(1.54, 0.0),
         poses
             .map(|(tilt, turn)| {
                 Observation::new(Pose::from_deg(f64::from(tilt), f64::from(turn)), 1.0, 0.01)

@@ -14,7 +14,6 @@ use crate::observation::{FlatObservation, Observation, ObservationSet, Prior, Wh
 use crate::units::Angle;
 
 fn set(metal: bool, beside: bool) -> ObservationSet {
-    let quarter = Angle::from_deg(if beside { 90.0 } else { 0.0 });
     let observations = (0..60).map(|k| {
         Observation::new(
             Pose::from_deg(
@@ -38,23 +37,15 @@ fn set(metal: bool, beside: bool) -> ObservationSet {
             reflectance_std: 0.005,
         }),
         ..ObservationSet::bare(
-            RigGeometry {
-                light_azimuth: quarter,
-                azimuth_zero: quarter,
-                ..RigGeometry::IN_PLANE
+            if beside {
+                RigGeometry::BESIDE
+            } else {
+                RigGeometry::IN_PLANE
             },
             if metal {
-                Material::Conductor {
-                    eta: 2.9,
-                    k: 3.1,
-                    eta_std: 0.0,
-                    k_std: 0.0,
-                }
+                Material::exactly(2.9, 3.1)
             } else {
-                Material::Dielectric {
-                    eta: 1.54,
-                    eta_std: 0.0,
-                }
+                Material::exactly(1.54, 0.0)
             },
             observations.collect(),
             Prior {

@@ -40,10 +40,7 @@ fn scan(seed: u64, azimuths: &[f64], zeros_deg: [f64; 2]) -> ObservationSet {
         }),
         ..ObservationSet::bare(
             RigGeometry::IN_PLANE,
-            Material::Dielectric {
-                eta: 1.54,
-                eta_std: 0.0,
-            },
+            Material::exactly(1.54, 0.0),
             observations.collect(),
             Prior {
                 mean: 0.0,
@@ -193,10 +190,7 @@ fn what_is_held_holds_for_all_and_what_cannot_be_is_refused_by_name() {
 
     assert_eq!(joined(&sets[..1], &options()), Err(JointError::TooFew));
     let mut glass = sets.clone();
-    glass[1].material = Material::Dielectric {
-        eta: 1.5,
-        eta_std: 0.0,
-    };
+    glass[1].material = Material::exactly(1.5, 0.0);
     let refused = joined(&glass, &options()).expect_err("two materials");
     assert_eq!(
         refused.to_string(),

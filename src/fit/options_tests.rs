@@ -66,10 +66,7 @@ fn series(seed: u64) -> ObservationSet {
         }),
         ..ObservationSet::bare(
             RigGeometry::IN_PLANE,
-            Material::Dielectric {
-                eta: 1.54,
-                eta_std: 0.0,
-            },
+            Material::exactly(1.54, 0.0),
             observations,
             Prior {
                 mean: 0.0,

@@ -8,10 +8,7 @@ use crate::observation::WhiteReference;
 /// A grid of `tilts` × `turns` poses, each `repeats` times, with a scatter of 1e-3 that looks random.
 fn grid(tilts: usize, turns: usize, repeats: usize, alpha: f64) -> ObservationSet {
     let rig = RigGeometry::IN_PLANE;
-    let material = Material::Dielectric {
-        eta: 1.5,
-        eta_std: 0.0,
-    };
+    let material = Material::exactly(1.5, 0.0);
     let surface = Surface {
         theta_r: 0.2,
         alpha_u: alpha,

@@ -574,12 +574,7 @@ mod tests {
 
     /// Steel seen at 24 poses, painted by the closed form.
     fn set() -> ObservationSet {
-        let material = Material::Conductor {
-            eta: 2.9,
-            k: 3.1,
-            eta_std: 0.0,
-            k_std: 0.0,
-        };
+        let material = Material::exactly(2.9, 3.1);
         let rig = RigGeometry::IN_PLANE;
         let surface = Surface {
             theta_r: 0.2,

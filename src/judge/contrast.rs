@@ -141,49 +141,37 @@ mod tests {
     use crate::geometry::{Pose, RigGeometry};
     use crate::material::Material;
     use crate::observation::{Prior, SharedErrors, WhiteReference};
-    use crate::units::Angle;
 
     fn set() -> ObservationSet {
         let at = |tilt: f64, azimuth: f64, signal: f64| Observation {
-            pose: Pose::from_deg(tilt, azimuth),
-            signal,
-            sigma: 0.001,
             shared: SharedErrors {
                 led_drift: 0.01 * signal,
                 ..SharedErrors::default()
             },
-            n_frames: 1,
+            ..Observation::new(Pose::from_deg(tilt, azimuth), signal, 0.001)
         };
         ObservationSet {
-            rig: RigGeometry::IN_PLANE,
-            material: Material::Dielectric {
-                eta: 1.54,
-                eta_std: 0.005,
-            },
-            observations: vec![
-                at(0.0, 0.02, 0.30),
-                at(0.0, 90.0, 0.10),
-                at(0.0, 180.0, 0.20),
-                // Another tilt without its 180°, and an azimuth that is nobody's partner.
-                at(10.0, 0.0, 0.50),
-                at(10.0, 89.98, 0.10),
-                at(10.0, 45.0, 9.0),
-            ],
-            flats: Vec::new(),
             white_reference: Some(WhiteReference {
                 reflectance: 0.99,
                 reflectance_std: 0.0099,
             }),
-            background: Prior {
-                mean: 0.0,
-                std: 0.002,
-            },
-            region: None,
-            region_azimuth: Angle::ZERO,
-            n_frames_used: 6,
-            rejected_frames: Vec::new(),
-            warnings: Vec::new(),
-            views: Vec::new(),
+            ..ObservationSet::bare(
+                RigGeometry::IN_PLANE,
+                Material::exactly(1.54, 0.0),
+                vec![
+                    at(0.0, 0.02, 0.30),
+                    at(0.0, 90.0, 0.10),
+                    at(0.0, 180.0, 0.20),
+                    // Another tilt without its 180°, and an azimuth that is nobody's partner.
+                    at(10.0, 0.0, 0.50),
+                    at(10.0, 89.98, 0.10),
+                    at(10.0, 45.0, 9.0),
+                ],
+                Prior {
+                    mean: 0.0,
+                    std: 0.002,
+                },
+            )
         }
     }
 

@@ -100,29 +100,25 @@ fn observations(name: &str, bench: Bench) -> ObservationSet {
         });
     }
     let peak = samples.iter().map(|o| o.signal).fold(0.0, f64::max);
+    if !bench.white_reference {
+        flats.clear();
+    }
     ObservationSet {
-        views: Vec::new(),
-        rig: geometry,
-        material,
-        observations: samples,
-        flats: if bench.white_reference {
-            flats
-        } else {
-            Vec::new()
-        },
+        flats,
         white_reference: bench.white_reference.then_some(WhiteReference {
             reflectance: 0.99,
             reflectance_std: 0.005,
         }),
-        background: Prior {
-            mean: 0.0,
-            std: 0.02 * peak,
-        },
-        region: None,
-        region_azimuth: Angle::ZERO,
         n_frames_used: 354,
-        rejected_frames: Vec::new(),
-        warnings: Vec::new(),
+        ..ObservationSet::bare(
+            geometry,
+            material,
+            samples,
+            Prior {
+                mean: 0.0,
+                std: 0.02 * peak,
+            },
+        )
     }
 }
 

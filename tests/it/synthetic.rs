@@ -52,13 +52,12 @@ fn case_within(seed: u64, poses: &[(f64, f64)], cones: Cones, alpha: f64) -> Cas
     let mut draw = Draw(rand_pcg::Pcg64::seed_from_u64(seed));
     let metal = draw.between(0.0, 1.0) < 0.4;
     let beside = draw.between(0.0, 1.0) < 0.3;
-    let quarter = Angle::from_deg(if beside { 90.0 } else { 0.0 });
-    let rig = RigGeometry {
-        light_azimuth: quarter,
-        azimuth_zero: quarter,
-        cones,
-        ..RigGeometry::IN_PLANE
+    let mount = if beside {
+        RigGeometry::BESIDE
+    } else {
+        RigGeometry::IN_PLANE
     };
+    let rig = RigGeometry { cones, ..mount };
     let (nominal, actual) = materials(&mut draw, metal);
     let theta_r_deg = draw.between(2.0, 20.0);
     let surface = Surface {
@@ -127,21 +126,18 @@ fn case_within(seed: u64, poses: &[(f64, f64)], cones: Cones, alpha: f64) -> Cas
         truth.push(("rho_d", surface.rho_d));
     }
     let set = ObservationSet {
-        views: Vec::new(),
-        rig,
-        material: nominal,
-        observations,
         flats,
         white_reference: Some(REFLECTANCE),
-        background: Prior {
-            mean: 0.0,
-            std: 0.02 * peak,
-        },
-        region: None,
-        region_azimuth: Angle::ZERO,
         n_frames_used: 300,
-        rejected_frames: Vec::new(),
-        warnings: Vec::new(),
+        ..ObservationSet::bare(
+            rig,
+            nominal,
+            observations,
+            Prior {
+                mean: 0.0,
+                std: 0.02 * peak,
+            },
+        )
     };
     Case { set, truth }
 }
