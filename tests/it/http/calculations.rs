@@ -1,0 +1,128 @@
+//! What is calculated of a scan: contrasts, verdicts and maps; and what was measured of accuracy.
+
+use serde_json::json;
+
+use super::{costs, ended, forecasts, get, imported, is_problem, opened, post};
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_scan_is_compared_and_judged() {
+    let (bench, router) = opened().await;
+    imported(&router).await;
+
+    let begun = post(&router, "/api/v1/contrasts", r#"{"scan_id": 1}"#).await;
+    let contrast = ended(&router, &begun).await;
+    assert_eq!(contrast["state"], "completed", "{contrast}");
+    assert_eq!(contrast["mode"], "measured");
+    assert_eq!(contrast["lines"].as_array().unwrap().len(), 9);
+    costs(&contrast, "poses");
+
+    // The sample has a ridge angle of 10°: one specification allows it, one does not, one asks for
+    // what no measurement of this kind can tell.
+    let judged = async |lower: f64, upper: f64| {
+        let limits = json!({ "theta_r_deg": { "lower": lower, "upper": upper } });
+        let request = json!({
+            "scan_id": 1,
+            "variant": "sawtooth",
+            "specification": { "name": "lid, revision C", "limits": limits },
+        });
+        let begun = post(&router, "/api/v1/verdicts", &request.to_string()).await;
+        let verdict = ended(&router, &begun).await;
+        assert_eq!(verdict["specification"], "lid, revision C", "{verdict}");
+        assert_eq!(verdict["items"][0]["quantity"], "theta_r_deg");
+        costs(&verdict, "poses");
+        verdict["verdict"].as_str().unwrap().to_owned()
+    };
+    assert_eq!(judged(9.5, 10.5).await, "pass");
+    assert_eq!(judged(11.0, 12.0).await, "fail");
+    assert_eq!(judged(10.0, 12.0).await, "cannot-tell");
+    for (specification, word) in [
+        (json!({ "name": "x", "limits": {} }), "empty"),
+        (
+            json!({ "name": "x", "limits": { "theta_r": { "lower": 1 } } }),
+            "theta_r_deg",
+        ),
+        (json!({ "limits": {} }), "name"),
+    ] {
+        let request = json!({ "scan_id": 1, "specification": specification });
+        let refused = post(&router, "/api/v1/verdicts", &request.to_string()).await;
+        is_problem(&refused, 422, "invalid-value");
+        assert!(refused.detail().contains(word), "{}", refused.detail());
+    }
+    let list = get(&router, "/api/v1/verdicts?scan_id=1&state=completed").await;
+    assert_eq!(list.body["items"].as_array().unwrap().len(), 3);
+    is_problem(
+        &get(&router, "/api/v1/verdicts?state=done").await,
+        422,
+        "invalid-value",
+    );
+    // The numbers of verdicts are none of contrasts.
+    is_problem(&get(&router, "/api/v1/contrasts/2").await, 404, "not-found");
+    // What was told before each started is told to everybody.
+    let told = forecasts(&bench).await;
+    let told: Vec<(&str, i64)> = told.iter().map(|(of, n)| (of.as_str(), *n)).collect();
+    assert_eq!(
+        told,
+        [
+            ("contrast", 1),
+            ("verdict", 2),
+            ("verdict", 3),
+            ("verdict", 4)
+        ]
+    );
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_map_says_how_far_it_is_and_can_be_cancelled() {
+    let (bench, router) = opened().await;
+    imported(&router).await;
+    let begun = post(&router, "/api/v1/maps", r#"{"scan_id": 1}"#).await;
+    let map = begun.location.clone().unwrap();
+    let progress = loop {
+        let now = get(&router, &map).await.body;
+        assert_eq!(now["state"], "running", "{now}");
+        if !now["progress"].is_null() {
+            break now["progress"].clone();
+        }
+    };
+    assert!(progress["stage"].is_string(), "{progress}");
+    let fraction = progress["fraction"].as_f64().unwrap();
+    assert!((0.0..=1.0).contains(&fraction), "{progress}");
+    let cancelled = post(&router, &format!("{map}/cancel"), "").await;
+    assert_eq!(cancelled.status, 202, "{}", cancelled.body);
+    assert_eq!(ended(&router, &begun).await["state"], "cancelled");
+    // It has no files then.
+    let file = get(&router, &format!("{map}/files/summary.json")).await;
+    is_problem(&file, 422, "invalid-value");
+    is_problem(
+        &post(&router, "/api/v1/maps", r#"{"scan_id": 7}"#).await,
+        404,
+        "not-found",
+    );
+    let nonsense = r#"{"scan_id": 1, "target_error": 0}"#;
+    let refused = post(&router, "/api/v1/maps", nonsense).await;
+    is_problem(&refused, 422, "invalid-value");
+    let nonsense = r#"{"scan_id": 1, "tolerance": -1}"#;
+    let refused = post(&router, "/api/v1/fits", nonsense).await;
+    is_problem(&refused, 422, "invalid-value");
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_was_measured_of_accuracy_is_served_as_it_was_written() {
+    let (bench, router) = opened().await;
+    let missing = get(&router, "/api/v1/accuracy").await;
+    is_problem(&missing, 404, "not-found");
+    assert!(missing.detail().contains("ridged accuracy --data"));
+    let folder = bench.lab.store().folder().join("accuracy");
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(
+        folder.join("accuracy.json"),
+        r#"{"machine": "m", "points": []}"#,
+    )
+    .unwrap();
+    let found = get(&router, "/api/v1/accuracy").await;
+    assert_eq!((found.status, &found.body["machine"]), (200, &json!("m")));
+    assert!(found.body["written_at"].as_str().unwrap().ends_with('Z'));
+    bench.end().await;
+}

@@ -1,0 +1,219 @@
+//! What does not get in: bad input by its name, bodies that are too large, other pages and other hosts.
+
+use axum::body::Body;
+use axum::http::Request;
+use serde_json::json;
+
+use super::{get, is_problem, opened, post, request, send};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn bad_input_is_refused_by_name_and_nothing_happens() {
+    let (bench, router) = opened().await;
+    let plan = |plan: &str| format!("{{\"sample_id\": 1, \"plan\": {plan}}}");
+    let cases = [
+        ("{", 400, "bad-json", "/api/v1/scans"),
+        (
+            r#"{"sample_id": 1, "plan": {"theta_c_deg": [NaN], "phi_s_deg": [0]}}"#,
+            400,
+            "bad-json",
+            "/api/v1/scans",
+        ),
+        (
+            r#"{"sample_id": 1, "plan": {"theta_c_deg": [1e999], "phi_s_deg": [0]}}"#,
+            400,
+            "bad-json",
+            "/api/v1/scans",
+        ),
+        (
+            r#"{"sample_id": 1, "plan": {"preset": "paper", "exposure": 1}}"#,
+            400,
+            "unknown-field",
+            "/api/v1/scans",
+        ),
+        (
+            r#"{"sample_id": "one", "plan": {"preset": "paper"}}"#,
+            422,
+            "invalid-value",
+            "/api/v1/scans",
+        ),
+        (
+            r#"{"sample_id": 99, "plan": {"preset": "paper"}}"#,
+            404,
+            "not-found",
+            "/api/v1/scans",
+        ),
+        (
+            &plan(r#"{"theta_c_deg": [75], "phi_s_deg": []}"#),
+            422,
+            "plan-invalid",
+            "/api/v1/scans",
+        ),
+        (
+            &plan(r#"{"theta_c_deg": {"from": 0, "to": 1, "step": 1e-9}, "phi_s_deg": [0]}"#),
+            422,
+            "plan-invalid",
+            "/api/v1/scans",
+        ),
+        (
+            r#"{"position_deg": 500}"#,
+            422,
+            "outside-limits",
+            "/api/v1/rig/axes/theta_c/move",
+        ),
+        (
+            r#"{"position": 5}"#,
+            400,
+            "unknown-field",
+            "/api/v1/rig/axes/theta_c/move",
+        ),
+        (
+            r#"{"position_deg": 5}"#,
+            404,
+            "not-found",
+            "/api/v1/rig/axes/z/move",
+        ),
+        (
+            r#"{"name": "", "material": {"kind": "dielectric", "eta": 1.5, "eta_std": 0.01}}"#,
+            422,
+            "invalid-value",
+            "/api/v1/samples",
+        ),
+        (
+            r#"{"name": "x", "material": {"kind": "dielectric", "eta": -1, "eta_std": 0.01}}"#,
+            422,
+            "invalid-value",
+            "/api/v1/samples",
+        ),
+        (r#"{"scan_id": 77}"#, 404, "not-found", "/api/v1/fits"),
+        (
+            r#"{"scan_id": 77, "variant": "best"}"#,
+            422,
+            "invalid-value",
+            "/api/v1/fits",
+        ),
+        (
+            r#"{"folder": "relative"}"#,
+            422,
+            "invalid-value",
+            "/api/v1/imports",
+        ),
+        (
+            r#"{"folder": "/nowhere/at/all"}"#,
+            422,
+            "series-invalid",
+            "/api/v1/imports",
+        ),
+    ];
+    for (body, status, code, path) in cases {
+        let answer = post(&router, path, body).await;
+        println!("{body} → {}", answer.body);
+        is_problem(&answer, status, code);
+    }
+    // Everything wrong with a plan at once, each by its path.
+    let answer = post(
+        &router,
+        "/api/v1/scans/estimate",
+        &plan(r#"{"theta_c_deg": [75, 0, 0], "phi_s_deg": [0], "exposures_s": [-1]}"#),
+    )
+    .await;
+    let fields: Vec<&str> = answer.body["errors"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter_map(|e| e["field"].as_str())
+        .collect();
+    assert_eq!(
+        fields,
+        [
+            "plan.theta_c_deg[2]",
+            "plan.theta_c_deg[0]",
+            "plan.exposures_s[0]"
+        ]
+    );
+    for path in [
+        "/api/v1/scans/x",
+        "/api/v1/scans?limit=0",
+        "/api/v1/scans?colour=red",
+        "/api/v1/scans?state=happy",
+        "/api/v1/fits?theta_r_deg_min=NaN",
+        "/api/v1/fits?since=yesterday",
+    ] {
+        let answer = get(&router, path).await;
+        assert!(
+            matches!(answer.status, 400 | 422),
+            "{path}: {}",
+            answer.body
+        );
+        assert_eq!(answer.kind, "application/problem+json", "{path}");
+    }
+    is_problem(&get(&router, "/api/v1/scans/9").await, 404, "not-found");
+    is_problem(&get(&router, "/api/v1/nothing").await, 404, "not-found");
+    for answer in [
+        get(&router, "/rig").await,
+        post(&router, "/scans", "{}").await,
+        post(&router, "/", "{}").await,
+    ] {
+        is_problem(&answer, 404, "not-found");
+        assert!(answer.detail().contains("/api/v1"), "{}", answer.detail());
+    }
+    let delete = request("DELETE", "/api/v1/rig")
+        .body(Body::empty())
+        .unwrap();
+    is_problem(&send(&router, delete).await, 405, "method-not-allowed");
+    assert_eq!(get(&router, "/api/v1/scans").await.body["items"], json!([]));
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn bodies_that_are_too_large_or_no_json_do_not_get_in() {
+    let (bench, router) = opened().await;
+    let large = vec![b' '; 100_000_000];
+    let announced = request("POST", "/api/v1/samples")
+        .header("content-type", "application/json")
+        .header("content-length", large.len())
+        .body(Body::from(large))
+        .unwrap();
+    is_problem(&send(&router, announced).await, 413, "body-too-large");
+    let chunks =
+        futures::stream::iter((0..1000).map(|_| Ok::<_, std::io::Error>(vec![b' '; 100_000])));
+    let chunked = request("POST", "/api/v1/samples")
+        .header("content-type", "application/json")
+        .header("transfer-encoding", "chunked")
+        .body(Body::from_stream(chunks))
+        .unwrap();
+    is_problem(&send(&router, chunked).await, 413, "body-too-large");
+    let text = request("POST", "/api/v1/samples")
+        .header("content-type", "text/plain")
+        .header("content-length", 2)
+        .body(Body::from("{}"))
+        .unwrap();
+    is_problem(&send(&router, text).await, 415, "wrong-content-type");
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn another_page_and_another_host_may_not_command_the_rig() {
+    let (bench, router) = opened().await;
+    let foreign = request("POST", "/api/v1/rig/stop")
+        .header("origin", "https://evil.example")
+        .body(Body::empty())
+        .unwrap();
+    is_problem(&send(&router, foreign).await, 403, "forbidden-origin");
+    let rebound = Request::builder()
+        .method("POST")
+        .uri("/api/v1/rig/stop")
+        .header("host", "evil.example:8787")
+        .body(Body::empty())
+        .unwrap();
+    is_problem(&send(&router, rebound).await, 403, "forbidden-host");
+    let own = request("POST", "/api/v1/rig/stop")
+        .header("origin", "http://127.0.0.1:8787")
+        .body(Body::empty())
+        .unwrap();
+    let answer = send(&router, own).await;
+    assert_eq!(
+        (answer.status, &answer.body["state"]),
+        (200, &json!("stopped"))
+    );
+    bench.end().await;
+}

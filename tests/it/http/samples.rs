@@ -1,0 +1,38 @@
+//! Samples: what is assumed of them and what may be named.
+
+use serde_json::json;
+
+use super::{opened, post};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_sample_without_a_material_says_what_was_assumed() {
+    let (bench, router) = opened().await;
+    let added = post(&router, "/api/v1/samples", r#"{"name": "part 17"}"#).await;
+    assert_eq!(added.status, 201);
+    assert_eq!(added.body["material"]["eta_std"], json!(0.05));
+    let note = added.body["note"]
+        .as_str()
+        .expect("the assumption is noted");
+    assert!(note.contains("1.5 ± 0.05 assumed"), "{note}");
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_sample_may_name_its_metal() {
+    let (bench, router) = opened().await;
+    let add = async |metal: &str| {
+        let body = format!(r#"{{"name": "part 18", "metal": {metal}}}"#);
+        post(&router, "/api/v1/samples", &body).await
+    };
+    let added = add(r#"{"name": "Al", "wavelength_nm": 633}"#).await;
+    assert_eq!(added.status, 201);
+    assert_eq!(added.body["material"]["kind"], json!("conductor"));
+    assert!(added.body["material"]["k"].as_f64().expect("k") > 5.0);
+    // Without a wavelength it is the lamp's.
+    assert_eq!(add(r#"{"name": "Al"}"#).await.status, 201);
+    let unknown = add(r#"{"name": "Mithril"}"#).await;
+    assert_eq!(unknown.status, 422);
+    let detail = unknown.detail();
+    assert!(detail.contains("known are Ag, Al"), "{detail}");
+    bench.end().await;
+}

@@ -1,0 +1,115 @@
+//! Scans: begun, commanded and imported; their frames and observations.
+
+use axum::body::{Body, to_bytes};
+use axum::http::{StatusCode, header};
+use ridged::scan::ScanState;
+use serde_json::{Value, json};
+use tower::ServiceExt;
+
+use super::{download, get, imported, is_problem, opened, polymer, post, request, send};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scan_is_begun_found_commanded_and_begun_once_per_key() {
+    let (bench, router) = opened().await;
+    let body = r#"{"sample_id": 2, "plan": {"preset": "paper"}}"#;
+    let keyed = || {
+        request("POST", "/api/v1/scans")
+            .header("content-type", "application/json")
+            .header("idempotency-key", "first scan")
+            .body(Body::from(body))
+            .unwrap()
+    };
+    let first = send(&router, keyed()).await;
+    assert_eq!(first.status, 202, "{}", first.body);
+    assert_eq!(first.location.as_deref(), Some("/api/v1/scans/1"));
+    assert_eq!(first.body, json!({"id": 1, "state": "planned"}));
+    // Sent again, the same answer; another one is refused while this one holds the rig.
+    let again = send(&router, keyed()).await;
+    assert_eq!((again.status, again.body), (first.status, first.body));
+    assert_eq!(again.location, first.location);
+    is_problem(&post(&router, "/api/v1/scans", body).await, 409, "busy");
+    bench.until(1, ScanState::WaitingForOperator).await;
+    let scan = get(&router, "/api/v1/scans/1").await.body;
+    assert_eq!(scan["operator"]["action"], "cap-lens");
+    assert_eq!(scan["sample_name"], "traced polymer");
+    assert_eq!(scan["progress"]["frames_total"], 48);
+    let rig = get(&router, "/api/v1/rig").await.body;
+    assert_eq!(rig["scan_id"], 1);
+    assert_eq!(rig["activity"], "scanning");
+    assert_eq!(rig["axes"]["phi_s"]["homed"], true);
+    is_problem(
+        &post(&router, "/api/v1/scans/1/resume", "").await,
+        409,
+        "state-conflict",
+    );
+    let aborted = post(&router, "/api/v1/scans/1/abort", "").await;
+    assert_eq!(
+        (aborted.status, &aborted.body["state"]),
+        (202, &json!("aborted"))
+    );
+    let found = get(&router, "/api/v1/scans?state=aborted&sample_id=2")
+        .await
+        .body;
+    assert_eq!(found["items"].as_array().unwrap().len(), 1);
+    assert_eq!(found["next_cursor"], Value::Null);
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_imported_series_is_there_as_scan_frames_and_observations() {
+    let (bench, router) = opened().await;
+    let imported = imported(&router).await;
+    let scan = get(&router, imported.location.as_deref().unwrap())
+        .await
+        .body;
+    assert_eq!(scan["state"], "completed");
+    assert_eq!(scan["origin"], "import");
+    assert_eq!(scan["plan"]["theta_c_deg"].as_array().unwrap().len(), 9);
+    let frames = get(&router, "/api/v1/scans/1/frames?limit=1000&kind=sample")
+        .await
+        .body;
+    let frame = &frames["items"][0];
+    assert_eq!(frames["items"].as_array().unwrap().len(), 324);
+    // The image is the file, bit for bit, and known by its hash.
+    let image = frame["image"].as_str().unwrap();
+    let response = router
+        .clone()
+        .oneshot(request("GET", image).body(Body::empty()).unwrap())
+        .await
+        .unwrap();
+    let etag = response.headers()[header::ETAG]
+        .to_str()
+        .unwrap()
+        .to_owned();
+    assert_eq!(etag, format!("\"{}\"", frame["sha256"].as_str().unwrap()));
+    let bytes = to_bytes(response.into_body(), usize::MAX).await.unwrap();
+    let file = std::fs::read(polymer().join(frame["file"].as_str().unwrap())).unwrap();
+    assert!(bytes == file);
+    let cached = request("GET", image)
+        .header("if-none-match", etag)
+        .body(Body::empty())
+        .unwrap();
+    assert_eq!(
+        send(&router, cached).await.status,
+        StatusCode::NOT_MODIFIED.as_u16()
+    );
+    // Observations, whole and by pose, as JSON and as CSV.
+    let all = get(&router, "/api/v1/scans/1/observations").await.body;
+    assert_eq!(all["items"].as_array().unwrap().len(), 108);
+    assert_eq!(
+        (&all["absolute"], &all["complete"]),
+        (&json!(true), &json!(true))
+    );
+    let one = get(
+        &router,
+        "/api/v1/scans/1/observations?theta_c_deg=-20&phi_s_deg=30",
+    )
+    .await
+    .body;
+    assert_eq!(one["items"].as_array().unwrap().len(), 1);
+    let csv = download(&router, "/api/v1/scans/1/observations?format=csv").await;
+    let text = String::from_utf8(csv).unwrap();
+    assert_eq!(text.lines().count(), 109);
+    assert!(text.starts_with("theta_c_deg,phi_s_deg,signal,sigma,n_frames\n"));
+    bench.end().await;
+}

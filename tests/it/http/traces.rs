@@ -1,0 +1,93 @@
+//! Traces of scenes: their numbers, their files, and what makes no sense by its key.
+
+use serde_json::{Value, json};
+
+use super::{costs, download, ended, forecasts, get, is_problem, opened, post};
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_scene_is_traced_compared_and_looked_at() {
+    let (bench, router) = opened().await;
+    // Nothing has been scanned: a trace is of a scene.
+    let scene = json!({
+        "light": { "theta_i_deg": 56.31 },
+        "interface": [{ "shape": "flat", "below": { "n": 1.5 } }],
+        "run": { "photons": 2000 },
+    });
+    let request = json!({ "scene": scene });
+    let begun = post(&router, "/api/v1/traces", &request.to_string()).await;
+    let trace = ended(&router, &begun).await;
+    assert_eq!(trace["state"], "completed", "{trace}");
+    assert_eq!(trace["photons"], 2000);
+    costs(&trace, "photons");
+    assert_eq!(forecasts(&bench).await[0].0, "trace");
+    let reflected = trace["energy"]["reflected"]["value"].as_f64().unwrap();
+    assert!((reflected - 0.073_964_5).abs() < 1e-6, "{reflected}");
+    assert_eq!(trace["comparison"], Value::Null);
+    // With `compare` its files say where light without polarisation goes wrong; limits are kept and told.
+    let layered = json!({
+        "light": { "theta_i_deg": 65.0, "phi_i_deg": 180.0 },
+        "interface": [
+            { "shape": "flat", "below": { "n": 1.5 } },
+            { "shape": "beckmann", "alpha_u": 0.2, "alpha_v": 0.2, "cells": 32, "below": { "n": 2.4 } },
+        ],
+        "run": { "photons": 9_000_000, "theta_bins": 9, "phi_bins": 12 },
+    });
+    let wanted =
+        json!({ "scene": layered, "compare": true, "photons": 6000, "target_error": 1e-9 });
+    let begun = post(&router, "/api/v1/traces", &wanted.to_string()).await;
+    let trace = ended(&router, &begun).await;
+    assert_eq!(trace["state"], "completed", "{trace}");
+    assert_eq!(trace["photons"], 6000);
+    let warning = trace["warnings"][0].as_str().unwrap();
+    assert!(warning.contains("was not reached"), "{warning}");
+    assert!(trace["comparison"]["adm"]["greatest"].as_f64().unwrap() > 0.0);
+    assert_eq!(trace["bins"]["numbers"].as_array().unwrap().len(), 18);
+    assert_eq!(trace["bins"]["sides"], json!(["reflected", "transmitted"]));
+    let files = format!("{}/files", begun.location.clone().unwrap());
+    let plane = get(&router, &format!("{files}/plane.json")).await.body;
+    let point = &plane["lobe"][0];
+    let value = |what: &str| point[what]["value"].as_f64().unwrap();
+    let difference = value("polarised") - value("scalar");
+    assert!((value("difference") - difference).abs() < 1e-9, "{point}");
+    assert_eq!(plane["states"][0]["stokes"], json!([1.0, 0.0, 0.0, 0.0]));
+    assert_eq!(plane["points"][0]["readings"].as_array().unwrap().len(), 7);
+    for (name, bytes) in [
+        ("bins.f32", 2 * 108 * 18 * 2 * 4),
+        ("difference.f32", 108 * 4 * 4),
+    ] {
+        let file = download(&router, &format!("{files}/{name}")).await;
+        assert_eq!(file.len(), bytes, "{name}");
+    }
+    is_problem(
+        &get(&router, &format!("{files}/../../ridged.sqlite")).await,
+        404,
+        "not-found",
+    );
+    is_problem(
+        &get(&router, &format!("{files}/none.csv")).await,
+        422,
+        "invalid-value",
+    );
+    let text = "[[interface]]\nshape = \"flat\"\nbelow = { n = 0 }\n";
+    let mut scalar = layered.clone();
+    scalar["run"]["polarised"] = json!(false);
+    let mut fine = layered.clone();
+    fine["run"]["phi_bins"] = json!(1440);
+    fine["run"]["theta_bins"] = json!(1440);
+    for (request, word) in [
+        (json!({ "scene": text }), "below.n"),
+        (json!({ "scene": scalar, "compare": true }), "polarised"),
+        (json!({ "scene": fine }), "theta_bins"),
+        (json!({ "scene": scene, "photons": 0 }), "run.photons"),
+        (json!({ "scene": {} }), "interface"),
+        (
+            json!({ "scene": scene, "max_seconds": -1.0 }),
+            "greater than 0",
+        ),
+    ] {
+        let refused = post(&router, "/api/v1/traces", &request.to_string()).await;
+        is_problem(&refused, 422, "invalid-value");
+        assert!(refused.detail().contains(word), "{}", refused.detail());
+    }
+    bench.end().await;
+}
