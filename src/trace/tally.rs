@@ -6,78 +6,16 @@
 //! stops give the same bits.
 //!
 //! *Conditioning.* Sums are integers, exact to 2⁻⁸² of a photon. A variance is a difference of two sums of squares and means
-//! nothing below 4 ε of them; that is its floor, so what is certain has an error of rounding, not of 0. Slopes of an energy over all
-//! of it are taken only where that scatters by more than 3e-5 of itself from batch to batch.
+//! nothing below 4 ε of them; that is its floor, so what is certain has an error of rounding, not of 0.
+
+mod energies;
 
 use super::exact::{from_fixed, numbers_of, text_of, to_fixed};
 use super::grid::Grid;
 use super::height_field::Side;
 use super::light::Light;
 use super::vec3::V3;
-
-/// Energies are told apart up to this number of interactions; the last place holds "and more".
-pub const ORDERS: usize = 16;
-
-/// Batches from which a slope over them is told well enough: with 16 its own noise adds 3 % to a standard error.
-const BATCHES_FOR_SLOPE: u64 = 16;
-
-/// Power shares by where the light ended.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Energies<T> {
-    /// Reflected after 1, 2, … interactions.
-    pub reflected: [T; ORDERS],
-    /// Transmitted after 1, 2, … interactions.
-    pub transmitted: [T; ORDERS],
-    /// All that was reflected.
-    pub reflected_all: T,
-    /// All that was transmitted.
-    pub transmitted_all: T,
-    /// Absorbed.
-    pub absorbed: T,
-    /// Given up: too many interactions, or a ray all but horizontal.
-    pub truncated: T,
-}
-
-impl<T: Copy + std::ops::Add<Output = T>> Energies<T> {
-    /// All the light, wherever it ended.
-    fn total(&self) -> T {
-        self.reflected_all + self.transmitted_all + self.absorbed + self.truncated
-    }
-}
-
-impl<T: Copy> Energies<T> {
-    fn filled(x: T) -> Self {
-        Energies {
-            reflected: [x; ORDERS],
-            transmitted: [x; ORDERS],
-            reflected_all: x,
-            transmitted_all: x,
-            absorbed: x,
-            truncated: x,
-        }
-    }
-
-    fn all(&self) -> impl Iterator<Item = &T> {
-        self.reflected.iter().chain(&self.transmitted).chain([
-            &self.reflected_all,
-            &self.transmitted_all,
-            &self.absorbed,
-            &self.truncated,
-        ])
-    }
-
-    fn all_mut(&mut self) -> impl Iterator<Item = &mut T> {
-        self.reflected
-            .iter_mut()
-            .chain(&mut self.transmitted)
-            .chain([
-                &mut self.reflected_all,
-                &mut self.transmitted_all,
-                &mut self.absorbed,
-                &mut self.truncated,
-            ])
-    }
-}
+pub use energies::{Energies, ORDERS};
 
 /// What the photons of one replicate left.
 #[derive(Debug)]
@@ -293,35 +231,20 @@ impl Totals {
         if self.grid != other.grid || self.stride != other.stride {
             return Err(DifferentRuns);
         }
-        for (a, b) in self.bins.iter_mut().zip(&other.bins) {
-            *a += b;
-        }
+        let counted = |a: &mut [i128], b: &[i128]| {
+            for (a, b) in a.iter_mut().zip(b) {
+                *a += b;
+            }
+        };
+        counted(&mut self.bins, &other.bins);
+        counted(&mut self.known, &other.known);
         for (a, b) in self.hits.iter_mut().zip(&other.hits) {
             *a += b;
         }
-        for (a, b) in self.known.iter_mut().zip(&other.known) {
-            *a += b;
-        }
-        for (a, b) in self.energy_known.all_mut().zip(other.energy_known.all()) {
-            *a += b;
-        }
-        for (a, b) in self.energy_sums.all_mut().zip(other.energy_sums.all()) {
-            *a += b;
-        }
-        for (a, b) in self
-            .energy_squares
-            .all_mut()
-            .zip(other.energy_squares.all())
-        {
-            *a += b;
-        }
-        for (a, b) in self
-            .energy_products
-            .all_mut()
-            .zip(other.energy_products.all())
-        {
-            *a += b;
-        }
+        self.energy_known.add(&other.energy_known);
+        self.energy_sums.add(&other.energy_sums);
+        self.energy_squares.add(&other.energy_squares);
+        self.energy_products.add(&other.energy_products);
         self.batches += other.batches;
         self.photons += other.photons;
         Ok(())
@@ -401,83 +324,6 @@ impl Totals {
             known,
             norm,
         )
-    }
-
-    /// Energies as shares of all the light that was launched; they add up to 1.
-    ///
-    /// Where photons carry weights other than 1 (polarised lamp, roulette, ways drawn more often than their share)
-    /// what a batch counts is not the number of its photons exactly, though on average it is. That is known
-    /// of every batch, and what goes with it is taken off each share: x − β (a − n) with a the energy counted and
-    /// n the photons. Shares of a have β = x/a; where draws make most of the noise, β = cov(x, a)/var(a) over the
-    /// batches leaves what every photon leaves the same part in (the first reflection off a plane) its exact
-    /// value, which dividing by a spoils. Either β add up to 1, so the shares do too, and the standard
-    /// error is that of the remainder.
-    #[must_use]
-    pub fn energies(&self) -> Energies<Estimate> {
-        let e = &self.energy_sums;
-        let launched = self.photons as f64;
-        let counted = e.total() + self.energy_known.total();
-        let excess = from_fixed(counted - to_fixed(1.0) * i128::from(self.photons));
-        let (a, b) = (from_fixed(e.total()), self.batches as f64);
-        let with_all = |sum: f64, product: f64| product - sum * a / b;
-        let ends = |e: &Energies<i128>| {
-            [e.reflected_all, e.transmitted_all, e.absorbed, e.truncated].map(from_fixed)
-        };
-        // As the sum of its parts, so that the slopes add up to 1 to the last digit.
-        let parts = ends(e).into_iter().zip(ends(&self.energy_products));
-        let var_a: f64 = parts.map(|(s, p)| with_all(s, p)).sum();
-        let variance = |s: f64, q: f64, p: f64, slope: f64| {
-            let cov = with_all(s, p);
-            let left = (q - s * s / b - slope * (2.0 * cov - slope * var_a)) * b / (b - 1.0);
-            // The rounding floor is that of the terms, not of their difference.
-            left.max(4.0 * f64::EPSILON * s * s / b)
-        };
-        let counted = from_fixed(counted);
-        let shares = ends(e).into_iter().zip(ends(&self.energy_known));
-        let shares = shares.map(|(s, k)| (s + k) / counted);
-        let slopes = ends(e).into_iter().zip(ends(&self.energy_products));
-        let slopes = slopes.map(|(s, p)| with_all(s, p) / var_a);
-        let scatter = |slopes: &mut dyn Iterator<Item = f64>| -> f64 {
-            let squares = ends(&self.energy_squares)
-                .into_iter()
-                .zip(ends(&self.energy_products));
-            let all = ends(e).into_iter().zip(squares).zip(slopes);
-            all.map(|((s, (q, p)), slope)| variance(s, q, p, slope))
-                .sum()
-        };
-        // Few batches tell no slope, nor do such as count their photons all but exactly (three roundings of
-        // 1e-16 in a difference that shall keep six digits); and where slopes bring little they are not
-        // worth a share that comes out below nothing.
-        let told = self.batches >= BATCHES_FOR_SLOPE
-            && var_a > 1e-9 * a * a / b
-            && scatter(&mut { slopes }) < 0.5 * scatter(&mut { shares });
-        let mut out = Energies::filled(Estimate {
-            value: 0.0,
-            std: 0.0,
-        });
-        let sums = e.all().zip(self.energy_squares.all());
-        let sums = sums
-            .zip(self.energy_products.all())
-            .zip(self.energy_known.all());
-        for (o, (((s, q), p), k)) in out.all_mut().zip(sums) {
-            let sum = from_fixed(s + k);
-            let (s, q, p) = (from_fixed(*s), from_fixed(*q), from_fixed(*p));
-            let (slope, value) = if told {
-                let slope = with_all(s, p) / var_a;
-                (slope, ((sum - slope * excess) / launched).max(0.0))
-            } else {
-                (sum / counted, sum / counted)
-            };
-            *o = Estimate {
-                value,
-                std: if self.batches > 1 {
-                    variance(s, q, p, slope).sqrt() / launched
-                } else {
-                    f64::NAN
-                },
-            };
-        }
-        out
     }
 
     /// Root mean square error of m00 over its own root mean square, both over the reflected bins and by
