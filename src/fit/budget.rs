@@ -31,8 +31,9 @@ use nalgebra::DMatrix;
 
 use super::covariance::{Covariance, Scaling, covariance};
 use super::estimate::Estimate;
+use super::known::{drift_std, reference_std};
 use super::least_squares::solve_upper;
-use super::problem::{Problem, Quantity, Values, drift_std, reference_std};
+use super::problem::{Problem, Quantity, Values};
 use super::profile::profile;
 use super::report::COVERAGE_FACTOR;
 use super::solver::Minimum;

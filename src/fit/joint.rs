@@ -17,10 +17,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::estimate::{
-    Estimate, ROUNDS, Tier, discrepancy_of, estimate, explained, loss_weights, misfit_scale, peak,
-};
+use super::estimate::{Estimate, Tier, estimate};
 use super::least_squares::LeastSquares;
+use super::misfit::{
+    ROUNDS, discrepancy_of, explained, lightened, loss_weights, misfit_scale, peak,
+};
 use super::problem::{Problem, Quantity, Values};
 use super::report::FitReport;
 use super::solver::{Bounds, Minimum, Settings, minimise};
@@ -385,7 +386,7 @@ impl<'e, 'a> Joint<'e, 'a> {
             let w = loss_weights(problem, &self.values(scan), loss);
             if loss != Loss::Linear {
                 // The same point as the minimum of least squares, in which form the budget reads it.
-                let sigma = super::estimate::lightened(problem, &w);
+                let sigma = lightened(problem, &w);
                 self.problems[scan] = problem.clone().with_loss(Loss::Linear).with_sigma(sigma);
             }
             weights.push(w);

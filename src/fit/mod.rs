@@ -7,10 +7,10 @@
 //!
 //! The one function to call is [`fit`]. Rooms within: [`least_squares`] what a problem is ·
 //! [`solver`] bounded Levenberg–Marquardt · [`quantity`] what can be looked for · [`problem`] the
-//! observation model · [`loss`] how residuals count · [`start`] where to begin and [`search`] how far
+//! observation model, with what is `known` before · [`loss`] how residuals count · [`start`] where to begin and [`search`] how far
 //! to look (`crew`: all starts at once, on the form of `lean`; `candidates`: from where else;
 //! `projection`: amplitudes solved for) · [`estimate`] one variant · [`thin`] of very many observations ·
-//! `settle` its weights · [`tier`] the dearer model as an offset · [`traced`] the ray tracer
+//! `misfit` how far it misses and `settle` its weights · [`tier`] the dearer model as an offset · [`traced`] the ray tracer
 //! in its place · [`covariance`] and [`budget`] how sure · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice · [`reporting`] the report ·
 //! [`joint`] several scans · [`trail`] against time · [`report`] the answer's form. It knows neither frames nor files nor the clock.
 
@@ -29,9 +29,11 @@ mod descent;
 pub mod estimate;
 pub mod intervals;
 pub mod joint;
+mod known;
 mod lean;
 pub mod least_squares;
 pub mod loss;
+mod misfit;
 pub mod problem;
 pub mod profile;
 mod projection;

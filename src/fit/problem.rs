@@ -17,12 +17,13 @@
 //! Inside, θr is signed and the roughnesses are logarithms: the fit may pass through θr = 0 and
 //! comes out on the other side as (−θr, φs + 180°), which is the same surface.
 
+mod residuals;
+
 use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
-use super::lean;
-use super::least_squares::LeastSquares;
+use super::known::priors;
 use super::loss::Loss;
 pub use super::quantity::{Quantity, Values};
 use super::solver::Bounds;
@@ -39,9 +40,6 @@ pub const THETA_R_MAX: f64 = 75.0 * PI / 180.0;
 pub const ALPHA_MIN: f64 = 1e-4;
 /// Roughest facet that a fit considers.
 pub const ALPHA_MAX: f64 = 2.0;
-
-/// One over the relative error that counts as one on the logarithmic scale.
-const LOG_WEIGHT: f64 = 10.0;
 
 /// One least-squares problem: a set of observations, a variant, weights and what is free.
 #[derive(Debug, Clone)]
@@ -457,22 +455,6 @@ impl<'a> Problem<'a> {
         values.scale * self.reflectance() / PI * cosine + values.background
     }
 
-    /// Residual of prior number `row`, its quantity, and the residual's slope in the solver's unit.
-    pub(super) fn prior_row(&self, row: usize, values: &Values) -> (f64, Quantity, f64) {
-        let (quantity, prior) = self.priors[row];
-        let mut away = values.natural(quantity) - prior.mean;
-        if quantity == Quantity::AzimuthOffset {
-            away = Angle::from_rad(away).wrapped().rad();
-        }
-        let slope = match quantity {
-            Quantity::ThetaR if values.theta_r < 0.0 => -1.0,
-            Quantity::AlphaU => values.alpha_u,
-            Quantity::AlphaV => values.alpha_v,
-            _ => 1.0,
-        };
-        (away / prior.std, quantity, slope / prior.std)
-    }
-
     /// Whether this is the full sawtooth of a far rig by least squares, without corrections.
     pub(super) fn is_plain(&self) -> bool {
         self.variant == Variant::Sawtooth
@@ -497,183 +479,6 @@ impl<'a> Problem<'a> {
 /// Fresnel reflectance at normal incidence; within 1e-4 of that at 5°.
 fn normal_reflectance(eta: f64, k: f64) -> f64 {
     ((eta - 1.0).powi(2) + k * k) / ((eta + 1.0).powi(2) + k * k)
-}
-
-impl LeastSquares for &Problem<'_> {
-    fn n_parameters(&self) -> usize {
-        self.free.len()
-    }
-
-    /// Samples first, then flats, then the priors.
-    fn n_residuals(&self) -> usize {
-        self.residual_count()
-    }
-
-    fn evaluate(&self, x: &[f64], residuals: &mut [f64], jacobian: &mut [f64]) {
-        let values = self.unpack(x);
-        let m = self.n_residuals();
-        let samples = self.set.observations.len();
-        let known = self.lean
-            && self.is_plain()
-            && self.optics(&values) == self.optics
-            && lean::evaluate(self, &values, residuals, jacobian, m);
-        let ready = self.ready(&values);
-        let mut row = vec![0.0; self.free.len()];
-        for i in if known { samples } else { 0 }..samples {
-            residuals[i] = self.sample_row(i, &ready, &values, &mut row);
-            for (j, d) in row.iter().enumerate() {
-                jacobian[i + j * m] = *d;
-            }
-        }
-        self.other_rows(&values, samples, m, residuals, jacobian);
-    }
-}
-
-impl Problem<'_> {
-    /// Residual of observation `index`, and in `row` its derivatives by the free quantities.
-    pub(super) fn sample_row(
-        &self,
-        index: usize,
-        ready: &Ready,
-        values: &Values,
-        row: &mut [f64],
-    ) -> f64 {
-        let g = self.corrected(index, ready);
-        let l = g.value;
-        let (sigma, seen) = (self.sigma[index], self.set.observations[index].signal);
-        let weight = 1.0 / sigma;
-        let gain = values.scale;
-        let residual = (gain * l + values.background - seen) * weight;
-        for (d, q) in row.iter_mut().zip(&self.free) {
-            *d = weight
-                * match q {
-                    Quantity::ThetaR => gain * g.theta_r,
-                    Quantity::AlphaU => gain * g.alpha_u * values.alpha_u,
-                    Quantity::AlphaV => gain * g.alpha_v * values.alpha_v,
-                    Quantity::RhoD => gain * g.rho_d,
-                    Quantity::Scale => l,
-                    Quantity::Background => 1.0,
-                    Quantity::Eta => gain * g.eta,
-                    Quantity::K => gain * g.k,
-                    Quantity::AzimuthOffset => gain * g.phi_s,
-                    Quantity::TiltOffset => gain * g.theta_c,
-                };
-        }
-        let (bent, slope) = if self.logarithmic {
-            let floor = 3.0 * sigma;
-            let expected = residual * sigma + seen;
-            let bent = LOG_WEIGHT * ((expected / floor).asinh() - (seen / floor).asinh());
-            (bent, LOG_WEIGHT * sigma / expected.hypot(floor))
-        } else if self.loss != Loss::Linear {
-            self.loss.bent(residual)
-        } else {
-            return residual;
-        };
-        for d in row {
-            *d *= slope;
-        }
-        bent
-    }
-
-    /// Residuals and derivatives of flats and priors, from row `first` of `m` on.
-    pub(super) fn other_rows(
-        &self,
-        values: &Values,
-        first: usize,
-        m: usize,
-        residuals: &mut [f64],
-        jacobian: &mut [f64],
-    ) {
-        let flats = self.set.flats.len();
-        let albedo = self.reflectance() / PI;
-        for k in 0..flats {
-            let i = first + k;
-            let (cosine, slope) = self.flat_cosine(k, values);
-            let weight = 1.0 / self.flat_sigma[k];
-            residuals[i] = (values.scale * albedo * cosine + values.background
-                - self.set.flats[k].signal)
-                * weight;
-            for (j, q) in self.free.iter().enumerate() {
-                jacobian[i + j * m] = weight
-                    * match q {
-                        Quantity::Scale => albedo * cosine,
-                        Quantity::Background => 1.0,
-                        Quantity::TiltOffset => values.scale * albedo * slope,
-                        _ => 0.0,
-                    };
-            }
-        }
-        for row in 0..self.priors.len() {
-            let i = first + flats + row;
-            let (residual, quantity, slope) = self.prior_row(row, values);
-            residuals[i] = residual;
-            for (j, q) in self.free.iter().enumerate() {
-                jacobian[i + j * m] = if *q == quantity { slope } else { 0.0 };
-            }
-        }
-    }
-}
-
-/// What is known before the fit of those free quantities about which something is; what the user
-/// tells replaces a certificate.
-fn priors(
-    set: &ObservationSet,
-    free: &[Quantity],
-    told: &[(Quantity, Prior)],
-) -> Vec<(Quantity, Prior)> {
-    let (eta, k) = set.material.index();
-    let (eta_std, k_std) = match set.material {
-        Material::Dielectric { eta_std, .. } => (eta_std, 0.0),
-        Material::Conductor { eta_std, k_std, .. } => (eta_std, k_std),
-    };
-    let of = |q: &Quantity| match q {
-        Quantity::Background => Some(set.background),
-        Quantity::Eta => Some(Prior {
-            mean: eta,
-            std: eta_std,
-        }),
-        Quantity::K => Some(Prior {
-            mean: k,
-            std: k_std,
-        }),
-        _ => None,
-    };
-    let stated = |q: &Quantity| {
-        let by_user = told.iter().find(|(t, _)| t == q).map(|(_, prior)| *prior);
-        by_user.or_else(|| of(q))
-    };
-    free.iter()
-        .filter_map(|q| stated(q).map(|prior| (*q, prior)))
-        .collect()
-}
-
-/// Quantities that are known within an uncertainty and fitted within it.
-#[must_use]
-pub fn certified(set: &ObservationSet) -> Vec<Quantity> {
-    priors(set, &[Quantity::Eta, Quantity::K], &[])
-        .into_iter()
-        .filter(|(_, prior)| prior.std > 0.0)
-        .map(|(q, _)| q)
-        .collect()
-}
-
-/// Relative standard uncertainty of the white reference; 0 without one.
-#[must_use]
-pub fn reference_std(set: &ObservationSet) -> f64 {
-    set.white_reference
-        .map_or(0.0, |w| w.reflectance_std / w.reflectance)
-}
-
-/// Relative standard uncertainty of the lamp between flats and samples: the largest that an
-/// observation states.
-#[must_use]
-pub fn drift_std(set: &ObservationSet) -> f64 {
-    set.observations
-        .iter()
-        .map(|o| (o.shared.led_drift / o.signal).abs())
-        .filter(|share| share.is_finite())
-        .fold(0.0, f64::max)
-        .min(0.1)
 }
 
 #[cfg(test)]

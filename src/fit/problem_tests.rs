@@ -1,6 +1,7 @@
 //! The observation model: its directions, its symmetry, its derivatives.
 
 use super::*;
+use crate::fit::least_squares::LeastSquares;
 use crate::geometry::{Pose, RigGeometry};
 use crate::model::radiance_gradient;
 use crate::observation::{Observation, View};

@@ -4,8 +4,10 @@
 //! and how they compare, is decided in [`super::variants`].
 
 use super::budget::{Budget, Uncertainty, tied, uncertainty};
-use super::estimate::{Estimate, LOUD, peak};
-use super::problem::{Quantity, Values, drift_std, reference_std};
+use super::estimate::Estimate;
+use super::known::{drift_std, reference_std};
+use super::misfit::{LOUD, peak};
+use super::problem::{Quantity, Values};
 use super::report::{
     FitReport, FittedObservation, Freedom, LeftOut, Parameter, Parameters, Starts, Status, Timing,
     VariantName, VariantSummary,

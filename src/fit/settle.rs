@@ -9,7 +9,8 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::FitOptions;
-use super::estimate::{ROUNDS, Tier, discrepancy_of};
+use super::estimate::Tier;
+use super::misfit::{ROUNDS, discrepancy_of};
 use super::problem::Problem;
 use super::search::Search;
 use super::solver::{Ending, Minimum, Settings};

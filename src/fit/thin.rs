@@ -24,8 +24,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-use super::estimate::{Estimate, Reached, Tier, conclude, misfit_scale, peak, whole};
+use super::estimate::{Estimate, Reached, Tier, conclude, whole};
 use super::least_squares::{LeastSquares, householder, sum_of_squares};
+use super::misfit::{misfit_scale, peak};
 use super::problem::{Problem, Values};
 use super::settle::{Settled, Weighing};
 use super::solver::{Bounds, Minimum, Settings};

@@ -18,7 +18,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::budget::{Uncertainty, uncertainty};
-use super::estimate::{DISCREPANCY_FLOOR, Estimate, LEAST_WEIGHT, ROUNDS, discrepancy_of, peak};
+use super::estimate::Estimate;
+use super::misfit::{LEAST_WEIGHT, ROUNDS, discrepancy_of, misfit_scale, peak};
 use super::problem::{Problem, Quantity, Values};
 use super::solver::{Minimum, Settings, minimise};
 use super::{FitOptions, Loss};
@@ -216,15 +217,10 @@ struct Scatter {
 impl Scatter {
     fn new(sawtooth: &Estimate<'_>, tracer: &[f64]) -> Self {
         let set = sawtooth.problem.set();
-        let floor = DISCREPANCY_FLOOR * peak(set);
         let both = set.observations.iter().zip(tracer);
         Scatter {
             own: both.map(|(o, tracer)| o.sigma.hypot(*tracer)).collect(),
-            scale: set
-                .observations
-                .iter()
-                .map(|o| o.signal.abs() + floor)
-                .collect(),
+            scale: misfit_scale(set),
             weights: sawtooth.loss_weights.clone(),
         }
     }
@@ -563,103 +559,5 @@ pub fn ridged_surface(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::fit::estimate::estimate;
-    use crate::geometry::{Pose, RigGeometry};
-    use crate::model::{self, Surface, Variant};
-    use crate::observation::{Observation, Prior};
-    use crate::trace::ridge_map::{RidgeMap, height_map_of};
-    use crate::trace::scene::MapUnits;
-
-    /// Steel seen at 24 poses, painted by the closed form.
-    fn set() -> ObservationSet {
-        let material = Material::exactly(2.9, 3.1);
-        let rig = RigGeometry::IN_PLANE;
-        let surface = Surface {
-            theta_r: 0.2,
-            alpha_u: 0.1,
-            alpha_v: 0.12,
-            rho_d: 0.0,
-            amplitude: 1.0,
-        };
-        let optics = model::Optics::new(&rig, &material);
-        let poses = (0..24).map(|n| {
-            let n = f64::from(n);
-            Pose::from_deg(10.0 * (n % 4.0) - 15.0, 60.0 * (n / 4.0).floor())
-        });
-        let observations = poses.map(|pose| {
-            Observation::new(
-                pose,
-                model::radiance(Variant::Sawtooth, &rig.directions(pose), &surface, &optics),
-                1e-3,
-            )
-        });
-        ObservationSet::bare(
-            rig,
-            material,
-            observations.collect(),
-            Prior {
-                mean: 0.0,
-                std: 1e-3,
-            },
-        )
-    }
-
-    #[test]
-    fn whoever_watches_may_end_it_and_what_was_reached_counts() {
-        let (set, go) = (set(), AtomicBool::new(false));
-        let options = FitOptions {
-            starts: 2,
-            tracer: TracingOptions {
-                paths: 64,
-                paths_max: 64,
-                target_error: None,
-            },
-            ..FitOptions::default()
-        };
-        let sawtooth = estimate(&set, Variant::Sawtooth, &options, None, &go).unwrap();
-        let traced = |watch: Watch<'_>, profile, cancel: &AtomicBool| {
-            estimate_traced(&sawtooth, &options, profile, watch, cancel)
-        };
-        assert!(traced(&|_| false, None, &go).is_none());
-        assert!(traced(&|_| true, None, &AtomicBool::new(true)).is_none());
-        let one = traced(&|p| p.pass < 2, None, &go).unwrap().traced.unwrap();
-        assert_eq!((one.passes, one.end), (1, TracingEnd::Stopped));
-        assert!(one.sigma.iter().all(|s| s.is_finite()) && one.error > 0.0);
-        // Rounded edges throw light elsewhere: the shape of the sample matters to the answer.
-        let sharp = traced(&|_| true, None, &go).unwrap();
-        let round = Profile::sawtooth(0.25, 1.0, 0.05).unwrap();
-        let rounded = traced(&|_| true, Some(&round), &go).unwrap();
-        assert!((sharp.values.alpha_v - rounded.values.alpha_v).abs() > 1e-4);
-        assert!((rounded.values.theta_r.abs() - 0.2).abs() < 0.02);
-        // A height map of that sample, turned and noisy, is as good as its profile.
-        let large = Profile::sawtooth(0.25, 40.0, 2.0).unwrap();
-        let map = height_map_of(&large, 67.0, [300, 260], [1.0, 1.0], 0.05);
-        let units = MapUnits {
-            pitch_um: [1.0, 1.0],
-            height_unit_um: 1.0,
-        };
-        let measured = RidgeMap::of(&map, units).unwrap().profile;
-        // Enough paths that the tracer's own noise is small against what is compared.
-        let well = FitOptions {
-            tracer: TracingOptions {
-                paths: 2048,
-                paths_max: 2048,
-                target_error: None,
-            },
-            ..options
-        };
-        let [a, b] = [&large, &measured].map(|profile| {
-            estimate_traced(&sawtooth, &well, Some(profile), &|_| true, &go)
-                .unwrap()
-                .values
-        });
-        assert!(
-            (a.theta_r - b.theta_r).abs().to_degrees() < 0.1,
-            "{a:?} {b:?}"
-        );
-        assert!((a.alpha_u / b.alpha_u - 1.0).abs() < 0.03, "{a:?} {b:?}");
-        assert!((a.alpha_v / b.alpha_v - 1.0).abs() < 0.03, "{a:?} {b:?}");
-    }
-}
+#[path = "traced_tests.rs"]
+mod tests;
