@@ -158,9 +158,9 @@ fn tell(p: &Pixels, refreshes: u8) {
         Instructions::Widest,
     );
     let (mut sum, mut squares) = ([0.0; 5], [0.0; 5]);
-    let (mut converged, mut evaluations) = (0, 0);
+    let (mut converged, mut evaluations) = (0, 0.0);
     for (fit, truth) in fits.iter().zip(&p.truths) {
-        evaluations += usize::from(fit.evaluations);
+        evaluations += f64::from(fit.evaluations);
         let Some(std) = fit.std.filter(|_| fit.converged) else {
             continue;
         };
@@ -178,7 +178,7 @@ fn tell(p: &Pixels, refreshes: u8) {
     println!(
         "{refreshes} refreshes at most: {:.2} evaluations per pixel, {converged} of {} converged; \
          away from the truth over standard deviation, θr, lean, ln αu, ln αv, ρd: mean {:.2?}, rms {:.2?}",
-        evaluations as f64 / fits.len() as f64,
+        evaluations / fits.len() as f64,
         fits.len(),
         per(sum),
         per(squares).map(f64::sqrt),

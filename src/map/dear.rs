@@ -28,6 +28,26 @@ use crate::model::{Optics, Surface, Variant};
 pub(super) const CELL: [f64; FREE] = [0.005, 0.0175, 0.1, 0.1, 0.05];
 /// How much wider cells for the way to the minimum are.
 const LARGE: f64 = 3.0;
+/// Least observations of the way to the minimum, and of one that is worth a part of them.
+const FEW_MIN: usize = 36;
+/// See [`FEW_MIN`].
+const MANY_MIN: usize = 2 * FEW_MIN;
+/// One in so many of very many observations goes the way to the minimum.
+const FEW_SHARE: usize = 4;
+
+/// Which of `count` observations are enough for the way to the minimum; none where all are wanted.
+///
+/// Steps of the golden section leave no row of tilts and no row of azimuths without one, whatever the rows' length.
+fn few_of(count: usize) -> Vec<usize> {
+    if count < MANY_MIN {
+        return Vec::new();
+    }
+    let share = FEW_MIN.max(count / FEW_SHARE) as f64 / count as f64;
+    let section = 0.5 * (5.0_f64.sqrt() - 1.0);
+    (0..count)
+        .filter(|j| (section * *j as f64).fract() < share)
+        .collect()
+}
 /// ψ cells widen below this ridge angle, where turning changes little.
 const SHALLOW: f64 = 0.1;
 
@@ -99,7 +119,7 @@ fn add_scaled(to: &mut [f64], factor: f64, what: &[f64]) {
 pub(super) enum Size {
     /// For a minimum: what is left out does not show in a pixel.
     Usual,
-    /// For the way there.
+    /// For the way there, and of its few observations only; see [`Dear::few`].
     Large,
 }
 
@@ -110,6 +130,9 @@ pub(super) struct Dear {
     /// True poses: recorded, plus the tilt's zero.
     poses: Vec<Pose>,
     geometry: Vec<Geometry>,
+    /// Observations that are enough for the way to the minimum, and their geometry.
+    few: Vec<usize>,
+    few_geometry: Vec<Geometry>,
     lamp: f64,
     amplitude: bool,
     /// Factor on [`CELL`].
@@ -118,6 +141,7 @@ pub(super) struct Dear {
     /// Larger ones, for the way to the minimum: so few that they stay in the processor's cache.
     large_cells: RwLock<Cells>,
     integrated: Integrated,
+    arch: pulp::Arch,
 }
 
 /// An expansion to first order, one element per observation.
@@ -152,6 +176,38 @@ impl From<Expansion> for Cell {
     }
 }
 
+/// A cell's expansion some way from its centre, as a type and not a closure: a closure of this size is not inlined,
+/// and what is not inlined is not compiled for the wider instructions.
+struct Expanded<'a> {
+    numbers: &'a [f32],
+    away: [f32; FREE],
+    offset: &'a mut [f64],
+    basis: &'a mut [f64],
+}
+
+impl pulp::WithSimd for Expanded<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let n = self.offset.len();
+        let (own, slopes) = self.numbers.split_at(2 * n);
+        let (offset, basis) = own.split_at(n);
+        for (to, b) in self.basis.iter_mut().zip(basis) {
+            *to = f64::from(*b);
+        }
+        let [a, b, c, d, e] = self.away;
+        let (s0, rest) = slopes.split_at(n);
+        let (s1, rest) = rest.split_at(n);
+        let (s2, rest) = rest.split_at(n);
+        let (s3, s4) = rest.split_at(n);
+        for j in 0..n {
+            let sum = offset[j] + (a * s0[j] + b * s1[j]) + (c * s2[j] + d * s3[j]) + e * s4[j];
+            self.offset[j] = f64::from(sum);
+        }
+    }
+}
+
 /// Cells that one thread has met: looked up without asking the others.
 #[derive(Default)]
 pub(super) struct Met {
@@ -169,9 +225,18 @@ impl Dear {
         integrated: Integrated,
     ) -> Self {
         let lamp = rig.cones.widening();
+        let amplitude = super::view::View::fits_amplitude(&material);
+        // On metal the whole way needs the dear terms of all observations.
+        let few = if amplitude {
+            Vec::new()
+        } else {
+            few_of(poses.len())
+        };
         Dear {
             table: OpticsTable::new(&Optics::new(&rig, &material)),
-            amplitude: super::view::View::fits_amplitude(&material),
+            amplitude,
+            few_geometry: few.iter().map(|j| geometry[*j]).collect(),
+            few,
             rig,
             poses,
             geometry,
@@ -180,6 +245,7 @@ impl Dear {
             cells: RwLock::new(Cells::default()),
             large_cells: RwLock::new(Cells::default()),
             integrated,
+            arch: pulp::Arch::new(),
         }
     }
 
@@ -193,6 +259,16 @@ impl Dear {
 
     pub(super) fn geometry(&self) -> &[Geometry] {
         &self.geometry
+    }
+
+    /// Observations that are enough for the way to the minimum; none where that takes all.
+    pub(super) fn few(&self) -> &[usize] {
+        &self.few
+    }
+
+    /// Geometry of [`Dear::few`].
+    pub(super) fn few_geometry(&self) -> &[Geometry] {
+        &self.few_geometry
     }
 
     /// The cell that holds `p`.
@@ -214,7 +290,11 @@ impl Dear {
             return Arc::clone(cell);
         }
         // Two threads may compute the same cell; they get the same numbers.
-        let cell = Arc::new(Cell::from(self.expand(&centre)));
+        let cell = match size {
+            Size::Large if !self.few.is_empty() => self.expand(&centre, self.few.iter().copied()),
+            _ => self.expand(&centre, 0..self.poses.len()),
+        };
+        let cell = Arc::new(Cell::from(cell));
         cells
             .write()
             .expect("no holder of this lock panics")
@@ -223,8 +303,12 @@ impl Dear {
             .clone()
     }
 
-    fn expand(&self, centre: &Parameters) -> Expansion {
-        let n = self.poses.len();
+    fn expand(
+        &self,
+        centre: &Parameters,
+        observations: impl ExactSizeIterator<Item = usize>,
+    ) -> Expansion {
+        let n = observations.len();
         let (alpha_u, alpha_v) = (centre[2].exp(), centre[3].exp());
         let surface = self.surface(centre);
         let prepared = Prepared::new(Variant::Sawtooth, &surface, &self.table);
@@ -235,7 +319,8 @@ impl Dear {
             slopes: std::array::from_fn(|_| Vec::with_capacity(n)),
             tilt: Vec::with_capacity(n),
         };
-        for (pose, geometry) in self.poses.iter().zip(&self.geometry) {
+        for j in observations {
+            let (pose, geometry) = (&self.poses[j], &self.geometry[j]);
             let full = prepared.gradient(&self.rig, turned(pose, centre));
             let (a, slopes) = single(geometry, centre, self.lamp);
             let share = surface.amplitude;
@@ -289,19 +374,20 @@ impl Dear {
         let turn = std::f64::consts::TAU;
         away[1] -= turn * f64::from(floor(away[1] / turn + 0.5));
         let n = offset.len();
-        let column = |k: usize| &cell.numbers[k * n..(k + 1) * n];
-        for (basis, b) in basis.iter_mut().zip(column(1)) {
-            *basis = f64::from(*b);
-        }
-        // No `mul_add` here: where the compiler may not count on fused instructions it is a call.
-        let slopes = column(2).iter().zip(column(3)).zip(column(4));
-        let slopes = slopes.zip(column(5)).zip(column(6));
-        for ((offset, o), ((((a, b), c), d), e)) in offset.iter_mut().zip(column(0)).zip(slopes) {
-            let [a, b, c, d, e, o] = [*a, *b, *c, *d, *e, *o].map(f64::from);
-            *offset = o + (away[0] * a + away[1] * b) + (away[2] * c + away[3] * d) + away[4] * e;
-        }
+        self.arch.dispatch(Expanded {
+            numbers: &cell.numbers,
+            away: away.map(|x| x as f32),
+            offset,
+            basis,
+        });
         if let Some((share, integrated)) = self.integrated.near(p) {
-            add_scaled(offset, share, integrated);
+            if n == integrated.len() {
+                add_scaled(offset, share, integrated);
+            } else {
+                for (offset, j) in offset.iter_mut().zip(&self.few) {
+                    *offset += share * integrated[*j];
+                }
+            }
         }
     }
 
@@ -356,7 +442,7 @@ impl Dear {
     }
 
     fn closed(&self, p: &Parameters) -> Vec<f64> {
-        let cell = self.expand(p);
+        let cell = self.expand(p, 0..self.poses.len());
         self.geometry
             .iter()
             .zip(&cell.offset)
@@ -370,5 +456,29 @@ impl Dear {
                 }
             })
             .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_observations_are_of_every_tilt_and_azimuth() {
+        assert!(few_of(MANY_MIN - 1).is_empty());
+        for (tilts, azimuths) in [(9, 12), (6, 12), (8, 9), (5, 36), (11, 24), (20, 16)] {
+            let few = few_of(tilts * azimuths);
+            assert!(few.len() >= FEW_MIN - 2 && 2 * few.len() <= tilts * azimuths + 2);
+            let tilts_met: std::collections::HashSet<_> =
+                few.iter().map(|j| j / azimuths).collect();
+            let azimuths_met: std::collections::HashSet<_> =
+                few.iter().map(|j| j % azimuths).collect();
+            assert_eq!(tilts_met.len(), tilts, "{tilts} × {azimuths}");
+            // A gap of one azimuth between two that are there tells as much of a lobe's turn.
+            assert!(
+                3 * azimuths_met.len() >= 2 * azimuths,
+                "{tilts} × {azimuths}: {azimuths_met:?}"
+            );
+        }
     }
 }

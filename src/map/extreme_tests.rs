@@ -85,7 +85,7 @@ proptest! {
         let fitter = PixelFitter::new(RigGeometry::IN_PLANE, material, poses);
         let found = fitter.fit(signal, sigma, &[start], 1, Instructions::Widest)[0];
         // Fewer observations than unknowns are never begun with, and said to be none.
-        if found.evaluations == 0 {
+        if found.evaluations == 0.0 {
             prop_assert!(!found.converged && found.std.is_none(), "{found:?}");
             return Ok(());
         }

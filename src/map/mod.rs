@@ -325,7 +325,7 @@ pub fn map_until(
         defects: found,
         pixels_fitted,
         pixels_sampled: settled.sampled,
-        evaluations: evaluations as f64 / pixels_fitted.max(1) as f64,
+        evaluations: evaluations / pixels_fitted.max(1) as f64,
         n_poses: groups.len(),
         rejected_frames: rejected,
         warnings,
@@ -403,7 +403,7 @@ fn sampled(planes: &Planes) -> Result<Batch, MapError> {
 /// What came of the tiles.
 struct Tiles {
     layers: Layers,
-    evaluations: u64,
+    evaluations: f64,
     /// Pixels that were looked at.
     pixels: usize,
 }
@@ -418,8 +418,8 @@ fn fit_tiles(
     cancel: &AtomicBool,
 ) -> Result<Tiles, MapError> {
     let amplitude = settled.dear.is_amplitude();
-    let layers = Mutex::new(Layers::new(view.width, view.height, amplitude));
-    let (done, evaluations) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let answered = Mutex::new((Layers::new(view.width, view.height, amplitude), 0.0));
+    let done = AtomicUsize::new(0);
     spread_out(planes.tiles())
         .into_par_iter()
         .with_max_len(1)
@@ -439,12 +439,12 @@ fn fit_tiles(
                 poses: &settled.poses,
             };
             let (answers, spent) = fit_batch(&run, settled);
-            evaluations.fetch_add(spent, Ordering::Relaxed);
-            let mut layers = layers.lock().expect("no holder of this lock panics");
+            let mut answered = answered.lock().expect("no holder of this lock panics");
             for (pixel, answer) in batch.pixels.iter().zip(&answers) {
-                layers.put(*pixel, answer);
+                answered.0.put(*pixel, answer);
             }
-            drop(layers);
+            answered.1 += spent;
+            drop(answered);
             progress(Progress {
                 stage: Stage::Fitting,
                 done: done.fetch_add(batch.pixels.len(), Ordering::Relaxed) + batch.pixels.len(),
@@ -452,9 +452,12 @@ fn fit_tiles(
             });
             Ok(())
         })?;
+    let (layers, evaluations) = answered
+        .into_inner()
+        .expect("no holder of this lock panics");
     Ok(Tiles {
-        layers: layers.into_inner().expect("no holder of this lock panics"),
-        evaluations: evaluations.into_inner() as u64,
+        layers,
+        evaluations,
         pixels: done.into_inner(),
     })
 }
@@ -472,7 +475,7 @@ fn spread_out(count: usize) -> Vec<usize> {
 
 /// Fits the pixels of a batch that show a lobe; those that the leaders do not serve start again
 /// from templates. Returns the answers and the evaluations spent.
-fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, usize) {
+fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, f64) {
     let amplitude = settled.dear.is_amplitude();
     let birge = settled.birge;
     let n = run.batch.observations;
@@ -510,13 +513,13 @@ fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, usize) {
         })
         .collect();
     let again: Vec<usize> = doubtful.iter().map(|at| chosen[*at]).collect();
-    let mut spent: usize = fits.iter().map(|f| usize::from(f.evaluations)).sum();
+    let mut spent: f64 = fits.iter().map(|f| f64::from(f.evaluations)).sum();
     if !again.is_empty() {
         for (at, fit) in doubtful
             .iter()
             .zip(run.fit_from_templates(&again, &settled.templates))
         {
-            spent += usize::from(fit.evaluations) * start::QUARTERS;
+            spent += f64::from(fit.evaluations) * start::QUARTERS as f64;
             if better(&fit, &fits[*at]) {
                 fits[*at] = fit;
             }

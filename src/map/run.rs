@@ -6,7 +6,7 @@ use super::dear::{Dear, Met, Size};
 use super::globals::Globals;
 use super::kernel::{Geometry, Parameters};
 use super::planes::Planes;
-use super::solve::{End, FREE, Job, PixelFit, Pixels, solve_on};
+use super::solve::{End, FREE, Job, PixelFit, Pixels, Way, solve_on};
 use super::start::{Leaders, Templates, lambert_chi2};
 use super::view::View;
 use crate::geometry::Pose;
@@ -125,14 +125,37 @@ impl Run<'_> {
     /// A pixel's radiances and weights (1/σ, 0 where masked).
     pub(super) fn read(&self, index: usize, signal: &mut [f64], weight: &mut [f64]) {
         let n = self.batch.observations;
-        let (gain, stray) = (self.globals.gain, self.globals.stray);
-        let from = index * n;
-        let inverse = 1.0 / gain;
-        for j in 0..n {
-            let sigma = f64::from(self.batch.sigma[from + j]);
-            signal[j] = f64::from(self.batch.signal[from + j]) * inverse - stray;
-            weight[j] = if sigma > 0.0 { gain / sigma } else { 0.0 };
+        let all = index * n..(index + 1) * n;
+        for (signal, recorded) in signal.iter_mut().zip(&self.batch.signal[all.clone()]) {
+            *signal = self.radiance(*recorded);
         }
+        for (weight, sigma) in weight.iter_mut().zip(&self.batch.sigma[all]) {
+            *weight = self.weight(*sigma);
+        }
+    }
+
+    #[inline(always)]
+    fn radiance(&self, signal: f32) -> f64 {
+        f64::from(signal) * (1.0 / self.globals.gain) - self.globals.stray
+    }
+
+    /// 1/σ of a radiance, to the single precision of σ itself; 0 where masked.
+    #[inline(always)]
+    fn weight(&self, sigma: f32) -> f64 {
+        f64::from(if sigma > 0.0 {
+            self.globals.gain as f32 / sigma
+        } else {
+            0.0
+        })
+    }
+
+    /// Radiance and weight of a pixel's observation `j`.
+    fn observation(&self, index: usize, j: usize) -> (f64, f64) {
+        let at = index * self.batch.observations + j;
+        (
+            self.radiance(self.batch.signal[at]),
+            self.weight(self.batch.sigma[at]),
+        )
     }
 
     /// A pixel's geometry: shared, or its own where camera or lamp are near.
@@ -160,6 +183,8 @@ impl Run<'_> {
     }
 
     /// As [`Run::fit`], with chosen instructions.
+    ///
+    /// Of many observations a part shows the way: what is far from the minimum need not be known well.
     pub(super) fn fit_on(
         &self,
         arch: pulp::Arch,
@@ -167,20 +192,47 @@ impl Run<'_> {
         starts: &[Parameters],
         refreshes: u8,
     ) -> Vec<PixelFit> {
-        let pixels = Chosen {
-            run: self,
-            chosen,
-            starts,
+        let few = self.dear.few();
+        let walk = |way: Way, starts: &[Parameters]| {
+            let (observations, geometry) = match way {
+                Way::There => (few.len(), self.dear.few_geometry()),
+                Way::Whole | Way::Rest => (self.batch.observations, self.dear.geometry()),
+            };
+            let pixels = Chosen {
+                run: self,
+                chosen,
+                starts,
+                picked: (way == Way::There).then_some(few),
+            };
+            let job = Job {
+                observations,
+                lamp: self.dear.lamp(),
+                amplitude: self.dear.is_amplitude(),
+                shared: self.view.is_telecentric().then_some(geometry),
+                refreshes,
+                way,
+                pixels: &pixels,
+            };
+            solve_on(arch, &job)
         };
-        let job = Job {
-            observations: self.batch.observations,
-            lamp: self.dear.lamp(),
-            amplitude: self.dear.is_amplitude(),
-            shared: self.view.is_telecentric().then(|| self.dear.geometry()),
-            refreshes,
-            pixels: &pixels,
-        };
-        solve_on(arch, &job)
+        if few.is_empty() {
+            return walk(Way::Whole, starts);
+        }
+        let there = walk(Way::There, starts);
+        let near: Vec<Parameters> = there
+            .iter()
+            .zip(starts)
+            .map(|(fit, start)| match fit.end {
+                End::Converged | End::Stalled => fit.p,
+                End::TooFew => *start,
+            })
+            .collect();
+        let mut fits = walk(Way::Rest, &near);
+        let share = few.len() as f32 / self.batch.observations as f32;
+        for (fit, there) in fits.iter_mut().zip(&there) {
+            fit.evaluations += share * there.evaluations;
+        }
+        fits
     }
 
     /// Fits the chosen pixels from the best templates of every quarter turn; the lowest χ² wins.
@@ -257,6 +309,8 @@ struct Chosen<'a> {
     run: &'a Run<'a>,
     chosen: &'a [usize],
     starts: &'a [Parameters],
+    /// Observations that are looked at; all of them without.
+    picked: Option<&'a [usize]>,
 }
 
 impl Pixels for Chosen<'_> {
@@ -272,9 +326,24 @@ impl Pixels for Chosen<'_> {
         geometry: &mut [Geometry],
     ) -> Parameters {
         let index = self.chosen[pixel];
-        self.run.read(index, signal, weight);
-        if !geometry.is_empty() {
-            geometry.copy_from_slice(&self.run.geometry_of(index));
+        match self.picked {
+            None => {
+                self.run.read(index, signal, weight);
+                if !geometry.is_empty() {
+                    geometry.copy_from_slice(&self.run.geometry_of(index));
+                }
+            }
+            Some(picked) => {
+                for (at, j) in picked.iter().enumerate() {
+                    (signal[at], weight[at]) = self.run.observation(index, *j);
+                }
+                if !geometry.is_empty() {
+                    let all = self.run.geometry_of(index);
+                    for (geometry, j) in geometry.iter_mut().zip(picked) {
+                        *geometry = all[*j];
+                    }
+                }
+            }
         }
         self.starts[pixel]
     }

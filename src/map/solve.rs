@@ -7,8 +7,8 @@
 //! pixel whose factors are not is flagged by the rank test of [`PixelFit`], never passed on.
 //!
 //! *Conditioning.* A step from the damped normal equations has relative errors of 1e-16 times their condition, below 1e-7 for
-//! all pixels that the rank test of [`super::inverse`] lets pass; a descent ends at 1e-6 of its cost, and what a step lacks the
-//! next one sees. QR in lanes would cost twice as much for digits that nobody reads.
+//! all pixels that the rank test of [`super::inverse`] lets pass; a descent ends where the step after its last would gain 1e-6 of its
+//! cost. QR in lanes would cost twice as much for digits that nobody reads.
 
 mod step;
 
@@ -26,12 +26,14 @@ pub(super) const FREE: usize = 5;
 pub(super) const PACKED: usize = FREE * (FREE + 1) / 2;
 /// Numbers per observation and lane: weight, weighted signal, weighted B.
 const ROW: usize = 3;
-/// A descent is over where the next step would lower the cost by less than this share of 1 + cost.
+/// A descent is over where the step after the next would lower the cost by less than this share of 1 + cost.
 const CONVERGED: f64 = 1e-6;
 /// The same where the dear terms are taken anew since the minimum is near.
 const NEAR: f64 = 1e-2;
 /// The same on metal.
 const NEAR_ON_METAL: f64 = 1e-3;
+/// The same for few observations: they know the minimum of all no better than to some standard deviations.
+const OPEN: f64 = 0.1;
 /// First steps at whose ends the dear terms are taken anew, so that not the kernel's minimum is
 /// walked to first.
 const EARLY: u16 = 2;
@@ -70,7 +72,8 @@ pub(super) struct PixelFit {
     pub(super) covariance: Option<[f64; PACKED]>,
     pub(super) chi2: f64,
     pub(super) n_used: u16,
-    pub(super) evaluations: u16,
+    /// Evaluations of all observations; one of a part of them counts as that part.
+    pub(super) evaluations: f32,
     pub(super) end: End,
 }
 
@@ -115,6 +118,17 @@ pub(super) trait Pixels: Sync {
     );
 }
 
+/// What part of the way to its minimum a descent goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Way {
+    /// All of it, from a start that may be far away.
+    Whole,
+    /// With few observations to where these leave it open: a fit's parameters are where to go next.
+    There,
+    /// From the end of [`Way::There`].
+    Rest,
+}
+
 /// What is the same for all pixels.
 #[derive(Clone, Copy)]
 pub(super) struct Job<'a> {
@@ -127,6 +141,7 @@ pub(super) struct Job<'a> {
     pub(super) shared: Option<&'a [Geometry]>,
     /// How often the dear terms are taken anew before the last descent.
     pub(super) refreshes: u8,
+    pub(super) way: Way,
     pub(super) pixels: &'a dyn Pixels,
 }
 
@@ -167,6 +182,9 @@ struct Slot {
     refreshes_left: u8,
     evaluations: u16,
     n_used: u16,
+    /// Cost at the last accepted point, and what an undamped step from there would have gained.
+    cost: f64,
+    gain: f64,
     /// Where the dear terms were taken.
     taken_at: Parameters,
 }
@@ -240,7 +258,11 @@ impl<'a> Table<'a> {
                 &mut self.own_geometry,
             );
             let used = self.column.iter().filter(|w| **w > 0.0).count();
-            if used <= FREE {
+            let least = match self.job.way {
+                Way::There => 2 * FREE,
+                Way::Whole | Way::Rest => FREE,
+            };
+            if used <= least {
                 fits[pixel] = PixelFit {
                     n_used: used as u16,
                     end: End::TooFew,
@@ -265,9 +287,11 @@ impl<'a> Table<'a> {
                 refreshes_left: self.job.refreshes,
                 evaluations: 0,
                 n_used: used as u16,
+                cost: f64::INFINITY,
+                gain: 0.0,
                 taken_at: start,
             });
-            let size = if self.job.amplitude {
+            let size = if self.job.amplitude || self.job.way == Way::Rest {
                 Size::Usual
             } else {
                 Size::Large
@@ -347,19 +371,34 @@ impl<'a> Table<'a> {
             return;
         };
         slot.evaluations += 1;
-        self.slots[lane] = Some(slot);
         let cost = self.get(COST, lane);
         let lambda = self.get(LAMBDA, lane);
         // What an undamped step would gain, at most.
         let gain = self.get(DECREMENT, lane) * (1.0 + lambda);
-        let converged = gain <= CONVERGED * (1.0 + cost);
+        // Gains fall at least as fast from step to step as they did last, so what the step after this one
+        // would gain is known without an evaluation.
+        let accepted = cost < slot.cost;
+        let next_gain = if accepted && gain < slot.gain {
+            gain * (gain / slot.gain)
+        } else {
+            gain
+        };
+        if accepted {
+            (slot.cost, slot.gain) = (cost, gain);
+        }
+        self.slots[lane] = Some(slot);
+        let converged = cost.is_finite() && next_gain <= CONVERGED * (1.0 + cost);
         let stalled = lambda > 1e7 || !cost.is_finite() || slot.evaluations >= EVALUATIONS_MAX;
         // On metal the dear terms are no small part of the light: there the way to the kernel's own
         // minimum is the safe one, and every round of new terms is asked for.
         let careful = self.job.amplitude;
+        if self.job.way == Way::There {
+            self.look_on_the_way(lane, gain <= OPEN * (1.0 + cost), stalled, fits);
+            return;
+        }
         let near = if careful { NEAR_ON_METAL } else { NEAR };
         let early = !careful && slot.evaluations <= EARLY && gain > near * (1.0 + cost);
-        let first = slot.refreshes_left == self.job.refreshes;
+        let first = slot.refreshes_left == self.job.refreshes && self.job.way == Way::Whole;
         let stale = slot.refreshes_left > 0
             && if first || careful {
                 gain <= near * (1.0 + cost)
@@ -371,20 +410,33 @@ impl<'a> Table<'a> {
             // to be compared with; far from it the change is much smaller than what a step gains.
             if stale {
                 slot.refreshes_left -= 1;
+                slot.cost = f64::INFINITY;
+                slot.gain = 0.0;
                 self.set(COST, lane, f64::INFINITY);
             }
             self.slots[lane] = Some(slot);
             let trial = std::array::from_fn(|k| self.get(TRIAL + k, lane));
-            let size = if stale { Size::Usual } else { Size::Large };
+            let size = if stale || self.job.way == Way::Rest {
+                Size::Usual
+            } else {
+                Size::Large
+            };
             self.refresh(lane, &trial, size);
         } else if converged || stalled {
             let normal: [f64; PACKED] = std::array::from_fn(|k| self.get(NORMAL + k, lane));
+            // The last step is taken unseen.
+            let (p, chi2) = if converged {
+                let trial = std::array::from_fn(|k| self.get(TRIAL + k, lane));
+                (trial, (cost - gain).max(0.0))
+            } else {
+                (self.parameters(lane), cost)
+            };
             fits[slot.pixel] = PixelFit {
-                p: self.parameters(lane),
+                p,
                 covariance: invert(&normal),
-                chi2: cost,
+                chi2,
                 n_used: slot.n_used,
-                evaluations: slot.evaluations,
+                evaluations: f32::from(slot.evaluations),
                 end: if converged {
                     End::Converged
                 } else {
@@ -392,6 +444,25 @@ impl<'a> Table<'a> {
                 },
             };
             self.refill(lane, fits);
+        }
+    }
+
+    /// The same with few observations: over as soon as they leave open where the minimum is.
+    fn look_on_the_way(&mut self, lane: usize, open: bool, stalled: bool, fits: &mut [PixelFit]) {
+        let Some(slot) = self.slots[lane] else {
+            return;
+        };
+        let trial = std::array::from_fn(|k| self.get(TRIAL + k, lane));
+        if open || stalled {
+            fits[slot.pixel] = PixelFit {
+                p: if open { trial } else { self.parameters(lane) },
+                evaluations: f32::from(slot.evaluations),
+                end: End::Converged,
+                ..fits[slot.pixel]
+            };
+            self.refill(lane, fits);
+        } else if slot.evaluations <= EARLY && self.job.refreshes > 0 {
+            self.refresh(lane, &trial, Size::Large);
         }
     }
 }
@@ -405,7 +476,7 @@ fn descend<S: Simd>(simd: S, job: &Job<'_>) -> Vec<PixelFit> {
             covariance: None,
             chi2: f64::NAN,
             n_used: 0,
-            evaluations: 0,
+            evaluations: 0.0,
             end: End::TooFew,
         };
         job.pixels.count()

@@ -76,6 +76,7 @@ impl Synthetic {
             amplitude: false,
             shared: Some(&self.geometry),
             refreshes: 0,
+            way: Way::Whole,
             pixels: self,
         }
     }
