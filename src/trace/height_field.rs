@@ -143,8 +143,9 @@ impl HeightField {
             .iter()
             .map(|h| h[0].min(h[1]).min(h[2].min(h[3])))
             .collect();
+        let arch = Arch::new();
         let (above, below) =
-            EscapeSlopes::of_both_sides(nx, ny, cell_x, cell_y, &corners, &high, &low);
+            EscapeSlopes::of_both_sides(arch, (nx, ny), (cell_x, cell_y), &corners, &high, &low);
         HeightField {
             nx,
             ny,
@@ -155,7 +156,7 @@ impl HeightField {
             low_around: over_windows(nx, ny, &low, f32::min),
             high,
             low,
-            arch: Arch::new(),
+            arch,
             lowest,
             highest,
             above,

@@ -389,11 +389,14 @@ impl Look<'_> {
         if facing <= 0.0 {
             return None;
         }
-        let free = |side: Side, k: &V3| self.is_free(i, j, upper, side, k);
+        let lit = self.is_free(i, j, upper, Side::Above, &self.to_lamp, self.thorough);
+        // What is not lit wholly needs photons in any case: split ones are followed both ways then.
+        let thorough = self.thorough && (lit || self.walk.method == Method::Analog);
+        let free = |side: Side, k: &V3| self.is_free(i, j, upper, side, k, thorough);
         let mut start = Start {
             cell: (i * ny + j) as u32,
             upper,
-            lit: free(Side::Above, &self.to_lamp),
+            lit,
             reflected: Fate::Open,
             refracted: Fate::Open,
         };
@@ -434,11 +437,11 @@ impl Look<'_> {
         Some((start, facing))
     }
 
-    /// By the cell's escape slope, or else by a look at what lies in its way.
+    /// By the cell's escape slope, or else, where that is worth it, by a look at what lies in its way.
     #[inline]
-    fn is_free(&self, i: usize, j: usize, upper: bool, side: Side, k: &V3) -> bool {
+    fn is_free(&self, i: usize, j: usize, upper: bool, side: Side, k: &V3, thorough: bool) -> bool {
         let (_, ny) = self.field.cells();
         self.field.escape(side).clears(i * ny + j, k)
-            || (self.thorough && beam::is_free(self.field, i, j, upper, side, k))
+            || (thorough && beam::is_free(self.field, i, j, upper, side, k))
     }
 }
