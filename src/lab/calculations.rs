@@ -1,13 +1,10 @@
 //! Maps, contrasts and verdicts of scans in the store, and traces of scenes, one at a time or many, each
 //! cancellable.
 
-use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, MutexGuard};
+use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
-use tokio::task::JoinHandle;
 
 use super::fits::{check_region, reduction_code};
 use super::foretell::{Foretold, tell_analysis, with_cost};
@@ -135,13 +132,6 @@ impl CalculationRequest {
         }
         .map_err(|e| StoreError::bad_row("calculations", e))
     }
-}
-
-/// A calculation that has not ended.
-pub(super) struct UnderWay {
-    cancel: Arc<AtomicBool>,
-    headway: Arc<Headway>,
-    task: JoinHandle<()>,
 }
 
 /// Why a calculation has no result.
@@ -279,17 +269,13 @@ impl Lab {
             .begin_calculation(request.kind(), request.scan_id(), &request.as_json()?)
             .await?;
         self.tell(event);
-        let cancel = Arc::new(AtomicBool::new(false));
-        let headway = Arc::new(Headway::new());
-        let (lab, flag, told) = (self.clone(), Arc::clone(&cancel), Arc::clone(&headway));
         let what = Foretold {
             of: request.kind().to_string(),
             number: id,
             scan_id: request.scan_id(),
         };
-        // Held while the work begins, so that it cannot end before it is known.
-        let mut under_way = self.calculations();
-        let task = tokio::spawn(async move {
+        let lab = self.clone();
+        self.inner.calculations.begin(id, |flag, told| async move {
             let store = lab.store().clone();
             let panicked = || CalculationEnd::Failed {
                 code: "internal".into(),
@@ -310,29 +296,21 @@ impl Lab {
                     tracing::error!(id, %error, "the end of calculation {id} could not be kept: {error}");
                 }
             }
-            lab.calculations().remove(&id);
+            lab.inner.calculations.ended(id);
         });
-        under_way.insert(
-            id,
-            UnderWay {
-                cancel,
-                headway,
-                task,
-            },
-        );
         Ok(id)
     }
 
     /// How far a calculation has come; none where it has ended or cannot say yet.
     #[must_use]
     pub fn calculation_progress(&self, id: i64) -> Option<Progress> {
-        self.calculations().get(&id)?.headway.now()
+        self.inner.calculations.headway(id)?.now()
     }
 
     /// What a calculation that runs will take; none where it has ended or nobody knows yet.
     #[must_use]
     pub fn calculation_forecast(&self, id: i64) -> Option<Forecast> {
-        self.calculations().get(&id)?.headway.forecast()
+        self.inner.calculations.headway(id)?.forecast()
     }
 
     /// Asks a calculation to stop; it ends within a moment.
@@ -341,38 +319,7 @@ impl Lab {
     /// An unknown one, or one that has ended.
     pub async fn cancel_calculation(&self, kind: CalculationKind, id: i64) -> Result<(), LabError> {
         let state = self.store().calculation(kind, id).await?.state;
-        let flag = self
-            .calculations()
-            .get(&id)
-            .map(|work| Arc::clone(&work.cancel));
-        match flag {
-            Some(flag) => {
-                flag.store(true, Ordering::Relaxed);
-                Ok(())
-            }
-            None => Err(LabError::Invalid {
-                field: "id".into(),
-                problem: format!("{kind} {id} is {state}: there is nothing to cancel"),
-            }),
-        }
-    }
-
-    /// Cancels all and waits until each has said how it ended.
-    pub(super) async fn cancel_all_calculations(&self) {
-        let under_way: Vec<UnderWay> = self.calculations().drain().map(|(_, work)| work).collect();
-        for work in &under_way {
-            work.cancel.store(true, Ordering::Relaxed);
-        }
-        for work in under_way {
-            work.task.await.ok();
-        }
-    }
-
-    fn calculations(&self) -> MutexGuard<'_, HashMap<i64, UnderWay>> {
-        self.inner
-            .calculations
-            .lock()
-            .expect("no holder of this lock panics")
+        self.inner.calculations.cancel(id, &kind, &state)
     }
 
     /// Path of a file of a finished map or trace.

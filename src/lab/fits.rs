@@ -1,11 +1,9 @@
 //! Reductions and fits of scans in the store.
 
-use std::collections::HashMap;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, MutexGuard};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
-use tokio::task::JoinHandle;
 
 use super::calculations::positive;
 use super::curves::{FitCurves, curves_of};
@@ -50,13 +48,6 @@ pub struct FitRequest {
     /// Share of the peak that may be left out of the model (see [`FitOptions::tolerance`]).
     #[serde(default)]
     pub tolerance: Option<f64>,
-}
-
-/// A fit that has not ended.
-pub(super) struct FitUnderWay {
-    cancel: Arc<AtomicBool>,
-    headway: Arc<Headway>,
-    task: JoinHandle<()>,
 }
 
 /// Observations of a scan.
@@ -139,14 +130,9 @@ impl Lab {
         };
         let (fit_id, event) = self.store().begin_fit(&new).await?;
         self.tell(event);
-        let cancel = Arc::new(AtomicBool::new(false));
-        let headway = Arc::new(Headway::new());
         let lab = self.clone();
         let scan_id = request.scan_id;
-        let (flag, told) = (Arc::clone(&cancel), Arc::clone(&headway));
-        // Held while the fit begins, so that it cannot end before it is known.
-        let mut under_way = self.fits();
-        let task = tokio::spawn(async move {
+        self.inner.fits.begin(fit_id, |flag, told| async move {
             let what = Foretold {
                 of: "fit".into(),
                 number: fit_id,
@@ -173,31 +159,18 @@ impl Lab {
                     tracing::error!(fit_id, %error, "the end of fit {fit_id} could not be kept: {error}");
                 }
             }
-            lab.fits().remove(&fit_id);
+            lab.inner.fits.ended(fit_id);
         });
-        let fit = FitUnderWay {
-            cancel,
-            headway,
-            task,
-        };
-        under_way.insert(fit_id, fit);
         Ok(fit_id)
     }
 
     /// How far a fit has come, and what it was said to take; none where it has ended or cannot say yet.
     #[must_use]
     pub fn fit_progress(&self, fit_id: i64) -> (Option<Progress>, Option<Forecast>) {
-        match self.fits().get(&fit_id) {
-            Some(fit) => (fit.headway.now(), fit.headway.forecast()),
+        match self.inner.fits.headway(fit_id) {
+            Some(headway) => (headway.now(), headway.forecast()),
             None => (None, None),
         }
-    }
-
-    fn fits(&self) -> MutexGuard<'_, HashMap<i64, FitUnderWay>> {
-        self.inner
-            .fits
-            .lock()
-            .expect("no holder of this lock panics")
     }
 
     async fn fit_to_its_end(
@@ -255,28 +228,7 @@ impl Lab {
     /// An unknown fit, or one that has ended.
     pub async fn cancel_fit(&self, fit_id: i64) -> Result<(), LabError> {
         let state = self.store().fit(fit_id).await?.state;
-        let flag = self.fits().get(&fit_id).map(|fit| Arc::clone(&fit.cancel));
-        match flag {
-            Some(flag) => {
-                flag.store(true, Ordering::Relaxed);
-                Ok(())
-            }
-            None => Err(LabError::Invalid {
-                field: "id".into(),
-                problem: format!("fit {fit_id} is {state}: there is nothing to cancel"),
-            }),
-        }
-    }
-
-    /// Cancels every fit and waits until each has said how it ended.
-    pub(super) async fn cancel_all_fits(&self) {
-        let under_way: Vec<FitUnderWay> = self.fits().drain().map(|(_, fit)| fit).collect();
-        for fit in &under_way {
-            fit.cancel.store(true, Ordering::Relaxed);
-        }
-        for fit in under_way {
-            fit.task.await.ok();
-        }
+        self.inner.fits.cancel(fit_id, &"fit", &state)
     }
 
     /// A completed fit beside its observations, with curves every `step_deg` of φs.

@@ -19,6 +19,7 @@ mod plans;
 mod recorder;
 mod series;
 mod traces;
+mod under_way;
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -48,6 +49,7 @@ pub use headway::Progress as CalculationProgress;
 pub use plans::{Estimated, ScanRequest};
 pub use series::{ImportOptions, Imported, StoredSeries, export};
 pub use traces::TraceRequest;
+use under_way::AllUnderWay;
 
 /// What the lab knows of its rig beside the devices themselves.
 #[derive(Debug, Clone)]
@@ -91,8 +93,8 @@ struct Inner {
     clock: Arc<dyn Clock>,
     events: broadcast::Sender<Arc<RecordedEvent>>,
     rig: Option<RigSide>,
-    fits: Mutex<HashMap<i64, fits::FitUnderWay>>,
-    calculations: Mutex<HashMap<i64, calculations::UnderWay>>,
+    fits: AllUnderWay,
+    calculations: AllUnderWay,
     /// How scans of this process ended, for who waits for one.
     ends: watch::Sender<HashMap<i64, RunEnd>>,
 }
@@ -211,8 +213,8 @@ impl Lab {
                 clock,
                 events,
                 rig,
-                fits: Mutex::new(HashMap::new()),
-                calculations: Mutex::new(HashMap::new()),
+                fits: AllUnderWay::default(),
+                calculations: AllUnderWay::default(),
                 ends,
             }),
         };
@@ -547,8 +549,8 @@ impl Lab {
                 owner.await.ok();
             }
         }
-        self.cancel_all_fits().await;
-        self.cancel_all_calculations().await;
+        self.inner.fits.cancel_all().await;
+        self.inner.calculations.cancel_all().await;
     }
 
     /// [`Lab::rest`], then closes the store.
