@@ -3,7 +3,6 @@
 mod figure;
 
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -13,7 +12,7 @@ use clap::ValueEnum;
 use serde_json::{Value, json};
 
 use super::limits::{PredictionLimits, Stopwatch};
-use super::{CliError, daemon, interrupt};
+use super::{CliError, answer, daemon, interrupt};
 use crate::contrast::{as_json, findings_json, measure, rounded_deg};
 use crate::forecast::Expected;
 use crate::geometry::{Cones, RigGeometry};
@@ -311,17 +310,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             .with_context(|| format!("cannot write {}", path.display()))
             .map_err(CliError::NoResult)?;
     }
-    let text = if args.json {
-        let mut text = serde_json::to_string_pretty(&report).map_err(CliError::no_result)?;
-        text.push('\n');
-        text
-    } else {
-        as_text(&table, &report)
-    };
-    let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(CliError::no_result)
+    answer::put(args.json, &report, || as_text(&table, &report))
 }
 
 fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
@@ -548,21 +537,11 @@ fn as_text(table: &Table, report: &Value) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::Parser;
-
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: Args,
-    }
-
-    fn parse(words: &[&str]) -> Args {
-        Line::parse_from(["contrast"].iter().chain(words)).args
-    }
+    use crate::cli::parsed;
 
     #[test]
     fn the_defaults_are_the_papers_experiment_and_show_its_findings() {
-        let (table, report) = predicted(&parse(&[])).unwrap();
+        let (table, report) = predicted(&parsed(&[])).unwrap();
         assert_eq!(table.lines.len(), 20);
         assert_eq!(report["findings"]["greatest_at_theta_c_0"], true);
         assert_eq!(report["findings"]["greatest_at_smallest_theta_r"], true);
@@ -575,12 +554,12 @@ mod tests {
 
     #[test]
     fn options_out_of_range_are_named() {
-        let refused = predicted(&parse(&["--rho-d", "1.5"])).unwrap_err();
+        let refused = predicted(&parsed(&["--rho-d", "1.5"])).unwrap_err();
         let CliError::BadInput(e) = refused else {
             panic!("{refused:?}")
         };
         assert_eq!(e.to_string(), "--rho-d = 1.5 is not within 0 and 1");
-        assert!(predicted(&parse(&["--theta-r-deg", "5", "75"])).is_err());
+        assert!(predicted(&parsed(&["--theta-r-deg", "5", "75"])).is_err());
     }
 
     #[test]
@@ -588,7 +567,7 @@ mod tests {
         let path = Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("tests/data/contrast-raytraced-paper-rig.csv");
         let other = read_radiances(&path, 0.06).unwrap();
-        let (table, _) = predicted(&parse(&["--alpha", "0.06", "--rho-d", "0.342"])).unwrap();
+        let (table, _) = predicted(&parsed(&["--alpha", "0.06", "--rho-d", "0.342"])).unwrap();
         let c = comparison(&table, &other, &path);
         assert_eq!(c["n_contrasts"], 40);
         assert!(c["rms_relative"].as_f64().unwrap() < 0.002);

@@ -4,7 +4,7 @@
 mod joint;
 mod shape;
 
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
@@ -14,10 +14,8 @@ use anyhow::anyhow;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use serde::Serialize;
-
 use super::limits::FitLimits;
-use super::{CliError, daemon, interrupt, told};
+use super::{CliError, answer, daemon, interrupt, told};
 use crate::accuracy::forecast::of_analysis;
 use crate::analysis::{Analysis, AnalysisError, AnalysisOptions, Progress, analyse};
 use crate::fit::traced::TracingOptions;
@@ -310,24 +308,7 @@ fn paths_style() -> ProgressStyle {
 /// # Errors
 /// No result where stdout cannot be written.
 pub fn print(analysis: &Analysis, json: bool) -> Result<(), CliError> {
-    put(&analysis.report, json, text::table)
-}
-
-/// A report as JSON, or as the text that `table` makes of it (told whether in colour).
-fn put<R: Serialize>(
-    report: &R,
-    json: bool,
-    table: impl FnOnce(&R, bool) -> String,
-) -> Result<(), CliError> {
-    let mut out = std::io::stdout().lock();
-    let text = if json {
-        let mut text = serde_json::to_string_pretty(report).map_err(CliError::no_result)?;
-        text.push('\n');
-        text
-    } else {
-        table(report, out.is_terminal())
-    };
-    out.write_all(text.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(CliError::no_result)
+    answer::put(json, &analysis.report, || {
+        text::table(&analysis.report, std::io::stdout().is_terminal())
+    })
 }

@@ -1,11 +1,10 @@
 //! `ridged judge`: a series and a specification in, pass, fail or cannot tell out.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use super::fit::{Variant, foretell, watched};
 use super::limits::FitLimits;
-use super::{CliError, daemon, interrupt};
+use super::{CliError, answer, daemon, interrupt};
 use crate::analysis::AnalysisOptions;
 use crate::fit::FitOptions;
 use crate::fit::traced::TracingOptions;
@@ -83,17 +82,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     foretell(source.as_ref(), &options, &cancel);
     let analysis = watched(source.as_ref(), &options, &cancel)?;
     let verdict = VerdictReport::new(&specification, &analysis.report, &analysis.observations);
-    let text = if args.json {
-        let mut text = serde_json::to_string_pretty(&verdict).map_err(CliError::no_result)?;
-        text.push('\n');
-        text
-    } else {
-        table(&verdict.judgement)
-    };
-    let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(CliError::no_result)
+    answer::put(args.json, &verdict, || table(&verdict.judgement))
 }
 
 fn table(judgement: &Judgement) -> String {

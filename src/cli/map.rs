@@ -1,13 +1,13 @@
 //! `ridged map`: a recorded series in, pictures of ridge angle and roughness out.
 
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{CliError, daemon, interrupt, limits};
+use super::{CliError, answer, daemon, interrupt, limits};
 use crate::accuracy::map_forecast::of_map;
 use crate::map::folder::{FolderError, map_into};
 use crate::map::write::Summary;
@@ -97,17 +97,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         FolderError::Map(error @ MapError::TooFewPoses { .. }) => CliError::bad_input(error),
         error => CliError::no_result(error),
     })?;
-    let text = if args.json {
-        let mut text = serde_json::to_string_pretty(&summary).map_err(CliError::no_result)?;
-        text.push('\n');
-        text
-    } else {
-        table(&summary, &args)
-    };
-    let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(CliError::no_result)
+    answer::put(args.json, &summary, || table(&summary, &args))
 }
 
 /// A bar on a terminal once the work takes more than a second.

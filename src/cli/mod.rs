@@ -4,6 +4,7 @@
 //! result, 2 bad usage or bad input, 130 after Ctrl-C once things are safe.
 
 pub mod accuracy;
+mod answer;
 pub mod check;
 pub mod client;
 pub mod contrast;
@@ -153,4 +154,15 @@ pub fn run(cli: Cli) -> ExitCode {
             ExitCode::from(130)
         }
     }
+}
+
+/// The arguments that the words of a command line make, for tests of the subcommands.
+#[cfg(test)]
+fn parsed<A: clap::Args>(words: &[&str]) -> A {
+    #[derive(Parser)]
+    struct Line<A: clap::Args> {
+        #[command(flatten)]
+        args: A,
+    }
+    Line::parse_from(["ridged"].iter().chain(words)).args
 }

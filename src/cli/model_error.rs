@@ -7,7 +7,6 @@
 mod figure;
 
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -18,7 +17,7 @@ use serde_json::{Value, json};
 
 use super::limits::PathLimits;
 use super::progress::Bar;
-use super::{CliError, interrupt};
+use super::{CliError, answer, interrupt};
 use crate::fit::{FitOptions, VariantChoice, fit};
 use crate::forecast::Expected;
 use crate::geometry::{Directions, Pose, RigGeometry};
@@ -120,22 +119,13 @@ pub fn run(args: Args) -> Result<(), CliError> {
             .with_context(|| format!("cannot write to {}", out.display()))
             .map_err(CliError::no_result)?;
     }
-    let mut out = std::io::stdout().lock();
-    let text = if args.json {
-        let mut text =
-            serde_json::to_string_pretty(&report(&cells, seconds)).map_err(CliError::no_result)?;
-        text.push('\n');
-        text
-    } else {
+    answer::put(args.json, &report(&cells, seconds), || {
         let mut text = table(&cells);
         for left in left_out() {
             let _ = writeln!(text, "\nleft out: {} ({})", left.what, left.why);
         }
         text
-    };
-    out.write_all(text.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(CliError::no_result)
+    })
 }
 
 /// What neither the closed forms nor the traced surfaces have.
@@ -529,16 +519,10 @@ fn table(cells: &[Cell]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::Parser;
-
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: Args,
-    }
+    use crate::cli::parsed;
 
     fn found(words: &[&str]) -> Result<Vec<Cell>, CliError> {
-        let args = Line::parse_from(["model-error"].iter().chain(words)).args;
+        let args: Args = parsed(words);
         cells(&args, &AtomicBool::new(false))
     }
 

@@ -1,13 +1,11 @@
 //! `ridged optimize`: the micro-structure of greatest contrast on a rig, and how flat the optimum is.
 
-use std::io::Write as _;
-
 use anyhow::anyhow;
-use serde_json::json;
+use serde_json::{Value, json};
 
-use super::CliError;
 use super::contrast::{Model, Scene};
 use super::limits::{PredictionLimits, Stopwatch};
+use super::{CliError, answer};
 use crate::forecast::Expected;
 use crate::model::LeftOut;
 use crate::model::Surface;
@@ -53,46 +51,41 @@ pub struct Args {
 /// Bad input for options out of range or bounds that are not in order.
 pub fn run(args: Args) -> Result<(), CliError> {
     let report = report(&args)?;
-    let text = if args.json {
-        let mut text = serde_json::to_string_pretty(&report).map_err(CliError::no_result)?;
-        text.push('\n');
-        text
-    } else {
-        let number = |key: &str| report[key].as_f64().unwrap_or(f64::NAN);
-        let range = |key: &str| {
-            let at = |j: usize| report[key][j].as_f64();
-            match (at(0), at(1)) {
-                (Some(low), Some(high)) => format!("{low:.2}° to {high:.2}°"),
-                _ => "(time was over)".to_owned(),
-            }
-        };
-        let bound = |key: &str, what: &str| {
-            if report[key] == true {
-                format!("\nThe optimum lies on a bound of {what}: a wider bound may give more.")
-            } else {
-                String::new()
-            }
-        };
-        format!(
-            "greatest mean contrast {:.5} sr⁻¹ (Michelson {:.3}) at θr = {:.3}°, α = {:.4}\n\
-             above 99 % of it from {}, above 90 % from {}{}{}\n",
-            number("contrast"),
-            number("michelson"),
-            number("theta_r_deg"),
-            number("alpha"),
-            range("within_1_percent_deg"),
-            range("within_10_percent_deg"),
-            bound("at_theta_r_bound", "the ridge angle"),
-            bound("at_alpha_bound", "the roughness"),
-        )
-    };
-    let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(CliError::no_result)
+    answer::put(args.json, &report, || text(&report))
 }
 
-fn report(args: &Args) -> Result<serde_json::Value, CliError> {
+/// The report for people.
+fn text(report: &Value) -> String {
+    let number = |key: &str| report[key].as_f64().unwrap_or(f64::NAN);
+    let range = |key: &str| {
+        let at = |j: usize| report[key][j].as_f64();
+        match (at(0), at(1)) {
+            (Some(low), Some(high)) => format!("{low:.2}° to {high:.2}°"),
+            _ => "(time was over)".to_owned(),
+        }
+    };
+    let bound = |key: &str, what: &str| {
+        if report[key] == true {
+            format!("\nThe optimum lies on a bound of {what}: a wider bound may give more.")
+        } else {
+            String::new()
+        }
+    };
+    format!(
+        "greatest mean contrast {:.5} sr⁻¹ (Michelson {:.3}) at θr = {:.3}°, α = {:.4}\n\
+             above 99 % of it from {}, above 90 % from {}{}{}\n",
+        number("contrast"),
+        number("michelson"),
+        number("theta_r_deg"),
+        number("alpha"),
+        range("within_1_percent_deg"),
+        range("within_10_percent_deg"),
+        bound("at_theta_r_bound", "the ridge angle"),
+        bound("at_alpha_bound", "the roughness"),
+    )
+}
+
+fn report(args: &Args) -> Result<Value, CliError> {
     let theta_r_deg = [args.theta_r_min_deg, args.theta_r_max_deg];
     if !(theta_r_deg[0] >= 0.0 && theta_r_deg[0] < theta_r_deg[1] && theta_r_deg[1] <= 60.0) {
         return Err(CliError::bad_input(anyhow!(
@@ -190,21 +183,11 @@ fn report(args: &Args) -> Result<serde_json::Value, CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::Parser;
-
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: Args,
-    }
-
-    fn parse(words: &[&str]) -> Args {
-        Line::parse_from(["optimize"].iter().chain(words)).args
-    }
+    use crate::cli::parsed;
 
     #[test]
     fn a_vertical_camera_wants_the_ridge_that_sends_light_straight_up() {
-        let report = report(&parse(&["--theta-c-deg", "0"])).unwrap();
+        let report = report(&parsed(&["--theta-c-deg", "0"])).unwrap();
         // Lamp 10° beside the camera, facets that lean to it by half of that: the paper's 5°.
         let best = report["theta_r_deg"].as_f64().unwrap();
         assert!((best - 5.0).abs() < 0.5, "{report}");
@@ -214,7 +197,7 @@ mod tests {
     #[test]
     fn bounds_out_of_order_are_refused() {
         assert!(
-            report(&parse(&[
+            report(&parsed(&[
                 "--theta-r-min-deg",
                 "20",
                 "--theta-r-max-deg",
@@ -222,7 +205,7 @@ mod tests {
             ]))
             .is_err()
         );
-        assert!(report(&parse(&["--alpha-min", "0.3", "--alpha-max", "0.1"])).is_err());
-        assert!(report(&parse(&["--alpha-u", "0.3"])).is_err());
+        assert!(report(&parsed(&["--alpha-min", "0.3", "--alpha-max", "0.1"])).is_err());
+        assert!(report(&parsed(&["--alpha-u", "0.3"])).is_err());
     }
 }

@@ -169,28 +169,20 @@ fn srgb(linear: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::Parser;
-
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: Args,
-    }
+    use crate::cli::parsed;
 
     #[test]
     fn both_pictures_stand_side_by_side_in_png_and_exr() {
         let folder = tempfile::tempdir().unwrap();
         let (png, exr) = (folder.path().join("q.png"), folder.path().join("q.exr"));
-        let args = Line::parse_from([
-            "render",
+        let args: Args = parsed(&[
             "--pixels",
             "32",
             "--out",
             png.to_str().unwrap(),
             "--exr",
             exr.to_str().unwrap(),
-        ])
-        .args;
+        ]);
         let both = pictures(&args).unwrap();
         assert_eq!((both.width, both.height), (64, 32));
         // The turned board is the board with bright and dark exchanged.

@@ -7,7 +7,6 @@
 mod figure;
 
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -19,7 +18,7 @@ use serde_json::json;
 use super::contrast::Scene;
 use super::limits::PathLimits;
 use super::progress::Bar;
-use super::{CliError, interrupt};
+use super::{CliError, answer, interrupt};
 use crate::forecast::Expected;
 use crate::geometry::{Pose, RigGeometry};
 use crate::model::LeftOut;
@@ -168,19 +167,8 @@ pub fn run(args: Args) -> Result<(), CliError> {
             .with_context(|| format!("cannot write to {}", out.display()))
             .map_err(CliError::no_result)?;
     }
-    let text = if args.json {
-        let mut text =
-            serde_json::to_string_pretty(&report(&sweeps, started.elapsed().as_secs_f64()))
-                .map_err(CliError::no_result)?;
-        text.push('\n');
-        text
-    } else {
-        table(&sweeps)
-    };
-    let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(CliError::no_result)
+    let seconds = started.elapsed().as_secs_f64();
+    answer::put(args.json, &report(&sweeps, seconds), || table(&sweeps))
 }
 
 fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
@@ -424,16 +412,10 @@ fn table(sweeps: &[Sweep]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::Parser;
-
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: Args,
-    }
+    use crate::cli::parsed;
 
     fn swept(words: &[&str]) -> Result<Vec<Sweep>, CliError> {
-        let args = Line::parse_from(["wear"].iter().chain(words)).args;
+        let args: Args = parsed(words);
         sweep(&args, &AtomicBool::new(false))
     }
 

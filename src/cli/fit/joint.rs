@@ -1,11 +1,12 @@
 //! Several series of one sample: one surface, each scan's own offsets.
 
+use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use super::{refusal, with_bar};
 use crate::analysis::{AnalysisOptions, JointAnalysisError, analyse_together};
-use crate::cli::CliError;
+use crate::cli::{CliError, answer};
 use crate::fit::joint::JointError;
 use crate::fit::text;
 use crate::reduction::FrameSource;
@@ -39,5 +40,7 @@ pub(super) fn run(
         JointAnalysisError::Joint(reason @ JointError::NoFit(..)) => CliError::no_result(reason),
         JointAnalysisError::Joint(reason) => CliError::bad_input(reason),
     })?;
-    super::put(&analysis.report, json, text::joint)
+    answer::put(json, &analysis.report, || {
+        text::joint(&analysis.report, std::io::stdout().is_terminal())
+    })
 }
