@@ -395,29 +395,13 @@ async fn a_stall_asks_for_homing() {
 
 #[tokio::test]
 async fn a_limit_sensor_in_mid_travel_asks_for_homing() {
-    let wl = |e: &StageError| {
-        matches!(
-            e,
-            StageError::Fault {
-                flag: Flag::UnexpectedLimit,
-                ..
-            }
-        )
-    };
+    let wl = |e: &StageError| matches!(e, StageError::Fault { flag, .. } if *flag == Flag::UnexpectedLimit);
     fails_with(Mishap::LimitSensor, wl, false).await;
 }
 
 #[tokio::test]
 async fn an_emergency_stop_is_told_and_stays() {
-    let fh = |e: &StageError| {
-        matches!(
-            e,
-            StageError::Fault {
-                flag: Flag::EmergencyStop,
-                ..
-            }
-        )
-    };
+    let fh = |e: &StageError| matches!(e, StageError::Fault { flag, .. } if *flag == Flag::EmergencyStop);
     fails_with(Mishap::EmergencyStop, fh, false).await;
 }
 
