@@ -2,17 +2,14 @@
 
 use std::sync::atomic::AtomicBool;
 
-use rand::{RngExt, SeedableRng};
-use rand_distr::StandardNormal;
-
 use super::*;
 use crate::fit::Told;
 use crate::fit::budget::uncertainty;
+use crate::fit::painted::painted;
 use crate::fit::report::Parameter;
 use crate::fit::report::Status;
-use crate::geometry::{Pose, RigGeometry};
+use crate::geometry::Pose;
 use crate::material::Material;
-use crate::observation::{Observation, Prior, WhiteReference};
 
 const TRUTH: Values = Values {
     theta_r: 0.17,
@@ -29,39 +26,16 @@ const TRUTH: Values = Values {
 
 /// A scan of the sample, mounted with these zeros; five tilts at every azimuth.
 fn scan(seed: u64, azimuths: &[f64], zeros_deg: [f64; 2]) -> ObservationSet {
-    let observations = azimuths
+    let poses = azimuths
         .iter()
         .flat_map(|azimuth| (0..5).map(move |k| (*azimuth, -20.0 + 10.0 * f64::from(k))))
-        .map(|(azimuth, tilt)| Observation::new(Pose::from_deg(tilt, azimuth), 0.0, 1.0));
-    let mut set = ObservationSet {
-        white_reference: Some(WhiteReference {
-            reflectance: 0.99,
-            reflectance_std: 0.005,
-        }),
-        ..ObservationSet::bare(
-            RigGeometry::IN_PLANE,
-            Material::exactly(1.54, 0.0),
-            observations.collect(),
-            Prior {
-                mean: 0.0,
-                std: 0.005,
-            },
-        )
-    };
+        .map(|(azimuth, tilt)| Pose::from_deg(tilt, azimuth));
     let truth = Values {
         azimuth_offset: zeros_deg[0].to_radians(),
         tilt_offset: zeros_deg[1].to_radians(),
         ..TRUTH
     };
-    let free = Quantity::ALL.to_vec();
-    let painted = Problem::new(&set, Variant::Sawtooth, free, truth).predicted(&truth);
-    let peak = painted.iter().copied().fold(0.0, f64::max);
-    let mut draw = rand_pcg::Pcg64::seed_from_u64(seed);
-    for (o, clean) in set.observations.iter_mut().zip(painted) {
-        o.sigma = 2e-3 * peak;
-        o.signal = clean + o.sigma * draw.sample::<f64, _>(StandardNormal);
-    }
-    set
+    painted(poses, &truth, 2e-3, seed)
 }
 
 fn options() -> FitOptions {

@@ -56,6 +56,8 @@ pub mod variants;
 mod extreme_tests;
 #[cfg(test)]
 mod options_tests;
+#[cfg(test)]
+mod painted;
 
 pub use loss::Loss;
 pub use quantity::Quantity;

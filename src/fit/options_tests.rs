@@ -8,6 +8,7 @@ use rand_distr::StandardNormal;
 
 use super::budget::uncertainty;
 use super::estimate::{Estimate, estimate};
+use super::painted::painted;
 use super::problem::{Problem, Quantity, Values};
 use super::report::VariantName;
 use super::reporting::report_of;
@@ -15,10 +16,9 @@ use super::solver::{Settings, minimise};
 use super::trail::Time;
 use super::variants::{Tracer, fit_with_tier, fit_with_tracer};
 use super::{FitOptions, Loss, Told, VariantChoice};
-use crate::geometry::{Pose, RigGeometry};
-use crate::material::Material;
+use crate::geometry::Pose;
 use crate::model::Variant;
-use crate::observation::{Observation, ObservationSet, Prior, SharedErrors, WhiteReference};
+use crate::observation::{ObservationSet, SharedErrors};
 use crate::units::Angle;
 
 const TRUTH: Values = Values {
@@ -50,39 +50,9 @@ impl Draw {
 
 /// 40 poses of a plastic sample with an absolute scale.
 fn series(seed: u64) -> ObservationSet {
-    let observations = (0..40)
-        .map(|k| {
-            Observation::new(
-                Pose::from_deg(-20.0 + 10.0 * f64::from(k / 8), 45.0 * f64::from(k % 8)),
-                0.0,
-                1.0,
-            )
-        })
-        .collect();
-    let mut set = ObservationSet {
-        white_reference: Some(WhiteReference {
-            reflectance: 0.99,
-            reflectance_std: 0.005,
-        }),
-        ..ObservationSet::bare(
-            RigGeometry::IN_PLANE,
-            Material::exactly(1.54, 0.0),
-            observations,
-            Prior {
-                mean: 0.0,
-                std: 0.005,
-            },
-        )
-    };
-    let painted =
-        Problem::new(&set, Variant::Sawtooth, Quantity::ALL.to_vec(), TRUTH).predicted(&TRUTH);
-    let peak = painted.iter().copied().fold(0.0, f64::max);
-    let mut draw = Draw::new(seed);
-    for (o, clean) in set.observations.iter_mut().zip(painted) {
-        o.sigma = NOISE * peak;
-        o.signal = clean + o.sigma * draw.normal();
-    }
-    set
+    let poses =
+        (0..40).map(|k| Pose::from_deg(-20.0 + 10.0 * f64::from(k / 8), 45.0 * f64::from(k % 8)));
+    painted(poses, &TRUTH, NOISE, seed)
 }
 
 fn options() -> FitOptions {

@@ -1,0 +1,44 @@
+//! Series that the sawtooth's closed form painted, for tests of fits.
+
+use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
+
+use super::problem::{Problem, Quantity, Values};
+use crate::geometry::{Pose, RigGeometry};
+use crate::material::Material;
+use crate::model::Variant;
+use crate::observation::{Observation, ObservationSet, Prior, WhiteReference};
+
+/// Plastic on an absolute scale, painted with `truth`; every observation has the noise `noise` as a share of the
+/// brightest.
+pub fn painted(
+    poses: impl Iterator<Item = Pose>,
+    truth: &Values,
+    noise: f64,
+    seed: u64,
+) -> ObservationSet {
+    let mut set = ObservationSet {
+        white_reference: Some(WhiteReference {
+            reflectance: 0.99,
+            reflectance_std: 0.005,
+        }),
+        ..ObservationSet::bare(
+            RigGeometry::IN_PLANE,
+            Material::exactly(1.54, 0.0),
+            poses.map(|pose| Observation::new(pose, 0.0, 1.0)).collect(),
+            Prior {
+                mean: 0.0,
+                std: 0.005,
+            },
+        )
+    };
+    let free = Quantity::ALL.to_vec();
+    let clean = Problem::new(&set, Variant::Sawtooth, free, *truth).predicted(truth);
+    let peak = clean.iter().copied().fold(0.0, f64::max);
+    let mut draw = rand_pcg::Pcg64::seed_from_u64(seed);
+    for (o, clean) in set.observations.iter_mut().zip(clean) {
+        o.sigma = noise * peak;
+        o.signal = clean + o.sigma * draw.sample::<f64, _>(StandardNormal);
+    }
+    set
+}
