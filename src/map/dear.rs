@@ -8,6 +8,10 @@
 //!
 //! A near camera or lamp gives each pixel its own directions; the offset is then that of the
 //! centre of the field, since it varies slowly.
+//!
+//! *Conditioning.* Cells are kept in single precision: 6e-8 of a term that is a few percent of the signal. The offset itself is
+//! the full form less the kernel's reflection, two numbers of the signal's size: 1e-16 of the signal, 1e-14 of the
+//! offset. Cells end where the parameters' bounds do, so no cell is asked for beyond them.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};

@@ -3,6 +3,11 @@
 //! The response (vignetting × pixel response) belongs to the camera and is the same at every tilt,
 //! so all flats are pooled; its mean over the good pixels is 1. The level of each flat stays apart:
 //! it follows the lamp's cosine and holds stray light, which the fit settles.
+//!
+//! *Conditioning.* Counts of a pixel are added as whole numbers (32 bits hold 65,000 full frames), so a frame that is taken out
+//! again leaves no trace; the dark level comes off the sum once. A response is a quotient of sums over their mean,
+//! right to the single precision that it is kept in (6e-8, a thousandth of its noise). A pixel or a block without
+//! light gives 0 or no number: a defect both ways, never a response.
 
 use rayon::prelude::*;
 

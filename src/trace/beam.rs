@@ -5,6 +5,11 @@
 //! that faces forward. So where that light clears the corners of another triangle, all of the beam
 //! clears all of that triangle: a handful of comparisons instead of many rays. "Not free" may be
 //! wrong, "free" is not.
+//!
+//! *Conditioning.* Times are quotients by the rate at which the beam leaves an edge; an edge along the beam has rate 0 and is
+//! left out, one nearly along it gives times so long that it bounds nothing. Heights come from single precision and are
+//! compared in double with a slack of 1e-9 of the field's relief: a beam that touches may be called free by that
+//! much, which is a share of 1e-9 of its light.
 
 use super::height_field::{HeightField, Side, WINDOW};
 use super::vec3::V3;
