@@ -15,6 +15,7 @@ pub mod fit;
 pub mod forecast;
 pub mod frame;
 pub mod geometry;
+pub mod heights;
 pub mod judge;
 pub mod lab;
 pub mod map;

@@ -325,7 +325,7 @@ pub(super) async fn traces(
 
 /// Begin a trace: polarised light through a scene.
 #[utoipa::path(post, path = "/api/v1/traces", tag = "traces", request_body(content = Object, description =
-    "`scene` (the text of its TOML, or an object of the same keys), optional `photons` (instead of the scene's), `max_seconds`, `target_error` (relative error of the reflected bins) and `compare` (every path with and without polarisation; where a material depends on the wavelength, at eight of them)"), responses(
+    "`scene` (the text of its TOML, or an object of the same keys), optional `files` (those that it names by `path`: an object of contents in base64; they stay with the result as `given-NAME`), `photons` (instead of the scene's), `max_seconds`, `target_error` (relative error of the reflected bins) and `compare` (every path with and without polarisation; where a material depends on the wavelength, at eight of them)"), responses(
     (status = 202, description = "It runs", body = Begun, headers(("Location" = String, description = "The trace"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
     (status = 422, description = "The scene makes no sense", body = Problem),

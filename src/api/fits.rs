@@ -109,7 +109,7 @@ pub(super) async fn list(
 
 /// Begin a fit.
 #[utoipa::path(post, path = "/api/v1/fits", tag = "fits", request_body(content = Object, description =
-    "`scan_id`, optional `variant` (auto, paper, sawtooth, traced), `region`, `judge` (true: the difference to traced is the model line of the budget), `max_seconds` and `target_error` (of the ray tracer), `tolerance` and `iterations` (true: the report has a descent step by step: seconds, cost, gradient, step, error, accepted)"), responses(
+    "`scan_id`, optional `variant` (auto, paper, sawtooth, traced), `region`, `judge` (true: the difference to traced is the model line of the budget), `max_seconds` and `target_error` (of the ray tracer), `tolerance`, `iterations` (true: the report has a descent step by step: seconds, cost, gradient, step, error, accepted) and `shape` (for traced or judge, the sample measured: `name`, whose ending says how it is written, `content` in base64, `pitch_um` and `height_unit_um` where the file does not say them)"), responses(
     (status = 202, description = "The fit runs", body = Begun, headers(("Location" = String, description = "The fit"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
     (status = 404, description = "There is no such scan", body = Problem),

@@ -22,7 +22,7 @@ use crate::store::frames::sha256_hex;
 use crate::store::idempotency::KeptAnswer;
 
 /// Most bytes of a body.
-pub const BODY_BYTES_MAX: usize = 1 << 20;
+pub const BODY_BYTES_MAX: usize = 8 << 20;
 /// A refused body is read up to here, so that a client which is still sending gets to see why.
 const DRAINED_BYTES_MAX: usize = 1 << 30;
 /// Longest Idempotency-Key.

@@ -2,15 +2,14 @@
 //! sample one common surface.
 
 mod joint;
-mod shape;
 
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-use anyhow::anyhow;
+use anyhow::{Context, anyhow};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -20,8 +19,12 @@ use crate::accuracy::forecast::of_analysis;
 use crate::analysis::{Analysis, AnalysisError, AnalysisOptions, Progress, analyse};
 use crate::fit::traced::TracingOptions;
 use crate::fit::{FitOptions, Loss, Told, VariantChoice, text};
+use crate::heights;
+use crate::heights::ridges::{self, Units};
 use crate::reduction::{FrameSource, ReductionError};
 use crate::series::Series;
+use crate::trace::profile::Profile;
+use crate::trace::ridge_map::RidgeFacts;
 
 /// Reduces and fits one series of frames, or several of one sample together.
 #[derive(Debug, clap::Args)]
@@ -164,11 +167,11 @@ impl Variant {
 /// none, options of the tracer where it is not asked; no result where no frame can be used.
 pub fn run(args: Args) -> Result<(), CliError> {
     let tracer = tracing_options(&args)?;
-    let units = shape::Units {
+    let units = Units {
         pitch_um: args.pitch_um.clone(),
         height_unit_um: args.height_unit_um,
     };
-    let read = |path| shape::read(path, &units);
+    let read = |path| shape_in(path, &units);
     let (profile, height_map) = match args.shape.as_deref().map(read).transpose()? {
         Some((profile, facts)) => (Some(profile), facts),
         None => (None, None),
@@ -205,6 +208,19 @@ pub fn run(args: Args) -> Result<(), CliError> {
     foretell(source.as_ref(), &options, &cancel);
     let analysis = watched(source.as_ref(), &options, &cancel)?;
     print(&analysis, args.json)
+}
+
+/// Reads a shape from a file.
+fn shape_in(path: &Path, units: &Units) -> Result<(Profile, Option<RidgeFacts>), CliError> {
+    let name = path.display().to_string();
+    let content = std::fs::read(path)
+        .with_context(|| format!("cannot read {name}"))
+        .map_err(CliError::bad_input)?;
+    heights::read(&name, &content)
+        .map_err(anyhow::Error::msg)
+        .and_then(|map| Ok(ridges::of(&map, units)?))
+        .with_context(|| name)
+        .map_err(CliError::bad_input)
 }
 
 /// Fixed values and priors in one list, each parameter at most once.

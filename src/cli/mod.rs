@@ -14,7 +14,6 @@ pub mod eval;
 pub mod explain;
 pub mod export;
 pub mod fit;
-mod heights;
 pub mod import;
 pub mod interrupt;
 pub mod judge;

@@ -19,8 +19,9 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::limits::{self, Stopwatch};
-use super::{CliError, heights, interrupt};
+use super::{CliError, interrupt};
 use crate::accuracy::forecast::{Patience, of_run};
+use crate::heights;
 use crate::plan;
 use crate::plan::scene::Wish;
 use crate::trace::report::Report;

@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 
+use super::attached::ShapeFile;
 use super::calculations::positive;
 use super::curves::{FitCurves, curves_of};
 use super::foretell::{Foretold, tell_analysis, with_cost};
@@ -48,6 +49,18 @@ pub struct FitRequest {
     /// Share of the peak that may be left out of the model (see [`FitOptions::tolerance`]).
     #[serde(default)]
     pub tolerance: Option<f64>,
+    /// The sample's own shape, for the ray tracer; the ideal sawtooth if not given.
+    #[serde(default)]
+    pub shape: Option<ShapeFile>,
+}
+
+/// What the store keeps of a request.
+#[derive(Serialize)]
+struct Kept<'a> {
+    #[serde(flatten)]
+    options: &'a FitOptions,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    shape: Option<&'a ShapeFile>,
 }
 
 /// Observations of a scan.
@@ -108,7 +121,23 @@ impl Lab {
         // Read what is there now: the fit is of this snapshot, whatever comes later.
         let series = StoredSeries::open(self.store(), request.scan_id).await?;
         check_region(&series, request.region.as_deref())?;
+        let traces = request.judge || request.variant == VariantChoice::Traced;
+        if request.shape.is_some() && !traces {
+            return Err(LabError::Invalid {
+                field: "shape".into(),
+                problem: "is for the ray tracer: ask for variant traced, or judge".into(),
+            });
+        }
+        let (profile, height_map) = match request.shape.clone() {
+            Some(shape) => {
+                let (profile, facts) = blocking(move || shape.read()).await?;
+                (Some(profile), facts)
+            }
+            None => (None, None),
+        };
         let options = AnalysisOptions {
+            profile,
+            height_map,
             region: request.region.clone(),
             fit: FitOptions {
                 variant: request.variant,
@@ -119,14 +148,16 @@ impl Lab {
             },
             iterations: request.iterations,
             max_seconds: request.max_seconds,
-            ..AnalysisOptions::default()
         };
         let new = NewFit {
             scan_id: request.scan_id,
             variant: word(&request.variant),
             region: request.region.clone(),
-            options: serde_json::to_string(&options.fit)
-                .map_err(|e| StoreError::bad_row("fits", e))?,
+            options: serde_json::to_string(&Kept {
+                options: &options.fit,
+                shape: request.shape.as_ref(),
+            })
+            .map_err(|e| StoreError::bad_row("fits", e))?,
         };
         let (fit_id, event) = self.store().begin_fit(&new).await?;
         self.tell(event);

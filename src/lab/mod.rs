@@ -7,6 +7,7 @@
 //! HTTP and no simulator.
 
 mod along;
+mod attached;
 mod bench;
 mod calculations;
 mod curves;

@@ -4,6 +4,7 @@
 //! their numbers. With `compare` every path is followed with and without polarisation; where a material depends on the
 //! wavelength, at those of Wang et al. 2017.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -11,6 +12,7 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use super::LabError;
+use super::attached::Content;
 use super::calculations::{Failure, positive};
 use super::headway::Headway;
 use crate::accuracy::forecast::{Patience, of_run};
@@ -37,6 +39,9 @@ const BINS_MAX: usize = 180 * 720;
 pub struct TraceRequest {
     /// The scene, as the text of its TOML or as an object of the same keys.
     pub scene: serde_json::Value,
+    /// Files that the scene names: content by `path`.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub files: BTreeMap<String, Content>,
     /// Photons instead of the scene's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub photons: Option<u64>,
@@ -67,7 +72,7 @@ struct TraceResult {
     bins: Bins,
     #[serde(skip_serializing_if = "Option::is_none")]
     comparison: Option<Comparison>,
-    files: Vec<&'static str>,
+    files: Vec<String>,
     warnings: Vec<String>,
 }
 
@@ -148,7 +153,8 @@ impl TraceRequest {
                 "run.theta_bins × run.phi_bins = {bins}: at most {BINS_MAX} here; `ridged trace` takes more"
             )));
         }
-        let prepared = made(&scene).map_err(|e| wrong(e.to_string()))?;
+        self.check_files(&scene)?;
+        let prepared = self.made(&scene).map_err(|e| wrong(e.to_string()))?;
         if self.compare && !prepared.polarised {
             return Err(LabError::Invalid {
                 field: "compare".into(),
@@ -161,11 +167,44 @@ impl TraceRequest {
             prepared,
         })
     }
+
+    /// Refuses files whose names lead elsewhere, and such as no interface asks for.
+    fn check_files(&self, scene: &Scene) -> Result<(), LabError> {
+        let wrong = |problem: String| {
+            Err(LabError::Invalid {
+                field: "files".into(),
+                problem,
+            })
+        };
+        for name in self.files.keys() {
+            let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | '_');
+            if name.len() > FILE_NAME_MAX || !name.chars().all(plain) {
+                return wrong(format!(
+                    "{name:?}: a name has at most {FILE_NAME_MAX} letters, digits, dots, dashes and underscores"
+                ));
+            }
+            let asked = |path: &Option<String>| path.as_deref() == Some(name);
+            if !scene.interface.iter().any(|i| asked(&i.path)) {
+                return wrong(format!("no interface of the scene has path = {name:?}"));
+            }
+        }
+        Ok(())
+    }
+
+    fn made(&self, scene: &Scene) -> Result<Prepared, SceneError> {
+        scene.prepare(&|name| match self.files.get(name) {
+            Some(content) => content.heights(name),
+            None => Err(format!(
+                "is not there: send it as `files`: {{{name:?}: content in base64}}"
+            )),
+        })
+    }
 }
 
-fn made(scene: &Scene) -> Result<Prepared, SceneError> {
-    scene.prepare(&|_| Err("files of heights are read by the command line alone".to_owned()))
-}
+/// Longest name of a file that comes with a request.
+const FILE_NAME_MAX: usize = 100;
+/// What stands before the names of such files among those of the result.
+const GIVEN: &str = "given-";
 
 /// A trace begins after so many seconds of forecasting, forecast or not,
 const PATIENCE_S: f64 = 3.0;
@@ -212,7 +251,7 @@ impl TraceToDo {
             let other = (done > 0).then(|| {
                 let mut scene = self.scene.clone();
                 scene.light.wavelength_nm = wavelength;
-                made(&scene)
+                self.request.made(&scene)
             });
             let other = other.transpose().map_err(|e| Failure::Because {
                 code: "no-trace",
@@ -364,7 +403,7 @@ impl TraceToDo {
         folder: &Path,
         totals: &Totals,
         difference: Option<&Difference>,
-    ) -> Result<Vec<&'static str>, Failure> {
+    ) -> Result<Vec<String>, Failure> {
         let phi_i_deg = self.scene.light.phi_i_deg;
         let own = ("scene", Stokes::from(self.lamp()));
         let states: Vec<(&str, Stokes)> = std::iter::once(own)
@@ -390,6 +429,19 @@ impl TraceToDo {
             ("plane.json", plane),
         ];
         files.extend(difference.map(|d| ("difference.f32", block_of(d))));
+        let given = self.request.files.iter();
+        let given: Vec<(String, &[u8])> = given
+            .map(|(name, content)| (format!("{GIVEN}{name}"), content.0.as_slice()))
+            .collect();
+        let files: Vec<(&str, &[u8])> = files
+            .iter()
+            .map(|(name, content)| (*name, content.as_slice()))
+            .chain(
+                given
+                    .iter()
+                    .map(|(name, content)| (name.as_str(), *content)),
+            )
+            .collect();
         for (name, content) in &files {
             let path = folder.join(name);
             std::fs::write(&path, content).map_err(|e| Failure::Because {
@@ -397,7 +449,7 @@ impl TraceToDo {
                 detail: StoreError::file("a trace", &path, e).to_string(),
             })?;
         }
-        Ok(files.iter().map(|(name, _)| *name).collect())
+        Ok(files.iter().map(|(name, _)| (*name).to_owned()).collect())
     }
 }
 

@@ -15,6 +15,7 @@ const RULES: &[(&str, &[&str])] = &[
     ("observation", &["units", "geometry", "material"]),
     ("model", &["units", "geometry", "material"]),
     ("trace", &["units", "geometry", "material", "model"]),
+    ("heights", &["trace"]),
     (
         "fit",
         &[
@@ -161,6 +162,7 @@ const RULES: &[(&str, &[&str])] = &[
             "config",
             "forecast",
             "accuracy",
+            "heights",
         ],
     ),
     (

@@ -1,5 +1,7 @@
 //! What is calculated of a scan: contrasts, verdicts and maps; and what was measured of accuracy.
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
 use serde_json::json;
 
 use super::{costs, ended, forecasts, get, imported, is_problem, opened, post};
@@ -124,5 +126,37 @@ async fn what_was_measured_of_accuracy_is_served_as_it_was_written() {
     let found = get(&router, "/api/v1/accuracy").await;
     assert_eq!((found.status, &found.body["machine"]), (200, &json!("m")));
     assert!(found.body["written_at"].as_str().unwrap().ends_with('Z'));
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_fit_takes_the_samples_own_shape() {
+    let (bench, router) = opened().await;
+    imported(&router).await;
+    // A sawtooth of 10° with a corner cut, one period across the ridges.
+    let shape = json!({
+        "name": "ridge.csv",
+        "content": STANDARD.encode("v_um,z_um\n0,0\n9,-1.587\n9.6,-1.6\n10,0\n"),
+    });
+    let request = json!({ "scan_id": 1, "variant": "traced", "max_seconds": 1.0, "shape": shape });
+    let begun = post(&router, "/api/v1/fits", &request.to_string()).await;
+    let fit = ended(&router, &begun).await;
+    assert_eq!(fit["state"], "completed", "{fit}");
+    let without = json!({ "scan_id": 1, "variant": "sawtooth", "shape": shape });
+    let map = json!({ "name": "map.csv", "content": STANDARD.encode("0,1,2\n0,1,2\n0,1,2\n") });
+    let flat = json!({ "name": "flat.csv", "content": STANDARD.encode("0,0,0\n0,0,0\n0,0,0\n"), "pitch_um": [1, 1], "height_unit_um": 1 });
+    let other = json!({ "name": "ridge.stl", "content": "" });
+    let traced = |shape| json!({ "scan_id": 1, "variant": "traced", "shape": shape });
+    for (request, word) in [
+        (without, "ray tracer"),
+        (traced(map), "pitch_um"),
+        (traced(flat), "flat"),
+        (traced(other), ".x3p"),
+        (traced(json!({ "name": "a.csv", "content": "%" })), "base64"),
+    ] {
+        let refused = post(&router, "/api/v1/fits", &request.to_string()).await;
+        is_problem(&refused, 422, "invalid-value");
+        assert!(refused.detail().contains(word), "{}", refused.detail());
+    }
     bench.end().await;
 }

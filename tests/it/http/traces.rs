@@ -1,5 +1,7 @@
 //! Traces of scenes: their numbers, their files, and what makes no sense by its key.
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
 
 use super::{costs, download, ended, forecasts, get, is_problem, opened, post};
@@ -85,6 +87,51 @@ async fn a_scene_is_traced_compared_and_looked_at() {
             "greater than 0",
         ),
     ] {
+        let refused = post(&router, "/api/v1/traces", &request.to_string()).await;
+        is_problem(&refused, 422, "invalid-value");
+        assert!(refused.detail().contains(word), "{}", refused.detail());
+    }
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_scene_brings_its_files() {
+    let (bench, router) = opened().await;
+    // Hills of one period on 8 × 8 samples.
+    let row = |i: usize| {
+        let height = |j: usize| {
+            let turn = std::f64::consts::TAU / 8.0;
+            0.2 * (turn * i as f64).sin() + 0.1 * (turn * j as f64).cos()
+        };
+        let numbers: Vec<String> = (0..8).map(|j| format!("{:.4}", height(j))).collect();
+        numbers.join(",")
+    };
+    let table = (0..8).map(row).collect::<Vec<_>>().join("\n");
+    let scene = json!({
+        "interface": [{ "shape": "file", "path": "hills.csv", "pitch_um": 1.0, "height_unit_um": 1.0, "below": { "n": 1.5 } }],
+        "run": { "photons": 4000, "theta_bins": 9, "phi_bins": 12 },
+    });
+    let content = STANDARD.encode(&table);
+    let request = json!({ "scene": scene, "files": { "hills.csv": content } });
+    let begun = post(&router, "/api/v1/traces", &request.to_string()).await;
+    let trace = ended(&router, &begun).await;
+    assert_eq!(trace["state"], "completed", "{trace}");
+    // Near normal incidence hills of 10° reflect about as a plane does.
+    let reflected = trace["energy"]["reflected"]["value"].as_f64().unwrap();
+    assert!((0.03..0.06).contains(&reflected), "{reflected}");
+    // The row keeps what tells the file from others, the folder the file itself.
+    let kept = &trace["request"]["files"]["hills.csv"];
+    assert_eq!(kept["bytes"], table.len());
+    let file = format!("{}/files/given-hills.csv", begun.location.clone().unwrap());
+    assert_eq!(download(&router, &file).await, table.as_bytes());
+    for (files, word) in [
+        (json!({}), "send it as"),
+        (json!({ "hills.csv": content, "b.csv": "" }), "b.csv"),
+        (json!({ "../hills.csv": content }), "letters, digits"),
+        (json!({ "hills.csv": "0,1,2" }), "base64"),
+        (json!({ "hills.csv": STANDARD.encode("0,1\n2") }), "line 2"),
+    ] {
+        let request = json!({ "scene": scene, "files": files });
         let refused = post(&router, "/api/v1/traces", &request.to_string()).await;
         is_problem(&refused, 422, "invalid-value");
         assert!(refused.detail().contains(word), "{}", refused.detail());

@@ -116,6 +116,8 @@ export interface ScanRequest {
 
 /** A trace as it is asked for: `scene` is the text of its TOML. */
 export interface TraceRequest {
+  /** Files that the scene names by `path`: their content in base64. */
+  readonly files?: Readonly<Record<string, string>>;
   readonly scene: string;
   readonly photons?: number;
   readonly max_seconds?: number;

@@ -294,6 +294,19 @@ describe('the virtual ellipsometer', () => {
     expect(selected).toBe('theta = x');
   });
 
+  it('sends the files that a scene names, and takes a line of theirs for none of its own', async () => {
+    daemon.refusals.set('POST /traces', { status: 422, body: { code: 'invalid-value', title: 'a value makes no sense', detail: 'scene: interface 1: hills.csv: line 2 has 1 heights, the lines before it 2' } });
+    await page.goto(url);
+    const form = page.getByTestId('trace-form');
+    await form.getByLabel('Scene, TOML').fill('[[interface]]\nshape = "file"\npath = "hills.csv"\n');
+    await form.getByLabel('Files of heights').setInputFiles({ name: 'hills.csv', mimeType: 'text/csv', buffer: Buffer.from('0,1\n2\n') });
+    await form.getByRole('button', { name: 'Trace' }).click();
+    await form.getByRole('alert').filter({ hasText: 'hills.csv: line 2 has 1 heights' }).waitFor();
+    const selected = await form.getByLabel('Scene, TOML').evaluate((e: HTMLTextAreaElement) => e.value.slice(e.selectionStart, e.selectionEnd));
+    expect(selected).toBe('');
+    expect(daemon.requests.find((r) => r.path === '/traces')?.body).toMatchObject({ files: { 'hills.csv': Buffer.from('0,1\n2\n').toString('base64') } });
+  });
+
   it('starts the example within its limits, tells the time left, and can be cancelled', async () => {
     await page.goto(url);
     const form = page.getByTestId('trace-form');

@@ -1,9 +1,10 @@
 //! Files of heights: CSV tables, 16-bit grey PNG and TIFF, float TIFF, and X3P (ISO 25178-72) as
 //! confocal microscopes export it.
 //!
-//! The one function to call: [`read`]. It does not know what the heights are for; what a file says
-//! of its own units is handed on.
+//! Call [`read`] for the heights of a file's content, [`ridges::of`] for the ridges in them. It opens no files and does not
+//! know what the heights are for; what a file says of its own units is handed on.
 
+pub mod ridges;
 mod tiff;
 mod x3p;
 
@@ -16,7 +17,7 @@ const HEIGHTS_MAX: usize = 1 << 26;
 ///
 /// # Errors
 /// What is wrong with the file and what would be right.
-pub(super) fn read(name: &str, content: &[u8]) -> Result<HeightMap, String> {
+pub fn read(name: &str, content: &[u8]) -> Result<HeightMap, String> {
     let ending = name.rsplit('.').next().unwrap_or_default().to_lowercase();
     match ending.as_str() {
         "csv" | "txt" => table(content),

@@ -1,17 +1,12 @@
-//! The sample's own shape, measured: a profile across the ridges or a height map of them, from a file.
+//! The sample's own shape, measured: a profile across the ridges or a height map of them.
 
-use std::path::Path;
-
-use anyhow::{Context, anyhow};
-
-use crate::cli::{CliError, heights};
-use crate::trace::profile::Profile;
-use crate::trace::ridge_map::{RidgeFacts, RidgeMap};
+use crate::trace::profile::{Profile, ProfileError};
+use crate::trace::ridge_map::{RidgeFacts, RidgeMap, RidgeMapError};
 use crate::trace::scene::{HeightMap, MapUnits};
 
-/// What the command line says of a map's units, µm; counts more than what the file says.
+/// What a user says of a map's units, µm; counts more than what the file says.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Units {
+pub struct Units {
     /// Spacing of samples, one number or one along the rows and one along the columns.
     pub pitch_um: Vec<f64>,
     /// Micrometres per unit of the heights.
@@ -20,31 +15,28 @@ pub(super) struct Units {
 
 impl Units {
     /// Whether nothing was said.
+    #[must_use]
     pub fn are_left_open(&self) -> bool {
         self.pitch_um.is_empty() && self.height_unit_um.is_none()
     }
 
     /// Those of a map.
-    fn of(&self, map: &HeightMap) -> anyhow::Result<MapUnits> {
+    fn of(&self, map: &HeightMap) -> Result<MapUnits, ShapeError> {
         let own = map.units;
         let pitch_um = match (&self.pitch_um[..], own) {
             ([both], _) => [*both; 2],
             ([u, v], _) => [*u, *v],
             ([], Some(units)) => units.pitch_um,
             ([], None) => {
-                return Err(anyhow!(
-                    "the file does not say how far its samples are apart: add --pitch-um"
-                ));
+                return Err(ShapeError::NoPitch);
             }
-            _ => return Err(anyhow!("--pitch-um takes one number or two")),
+            _ => return Err(ShapeError::PitchCount),
         };
         let height_unit_um = match (self.height_unit_um, own) {
             (Some(unit), _) => unit,
             (None, Some(units)) => units.height_unit_um,
             (None, None) => {
-                return Err(anyhow!(
-                    "the file does not say what its heights are in: add --height-unit-um"
-                ));
+                return Err(ShapeError::NoUnit);
             }
         };
         Ok(MapUnits {
@@ -54,31 +46,43 @@ impl Units {
     }
 }
 
-/// Reads a shape: of a table of two columns a profile, of anything else a map.
-///
-/// # Errors
-/// Bad input for a file that cannot be read, or is neither a closed profile nor a map of parallel ridges.
-pub(super) fn read(path: &Path, units: &Units) -> Result<(Profile, Option<RidgeFacts>), CliError> {
-    let name = path.display().to_string();
-    let content = std::fs::read(path)
-        .with_context(|| format!("cannot read {name}"))
-        .map_err(CliError::bad_input)?;
-    heights::read(&name, &content)
-        .map_err(anyhow::Error::msg)
-        .and_then(|map| of(&map, units))
-        .with_context(|| name)
-        .map_err(CliError::bad_input)
+/// Why heights are no shape of ridges. Options are named as on the command line; the keys of a request are the same
+/// words without dashes.
+#[derive(Debug, PartialEq, thiserror::Error)]
+pub enum ShapeError {
+    /// Spacing unknown.
+    #[error("the file does not say how far its samples are apart: add --pitch-um (pitch_um)")]
+    NoPitch,
+    /// Unit of heights unknown.
+    #[error("the file does not say what its heights are in: add --height-unit-um (height_unit_um)")]
+    NoUnit,
+    /// Neither one nor two spacings.
+    #[error("--pitch-um (pitch_um) takes one number or two")]
+    PitchCount,
+    /// Units said of a profile, which has its own.
+    #[error(
+        "a table of two columns is a profile in µm: leave out --pitch-um and --height-unit-um (pitch_um, height_unit_um)"
+    )]
+    ProfileHasUnits,
+    /// No closed profile.
+    #[error(transparent)]
+    Profile(#[from] ProfileError),
+    /// No map of parallel ridges.
+    #[error(transparent)]
+    Map(#[from] RidgeMapError),
 }
 
-fn of(map: &HeightMap, units: &Units) -> anyhow::Result<(Profile, Option<RidgeFacts>)> {
+/// The shape in some heights: of a table of two columns a profile, of anything else a map.
+///
+/// # Errors
+/// [`ShapeError`].
+pub fn of(map: &HeightMap, units: &Units) -> Result<(Profile, Option<RidgeFacts>), ShapeError> {
     // Only tables have two columns: of a picture two pixels wide nobody would read ridges.
     if map.columns == 2 && map.units.is_none() {
         if units.are_left_open() {
             return Ok((map.profile()?, None));
         }
-        return Err(anyhow!(
-            "a table of two columns is a profile in µm: leave out --pitch-um and --height-unit-um"
-        ));
+        return Err(ShapeError::ProfileHasUnits);
     }
     let units = units.of(map)?;
     if map.rows == 1 {

@@ -1,0 +1,134 @@
+//! Files that come with a request: their content as base64, and what is kept of it in the request's row.
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use serde::{Deserialize, Serialize};
+
+use super::LabError;
+use crate::heights;
+use crate::heights::ridges::{self, Units};
+use crate::store::frames::sha256_hex;
+use crate::trace::profile::Profile;
+use crate::trace::ridge_map::RidgeFacts;
+use crate::trace::scene::HeightMap;
+
+/// A file's content: base64 in a request; in what is kept of the request its size and fingerprint.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[serde(try_from = "String", into = "Fingerprint")]
+pub struct Content(pub(super) Vec<u8>);
+
+/// What tells a file from any other.
+#[derive(Debug, Serialize)]
+struct Fingerprint {
+    bytes: usize,
+    sha256: String,
+}
+
+impl TryFrom<String> for Content {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        let bytes = STANDARD.decode(text.trim());
+        bytes
+            .map(Content)
+            .map_err(|e| format!("a file's content is base64 (RFC 4648, padded): {e}"))
+    }
+}
+
+impl From<Content> for Fingerprint {
+    fn from(content: Content) -> Self {
+        Fingerprint {
+            bytes: content.0.len(),
+            sha256: sha256_hex(&content.0),
+        }
+    }
+}
+
+impl Content {
+    /// The heights in it; `name` tells by its ending how they are written.
+    pub(super) fn heights(&self, name: &str) -> Result<HeightMap, String> {
+        heights::read(name, &self.0)
+    }
+}
+
+/// One number for both axes, or one for each.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Pitch {
+    /// Along rows and columns.
+    Both(f64),
+    /// Along the rows, along the columns.
+    Each([f64; 2]),
+}
+
+/// The sample's own shape, measured: a profile or a height map (see `docs/height-maps.md`).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ShapeFile {
+    /// Its name: the ending tells how the heights are written (csv, png, tif, x3p).
+    pub name: String,
+    /// What is in it, base64.
+    pub content: Content,
+    /// Spacing of samples, µm, where the file does not say it.
+    #[serde(default)]
+    pub pitch_um: Option<Pitch>,
+    /// Micrometres per unit of the heights, where the file does not say it.
+    #[serde(default)]
+    pub height_unit_um: Option<f64>,
+}
+
+impl ShapeFile {
+    /// The ridges in it, and what they were made of where it is a map.
+    ///
+    /// # Errors
+    /// [`LabError::Invalid`] of `shape`: what is wrong with it.
+    pub(super) fn read(&self) -> Result<(Profile, Option<RidgeFacts>), LabError> {
+        let units = Units {
+            pitch_um: match self.pitch_um {
+                None => Vec::new(),
+                Some(Pitch::Both(pitch)) => vec![pitch],
+                Some(Pitch::Each(pitch)) => pitch.to_vec(),
+            },
+            height_unit_um: self.height_unit_um,
+        };
+        let map = self.content.heights(&self.name);
+        map.and_then(|map| ridges::of(&map, &units).map_err(|e| e.to_string()))
+            .map_err(|problem| LabError::Invalid {
+                field: "shape".into(),
+                problem: format!("{}: {problem}", self.name),
+            })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn content_comes_as_base64_and_is_kept_by_its_fingerprint() {
+        let content: Content = serde_json::from_str("\"MSwyCg==\"").unwrap();
+        assert_eq!(content.0, b"1,2\n");
+        assert_eq!(content.heights("a.csv").unwrap().columns, 2);
+        // `printf '1,2\n' | sha256sum`
+        let kept = serde_json::to_value(&content).unwrap();
+        assert_eq!(kept["bytes"], 4);
+        let sha256 = "52186c933993da4082b3cdc7c40bb4bf735b391ff54a2ef78c037dda6c38a680";
+        assert_eq!(kept["sha256"], sha256);
+        assert!(serde_json::from_str::<Content>("\"1,2\"").is_err());
+    }
+
+    #[test]
+    fn a_shape_that_does_not_say_its_units_is_told_how_to() {
+        let shape = ShapeFile {
+            name: "map.csv".to_owned(),
+            content: Content(b"0,1,2\n0,1,2\n0,1,2\n".to_vec()),
+            pitch_um: None,
+            height_unit_um: None,
+        };
+        let error = shape.read().unwrap_err().to_string();
+        assert!(
+            error.contains("pitch_um") && error.contains("map.csv"),
+            "{error}"
+        );
+    }
+}
