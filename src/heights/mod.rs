@@ -1,7 +1,7 @@
 //! Files of heights: CSV tables, 16-bit grey PNG and TIFF, float TIFF, and X3P (ISO 25178-72) as
 //! confocal microscopes export it.
 //!
-//! Call [`read`] for the heights of a file's content, [`ridges::of`] for the ridges in them. It opens no files and does not
+//! Call [`read`] for the heights of a file's content ([`read_within`] where a stranger sent it), [`ridges::of`] for the ridges in them. It opens no files and does not
 //! know what the heights are for; what a file says of its own units is handed on.
 
 pub mod ridges;
@@ -18,12 +18,21 @@ const HEIGHTS_MAX: usize = 1 << 26;
 /// # Errors
 /// What is wrong with the file and what would be right.
 pub fn read(name: &str, content: &[u8]) -> Result<HeightMap, String> {
+    read_within(name, content, HEIGHTS_MAX)
+}
+
+/// The same with no more than `most` heights. A small file may unpack to a large map: what it takes is bounded by
+/// `most`, not by the file.
+///
+/// # Errors
+/// See [`read`].
+pub fn read_within(name: &str, content: &[u8], most: usize) -> Result<HeightMap, String> {
     let ending = name.rsplit('.').next().unwrap_or_default().to_lowercase();
     match ending.as_str() {
         "csv" | "txt" => table(content),
-        "png" => png(content),
-        "tif" | "tiff" => tiff::read(content),
-        "x3p" => x3p::read(content),
+        "png" => png(content, most),
+        "tif" | "tiff" => tiff::read(content, most),
+        "x3p" => x3p::read(content, most),
         _ => Err(
             "heights are read from .csv (rows of numbers), .png (16-bit grey), .tif (16-bit or float \
              grey) and .x3p (ISO 25178-72)"
@@ -32,12 +41,12 @@ pub fn read(name: &str, content: &[u8]) -> Result<HeightMap, String> {
     }
 }
 
-/// Refuses maps that no memory holds.
-fn check_size(columns: usize, rows: usize) -> Result<(), String> {
+/// Refuses maps of more heights than `most`.
+fn check_size(columns: usize, rows: usize, most: usize) -> Result<(), String> {
     match columns.checked_mul(rows) {
-        Some(1..=HEIGHTS_MAX) => Ok(()),
+        Some(count) if (1..=most).contains(&count) => Ok(()),
         _ => Err(format!(
-            "{columns} × {rows} heights are none or more than 67 million: cut the map"
+            "{columns} × {rows} heights are none or more than {most}: cut the map"
         )),
     }
 }
@@ -82,7 +91,7 @@ fn table(content: &[u8]) -> Result<HeightMap, String> {
     Ok(map)
 }
 
-fn png(content: &[u8]) -> Result<HeightMap, String> {
+fn png(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let mut reader = png::Decoder::new(std::io::Cursor::new(content))
         .read_info()
         .map_err(|e| e.to_string())?;
@@ -91,7 +100,7 @@ fn png(content: &[u8]) -> Result<HeightMap, String> {
     if info.color_type != png::ColorType::Grayscale || info.bit_depth != png::BitDepth::Sixteen {
         return Err("heights need a 16-bit grey PNG".to_owned());
     }
-    check_size(columns, rows)?;
+    check_size(columns, rows, most)?;
     let size = reader
         .output_buffer_size()
         .ok_or_else(|| "the picture is too large".to_owned())?;
@@ -123,5 +132,20 @@ mod tests {
         assert!(read("a.csv", b"").is_err());
         assert!(read("a.png", b"no picture").is_err());
         assert!(read("a.doc", b"").is_err());
+    }
+
+    #[test]
+    fn a_small_file_of_a_large_map_is_refused_before_it_is_unpacked() {
+        let mut file = Vec::new();
+        let mut encoder = png::Encoder::new(&mut file, 1000, 1000);
+        encoder.set_color(png::ColorType::Grayscale);
+        encoder.set_depth(png::BitDepth::Sixteen);
+        let mut writer = encoder.write_header().unwrap();
+        writer.write_image_data(&vec![0; 2_000_000]).unwrap();
+        writer.finish().unwrap();
+        assert!(file.len() < 20_000);
+        let refused = read_within("a.png", &file, 999_999).unwrap_err();
+        assert!(refused.contains("more than 999999"), "{refused}");
+        assert_eq!(read_within("a.png", &file, 1_000_000).unwrap().rows, 1000);
     }
 }

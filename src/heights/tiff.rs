@@ -7,13 +7,13 @@ use super::check_size;
 use crate::trace::scene::HeightMap;
 
 /// Reads the first picture of a TIFF.
-pub(super) fn read(content: &[u8]) -> Result<HeightMap, String> {
+pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let mut decoder = Decoder::new(std::io::Cursor::new(content))
         .map_err(|e| format!("this is no TIFF that can be read: {e}"))?
         .with_limits(Limits::default());
     let (columns, rows) = decoder.dimensions().map_err(|e| e.to_string())?;
     let (columns, rows) = (columns as usize, rows as usize);
-    check_size(columns, rows)?;
+    check_size(columns, rows, most)?;
     match decoder.colortype().map_err(|e| e.to_string())? {
         ColorType::Gray(16 | 32 | 64) => {}
         other => {
@@ -47,8 +47,12 @@ pub(super) fn read(content: &[u8]) -> Result<HeightMap, String> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::super::{HEIGHTS_MAX, HeightMap};
     use tiff::encoder::{TiffEncoder, colortype};
+
+    fn read(content: &[u8]) -> Result<HeightMap, String> {
+        super::read(content, HEIGHTS_MAX)
+    }
 
     #[test]
     fn integers_and_floats_come_back_as_written_and_colours_are_refused() {

@@ -9,19 +9,24 @@ use std::io::Read;
 
 use roxmltree::{Document, Node};
 
-use super::{HEIGHTS_MAX, check_size};
+use super::check_size;
 use crate::trace::scene::{HeightMap, MapUnits};
 
 /// Share of missing points up to which a map is filled.
 const MISSING_MAX: f64 = 0.1;
-/// Longest main.xml that is read, bytes (a list of heights may be in it).
-const XML_MAX: u64 = 1 << 28;
+/// Longest main.xml that is read, bytes (a list of heights may be in it): this many, and these for each height that
+/// a map may have.
+const XML_MAX: (u64, u64) = (1 << 16, 4);
 
 /// Reads an X3P file; heights come in metres, which [`HeightMap::units`] tells.
-pub(super) fn read(content: &[u8]) -> Result<HeightMap, String> {
+pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let mut archive = zip::ZipArchive::new(std::io::Cursor::new(content))
         .map_err(|e| format!("an X3P file is a zip archive, this is none: {e}"))?;
-    let xml = member(&mut archive, "main.xml", XML_MAX)?;
+    let xml = member(
+        &mut archive,
+        "main.xml",
+        XML_MAX.0 + XML_MAX.1 * most as u64,
+    )?;
     let xml = String::from_utf8(xml).map_err(|_| "main.xml is not UTF-8 text".to_owned())?;
     let document = Document::parse(xml.trim_start_matches('\u{feff}'))
         .map_err(|e| format!("main.xml: {e}"))?;
@@ -44,14 +49,14 @@ pub(super) fn read(content: &[u8]) -> Result<HeightMap, String> {
             .ok_or_else(|| format!("main.xml states no {name} of the map"))
     };
     let (columns, rows, layers) = (size("SizeX")?, size("SizeY")?, size("SizeZ")?);
-    check_size(columns, rows)?;
+    check_size(columns, rows, most)?;
     if layers != 1 {
         return Err(format!("the file holds {layers} layers; one is needed"));
     }
     let count = columns * rows;
     let values = match text(root, &["DataLink", "PointDataLink"]) {
         Some(link) => {
-            let limit = (HEIGHTS_MAX * 8) as u64;
+            let limit = (most * 8) as u64;
             let bytes = member(&mut archive, link.trim_start_matches("./"), limit)?;
             z.decode(&bytes, count)?
         }
@@ -245,8 +250,12 @@ fn filled(mut heights: Vec<f64>, columns: usize) -> Result<Vec<f64>, String> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::super::{HEIGHTS_MAX, HeightMap};
     use std::io::Write;
+
+    fn read(content: &[u8]) -> Result<HeightMap, String> {
+        super::read(content, HEIGHTS_MAX)
+    }
 
     fn archive(xml: &str, data: Option<&[u8]>) -> Vec<u8> {
         let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));

@@ -12,6 +12,9 @@ use crate::trace::profile::Profile;
 use crate::trace::ridge_map::RidgeFacts;
 use crate::trace::scene::HeightMap;
 
+/// Heights in a file at most, 2048 × 2048: the daemon drives a rig, and no request may take the memory for that away.
+const HEIGHTS_MAX: usize = 1 << 22;
+
 /// A file's content: base64 in a request; in what is kept of the request its size and fingerprint.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(try_from = "String", into = "Fingerprint")]
@@ -47,7 +50,7 @@ impl From<Content> for Fingerprint {
 impl Content {
     /// The heights in it; `name` tells by its ending how they are written.
     pub(super) fn heights(&self, name: &str) -> Result<HeightMap, String> {
-        heights::read(name, &self.0)
+        heights::read_within(name, &self.0, HEIGHTS_MAX)
     }
 }
 
