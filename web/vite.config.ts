@@ -6,7 +6,16 @@ export default defineConfig({
   // The daemon serves the page at its root; relative paths keep it movable.
   base: './',
   build: { target: 'es2023', outDir: 'dist', emptyOutDir: true, assetsInlineLimit: 0, reportCompressedSize: true },
-  server: { proxy: { '/api': process.env['RIDGED_URL'] ?? 'http://127.0.0.1:8787' } },
+  // The daemon answers its own page alone: what `npm run dev` passes on must not say that it comes from another.
+  server: {
+    proxy: {
+      '/api': {
+        target: process.env['RIDGED_URL'] ?? 'http://127.0.0.1:8787',
+        changeOrigin: true,
+        configure: (proxy) => proxy.on('proxyReq', (request) => request.removeHeader('origin')),
+      },
+    },
+  },
   test: {
     projects: [
       { extends: true, test: { name: 'unit', include: ['tests/unit/**/*.test.ts'], environment: 'node' } },

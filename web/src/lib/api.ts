@@ -1,5 +1,6 @@
 // The page's only way to the daemon: typed requests, and every failure as a sentence.
 
+import type { ShapeRequest } from './shape';
 import type {
   Accuracy,
   AxisName,
@@ -114,6 +115,15 @@ export interface ScanRequest {
   readonly plan: Record<string, unknown>;
 }
 
+/** A fit as it is asked for. */
+export interface FitRequest {
+  readonly scan_id: number;
+  readonly variant: string;
+  readonly region?: string;
+  /** For the variant `traced`: what it traces on. */
+  readonly shape?: ShapeRequest;
+}
+
 /** A trace as it is asked for: `scene` is the text of its TOML. */
 export interface TraceRequest {
   /** Files that the scene names by `path`: their content in base64. */
@@ -147,8 +157,7 @@ export const api = {
 
   fits: (): Promise<Fit[]> => getAll('/fits'),
   fit: (id: number): Promise<Fit> => get(`/fits/${id}`),
-  startFit: (scan_id: number, variant: string, region: string | null): Promise<{ id: number }> =>
-    post('/fits', region === null ? { scan_id, variant } : { scan_id, variant, region }),
+  startFit: (request: FitRequest): Promise<{ id: number }> => post('/fits', request),
   cancelFit: (id: number): Promise<unknown> => post(`/fits/${id}/cancel`),
   fitUrl: (id: number): string => `${PREFIX}/fits/${id}`,
   curves: (id: number, signal?: AbortSignal): Promise<Curves> => get(`/fits/${id}/curve?step_deg=2`, signal),

@@ -20,7 +20,7 @@ interface FrameEvent extends Omit<FrameRow, 'id'> {
   readonly progress?: Progress | null;
 }
 
-/** Positions are asked for this often while something moves, and this often at rest. */
+/** Positions are asked for this often while something moves or is fitted, and this often at rest. */
 const RIG_BUSY_MS = 300;
 const RIG_IDLE_MS = 3000;
 const RECONNECT_MS_MAX = 8000;
@@ -242,7 +242,7 @@ class Live {
       return;
     }
     const axes = this.rig?.axes;
-    const busy = this.rig?.activity !== 'idle' || axes?.theta_c.moving === true || axes?.phi_s.moving === true;
+    const busy = this.rig?.activity !== 'idle' || axes?.theta_c.moving === true || axes?.phi_s.moving === true || this.fits.some((fit) => fit.state === 'running');
     this.#rigTimer = setTimeout(() => void this.#pollRig(), busy && this.link === 'live' ? RIG_BUSY_MS : RIG_IDLE_MS);
   }
 }

@@ -160,9 +160,23 @@ export interface FitResult {
     readonly theta_r_deg: number | null;
   }[];
   readonly left_out: readonly LeftOut[];
+  /** Where the ray tracer worked. */
+  readonly tracer?: Tracer | null;
   readonly starts?: { readonly tried: number; readonly at_minimum: number; readonly elsewhere: number; readonly not_converged: number };
   readonly timing_s: Readonly<Record<string, number>>;
   readonly program: string;
+}
+
+/** What the ray tracer did for a fit. */
+export interface Tracer {
+  readonly paths_per_pose: number;
+  /** Standard error of a radiance, as a share of the largest. */
+  readonly error: number;
+  readonly polarised: boolean;
+  /** Effective ridge angle of the shape that came with the request, by its heights. */
+  readonly profile_theta_r_deg?: number | null;
+  /** What that shape was made of, where it is a height map. */
+  readonly height_map?: { readonly ridges: number; readonly period_um: number; readonly height_um: number; readonly explained: number } | null;
 }
 
 /** What a calculation will take, told before it starts; it stays with the result. */

@@ -116,41 +116,10 @@ export function fitWord(fit: Fit): { word: string; tone: 'good' | 'warn' | 'bad'
   return FIT_STATUS[fit.status ?? ''] ?? { word: fit.status ?? 'done', tone: 'plain' };
 }
 
-/** Warning flags of the stage controller (Zaber ASCII protocol, firmware 7). */
-const FLAGS: Readonly<Record<string, string>> = {
-  FF: 'critical system error',
-  FN: 'peripheral not supported',
-  FZ: 'peripheral inactive',
-  FH: 'hardware emergency stop',
-  FV: 'supply voltage out of range, driver off',
-  FO: 'driver disabled',
-  FC: 'current inrush error',
-  FM: 'motor temperature error',
-  FD: 'driver disabled',
-  FQ: 'encoder error: home again',
-  FI: 'index error',
-  FA: 'analogue encoder error',
-  FR: 'overdrive limit exceeded',
-  FS: 'stalled and stopped',
-  FT: 'excessive twist',
-  FB: 'out of travel',
-  FP: 'path deviation',
-  FE: 'limit sensor error',
-  WL: 'unexpected limit sensor: the axis may have slipped',
-  WV: 'supply voltage out of range',
-  WT: 'controller hot',
-  WS: 'stalled and recovered',
-  WM: 'displaced while standing',
-  WR: 'no reference: home first',
-  WH: 'not homed since power-up',
-  NC: 'manual control active',
-  NI: 'a movement was interrupted',
-  NU: 'setting update pending',
-};
-
-export function warningWords(flag: string): { text: string; serious: boolean } {
-  const code = flag.trim().slice(0, 2);
-  return { text: FLAGS[code] ?? flag, serious: code.startsWith('F') || code === 'WL' };
+/** An axis's warning as the daemon words it, `WR: no reference position; home the axis`, taken apart. */
+export function warningWords(warning: string): { code: string; text: string; serious: boolean } {
+  const [, code = '', text = ''] = /^\s*([A-Z]{2})\b:?\s*(.*)$/.exec(warning) ?? [];
+  return { code, text: code === '' ? warning : text, serious: code.startsWith('F') || code === 'WL' };
 }
 
 export const VARIANTS: Readonly<Record<string, { name: string; meaning: string }>> = {

@@ -57,6 +57,8 @@ export class MockDaemon {
   readonly samples: Json[] = [];
   readonly scans: MockScan[] = [];
   readonly fits: Json[] = [];
+  /** What a fit takes; null: it runs until it is cancelled. */
+  fitMs: number | null = 150;
   /** What `ridged accuracy` left in the folder, if anything. */
   accuracy: Json | null = null;
   /** Newest first; one that is asked for runs until `finishTrace`. */
@@ -223,7 +225,7 @@ export class MockDaemon {
     this.#after(this.frameMs, () => this.#run(scan));
   }
 
-  #finishFit(id: number, variant: string): void {
+  #finishFit(id: number, variant: string, shaped = false): void {
     const fit = this.fits.find((f) => f['id'] === id);
     const scan = this.scans.find((s) => s.body.id === fit?.['scan_id']);
     const surface = scan ? this.surfaces.get(scan.body.sample_id) : undefined;
@@ -254,6 +256,7 @@ export class MockDaemon {
       warnings: ['a wedge of the sample along v reads as ridge angle one to one; remount at 180° to tell'],
       variants: [{ variant: 'sawtooth', status: 'converged', rms_residual: 0.0061, theta_r_deg: surface.theta_r_deg + 0.031 }, { variant: 'paper', status: 'converged', rms_residual: 0.041, theta_r_deg: surface.theta_r_deg + 0.61 }],
       left_out: [{ what: 'cone average', why: 'the lobe is twelve times wider than the lamp', cost: 1e-5 }],
+      ...(own === 'traced' ? { tracer: { paths_per_pose: 8192, error: 7.5e-4, polarised: true, ...(shaped ? { profile_theta_r_deg: 9.998, height_map: { ridges: 6, period_um: 101.54, height_um: 17.3, explained: 0.9999 } } : {}) } } : {}),
       timing_s: { read: 0.21, reduce: 0.38, fit: 0.012 }, program: 'ridged 0.1.0',
     });
     this.event('fit', { fit_id: id, scan_id: scan.body.id, state: 'completed', variant: own, status: 'converged' });
@@ -417,12 +420,17 @@ export class MockDaemon {
     if (imageMatch) return send(200, this.#image(Number(imageMatch[1])), 'image/png');
     if (path === '/fits' && method === 'POST') {
       const id = this.fits.length + 1;
-      this.fits.unshift({ id, scan_id: body['scan_id'], state: 'running', created_at: new Date().toISOString() });
-      this.#after(150, () => this.#finishFit(id, String(body['variant'])));
+      this.fits.unshift({ id, scan_id: body['scan_id'], state: 'running', created_at: new Date().toISOString(), progress: { stage: 'tracing', fraction: 0.25, time_left_s: 42 }, forecast: { seconds: 50, at_most: false, cut_short: false, amount: { count: 108, of: 'poses' } } });
+      if (this.fitMs !== null) this.#after(this.fitMs, () => this.#finishFit(id, String(body['variant']), body['shape'] !== undefined));
       return send(202, { id, state: 'running' });
     }
     if (path === '/fits') return list(this.fits);
     const fitMatch = /^\/fits\/(\d+)(\/curve)?$/.exec(path);
+    const cancelled = /^\/fits\/(\d+)\/cancel$/.exec(path);
+    if (cancelled) {
+      Object.assign(this.fits.find((f) => f['id'] === Number(cancelled[1])) ?? {}, { state: 'cancelled', progress: undefined });
+      return send(202, { id: Number(cancelled[1]), state: 'cancelled' });
+    }
     if (fitMatch) {
       const id = Number(fitMatch[1]);
       return send(200, fitMatch[2] ? this.#curve(id) : this.fits.find((f) => f['id'] === id));

@@ -123,6 +123,12 @@ describe('faults', () => {
     expect(await page.getByRole('button', { name: 'Start scan' }).isDisabled()).toBe(true);
   });
 
+  it('gives an axis’s warnings as the daemon words them, once', async () => {
+    daemon.axes.theta_c.warnings = ['WR: no reference position; home the axis'];
+    await page.goto(url);
+    await expect.poll(() => text('[data-axis=theta_c] .warning')).toBe('WR no reference position; home the axis');
+  });
+
   it('names the port that is missing and locks what needs it', async () => {
     daemon.connected = false;
     await page.goto(url);
@@ -282,7 +288,100 @@ describe('error against run time', () => {
   });
 });
 
+describe('a fit on the sample’s own shape', () => {
+  const heights = Buffer.from('0,1,2\n0,1,2\n');
+  const map = { name: 'map.csv', mimeType: 'text/csv', buffer: heights };
+  const sent = (): unknown => daemon.requests.findLast((r) => r.path === '/fits' && r.method === 'POST')?.body;
+
+  beforeEach(async () => {
+    daemon.addScan(1, 'paper');
+    await page.goto(url);
+    await page.getByTestId('fit-form').getByLabel('Model').selectOption('traced');
+  });
+
+  it('sends the file with its units, and the result says what it was traced on', async () => {
+    const form = page.getByTestId('fit-form');
+    await form.getByLabel('File of heights').setInputFiles(map);
+    await form.getByLabel('Samples apart, µm').fill('0,5');
+    await form.getByLabel('µm per unit of height').fill('0,001');
+    await form.getByRole('button', { name: 'Fit', exact: true }).click();
+    await expect.poll(sent).toEqual({ scan_id: 1, variant: 'traced', shape: { name: 'map.csv', content: heights.toString('base64'), pitch_um: 0.5, height_unit_um: 0.001 } });
+    await expect.poll(() => text('[data-testid=traced-on]')).toBe('a height map of 6 ridges, 102 µm apart, θr 9.998° by its heights');
+  });
+
+  it('says beside the file what the daemon has against it, and fits without it', async () => {
+    daemon.refusals.set('POST /fits', { status: 422, body: { code: 'invalid-value', title: 'a value makes no sense', detail: 'shape: map.csv: the file does not say how far its samples are apart: add --pitch-um (pitch_um)' } });
+    const form = page.getByTestId('fit-form');
+    await form.getByLabel('File of heights').setInputFiles(map);
+    await form.getByRole('button', { name: 'Fit', exact: true }).click();
+    await form.getByRole('alert').filter({ hasText: 'map.csv: the file does not say how far its samples are apart' }).waitFor();
+    daemon.refusals.clear();
+    await form.getByRole('button', { name: 'Without' }).click();
+    expect(await form.getByRole('alert').count()).toBe(0);
+    await form.getByRole('button', { name: 'Fit', exact: true }).click();
+    await expect.poll(sent).toEqual({ scan_id: 1, variant: 'traced' });
+    await expect.poll(() => text('[data-testid=traced-on]')).toBe('an ideal sawtooth');
+  });
+
+  it('does not send what is too large, of another kind or without sense, nor a shape with another model', async () => {
+    const form = page.getByTestId('fit-form');
+    const fit = form.getByRole('button', { name: 'Fit', exact: true });
+    const file = form.getByLabel('File of heights');
+    await file.setInputFiles({ ...map, name: 'map.tif', buffer: Buffer.alloc(7_000_000) });
+    await form.getByRole('alert').filter({ hasText: 'map.tif has 7.0 MB, and a request takes 6.2 MB' }).waitFor();
+    expect(await fit.isDisabled()).toBe(true);
+    await file.setInputFiles({ ...map, name: 'map.docx' });
+    await form.getByRole('alert').filter({ hasText: 'heights are read from .csv' }).waitFor();
+    await file.setInputFiles(map);
+    await form.getByLabel('Samples apart, µm').fill('0');
+    await form.getByText('a length above 0').waitFor();
+    expect(await fit.isDisabled()).toBe(true);
+    expect(posts()).toEqual([]);
+    await form.getByLabel('Model').selectOption('auto');
+    expect(await file.count()).toBe(0);
+    await fit.click();
+    await expect.poll(sent).toEqual({ scan_id: 1, variant: 'auto' });
+  });
+
+  it('does not carry the shape of one sample over to another', async () => {
+    const other = daemon.addScan(2, 'paper');
+    await page.goto(`${url}/#/scan/1`);
+    await page.reload();
+    const form = page.getByTestId('fit-form');
+    await form.getByLabel('Model').selectOption('traced');
+    await form.getByLabel('File of heights').setInputFiles(map);
+    await form.getByLabel('Samples apart, µm').waitFor();
+    await page.goto(`${url}/#/scan/${other}`);
+    await form.getByLabel('Samples apart, µm').waitFor({ state: 'detached' });
+    expect(await form.getByLabel('File of heights').inputValue()).toBe('');
+  });
+});
+
+describe('a fit that runs', () => {
+  it('tells its stage and the time left, and can be cancelled', async () => {
+    daemon.addScan(1, 'paper');
+    daemon.fitMs = null;
+    await page.goto(url);
+    await page.getByRole('button', { name: 'Fit', exact: true }).click();
+    await page.getByText('Fit 1: tracing, 42 s left').waitFor();
+    await page.getByText('Forecast: about 50 s for 108 poses').waitFor();
+    await page.getByRole('button', { name: 'Cancel' }).click();
+    await page.getByText('Fit 1 was cancelled: it has no result.').waitFor();
+    expect(daemon.requests.map((r) => r.path)).toContain('/fits/1/cancel');
+    expect(await page.getByTestId('fit-form').getByRole('button', { name: 'Fit again' }).isEnabled()).toBe(true);
+  });
+});
+
 describe('the virtual ellipsometer', () => {
+  it('does not send files that a request cannot carry', async () => {
+    await page.goto(url);
+    const form = page.getByTestId('trace-form');
+    await form.getByLabel('Files of heights').setInputFiles({ name: 'hills.tif', mimeType: 'image/tiff', buffer: Buffer.alloc(7_000_000) });
+    await form.getByRole('button', { name: 'Trace' }).click();
+    await form.getByRole('alert').filter({ hasText: 'hills.tif has 7.0 MB' }).waitFor();
+    expect(posts()).toEqual([]);
+  });
+
   it('says what is wrong with a scene beside it and selects its line', async () => {
     daemon.refusals.set('POST /traces', { status: 422, body: { code: 'invalid-value', title: 'a value makes no sense', detail: 'scene: the scene cannot be read: TOML parse error at line 2, column 9' } });
     await page.goto(url);

@@ -56,8 +56,9 @@ describe('identifiability', () => {
 
 describe('warningWords', () => {
   it('tells faults from warnings', () => {
-    expect(warningWords('FS')).toEqual({ text: 'stalled and stopped', serious: true });
-    expect(warningWords('WR').serious).toBe(false);
-    expect(warningWords('XY').text).toBe('XY');
+    expect(warningWords('FS: stalled; look what is in the way')).toEqual({ code: 'FS', text: 'stalled; look what is in the way', serious: true });
+    expect(warningWords('WR: no reference position; home the axis')).toEqual({ code: 'WR', text: 'no reference position; home the axis', serious: false });
+    expect(warningWords('XY')).toEqual({ code: 'XY', text: '', serious: false });
+    expect(warningWords('the cable is loose')).toEqual({ code: '', text: 'the cable is loose', serious: false });
   });
 });

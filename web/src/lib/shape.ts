@@ -1,0 +1,57 @@
+// The sample's own shape, measured, as a fit takes it: a file of heights and the units that it may lack.
+
+import { sizeProblem } from './files';
+import { typed } from './limits';
+
+/** Endings of the files of heights that the daemon reads. */
+export const HEIGHT_ENDINGS = ['.csv', '.txt', '.png', '.tif', '.tiff', '.x3p'] as const;
+
+/** `shape` of `POST /fits`. */
+export interface ShapeRequest {
+  readonly name: string;
+  /** Base64. */
+  readonly content: string;
+  readonly pitch_um?: number | readonly [number, number];
+  readonly height_unit_um?: number;
+}
+
+/** Units as a person typed them, where the file does not say them. */
+export interface ShapeUnits {
+  readonly pitch: string;
+  readonly unit: string;
+}
+
+/** How far samples are apart, µm: one number, or two for rows and columns (`0,5 0,6`, `0.5,0.6`, `0.5 × 0.6`). Null where nothing is written, NaN where it is none. */
+export function pitchOf(text: string): number | readonly [number, number] | null {
+  const trimmed = text.trim();
+  if (trimmed === '') return null;
+  // A comma parts two numbers only where points are in them.
+  const parts = trimmed.split(trimmed.includes('.') ? /\s*[,;×x]\s*|\s+/ : /\s*[;×x]\s*|\s+/);
+  const [first, second, ...more] = parts.map((part) => positive(typed(part)));
+  if (first === undefined || more.length > 0) return Number.NaN;
+  if (second === undefined) return first;
+  return Number.isNaN(first + second) ? Number.NaN : [first, second];
+}
+
+/** Micrometres per unit of height; null where nothing is written, NaN where it is none. */
+export function heightUnitOf(text: string): number | null {
+  return text.trim() === '' ? null : positive(typed(text));
+}
+
+/** A field that is begun and left is no length either. */
+function positive(x: number | null): number {
+  return x !== null && x > 0 && Number.isFinite(x) ? x : Number.NaN;
+}
+
+/** Why a file cannot be sent as a shape, or null; what is wrong inside it the daemon says. */
+export function shapeProblem(file: { readonly name: string; readonly size: number }): string | null {
+  const name = file.name.toLowerCase();
+  if (!HEIGHT_ENDINGS.some((ending) => name.endsWith(ending))) return `${file.name}: heights are read from ${HEIGHT_ENDINGS.join(', ')}.`;
+  return sizeProblem([file]);
+}
+
+/** The request's part; units that are not written stay out of it. */
+export function shapeRequest(name: string, content: string, units: ShapeUnits): ShapeRequest {
+  const [pitch, unit] = [pitchOf(units.pitch), heightUnitOf(units.unit)];
+  return { name, content, ...(pitch === null ? {} : { pitch_um: pitch }), ...(unit === null ? {} : { height_unit_um: unit }) };
+}
