@@ -94,6 +94,20 @@ describe('a lab’s day', () => {
     expect(new Set(counts).size).toBeGreaterThan(256);
   });
 
+  it('hears from the daemon what a measured shape lacks, and says it beside the file', async () => {
+    await page.goto(`${daemon.url}/#/scan/1`);
+    const form = page.getByTestId('fit-form');
+    await form.getByLabel('Model').selectOption('traced');
+    await form.getByLabel('File of heights').setInputFiles({ name: 'map.csv', mimeType: 'text/csv', buffer: Buffer.from('0,1,2\n0,1,2\n0,1,2\n') });
+    await form.getByRole('button', { name: /^Fit/ }).click();
+    await form.getByRole('alert').filter({ hasText: 'map.csv: the file does not say how far its samples are apart' }).waitFor();
+    await form.getByLabel('Samples apart, µm').fill('1');
+    await form.getByLabel('µm per unit of height').fill('1');
+    await form.getByRole('button', { name: /^Fit/ }).click();
+    // Both units came through: what is wrong now is the map itself.
+    await form.getByRole('alert').filter({ hasText: /map\.csv: (?!the file does not say)/ }).waitFor();
+  });
+
   it('stops at once by the big button, in the middle of a scan, and goes on', async () => {
     await fillScan(page, { sample: 'model 15°', grid: 'custom', tilts: '-20:5:20', azimuths: '0:30:330' });
     await page.getByRole('button', { name: 'Start scan' }).click();
