@@ -5,13 +5,19 @@ import type { Accuracy, AccuracyPoint } from './types';
 export interface ErrorLine {
   readonly method: string;
   readonly points: readonly AccuracyPoint[];
-  /** Of log error over log seconds by least squares; null of fewer than three points or a span below a factor of 3. */
+  /** Of log error over log seconds by least squares; null of fewer than three points, a span below a factor of 3, or points on no straight line. */
   readonly slope: number | null;
 }
 
 /** Scenes in the order in which they were measured. */
 export function scenesOf(accuracy: Accuracy): string[] {
   return [...new Set(accuracy.points.map((p) => p.scene))];
+}
+
+/** The scene to begin with: the first that has a curve to show, else the first. */
+export function firstScene(accuracy: Accuracy): string {
+  const scenes = scenesOf(accuracy);
+  return scenes.find((scene) => linesOf(accuracy, scene).some((line) => line.slope !== null)) ?? scenes[0] ?? '';
 }
 
 /** Lines of a scene, one per method (and quantity, where there are several). */
@@ -27,6 +33,9 @@ export function linesOf(accuracy: Accuracy, scene: string): ErrorLine[] {
   return [...groups].map(([method, points]) => ({ method, points, slope: slopeOf(points) }));
 }
 
+/** A point this far off a line, as a factor, says that there is no power law: a solver that converges quadratically has none. */
+const BENT = 4;
+
 export function slopeOf(points: readonly AccuracyPoint[]): number | null {
   const x = points.map((p) => Math.log(p.seconds));
   const y = points.map((p) => Math.log(p.error));
@@ -34,7 +43,9 @@ export function slopeOf(points: readonly AccuracyPoint[]): number | null {
   const mean = (v: readonly number[]): number => v.reduce((a, b) => a + b, 0) / v.length;
   const [mx, my] = [mean(x), mean(y)];
   const xy = x.reduce((sum, v, i) => sum + (v - mx) * ((y[i] ?? my) - my), 0);
-  return xy / x.reduce((sum, v) => sum + (v - mx) ** 2, 0);
+  const slope = xy / x.reduce((sum, v) => sum + (v - mx) ** 2, 0);
+  const off = Math.max(...x.map((v, i) => Math.abs((y[i] ?? my) - my - slope * (v - mx))));
+  return off > Math.log(BENT) ? null : slope;
 }
 
 /** Values around all of some, on a logarithmic axis, with a little room. */

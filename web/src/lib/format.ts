@@ -41,6 +41,13 @@ export function plain(x: number, digits = 3): string {
   return String(Number(x.toPrecision(digits))).replace('-', MINUS);
 }
 
+/** A tick of a logarithmic axis: `10⁻⁷`, `5 × 10⁻⁷`. */
+export function decade(x: number): string {
+  const exponent = Math.floor(Math.log10(Number(x.toPrecision(1))));
+  const digit = Number((x / 10 ** exponent).toPrecision(1));
+  return `${digit === 1 ? '' : `${digit}${THIN}×${THIN}`}10${superscript(exponent)}`;
+}
+
 function superscript(n: number): string {
   return String(n).replace(/[-\d]/g, (c) => (c === '-' ? '⁻' : ('⁰¹²³⁴⁵⁶⁷⁸⁹'[Number(c)] ?? '')));
 }

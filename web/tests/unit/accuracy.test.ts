@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { linesOf, scenesOf, slopeOf, ticksOf } from '../../src/lib/accuracy';
+import { firstScene, linesOf, scenesOf, slopeOf, ticksOf } from '../../src/lib/accuracy';
 import type { Accuracy, AccuracyPoint } from '../../src/lib/types';
 
 const point = (method: string, seconds: number, error: number, quantity = 'rms'): AccuracyPoint => ({ scene: 's', method, seconds, error, quantity, reference: 'r' });
@@ -22,7 +22,15 @@ describe('error against run time', () => {
     const root = [0.1, 1, 7].map((s) => point('a', s, 0.3 / Math.sqrt(s)));
     expect(slopeOf(root)).toBeCloseTo(-0.5, 12);
     expect(slopeOf(root.slice(1))).toBeNull();
+    // Errors that are squared from step to step.
+    expect(slopeOf([1, 2, 3, 4].map((s) => point('a', s, 0.1 ** (2 ** s))))).toBeNull();
     expect(slopeOf([1, 1.5, 2].map((s) => point('a', s, 1 / s)))).toBeNull();
+  });
+
+  it('begins with a scene that has a curve', () => {
+    const curve = [0.1, 1, 7].map((s) => ({ ...point('a', s, 1 / s), scene: 'curve' }));
+    expect(firstScene(of([point('a', 1, 0.1), ...curve]))).toBe('curve');
+    expect(firstScene(of([point('a', 1, 0.1), { ...point('b', 1, 1), scene: 't' }]))).toBe('s');
   });
 
   it('has round ticks within its range', () => {

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { angle, bytes, count, decimalsFor, duration, exposure, fixed, percent, plain, significant, when, withUncertainty } from '../../src/lib/format';
+import { angle, bytes, count, decade, decimalsFor, duration, exposure, fixed, percent, plain, significant, when, withUncertainty } from '../../src/lib/format';
 
 describe('withUncertainty', () => {
   it('rounds value and uncertainty to the same place, two digits of the uncertainty', () => {
@@ -65,5 +65,11 @@ describe('when', () => {
     expect(when(new Date(2026, 10, 21, 9, 5).toISOString(), now)).toBe('09:05');
     expect(when(new Date(2026, 10, 20, 9, 5).toISOString(), now)).toBe('2026-11-20 09:05');
     expect(when(null)).toBe('');
+  });
+});
+
+describe('decade', () => {
+  it('writes ticks of a logarithmic axis as powers of ten', () => {
+    expect([1e-7, 9.9999999e-8, 5e-7, 1e4, 2e6].map((x) => decade(x).replaceAll('\u202f', ' '))).toEqual(['10⁻⁷', '10⁻⁷', '5 × 10⁻⁷', '10⁴', '2 × 10⁶']);
   });
 });
