@@ -22,9 +22,12 @@ pub struct Forecast {
     /// Error of the answer at its end, where that can be told.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<Expected>,
-    /// Whether the time allowed is too short for what was asked for.
+    /// Whether the time allowed is too short for what was asked for: parts, work and error are of all of it.
     #[serde(default)]
     pub cut_short: bool,
+    /// Seconds that all of it would take, where a limit cuts it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub uncut_seconds: Option<f64>,
 }
 
 /// Seconds of a part.
@@ -65,6 +68,7 @@ impl Forecast {
             amount: None,
             error: None,
             cut_short: false,
+            uncut_seconds: None,
         }
     }
 
@@ -110,6 +114,7 @@ impl Forecast {
             Some(limit) if limit < self.seconds => Forecast {
                 seconds: limit,
                 cut_short: true,
+                uncut_seconds: self.uncut_seconds.or(Some(self.seconds)),
                 ..self
             },
             _ => self,
@@ -127,7 +132,12 @@ impl Forecast {
 impl std::fmt::Display for Forecast {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let about = if self.at_most { "at most" } else { "about" };
-        write!(f, "{about} {:.1} s", self.seconds)?;
+        if let Some(uncut) = self.uncut_seconds {
+            write!(f, "{:.1} s, where the limit ends what takes ", self.seconds)?;
+            write!(f, "{about} {uncut:.1} s")?;
+        } else {
+            write!(f, "{about} {:.1} s", self.seconds)?;
+        }
         if let Some(amount) = &self.amount {
             write!(f, " for {} {}", amount.count, amount.of)?;
         }
@@ -143,7 +153,7 @@ impl std::fmt::Display for Forecast {
                 100.0 * error.value
             )?;
         }
-        if self.cut_short {
+        if self.cut_short && self.uncut_seconds.is_none() {
             f.write_str(" (time allows no more)")?;
         }
         Ok(())
@@ -176,6 +186,11 @@ mod tests {
         assert_eq!(told.clone().within(Some(20.0)), told);
         let cut = told.within(Some(4.0));
         assert!(cut.cut_short && cut.seconds == 4.0);
-        assert_eq!(cut.to_string(), "about 4.0 s (time allows no more)");
+        assert_eq!(
+            cut.to_string(),
+            "4.0 s, where the limit ends what takes about 10.0 s"
+        );
+        let again = cut.within(Some(3.0));
+        assert_eq!((again.seconds, again.uncut_seconds), (3.0, Some(10.0)));
     }
 }

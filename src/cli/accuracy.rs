@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::Context;
 use serde::Serialize;
 
-use super::{CliError, interrupt};
+use super::{CliError, interrupt, place};
 use crate::accuracy::proof::{self, Proof};
 use crate::accuracy::{self, Effort, Measurements, Point, page, plot, slope};
 use crate::lab::measured::{ACCURACY_FILE, ACCURACY_FOLDER};
@@ -37,6 +37,7 @@ pub struct Args {
 /// # Errors
 /// No result where the folder cannot be written; interrupted after Ctrl-C, with what was measured written.
 pub fn run(args: Args) -> Result<(), CliError> {
+    place::for_files(&args.out)?;
     let cancel = interrupt::flag()?;
     let effort = if args.quick {
         Effort::Quick

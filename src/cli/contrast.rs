@@ -12,7 +12,7 @@ use clap::ValueEnum;
 use serde_json::{Value, json};
 
 use super::limits::{PredictionLimits, Stopwatch};
-use super::{CliError, answer, daemon, interrupt};
+use super::{CliError, answer, daemon, interrupt, place};
 use crate::contrast::{as_json, findings_json, measure, rounded_deg};
 use crate::forecast::Expected;
 use crate::geometry::{Cones, RigGeometry};
@@ -275,6 +275,7 @@ impl Scene {
 /// Bad input for options out of range, a folder that is no series, a file that is no table; no
 /// result where the series has no pose at the paper's azimuths or a file cannot be written.
 pub fn run(args: Args) -> Result<(), CliError> {
+    args.svg.as_deref().map_or(Ok(()), place::for_file)?;
     let started = Instant::now();
     let region = args.region.as_deref();
     if (args.dir.is_some() || args.scan.is_some()) && args.limits != PredictionLimits::default() {

@@ -10,6 +10,7 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use super::CliError;
+use super::interrupt::asked_to_stop;
 use crate::api::{self, RenderMetrics, server};
 use crate::bench::stage::NoFaults;
 use crate::bench::watched_folder::{WatchedFolder, WatchedFolderSettings};
@@ -257,12 +258,7 @@ impl Daemon {
 /// # Errors
 /// No result if the system refuses a signal handler.
 pub async fn told_to_end() -> Result<(), CliError> {
-    use tokio::signal::unix::{SignalKind, signal};
-    let mut terminate = signal(SignalKind::terminate()).map_err(CliError::no_result)?;
-    tokio::select! {
-        ended = tokio::signal::ctrl_c() => ended.map_err(CliError::no_result),
-        _ = terminate.recv() => Ok(()),
-    }
+    asked_to_stop().await.map_err(CliError::no_result)
 }
 
 fn metrics() -> RenderMetrics {

@@ -18,9 +18,10 @@ use super::{CliError, answer, daemon, interrupt, told};
 use crate::accuracy::forecast::of_analysis;
 use crate::analysis::{Analysis, AnalysisError, AnalysisOptions, Progress, analyse};
 use crate::fit::traced::TracingOptions;
-use crate::fit::{FitOptions, Loss, Told, VariantChoice, text};
+use crate::fit::{FitOptions, Loss, Quantity, Told, VariantChoice, text};
 use crate::heights;
 use crate::heights::ridges::{self, Units};
+use crate::material::Material;
 use crate::reduction::{FrameSource, ReductionError};
 use crate::series::Series;
 use crate::trace::profile::Profile;
@@ -205,6 +206,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         ([dir], _) => Box::new(Series::open(dir).map_err(CliError::bad_input)?),
         (dirs, _) => return joint::run(dirs, &options, args.json, &cancel),
     };
+    suits(&options.fit.told, &source.manifest().material())?;
     foretell(source.as_ref(), &options, &cancel);
     let analysis = watched(source.as_ref(), &options, &cancel)?;
     print(&analysis, args.json)
@@ -234,6 +236,19 @@ fn known(args: &Args) -> Result<Vec<Told>, CliError> {
         }
     }
     Ok(all)
+}
+
+/// Refuses an extinction of a material that has none: that of a dielectric is 0, and whoever writes `k` for it
+/// means the gain.
+fn suits(told: &[Told], material: &Material) -> Result<(), CliError> {
+    let of_k = told.iter().any(|t| t.quantity == Quantity::K);
+    if of_k && matches!(material, Material::Dielectric { .. }) {
+        return Err(CliError::bad_input(anyhow!(
+            "k is the imaginary part of a metal's index, and this sample is a dielectric; the gain of the signals is \
+             called scale"
+        )));
+    }
+    Ok(())
 }
 
 /// What the command line says about the tracer.

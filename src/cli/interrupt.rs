@@ -1,11 +1,11 @@
-//! Ctrl-C as a flag that long work looks at.
+//! Ctrl-C as a flag that long work looks at; SIGTERM, which batch queues and service managers send, is the same.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::CliError;
 
-/// A flag that Ctrl-C raises. A second Ctrl-C ends the program at once.
+/// A flag that Ctrl-C or SIGTERM raises. A second one ends the program at once.
 ///
 /// # Errors
 /// No result where the system refuses a thread or a signal handler.
@@ -20,7 +20,7 @@ pub fn flag() -> Result<Arc<AtomicBool>, CliError> {
         .name("ctrl-c".to_owned())
         .spawn(move || {
             runtime.block_on(async {
-                while tokio::signal::ctrl_c().await.is_ok() {
+                while asked_to_stop().await.is_ok() {
                     if raised.swap(true, Ordering::Relaxed) {
                         std::process::exit(130);
                     }
@@ -29,4 +29,17 @@ pub fn flag() -> Result<Arc<AtomicBool>, CliError> {
         })
         .map_err(CliError::no_result)?;
     Ok(flag)
+}
+
+/// Completes on Ctrl-C or SIGTERM.
+///
+/// # Errors
+/// Where the system refuses a signal handler.
+pub async fn asked_to_stop() -> std::io::Result<()> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let mut terminate = signal(SignalKind::terminate())?;
+    tokio::select! {
+        ended = tokio::signal::ctrl_c() => ended,
+        _ = terminate.recv() => Ok(()),
+    }
 }

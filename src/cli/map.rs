@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{CliError, answer, daemon, interrupt, limits};
+use super::{CliError, answer, daemon, interrupt, limits, place};
 use crate::accuracy::map_forecast::of_map;
 use crate::map::folder::{FolderError, map_into};
 use crate::map::write::Summary;
@@ -69,6 +69,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         ("--max-seconds", args.max_seconds),
         ("--target-error", args.target_error),
     ])?;
+    place::for_files(&args.out)?;
     let cancel = interrupt::flag()?;
     let watch = Watch::new();
     let options = MapOptions {

@@ -21,6 +21,7 @@ mod limits;
 pub mod map;
 pub mod model_error;
 pub mod optimize;
+mod place;
 pub mod progress;
 pub mod render;
 pub mod rig;

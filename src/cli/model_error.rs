@@ -17,7 +17,7 @@ use serde_json::{Value, json};
 
 use super::limits::PathLimits;
 use super::progress::Bar;
-use super::{CliError, answer, interrupt};
+use super::{CliError, answer, interrupt, place};
 use crate::fit::{FitOptions, VariantChoice, fit};
 use crate::forecast::Expected;
 use crate::geometry::{Directions, Pose, RigGeometry};
@@ -107,6 +107,7 @@ pub(super) struct Cell {
 /// # Errors
 /// Bad input for options out of range; no result where a file cannot be written; interrupted.
 pub fn run(args: Args) -> Result<(), CliError> {
+    args.out.as_deref().map_or(Ok(()), place::for_files)?;
     let cancel = interrupt::flag()?;
     let started = Instant::now();
     let cells = cells(&args, &cancel)?;

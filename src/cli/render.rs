@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
 
-use super::CliError;
 use super::contrast::Scene;
+use super::{CliError, place};
 use crate::model::picture::{Board, Picture};
 use crate::model::{Surface, Variant, left_out};
 use crate::units::Angle;
@@ -60,6 +60,8 @@ pub struct Args {
 /// # Errors
 /// Bad input for options out of range; no result where a file cannot be written.
 pub fn run(args: Args) -> Result<(), CliError> {
+    place::for_file(&args.out)?;
+    args.exr.as_deref().map_or(Ok(()), place::for_file)?;
     let both = pictures(&args)?;
     let unwritable = |path: &Path| format!("cannot write {}", path.display());
     write_png(&args.out, &both)

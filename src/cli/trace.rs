@@ -19,13 +19,13 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::limits::{self, Stopwatch};
-use super::{CliError, interrupt};
+use super::{CliError, interrupt, place};
 use crate::accuracy::forecast::{Patience, of_run};
 use crate::heights;
 use crate::plan;
 use crate::plan::scene::Wish;
 use crate::trace::report::Report;
-use crate::trace::run::{self, Progress, Shard, SoFar};
+use crate::trace::run::{self, Ending, Progress, Shard, SoFar};
 use crate::trace::scene::{Prepared, Scene};
 
 /// Traces polarised light through a scene of single or layered micro-surfaces.
@@ -127,9 +127,11 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let before = Instant::now();
     let (scene, mut prepared) = prepare(path, &mut fingerprint)?;
     let surface_seconds = before.elapsed().as_secs_f64();
+    let out = args.out.as_deref().or(args.resume.as_deref());
+    out.map_or(Ok(()), place::for_file)?;
+    args.pictures.as_deref().map_or(Ok(()), place::for_files)?;
     let cancel = interrupt::flag()?;
     let watch = Stopwatch::start(args.max_seconds);
-    let out = args.out.as_deref().or(args.resume.as_deref());
     // What is left out decides which bits come out: parts of one run leave out the same.
     fingerprint.update(format!("{:?}", args.tolerance));
     let run_id = hex(&fingerprint.finalize());
@@ -160,8 +162,8 @@ pub fn run(args: Args) -> Result<(), CliError> {
             of_run(&prepared, args.target_error, Patience { seconds, cancel })
         })
         .flatten();
-    if let Some(forecast) = &forecast {
-        eprintln!("forecast: {forecast}");
+    if let Some(forecast) = forecast {
+        eprintln!("forecast: {}", forecast.within(args.max_seconds));
     }
     // The first photon comes once it is known where the light falls.
     let (set_up, run_started) = (OnceLock::new(), Instant::now());
@@ -352,7 +354,12 @@ fn watched(
     let done = before.as_ref().map_or(0, |b| b.totals.photons());
     bar.set_position(done);
     bar.reset_eta();
-    let so_far = run::resume(prepared, shard, before, &|progress: &Progress| {
+    let ending = if args.target_error.is_some() || args.max_seconds.is_some() {
+        Ending::AnyTime
+    } else {
+        Ending::AtLast
+    };
+    let so_far = run::resume(prepared, shard, before, ending, &|progress: &Progress| {
         first();
         if watch.seconds() > 1.0 {
             bar.set_length(progress.photons_planned);

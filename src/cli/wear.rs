@@ -18,7 +18,7 @@ use serde_json::json;
 use super::contrast::Scene;
 use super::limits::PathLimits;
 use super::progress::Bar;
-use super::{CliError, answer, interrupt};
+use super::{CliError, answer, interrupt, place};
 use crate::forecast::Expected;
 use crate::geometry::{Pose, RigGeometry};
 use crate::model::LeftOut;
@@ -157,6 +157,7 @@ impl Sweep {
 /// # Errors
 /// Bad input for options out of range; no result where a file cannot be written; interrupted.
 pub fn run(args: Args) -> Result<(), CliError> {
+    args.out.as_deref().map_or(Ok(()), place::for_files)?;
     let cancel = interrupt::flag()?;
     let started = Instant::now();
     let sweeps = sweep(&args, &cancel)?;

@@ -26,7 +26,7 @@ use crate::trace::compare::{
 use crate::trace::ellipsometer::{Point, SETTINGS, Setting, curve_of};
 use crate::trace::height_field::Side;
 use crate::trace::report::Report;
-use crate::trace::run::{Progress, Shard, trace, trace_paired};
+use crate::trace::run::{Ending, Progress, Shard, resume, trace_paired};
 use crate::trace::scene::{Prepared, Scene, SceneError};
 use crate::trace::tally::Totals;
 
@@ -354,12 +354,17 @@ impl TraceToDo {
             let late = share.is_some_and(|limit| begun.elapsed().as_secs_f64() >= limit);
             go_on(progress.photons) && !late && !self.is_reached(progress.relative_error)
         };
-        let run = if self.request.compare {
-            trace_paired
+        let limited = share.is_some() || self.request.target_error.is_some();
+        let ending = if limited {
+            Ending::AnyTime
         } else {
-            trace
+            Ending::AtLast
         };
-        run(prepared, Shard::WHOLE, &proceed)
+        if self.request.compare {
+            trace_paired(prepared, ending, &proceed)
+        } else {
+            resume(prepared, Shard::WHOLE, None, ending, &proceed).totals
+        }
     }
 
     fn is_reached(&self, error: Option<f64>) -> bool {

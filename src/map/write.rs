@@ -41,7 +41,7 @@ pub enum WriteError {
 /// Median and percentiles of a parameter over the pixels that have a value.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Spread {
-    /// Half of the pixels lie below.
+    /// Half of the pixels lie below. Azimuths are counted around their mean direction.
     pub median: Option<f64>,
     /// Five in a hundred lie below.
     pub p5: Option<f64>,
@@ -133,11 +133,15 @@ pub fn summary(map: &Map, timing: Timing, files: Vec<String>) -> Summary {
         .iter()
         .enumerate()
         .map(|(k, layer)| {
-            let values = sorted(&layer.values);
+            let [median, p5, p95] = if layer.cyclic {
+                around_the_circle(&layer.values)
+            } else {
+                percentiles(&sorted(&layer.values))
+            };
             let spread = Spread {
-                median: quantile(&values, 0.5),
-                p5: quantile(&values, 0.05),
-                p95: quantile(&values, 0.95),
+                median,
+                p5,
+                p95,
                 std_median: quantile(&sorted(&layer.std), 0.5),
                 std_shared: map.shared_std.map(|s| s[k]),
             };
@@ -188,6 +192,31 @@ fn sorted(values: &[f32]) -> Vec<f32> {
     let mut finite: Vec<f32> = values.iter().copied().filter(|x| x.is_finite()).collect();
     finite.sort_unstable_by(f32::total_cmp);
     finite
+}
+
+/// Median, 5th and 95th percentile.
+fn percentiles(sorted: &[f32]) -> [Option<f64>; 3] {
+    [0.5, 0.05, 0.95].map(|share| quantile(sorted, share))
+}
+
+/// The same of azimuths in degrees, counted from their mean direction: one at 359.9° lies beside one at 0.1°. The
+/// median is in (−180°, 180°], the percentiles lie around it without a jump.
+fn around_the_circle(values: &[f32]) -> [Option<f64>; 3] {
+    let finite = || values.iter().copied().filter(|x| x.is_finite());
+    let (mut sine, mut cosine) = (0.0, 0.0);
+    for value in finite() {
+        let (s, c) = f64::from(value).to_radians().sin_cos();
+        sine += s;
+        cosine += c;
+    }
+    let mean = sine.atan2(cosine).to_degrees();
+    let wrapped = |deg: f64| deg - 360.0 * ((deg - 180.0) / 360.0).ceil();
+    let off: Vec<f32> = finite()
+        .map(|value| wrapped(f64::from(value) - mean) as f32)
+        .collect();
+    let [median, p5, p95] = percentiles(&sorted(&off));
+    let whole = median.map_or(0.0, |m| wrapped(mean + m) - (mean + m));
+    [median, p5, p95].map(|off| off.map(|off| mean + off + whole))
 }
 
 fn quantile(sorted: &[f32], share: f64) -> Option<f64> {
@@ -425,4 +454,25 @@ fn write_defects(path: &Path, defects: &[Defect]) -> Result<(), WriteError> {
     File::create(path)
         .and_then(|mut file| file.write_all(text.as_bytes()))
         .map_err(failed(path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn azimuths_either_side_of_north_have_their_median_there() {
+        let around = |middle: f32| -> Vec<f32> {
+            let off = [-4.0f32, -0.5, -0.25, 0.25, 0.5, 1.0, f32::NAN];
+            off.map(|off| (middle + off).rem_euclid(360.0)).to_vec()
+        };
+        for (middle, said) in [(0.0, 0.0), (90.0, 90.0), (180.0, 180.0), (270.0, -90.0)] {
+            let found = around_the_circle(&around(middle)).map(Option::unwrap);
+            let plain = percentiles(&sorted(&around(20.0))).map(|p| p.unwrap() - 20.0);
+            for (found, plain) in found.into_iter().zip(plain) {
+                assert!((found - said - plain).abs() < 1e-4, "{middle}: {found}");
+            }
+        }
+        assert_eq!(around_the_circle(&[f32::NAN]), [None; 3]);
+    }
 }

@@ -24,10 +24,37 @@ pub(super) fn line_of(text: &str, section: &str, key: &str) -> Option<usize> {
     header
 }
 
+/// Ends of keys that are a unit, the longer before those that they end in.
+const UNITS: [&str; 12] = [
+    "_dn_per_electron",
+    "_electrons_rms",
+    "_deg",
+    "_rad",
+    "_mm",
+    "_um",
+    "_nm",
+    "_m",
+    "_px",
+    "_ms",
+    "_s",
+    "_dn",
+];
+
+/// A key without its unit.
+fn unitless(key: &str) -> &str {
+    let end = UNITS.iter().find_map(|unit| key.strip_suffix(unit));
+    end.unwrap_or(key)
+}
+
 /// The word of `known` that `word` was probably meant to be: at most two edits (one for short
-/// words) away, case aside.
+/// words) away, or the same with no unit or another one, case aside.
 pub(super) fn meant<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
     let edits_max = if word.len() < 6 { 1 } else { 2 };
+    let bare = word.to_lowercase();
+    let same = |k: &&&str| unitless(k) == unitless(&bare);
+    if let Some(k) = known.iter().find(same) {
+        return Some(k);
+    }
     known
         .iter()
         .map(|k| (edits(&word.to_lowercase(), &k.to_lowercase()), *k))
@@ -72,5 +99,15 @@ mod tests {
         assert_eq!(meant("theta_1_deg", &known), Some("theta_l_deg"));
         assert_eq!(meant("thetal_dge", &known), None);
         assert_eq!(meant("Width_px", &known), Some("width_px"));
+    }
+
+    #[test]
+    fn a_unit_that_is_missing_or_another_is_a_slip() {
+        let known = ["lens_angular_radius_deg", "gain_dn_per_electron", "metal"];
+        assert_eq!(meant("lens_angular_radius", &known), Some(known[0]));
+        assert_eq!(meant("lens_angular_radius_rad", &known), Some(known[0]));
+        assert_eq!(meant("gain", &known), Some(known[1]));
+        assert_eq!(meant("lens", &known), None);
+        assert_eq!(meant("lens_serial", &known), None);
     }
 }

@@ -214,7 +214,7 @@ fn summary(mut values: Vec<f64>) -> Option<Summary> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::run::{self, Shard, trace_paired};
+    use super::super::run::{self, Ending, Shard, trace_paired};
     use super::super::scene::Scene;
     use super::*;
     use crate::model::flat_stack::FlatStack;
@@ -225,7 +225,9 @@ mod tests {
         );
         let scene = Scene::parse(&text).unwrap();
         let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
-        trace_paired(&prepared.with_grid(Grid::disc(16)), Shard::WHOLE, &|_| true)
+        trace_paired(&prepared.with_grid(Grid::disc(16)), Ending::AtLast, &|_| {
+            true
+        })
     }
 
     #[test]
@@ -255,7 +257,7 @@ mod tests {
                     below = { n = 1.5 }\n[run]\nphotons = 500\ntheta_bins = 9\nphi_bins = 9\n";
         let scene = Scene::parse(text).unwrap();
         let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
-        let totals = trace_paired(&prepared, Shard::WHOLE, &|_| true);
+        let totals = trace_paired(&prepared, Ending::AtLast, &|_| true);
         let points = lobe(&totals, 180.0).unwrap();
         let [only] = &points[..] else {
             panic!("a mirror sends light in one direction: {points:?}")

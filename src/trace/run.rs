@@ -1,4 +1,9 @@
 //! A run: photons in batches over all cores, until enough.
+//!
+//! Call [`trace`], or [`resume`] to go on with what was traced before. Batches are as large as pays for strata;
+//! who may stop before several of them are finished gets a sketch (`sketch`).
+
+mod sketch;
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,6 +18,7 @@ use super::rng::{Purpose, Stream};
 use super::scene::Prepared;
 use super::tally::{Batch, Totals};
 use super::walk::{Method, Waiting, Walk};
+use sketch::Sketch;
 
 /// Which part of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,8 +39,18 @@ impl Shard {
     }
 }
 
-/// What was done of a run: all that is needed to go on with it. Where a whole run was stopped before its first batch was
-/// finished it holds a sketch: photons of their own in smaller replicates, which are no part of the run.
+/// Whether somebody waits for a good enough answer, or for the last photon.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// A limit on error or time may end the run at any moment. What was traced by then is to be an answer, and
+    /// some of the first photons may be traced for that alone.
+    AnyTime,
+    /// All photons are wanted; a stop is an accident.
+    AtLast,
+}
+
+/// What was done of a run: all that is needed to go on with it. Where a whole run was stopped before its batches
+/// say more, it holds a sketch: photons of their own in smaller replicates, which are no part of the run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SoFar {
     /// What was counted.
@@ -77,7 +93,7 @@ pub struct Progress {
     pub photons: u64,
     /// Photons that will be traced if nothing stops it.
     pub photons_planned: u64,
-    /// [`Totals::relative_error`] so far, looked at from time to time.
+    /// [`Totals::relative_error`] of these photons, looked at from time to time.
     pub relative_error: Option<f64>,
 }
 
@@ -86,14 +102,6 @@ pub struct Progress {
 const BATCHES_MIN: u64 = 64;
 /// Largest batch: what is lost at most per thread when a run is stopped.
 const BATCH_MAX: u64 = 1 << 20;
-/// Replicates of a first sketch,
-const SKETCH_BATCHES: u64 = 16;
-/// the photons of each of its first round,
-const SKETCH_PHOTONS: u64 = 1 << 9;
-/// by how much a round is larger than the one before,
-const SKETCH_GROWTH: u64 = 4;
-/// and the share of a batch that all rounds take at most.
-const SKETCH_SHARE: u64 = 8;
 /// Photons between two looks at the stop conditions,
 const LOOK: u64 = 1 << 13;
 /// and batches between two looks at the error.
@@ -112,9 +120,8 @@ fn share(photons: u64, batches: u64, number: u64) -> u64 {
 }
 
 /// Traces a shard of a scene. `proceed` is asked from time to time, from any thread, whether to go
-/// on; the batches that are finished by then count, and before there is one a sketch of smaller ones ([`SoFar`]). The
-/// result depends on the scene and on which batches
-/// were finished, never on threads.
+/// on; the batches that are finished by then count, and before they do a sketch of smaller ones ([`SoFar`]). The
+/// result depends on the scene and on how much was finished, never on threads.
 pub fn trace(
     prepared: &Prepared,
     shard: Shard,
@@ -132,13 +139,19 @@ pub fn resume(
     prepared: &Prepared,
     shard: Shard,
     before: Option<SoFar>,
+    ending: Ending,
     proceed: &(dyn Fn(&Progress) -> bool + Sync),
 ) -> SoFar {
     let (grid, photons) = (prepared.grid, prepared.photons);
+    let part = Part {
+        shard,
+        before,
+        ending,
+    };
     if prepared.polarised {
-        resume_as::<Polarised>(prepared, grid, photons, shard, before, proceed)
+        resume_as::<Polarised>(prepared, grid, photons, part, proceed)
     } else {
-        resume_as::<Scalar>(prepared, grid, photons, shard, before, proceed)
+        resume_as::<Scalar>(prepared, grid, photons, part, proceed)
     }
 }
 
@@ -156,13 +169,17 @@ pub fn trace_photons(
     }
 }
 
-/// As [`trace`], but every path is followed with and without polarisation ([`Paired`]).
+/// A whole run that follows every path with and without polarisation ([`Paired`]).
 pub fn trace_paired(
     prepared: &Prepared,
-    shard: Shard,
+    ending: Ending,
     proceed: &(dyn Fn(&Progress) -> bool + Sync),
 ) -> Totals {
-    trace_as::<Paired>(prepared, prepared.grid, prepared.photons, shard, proceed)
+    let part = Part {
+        ending,
+        ..Part::ALL
+    };
+    resume_as::<Paired>(prepared, prepared.grid, prepared.photons, part, proceed).totals
 }
 
 /// The same for any kind of light, bins and number of photons.
@@ -173,15 +190,30 @@ pub(super) fn trace_as<L: Light>(
     shard: Shard,
     proceed: &(dyn Fn(&Progress) -> bool + Sync),
 ) -> Totals {
-    resume_as::<L>(prepared, grid, photons, shard, None, proceed).totals
+    let part = Part { shard, ..Part::ALL };
+    resume_as::<L>(prepared, grid, photons, part, proceed).totals
+}
+
+/// What of a run is to be traced.
+struct Part {
+    shard: Shard,
+    before: Option<SoFar>,
+    ending: Ending,
+}
+
+impl Part {
+    const ALL: Part = Part {
+        shard: Shard::WHOLE,
+        before: None,
+        ending: Ending::AtLast,
+    };
 }
 
 fn resume_as<L: Light>(
     prepared: &Prepared,
     grid: Grid,
     photons: u64,
-    shard: Shard,
-    before: Option<SoFar>,
+    part: Part,
     proceed: &(dyn Fn(&Progress) -> bool + Sync),
 ) -> SoFar {
     let walk = walk_of(prepared);
@@ -191,9 +223,8 @@ fn resume_as<L: Light>(
         seed: prepared.seed,
         grid,
         photons,
-        shard,
     };
-    task.trace::<L>(before, proceed)
+    task.trace::<L>(part, proceed)
 }
 
 /// A short run in bins of its own that does without the look at every triangle, which pays for thousands of
@@ -212,9 +243,8 @@ pub(super) fn trace_briefly<L: Light>(
         seed: prepared.seed.wrapping_add(apart),
         grid,
         photons,
-        shard: Shard::WHOLE,
     };
-    task.trace::<L>(None, &|_| true).totals
+    task.trace::<L>(Part::ALL, &|_| true).totals
 }
 
 fn walk_of(prepared: &Prepared) -> Walk<'_> {
@@ -244,23 +274,23 @@ impl Counted {
     }
 }
 
-/// A shard of a run, ready to start.
+/// A run, ready to start.
 struct Task<'a> {
     walk: &'a Walk<'a>,
     first_hits: Option<FirstHits<'a>>,
     seed: u64,
     grid: Grid,
     photons: u64,
-    shard: Shard,
 }
 
 impl Task<'_> {
-    fn trace<L: Light>(
-        &self,
-        before: Option<SoFar>,
-        proceed: &(dyn Fn(&Progress) -> bool + Sync),
-    ) -> SoFar {
-        let (grid, photons, shard) = (self.grid, self.photons, self.shard);
+    fn trace<L: Light>(&self, part: Part, proceed: &(dyn Fn(&Progress) -> bool + Sync)) -> SoFar {
+        let (grid, photons) = (self.grid, self.photons);
+        let Part {
+            shard,
+            before,
+            ending,
+        } = part;
         let count = batches(photons);
         let planned = shard
             .batches(photons)
@@ -268,7 +298,11 @@ impl Task<'_> {
             .sum();
         // Nobody goes on with a sketch.
         let before = before.filter(|b| !b.batches.is_empty());
-        let fresh = before.is_none();
+        let sketch = (before.is_none() && shard.of == 1).then(|| {
+            let mut sketch = Sketch::<L>::new(self, ending);
+            sketch.go_on(self, planned, proceed);
+            sketch
+        });
         let before = before.unwrap_or_else(|| SoFar {
             totals: Totals::new(grid, L::ELEMENTS),
             batches: Vec::new(),
@@ -281,23 +315,15 @@ impl Task<'_> {
             .batches(photons)
             .filter(|batch| before.batches.binary_search(batch).is_err())
             .collect();
-        let sketch = if fresh && shard.of == 1 {
-            self.sketch::<L>(&|| {
-                proceed(&Progress {
-                    photons: 0,
-                    photons_planned: planned,
-                    relative_error: None,
-                })
-            })
-        } else {
-            None
-        };
+        let complete = before.batches.len() + left.len();
+        // Until the batches say more it is the sketch's photons that count.
+        let sketched = sketch.as_ref().map_or(0, Sketch::photons);
         let counted = Mutex::new(Counted {
             so_far: before,
             without_known: 0,
         });
         let lock = || counted.lock().expect("no thread panics while it adds");
-        let stopped = AtomicBool::new(false);
+        let stopped = AtomicBool::new(sketch.as_ref().is_some_and(|s| s.stopped));
         // Empty batches are kept: one per thread is made, since megabytes take their time.
         let spare = Mutex::new(Vec::new());
         let spare = || spare.lock().expect("no thread panics while it takes one");
@@ -310,7 +336,7 @@ impl Task<'_> {
                 .unwrap_or_else(|| (Batch::new::<L>(grid), Waiting::none()));
             let share = share(photons, count, number);
             let at_start = Progress {
-                photons: lock().so_far.totals.photons(),
+                photons: lock().so_far.totals.photons().max(sketched),
                 photons_planned: planned,
                 relative_error: None,
             };
@@ -338,7 +364,7 @@ impl Task<'_> {
             }
             let totals = &counted.so_far.totals;
             let progress = Progress {
-                photons: totals.photons(),
+                photons: totals.photons().max(sketched),
                 photons_planned: planned,
                 relative_error: look.then(|| totals.relative_error()).flatten(),
             };
@@ -354,64 +380,18 @@ impl Task<'_> {
         counted.include(self.first_hits.as_ref());
         let mut so_far = counted.so_far;
         so_far.batches.sort_unstable();
-        if so_far.batches.is_empty()
-            && let Some(totals) = sketch
-        {
-            so_far.totals = totals;
+        let sketch = sketch.filter(|_| so_far.batches.len() < complete);
+        match sketch.filter(|s| s.says_more_than(&so_far)) {
+            Some(sketch) => SoFar {
+                totals: sketch.totals(self),
+                batches: Vec::new(),
+            },
+            None => so_far,
         }
-        so_far
     }
 
-    /// A result for whoever stops before the first batch is finished, where that is many times as large: rounds of
-    /// equal replicates, each larger than the one before, of which the last finished one counts. Its photons are none of
-    /// the run's, so what the run counts does not depend on it.
-    fn sketch<L: Light>(&self, go_on: &(dyn Fn() -> bool + Sync)) -> Option<Totals> {
-        let least = share(self.photons, batches(self.photons), 0) / SKETCH_SHARE;
-        let (mut size, mut spent) = (SKETCH_PHOTONS, 0);
-        let mut sketch = None;
-        while spent + SKETCH_BATCHES * size <= least {
-            let round = self.round::<L>(spent, size, go_on);
-            let whole = round.batches() == SKETCH_BATCHES;
-            if round.batches() > 0 && (whole || sketch.is_none()) {
-                sketch = Some(round);
-            }
-            if !whole {
-                break;
-            }
-            spent += SKETCH_BATCHES * size;
-            size *= SKETCH_GROWTH;
-        }
-        sketch
-    }
-
-    /// One round of a sketch: replicates of `size` photons each, named by the photons before them.
-    fn round<L: Light>(&self, before: u64, size: u64, go_on: &(dyn Fn() -> bool + Sync)) -> Totals {
-        let totals = Mutex::new(Totals::new(self.grid, L::ELEMENTS));
-        let look = |photon: u64| !photon.is_multiple_of(SKETCH_PHOTONS) || go_on();
-        let empty = || (Batch::new::<L>(self.grid), Waiting::none());
-        (0..SKETCH_BATCHES as usize)
-            .into_par_iter()
-            .with_max_len(1)
-            .for_each_init(empty, |(batch, waiting), n| {
-                let name = (Purpose::Sketch, before / SKETCH_PHOTONS + n as u64);
-                if self.batch::<L>(name, size, &look, waiting, batch) {
-                    let mut totals = totals.lock().expect("no thread panics while it adds");
-                    totals.take(batch, size);
-                } else {
-                    batch.clear();
-                    *waiting = Waiting::none();
-                }
-            });
-        let mut totals = totals.into_inner().expect("no thread panics while it adds");
-        if let Some(first_hits) = &self.first_hits {
-            let photons = totals.photons();
-            totals.include(&first_hits.known, photons);
-        }
-        totals
-    }
-
-    /// One batch with random numbers of its own name; `go_on` is asked before each photon. `false` where it was told to stop: what is in the batch then
-    /// is of no use.
+    /// One batch with random numbers of its own name; `go_on` is asked before each photon. `false` where it was
+    /// told to stop: what is in the batch then is of no use.
     fn batch<L: Light>(
         &self,
         (purpose, number): (Purpose, u64),
@@ -441,103 +421,5 @@ impl Task<'_> {
             self.walk.photon::<L>(x, y, &mut random, waiting, batch);
         }
         true
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::scene::Scene;
-    use super::*;
-
-    fn scene(interface: &str, photons: u64) -> Prepared {
-        let text = format!(
-            "[light]\ntheta_i_deg = 40.0\n[[interface]]\n{interface}\nbelow = {{ n = 1.5 }}\n[run]\n\
-             photons = {photons}\ntheta_bins = 9\nphi_bins = 12\n"
-        );
-        let scene = Scene::parse(&text).unwrap();
-        scene.prepare(&|_| Err(String::new())).unwrap()
-    }
-
-    #[test]
-    fn a_run_stopped_before_its_first_batch_has_a_sketch_that_agrees_with_the_whole() {
-        // Batches of 2^18 photons: far more than are traced before the stop.
-        let ridges = |photons| {
-            scene(
-                "shape = \"ridges\"\ntheta_r_deg = 20.0\npitch_um = 50.0",
-                photons,
-            )
-        };
-        let long = ridges(1 << 24);
-        let looks = std::sync::atomic::AtomicU64::new(0);
-        let stopped = resume(&long, Shard::WHOLE, None, &|_| {
-            looks.fetch_add(1, Ordering::Relaxed) < 40
-        });
-        assert_eq!(stopped.batches, Vec::<u64>::new());
-        assert!(!stopped.is_complete(1 << 24, Shard::WHOLE));
-        let totals = &stopped.totals;
-        assert_eq!(totals.photons(), SKETCH_BATCHES * SKETCH_PHOTONS);
-        let (few, many) = (
-            totals.energies(),
-            trace(&ridges(60_000), Shard::WHOLE, &|_| true).energies(),
-        );
-        for (a, b) in [
-            (few.reflected_all, many.reflected_all),
-            (few.transmitted_all, many.transmitted_all),
-        ] {
-            let std = a.std.hypot(b.std);
-            assert!(
-                a.std > 0.0 && (a.value - b.value).abs() < 4.5 * std,
-                "{a:?} {b:?}"
-            );
-        }
-        let sum = few.reflected_all.value + few.transmitted_all.value + few.truncated.value;
-        assert!((sum - 1.0).abs() < 1e-9, "{sum}");
-        // Nothing of it is carried on, from memory or from what a file kept.
-        let none = |before| resume(&long, Shard::WHOLE, before, &|_| false);
-        assert_eq!(none(Some(stopped.clone())).totals.photons(), 0);
-        let kept = SoFar::kept(stopped.totals, Vec::new(), 1 << 24, Shard::WHOLE).unwrap();
-        assert_eq!(kept.totals.photons(), 0);
-        // A shard is no result of its own, so it has none.
-        let shard = Shard { number: 1, of: 2 };
-        let looks = std::sync::atomic::AtomicU64::new(0);
-        let part = resume(&long, shard, None, &|_| {
-            looks.fetch_add(1, Ordering::Relaxed) < 40
-        });
-        assert_eq!(part.totals.photons(), 0);
-    }
-
-    #[test]
-    fn a_sketch_grows_by_whole_rounds_and_takes_little_of_a_batch() {
-        let rough = "shape = \"beckmann\"\nalpha_u = 0.3\nalpha_v = 0.3\ncells = 16";
-        let long = scene(rough, 1 << 24);
-        let (walk, grid) = (walk_of(&long), long.grid);
-        let task = Task {
-            walk: &walk,
-            first_hits: FirstHits::new::<Scalar>(&walk, grid, long.photons),
-            seed: 1,
-            grid,
-            photons: long.photons,
-            shard: Shard::WHOLE,
-        };
-        let sketch = |looks: u64| {
-            let left = std::sync::atomic::AtomicU64::new(looks);
-            let totals = task.sketch::<Scalar>(&|| {
-                left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |n| n.checked_sub(1))
-                    .is_ok()
-            });
-            totals.map_or(0, |t| t.photons())
-        };
-        assert_eq!(sketch(0), 0);
-        let whole = sketch(u64::MAX);
-        // Rounds of 2^13 and four times as many: the next would pass an eighth of 2^18.
-        assert_eq!(whole, SKETCH_BATCHES * SKETCH_PHOTONS);
-        assert!(whole <= (1 << 18) / SKETCH_SHARE);
-        // One thread, or all might stop within their first replicate.
-        let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
-        let few = alone.unwrap().install(|| sketch(5));
-        assert!(
-            few > 0 && few < whole && few.is_multiple_of(SKETCH_PHOTONS),
-            "{few}"
-        );
     }
 }

@@ -186,8 +186,11 @@ impl Totals {
     /// Adds what is known per photon, for `photons` of those counted.
     pub fn include(&mut self, known: &Known, photons: u64) {
         let photons = i128::from(photons);
-        for (total, x) in self.known.iter_mut().zip(&known.bins) {
-            *total += x * photons;
+        let bins = known.bins.chunks_exact(known.stride);
+        for (totals, bin) in self.known.chunks_exact_mut(self.stride).zip(bins) {
+            for (total, x) in totals.iter_mut().zip(bin) {
+                *total += x * photons;
+            }
         }
         for (total, x) in self.energy_known.all_mut().zip(known.energies.all()) {
             *total += x * photons;
@@ -196,12 +199,18 @@ impl Totals {
 
     /// Takes a batch of `photons` launched over and leaves it empty.
     pub fn take(&mut self, batch: &mut Batch, photons: u64) {
+        self.count(batch, photons);
+        batch.clear();
+    }
+
+    /// The same of a batch that goes on. Totals of one element count m00 alone, whatever the batch has.
+    pub fn count(&mut self, batch: &Batch, photons: u64) {
         let n = self.stride;
         for &bin in &batch.touched {
             let bin = bin as usize;
             self.hits[bin] += u64::from(batch.hits[bin]);
             let (sums, squares) = self.bins[bin * 2 * n..(bin + 1) * 2 * n].split_at_mut(n);
-            let values = &batch.bins[bin * n..(bin + 1) * n];
+            let values = &batch.bins[bin * batch.stride..(bin + 1) * batch.stride];
             for ((sum, square), x) in sums.iter_mut().zip(squares).zip(values) {
                 *sum += to_fixed(*x);
                 *square += to_fixed(x * x);
@@ -218,7 +227,6 @@ impl Totals {
             *square += to_fixed(x * x);
             *product += to_fixed(x * all);
         }
-        batch.clear();
         self.batches += 1;
         self.photons += photons;
     }

@@ -28,6 +28,9 @@ pub(super) fn run(
         .map(|dir| Series::open(dir))
         .collect::<Result<Vec<_>, _>>();
     let opened = opened.map_err(CliError::bad_input)?;
+    for series in &opened {
+        super::suits(&options.fit.told, &series.manifest().material())?;
+    }
     let names: Vec<String> = dirs.iter().map(|d| d.display().to_string()).collect();
     let sources: Vec<(&str, &dyn FrameSource)> = names
         .iter()

@@ -10,13 +10,14 @@ use std::time::Instant;
 use super::curves::{Line, Panel, panels};
 use super::hemisphere::{Disc, Lamp, Scale, sheet};
 use super::{CliError, Source, interrupt};
+use crate::cli::place;
 use crate::cli::progress::Bar;
 use crate::model::LeftOut;
 use crate::trace::compare::{Difference, Direction, Mask, Summary, WAVELENGTHS_NM};
 use crate::trace::grid::Grid;
 use crate::trace::height_field::Side;
 use crate::trace::paired::SCALAR;
-use crate::trace::run::{Shard, trace_paired};
+use crate::trace::run::{Ending, trace_paired};
 use crate::trace::tally::Totals;
 
 /// Polarised against scalar: the relative difference d per direction of exit, its mean |d| over the
@@ -118,6 +119,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
             source.scene.check().map_err(CliError::bad_input)?;
         }
     }
+    args.pictures.as_deref().map_or(Ok(()), place::for_files)?;
     let cancel = interrupt::flag()?;
     let started = Instant::now();
     let bar = Bar::new("runs");
@@ -141,7 +143,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
             let prepared = source.prepare()?.with_grid(grid);
             report.left_out.clone_from(&prepared.left_out);
             let proceed = |_: &_| !cancel.load(Ordering::Relaxed);
-            runs.push(trace_paired(&prepared, Shard::WHOLE, &proceed));
+            runs.push(trace_paired(&prepared, Ending::AtLast, &proceed));
             if cancel.load(Ordering::Relaxed) {
                 bar.clear();
                 return Err(CliError::Interrupted);

@@ -10,6 +10,7 @@ use std::time::Instant;
 
 use super::curves::{Line, Panel, panels};
 use super::{CliError, Source, interrupt};
+use crate::cli::place;
 use crate::cli::progress::Bar;
 use crate::model::LeftOut;
 use crate::trace::ellipsometer::{Point, SETTINGS, curve};
@@ -73,6 +74,8 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         source.scene.light.theta_i_deg = theta;
         source.scene.check().map_err(CliError::bad_input)?;
     }
+    args.out.as_deref().map_or(Ok(()), place::for_file)?;
+    args.pictures.as_deref().map_or(Ok(()), place::for_files)?;
     let cancel = interrupt::flag()?;
     let started = Instant::now();
     let bar = Bar::new("runs");

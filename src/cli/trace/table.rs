@@ -248,7 +248,7 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trace::run::{resume, trace};
+    use crate::trace::run::{Ending, resume, trace};
     use crate::trace::scene::{Prepared, Scene};
 
     fn rough_glass() -> Prepared {
@@ -327,12 +327,17 @@ mod tests {
                 complete
             };
             let load = || kept(&file, "r", 5000, shard, true).unwrap();
-            save(&whole, &resume(&prepared, shard, None, &|_| true));
+            save(
+                &whole,
+                &resume(&prepared, shard, None, Ending::AtLast, &|_| true),
+            );
             let (mut before, mut stops) = (None, 0);
             loop {
                 // Each time a few batches of the 64 more than before.
                 let start = before.as_ref().map_or(0, |b: &SoFar| b.totals.photons());
-                let done = resume(&prepared, shard, before, &|p| p.photons <= start + 400);
+                let done = resume(&prepared, shard, before, Ending::AtLast, &|p| {
+                    p.photons <= start + 400
+                });
                 if save(&file, &done) {
                     break;
                 }

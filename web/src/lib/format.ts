@@ -80,8 +80,11 @@ export function foretold(forecast: Forecast): string {
   const amount = forecast.amount ? ` for ${count(forecast.amount.count)} ${forecast.amount.of}` : '';
   const parts = (forecast.parts ?? []).map((part) => `${seconds(part.seconds)} ${part.what}`).join(', ');
   const error = forecast.error ? `; error of ${forecast.error.of.replace(/,$/, '')} about ${percent(forecast.error.value)}` : '';
-  const short = forecast.cut_short ? ' (the time allowed is too short for all of it)' : '';
-  return `${forecast.at_most ? 'at most' : 'about'} ${seconds(forecast.seconds)}${amount}${parts ? `: ${parts}` : ''}${error}${short}`;
+  const uncut = forecast.uncut_seconds;
+  const short = forecast.cut_short && uncut === undefined ? ' (the time allowed is too short for all of it)' : '';
+  const about = forecast.at_most ? 'at most' : 'about';
+  const cut = uncut === undefined ? '' : `${seconds(forecast.seconds)}, where the limit ends what takes `;
+  return `${cut}${about} ${seconds(uncut ?? forecast.seconds)}${amount}${parts ? `: ${parts}` : ''}${error}${short}`;
 }
 
 /** Decimal units, as disks are sold: `2.6 MB`. */

@@ -188,6 +188,8 @@ export interface Forecast {
   readonly error?: { readonly value: number; readonly of: string };
   /** The time allowed is too short for what was asked for. */
   readonly cut_short: boolean;
+  /** Seconds that all of it would take, where a limit cuts it. */
+  readonly uncut_seconds?: number;
 }
 
 /** How far a calculation has come. */

@@ -1,0 +1,264 @@
+//! An answer for whoever stops early: photons of their own in small equal replicates.
+//!
+//! A batch of a run may take many seconds, and the error is known once there are several. A sketch is an answer
+//! after its first round already, and all its photons so far count. They are none of the run's, so what a whole
+//! run counts does not depend on it. A round is finished whatever happens, and is an eighth of what was traced
+//! before: by so much a stop may come late.
+
+use rayon::prelude::*;
+
+use super::super::light::Light;
+use super::super::rng::Purpose;
+use super::super::tally::{Batch, Totals};
+use super::super::walk::Waiting;
+use super::{BATCH_MAX, Ending, Progress, SoFar, Task, batches, share};
+
+/// Replicates of a sketch.
+const REPLICATES: u64 = 16;
+/// Photons of each in the first round,
+const FIRST: u64 = 1 << 6;
+/// the share of its photons so far that each gets in one round,
+const GROWTH: u64 = 8;
+/// and the most photons that it gets.
+const ROUND_MAX: u64 = 1 << 12;
+/// Photons of all from which on the error is looked at, each time there are a quarter more.
+const LOOK: u64 = 1 << 13;
+/// Share of a batch that a sketch takes where a stop is an accident.
+const SHARE: u64 = 8;
+/// Share of the run that it takes where a stop is likely, and largest batches: from there on whole batches soon
+/// say more.
+const SHARE_ANY_TIME: (u64, u64) = (16, 16);
+
+/// A sketch under way.
+pub(super) struct Sketch<L: Light> {
+    replicates: Vec<(Batch, Waiting<L>)>,
+    /// Photons of each replicate so far.
+    each: u64,
+    /// Photons that all may have.
+    most: u64,
+    /// Whether the error decides when it ends.
+    looks: bool,
+    /// Whether it was told to stop.
+    pub stopped: bool,
+}
+
+impl<L: Light> Sketch<L> {
+    pub(super) fn new(task: &Task<'_>, ending: Ending) -> Self {
+        let most = match ending {
+            Ending::AtLast => share(task.photons, batches(task.photons), 0) / SHARE,
+            Ending::AnyTime => {
+                let (of_run, largest) = SHARE_ANY_TIME;
+                (task.photons / of_run).min(largest * BATCH_MAX)
+            }
+        };
+        let count = if most >= REPLICATES * FIRST {
+            REPLICATES
+        } else {
+            0
+        };
+        let empty = |_| (Batch::new::<L>(task.grid), Waiting::none());
+        Sketch {
+            replicates: (0..count).map(empty).collect(),
+            each: 0,
+            most,
+            looks: ending == Ending::AnyTime,
+            stopped: false,
+        }
+    }
+
+    /// Rounds until it has all its photons or is told to stop.
+    pub(super) fn go_on(
+        &mut self,
+        task: &Task<'_>,
+        photons_planned: u64,
+        proceed: &(dyn Fn(&Progress) -> bool + Sync),
+    ) {
+        let (mut round, mut next_look) = (0, LOOK);
+        loop {
+            let size = (self.each / GROWTH).clamp(FIRST, ROUND_MAX);
+            if self.photons() + REPLICATES * size > self.most {
+                return;
+            }
+            let replicates = self.replicates.par_iter_mut().enumerate().with_max_len(1);
+            replicates.for_each(|(n, (batch, waiting))| {
+                let name = (Purpose::Sketch, REPLICATES * round + n as u64);
+                task.batch::<L>(name, size, &|_| true, waiting, batch);
+            });
+            self.each += size;
+            round += 1;
+            let photons = self.photons();
+            let relative_error = (self.looks && photons >= next_look).then(|| {
+                next_look = photons + photons / 4;
+                // m00 alone is looked at.
+                self.counted(task, 1).relative_error()
+            });
+            let progress = Progress {
+                photons,
+                photons_planned,
+                relative_error: relative_error.flatten(),
+            };
+            if !proceed(&progress) {
+                self.stopped = true;
+                return;
+            }
+        }
+    }
+
+    /// Photons of all replicates.
+    pub(super) fn photons(&self) -> u64 {
+        self.each * self.replicates.len() as u64
+    }
+
+    /// Whether what a run has counted is less, or of so few batches that nobody knows its error.
+    pub(super) fn says_more_than(&self, run: &SoFar) -> bool {
+        self.each > 0 && (run.batches.len() < 2 || run.totals.photons() < self.photons())
+    }
+
+    /// What was counted so far.
+    pub(super) fn totals(&self, task: &Task<'_>) -> Totals {
+        self.counted(task, L::ELEMENTS)
+    }
+
+    fn counted(&self, task: &Task<'_>, elements: usize) -> Totals {
+        let mut totals = Totals::new(task.grid, elements);
+        for (batch, _) in &self.replicates {
+            totals.count(batch, self.each);
+        }
+        if let Some(first_hits) = &task.first_hits {
+            totals.include(&first_hits.known, self.photons());
+        }
+        totals
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::scene::{Prepared, Scene};
+    use super::super::{Shard, resume, trace};
+    use super::*;
+
+    fn scene(interface: &str, photons: u64) -> Prepared {
+        let text = format!(
+            "[light]\ntheta_i_deg = 40.0\n[[interface]]\n{interface}\nbelow = {{ n = 1.5 }}\n[run]\n\
+             photons = {photons}\ntheta_bins = 9\nphi_bins = 12\n"
+        );
+        let scene = Scene::parse(&text).unwrap();
+        scene.prepare(&|_| Err(String::new())).unwrap()
+    }
+
+    /// Batches of 2^18 photons for 2^24 of them: far more than a test traces.
+    fn ridges(photons: u64) -> Prepared {
+        scene(
+            "shape = \"ridges\"\ntheta_r_deg = 20.0\npitch_um = 50.0",
+            photons,
+        )
+    }
+
+    fn rough(photons: u64) -> Prepared {
+        scene(
+            "shape = \"beckmann\"\nalpha_u = 0.3\nalpha_v = 0.3\ncells = 16",
+            photons,
+        )
+    }
+
+    fn trace_anytime(scene: &Prepared, proceed: &(dyn Fn(&Progress) -> bool + Sync)) -> Totals {
+        resume(scene, Shard::WHOLE, None, Ending::AnyTime, proceed).totals
+    }
+
+    #[test]
+    fn a_run_stopped_at_once_has_a_sketch_that_agrees_with_the_whole() {
+        let long = ridges(1 << 24);
+        let resume = |before| {
+            let until = 1 << 13;
+            resume(&long, Shard::WHOLE, before, Ending::AtLast, &|p| {
+                p.photons < until
+            })
+        };
+        let stopped = resume(None);
+        assert_eq!(stopped.batches, Vec::<u64>::new());
+        assert!(!stopped.is_complete(1 << 24, Shard::WHOLE));
+        let totals = &stopped.totals;
+        assert_eq!(totals.batches(), REPLICATES);
+        // All that was traced counts, and a stop comes an eighth late at most.
+        let photons = totals.photons();
+        assert!(
+            ((1 << 13)..=(1 << 13) * 9 / 8).contains(&photons),
+            "{photons}"
+        );
+        let (few, many) = (
+            totals.energies(),
+            trace(&ridges(60_000), Shard::WHOLE, &|_| true).energies(),
+        );
+        for (a, b) in [
+            (few.reflected_all, many.reflected_all),
+            (few.transmitted_all, many.transmitted_all),
+        ] {
+            let std = a.std.hypot(b.std);
+            assert!(
+                a.std > 0.0 && (a.value - b.value).abs() < 4.5 * std,
+                "{a:?} {b:?}"
+            );
+        }
+        let sum = few.reflected_all.value + few.transmitted_all.value + few.truncated.value;
+        assert!((sum - 1.0).abs() < 1e-9, "{sum}");
+        // Nothing of it is carried on, from memory or from what a file kept.
+        assert_eq!(resume(Some(stopped.clone())), stopped);
+        let kept = SoFar::kept(stopped.totals, Vec::new(), 1 << 24, Shard::WHOLE).unwrap();
+        assert_eq!(kept.totals.photons(), 0);
+        // A shard is no result of its own, so it has none.
+        let shard = Shard { number: 1, of: 2 };
+        let part = super::super::resume(&long, shard, None, Ending::AtLast, &|_| false);
+        assert_eq!(part.totals.photons(), 0);
+    }
+
+    #[test]
+    fn where_a_stop_is_an_accident_a_sketch_takes_an_eighth_of_a_batch_at_most() {
+        let long = rough(1 << 24);
+        let most = std::sync::atomic::AtomicU64::new(0);
+        let first_batch = (1 << 24) / 64;
+        let run = resume(&long, Shard::WHOLE, None, Ending::AtLast, &|p| {
+            let before = most.swap(p.photons, std::sync::atomic::Ordering::Relaxed);
+            // In the first batch the number stands still.
+            before != p.photons
+        });
+        let photons = run.totals.photons();
+        assert!(
+            photons <= first_batch / SHARE && photons > first_batch / (2 * SHARE),
+            "{photons}"
+        );
+    }
+
+    #[test]
+    fn a_run_that_may_stop_at_any_time_ends_soon_after_its_error_is_small_enough() {
+        let long = rough(1 << 26);
+        let until = |goal: f64| {
+            let large = |p: &Progress| p.relative_error.is_none_or(|e| e > goal);
+            trace_anytime(&long, &large)
+        };
+        let first = until(f64::INFINITY);
+        assert_eq!(first.photons(), LOOK);
+        let goal = 0.5 * first.relative_error().unwrap();
+        let totals = until(goal);
+        let reached = totals.relative_error().unwrap();
+        assert!(reached <= goal && reached > 0.8 * goal, "{reached}");
+        // Four times as many, and far from a batch of 2^20.
+        let times = totals.photons() as f64 / first.photons() as f64;
+        assert!((2.0..8.0).contains(&times), "{times}");
+        assert_eq!(totals, until(goal));
+    }
+
+    #[test]
+    fn the_batches_count_once_they_say_more_than_the_sketch_and_alone_when_all_are_done() {
+        let run = ridges(1 << 16);
+        let whole = trace(&run, Shard::WHOLE, &|_| true);
+        assert_eq!(trace_anytime(&run, &|_| true), whole);
+        let sketch_most = (1 << 16) / SHARE_ANY_TIME.0;
+        for until in [sketch_most / 2, 3 * sketch_most] {
+            let part = resume(&run, Shard::WHOLE, None, Ending::AnyTime, &|p| {
+                p.photons < until
+            });
+            assert!(part.totals.photons() >= until);
+            assert_eq!(part.batches.is_empty(), until < sketch_most);
+        }
+    }
+}
