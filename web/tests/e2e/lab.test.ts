@@ -42,6 +42,12 @@ async function get(path: string): Promise<Record<string, unknown>> {
   return (await response.json()) as Record<string, unknown>;
 }
 
+/** The scan of the traced polymer; until its heading is there the page shows the newest one. */
+async function openFirstScan(): Promise<void> {
+  await page.goto(`${daemon.url}/#/scan/1`);
+  await page.getByRole('heading', { level: 1, name: 'traced polymer' }).waitFor();
+}
+
 /** Pauses the scan that runs once it is so far; whether it is paused. Not by the page: a click may come too late. */
 async function pausedAt(fraction: number): Promise<boolean> {
   const { scan_id } = (await get('/rig')) as { scan_id: number | null };
@@ -78,10 +84,13 @@ describe('a lab’s day', () => {
   });
 
   it('shows the count that the camera gave, pixel for pixel', async () => {
-    await page.goto(`${daemon.url}/#/scan/1`);
+    await openFirstScan();
     const canvas = page.getByTestId('frame');
-    await expect.poll(() => canvas.getAttribute('data-frame-id'), { timeout: 20_000 }).toMatch(/^\d+$/);
-    const id = await canvas.getAttribute('data-frame-id');
+    const frames = (await get('/scans/1/frames?limit=1000'))['items'] as { id: number }[];
+    // The newest scan's frame may be there for a moment yet.
+    const shown = async (): Promise<number> => Number(await canvas.getAttribute('data-frame-id'));
+    await expect.poll(shown, { timeout: 20_000 }).toSatisfy((id: unknown) => frames.some((f) => f.id === id));
+    const id = await shown();
     const pixels = await fetch(`${daemon.url}/api/v1/frames/${id}/pixels`);
     const width = Number(pixels.headers.get('x-width-px'));
     const counts = new Uint16Array(await pixels.arrayBuffer());
@@ -95,7 +104,7 @@ describe('a lab’s day', () => {
   });
 
   it('hears from the daemon what a measured shape lacks, and says it beside the file', async () => {
-    await page.goto(`${daemon.url}/#/scan/1`);
+    await openFirstScan();
     const form = page.getByTestId('fit-form');
     await form.getByLabel('Model').selectOption('traced');
     await form.getByLabel('File of heights').setInputFiles({ name: 'map.csv', mimeType: 'text/csv', buffer: Buffer.from('0,1,2\n0,1,2\n0,1,2\n') });
@@ -147,7 +156,7 @@ describe('a lab’s day', () => {
   });
 
   it('maps a scan, measures its contrast and judges it against limits', async () => {
-    await page.goto(`${daemon.url}/#/scan/1`);
+    await openFirstScan();
     const card = page.getByTestId('calculations');
     await card.getByRole('button', { name: 'Map every pixel' }).click();
     await card.getByRole('progressbar').waitFor();
