@@ -9,8 +9,10 @@ use serde::Serialize;
 
 use super::CliError;
 use crate::accuracy::forecast::{Patience, of_run, of_series as of_series_forecast};
+use crate::accuracy::map_forecast::of_map as of_map_forecast;
 use crate::accuracy::proof::{Proof, of_scene as of_scene_proof};
 use crate::forecast::Forecast;
+use crate::map;
 use crate::model::LeftOut;
 use crate::plan::{self, Basis, Plan};
 use crate::series::Series;
@@ -19,7 +21,7 @@ use crate::trace::scene::Scene;
 /// Prints the plan of a scene or a recorded series without computing it.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  ridged explain scene.toml\n  ridged explain scene.toml --prove\n  ridged explain tests/data/series/steel-15 --tolerance 0.001 --json"
+    after_help = "Examples:\n  ridged explain scene.toml\n  ridged explain scene.toml --prove\n  ridged explain tests/data/series/steel-15 --tolerance 0.001 --json\n  ridged explain tests/data/series/checker --map --tolerance 0.01"
 )]
 pub struct Args {
     /// A scene of `ridged trace`, or the folder of a recorded series.
@@ -31,6 +33,9 @@ pub struct Args {
     /// Plan for Mueller matrices by direction (as `ridged trace --out` asks for them), not for energies.
     #[arg(long)]
     pub mueller: bool,
+    /// Plan the map of a series (`ridged map --target-error E`), not the fit of all of it.
+    #[arg(long, conflicts_with_all = ["mueller", "prove"])]
+    pub map: bool,
     /// Compute a scene with everything on and as planned, and compare results and times.
     #[arg(long, conflicts_with = "mueller")]
     pub prove: bool,
@@ -70,7 +75,15 @@ pub fn run(args: Args) -> Result<(), CliError> {
             "--prove is for scenes; `ridged accuracy` proves the plans of recorded series whose truth is known"
         )));
     }
-    let explanation = if args.input.is_dir() {
+    if args.map && !args.input.is_dir() {
+        return Err(CliError::bad_input(anyhow!(
+            "--map is for recorded series; {} is no folder of one",
+            args.input.display()
+        )));
+    }
+    let explanation = if args.map {
+        of_map(&args.input, args.tolerance)?
+    } else if args.input.is_dir() {
         of_series(&args.input, args.tolerance)?
     } else {
         of_scene(&args)?
@@ -103,7 +116,7 @@ fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
             "variants paper and sawtooth fitted to all of them".to_owned(),
             "double reflections by quadrature at the fitted values, and a refit".to_owned(),
         ],
-        left_out: left_out_by(&plan),
+        left_out: plan.told(),
         plan,
         seconds: started.elapsed().as_secs_f64(),
         forecast: of_series_forecast(&series, &cancel),
@@ -112,12 +125,37 @@ fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
     })
 }
 
-/// What a plan leaves out, in the form of every result.
-fn left_out_by(plan: &Plan) -> Vec<LeftOut> {
-    let choices = plan.left_out();
-    choices
-        .map(|c| LeftOut::new(&c.what, &c.why, c.cost))
-        .collect()
+fn of_map(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
+    let started = Instant::now();
+    let series = Series::open(folder).map_err(CliError::bad_input)?;
+    let plan = map::plan::plan(&series, Some(tolerance));
+    let camera = &series.manifest().camera;
+    let seconds = started.elapsed().as_secs_f64();
+    let cancel = super::interrupt::flag()?;
+    let options = map::MapOptions {
+        target_error: Some(tolerance),
+        ..map::MapOptions::default()
+    };
+    Ok(Explanation {
+        input: "map",
+        computes: vec![
+            format!(
+                "{} × {} pixels, brought from {} frames into the sample's frame",
+                camera.width_px,
+                camera.height_px,
+                series.rows().len()
+            ),
+            "gain, stray light and the tilt's zero from a sample of pixels, on whose surfaces this is decided again"
+                .to_owned(),
+            "variant sawtooth fitted to every pixel that shows a lobe".to_owned(),
+        ],
+        left_out: plan.told(),
+        plan,
+        seconds,
+        forecast: of_map_forecast(&series, &options, &cancel),
+        proof: None,
+        program: program(),
+    })
 }
 
 fn of_scene(args: &Args) -> Result<Explanation, CliError> {

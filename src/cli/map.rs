@@ -46,8 +46,9 @@ pub struct Args {
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
     /// Share of the brightest radiance that may be left out of a pixel's physics. It decides about double
-    /// reflections by integration alone: what changes less is not integrated. The other things that a map does without are
-    /// the same whatever it is (`left_out` of the summary), with what they may cost where that is known.
+    /// reflections by integration and each pixel's own directions, on the surfaces that most pixels look like; the other
+    /// things that a map does without are the same whatever it is, with what they may cost (`left_out` of the
+    /// summary). `ridged explain DIR --map` tells beforehand. Without it everything is in.
     #[arg(long, value_name = "E")]
     pub target_error: Option<f64>,
     /// Memory for resampled frames, in MiB; more goes to a scratch file in the output folder.

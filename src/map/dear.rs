@@ -426,7 +426,43 @@ impl Dear {
         largest / brightest
     }
 
-    fn surface(&self, p: &Parameters) -> Surface {
+    /// The largest error of the expansions around `p`, as a share of the brightest radiance: at `p` and a quarter of a
+    /// cell to either side.
+    pub(super) fn share_expanded(&self, p: &Parameters) -> f64 {
+        let n = self.poses.len();
+        let (mut offset, mut basis) = (vec![0.0; n], vec![0.0; n]);
+        let mut largest = 0.0f64;
+        for side in [-0.25, 0.0, 0.25] {
+            let mut at: Parameters =
+                std::array::from_fn(|k| p[k] + side * self.coarseness * CELL[k]);
+            at[0] = at[0].max(0.0);
+            self.write(&at, &mut offset, &mut basis);
+            let closed = self.closed(&at);
+            let brightest = closed.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+            for (j, exact) in closed.iter().enumerate() {
+                let once = single(&self.geometry[j], &at, self.lamp).0;
+                let expanded = if self.amplitude {
+                    at[4] * once + offset[j]
+                } else {
+                    once + at[4] * basis[j] + offset[j]
+                };
+                largest = largest.max((expanded - exact).abs() / brightest);
+            }
+        }
+        largest
+    }
+
+    /// True poses: recorded, plus the tilt's zero.
+    pub(super) fn poses(&self) -> &[Pose] {
+        &self.poses
+    }
+
+    /// The poses as a surface that leans as `p` does sees them.
+    pub(super) fn turned_poses(&self, p: &Parameters) -> impl Iterator<Item = Pose> {
+        self.poses.iter().map(|pose| turned(pose, p))
+    }
+
+    pub(super) fn surface(&self, p: &Parameters) -> Surface {
         Surface {
             theta_r: p[0],
             alpha_u: p[2].exp(),

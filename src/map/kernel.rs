@@ -54,6 +54,11 @@ impl Geometry {
     pub(super) fn incident(&self) -> [f64; 3] {
         [self.0[0], self.0[1], self.0[2]]
     }
+
+    /// Direction to the camera.
+    pub(super) fn outgoing(&self) -> [f64; 3] {
+        std::array::from_fn(|axis| self.0[3 + axis] - self.0[axis])
+    }
 }
 
 /// The pixels' parameters as the kernel wants them.

@@ -9,6 +9,8 @@
 //! observations; memory is bounded by [`MapOptions::memory_bytes_max`], beyond which planes go to a
 //! scratch file.
 //!
+//! What it does without is decided in [`plan`](mod@plan), on the surfaces that most pixels look like.
+//!
 //! Nobody tells it how the sample is laid out: each pixel finds its own lean direction. It does not
 //! know about scans, fits of whole regions, or the command line.
 
@@ -24,6 +26,7 @@ pub mod layers;
 mod observe;
 mod picture;
 pub mod pixels;
+pub mod plan;
 mod planes;
 mod run;
 mod settle;
@@ -44,13 +47,14 @@ use self::layers::{Answer, FEW_OBSERVATIONS, Layers, NOT_IDENTIFIABLE};
 use self::observe::Light;
 use self::planes::Planes;
 use self::run::{Batch, Run, better, freedom, usual_chi2_max};
-use self::settle::{DoubleReflections, LOBE_SIGNIFICANCE, References, Settled};
+use self::settle::{LOBE_SIGNIFICANCE, References, Settled};
 use self::solve::{End, FREE};
 use self::start::lambert_chi2;
 use self::view::View;
 use crate::geometry::Pose;
 use crate::model::{LeftOut, left_out};
 use crate::observation::RejectedFrame;
+use crate::plan::Decision;
 use crate::reduction::{FrameSource, ReductionError, calibrate};
 
 /// Tiles and pixels per tile from which the shared quantities are settled.
@@ -69,8 +73,8 @@ pub struct MapOptions {
     pub memory_bytes_max: usize,
     /// Folder for the scratch file.
     pub scratch: PathBuf,
-    /// Share of the brightest radiance that may be left out of a pixel's physics where that saves time:
-    /// double reflections by integration, where they change less. Without it they are in.
+    /// Share of the brightest radiance that may be left out of a pixel's physics where that saves time (see
+    /// [`plan`]). Without it everything is in.
     pub target_error: Option<f64>,
     /// Seconds after which no further tile is begun; for whoever holds a clock (see [`map_until`]).
     pub max_seconds: Option<f64>,
@@ -145,6 +149,11 @@ pub enum MapError {
         "the sample frames show no light above their noise; check lamp, lens cap and exposure times"
     )]
     NothingSeen,
+    /// No count can be used.
+    #[error(
+        "no pixel of the sample frames has a count that can be used: they are saturated, were left out, or darks and flats mark every pixel as defective; shorten the exposure times and check the flats"
+    )]
+    NothingUsable,
     /// No pixel shows a lobe.
     #[error(
         "no pixel shows the reflection of a ridged surface: brightness does not change with the pose beyond a matte surface's; check focus, region and azimuths of the scan"
@@ -288,7 +297,7 @@ pub fn map_until(
     )?;
     drop(batch);
 
-    let tiles = fit_tiles(&planes, &view, &settled, late, progress, cancel)?;
+    let tiles = fit_tiles(&planes, &settled, late, progress, cancel)?;
     let (mut layers, evaluations) = (tiles.layers, tiles.evaluations);
     let pixels_left_out = view.pixels() - tiles.pixels;
     let leans = defects::leans(&layers);
@@ -313,7 +322,7 @@ pub fn map_until(
 
     let mut warnings = calibration.warnings.clone();
     warnings.extend(doubts(&settled, &view));
-    let left_out = what_is_left_out(&settled, &view, &layers, pixels_left_out);
+    let left_out = what_is_left_out(&settled, pixels_left_out);
     Ok(Map {
         shared_std: settled.shared_std.map(|std| in_layer_units(&std, &layers)),
         layers,
@@ -335,41 +344,25 @@ pub fn map_until(
 }
 
 /// What a map does without.
-fn what_is_left_out(
-    settled: &Settled,
-    view: &View,
-    layers: &Layers,
-    pixels_left_out: usize,
-) -> Vec<LeftOut> {
-    let [_, _, along, across, _] = &layers.parameters;
-    let narrower = along.values.iter().zip(&across.values);
-    let alpha = settle::median(
-        narrower
-            .map(|(u, v)| f64::from(u.min(*v)))
-            .filter(|alpha| alpha.is_finite()),
-    );
-    let mut list = left_out::of_closed_form(
-        crate::model::Variant::Sawtooth,
-        &view.rig.cones,
-        alpha.unwrap_or(f64::MAX),
-    );
-    list.push(match settled.double_reflections {
-        DoubleReflections::LeftOut { cost } => LeftOut::new(
-            "double reflections by integration",
-            "on the surfaces that the sampled pixels look like they change less than the target error",
-            Some(cost),
-        ),
-        DoubleReflections::Integrated => LeftOut::new(
+fn what_is_left_out(settled: &Settled, pixels_left_out: usize) -> Vec<LeftOut> {
+    let view = &settled.view;
+    let mut list = settled.plan.told();
+    list.extend(left_out::lens(&view.rig.cones));
+    list.push(left_out::ideal_profile());
+    list.push(left_out::third_bounce());
+    let included = |decision| settled.plan.on(decision).is_some_and(|c| c.included);
+    if included(Decision::Bounces) {
+        list.push(LeftOut::new(
             "double reflections by integration, pixel by pixel",
             "integrated on the surfaces that most pixels look like, and taken from the nearest of them",
             None,
-        ),
-    });
-    if !view.is_telecentric() {
+        ));
+    }
+    if included(Decision::PerPixelGeometry) {
         list.push(LeftOut::new(
-            "each pixel's own directions in what is reflected twice",
+            "each pixel's own directions in what is not reflected once",
             "they vary slowly: those of the field's centre stand for all",
-            None,
+            settled.centre_for_all,
         ));
     }
     if pixels_left_out > 0 {
@@ -411,12 +404,12 @@ struct Tiles {
 /// Fits all pixels, tile by tile on all cores, until it is late.
 fn fit_tiles(
     planes: &Planes,
-    view: &View,
     settled: &Settled,
     late: &(dyn Fn() -> bool + Sync),
     progress: &(dyn Fn(Progress) + Sync),
     cancel: &AtomicBool,
 ) -> Result<Tiles, MapError> {
+    let view = &settled.view;
     let amplitude = settled.dear.is_amplitude();
     let answered = Mutex::new((Layers::new(view.width, view.height, amplitude), 0.0));
     let done = AtomicUsize::new(0);

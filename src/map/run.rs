@@ -160,7 +160,7 @@ impl Run<'_> {
 
     /// A pixel's geometry: shared, or its own where camera or lamp are near.
     pub(super) fn geometry_of(&self, index: usize) -> Cow<'_, [Geometry]> {
-        if self.view.is_telecentric() {
+        if self.view.shares_directions() {
             return Cow::Borrowed(self.dear.geometry());
         }
         let place = self.view.place_mm(self.batch.pixels[index]);
@@ -208,7 +208,7 @@ impl Run<'_> {
                 observations,
                 lamp: self.dear.lamp(),
                 amplitude: self.dear.is_amplitude(),
-                shared: self.view.is_telecentric().then_some(geometry),
+                shared: self.view.shares_directions().then_some(geometry),
                 refreshes,
                 way,
                 pixels: &pixels,

@@ -11,10 +11,11 @@ use super::run::{Batch, Run, freedom};
 use super::solve::{End, FREE, PixelFit, packed};
 use super::start::{Leaders, Templates, lambert};
 use super::view::View;
-use super::{MapError, Progress, Stage};
+use super::{MapError, Progress, Stage, plan};
 use crate::geometry::Pose;
 use crate::material::Material;
 use crate::observation::{FlatObservation, WhiteReference};
+use crate::plan::{Decision, Plan};
 
 /// Rounds in which zero of the tilt, gain and fits take turns.
 const ROUNDS: usize = 6;
@@ -45,16 +46,12 @@ pub(super) struct Settled {
     pub(super) shared_std: Option<Parameters>,
     /// Sampled pixels that gave a good fit.
     pub(super) sampled: usize,
-    pub(super) double_reflections: DoubleReflections,
-}
-
-/// What became of double reflections.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum DoubleReflections {
-    /// They are integrated on the surfaces that pixels look like.
-    Integrated,
-    /// They are the closed form's; integrated they would change this share of the brightest radiance.
-    LeftOut { cost: f64 },
+    /// The drawing, with the centre's directions for all pixels where the plan says so.
+    pub(super) view: View,
+    /// What was decided on the surfaces that most pixels look like.
+    pub(super) plan: Plan,
+    /// What the centre's directions cost in all but single reflections, where camera or lamp are near.
+    pub(super) centre_for_all: Option<f64>,
 }
 
 /// What the camera's references say.
@@ -94,11 +91,16 @@ pub(super) fn settle(
         references,
         target_error,
     } = *given;
+    if (0..batch.pixels.len()).all(|index| batch.used(index) == 0) {
+        return Err(MapError::NothingUsable);
+    }
     let largest = batch.largest();
     if largest <= 0.0 {
         return Err(MapError::NothingSeen);
     }
     let amplitude = View::fits_amplitude(material);
+    // Which directions pixels have may be decided; where camera and lamp stand is not.
+    let (stand, mut view) = (view, view.clone());
     let place = [0.0, 0.0];
     let poses_at = |globals: &Globals| -> Vec<Pose> {
         let shifted = recorded.iter().map(|pose| Pose {
@@ -110,10 +112,10 @@ pub(super) fn settle(
     let dear_at = |poses: &[Pose], coarseness: f64, integrated: &Integrated| {
         let geometry = poses
             .iter()
-            .map(|pose| view.geometry(*pose, place))
+            .map(|pose| stand.geometry(*pose, place))
             .collect();
         Dear::new(
-            view.rig,
+            stand.rig,
             *material,
             poses.to_vec(),
             geometry,
@@ -123,7 +125,7 @@ pub(super) fn settle(
     };
     let relative = references.white.is_none();
     let flats = |globals: Globals| match &references.white {
-        Some(white) => globals.with_flats(references.flats, white, &view.rig, largest),
+        Some(white) => globals.with_flats(references.flats, white, &stand.rig, largest),
         None => globals,
     };
     let enough: Vec<usize> = (0..batch.pixels.len())
@@ -138,7 +140,7 @@ pub(super) fn settle(
     if relative {
         let templates = Templates::new(dear.geometry(), dear.lamp(), amplitude);
         globals = Globals::first(
-            gain_of(batch, &enough, &globals, &dear, view, &poses, &templates)
+            gain_of(batch, &enough, &globals, &dear, &view, &poses, &templates)
                 .ok_or(MapError::NoLobes)?,
             largest,
         );
@@ -151,7 +153,7 @@ pub(super) fn settle(
         batch,
         globals: &globals,
         dear: &dear,
-        view,
+        view: &view,
         poses: &poses,
     };
     let lobed: Vec<usize> = enough
@@ -170,7 +172,7 @@ pub(super) fn settle(
     let mut good: Vec<(usize, PixelFit)> = Vec::new();
     // First with the closed form alone, then with double reflections integrated at what was found.
     let mut passes_left = PASSES;
-    let mut double_reflections = DoubleReflections::Integrated;
+    let mut decided: Option<(Plan, Option<f64>)> = None;
     let mut rounds_left = ROUNDS;
     for round in 0..ROUNDS * PASSES {
         if cancel.load(Ordering::Relaxed) {
@@ -185,7 +187,7 @@ pub(super) fn settle(
             batch,
             globals: &globals,
             dear: &dear,
-            view,
+            view: &view,
             poses: &poses,
         };
         // The first round and the last search everywhere; between them fits follow the globals.
@@ -224,7 +226,7 @@ pub(super) fn settle(
                 batch,
                 globals: &globals,
                 dear: &dear,
-                view,
+                view: &view,
                 poses: &poses,
             };
             let prior = if relative { first } else { flats(globals) };
@@ -258,14 +260,17 @@ pub(super) fn settle(
             rounds_left = ROUNDS;
             let fits: Vec<Parameters> = good.iter().map(|(_, fit)| fit.p).collect();
             let centres = Leaders::gather(&fits).centres(&fits);
-            if passes_left + 1 == PASSES
-                && let Some(target) = target_error
-            {
+            if decided.is_none() {
                 // The first centres are those of most pixels.
-                let cost = centres.iter().take(PROBED).map(|p| dear.share_lacking(p));
-                let cost = cost.fold(0.0, f64::max);
-                if cost <= target {
-                    double_reflections = DoubleReflections::LeftOut { cost };
+                let surfaces = &centres[..centres.len().min(PROBED)];
+                let plan = plan::decide(&dear, &view, surfaces, target_error);
+                let near = !view.is_telecentric();
+                let cost = near.then(|| plan::centre_for_all(&dear, &view, surfaces));
+                let included = |decision| plan.on(decision).is_none_or(|choice| choice.included);
+                let integrate = included(Decision::Bounces);
+                view = view.with_own_directions(included(Decision::PerPixelGeometry));
+                decided = Some((plan, cost));
+                if !integrate {
                     break;
                 }
             }
@@ -285,7 +290,7 @@ pub(super) fn settle(
         batch,
         globals: &globals,
         dear: &dear,
-        view,
+        view: &view,
         poses: &poses,
     };
     let found: Vec<Parameters> = good.iter().map(|(_, fit)| fit.p).collect();
@@ -294,6 +299,8 @@ pub(super) fn settle(
     let shared_std = shared_std(&run, &good);
     let templates = Templates::new(dear.geometry(), dear.lamp(), amplitude);
     let lambert = lambert(dear.geometry());
+    let (plan, centre_for_all) =
+        decided.unwrap_or_else(|| (plan::decide(&dear, &view, &[], target_error), None));
     Ok(Settled {
         sampled: good.len(),
         globals,
@@ -304,7 +311,9 @@ pub(super) fn settle(
         lambert,
         birge,
         shared_std,
-        double_reflections,
+        view,
+        plan,
+        centre_for_all,
     })
 }
 

@@ -37,6 +37,8 @@ pub(super) struct View {
     axis_px: [f64; 2],
     camera_distance_mm: Option<f64>,
     light_distance_mm: Option<f64>,
+    /// Whether a near camera or lamp gives each pixel its own directions.
+    own_directions: bool,
     index: (f64, f64),
     /// Fresnel reflectance at the half angle where camera and lamp are far.
     fresnel: f64,
@@ -66,6 +68,7 @@ impl View {
                 .or(camera.camera_distance_mm)
                 .filter(|_| !far),
             light_distance_mm: rig.light_distance_mm.filter(|_| !far),
+            own_directions: true,
             index,
             fresnel: fresnel::reflectance((0.5 * geometry.theta_l.rad()).cos(), index.0, index.1),
         }
@@ -83,14 +86,44 @@ impl View {
             axis_px: [0.5; 2],
             camera_distance_mm: None,
             light_distance_mm: None,
+            own_directions: true,
             index,
             fresnel: fresnel::reflectance((0.5 * rig.theta_l.rad()).cos(), index.0, index.1),
         }
     }
 
-    /// Whether all pixels share their directions.
+    /// Whether camera and lamp are far.
     pub(super) fn is_telecentric(&self) -> bool {
         self.camera_distance_mm.is_none() && self.light_distance_mm.is_none()
+    }
+
+    /// The same with the directions of the field's centre for all pixels, where `own` says so.
+    pub(super) fn with_own_directions(self, own: bool) -> View {
+        View {
+            own_directions: own,
+            ..self
+        }
+    }
+
+    /// Whether all pixels share their directions: they have the same, or the centre's stand for all.
+    pub(super) fn shares_directions(&self) -> bool {
+        self.is_telecentric() || !self.own_directions
+    }
+
+    /// n and k of the sample's surface.
+    pub(super) fn index(&self) -> (f64, f64) {
+        self.index
+    }
+
+    /// The same with camera and lamp at a distance from a square field, mm.
+    #[cfg(test)]
+    pub(super) fn brought_to(self, distance_mm: f64, field_mm: f64) -> View {
+        View {
+            camera_distance_mm: Some(distance_mm),
+            light_distance_mm: Some(distance_mm),
+            pixel_mm: [field_mm / self.width as f64, field_mm / self.height as f64],
+            ..self
+        }
     }
 
     /// Column and row of the rotation axis.

@@ -1,7 +1,7 @@
 //! What a computation can do without, decided before it starts, as a database plans a query.
 //!
-//! Call [`scene::plan`] for a scene of the tracer, [`series::plan`] for a recorded series. Five decisions,
-//! each in or out, with the reason and what leaving it out may cost: exactly nothing, a bound, or an
+//! Call [`scene::plan`] for a scene of the tracer, [`series::plan`] for the fit of a recorded series; the plan of a map,
+//! which decides the same things pixel by pixel and one more, is made in the room `map`. Five decisions, each in or out, with the reason and what leaving it out may cost: exactly nothing, a bound, or an
 //! estimate from a closed form or a pilot run. Nothing is left out that may cost more than the
 //! tolerance, unless the program has it nowhere; then the reason says so. What is left out takes a path of its own through the program (scalar light is another
 //! type than polarised light), so it leaves no branch behind. It prints nothing and knows no clock.
@@ -10,6 +10,8 @@ pub mod scene;
 pub mod series;
 
 use serde::Serialize;
+
+use crate::model::LeftOut;
 
 /// What can be left out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -25,6 +27,8 @@ pub enum Decision {
     ConeAverage,
     /// Directions of each pixel instead of the centre's.
     PerPixelGeometry,
+    /// Everything but single reflections, at every step of each pixel's fit (maps alone).
+    DearTerms,
 }
 
 impl Decision {
@@ -37,6 +41,7 @@ impl Decision {
             Decision::Layers => "layers",
             Decision::ConeAverage => "cone average",
             Decision::PerPixelGeometry => "per-pixel geometry",
+            Decision::DearTerms => "dear terms",
         }
     }
 }
@@ -79,7 +84,7 @@ pub struct Plan {
     pub tolerance: f64,
     /// What the error is relative to.
     pub quantity: String,
-    /// The five decisions.
+    /// The five decisions; a map has a sixth.
     pub decisions: Vec<Choice>,
     /// Interactions after which light may be given up; null where all count.
     pub interactions_max: Option<u32>,
@@ -91,6 +96,14 @@ impl Plan {
     /// What is left out.
     pub fn left_out(&self) -> impl Iterator<Item = &Choice> {
         self.decisions.iter().filter(|c| !c.included)
+    }
+
+    /// What is left out, in the form of every result.
+    #[must_use]
+    pub fn told(&self) -> Vec<LeftOut> {
+        self.left_out()
+            .map(|c| LeftOut::new(&c.what, &c.why, c.cost))
+            .collect()
     }
 
     /// The decision about something.

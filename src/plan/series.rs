@@ -11,7 +11,7 @@ use crate::model::{Optics, Surface, Variant, cone as cubature, radiance};
 use crate::series::{FrameRow, Manifest};
 
 /// Surfaces over which costs are taken: (θr in degrees, α).
-const SURFACES: [(f64, f64); 4] = [(5.0, 0.05), (10.0, 0.12), (15.0, 0.06), (20.0, 0.2)];
+pub(crate) const SURFACES: [(f64, f64); 4] = [(5.0, 0.05), (10.0, 0.12), (15.0, 0.06), (20.0, 0.2)];
 
 /// Plans the fit of a series before a frame is read; `tolerance` is relative to the brightest radiance.
 #[must_use]
@@ -44,14 +44,7 @@ pub fn over(manifest: &Manifest, poses: &[Pose], surfaces: &[Surface], tolerance
         decisions: vec![
             polarisation(&rig, eta, k, poses, surfaces, tolerance),
             bounces(k),
-            Choice {
-                decision: Decision::Layers,
-                included: false,
-                what: "layers over the sample's surface".to_owned(),
-                why: "the manifest describes one boundary".to_owned(),
-                cost: Some(0.0),
-                basis: Basis::Exact,
-            },
+            layers(),
             cone(&rig, eta, k, poses, surfaces, tolerance),
             pixels(manifest),
         ],
@@ -60,9 +53,21 @@ pub fn over(manifest: &Manifest, poses: &[Pose], surfaces: &[Surface], tolerance
     }
 }
 
+/// What may lie over the surface.
+pub(crate) fn layers() -> Choice {
+    Choice {
+        decision: Decision::Layers,
+        included: false,
+        what: "layers over the sample's surface".to_owned(),
+        why: "the manifest describes one boundary".to_owned(),
+        cost: Some(0.0),
+        basis: Basis::Exact,
+    }
+}
+
 /// Lamp and camera do not polarise, so a single reflection does not depend on it at all; a second one
 /// sees what the first has polarised.
-fn polarisation(
+pub(crate) fn polarisation(
     rig: &RigGeometry,
     eta: f64,
     k: f64,

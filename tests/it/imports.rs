@@ -68,6 +68,7 @@ const RULES: &[(&str, &[&str])] = &[
             "frame",
             "series",
             "reduction",
+            "plan",
         ],
     ),
     (
@@ -83,6 +84,7 @@ const RULES: &[(&str, &[&str])] = &[
             "fit",
             "series",
             "reduction",
+            "map",
         ],
     ),
     (

@@ -1,0 +1,318 @@
+//! What a map can do without, decided within a tolerance: before a frame is read on surfaces as samples have them
+//! ([`plan`]), and in the map itself on the surfaces that most of its pixels look like.
+//!
+//! Everything is in where no tolerance is stated. What is decided by a tolerance shares it: double reflections by
+//! integration, which take most of the time of settling, have the first say, each pixel's own directions the rest. What
+//! no map computes otherwise, whatever the tolerance, is told with its cost.
+
+use super::dear::Dear;
+use super::integrated::Integrated;
+use super::kernel::{Geometry, Parameters, single};
+use super::observe;
+use super::view::View;
+use crate::geometry::{Directions, Pose};
+use crate::model::{Optics, Surface, Variant, left_out, radiance};
+use crate::plan::series::{SURFACES, layers, polarisation};
+use crate::plan::{Basis, Choice, Decision, Plan, TOLERANCE};
+use crate::reduction::FrameSource;
+use crate::units::Angle;
+
+/// Poses at which costs are looked at, at most, before a frame is read.
+const POSES_MAX: usize = 60;
+
+/// Plans the map of a series before a frame is read. Without `target_error` nothing is left out for the sake of time.
+#[must_use]
+pub fn plan(source: &dyn FrameSource, target_error: Option<f64>) -> Plan {
+    let manifest = source.manifest();
+    let view = View::new(manifest);
+    let material = manifest.material();
+    let all = observe::poses(source);
+    let every = all.len().div_ceil(POSES_MAX).max(1);
+    let poses: Vec<Pose> = all.iter().step_by(every).map(|group| group.pose).collect();
+    let centre = |pose: &Pose| view.geometry(*pose, [0.0; 2]);
+    let geometry: Vec<Geometry> = poses.iter().map(centre).collect();
+    let dear = Dear::new(
+        view.rig,
+        material,
+        poses,
+        geometry,
+        1.0,
+        Integrated::default(),
+    );
+    let fifth = if dear.is_amplitude() { 1.0 } else { 0.35 };
+    let surfaces = SURFACES.map(|(theta_r_deg, alpha)| {
+        let theta_r = Angle::from_deg(theta_r_deg).rad();
+        [theta_r, 0.0, alpha.ln(), alpha.ln(), fifth]
+    });
+    decide(&dear, &view, &surfaces, target_error)
+}
+
+/// Decides on given surfaces.
+pub(super) fn decide(
+    dear: &Dear,
+    view: &View,
+    surfaces: &[Parameters],
+    target_error: Option<f64>,
+) -> Plan {
+    let tolerance = target_error.unwrap_or(TOLERANCE);
+    let found: Vec<Surface> = surfaces.iter().map(|p| dear.surface(p)).collect();
+    let (eta, k) = view.index();
+    let turned: Vec<Pose> = match surfaces.first() {
+        Some(p) => dear.turned_poses(p).collect(),
+        None => Vec::new(),
+    };
+    let double = double_reflections(dear, surfaces, target_error);
+    let spent = if double.included { None } else { double.cost };
+    let rest = target_error.map(|all| (all - spent.unwrap_or(0.0)).max(0.0));
+    Plan {
+        tolerance,
+        quantity: "brightest radiance of a pixel".to_owned(),
+        decisions: vec![
+            polarisation(&view.rig, eta, k, &turned, &found, tolerance),
+            double,
+            layers(),
+            cone(view, &found, tolerance),
+            own_directions(dear, view, surfaces, rest),
+            dear_terms(dear, surfaces),
+        ],
+        interactions_max: None,
+        idle_interfaces: Vec::new(),
+    }
+}
+
+/// The largest of some costs; infinite where one is no number.
+fn largest(costs: impl Iterator<Item = f64>) -> f64 {
+    costs.fold(0.0, |most, cost| {
+        if cost.is_nan() {
+            f64::INFINITY
+        } else {
+            f64::max(most, cost)
+        }
+    })
+}
+
+/// Light reflected twice: integrated on the surfaces that pixels look like, or the closed form's.
+fn double_reflections(dear: &Dear, surfaces: &[Parameters], target_error: Option<f64>) -> Choice {
+    let choice = |included: bool, what: &str, why: &str, cost: Option<f64>| Choice {
+        decision: Decision::Bounces,
+        included,
+        what: what.to_owned(),
+        why: why.to_owned(),
+        cost,
+        basis: Basis::Estimate,
+    };
+    const WHAT: &str = "double reflections by integration";
+    let Some(target) = target_error else {
+        return choice(true, WHAT, "no target error was stated", None);
+    };
+    let cost = largest(surfaces.iter().map(|p| dear.share_lacking(p)));
+    if cost <= target {
+        let why = "on the surfaces that pixels look like they change less than the target error";
+        choice(false, WHAT, why, Some(cost))
+    } else {
+        let why = "on the surfaces that pixels look like they change more than the target error";
+        choice(true, WHAT, why, Some(cost))
+    }
+}
+
+/// The closed correction of the lobes' widths is all that a map has, and it takes no time.
+fn cone(view: &View, surfaces: &[Surface], tolerance: f64) -> Choice {
+    let narrowest = surfaces
+        .iter()
+        .map(|s| s.alpha_u.min(s.alpha_v))
+        .fold(f64::MAX, f64::min);
+    let told = left_out::cone_average(&view.rig.cones, narrowest);
+    let why = if told.cost.is_none_or(|cost| cost <= tolerance) {
+        told.why
+    } else {
+        format!("{}; a map has the average nowhere, a fit has it", told.why)
+    };
+    let points = view.rig.cones.reach() <= 0.0;
+    Choice {
+        decision: Decision::ConeAverage,
+        included: false,
+        what: told.what,
+        why,
+        cost: told.cost,
+        basis: if points {
+            Basis::Exact
+        } else {
+            Basis::Estimate
+        },
+    }
+}
+
+/// Directions of each pixel where camera or lamp are near.
+fn own_directions(
+    dear: &Dear,
+    view: &View,
+    surfaces: &[Parameters],
+    allowed: Option<f64>,
+) -> Choice {
+    let choice = |included: bool, why: &str, cost: Option<f64>, basis: Basis| Choice {
+        decision: Decision::PerPixelGeometry,
+        included,
+        what: "each pixel's own directions".to_owned(),
+        why: why.to_owned(),
+        cost,
+        basis,
+    };
+    if view.is_telecentric() {
+        let why = "camera and lamp are far: all pixels have the same directions";
+        return choice(false, why, Some(0.0), Basis::Exact);
+    }
+    let cost = largest(surfaces.iter().map(|p| off_centre(dear, view, p).single));
+    match allowed {
+        None => {
+            let why = "camera or lamp are near, and no target error was stated";
+            choice(true, why, Some(cost), Basis::Estimate)
+        }
+        Some(allowed) if cost <= allowed => {
+            let why = "camera or lamp are near, but over the field a reflection changes less than the target error";
+            choice(false, why, Some(cost), Basis::Estimate)
+        }
+        Some(_) => {
+            let why = "camera or lamp are near: over the field a reflection changes by more than the target error";
+            choice(true, why, Some(cost), Basis::Estimate)
+        }
+    }
+}
+
+/// What the border of the field changes, as shares of the brightest radiance.
+struct OffCentre {
+    /// Of what is reflected once.
+    single: f64,
+    /// Of all the rest.
+    rest: f64,
+}
+
+fn off_centre(dear: &Dear, view: &View, p: &Parameters) -> OffCentre {
+    let surface = dear.surface(p);
+    let (eta, k) = view.index();
+    let optics = Optics {
+        eta,
+        k,
+        theta_l: view.rig.theta_l.rad(),
+        cones: view.rig.cones,
+    };
+    let share = surface.amplitude;
+    // Once reflected, and the rest of the closed form, at a place and a pose of the sample.
+    let at = |pose: &Pose, place: [f64; 2]| {
+        let geometry = view.geometry(*pose, place);
+        let once = share * single(&geometry, p, dear.lamp()).0;
+        let turned = view.geometry(
+            Pose {
+                phi_s: pose.phi_s + Angle::from_rad(p[1]),
+                ..*pose
+            },
+            place,
+        );
+        let directions = Directions {
+            incident: turned.incident().into(),
+            outgoing: turned.outgoing().into(),
+        };
+        (
+            once,
+            radiance(Variant::Sawtooth, &directions, &surface, &optics),
+        )
+    };
+    let (width, height) = (view.width, view.height);
+    let border = [
+        0,
+        width / 2,
+        width - 1,
+        height / 2 * width,
+        (height / 2 + 1) * width - 1,
+        (height - 1) * width,
+        (height - 1) * width + width / 2,
+        height * width - 1,
+    ];
+    let mut peak = f64::MIN_POSITIVE;
+    let (mut off_single, mut off_rest) = (0.0f64, 0.0f64);
+    for pose in dear.poses() {
+        let (once, whole) = at(pose, [0.0; 2]);
+        peak = peak.max(whole);
+        for pixel in border {
+            let (once_there, whole_there) = at(pose, view.place_mm(pixel));
+            off_single = off_single.max((once_there - once).abs());
+            off_rest = off_rest.max(((whole_there - once_there) - (whole - once)).abs());
+        }
+    }
+    OffCentre {
+        single: off_single / peak,
+        rest: off_rest / peak,
+    }
+}
+
+/// What the centre's directions cost in everything but single reflections; see [`super::dear`].
+pub(super) fn centre_for_all(dear: &Dear, view: &View, surfaces: &[Parameters]) -> f64 {
+    largest(surfaces.iter().map(|p| off_centre(dear, view, p).rest))
+}
+
+/// Expansions for everything but single reflections. How often they are taken anew is not for a plan: each pixel's
+/// descent does so while it still moves by a part of its own uncertainty.
+fn dear_terms(dear: &Dear, surfaces: &[Parameters]) -> Choice {
+    Choice {
+        decision: Decision::DearTerms,
+        included: false,
+        what: "the whole closed form at every step of a pixel".to_owned(),
+        why: "but for single reflections it is expanded about nearby surfaces, anew for as long as a pixel's own \
+              descent still moves"
+            .to_owned(),
+        cost: Some(largest(surfaces.iter().map(|p| dear.share_expanded(p)))),
+        basis: Basis::Estimate,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::series::Series;
+
+    fn checker() -> Series {
+        Series::open("tests/data/series/checker".as_ref()).unwrap()
+    }
+
+    #[test]
+    fn everything_is_in_without_a_target_and_what_is_out_with_one_keeps_to_it() {
+        let series = checker();
+        let all = plan(&series, None);
+        assert!(all.on(Decision::Bounces).unwrap().included);
+        for target in [1e-4, 3e-3, 0.5] {
+            let plan = plan(&series, Some(target));
+            assert_eq!(plan.decisions.len(), 6);
+            let decided = [Decision::Bounces, Decision::PerPixelGeometry];
+            let spent: f64 = decided
+                .iter()
+                .filter_map(|d| plan.on(*d).filter(|c| !c.included).and_then(|c| c.cost))
+                .sum();
+            assert!(spent <= target, "{spent} of {target}");
+            let double = plan.on(Decision::Bounces).unwrap();
+            assert_eq!(double.included, double.cost.unwrap() > target, "{double:?}");
+        }
+    }
+
+    #[test]
+    fn a_near_camera_keeps_its_pixels_directions_until_the_field_is_small() {
+        let series = checker();
+        let view = View::new(series.manifest());
+        let decided = |field: f64, target: Option<f64>| {
+            let near = view.clone().brought_to(300.0, field);
+            let poses = vec![Pose::from_deg(-10.0, 0.0), Pose::from_deg(5.0, 40.0)];
+            let geometry = poses.iter().map(|p| near.geometry(*p, [0.0; 2])).collect();
+            let material = series.manifest().material();
+            let none = Integrated::default();
+            let dear = Dear::new(near.rig, material, poses, geometry, 1.0, none);
+            let p = [0.2, 0.0, 0.1f64.ln(), 0.1f64.ln(), 0.3];
+            let plan = decide(&dear, &near, &[p], target);
+            let choice = plan.on(Decision::PerPixelGeometry).unwrap();
+            (choice.included, choice.cost.unwrap())
+        };
+        let (wide, cost) = decided(50.0, Some(0.9e-2));
+        assert!(wide && cost > 0.05, "{cost}");
+        // A field a hundredth as wide changes angles a hundredth as much.
+        let (narrow, less) = decided(0.5, Some(0.9));
+        assert!(!narrow && less < 0.03 * cost, "{less} {cost}");
+        assert!(decided(0.5, None).0);
+    }
+}
