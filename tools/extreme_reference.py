@@ -325,6 +325,9 @@ def write():
         "20 layers of index 1 + 1e-12": [1.0 + 1e-12 * j for j in range(21)],
         "20 layers over a metal": [1.0] + [1.3 if j % 2 else 1.7 for j in range(19)] + [0.3504 + 2.7141j],
         "20 layers over k = 30": [1.0] + [1.3 if j % 2 else 1.7 for j in range(19)] + [1.5 + 30j],
+        "30 layers, growing": [1.0 + 0.03 * j for j in range(31)],
+        "30 layers, alternating": [1.0] + [1.3 if j % 2 else 1.7 for j in range(30)],
+        "30 layers over a metal": [1.0] + [1.3 if j % 2 else 1.7 for j in range(29)] + [0.3504 + 2.7141j],
     }
     for name, indices in layers.items():
         for degrees in (0.0, 45.0, 80.0, 89.999999):

@@ -46,6 +46,19 @@ pub struct Judged {
     pub as_expected: bool,
 }
 
+impl Judged {
+    /// How much of what is allowed the finding is off by; `None` for words and where nothing is allowed.
+    #[must_use]
+    pub fn share(&self) -> Option<f64> {
+        match (&self.expected, &self.found, self.allowed) {
+            (Told::Number(expected), Told::Number(found), Some(allowed)) if allowed > 0.0 => {
+                Some((found - expected).abs() / allowed)
+            }
+            _ => None,
+        }
+    }
+}
+
 fn near(expected: f64, found: f64, allowed: f64) -> Judged {
     Judged {
         expected: Told::Number(expected),
@@ -123,6 +136,13 @@ mod tests {
         assert!(!covered(1.0, 0.1, f64::INFINITY).as_expected);
         assert!(!refused("horizon", &Ok("0.1".to_owned())).as_expected);
         assert!(!refused("horizon", &Err("not finite".to_owned())).as_expected);
+    }
+
+    #[test]
+    fn a_finding_says_how_much_of_its_allowance_it_took() {
+        assert!((covered(1.0, 0.5, 2.0).share().unwrap() - 0.5).abs() < 1e-12);
+        assert_eq!(one_of(&["a"], "a").share(), None);
+        assert!(covered(1.0, 0.5, f64::NAN).share().unwrap().is_nan());
     }
 
     #[test]

@@ -11,6 +11,7 @@ pub mod criterion;
 mod fits;
 mod forms;
 mod frames;
+mod maps;
 mod traced;
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,6 +19,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use serde::Serialize;
 
 use criterion::Judged;
+
+use crate::model::LeftOut;
 
 /// How much time a check may take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,12 +68,33 @@ impl Row {
 /// A part of the table.
 type Part = fn(Effort, &AtomicBool) -> Vec<Row>;
 
-const PARTS: [(&str, Part); 4] = [
+const PARTS: [(&str, Part); 5] = [
     ("closed forms", forms::rows),
     ("tracer", traced::rows),
     ("frames", frames::rows),
     ("fits", fits::rows),
+    ("maps", maps::rows),
 ];
+
+/// What a check of some effort does without.
+#[must_use]
+pub fn left_out(effort: Effort) -> Vec<LeftOut> {
+    match effort {
+        Effort::Full => Vec::new(),
+        Effort::Quick => vec![
+            LeftOut::new(
+                "the fit of a million observations",
+                "--quick: it takes as long as all others together",
+                None,
+            ),
+            LeftOut::new(
+                "most photons and most pixels",
+                "--quick: sampled values are compared within wider standard errors",
+                None,
+            ),
+        ],
+    }
+}
 
 /// Computes all rows; `started` is told the name of each part before it starts and how many parts are
 /// done of how many. Ends early, with the rows so far, once `cancel` is raised.

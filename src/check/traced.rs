@@ -76,8 +76,9 @@ pub(super) fn rows(effort: Effort, cancel: &AtomicBool) -> Vec<Row> {
     let mut rows = Vec::new();
     conserved(&mut rows, photons, cancel);
     smooth_limits(&mut rows, photons, cancel);
-    // A photon that is split at each of twenty layers is worth many, and takes as long as many.
-    stacks(&mut rows, photons.min(2_000), cancel);
+    // A photon that is split at each of thirty layers is worth many, and takes as long as many; of fewer the half per
+    // cent that growing layers reflect may have met none.
+    stacks(&mut rows, photons.min(500), cancel);
     refusals(&mut rows);
     rows
 }
@@ -90,9 +91,15 @@ fn conserved(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
             "[[interface]]\nshape = \"beckmann\"\ncells = 64\nalpha_u = {alpha_u:?}\nalpha_v = {alpha_v:?}\n{below}"
         )
     };
-    let smith = |alpha: f64, below: &str| {
+    let facets = |alpha_u: f64, alpha_v: f64, below: &str| {
         format!(
-            "[[interface]]\nshape = \"smith\"\nalpha_u = {alpha:?}\nalpha_v = {alpha:?}\n{below}"
+            "[[interface]]\nshape = \"smith\"\nalpha_u = {alpha_u:?}\nalpha_v = {alpha_v:?}\n{below}"
+        )
+    };
+    let smith = |alpha: f64, below: &str| facets(alpha, alpha, below);
+    let ridges = |theta_r_deg: f64, below: &str| {
+        format!(
+            "[[interface]]\nshape = \"ridges\"\ntheta_r_deg = {theta_r_deg:?}\npitch_um = 100.0\n{below}"
         )
     };
     let walls = |below: &str| {
@@ -111,6 +118,11 @@ fn conserved(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
             30.0,
         ),
         (
+            "field of alpha_v over alpha_u 1e6",
+            field(1e-6, 1.0, GLASS),
+            30.0,
+        ),
+        (
             "field, lamp 1e-7 degrees above the horizon",
             field(0.3, 0.3, GLASS),
             90.0 - 1e-7,
@@ -119,6 +131,20 @@ fn conserved(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
         ("field of a perfect mirror", field(0.4, 0.4, mirror), 60.0),
         ("facets of alpha 1e3", smith(1e3, GLASS), 30.0),
         ("facets of alpha 1e-6", smith(1e-6, GLASS), 30.0),
+        (
+            "facets of alpha_u over alpha_v 1e6",
+            facets(1.0, 1e-6, GLASS),
+            30.0,
+        ),
+        (
+            "facets of alpha_v over alpha_u 1e6",
+            facets(1e-6, 1.0, GLASS),
+            30.0,
+        ),
+        ("facets of k = 30", smith(0.4, silver), 60.0),
+        ("ridges of 85 degrees, k = 30", ridges(85.0, silver), 30.0),
+        ("ridges of 85 degrees", ridges(85.0, GLASS), 80.0),
+        ("ridges of 1e-6 degrees", ridges(1e-6, GLASS), 30.0),
         (
             "facets, lamp 1e-7 degrees above the horizon",
             smith(0.3, GLASS),
@@ -130,12 +156,13 @@ fn conserved(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
         ("vertical walls, lamp at 89 degrees", walls(GLASS), 89.0),
     ];
     for (name, interfaces, theta) in cases {
-        // Where a ray crosses a million cells before it meets the surface, few must do.
+        // Where a ray crosses a million cells before it meets the surface, few must do; where each of its thousand
+        // bounces does, fewer still.
         let long = theta > 89.9 || name.contains("1e3") || name.contains("walls");
-        let photons = if long {
-            (photons / 200).max(10)
-        } else {
-            photons
+        let photons = match (long, name.contains("field of alpha 1e3")) {
+            (_, true) => (photons / 2_000).max(5),
+            (true, false) => (photons / 200).max(10),
+            (false, false) => photons,
         };
         let found = totals(&scene(theta, &interfaces, photons), cancel);
         let (sum, std) = found.as_ref().map_or((f64::NAN, f64::NAN), |t| {
@@ -214,6 +241,26 @@ fn smooth_limits(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
         let value = found.map_or(f64::NAN, |e| e.transmitted_all.value);
         let name = format!("index 1 below: {}", shape.lines().next().unwrap_or(shape));
         rows.push(Row::new(AREA, name, "T", LIMIT, digits(1.0, 1e3, value)));
+    }
+    // An index step of 1e-12 reflects its square: light goes through, none of it lost, none made.
+    let step = 1.0 + 1e-12;
+    for shape in [
+        "shape = \"beckmann\"\ncells = 64\nalpha_u = 0.4\nalpha_v = 0.4",
+        "shape = \"smith\"\nalpha_u = 0.4\nalpha_v = 0.4",
+        "shape = \"ridges\"\ntheta_r_deg = 20.0\npitch_um = 100.0",
+        "shape = \"flat\"",
+    ] {
+        let interfaces = format!("[[interface]]\n{shape}\nbelow = {{ n = {step:?} }}");
+        let found = energies(&scene(60.0, &interfaces, photons), cancel);
+        let (through, back) = found.map_or((f64::NAN, f64::NAN), |e| {
+            (e.transmitted_all.value, e.reflected_all.value)
+        });
+        let shape = shape.lines().next().unwrap_or(shape);
+        let name = format!("index 1 + 1e-12 below: {shape}");
+        let judged = limit(1.0, step - 1.0, through);
+        rows.push(Row::new(AREA, name.clone(), "T", LIMIT, judged));
+        let judged = limit(0.0, step - 1.0, back);
+        rows.push(Row::new(AREA, name, "R", LIMIT, judged));
     }
 }
 

@@ -1,12 +1,15 @@
 //! `ridged check`: stiff and extreme cases, expected and found.
 
+use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
+use std::time::Instant;
 
 use anyhow::anyhow;
 use serde::Serialize;
 
 use super::{CliError, interrupt};
 use crate::check::{self, Effort, Row};
+use crate::model::LeftOut;
 
 /// Computes stiff and extreme cases and compares them with what is known.
 #[derive(Debug, clap::Args)]
@@ -27,6 +30,11 @@ struct Report<'a> {
     rows: &'a [Row],
     as_expected: usize,
     not_as_expected: usize,
+    /// Largest share of what is allowed that a finding is off by.
+    largest_share_of_allowed: Option<f64>,
+    /// Seconds per part.
+    timing_s: BTreeMap<String, f64>,
+    left_out: Vec<LeftOut>,
     program: String,
 }
 
@@ -42,11 +50,19 @@ pub fn run(args: Args) -> Result<(), CliError> {
         Effort::Full
     };
     let terminal = std::io::stderr().is_terminal();
+    let mut begun: Vec<(String, Instant)> = Vec::new();
     let rows = check::run(effort, &cancel, &mut |name, done, of| {
+        begun.push((name.to_owned(), Instant::now()));
         if terminal {
             eprintln!("{} of {of}: {name}", done + 1);
         }
     });
+    let ends = begun.iter().skip(1).map(|(_, at)| *at);
+    let timing_s = begun
+        .iter()
+        .zip(ends.chain([Instant::now()]))
+        .map(|((name, at), end)| (name.clone(), (end - *at).as_secs_f64()))
+        .collect();
     if cancel.load(std::sync::atomic::Ordering::Relaxed) {
         return Err(CliError::Interrupted);
     }
@@ -54,6 +70,12 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let report = Report {
         as_expected: rows.len() - failed,
         not_as_expected: failed,
+        largest_share_of_allowed: rows
+            .iter()
+            .filter_map(|r| r.judged.share())
+            .reduce(|a, b| if b <= a { a } else { b }),
+        timing_s,
+        left_out: check::left_out(effort),
         rows: &rows,
         program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
     };
@@ -92,9 +114,42 @@ fn print(report: &Report<'_>, json: bool) -> std::io::Result<()> {
         writeln!(out, "\n        found    {}", row.judged.found)?;
     }
     let all = report.rows.len();
+    let seconds: f64 = report.timing_s.values().sum();
     writeln!(
         out,
-        "\n{} of {all} rows are as expected",
+        "\n{} of {all} rows are as expected ({seconds:.1} s)",
         report.as_expected
-    )
+    )?;
+    for left in &report.left_out {
+        writeln!(out, "left out: {} ({})", left.what, left.why)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_report_says_how_wrong_what_it_cost_and_what_it_left_out() {
+        let report = Report {
+            rows: &[],
+            as_expected: 0,
+            not_as_expected: 0,
+            largest_share_of_allowed: Some(0.5),
+            timing_s: BTreeMap::from([("fits".to_owned(), 2.0)]),
+            left_out: check::left_out(Effort::Quick),
+            program: String::new(),
+        };
+        let json = serde_json::to_value(&report).unwrap();
+        assert_eq!(json["largest_share_of_allowed"], 0.5);
+        assert_eq!(json["timing_s"]["fits"], 2.0);
+        let left_out = json["left_out"].as_array().unwrap();
+        assert!(
+            left_out
+                .iter()
+                .all(|l| l["what"].is_string() && l["why"].is_string())
+        );
+        assert!(!left_out.is_empty() && check::left_out(Effort::Full).is_empty());
+    }
 }
