@@ -19,6 +19,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde::Serialize;
 
+use crate::model::LeftOut;
+
 /// How much time the whole may take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effort {
@@ -89,6 +91,19 @@ pub struct Measurements {
     pub rates: Vec<Rate>,
     /// Plans beside everything on.
     pub proofs: Vec<proof::Proof>,
+}
+
+/// What the measurements of some effort do without.
+#[must_use]
+pub fn left_out(effort: Effort) -> Vec<LeftOut> {
+    match effort {
+        Effort::Full => Vec::new(),
+        Effort::Quick => vec![LeftOut::new(
+            "some scenes and most photons",
+            "--quick: the errors are those of shorter runs, further to the left on the same lines",
+            None,
+        )],
+    }
 }
 
 /// Measures everything; `progress` is told what starts, and how much is done of how much. Ends early, with

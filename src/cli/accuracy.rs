@@ -11,6 +11,7 @@ use super::{CliError, interrupt, place};
 use crate::accuracy::proof::{self, Proof};
 use crate::accuracy::{self, Effort, Measurements, Point, page, plot, slope};
 use crate::lab::measured::{ACCURACY_FILE, ACCURACY_FOLDER};
+use crate::model::LeftOut;
 
 /// Measures error against run time on a fixed list of scenes, by every method that applies.
 #[derive(Debug, clap::Args)]
@@ -60,9 +61,16 @@ pub fn run(args: Args) -> Result<(), CliError> {
             eprintln!("{} of {total}: {name} ({left:.0} s left)", done + 1);
         }
     });
-    let machine = machine(started.elapsed().as_secs_f64());
-    write(&out, &found, &machine).map_err(CliError::no_result)?;
-    print(&found, &machine, args.json).map_err(CliError::no_result)?;
+    let seconds = started.elapsed().as_secs_f64();
+    let machine = machine(seconds);
+    let report = Report {
+        machine: &machine,
+        seconds,
+        left_out: accuracy::left_out(effort),
+        found: &found,
+    };
+    write(&out, &report).map_err(CliError::no_result)?;
+    print(&report, args.json).map_err(CliError::no_result)?;
     if cancel.load(std::sync::atomic::Ordering::Relaxed) {
         return Err(CliError::Interrupted);
     }
@@ -73,6 +81,9 @@ pub fn run(args: Args) -> Result<(), CliError> {
 #[derive(Serialize)]
 struct Report<'a> {
     machine: &'a str,
+    /// Seconds of the whole run.
+    seconds: f64,
+    left_out: Vec<LeftOut>,
     #[serde(flatten)]
     found: &'a Measurements,
 }
@@ -118,7 +129,8 @@ fn of<'a>(points: &'a [Point], scene: &str) -> Vec<&'a Point> {
     points.iter().filter(|p| p.scene == scene).collect()
 }
 
-fn write(folder: &Path, found: &Measurements, machine: &str) -> anyhow::Result<()> {
+fn write(folder: &Path, report: &Report<'_>) -> anyhow::Result<()> {
+    let Report { machine, found, .. } = report;
     let path = folder.join("accuracy.csv");
     let failed = || format!("cannot write {}", path.display());
     let mut table = csv::Writer::from_path(&path).with_context(failed)?;
@@ -128,7 +140,7 @@ fn write(folder: &Path, found: &Measurements, machine: &str) -> anyhow::Result<(
     table.flush().with_context(failed)?;
     write_proofs(&folder.join("plans.csv"), &found.proofs)?;
     std::fs::write(folder.join("machine.txt"), format!("{machine}\n"))?;
-    let report = serde_json::to_string(&Report { machine, found })?;
+    let report = serde_json::to_string(report)?;
     // Renamed, so that the daemon never reads half of it.
     let (part, whole) = (folder.join("accuracy.part"), folder.join(ACCURACY_FILE));
     std::fs::write(&part, report)
@@ -239,10 +251,11 @@ pub(super) fn print_proofs(proofs: &[Proof], out: &mut dyn Write) -> std::io::Re
     Ok(())
 }
 
-fn print(found: &Measurements, machine: &str, json: bool) -> std::io::Result<()> {
+fn print(report: &Report<'_>, json: bool) -> std::io::Result<()> {
+    let Report { machine, found, .. } = report;
     let mut out = std::io::stdout().lock();
     if json {
-        serde_json::to_writer_pretty(&mut out, &Report { machine, found })?;
+        serde_json::to_writer_pretty(&mut out, report)?;
         return writeln!(out);
     }
     writeln!(out, "{machine}")?;
@@ -292,4 +305,30 @@ fn print(found: &Measurements, machine: &str, json: bool) -> std::io::Result<()>
         )?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_report_says_what_it_cost_and_what_it_left_out() {
+        let found = Measurements::default();
+        let report = Report {
+            machine: "a machine",
+            seconds: 2.0,
+            left_out: accuracy::left_out(Effort::Quick),
+            found: &found,
+        };
+        let json = serde_json::to_value(&report).unwrap();
+        assert_eq!(json["seconds"], 2.0);
+        assert!(json["points"].is_array() && json["forecasts"].is_array());
+        let left_out = json["left_out"].as_array().unwrap();
+        assert!(
+            left_out
+                .iter()
+                .all(|l| l["what"].is_string() && l["why"].is_string())
+        );
+        assert!(!left_out.is_empty() && accuracy::left_out(Effort::Full).is_empty());
+    }
 }

@@ -3,7 +3,7 @@
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use serde_json::{Value, json};
@@ -120,6 +120,7 @@ async fn listen(port: Option<u16>) -> Result<tokio::net::TcpListener, CliError> 
 
 /// Scans, fits, and puts the truth beside it.
 async fn show(daemon: &Daemon, args: &Args) -> Result<Value, CliError> {
+    let started = Instant::now();
     let lab = &daemon.lab;
     let after = lab
         .store()
@@ -154,7 +155,13 @@ async fn show(daemon: &Daemon, args: &Args) -> Result<Value, CliError> {
         "azimuth_offset_deg": args.azimuth_offset_deg,
         "tilt_offset_deg": args.tilt_offset_deg,
     });
-    let shown = json!({ "truth": truth, "fit": fit, "scan_id": scan.id });
+    let shown = json!({
+        "truth": truth,
+        "left_out": fit["left_out"],
+        "fit": fit,
+        "scan_id": scan.id,
+        "seconds": started.elapsed().as_secs_f64(),
+    });
     Ok(with_times(shown, lab.run_end(scan.id)))
 }
 

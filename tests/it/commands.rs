@@ -407,6 +407,9 @@ fn the_demo_prints_the_truth_beside_the_fit() {
         .unwrap();
     assert!(demo.wait().unwrap().success());
     let shown: Value = serde_json::from_str(&text).unwrap();
+    // What it cost, and what was left out, stand where every command has them.
+    assert!(shown["seconds"].as_f64().unwrap() > 0.0);
+    assert!(!shown["left_out"].as_array().unwrap().is_empty());
     for key in [
         "theta_r_deg",
         "alpha_u",

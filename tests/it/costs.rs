@@ -30,6 +30,15 @@ const ANSWERS: &[(&[&str], &str)] = &[
         "/parameters/theta_r_deg/expanded",
     ),
     (
+        &["fit", "SERIES/paper-rig-full", "SERIES/paper-rig-full"],
+        "/parameters/theta_r_deg/expanded",
+    ),
+    (
+        &["map", "SERIES/paper-rig-full", "--out", "map"],
+        "/parameters/theta_r_deg/std_median",
+    ),
+    (&["explain", "SERIES/paper-rig-full", "--map"], "/tolerance"),
+    (
         &["judge", "SERIES/paper-rig-full", "--spec", "SPEC"],
         "/items/0/expanded",
     ),
