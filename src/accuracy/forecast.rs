@@ -20,7 +20,7 @@ use crate::observation::ObservationSet;
 use crate::reduction::{FrameReadError, FrameSource, reduce};
 use crate::series::{FrameRow, Manifest};
 use crate::trace::ridged::RadianceOptions;
-use crate::trace::run::{Shard, trace_photons};
+use crate::trace::run::{Shard, trace_few, trace_photons};
 use crate::trace::scene::Prepared;
 
 /// Share of the run that the larger of the two short runs takes.
@@ -28,6 +28,9 @@ const SHARE: u64 = 32;
 
 /// The same of a third run, where the start takes most of the time of both.
 const LONGER_SHARE: u64 = 8;
+
+/// Photons of two runs so short that they do without the start of a longer one.
+const FEW: (u64, u64) = (16, 512);
 
 /// What a forecast itself may take.
 #[derive(Debug, Clone, Copy)]
@@ -57,6 +60,11 @@ pub fn of_run(
     target_error: Option<f64>,
     patience: Patience<'_>,
 ) -> Option<Forecast> {
+    if patience.cancel.load(Ordering::Relaxed) || patience.seconds <= 0.0 {
+        return None;
+    }
+    // What a surface computes once and keeps is no part of the run that follows.
+    drop(trace_few(prepared, FEW.0.min(prepared.photons)));
     let large = (prepared.photons / SHARE)
         .clamp(1_000, 500_000)
         .min(prepared.photons);
@@ -84,7 +92,14 @@ pub fn of_run(
         let seconds = again.map_or(first.seconds, |again| again.seconds.min(first.seconds));
         Some(Trial { seconds, ..first })
     };
-    let little = better(small)?;
+    let Some(little) = better(small) else {
+        return of_slow_start(
+            prepared,
+            begun.elapsed().as_secs_f64(),
+            target_error,
+            patience,
+        );
+    };
     let more = better(large).filter(|more| more.photons > little.photons);
     let known = more.unwrap_or(little);
     // Where the start costs more than the photons a small difference would be magnified: a longer run tells.
@@ -102,10 +117,64 @@ pub fn of_run(
         little.seconds / little.photons as f64
     };
     let start = (upper.seconds - per_photon * upper.photons as f64).max(0.0);
+    let (photons, error) = until_target(prepared, &known, target_error);
+    Some(Forecast {
+        at_most: upper.photons == little.photons,
+        ..Forecast::about(start + per_photon * photons as f64)
+            .for_work(photons, "photons")
+            .to_error(error, "a reflected bin")
+    })
+}
+
+/// The same where patience ended before the start of a run was over, after `start_s`: a few photons without it tell what
+/// one costs.
+fn of_slow_start(
+    prepared: &Prepared,
+    start_s: f64,
+    target_error: Option<f64>,
+    patience: Patience<'_>,
+) -> Option<Forecast> {
+    if patience.cancel.load(Ordering::Relaxed) {
+        return None;
+    }
+    let timed = |photons: u64| {
+        let started = Instant::now();
+        let totals = trace_few(prepared, photons.min(prepared.photons));
+        Trial {
+            photons: totals.photons(),
+            seconds: started.elapsed().as_secs_f64(),
+            error: totals.relative_error(),
+        }
+    };
+    let little = timed(FEW.0);
+    // Photons so dear that a few take as long as there is patience say enough.
+    let more = if little.seconds < patience.seconds {
+        timed(FEW.1)
+    } else {
+        little
+    };
+    let per_photon = if more.photons > little.photons {
+        ((more.seconds - little.seconds) / (more.photons - little.photons) as f64).max(0.0)
+    } else {
+        more.seconds / more.photons.max(1) as f64
+    };
+    let (photons, error) = until_target(prepared, &more, target_error);
+    Some(
+        Forecast::about(start_s + per_photon * photons as f64)
+            .for_work(photons, "photons")
+            .to_error(error, "a reflected bin"),
+    )
+}
+
+/// Photons after which a run stops, and its error by then, from a shorter one.
+fn until_target(
+    prepared: &Prepared,
+    known: &Trial,
+    target_error: Option<f64>,
+) -> (u64, Option<f64>) {
     let photons = match (target_error, known.error) {
         (Some(target), Some(error)) => {
             let needed = known.photons as f64 * (error / target).powi(2);
-            // Blocks are whole: a run ends at the first one whose error is small enough.
             (needed as u64).clamp(1, prepared.photons)
         }
         _ => prepared.photons,
@@ -113,12 +182,7 @@ pub fn of_run(
     let error = known
         .error
         .map(|e| e * (known.photons as f64 / photons as f64).sqrt());
-    Some(Forecast {
-        at_most: upper.photons == little.photons,
-        ..Forecast::about(start + per_photon * photons as f64)
-            .for_work(photons, "photons")
-            .to_error(error, "a reflected bin")
-    })
+    (photons, error)
 }
 
 /// Of so many poses one is read.

@@ -1,5 +1,5 @@
 //! How long a map will take, told before it starts: some of its poses are read, pixels of a surface as samples
-//! have it are fitted at all of them, and one sheet is drawn.
+//! have it are fitted at all of them, double reflections of one are integrated, and one sheet is drawn.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -32,6 +32,12 @@ const PIXELS: usize = 128;
 const SETTLING: (f64, f64) = (25.0, 2048.0);
 /// Descents per pixel of a map: noise and edges take longer than a clean surface.
 const DESCENTS: f64 = 2.0;
+/// Surfaces on which double reflections are integrated: those that most pixels look like, twice,
+const INTEGRALS: f64 = 4.0;
+/// and where a target error asks first whether they are worth it.
+const PROBES: f64 = 2.0;
+/// Times that a short piece of work is repeated, so that other work on the machine decides little.
+const REPEATED: usize = 5;
 /// Sheets that a map draws.
 const SHEETS: f64 = 12.0;
 
@@ -100,11 +106,20 @@ pub fn of_map(
     };
     // The first call makes cells that later ones find.
     std::hint::black_box(again());
-    let started = Instant::now();
-    std::hint::black_box(again());
-    let per_pixel = started.elapsed().as_secs_f64() / PIXELS as f64;
+    let per_pixel = usual_seconds(|| {
+        std::hint::black_box(again());
+    }) / PIXELS as f64;
     let threads = rayon::current_num_threads().max(1) as f64;
-    let settle_s = SETTLING.0 * SETTLING.1.min(pixels as f64) * per_pixel;
+    let started = Instant::now();
+    let lacking = fitter.lacking(&truth);
+    let integral_s = started.elapsed().as_secs_f64();
+    let share = lacking.iter().fold(0.0, |most: f64, x| most.max(x.abs())) / brightest;
+    let integrals = match options.target_error {
+        None => INTEGRALS,
+        Some(target) if share <= target => PROBES,
+        Some(_) => PROBES + INTEGRALS,
+    };
+    let settle_s = SETTLING.0 * SETTLING.1.min(pixels as f64) * per_pixel + integrals * integral_s;
     let fit_s = DESCENTS * pixels as f64 * per_pixel / threads;
     let write_s = SHEETS * map::write::seconds_of_a_sheet(manifest)? / threads;
     let told = Forecast::of_parts([
@@ -120,6 +135,19 @@ pub fn of_map(
             .to_error(options.target_error, "what may be left out of the physics")
             .within(limit),
     )
+}
+
+/// Median of the seconds that some work takes.
+fn usual_seconds(work: impl Fn()) -> f64 {
+    let mut seconds: Vec<f64> = (0..REPEATED)
+        .map(|_| {
+            let started = Instant::now();
+            work();
+            started.elapsed().as_secs_f64()
+        })
+        .collect();
+    seconds.sort_by(f64::total_cmp);
+    seconds[REPEATED / 2]
 }
 
 #[cfg(test)]

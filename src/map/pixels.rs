@@ -91,6 +91,13 @@ impl PixelFitter {
         self.dear.full(values)
     }
 
+    /// What the closed form lacks of integrated double reflections at a pixel's parameters, one radiance per pose:
+    /// the dearest step of settling a map.
+    #[must_use]
+    pub fn lacking(&self, values: &[f64; FREE]) -> Vec<f64> {
+        self.dear.lacking(values)
+    }
+
     /// Fits pixels from `starts`, one each. `signal` and `sigma` are `[pixel][pose]`, σ = 0 masks;
     /// the dear terms are taken anew `refreshes` times within a descent, and besides where the few of many
     /// observations that show the way have shown it.

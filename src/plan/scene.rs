@@ -499,4 +499,30 @@ mod tests {
             "{plan:?}"
         );
     }
+
+    #[test]
+    fn layers_over_a_metal_keep_polarisation_where_the_run_would_notice() {
+        // Splitting light at every layer tells the reflected share far better than the number of photons says.
+        let flat = |below: &str| format!("[[interface]]\nshape = \"flat\"\nbelow = {below}\n");
+        let layers: String = (0..29)
+            .map(|j| {
+                flat(if j % 2 == 0 {
+                    "{ n = 1.7 }"
+                } else {
+                    "{ n = 1.3 }"
+                })
+            })
+            .collect();
+        let metal = flat("{ n = 0.3504, k = 2.7141 }");
+        let text = format!(
+            "[light]\ntheta_i_deg = 45.0\n{layers}{metal}[run]\nphotons = 2000\nseed = 7\n"
+        );
+        let wish = Wish {
+            photons: Some(2000),
+            ..ENERGY
+        };
+        let plan = planned(&text, &wish);
+        let choice = plan.on(Decision::Polarisation).unwrap();
+        assert!(choice.cost.unwrap() > 2e-3 && choice.included, "{plan:?}");
+    }
 }
