@@ -59,6 +59,9 @@ struct Args {
     /// Tells of every case that is not as it should be.
     #[arg(long)]
     verbose: bool,
+    /// Let the fits look for a misfit of the model, as those of real samples do.
+    #[arg(long)]
+    misfit: bool,
     /// Given by cargo.
     #[arg(long)]
     bench: bool,
@@ -116,7 +119,7 @@ fn run(stratum: Stratum, args: &Args) -> bool {
     let outcomes: Vec<Outcome> = seeds
         .into_par_iter()
         .map(|seed| {
-            let outcome = one(stratum, seed, args.crowd);
+            let outcome = one(stratum, seed, args);
             let n = done.fetch_add(1, Ordering::Relaxed) + 1;
             if let Ok(mut last) = last.try_lock()
                 && last.elapsed() > Duration::from_secs(10)
@@ -202,17 +205,17 @@ impl Outcome {
     }
 }
 
-fn one(stratum: Stratum, seed: u64, crowd: usize) -> Outcome {
+fn one(stratum: Stratum, seed: u64, args: &Args) -> Outcome {
     let case = draw::case(stratum, seed);
     let cancel = AtomicBool::new(false);
     let options = FitOptions {
-        misfit: false,
+        misfit: args.misfit,
         ..FitOptions::default()
     };
     let begun = Instant::now();
     let fitted = estimate(&case.set, case.variant, &options, None, &cancel);
     let took = begun.elapsed();
-    let (best, best_values) = judge::best_of(&case, stratum, crowd, seed);
+    let (best, best_values) = judge::best_of(&case, stratum, args.crowd, seed);
     let Some(e) = fitted else {
         return Outcome {
             seed,
@@ -397,13 +400,20 @@ fn report(outcomes: &[Outcome], verbose: bool) {
         times[n - 1]
     );
     if verbose {
+        let slow = Duration::from_secs_f64(times[n * 99 / 100] / 1e3);
         for o in outcomes {
             let late = !o.at_minimum();
             let far = o.pulls.iter().any(|p| p.1.abs() > 3.0);
-            if late || far || !o.null_with_std.is_empty() {
+            if late || far || !o.null_with_std.is_empty() || o.took >= slow {
                 println!(
-                    "case {} excess {:.4e} {:?} identifiable {} nulls {:?}\n    {}",
-                    o.seed, o.excess, o.status, o.identifiable, o.null_with_std, o.story
+                    "case {} excess {:.4e} {:?} identifiable {} nulls {:?} took {:.2} s\n    {}",
+                    o.seed,
+                    o.excess,
+                    o.status,
+                    o.identifiable,
+                    o.null_with_std,
+                    o.took.as_secs_f64(),
+                    o.story
                 );
             }
         }

@@ -12,8 +12,9 @@
 //! - *background*: what the prior leaves open of the stray light;
 //! - *model*: what the closed form misses. Its errors are smooth over the poses, so the scatter of
 //!   the residuals taken as independent would understate them: whole tilts and whole azimuths are
-//!   left out in turn (a grouped jackknife, which keeps the correlation within a group); both, the
-//!   independent part and a share of what the dearer tier changed combine in quadrature;
+//!   left out in turn (a grouped jackknife, which keeps the correlation within a group; of what a group
+//!   alone can tell its halves are left out, and so on); both, the independent part and a share of what
+//!   the dearer tier changed combine in quadrature;
 //! - *tracer*: the standard errors of traced radiances, independent. With the tracer nothing of the
 //!   geometry is left out: instead of a share of a tier's shift the last step of the passes stands in
 //!   `model`, and the distance from the `sawtooth` estimate, since light under rough facets is
@@ -25,25 +26,21 @@
 //! and the reference's certificate is not for a model to revise. Neither is fitted.
 //!
 //! *Conditioning.* K is the covariance times Jᵀ: in the weakest direction that counts (1e-10 of the strongest) that is
-//! right to 1e-6, as the covariance itself is, and null directions are not in it. What is left out in turn is
-//! solved from triangles put together by QR, never by taking sums of squares away from each other, which would cancel
-//! where one group holds nearly all the weight. Lines of the budget are added as squares of standard uncertainties in
-//! the solver's units (radians, logarithms, shares), far from either end of the doubles.
+//! right to 1e-6, as the covariance itself is, and null directions are not in it. Lines of the budget are added as
+//! squares of standard uncertainties in the solver's units (radians, logarithms, shares), far from either end of the doubles.
 
-use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::DMatrix;
 
 use super::covariance::{Covariance, Scaling, covariance};
 use super::estimate::Estimate;
+use super::jackknife;
 use super::known::{drift_std, reference_std};
-use super::least_squares::solve_upper;
 use super::problem::{Problem, Quantity, Values};
 use super::profile::profile;
 use super::report::COVERAGE_FACTOR;
 use super::solver::Minimum;
-use super::thin::triangle;
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 use crate::units::Angle;
@@ -207,7 +204,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
         .iter()
         .map(|p| Shared::new(&p.estimate.problem, &p.estimate.values))
         .collect();
-    let (by_group, model_freedom) = left_out(parts, jacobian, residuals);
+    let (by_group, model_freedom) = jackknife::left_out(parts, jacobian, residuals);
     let sets = || parts.iter().map(|p| p.estimate.problem.set());
     let alike = |same: &dyn Fn(&ObservationSet, &ObservationSet) -> bool| -> bool {
         sets().zip(sets().skip(1)).all(|(a, b)| same(a, b))
@@ -428,102 +425,6 @@ impl Shared {
 fn pseudo_inverse(jacobian: &[f64], covariance: &Covariance, m: usize, n: usize) -> DMatrix<f64> {
     let j = DMatrix::from_column_slice(m, n, jacobian);
     &covariance.matrix * j.transpose()
-}
-
-/// Standard uncertainty of each free parameter from leaving out whole tilts, whole azimuths and (from
-/// three on) whole scans, all in quadrature, with the least degrees of freedom.
-fn left_out(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f64]) -> (Vec<f64>, f64) {
-    let m = residuals.len();
-    let n = jacobian.len() / m.max(1);
-    let tenth = |deg: f64| (deg * 10.0).round() as i64;
-    // None where a row is no observation of the sample.
-    let mut labels = vec![vec![None; m]; 3];
-    let mut first = 0;
-    for (scan, part) in parts.iter().enumerate() {
-        let set = part.estimate.problem.set();
-        for (i, o) in set.observations.iter().enumerate() {
-            labels[0][first + i] = Some(tenth(o.pose.theta_c.deg()));
-            labels[1][first + i] = Some(tenth(o.pose.phi_s.deg()).rem_euclid(3600));
-            labels[2][first + i] = Some(scan as i64);
-        }
-        first += part.estimate.problem.residual_count();
-    }
-    let mut largest = vec![0.0_f64; n];
-    let mut freedom = f64::INFINITY;
-    for labels in labels {
-        let mut groups: BTreeMap<Option<i64>, Vec<usize>> = BTreeMap::new();
-        for (row, label) in labels.iter().enumerate() {
-            groups.entry(*label).or_default().push(row);
-        }
-        let always = groups.remove(&None).unwrap_or_default();
-        let count = groups.len() as f64;
-        if count < 3.0 {
-            continue;
-        }
-        let groups: Vec<Vec<usize>> = groups.into_values().collect();
-        let mut sums = vec![0.0; n];
-        let mut solved = 0.0;
-        for step in steps_without(jacobian, residuals, &groups, &always) {
-            for (sum, p) in sums.iter_mut().zip(&step) {
-                *sum += p * p;
-            }
-            solved += 1.0;
-        }
-        if solved < 3.0 {
-            continue;
-        }
-        for (all, sum) in largest.iter_mut().zip(&sums) {
-            *all = all.hypot(((count - 1.0) / solved * sum).sqrt());
-        }
-        freedom = freedom.min(solved - 1.0);
-    }
-    (largest, freedom)
-}
-
-/// Gauss–Newton steps from the minimum of all, each without one of the groups of rows; none where the
-/// others do not determine it. Each group is reduced to a triangle once, and what stands before and what
-/// stands behind a group to one each, so the rows are read once however many groups there are.
-fn steps_without(
-    jacobian: &[f64],
-    residuals: &[f64],
-    groups: &[Vec<usize>],
-    always: &[usize],
-) -> Vec<Vec<f64>> {
-    let m = residuals.len();
-    let n = jacobian.len() / m.max(1);
-    let of_rows = |rows: &[usize]| -> Vec<f64> {
-        let height = rows.len().max(n + 1);
-        let mut a = vec![0.0; height * (n + 1)];
-        for (i, row) in rows.iter().enumerate() {
-            for j in 0..n {
-                a[i + j * height] = jacobian[row + j * m];
-            }
-            a[i + n * height] = -residuals[*row];
-        }
-        triangle(a, height, n + 1)
-    };
-    let both = |upper: &[f64], lower: &[f64]| -> Vec<f64> {
-        let columns = upper.chunks(n + 1).zip(lower.chunks(n + 1));
-        let a = columns.flat_map(|(u, l)| u.iter().chain(l).copied());
-        triangle(a.collect(), 2 * (n + 1), n + 1)
-    };
-    let own: Vec<Vec<f64>> = groups.iter().map(|rows| of_rows(rows)).collect();
-    let mut behind = vec![vec![0.0; (n + 1) * (n + 1)]; groups.len() + 1];
-    for k in (0..groups.len()).rev() {
-        behind[k] = both(&own[k], &behind[k + 1]);
-    }
-    let all: usize = groups.iter().map(Vec::len).sum();
-    let mut before = of_rows(always);
-    let mut steps = Vec::with_capacity(groups.len());
-    for (k, rows) in groups.iter().enumerate() {
-        let others = both(&before, &behind[k + 1]);
-        let mut step = others[n * (n + 1)..][..n].to_vec();
-        if all - rows.len() + always.len() > n && solve_upper(&others, n + 1, n, &mut step) {
-            steps.push(step);
-        }
-        before = both(&before, &own[k]);
-    }
-    steps
 }
 
 /// The free parameters that a null direction ties together, by name; largest part first.

@@ -3,14 +3,14 @@
 //! Call [`estimate`]. How far the model may miss, and so the weights, is `misfit`'s; that they fit what they are
 //! computed from is `settle`'s.
 
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::known::certified;
 use super::misfit::{
     LIKELY, RARE, chance, explained, flat_sigma, lightened, loss_weights, misfit_scale, peak,
 };
 use super::problem::{Problem, Quantity, Values};
-use super::search::{Effort, Search, StartReport};
+use super::search::{Effort, Search, StartReport, determined};
 use super::settle::{Settled, Weighing, with_tier};
 use super::solver::{Ending, Minimum, Settings};
 use super::thin::{self, Thinned};
@@ -36,6 +36,9 @@ const FEW_IN_LOBE: usize = 12;
 const THOROUGH_ROUNDS: usize = 3;
 /// The same where no end describes the data.
 const PATIENT_ROUNDS: usize = 8;
+/// How many times smaller a misfit is that makes another end of the search the better one.
+const FAR_LESS: f64 = 4.0;
+
 /// A fitted variant.
 #[derive(Debug, Clone)]
 pub struct Estimate<'a> {
@@ -288,13 +291,9 @@ pub(super) fn whole<'a>(
         search.persist(&problem);
     }
     search.follow(&problem);
-    let minimum = search.best()?.clone();
-    let starts = search.report();
-    let candidates = search.rivals(RIVAL_RISE);
-    let mut narrow: Vec<Minimum> = Vec::new();
     let mut settled = Settled {
+        minimum: search.best()?.clone(),
         problem,
-        minimum,
         discrepancy: if options.misfit {
             FIRST_DISCREPANCY
         } else {
@@ -302,6 +301,12 @@ pub(super) fn whole<'a>(
         },
     };
     settled.settle(&weighing);
+    if options.misfit {
+        settled = with_less_misfit(settled, &mut search, &weighing);
+    }
+    let starts = search.report();
+    let candidates = search.rivals(RIVAL_RISE);
+    let mut narrow: Vec<Minimum> = Vec::new();
     if options.misfit && tier.is_some() && in_lobe(&settled) <= FEW_IN_LOBE {
         narrow = search.look_again(&settled.problem, &settled.minimum);
     }
@@ -350,6 +355,48 @@ pub(super) fn whole<'a>(
         tier_left_out,
     };
     Some(conclude(reached, variant, &weighing))
+}
+
+/// A surface that describes the data with no misfit, or far less of it, if there is one.
+///
+/// The weights of the first search forgive every end a few per cent of the peak. Where few poses meet the
+/// lobe that is enough for surfaces far from the true one, so ends are looked for that need less. Once noise
+/// alone explains the data, and they leave the surface open, the deepest of the many minima counts.
+fn with_less_misfit<'a>(
+    mut settled: Settled<'a>,
+    search: &mut Search<'_>,
+    weighing: &Weighing<'_>,
+) -> Settled<'a> {
+    let cancel = weighing.cancel;
+    for _ in 0..THOROUGH_ROUNDS {
+        if settled.discrepancy == 0.0 || cancel.load(Ordering::Relaxed) {
+            break;
+        }
+        if !determined(&settled.problem, &settled.minimum) {
+            search.look_hard();
+        }
+        let less = settled.discrepancy / FAR_LESS;
+        let mut demanding = settled.clone();
+        demanding.problem = demanding.problem.with_sigma(weighing.sigma(less));
+        demanding.minimum = demanding.again(&settled.minimum.parameters, cancel);
+        let ends = search.look_again(&demanding.problem, &demanding.minimum);
+        let better = ends.into_iter().find_map(|end| {
+            let mut other = settled.clone();
+            other.minimum = other.again(&end.parameters, cancel);
+            other.settle(weighing);
+            (other.minimum.ending != Ending::NotFinite && other.discrepancy < less).then_some(other)
+        });
+        match better {
+            Some(other) => settled = other,
+            None => break,
+        }
+    }
+    if settled.discrepancy == 0.0 && !determined(&settled.problem, &settled.minimum) {
+        search.noise_alone(&settled);
+        search.persist(&settled.problem);
+        settled.minimum = search.best().cloned().unwrap_or(settled.minimum);
+    }
+    settled
 }
 
 /// Where a search and the descents after it have come to.

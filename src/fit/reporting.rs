@@ -3,6 +3,8 @@
 //! Call [`report_of`], or [`report_with`] where the uncertainties are known already. Which variant to report on,
 //! and how they compare, is decided in [`super::variants`].
 
+use nalgebra::DVector;
+
 use super::budget::{Budget, Uncertainty, tied, uncertainty};
 use super::estimate::Estimate;
 use super::known::{drift_std, reference_std};
@@ -28,9 +30,22 @@ pub(super) fn program() -> String {
     concat!("ridged ", env!("CARGO_PKG_VERSION")).to_owned()
 }
 
+/// Fall of the cost that a further step promises, up to which an end lies at the bottom: a thousandth of a standard
+/// uncertainty away.
+const AT_BOTTOM: f64 = 1e-6;
+
 pub(super) fn status(e: &Estimate<'_>, uncertainty: &Uncertainty) -> Status {
     use super::solver::Ending;
-    match e.minimum.ending {
+    let ending = match e.minimum.ending {
+        // In a flat valley the cost stops falling before the steps are short.
+        Ending::ConvergedByCost | Ending::Stalled | Ending::MaxIterations
+            if promised(&e.minimum, uncertainty) <= AT_BOTTOM =>
+        {
+            Ending::ConvergedByGradient
+        }
+        ending => ending,
+    };
+    match ending {
         Ending::Cancelled => Status::Cancelled,
         Ending::NotFinite => Status::NotFinite,
         _ if !uncertainty.covariance.null_directions.is_empty() => Status::RankDeficient,
@@ -43,6 +58,19 @@ pub(super) fn status(e: &Estimate<'_>, uncertainty: &Uncertainty) -> Status {
         Ending::ConvergedByStep | Ending::ConvergedByGradient => Status::Converged,
         Ending::ConvergedByCost | Ending::Stalled | Ending::MaxIterations => Status::Stalled,
     }
+}
+
+/// How far the cost falls by one more step, by the derivatives at an end: gᵀ C g.
+fn promised(end: &Minimum, uncertainty: &Uncertainty) -> f64 {
+    let (m, n) = (end.residuals.len(), end.parameters.len());
+    let covariance = &uncertainty.covariance.matrix;
+    if end.jacobian.len() != m * n || covariance.nrows() != n {
+        return f64::INFINITY;
+    }
+    let columns = end.jacobian.chunks_exact(m.max(1));
+    let along = |column: &[f64]| column.iter().zip(&end.residuals).map(|(j, r)| j * r).sum();
+    let gradient = DVector::from_iterator(n, columns.map(along));
+    gradient.dot(&(covariance * &gradient))
 }
 
 /// Whether ridge angle or roughness is as good as unknown: an open direction by any other name.

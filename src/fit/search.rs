@@ -18,6 +18,7 @@ use super::crew::{End, descend_together};
 use super::problem::{Problem, Values};
 use super::projection::Projected;
 use super::quantity::Quantity;
+use super::settle::Settled;
 use super::solver::{Ending, Minimum, Settings, minimise};
 use super::start::{distance, starts};
 
@@ -295,6 +296,18 @@ impl<'p> Search<'p> {
         self.runs.extend(ends);
     }
 
+    /// Looks at more candidates from here on.
+    pub(super) fn look_hard(&mut self) {
+        self.effort = Effort::NOISE;
+    }
+
+    /// Goes on from an end that leaves no misfit: from here on noise alone tells minima apart.
+    pub(super) fn noise_alone(&mut self, settled: &Settled<'_>) {
+        self.look_hard();
+        self.carry_over(&settled.problem, &settled.problem);
+        self.runs.push(settled.minimum.clone());
+    }
+
     /// Rounds on end where the data leave the surface open: there minima are many, and the deepest is found
     /// by looking on until [`CALM`] rounds in a row find none deeper.
     pub(super) fn persist(&mut self, problem: &Problem<'_>) {
@@ -498,7 +511,7 @@ fn over_shapes(
 }
 
 /// Whether the data determine the surface near an end.
-fn determined(problem: &Problem<'_>, end: &Minimum) -> bool {
+pub(super) fn determined(problem: &Problem<'_>, end: &Minimum) -> bool {
     let rows = problem.residual_count();
     if end.jacobian.len() != rows * problem.free().len() {
         return false;

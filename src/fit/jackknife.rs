@@ -1,0 +1,286 @@
+//! How far an estimate moves when whole tilts, azimuths or scans are left out.
+//!
+//! What a model misses is smooth over the poses, so its errors are alike within a tilt or an azimuth, and residuals
+//! taken as independent would understate what they do. A jackknife over groups keeps that. Call [`left_out`]. It
+//! takes the estimate as linear in the data and knows nothing of where they come from.
+//!
+//! *Conditioning.* What is left out in turn is solved from triangles put together by QR, never by taking sums of
+//! squares away from each other, which would cancel where one group holds nearly all the weight; and in directions
+//! scaled to the information of all rows, in which the singular values of what stays are its shares, from 0 to 1.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::budget::Part;
+use super::covariance::RANK_TOLERANCE;
+use super::thin::triangle;
+
+/// Standard uncertainty of each free parameter from leaving out whole tilts, whole azimuths and (from
+/// three on) whole scans, all in quadrature, with the least degrees of freedom.
+pub(super) fn left_out(
+    parts: &[Part<'_, '_>],
+    jacobian: &[f64],
+    residuals: &[f64],
+) -> (Vec<f64>, f64) {
+    let m = residuals.len();
+    let n = jacobian.len() / m.max(1);
+    let tenth = |deg: f64| (deg * 10.0).round() as i64;
+    // None where a row is no observation of the sample.
+    let mut labels = vec![vec![None; m]; 3];
+    let mut first = 0;
+    for (scan, part) in parts.iter().enumerate() {
+        let set = part.estimate.problem.set();
+        for (i, o) in set.observations.iter().enumerate() {
+            labels[0][first + i] = Some(tenth(o.pose.theta_c.deg()));
+            labels[1][first + i] = Some(tenth(o.pose.phi_s.deg()).rem_euclid(3600));
+            labels[2][first + i] = Some(scan as i64);
+        }
+        first += part.estimate.problem.residual_count();
+    }
+    let mut largest = vec![0.0_f64; n];
+    let mut freedom = f64::INFINITY;
+    for (axis, labels_of) in labels.iter().enumerate() {
+        let mut groups: BTreeMap<Option<i64>, Vec<usize>> = BTreeMap::new();
+        for (row, label) in labels_of.iter().enumerate() {
+            groups.entry(*label).or_default().push(row);
+        }
+        let always = groups.remove(&None).unwrap_or_default();
+        let count = groups.len() as f64;
+        if count < 3.0 {
+            continue;
+        }
+        let mut groups: Vec<Vec<usize>> = groups.into_values().collect();
+        let across = &labels[usize::from(axis == 0)];
+        for group in &mut groups {
+            group.sort_by_key(|row| across[*row]);
+        }
+        let mut sums = vec![0.0; n];
+        for step in steps_without(jacobian, residuals, &groups, &always) {
+            for (sum, p) in sums.iter_mut().zip(&step) {
+                *sum += p * p;
+            }
+        }
+        for (all, sum) in largest.iter_mut().zip(&sums) {
+            *all = all.hypot(((count - 1.0) / count * sum).sqrt());
+        }
+        freedom = freedom.min(count - 1.0);
+    }
+    (largest, freedom)
+}
+
+/// Least share of a direction's information that must stay for a step along it to say anything: what little is
+/// left would be magnified beyond what it means.
+const STAYS: f64 = 0.25;
+
+/// Gauss–Newton steps from the minimum of all, each without one of the groups of rows. Along directions that the
+/// others hardly determine a group does without its halves in turn (rows are in the order of the other axis of the
+/// scan), and so on: what a whole azimuth alone tells is judged by parts of that azimuth. Each group is reduced to a
+/// triangle once, and what stands before and what stands behind a group to one each, so the rows are read once
+/// however many groups there are.
+fn steps_without(
+    jacobian: &[f64],
+    residuals: &[f64],
+    groups: &[Vec<usize>],
+    always: &[usize],
+) -> Vec<Vec<f64>> {
+    let m = residuals.len();
+    let n = jacobian.len() / m.max(1);
+    let all_rows: Vec<usize> = (0..m).collect();
+    let rows = Rows {
+        jacobian,
+        residuals,
+        n,
+    };
+    let scale = whitening(&rows.triangle(&all_rows), n);
+    let own: Vec<Vec<f64>> = groups.iter().map(|group| rows.triangle(group)).collect();
+    let mut behind = vec![vec![0.0; (n + 1) * (n + 1)]; groups.len() + 1];
+    for k in (0..groups.len()).rev() {
+        behind[k] = stacked(&own[k], &behind[k + 1], n);
+    }
+    let mut before = rows.triangle(always);
+    let mut steps = Vec::with_capacity(groups.len());
+    for (k, group) in groups.iter().enumerate() {
+        let others = stacked(&before, &behind[k + 1], n);
+        let everywhere = DMatrix::identity(scale.ncols(), scale.ncols());
+        let mut found = Vec::new();
+        rows.leave(group, &others, &scale, &everywhere, &mut found);
+        steps.extend(found.into_iter().map(|z| (&scale * z).as_slice().to_vec()));
+        before = stacked(&before, &own[k], n);
+    }
+    steps
+}
+
+/// Two triangles as one.
+fn stacked(upper: &[f64], lower: &[f64], n: usize) -> Vec<f64> {
+    let columns = upper.chunks(n + 1).zip(lower.chunks(n + 1));
+    let a = columns.flat_map(|(u, l)| u.iter().chain(l).copied());
+    triangle(a.collect(), 2 * (n + 1), n + 1)
+}
+
+/// The columns of derivatives in a triangle.
+fn derivatives(triangle: &[f64], n: usize) -> DMatrix<f64> {
+    DMatrix::from_fn(n, n, |i, j| triangle[i + j * (n + 1)])
+}
+
+/// Directions of the parameters along each of which all rows together know one unit; null directions are not
+/// among them.
+fn whitening(all: &[f64], n: usize) -> DMatrix<f64> {
+    let mut r = derivatives(all, n);
+    let lengths: Vec<f64> = r.column_iter().map(|c| c.norm()).collect();
+    for (mut column, length) in r.column_iter_mut().zip(&lengths) {
+        if *length > 0.0 {
+            column /= *length;
+        }
+    }
+    if r.iter().any(|x| !x.is_finite()) {
+        return DMatrix::zeros(n, 0);
+    }
+    let svd = r.svd(false, true);
+    let Some(v_t) = svd.v_t else {
+        return DMatrix::zeros(n, 0);
+    };
+    let strongest = svd.singular_values.max();
+    let known: Vec<usize> = (0..svd.singular_values.len())
+        .filter(|k| svd.singular_values[*k] > RANK_TOLERANCE * strongest)
+        .collect();
+    DMatrix::from_fn(n, known.len(), |i, k| {
+        let value = v_t[(known[k], i)] / svd.singular_values[known[k]];
+        if lengths[i] > 0.0 {
+            value / lengths[i]
+        } else {
+            0.0
+        }
+    })
+}
+
+/// Rows of a fit.
+struct Rows<'r> {
+    jacobian: &'r [f64],
+    residuals: &'r [f64],
+    n: usize,
+}
+
+impl Rows<'_> {
+    /// Some of them as a triangle with the right-hand side as its last column.
+    fn triangle(&self, rows: &[usize]) -> Vec<f64> {
+        let (m, n) = (self.residuals.len(), self.n);
+        let height = rows.len().max(n + 1);
+        let mut a = vec![0.0; height * (n + 1)];
+        for (i, row) in rows.iter().enumerate() {
+            for j in 0..n {
+                a[i + j * height] = self.jacobian[row + j * m];
+            }
+            a[i + n * height] = -self.residuals[*row];
+        }
+        triangle(a, height, n + 1)
+    }
+
+    /// Adds the step without `group`, `others` being all else, as far as it lies in the directions `within`; and
+    /// along those that the others leave open the steps without its halves.
+    fn leave(
+        &self,
+        group: &[usize],
+        others: &[f64],
+        scale: &DMatrix<f64>,
+        within: &DMatrix<f64>,
+        steps: &mut Vec<DVector<f64>>,
+    ) {
+        let n = self.n;
+        let directions = scale * within;
+        let reduced = derivatives(others, n) * &directions;
+        let target = DVector::from_fn(n, |i, _| others[i + n * (n + 1)]);
+        if reduced.iter().chain(&target).any(|x| !x.is_finite()) {
+            return;
+        }
+        let svd = reduced.svd(true, true);
+        let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
+            return;
+        };
+        let mut step = DVector::zeros(within.ncols());
+        let mut open = Vec::new();
+        for (k, s) in svd.singular_values.iter().enumerate() {
+            let along = v_t.row(k).transpose();
+            if s * s >= STAYS {
+                step.axpy(u.column(k).dot(&target) / s, &along, 1.0);
+            } else {
+                open.push(within * along);
+            }
+        }
+        steps.push(within * step);
+        if open.is_empty() || group.len() < 2 {
+            return;
+        }
+        let open = DMatrix::from_columns(&open);
+        let (first, second) = group.split_at(group.len() / 2);
+        for (left, stays) in [(first, second), (second, first)] {
+            let others = stacked(others, &self.triangle(stays), n);
+            self.leave(left, &others, scale, &open, steps);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Derivatives (column by column) and residuals at the minimum of a straight line with noise, groups of
+    /// `each` rows: the slope's derivative is `of_group` + a hundredth of the place in the group.
+    fn line(of_group: &[f64], each: usize) -> (Vec<f64>, Vec<f64>, Vec<Vec<usize>>) {
+        let m = of_group.len() * each;
+        let slope = |i: usize| of_group[i / each] * (1.0 + 0.01 * (i % each) as f64);
+        let mut jacobian = vec![1.0; m];
+        jacobian.extend((0..m).map(slope));
+        let noise = |i: usize| ((7 * i + 3) % 11) as f64 / 11.0 - 0.5;
+        let j = DMatrix::from_column_slice(m, 2, &jacobian);
+        let raw = DVector::from_fn(m, |i, _| noise(i));
+        let minimum = j.clone().svd(true, true).solve(&raw, 1e-14).unwrap();
+        let residuals = (raw - j * minimum).as_slice().to_vec();
+        let groups = (0..of_group.len()).map(|g| (g * each..(g + 1) * each).collect());
+        (jacobian, residuals, groups.collect())
+    }
+
+    #[test]
+    fn where_the_others_know_enough_a_step_is_their_own_solution() {
+        let (jacobian, residuals, groups) = line(&[-1.0, -0.6, -0.2, 0.2, 0.6, 1.0], 5);
+        let steps = steps_without(&jacobian, &residuals, &groups, &[]);
+        assert_eq!(steps.len(), 6);
+        for (group, step) in groups.iter().zip(&steps) {
+            let others: Vec<usize> = (0..30).filter(|i| !group.contains(i)).collect();
+            let j = DMatrix::from_fn(25, 2, |i, k| jacobian[others[i] + 30 * k]);
+            let r = DVector::from_fn(25, |i, _| -residuals[others[i]]);
+            let expected = j.svd(true, true).solve(&r, 1e-14).unwrap();
+            for (a, b) in step.iter().zip(&expected) {
+                assert!((a - b).abs() < 1e-12, "{a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_one_group_alone_tells_is_judged_by_its_halves() {
+        // The slope is known by the last group alone: without it nobody knows it.
+        let (jacobian, residuals, groups) = line(&[0.0, 1e-6, 1.0], 8);
+        let steps = steps_without(&jacobian, &residuals, &groups, &[]);
+        assert!(steps.len() > 3);
+        let j = DMatrix::from_column_slice(24, 2, &jacobian);
+        let std = (j.tr_mul(&j).try_inverse().unwrap()[(1, 1)] / 12.0).sqrt();
+        let spread = steps.iter().map(|s| s[1] * s[1]).sum::<f64>().sqrt();
+        assert!(spread > 0.1 * std && spread < 4.0 * std, "{spread} {std}");
+    }
+
+    #[test]
+    fn a_direction_that_nobody_knows_takes_no_step() {
+        let (mut jacobian, residuals, groups) = line(&[-1.0, 1.0, 2.0], 4);
+        jacobian.extend([0.0; 12]);
+        let twice: Vec<f64> = jacobian[12..24].to_vec();
+        jacobian.extend(twice);
+        for step in steps_without(&jacobian, &residuals, &groups, &[]) {
+            assert!(
+                step.iter().all(|p| p.is_finite()) && step[2] == 0.0,
+                "{step:?}"
+            );
+            // Two that only their sum is known of share it.
+            assert!((step[1] - step[3]).abs() < 1e-12, "{step:?}");
+        }
+    }
+}
