@@ -16,6 +16,7 @@ pub mod forecast;
 pub mod frame;
 pub mod geometry;
 pub mod heights;
+pub mod jackknife;
 pub mod judge;
 pub mod lab;
 pub mod map;

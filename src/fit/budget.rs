@@ -35,12 +35,12 @@ use nalgebra::DMatrix;
 
 use super::covariance::{Covariance, Scaling, covariance};
 use super::estimate::Estimate;
-use super::jackknife;
 use super::known::{drift_std, reference_std};
 use super::problem::{Problem, Quantity, Values};
 use super::profile::profile;
 use super::report::COVERAGE_FACTOR;
 use super::solver::Minimum;
+use crate::jackknife::{self, Labels};
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 use crate::units::Angle;
@@ -204,7 +204,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
         .iter()
         .map(|p| Shared::new(&p.estimate.problem, &p.estimate.values))
         .collect();
-    let (by_group, model_freedom) = jackknife::left_out(parts, jacobian, residuals);
+    let (by_group, model_freedom) = jackknife::by_groups(&groups(parts), jacobian, residuals);
     let sets = || parts.iter().map(|p| p.estimate.problem.set());
     let alike = |same: &dyn Fn(&ObservationSet, &ObservationSet) -> bool| -> bool {
         sets().zip(sets().skip(1)).all(|(a, b)| same(a, b))
@@ -425,6 +425,22 @@ impl Shared {
 fn pseudo_inverse(jacobian: &[f64], covariance: &Covariance, m: usize, n: usize) -> DMatrix<f64> {
     let j = DMatrix::from_column_slice(m, n, jacobian);
     &covariance.matrix * j.transpose()
+}
+
+/// Tilts, azimuths and scans of the rows; rows that are no observation of the sample are in no group.
+fn groups(parts: &[Part<'_, '_>]) -> [Labels; 3] {
+    let mut labels: [Labels; 3] = Default::default();
+    for (scan, part) in parts.iter().enumerate() {
+        let set = part.estimate.problem.set();
+        let [tilts, turns] = jackknife::axes(set.observations.iter().map(|o| o.pose));
+        let scans = vec![Some(scan as i64); tilts.len()];
+        let rows = labels[0].len() + part.estimate.problem.residual_count();
+        for (all, own) in labels.iter_mut().zip([tilts, turns, scans]) {
+            all.extend(own);
+            all.resize(rows, None);
+        }
+    }
+    labels
 }
 
 /// The free parameters that a null direction ties together, by name; largest part first.

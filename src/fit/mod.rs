@@ -28,7 +28,6 @@ mod crew;
 mod descent;
 pub mod estimate;
 pub mod intervals;
-mod jackknife;
 pub mod joint;
 mod known;
 mod lean;

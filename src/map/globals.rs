@@ -191,44 +191,76 @@ struct Pulls {
     rest: [f64; FREE],
 }
 
+/// What an observation says of a pixel.
+pub(super) struct Row {
+    pub weight: f64,
+    /// The signal, less stray light and gain, as a radiance: observed less expected.
+    pub residual: f64,
+    /// What is expected of it.
+    pub full: f64,
+    /// Its derivatives.
+    pub derivatives: Parameters,
+}
+
+/// The observations of a pixel at its parameters; weight 0 for those it has not.
+pub(super) fn rows_of(run: &Run<'_>, pixel: usize, p: &Parameters) -> impl Iterator<Item = Row> {
+    let n = run.batch.observations;
+    let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
+    run.read(pixel, &mut signal, &mut weight);
+    let (mut offset, mut basis) = (vec![0.0; n], vec![0.0; n]);
+    run.dear.write(p, &mut offset, &mut basis);
+    let (lamp, amplitude) = (run.dear.lamp(), run.dear.is_amplitude());
+    let geometry = run.geometry_of(pixel);
+    (0..n).map(move |j| {
+        if weight[j] <= 0.0 {
+            return Row {
+                weight: 0.0,
+                residual: 0.0,
+                full: 0.0,
+                derivatives: [0.0; FREE],
+            };
+        }
+        let (a, s) = single(&geometry[j], p, lamp);
+        let (full, first, last) = if amplitude {
+            (p[4] * a + offset[j], p[4], a)
+        } else {
+            (a + p[4] * basis[j] + offset[j], 1.0, basis[j])
+        };
+        Row {
+            weight: weight[j],
+            residual: signal[j] - full,
+            full,
+            derivatives: [first * s[0], first * s[1], first * s[2], first * s[3], last],
+        }
+    })
+}
+
 impl Pulls {
     #[expect(
         clippy::needless_range_loop,
         reason = "matrix indices are the notation"
     )]
     fn of(run: &Run<'_>, pixel: usize, p: &Parameters, second: Second) -> Pulls {
-        let n = run.batch.observations;
-        let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
-        run.read(pixel, &mut signal, &mut weight);
-        let (mut offset, mut basis) = (vec![0.0; n], vec![0.0; n]);
-        run.dear.write(p, &mut offset, &mut basis);
         let cell = run.dear.cell(p);
-        let geometry = run.geometry_of(pixel);
         let mut pulls = Pulls {
             own: [[0.0; 2]; 2],
             residual: [0.0; 2],
             cross: [[0.0; 2]; FREE],
             rest: [0.0; FREE],
         };
-        for j in 0..n {
-            let w = weight[j];
+        for (j, row) in rows_of(run, pixel, p).enumerate() {
+            let w = row.weight;
             if w <= 0.0 {
                 continue;
             }
-            let (a, s) = single(&geometry[j], p, run.dear.lamp());
-            let (full, first, last) = if run.dear.is_amplitude() {
-                (p[4] * a + offset[j], p[4], a)
-            } else {
-                (a + p[4] * basis[j] + offset[j], 1.0, basis[j])
-            };
-            let row = [first * s[0], first * s[1], first * s[2], first * s[3], last];
+            let (full, derivatives) = (row.full, row.derivatives);
             // ∂/∂ ln gain, or ∂/∂s, of gain (L + s), in radiance.
             let by_second = match second {
                 Second::Stray { .. } => 1.0,
                 Second::Gain | Second::Nothing => full + run.globals.stray,
             };
             let t = [w * cell.tilt[j], w * by_second];
-            let residual = w * (signal[j] - full);
+            let residual = w * row.residual;
             for x in 0..2 {
                 pulls.residual[x] += t[x] * residual;
                 for y in 0..2 {
@@ -236,9 +268,9 @@ impl Pulls {
                 }
             }
             for k in 0..FREE {
-                pulls.rest[k] += w * row[k] * residual;
+                pulls.rest[k] += w * derivatives[k] * residual;
                 for x in 0..2 {
-                    pulls.cross[k][x] += w * row[k] * t[x];
+                    pulls.cross[k][x] += w * derivatives[k] * t[x];
                 }
             }
         }
@@ -267,22 +299,10 @@ pub(super) fn shared_effects(
 ) -> Option<[[f64; FREE]; 3]> {
     let covariance = fit.covariance.as_ref()?;
     let pulls = Pulls::of(run, pixel, &fit.p, Second::Gain);
-    let n = run.batch.observations;
-    let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
-    run.read(pixel, &mut signal, &mut weight);
-    let (mut offset, mut basis) = (vec![0.0; n], vec![0.0; n]);
-    run.dear.write(&fit.p, &mut offset, &mut basis);
     let mut stray = [0.0; FREE];
-    for (j, geometry) in run.geometry_of(pixel).iter().enumerate() {
-        let (a, s) = single(geometry, &fit.p, run.dear.lamp());
-        let (first, last) = if run.dear.is_amplitude() {
-            (fit.p[4], a)
-        } else {
-            (1.0, basis[j])
-        };
-        let row = [first * s[0], first * s[1], first * s[2], first * s[3], last];
-        for k in 0..FREE {
-            stray[k] += weight[j] * weight[j] * row[k];
+    for row in rows_of(run, pixel, &fit.p) {
+        for (stray, d) in stray.iter_mut().zip(&row.derivatives) {
+            *stray += row.weight * row.weight * d;
         }
     }
     let moved = |pull: [f64; FREE], std: f64| -> [f64; FREE] {

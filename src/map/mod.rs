@@ -23,6 +23,7 @@ mod integrated;
 mod inverse;
 mod kernel;
 pub mod layers;
+mod misfit;
 mod observe;
 mod picture;
 pub mod pixels;
@@ -191,7 +192,7 @@ pub struct Map {
     pub axis_px: [f64; 2],
     /// What all pixels share.
     pub globals: Globals,
-    /// Standard uncertainty that the shared quantities leave in every pixel, per parameter in the
+    /// Standard uncertainty that the shared quantities and the model's misfit leave in every pixel, per parameter in the
     /// layers' units (medians; α's absolute).
     pub shared_std: Option<[f64; FREE]>,
     /// Usual χ² per degree of freedom; standard uncertainties are scaled by its root.
@@ -259,11 +260,7 @@ pub fn map_until(
         total: 1,
     });
     let calibration = calibrate(source, cancel)?;
-    let light = Light::new(
-        &calibration,
-        &view,
-        calibration.radiance_per_dn_s().unwrap_or(1.0),
-    );
+    let light = Light::new(&calibration, calibration.radiance_per_dn_s().unwrap_or(1.0));
     let planes = Planes::new(
         groups.len(),
         view.pixels(),
@@ -553,7 +550,7 @@ fn doubts(settled: &Settled, view: &View) -> Vec<String> {
     let shared = settled.shared_std.map_or(0.0, |std| std[0].to_degrees());
     if shared > SHARED_THETA_R_STD_MAX_DEG {
         doubts.push(format!(
-            "these poses leave the ridge angle of all pixels open by ± {shared:.1}° together (gain, stray light and the tilt's zero are not told from it): differences between pixels hold, the angle itself does not; scan more tilts"
+            "these poses leave the ridge angle of all pixels open by ± {shared:.1}° together (gain, stray light, the tilt's zero and the model's misfit are not told from it): differences between pixels hold, the angle itself does not; scan more tilts"
         ));
     }
     if settled.birge > 4.0 {

@@ -62,36 +62,17 @@ pub(super) fn poses(source: &dyn FrameSource) -> Vec<PoseFrames> {
 /// What the camera's calibration says per pixel, as this room wants it.
 pub(super) struct Light<'a> {
     pub(super) calibration: &'a CameraCalibration,
-    /// Response per pixel with the white reference's own pattern taken out; 0 for defects.
+    /// Response per pixel; 0 for defects.
     pub(super) response: Vec<f32>,
     /// Radiance per (count per second at response 1).
     pub(super) unit: f64,
 }
 
 impl<'a> Light<'a> {
-    pub(super) fn new(calibration: &'a CameraCalibration, view: &View, unit: f64) -> Self {
-        let flats = calibration.flats();
-        let mut pattern = vec![0.0; view.pixels()];
-        for flat in &flats {
-            for (sum, x) in pattern.iter_mut().zip(view.white_pattern(flat.theta_c)) {
-                *sum += x / flats.len() as f64;
-            }
-        }
-        if flats.is_empty() {
-            pattern.fill(1.0);
-        }
-        let response = calibration
-            .response()
-            .iter()
-            .zip(calibration.good())
-            .zip(&pattern)
-            .map(|((response, good), pattern)| {
-                if *good && *response > 0.0 {
-                    (f64::from(*response) / pattern) as f32
-                } else {
-                    0.0
-                }
-            })
+    pub(super) fn new(calibration: &'a CameraCalibration, unit: f64) -> Self {
+        let pixels = calibration.response().iter().zip(calibration.good());
+        let response = pixels
+            .map(|(response, good)| if *good { response.max(0.0) } else { 0.0 })
             .collect();
         Light {
             calibration,

@@ -7,6 +7,7 @@ use super::dear::Dear;
 use super::globals::{Globals, Second, shared_effects};
 use super::integrated::Integrated;
 use super::kernel::Parameters;
+use super::misfit::shared_misfit;
 use super::run::{Batch, Run, freedom};
 use super::solve::{End, FREE, PixelFit, packed};
 use super::start::{Leaders, Templates, lambert};
@@ -42,7 +43,8 @@ pub(super) struct Settled {
     pub(super) lambert: Vec<f64>,
     /// Usual χ² per degree of freedom, at least 1.
     pub(super) birge: f64,
-    /// Median shift of each parameter by one standard uncertainty of all shared quantities.
+    /// Median shift of each parameter by one standard uncertainty of all shared quantities and of the model's
+    /// misfit.
     pub(super) shared_std: Option<Parameters>,
     /// Sampled pixels that gave a good fit.
     pub(super) sampled: usize,
@@ -296,7 +298,12 @@ pub(super) fn settle(
     let found: Vec<Parameters> = good.iter().map(|(_, fit)| fit.p).collect();
     let mut leaders = Leaders::gather(&found);
     leaders.predict(|p| dear.full(p));
-    let shared_std = shared_std(&run, &good);
+    let mut shared_std = shared_std(&run, &good);
+    if let (Some(all), Some(misfit)) = (&mut shared_std, shared_misfit(&run, &good)) {
+        for (std, misfit) in all.iter_mut().zip(misfit) {
+            *std = std.hypot(misfit);
+        }
+    }
     let templates = Templates::new(dear.geometry(), dear.lamp(), amplitude);
     let lambert = lambert(dear.geometry());
     let (plan, centre_for_all) =

@@ -13,7 +13,6 @@ use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;
 use crate::model::fresnel;
 use crate::series::Manifest;
-use crate::units::Angle;
 
 /// Geometry in the sample's frame at a true pose, camera and lamp far away; `fresnel` is the
 /// reflectance at half the angle between them.
@@ -162,37 +161,6 @@ impl View {
         ]
     }
 
-    /// The point of the plane of the sample, in the rig's frame, that a pixel sees at a tilt.
-    fn seen_mm(&self, theta_c: Angle, pixel: usize) -> [f64; 2] {
-        let [a, b] = self.place_mm(pixel);
-        let (st, ct) = theta_c.sin_cos();
-        // Inverse of `project` at φs = 0: a = x cos θc near, b = y near, near = d/(d − x sin θc).
-        match self.camera_distance_mm {
-            None => [a / ct, b],
-            Some(d) => {
-                let x = a * d / (d * ct + a * st);
-                [x, b * (d - x * st) / d]
-            }
-        }
-    }
-
-    /// How brightly a white plane shines at each pixel, relative to the centre: lamp distance and
-    /// lamp angle. 1 everywhere for a far lamp.
-    pub(super) fn white_pattern(&self, theta_c: Angle) -> Vec<f64> {
-        let Some(distance) = self.light_distance_mm else {
-            return vec![1.0; self.pixels()];
-        };
-        let lamp = self.rig.rig_directions(theta_c).incident * distance;
-        let centre = lamp.z / distance.powi(3);
-        (0..self.pixels())
-            .map(|pixel| {
-                let [x, y] = self.seen_mm(theta_c, pixel);
-                let ray = lamp - Vector3::new(x, y, 0.0);
-                ray.z / ray.norm().powi(3) / centre
-            })
-            .collect()
-    }
-
     /// Geometry in the sample's frame at a true pose for a point of the sample; the point only
     /// matters to a near camera or lamp.
     pub(super) fn geometry(&self, pose: Pose, place_mm: [f64; 2]) -> Geometry {
@@ -272,22 +240,6 @@ mod tests {
         assert!((column - 128.0).abs() < 1e-9 && (row - 78.0).abs() < 1e-9);
         let [column, _] = view.project(Pose::from_deg(60.0, 0.0), [10.0, 0.0]);
         assert!((column - 153.0).abs() < 1e-9);
-    }
-
-    #[test]
-    fn a_pixel_sees_the_point_that_appears_in_it() {
-        let view = near();
-        for pixel in [0, 12_345, 50_000] {
-            let tilt = Angle::from_deg(25.0);
-            let place = view.seen_mm(tilt, pixel);
-            let pose = Pose {
-                theta_c: tilt,
-                phi_s: -view.rig.azimuth_zero,
-            };
-            let [column, row] = view.project(pose, place);
-            assert!((column - (pixel % 256) as f64 - 0.5).abs() < 1e-9);
-            assert!((row - (pixel / 256) as f64 - 0.5).abs() < 1e-9);
-        }
     }
 
     #[test]

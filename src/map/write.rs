@@ -49,7 +49,7 @@ pub struct Spread {
     pub p95: Option<f64>,
     /// Median of the pixels' own standard uncertainties.
     pub std_median: Option<f64>,
-    /// Standard uncertainty that all pixels have in common (gain, stray light, zero of the tilt).
+    /// Standard uncertainty that all pixels have in common (gain, stray light, zero of the tilt, what the model misses).
     pub std_shared: Option<f64>,
 }
 

@@ -95,9 +95,11 @@ pub struct CameraCalibration {
     pub warnings: Vec<String>,
 }
 
-/// Reads a series' darks and flats. Works for boards of patches too.
+/// Reads a series' darks and flats. Works for boards of patches too. A near lamp's own pattern is taken out: what is
+/// left is the camera's, and the white reference's signals are those at the centre of tilt.
 ///
 /// # Errors
+/// [`ReductionError::FieldUnknown`] where a near lamp or camera is stated without its distance or the field's size,
 /// [`ReductionError::Cancelled`] when `cancel` is raised, [`ReductionError::Vanished`] when frames
 /// go away meanwhile.
 pub fn calibrate(
@@ -107,7 +109,9 @@ pub fn calibrate(
     let calls = Calls { source, cancel };
     let mut journal = Journal::default();
     let uniform = source.manifest().sample.layout.is_none();
-    let prepared = prepare(&calls, uniform, &mut journal)?;
+    let viewing = super::viewing(source.manifest())?;
+    let mut prepared = prepare(&calls, uniform && viewing.is_far(), &mut journal)?;
+    viewing.take_out_lamp(&mut prepared);
     let (rejected_frames, warnings) = journal.close(source.rows());
     Ok(CameraCalibration {
         prepared,
@@ -117,8 +121,7 @@ pub fn calibrate(
 }
 
 impl CameraCalibration {
-    /// Relative response per pixel, row by row; its mean over the good pixels is 1. Of a near lamp
-    /// its pattern on the white reference, averaged over the tilts, is in it.
+    /// Relative response per pixel, row by row; its mean over the good pixels is 1.
     #[must_use]
     pub fn response(&self) -> &[f32] {
         &self.prepared.flats.response.pixels

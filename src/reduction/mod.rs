@@ -124,6 +124,24 @@ pub enum ReductionError {
     Cancelled,
 }
 
+/// The rig as its pixels see it.
+fn viewing(manifest: &Manifest) -> Result<Viewing, ReductionError> {
+    Viewing::new(manifest)
+        .filter(|viewing| manifest.is_telecentric() || !viewing.is_far())
+        .ok_or_else(|| ReductionError::FieldUnknown {
+            what: format!(
+                "projection \"{}\", light at {}, camera at {}",
+                manifest.camera.projection,
+                manifest.rig.light_distance.as_deref().unwrap_or("infinity"),
+                manifest
+                    .rig
+                    .camera_distance
+                    .as_deref()
+                    .unwrap_or("infinity"),
+            ),
+        })
+}
+
 /// Reduces the frames of a series to observations of the sample, or of one `region` of it.
 /// `cancel` is looked at between frames.
 ///
@@ -138,20 +156,7 @@ pub fn reduce(
     let calls = Calls { source, cancel };
     let mut journal = Journal::default();
     let (mut segments, chosen) = segments(manifest, region)?;
-    let viewing = Viewing::new(manifest)
-        .filter(|viewing| manifest.is_telecentric() || !viewing.is_far())
-        .ok_or_else(|| ReductionError::FieldUnknown {
-            what: format!(
-                "projection \"{}\", light at {}, camera at {}",
-                manifest.camera.projection,
-                manifest.rig.light_distance.as_deref().unwrap_or("infinity"),
-                manifest
-                    .rig
-                    .camera_distance
-                    .as_deref()
-                    .unwrap_or("infinity"),
-            ),
-        })?;
+    let viewing = viewing(manifest)?;
     let rig = manifest.rig_geometry();
     let uniform = matches!(segments, Segments::Whole) && viewing.is_far();
     let mut camera = calibration::prepare(&calls, uniform, &mut journal)?;

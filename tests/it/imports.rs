@@ -10,6 +10,7 @@ const RULES: &[(&str, &[&str])] = &[
     ("material", &[]),
     ("frame", &[]),
     ("clock", &[]),
+    ("jackknife", &["units", "geometry"]),
     ("forecast", &[]),
     ("geometry", &["units"]),
     ("observation", &["units", "geometry", "material"]),
@@ -21,6 +22,7 @@ const RULES: &[(&str, &[&str])] = &[
         &[
             "units",
             "geometry",
+            "jackknife",
             "material",
             "observation",
             "model",
@@ -62,6 +64,7 @@ const RULES: &[(&str, &[&str])] = &[
         &[
             "units",
             "geometry",
+            "jackknife",
             "material",
             "observation",
             "model",

@@ -1,7 +1,7 @@
 //! How far an estimate moves when whole tilts, azimuths or scans are left out.
 //!
 //! What a model misses is smooth over the poses, so its errors are alike within a tilt or an azimuth, and residuals
-//! taken as independent would understate what they do. A jackknife over groups keeps that. Call [`left_out`]. It
+//! taken as independent would understate what they do. A jackknife over groups keeps that. Call [`by_groups`]. It
 //! takes the estimate as linear in the data and knows nothing of where they come from.
 //!
 //! *Conditioning.* What is left out in turn is solved from triangles put together by QR, never by taking sums of
@@ -12,32 +12,32 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::budget::Part;
-use super::covariance::RANK_TOLERANCE;
-use super::thin::triangle;
+use crate::geometry::Pose;
 
-/// Standard uncertainty of each free parameter from leaving out whole tilts, whole azimuths and (from
-/// three on) whole scans, all in quadrature, with the least degrees of freedom.
-pub(super) fn left_out(
-    parts: &[Part<'_, '_>],
-    jacobian: &[f64],
-    residuals: &[f64],
-) -> (Vec<f64>, f64) {
-    let m = residuals.len();
-    let n = jacobian.len() / m.max(1);
+/// Share of the strongest direction, all columns of derivatives scaled to 1, below which a direction is null.
+const NULL: f64 = 1e-10;
+
+/// Groups of rows along one axis of a scan; `None` for rows that are in every group's rest.
+pub type Labels = Vec<Option<i64>>;
+
+/// Tilts and azimuths of poses, to a tenth of a degree, as labels of the rows that they are.
+#[must_use]
+pub fn axes(poses: impl Iterator<Item = Pose>) -> [Labels; 2] {
     let tenth = |deg: f64| (deg * 10.0).round() as i64;
-    // None where a row is no observation of the sample.
-    let mut labels = vec![vec![None; m]; 3];
-    let mut first = 0;
-    for (scan, part) in parts.iter().enumerate() {
-        let set = part.estimate.problem.set();
-        for (i, o) in set.observations.iter().enumerate() {
-            labels[0][first + i] = Some(tenth(o.pose.theta_c.deg()));
-            labels[1][first + i] = Some(tenth(o.pose.phi_s.deg()).rem_euclid(3600));
-            labels[2][first + i] = Some(scan as i64);
-        }
-        first += part.estimate.problem.residual_count();
-    }
+    let both = poses.map(|pose| {
+        let turn = tenth(pose.phi_s.deg()).rem_euclid(3600);
+        (Some(tenth(pose.theta_c.deg())), Some(turn))
+    });
+    let (tilts, turns) = both.unzip();
+    [tilts, turns]
+}
+
+/// Standard uncertainty of each parameter from leaving out the groups of each axis in turn, all axes with three
+/// groups or more in quadrature, with the least degrees of freedom (infinite where no axis has so many).
+/// `jacobian` is column-major, `residuals` are model less observation at the minimum, both weighted.
+#[must_use]
+pub fn by_groups(labels: &[Labels], jacobian: &[f64], residuals: &[f64]) -> (Vec<f64>, f64) {
+    let n = jacobian.len() / residuals.len().max(1);
     let mut largest = vec![0.0_f64; n];
     let mut freedom = f64::INFINITY;
     for (axis, labels_of) in labels.iter().enumerate() {
@@ -86,19 +86,18 @@ fn steps_without(
 ) -> Vec<Vec<f64>> {
     let m = residuals.len();
     let n = jacobian.len() / m.max(1);
-    let all_rows: Vec<usize> = (0..m).collect();
     let rows = Rows {
         jacobian,
         residuals,
         n,
     };
-    let scale = whitening(&rows.triangle(&all_rows), n);
     let own: Vec<Vec<f64>> = groups.iter().map(|group| rows.triangle(group)).collect();
     let mut behind = vec![vec![0.0; (n + 1) * (n + 1)]; groups.len() + 1];
     for k in (0..groups.len()).rev() {
         behind[k] = stacked(&own[k], &behind[k + 1], n);
     }
     let mut before = rows.triangle(always);
+    let scale = whitening(&stacked(&before, &behind[0], n), n);
     let mut steps = Vec::with_capacity(groups.len());
     for (k, group) in groups.iter().enumerate() {
         let others = stacked(&before, &behind[k + 1], n);
@@ -109,6 +108,16 @@ fn steps_without(
         before = stacked(&before, &own[k], n);
     }
     steps
+}
+
+/// The triangle R of a column-major matrix of n columns and at least n rows; not a number all over where an entry
+/// is not, or where squares pass the largest double.
+fn triangle(a: Vec<f64>, rows: usize, n: usize) -> Vec<f64> {
+    let a = DMatrix::from_vec(rows, n, a);
+    if !a.norm_squared().is_finite() {
+        return vec![f64::NAN; n * n];
+    }
+    a.qr().unpack_r().as_slice().to_vec()
 }
 
 /// Two triangles as one.
@@ -142,7 +151,7 @@ fn whitening(all: &[f64], n: usize) -> DMatrix<f64> {
     };
     let strongest = svd.singular_values.max();
     let known: Vec<usize> = (0..svd.singular_values.len())
-        .filter(|k| svd.singular_values[*k] > RANK_TOLERANCE * strongest)
+        .filter(|k| svd.singular_values[*k] > NULL * strongest)
         .collect();
     DMatrix::from_fn(n, known.len(), |i, k| {
         let value = v_t[(known[k], i)] / svd.singular_values[known[k]];

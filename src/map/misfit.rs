@@ -1,0 +1,82 @@
+//! What the model misses in all pixels alike, and how far that moves their parameters.
+//!
+//! A pixel's own uncertainty is its noise, and many pixels average that away; what the closed form misses they all
+//! miss together. So the residuals of pixels that look alike are averaged, which leaves little but the misfit, and a
+//! jackknife over whole tilts and azimuths says what it may do to a pixel there, as it does in `fit`'s budget. Call
+//! [`shared_misfit`].
+
+use super::globals::rows_of;
+use super::kernel::Parameters;
+use super::run::Run;
+use super::solve::{FREE, PixelFit};
+use crate::jackknife;
+
+/// Pixels that are looked at, and pixels around which others are gathered.
+const LOOKED_AT: usize = 1000;
+const CENTRES: usize = 16;
+/// How unlike pixels are that count as one surface: ridge angle and lean in rad, logarithms of roughness, and the
+/// diffuse reflectance or the share of the amplitude.
+const ALIKE: Parameters = [0.05, 0.15, 0.3, 0.3, 0.2];
+/// Fewer pixels say nothing of what all miss.
+const FEW: usize = 16;
+
+/// Standard uncertainty that the model's misfit leaves in every pixel of the most usual surface, in the units of a
+/// pixel's covariance; `None` where few pixels look alike or the poses have fewer than three tilts and azimuths.
+pub(super) fn shared_misfit(run: &Run<'_>, good: &[(usize, PixelFit)]) -> Option<Parameters> {
+    let few: Vec<&(usize, PixelFit)> = good
+        .iter()
+        .step_by(good.len().div_ceil(LOOKED_AT).max(1))
+        .collect();
+    let around = |centre: &Parameters| -> Vec<&(usize, PixelFit)> {
+        let like = few.iter().filter(|(_, fit)| alike(&fit.p, centre, run));
+        like.copied().collect()
+    };
+    let centres = few.iter().step_by(few.len().div_ceil(CENTRES).max(1));
+    let usual = centres
+        .map(|(_, fit)| around(&fit.p))
+        .max_by_key(Vec::len)
+        .filter(|members| members.len() >= FEW)?;
+    let n = run.batch.observations;
+    let (mut missed, mut weights) = (vec![0.0; n], vec![0.0; n]);
+    let mut jacobian = vec![0.0; n * FREE];
+    for (pixel, fit) in &usual {
+        for (j, row) in rows_of(run, *pixel, &fit.p).enumerate() {
+            let weight = row.weight * row.weight;
+            weights[j] += weight;
+            missed[j] -= weight * row.residual;
+            for (k, d) in row.derivatives.iter().enumerate() {
+                jacobian[j + k * n] += weight * d;
+            }
+        }
+    }
+    // Means over the pixels, with a pixel's weight: what moves the mean pixel.
+    let mut residuals = vec![0.0; n];
+    for j in 0..n {
+        if weights[j] > 0.0 {
+            let weight = (weights[j] / usual.len() as f64).sqrt();
+            residuals[j] = weight * missed[j] / weights[j];
+            for k in 0..FREE {
+                jacobian[j + k * n] *= weight / weights[j];
+            }
+        }
+    }
+    let axes = jackknife::axes(run.poses.iter().copied());
+    let (std, freedom) = jackknife::by_groups(&axes, &jacobian, &residuals);
+    freedom.is_finite().then(|| std::array::from_fn(|k| std[k]))
+}
+
+fn alike(a: &Parameters, b: &Parameters, run: &Run<'_>) -> bool {
+    (0..FREE).all(|k| {
+        let scale = if k == 4 && run.dear.is_amplitude() {
+            b[4].abs()
+        } else {
+            1.0
+        };
+        let mut apart = a[k] - b[k];
+        if k == 1 {
+            apart = (apart + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU)
+                - std::f64::consts::PI;
+        }
+        apart.abs() <= ALIKE[k] * scale
+    })
+}
