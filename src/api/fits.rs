@@ -4,6 +4,7 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{StatusCode, header};
 use axum::response::IntoResponse;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use utoipa::ToSchema;
@@ -11,6 +12,7 @@ use utoipa::ToSchema;
 use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, Params, finite, page};
 use super::{App, Begun, List};
+use crate::fit::report::{Status, VariantName};
 use crate::lab::FitRequest;
 use crate::store::StoreError;
 use crate::store::fits::{Fit, FitFilter};
@@ -69,6 +71,22 @@ pub struct FitParams {
     cursor: Option<String>,
 }
 
+/// A word of a report's own enumeration, as it stands in the store; refused with the words that there are.
+fn a_word_of<T: DeserializeOwned>(
+    field: &str,
+    word: Option<String>,
+) -> Result<Option<String>, ApiError> {
+    if let Some(word) = &word {
+        serde_json::from_value::<T>(Value::String(word.clone())).map_err(|e| {
+            ApiError::invalid(
+                field,
+                e.to_string().replace("unknown variant", "there is no"),
+            )
+        })?;
+    }
+    Ok(word)
+}
+
 /// Fits, newest first.
 #[utoipa::path(get, path = "/api/v1/fits", tag = "fits", params(FitParams), responses(
     (status = 200, description = "A page of fits", body = List<Object>),
@@ -90,8 +108,8 @@ pub(super) async fn list(
     let filter = FitFilter {
         sample_id: params.sample_id,
         scan_id: params.scan_id,
-        variant: params.variant,
-        status: params.status,
+        variant: a_word_of::<VariantName>("variant", params.variant)?,
+        status: a_word_of::<Status>("status", params.status)?,
         since,
         theta_r_deg_min: finite("theta_r_deg_min", params.theta_r_deg_min)?,
         theta_r_deg_max: finite("theta_r_deg_max", params.theta_r_deg_max)?,

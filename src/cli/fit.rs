@@ -297,7 +297,17 @@ fn with_bar<T>(work: impl FnOnce(Tell<'_>) -> T) -> T {
     let tracing: OnceLock<()> = OnceLock::new();
     let terminal = std::io::stderr().is_terminal();
     let progress = |p: Progress| {
-        if !terminal || started.elapsed() < Duration::from_secs(1) {
+        if !terminal {
+            return;
+        }
+        if matches!(p, Progress::Fitting) {
+            // Nobody tells how far a search is, so the time does; the first tick comes after a second.
+            let bar = bar.get_or_init(new_bar);
+            bar.set_style(fitting_style());
+            bar.enable_steady_tick(Duration::from_secs(1));
+            return;
+        }
+        if started.elapsed() < Duration::from_secs(1) {
             return;
         }
         let bar = bar.get_or_init(new_bar);
@@ -306,9 +316,12 @@ fn with_bar<T>(work: impl FnOnce(Tell<'_>) -> T) -> T {
                 bar.set_length(done.max(total) as u64);
                 bar.set_position(done as u64);
             }
-            Progress::Fitting => bar.set_message("fitting"),
+            Progress::Fitting => {}
             Progress::Tracing { done, total } => {
-                tracing.get_or_init(|| bar.set_style(paths_style()));
+                tracing.get_or_init(|| {
+                    bar.disable_steady_tick();
+                    bar.set_style(paths_style());
+                });
                 bar.set_length(total);
                 bar.set_position(done);
             }
@@ -327,6 +340,11 @@ fn new_bar() -> ProgressBar {
     ProgressBar::new(0)
         .with_style(style)
         .with_message("reading")
+}
+
+fn fitting_style() -> ProgressStyle {
+    ProgressStyle::with_template("{spinner} fitting, {elapsed} so far")
+        .expect("the template is constant")
 }
 
 fn paths_style() -> ProgressStyle {

@@ -217,3 +217,15 @@ async fn another_page_and_another_host_may_not_command_the_rig() {
     );
     bench.end().await;
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn fits_are_searched_by_the_words_that_reports_have() {
+    let (_bench, router) = opened().await;
+    let known = get(&router, "/api/v1/fits?status=at-bound&variant=traced").await;
+    assert_eq!(known.status, 200);
+    for (query, word) in [("status=fine", "converged"), ("variant=auto", "sawtooth")] {
+        let answer = get(&router, &format!("/api/v1/fits?{query}")).await;
+        assert_eq!(answer.status, 422);
+        assert!(answer.body.to_string().contains(word), "{}", answer.body);
+    }
+}
