@@ -369,10 +369,12 @@ fn with_less_misfit<'a>(
 ) -> Settled<'a> {
     let cancel = weighing.cancel;
     for _ in 0..THOROUGH_ROUNDS {
-        if settled.discrepancy == 0.0 || cancel.load(Ordering::Relaxed) {
+        let open = !determined(&settled.problem, &settled.minimum);
+        let seen = !open && in_lobe(&settled) > FEW_IN_LOBE;
+        if settled.discrepancy == 0.0 || seen || cancel.load(Ordering::Relaxed) {
             break;
         }
-        if !determined(&settled.problem, &settled.minimum) {
+        if open {
             search.look_hard();
         }
         let less = settled.discrepancy / FAR_LESS;
