@@ -1,5 +1,6 @@
 // The page's only way to the daemon: typed requests, and every failure as a sentence.
 
+import type { FitOptions } from './fitoptions';
 import type { ShapeRequest } from './shape';
 import type {
   Accuracy,
@@ -35,9 +36,17 @@ export class Problem extends Error {
   }
 }
 
-/** First letter large, a full stop at the end. */
+/** What the command line calls its own way has another name on the page. */
+const ON_THE_PAGE: readonly (readonly [RegExp, string])[] = [
+  [/--pitch-um \(pitch_um\)/g, '“Samples apart” (pitch_um)'],
+  [/--height-unit-um \(height_unit_um\)/g, '“µm per unit of height” (height_unit_um)'],
+  [/--pitch-um and --height-unit-um \(pitch_um, height_unit_um\)/g, '“Samples apart” (pitch_um) and “µm per unit of height” (height_unit_um)'],
+  [/or pass --skip-unreadable to leave it out/g, 'or tick “leave out frames that cannot be read”'],
+];
+
+/** First letter large, a full stop at the end; what to do is said as the page calls it. */
 export function sentence(text: string): string {
-  const trimmed = text.trim();
+  const trimmed = ON_THE_PAGE.reduce((said, [theirs, ours]) => said.replace(theirs, ours), text.trim());
   if (trimmed === '') return '';
   const head = trimmed.charAt(0).toUpperCase() + trimmed.slice(1);
   return /[.!?…]$/.test(head) ? head : `${head}.`;
@@ -116,7 +125,7 @@ export interface ScanRequest {
 }
 
 /** A fit as it is asked for. */
-export interface FitRequest {
+export interface FitRequest extends FitOptions {
   readonly scan_id: number;
   readonly variant: string;
   readonly region?: string;
@@ -154,6 +163,10 @@ export const api = {
     getAll(`/scans/${id}/observations`, signal),
   certainties: (id: number, signal?: AbortSignal): Promise<Certainty[]> => getAll(`/scans/${id}/uncertainty`, signal),
   observationsCsvUrl: (id: number): string => `${PREFIX}/scans/${id}/observations?format=csv`,
+
+  /** A recorded series in a folder of the daemon's machine. */
+  importSeries: (folder: string, skip_unreadable: boolean): Promise<{ readonly scan_id: number; readonly n_frames: number; readonly skipped: readonly string[] }> =>
+    post('/imports', { folder, skip_unreadable }),
 
   fits: (): Promise<Fit[]> => getAll('/fits'),
   fit: (id: number): Promise<Fit> => get(`/fits/${id}`),

@@ -70,6 +70,19 @@ export function duration(seconds: number): string {
   return `${Math.floor(s / 3600)} h ${String(Math.floor((s % 3600) / 60)).padStart(2, '0')} min`;
 }
 
+/** How long something that runs will take yet: `, 12 s left`; nothing for as long as nobody can tell. */
+export function timeLeft(progress: { readonly fraction: number; readonly elapsed_s: number; readonly time_left_s: number | null } | null | undefined): string {
+  // The first moments of a stage tell nothing of its pace, and the last half second is not worth a word.
+  if (progress?.time_left_s == null || progress.fraction <= 0 || progress.elapsed_s < 0.5 || progress.time_left_s < 0.5) return '';
+  return `, ${duration(progress.time_left_s)} left`;
+}
+
+/** The two ends of a range with as many decimals as tell them apart: `9.976 … 10.020`. */
+export function between(low: number, high: number): readonly [string, string] {
+  const decimals = Math.min(9, decimalsFor(Math.max((high - low) / 3, 1e-3 * Math.max(Math.abs(low), Math.abs(high)))));
+  return [fixed(low, decimals), fixed(high, decimals)];
+}
+
 /** Seconds as measured: `0.34 s`, then as `duration` has them. */
 export function seconds(s: number): string {
   return s < 10 ? `${significant(Math.max(s, 0.01))} s` : duration(s);

@@ -13,11 +13,16 @@ export interface Example {
 
 /** The first one stands in an empty form. */
 export const EXAMPLES: readonly Example[] = [
-  { name: 'rough glass over gold', text: gold },
-  { name: 'rough glass over diamond', text: diamond },
-  { name: 'ridges on plastic', text: ridges },
-  { name: 'gold-coated sandpaper', text: crystals },
+  { name: 'rough glass over gold', text: withoutCommands(gold) },
+  { name: 'rough glass over diamond', text: withoutCommands(diamond) },
+  { name: 'ridges on plastic', text: withoutCommands(ridges) },
+  { name: 'gold-coated sandpaper', text: withoutCommands(crystals) },
 ];
+
+/** A scene without the comments that say how the command line traces it. */
+export function withoutCommands(scene: string): string {
+  return scene.replace(/^#\s+ridged .*\n/gm, '');
+}
 
 /** The first line of a scene where it is a comment, else its shapes from the top down. */
 export function titleOf(scene: unknown): string {

@@ -131,6 +131,8 @@ export interface Parameter {
   readonly budget: Readonly<Record<string, number>> | null;
   readonly note?: string | null;
   readonly reason?: string | null;
+  /** Where it was asked for. */
+  readonly profile?: { readonly lower: number | null; readonly upper: number | null } | null;
 }
 
 export interface RejectedFrame {
@@ -200,9 +202,27 @@ export interface Headway {
   readonly time_left_s: number | null;
 }
 
+/** What was asked of a fit; older ones kept less of it. */
+export interface FitAsked {
+  readonly variant?: string;
+  readonly region?: string | null;
+  readonly judge?: boolean;
+  readonly loss?: string;
+  readonly fix?: Readonly<Record<string, number>>;
+  readonly priors?: Readonly<Record<string, { readonly value: number; readonly std: number }>>;
+  readonly profile?: boolean;
+  readonly bootstrap?: number | null;
+  readonly starts?: number | null;
+  readonly tolerance?: number | null;
+  readonly max_seconds?: number | null;
+  readonly target_error?: number | null;
+  readonly shape?: { readonly name?: string } | null;
+}
+
 export interface Fit extends Partial<FitResult> {
   readonly id: number;
   readonly scan_id: number;
+  readonly request?: FitAsked;
   readonly sample_id?: number;
   readonly sample_name?: string;
   readonly state: 'running' | 'completed' | 'failed' | 'cancelled' | 'interrupted';

@@ -46,6 +46,8 @@ export const BUDGET: Readonly<Record<string, BudgetWords>> = {
   background: { name: 'stray light', meaning: 'light that is in all frames but the dark ones' },
   model: { name: 'model', meaning: 'the model’s own inadequacy, estimated from its residuals' },
   tracer: { name: 'ray tracer', meaning: 'standard errors of the traced radiances' },
+  shape: { name: 'shape', meaning: 'the measured heights that the tracer worked on' },
+  prior: { name: 'known beforehand', meaning: 'what was stated of parameters beside the frames' },
 };
 
 /** Parts below this are rounding or nothing to anybody. */

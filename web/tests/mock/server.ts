@@ -418,9 +418,14 @@ export class MockDaemon {
     }
     const imageMatch = /^\/frames\/(\d+)\/image\.png$/.exec(path);
     if (imageMatch) return send(200, this.#image(Number(imageMatch[1])), 'image/png');
+    if (path === '/imports' && method === 'POST') {
+      const id = this.addScan(1, 'paper');
+      Object.assign(this.scans.find((s) => s.body.id === id)?.body ?? {}, { origin: 'import' });
+      return send(201, { scan_id: id, sample_id: 1, n_frames: 48, skipped: ['frames/7.png'] });
+    }
     if (path === '/fits' && method === 'POST') {
       const id = this.fits.length + 1;
-      this.fits.unshift({ id, scan_id: body['scan_id'], state: 'running', created_at: new Date().toISOString(), progress: { stage: 'tracing', fraction: 0.25, time_left_s: 42 }, forecast: { seconds: 50, at_most: false, cut_short: false, amount: { count: 108, of: 'poses' } } });
+      this.fits.unshift({ id, scan_id: body['scan_id'], request: body, state: 'running', created_at: new Date().toISOString(), progress: { stage: 'tracing', fraction: 0.25, time_left_s: 42 }, forecast: { seconds: 50, at_most: false, cut_short: false, amount: { count: 108, of: 'poses' } } });
       if (this.fitMs !== null) this.#after(this.fitMs, () => this.#finishFit(id, String(body['variant']), body['shape'] !== undefined));
       return send(202, { id, state: 'running' });
     }

@@ -288,6 +288,40 @@ describe('error against run time', () => {
   });
 });
 
+describe('a series recorded elsewhere', () => {
+  it('is imported from its folder and shown', async () => {
+    await page.goto(url);
+    await page.getByText('Bring in a recorded series').click();
+    await page.getByLabel('Its folder on the daemon’s machine').fill('/data/seven');
+    await page.getByRole('button', { name: 'Import' }).click();
+    await page.getByText('Scan 1 with 48 frames; left out: frames/7.png.').waitFor();
+    expect(daemon.requests.find((r) => r.path === '/imports')?.body).toEqual({ folder: '/data/seven', skip_unreadable: false });
+    await page.locator('#answer-title').waitFor();
+  });
+
+  it('says beside the folder what is wrong with it, and what to tick', async () => {
+    daemon.refusals.set('POST /imports', { status: 422, body: { code: 'unreadable', title: 'unreadable', detail: 'frames/7.png is torn; nothing was imported: restore the file, or pass --skip-unreadable to leave it out' } });
+    await page.goto(url);
+    await page.getByText('Bring in a recorded series').click();
+    await page.getByLabel('Its folder on the daemon’s machine').fill('/data/seven');
+    await page.getByRole('button', { name: 'Import' }).click();
+    await page.getByRole('alert').filter({ hasText: 'or tick “leave out frames that cannot be read”.' }).waitFor();
+  });
+});
+
+describe('the contents of the page', () => {
+  it('name the cards that are there and go to them, without touching the address of the scan', async () => {
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    await page.goto(`${url}/#/scan/1/fit/1`);
+    const contents = page.getByTestId('contents');
+    await contents.getByRole('link', { name: 'Parameters' }).click();
+    await expect.poll(() => page.locator('section[aria-labelledby=parameters-title]').evaluate((e) => Math.round(e.getBoundingClientRect().top) < innerHeight)).toBe(true);
+    await expect.poll(() => contents.locator('a[aria-current]').count()).toBe(1);
+    expect(new URL(page.url()).hash).toBe('#/scan/1/fit/1');
+    expect(await contents.getByRole('link', { name: 'Uncertainty' }).count()).toBe(0);
+  });
+});
+
 describe('a fit on the sample’s own shape', () => {
   const heights = Buffer.from('0,1,2\n0,1,2\n');
   const map = { name: 'map.csv', mimeType: 'text/csv', buffer: heights };

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { angle, bytes, count, decade, decimalsFor, duration, exposure, fixed, percent, plain, significant, when, withUncertainty } from '../../src/lib/format';
+import { angle, between, bytes, count, decade, decimalsFor, duration, exposure, fixed, percent, plain, significant, timeLeft, when, withUncertainty } from '../../src/lib/format';
 
 describe('withUncertainty', () => {
   it('rounds value and uncertainty to the same place, two digits of the uncertainty', () => {
@@ -56,6 +56,22 @@ describe('numbers', () => {
     expect(bytes(61e9)).toBe('61.0 GB');
     expect(exposure(0.02)).toBe('20 ms');
     expect(exposure(0.18)).toBe('0.18 s');
+  });
+});
+
+describe('timeLeft', () => {
+  const at = (fraction: number, elapsed_s: number, time_left_s: number | null): string => timeLeft({ fraction, elapsed_s, time_left_s });
+  it('says nothing before there is a pace, nor of the last moment', () => {
+    expect([at(0.25, 4, 12), at(0, 4, 0), at(0.001, 0.01, 30), at(0.999, 40, 0.04), at(0.5, 3, null), timeLeft(undefined)]).toEqual([', 12 s left', '', '', '', '', '']);
+  });
+});
+
+describe('between', () => {
+  it('gives both ends the decimals that tell them apart', () => {
+    expect(between(9.9761, 10.0204)).toEqual(['9.976', '10.020']);
+    expect(between(4.1641, 10.291)).toEqual(['4.2', '10.3']);
+    expect(between(-0.0004, 0.0004)).toEqual(['−0.00040', '0.00040']);
+    expect(between(0.3, 0.3)).toEqual(['0.30000', '0.30000']);
   });
 });
 

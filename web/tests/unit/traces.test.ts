@@ -1,8 +1,15 @@
 import { describe, expect, it } from 'vitest';
 
 import { panelsOf, strokes } from '../../src/lib/plane';
-import { EXAMPLES, hasRidges, ordersOf, titleOf, typedCount } from '../../src/lib/scenes';
+import { EXAMPLES, hasRidges, ordersOf, titleOf, typedCount, withoutCommands } from '../../src/lib/scenes';
 import type { TracePlane } from '../../src/lib/types';
+
+describe('an example', () => {
+  it('says what it is and not what to type on a command line', () => {
+    expect(withoutCommands('# Gold.\n#   ridged trace x.toml --out y\n\n[light]\n')).toBe('# Gold.\n\n[light]\n');
+    for (const { text } of EXAMPLES) expect(text).not.toMatch(/ridged /);
+  });
+});
 
 describe('a scene', () => {
   it('is called by its first comment, else by its shapes from the top down', () => {
