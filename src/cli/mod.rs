@@ -5,6 +5,7 @@
 
 pub mod accuracy;
 mod answer;
+mod axis;
 pub mod check;
 pub mod client;
 pub mod contrast;

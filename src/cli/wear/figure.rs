@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::super::axis;
 use super::{Sweep, Wear};
 
 const WIDTH: f64 = 330.0;
@@ -39,10 +40,10 @@ impl Panel {
             self.x0
         );
         for (max, along_x) in [(self.x_max, true), (self.y_max, false)] {
-            let step = nice_step(max);
-            let mut tick = 0.0;
-            while tick <= max * 1.0001 {
-                let label = format!("{}", (tick * 1e6).round() / 1e6);
+            for (tick, label) in axis::ticks(max)
+                .into_iter()
+                .filter(|(tick, _)| *tick <= max * 1.0001)
+            {
                 let _ = if along_x {
                     let x = self.x(tick);
                     writeln!(
@@ -61,7 +62,6 @@ impl Panel {
                         y + 4.0
                     )
                 };
-                tick += step;
             }
         }
         let (xm, ym) = (self.x0 + 0.5 * WIDTH, TOP + 0.5 * HEIGHT);
@@ -94,15 +94,6 @@ impl Panel {
             self.y(y)
         );
     }
-}
-
-/// 1, 2 or 5 times a power of ten, four to eight of which make up `max`.
-fn nice_step(max: f64) -> f64 {
-    let raw = max / 5.0;
-    let power = 10f64.powf(raw.log10().floor());
-    let candidates = [1.0, 2.0, 5.0, 10.0].map(|m| m * power);
-    let fits = candidates.into_iter().find(|step| *step >= raw * 0.999);
-    fits.unwrap_or(max)
 }
 
 /// The figure: rounding, burrs, optimum.
