@@ -2,13 +2,18 @@
 
 use std::fmt::Write as _;
 
+use super::super::axis::signed;
 use super::{AZIMUTHS, Cell, MATERIALS, TILTS, pose, summary};
 
 const CELL: (f64, f64) = (64.0, 26.0);
 const POSE: (f64, f64) = (30.0, 22.0);
 const LEFT: f64 = 70.0;
-const TOP: f64 = 64.0;
+const TOP: f64 = 96.0;
 const GAP: f64 = 54.0;
+/// A panel of few roughnesses is no narrower than its title.
+const PANEL_MIN: f64 = 280.0;
+/// Half of the label under a panel.
+const LABEL_HALF: f64 = 90.0;
 
 /// What is shown over ridge angle and roughness.
 type Shown = (&'static str, &'static str, fn(&Cell) -> Option<f64>);
@@ -49,11 +54,16 @@ fn colour(x: f64) -> (String, &'static str) {
 }
 
 fn number(x: f64) -> String {
-    match x.abs() {
+    let text = match x.abs() {
         a if a >= 10.0 => format!("{x:.0}"),
         a if a >= 1.0 => format!("{x:.1}"),
         a if a >= 0.1 => format!("{x:.2}"),
         _ => format!("{x:.3}"),
+    };
+    // What rounds to nothing has no sign.
+    match text.trim_start_matches(['-', '0', '.']) {
+        "" => text.trim_start_matches('-').to_owned(),
+        _ => signed(&text),
     }
 }
 
@@ -70,12 +80,13 @@ pub(super) fn draw(cells: &[Cell]) -> String {
     let panel_h = CELL.1 * ridges.len() as f64;
     let pose_w = POSE.0 * AZIMUTHS as f64;
     let pose_h = POSE.1 * TILTS as f64;
-    let width = LEFT + (MAPS.len() as f64 * (panel_w + GAP)).max(2.0 * (pose_w + GAP + LEFT));
+    let slot = panel_w.max(PANEL_MIN) + GAP;
+    let width = LEFT + (MAPS.len() as f64 * slot).max(2.0 * (pose_w + GAP + LEFT));
     let height = TOP + 2.0 * (panel_h + 74.0) + pose_h + 60.0;
     let mut svg = format!(
-        r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" font-size="12">
+        r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="Inter, Helvetica, Arial, sans-serif" font-size="12">
 <rect width="{width}" height="{height}" fill="white"/>
-<text x="{LEFT}" y="20" font-size="14">Errors against the ray tracer; shares are of the brightest pose. Colours: decades from 0.001 (white) to 10 (dark).</text>
+<text x="{LEFT}" y="20" font-size="14">Errors against the ray tracer; shares are of the brightest pose. Colours by size, in each panel’s unit:</text>
 "##
     );
     let text = |svg: &mut String, x: f64, y: f64, anchor: &str, words: &str, fill: &str| {
@@ -84,10 +95,20 @@ pub(super) fn draw(cells: &[Cell]) -> String {
             r##"<text x="{x:.1}" y="{y:.1}" text-anchor="{anchor}" fill="{fill}">{words}</text>"##
         );
     };
+    for (n, words) in ["0.001", "0.01", "0.1", "1", "10"].iter().enumerate() {
+        let (fill, ink) = colour(10f64.powi(n as i32 - 3));
+        let x = LEFT + CELL.0 * n as f64;
+        let _ = writeln!(
+            svg,
+            r##"<rect x="{x:.1}" y="30" width="{}" height="22" fill="{fill}" stroke="#bbb"/>"##,
+            CELL.0
+        );
+        text(&mut svg, x + 0.5 * CELL.0, 45.0, "middle", words, ink);
+    }
     for (material, (name, ..)) in MATERIALS.iter().enumerate() {
         let y0 = TOP + material as f64 * (panel_h + 74.0);
         for (n, (title, unit, of)) in MAPS.iter().enumerate() {
-            let x0 = LEFT + n as f64 * (panel_w + GAP);
+            let x0 = LEFT + n as f64 * slot;
             text(
                 &mut svg,
                 x0,
@@ -133,7 +154,8 @@ pub(super) fn draw(cells: &[Cell]) -> String {
                     "black",
                 );
             }
-            let (x, y) = (x0 + 0.5 * panel_w, y0 + panel_h + 32.0);
+            let x = x0 + (0.5 * panel_w).max(LABEL_HALF);
+            let y = y0 + panel_h + 32.0;
             text(
                 &mut svg,
                 x,
@@ -167,7 +189,7 @@ pub(super) fn draw(cells: &[Cell]) -> String {
                 number(value)
             );
             if a == 0 {
-                let words = format!("{:.0}°", pose(n).theta_c.deg());
+                let words = signed(&format!("{:.0}°", pose(n).theta_c.deg()));
                 text(&mut svg, x0 - 5.0, y + 16.0, "end", &words, "black");
             }
             if t == 0 && a % 3 == 0 {
@@ -194,4 +216,46 @@ pub(super) fn draw(cells: &[Cell]) -> String {
     }
     svg.push_str("</svg>\n");
     svg
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn titles_of_one_surface_alone_do_not_lie_over_each_other() {
+        let cells: Vec<Cell> = (0..MATERIALS.len())
+            .map(|material| Cell {
+                material,
+                theta_r_deg: 10.0,
+                alpha: 0.1,
+                closed: vec![0.001; TILTS * AZIMUTHS],
+                quadrature: vec![0.0; TILTS * AZIMUTHS],
+                noise: 0.0,
+                fitted: [None; 2],
+            })
+            .collect();
+        let svg = draw(&cells);
+        let at = |title: &str| -> f64 {
+            let line = svg.lines().find(|l| l.contains(title)).expect(title);
+            let x = line.split("x=\"").nth(1).expect("an x").split('"').next();
+            x.expect("a number").parse().expect("a number")
+        };
+        let starts: Vec<f64> = MAPS
+            .iter()
+            .map(|(title, ..)| at(&format!("{} · {title}", MATERIALS[0].0)))
+            .collect();
+        for (n, pair) in starts.windows(2).enumerate() {
+            // Of 12 px, a letter is some 6 wide; a few are for the unit.
+            let room = 6.0 * (MATERIALS[0].0.len() + MAPS[n].0.len() + 7) as f64;
+            assert!(pair[1] - pair[0] > room, "{pair:?} {room}");
+        }
+    }
+
+    #[test]
+    fn numbers_have_a_true_minus_and_nothing_has_none() {
+        assert_eq!(number(-0.36), "−0.36");
+        assert_eq!(number(-0.0002), "0.000");
+        assert_eq!(number(12.3), "12");
+    }
 }
