@@ -131,8 +131,12 @@ pub fn run(
     found
 }
 
+/// A point this far off a line, as a factor, says that there is no power law.
+const BENT: f64 = 4.0;
+
 /// Slope of log error over log seconds by least squares; `None` for fewer than three points of effort, or where
-/// the effort spans less than a factor of 3.
+/// the effort spans less than a factor of 3, or a point lies more than a factor of 4 off the line: a solver that
+/// converges quadratically keeps no power law, and a slope would say nothing of it.
 #[must_use]
 pub fn slope(points: &[&Point]) -> Option<f64> {
     let logs: Vec<(f64, f64)> = points
@@ -150,7 +154,11 @@ pub fn slope(points: &[&Point]) -> Option<f64> {
     let xy: f64 = logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
     let seconds = |f: fn(f64, f64) -> f64, from: f64| logs.iter().map(|p| p.0).fold(from, f);
     let span = seconds(f64::max, f64::NEG_INFINITY) - seconds(f64::min, f64::INFINITY);
-    (xx > 0.0 && span >= 3f64.ln()).then(|| xy / xx)
+    let slope = xy / xx;
+    let straight = logs
+        .iter()
+        .all(|p| (p.1 - y - slope * (p.0 - x)).abs() <= BENT.ln());
+    (xx > 0.0 && span >= 3f64.ln() && straight).then_some(slope)
 }
 
 #[cfg(test)]
@@ -171,5 +179,13 @@ mod tests {
         let refs: Vec<&Point> = points.iter().collect();
         assert!((slope(&refs).unwrap() + 0.5).abs() < 1e-12);
         assert!(slope(&refs[..2]).is_none());
+        // Each step squares the error: no power of the time.
+        let squared: Vec<Point> = (0..5)
+            .map(|n| Point {
+                error: 0.1f64.powi(1 << n),
+                ..at(1e-4 * f64::from(n + 1))
+            })
+            .collect();
+        assert!(slope(&squared.iter().collect::<Vec<_>>()).is_none());
     }
 }

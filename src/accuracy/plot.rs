@@ -32,7 +32,12 @@ pub fn svg(scene: &str, points: &[&Point], footer: &str) -> String {
         FRAME[0],
         escaped(scene)
     ));
-    let quantity = shown.first().map_or("error", |p| p.quantity.as_str());
+    // Where there are several, the methods' names say which.
+    let quantity = match shown.first() {
+        Some(p) if shown.iter().all(|q| q.quantity == p.quantity) => p.quantity.as_str(),
+        Some(p) => p.quantity.split(", ").next().unwrap_or_default(),
+        None => "error",
+    };
     put(format!(
         "<text x=\"{}\" y=\"57\" fill=\"#444\">{}</text>\n",
         FRAME[0],
@@ -80,7 +85,7 @@ pub fn svg(scene: &str, points: &[&Point], footer: &str) -> String {
     ));
     if let Some([from, to]) = root_guide(&shown, &x, &y) {
         put(format!(
-            "<line x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\" stroke=\"#777\" stroke-width=\"1.5\" stroke-dasharray=\"7 5\"/>\n<text x=\"{:.1}\" y=\"{:.1}\" fill=\"#555\" font-size=\"14\">slope \u{2212}½</text>\n",
+            "<line x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\" stroke=\"#777\" stroke-width=\"1.5\" stroke-dasharray=\"7 5\"/>\n<text x=\"{:.1}\" y=\"{:.1}\" fill=\"#555\" font-size=\"14\" stroke=\"white\" stroke-width=\"4\" paint-order=\"stroke\">slope \u{2212}½</text>\n",
             from.0,
             from.1,
             to.0,
@@ -233,17 +238,19 @@ impl Axis {
         if low > high {
             (low, high) = (0.0, 1.0);
         }
+        // A dot at an end of the axis stays inside.
+        let room = (0.03 * (high - low)).max(0.04);
         let steps = || {
-            let first = low.floor() as i32 - 1;
-            let last = high.ceil() as i32 + 1;
+            let first = (low - room).floor() as i32 - 1;
+            let last = (high + room).ceil() as i32 + 1;
             (first..=last).flat_map(|p| [1.0, 2.0, 5.0].map(|f: f64| f.log10() + f64::from(p)))
         };
         let low_end = steps()
-            .filter(|s| *s <= low - 0.04)
-            .fold(low - 1.0, f64::max);
+            .filter(|s| *s <= low - room)
+            .fold(low - room - 1.0, f64::max);
         let high_end = steps()
-            .filter(|s| *s >= high + 0.04)
-            .fold(high + 1.0, f64::min);
+            .filter(|s| *s >= high + room)
+            .fold(high + room + 1.0, f64::min);
         Axis {
             low: low_end,
             high: high_end,
