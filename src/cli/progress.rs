@@ -1,10 +1,10 @@
 //! A progress bar that shows itself on a terminal only, and only once it is worth it.
 
 use std::io::IsTerminal;
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
 /// A bar on stderr.
 pub struct Bar {
@@ -12,6 +12,16 @@ pub struct Bar {
     terminal: bool,
     unit: &'static str,
     bar: OnceLock<ProgressBar>,
+    stage: Mutex<Option<Stage>>,
+}
+
+/// What is counted at present: another total, or a count that falls back, begins anew.
+struct Stage {
+    begun: Instant,
+    total: u64,
+    /// What was done already as it began.
+    from: u64,
+    done: u64,
 }
 
 impl Bar {
@@ -23,6 +33,7 @@ impl Bar {
             terminal: std::io::stderr().is_terminal(),
             unit,
             bar: OnceLock::new(),
+            stage: Mutex::new(None),
         }
     }
 
@@ -33,12 +44,16 @@ impl Bar {
 
     /// The same with a word on what is going on.
     pub fn show(&self, done: u64, total: u64, word: &str) {
-        if !self.terminal || self.started.elapsed() < Duration::from_secs(1) {
+        if !self.terminal {
+            return;
+        }
+        let left = self.left(done, total);
+        if self.started.elapsed() < Duration::from_secs(1) {
             return;
         }
         let bar = self.bar.get_or_init(|| {
             let template = format!(
-                "{{msg:30}} {{wide_bar}} {{pos}}/{{len}} {}, {{eta}} left",
+                "{{msg:30}} {{wide_bar}} {{pos}}/{{len}} {}{{prefix}}",
                 self.unit
             );
             let style = ProgressStyle::with_template(&template)
@@ -47,9 +62,31 @@ impl Bar {
         });
         bar.set_length(total);
         bar.set_position(done);
+        bar.set_prefix(left.map_or_else(String::new, |left| {
+            format!(", {} left", HumanDuration(left))
+        }));
         if !word.is_empty() {
             bar.set_message(word.to_owned());
         }
+    }
+
+    /// Time left of what is counted at present; `None` for as long as nobody can tell.
+    fn left(&self, done: u64, total: u64) -> Option<Duration> {
+        let done = done.min(total);
+        let mut stage = self.stage.lock().expect("no holder of this lock panics");
+        match stage.as_mut() {
+            Some(s) if s.total == total && s.done <= done => s.done = done,
+            _ => {
+                *stage = Some(Stage {
+                    begun: Instant::now(),
+                    total,
+                    from: done,
+                    done,
+                });
+            }
+        }
+        let stage = stage.as_ref()?;
+        time_left(done - stage.from, total - stage.from, stage.begun.elapsed())
     }
 
     /// Prints a line above the bar, or plainly to stderr where there is none.
@@ -65,5 +102,39 @@ impl Bar {
         if let Some(bar) = self.bar.get() {
             bar.finish_and_clear();
         }
+    }
+}
+
+/// Time that the rest takes at the pace so far; `None` in the first half second, before anything is done, and
+/// where less than a second is left.
+fn time_left(done: u64, total: u64, spent: Duration) -> Option<Duration> {
+    let told = 0 < done && done < total && spent >= Duration::from_millis(500);
+    told.then(|| spent.mul_f64((total - done) as f64 / done as f64))
+        .filter(|left| *left >= Duration::from_secs(1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_time_left_is_not_told_before_there_is_a_pace() {
+        let s = Duration::from_secs;
+        assert_eq!(time_left(0, 100, s(5)), None);
+        assert_eq!(time_left(1, 10_000, Duration::from_millis(200)), None);
+        assert_eq!(time_left(10, 100, Duration::from_millis(20)), None);
+        assert_eq!(time_left(25, 100, s(4)), Some(s(12)));
+        // At the end there is nothing to say, rather than no second left.
+        assert_eq!(time_left(99, 100, s(4)), None);
+        assert_eq!(time_left(100, 100, s(4)), None);
+    }
+
+    #[test]
+    fn a_new_total_begins_a_new_stage() {
+        let bar = Bar::new("steps");
+        bar.left(50, 100);
+        bar.left(1, 10);
+        let stage = bar.stage.lock().unwrap();
+        assert_eq!(stage.as_ref().map(|s| (s.total, s.done)), Some((10, 1)));
     }
 }

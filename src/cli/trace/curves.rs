@@ -140,15 +140,21 @@ fn draw(svg: &mut String, panel: &Panel, x: f64, y: f64, first: bool, last: bool
                 let _ = write!(bars, "M{px:.1} {from:.1}V{to:.1}");
             }
         }
+        // A second line may lie on the first all along.
+        let dash = if n == 1 {
+            r#" stroke-dasharray="4 3.5""#
+        } else {
+            ""
+        };
         let _ = writeln!(
             svg,
-            r##"<path d="{bars}" stroke="{colour}" stroke-opacity="0.35" stroke-width="2" fill="none"/><path d="{path}" stroke="{colour}" stroke-width="1.4" stroke-linecap="round" fill="none"/>"##
+            r##"<path d="{bars}" stroke="{colour}" stroke-opacity="0.35" stroke-width="2" fill="none"/><path d="{path}" stroke="{colour}" stroke-width="1.4" stroke-linecap="round" fill="none"{dash}/>"##
         );
         if panel.lines.len() > 1 {
             let (lx, ly) = (x + 8.0, y + 12.0 + 13.0 * n as f64);
             let _ = writeln!(
                 svg,
-                r##"<path d="M{lx} {ly}h14" stroke="{colour}" stroke-width="2"/><text x="{}" y="{}">{}</text>"##,
+                r##"<path d="M{lx} {ly}h14" stroke="{colour}" stroke-width="2"{dash}/><text x="{}" y="{}">{}</text>"##,
                 lx + 18.0,
                 ly + 3.5,
                 escaped(&line.name)

@@ -6,6 +6,7 @@
 
 use std::fmt::Write as _;
 
+use crate::cli::axis::signed;
 use crate::map::colour::{Rgb, cyclic, diverging, sequential};
 use crate::trace::grid::{Grid, Layout};
 use crate::trace::height_field::Side;
@@ -77,7 +78,7 @@ impl Scale {
                     String::new()
                 }
             }
-            Scale::Turn => format!("{:.0}°", self.at(f)),
+            Scale::Turn => signed(&format!("{:.0}°", self.at(f))),
             _ => format!("{}", (self.at(f) * 1e4).round() / 1e4).replace('-', "−"),
         })
     }
