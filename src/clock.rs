@@ -16,6 +16,11 @@ pub trait Clock: Send + Sync + 'static {
     fn now(&self) -> Duration;
     /// Wall-clock time, a label only: it may jump.
     fn utc(&self) -> OffsetDateTime;
+    /// The machine's own wall-clock time, for what is not the rig's: calculations take as long as they take,
+    /// however fast a simulated rig runs.
+    fn wall(&self) -> OffsetDateTime {
+        self.utc()
+    }
     /// Completes when `duration` has passed on this clock.
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()>;
 }
@@ -91,6 +96,10 @@ impl Clock for ScaledClock {
         self.started_utc + self.now()
     }
 
+    fn wall(&self) -> OffsetDateTime {
+        OffsetDateTime::now_utc()
+    }
+
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {
         Box::pin(tokio::time::sleep(duration.div_f64(self.scale)))
     }
@@ -137,5 +146,22 @@ impl Clock for SteppedClock {
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {
         self.advance(duration);
         Box::pin(tokio::task::yield_now())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clock_that_runs_fast_still_knows_the_time_of_day() {
+        let fast = ScaledClock::new(1e9);
+        let began = OffsetDateTime::now_utc();
+        // A microsecond of the machine is a quarter of an hour on this clock.
+        while fast.now() < Duration::from_secs(7200) {}
+        assert!(fast.utc() - fast.wall() > time::Duration::HOUR);
+        assert!(fast.wall() - began < time::Duration::HOUR);
+        let stepped = SteppedClock::new();
+        assert_eq!(stepped.wall(), stepped.utc());
     }
 }

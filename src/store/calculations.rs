@@ -83,7 +83,7 @@ impl Store {
         .bind(scan_id)
         .bind(request)
         .bind(PROGRAM)
-        .bind(self.now_text())
+        .bind(self.wall_text())
         .execute(&mut *transaction)
         .await?
         .last_insert_rowid();
@@ -148,7 +148,7 @@ impl Store {
         .bind(result)
         .bind(error.map(|e| e.0))
         .bind(error.map(|e| e.1))
-        .bind(self.now_text())
+        .bind(self.wall_text())
         .execute(&mut *transaction)
         .await?;
         let event = Event::Calculation {

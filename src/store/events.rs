@@ -42,7 +42,15 @@ impl Store {
         transaction: &mut Transaction<'_, Sqlite>,
         event: Event,
     ) -> Result<RecordedEvent, StoreError> {
-        let at = self.inner.clock.utc();
+        let clock = &self.inner.clock;
+        let at = match &event {
+            Event::Fit { .. } | Event::Calculation { .. } | Event::Forecast { .. } => clock.wall(),
+            Event::Rig { .. }
+            | Event::Scan { .. }
+            | Event::Frame { .. }
+            | Event::Uncertainty { .. }
+            | Event::Alarm { .. } => clock.utc(),
+        };
         let body = serde_json::to_string(&event).map_err(|e| StoreError::bad_row("events", e))?;
         let id = sqlx::query("INSERT INTO events (at, kind, scan_id, body) VALUES (?, ?, ?, ?)")
             .bind(utc_text(at))

@@ -247,6 +247,11 @@ impl Store {
     fn now_text(&self) -> String {
         utc_text(self.inner.clock.utc())
     }
+
+    /// The same for what is not the rig's: samples and calculations.
+    fn wall_text(&self) -> String {
+        utc_text(self.inner.clock.wall())
+    }
 }
 
 const DATABASE: &str = "ridged.sqlite";

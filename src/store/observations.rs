@@ -99,7 +99,7 @@ impl Store {
         .bind(context)
         .bind(last_frame_id)
         .bind(PROGRAM)
-        .bind(self.now_text())
+        .bind(self.wall_text())
         .execute(&mut *transaction)
         .await?
         .last_insert_rowid();

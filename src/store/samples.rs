@@ -105,7 +105,7 @@ impl Store {
         .bind(serde_json::to_string(&new.material).map_err(bad)?)
         .bind(&new.note)
         .bind(simulated)
-        .bind(self.now_text())
+        .bind(self.wall_text())
         .execute(self.writer())
         .await?
         .last_insert_rowid();
