@@ -167,6 +167,7 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::NotNow { .. } | LabError::NotOfThisRig { .. } => {
             (StatusCode::CONFLICT, "not possible where the scan stands")
         }
+        LabError::NotThere { .. } => (StatusCode::CONFLICT, "not possible where it stands"),
         LabError::NoRig => (StatusCode::SERVICE_UNAVAILABLE, "this daemon has no rig"),
         LabError::Stopping => (StatusCode::SERVICE_UNAVAILABLE, "the daemon is stopping"),
         LabError::Plan(_) => (StatusCode::UNPROCESSABLE_ENTITY, "the plan cannot run"),
@@ -175,6 +176,9 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
             StatusCode::UNPROCESSABLE_ENTITY,
             "the position is outside the travel",
         ),
+        LabError::Stage(_) if code == "stage-not-referenced" => {
+            (StatusCode::CONFLICT, "the axis does not know where it is")
+        }
         LabError::Stage(_) => (StatusCode::SERVICE_UNAVAILABLE, "the stages cannot be had"),
         LabError::Camera(_) => (StatusCode::SERVICE_UNAVAILABLE, "the camera failed"),
         LabError::Series(_) | LabError::Frame { .. } | LabError::Invalid { .. } => {

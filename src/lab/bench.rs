@@ -5,6 +5,7 @@
 //! for a motion to end.
 
 use std::collections::{BTreeSet, HashMap, VecDeque};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -19,7 +20,7 @@ use crate::clock::Clock;
 use crate::geometry::Pose;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::runner::{self, Job, OrderSlip, RunEnd};
-use crate::scan::{Event, Plan, Progress, RecordedEvent, Rig, ScanState, TravelLimits};
+use crate::scan::{Event, Plan, RecordedEvent, Rig, ScanState, TravelLimits};
 use crate::store::{Store, StoreError};
 use crate::units::Angle;
 
@@ -51,6 +52,8 @@ pub(super) struct ScanWork {
     pub plan: Plan,
     /// Points that are durable already.
     pub done: BTreeSet<u32>,
+    /// Time that was spent on them.
+    pub elapsed_s: f64,
 }
 
 /// Work and the way back; answered when the work is taken up, not when it is done.
@@ -101,9 +104,11 @@ pub(super) async fn take(parts: RigParts, told: Told) -> Result<RigSide, StoreEr
         requests,
         occupation: occupied,
         owner: Mutex::new(None),
+        stopping: Arc::new(AtomicBool::new(false)),
         settings: settings.clone(),
     };
     let owner = Owner {
+        stopping: Arc::clone(&side.stopping),
         rig_id: id,
         settings,
         occupation: Arc::new(occupation),
@@ -120,13 +125,16 @@ struct Owner {
     settings: RigSettings,
     occupation: Arc<watch::Sender<Occupation>>,
     told: Told,
+    /// See [`RigSide::stopping`].
+    stopping: Arc<AtomicBool>,
 }
 
 impl Owner {
     async fn run(self, rig: Rig, mut inbox: mpsc::Receiver<Request>) {
         let mut free = Some(rig);
         let mut current: Option<BoxFuture<'static, Rig>> = None;
-        let mut connecting = false;
+        // What is in hand: something that others may wait for, or one axis alone, which a stop ends.
+        let (mut connecting, mut one_axis) = (false, false);
         let mut waiting = VecDeque::new();
         loop {
             let next = match free.is_some() {
@@ -159,10 +167,16 @@ impl Owner {
             match free.take() {
                 Some(rig) => {
                     connecting = matches!(request.work, Work::Connect);
+                    one_axis = matches!(request.work, Work::Move { .. } | Work::Home { .. });
+                    self.stopping.store(false, Ordering::Relaxed);
                     current = Some(Box::pin(self.clone().work(rig, request)));
                 }
                 // Connecting takes a moment; it is no reason to refuse.
                 None if connecting => waiting.push_back(request),
+                // So is a motion that was told to stop and is about to end.
+                None if one_axis && self.stopping.load(Ordering::Relaxed) => {
+                    waiting.push_back(request);
+                }
                 None => {
                     let with = self.held_by();
                     request.reply.send(Err(LabError::Busy { with })).ok();
@@ -263,7 +277,9 @@ impl Owner {
         axis: AxisName,
         target: Angle,
     ) -> Result<(), StageError> {
-        let mut pose = stage.status().await?.pose();
+        let status = stage.status().await?;
+        let homed = status.axis(axis).homed;
+        let mut pose = status.pose();
         // The other axis stays where it is, wherever that is: only the one that moves is judged.
         let settings = stage.settings();
         match axis {
@@ -284,7 +300,11 @@ impl Owner {
                 );
             }
         }
-        stage.check_limits(pose)
+        stage.check_limits(pose)?;
+        match homed {
+            true => Ok(()),
+            false => Err(StageError::NotReferenced { axis }),
+        }
     }
 
     async fn settled(&self, rig: &mut Rig, stage: &Stage, outcome: Result<(), StageError>) {
@@ -365,6 +385,7 @@ impl Owner {
         let job = Job {
             steps,
             done: work.done,
+            elapsed_s: work.elapsed_s,
             settings: self.settings.runner.clone(),
             clock: Arc::clone(&self.told.clock),
         };
@@ -393,9 +414,10 @@ async fn interrupt_when_possible(told: Told, scan_id: i64, reason: String) {
     const ATTEMPTS: u32 = 1000;
     for _ in 0..ATTEMPTS {
         let state = ScanState::Interrupted;
+        let progress = told.store.last_progress(scan_id).await.unwrap_or_default();
         let written = told
             .store
-            .change_state(scan_id, state, Some(&reason), None, Progress::default())
+            .change_state(scan_id, state, Some(&reason), None, progress)
             .await;
         match written {
             Ok(event) => return tell(&told.events, event),

@@ -32,6 +32,18 @@ pub enum LabError {
         /// What was asked.
         asked: &'static str,
     },
+    /// A fit or calculation cannot do that where it stands.
+    #[error("{what} {number} is {state}: {problem}")]
+    NotThere {
+        /// A fit, a map, …
+        what: String,
+        /// Which one.
+        number: i64,
+        /// Where it stands.
+        state: String,
+        /// What is not possible, or not there.
+        problem: &'static str,
+    },
     /// The scan is not this rig's to run.
     #[error("scan {scan_id} was made with another rig or is an import: it cannot be resumed here")]
     NotOfThisRig {
@@ -104,7 +116,9 @@ impl LabError {
         match self {
             LabError::Busy { .. } => "busy",
             LabError::NoRig => "no-rig",
-            LabError::NotNow { .. } | LabError::NotOfThisRig { .. } => "state-conflict",
+            LabError::NotNow { .. } | LabError::NotThere { .. } | LabError::NotOfThisRig { .. } => {
+                "state-conflict"
+            }
             LabError::Plan(_) => "plan-invalid",
             LabError::NoRoom { .. } => "disk-full",
             LabError::Stage(error) => stage_code(error),

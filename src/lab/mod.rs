@@ -21,9 +21,11 @@ mod recorder;
 mod series;
 mod traces;
 mod under_way;
+pub(crate) mod words;
 
 use std::collections::HashMap;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -111,6 +113,8 @@ struct RigSide {
     requests: mpsc::Sender<bench::Request>,
     occupation: watch::Receiver<Occupation>,
     owner: Mutex<Option<tokio::task::JoinHandle<()>>>,
+    /// Whether the stages were told to stop since the work in hand began.
+    stopping: Arc<AtomicBool>,
 }
 
 /// What the rig is doing, for everybody to see.
@@ -377,6 +381,7 @@ impl Lab {
     /// Only if the stage could not be reached.
     pub async fn stop(&self) -> Result<(), LabError> {
         let side = self.side()?;
+        side.stopping.store(true, Ordering::Relaxed);
         let stage = side.stage.borrow().clone();
         let stopped = match stage {
             // Nothing was ever connected: nothing that this daemon started can be moving.

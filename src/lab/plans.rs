@@ -153,6 +153,7 @@ impl Lab {
             scan_id: scan.id,
             plan,
             done: Default::default(),
+            elapsed_s: 0.0,
         };
         if let Err(error) = self.request(Work::Scan(Box::new(work))).await {
             let reason = error.to_string();
@@ -189,6 +190,7 @@ impl Lab {
             scan_id: scan.id,
             plan,
             done: done.into_iter().collect(),
+            elapsed_s: self.store().last_progress(scan.id).await?.elapsed_s,
         };
         let after = self.store().last_event_id().await?;
         let mut events = self.events();

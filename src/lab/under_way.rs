@@ -67,9 +67,11 @@ impl AllUnderWay {
                 work.cancel.store(true, Ordering::Relaxed);
                 Ok(())
             }
-            None => Err(LabError::Invalid {
-                field: "id".into(),
-                problem: format!("{what} {number} is {state}: there is nothing to cancel"),
+            None => Err(LabError::NotThere {
+                what: what.to_string(),
+                number,
+                state: state.to_string(),
+                problem: "there is nothing to cancel",
             }),
         }
     }

@@ -145,6 +145,8 @@ pub struct Job {
     pub steps: Vec<Step>,
     /// Points that are durable from an earlier run.
     pub done: BTreeSet<u32>,
+    /// Time that earlier runs spent.
+    pub elapsed_s: f64,
     /// Settings.
     pub settings: RunnerSettings,
     /// Time.
@@ -161,6 +163,7 @@ pub async fn run(
     recorder: &mut dyn Recorder,
     orders: &mut mpsc::Receiver<OrderSlip>,
 ) -> Result<RunEnd, RecordError> {
+    let before_s = job.elapsed_s;
     let mut runner = Runner::new(job, rig, recorder, orders);
     let state = match runner.drive().await {
         Ok(()) => {
@@ -175,7 +178,7 @@ pub async fn run(
     };
     Ok(RunEnd {
         state,
-        elapsed_s: runner.ledger.progress.elapsed_s,
+        elapsed_s: runner.ledger.progress.elapsed_s - before_s,
         ideal_s: runner.ledger.ideal_s,
     })
 }
@@ -243,6 +246,7 @@ impl<'a> Runner<'a> {
     /// Totals of the plan, and what of it is done from earlier runs.
     fn count_what_is_left(&mut self) -> Ledger {
         let mut ledger = Ledger::default();
+        ledger.progress.elapsed_s = self.job.elapsed_s;
         self.predicted_total_s = 0.0;
         let mut at = None;
         for step in &self.job.steps {
@@ -411,8 +415,9 @@ impl<'a> Runner<'a> {
             progress.fraction = ledger.predicted_done_s / self.predicted_total_s;
         }
         // The pace of this run so far; the first point has none yet.
-        let pace = if progress.elapsed_s > 0.0 && ledger.ideal_s > predicted {
-            progress.elapsed_s / (ledger.ideal_s - predicted)
+        let spent_s = progress.elapsed_s - self.job.elapsed_s;
+        let pace = if spent_s > 0.0 && ledger.ideal_s > predicted {
+            spent_s / (ledger.ideal_s - predicted)
         } else {
             1.0
         };

@@ -262,10 +262,24 @@ async fn a_daemon_that_ends_leaves_the_scan_to_be_resumed() {
     let bench = BenchInABox::open(folder.path(), Arc::new(RealDisk), true).await;
     let scan = bench.lab.store().scan(scan.id).await.unwrap();
     assert_eq!(scan.state, ScanState::Interrupted);
+    let spent_s = async || {
+        let progress = bench.lab.store().last_progress(scan.id).await;
+        progress.unwrap().elapsed_s
+    };
+    let before_s = spent_s().await;
+    assert!(before_s > 0.0);
     let kept = bench.lab.store().shots_done(scan.id).await.unwrap().len();
     assert!(kept >= 7, "{kept} points are kept");
     bench.lab.order(scan.id, Order::Resume).await.unwrap();
     assert_eq!(bench.finish(scan.id).await.state, ScanState::Completed);
+    // Its time goes on from where it was.
+    let told = bench.lab.store().events_after(0, 1000).await.unwrap();
+    let elapsed = told.iter().filter_map(|e| match &e.event {
+        Event::Frame { progress, .. } | Event::Scan { progress, .. } => Some(progress.elapsed_s),
+        _ => None,
+    });
+    assert!(elapsed.is_sorted());
+    assert!(spent_s().await > before_s);
     // One dark, three white-reference and nine sample points: each once.
     assert_eq!(
         bench.lab.store().shots_done(scan.id).await.unwrap().len(),
