@@ -189,7 +189,7 @@ pub(super) async fn map(State(app): State<App>, Id(id): Id) -> Result<Json<Value
 #[utoipa::path(post, path = "/api/v1/maps/{id}/cancel", tag = "maps", params(("id" = i64, Path, description = "Number of the map")), responses(
     (status = 202, description = "It will end within a moment", body = Begun),
     (status = 404, description = "There is none", body = Problem),
-    (status = 422, description = "It has ended", body = Problem),
+    (status = 409, description = "It has ended", body = Problem),
 ))]
 pub(super) async fn cancel_map(
     State(app): State<App>,
@@ -205,6 +205,7 @@ pub(super) async fn cancel_map(
 ), responses(
     (status = 200, description = "The file", body = Vec<u8>, content_type = "application/octet-stream"),
     (status = 404, description = "There is no such map", body = Problem),
+    (status = 409, description = "The map has no files (yet)", body = Problem),
     (status = 422, description = "The map has no such file", body = Problem),
 ))]
 pub(super) async fn map_file(
@@ -253,7 +254,7 @@ pub(super) async fn contrast(State(app): State<App>, Id(id): Id) -> Result<Json<
 #[utoipa::path(post, path = "/api/v1/contrasts/{id}/cancel", tag = "contrasts", params(("id" = i64, Path, description = "Number of the contrast")), responses(
     (status = 202, description = "It will end within a moment", body = Begun),
     (status = 404, description = "There is none", body = Problem),
-    (status = 422, description = "It has ended", body = Problem),
+    (status = 409, description = "It has ended", body = Problem),
 ))]
 pub(super) async fn cancel_contrast(
     State(app): State<App>,
@@ -302,7 +303,7 @@ pub(super) async fn verdict(State(app): State<App>, Id(id): Id) -> Result<Json<V
 #[utoipa::path(post, path = "/api/v1/verdicts/{id}/cancel", tag = "verdicts", params(("id" = i64, Path, description = "Number of the verdict")), responses(
     (status = 202, description = "It will end within a moment", body = Begun),
     (status = 404, description = "There is none", body = Problem),
-    (status = 422, description = "It has ended", body = Problem),
+    (status = 409, description = "It has ended", body = Problem),
 ))]
 pub(super) async fn cancel_verdict(
     State(app): State<App>,
@@ -351,7 +352,7 @@ pub(super) async fn trace(State(app): State<App>, Id(id): Id) -> Result<Json<Val
 #[utoipa::path(post, path = "/api/v1/traces/{id}/cancel", tag = "traces", params(("id" = i64, Path, description = "Number of the trace")), responses(
     (status = 202, description = "It will end within a moment", body = Begun),
     (status = 404, description = "There is none", body = Problem),
-    (status = 422, description = "It has ended", body = Problem),
+    (status = 409, description = "It has ended", body = Problem),
 ))]
 pub(super) async fn cancel_trace(
     State(app): State<App>,
@@ -371,6 +372,7 @@ pub(super) async fn cancel_trace(
 ), responses(
     (status = 200, description = "The file", body = Vec<u8>, content_type = "application/octet-stream"),
     (status = 404, description = "There is no such trace", body = Problem),
+    (status = 409, description = "The trace has no files (yet)", body = Problem),
     (status = 422, description = "The trace has no such file", body = Problem),
 ))]
 pub(super) async fn trace_file(

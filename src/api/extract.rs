@@ -9,6 +9,7 @@ use serde::de::DeserializeOwned;
 
 use super::error::{ApiError, FieldProblem};
 use super::guard::BODY_BYTES_MAX;
+use crate::lab::words::{missing, plain};
 use crate::store::PageRequest;
 
 /// A JSON body.
@@ -48,14 +49,29 @@ fn syntax(error: serde_json::Error) -> ApiError {
     )
 }
 
+/// Where a value is wrong and what is wrong with it, in words.
+fn told(path: &str, message: &str) -> (String, String) {
+    let path = match path {
+        "." => "",
+        path => path,
+    };
+    match (missing(message), path) {
+        (Some(name), "") => (name.to_owned(), "is missing".to_owned()),
+        (Some(name), path) => (format!("{path}.{name}"), "is missing".to_owned()),
+        (None, "") => ("body".to_owned(), plain(message)),
+        (None, path) => (path.to_owned(), plain(message)),
+    }
+}
+
 fn json_problem(error: serde_path_to_error::Error<serde_json::Error>) -> ApiError {
-    let field = error.path().to_string();
+    let path = error.path().to_string();
     let inner = error.into_inner();
     if !inner.is_data() {
         return syntax(inner);
     }
-    let message = inner.to_string();
-    let (status, code, title) = if message.starts_with("unknown field") {
+    let (field, message) = told(&path, &inner.to_string());
+    let inner = inner.to_string();
+    let (status, code, title) = if inner.starts_with("unknown field") {
         (
             StatusCode::BAD_REQUEST,
             "unknown-field",
@@ -99,10 +115,37 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Params<T> {
         match Query::<T>::from_request_parts(parts, state).await {
             Ok(Query(value)) => Ok(Params(value)),
             Err(QueryRejection::FailedToDeserializeQueryString(error)) => {
-                Err(ApiError::bad_request(error.body_text()))
+                Err(query_problem(&error.body_text()))
             }
             Err(other) => Err(ApiError::bad_request(other.body_text())),
         }
+    }
+}
+
+/// What is wrong with a parameter: its name, and what was wanted of it.
+fn query_problem(text: &str) -> ApiError {
+    let text = text
+        .strip_prefix("Failed to deserialize query string: ")
+        .unwrap_or(text);
+    if let Some(unknown) = text.find("unknown field ") {
+        let words = plain(&text[unknown..]);
+        return ApiError::bad_request(words.replacen("field", "parameter", 1));
+    }
+    if let Some(name) = missing(text) {
+        return ApiError::invalid(name, "is missing");
+    }
+    match text.split_once(": ") {
+        Some((field, problem)) => {
+            let wanted = match problem {
+                p if p.contains("digit") || p.contains("parse integer") => "is no whole number",
+                p if p.contains("number too") => "is too large or too small a number",
+                p if p.contains("float") => "is no number",
+                p if p.contains("bool") => "must be true or false",
+                p => return ApiError::invalid(field, plain(p)),
+            };
+            ApiError::invalid(field, wanted)
+        }
+        None => ApiError::bad_request(plain(text)),
     }
 }
 

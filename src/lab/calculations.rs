@@ -10,6 +10,7 @@ use super::fits::{check_region, reduction_code};
 use super::foretell::{Foretold, tell_analysis, with_cost};
 use super::headway::{Headway, Progress};
 use super::traces::{TraceRequest, TraceToDo};
+use super::words::plain;
 use super::{Lab, LabError, StoredSeries};
 use crate::accuracy::forecast::{of_analysis, of_reduction};
 use crate::accuracy::map_forecast::of_map;
@@ -179,6 +180,10 @@ impl From<FolderError> for Failure {
                 code: "no-map",
                 detail: error.to_string(),
             },
+            FolderError::Late { .. } => Failure::Because {
+                code: "no-map",
+                detail: error.to_string(),
+            },
             FolderError::Write(error) => Failure::Because {
                 code: "map-not-written",
                 detail: error.to_string(),
@@ -225,7 +230,7 @@ impl Lab {
                     Specification::from_json(&request.specification).map_err(|e| {
                         LabError::Invalid {
                             field: "specification".into(),
-                            problem: e.to_string(),
+                            problem: plain(e.to_string().trim_start_matches("specification: ")),
                         }
                     })?;
                 let options = AnalysisOptions {
@@ -334,9 +339,11 @@ impl Lab {
     ) -> Result<PathBuf, LabError> {
         let found = self.store().calculation(kind, id).await?;
         let Some(result) = &found.result else {
-            return Err(LabError::Invalid {
-                field: "id".into(),
-                problem: format!("{kind} {id} is {} and has no files", found.state),
+            return Err(LabError::NotThere {
+                what: kind.to_string(),
+                number: id,
+                state: found.state,
+                problem: "it has no files",
             });
         };
         let summary: serde_json::Value =

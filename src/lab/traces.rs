@@ -15,6 +15,7 @@ use super::LabError;
 use super::attached::Content;
 use super::calculations::{Failure, positive};
 use super::headway::Headway;
+use super::words::plain;
 use crate::accuracy::forecast::{Patience, of_run};
 use crate::forecast::Forecast;
 use crate::model::polarisation::Stokes;
@@ -141,7 +142,8 @@ impl TraceRequest {
             serde_json::Value::String(text) => {
                 Scene::parse(text).map_err(|e| wrong(e.to_string()))?
             }
-            object => Scene::deserialize(object).map_err(|e| wrong(e.to_string()))?,
+            object => serde_path_to_error::deserialize(object)
+                .map_err(|e| at_path(&e.path().to_string(), &e.inner().to_string()))?,
         };
         if let Some(photons) = self.photons {
             scene.run.photons = photons;
@@ -198,6 +200,17 @@ impl TraceRequest {
                 "is not there: send it as `files`: {{{name:?}: content in base64}}"
             )),
         })
+    }
+}
+
+/// A value of a scene that is none, by its path.
+fn at_path(path: &str, message: &str) -> LabError {
+    LabError::Invalid {
+        field: match path {
+            "." => "scene".to_owned(),
+            path => format!("scene.{path}"),
+        },
+        problem: plain(message),
     }
 }
 

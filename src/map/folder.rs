@@ -19,6 +19,18 @@ pub enum FolderError {
     /// There is no map.
     #[error(transparent)]
     Map(#[from] MapError),
+    /// What comes before the first pixel took all the time that was allowed.
+    #[error(
+        "the {limit_s} s allowed were over before a pixel was fitted: frames and what all pixels share took {spent_s:.1} s; allow at least {least_s} s"
+    )]
+    Late {
+        /// What was allowed.
+        limit_s: f64,
+        /// What was spent before the first pixel.
+        spent_s: f64,
+        /// That with a little for pixels.
+        least_s: f64,
+    },
     /// Its files cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
@@ -51,7 +63,19 @@ pub fn map_into(
             progress(p);
         },
         cancel,
-    )?;
+    )
+    .map_err(|error| match (error, options.max_seconds) {
+        (MapError::Late, Some(limit_s)) => {
+            let spent_s = stages.started.elapsed().as_secs_f64();
+            let least_s = (1.2 * spent_s).ceil();
+            FolderError::Late {
+                limit_s,
+                spent_s,
+                least_s,
+            }
+        }
+        (error, _) => error.into(),
+    })?;
     let mut timing = stages.timing();
     let started = Instant::now();
     let mut files = write(&mapped, folder)?;

@@ -162,7 +162,7 @@ pub enum MapError {
     NoLobes,
     /// No pixel's fit came to an end.
     #[error(
-        "no pixel could be fitted at these {poses} poses (usual χ² per degree of freedom {chi2:.1e}): their lobes are told too poorly; scan more tilts and azimuths, or fit the whole area"
+        "no pixel could be fitted at these {poses} poses (usual χ² per degree of freedom {chi2:.1}): their lobes are told too poorly; scan more tilts and azimuths, or fit the whole area"
     )]
     NothingFitted {
         /// Poses that the series has.

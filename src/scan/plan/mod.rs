@@ -23,7 +23,10 @@ pub const EXPOSURE_S_MIN: f64 = 1e-6;
 
 /// A list of numbers, written out or as a grid.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(
+    untagged,
+    expecting = "a list of numbers, or an object of from, to and step, is wanted"
+)]
 pub enum Values {
     /// One value after the other.
     List(Vec<f64>),

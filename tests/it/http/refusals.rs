@@ -229,3 +229,54 @@ async fn fits_are_searched_by_the_words_that_reports_have() {
         assert!(answer.body.to_string().contains(word), "{}", answer.body);
     }
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn values_are_refused_by_their_path_and_in_plain_words() {
+    let (_bench, router) = opened().await;
+    let samples = "/api/v1/samples";
+    for (path, body, field, words) in [
+        (samples, "{}", "name", "is missing"),
+        (samples, "[]", "body", "an object of named fields"),
+        (
+            samples,
+            r#"{"name": "x", "material": {"kind": "dielectric"}}"#,
+            "material.eta",
+            "is missing",
+        ),
+        (
+            samples,
+            r#"{"name": "x", "metal": {"name": 3}}"#,
+            "metal.name",
+            "3 stands where a text is wanted",
+        ),
+        (
+            "/api/v1/rig/axes/theta_c/move",
+            r#"{"position_deg": "a"}"#,
+            "position_deg",
+            "\"a\" stands where a number is wanted",
+        ),
+        (
+            "/api/v1/scans",
+            r#"{"sample_id": 1, "plan": {"theta_c_deg": "all", "phi_s_deg": [0]}}"#,
+            "plan.theta_c_deg",
+            "a list of numbers",
+        ),
+    ] {
+        let refused = post(&router, path, body).await;
+        is_problem(&refused, 422, "invalid-value");
+        assert_eq!(refused.body["errors"][0]["field"], field, "{body}");
+        assert!(refused.detail().contains(words), "{}", refused.detail());
+    }
+    let refused = get(&router, "/api/v1/fits?limit=many").await;
+    is_problem(&refused, 422, "invalid-value");
+    assert_eq!(refused.detail(), "limit: is no whole number");
+    let refused = get(&router, "/api/v1/fits?theta_r_deg_min=ten").await;
+    assert_eq!(refused.detail(), "theta_r_deg_min: is no number");
+    let refused = get(&router, "/api/v1/fits?colour=red").await;
+    is_problem(&refused, 400, "bad-request");
+    let detail = refused.detail();
+    assert!(
+        detail.contains("there is no parameter `colour`"),
+        "{detail}"
+    );
+}
