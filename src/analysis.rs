@@ -4,6 +4,7 @@
 //! it for several scans of one sample. It does not know where
 //! frames come from ([`FrameSource`]) and prints nothing: progress is told to a callback.
 
+use std::ops::RangeInclusive;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
 
@@ -21,6 +22,11 @@ use crate::reduction::{FrameReadError, FrameSource, ReductionError, reduce};
 use crate::series::{FrameRow, Manifest};
 use crate::trace::profile::Profile;
 use crate::trace::ridge_map::RidgeFacts;
+
+/// How many starts a search may have, per variant.
+pub const STARTS: RangeInclusive<i64> = 1..=1024;
+/// How many series a bootstrap may draw: fewer make no interval.
+pub const DRAWS: RangeInclusive<i64> = 20..=100_000;
 
 /// What an analysis may be told.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -14,6 +14,7 @@ use super::extract::{Body, Id, Params, finite, page};
 use super::{App, Begun, List};
 use crate::fit::report::{Status, VariantName};
 use crate::lab::FitRequest;
+use crate::lab::words::plain;
 use crate::store::StoreError;
 use crate::store::fits::{Fit, FitFilter};
 
@@ -31,6 +32,7 @@ fn body(app: &App, fit: Fit) -> Result<Value, ApiError> {
     object["sample_id"] = json!(fit.sample_id);
     object["sample_name"] = json!(fit.sample_name);
     object["state"] = json!(fit.state);
+    object["request"] = request(&fit)?;
     object["created_at"] = json!(fit.created_at);
     object["ended_at"] = json!(fit.ended_at);
     let (progress, forecast) = app.lab.fit_progress(fit.id);
@@ -44,6 +46,18 @@ fn body(app: &App, fit: Fit) -> Result<Value, ApiError> {
         object["error"] = json!({ "code": code, "detail": detail });
     }
     Ok(object)
+}
+
+/// What was asked for. Fits of older versions kept less of it.
+fn request(fit: &Fit) -> Result<Value, ApiError> {
+    let mut options: Value =
+        serde_json::from_str(&fit.options).map_err(|e| StoreError::bad_row("fits", e))?;
+    Ok(match options["request"].take() {
+        Value::Null => {
+            json!({ "scan_id": fit.scan_id, "variant": fit.variant, "region": fit.region })
+        }
+        request => request,
+    })
 }
 
 /// Which fits.
@@ -77,12 +91,8 @@ fn a_word_of<T: DeserializeOwned>(
     word: Option<String>,
 ) -> Result<Option<String>, ApiError> {
     if let Some(word) = &word {
-        serde_json::from_value::<T>(Value::String(word.clone())).map_err(|e| {
-            ApiError::invalid(
-                field,
-                e.to_string().replace("unknown variant", "there is no"),
-            )
-        })?;
+        serde_json::from_value::<T>(Value::String(word.clone()))
+            .map_err(|e| ApiError::invalid(field, plain(&e.to_string())))?;
     }
     Ok(word)
 }
@@ -127,7 +137,7 @@ pub(super) async fn list(
 
 /// Begin a fit.
 #[utoipa::path(post, path = "/api/v1/fits", tag = "fits", request_body(content = Object, description =
-    "`scan_id`, optional `variant` (auto, paper, sawtooth, traced), `region`, `judge` (true: the difference to traced is the model line of the budget), `max_seconds` and `target_error` (of the ray tracer), `tolerance`, `iterations` (true: the report has a descent step by step: seconds, cost, gradient, step, error, accepted) and `shape` (for traced or judge, the sample measured: `name`, whose ending says how it is written, `content` in base64, `pitch_um` and `height_unit_um` where the file does not say them)"), responses(
+    "`scan_id`, optional `variant` (auto, paper, sawtooth, traced), `region`, `loss` (linear, huber, tukey), `fix` (parameters held: {\"rho_d\": 0.3}, names as in the report, and eta, k), `priors` (parameters known within a standard uncertainty: {\"theta_r_deg\": {\"value\": 10, \"std\": 0.5}}), `starts` (of the search per variant, 1 to 1024; 8 if not given), `profile` (true: profile-likelihood intervals), `bootstrap` (intervals of so many drawn series, 20 to 100000), `judge` (true: the difference to traced is the model line of the budget), `max_seconds` (of the ray tracer and the bootstrap) and `target_error` (of the ray tracer), `tolerance`, `iterations` (true: the report has a descent step by step: seconds, cost, gradient, step, error, accepted) and `shape` (for traced or judge, the sample measured: `name`, whose ending says how it is written, `content` in base64, `pitch_um` and `height_unit_um` where the file does not say them)"), responses(
     (status = 202, description = "The fit runs", body = Begun, headers(("Location" = String, description = "The fit"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
     (status = 404, description = "There is no such scan", body = Problem),
@@ -146,7 +156,7 @@ pub(super) async fn begin(
     Ok((StatusCode::ACCEPTED, location, Json(body)))
 }
 
-/// One fit: the object of `fit --json` plus id, scan_id and state.
+/// One fit: the object of `fit --json` plus id, scan_id, state and `request` (what was asked for).
 #[utoipa::path(get, path = "/api/v1/fits/{id}", tag = "fits", params(("id" = i64, Path, description = "Number of the fit")), responses(
     (status = 200, description = "The fit; `state` running (with `progress` and `forecast`), completed, failed, cancelled or interrupted", body = Object),
     (status = 404, description = "There is none", body = Problem),
@@ -160,7 +170,7 @@ pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<Value
 #[utoipa::path(post, path = "/api/v1/fits/{id}/cancel", tag = "fits", params(("id" = i64, Path, description = "Number of the fit")), responses(
     (status = 202, description = "It will end within a moment", body = Begun),
     (status = 404, description = "There is none", body = Problem),
-    (status = 422, description = "It has ended", body = Problem),
+    (status = 409, description = "It has ended", body = Problem),
 ))]
 pub(super) async fn cancel(
     State(app): State<App>,
@@ -230,7 +240,8 @@ pub struct CurveBody {
 #[utoipa::path(get, path = "/api/v1/fits/{id}/curve", tag = "fits", params(("id" = i64, Path, description = "Number of the fit"), CurveParams), responses(
     (status = 200, description = "Points and curves in the observations' unit", body = CurvesBody),
     (status = 404, description = "There is none", body = Problem),
-    (status = 422, description = "The fit has no report", body = Problem),
+    (status = 409, description = "The fit has no report (yet)", body = Problem),
+    (status = 422, description = "A value makes no sense", body = Problem),
 ))]
 pub(super) async fn curve(
     State(app): State<App>,

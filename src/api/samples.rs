@@ -11,6 +11,7 @@ use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, PageParams, Params, page};
 use super::{App, List};
 use crate::material::{Material, tables};
+use crate::series::INDEX_STD;
 use crate::store::samples::{NewSample, Sample, SimulatedSurface};
 
 /// Nominal material: complex index N = n + ik with standard uncertainties.
@@ -22,8 +23,8 @@ pub enum MaterialBody {
         /// n
         #[serde(alias = "index_of_refraction")]
         eta: f64,
-        /// Standard uncertainty of n.
-        #[serde(alias = "index_of_refraction_std")]
+        /// Standard uncertainty of n; 0.01 if not given.
+        #[serde(alias = "index_of_refraction_std", default = "index_std")]
         eta_std: f64,
     },
     /// Opaque.
@@ -32,11 +33,18 @@ pub enum MaterialBody {
         eta: f64,
         /// k
         k: f64,
-        /// Standard uncertainty of n.
+        /// Standard uncertainty of n; 0.01 if not given.
+        #[serde(default = "index_std")]
         eta_std: f64,
-        /// Standard uncertainty of k.
+        /// Standard uncertainty of k; 0.01 if not given.
+        #[serde(default = "index_std")]
         k_std: f64,
     },
+}
+
+/// The same as in the manifest of a recorded series.
+fn index_std() -> f64 {
+    INDEX_STD
 }
 
 /// What a sample of unknown material is taken for: wide enough for the common plastics, so that the

@@ -16,9 +16,10 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::limits::FitLimits;
 use super::{CliError, answer, daemon, interrupt, told};
 use crate::accuracy::forecast::of_analysis;
-use crate::analysis::{Analysis, AnalysisError, AnalysisOptions, Progress, analyse};
+use crate::analysis::{Analysis, AnalysisError, AnalysisOptions, DRAWS, Progress, STARTS, analyse};
+use crate::fit::told::agree;
 use crate::fit::traced::TracingOptions;
-use crate::fit::{FitOptions, Loss, Quantity, Told, VariantChoice, text};
+use crate::fit::{FitOptions, Loss, Told, VariantChoice, text};
 use crate::heights;
 use crate::heights::ridges::{self, Units};
 use crate::material::Material;
@@ -67,13 +68,13 @@ pub struct Args {
     #[arg(long, value_name = "NAME=VALUE±STD", value_parser = told::prior)]
     pub prior: Vec<Told>,
     /// Starts of the search, per variant.
-    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u16).range(STARTS))]
     pub starts: u16,
     /// Profile-likelihood intervals beside the expanded uncertainties.
     #[arg(long)]
     pub profile: bool,
     /// Bootstrap intervals from this many series drawn from the fitted model (20 to 100000).
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(20..=100_000))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(DRAWS))]
     pub bootstrap: Option<u32>,
     /// Let the ray tracer say how wrong the variant is: the difference to traced is the model's line
     /// of the budget.
@@ -187,7 +188,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
                 LossName::Huber => Loss::Huber,
                 LossName::Tukey => Loss::Tukey,
             },
-            told: known(&args)?,
+            told: args.fix.iter().chain(&args.prior).copied().collect(),
             profile: args.profile,
             bootstrap: args.bootstrap.unwrap_or(0),
             judge: args.judge,
@@ -225,30 +226,9 @@ fn shape_in(path: &Path, units: &Units) -> Result<(Profile, Option<RidgeFacts>),
         .map_err(CliError::bad_input)
 }
 
-/// Fixed values and priors in one list, each parameter at most once.
-fn known(args: &Args) -> Result<Vec<Told>, CliError> {
-    let all: Vec<Told> = args.fix.iter().chain(&args.prior).copied().collect();
-    for (k, one) in all.iter().enumerate() {
-        if all[..k].iter().any(|other| other.quantity == one.quantity) {
-            return Err(CliError::bad_input(anyhow::anyhow!(
-                "a parameter is named twice by --fix and --prior; name each once"
-            )));
-        }
-    }
-    Ok(all)
-}
-
-/// Refuses an extinction of a material that has none: that of a dielectric is 0, and whoever writes `k` for it
-/// means the gain.
+/// Refuses statements that contradict each other, or the sample.
 fn suits(told: &[Told], material: &Material) -> Result<(), CliError> {
-    let of_k = told.iter().any(|t| t.quantity == Quantity::K);
-    if of_k && matches!(material, Material::Dielectric { .. }) {
-        return Err(CliError::bad_input(anyhow!(
-            "k is the imaginary part of a metal's index, and this sample is a dielectric; the gain of the signals is \
-             called scale"
-        )));
-    }
-    Ok(())
+    agree(told, material).map_err(CliError::bad_input)
 }
 
 /// What the command line says about the tracer.

@@ -1,29 +1,9 @@
 //! What a user knows of a parameter before a fit, from the command line: `rho_d=0.3` holds it,
-//! `theta_r_deg=10±0.5` (or `10+-0.5`) leaves it free within a standard uncertainty.
+//! `theta_r_deg=10±0.5` (or `10+-0.5`) leaves it free within a standard uncertainty. What may be stated is
+//! known by [`crate::fit::told`].
 
-use crate::fit::{Quantity, Told};
-
-/// Names as in the report, with the quantity, whether the value is in degrees, and from where to where it means
-/// anything: surfaces as the model takes them, gains and stray light that leave squares room in a double.
-const NAMES: [(&str, Quantity, bool, (f64, f64)); 10] = [
-    ("theta_r_deg", Quantity::ThetaR, true, (0.0, 89.0)),
-    ("alpha_u", Quantity::AlphaU, false, (1e-6, 1e3)),
-    ("alpha_v", Quantity::AlphaV, false, (1e-6, 1e3)),
-    ("rho_d", Quantity::RhoD, false, (0.0, 1.0)),
-    ("scale", Quantity::Scale, false, (1e-30, 1e30)),
-    ("background", Quantity::Background, false, (-1e30, 1e30)),
-    (
-        "azimuth_offset_deg",
-        Quantity::AzimuthOffset,
-        true,
-        (-360.0, 360.0),
-    ),
-    ("tilt_offset_deg", Quantity::TiltOffset, true, (-15.0, 15.0)),
-    ("eta", Quantity::Eta, false, (0.01, 100.0)),
-    ("k", Quantity::K, false, (0.0, 100.0)),
-];
-/// Least standard uncertainty of a prior, as a share of its range or its value, whichever is smaller.
-const STD_MIN: f64 = 1e-9;
+use crate::fit::Told;
+use crate::fit::told::{StatementError, held, known};
 
 /// Why a text is no statement about a parameter.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -31,29 +11,6 @@ pub enum ToldError {
     /// No `=` in it.
     #[error("'{0}' has no '='; write NAME=VALUE, for example rho_d=0.3")]
     NoValue(String),
-    /// The name is none of a parameter.
-    #[error("'{0}' is no parameter; take one of {names}", names = names())]
-    Unknown(String),
-    /// No surface, rig or material has it.
-    #[error("'{text}': {name} lies from {low} to {high}")]
-    OutOfRange {
-        /// What was written.
-        text: String,
-        /// The parameter.
-        name: &'static str,
-        /// Least value.
-        low: f64,
-        /// Greatest value.
-        high: f64,
-    },
-    /// So certain that nothing else would count.
-    #[error("'{text}': such a small uncertainty holds the value; write --fix {name}=VALUE")]
-    TooCertain {
-        /// What was written.
-        text: String,
-        /// The parameter.
-        name: &'static str,
-    },
     /// Not a number.
     #[error("'{0}' is not a finite number")]
     NotANumber(String),
@@ -62,10 +19,14 @@ pub enum ToldError {
         "'{0}' has no uncertainty; write NAME=VALUE±STD with a positive STD, for example theta_r_deg=10±0.5"
     )]
     NoUncertainty(String),
-}
-
-fn names() -> String {
-    NAMES.map(|(name, ..)| name).join(", ")
+    /// It is one, and means nothing.
+    #[error("'{text}': {problem}")]
+    Refused {
+        /// What was written.
+        text: String,
+        /// What is wrong with it.
+        problem: StatementError,
+    },
 }
 
 /// `NAME=VALUE`: held fixed.
@@ -73,12 +34,8 @@ fn names() -> String {
 /// # Errors
 /// See [`ToldError`].
 pub fn fixed(text: &str) -> Result<Told, ToldError> {
-    let named = Named::of(text)?;
-    Ok(Told {
-        quantity: named.quantity,
-        value: named.value(named.stated)?,
-        std: 0.0,
-    })
+    let (name, stated) = parted(text)?;
+    held(name, number(stated)?).map_err(|problem| refused(text, problem))
 }
 
 /// `NAME=VALUE±STD` or `NAME=VALUE+-STD`: known within a standard uncertainty.
@@ -86,75 +43,28 @@ pub fn fixed(text: &str) -> Result<Told, ToldError> {
 /// # Errors
 /// See [`ToldError`].
 pub fn prior(text: &str) -> Result<Told, ToldError> {
-    let named = Named::of(text)?;
-    let (mean, std) = named
-        .stated
+    let (name, stated) = parted(text)?;
+    let (mean, std) = stated
         .split_once('±')
-        .or_else(|| named.stated.split_once("+-"))
+        .or_else(|| stated.split_once("+-"))
         .ok_or_else(|| ToldError::NoUncertainty(text.to_owned()))?;
-    let value = named.value(mean)?;
-    let std = number(std)?;
-    if std <= 0.0 {
-        return Err(ToldError::NoUncertainty(text.to_owned()));
+    match known(name, number(mean)?, number(std)?) {
+        Err(StatementError::NoUncertainty { .. }) => Err(ToldError::NoUncertainty(text.to_owned())),
+        other => other.map_err(|problem| refused(text, problem)),
     }
-    let (low, high) = named.range;
-    let scale = (high - low).min((value / named.unit).abs().max(1e-3));
-    if std < STD_MIN * scale {
-        return Err(ToldError::TooCertain {
-            text: text.to_owned(),
-            name: named.name,
-        });
-    }
-    Ok(Told {
-        quantity: named.quantity,
-        value,
-        std: std * named.unit,
-    })
 }
 
-/// A parameter and what is stated of it.
-struct Named<'t> {
-    text: &'t str,
-    name: &'static str,
-    quantity: Quantity,
-    unit: f64,
-    range: (f64, f64),
-    stated: &'t str,
+fn refused(text: &str, problem: StatementError) -> ToldError {
+    let text = text.to_owned();
+    ToldError::Refused { text, problem }
 }
 
-impl<'t> Named<'t> {
-    fn of(text: &'t str) -> Result<Self, ToldError> {
-        let (name, stated) = text
-            .split_once('=')
-            .ok_or_else(|| ToldError::NoValue(text.to_owned()))?;
-        let known = NAMES.into_iter().find(|(known, ..)| *known == name.trim());
-        let (name, quantity, degrees, range) =
-            known.ok_or_else(|| ToldError::Unknown(name.to_owned()))?;
-        let unit = if degrees { 1f64.to_radians() } else { 1.0 };
-        Ok(Named {
-            text,
-            name,
-            quantity,
-            unit,
-            range,
-            stated,
-        })
-    }
-
-    /// A value in its range, in natural units.
-    fn value(&self, text: &str) -> Result<f64, ToldError> {
-        let value = number(text)?;
-        let (low, high) = self.range;
-        if !(low..=high).contains(&value) {
-            return Err(ToldError::OutOfRange {
-                text: self.text.to_owned(),
-                name: self.name,
-                low,
-                high,
-            });
-        }
-        Ok(value * self.unit)
-    }
+/// Name and statement.
+fn parted(text: &str) -> Result<(&str, &str), ToldError> {
+    let (name, stated) = text
+        .split_once('=')
+        .ok_or_else(|| ToldError::NoValue(text.to_owned()))?;
+    Ok((name.trim(), stated))
 }
 
 fn number(text: &str) -> Result<f64, ToldError> {
@@ -167,6 +77,7 @@ fn number(text: &str) -> Result<f64, ToldError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fit::Quantity;
 
     #[test]
     fn values_are_read_in_the_units_of_their_names() {
@@ -186,7 +97,8 @@ mod tests {
     #[test]
     fn what_is_wrong_is_named() {
         assert_eq!(fixed("rho_d"), Err(ToldError::NoValue("rho_d".into())));
-        assert_eq!(fixed("rho=1"), Err(ToldError::Unknown("rho".into())));
+        let refused = fixed("rho=1").expect_err("no name").to_string();
+        assert!(refused.contains("'rho' is no parameter"), "{refused}");
         assert_eq!(fixed("rho_d=x"), Err(ToldError::NotANumber("x".into())));
         assert!(matches!(
             prior("rho_d=0.3"),
@@ -214,11 +126,14 @@ mod tests {
         }
         assert!(matches!(
             prior("alpha_u=1e-300±1e-300"),
-            Err(ToldError::OutOfRange { .. })
+            Err(ToldError::Refused {
+                problem: StatementError::OutOfRange { .. },
+                ..
+            })
         ));
         let refused = prior("alpha_u=0.1±1e-300")
             .expect_err("certain")
             .to_string();
-        assert!(refused.contains("--fix alpha_u="), "{refused}");
+        assert!(refused.contains("fix alpha_u"), "{refused}");
     }
 }

@@ -47,6 +47,7 @@ pub mod start;
 pub mod text;
 pub mod thin;
 pub mod tier;
+pub mod told;
 pub mod traced;
 pub mod trail;
 mod trust_region;

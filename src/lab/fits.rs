@@ -1,5 +1,6 @@
 //! Reductions and fits of scans in the store.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -12,10 +13,12 @@ use super::foretell::{Foretold, tell_analysis, with_cost};
 use super::headway::{Headway, Progress};
 use super::{Lab, LabError, StoredSeries};
 use crate::accuracy::forecast::of_analysis;
-use crate::analysis::{self, AnalysisError, AnalysisOptions};
+use crate::analysis::{self, AnalysisError, AnalysisOptions, DRAWS, STARTS};
+use crate::fit::told::{agree, held, known};
 use crate::fit::traced::TracingOptions;
-use crate::fit::{FitOptions, FitReport, VariantChoice};
+use crate::fit::{FitOptions, FitReport, Loss, Told, VariantChoice};
 use crate::forecast::Forecast;
+use crate::material::Material;
 use crate::observation::ObservationSet;
 use crate::reduction::{self, FrameSource, ReductionError};
 use crate::scan::event::ShortValue;
@@ -52,6 +55,102 @@ pub struct FitRequest {
     /// The sample's own shape, for the ray tracer; the ideal sawtooth if not given.
     #[serde(default)]
     pub shape: Option<ShapeFile>,
+    /// How residuals count.
+    #[serde(default)]
+    pub loss: Loss,
+    /// Parameters held at a value, by the names of the report (and eta, k).
+    #[serde(default)]
+    pub fix: BTreeMap<String, f64>,
+    /// Parameters known within a standard uncertainty, by the same names.
+    #[serde(default)]
+    pub priors: BTreeMap<String, Prior>,
+    /// Starts of the search, per variant; 8 if not given.
+    #[serde(default)]
+    pub starts: Option<u32>,
+    /// Whether profile-likelihood intervals are wanted.
+    #[serde(default)]
+    pub profile: bool,
+    /// Series drawn for bootstrap intervals; none if not given.
+    #[serde(default)]
+    pub bootstrap: Option<u32>,
+}
+
+/// What is known of a parameter before the fit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Prior {
+    /// Its value.
+    pub value: f64,
+    /// Its standard uncertainty.
+    pub std: f64,
+}
+
+fn invalid(field: impl Into<String>, problem: impl Into<String>) -> LabError {
+    LabError::Invalid {
+        field: field.into(),
+        problem: problem.into(),
+    }
+}
+
+impl FitRequest {
+    fn traces(&self) -> bool {
+        self.judge || self.variant == VariantChoice::Traced
+    }
+
+    /// Refuses numbers that mean nothing, and limits that nothing is there to obey.
+    fn check(&self) -> Result<(), LabError> {
+        positive([
+            ("max_seconds", self.max_seconds),
+            ("target_error", self.target_error),
+            ("tolerance", self.tolerance),
+        ])?;
+        let counts = [
+            ("starts", self.starts, STARTS),
+            ("bootstrap", self.bootstrap, DRAWS),
+        ];
+        for (field, count, range) in counts {
+            if count.is_some_and(|n| !range.contains(&i64::from(n))) {
+                let problem = format!("must be {} to {}", range.start(), range.end());
+                return Err(invalid(field, problem));
+            }
+        }
+        let tracer = "is for the ray tracer";
+        let ask = "ask for variant traced, or judge";
+        let idle = [
+            ("shape", "", self.shape.is_some()),
+            ("target_error", "", self.target_error.is_some()),
+            (
+                "max_seconds",
+                " or the bootstrap",
+                self.max_seconds.is_some() && self.bootstrap.is_none(),
+            ),
+        ];
+        match idle.iter().find(|(.., set)| *set && !self.traces()) {
+            Some((field, other, _)) => Err(invalid(*field, format!("{tracer}{other}: {ask}"))),
+            None => Ok(()),
+        }
+    }
+
+    /// What is known beforehand of a sample's parameters.
+    fn told(&self, material: &Material) -> Result<Vec<Told>, LabError> {
+        let mut all = Vec::new();
+        for (name, value) in &self.fix {
+            let told = held(name, *value);
+            all.push(told.map_err(|e| invalid(format!("fix.{name}"), e.to_string()))?);
+        }
+        for (name, prior) in &self.priors {
+            let told = known(name, prior.value, prior.std);
+            all.push(told.map_err(|e| invalid(format!("priors.{name}"), e.to_string()))?);
+        }
+        agree(&all, material).map_err(|e| {
+            let field = match self.fix.is_empty() {
+                true => "priors",
+                false => "fix",
+            };
+            invalid(field, e.to_string())
+        })?;
+        Ok(all)
+    }
 }
 
 /// What the store keeps of a request.
@@ -61,6 +160,7 @@ struct Kept<'a> {
     options: &'a FitOptions,
     #[serde(skip_serializing_if = "Option::is_none")]
     shape: Option<&'a ShapeFile>,
+    request: &'a FitRequest,
 }
 
 /// Observations of a scan.
@@ -113,21 +213,11 @@ impl Lab {
     /// # Errors
     /// An unknown scan or region, or what the store says.
     pub async fn start_fit(&self, request: &FitRequest) -> Result<i64, LabError> {
-        positive([
-            ("max_seconds", request.max_seconds),
-            ("target_error", request.target_error),
-            ("tolerance", request.tolerance),
-        ])?;
+        request.check()?;
         // Read what is there now: the fit is of this snapshot, whatever comes later.
         let series = StoredSeries::open(self.store(), request.scan_id).await?;
         check_region(&series, request.region.as_deref())?;
-        let traces = request.judge || request.variant == VariantChoice::Traced;
-        if request.shape.is_some() && !traces {
-            return Err(LabError::Invalid {
-                field: "shape".into(),
-                problem: "is for the ray tracer: ask for variant traced, or judge".into(),
-            });
-        }
+        let told = request.told(&series.manifest().material())?;
         let (profile, height_map) = match request.shape.clone() {
             Some(shape) => {
                 let (profile, facts) = blocking(move || shape.read()).await?;
@@ -135,16 +225,22 @@ impl Lab {
             }
             None => (None, None),
         };
+        let standard = FitOptions::default();
         let options = AnalysisOptions {
             profile,
             height_map,
             region: request.region.clone(),
             fit: FitOptions {
                 variant: request.variant,
+                starts: request.starts.map_or(standard.starts, |n| n as usize),
+                loss: request.loss,
+                told,
+                profile: request.profile,
+                bootstrap: request.bootstrap.unwrap_or(0),
                 judge: request.judge,
                 tolerance: request.tolerance,
                 tracer: TracingOptions::to_error(request.target_error),
-                ..FitOptions::default()
+                ..standard
             },
             iterations: request.iterations,
             max_seconds: request.max_seconds,
@@ -156,6 +252,7 @@ impl Lab {
             options: serde_json::to_string(&Kept {
                 options: &options.fit,
                 shape: request.shape.as_ref(),
+                request,
             })
             .map_err(|e| StoreError::bad_row("fits", e))?,
         };
@@ -275,9 +372,11 @@ impl Lab {
         }
         let fit = self.store().fit(fit_id).await?;
         let (Some(report), Some(set_id)) = (&fit.report, fit.set_id) else {
-            return Err(LabError::Invalid {
-                field: "id".into(),
-                problem: format!("fit {fit_id} is {} and has no report", fit.state),
+            return Err(LabError::NotThere {
+                what: "fit".into(),
+                number: fit_id,
+                state: fit.state,
+                problem: "it has no report to draw",
             });
         };
         let report: FitReport =
@@ -291,16 +390,21 @@ impl Lab {
 /// Refuses a region that the sample does not have, and none where it has several.
 pub(super) fn check_region(series: &StoredSeries, region: Option<&str>) -> Result<(), LabError> {
     let regions = Lab::regions(series.manifest());
-    if !regions.is_empty() && region.is_none_or(|name| !regions.iter().any(|r| r == name)) {
-        return Err(LabError::Invalid {
-            field: "region".into(),
-            problem: format!(
-                "this sample has regions; name one of {}",
-                regions.join(", ")
-            ),
-        });
-    }
-    Ok(())
+    let problem = match region {
+        Some(name) if regions.iter().any(|r| r == name) => return Ok(()),
+        None if regions.is_empty() => return Ok(()),
+        Some(name) if regions.is_empty() => {
+            format!("there is no region {name:?}: this sample has none; leave it out")
+        }
+        _ => format!(
+            "this sample has regions; name one of {}",
+            regions.join(", ")
+        ),
+    };
+    Err(LabError::Invalid {
+        field: "region".into(),
+        problem,
+    })
 }
 
 /// Stable word for why frames give no observations.

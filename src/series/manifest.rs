@@ -11,6 +11,9 @@ use crate::geometry::{Cones, RigGeometry};
 use crate::material::{Material, tables};
 use crate::units::Angle;
 
+/// Standard uncertainty of a part of a refractive index where none is stated.
+pub const INDEX_STD: f64 = 0.01;
+
 /// The form's name, the value of the manifest's `schema`.
 pub const SCHEMA: &str = "gonio-series-1";
 
@@ -320,11 +323,10 @@ impl Manifest {
         })
     }
 
-    /// The nominal material. A standard uncertainty that is not stated counts as 0.01, and that of a metal by name
+    /// The nominal material. A standard uncertainty that is not stated counts as [`INDEX_STD`], and that of a metal by name
     /// as [`tables::RELATIVE_STD`] of its index.
     #[must_use]
     pub fn material(&self) -> Material {
-        const STD: f64 = 0.01;
         let sample = &self.sample;
         if let Some(Ok(Material::Conductor {
             eta,
@@ -336,7 +338,7 @@ impl Manifest {
             // What is stated counts more than what a table says.
             let or = |stated: Option<f64>, std: Option<f64>, table: f64, table_std: f64| {
                 stated.map_or((table, std.unwrap_or(table_std)), |x| {
-                    (x, std.unwrap_or(STD))
+                    (x, std.unwrap_or(INDEX_STD))
                 })
             };
             let (eta, eta_std) = or(sample.eta, sample.eta_std, eta, eta_std);
@@ -357,15 +359,15 @@ impl Manifest {
                 eta_std: sample
                     .index_of_refraction_std
                     .or(sample.eta_std)
-                    .unwrap_or(STD),
+                    .unwrap_or(INDEX_STD),
             },
             SampleKind::Conductor => Material::Conductor {
                 eta: sample
                     .eta
                     .expect("validate() refuses a conductor without eta"),
                 k: sample.k.expect("validate() refuses a conductor without k"),
-                eta_std: sample.eta_std.unwrap_or(STD),
-                k_std: sample.k_std.unwrap_or(STD),
+                eta_std: sample.eta_std.unwrap_or(INDEX_STD),
+                k_std: sample.k_std.unwrap_or(INDEX_STD),
             },
         }
     }

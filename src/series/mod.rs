@@ -13,8 +13,8 @@ mod text;
 mod write;
 
 pub use manifest::{
-    CameraFacts, DarkFacts, FlatFacts, LayoutFacts, Manifest, Notes, RigFacts, SCHEMA, SampleFacts,
-    SampleKind,
+    CameraFacts, DarkFacts, FlatFacts, INDEX_STD, LayoutFacts, Manifest, Notes, RigFacts, SCHEMA,
+    SampleFacts, SampleKind,
 };
 pub use rows::FrameRow;
 pub use write::{WriteError, write};

@@ -61,6 +61,8 @@ pub struct Fit {
     pub variant: String,
     /// Region of the sample.
     pub region: Option<String>,
+    /// JSON of all options, and of what was asked for (`request`).
+    pub options: String,
     /// running, completed, failed, cancelled or interrupted.
     pub state: String,
     /// Observations it was made of.
@@ -97,7 +99,7 @@ pub struct FitFilter {
 }
 
 const SELECT: &str =
-    "SELECT f.id, f.scan_id, s.sample_id, p.name AS sample_name, f.variant, f.region,
+    "SELECT f.id, f.scan_id, s.sample_id, p.name AS sample_name, f.variant, f.region, f.options,
        COALESCE(e.state, 'running') AS state, e.set_id, e.report, e.error_code, e.error_detail,
        f.created_at, e.at AS ended_at
      FROM fits f JOIN scans s ON s.id = f.scan_id JOIN samples p ON p.id = s.sample_id
@@ -118,7 +120,7 @@ impl Store {
         .bind(&new.region)
         .bind(&new.options)
         .bind(PROGRAM)
-        .bind(self.now_text())
+        .bind(self.wall_text())
         .execute(&mut *transaction)
         .await?
         .last_insert_rowid();
@@ -209,7 +211,7 @@ impl Store {
         .bind(row.theta_r_deg.map(|v| v.value))
         .bind(row.error.map(|e| e.0))
         .bind(row.error.map(|e| e.1))
-        .bind(self.now_text())
+        .bind(self.wall_text())
         .execute(&mut *transaction)
         .await?;
         let event = Event::Fit {

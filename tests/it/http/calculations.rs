@@ -95,7 +95,10 @@ async fn a_map_says_how_far_it_is_and_can_be_cancelled() {
     assert_eq!(ended(&router, &begun).await["state"], "cancelled");
     // It has no files then.
     let file = get(&router, &format!("{map}/files/summary.json")).await;
-    is_problem(&file, 422, "invalid-value");
+    is_problem(&file, 409, "state-conflict");
+    // What has ended cannot be cancelled.
+    let again = post(&router, &format!("{map}/cancel"), "").await;
+    is_problem(&again, 409, "state-conflict");
     is_problem(
         &post(&router, "/api/v1/maps", r#"{"scan_id": 7}"#).await,
         404,
@@ -158,5 +161,71 @@ async fn a_fit_takes_the_samples_own_shape() {
         is_problem(&refused, 422, "invalid-value");
         assert!(refused.detail().contains(word), "{}", refused.detail());
     }
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_fit_takes_what_the_command_takes_and_says_what_was_asked() {
+    let (bench, router) = opened().await;
+    imported(&router).await;
+    let request = json!({
+        "scan_id": 1,
+        "variant": "sawtooth",
+        "loss": "huber",
+        "fix": { "tilt_offset_deg": 0.0 },
+        "priors": { "theta_r_deg": { "value": 10.2, "std": 1e-4 } },
+        "starts": 2,
+    });
+    let begun = post(&router, "/api/v1/fits", &request.to_string()).await;
+    let fit = ended(&router, &begun).await;
+    assert_eq!(fit["state"], "completed", "{fit}");
+    for (name, value) in request.as_object().unwrap() {
+        assert_eq!(&fit["request"][name], value, "{name}");
+    }
+    let parameter = |name: &str| fit["parameters"][name].clone();
+    assert_eq!(parameter("tilt_offset_deg")["value"], 0.0);
+    // The ridges lean by 10°; so certain a prior has its way.
+    let theta_r_deg = parameter("theta_r_deg")["value"].as_f64().unwrap();
+    assert!((theta_r_deg - 10.2).abs() < 0.01, "{theta_r_deg}");
+
+    let location = begun.location.clone().unwrap();
+    let again = post(&router, &format!("{location}/cancel"), "").await;
+    is_problem(&again, 409, "state-conflict");
+    for (name, value, field, word) in [
+        ("starts", json!(0), "starts", "1 to 1024"),
+        ("starts", json!(-1), "starts", "whole number"),
+        ("bootstrap", json!(19), "bootstrap", "20 to 100000"),
+        ("loss", json!("hard"), "loss", "`tukey`"),
+        ("fix", json!({ "theta": 1 }), "fix.theta", "theta_r_deg"),
+        ("fix", json!({ "rho_d": 1.5 }), "fix.rho_d", "0 to 1"),
+        ("fix", json!({ "rho_d": "a" }), "fix.rho_d", "a number"),
+        ("fix", json!({ "k": 3 }), "fix", "dielectric"),
+        ("fix", json!({ "theta_r_deg": 9 }), "fix", "once"),
+        (
+            "priors",
+            json!({ "scale": { "value": 1 } }),
+            "priors.scale.std",
+            "missing",
+        ),
+        (
+            "priors",
+            json!({ "scale": { "value": 1, "std": 0 } }),
+            "priors.scale",
+            "greater than 0",
+        ),
+        ("target_error", json!(0.01), "target_error", "ray tracer"),
+        ("max_seconds", json!(1), "max_seconds", "bootstrap"),
+        ("region", json!("even"), "region", "has none"),
+    ] {
+        let mut wrong = request.clone();
+        wrong[name] = value;
+        let refused = post(&router, "/api/v1/fits", &wrong.to_string()).await;
+        is_problem(&refused, 422, "invalid-value");
+        assert_eq!(refused.body["errors"][0]["field"], field);
+        assert!(refused.detail().contains(word), "{}", refused.detail());
+    }
+    let elsewhere = json!({ "scan_id": 1, "region": "even" }).to_string();
+    let refused = post(&router, "/api/v1/contrasts", &elsewhere).await;
+    is_problem(&refused, 422, "invalid-value");
     bench.end().await;
 }

@@ -18,6 +18,16 @@ async fn a_sample_without_a_material_says_what_was_assumed() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn an_index_without_its_uncertainty_is_as_certain_as_in_a_manifest() {
+    let (bench, router) = opened().await;
+    let body = r#"{"name": "part 19", "material": {"kind": "dielectric", "eta": 1.5}}"#;
+    let added = post(&router, "/api/v1/samples", body).await;
+    assert_eq!(added.status, 201, "{}", added.body);
+    assert_eq!(added.body["material"]["eta_std"], json!(0.01));
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_sample_may_name_its_metal() {
     let (bench, router) = opened().await;
     let add = async |metal: &str| {
