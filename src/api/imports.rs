@@ -37,6 +37,8 @@ pub struct ImportBody {
     n_frames: usize,
     /// Frames left out, with the reason.
     skipped: Vec<String>,
+    /// The newest scan that holds the very same series already; null where it is new.
+    same_as_scan_id: Option<i64>,
 }
 
 /// Take a recorded series into the store as a completed scan.
@@ -63,6 +65,7 @@ pub(super) async fn add(
         sample_id: imported.sample_id,
         n_frames: imported.n_frames,
         skipped: imported.skipped,
+        same_as_scan_id: imported.same_as,
     };
     Ok((
         StatusCode::CREATED,

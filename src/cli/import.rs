@@ -48,6 +48,9 @@ pub fn run(args: Args) -> Result<(), CliError> {
             tracing::warn!("left out: {reason}");
         }
     }
+    if let Some(same) = answer["same_as_scan_id"].as_i64() {
+        tracing::warn!("scan {same} holds the same series: it is in the store twice now");
+    }
     let text = match args.json {
         true => format!("{answer:#}\n"),
         false => format!(
@@ -82,5 +85,6 @@ async fn import(args: &Args) -> Result<Value, CliError> {
         "sample_id": imported.sample_id,
         "n_frames": imported.n_frames,
         "skipped": imported.skipped,
+        "same_as_scan_id": imported.same_as,
     }))
 }

@@ -8,7 +8,7 @@ use crate::material::Material;
 use crate::reduction::{FrameReadError, FrameSource};
 use crate::scan::plan::{DarkPlan, FlatPlan};
 use crate::scan::{Plan, ScanState};
-use crate::series::{self, FrameRow, Manifest, Series, WriteError};
+use crate::series::{self, FrameRow, Manifest, Series, SeriesError, WriteError};
 use crate::store::frames::{FrameRecord, ImportedFrame};
 use crate::store::samples::NewSample;
 use crate::store::scans::{NewScan, Origin};
@@ -118,6 +118,8 @@ pub struct Imported {
     pub n_frames: usize,
     /// Frames left out, with the reason.
     pub skipped: Vec<String>,
+    /// The newest scan that holds the same series already.
+    pub same_as: Option<i64>,
 }
 
 impl Lab {
@@ -172,6 +174,18 @@ impl Lab {
             }
             progress(i + 1, total);
         }
+        if !frames.iter().any(|f| f.kind == FrameKind::Sample) {
+            return Err(LabError::Series(SeriesError::Invalid {
+                file: series.manifest().frames.clone(),
+                line: None,
+                key: "kind: ".into(),
+                cause: format!(
+                    "none of the {} frames shows the sample, so nothing can be reduced",
+                    frames.len()
+                ),
+                remedy: "give frames of the sample the kind `sample`".into(),
+            }));
+        }
         let name = match series.manifest().name.as_str() {
             "" => folder
                 .file_name()
@@ -191,6 +205,7 @@ impl Lab {
             frames_csv: skipped.is_empty().then_some(frames_csv),
             calibration_ids: vec![],
         };
+        let same_as = self.store().import_of(&new.manifest, &frames).await?;
         let (scan_id, event) = self.store().import_scan(&new, &frames).await?;
         self.tell(event);
         Ok(Imported {
@@ -198,6 +213,7 @@ impl Lab {
             sample_id,
             n_frames: frames.len(),
             skipped,
+            same_as,
         })
     }
 

@@ -377,6 +377,37 @@ impl Store {
         .await?)
     }
 
+    /// The newest imported scan with this manifest and these frames, in the same order.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn import_of(
+        &self,
+        manifest: &str,
+        frames: &[ImportedFrame],
+    ) -> Result<Option<i64>, StoreError> {
+        let scans: Vec<i64> = sqlx::query_scalar(
+            "SELECT id FROM scans WHERE origin = 'import' AND manifest = ? ORDER BY id DESC",
+        )
+        .bind(manifest)
+        .fetch_all(self.readers())
+        .await?;
+        for scan_id in scans {
+            let kept: Vec<(String, String)> =
+                sqlx::query_as("SELECT name, sha256 FROM frames WHERE scan_id = ? ORDER BY id")
+                    .bind(scan_id)
+                    .fetch_all(self.readers())
+                    .await?;
+            let same = |((name, sha256), frame): (&(String, String), &ImportedFrame)| {
+                *name == frame.name && *sha256 == frame.file.sha256
+            };
+            if kept.len() == frames.len() && kept.iter().zip(frames).all(same) {
+                return Ok(Some(scan_id));
+            }
+        }
+        Ok(None)
+    }
+
     /// Places of the plan that have an accepted shot, and how many frames count.
     ///
     /// # Errors

@@ -113,3 +113,56 @@ async fn an_imported_series_is_there_as_scan_frames_and_observations() {
     assert!(text.starts_with("theta_c_deg,phi_s_deg,signal,sigma,n_frames\n"));
     bench.end().await;
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_series_that_is_there_already_says_so_and_one_without_a_sample_is_refused() {
+    let (bench, router) = opened().await;
+    assert_eq!(imported(&router).await.body["same_as_scan_id"], Value::Null);
+    assert_eq!(imported(&router).await.body["same_as_scan_id"], 1);
+
+    let folder = tempfile::tempdir().unwrap();
+    let list = std::fs::read_to_string(polymer().join("frames.csv")).unwrap();
+    let dark: Vec<&str> = list.lines().take(2).collect();
+    std::fs::write(folder.path().join("frames.csv"), dark.join("\n")).unwrap();
+    let file = dark[1].split(',').next().unwrap();
+    std::fs::create_dir(folder.path().join("frames")).unwrap();
+    std::fs::copy(polymer().join(file), folder.path().join(file)).unwrap();
+    std::fs::copy(
+        polymer().join("manifest.toml"),
+        folder.path().join("manifest.toml"),
+    )
+    .unwrap();
+    let body = json!({ "folder": folder.path() }).to_string();
+    let refused = post(&router, "/api/v1/imports", &body).await;
+    is_problem(&refused, 422, "series-invalid");
+    assert!(
+        refused.detail().contains("shows the sample"),
+        "{}",
+        refused.detail()
+    );
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_axis_moves_once_it_is_homed_and_a_stop_frees_it_at_once() {
+    let (bench, router) = opened().await;
+    let to = |axis: &str| format!("/api/v1/rig/axes/{axis}");
+    let move_it = async |deg: f64| {
+        let body = json!({ "position_deg": deg }).to_string();
+        post(&router, &format!("{}/move", to("theta_c")), &body).await
+    };
+    let refused = move_it(5.0).await;
+    is_problem(&refused, 409, "stage-not-referenced");
+    assert!(
+        refused.detail().contains("home it first"),
+        "{}",
+        refused.detail()
+    );
+    // Whatever was in hand when the stop was answered is in nobody's way.
+    for _ in 0..5 {
+        let home = post(&router, &format!("{}/home", to("theta_c")), "").await;
+        assert_eq!(home.status, 202, "{}", home.body);
+        assert_eq!(post(&router, "/api/v1/rig/stop", "").await.status, 200);
+    }
+    bench.end().await;
+}
