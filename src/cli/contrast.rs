@@ -208,8 +208,12 @@ impl Scene {
         };
         let alpha_u = self.alpha_u.unwrap_or(self.alpha);
         let alpha_v = self.alpha_v.unwrap_or(self.alpha);
-        check("alpha-u", alpha_u, 1e-4, 10.0)?;
-        check("alpha-v", alpha_v, 1e-4, 10.0)?;
+        for (name, own, alpha) in [
+            ("alpha-u", self.alpha_u, alpha_u),
+            ("alpha-v", self.alpha_v, alpha_v),
+        ] {
+            check(own.map_or("alpha", |_| name), alpha, 1e-4, 10.0)?;
+        }
         check("eta", self.eta, 1e-3, 1e3)?;
         check("k", self.k, 0.0, 1e3)?;
         check("theta-l-deg", self.theta_l_deg, 0.0, 80.0)?;

@@ -143,11 +143,11 @@ pub fn run(cli: Cli) -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(CliError::BadInput(error)) => {
-            eprintln!("error: {error:#}");
+            eprintln!("error: {}", once(&error));
             ExitCode::from(2)
         }
         Err(CliError::NoResult(error)) => {
-            eprintln!("error: {error:#}");
+            eprintln!("error: {}", once(&error));
             ExitCode::from(1)
         }
         Err(CliError::Interrupted) => {
@@ -155,6 +155,20 @@ pub fn run(cli: Cli) -> ExitCode {
             ExitCode::from(130)
         }
     }
+}
+
+/// An error and its causes, without those that the error says already.
+fn once(error: &anyhow::Error) -> String {
+    let mut said = String::new();
+    for cause in error.chain() {
+        let cause = cause.to_string();
+        if said.is_empty() {
+            said = cause;
+        } else if !said.contains(&cause) {
+            said = format!("{said}: {cause}");
+        }
+    }
+    said
 }
 
 /// The arguments that the words of a command line make, for tests of the subcommands.
@@ -166,4 +180,25 @@ fn parsed<A: clap::Args>(words: &[&str]) -> A {
         args: A,
     }
     Line::parse_from(["ridged"].iter().chain(words)).args
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::{Context as _, anyhow};
+
+    use super::once;
+    use crate::series::SeriesError;
+
+    #[test]
+    fn a_cause_that_was_told_is_not_told_again() {
+        let twice = SeriesError::Unreadable {
+            file: "manifest.toml".into(),
+            source: std::io::Error::other("it is a folder"),
+        };
+        let said = once(&twice.into());
+        assert_eq!(said.matches("it is a folder").count(), 1, "{said}");
+        let chain = Err::<(), _>(anyhow!("the disk is full")).context("cannot write");
+        let said = once(&chain.expect_err("it is one"));
+        assert_eq!(said, "cannot write: the disk is full");
+    }
 }

@@ -247,8 +247,9 @@ fn comparison(paper: &Estimate<'_>, sawtooth: &Estimate<'_>) -> Option<String> {
     let ratio = paper.rms_residual / sawtooth.rms_residual;
     (ratio >= 1.5).then(|| {
         format!(
-            "the variant paper leaves {ratio:.3} × the residual of sawtooth ({:.3} % against {:.3} % \
+            "the variant paper leaves {ratio:.*} × the residual of sawtooth ({:.3} % against {:.3} % \
              of the largest observation, rms)",
+            if ratio < 10.0 { 2 } else { 0 },
             100.0 * paper.rms_residual,
             100.0 * sawtooth.rms_residual
         )

@@ -30,7 +30,19 @@ pub fn plan(manifest: &Manifest, rows: &[FrameRow], tolerance: f64) -> Plan {
         rho_d: if metal { 0.0 } else { 0.35 },
         amplitude: 1.0,
     });
-    over(manifest, &poses, &surfaces, tolerance)
+    let mut plan = over(manifest, &poses, &surfaces, tolerance);
+    let of_surfaces = |d| matches!(d, Decision::Polarisation | Decision::ConeAverage);
+    for choice in &mut plan.decisions {
+        // A metal's polarisation is part of the model, whatever its ridges.
+        if of_surfaces(choice.decision) && !choice.included && choice.cost.is_some_and(|c| c > 0.0)
+        {
+            choice.why.push_str(
+                "; the cost is the largest among surfaces as samples have them (ridges of 5° to 20°, α 0.05 to 0.2): \
+                 a fit tells that of the surface that it finds",
+            );
+        }
+    }
+    plan
 }
 
 /// The same for given poses, with the costs on given surfaces: those that samples have, or the fitted one.

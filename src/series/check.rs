@@ -270,7 +270,7 @@ impl Manifest {
                 "sample",
                 1.0,
                 10.0,
-                "n lies above 1",
+                "n lies from 1 to 10",
                 &[("index_of_refraction", sample.index_of_refraction)],
             ),
             (
@@ -310,7 +310,16 @@ impl Manifest {
             for (key, value) in values {
                 if value.is_some_and(|x| !x.is_finite() || x < low || x > high) {
                     let value = value.unwrap_or(f64::NAN);
-                    return Err(p(section, key, format!("{value} is out of range"), remedy));
+                    let most = match value > high {
+                        true => format!(" (at most {})", short(high)),
+                        false => String::new(),
+                    };
+                    return Err(p(
+                        section,
+                        key,
+                        format!("{} is out of range{most}", short(value)),
+                        remedy,
+                    ));
                 }
             }
         }
@@ -499,6 +508,15 @@ fn line_at(text: &str, byte: usize) -> usize {
 
 fn one_line(message: &str) -> String {
     message.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// A number in few digits, however large or small it is.
+fn short(value: f64) -> String {
+    if value == 0.0 || (1e-4..1e7).contains(&value.abs()) {
+        format!("{value}")
+    } else {
+        format!("{value:e}")
+    }
 }
 
 #[cfg(test)]
