@@ -288,6 +288,47 @@ describe('error against run time', () => {
   });
 });
 
+describe('the options of a fit', () => {
+  const sent = (): unknown => daemon.requests.findLast((r) => r.path === '/fits' && r.method === 'POST')?.body;
+
+  it('are sent as they are chosen, and the result says what was asked', async () => {
+    daemon.addScan(1, 'paper');
+    await page.goto(url);
+    const form = page.getByTestId('fit-form');
+    const fit = form.getByRole('button', { name: 'Fit', exact: true });
+    await form.getByRole('button', { name: 'Options' }).click();
+    await form.getByLabel('Profile intervals').check();
+    await form.getByLabel('Outliers').selectOption('huber');
+    const known = form.getByRole('button', { name: 'Something is known beforehand' });
+    await known.click();
+    await known.click();
+    await form.getByLabel('Known beforehand: parameter').first().selectOption('rho_d');
+    await form.getByLabel('Known beforehand: parameter').nth(1).selectOption('theta_r_deg');
+    await form.getByLabel('Known beforehand: value').first().fill('0,3');
+    await form.getByLabel('Known beforehand: value').nth(1).fill('ten');
+    await form.getByRole('alert').filter({ hasText: 'The ridge angle: give its value as a number.' }).waitFor();
+    expect(await fit.isDisabled()).toBe(true);
+    await form.getByLabel('Known beforehand: value').nth(1).fill('10');
+    await form.getByLabel('Known beforehand: standard uncertainty').nth(1).fill('0.5');
+    await fit.click();
+    await expect.poll(sent).toEqual({ scan_id: 1, variant: 'auto', loss: 'huber', profile: true, fix: { rho_d: 0.3 }, priors: { theta_r_deg: { value: 10, std: 0.5 } } });
+    await expect.poll(() => text('[data-testid=asked]')).toBe('model best, outliers count less (Huber), ρd held at 0.3, θr known as 10 ± 0.5°, profile intervals');
+  });
+
+  it('are refused beside themselves', async () => {
+    daemon.addScan(1, 'paper');
+    daemon.refusals.set('POST /fits', { status: 422, body: { code: 'invalid-value', title: 'a value makes no sense', detail: 'fix.rho_d: lies between 0 and 1' } });
+    await page.goto(url);
+    const form = page.getByTestId('fit-form');
+    await form.getByRole('button', { name: 'Options' }).click();
+    await form.getByRole('button', { name: 'Something is known beforehand' }).click();
+    await form.getByLabel('Known beforehand: parameter').selectOption('rho_d');
+    await form.getByLabel('Known beforehand: value').fill('3');
+    await form.getByRole('button', { name: 'Fit', exact: true }).click();
+    await form.getByRole('alert').filter({ hasText: 'Fix.rho_d: lies between 0 and 1.' }).waitFor();
+  });
+});
+
 describe('a series recorded elsewhere', () => {
   it('is imported from its folder and shown', async () => {
     await page.goto(url);
