@@ -165,7 +165,7 @@ export const api = {
   observationsCsvUrl: (id: number): string => `${PREFIX}/scans/${id}/observations?format=csv`,
 
   /** A recorded series in a folder of the daemon's machine. */
-  importSeries: (folder: string, skip_unreadable: boolean): Promise<{ readonly scan_id: number; readonly n_frames: number; readonly skipped: readonly string[] }> =>
+  importSeries: (folder: string, skip_unreadable: boolean): Promise<{ readonly scan_id: number; readonly n_frames: number; readonly skipped: readonly string[]; /** A scan that holds the very same series already. */ readonly same_as_scan_id?: number | null }> =>
     post('/imports', { folder, skip_unreadable }),
 
   fits: (): Promise<Fit[]> => getAll('/fits'),

@@ -421,7 +421,7 @@ export class MockDaemon {
     if (path === '/imports' && method === 'POST') {
       const id = this.addScan(1, 'paper');
       Object.assign(this.scans.find((s) => s.body.id === id)?.body ?? {}, { origin: 'import' });
-      return send(201, { scan_id: id, sample_id: 1, n_frames: 48, skipped: ['frames/7.png'] });
+      return send(201, { scan_id: id, sample_id: 1, n_frames: 48, skipped: ['frames/7.png'], same_as_scan_id: null });
     }
     if (path === '/fits' && method === 'POST') {
       const id = this.fits.length + 1;
