@@ -10,13 +10,17 @@ import { openBrowser, type OpenBrowser } from '../browser';
 import { startDaemon, type RunningDaemon } from '../daemon';
 import { completed, doSteps, fillScan, fitted } from '../operate';
 
+/** Picture points per CSS pixel: sharp where the README shows them, and few bytes. */
+const SCALE = 1;
+
 const DOCS = join(import.meta.dirname, '../../../docs');
 
 let daemon: RunningDaemon;
 const browsers: OpenBrowser[] = [];
 
 beforeAll(async () => {
-  daemon = await startDaemon(100);
+  // Slow enough for the fit that runs along to be seen getting surer.
+  daemon = await startDaemon(10);
 });
 afterAll(async () => {
   await Promise.all(browsers.map((b) => b.close()));
@@ -25,7 +29,7 @@ afterAll(async () => {
 
 it('makes the pictures of the README', async () => {
   await mkdir(DOCS, { recursive: true });
-  const light = await openBrowser({ width: 1440, height: 1000, scale: 1.5 });
+  const light = await openBrowser({ width: 1440, height: 1000, scale: SCALE });
   browsers.push(light);
   const page = await light.context.newPage();
   await page.goto(daemon.url);
@@ -40,7 +44,7 @@ it('makes the pictures of the README', async () => {
   await page.waitForTimeout(500);
   await page.screenshot({ path: join(DOCS, 'screenshot.png') });
 
-  const dark = await openBrowser({ width: 1440, height: 1000, scale: 1.5, dark: true });
+  const dark = await openBrowser({ width: 1440, height: 1000, scale: SCALE, dark: true });
   browsers.push(dark);
   const night = await dark.context.newPage();
   await night.goto(daemon.url);
@@ -53,7 +57,7 @@ it('makes the pictures of the README', async () => {
 });
 
 it('makes the picture of the virtual ellipsometer', async () => {
-  const light = await openBrowser({ width: 1440, height: 1000, scale: 1.5 });
+  const light = await openBrowser({ width: 1440, height: 1000, scale: SCALE });
   browsers.push(light);
   const page = await light.context.newPage();
   await page.goto(daemon.url);
