@@ -1,5 +1,6 @@
 // What a fit may be asked beyond its model: how outliers count, what is known beforehand, further intervals.
 
+import { sentence } from './api';
 import { typed } from './limits';
 import type { FitAsked } from './types';
 import { PARAMETERS, VARIANTS, type ParameterWords } from './words';
@@ -49,6 +50,14 @@ export function knownProblem(row: KnownRow, rows: readonly KnownRow[]): string |
   if (std !== null && !(std > 0)) return 'its standard uncertainty is a number above 0; without one the value is held';
   if (rows.filter((r) => r.parameter === row.parameter && typed(r.value) !== null).length > 1) return 'is there twice';
   return null;
+}
+
+/** What the daemon has against an option, its parameters by the names that the form has for them. */
+export function refusedWords(said: string): string {
+  const named = said.replace(/^(fix|priors)(\.\w+)?: /i, (_, _list: string, field?: string) => (field === undefined ? '' : `The ${KNOWABLE[field.slice(1)]?.name ?? field.slice(1)}: `));
+  // A single letter may be a word of the sentence.
+  const names = Object.entries(KNOWABLE).filter(([key]) => key.length > 1);
+  return sentence(names.reduce((text, [key, { name }]) => text.replace(new RegExp(`\\b${key}\\b`, 'g'), key === 'scale' ? key : name), named));
 }
 
 export function optionsOf(choices: FitChoices): FitOptions {

@@ -325,7 +325,7 @@ describe('the options of a fit', () => {
     await form.getByLabel('Known beforehand: parameter').selectOption('rho_d');
     await form.getByLabel('Known beforehand: value').fill('3');
     await form.getByRole('button', { name: 'Fit', exact: true }).click();
-    await form.getByRole('alert').filter({ hasText: 'Fix.rho_d: lies between 0 and 1.' }).waitFor();
+    await form.getByRole('alert').filter({ hasText: 'The diffuse reflectance: lies between 0 and 1.' }).waitFor();
   });
 });
 

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { askedWords, knownProblem, optionsOf, type KnownRow } from '../../src/lib/fitoptions';
+import { askedWords, knownProblem, optionsOf, refusedWords, type KnownRow } from '../../src/lib/fitoptions';
 
 const row = (parameter: string, value: string, std = ''): KnownRow => ({ parameter, value, std });
 
@@ -26,6 +26,14 @@ describe('knownProblem', () => {
     expect(knownProblem(row('rho_d', '', '0.1'), [])).toMatch(/its value as a number/);
     for (const std of ['0', '-1', 'x']) expect(knownProblem(row('rho_d', '0.3', std), [])).toMatch(/above 0/);
     expect(knownProblem(row('rho_d', '0.3', '0.1'), [])).toBeNull();
+  });
+});
+
+describe('refusedWords', () => {
+  it('calls parameters as the form does', () => {
+    expect(refusedWords('Fix.rho_d: rho_d lies from 0 to 1.')).toBe('The diffuse reflectance: diffuse reflectance lies from 0 to 1.');
+    expect(refusedWords('Fix: k is the imaginary part of a metal’s index.')).toBe('K is the imaginary part of a metal’s index.');
+    expect(refusedWords('Priors.new: there is none.')).toBe('The new: there is none.');
   });
 });
 
