@@ -74,7 +74,9 @@ export function budgetSentence(budget: Readonly<Record<string, number>>, unit: s
 /** Whether the data tell a parameter, in words. */
 export function identifiability(parameter: Parameter): { word: string; tone: 'good' | 'plain' | 'bad'; detail: string } {
   const detail = parameter.note ?? parameter.reason ?? '';
-  if (!parameter.identifiable || parameter.value === null) {
+  // What was held as somebody stated it has its value, and was not asked of the data.
+  const held = parameter.value !== null && detail.startsWith('held');
+  if (!held && (!parameter.identifiable || parameter.value === null)) {
     return { word: 'not told by these data', tone: 'bad', detail };
   }
   // A note beside a value says by what the parameter is held.
