@@ -261,15 +261,16 @@ fn cell(
         amplitude: 1.0,
     };
     let (kind, optics) = optics(&rig, eta, k);
-    let traced = RidgedSurface {
-        profile: Ridges::ideal(surface.theta_r, 1.0).profile().ok()?,
-        roughness: Roughness {
-            alpha_u: alpha,
-            alpha_v: alpha,
-        },
-        boundary: crate::model::polarisation::Boundary::new(1.0, eta, k),
-        diffuse: (rho_d > 0.0).then(|| Diffuse::new(rho_d, eta, 1.0, rig.theta_l.rad().cos())),
+    let roughness = Roughness {
+        alpha_u: alpha,
+        alpha_v: alpha,
     };
+    let traced = RidgedSurface::new(
+        Ridges::ideal(surface.theta_r, 1.0).profile().ok()?,
+        roughness,
+        [eta, k],
+        (rho_d > 0.0).then(|| Diffuse::new(rho_d, eta, 1.0, rig.theta_l.rad().cos())),
+    );
     let directions: Vec<Directions> = (0..TILTS * AZIMUTHS)
         .map(|n| rig.directions(pose(n)))
         .collect();

@@ -23,7 +23,6 @@ use crate::forecast::Expected;
 use crate::geometry::{Pose, RigGeometry};
 use crate::model::LeftOut;
 use crate::model::contrast::{PAPER_AZIMUTHS_DEG, PAPER_RIDGES_DEG};
-use crate::model::polarisation::Boundary;
 use crate::trace::facet::{Diffuse, Roughness};
 use crate::trace::ridged::{RadianceOptions, RidgedSurface};
 use crate::trace::ridges::Ridges;
@@ -203,7 +202,6 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
     }
     let count = ((high - low) / step + 1e-9) as usize + 1;
     let body = Diffuse::new(surface.rho_d, optics.eta, 1.0, optics.theta_l.cos());
-    let boundary = Boundary::new(1.0, optics.eta, optics.k);
     let roughness = Roughness {
         alpha_u: surface.alpha_u,
         alpha_v: surface.alpha_v,
@@ -219,12 +217,8 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
         }
         let profile = ridges.profile().ok()?;
         let effective = profile.effective_ridge_angle()?.to_degrees();
-        let worn = RidgedSurface {
-            profile,
-            roughness,
-            boundary,
-            diffuse: (optics.k == 0.0 && surface.rho_d > 0.0).then_some(body),
-        };
+        let body = (optics.k == 0.0 && surface.rho_d > 0.0).then_some(body);
+        let worn = RidgedSurface::new(profile, roughness, [optics.eta, optics.k], body);
         Some(Point {
             theta_r_deg,
             effective_deg: effective,

@@ -24,7 +24,6 @@ use super::problem::{Problem, Quantity, Values};
 use super::solver::{Minimum, Settings, minimise};
 use super::{FitOptions, Loss};
 use crate::material::Material;
-use crate::model::polarisation::Boundary;
 use crate::observation::ObservationSet;
 use crate::trace::facet::{Diffuse, Roughness};
 use crate::trace::profile::Profile;
@@ -544,18 +543,21 @@ pub fn ridged_surface(
     let cos_l = set.rig.theta_l.rad().cos();
     let dielectric = matches!(set.material, Material::Dielectric { .. });
     let body = Diffuse::new(values.rho_d, values.eta, 1.0, cos_l);
-    Some(RidgedSurface {
-        profile: match profile {
-            Some(profile) => profile.with_ridge_angle(theta_r)?,
-            None => Profile::sawtooth(theta_r, 1.0, 0.0).ok()?,
-        },
-        roughness: Roughness {
-            alpha_u: values.alpha_u,
-            alpha_v: values.alpha_v,
-        },
-        boundary: Boundary::new(1.0, values.eta, values.k),
-        diffuse: (dielectric && values.rho_d > 0.0).then_some(body),
-    })
+    let profile = match profile {
+        Some(profile) => profile.with_ridge_angle(theta_r)?,
+        None => Profile::sawtooth(theta_r, 1.0, 0.0).ok()?,
+    };
+    let roughness = Roughness {
+        alpha_u: values.alpha_u,
+        alpha_v: values.alpha_v,
+    };
+    let body = (dielectric && values.rho_d > 0.0).then_some(body);
+    Some(RidgedSurface::new(
+        profile,
+        roughness,
+        [values.eta, values.k],
+        body,
+    ))
 }
 
 #[cfg(test)]

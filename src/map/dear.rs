@@ -6,8 +6,9 @@
 //! and all others use the first-order expansion about it. The descent takes the offset anew when it
 //! has nearly arrived, so the fit ends at the full form's minimum and not at the kernel's.
 //!
-//! A near camera or lamp gives each pixel its own directions; the offset is then that of the
-//! centre of the field, since it varies slowly.
+//! A near camera or lamp gives each pixel its own directions. The offset is then that of the centre of the field, since
+//! it varies slowly; B, most of which is light that comes straight out of the facets, is brought from the centre to the
+//! pixel by what such light goes by ([`Geometry::facing_beside`]).
 //!
 //! *Conditioning.* Cells are kept in single precision: 6e-8 of a term that is a few percent of the signal. The offset itself is
 //! the full form less the kernel's reflection, two numbers of the signal's size: 1e-16 of the signal, 1e-14 of the

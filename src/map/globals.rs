@@ -211,6 +211,12 @@ pub(super) fn rows_of(run: &Run<'_>, pixel: usize, p: &Parameters) -> impl Itera
     run.dear.write(p, &mut offset, &mut basis);
     let (lamp, amplitude) = (run.dear.lamp(), run.dear.is_amplitude());
     let geometry = run.geometry_of(pixel);
+    if !run.view.shares_directions() {
+        let centres = run.dear.geometry();
+        for ((basis, own), centre) in basis.iter_mut().zip(geometry.iter()).zip(centres) {
+            *basis *= own.facing_beside(centre, p);
+        }
+    }
     (0..n).map(move |j| {
         if weight[j] <= 0.0 {
             return Row {

@@ -9,7 +9,7 @@
 //! and the larger of the two slopes t = max(0, i_e/i_m, o_e/o_m):
 //!
 //! ```text
-//! L = E · F |h|⁴/(4π o_n) · G · exp(−q) / (h_m⁴ √(ab)),   G = cos θ − sin θ t
+//! L = F |h|⁴/(4π o_n) · G · exp(−q) / (h_m⁴ √(ab)),   G = cos θ − sin θ t
 //! x = h_u/h_m, y = h_e/h_m, q = x²/a + y²/b, a = αu² + R²/8, b = αv² + R²/8
 //! ∂ ln D/∂θ = 2y (q + 1/b − 2)          ∂G/∂θ = −t G (−sin θ where t = 0)
 //! ∂ ln D/∂ψ = 2x (2 sin θ − (h_v/h_m + x² sin θ)/a + y (h_n/h_m)/b)
@@ -25,12 +25,17 @@
 //! kept: it costs o_n 1e-16, of which only t takes note; the 1/o_n of L is in the scale, from the pose. With α from 1e-3 to 1 and
 //! θr to 75° (the bounds of a descent) all lanes stay finite at any pose above the horizon.
 
+use nalgebra::Vector3;
 use pulp::Simd;
 
+use crate::geometry::Directions;
 use crate::model::lanes::Lane;
 
 /// Numbers that describe one observation's geometry; see [`Geometry`].
 pub(super) const GEOMETRY: usize = 7;
+
+/// Facets that face lamp and camera less than this (a product of cosines) count as edge on.
+const EDGE_ON: f64 = 0.01;
 
 /// One observation's directions in the sample's frame (x, y, n) at ψ = 0, and its scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,13 +43,13 @@ pub(super) struct Geometry(pub(super) [f64; GEOMETRY]);
 
 impl Geometry {
     /// Lamp and camera directions (unit vectors away from the surface; the third component along
-    /// n), Fresnel reflectance at their half angle, and irradiance on a surface facing the lamp.
-    pub(super) fn new(i: [f64; 3], o: [f64; 3], fresnel: f64, irradiance: f64) -> Self {
+    /// n), and Fresnel reflectance at their half angle.
+    pub(super) fn new(i: [f64; 3], o: [f64; 3], fresnel: f64) -> Self {
         let h = [i[0] + o[0], i[1] + o[1], i[2] + o[2]];
         let h2 = h[0] * h[0] + h[1] * h[1] + h[2] * h[2];
         let above = i[2] > 0.0 && o[2] > 0.0;
         let scale = if above {
-            irradiance * fresnel * h2 * h2 / (4.0 * std::f64::consts::PI * o[2])
+            fresnel * h2 * h2 / (4.0 * std::f64::consts::PI * o[2])
         } else {
             0.0
         };
@@ -58,6 +63,40 @@ impl Geometry {
     /// Direction to the camera.
     pub(super) fn outgoing(&self) -> [f64; 3] {
         std::array::from_fn(|axis| self.0[3 + axis] - self.0[axis])
+    }
+
+    /// What the facets' diffuse light goes by: i_m o_m / o_n, the light that falls on a facet of the sample's area as
+    /// the camera sees it; 0 where they face away from either. Fresnel transmittances are left out.
+    pub(super) fn facing(&self, p: &Parameters) -> f64 {
+        let (s, c) = p[0].sin_cos();
+        let Directions { incident, outgoing } = self.directions(p[1]);
+        let towards = |w: Vector3<f64>| (c * w.z + s * w.y).max(0.0);
+        if incident.z > 0.0 && outgoing.z > 0.0 {
+            towards(incident) * towards(outgoing) / outgoing.z
+        } else {
+            0.0
+        }
+    }
+
+    /// The directions along (u, v, n) of ridges that lean to ψ.
+    pub(super) fn directions(&self, psi: f64) -> Directions {
+        let (s, c) = psi.sin_cos();
+        let turned = |w: [f64; 3]| Vector3::new(w[0] * s - w[1] * c, w[0] * c + w[1] * s, w[2]);
+        Directions {
+            incident: turned(self.incident()),
+            outgoing: turned(self.outgoing()),
+        }
+    }
+
+    /// By what the diffuse light of the field's centre is to be multiplied for that of another place.
+    pub(super) fn facing_beside(&self, centre: &Geometry, p: &Parameters) -> f64 {
+        let there = centre.facing(p);
+        // A facet edge on at the centre says nothing of its light elsewhere.
+        if there > EDGE_ON {
+            self.facing(p) / there
+        } else {
+            1.0
+        }
     }
 }
 
@@ -221,13 +260,12 @@ mod tests {
         };
         let d = rig_at_zero.rig_directions(pose.theta_c);
         let (s, c) = pose.phi_s.sin_cos();
-        let turned = |w: nalgebra::Vector3<f64>| [w.x * c + w.y * s, w.y * c - w.x * s, w.z];
+        let turned = |w: Vector3<f64>| [w.x * c + w.y * s, w.y * c - w.x * s, w.z];
         let h = (d.incident + d.outgoing).norm() * 0.5;
         Geometry::new(
             turned(d.incident),
             turned(d.outgoing),
             fresnel::reflectance(h, 1.54, 0.0),
-            1.0,
         )
     }
 

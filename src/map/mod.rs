@@ -357,7 +357,7 @@ fn what_is_left_out(settled: &Settled, pixels_left_out: usize) -> Vec<LeftOut> {
     }
     if included(Decision::PerPixelGeometry) {
         list.push(LeftOut::new(
-            "each pixel's own directions in what is not reflected once",
+            "each pixel's own directions in light that went between the facets",
             "they vary slowly: those of the field's centre stand for all",
             settled.centre_for_all,
         ));

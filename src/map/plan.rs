@@ -10,7 +10,7 @@ use super::integrated::Integrated;
 use super::kernel::{Geometry, Parameters, single};
 use super::observe;
 use super::view::View;
-use crate::geometry::{Directions, Pose};
+use crate::geometry::Pose;
 use crate::model::{Optics, Surface, Variant, left_out, radiance};
 use crate::plan::series::{SURFACES, layers, polarisation};
 use crate::plan::{Basis, Choice, Decision, Plan, TOLERANCE};
@@ -161,7 +161,7 @@ fn own_directions(
         let why = "camera and lamp are far: all pixels have the same directions";
         return choice(false, why, Some(0.0), Basis::Exact);
     }
-    let cost = largest(surfaces.iter().map(|p| off_centre(dear, view, p).single));
+    let cost = largest(surfaces.iter().map(|p| off_centre(dear, view, p).followed));
     match allowed {
         None => {
             let why = "camera or lamp are near, and no target error was stated";
@@ -178,10 +178,20 @@ fn own_directions(
     }
 }
 
+/// Light of an observation by the ways that a map treats apart.
+struct Light {
+    /// Reflected once.
+    once: f64,
+    /// All that goes with ρd.
+    diffuse: f64,
+    rest: f64,
+    geometry: Geometry,
+}
+
 /// What the border of the field changes, as shares of the brightest radiance.
 struct OffCentre {
-    /// Of what is reflected once.
-    single: f64,
+    /// Of what follows each pixel's directions: single reflections and the facets' diffuse light.
+    followed: f64,
     /// Of all the rest.
     rest: f64,
 }
@@ -196,25 +206,23 @@ fn off_centre(dear: &Dear, view: &View, p: &Parameters) -> OffCentre {
         cones: view.rig.cones,
     };
     let share = surface.amplitude;
-    // Once reflected, and the rest of the closed form, at a place and a pose of the sample.
+    let lobes = Surface {
+        rho_d: 0.0,
+        ..surface
+    };
+    // At a place and a pose of the sample, for an irradiance of 1.
     let at = |pose: &Pose, place: [f64; 2]| {
         let geometry = view.geometry(*pose, place);
         let once = share * single(&geometry, p, dear.lamp()).0;
-        let turned = view.geometry(
-            Pose {
-                phi_s: pose.phi_s + Angle::from_rad(p[1]),
-                ..*pose
-            },
-            place,
-        );
-        let directions = Directions {
-            incident: turned.incident().into(),
-            outgoing: turned.outgoing().into(),
-        };
-        (
+        let directions = geometry.directions(p[1]);
+        let whole = radiance(Variant::Sawtooth, &directions, &surface, &optics);
+        let diffuse = whole - radiance(Variant::Sawtooth, &directions, &lobes, &optics);
+        Light {
             once,
-            radiance(Variant::Sawtooth, &directions, &surface, &optics),
-        )
+            diffuse,
+            rest: whole - diffuse - once,
+            geometry,
+        }
     };
     let (width, height) = (view.width, view.height);
     let border = [
@@ -228,23 +236,27 @@ fn off_centre(dear: &Dear, view: &View, p: &Parameters) -> OffCentre {
         height * width - 1,
     ];
     let mut peak = f64::MIN_POSITIVE;
-    let (mut off_single, mut off_rest) = (0.0f64, 0.0f64);
+    let (mut off_followed, mut off_rest) = (0.0f64, 0.0f64);
     for pose in dear.poses() {
-        let (once, whole) = at(pose, [0.0; 2]);
-        peak = peak.max(whole);
+        let centre = at(pose, [0.0; 2]);
+        peak = peak.max(centre.once + centre.diffuse + centre.rest);
         for pixel in border {
-            let (once_there, whole_there) = at(pose, view.place_mm(pixel));
-            off_single = off_single.max((once_there - once).abs());
-            off_rest = off_rest.max(((whole_there - once_there) - (whole - once)).abs());
+            let there = at(pose, view.place_mm(pixel));
+            let facing = there.geometry.facing_beside(&centre.geometry, p);
+            let brought = centre.diffuse * facing;
+            off_followed = off_followed
+                .max((there.once - centre.once).abs())
+                .max((brought - centre.diffuse).abs());
+            off_rest = off_rest.max(((there.diffuse - brought) + (there.rest - centre.rest)).abs());
         }
     }
     OffCentre {
-        single: off_single / peak,
+        followed: off_followed / peak,
         rest: off_rest / peak,
     }
 }
 
-/// What the centre's directions cost in everything but single reflections; see [`super::dear`].
+/// What the centre's directions cost in light that went between the facets; see [`super::dear`].
 pub(super) fn centre_for_all(dear: &Dear, view: &View, surfaces: &[Parameters]) -> f64 {
     largest(surfaces.iter().map(|p| off_centre(dear, view, p).rest))
 }
@@ -314,5 +326,26 @@ mod tests {
         let (narrow, less) = decided(0.5, Some(0.9));
         assert!(!narrow && less < 0.03 * cost, "{less} {cost}");
         assert!(decided(0.5, None).0);
+    }
+
+    #[test]
+    fn what_is_brought_from_the_centre_of_a_near_field_is_nearly_what_is_there() {
+        let series = checker();
+        let near = View::new(series.manifest()).brought_to(300.0, 50.0);
+        let tilts = [-20.0, -10.0, 5.0, 20.0];
+        let poses: Vec<Pose> = (0..12)
+            .flat_map(|turn| tilts.map(|tilt| Pose::from_deg(tilt, 30.0 * f64::from(turn))))
+            .collect();
+        let geometry: Vec<Geometry> = poses.iter().map(|p| near.geometry(*p, [0.0; 2])).collect();
+        let (material, none) = (series.manifest().material(), Integrated::default());
+        let dear = Dear::new(near.rig, material, poses, geometry, 1.0, none);
+        for lean in [0.0, 1.9] {
+            let p = [0.2, lean, 0.1f64.ln(), 0.15f64.ln(), 0.3];
+            let off = off_centre(&dear, &near, &p);
+            // Light that went between the facets is a few percent of the peak, and half of it may change over a
+            // field as wide as a tenth of a radian each way.
+            assert!(off.followed > 0.1, "{}", off.followed);
+            assert!(off.rest < 0.02, "{}", off.rest);
+        }
     }
 }

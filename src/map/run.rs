@@ -122,7 +122,7 @@ pub(super) struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// A pixel's radiances and weights (1/σ, 0 where masked).
+    /// A pixel's radiances for the irradiance at the field's centre, and weights (1/σ, 0 where masked).
     pub(super) fn read(&self, index: usize, signal: &mut [f64], weight: &mut [f64]) {
         let n = self.batch.observations;
         let all = index * n..(index + 1) * n;
@@ -132,6 +132,19 @@ impl Run<'_> {
         for (weight, sigma) in weight.iter_mut().zip(&self.batch.sigma[all]) {
             *weight = self.weight(*sigma);
         }
+        if self.view.is_unevenly_lit() {
+            for (j, (signal, weight)) in signal.iter_mut().zip(weight).enumerate() {
+                let irradiance = self.irradiance(index, j);
+                *signal /= irradiance;
+                *weight *= irradiance;
+            }
+        }
+    }
+
+    /// Irradiance on a pixel in its observation `j`, relative to the field's centre.
+    fn irradiance(&self, index: usize, j: usize) -> f64 {
+        let place = self.view.place_mm(self.batch.pixels[index]);
+        self.view.irradiance(self.poses[j], place)
     }
 
     #[inline(always)]
@@ -152,9 +165,10 @@ impl Run<'_> {
     /// Radiance and weight of a pixel's observation `j`.
     fn observation(&self, index: usize, j: usize) -> (f64, f64) {
         let at = index * self.batch.observations + j;
+        let irradiance = self.irradiance(index, j);
         (
-            self.radiance(self.batch.signal[at]),
-            self.weight(self.batch.sigma[at]),
+            self.radiance(self.batch.signal[at]) / irradiance,
+            self.weight(self.batch.sigma[at]) * irradiance,
         )
     }
 
@@ -208,7 +222,8 @@ impl Run<'_> {
                 observations,
                 lamp: self.dear.lamp(),
                 amplitude: self.dear.is_amplitude(),
-                shared: self.view.shares_directions().then_some(geometry),
+                geometry,
+                own_geometry: !self.view.shares_directions(),
                 refreshes,
                 way,
                 pixels: &pixels,

@@ -52,7 +52,7 @@ pub(super) struct Settled {
     pub(super) view: View,
     /// What was decided on the surfaces that most pixels look like.
     pub(super) plan: Plan,
-    /// What the centre's directions cost in all but single reflections, where camera or lamp are near.
+    /// What the centre's directions cost in light that went between the facets, where camera or lamp are near.
     pub(super) centre_for_all: Option<f64>,
 }
 

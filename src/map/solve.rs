@@ -137,8 +137,10 @@ pub(super) struct Job<'a> {
     pub(super) lamp: f64,
     /// The fifth parameter is the amplitude (conductors) instead of ρd.
     pub(super) amplitude: bool,
-    /// Geometry that all pixels share; without it [`Pixels::load`] writes each pixel's own.
-    pub(super) shared: Option<&'a [Geometry]>,
+    /// Geometry at the centre of the field, for which the dear terms are.
+    pub(super) geometry: &'a [Geometry],
+    /// Whether [`Pixels::load`] writes each pixel's own; else all share the centre's.
+    pub(super) own_geometry: bool,
     /// How often the dear terms are taken anew before the last descent.
     pub(super) refreshes: u8,
     pub(super) way: Way,
@@ -215,16 +217,18 @@ impl<'a> Table<'a> {
             width,
             state: Numbers::zeros(ROWS * width),
             rows: Numbers::zeros(ROW * n * width),
-            geometry: match job.shared {
-                Some(_) => Numbers::zeros(0),
-                None => Numbers::zeros(n * GEOMETRY * width),
-            },
+            geometry: Numbers::zeros(if job.own_geometry {
+                n * GEOMETRY * width
+            } else {
+                0
+            }),
             raw: vec![vec![0.0; n]; width],
             offset: vec![0.0; n],
             column: vec![0.0; n],
-            own_geometry: match job.shared {
-                Some(_) => Vec::new(),
-                None => vec![Geometry([0.0; GEOMETRY]); n],
+            own_geometry: if job.own_geometry {
+                vec![Geometry([0.0; GEOMETRY]); n]
+            } else {
+                Vec::new()
             },
             slots: vec![None; width],
             next: 0,
@@ -311,6 +315,12 @@ impl<'a> Table<'a> {
         let (offset, basis) = (&mut self.offset, &mut self.column);
         self.job.pixels.dear(p, size, &mut self.met, offset, basis);
         let width = self.width;
+        if self.job.own_geometry {
+            for (j, (basis, centre)) in basis.iter_mut().zip(self.job.geometry).enumerate() {
+                let number = |k| self.geometry[(j * GEOMETRY + k) * width + lane];
+                *basis *= Geometry(std::array::from_fn(number)).facing_beside(centre, p);
+            }
+        }
         for (((row, raw), offset), basis) in self
             .rows
             .chunks_exact_mut(ROW * width)

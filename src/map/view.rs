@@ -20,7 +20,7 @@ pub(super) fn telecentric(rig: &RigGeometry, pose: Pose, fresnel: f64) -> Geomet
     let d = rig.rig_directions(pose.theta_c);
     let (s, c) = (pose.phi_s + rig.azimuth_zero).sin_cos();
     let to_sample = |w: Vector3<f64>| [w.x * c + w.y * s, w.y * c - w.x * s, w.z];
-    Geometry::new(to_sample(d.incident), to_sample(d.outgoing), fresnel, 1.0)
+    Geometry::new(to_sample(d.incident), to_sample(d.outgoing), fresnel)
 }
 
 /// The drawing of sample, camera and lamp.
@@ -176,22 +176,38 @@ impl View {
             0.0,
         );
         let towards = |far: Vector3<f64>, distance: Option<f64>| match distance {
-            Some(distance) => {
-                let ray = far * distance - place;
-                let length = ray.norm();
-                (ray / length, (distance / length).powi(2))
-            }
-            None => (far, 1.0),
+            Some(distance) => (far * distance - place).normalize(),
+            None => far,
         };
-        let (o, _) = towards(d.outgoing, self.camera_distance_mm);
-        let (i, irradiance) = towards(d.incident, self.light_distance_mm);
+        let o = towards(d.outgoing, self.camera_distance_mm);
+        let i = towards(d.incident, self.light_distance_mm);
         let cos_half = 0.5 * (i + o).norm();
         Geometry::new(
             to_sample(i),
             to_sample(o),
             fresnel::reflectance(cos_half, self.index.0, self.index.1),
-            irradiance,
         )
+    }
+
+    /// Irradiance on a surface facing the lamp at a point of the sample, relative to the field's centre; 1 where the
+    /// lamp is far.
+    pub(super) fn irradiance(&self, pose: Pose, place_mm: [f64; 2]) -> f64 {
+        let Some(distance) = self.light_distance_mm else {
+            return 1.0;
+        };
+        let (s, c) = (pose.phi_s + self.rig.azimuth_zero).sin_cos();
+        let place = Vector3::new(
+            place_mm[0] * c - place_mm[1] * s,
+            place_mm[0] * s + place_mm[1] * c,
+            0.0,
+        );
+        let ray = self.rig.rig_directions(pose.theta_c).incident * distance - place;
+        distance * distance / ray.norm_squared()
+    }
+
+    /// Whether pixels have more or less light than the field's centre.
+    pub(super) fn is_unevenly_lit(&self) -> bool {
+        self.light_distance_mm.is_some()
     }
 
     /// Whether the fifth parameter of a pixel is an amplitude: nothing diffuse comes out of metal.

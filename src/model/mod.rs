@@ -27,6 +27,7 @@ pub mod picture;
 pub mod polarisation;
 pub mod prepared;
 pub mod quadrature;
+pub mod rough_boundary;
 pub mod sawtooth;
 pub mod single_bounce;
 mod third_bounce;

@@ -7,7 +7,7 @@
 //! Light with ω·n < 0 inside the profile cannot leave it and light that crosses the line of crests
 //! outwards has ω·n > 0, so all exchange happens within one valley: facet and riser, at a right
 //! angle, of lengths p and r. Both carry Beckmann roughness with Smith masking (Walter et al.
-//! 2007, rational form) and a Lambert term under the Fresnel boundary.
+//! 2007, rational form) and a Lambert term under the rough Fresnel boundary ([`RoughBoundary`]).
 //!
 //! *One bounce* is exact: visible length times the wall's reflectance, averaged over the cones
 //! of lamp and lens by cubature ([`cone`]). *Two bounces*, facet then riser, for lamp direction a and camera direction b
@@ -46,6 +46,7 @@ use rayon::prelude::*;
 use super::cone::{self, Node};
 use super::fresnel::reflectances;
 use super::prepared::OpticsTable;
+use super::rough_boundary::RoughBoundary;
 use super::sawtooth::{Parameters, three_bounces_and_more};
 use super::{Optics, Surface, third_bounce};
 use crate::geometry::Directions;
@@ -70,6 +71,8 @@ pub struct Quadrature {
     cos: f64,
     c_d: f64,
     kappa: f64,
+    /// What diffuse light passes, beside Fresnel's transmittance.
+    boundary: RoughBoundary,
     /// The cubature over the cones of lamp and lens.
     cones: Vec<Node>,
 }
@@ -148,6 +151,11 @@ impl Quadrature {
             cos,
             c_d: surface.rho_d * table.diffuse[0],
             kappa: surface.rho_d * table.diffuse[0] * table.exchange[0],
+            boundary: if surface.rho_d > 0.0 {
+                RoughBoundary::new(surface.alpha_u, surface.alpha_v, optics.eta)
+            } else {
+                RoughBoundary::smooth()
+            },
             cones: cone::nodes(&optics.cones, surface.alpha_u.min(surface.alpha_v)),
         }
     }
@@ -243,9 +251,10 @@ impl Quadrature {
         }
     }
 
-    fn transmittance(&self, cos: f64) -> f64 {
-        let (s, p) = reflectances(cos, self.q.eta, self.q.k);
-        1.0 - 0.5 * (s + p)
+    /// Of a wall for a direction along the ridges, across them and along the wall's normal.
+    fn transmittance(&self, u: f64, across: f64, normal: f64) -> f64 {
+        let (s, p) = reflectances(normal, self.q.eta, self.q.k);
+        1.0 - 0.5 * (s + p) + self.boundary.excess(u, across, normal)
     }
 
     fn reflectance(&self, cos: f64) -> f64 {
@@ -288,8 +297,8 @@ impl Quadrature {
                     if self.c_d > 0.0 {
                         sum += facet
                             * self.c_d
-                            * self.transmittance(i.m)
-                            * self.transmittance(o.m)
+                            * self.transmittance(i.u, i.e, i.m)
+                            * self.transmittance(o.u, o.e, o.m)
                             * i.m
                             * o.m;
                     }
@@ -301,8 +310,8 @@ impl Quadrature {
                     if self.c_d > 0.0 {
                         sum += riser
                             * self.c_d
-                            * self.transmittance(-i.e)
-                            * self.transmittance(-o.e)
+                            * self.transmittance(i.u, i.m, -i.e)
+                            * self.transmittance(o.u, o.m, -o.e)
                             * i.e
                             * o.e;
                     }
@@ -328,8 +337,8 @@ impl Quadrature {
             masking: self.lobe(false),
             smith_a: self.lobe(false).smith(a.u, a.e, a.m),
             smith_b: self.lobe(false).smith(b.u, b.m, -b.e),
-            diffuse_a: self.c_d * self.transmittance(a.m) * a.m,
-            diffuse_b: self.c_d * self.transmittance(-b.e) * -b.e,
+            diffuse_a: self.c_d * self.transmittance(a.u, a.e, a.m) * a.m,
+            diffuse_b: self.c_d * self.transmittance(b.u, b.m, -b.e) * -b.e,
         };
         let low = (a.sigma / r).atan();
         let mut betas = vec![low, FRAC_PI_2, (p / r).atan()];

@@ -142,12 +142,8 @@ proptest! {
     ) {
         let Ok(profile) = Profile::sawtooth(theta_r, 1.0, 0.0) else { return Ok(()) };
         let body = Diffuse::new(rho_d, n, 1.0, 0.98);
-        let surface = RidgedSurface {
-            profile,
-            roughness: Roughness { alpha_u, alpha_v },
-            boundary: Boundary::new(1.0, n, k),
-            diffuse: (k == 0.0 && rho_d > 0.0 && body.strength.is_finite() && body.strength <= 1e3).then_some(body),
-        };
+        let body = (k == 0.0 && rho_d > 0.0 && body.strength.is_finite() && body.strength <= 1e3).then_some(body);
+        let surface = RidgedSurface::new(profile, Roughness { alpha_u, alpha_v }, [n, k], body);
         let directions = Directions { incident: Vector3::from(i), outgoing: Vector3::from(o) };
         let options = RadianceOptions { paths: 64, seed, cones: Cones { lamp: Angle::from_rad(radius), lens: Angle::from_rad(lens) }, polarised };
         let found = surface.radiance(&directions, &options);

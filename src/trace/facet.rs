@@ -149,6 +149,7 @@ mod tests {
     use super::super::rng::Purpose;
     use super::super::vec3::{dot, unit};
     use super::*;
+    use crate::model::rough_boundary::RoughBoundary;
 
     #[test]
     fn visible_normals_have_the_projected_area_of_smith_s_surface() {
@@ -218,5 +219,37 @@ mod tests {
         let w = unit(&[0.7, -0.3, 0.4]);
         let sum = rough.lambda(&w) + rough.lambda(&w.map(|x| -x));
         assert!((sum + 1.0).abs() < 1e-14);
+    }
+
+    #[test]
+    fn a_rough_boundary_lets_in_what_its_visible_normals_do_not_mirror_away() {
+        let (alpha, eta) = (0.3, 1.54);
+        let rough = Roughness {
+            alpha_u: alpha,
+            alpha_v: alpha,
+        };
+        let table = RoughBoundary::new(alpha, alpha, eta);
+        let mut random = Stream::new(5, Purpose::Photon, 0);
+        for angle_deg in [0.0, 30.0, 50.0, 70.0] {
+            let (sin, cos) = f64::to_radians(angle_deg).sin_cos();
+            let n = 100_000;
+            let (mut sum, mut square) = (0.0, 0.0);
+            for _ in 0..n {
+                let m = rough.visible_normal(&[-sin, 0.0, -cos], &mut random);
+                let facing = m[0] * sin + m[2] * cos;
+                let mirrored = fresnel::reflectance(facing.min(1.0), eta, 0.0);
+                sum += mirrored;
+                square += mirrored * mirrored;
+            }
+            let mean = sum / f64::from(n);
+            let std = ((square / f64::from(n) - mean * mean) / f64::from(n)).sqrt();
+            let expected = fresnel::transmittance(cos, eta, 0.0) + table.excess(sin, 0.0, cos);
+            // Beside the noise, what the table's steps leave open.
+            let allowed = 4.0 * std + 1e-4;
+            assert!(
+                (1.0 - mean - expected).abs() < allowed,
+                "{angle_deg}: {mean} {expected}"
+            );
+        }
     }
 }

@@ -24,6 +24,7 @@ use super::tally::Estimate;
 use super::vec3::{V3, combine, cross, dot, scaled, unit};
 use crate::geometry::{Cones, Directions};
 use crate::model::polarisation::Boundary;
+use crate::model::rough_boundary::RoughBoundary;
 
 /// A ridged sample as the tracer sees it.
 #[derive(Debug, Clone)]
@@ -36,6 +37,8 @@ pub struct RidgedSurface {
     pub boundary: Boundary,
     /// Light from inside.
     pub diffuse: Option<Diffuse>,
+    /// What that light passes, beside Fresnel's transmittance.
+    entrance: RoughBoundary,
 }
 
 /// How a radiance is traced.
@@ -62,6 +65,34 @@ const BOUNCES_MAX: u32 = 32;
 const WEAK: f64 = 0.05;
 
 impl RidgedSurface {
+    /// A sample with facets of a roughness under a boundary of index n + ik, with light from inside or without.
+    #[must_use]
+    pub fn new(
+        profile: Profile,
+        roughness: Roughness,
+        [n, k]: [f64; 2],
+        diffuse: Option<Diffuse>,
+    ) -> Self {
+        RidgedSurface {
+            profile,
+            roughness,
+            boundary: Boundary::new(1.0, n, k),
+            diffuse,
+            entrance: match diffuse {
+                Some(_) => RoughBoundary::new(roughness.alpha_u, roughness.alpha_v, n),
+                None => RoughBoundary::smooth(),
+            },
+        }
+    }
+
+    /// By how much more unpolarised light passes the rough boundary than a smooth one, along a direction in the
+    /// facet's frame.
+    fn entrance(&self, w: &V3) -> f64 {
+        let smooth = self.boundary.at(w[2].clamp(1e-12, 1.0)).refracted;
+        let smooth = smooth.unpolarised().max(f64::MIN_POSITIVE);
+        1.0 + self.entrance.excess(w[0], w[1], w[2]) / smooth
+    }
+
     /// Radiance towards `directions.outgoing` for irradiance 1 on a surface facing the lamp, in
     /// sr⁻¹, with its standard error; 0 where lamp or camera is not above the surface.
     #[must_use]
@@ -282,7 +313,9 @@ impl Task<'_> {
             entering.meet(&k, normal);
             let inside = entering.share(&surface.boundary.at(o_n.min(1.0)).refracted);
             let out = surface.boundary.at(i_n.min(1.0)).refracted.unpolarised();
-            gathered += inside * diffuse.strength * std::f64::consts::FRAC_1_PI * out * i_n;
+            let rough =
+                surface.entrance(&facet.local(&facet.back)) * surface.entrance(&facet.local(&lamp));
+            gathered += inside * diffuse.strength * std::f64::consts::FRAC_1_PI * out * i_n * rough;
         }
         gathered
     }
@@ -309,7 +342,11 @@ impl Task<'_> {
                 let out = facet.world(&local);
                 light.meet(&k, &normal);
                 let o_n = dot(&facet.back, &normal);
-                light.pass(&surface.boundary.at(o_n.clamp(1e-12, 1.0)).refracted, 2.0);
+                let rough = surface.entrance(&facet.local(&facet.back)) * surface.entrance(&local);
+                light.pass(
+                    &surface.boundary.at(o_n.clamp(1e-12, 1.0)).refracted,
+                    2.0 * rough,
+                );
                 light.depolarise(&perpendicular(&out));
                 light.meet(&out, &normal);
                 let through = surface.boundary.at(local[2].clamp(1e-12, 1.0)).refracted;
@@ -375,17 +412,17 @@ mod tests {
 
     fn surface(sample: &Sample) -> RidgedSurface {
         let cos_l = sample.rig.theta_l.rad().cos();
-        RidgedSurface {
-            profile: Profile::sawtooth(sample.theta_r_deg.to_radians(), 100.0, 0.0).unwrap(),
-            roughness: Roughness {
+        RidgedSurface::new(
+            Profile::sawtooth(sample.theta_r_deg.to_radians(), 100.0, 0.0).unwrap(),
+            Roughness {
                 alpha_u: sample.alpha.0,
                 alpha_v: sample.alpha.1,
             },
-            boundary: Boundary::new(1.0, sample.index.0, sample.index.1),
-            diffuse: sample
+            sample.index.into(),
+            sample
                 .rho_d
                 .map(|rho| Diffuse::new(rho, sample.index.0, 1.0, cos_l)),
-        }
+        )
     }
 
     /// Deviations from the series' noise-free radiances, in standard errors of both and 3e-4

@@ -85,16 +85,13 @@ pub(super) fn step<S: Simd, const AMPLITUDE: bool>(simd: S, table: &mut Table<'_
         for i in 0..count {
             let j = done + i;
             let mut at = [k!(0.0); GEOMETRY];
-            match table.job.shared {
-                Some(shared) => {
-                    for i in 0..GEOMETRY {
-                        at[i] = Lane::splat(simd, shared[j].0[i]);
-                    }
+            if table.job.own_geometry {
+                for i in 0..GEOMETRY {
+                    at[i] = Lane::load(simd, &table.geometry, j * GEOMETRY + i);
                 }
-                None => {
-                    for i in 0..GEOMETRY {
-                        at[i] = Lane::load(simd, &table.geometry, j * GEOMETRY + i);
-                    }
+            } else {
+                for i in 0..GEOMETRY {
+                    at[i] = Lane::splat(simd, table.job.geometry[j].0[i]);
                 }
             }
             let weight = read!(&table.rows, ROW * j);

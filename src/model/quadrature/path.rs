@@ -201,8 +201,8 @@ impl Row {
         }
         let mut sum = product;
         if diffuse {
-            let diffuse_a = path.diffuse_a * walls.transmittance(m) * m;
-            let diffuse_b = path.diffuse_b * walls.transmittance(e);
+            let diffuse_a = path.diffuse_a * walls.transmittance(u, e, m) * m;
+            let diffuse_b = path.diffuse_b * walls.transmittance(u, m, e);
             sum += specular_a * diffuse_b + diffuse_a * (specular_b + diffuse_b);
         }
         sum * self.length * flat

@@ -73,7 +73,7 @@ fn residuals(t: &Traced) -> (f64, f64) {
 }
 
 #[test]
-fn path_traced_plastic_is_met_within_twice_the_tracers_noise() {
+fn path_traced_plastic_is_met_within_a_twentieth_of_a_per_cent_of_the_peak() {
     let t = traced(
         include_str!("../../../tests/data/series/polymer-10/radiance.csv"),
         &RigGeometry::IN_PLANE,
@@ -81,9 +81,9 @@ fn path_traced_plastic_is_met_within_twice_the_tracers_noise() {
         PLASTIC,
     );
     let (quadrature, closed) = residuals(&t);
-    // The tracer's standard errors are 0.023 % of the peak (rms); what is left beside them is
-    // the Fresnel transmittance of a rough boundary, which the model takes as smooth.
-    assert!(quadrature < 0.000_46, "{quadrature}");
+    // The tracer's standard errors are 0.023 % of the peak (rms), its 128 phases leave up to 0.03 % more; the rest is what
+    // light does after two bounces and, between them, by its polarisation.
+    assert!(quadrature < 0.000_5, "{quadrature}");
     assert!(closed > 2.0 * quadrature, "{closed} {quadrature}");
 }
 
