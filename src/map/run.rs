@@ -165,11 +165,13 @@ impl Run<'_> {
     /// Radiance and weight of a pixel's observation `j`.
     fn observation(&self, index: usize, j: usize) -> (f64, f64) {
         let at = index * self.batch.observations + j;
+        let signal = self.radiance(self.batch.signal[at]);
+        let weight = self.weight(self.batch.sigma[at]);
+        if !self.view.is_unevenly_lit() {
+            return (signal, weight);
+        }
         let irradiance = self.irradiance(index, j);
-        (
-            self.radiance(self.batch.signal[at]) / irradiance,
-            self.weight(self.batch.sigma[at]) * irradiance,
-        )
+        (signal / irradiance, weight * irradiance)
     }
 
     /// A pixel's geometry: shared, or its own where camera or lamp are near.

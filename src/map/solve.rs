@@ -411,7 +411,8 @@ impl<'a> Table<'a> {
         let first = slot.refreshes_left == self.job.refreshes && self.job.way == Way::Whole;
         let stale = slot.refreshes_left > 0
             && if first || careful {
-                gain <= near * (1.0 + cost)
+                // A descent may arrive from afar in one step.
+                converged || gain <= near * (1.0 + cost)
             } else {
                 converged && self.moved2(lane, &slot.taken_at) > STALE2
             };

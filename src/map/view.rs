@@ -144,14 +144,18 @@ impl View {
         ]
     }
 
+    /// A point of the sample in the rig's frame, before the tilt.
+    fn turned(&self, pose: Pose, place_mm: [f64; 2]) -> Vector3<f64> {
+        let (s, c) = (pose.phi_s + self.rig.azimuth_zero).sin_cos();
+        let [x, y] = place_mm;
+        Vector3::new(x * c - y * s, x * s + y * c, 0.0)
+    }
+
     /// Column and row (0, 0 at the outer corner of the first pixel) at which a point of the sample
     /// appears at a recorded pose.
     pub(super) fn project(&self, pose: Pose, place_mm: [f64; 2]) -> [f64; 2] {
-        let (s, c) = (pose.phi_s + self.rig.azimuth_zero).sin_cos();
-        let (x, y) = (
-            place_mm[0] * c - place_mm[1] * s,
-            place_mm[0] * s + place_mm[1] * c,
-        );
+        let place = self.turned(pose, place_mm);
+        let (x, y) = (place.x, place.y);
         let (st, ct) = pose.theta_c.sin_cos();
         // Depth x sin θc towards the camera makes the near side look larger.
         let near = self.camera_distance_mm.map_or(1.0, |d| d / (d - x * st));
@@ -170,11 +174,7 @@ impl View {
         let d = self.rig.rig_directions(pose.theta_c);
         let (s, c) = (pose.phi_s + self.rig.azimuth_zero).sin_cos();
         let to_sample = |w: Vector3<f64>| [w.x * c + w.y * s, w.y * c - w.x * s, w.z];
-        let place = Vector3::new(
-            place_mm[0] * c - place_mm[1] * s,
-            place_mm[0] * s + place_mm[1] * c,
-            0.0,
-        );
+        let place = self.turned(pose, place_mm);
         let towards = |far: Vector3<f64>, distance: Option<f64>| match distance {
             Some(distance) => (far * distance - place).normalize(),
             None => far,
@@ -195,12 +195,7 @@ impl View {
         let Some(distance) = self.light_distance_mm else {
             return 1.0;
         };
-        let (s, c) = (pose.phi_s + self.rig.azimuth_zero).sin_cos();
-        let place = Vector3::new(
-            place_mm[0] * c - place_mm[1] * s,
-            place_mm[0] * s + place_mm[1] * c,
-            0.0,
-        );
+        let place = self.turned(pose, place_mm);
         let ray = self.rig.rig_directions(pose.theta_c).incident * distance - place;
         distance * distance / ray.norm_squared()
     }
@@ -277,5 +272,23 @@ mod tests {
             }
         }
         assert!((at(1e3).0[0] - limit.0[0]).abs() > 1e-4);
+    }
+
+    #[test]
+    fn a_place_nearer_to_the_lamp_has_more_light_by_the_square_of_the_distance() {
+        // With the camera 10° from the lamp and the sample tilted to face the lamp, a place r off the centre is √(d² + r²)
+        // from it; where the lamp stands to a side by θ, √(d² + r² − 2 d r sin θ).
+        let view = near();
+        let theta_l = view.rig.theta_l;
+        for (tilt_deg, phi_deg) in [(0.0, 0.0), (15.0, 0.0), (20.0, 180.0)] {
+            let pose = Pose::from_deg(tilt_deg, phi_deg);
+            let towards = (pose.theta_c + theta_l).sin_cos().0 * phi_deg.to_radians().cos();
+            let (d, r) = (250.0, 12.0);
+            let expected = d * d / (d * d + r * r - 2.0 * d * r * towards);
+            let found = view.irradiance(pose, [r, 0.0]);
+            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        }
+        let at_centre = view.irradiance(Pose::from_deg(20.0, 70.0), [0.0; 2]);
+        assert!((at_centre - 1.0).abs() < 1e-14, "{at_centre}");
     }
 }

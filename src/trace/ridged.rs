@@ -23,7 +23,7 @@ use super::stokes::Stokes;
 use super::tally::Estimate;
 use super::vec3::{V3, combine, cross, dot, scaled, unit};
 use crate::geometry::{Cones, Directions};
-use crate::model::polarisation::Boundary;
+use crate::model::polarisation::{Boundary, Channel};
 use crate::model::rough_boundary::RoughBoundary;
 
 /// A ridged sample as the tracer sees it.
@@ -85,12 +85,13 @@ impl RidgedSurface {
         }
     }
 
-    /// By how much more unpolarised light passes the rough boundary than a smooth one, along a direction in the
-    /// facet's frame.
-    fn entrance(&self, w: &V3) -> f64 {
+    /// What passes the boundary along a direction in the facet's frame: as through a smooth one, and by how much
+    /// more through the rough one.
+    fn passing(&self, w: &V3) -> (Channel, f64) {
         let smooth = self.boundary.at(w[2].clamp(1e-12, 1.0)).refracted;
-        let smooth = smooth.unpolarised().max(f64::MIN_POSITIVE);
-        1.0 + self.entrance.excess(w[0], w[1], w[2]) / smooth
+        let share = smooth.unpolarised().max(f64::MIN_POSITIVE);
+        let more = self.entrance.excess(w[0], w[1], w[2]) / share;
+        (smooth, 1.0 + more)
     }
 
     /// Radiance towards `directions.outgoing` for irradiance 1 on a surface facing the lamp, in
@@ -311,11 +312,10 @@ impl Task<'_> {
         if let (true, Some(diffuse)) = (diffuses, &surface.diffuse) {
             let mut entering = *light;
             entering.meet(&k, normal);
-            let inside = entering.share(&surface.boundary.at(o_n.min(1.0)).refracted);
-            let out = surface.boundary.at(i_n.min(1.0)).refracted.unpolarised();
-            let rough =
-                surface.entrance(&facet.local(&facet.back)) * surface.entrance(&facet.local(&lamp));
-            gathered += inside * diffuse.strength * std::f64::consts::FRAC_1_PI * out * i_n * rough;
+            let (inwards, more_in) = surface.passing(&facet.local(&facet.back));
+            let (outwards, more_out) = surface.passing(&facet.local(&lamp));
+            let body = diffuse.strength * std::f64::consts::FRAC_1_PI * (more_in * more_out);
+            gathered += entering.share(&inwards) * body * outwards.unpolarised() * i_n;
         }
         gathered
     }
@@ -341,16 +341,12 @@ impl Task<'_> {
                 let local = Diffuse::direction(random);
                 let out = facet.world(&local);
                 light.meet(&k, &normal);
-                let o_n = dot(&facet.back, &normal);
-                let rough = surface.entrance(&facet.local(&facet.back)) * surface.entrance(&local);
-                light.pass(
-                    &surface.boundary.at(o_n.clamp(1e-12, 1.0)).refracted,
-                    2.0 * rough,
-                );
+                let (inwards, more) = surface.passing(&facet.local(&facet.back));
+                light.pass(&inwards, 2.0 * more);
                 light.depolarise(&perpendicular(&out));
                 light.meet(&out, &normal);
-                let through = surface.boundary.at(local[2].clamp(1e-12, 1.0)).refracted;
-                light.pass(&through, diffuse.strength);
+                let (outwards, more) = surface.passing(&local);
+                light.pass(&outwards, diffuse.strength * more);
                 return Some((Event::Diffused, out));
             }
             light.scale(2.0);

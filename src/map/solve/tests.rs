@@ -124,6 +124,82 @@ fn exact_data_give_the_parameters_back() {
     }
 }
 
+/// Pixels beside the centre of a near field: lamp and camera stand a tenth of a radian to a side, and diffuse light
+/// goes by the facets' own cosines.
+struct Beside {
+    centre: Synthetic,
+    own: Vec<Geometry>,
+}
+
+impl Pixels for Beside {
+    fn count(&self) -> usize {
+        self.centre.count()
+    }
+
+    fn load(
+        &self,
+        pixel: usize,
+        signal: &mut [f64],
+        weight: &mut [f64],
+        geometry: &mut [Geometry],
+    ) -> Parameters {
+        let start = self.centre.load(pixel, signal, weight, &mut []);
+        let p = &self.centre.truth[pixel];
+        // L = ρd/π · i_m o_m/o_n, by dot products with the facet's normal.
+        let normal = [p[0].sin() * p[1].cos(), p[0].sin() * p[1].sin(), p[0].cos()];
+        let dot = |w: [f64; 3]| w.iter().zip(&normal).map(|(a, b)| a * b).sum::<f64>();
+        for (j, g) in self.own.iter().enumerate() {
+            let centre = &self.centre.geometry[j];
+            let at = |g: &Geometry| dot(g.incident()) * dot(g.outgoing()) / g.outgoing()[2];
+            signal[j] =
+                single(g, p, self.centre.lamp).0 + p[4] * self.centre.basis[j] * at(g) / at(centre);
+        }
+        geometry.copy_from_slice(&self.own);
+        start
+    }
+
+    fn dear(
+        &self,
+        p: &Parameters,
+        size: Size,
+        met: &mut Met,
+        offset: &mut [f64],
+        basis: &mut [f64],
+    ) {
+        self.centre.dear(p, size, met, offset, basis);
+    }
+}
+
+#[test]
+fn pixels_with_their_own_directions_give_the_parameters_back() {
+    let centre = Synthetic::new(20, 0.0);
+    let aside = |w: [f64; 3]| {
+        let w = [w[0] - 0.1, w[1] + 0.07, w[2]];
+        let norm = w.iter().map(|x| x * x).sum::<f64>().sqrt();
+        w.map(|x| x / norm)
+    };
+    let own = centre
+        .geometry
+        .iter()
+        .map(|g| Geometry::new(aside(g.incident()), aside(g.outgoing()), 0.045))
+        .collect();
+    let pixels = Beside { centre, own };
+    let job = Job {
+        own_geometry: true,
+        // The factor on the diffuse light is that of the last refresh.
+        refreshes: 3,
+        pixels: &pixels,
+        ..pixels.centre.job()
+    };
+    for (fit, truth) in solve(&job).iter().zip(&pixels.centre.truth) {
+        assert_eq!(fit.end, End::Converged);
+        for k in 0..FREE {
+            // The factor was taken within a standard deviation or so of the minimum, at σ = 1e-6.
+            assert!((fit.p[k] - truth[k]).abs() < 2e-5, "{k}: {fit:?} {truth:?}");
+        }
+    }
+}
+
 #[test]
 fn every_instruction_set_gives_the_same_fit() {
     let pixels = Synthetic::new(30, 1e-3);
