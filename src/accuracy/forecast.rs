@@ -1,189 +1,24 @@
-//! How long a trace or a fit will take, told before it starts, from short runs of it.
+//! How long a fit will take, told before it starts, from short runs of it.
 //!
-//! [`of_run`] for a scene of the tracer, [`of_analysis`] for a series that is reduced and fitted (a fit, a
-//! verdict), [`of_reduction`] for one that is reduced alone (a contrast). Maps have a file of their own, and so
-//! have predictions. All speak in [`Forecast`]s.
+//! [`of_analysis`] for a series that is reduced and fitted (a fit, a verdict), [`of_reduction`] for one that is reduced
+//! alone (a contrast). Traces and maps have files of their own, and so have predictions. All speak in [`Forecast`]s.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use super::fits::painted;
 use crate::analysis::AnalysisOptions;
+use crate::fit::VariantChoice;
+use crate::fit::outlook::{Outlook, likely, outlook};
 use crate::fit::problem::Values;
+use crate::fit::tier::two_bounces;
 use crate::fit::traced::ridged_surface;
-use crate::fit::{FitOptions, VariantChoice, fit};
 use crate::forecast::Forecast;
 use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
-use crate::model::Surface;
 use crate::observation::ObservationSet;
 use crate::reduction::{FrameReadError, FrameSource, reduce};
 use crate::series::{FrameRow, Manifest};
 use crate::trace::ridged::RadianceOptions;
-use crate::trace::run::{Shard, trace_few, trace_photons};
-use crate::trace::scene::Prepared;
-
-/// Share of the run that the larger of the two short runs takes.
-const SHARE: u64 = 32;
-
-/// The same of a third run, where the start takes most of the time of both.
-const LONGER_SHARE: u64 = 8;
-
-/// Photons of two runs so short that they do without the start of a longer one.
-const FEW: (u64, u64) = (16, 512);
-
-/// What a forecast itself may take.
-#[derive(Debug, Clone, Copy)]
-pub struct Patience<'a> {
-    /// Seconds after which the forecast is made of what is known by then.
-    pub seconds: f64,
-    /// Ends it at once.
-    pub cancel: &'a AtomicBool,
-}
-
-/// One short run: photons traced, seconds, relative error.
-#[derive(Debug, Clone, Copy)]
-struct Trial {
-    photons: u64,
-    seconds: f64,
-    error: Option<f64>,
-}
-
-/// Forecasts a run of the scene's photons, or of as many as `target_error` needs (no more than those).
-///
-/// Two short runs part what a run costs at its start (shapes, first hits) from what a photon costs; the
-/// error falls with the root of the photons once the bins that matter have been hit. Where patience ends
-/// early the forecast is of the runs by then, and none where not even the first came to anything.
-#[must_use]
-pub fn of_run(
-    prepared: &Prepared,
-    target_error: Option<f64>,
-    patience: Patience<'_>,
-) -> Option<Forecast> {
-    if patience.cancel.load(Ordering::Relaxed) || patience.seconds <= 0.0 {
-        return None;
-    }
-    // What a surface computes once and keeps is no part of the run that follows.
-    drop(trace_few(prepared, FEW.0.min(prepared.photons)));
-    let large = (prepared.photons / SHARE)
-        .clamp(1_000, 500_000)
-        .min(prepared.photons);
-    let small = (large / 4).max(1);
-    let begun = Instant::now();
-    let go_on = || {
-        !patience.cancel.load(Ordering::Relaxed) && begun.elapsed().as_secs_f64() < patience.seconds
-    };
-    let timed = |photons: u64| -> Option<Trial> {
-        if !go_on() {
-            return None;
-        }
-        let started = Instant::now();
-        let totals = trace_photons(prepared, photons, Shard::WHOLE, &|_| go_on());
-        (totals.photons() > 0).then(|| Trial {
-            photons: totals.photons(),
-            seconds: started.elapsed().as_secs_f64(),
-            error: totals.relative_error(),
-        })
-    };
-    // The better of two: other work on the machine only ever adds.
-    let better = |photons: u64| {
-        let first = timed(photons)?;
-        let again = timed(photons).filter(|again| again.photons == first.photons);
-        let seconds = again.map_or(first.seconds, |again| again.seconds.min(first.seconds));
-        Some(Trial { seconds, ..first })
-    };
-    let Some(little) = better(small) else {
-        return of_slow_start(
-            prepared,
-            begun.elapsed().as_secs_f64(),
-            target_error,
-            patience,
-        );
-    };
-    let more = better(large).filter(|more| more.photons > little.photons);
-    let known = more.unwrap_or(little);
-    // Where the start costs more than the photons a small difference would be magnified: a longer run tells.
-    let longer = (prepared.photons / LONGER_SHARE).max(large);
-    let upper = match more {
-        Some(more) if more.seconds < 1.5 * little.seconds && longer > large => timed(longer)
-            .filter(|upper| upper.photons > more.photons)
-            .unwrap_or(more),
-        _ => known,
-    };
-    let per_photon = if upper.photons > little.photons {
-        ((upper.seconds - little.seconds) / (upper.photons - little.photons) as f64).max(0.0)
-    } else {
-        // One run alone cannot part the start from the photons.
-        little.seconds / little.photons as f64
-    };
-    let start = (upper.seconds - per_photon * upper.photons as f64).max(0.0);
-    let (photons, error) = until_target(prepared, &known, target_error);
-    Some(Forecast {
-        at_most: upper.photons == little.photons,
-        ..Forecast::about(start + per_photon * photons as f64)
-            .for_work(photons, "photons")
-            .to_error(error, "a reflected bin")
-    })
-}
-
-/// The same where patience ended before the start of a run was over, after `start_s`: a few photons without it tell what
-/// one costs.
-fn of_slow_start(
-    prepared: &Prepared,
-    start_s: f64,
-    target_error: Option<f64>,
-    patience: Patience<'_>,
-) -> Option<Forecast> {
-    if patience.cancel.load(Ordering::Relaxed) {
-        return None;
-    }
-    let timed = |photons: u64| {
-        let started = Instant::now();
-        let totals = trace_few(prepared, photons.min(prepared.photons));
-        Trial {
-            photons: totals.photons(),
-            seconds: started.elapsed().as_secs_f64(),
-            error: totals.relative_error(),
-        }
-    };
-    let little = timed(FEW.0);
-    // Photons so dear that a few take as long as there is patience say enough.
-    let more = if little.seconds < patience.seconds {
-        timed(FEW.1)
-    } else {
-        little
-    };
-    let per_photon = if more.photons > little.photons {
-        ((more.seconds - little.seconds) / (more.photons - little.photons) as f64).max(0.0)
-    } else {
-        more.seconds / more.photons.max(1) as f64
-    };
-    let (photons, error) = until_target(prepared, &more, target_error);
-    Some(
-        Forecast::about(start_s + per_photon * photons as f64)
-            .for_work(photons, "photons")
-            .to_error(error, "a reflected bin"),
-    )
-}
-
-/// Photons after which a run stops, and its error by then, from a shorter one.
-fn until_target(
-    prepared: &Prepared,
-    known: &Trial,
-    target_error: Option<f64>,
-) -> (u64, Option<f64>) {
-    let photons = match (target_error, known.error) {
-        (Some(target), Some(error)) => {
-            let needed = known.photons as f64 * (error / target).powi(2);
-            (needed as u64).clamp(1, prepared.photons)
-        }
-        _ => prepared.photons,
-    };
-    let error = known
-        .error
-        .map(|e| e * (known.photons as f64 / photons as f64).sqrt());
-    (photons, error)
-}
 
 /// Of so many poses one is read.
 const THINNED: usize = 6;
@@ -246,15 +81,48 @@ pub const TRACE: &str = "to trace";
 /// Fits of drawn series.
 pub const BOOTSTRAP: &str = "for the bootstrap";
 
-/// Seconds of reading and reducing, from a sixth of the poses. `None` where those give no observations.
-fn reduction_s(source: &dyn FrameSource, region: Option<&str>, cancel: &AtomicBool) -> Option<f64> {
-    let layout = source.manifest().sample.layout.as_ref();
-    let region = region.or(layout.map(|_| "even"));
-    let thinned = Thinned::new(source, THINNED);
-    let started = Instant::now();
-    reduce(&thinned, region, cancel).ok()?;
-    let share = source.rows().len() as f64 / thinned.rows.len().max(1) as f64;
-    Some(share * started.elapsed().as_secs_f64())
+/// Seconds up to which all frames are read for a forecast: the observations themselves tell most.
+const READ_ALL_S: f64 = 1.0;
+
+/// What reading and reducing gives a forecast.
+struct Look {
+    set: ObservationSet,
+    /// Of all poses, or of a sixth of them.
+    whole: bool,
+    /// Of all poses, s.
+    seconds: f64,
+}
+
+impl Look {
+    /// Reads a sixth of the poses, and all where that is quickly done. `None` where those give no observations.
+    fn at(source: &dyn FrameSource, region: Option<&str>, cancel: &AtomicBool) -> Option<Self> {
+        let layout = source.manifest().sample.layout.as_ref();
+        let region = region.or(layout.map(|_| "even"));
+        let timed = |source: &dyn FrameSource| {
+            let started = Instant::now();
+            let set = reduce(source, region, cancel);
+            (set.ok(), started.elapsed().as_secs_f64())
+        };
+        let thinned = Thinned::new(source, THINNED);
+        let (few, few_s) = timed(&thinned);
+        let share = source.rows().len() as f64 / thinned.rows.len().max(1) as f64;
+        let expected_s = share * few_s;
+        if expected_s <= READ_ALL_S
+            && let (Some(set), seconds) = timed(source)
+        {
+            let whole = true;
+            return Some(Look {
+                set,
+                whole,
+                seconds,
+            });
+        }
+        Some(Look {
+            set: few?,
+            whole: false,
+            seconds: expected_s,
+        })
+    }
 }
 
 /// Poses of a series' sample frames.
@@ -272,7 +140,7 @@ pub fn of_reduction(
     region: Option<&str>,
     cancel: &AtomicBool,
 ) -> Option<Forecast> {
-    let reduce_s = reduction_s(source, region, cancel)?;
+    let reduce_s = Look::at(source, region, cancel)?.seconds;
     let poses = poses_of(source).len() as u64;
     Some(Forecast::of_parts([(READ, reduce_s)]).for_work(poses, "poses"))
 }
@@ -283,74 +151,39 @@ pub fn of_series(source: &dyn FrameSource, cancel: &AtomicBool) -> Option<Foreca
     of_analysis(source, &AnalysisOptions::default(), cancel)
 }
 
-/// Forecasts the analysis of a series: a sixth of its poses are read and reduced, and a surface as samples have
-/// it is fitted at all of its poses with what the options ask for; of that surface a few poses are traced where the
-/// ray tracer is asked, and few series are drawn where a bootstrap is. `None` where those frames give no
-/// observations.
+/// Forecasts the analysis of a series: its frames are read and reduced (a sixth of them where that takes long, and what
+/// they show is painted at the other poses), the fit's own quick look says what will follow it, and a share of that is
+/// tried; a few poses are traced where the ray tracer is asked. `None` where those frames give no observations.
 #[must_use]
 pub fn of_analysis(
     source: &dyn FrameSource,
     options: &AnalysisOptions,
     cancel: &AtomicBool,
 ) -> Option<Forecast> {
-    let reduce_s = reduction_s(source, options.region.as_deref(), cancel)?;
-    let manifest = source.manifest();
+    let look = Look::at(source, options.region.as_deref(), cancel)?;
+    let reduce_s = look.seconds;
     let poses = poses_of(source);
-    let metal = manifest.material().index().1 > 0.0;
-    let surface = Surface {
-        theta_r: 12f64.to_radians(),
-        alpha_u: 0.1,
-        alpha_v: 0.1,
-        rho_d: if metal { 0.0 } else { 0.3 },
-        amplitude: 1.0,
-    };
-    let set = painted(
-        manifest.rig_geometry(),
-        manifest.material(),
-        &surface,
-        &poses,
-        0.01,
-    );
     let asked = &options.fit;
+    let set = if look.whole {
+        look.set
+    } else {
+        likely(&look.set, &poses, asked, cancel).unwrap_or(look.set)
+    };
+    let begun = Instant::now();
+    let now = || begun.elapsed().as_secs_f64();
+    let outlook = outlook(&set, asked, Some(&two_bounces), &now, cancel);
     let traces = asked.judge || asked.variant == VariantChoice::Traced;
-    let closed = FitOptions {
-        variant: if asked.variant == VariantChoice::Traced {
-            VariantChoice::Auto
-        } else {
-            asked.variant
-        },
-        judge: false,
-        bootstrap: 0,
-        ..asked.clone()
+    let (trace_s, error) = match &outlook {
+        Some(outlook) if traces => tracing(&set, &outlook.values, options)?,
+        _ => (0.0, None),
     };
-    let timed = |options: &FitOptions| {
-        let started = Instant::now();
-        std::hint::black_box(fit(&set, options, cancel));
-        started.elapsed().as_secs_f64()
-    };
-    let fit_s = timed(&closed);
-    let bootstrap_s = if asked.bootstrap > 0 {
-        let drawn = FitOptions {
-            bootstrap: asked.bootstrap.min(DRAWN),
-            ..closed.clone()
-        };
-        let drawn_s = timed(&drawn);
-        // Other work on the machine may make the shorter one look longer: then all of it is a bound.
-        let extra = Some(drawn_s - fit_s).filter(|s| *s > 0.0);
-        extra.unwrap_or(drawn_s) / f64::from(drawn.bootstrap) * f64::from(asked.bootstrap)
-    } else {
-        0.0
-    };
-    let (trace_s, error) = if traces {
-        tracing(&set, &surface, asked, options)?
-    } else {
-        (0.0, None)
-    };
+    let of = |seconds: fn(&Outlook) -> f64| outlook.as_ref().map_or(0.0, seconds);
+    let fit_s = of(|o| o.search_s + o.profile_s);
     let told = Forecast::of_parts([
         (READ, reduce_s),
         (FIT, fit_s),
         (TRACE, trace_s),
-        (BOOTSTRAP, bootstrap_s),
+        (BOOTSTRAP, of(|o| o.bootstrap_s)),
     ]);
     // The limit is on the time of fitting, and what it ends is the tracer and the bootstrap.
     let least = reduce_s + fit_s;
@@ -362,8 +195,6 @@ pub fn of_analysis(
     )
 }
 
-/// Series drawn to time a bootstrap.
-const DRAWN: u32 = 20;
 /// Poses that are traced to time a tracing, and paths of the two trials.
 const TRACED: (usize, [u64; 2]) = (6, [256, 2048]);
 /// Passes over all poses at the paths that a tracing begins with: metal is polarised from the start, of a
@@ -375,24 +206,12 @@ const GROWTH: f64 = 1.0;
 /// Seconds of the ray tracer's passes, and the standard error at their end as a share of the peak.
 fn tracing(
     set: &ObservationSet,
-    surface: &Surface,
-    fit: &FitOptions,
+    values: &Values,
     options: &AnalysisOptions,
 ) -> Option<(f64, Option<f64>)> {
-    let (eta, k) = set.material.index();
-    let values = Values {
-        theta_r: surface.theta_r,
-        alpha_u: surface.alpha_u,
-        alpha_v: surface.alpha_v,
-        rho_d: surface.rho_d,
-        scale: 1.0,
-        background: 0.0,
-        azimuth_offset: 0.0,
-        tilt_offset: 0.0,
-        eta,
-        k,
-    };
-    let ridged = ridged_surface(set, &values, options.profile.as_ref())?;
+    let fit = &options.fit;
+    let (_, k) = set.material.index();
+    let ridged = ridged_surface(set, values, options.profile.as_ref())?;
     let every = set.observations.len().div_ceil(TRACED.0).max(1);
     let trial = |paths: u64| {
         let started = Instant::now();
@@ -439,23 +258,6 @@ fn tracing(
 mod tests {
     use super::*;
     use crate::series::Series;
-
-    #[test]
-    fn a_run_is_forecast_only_while_there_is_patience() {
-        let text =
-            "[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n[run]\nphotons = 40_000\n";
-        let scene = crate::trace::scene::Scene::parse(text).unwrap();
-        let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
-        let told = |seconds, cancelled| {
-            let cancel = &AtomicBool::new(cancelled);
-            of_run(&prepared, None, Patience { seconds, cancel })
-        };
-        assert_eq!(told(f64::INFINITY, true), None);
-        assert_eq!(told(0.0, false), None);
-        let forecast = told(f64::INFINITY, false).unwrap();
-        assert_eq!(forecast.amount.as_ref().unwrap().count, 40_000);
-        assert!(!forecast.at_most && forecast.seconds > 0.0, "{forecast:?}");
-    }
 
     #[test]
     fn a_series_is_forecast_from_all_its_calibrations_and_a_sixth_of_its_poses() {

@@ -3,7 +3,7 @@
 //! Call [`run`]. A fixed list of scenes, from easy to stiff, is computed by every method that applies, at
 //! growing effort; the error is the distance from a reference that is never the method itself: exact
 //! numbers, tables in 60-digit arithmetic, a path tracer of others, or a long run of another method.
-//! [`forecast`] tells beforehand how long a trace or a fit will take, and is measured here too, [`map_forecast`] a map. This room looks
+//! [`forecast`] tells beforehand how long a fit will take, [`trace_forecast`] a trace, and is measured here too, [`map_forecast`] a map. This room looks
 //! at the clock, which is its purpose; it writes no files.
 
 mod fits;
@@ -13,6 +13,7 @@ pub mod map_forecast;
 pub mod page;
 pub mod plot;
 pub mod proof;
+pub mod trace_forecast;
 mod traced;
 
 use std::sync::atomic::{AtomicBool, Ordering};

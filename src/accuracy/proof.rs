@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use crate::plan::scene::{Wish, apply, lean, plan};
 use crate::plan::{Choice, Decision, Plan};
-use crate::trace::run::{Shard, trace_photons};
+use crate::trace::run::{Follow, Shard, trace_photons};
 use crate::trace::scene::{Prepared, Scene};
 
 /// What a decision brings when it is taken alone.
@@ -98,7 +98,7 @@ const OTHER_SEED: u64 = 0x005E_ED0F_0A11;
 
 /// Reflected share with its standard error.
 fn reflected(prepared: &Prepared, photons: u64, cancel: &AtomicBool) -> [f64; 2] {
-    let totals = trace_photons(prepared, photons, Shard::WHOLE, &|_| {
+    let totals = trace_photons(prepared, Follow::Scene, photons, Shard::WHOLE, &|_| {
         !cancel.load(Ordering::Relaxed)
     });
     let r = totals.energies().reflected_all;

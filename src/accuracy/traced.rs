@@ -8,8 +8,8 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use super::forecast::Patience;
-use super::{Effort, Foretold, Measurements, Point, forecast, proof};
+use super::trace_forecast::{Asked, Patience, of_run};
+use super::{Effort, Foretold, Measurements, Point, proof};
 use crate::model::flat_stack::FlatStack;
 use crate::plan::TOLERANCE;
 use crate::plan::scene::{Wish, apply, plan};
@@ -222,7 +222,7 @@ pub(super) fn measure(
         .prepared("split", "true", long, REFERENCE_SEED)
         .and_then(|prepared| {
             let seconds = f64::INFINITY;
-            forecast::of_run(&prepared, None, Patience { seconds, cancel })
+            of_run(&prepared, Asked::ALL, Patience { seconds, cancel })
         });
     // Each method's reference is another method: the analog tracer's is the split one and the reverse.
     let mut taken = None;

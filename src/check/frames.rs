@@ -3,8 +3,9 @@
 use std::sync::atomic::AtomicBool;
 
 use super::criterion::{one_of, refused};
-use super::fits::{HOPELESS, claim, fitted};
+use super::fits::{HOPELESS, claim, fitted_in_full};
 use super::{Effort, Row};
+use crate::fit::loss::Loss;
 use crate::frame::{Frame, FrameKind};
 use crate::reduction::{FrameReadError, FrameSource, reduce};
 use crate::series::{FrameRow, Manifest};
@@ -124,8 +125,10 @@ pub(super) fn rows(_: Effort, cancel: &AtomicBool) -> Vec<Row> {
         rows.push(Row::new(AREA, name, "observations", source, judged));
     }
     // A sample that reflects nothing has observations, but nothing may be read from them.
-    let claim = reduce(&Grey::new(8, black, 20_000, black), None, cancel)
-        .map_or_else(|e| e.to_string(), |set| claim(&fitted(&set, cancel)));
+    let claim = reduce(&Grey::new(8, black, 20_000, black), None, cancel).map_or_else(
+        |e| e.to_string(),
+        |set| claim(&fitted_in_full(&set, Loss::Linear, cancel)),
+    );
     let judged = one_of(&HOPELESS, &claim);
     rows.push(Row::new(
         AREA,

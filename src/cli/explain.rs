@@ -8,9 +8,10 @@ use anyhow::{Context, anyhow};
 use serde::Serialize;
 
 use super::CliError;
-use crate::accuracy::forecast::{Patience, of_run, of_series as of_series_forecast};
+use crate::accuracy::forecast::of_series as of_series_forecast;
 use crate::accuracy::map_forecast::of_map as of_map_forecast;
 use crate::accuracy::proof::{Proof, of_scene as of_scene_proof};
+use crate::accuracy::trace_forecast::{Asked, Patience, of_run};
 use crate::forecast::Forecast;
 use crate::map;
 use crate::model::LeftOut;
@@ -196,7 +197,7 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
             prepared.photons,
             scene.interface.len()
         )],
-        forecast: of_run(&prepared, None, patience),
+        forecast: of_run(&prepared, Asked::ALL, patience),
         proof,
         left_out: prepared.left_out.clone(),
         seconds,

@@ -20,7 +20,7 @@ use sha2::{Digest, Sha256};
 
 use super::limits::{self, Stopwatch};
 use super::{CliError, interrupt, place};
-use crate::accuracy::forecast::{Patience, of_run};
+use crate::accuracy::trace_forecast::{Asked, Patience, of_run};
 use crate::heights;
 use crate::plan;
 use crate::plan::scene::Wish;
@@ -159,7 +159,11 @@ pub fn run(args: Args) -> Result<(), CliError> {
                 (FORECAST_SHARE * max_s).min(FORECAST_S_MAX)
             });
             let cancel: &AtomicBool = &cancel;
-            of_run(&prepared, args.target_error, Patience { seconds, cancel })
+            let asked = Asked {
+                target_error: args.target_error,
+                ..Asked::ALL
+            };
+            of_run(&prepared, asked, Patience { seconds, cancel })
         })
         .flatten();
     if let Some(forecast) = forecast {

@@ -24,9 +24,9 @@ use crate::observation::ObservationSet;
 use crate::units::Angle;
 
 /// Shapes drawn.
-const POOL: u32 = 512;
+pub(super) const POOL: u32 = 512;
 /// Roughnesses looked at along each axis, from the smoothest facet to 1.
-const SCAN: u32 = 8;
+pub(super) const SCAN: u32 = 8;
 /// Bright poses that facets are turned to.
 const ANCHORS: usize = 16;
 /// Half-widths of the lobe within which a bright pose may lie off its top.

@@ -5,25 +5,21 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::known::certified;
-use super::misfit::{
-    LIKELY, RARE, chance, explained, flat_sigma, lightened, loss_weights, misfit_scale, peak,
-};
+use rayon::prelude::*;
+
+use super::misfit::{explained, lightened, loss_weights, peak};
+use super::opening::{Opening, THOROUGH_ROUNDS};
 use super::problem::{Problem, Quantity, Values};
-use super::search::{Effort, Search, StartReport, determined};
+use super::search::{Search, StartReport, determined};
 use super::settle::{Settled, Weighing, with_tier};
 use super::solver::{Ending, Minimum, Settings};
 use super::thin::{self, Thinned};
 use super::traced::Tracing;
-use super::{FitOptions, Loss, Told};
+use super::{FitOptions, Loss};
 use crate::material::Material;
 use crate::model::Variant;
-use crate::observation::{ObservationSet, Prior};
+use crate::observation::ObservationSet;
 
-/// Discrepancy with which the starts are run, before the data have told it.
-const FIRST_DISCREPANCY: f64 = 0.03;
-/// χ² per observation at the first weights above which more starts are worth their time.
-const SUSPICIOUS: f64 = 0.1;
 /// Rise of the cost up to which the near minima of a search are weighed again.
 const RIVAL_RISE: f64 = 25.0;
 /// Rise of the cost up to which a minimum is as good as the best one: the square of the report's
@@ -31,11 +27,7 @@ const RIVAL_RISE: f64 = 25.0;
 const AMBIGUOUS_RISE: f64 = 4.0;
 /// Observations in the lobe up to which its shape has more than one explanation that only the final
 /// weights tell apart.
-const FEW_IN_LOBE: usize = 12;
-/// Rounds of a thorough search.
-const THOROUGH_ROUNDS: usize = 3;
-/// The same where no end describes the data.
-const PATIENT_ROUNDS: usize = 8;
+pub(super) const FEW_IN_LOBE: usize = 12;
 /// How many times smaller a misfit is that makes another end of the search the better one.
 const FAR_LESS: f64 = 4.0;
 
@@ -84,18 +76,6 @@ impl Estimate<'_> {
     pub(super) fn takes_tier(&self) -> bool {
         self.tier_shift.iter().any(|s| *s != 0.0)
     }
-}
-
-/// Takes what the user holds fixed out of what is free.
-fn with_told(
-    (mut free, mut fixed): (Vec<Quantity>, Values),
-    told: &[Told],
-) -> (Vec<Quantity>, Values) {
-    for t in told.iter().filter(|t| t.std == 0.0) {
-        free.retain(|q| *q != t.quantity);
-        fixed.set_natural(t.quantity, t.value);
-    }
-    (free, fixed)
 }
 
 /// What is free for a variant on a set, and the values of the rest.
@@ -187,89 +167,10 @@ pub(super) fn whole<'a>(
     tier: Option<Tier<'_>>,
     cancel: &AtomicBool,
 ) -> Option<Estimate<'a>> {
-    let (free, fixed) = with_told(free_quantities(set, variant), &options.told);
-    let priors: Vec<(Quantity, Prior)> = options
-        .told
-        .iter()
-        .filter(|t| t.std > 0.0)
-        .map(|t| {
-            let (mean, std) = (t.value, t.std);
-            (t.quantity, Prior { mean, std })
-        })
-        .collect();
-    let scale = misfit_scale(set);
-    let own: Vec<f64> = set.observations.iter().map(|o| o.sigma).collect();
-    let fitted = free.len();
-    let weighing = Weighing {
-        own: &own,
-        scale: &scale,
-        fitted,
-        options,
-        cancel,
-    };
-    // Flats at their full weight would drag a start about for the last digit of gain and tilt.
-    let loose = set
-        .flats
-        .iter()
-        .map(|f| f.sigma.hypot(FIRST_DISCREPANCY * f.signal));
-    let first = Problem::new(set, variant, free, fixed)
-        .with_sigma(weighing.sigma(FIRST_DISCREPANCY))
-        .with_flat_sigma(loose.collect())
-        .with_priors(&priors)
-        .with_loss(options.loss);
-    let effort = if options.misfit {
-        Effort::MISFIT
-    } else {
-        Effort::NOISE
-    };
-    let mut search = Search::new(&fixed, options.seed, effort, cancel);
-    search.quick(&first, options.starts);
-    // The starts leave the index at its nominal value; from here on it may move.
-    let mut free = first.free().to_vec();
-    let held = |q: &Quantity| {
-        options
-            .told
-            .iter()
-            .any(|t| t.quantity == *q && t.std == 0.0)
-    };
-    free.extend(certified(set).into_iter().filter(|q| !held(q)));
-    let mut problem = first
-        .clone()
-        .with_free(free)
-        .with_flat_sigma(flat_sigma(set));
-    if !options.misfit {
-        problem = problem.with_sigma(own.clone());
-    }
-    search.carry_over(&first, &problem);
-    let enough = |search: &Search<'_>| {
-        let Some(best) = search.best() else {
-            return false;
-        };
-        let observations = set.observations.len();
-        let freedom = observations.saturating_sub(fitted).max(1) as f64;
-        if options.misfit {
-            // The full closed form misses real samples by far less than the first weights allow:
-            // more than that says that no start found the lobe. The printed form often misses by
-            // so much anyway.
-            let explained = best.cost <= SUSPICIOUS * observations as f64;
-            (explained || variant == Variant::Paper) && search.confirmed(2)
-        } else {
-            // An end that is no minimum lies in a valley, and there may be a deeper one.
-            let settled = best.ending.is_success() && search.confirmed(2);
-            best.cost <= freedom * chance(freedom, LIKELY) && settled
-        }
-    };
-    // Whether the best end is one that noise, or a small misfit, allows: if not, there is a better one.
-    let plausible = |search: &Search<'_>| {
-        let cost = search.best().map_or(f64::INFINITY, |m| m.cost);
-        let observations = set.observations.len();
-        let freedom = observations.saturating_sub(fitted).max(1) as f64;
-        if options.misfit {
-            variant == Variant::Paper || cost <= observations as f64
-        } else {
-            cost <= freedom * chance(freedom, RARE)
-        }
-    };
+    let opening = Opening::new(set, variant, options);
+    let weighing = opening.weighing(options, cancel);
+    let mut search = opening.search(options, cancel);
+    let problem = opening.problem.clone();
     let mut rounds = 0;
     if few_directions(set) {
         search.thorough(&problem);
@@ -277,10 +178,7 @@ pub(super) fn whole<'a>(
         search.images(&problem);
         rounds += 1;
     }
-    while !enough(&search)
-        && (rounds < THOROUGH_ROUNDS || (rounds < PATIENT_ROUNDS && !plausible(&search)))
-        && !search.cancelled()
-    {
+    while rounds < opening.rounds(&search, options) && !search.cancelled() {
         search.thorough(&problem);
         search.rescan(&problem);
         // A metal lit in the tilt plane is nearly its own mirror image at any number of azimuths.
@@ -291,15 +189,7 @@ pub(super) fn whole<'a>(
         search.persist(&problem);
     }
     search.follow(&problem);
-    let mut settled = Settled {
-        minimum: search.best()?.clone(),
-        problem,
-        discrepancy: if options.misfit {
-            FIRST_DISCREPANCY
-        } else {
-            0.0
-        },
-    };
+    let mut settled = opening.settling(search.best()?.clone(), options);
     settled.settle(&weighing);
     if options.misfit {
         settled = with_less_misfit(settled, &mut search, &weighing);
@@ -382,9 +272,13 @@ fn with_less_misfit<'a>(
         demanding.problem = demanding.problem.with_sigma(weighing.sigma(less));
         demanding.minimum = demanding.again(&settled.minimum.parameters, cancel);
         let ends = search.look_again(&demanding.problem, &demanding.minimum);
-        let better = ends.into_iter().find_map(|end| {
+        let better = ends.into_par_iter().find_map_first(|end| {
             let mut other = settled.clone();
-            other.minimum = other.again(&end.parameters, cancel);
+            // Most are no better, and creep along a valley: that is seen long before their last digit.
+            other.settle_from(&end.parameters, weighing);
+            if other.discrepancy >= less {
+                return None;
+            }
             other.settle(weighing);
             (other.minimum.ending != Ending::NotFinite && other.discrepancy < less).then_some(other)
         });
@@ -484,7 +378,7 @@ pub(super) fn conclude<'a>(
 }
 
 /// Observations where the facets' lobe is above a twentieth of its top.
-fn in_lobe(settled: &Settled<'_>) -> usize {
+pub(super) fn in_lobe(settled: &Settled<'_>) -> usize {
     let problem = &settled.problem;
     let values = problem.unpack(&settled.minimum.parameters);
     let (ready, cones) = (problem.ready(&values), problem.set().rig.cones.widening());
@@ -501,7 +395,7 @@ fn in_lobe(settled: &Settled<'_>) -> usize {
 }
 
 /// Whether the poses are so few, or their azimuths, that near symmetries make near minima.
-fn few_directions(set: &ObservationSet) -> bool {
+pub(super) fn few_directions(set: &ObservationSet) -> bool {
     let mut azimuths: Vec<i64> = set
         .observations
         .iter()

@@ -9,10 +9,10 @@
 //! [`solver`] bounded Levenberg–Marquardt · [`quantity`] what can be looked for · [`problem`] the
 //! observation model, with what is `known` before · [`loss`] how residuals count · [`start`] where to begin and [`search`] how far
 //! to look (`crew`: all starts at once, on the form of `lean`; `candidates`: from where else;
-//! `projection`: amplitudes solved for) · [`estimate`] one variant · [`thin`] of very many observations ·
+//! `projection`: amplitudes solved for) · [`estimate`] one variant (`opening`: what it begins with) · [`thin`] of very many observations ·
 //! `misfit` how far it misses and `settle` its weights · [`tier`] the dearer model as an offset · [`traced`] the ray tracer
 //! in its place · [`covariance`] and [`budget`] how sure · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice · [`reporting`] the report ·
-//! [`joint`] several scans · [`trail`] against time · [`report`] the answer's form. It knows neither frames nor files nor the clock.
+//! [`joint`] several scans · [`trail`] against time · [`outlook`] how long beforehand · [`report`] the answer's form. It knows neither frames nor files nor the clock.
 
 use std::sync::atomic::AtomicBool;
 
@@ -34,6 +34,8 @@ mod lean;
 pub mod least_squares;
 pub mod loss;
 mod misfit;
+mod opening;
+pub mod outlook;
 pub mod problem;
 pub mod profile;
 mod projection;

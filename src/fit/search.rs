@@ -25,19 +25,19 @@ use super::start::{distance, starts};
 /// Relative difference in cost below which two ends are one minimum.
 const SAME: f64 = 1e-6;
 /// Different ends of the quick look that are refined.
-const REFINED: usize = 4;
+pub(super) const REFINED: usize = 4;
 /// How different ends are that count as other surfaces (see [`distance`]).
 const APART: f64 = 0.3;
 /// How near to each other two rough ends are that lead to one minimum (see [`distance`]).
 const SAME_SPOT: f64 = 0.05;
 /// Different ends of a thorough round that are refined.
-const REFINED_THOROUGHLY: usize = 12;
+pub(super) const REFINED_THOROUGHLY: usize = 12;
 /// Ends whose valleys are followed.
-const FOLLOWED: usize = 4;
+pub(super) const FOLLOWED: usize = 4;
 /// Other roughnesses that an end gets when they are looked at again.
-const OTHER_ROUGHNESSES: usize = 3;
+pub(super) const OTHER_ROUGHNESSES: usize = 3;
 /// A descent that only has to come near, and one whose end counts.
-const ROUGH: Settings = Settings {
+pub(super) const ROUGH: Settings = Settings {
     polish_steps: 0,
     cost_tolerance: 1e-5,
     max_iterations: 40,
@@ -47,18 +47,18 @@ const FOLLOW: Settings = Settings {
     cost_tolerance: 1e-12,
     ..Settings::DEFAULT
 };
-const FINE: Settings = Settings {
+pub(super) const FINE: Settings = Settings {
     polish_steps: 20,
     max_iterations: 400,
     ..Settings::DEFAULT
 };
 /// Rounds without a deeper minimum after which nobody expects one, and rounds at most.
-const CALM: usize = 5;
+pub(super) const CALM: usize = 5;
 const PERSISTENT_ROUNDS: usize = 24;
 /// Standard uncertainty of an angle (rad) or a ln α above which the data leave the surface open.
 const OPEN: f64 = 0.1;
 /// Near minima that are remembered.
-const RIVALS: usize = 8;
+pub(super) const RIVALS: usize = 8;
 
 /// How much of the box a thorough round looks at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -89,7 +89,7 @@ impl Effort {
         rescanned: 1,
     };
 
-    fn starts(self, residuals: usize) -> usize {
+    pub(super) fn starts(self, residuals: usize) -> usize {
         (self.worth / residuals.max(1)).clamp(self.descended.0, self.descended.1)
     }
 }
@@ -495,7 +495,7 @@ impl From<End> for Minimum {
 }
 
 /// Where a descent over shapes alone, amplitudes projected out, leads.
-fn over_shapes(
+pub(super) fn over_shapes(
     problem: &Problem<'_>,
     start: &Values,
     settings: &Settings,
@@ -531,7 +531,7 @@ pub(super) fn determined(problem: &Problem<'_>, end: &Minimum) -> bool {
     })
 }
 
-fn usable(m: &Minimum) -> bool {
+pub(super) fn usable(m: &Minimum) -> bool {
     m.cost.is_finite() && m.ending != Ending::NotFinite
 }
 

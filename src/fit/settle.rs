@@ -8,22 +8,24 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use rayon::prelude::*;
+
 use super::FitOptions;
 use super::estimate::Tier;
 use super::misfit::{ROUNDS, discrepancy_of};
 use super::problem::Problem;
-use super::search::Search;
+use super::search::{FINE, Search};
 use super::solver::{Ending, Minimum, Settings};
 use super::start::distance;
 use super::thin::minimise;
 
 /// Discrepancy above which the fit with the tier is doubted: on traced ideal ridges up to 30° it
 /// stays below.
-const DOUBTFUL: f64 = 0.015;
+pub(super) const DOUBTFUL: f64 = 0.015;
 /// Other ends that are tried with the tier then.
-const TRIALS: usize = 6;
+pub(super) const TRIALS: usize = 6;
 /// Near ends of a narrow lobe that are tried with the tier in any case.
-const NARROW_TRIALS: usize = 3;
+pub(super) const NARROW_TRIALS: usize = 3;
 /// Misfit of another end, as a multiple of the best one's, up to which it is no worse where neither
 /// describes the data: a misfit is not independent from pose to pose, and no χ² tells them apart.
 const AS_GOOD: f64 = 1.25;
@@ -35,6 +37,13 @@ const CLEAR_GAIN: f64 = 2.0;
 const PASSES: usize = 5;
 /// Change of ridge angle (rad) and logarithm of roughness below which passes stay where they are.
 const STILL: f64 = 1e-4;
+
+/// A descent whose end only tells how far the model misses.
+const NEAR: Settings = Settings {
+    polish_steps: 0,
+    cost_tolerance: 1e-6,
+    ..Settings::DEFAULT
+};
 
 /// What the observations' weights are made of.
 pub(super) struct Weighing<'s> {
@@ -51,9 +60,14 @@ pub(super) struct Weighing<'s> {
 impl Weighing<'_> {
     /// Standard uncertainties of the observations at a discrepancy.
     pub(super) fn sigma(&self, discrepancy: f64) -> Vec<f64> {
-        let both = self.own.iter().zip(self.scale);
-        both.map(|(o, s)| o.hypot(discrepancy * s)).collect()
+        sigma_at(self.own, self.scale, discrepancy)
     }
+}
+
+/// Standard uncertainties of observations at a discrepancy.
+pub(super) fn sigma_at(own: &[f64], scale: &[f64], discrepancy: f64) -> Vec<f64> {
+    let both = own.iter().zip(scale);
+    both.map(|(o, s)| o.hypot(discrepancy * s)).collect()
 }
 
 /// A problem, its minimum, and the discrepancy that its weights stand on.
@@ -67,6 +81,24 @@ pub(super) struct Settled<'a> {
 impl Settled<'_> {
     /// Rounds of discrepancy, weights and refit.
     pub(super) fn settle(&mut self, weighing: &Weighing<'_>) {
+        self.settle_by(&Settings::default(), weighing);
+    }
+
+    /// The same where every look at the observations is dear: until the weights stay, descents only come near.
+    pub(super) fn settle_sparingly(&mut self, weighing: &Weighing<'_>) {
+        self.settle_by(&NEAR, weighing);
+        self.minimum = self.again(&self.minimum.parameters, weighing.cancel);
+    }
+
+    /// From another end, as far as it takes to see how far the model misses there.
+    pub(super) fn settle_from(&mut self, start: &[f64], weighing: &Weighing<'_>) {
+        let bounds = self.problem.bounds();
+        self.minimum = minimise(&self.problem, start, &bounds, &FINE, weighing.cancel);
+        self.settle_by(&FINE, weighing);
+    }
+
+    fn settle_by(&mut self, settings: &Settings, weighing: &Weighing<'_>) {
+        let bounds = self.problem.bounds();
         for _ in 0..ROUNDS {
             let next = if weighing.options.misfit {
                 let (own, scale) = (weighing.own, weighing.scale);
@@ -78,7 +110,11 @@ impl Settled<'_> {
             let settled = (next - self.discrepancy).abs() <= 1e-3 * next;
             self.discrepancy = next;
             self.problem = self.problem.clone().with_sigma(weighing.sigma(next));
-            self.minimum = self.again(&self.minimum.parameters, weighing.cancel);
+            if settled && settings.polish_steps == 0 {
+                break;
+            }
+            let from = &self.minimum.parameters;
+            self.minimum = minimise(&self.problem, from, &bounds, settings, weighing.cancel);
             if settled || weighing.cancel.load(Ordering::Relaxed) {
                 break;
             }
@@ -185,19 +221,21 @@ pub(super) fn with_tier<'a>(
         trials.clear();
     }
     let mut others: Vec<Settled<'a>> = Vec::new();
-    for end in trials {
-        if weighing.cancel.load(Ordering::Relaxed) {
-            return best;
-        }
-        let mut trial = closed.clone();
-        trial.minimum = trial.again(&end.parameters, weighing.cancel);
-        trial.settle(weighing);
-        let Some(dear) = trial.corrected(tier, weighing) else {
-            continue;
-        };
-        if dear.minimum.ending == Ending::NotFinite {
-            continue;
-        }
+    // Each on its own, so that no processor waits for the descents of one.
+    let tried: Vec<Option<(Settled<'a>, Settled<'a>)>> = trials
+        .par_iter()
+        .map(|end| {
+            let mut trial = closed.clone();
+            trial.minimum = trial.again(&end.parameters, weighing.cancel);
+            trial.settle(weighing);
+            let dear = trial.corrected(tier, weighing)?;
+            (dear.minimum.ending != Ending::NotFinite).then_some((trial, dear))
+        })
+        .collect();
+    if weighing.cancel.load(Ordering::Relaxed) {
+        return best;
+    }
+    for (trial, dear) in tried.into_iter().flatten() {
         // The few poses of a narrow lobe are fitted too well by some surface or other.
         let clearly = doubtful || CLEAR_GAIN * dear.discrepancy < best.settled.discrepancy;
         if clearly && dear.better_than(&best.settled, weighing) {

@@ -248,7 +248,7 @@ pub(super) fn estimate<'a>(
             interpolated = everywhere.nodes.map(|n| (n, everywhere.error));
             settled.problem = settled.problem.with_correction(everywhere.offsets);
         }
-        settled.settle(&weighing);
+        settled.settle_sparingly(&weighing);
         if tier.is_none() || cancel.load(Ordering::Relaxed) {
             break;
         }

@@ -19,7 +19,8 @@ pub struct Progress {
     pub fraction: f64,
     /// Seconds since the calculation began.
     pub elapsed_s: f64,
-    /// Seconds left of this stage at the pace so far; none before there is one.
+    /// Seconds left of this stage at the pace so far; where it cannot say how far it is, of all that was foretold; none
+    /// before there is a pace, and once it takes longer than foretold.
     pub time_left_s: Option<f64>,
 }
 
@@ -28,7 +29,14 @@ pub struct Progress {
 pub(super) struct Headway {
     begun: Instant,
     stage: Mutex<Option<Reached>>,
-    forecast: Mutex<Option<Forecast>>,
+    forecast: Mutex<Option<Foretold>>,
+}
+
+/// A forecast, and when it was told.
+#[derive(Debug, Clone)]
+struct Foretold {
+    at: Instant,
+    forecast: Forecast,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -49,12 +57,23 @@ impl Headway {
 
     /// What it will take, told once before the work starts.
     pub(super) fn foretell(&self, forecast: &Forecast) {
-        *self.lock_forecast() = Some(forecast.clone());
+        *self.lock_forecast() = Some(Foretold {
+            at: Instant::now(),
+            forecast: forecast.clone(),
+        });
     }
 
     /// What it will take; none while nobody knows.
     pub(super) fn forecast(&self) -> Option<Forecast> {
-        self.lock_forecast().clone()
+        self.lock_forecast().as_ref().map(|f| f.forecast.clone())
+    }
+
+    /// Seconds left of what was foretold.
+    fn left_as_foretold(&self) -> Option<f64> {
+        let told = self.lock_forecast();
+        let told = told.as_ref()?;
+        let left = told.forecast.seconds - told.at.elapsed().as_secs_f64();
+        (left > 0.0).then_some(left)
     }
 
     /// Seconds since it began.
@@ -62,7 +81,7 @@ impl Headway {
         self.begun.elapsed().as_secs_f64()
     }
 
-    fn lock_forecast(&self) -> MutexGuard<'_, Option<Forecast>> {
+    fn lock_forecast(&self) -> MutexGuard<'_, Option<Foretold>> {
         self.forecast.lock().expect("no holder of this lock panics")
     }
 
@@ -90,12 +109,13 @@ impl Headway {
     pub(super) fn now(&self) -> Option<Progress> {
         let reached = (*self.lock())?;
         let spent_s = reached.begun.elapsed().as_secs_f64();
+        let at_this_pace =
+            (reached.fraction > 0.0).then(|| spent_s * (1.0 - reached.fraction) / reached.fraction);
         Some(Progress {
             stage: reached.stage,
             fraction: reached.fraction,
             elapsed_s: self.elapsed_s(),
-            time_left_s: (reached.fraction > 0.0)
-                .then(|| spent_s * (1.0 - reached.fraction) / reached.fraction),
+            time_left_s: at_this_pace.or_else(|| self.left_as_foretold()),
         })
     }
 
@@ -124,5 +144,16 @@ mod tests {
             (now.stage, now.fraction, now.time_left_s),
             ("fitting", 0.0, None)
         );
+    }
+
+    #[test]
+    fn a_stage_that_cannot_say_how_far_it_is_has_the_time_that_was_foretold_and_none_beyond() {
+        let headway = Headway::new();
+        headway.tell("fitting", 0, 1);
+        headway.foretell(&Forecast::about(1000.0));
+        let left = headway.now().unwrap().time_left_s.unwrap();
+        assert!(left > 0.0 && left <= 1000.0);
+        headway.foretell(&Forecast::about(0.0));
+        assert_eq!(headway.now().unwrap().time_left_s, None);
     }
 }

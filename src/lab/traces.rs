@@ -16,7 +16,7 @@ use super::attached::Content;
 use super::calculations::{Failure, positive};
 use super::headway::Headway;
 use super::words::plain;
-use crate::accuracy::forecast::{Patience, of_run};
+use crate::accuracy::trace_forecast::{Asked, Patience, of_runs};
 use crate::forecast::Forecast;
 use crate::model::polarisation::Stokes;
 use crate::store::StoreError;
@@ -27,7 +27,7 @@ use crate::trace::compare::{
 use crate::trace::ellipsometer::{Point, SETTINGS, Setting, curve_of};
 use crate::trace::height_field::Side;
 use crate::trace::report::Report;
-use crate::trace::run::{Ending, Progress, Shard, resume, trace_paired};
+use crate::trace::run::{Ending, Follow, Progress, Shard, resume, trace_paired};
 use crate::trace::scene::{Prepared, Scene, SceneError};
 use crate::trace::tally::Totals;
 
@@ -234,18 +234,33 @@ impl TraceToDo {
         wavelengths
     }
 
+    /// The scene at another wavelength.
+    fn at(&self, wavelength_nm: f64) -> Result<Prepared, SceneError> {
+        let mut scene = self.scene.clone();
+        scene.light.wavelength_nm = wavelength_nm;
+        self.request.made(&scene)
+    }
+
     /// What it will take, from short runs of it.
     pub(super) fn forecast(&self, cancel: &AtomicBool) -> Option<Forecast> {
         let request = &self.request;
         let limited = request.max_seconds.map(|s| PATIENCE_SHARE * s);
         let seconds = limited.unwrap_or(f64::INFINITY).min(PATIENCE_S);
         let patience = Patience { seconds, cancel };
-        let told = of_run(&self.prepared, request.target_error, patience)?;
-        let runs = self.wavelengths().len() as f64;
-        let told = Forecast {
-            seconds: runs * told.seconds,
-            ..told
+        let asked = Asked {
+            follow: if request.compare {
+                Follow::Both
+            } else {
+                Follow::Scene
+            },
+            target_error: request.target_error,
         };
+        let wavelengths = self.wavelengths();
+        let made = |n: usize| match n {
+            0 => Some(self.prepared.clone()),
+            _ => self.at(wavelengths[n]).ok(),
+        };
+        let told = of_runs(wavelengths.len(), &made, asked, patience)?;
         Some(told.within(request.max_seconds))
     }
 
@@ -261,11 +276,7 @@ impl TraceToDo {
         let mut runs: Vec<Totals> = Vec::new();
         let (mut traced, mut own_seconds) = (Vec::new(), 0.0);
         for (done, &wavelength) in wavelengths.iter().enumerate() {
-            let other = (done > 0).then(|| {
-                let mut scene = self.scene.clone();
-                scene.light.wavelength_nm = wavelength;
-                self.request.made(&scene)
-            });
+            let other = (done > 0).then(|| self.at(wavelength));
             let other = other.transpose().map_err(|e| Failure::Because {
                 code: "no-trace",
                 detail: format!("at {wavelength} nm: {e}"),

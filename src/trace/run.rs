@@ -49,6 +49,15 @@ pub enum Ending {
     AtLast,
 }
 
+/// What every path of a run carries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Follow {
+    /// Polarised light or not, as the scene says.
+    Scene,
+    /// Both, for their difference ([`Paired`]).
+    Both,
+}
+
 /// What was done of a run: all that is needed to go on with it. Where a whole run was stopped before its batches
 /// say more, it holds a sketch: photons of their own in smaller replicates, which are no part of the run.
 #[derive(Debug, Clone, PartialEq)]
@@ -102,8 +111,8 @@ pub struct Progress {
 const BATCHES_MIN: u64 = 64;
 /// Largest batch: what is lost at most per thread when a run is stopped.
 const BATCH_MAX: u64 = 1 << 20;
-/// Photons between two looks at the stop conditions,
-const LOOK: u64 = 1 << 13;
+/// Photons between two looks at the stop conditions, and until the first at the error,
+pub const LOOK: u64 = 1 << 13;
 /// and batches between two looks at the error.
 const LOOK_BATCHES: usize = 4;
 
@@ -127,7 +136,7 @@ pub fn trace(
     shard: Shard,
     proceed: &(dyn Fn(&Progress) -> bool + Sync),
 ) -> Totals {
-    trace_photons(prepared, prepared.photons, shard, proceed)
+    trace_photons(prepared, Follow::Scene, prepared.photons, shard, proceed)
 }
 
 /// [`trace`], going on from what was done `before`. Whatever the stops, the result of all batches is that of one
@@ -158,14 +167,18 @@ pub fn resume(
 /// [`trace`] with another number of photons than the scene's.
 pub fn trace_photons(
     prepared: &Prepared,
+    follow: Follow,
     photons: u64,
     shard: Shard,
     proceed: &(dyn Fn(&Progress) -> bool + Sync),
 ) -> Totals {
-    if prepared.polarised {
-        trace_as::<Polarised>(prepared, prepared.grid, photons, shard, proceed)
-    } else {
-        trace_as::<Scalar>(prepared, prepared.grid, photons, shard, proceed)
+    let grid = prepared.grid;
+    match follow {
+        Follow::Both => trace_as::<Paired>(prepared, grid, photons, shard, proceed),
+        Follow::Scene if prepared.polarised => {
+            trace_as::<Polarised>(prepared, grid, photons, shard, proceed)
+        }
+        Follow::Scene => trace_as::<Scalar>(prepared, grid, photons, shard, proceed),
     }
 }
 
@@ -250,12 +263,29 @@ pub(super) fn trace_briefly<L: Light>(
 /// A short run for whoever wants to know what a photon costs, without the look at every triangle: its photons cost
 /// somewhat more than those of a run that had it. What a surface computes once and keeps is there afterwards.
 #[must_use]
-pub fn trace_few(prepared: &Prepared, photons: u64) -> Totals {
-    if prepared.polarised {
-        trace_briefly::<Polarised>(prepared, prepared.grid, photons, 0)
-    } else {
-        trace_briefly::<Scalar>(prepared, prepared.grid, photons, 0)
+pub fn trace_few(prepared: &Prepared, follow: Follow, photons: u64) -> Totals {
+    let grid = prepared.grid;
+    match follow {
+        Follow::Both => trace_briefly::<Paired>(prepared, grid, photons, 0),
+        Follow::Scene if prepared.polarised => {
+            trace_briefly::<Polarised>(prepared, grid, photons, 0)
+        }
+        Follow::Scene => trace_briefly::<Scalar>(prepared, grid, photons, 0),
     }
+}
+
+/// Photons that a run of `photons` traces in all where its error is small enough once `needed` of them are counted: those
+/// of its sketch are no part of the run, and the error is looked at from time to time only.
+#[must_use]
+pub fn traced_until(photons: u64, needed: u64) -> u64 {
+    let sketch = sketch::most(photons, Ending::AnyTime);
+    if needed <= sketch {
+        // Half of what is traced between two looks.
+        return (needed + needed / (2 * sketch::LOOK_SHARE)).min(sketch);
+    }
+    let count = batches(photons);
+    let looked = LOOK_BATCHES as u64 * photons.div_ceil(count).max(1);
+    sketch + needed.div_ceil(looked).saturating_mul(looked).min(photons)
 }
 
 fn walk_of(prepared: &Prepared) -> Walk<'_> {

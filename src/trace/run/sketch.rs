@@ -11,7 +11,7 @@ use super::super::light::Light;
 use super::super::rng::Purpose;
 use super::super::tally::{Batch, Totals};
 use super::super::walk::Waiting;
-use super::{BATCH_MAX, Ending, Progress, SoFar, Task, batches, share};
+use super::{BATCH_MAX, Ending, LOOK, Progress, SoFar, Task, batches, share};
 
 /// Replicates of a sketch.
 const REPLICATES: u64 = 16;
@@ -21,13 +21,24 @@ const FIRST: u64 = 1 << 6;
 const GROWTH: u64 = 8;
 /// and the most photons that it gets.
 const ROUND_MAX: u64 = 1 << 12;
-/// Photons of all from which on the error is looked at, each time there are a quarter more.
-const LOOK: u64 = 1 << 13;
+/// Share of the photons by which there are more of them at the next look at the error.
+pub(super) const LOOK_SHARE: u64 = 4;
 /// Share of a batch that a sketch takes where a stop is an accident.
 const SHARE: u64 = 8;
 /// Share of the run that it takes where a stop is likely, and largest batches: from there on whole batches soon
 /// say more.
 const SHARE_ANY_TIME: (u64, u64) = (16, 16);
+
+/// Photons that the sketch of a run of so many may have.
+pub(super) fn most(photons: u64, ending: Ending) -> u64 {
+    match ending {
+        Ending::AtLast => share(photons, batches(photons), 0) / SHARE,
+        Ending::AnyTime => {
+            let (of_run, largest) = SHARE_ANY_TIME;
+            (photons / of_run).min(largest * BATCH_MAX)
+        }
+    }
+}
 
 /// A sketch under way.
 pub(super) struct Sketch<L: Light> {
@@ -44,13 +55,7 @@ pub(super) struct Sketch<L: Light> {
 
 impl<L: Light> Sketch<L> {
     pub(super) fn new(task: &Task<'_>, ending: Ending) -> Self {
-        let most = match ending {
-            Ending::AtLast => share(task.photons, batches(task.photons), 0) / SHARE,
-            Ending::AnyTime => {
-                let (of_run, largest) = SHARE_ANY_TIME;
-                (task.photons / of_run).min(largest * BATCH_MAX)
-            }
-        };
+        let most = most(task.photons, ending);
         let count = if most >= REPLICATES * FIRST {
             REPLICATES
         } else {
@@ -88,7 +93,7 @@ impl<L: Light> Sketch<L> {
             round += 1;
             let photons = self.photons();
             let relative_error = (self.looks && photons >= next_look).then(|| {
-                next_look = photons + photons / 4;
+                next_look = photons + photons / LOOK_SHARE;
                 // m00 alone is looked at.
                 self.counted(task, 1).relative_error()
             });

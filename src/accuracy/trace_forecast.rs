@@ -1,0 +1,299 @@
+//! How long a trace will take, told before it starts, from short runs of it.
+//!
+//! [`of_run`] for one run of a scene, [`of_runs`] for several alike (angles, wavelengths).
+
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use crate::forecast::Forecast;
+use crate::trace::run::{self, Follow, Shard, trace_few, trace_photons};
+use crate::trace::scene::Prepared;
+
+/// Share of the run that the larger of the two short runs takes.
+const SHARE: u64 = 32;
+/// The same of a third run, where the start takes most of the time of both.
+const LONGER_SHARE: u64 = 8;
+/// Photons of two runs so short that they do without the start of a longer one.
+const FEW: (u64, u64) = (16, 512);
+/// Of several runs so many are tried; the others are taken to lie between them.
+const TRIED: usize = 3;
+
+/// What is asked of a run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Asked {
+    /// What its paths carry.
+    pub follow: Follow,
+    /// Relative error at which it ends; with its last photon if not given.
+    pub target_error: Option<f64>,
+}
+
+impl Asked {
+    /// All photons of the scene, followed as it says.
+    pub const ALL: Asked = Asked {
+        follow: Follow::Scene,
+        target_error: None,
+    };
+}
+
+/// What a forecast itself may take.
+#[derive(Debug, Clone, Copy)]
+pub struct Patience<'a> {
+    /// Seconds after which the forecast is made of what is known by then.
+    pub seconds: f64,
+    /// Ends it at once.
+    pub cancel: &'a AtomicBool,
+}
+
+/// One short run: photons traced, seconds until the first of them were done, photons by then, seconds in all, relative
+/// error.
+#[derive(Debug, Clone, Copy)]
+struct Trial {
+    photons: u64,
+    start_s: f64,
+    at_start: u64,
+    seconds: f64,
+    error: Option<f64>,
+}
+
+impl Trial {
+    /// Of one run alone: seconds of a photon, the start parted off where there is anything after it.
+    fn per_photon(&self) -> f64 {
+        if self.photons > self.at_start {
+            (self.seconds - self.start_s).max(0.0) / (self.photons - self.at_start) as f64
+        } else {
+            self.seconds / self.photons.max(1) as f64
+        }
+    }
+}
+
+/// Forecasts a run of the scene's photons, or of as many as the target error needs (no more than those).
+///
+/// Two short runs part what a run costs at its start (shapes, first hits) from what a photon costs; the
+/// error falls with the root of the photons once the bins that matter have been hit. Where patience ends
+/// early the forecast is of the runs by then, and none where not even the first came to anything.
+#[must_use]
+pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Option<Forecast> {
+    if patience.cancel.load(Ordering::Relaxed) || patience.seconds <= 0.0 {
+        return None;
+    }
+    // What a surface computes once and keeps is no part of the run that follows.
+    drop(trace_few(
+        prepared,
+        asked.follow,
+        FEW.0.min(prepared.photons),
+    ));
+    let large = (prepared.photons / SHARE)
+        .clamp(1_000, 500_000)
+        .min(prepared.photons);
+    let small = (large / 4).max(1);
+    let begun = Instant::now();
+    let go_on = || {
+        !patience.cancel.load(Ordering::Relaxed) && begun.elapsed().as_secs_f64() < patience.seconds
+    };
+    let timed = |photons: u64| -> Option<Trial> {
+        if !go_on() {
+            return None;
+        }
+        let started = Instant::now();
+        let first = OnceLock::new();
+        let totals = trace_photons(prepared, asked.follow, photons, Shard::WHOLE, &|p| {
+            first.get_or_init(|| (started.elapsed().as_secs_f64(), p.photons));
+            go_on()
+        });
+        let (start_s, at_start) = first.get().copied().unwrap_or_default();
+        (totals.photons() > 0).then(|| Trial {
+            photons: totals.photons(),
+            start_s,
+            at_start,
+            seconds: started.elapsed().as_secs_f64(),
+            error: totals.relative_error(),
+        })
+    };
+    // The better of two: other work on the machine only ever adds.
+    let better = |photons: u64| {
+        let first = timed(photons)?;
+        let again = timed(photons).filter(|again| again.photons == first.photons);
+        Some(
+            again
+                .filter(|again| again.seconds < first.seconds)
+                .unwrap_or(first),
+        )
+    };
+    let Some(little) = better(small) else {
+        let start_s = begun.elapsed().as_secs_f64();
+        return of_slow_start(prepared, start_s, asked, patience);
+    };
+    let more = better(large).filter(|more| more.photons > little.photons);
+    let known = more.unwrap_or(little);
+    // Where the start costs more than the photons a small difference would be magnified: a longer run tells.
+    let longer = (prepared.photons / LONGER_SHARE).max(large);
+    let upper = match more {
+        Some(more) if more.seconds < 1.5 * little.seconds && longer > large => timed(longer)
+            .filter(|upper| upper.photons > more.photons)
+            .unwrap_or(more),
+        _ => known,
+    };
+    let per_photon = if upper.photons > little.photons {
+        ((upper.seconds - little.seconds) / (upper.photons - little.photons) as f64).max(0.0)
+    } else {
+        little.per_photon()
+    };
+    let start = (upper.seconds - per_photon * upper.photons as f64).max(0.0);
+    Some(told(prepared, asked, &known, start, per_photon))
+}
+
+/// The same where patience ended before the start of a run was over, after `start_s`: a few photons without it tell what
+/// one costs.
+fn of_slow_start(
+    prepared: &Prepared,
+    start_s: f64,
+    asked: Asked,
+    patience: Patience<'_>,
+) -> Option<Forecast> {
+    if patience.cancel.load(Ordering::Relaxed) {
+        return None;
+    }
+    let timed = |photons: u64| {
+        let started = Instant::now();
+        let totals = trace_few(prepared, asked.follow, photons.min(prepared.photons));
+        Trial {
+            photons: totals.photons(),
+            start_s: 0.0,
+            at_start: 0,
+            seconds: started.elapsed().as_secs_f64(),
+            error: totals.relative_error(),
+        }
+    };
+    let little = timed(FEW.0);
+    // Photons so dear that a few take as long as there is patience say enough.
+    let more = if little.seconds < patience.seconds {
+        timed(FEW.1)
+    } else {
+        little
+    };
+    let per_photon = if more.photons > little.photons {
+        ((more.seconds - little.seconds) / (more.photons - little.photons) as f64).max(0.0)
+    } else {
+        more.per_photon()
+    };
+    Some(told(prepared, asked, &more, start_s, per_photon))
+}
+
+/// The forecast of a run that costs so much to start and so much per photon.
+fn told(prepared: &Prepared, asked: Asked, known: &Trial, start: f64, per_photon: f64) -> Forecast {
+    let (photons, error) = until_target(prepared, known, asked.target_error);
+    let traced = match asked.target_error {
+        Some(_) => run::traced_until(prepared.photons, photons),
+        None => photons,
+    };
+    Forecast::about(start + per_photon * traced as f64)
+        .for_work(photons, "photons")
+        .to_error(error, "a reflected bin")
+}
+
+/// Photons after which a run stops, and its error by then, from a shorter one.
+fn until_target(
+    prepared: &Prepared,
+    known: &Trial,
+    target_error: Option<f64>,
+) -> (u64, Option<f64>) {
+    let photons = match (target_error, known.error) {
+        (Some(target), Some(error)) => {
+            let needed = known.photons as f64 * (error / target).powi(2);
+            let least = run::LOOK.min(prepared.photons);
+            (needed as u64).clamp(least, prepared.photons)
+        }
+        _ => prepared.photons,
+    };
+    let error = known
+        .error
+        .map(|e| e * (known.photons as f64 / photons as f64).sqrt());
+    (photons, error)
+}
+
+/// Forecasts `count` runs that differ by what `make` makes of their number, which takes its time too: as many as
+/// patience allows are tried, evenly spread, the others taken to cost what those do on average.
+#[must_use]
+pub fn of_runs(
+    count: usize,
+    make: &dyn Fn(usize) -> Option<Prepared>,
+    asked: Asked,
+    patience: Patience<'_>,
+) -> Option<Forecast> {
+    let tried = count.min(TRIED);
+    let begun = Instant::now();
+    let mut found: Vec<Forecast> = Vec::new();
+    for n in 0..tried {
+        let left = patience.seconds - begun.elapsed().as_secs_f64();
+        let started = Instant::now();
+        let Some(prepared) = (left > 0.0)
+            .then(|| make(n * (count - 1) / (tried - 1).max(1)))
+            .flatten()
+        else {
+            break;
+        };
+        let made_s = started.elapsed().as_secs_f64();
+        let patience = Patience {
+            seconds: (left - made_s) / (tried - n) as f64,
+            ..patience
+        };
+        let Some(told) = of_run(&prepared, asked, patience) else {
+            break;
+        };
+        found.push(Forecast {
+            seconds: made_s + told.seconds,
+            ..told
+        });
+    }
+    let runs = found.len() as f64;
+    let each_s = found.iter().map(|f| f.seconds).sum::<f64>() / runs;
+    let first = found.into_iter().next()?;
+    Some(Forecast {
+        seconds: count as f64 * each_s,
+        ..first
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_is_forecast_only_while_there_is_patience() {
+        let text =
+            "[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n[run]\nphotons = 40_000\n";
+        let scene = crate::trace::scene::Scene::parse(text).unwrap();
+        let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
+        let told = |seconds, cancelled| {
+            let cancel = &AtomicBool::new(cancelled);
+            of_run(&prepared, Asked::ALL, Patience { seconds, cancel })
+        };
+        assert_eq!(told(f64::INFINITY, true), None);
+        assert_eq!(told(0.0, false), None);
+        let forecast = told(f64::INFINITY, false).unwrap();
+        assert_eq!(forecast.amount.as_ref().unwrap().count, 40_000);
+        assert!(!forecast.at_most && forecast.seconds > 0.0, "{forecast:?}");
+    }
+
+    #[test]
+    fn runs_alike_cost_their_making_too_and_those_not_tried_the_mean() {
+        let text =
+            "[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n[run]\nphotons = 40_000\n";
+        let scene = crate::trace::scene::Scene::parse(text).unwrap();
+        let made = std::cell::RefCell::new(Vec::new());
+        let make = |n: usize| {
+            made.borrow_mut().push(n);
+            scene.prepare(&|_| Err(String::new())).ok()
+        };
+        let cancel = &AtomicBool::new(false);
+        let seconds = f64::INFINITY;
+        let asked = Asked {
+            follow: Follow::Both,
+            target_error: None,
+        };
+        let told = of_runs(9, &make, asked, Patience { seconds, cancel }).unwrap();
+        assert_eq!(*made.borrow(), [0, 4, 8]);
+        assert!(told.seconds > 0.0 && !told.at_most, "{told:?}");
+    }
+}

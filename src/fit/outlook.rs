@@ -1,0 +1,436 @@
+//! How long a fit of given observations will take, before it is done.
+//!
+//! A search goes on for as long as the data leave it in doubt, so nothing but the data tells what it will do. Call
+//! [`outlook`]: it takes the fit's own quick look, settles where that ends, sees from there which rounds are to follow,
+//! and tries a small share of one round and one integration. [`likely`] makes observations at poses that nobody
+//! has read yet, from those that were. The clock is the caller's.
+
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+
+use super::candidates::{self, POOL, SCAN, Wanted};
+use super::covariance::{Scaling, covariance};
+use super::estimate::{FEW_IN_LOBE, Tier, few_directions, in_lobe};
+use super::misfit::{misfit_scale, peak};
+use super::opening::Opening;
+use super::problem::{Problem, Values};
+use super::profile::{bootstrap, profile};
+use super::report::COVERAGE_FACTOR;
+use super::search::{
+    CALM, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, REFINED, REFINED_THOROUGHLY, RIVALS, ROUGH,
+    determined, over_shapes, usable,
+};
+use super::settle::{DOUBTFUL, NARROW_TRIALS, Settled, TRIALS};
+use super::solver::{Minimum, minimise};
+use super::thin;
+use super::variants::refused;
+use super::{FitOptions, VariantChoice};
+use crate::geometry::Pose;
+use crate::model::Variant;
+use crate::observation::{Observation, ObservationSet};
+
+/// Candidates that are descended to tell what one costs, and shapes whose roughnesses are looked at.
+const TRIED: usize = 8;
+const SCANNED: usize = 2;
+/// Descents of a thorough round for each of its starts: every third is descended twice.
+const DESCENTS: f64 = 4.0 / 3.0;
+/// Ends that a round's images lead to.
+const IMAGES: f64 = 7.0;
+/// Descents in settling an end again on other weights: such ends lie in valleys.
+const SETTLING: f64 = 10.0;
+/// Passes of tier and refit from where a search ends,
+const PASSES: f64 = 3.5;
+/// and from another end, which is farther from where it leads to, and a dearer surface.
+const TRIAL_PASSES: f64 = 8.0;
+/// Rounds beyond the calm ones of a search that persists.
+const BEFORE_CALM: usize = 2;
+/// Evaluations of all observations where there are very many, per variant.
+const EVALUATIONS_OF_ALL: f64 = 40.0;
+/// Series drawn to time a bootstrap.
+const DRAWN: u32 = 20;
+
+/// What a fit will take, s.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outlook {
+    /// Searches, settling and integrated double reflections, of both closed variants.
+    pub search_s: f64,
+    /// Profile-likelihood intervals.
+    pub profile_s: f64,
+    /// Bootstrap intervals.
+    pub bootstrap_s: f64,
+    /// Where the quick look of the sawtooth ended.
+    pub values: Values,
+}
+
+/// What of a fit is looked at, and by whose clock.
+struct Look<'o> {
+    options: &'o FitOptions,
+    now: &'o dyn Fn() -> f64,
+    cancel: &'o AtomicBool,
+}
+
+impl Look<'_> {
+    /// What some work gives, and its seconds.
+    fn timed<T>(&self, work: impl FnOnce() -> T) -> (T, f64) {
+        let before = (self.now)();
+        let found = work();
+        (found, (self.now)() - before)
+    }
+}
+
+/// What a fit of these observations will take by the clock `now` (s), the ray tracer's passes left out. `None` where
+/// there is nothing to fit.
+#[must_use]
+pub fn outlook(
+    set: &ObservationSet,
+    options: &FitOptions,
+    tier: Option<Tier<'_>>,
+    now: &dyn Fn() -> f64,
+    cancel: &AtomicBool,
+) -> Option<Outlook> {
+    if refused(set, options).is_some() {
+        return None;
+    }
+    let look = Look {
+        options,
+        now,
+        cancel,
+    };
+    let few = thin::representative(set).map(|kept| thin::subset(set, &kept));
+    let seen = few.as_ref().unwrap_or(set);
+    let (printed, paper_s) = look.variant(seen, Variant::Paper, None)?;
+    let (sawtooth, sawtooth_s) = look.variant(seen, Variant::Sawtooth, tier)?;
+    let values = sawtooth.problem.unpack(&sawtooth.minimum.parameters);
+    let mut search_s = paper_s + sawtooth_s;
+    if few.is_some() {
+        let free = sawtooth.problem.free().to_vec();
+        let all = Problem::new(set, Variant::Sawtooth, free, values);
+        let (_, evaluation_s) = look.timed(|| std::hint::black_box(all.predicted(&values)));
+        search_s += 2.0 * EVALUATIONS_OF_ALL * evaluation_s;
+    }
+    let main = match options.variant {
+        VariantChoice::Paper => printed,
+        _ => sawtooth,
+    };
+    Some(Outlook {
+        search_s,
+        profile_s: if options.profile {
+            look.profiles(&main)
+        } else {
+            0.0
+        },
+        bootstrap_s: look.draws(&main),
+        values,
+    })
+}
+
+impl Look<'_> {
+    /// Where the quick look of a variant ends, settled, and the seconds of its whole estimate.
+    fn variant<'a>(
+        &self,
+        set: &'a ObservationSet,
+        variant: Variant,
+        tier: Option<Tier<'_>>,
+    ) -> Option<(Settled<'a>, f64)> {
+        let (options, cancel) = (self.options, self.cancel);
+        let (opening, opened_s) = self.timed(|| Opening::new(set, variant, options));
+        let weighing = opening.weighing(options, cancel);
+        let (search, looked_s) = self.timed(|| opening.search(options, cancel));
+        let mut settled = opening.settling(search.best()?.clone(), options);
+        let ((), settled_s) = self.timed(|| settled.settle(&weighing));
+        let rounds = opening
+            .rounds(&search, options)
+            .max(usize::from(few_directions(set)));
+        let open = !determined(&settled.problem, &settled.minimum);
+        let narrow = in_lobe(&settled) <= FEW_IN_LOBE;
+        let noise_alone = settled.discrepancy == 0.0;
+        let misfit = options.misfit;
+        let demands = misfit && !noise_alone && (open || narrow);
+        let again = misfit && narrow && tier.is_some();
+        let persists = open && (noise_alone || !misfit);
+        let mut seconds = opened_s + looked_s + settled_s;
+        if rounds > 0 || demands || again || persists {
+            let costs = self.costs(&opening.problem, &opening.fixed);
+            let first = if misfit {
+                Effort::MISFIT
+            } else {
+                Effort::NOISE
+            };
+            let later = if open { Effort::NOISE } else { first };
+            seconds += rounds as f64 * costs.round(first);
+            if demands {
+                seconds += costs.thorough(later) + RIVALS as f64 * SETTLING * costs.fine_s;
+            }
+            if again {
+                seconds += costs.thorough(later);
+            }
+            if persists {
+                let each = costs.round(Effort::NOISE) + FOLLOWED as f64 * costs.fine_s;
+                seconds += (CALM + BEFORE_CALM) as f64 * each;
+            }
+        }
+        if let Some(tier) = tier {
+            let values = settled.problem.unpack(&settled.minimum.parameters);
+            let (shift, tier_s) = self.timed(|| tier(&settled.problem, &values));
+            let largest = shift.iter().flatten().fold(0.0, |m: f64, x| m.max(x.abs()));
+            let cost = largest * values.scale.abs() / peak(set).max(f64::MIN_POSITIVE);
+            let mut trials = 0;
+            if again && !noise_alone {
+                trials += NARROW_TRIALS;
+            }
+            if settled.discrepancy > DOUBTFUL {
+                trials += TRIALS;
+            }
+            let needed = options.tolerance.is_none_or(|tolerance| cost > tolerance);
+            let passes = if needed {
+                PASSES + TRIAL_PASSES * trials as f64
+            } else {
+                1.0
+            };
+            seconds += passes * (tier_s + settled_s);
+        }
+        Some((settled, seconds))
+    }
+
+    /// What the pieces of a round cost, from a few of each.
+    fn costs(&self, problem: &Problem<'_>, fallback: &Values) -> Costs {
+        let wanted = Wanted {
+            scanned: SCANNED,
+            starts: TRIED,
+            seed: self.options.seed,
+        };
+        let (starts, judged_s) = self.timed(|| candidates::starts(problem, fallback, None, wanted));
+        let cancel = self.cancel;
+        let (ends, descended_s) = self.timed(|| {
+            let ends = starts
+                .par_iter()
+                .map(|v| over_shapes(problem, v, &ROUGH, cancel));
+            ends.filter(usable).collect::<Vec<Minimum>>()
+        });
+        let bounds = problem.bounds();
+        let (_, refined_s) = self.timed(|| {
+            let fine = |m: &Minimum| minimise(problem, &m.parameters, &bounds, &FINE, cancel);
+            ends.par_iter().map(fine).collect::<Vec<Minimum>>()
+        });
+        let judged = f64::from(POOL) + SCANNED as f64 * f64::from(SCAN * SCAN);
+        Costs {
+            residuals: problem.residual_count(),
+            judged_s: judged_s / judged,
+            rough_s: descended_s / starts.len().max(1) as f64,
+            fine_s: refined_s / ends.len().max(1) as f64,
+        }
+    }
+
+    /// Seconds of all profiles, from one.
+    fn profiles(&self, main: &Settled<'_>) -> f64 {
+        let (problem, minimum) = (&main.problem, &main.minimum);
+        let rows = problem.residual_count();
+        let count = problem.free().len();
+        if minimum.jacobian.len() != rows * count {
+            return 0.0;
+        }
+        let known = covariance(
+            &minimum.jacobian,
+            rows,
+            &minimum.residuals,
+            Scaling::Absolute,
+        );
+        let guess = COVERAGE_FACTOR * known.matrix[(0, 0)].sqrt();
+        let rise = COVERAGE_FACTOR * COVERAGE_FACTOR;
+        let (_, one_s) = self.timed(|| profile(problem, minimum, 0, guess, rise, self.cancel));
+        count as f64 * one_s
+    }
+
+    /// Seconds of all drawn series, from a few.
+    fn draws(&self, main: &Settled<'_>) -> f64 {
+        let wanted = self.options.bootstrap;
+        if wanted == 0 {
+            return 0.0;
+        }
+        let drawn = wanted.min(DRAWN);
+        let (_, few_s) = self.timed(|| {
+            let (problem, minimum) = (&main.problem, &main.minimum);
+            bootstrap(
+                problem,
+                minimum,
+                drawn,
+                self.options.seed,
+                &|| false,
+                self.cancel,
+            )
+        });
+        few_s / f64::from(drawn) * f64::from(wanted)
+    }
+}
+
+/// Seconds of one of many that are done on all processors.
+struct Costs {
+    residuals: usize,
+    /// A candidate judged with its best amplitudes.
+    judged_s: f64,
+    /// A descent that only has to come near.
+    rough_s: f64,
+    /// One whose end counts.
+    fine_s: f64,
+}
+
+impl Costs {
+    /// A round of candidates.
+    fn thorough(&self, effort: Effort) -> f64 {
+        let judged = f64::from(POOL) + effort.scanned as f64 * f64::from(SCAN * SCAN);
+        let starts = effort.starts(self.residuals) as f64;
+        judged * self.judged_s
+            + DESCENTS * starts * self.rough_s
+            + REFINED_THOROUGHLY as f64 * self.fine_s
+    }
+
+    /// The same with other roughnesses and images of its best ends.
+    fn round(&self, effort: Effort) -> f64 {
+        let again = effort.rescanned as f64;
+        self.thorough(effort)
+            + again * f64::from(SCAN * SCAN) * self.judged_s
+            + again * OTHER_ROUGHNESSES as f64 * self.rough_s
+            + (REFINED as f64 + IMAGES) * self.fine_s
+    }
+}
+
+/// Observations at all of `poses`, as the surface that `few` of them show would give them, missed by as much as those
+/// are. `None` where those few show none.
+#[must_use]
+pub fn likely(
+    few: &ObservationSet,
+    poses: &[Pose],
+    options: &FitOptions,
+    cancel: &AtomicBool,
+) -> Option<ObservationSet> {
+    if refused(few, options).is_some() {
+        return None;
+    }
+    let opening = Opening::new(few, Variant::Sawtooth, options);
+    let search = opening.search(options, cancel);
+    let mut settled = opening.settling(search.best()?.clone(), options);
+    settled.settle(&opening.weighing(options, cancel));
+    let values = settled.problem.unpack(&settled.minimum.parameters);
+    let model = few.observations.first()?;
+    let sigma =
+        few.observations.iter().map(|o| o.sigma).sum::<f64>() / few.observations.len() as f64;
+    let posed = poses.iter().map(|pose| Observation {
+        pose: *pose,
+        sigma,
+        ..*model
+    });
+    let mut all = ObservationSet {
+        observations: posed.collect(),
+        views: few
+            .views
+            .first()
+            .map_or_else(Vec::new, |v| vec![v.clone(); poses.len()]),
+        ..few.clone()
+    };
+    let free = settled.problem.free().to_vec();
+    let signals = Problem::new(&all, Variant::Sawtooth, free, values).predicted(&values);
+    for (o, signal) in all.observations.iter_mut().zip(signals) {
+        o.signal = signal;
+    }
+    let scale = misfit_scale(&all);
+    for (n, (o, scale)) in all.observations.iter_mut().zip(scale).enumerate() {
+        let side = if n % 2 == 0 { 1.0 } else { -1.0 };
+        o.signal += side * settled.discrepancy * scale;
+    }
+    Some(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::super::painted::painted;
+    use super::super::tier::two_bounces;
+    use super::*;
+
+    const TRUTH: Values = Values {
+        theta_r: 0.2,
+        alpha_u: 0.1,
+        alpha_v: 0.12,
+        rho_d: 0.3,
+        scale: 1.0,
+        background: 0.0,
+        azimuth_offset: 0.0,
+        tilt_offset: 0.0,
+        eta: 1.54,
+        k: 0.0,
+    };
+
+    fn grid(tilts: u32, turns: u32) -> Vec<Pose> {
+        let step = 360.0 / f64::from(turns);
+        let turns = (0..turns).map(move |p| step * f64::from(p));
+        turns
+            .flat_map(|p| (0..tilts).map(move |t| Pose::from_deg(5.0 * f64::from(t) - 20.0, p)))
+            .collect()
+    }
+
+    /// By a clock that goes on by a second at each look, so that pieces of work are counted.
+    fn told(set: &ObservationSet, options: &FitOptions) -> Option<Outlook> {
+        let ticks = Cell::new(0.0);
+        let now = || {
+            ticks.set(ticks.get() + 1.0);
+            ticks.get()
+        };
+        outlook(
+            set,
+            options,
+            Some(&two_bounces),
+            &now,
+            &AtomicBool::new(false),
+        )
+    }
+
+    #[test]
+    fn what_the_data_leave_in_doubt_is_foreseen_to_take_longer() {
+        let seen = painted(grid(9, 12).into_iter(), &TRUTH, 1e-3, 1);
+        let narrow = Values {
+            alpha_u: 0.02,
+            alpha_v: 0.02,
+            ..TRUTH
+        };
+        let missed = painted(grid(4, 6).into_iter(), &narrow, 1e-3, 1);
+        let options = FitOptions::default();
+        let (clear, doubtful) = (told(&seen, &options), told(&missed, &options));
+        let (clear, doubtful) = (clear.unwrap(), doubtful.unwrap());
+        assert!(doubtful.search_s > clear.search_s, "{clear:?} {doubtful:?}");
+        assert_eq!((clear.profile_s, clear.bootstrap_s), (0.0, 0.0));
+        assert!((clear.values.folded().theta_r - TRUTH.theta_r).abs() < 0.01);
+    }
+
+    #[test]
+    fn intervals_are_foreseen_where_they_are_asked_for_and_nothing_where_nothing_can_be_fitted() {
+        let seen = painted(grid(9, 12).into_iter(), &TRUTH, 1e-3, 1);
+        let options = FitOptions {
+            profile: true,
+            bootstrap: 200,
+            ..FitOptions::default()
+        };
+        let all = told(&seen, &options).unwrap();
+        // One profile is tried for all, and twenty series for two hundred.
+        assert!(
+            all.profile_s >= 6.0 && (all.bootstrap_s - 10.0).abs() < 1e-9,
+            "{all:?}"
+        );
+        let two = painted(grid(2, 1).into_iter(), &TRUTH, 1e-3, 1);
+        assert_eq!(told(&two, &options), None);
+    }
+
+    #[test]
+    fn a_sixth_of_the_poses_tells_what_the_others_are_like() {
+        let all = painted(grid(9, 12).into_iter(), &TRUTH, 1e-3, 1);
+        let few = painted(grid(9, 12).into_iter().step_by(5), &TRUTH, 1e-3, 1);
+        let options = FitOptions::default();
+        let like = likely(&few, &grid(9, 12), &options, &AtomicBool::new(false)).unwrap();
+        let peak = peak(&all);
+        for (a, b) in all.observations.iter().zip(&like.observations) {
+            assert_eq!(a.pose, b.pose);
+            assert!((a.signal - b.signal).abs() < 0.05 * peak);
+        }
+    }
+}
