@@ -14,8 +14,9 @@ use crate::trace::scene::Prepared;
 const SHARE: u64 = 32;
 /// The same of a third run, where the start takes most of the time of both.
 const LONGER_SHARE: u64 = 8;
-/// Photons of two runs so short that they do without the start of a longer one.
-const FEW: (u64, u64) = (16, 512);
+/// Photons of two runs so short that they do without the start of a longer one; in as many batches as those have, each
+/// of which takes its time however few photons it has.
+const FEW: (u64, u64) = (64, 1024);
 /// Of several runs so many are tried; the others are taken to lie between them.
 const TRIED: usize = 3;
 
@@ -57,13 +58,24 @@ struct Trial {
 }
 
 impl Trial {
-    /// Of one run alone: seconds of a photon, the start parted off where there is anything after it.
-    fn per_photon(&self) -> f64 {
-        if self.photons > self.at_start {
-            (self.seconds - self.start_s).max(0.0) / (self.photons - self.at_start) as f64
-        } else {
-            self.seconds / self.photons.max(1) as f64
-        }
+    /// Seconds of a photon, of one run alone whose batches take `batches_s` without any; `None` where nothing is left.
+    fn per_photon(&self, batches_s: f64) -> Option<f64> {
+        let photons = self.photons.saturating_sub(self.at_start);
+        let seconds = self.seconds - self.start_s - batches_s;
+        (photons > 0 && seconds > 0.0).then(|| seconds / photons as f64)
+    }
+}
+
+/// A run that does without the start of a longer one.
+fn few(prepared: &Prepared, asked: Asked, photons: u64) -> Trial {
+    let started = Instant::now();
+    let totals = trace_few(prepared, asked.follow, photons.min(prepared.photons));
+    Trial {
+        photons: totals.photons(),
+        start_s: 0.0,
+        at_start: 0,
+        seconds: started.elapsed().as_secs_f64(),
+        error: totals.relative_error(),
     }
 }
 
@@ -78,11 +90,7 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
         return None;
     }
     // What a surface computes once and keeps is no part of the run that follows.
-    drop(trace_few(
-        prepared,
-        asked.follow,
-        FEW.0.min(prepared.photons),
-    ));
+    few(prepared, asked, FEW.0);
     let large = (prepared.photons / SHARE)
         .clamp(1_000, 500_000)
         .min(prepared.photons);
@@ -137,7 +145,11 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
     let per_photon = if upper.photons > little.photons {
         ((upper.seconds - little.seconds) / (upper.photons - little.photons) as f64).max(0.0)
     } else {
-        little.per_photon()
+        // One run alone: its batches take their time too.
+        let none = few(prepared, asked, FEW.0);
+        little
+            .per_photon(none.seconds)
+            .unwrap_or_else(|| little.seconds / little.photons as f64)
     };
     let start = (upper.seconds - per_photon * upper.photons as f64).max(0.0);
     Some(told(prepared, asked, &known, start, per_photon))
@@ -154,28 +166,17 @@ fn of_slow_start(
     if patience.cancel.load(Ordering::Relaxed) {
         return None;
     }
-    let timed = |photons: u64| {
-        let started = Instant::now();
-        let totals = trace_few(prepared, asked.follow, photons.min(prepared.photons));
-        Trial {
-            photons: totals.photons(),
-            start_s: 0.0,
-            at_start: 0,
-            seconds: started.elapsed().as_secs_f64(),
-            error: totals.relative_error(),
-        }
-    };
-    let little = timed(FEW.0);
+    let little = few(prepared, asked, FEW.0);
     // Photons so dear that a few take as long as there is patience say enough.
     let more = if little.seconds < patience.seconds {
-        timed(FEW.1)
+        few(prepared, asked, FEW.1)
     } else {
         little
     };
     let per_photon = if more.photons > little.photons {
         ((more.seconds - little.seconds) / (more.photons - little.photons) as f64).max(0.0)
     } else {
-        more.per_photon()
+        more.seconds / more.photons.max(1) as f64
     };
     Some(told(prepared, asked, &more, start_s, per_photon))
 }
