@@ -20,8 +20,10 @@ use crate::reduction::{FrameReadError, FrameSource, reduce};
 use crate::series::{FrameRow, Manifest};
 use crate::trace::ridged::RadianceOptions;
 
-/// Of so many poses one is read.
+/// Of so many poses one is read,
 const THINNED: usize = 6;
+/// but so many at least, where there are as many: fewer do not show a surface.
+const POSES_MIN: usize = 24;
 
 /// A series with a few of its sample frames.
 pub(super) struct Thinned<'a> {
@@ -82,20 +84,26 @@ pub const TRACE: &str = "to trace";
 pub const BOOTSTRAP: &str = "for the bootstrap";
 
 /// Seconds up to which all frames are read for a forecast: the observations themselves tell most.
-const READ_ALL_S: f64 = 1.0;
+const READ_ALL_S: f64 = 2.0;
 
 /// What reading and reducing gives a forecast.
 struct Look {
     set: ObservationSet,
-    /// Of all poses, or of a sixth of them.
+    /// Whether of all poses.
     whole: bool,
     /// Of all poses, s.
     seconds: f64,
 }
 
 impl Look {
-    /// Reads a sixth of the poses, and all where that is quickly done. `None` where those give no observations.
-    fn at(source: &dyn FrameSource, region: Option<&str>, cancel: &AtomicBool) -> Option<Self> {
+    /// Reads a sixth of the poses (more where they are few), and all where that takes no longer than `all_s`. `None`
+    /// where those give no observations.
+    fn at(
+        source: &dyn FrameSource,
+        region: Option<&str>,
+        all_s: f64,
+        cancel: &AtomicBool,
+    ) -> Option<Self> {
         let layout = source.manifest().sample.layout.as_ref();
         let region = region.or(layout.map(|_| "even"));
         let timed = |source: &dyn FrameSource| {
@@ -103,11 +111,13 @@ impl Look {
             let set = reduce(source, region, cancel);
             (set.ok(), started.elapsed().as_secs_f64())
         };
-        let thinned = Thinned::new(source, THINNED);
+        let every = (poses_of(source).len() / POSES_MIN).clamp(1, THINNED);
+        let thinned = Thinned::new(source, every);
         let (few, few_s) = timed(&thinned);
         let share = source.rows().len() as f64 / thinned.rows.len().max(1) as f64;
         let expected_s = share * few_s;
-        if expected_s <= READ_ALL_S
+        if every > 1
+            && expected_s <= all_s
             && let (Some(set), seconds) = timed(source)
         {
             let whole = true;
@@ -119,7 +129,7 @@ impl Look {
         }
         Some(Look {
             set: few?,
-            whole: false,
+            whole: every == 1,
             seconds: expected_s,
         })
     }
@@ -140,7 +150,7 @@ pub fn of_reduction(
     region: Option<&str>,
     cancel: &AtomicBool,
 ) -> Option<Forecast> {
-    let reduce_s = Look::at(source, region, cancel)?.seconds;
+    let reduce_s = Look::at(source, region, 0.0, cancel)?.seconds;
     let poses = poses_of(source).len() as u64;
     Some(Forecast::of_parts([(READ, reduce_s)]).for_work(poses, "poses"))
 }
@@ -160,7 +170,7 @@ pub fn of_analysis(
     options: &AnalysisOptions,
     cancel: &AtomicBool,
 ) -> Option<Forecast> {
-    let look = Look::at(source, options.region.as_deref(), cancel)?;
+    let look = Look::at(source, options.region.as_deref(), READ_ALL_S, cancel)?;
     let reduce_s = look.seconds;
     let poses = poses_of(source);
     let asked = &options.fit;
