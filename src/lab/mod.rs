@@ -18,6 +18,7 @@ mod headway;
 pub mod measured;
 mod plans;
 mod recorder;
+mod rig;
 mod series;
 mod traces;
 mod under_way;
@@ -25,7 +26,7 @@ pub(crate) mod words;
 
 use std::collections::HashMap;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -33,15 +34,14 @@ use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
 use crate::bench::stage::{Stage, StageError, StageSettings};
 use crate::clock::Clock;
-use crate::scan::event::{AxisEvent, RigActivity};
+use crate::scan::event::RigActivity;
 use crate::scan::plan::PlanDefaults;
 use crate::scan::runner::{Order, OrderSlip, RunEnd, RunnerSettings};
-use crate::scan::{Event, RecordedEvent, Rig, ScanState, TravelLimits};
+use crate::scan::{Event, RecordedEvent, Rig, ScanState};
 use crate::series::{CameraFacts, FlatFacts, RigFacts};
 use crate::store::disk::Disk;
 use crate::store::scans::Scan;
 use crate::store::{Recovery, Store, StoreError};
-use crate::units::Angle;
 
 pub use crate::bench::stage::AxisName;
 pub use calculations::{CalculationRequest, ContrastRequest, MapRequest, VerdictRequest};
@@ -50,6 +50,7 @@ pub use error::LabError;
 pub use fits::{FitRequest, Reduced};
 pub use headway::Progress as CalculationProgress;
 pub use plans::{Estimated, ScanRequest};
+pub use rig::{AxisView, RigView};
 pub use series::{ImportOptions, Imported, StoredSeries, export};
 pub use traces::TraceRequest;
 use under_way::AllUnderWay;
@@ -125,50 +126,6 @@ struct Occupation {
     orders: Option<mpsc::Sender<OrderSlip>>,
     /// Why the stages could not be had the last time they were asked for.
     problem: Option<(String, String)>,
-}
-
-/// State of the rig as shown to people.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RigView {
-    /// Whether the stages answer.
-    pub connected: bool,
-    /// Code and words, where they do not.
-    pub problem: Option<(String, String)>,
-    /// Time scale of a simulated rig; `None` for a real one.
-    pub simulated: Option<f64>,
-    /// Port of the stages.
-    pub port: String,
-    /// Make and model of the camera.
-    pub camera: String,
-    /// Facts about the camera.
-    pub camera_facts: CameraFacts,
-    /// Facts about the geometry.
-    pub rig_facts: RigFacts,
-    /// Camera tilt, then sample azimuth.
-    pub axes: [(AxisName, AxisView); 2],
-    /// What it is doing.
-    pub activity: RigActivity,
-    /// Scan that holds it.
-    pub scan_id: Option<i64>,
-}
-
-/// State of one axis.
-#[derive(Debug, Clone, PartialEq)]
-pub struct AxisView {
-    /// Position read just now; `None` if the stage does not answer.
-    pub position: Option<Angle>,
-    /// Whether it moves.
-    pub moving: bool,
-    /// Whether it knows its reference.
-    pub homed: bool,
-    /// Warnings in words.
-    pub warnings: Vec<String>,
-    /// Serial number.
-    pub serial: Option<u32>,
-    /// Least position.
-    pub limit_min: Angle,
-    /// Greatest position.
-    pub limit_max: Angle,
 }
 
 impl Lab {
@@ -251,163 +208,6 @@ impl Lab {
 
     fn side(&self) -> Result<&RigSide, LabError> {
         self.inner.rig.as_ref().ok_or(LabError::NoRig)
-    }
-
-    /// Facts about the rig.
-    ///
-    /// # Errors
-    /// [`LabError::NoRig`].
-    pub fn rig_settings(&self) -> Result<&RigSettings, LabError> {
-        Ok(&self.side()?.settings)
-    }
-
-    /// Where the rig stands now, asked of the stages. A rig that is not connected and not in use is
-    /// connected by this.
-    ///
-    /// # Errors
-    /// [`LabError::NoRig`]; a stage that does not answer is part of the view.
-    pub async fn rig(&self) -> Result<RigView, LabError> {
-        let side = self.side()?;
-        let stage = side.stage.borrow().clone();
-        let stage = match stage {
-            Some(stage) => Ok(stage),
-            None => self.connect().await,
-        };
-        let status = match stage {
-            Ok(stage) => stage.status().await.map_err(LabError::Stage),
-            Err(error) => Err(error),
-        };
-        let occupation = side.occupation.borrow().clone();
-        let (status, problem) = match status {
-            Ok(status) => (Some(status), None),
-            Err(LabError::Busy { .. }) => (None, occupation.problem),
-            Err(error) => (None, Some((error.code().to_owned(), error.to_string()))),
-        };
-        let axes = AxisName::ALL.map(|name| {
-            let limits = match name {
-                AxisName::ThetaC => &side.stage_settings.theta_c,
-                AxisName::PhiS => &side.stage_settings.phi_s,
-            };
-            let axis = status.as_ref().map(|status| status.axis(name));
-            let view = AxisView {
-                position: axis.map(|a| a.position),
-                moving: axis.is_some_and(|a| a.moving),
-                homed: axis.is_some_and(|a| a.homed),
-                warnings: axis.map(|a| a.warnings.clone()).unwrap_or_default(),
-                serial: axis.map(|a| a.serial),
-                limit_min: limits.limit_min,
-                limit_max: limits.limit_max,
-            };
-            (name, view)
-        });
-        Ok(RigView {
-            connected: status.is_some(),
-            problem,
-            simulated: side.settings.simulated,
-            port: side.port.clone(),
-            camera: side.camera.clone(),
-            camera_facts: side.settings.camera.clone(),
-            rig_facts: side.settings.rig.clone(),
-            axes,
-            activity: occupation.activity.unwrap_or(RigActivity::Idle),
-            scan_id: occupation.scan_id,
-        })
-    }
-
-    /// Where the axes may go.
-    ///
-    /// # Errors
-    /// [`LabError::NoRig`].
-    pub fn limits(&self) -> Result<TravelLimits, LabError> {
-        let settings = &self.side()?.stage_settings;
-        Ok(TravelLimits {
-            theta_c: (settings.theta_c.limit_min, settings.theta_c.limit_max),
-            phi_s: (settings.phi_s.limit_min, settings.phi_s.limit_max),
-        })
-    }
-
-    async fn request(&self, work: bench::Work) -> Result<(), LabError> {
-        let (reply, answer) = oneshot::channel();
-        self.side()?
-            .requests
-            .send(bench::Request { work, reply })
-            .await
-            .map_err(|_| LabError::Stopping)?;
-        answer.await.map_err(|_| LabError::Stopping)?
-    }
-
-    async fn connect(&self) -> Result<Stage, LabError> {
-        self.request(bench::Work::Connect).await?;
-        let stage = self.side()?.stage.borrow().clone();
-        stage.ok_or(LabError::Busy {
-            with: "the stages are being connected".into(),
-        })
-    }
-
-    /// Connects the stages if they are not, and says why they cannot be had.
-    ///
-    /// # Errors
-    /// [`LabError::NoRig`], [`LabError::Busy`], or why the stage cannot be had.
-    pub async fn have_rig(&self) -> Result<(), LabError> {
-        self.request(bench::Work::Connect).await
-    }
-
-    /// Begins to move an axis; returns once the stage is about to move.
-    ///
-    /// # Errors
-    /// [`LabError::Busy`], [`LabError::NoRig`], a position outside the limits, or why the stage
-    /// cannot be had.
-    pub async fn move_axis(&self, axis: AxisName, target: Angle) -> Result<(), LabError> {
-        if !target.is_finite() {
-            return Err(LabError::Invalid {
-                field: "position_deg".into(),
-                problem: "must be a finite number".into(),
-            });
-        }
-        self.request(bench::Work::Move { axis, target }).await
-    }
-
-    /// Begins to look for an axis' reference; returns once the stage is about to move.
-    ///
-    /// # Errors
-    /// As [`Lab::move_axis`].
-    pub async fn home(&self, axis: AxisName) -> Result<(), LabError> {
-        self.request(bench::Work::Home { axis }).await
-    }
-
-    /// Stops both axes at once, whoever moves them; a scan pauses. Never refused.
-    ///
-    /// # Errors
-    /// Only if the stage could not be reached.
-    pub async fn stop(&self) -> Result<(), LabError> {
-        let side = self.side()?;
-        side.stopping.store(true, Ordering::Relaxed);
-        let stage = side.stage.borrow().clone();
-        let stopped = match stage {
-            // Nothing was ever connected: nothing that this daemon started can be moving.
-            None => Ok(()),
-            Some(stage) => stage.stop().await,
-        };
-        let orders = side.occupation.borrow().orders.clone();
-        if let Some(orders) = orders {
-            let (reply, _) = oneshot::channel();
-            let slip = OrderSlip {
-                order: Order::Stop,
-                reply,
-            };
-            // A full book means that orders wait already, and the stage stands still.
-            orders.try_send(slip).ok();
-        }
-        let event = Event::Rig {
-            activity: RigActivity::Stopped,
-            theta_c: AxisEvent::UNKNOWN,
-            phi_s: AxisEvent::UNKNOWN,
-        };
-        match self.inner.store.record(event).await {
-            Ok(event) => self.tell(event),
-            Err(error) => tracing::warn!(%error, "the stop could not be recorded: {error}"),
-        }
-        Ok(stopped?)
     }
 
     /// Gives an order to a running scan, or resumes an interrupted one.

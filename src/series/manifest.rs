@@ -355,17 +355,15 @@ impl Manifest {
                 eta: sample
                     .index_of_refraction
                     .or(sample.eta)
-                    .expect("validate() refuses a dielectric without an index"),
+                    .expect("`check` refuses a dielectric without an index"),
                 eta_std: sample
                     .index_of_refraction_std
                     .or(sample.eta_std)
                     .unwrap_or(INDEX_STD),
             },
             SampleKind::Conductor => Material::Conductor {
-                eta: sample
-                    .eta
-                    .expect("validate() refuses a conductor without eta"),
-                k: sample.k.expect("validate() refuses a conductor without k"),
+                eta: sample.eta.expect("`check` refuses a conductor without eta"),
+                k: sample.k.expect("`check` refuses a conductor without k"),
                 eta_std: sample.eta_std.unwrap_or(INDEX_STD),
                 k_std: sample.k_std.unwrap_or(INDEX_STD),
             },

@@ -10,6 +10,7 @@ mod check;
 mod manifest;
 mod rows;
 mod text;
+mod values;
 mod write;
 
 pub use manifest::{
