@@ -76,7 +76,9 @@ pub(super) fn rows(effort: Effort, cancel: &AtomicBool) -> Vec<Row> {
     let mut rows = Vec::new();
     conserved(&mut rows, photons, cancel);
     smooth_limits(&mut rows, photons, cancel);
-    stacks(&mut rows, photons, cancel);
+    // A photon that is split at each of thirty layers is worth many, and takes as long as many; of fewer the half per
+    // cent that growing layers reflect may have met none.
+    stacks(&mut rows, photons.min(500), cancel);
     refusals(&mut rows);
     rows
 }
@@ -158,8 +160,8 @@ fn conserved(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
         // bounces does, fewer still.
         let long = theta > 89.9 || name.contains("1e3") || name.contains("walls");
         let photons = match (long, name.contains("field of alpha 1e3")) {
-            (_, true) => (photons / 4_000).max(5),
-            (true, false) => (photons / 500).max(10),
+            (_, true) => (photons / 2_000).max(5),
+            (true, false) => (photons / 200).max(10),
             (false, false) => photons,
         };
         let found = totals(&scene(theta, &interfaces, photons), cancel);
@@ -265,13 +267,6 @@ fn smooth_limits(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
 fn stacks(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
     let table = super::forms::stack_lines();
     for line in table.iter().filter(|l| l.theta_deg < 89.0) {
-        // A photon that is split at each of thirty layers is worth many, and takes as long as many. Growing layers split
-        // off little; the half per cent that they reflect is met by few of their photons.
-        let photons = photons.min(if line.case.contains("growing") {
-            2_000
-        } else {
-            150
-        });
         let interfaces: String = line
             .indices
             .iter()
