@@ -120,10 +120,9 @@ impl Look {
             && expected_s <= all_s
             && let (Some(set), seconds) = timed(source)
         {
-            let whole = true;
             return Some(Look {
                 set,
-                whole,
+                whole: true,
                 seconds,
             });
         }

@@ -2,8 +2,8 @@
 //!
 //! [`of_run`] for one run of a scene, [`of_runs`] for several alike (angles, wavelengths).
 
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, OnceLock};
 use std::time::Instant;
 
 use crate::forecast::Forecast;
@@ -66,6 +66,34 @@ impl Trial {
     }
 }
 
+/// How far the look at the surface has come that stands before a run's first photon: share and seconds, at first and last.
+#[derive(Debug, Default)]
+struct Looked(Mutex<Option<[(f64, f64); 2]>>);
+
+impl Looked {
+    /// A share of it is done.
+    fn at(&self, share: f64, seconds: f64) {
+        let mut marks = self.0.lock().expect("no holder of this lock panics");
+        match marks.as_mut() {
+            Some([_, last]) if share > last.0 => *last = (share, seconds),
+            Some(_) => {}
+            None => *marks = Some([(share, seconds); 2]),
+        }
+    }
+
+    /// Seconds of all of it at its pace so far, which begins once it has begun: what a surface works out for it alone
+    /// comes first. `spent_s` where it has no pace yet.
+    fn whole_s(&self, spent_s: f64) -> f64 {
+        let marks = self.0.lock().expect("no holder of this lock panics");
+        match *marks {
+            Some([(from, begun_s), (to, seconds)]) if to > from => {
+                begun_s + (1.0 - from) * (seconds - begun_s) / (to - from)
+            }
+            _ => spent_s,
+        }
+    }
+}
+
 /// A run that does without the start of a longer one.
 fn few(prepared: &Prepared, asked: Asked, photons: u64) -> Trial {
     let started = Instant::now();
@@ -96,6 +124,7 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
         .min(prepared.photons);
     let small = (large / 4).max(1);
     let begun = Instant::now();
+    let looked = Looked::default();
     let go_on = || {
         !patience.cancel.load(Ordering::Relaxed) && begun.elapsed().as_secs_f64() < patience.seconds
     };
@@ -106,7 +135,12 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
         let started = Instant::now();
         let first = OnceLock::new();
         let totals = trace_photons(prepared, asked.follow, photons, Shard::WHOLE, &|p| {
-            first.get_or_init(|| (started.elapsed().as_secs_f64(), p.photons));
+            match p.look {
+                Some(share) => looked.at(share, started.elapsed().as_secs_f64()),
+                None => {
+                    first.get_or_init(|| (started.elapsed().as_secs_f64(), p.photons));
+                }
+            }
             go_on()
         });
         let (start_s, at_start) = first.get().copied().unwrap_or_default();
@@ -129,8 +163,8 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
         )
     };
     let Some(little) = better(small) else {
-        let start_s = begun.elapsed().as_secs_f64();
-        return of_slow_start(prepared, start_s, asked, patience);
+        let spent_s = begun.elapsed().as_secs_f64();
+        return of_slow_start(prepared, looked.whole_s(spent_s), asked, patience);
     };
     let more = better(large).filter(|more| more.photons > little.photons);
     let known = more.unwrap_or(little);
@@ -155,8 +189,8 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
     Some(told(prepared, asked, &known, start, per_photon))
 }
 
-/// The same where patience ended before the start of a run was over, after `start_s`: a few photons without it tell what
-/// one costs.
+/// The same where patience ended before the start of a run was over, which takes `start_s`: a few photons without it tell
+/// what one costs.
 fn of_slow_start(
     prepared: &Prepared,
     start_s: f64,
@@ -247,18 +281,30 @@ pub fn of_runs(
             ..told
         });
     }
-    let runs = found.len() as f64;
-    let each_s = found.iter().map(|f| f.seconds).sum::<f64>() / runs;
+    let share = count as f64 / found.len() as f64;
+    let seconds = share * found.iter().map(|f| f.seconds).sum::<f64>();
+    let counted = found.iter().filter_map(|f| f.amount.as_ref());
+    let photons = share * counted.map(|a| a.count as f64).sum::<f64>();
     let first = found.into_iter().next()?;
-    Some(Forecast {
-        seconds: count as f64 * each_s,
-        ..first
-    })
+    let forecast = Forecast { seconds, ..first };
+    Some(forecast.for_work(photons as u64, "photons"))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_look_takes_what_it_takes_to_begin_and_then_goes_at_its_pace() {
+        let looked = Looked::default();
+        assert_eq!(looked.whole_s(0.7), 0.7);
+        looked.at(0.0, 0.5);
+        assert_eq!(looked.whole_s(0.7), 0.7);
+        for (share, seconds) in [(0.25, 1.0), (0.125, 1.1), (0.5, 1.5)] {
+            looked.at(share, seconds);
+        }
+        assert_eq!(looked.whole_s(2.0), 0.5 + 2.0);
+    }
 
     #[test]
     fn a_run_is_forecast_only_while_there_is_patience() {
@@ -296,5 +342,6 @@ mod tests {
         let told = of_runs(9, &make, asked, Patience { seconds, cancel }).unwrap();
         assert_eq!(*made.borrow(), [0, 4, 8]);
         assert!(told.seconds > 0.0 && !told.at_most, "{told:?}");
+        assert_eq!(told.amount.as_ref().unwrap().count, 9 * 40_000);
     }
 }

@@ -177,9 +177,9 @@ const PLANNED_PHOTONS: u64 = 100_000;
 /// square of n errors is itself known to 1/√(2n) only.
 type Sizes = &'static [(u64, u64)];
 const QUICK: Sizes = &[(4_000, 8), (16_000, 6), (64_000, 3)];
-const FULL: Sizes = &[(8_000, 12), (32_000, 8), (128_000, 4)];
+const FULL: Sizes = &[(4_000, 12), (16_000, 8), (64_000, 4)];
 /// Light without polarisation ends at its bias, which few runs show.
-const FULL_SCALAR: Sizes = &[(8_000, 6), (32_000, 3), (128_000, 2)];
+const FULL_SCALAR: Sizes = &[(4_000, 6), (16_000, 3), (64_000, 2)];
 /// Standard errors of the difference up to which a mean counts as that of the reference.
 const SAME: f64 = 2.0;
 
@@ -213,20 +213,21 @@ pub(super) fn measure(
     cancel: &AtomicBool,
     found: &mut Measurements,
 ) {
-    let (sizes, scalar, long) = match effort {
-        Effort::Quick => (QUICK, QUICK, 300_000),
-        Effort::Full => (FULL, FULL_SCALAR, 1_000_000),
+    // Splitting light tells more per photon, so a reference by it needs fewer.
+    let (sizes, scalar, [by_split, by_analog]) = match effort {
+        Effort::Quick => (QUICK, QUICK, [300_000, 300_000]),
+        Effort::Full => (FULL, FULL_SCALAR, [500_000, 1_000_000]),
     };
     // A forecast of the reference's run, before it starts.
     let told = scene
-        .prepared("split", "true", long, REFERENCE_SEED)
+        .prepared("split", "true", by_split, REFERENCE_SEED)
         .and_then(|prepared| {
             let seconds = f64::INFINITY;
             of_run(&prepared, Asked::ALL, Patience { seconds, cancel })
         });
     // Each method's reference is another method: the analog tracer's is the split one and the reverse.
     let mut taken = None;
-    let mut against = |method: &str| {
+    let mut against = |method: &str, photons: u64| {
         let exact = scene.exact().map(|value| Reference {
             value,
             std: 0.0,
@@ -236,7 +237,7 @@ pub(super) fn measure(
         if method != "split" && exact.is_some() {
             return exact;
         }
-        let prepared = scene.prepared(method, "true", long, REFERENCE_SEED)?;
+        let prepared = scene.prepared(method, "true", photons, REFERENCE_SEED)?;
         let ([value, std], seconds) = reflected(&prepared, cancel);
         if method == "split" {
             taken = Some(seconds);
@@ -245,11 +246,12 @@ pub(super) fn measure(
             Some(Reference {
                 value,
                 std,
-                name: format!("{method}, polarised, {long} photons, ± {std:.1e}"),
+                name: format!("{method}, polarised, {photons} photons, ± {std:.1e}"),
             })
         })
     };
-    let (Some(by_split), Some(by_analog)) = (against("split"), against("analog")) else {
+    let (by_split, by_analog) = (against("split", by_split), against("analog", by_analog));
+    let (Some(by_split), Some(by_analog)) = (by_split, by_analog) else {
         return;
     };
     if let (Some(told), Some(taken_s)) = (told, taken) {

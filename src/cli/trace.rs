@@ -5,6 +5,7 @@ mod curves;
 mod ellipsometer;
 mod hemisphere;
 mod pictures;
+mod runs;
 mod table;
 
 use std::io::{IsTerminal, Write};
@@ -26,7 +27,7 @@ use crate::plan;
 use crate::plan::scene::Wish;
 use crate::trace::report::Report;
 use crate::trace::run::{self, Ending, Progress, Shard, SoFar};
-use crate::trace::scene::{Prepared, Scene};
+use crate::trace::scene::{HeightMap, Prepared, Scene, Shapes};
 
 /// Traces polarised light through a scene of single or layered micro-surfaces.
 #[derive(Debug, clap::Args)]
@@ -123,15 +124,14 @@ pub fn run(args: Args) -> Result<(), CliError> {
         ("--target-error", args.target_error),
         ("--tolerance", args.tolerance),
     ])?;
+    let watch = Stopwatch::start(args.max_seconds);
     let mut fingerprint = Sha256::new();
-    let before = Instant::now();
     let (scene, mut prepared) = prepare(path, &mut fingerprint)?;
-    let surface_seconds = before.elapsed().as_secs_f64();
+    let surface_seconds = watch.seconds();
     let out = args.out.as_deref().or(args.resume.as_deref());
     out.map_or(Ok(()), place::for_file)?;
     args.pictures.as_deref().map_or(Ok(()), place::for_files)?;
     let cancel = interrupt::flag()?;
-    let watch = Stopwatch::start(args.max_seconds);
     // What is left out decides which bits come out: parts of one run leave out the same.
     fingerprint.update(format!("{:?}", args.tolerance));
     let run_id = hex(&fingerprint.finalize());
@@ -155,15 +155,11 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let before = before.transpose()?;
     let forecast = (worth && args.shard.is_none() && before.is_none())
         .then(|| {
-            let seconds = args.max_seconds.map_or(FORECAST_S_MAX, |max_s| {
-                (FORECAST_SHARE * max_s).min(FORECAST_S_MAX)
-            });
-            let cancel: &AtomicBool = &cancel;
             let asked = Asked {
                 target_error: args.target_error,
                 ..Asked::ALL
             };
-            of_run(&prepared, asked, Patience { seconds, cancel })
+            of_run(&prepared, asked, patience(args.max_seconds, &cancel))
         })
         .flatten();
     if let Some(forecast) = forecast {
@@ -249,16 +245,29 @@ const FORECAST_S_MAX: f64 = 3.0;
 /// and the share of a limited time that the forecast may take.
 const FORECAST_SHARE: f64 = 0.1;
 
+/// What a forecast may take of a time.
+fn patience(max_seconds: Option<f64>, cancel: &AtomicBool) -> Patience<'_> {
+    let seconds = max_seconds.map_or(FORECAST_S_MAX, |max_s| {
+        (FORECAST_SHARE * max_s).min(FORECAST_S_MAX)
+    });
+    Patience { seconds, cancel }
+}
+
 /// A scene with its files, ready to trace.
 pub(super) fn ready(path: &Path, scene: &Scene) -> Result<Prepared, CliError> {
-    let folder = path.parent().unwrap_or(Path::new("."));
     scene
-        .prepare(&|file| {
-            let content = std::fs::read(folder.join(file)).map_err(|e| e.to_string())?;
-            heights::read(file, &content)
-        })
+        .prepare(&beside(path))
         .with_context(|| path.display().to_string())
         .map_err(CliError::bad_input)
+}
+
+/// Reads the files that a scene names, which lie beside it.
+fn beside(path: &Path) -> impl Fn(&str) -> Result<HeightMap, String> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    |file| {
+        let content = std::fs::read(folder.join(file)).map_err(|e| e.to_string())?;
+        heights::read(file, &content)
+    }
 }
 
 fn prepare(path: &Path, fingerprint: &mut Sha256) -> Result<(Scene, Prepared), CliError> {
@@ -289,21 +298,28 @@ struct Source {
 }
 
 impl Source {
-    fn read(path: &Path) -> Result<Self, CliError> {
+    fn read(path: &Path, photons: Option<u64>) -> Result<Self, CliError> {
         let text = std::fs::read_to_string(path)
             .with_context(|| format!("cannot read the scene {}", path.display()))
             .map_err(CliError::bad_input)?;
-        let scene = Scene::parse(&text)
+        let mut scene = Scene::parse(&text)
             .with_context(|| path.display().to_string())
             .map_err(CliError::bad_input)?;
+        if let Some(photons) = photons {
+            scene.run.photons = photons;
+        }
         Ok(Source {
             path: path.to_owned(),
             scene,
         })
     }
 
-    fn prepare(&self) -> Result<Prepared, CliError> {
-        ready(&self.path, &self.scene)
+    /// Its surfaces, which neither lamp nor run change.
+    fn shapes(&self) -> Result<Shapes, CliError> {
+        self.scene
+            .shapes(&beside(&self.path))
+            .with_context(|| self.path.display().to_string())
+            .map_err(CliError::bad_input)
     }
 }
 
@@ -358,17 +374,18 @@ fn watched(
     let done = before.as_ref().map_or(0, |b| b.totals.photons());
     bar.set_position(done);
     bar.reset_eta();
-    let ending = if args.target_error.is_some() || args.max_seconds.is_some() {
-        Ending::AnyTime
-    } else {
-        Ending::AtLast
-    };
+    let left_s = args.max_seconds.map(|limit| limit - watch.seconds());
+    let ending = Ending::of(left_s, args.target_error);
     let so_far = run::resume(prepared, shard, before, ending, &|progress: &Progress| {
-        first();
+        if progress.look.is_none() {
+            first();
+        }
         if watch.seconds() > 1.0 {
             bar.set_length(progress.photons_planned);
             bar.set_position(progress.photons);
-            if let Some(error) = progress.relative_error {
+            if let Some(share) = progress.look {
+                bar.set_message(format!("surface looked at: {:.0} %", 100.0 * share));
+            } else if let Some(error) = progress.relative_error {
                 bar.set_message(format!("error {:.2} %", 100.0 * error));
             }
         }

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::misfit::{explained, lightened, loss_weights, peak};
 use super::opening::{Opening, THOROUGH_ROUNDS};
 use super::problem::{Problem, Quantity, Values};
-use super::search::{Search, StartReport, determined};
+use super::search::{Search, StartReport};
 use super::settle::{Settled, Weighing, with_tier};
 use super::solver::{Ending, Minimum, Settings};
 use super::thin::{self, Thinned};
@@ -25,9 +25,6 @@ const RIVAL_RISE: f64 = 25.0;
 /// Rise of the cost up to which a minimum is as good as the best one: the square of the report's
 /// coverage factor.
 const AMBIGUOUS_RISE: f64 = 4.0;
-/// Observations in the lobe up to which its shape has more than one explanation that only the final
-/// weights tell apart.
-pub(super) const FEW_IN_LOBE: usize = 12;
 /// How many times smaller a misfit is that makes another end of the search the better one.
 const FAR_LESS: f64 = 4.0;
 
@@ -197,7 +194,7 @@ pub(super) fn whole<'a>(
     let starts = search.report();
     let candidates = search.rivals(RIVAL_RISE);
     let mut narrow: Vec<Minimum> = Vec::new();
-    if options.misfit && tier.is_some() && in_lobe(&settled) <= FEW_IN_LOBE {
+    if options.misfit && tier.is_some() && settled.narrow() {
         narrow = search.look_again(&settled.problem, &settled.minimum);
     }
     // The weights of the starts may rank near minima wrongly; the final ones decide.
@@ -223,11 +220,7 @@ pub(super) fn whole<'a>(
         m.cost.is_finite() && rise < AMBIGUOUS_RISE && rise > 1e-6 * cost.max(1.0)
     });
     let mut shift = vec![0.0; settled.minimum.parameters.len()];
-    let dispensable = |tier: Tier<'_>| {
-        let cost = thin::tier_cost(&settled, tier)?;
-        (cost <= options.tolerance?).then_some(cost)
-    };
-    let tier_left_out = tier.and_then(dispensable);
+    let tier_left_out = tier.and_then(|tier| thin::dispensable(&settled, tier, options));
     if let Some(tier) = tier.filter(|_| tier_left_out.is_none()) {
         let found = with_tier(settled, tier, &search, &narrow, &weighing);
         settled = found.settled;
@@ -259,12 +252,10 @@ fn with_less_misfit<'a>(
 ) -> Settled<'a> {
     let cancel = weighing.cancel;
     for _ in 0..THOROUGH_ROUNDS {
-        let open = !determined(&settled.problem, &settled.minimum);
-        let seen = !open && in_lobe(&settled) > FEW_IN_LOBE;
-        if settled.discrepancy == 0.0 || seen || cancel.load(Ordering::Relaxed) {
+        if !settled.doubted() || cancel.load(Ordering::Relaxed) {
             break;
         }
-        if open {
+        if settled.open() {
             search.look_hard();
         }
         let less = settled.discrepancy / FAR_LESS;
@@ -287,7 +278,7 @@ fn with_less_misfit<'a>(
             None => break,
         }
     }
-    if settled.discrepancy == 0.0 && !determined(&settled.problem, &settled.minimum) {
+    if settled.discrepancy == 0.0 && settled.open() {
         search.noise_alone(&settled);
         search.persist(&settled.problem);
         settled.minimum = search.best().cloned().unwrap_or(settled.minimum);
@@ -375,23 +366,6 @@ pub(super) fn conclude<'a>(
         tier_left_out,
         thinned: None,
     }
-}
-
-/// Observations where the facets' lobe is above a twentieth of its top.
-pub(super) fn in_lobe(settled: &Settled<'_>) -> usize {
-    let problem = &settled.problem;
-    let values = problem.unpack(&settled.minimum.parameters);
-    let (ready, cones) = (problem.ready(&values), problem.set().rig.cones.widening());
-    let (s, c) = values.theta_r.abs().sin_cos();
-    let inside = |i: &usize| {
-        let d = problem.directions(*i, &ready).0;
-        let h = d.incident + d.outgoing;
-        let m = h.y * s + h.z * c;
-        let (x, y) = (h.x / m, (h.y * c - h.z * s) / m);
-        let along = x * x / (values.alpha_u * values.alpha_u + cones);
-        m > 0.0 && along + y * y / (values.alpha_v * values.alpha_v + cones) < 3.0
-    };
-    (0..problem.set().observations.len()).filter(inside).count()
 }
 
 /// Whether the poses are so few, or their azimuths, that near symmetries make near minima.

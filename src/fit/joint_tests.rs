@@ -5,24 +5,11 @@ use std::sync::atomic::AtomicBool;
 use super::*;
 use crate::fit::Told;
 use crate::fit::budget::uncertainty;
-use crate::fit::painted::painted;
+use crate::fit::painted::{TRUTH, painted};
 use crate::fit::report::Parameter;
 use crate::fit::report::Status;
 use crate::geometry::Pose;
 use crate::material::Material;
-
-const TRUTH: Values = Values {
-    theta_r: 0.17,
-    alpha_u: 0.12,
-    alpha_v: 0.15,
-    rho_d: 0.3,
-    scale: 1.0,
-    background: 0.0,
-    azimuth_offset: 0.0,
-    tilt_offset: 0.0,
-    eta: 1.54,
-    k: 0.0,
-};
 
 /// A scan of the sample, mounted with these zeros; five tilts at every azimuth.
 fn scan(seed: u64, azimuths: &[f64], zeros_deg: [f64; 2]) -> ObservationSet {

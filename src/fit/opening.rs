@@ -105,11 +105,7 @@ impl<'a> Opening<'a> {
 
     /// A search that has had its quick look.
     pub(super) fn search<'s>(&'s self, options: &FitOptions, cancel: &'s AtomicBool) -> Search<'s> {
-        let effort = if options.misfit {
-            Effort::MISFIT
-        } else {
-            Effort::NOISE
-        };
+        let effort = Effort::first(options);
         let mut search = Search::new(&self.fixed, options.seed, effort, cancel);
         search.quick(&self.first, options.starts);
         search.carry_over(&self.first, &self.problem);

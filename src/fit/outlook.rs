@@ -11,15 +11,15 @@ use rayon::prelude::*;
 
 use super::candidates::{self, POOL, SCAN, Wanted};
 use super::covariance::{Scaling, covariance};
-use super::estimate::{FEW_IN_LOBE, Tier, few_directions, in_lobe};
-use super::misfit::{misfit_scale, peak};
+use super::estimate::{Tier, few_directions};
+use super::misfit::misfit_scale;
 use super::opening::Opening;
 use super::problem::{Problem, Values};
 use super::profile::{bootstrap, profile};
 use super::report::COVERAGE_FACTOR;
 use super::search::{
     CALM, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, REFINED, REFINED_THOROUGHLY, RIVALS, ROUGH,
-    determined, over_shapes, usable,
+    over_shapes, usable,
 };
 use super::settle::{DOUBTFUL, NARROW_TRIALS, Settled, TRIALS};
 use super::solver::{Minimum, minimise};
@@ -142,21 +142,16 @@ impl Look<'_> {
         let rounds = opening
             .rounds(&search, options)
             .max(usize::from(few_directions(set)));
-        let open = !determined(&settled.problem, &settled.minimum);
-        let narrow = in_lobe(&settled) <= FEW_IN_LOBE;
+        let open = settled.open();
         let noise_alone = settled.discrepancy == 0.0;
         let misfit = options.misfit;
-        let demands = misfit && !noise_alone && (open || narrow);
-        let again = misfit && narrow && tier.is_some();
+        let demands = misfit && settled.doubted();
+        let again = misfit && tier.is_some() && settled.narrow();
         let persists = open && (noise_alone || !misfit);
         let mut seconds = opened_s + looked_s + settled_s;
         if rounds > 0 || demands || again || persists {
             let costs = self.costs(&opening.problem, &opening.fixed);
-            let first = if misfit {
-                Effort::MISFIT
-            } else {
-                Effort::NOISE
-            };
+            let first = Effort::first(options);
             let later = if open { Effort::NOISE } else { first };
             seconds += rounds as f64 * costs.round(first);
             if demands {
@@ -172,9 +167,7 @@ impl Look<'_> {
         }
         if let Some(tier) = tier {
             let values = settled.problem.unpack(&settled.minimum.parameters);
-            let (shift, tier_s) = self.timed(|| tier(&settled.problem, &values));
-            let largest = shift.iter().flatten().fold(0.0, |m: f64, x| m.max(x.abs()));
-            let cost = largest * values.scale.abs() / peak(set).max(f64::MIN_POSITIVE);
+            let (_, tier_s) = self.timed(|| tier(&settled.problem, &values));
             let mut trials = 0;
             if again && !noise_alone {
                 trials += NARROW_TRIALS;
@@ -182,8 +175,7 @@ impl Look<'_> {
             if settled.discrepancy > DOUBTFUL {
                 trials += TRIALS;
             }
-            let needed = options.tolerance.is_none_or(|tolerance| cost > tolerance);
-            let passes = if needed {
+            let passes = if thin::dispensable(&settled, tier, options).is_none() {
                 PASSES + TRIAL_PASSES * trials as f64
             } else {
                 1.0
@@ -345,22 +337,10 @@ pub fn likely(
 mod tests {
     use std::cell::Cell;
 
-    use super::super::painted::painted;
+    use super::super::misfit::peak;
+    use super::super::painted::{TRUTH, painted};
     use super::super::tier::two_bounces;
     use super::*;
-
-    const TRUTH: Values = Values {
-        theta_r: 0.2,
-        alpha_u: 0.1,
-        alpha_v: 0.12,
-        rho_d: 0.3,
-        scale: 1.0,
-        background: 0.0,
-        azimuth_offset: 0.0,
-        tilt_offset: 0.0,
-        eta: 1.54,
-        k: 0.0,
-    };
 
     fn grid(tilts: u32, turns: u32) -> Vec<Pose> {
         let step = 360.0 / f64::from(turns);

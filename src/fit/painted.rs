@@ -9,6 +9,20 @@ use crate::material::Material;
 use crate::model::Variant;
 use crate::observation::{Observation, ObservationSet, Prior, WhiteReference};
 
+/// Plastic as a lab meets it.
+pub const TRUTH: Values = Values {
+    theta_r: 0.17,
+    alpha_u: 0.12,
+    alpha_v: 0.15,
+    rho_d: 0.3,
+    scale: 1.0,
+    background: 0.0,
+    azimuth_offset: 0.0,
+    tilt_offset: 0.0,
+    eta: 1.54,
+    k: 0.0,
+};
+
 /// Plastic on an absolute scale, painted with `truth`; every observation has the noise `noise` as a share of the
 /// brightest.
 pub fn painted(

@@ -12,6 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
+use super::FitOptions;
 use super::candidates::{self, Wanted};
 use super::covariance::{Scaling, covariance};
 use super::crew::{End, descend_together};
@@ -88,6 +89,15 @@ impl Effort {
         worth: 0,
         rescanned: 1,
     };
+
+    /// What a search begins with.
+    pub(super) fn first(options: &FitOptions) -> Self {
+        if options.misfit {
+            Effort::MISFIT
+        } else {
+            Effort::NOISE
+        }
+    }
 
     pub(super) fn starts(self, residuals: usize) -> usize {
         (self.worth / residuals.max(1)).clamp(self.descended.0, self.descended.1)

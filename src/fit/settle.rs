@@ -14,7 +14,7 @@ use super::FitOptions;
 use super::estimate::Tier;
 use super::misfit::{ROUNDS, discrepancy_of};
 use super::problem::Problem;
-use super::search::{FINE, Search};
+use super::search::{FINE, Search, determined};
 use super::solver::{Ending, Minimum, Settings};
 use super::start::distance;
 use super::thin::minimise;
@@ -24,6 +24,8 @@ use super::thin::minimise;
 pub(super) const DOUBTFUL: f64 = 0.015;
 /// Other ends that are tried with the tier then.
 pub(super) const TRIALS: usize = 6;
+/// Observations in the lobe up to which only the final weights tell explanations of its shape apart.
+const FEW_IN_LOBE: usize = 12;
 /// Near ends of a narrow lobe that are tried with the tier in any case.
 pub(super) const NARROW_TRIALS: usize = 3;
 /// Misfit of another end, as a multiple of the best one's, up to which it is no worse where neither
@@ -79,6 +81,38 @@ pub(super) struct Settled<'a> {
 }
 
 impl Settled<'_> {
+    /// Whether the data leave the surface open here.
+    pub(super) fn open(&self) -> bool {
+        !determined(&self.problem, &self.minimum)
+    }
+
+    /// Whether so few poses meet the lobe that its shape has more than one explanation.
+    pub(super) fn narrow(&self) -> bool {
+        self.in_lobe() <= FEW_IN_LOBE
+    }
+
+    /// Whether a surface with far less misfit is worth looking for.
+    pub(super) fn doubted(&self) -> bool {
+        self.discrepancy != 0.0 && (self.open() || self.narrow())
+    }
+
+    /// Observations where the facets' lobe is above a twentieth of its top.
+    fn in_lobe(&self) -> usize {
+        let problem = &self.problem;
+        let values = problem.unpack(&self.minimum.parameters);
+        let (ready, cones) = (problem.ready(&values), problem.set().rig.cones.widening());
+        let (s, c) = values.theta_r.abs().sin_cos();
+        let inside = |i: &usize| {
+            let d = problem.directions(*i, &ready).0;
+            let h = d.incident + d.outgoing;
+            let m = h.y * s + h.z * c;
+            let (x, y) = (h.x / m, (h.y * c - h.z * s) / m);
+            let along = x * x / (values.alpha_u * values.alpha_u + cones);
+            m > 0.0 && along + y * y / (values.alpha_v * values.alpha_v + cones) < 3.0
+        };
+        (0..problem.set().observations.len()).filter(inside).count()
+    }
+
     /// Rounds of discrepancy, weights and refit.
     pub(super) fn settle(&mut self, weighing: &Weighing<'_>) {
         self.settle_by(&Settings::default(), weighing);

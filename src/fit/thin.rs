@@ -277,6 +277,16 @@ pub(super) fn estimate<'a>(
     Some(all)
 }
 
+/// What it costs to do without a tier, as a share of the peak, where the tolerance allows that.
+pub(super) fn dispensable(
+    settled: &Settled<'_>,
+    tier: Tier<'_>,
+    options: &FitOptions,
+) -> Option<f64> {
+    let tolerance = options.tolerance?;
+    tier_cost(settled, tier).filter(|cost| *cost <= tolerance)
+}
+
 /// What a tier changes at a settled minimum: the largest of [`PROBED`] observations and the brightest, as a
 /// share of the peak. `None` where the tier has nothing to say.
 pub(super) fn tier_cost(settled: &Settled<'_>, tier: Tier<'_>) -> Option<f64> {

@@ -27,8 +27,8 @@ use crate::trace::compare::{
 use crate::trace::ellipsometer::{Point, SETTINGS, Setting, curve_of};
 use crate::trace::height_field::Side;
 use crate::trace::report::Report;
-use crate::trace::run::{Ending, Follow, Progress, Shard, resume, trace_paired};
-use crate::trace::scene::{Prepared, Scene, SceneError};
+use crate::trace::run::{Ending, Follow, Progress, trace_following};
+use crate::trace::scene::{Prepared, Scene, SceneError, Shapes};
 use crate::trace::tally::Totals;
 
 /// Direction bins per side beyond which the files of a trace were too large for a page: 0.5° by 0.5°.
@@ -61,6 +61,7 @@ pub struct TraceRequest {
 pub(super) struct TraceToDo {
     request: TraceRequest,
     scene: Scene,
+    shapes: Shapes,
     prepared: Prepared,
 }
 
@@ -156,7 +157,9 @@ impl TraceRequest {
             )));
         }
         self.check_files(&scene)?;
-        let prepared = self.made(&scene).map_err(|e| wrong(e.to_string()))?;
+        let shapes = self.shapes(&scene).map_err(|e| wrong(e.to_string()))?;
+        let prepared = scene.prepare_on(&shapes);
+        let prepared = prepared.map_err(|e| wrong(e.to_string()))?;
         if self.compare && !prepared.polarised {
             return Err(LabError::Invalid {
                 field: "compare".into(),
@@ -166,6 +169,7 @@ impl TraceRequest {
         Ok(TraceToDo {
             request: self.clone(),
             scene,
+            shapes,
             prepared,
         })
     }
@@ -193,8 +197,8 @@ impl TraceRequest {
         Ok(())
     }
 
-    fn made(&self, scene: &Scene) -> Result<Prepared, SceneError> {
-        scene.prepare(&|name| match self.files.get(name) {
+    fn shapes(&self, scene: &Scene) -> Result<Shapes, SceneError> {
+        scene.shapes(&|name| match self.files.get(name) {
             Some(content) => content.heights(name),
             None => Err(format!(
                 "is not there: send it as `files`: {{{name:?}: content in base64}}"
@@ -234,11 +238,19 @@ impl TraceToDo {
         wavelengths
     }
 
+    fn follow(&self) -> Follow {
+        if self.request.compare {
+            Follow::Both
+        } else {
+            Follow::Scene
+        }
+    }
+
     /// The scene at another wavelength.
     fn at(&self, wavelength_nm: f64) -> Result<Prepared, SceneError> {
         let mut scene = self.scene.clone();
         scene.light.wavelength_nm = wavelength_nm;
-        self.request.made(&scene)
+        scene.prepare_on(&self.shapes)
     }
 
     /// What it will take, from short runs of it.
@@ -248,11 +260,7 @@ impl TraceToDo {
         let seconds = limited.unwrap_or(f64::INFINITY).min(PATIENCE_S);
         let patience = Patience { seconds, cancel };
         let asked = Asked {
-            follow: if request.compare {
-                Follow::Both
-            } else {
-                Follow::Scene
-            },
+            follow: self.follow(),
             target_error: request.target_error,
         };
         let wavelengths = self.wavelengths();
@@ -378,17 +386,8 @@ impl TraceToDo {
             let late = share.is_some_and(|limit| begun.elapsed().as_secs_f64() >= limit);
             go_on(progress.photons) && !late && !self.is_reached(progress.relative_error)
         };
-        let limited = share.is_some() || self.request.target_error.is_some();
-        let ending = if limited {
-            Ending::AnyTime
-        } else {
-            Ending::AtLast
-        };
-        if self.request.compare {
-            trace_paired(prepared, ending, &proceed)
-        } else {
-            resume(prepared, Shard::WHOLE, None, ending, &proceed).totals
-        }
+        let ending = Ending::of(share, self.request.target_error);
+        trace_following(prepared, self.follow(), ending, &proceed)
     }
 
     fn is_reached(&self, error: Option<f64>) -> bool {

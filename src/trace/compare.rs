@@ -1,6 +1,6 @@
 //! Where a computation without polarisation goes wrong: difference maps over the directions of exit.
 //!
-//! Call [`Difference::of`] on runs of [`super::run::trace_paired`], one per wavelength, all with the
+//! Call [`Difference::of`] on runs that follow both ([`super::run::Follow`]), one per wavelength, all with the
 //! same bins. As Wang et al. 2017 (Sec. 5) have it, per direction d = (I_pol − I_scalar)/I_scalar of an
 //! unpolarised lamp; ADM is the mean of |d| over the wavelengths, MDM the greatest. Directions
 //! darker than the mean of the lit ones over a divisor are left out, and so are those that the run has
@@ -214,7 +214,8 @@ fn summary(mut values: Vec<f64>) -> Option<Summary> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::run::{self, Ending, Shard, trace_paired};
+    use super::super::run::{self, Ending, Follow, Shard};
+    use super::super::scene::Prepared;
     use super::super::scene::Scene;
     use super::*;
     use crate::model::flat_stack::FlatStack;
@@ -225,9 +226,11 @@ mod tests {
         );
         let scene = Scene::parse(&text).unwrap();
         let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
-        trace_paired(&prepared.with_grid(Grid::disc(16)), Ending::AtLast, &|_| {
-            true
-        })
+        both_ways(&prepared.with_grid(Grid::disc(16)))
+    }
+
+    fn both_ways(prepared: &Prepared) -> Totals {
+        run::trace_following(prepared, Follow::Both, Ending::AtLast, &|_| true)
     }
 
     #[test]
@@ -257,7 +260,7 @@ mod tests {
                     below = { n = 1.5 }\n[run]\nphotons = 500\ntheta_bins = 9\nphi_bins = 9\n";
         let scene = Scene::parse(text).unwrap();
         let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
-        let totals = trace_paired(&prepared, Ending::AtLast, &|_| true);
+        let totals = both_ways(&prepared);
         let points = lobe(&totals, 180.0).unwrap();
         let [only] = &points[..] else {
             panic!("a mirror sends light in one direction: {points:?}")

@@ -12,6 +12,7 @@
 //! start only where something is left to chance.
 
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
@@ -65,8 +66,14 @@ pub struct FirstHits<'a> {
     pub known: Known,
 }
 
+/// The look at the triangles was stopped before it was over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stopped;
+
 /// Cells whose known light one thread adds up.
 const CHUNK: usize = 1 << 14;
+/// Cells after which it is asked whether to go on; chunks are multiples of it.
+const ASKED: usize = 1 << 10;
 /// Photons per triangle from which on it pays to find out which light of theirs is free for certain, where they
 /// are followed one by one.
 const WORTH_A_LOOK: u64 = 8;
@@ -77,12 +84,20 @@ const KEPT_MAX: usize = 1 << 20;
 
 impl<'a> FirstHits<'a> {
     /// Looks at all triangles of the first interface for a run of so many photons; `None` where it is not a height
-    /// field, or where light falls so flat that most starts would lie in the shadow.
-    #[must_use]
-    pub fn new<L: Light>(walk: &'a Walk<'a>, grid: Grid, photons: u64) -> Option<Self> {
+    /// field, or where light falls so flat that most starts would lie in the shadow. `go_on` is asked from time to
+    /// time, from any thread, with the share that is done.
+    ///
+    /// # Errors
+    /// [`Stopped`] where it was told to.
+    pub fn new<L: Light>(
+        walk: &'a Walk<'a>,
+        grid: Grid,
+        photons: u64,
+        go_on: &(dyn Fn(f64) -> bool + Sync),
+    ) -> Result<Option<Self>, Stopped> {
         let interface = &walk.stack.interfaces[0];
         let Relief::Field(field) = &interface.relief else {
-            return None;
+            return Ok(None);
         };
         let (nx, ny) = field.cells();
         let cells = nx * ny;
@@ -96,13 +111,20 @@ impl<'a> FirstHits<'a> {
             thorough: walk.method == Method::Split || photons / WORTH_A_LOOK >= 2 * cells as u64,
         };
         let known = Mutex::new(Known::new(grid, L::ELEMENTS));
-        let chunks: Vec<Vec<(Start, f64)>> = (0..cells.div_ceil(CHUNK))
+        let done = AtomicUsize::new(0);
+        let chunks: Result<Vec<Vec<(Start, f64)>>, Stopped> = (0..cells.div_ceil(CHUNK))
             .into_par_iter()
             .map_init(
                 || Batch::new::<L>(grid),
                 |batch, chunk| {
                     let mut starts = Vec::with_capacity(2 * CHUNK);
                     for cell in chunk * CHUNK..((chunk + 1) * CHUNK).min(cells) {
+                        if cell.is_multiple_of(ASKED) {
+                            let done = done.fetch_add(ASKED, Ordering::Relaxed);
+                            if !go_on(done as f64 / cells as f64) {
+                                return Err(Stopped);
+                            }
+                        }
                         let (i, j) = (cell / ny, cell % ny);
                         for upper in [false, true] {
                             starts.extend(look.at::<L>(i, j, upper, batch));
@@ -113,10 +135,11 @@ impl<'a> FirstHits<'a> {
                         .lock()
                         .expect("no thread panics while it adds")
                         .take(batch);
-                    starts
+                    Ok(starts)
                 },
             )
             .collect();
+        let chunks = chunks?;
         let count = chunks.iter().map(Vec::len).sum();
         let (mut starts, mut until) = (Vec::with_capacity(count), Vec::with_capacity(count));
         let mut area = 0.0;
@@ -127,7 +150,7 @@ impl<'a> FirstHits<'a> {
         }
         // Lit area is the tile's; what lies in the shadow is spent in vain.
         if area > 4.0 * cells as f64 {
-            return None;
+            return Ok(None);
         }
         let mut first_hits = FirstHits {
             field,
@@ -147,7 +170,7 @@ impl<'a> FirstHits<'a> {
                 .map(|start| first_hits.incidence::<L>(walk, start).facet::<L>(&grid))
                 .collect();
         }
-        Some(first_hits)
+        Ok(Some(first_hits))
     }
 
     /// Share of the light that is left to chance (a little more where starts lie in the shadow).

@@ -7,6 +7,7 @@ mod sketch;
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
@@ -45,8 +46,25 @@ pub enum Ending {
     /// A limit on error or time may end the run at any moment. What was traced by then is to be an answer, and
     /// some of the first photons may be traced for that alone.
     AnyTime,
+    /// The same, and it is known how long the run has: a look at the surface that would take most of that is given up
+    /// for photons that do without.
+    Within(Duration),
     /// All photons are wanted; a stop is an accident.
     AtLast,
+}
+
+impl Ending {
+    /// Of a run with so many seconds left, and an error at which it may end.
+    #[must_use]
+    pub fn of(seconds: Option<f64>, target_error: Option<f64>) -> Self {
+        let limit =
+            seconds.map(|s| Duration::try_from_secs_f64(s.max(0.0)).unwrap_or(Duration::MAX));
+        match (limit, target_error) {
+            (Some(limit), _) => Ending::Within(limit),
+            (None, Some(_)) => Ending::AnyTime,
+            (None, None) => Ending::AtLast,
+        }
+    }
 }
 
 /// What every path of a run carries.
@@ -98,6 +116,8 @@ impl SoFar {
 /// How far a run is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Progress {
+    /// Share done of the look at the surface that comes before the first photon; `None` once photons are traced.
+    pub look: Option<f64>,
     /// Photons traced so far.
     pub photons: u64,
     /// Photons that will be traced if nothing stops it.
@@ -111,6 +131,10 @@ pub struct Progress {
 const BATCHES_MIN: u64 = 64;
 /// Largest batch: what is lost at most per thread when a run is stopped.
 const BATCH_MAX: u64 = 1 << 20;
+/// Share of a limited time that the look at the surface may take in all,
+const LOOK_LIMIT_SHARE: f64 = 0.5;
+/// and the share of that which its start may take.
+const LOOK_START: f64 = 0.1;
 /// Photons between two looks at the stop conditions, and until the first at the error,
 pub const LOOK: u64 = 1 << 13;
 /// and batches between two looks at the error.
@@ -182,17 +206,26 @@ pub fn trace_photons(
     }
 }
 
-/// A whole run that follows every path with and without polarisation ([`Paired`]).
-pub fn trace_paired(
+/// A whole run of paths that carry what is asked; [`trace`] with an [`Ending`].
+pub fn trace_following(
     prepared: &Prepared,
+    follow: Follow,
     ending: Ending,
     proceed: &(dyn Fn(&Progress) -> bool + Sync),
 ) -> Totals {
+    let (grid, photons) = (prepared.grid, prepared.photons);
     let part = Part {
         ending,
         ..Part::ALL
     };
-    resume_as::<Paired>(prepared, prepared.grid, prepared.photons, part, proceed).totals
+    let so_far = match follow {
+        Follow::Both => resume_as::<Paired>(prepared, grid, photons, part, proceed),
+        Follow::Scene if prepared.polarised => {
+            resume_as::<Polarised>(prepared, grid, photons, part, proceed)
+        }
+        Follow::Scene => resume_as::<Scalar>(prepared, grid, photons, part, proceed),
+    };
+    so_far.totals
 }
 
 /// The same for any kind of light, bins and number of photons.
@@ -220,6 +253,21 @@ impl Part {
         before: None,
         ending: Ending::AtLast,
     };
+
+    /// Seconds that the look at the surface may take; `None` where it is to be done in any case.
+    fn look_s(&self) -> Option<f64> {
+        let whole = self.before.is_none() && self.shard.of == 1;
+        match self.ending {
+            Ending::Within(limit) if whole => Some(LOOK_LIMIT_SHARE * limit.as_secs_f64()),
+            _ => None,
+        }
+    }
+
+    /// Its photons of a run of so many.
+    fn planned(&self, photons: u64) -> u64 {
+        let of = self.shard.batches(photons);
+        of.map(|b| share(photons, batches(photons), b)).sum()
+    }
 }
 
 fn resume_as<L: Light>(
@@ -230,9 +278,33 @@ fn resume_as<L: Light>(
     proceed: &(dyn Fn(&Progress) -> bool + Sync),
 ) -> SoFar {
     let walk = walk_of(prepared);
+    let before = part.before.as_ref();
+    let at_start = Progress {
+        look: None,
+        photons: before.map_or(0, |b| b.totals.photons()),
+        photons_planned: part.planned(photons),
+        relative_error: None,
+    };
+    let at = |look: f64| Progress {
+        look: Some(look),
+        ..at_start
+    };
+    let (begun, look_s) = (Instant::now(), part.look_s());
+    let in_time = |share: f64| {
+        let spent_s = begun.elapsed().as_secs_f64();
+        look_s.is_none_or(|most_s| spent_s <= (LOOK_START + (1.0 - LOOK_START) * share) * most_s)
+    };
+    let stopped = AtomicBool::new(false);
+    let looked = FirstHits::new::<L>(&walk, grid, photons, &|share| {
+        let go_on = proceed(&at(share));
+        stopped.fetch_or(!go_on, Ordering::Relaxed);
+        go_on && in_time(share)
+    });
     let task = Task {
         walk: &walk,
-        first_hits: FirstHits::new::<L>(&walk, grid, photons),
+        stopped: stopped.into_inner(),
+        sketch_only: looked.is_err(),
+        first_hits: looked.unwrap_or_default(),
         seed: prepared.seed,
         grid,
         photons,
@@ -253,6 +325,8 @@ pub(super) fn trace_briefly<L: Light>(
     let task = Task {
         walk: &walk_of(prepared),
         first_hits: None,
+        stopped: false,
+        sketch_only: false,
         seed: prepared.seed.wrapping_add(apart),
         grid,
         photons,
@@ -319,6 +393,10 @@ impl Counted {
 struct Task<'a> {
     walk: &'a Walk<'a>,
     first_hits: Option<FirstHits<'a>>,
+    /// Whether it was told to stop before the first photon.
+    stopped: bool,
+    /// Whether the look at the surface was not finished: photons without it are no part of the run.
+    sketch_only: bool,
     seed: u64,
     grid: Grid,
     photons: u64,
@@ -327,16 +405,12 @@ struct Task<'a> {
 impl Task<'_> {
     fn trace<L: Light>(&self, part: Part, proceed: &(dyn Fn(&Progress) -> bool + Sync)) -> SoFar {
         let (grid, photons) = (self.grid, self.photons);
+        let (count, planned) = (batches(photons), part.planned(photons));
         let Part {
             shard,
             before,
             ending,
         } = part;
-        let count = batches(photons);
-        let planned = shard
-            .batches(photons)
-            .map(|b| share(photons, count, b))
-            .sum();
         // Nobody goes on with a sketch.
         let before = before.filter(|b| !b.batches.is_empty());
         let sketch = (before.is_none() && shard.of == 1).then(|| {
@@ -364,7 +438,8 @@ impl Task<'_> {
             without_known: 0,
         });
         let lock = || counted.lock().expect("no thread panics while it adds");
-        let stopped = AtomicBool::new(sketch.as_ref().is_some_and(|s| s.stopped));
+        let stopped = self.sketch_only || sketch.as_ref().is_some_and(|s| s.stopped);
+        let stopped = AtomicBool::new(stopped);
         // Empty batches are kept: one per thread is made, since megabytes take their time.
         let spare = Mutex::new(Vec::new());
         let spare = || spare.lock().expect("no thread panics while it takes one");
@@ -377,6 +452,7 @@ impl Task<'_> {
                 .unwrap_or_else(|| (Batch::new::<L>(grid), Waiting::none()));
             let share = share(photons, count, number);
             let at_start = Progress {
+                look: None,
                 photons: lock().so_far.totals.photons().max(sketched),
                 photons_planned: planned,
                 relative_error: None,
@@ -405,6 +481,7 @@ impl Task<'_> {
             }
             let totals = &counted.so_far.totals;
             let progress = Progress {
+                look: None,
                 photons: totals.photons().max(sketched),
                 photons_planned: planned,
                 relative_error: look.then(|| totals.relative_error()).flatten(),

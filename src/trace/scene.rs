@@ -9,10 +9,10 @@ mod shape;
 use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
 
-use super::facet::Diffuse;
+use super::facet::{Diffuse, Roughness};
 use super::grid::Grid;
 use super::profile::ProfileError;
-use super::surface::{Interface, Stack};
+use super::surface::{Interface, Relief, Stack};
 use super::vec3::V3;
 use super::walk::Method;
 use crate::material::tables::{self, MediaError};
@@ -231,6 +231,22 @@ impl Prepared {
     }
 }
 
+/// The shapes of a scene's interfaces, built. They are the same whatever light falls on them, and cheap to clone.
+#[derive(Debug, Clone)]
+pub struct Shapes {
+    reliefs: Vec<(Relief, Option<Roughness>)>,
+    left_out: Vec<LeftOut>,
+    ridge_angles: Vec<RidgeAngle>,
+}
+
+/// What the media of a scene do to its light.
+struct Optics {
+    /// Above and below each interface, top first: n above, n and k below, optical depth of the layer below, and
+    /// what comes back from a diffuse body.
+    media: Vec<(f64, Complex<f64>, f64, Option<f64>)>,
+    left_out: Vec<LeftOut>,
+}
+
 struct Medium {
     index: Complex<f64>,
     rho_d: Option<f64>,
@@ -253,51 +269,69 @@ impl Scene {
         &self,
         load: &dyn Fn(&str) -> Result<HeightMap, String>,
     ) -> Result<Prepared, SceneError> {
-        let polarised = match &self.run.polarised {
-            toml::Value::Boolean(b) => *b,
-            toml::Value::String(s) if s == "auto" => true,
-            other => {
-                return Err(value(
-                    "run.polarised",
-                    other,
-                    "write \"auto\", true or false",
-                ));
-            }
+        // What is wrong with lamp or media is told before a surface takes its time.
+        self.checked()?;
+        self.prepare_on(&self.shapes(load)?)
+    }
+
+    /// Builds the shapes of the interfaces alone, to be lit in several ways ([`Scene::prepare_on`]).
+    ///
+    /// # Errors
+    /// See [`SceneError`].
+    pub fn shapes(
+        &self,
+        load: &dyn Fn(&str) -> Result<HeightMap, String>,
+    ) -> Result<Shapes, SceneError> {
+        let mut shapes = Shapes {
+            reliefs: Vec::new(),
+            left_out: Vec::new(),
+            ridge_angles: Vec::new(),
         };
-        self.check_run()?;
-        let stokes = self.check_light()?;
-        if self.interface.is_empty() {
-            return Err(SceneError::NoInterface);
-        }
-        let mut interfaces = Vec::new();
-        let mut optical_depth = Vec::new();
-        let mut left_out = vec![wave_optics()];
-        let mut ridge_angles = Vec::new();
-        let mut above = self.n_top;
         for (i, shape) in self.interface.iter().enumerate() {
             let number = i + 1;
-            let last = number == self.interface.len();
-            let medium = self.medium(shape, number)?;
-            if medium.rho_d.is_some() && !last {
-                return Err(SceneError::Unreachable { number });
-            }
-            let (depth, boundary_k) = self.layer(shape, number, &medium, last, &mut left_out)?;
-            let (n, k) = (medium.index.re, boundary_k);
-            let (relief, roughness) = self.relief(shape, number, load, &mut left_out)?;
-            ridge_angles.extend(relief.ridge_angle().map(|angle| RidgeAngle {
+            let (relief, roughness) = self.relief(shape, number, load, &mut shapes.left_out)?;
+            let angle = relief.ridge_angle().map(|angle| RidgeAngle {
                 interface: number,
                 theta_r_deg: angle.to_degrees(),
-            }));
+            });
+            shapes.ridge_angles.extend(angle);
+            shapes.reliefs.push((relief, roughness));
+        }
+        Ok(shapes)
+    }
+
+    /// The scene with the shapes of one that differs in lamp and run only.
+    ///
+    /// # Errors
+    /// See [`SceneError`].
+    ///
+    /// # Panics
+    /// Where the shapes are those of another number of interfaces.
+    pub fn prepare_on(&self, shapes: &Shapes) -> Result<Prepared, SceneError> {
+        assert_eq!(
+            shapes.reliefs.len(),
+            self.interface.len(),
+            "shapes of another scene"
+        );
+        let (polarised, stokes, optics) = self.checked()?;
+        let mut interfaces = Vec::new();
+        let mut optical_depth = Vec::new();
+        for ((relief, roughness), (above, below, depth, rho_d)) in
+            shapes.reliefs.iter().zip(optics.media)
+        {
+            let (n, k) = (below.re, below.im);
             interfaces.push(Interface {
-                relief,
+                relief: relief.clone(),
                 from_above: Boundary::new(above, n, k),
                 from_below: Boundary::new(n, above, 0.0),
-                roughness,
-                diffuse: medium.rho_d.map(|r| Diffuse::new(r, n / above, 1.0, 1.0)),
+                roughness: *roughness,
+                diffuse: rho_d.map(|r| Diffuse::new(r, n / above, 1.0, 1.0)),
             });
             optical_depth.push(depth);
-            above = n;
         }
+        let mut left_out = vec![wave_optics()];
+        left_out.extend(optics.left_out);
+        left_out.extend_from_slice(&shapes.left_out);
         if self.interface.len() > 1 {
             left_out.push(LeftOut {
                 what: "lateral registration of the layers".to_owned(),
@@ -323,17 +357,59 @@ impl Scene {
             photons: self.run.photons,
             polarised,
             left_out,
-            ridge_angles,
+            ridge_angles: shapes.ridge_angles.clone(),
         })
     }
 
-    /// Checks lamp and run, without building surfaces.
+    /// Everything but the shapes, checked: whether polarisation is followed, the lamp's Stokes vector, the media.
+    fn checked(&self) -> Result<(bool, [f64; 4], Optics), SceneError> {
+        let polarised = match &self.run.polarised {
+            toml::Value::Boolean(b) => *b,
+            toml::Value::String(s) if s == "auto" => true,
+            other => {
+                return Err(value(
+                    "run.polarised",
+                    other,
+                    "write \"auto\", true or false",
+                ));
+            }
+        };
+        self.check_run()?;
+        let stokes = self.check_light()?;
+        if self.interface.is_empty() {
+            return Err(SceneError::NoInterface);
+        }
+        Ok((polarised, stokes, self.optics()?))
+    }
+
+    fn optics(&self) -> Result<Optics, SceneError> {
+        let mut optics = Optics {
+            media: Vec::new(),
+            left_out: Vec::new(),
+        };
+        let mut above = self.n_top;
+        for (i, shape) in self.interface.iter().enumerate() {
+            let number = i + 1;
+            let last = number == self.interface.len();
+            let medium = self.medium(shape, number)?;
+            if medium.rho_d.is_some() && !last {
+                return Err(SceneError::Unreachable { number });
+            }
+            let left_out = &mut optics.left_out;
+            let (depth, k) = self.layer(shape, number, &medium, last, left_out)?;
+            let below = Complex::new(medium.index.re, k);
+            optics.media.push((above, below, depth, medium.rho_d));
+            above = below.re;
+        }
+        Ok(optics)
+    }
+
+    /// Checks lamp, run and media, without building surfaces.
     ///
     /// # Errors
     /// See [`SceneError`].
     pub fn check(&self) -> Result<(), SceneError> {
-        self.check_run()?;
-        self.check_light().map(|_| ())
+        self.checked().map(|_| ())
     }
 
     /// Whether a material comes from a table over the wavelength.

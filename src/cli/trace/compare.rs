@@ -1,30 +1,29 @@
 //! `ridged trace compare`: where a computation without polarisation goes wrong, as ADM and MDM maps.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
 
 use anyhow::anyhow;
 use serde::Serialize;
-use std::time::Instant;
 
 use super::curves::{Line, Panel, panels};
 use super::hemisphere::{Disc, Lamp, Scale, sheet};
-use super::{CliError, Source, interrupt};
+use super::runs::{self, Runs};
+use super::{CliError, Source};
+use crate::cli::limits::Stopwatch;
 use crate::cli::place;
-use crate::cli::progress::Bar;
 use crate::model::LeftOut;
 use crate::trace::compare::{Difference, Direction, Mask, Summary, WAVELENGTHS_NM};
 use crate::trace::grid::Grid;
 use crate::trace::height_field::Side;
 use crate::trace::paired::SCALAR;
-use crate::trace::run::{Ending, trace_paired};
+use crate::trace::run::Follow;
 use crate::trace::tally::Totals;
 
 /// Polarised against scalar: the relative difference d per direction of exit, its mean |d| over the
 /// wavelengths (ADM) and its greatest (MDM).
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  ridged trace compare scenes/glass-over-diamond.toml --angles-deg 50,56,60,65\n  ridged trace compare scenes/glass-over-gold.toml --angles-deg 60,80 --pictures out"
+    after_help = "Examples:\n  ridged trace compare scenes/glass-over-diamond.toml --angles-deg 50,56,60,65\n  ridged trace compare scenes/glass-over-gold.toml --angles-deg 60,80 --pictures out\n  ridged trace compare scenes/glass-over-gold.toml --angles-deg 60,80 --max-seconds 60"
 )]
 pub struct Args {
     /// The scene; its photons are those of each angle and wavelength.
@@ -39,6 +38,8 @@ pub struct Args {
     /// Photons per angle and wavelength, instead of the scene's.
     #[arg(long, value_name = "N")]
     photons: Option<u64>,
+    #[command(flatten)]
+    limits: runs::Limits,
     /// Directions are square pixels of the direction cosines, so many across the hemisphere.
     #[arg(long, value_name = "N", default_value_t = 128, value_parser = clap::value_parser!(u16).range(8..=1024))]
     pixels: u16,
@@ -77,6 +78,10 @@ struct Angle {
     directions: usize,
     too_dark: usize,
     not_settled: usize,
+    /// Traced at all wavelengths together.
+    photons: u64,
+    /// Of the reflected bins, root mean square, at the wavelength where it is greatest.
+    relative_error: Option<f64>,
 }
 
 /// Runs the command.
@@ -91,10 +96,9 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     if args.error_max.is_nan() || args.error_max <= 0.0 {
         return bad("--error-max must be greater than 0");
     }
-    let mut source = Source::read(&args.scene)?;
-    if let Some(photons) = args.photons {
-        source.scene.run.photons = photons;
-    }
+    args.limits.check()?;
+    let watch = Stopwatch::start(args.limits.max_seconds);
+    let source = Source::read(&args.scene, args.photons)?;
     let angles = match args.angles_deg.len() {
         0 => vec![source.scene.light.theta_i_deg],
         _ => args.angles_deg.clone(),
@@ -111,19 +115,18 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         error_max: args.error_max,
     };
     let grid = Grid::disc(usize::from(args.pixels));
+    let at = |run: usize| {
+        let mut scene = source.scene.clone();
+        scene.light.theta_i_deg = angles[run / wavelengths.len()];
+        scene.light.wavelength_nm = wavelengths[run % wavelengths.len()];
+        scene
+    };
+    let count = angles.len() * wavelengths.len();
     // Everything is checked before anything is traced.
-    for &theta in &angles {
-        for &wavelength in &wavelengths {
-            source.scene.light.theta_i_deg = theta;
-            source.scene.light.wavelength_nm = wavelength;
-            source.scene.check().map_err(CliError::bad_input)?;
-        }
+    for run in 0..count {
+        at(run).check().map_err(CliError::bad_input)?;
     }
     args.pictures.as_deref().map_or(Ok(()), place::for_files)?;
-    let cancel = interrupt::flag()?;
-    let started = Instant::now();
-    let bar = Bar::new("runs");
-    let total = (angles.len() * wavelengths.len()) as u64;
     let mut report = Report {
         pixels: args.pixels,
         mask,
@@ -134,29 +137,35 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         left_out: Vec::new(),
         program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
     };
-    for (done, &theta) in angles.iter().enumerate() {
-        let mut runs = Vec::new();
-        for (n, &wavelength) in wavelengths.iter().enumerate() {
-            bar.at((done * wavelengths.len() + n) as u64, total);
-            source.scene.light.theta_i_deg = theta;
-            source.scene.light.wavelength_nm = wavelength;
-            let prepared = source.prepare()?.with_grid(grid);
-            report.left_out.clone_from(&prepared.left_out);
-            let proceed = |_: &_| !cancel.load(Ordering::Relaxed);
-            runs.push(trace_paired(&prepared, Ending::AtLast, &proceed));
-            if cancel.load(Ordering::Relaxed) {
-                bar.clear();
-                return Err(CliError::Interrupted);
-            }
+    let shapes = source.shapes()?;
+    let runs = Runs {
+        watch,
+        count,
+        photons: source.scene.run.photons,
+        follow: Follow::Both,
+        limits: args.limits,
+        make: &|run| {
+            let prepared = at(run).prepare_on(&shapes);
+            Ok(prepared.map_err(CliError::bad_input)?.with_grid(grid))
+        },
+    };
+    let mut of_angle: Vec<Totals> = Vec::new();
+    let done = runs::each(&runs, &mut |run, prepared, totals| {
+        report.left_out.clone_from(&prepared.left_out);
+        of_angle.push(totals);
+        if of_angle.len() < wavelengths.len() {
+            return Ok(());
         }
-        let difference = Difference::of(&runs, &mask)
+        let all = std::mem::take(&mut of_angle);
+        let theta = angles[run / wavelengths.len()];
+        let difference = Difference::of(&all, &mask)
             .ok_or_else(|| CliError::no_result(anyhow!("no run was finished")))?;
         if let Some(folder) = &args.pictures {
             let lamp = Lamp {
                 theta_deg: theta,
                 phi_deg: source.scene.light.phi_i_deg,
             };
-            pictures(folder, lamp, &wavelengths, &runs, &difference, &mask)?;
+            pictures(folder, lamp, &wavelengths, &all, &difference, &mask)?;
         }
         report.angles.push(Angle {
             theta_i_deg: theta,
@@ -166,11 +175,17 @@ pub fn run(args: &Args) -> Result<(), CliError> {
             directions: difference.directions.len(),
             too_dark: difference.too_dark,
             not_settled: difference.not_settled,
+            photons: all.iter().map(Totals::photons).sum(),
+            relative_error: all
+                .iter()
+                .filter_map(Totals::relative_error)
+                .reduce(f64::max),
         });
-    }
-    bar.clear();
-    report.seconds = started.elapsed().as_secs_f64();
-    super::print(args.json, &report, |out| report.table(out))
+        Ok(())
+    })?;
+    report.seconds = done.seconds;
+    super::print(args.json, &report, |out| report.table(out))?;
+    done.verdict()
 }
 
 impl Report {

@@ -2,19 +2,18 @@
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
 
 use anyhow::{Context, anyhow};
 use serde::Serialize;
-use std::time::Instant;
 
 use super::curves::{Line, Panel, panels};
-use super::{CliError, Source, interrupt};
+use super::runs::{self, Runs};
+use super::{CliError, Source};
+use crate::cli::limits::Stopwatch;
 use crate::cli::place;
-use crate::cli::progress::Bar;
 use crate::model::LeftOut;
 use crate::trace::ellipsometer::{Point, SETTINGS, curve};
-use crate::trace::run::{Shard, trace};
+use crate::trace::run::Follow;
 
 /// Six states of the lamp's light, six settings of the camera's filter and compensator, over the plane
 /// of incidence: intensities, Stokes vectors, DOLP and AOP.
@@ -32,6 +31,8 @@ pub struct Args {
     /// Photons per angle, instead of the scene's.
     #[arg(long, value_name = "N")]
     photons: Option<u64>,
+    #[command(flatten)]
+    limits: runs::Limits,
     /// CSV file of all readings.
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
@@ -56,6 +57,10 @@ struct Report {
 #[derive(Debug, Serialize)]
 struct Angle {
     theta_i_deg: f64,
+    /// Traced.
+    photons: u64,
+    /// Of the reflected bins, root mean square.
+    relative_error: Option<f64>,
     points: Vec<Point>,
 }
 
@@ -64,21 +69,21 @@ struct Angle {
 /// # Errors
 /// Bad input for a scene that makes no sense; no result where a file cannot be written.
 pub fn run(args: &Args) -> Result<(), CliError> {
-    let mut source = Source::read(&args.scene)?;
-    if let Some(photons) = args.photons {
-        source.scene.run.photons = photons;
-    }
+    args.limits.check()?;
+    let watch = Stopwatch::start(args.limits.max_seconds);
+    let mut source = Source::read(&args.scene, args.photons)?;
     // States of the lamp are all had from one polarised run.
     source.scene.run.polarised = toml::Value::Boolean(true);
-    for &theta in &args.angles_deg {
-        source.scene.light.theta_i_deg = theta;
-        source.scene.check().map_err(CliError::bad_input)?;
+    let at = |run: usize| {
+        let mut scene = source.scene.clone();
+        scene.light.theta_i_deg = args.angles_deg[run];
+        scene
+    };
+    for run in 0..args.angles_deg.len() {
+        at(run).check().map_err(CliError::bad_input)?;
     }
     args.out.as_deref().map_or(Ok(()), place::for_file)?;
     args.pictures.as_deref().map_or(Ok(()), place::for_files)?;
-    let cancel = interrupt::flag()?;
-    let started = Instant::now();
-    let bar = Bar::new("runs");
     let mut report = Report {
         settings: SETTINGS,
         photons: source.scene.run.photons,
@@ -87,26 +92,28 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         left_out: Vec::new(),
         program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
     };
-    for (n, &theta) in args.angles_deg.iter().enumerate() {
-        bar.at(n as u64, args.angles_deg.len() as u64);
-        source.scene.light.theta_i_deg = theta;
-        let proceed = |_: &_| !cancel.load(Ordering::Relaxed);
-        let prepared = source.prepare()?;
-        let totals = trace(&prepared, Shard::WHOLE, &proceed);
-        report.left_out = prepared.left_out;
-        if cancel.load(Ordering::Relaxed) {
-            bar.clear();
-            return Err(CliError::Interrupted);
-        }
+    let shapes = source.shapes()?;
+    let runs = Runs {
+        watch,
+        count: args.angles_deg.len(),
+        photons: source.scene.run.photons,
+        follow: Follow::Scene,
+        limits: args.limits,
+        make: &|run| at(run).prepare_on(&shapes).map_err(CliError::bad_input),
+    };
+    let done = runs::each(&runs, &mut |run, prepared, totals| {
+        report.left_out.clone_from(&prepared.left_out);
         let points = curve(&totals, source.scene.light.phi_i_deg)
             .ok_or_else(|| CliError::no_result(anyhow!("nothing was reflected")))?;
         report.angles.push(Angle {
-            theta_i_deg: theta,
+            theta_i_deg: args.angles_deg[run],
+            photons: totals.photons(),
+            relative_error: totals.relative_error(),
             points,
         });
-    }
-    bar.clear();
-    report.seconds = started.elapsed().as_secs_f64();
+        Ok(())
+    })?;
+    report.seconds = done.seconds;
     if let Some(out) = &args.out {
         std::fs::write(out, report.csv())
             .with_context(|| format!("cannot write {}", out.display()))
@@ -118,7 +125,8 @@ pub fn run(args: &Args) -> Result<(), CliError> {
             write_curves(folder, &name, angle.theta_i_deg, &angle.points)?;
         }
     }
-    super::print(args.json, &report, |out| report.table(out))
+    super::print(args.json, &report, |out| report.table(out))?;
+    done.verdict()
 }
 
 /// DOLP and AOP for the six states of the lamp.

@@ -33,7 +33,7 @@ const SHARE_ANY_TIME: (u64, u64) = (16, 16);
 pub(super) fn most(photons: u64, ending: Ending) -> u64 {
     match ending {
         Ending::AtLast => share(photons, batches(photons), 0) / SHARE,
-        Ending::AnyTime => {
+        Ending::AnyTime | Ending::Within(_) => {
             let (of_run, largest) = SHARE_ANY_TIME;
             (photons / of_run).min(largest * BATCH_MAX)
         }
@@ -55,7 +55,11 @@ pub(super) struct Sketch<L: Light> {
 
 impl<L: Light> Sketch<L> {
     pub(super) fn new(task: &Task<'_>, ending: Ending) -> Self {
-        let most = most(task.photons, ending);
+        let most = if task.sketch_only {
+            task.photons
+        } else {
+            most(task.photons, ending)
+        };
         let count = if most >= REPLICATES * FIRST {
             REPLICATES
         } else {
@@ -66,7 +70,7 @@ impl<L: Light> Sketch<L> {
             replicates: (0..count).map(empty).collect(),
             each: 0,
             most,
-            looks: ending == Ending::AnyTime,
+            looks: ending != Ending::AtLast,
             stopped: false,
         }
     }
@@ -98,11 +102,12 @@ impl<L: Light> Sketch<L> {
                 self.counted(task, 1).relative_error()
             });
             let progress = Progress {
+                look: None,
                 photons,
                 photons_planned,
                 relative_error: relative_error.flatten(),
             };
-            if !proceed(&progress) {
+            if task.stopped || !proceed(&progress) {
                 self.stopped = true;
                 return;
             }
@@ -138,6 +143,8 @@ impl<L: Light> Sketch<L> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::super::super::scene::{Prepared, Scene};
     use super::super::{Shard, resume, trace};
     use super::*;
@@ -168,6 +175,34 @@ mod tests {
 
     fn trace_anytime(scene: &Prepared, proceed: &(dyn Fn(&Progress) -> bool + Sync)) -> Totals {
         resume(scene, Shard::WHOLE, None, Ending::AnyTime, proceed).totals
+    }
+
+    #[test]
+    fn a_run_without_time_for_the_look_at_its_surface_is_a_sketch_that_agrees_with_the_whole() {
+        let run = rough(60_000);
+        let sketched =
+            |ending, until: u64| resume(&run, Shard::WHOLE, None, ending, &|p| p.photons < until);
+        // Given up for the limit, and stopped by the user.
+        let hurried = sketched(Ending::Within(Duration::ZERO), 1 << 15);
+        let stopped = sketched(Ending::AtLast, 0);
+        assert_eq!(hurried.batches.len() + stopped.batches.len(), 0);
+        assert_eq!(stopped.totals.photons(), REPLICATES * FIRST);
+        let (photons, some) = (hurried.totals.photons(), hurried.totals.energies());
+        assert!((1 << 15..60_000).contains(&photons), "{photons}");
+        let all = trace(&run, Shard::WHOLE, &|_| true).energies();
+        for (a, b) in [
+            (some.reflected_all, all.reflected_all),
+            (some.transmitted_all, all.transmitted_all),
+        ] {
+            assert!(
+                (a.value - b.value).abs() < 4.0 * a.std.hypot(b.std),
+                "{a:?} {b:?}"
+            );
+        }
+        // With time enough it is the whole run, bit by bit.
+        let hour = Ending::Within(Duration::from_secs(3600));
+        let whole = resume(&run, Shard::WHOLE, None, hour, &|_| true);
+        assert_eq!(whole.totals.energies(), all);
     }
 
     #[test]
@@ -224,7 +259,7 @@ mod tests {
         let run = resume(&long, Shard::WHOLE, None, Ending::AtLast, &|p| {
             let before = most.swap(p.photons, std::sync::atomic::Ordering::Relaxed);
             // In the first batch the number stands still.
-            before != p.photons
+            p.look.is_some() || before != p.photons
         });
         let photons = run.totals.photons();
         assert!(

@@ -8,6 +8,8 @@ import { startDaemon, type RunningDaemon } from '../daemon';
 import { completed, doSteps, fillScan, fitted } from '../operate';
 
 const TIME_SCALE = 50;
+/** So many poses that a test which is held up for seconds still finds its scan running. */
+const LONG_GRID = { grid: 'custom', tilts: '-20:5:20', azimuths: '0:5:355' } as const;
 /** One paper scan at this time scale with a debug binary on a busy machine. */
 const SCAN_MS_MAX = 120_000;
 /** A map, a contrast table or a verdict of such a scan. */
@@ -51,7 +53,7 @@ async function openFirstScan(): Promise<void> {
 /** Pauses the scan that runs once it is so far; whether it is paused. Not by the page: a click may come too late. */
 async function pausedAt(fraction: number): Promise<boolean> {
   const { scan_id } = (await get('/rig')) as { scan_id: number | null };
-  if (scan_id === null) return false;
+  if (scan_id === null) throw new Error(`no scan runs that could be paused at ${fraction}: it has ended`);
   const scan = (await get(`/scans/${scan_id}`)) as { state: string; progress: { fraction: number } };
   if (scan.progress.fraction >= fraction && scan.state === 'running') await fetch(`${daemon.url}/api/v1/scans/${scan_id}/pause`, { method: 'POST' });
   return scan.progress.fraction >= fraction && scan.state === 'paused';
@@ -118,7 +120,7 @@ describe('a lab’s day', () => {
   });
 
   it('stops at once by the big button, in the middle of a scan, and goes on', async () => {
-    await fillScan(page, { sample: 'model 15°', grid: 'custom', tilts: '-20:5:20', azimuths: '0:30:330' });
+    await fillScan(page, { sample: 'model 15°', ...LONG_GRID });
     await page.getByRole('button', { name: 'Start scan' }).click();
     const frames = page.locator('section[aria-labelledby=scan-title] .note').first();
     await doSteps(page, async () => /sample, [1-9]/.test(await frames.innerText().catch(() => '')), SCAN_MS_MAX);
@@ -134,17 +136,18 @@ describe('a lab’s day', () => {
   });
 
   it('shows the uncertainty of the ridge angle falling while the scan runs', async () => {
-    await fillScan(page, { sample: 'traced polymer', grid: 'custom', tilts: '-20:5:20', azimuths: '0:30:330' });
+    await fillScan(page, { sample: 'traced polymer', ...LONG_GRID });
     await page.getByRole('button', { name: 'Start scan' }).click();
+    await expect.poll(async () => (await get('/rig'))['scan_id'], { timeout: 20_000 }).not.toBeNull();
     const line = page.getByTestId('certainty').locator('[data-line=theta_r_deg]');
     /** Its standard uncertainty as the page shows it; NaN before there is one. */
     const std = async (): Promise<number> => ((await line.count()) === 0 ? Number.NaN : Number.parseFloat((await line.innerText()).split('±')[1] ?? ''));
     // A pause gives the fit that runs along the time that a debug binary needs.
-    await doSteps(page, () => pausedAt(0.45), SCAN_MS_MAX);
+    await doSteps(page, () => pausedAt(0.1), SCAN_MS_MAX);
     await expect.poll(std, { timeout: 90_000 }).toBeGreaterThan(0);
     const early = await std();
     await page.getByRole('button', { name: 'Resume' }).click();
-    await doSteps(page, () => pausedAt(0.7), SCAN_MS_MAX);
+    await doSteps(page, () => pausedAt(0.25), SCAN_MS_MAX);
     await expect.poll(std, { timeout: 90_000 }).toBeLessThan(early);
     expect(await page.getByTestId('certainty').locator('canvas').count()).toBe(1);
     // The past is there for who opens the page now.
