@@ -4,11 +4,18 @@
 //! runs a simulated rig faster than life, [`SteppedClock`] moves only when somebody sleeps on it, so
 //! a whole scan runs in a test without waiting and always the same way.
 
-use std::sync::Mutex;
+use std::sync::{LazyLock, Mutex};
 use std::time::{Duration, Instant};
 
 use futures::future::BoxFuture;
 use time::OffsetDateTime;
+
+/// Real time in seconds, from the first call on: for calculations, which neither wait nor name the time of day.
+#[must_use]
+pub fn elapsed_s() -> f64 {
+    static STARTED: LazyLock<Instant> = LazyLock::new(Instant::now);
+    STARTED.elapsed().as_secs_f64()
+}
 
 /// A source of time and the only way to wait.
 pub trait Clock: Send + Sync + 'static {

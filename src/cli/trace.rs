@@ -22,6 +22,7 @@ use sha2::{Digest, Sha256};
 use super::limits::{self, Stopwatch};
 use super::{CliError, interrupt, place};
 use crate::accuracy::trace_forecast::{Asked, Patience, of_run};
+use crate::clock::elapsed_s;
 use crate::heights;
 use crate::plan;
 use crate::plan::scene::Wish;
@@ -375,7 +376,7 @@ fn watched(
     bar.set_position(done);
     bar.reset_eta();
     let left_s = args.max_seconds.map(|limit| limit - watch.seconds());
-    let ending = Ending::of(left_s, args.target_error);
+    let ending = Ending::of(left_s, elapsed_s, args.target_error);
     let so_far = run::resume(prepared, shard, before, ending, &|progress: &Progress| {
         if progress.look.is_none() {
             first();

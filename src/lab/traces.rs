@@ -17,6 +17,7 @@ use super::calculations::{Failure, positive};
 use super::headway::Headway;
 use super::words::plain;
 use crate::accuracy::trace_forecast::{Asked, Patience, of_runs};
+use crate::clock::elapsed_s;
 use crate::forecast::Forecast;
 use crate::model::polarisation::Stokes;
 use crate::store::StoreError;
@@ -386,7 +387,7 @@ impl TraceToDo {
             let late = share.is_some_and(|limit| begun.elapsed().as_secs_f64() >= limit);
             go_on(progress.photons) && !late && !self.is_reached(progress.relative_error)
         };
-        let ending = Ending::of(share, self.request.target_error);
+        let ending = Ending::of(share, elapsed_s, self.request.target_error);
         trace_following(prepared, self.follow(), ending, &proceed)
     }
 

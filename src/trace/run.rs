@@ -7,7 +7,6 @@ mod sketch;
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
@@ -40,27 +39,34 @@ impl Shard {
     }
 }
 
+/// Time that a run has, on a clock of the caller's.
+#[derive(Debug, Clone, Copy)]
+pub struct TimeLimit {
+    /// Seconds from the start of the run on.
+    pub seconds: f64,
+    /// Seconds since a fixed moment.
+    pub now_s: fn() -> f64,
+}
+
 /// Whether somebody waits for a good enough answer, or for the last photon.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy)]
 pub enum Ending {
     /// A limit on error or time may end the run at any moment. What was traced by then is to be an answer, and
     /// some of the first photons may be traced for that alone.
     AnyTime,
     /// The same, and it is known how long the run has: a look at the surface that would take most of that is given up
     /// for photons that do without.
-    Within(Duration),
+    Within(TimeLimit),
     /// All photons are wanted; a stop is an accident.
     AtLast,
 }
 
 impl Ending {
-    /// Of a run with so many seconds left, and an error at which it may end.
+    /// Of a run with so many seconds left on a clock, and an error at which it may end.
     #[must_use]
-    pub fn of(seconds: Option<f64>, target_error: Option<f64>) -> Self {
-        let limit =
-            seconds.map(|s| Duration::try_from_secs_f64(s.max(0.0)).unwrap_or(Duration::MAX));
-        match (limit, target_error) {
-            (Some(limit), _) => Ending::Within(limit),
+    pub fn of(seconds: Option<f64>, now_s: fn() -> f64, target_error: Option<f64>) -> Self {
+        match (seconds, target_error) {
+            (Some(seconds), _) => Ending::Within(TimeLimit { seconds, now_s }),
             (None, Some(_)) => Ending::AnyTime,
             (None, None) => Ending::AtLast,
         }
@@ -254,11 +260,14 @@ impl Part {
         ending: Ending::AtLast,
     };
 
-    /// Seconds that the look at the surface may take; `None` where it is to be done in any case.
-    fn look_s(&self) -> Option<f64> {
+    /// Time that the look at the surface may take; `None` where it is to be done in any case.
+    fn look_limit(&self) -> Option<TimeLimit> {
         let whole = self.before.is_none() && self.shard.of == 1;
         match self.ending {
-            Ending::Within(limit) if whole => Some(LOOK_LIMIT_SHARE * limit.as_secs_f64()),
+            Ending::Within(limit) if whole => Some(TimeLimit {
+                seconds: LOOK_LIMIT_SHARE * limit.seconds,
+                ..limit
+            }),
             _ => None,
         }
     }
@@ -289,10 +298,11 @@ fn resume_as<L: Light>(
         look: Some(look),
         ..at_start
     };
-    let (begun, look_s) = (Instant::now(), part.look_s());
+    let limit = part.look_limit().map(|limit| ((limit.now_s)(), limit));
     let in_time = |share: f64| {
-        let spent_s = begun.elapsed().as_secs_f64();
-        look_s.is_none_or(|most_s| spent_s <= (LOOK_START + (1.0 - LOOK_START) * share) * most_s)
+        limit.is_none_or(|(begun_s, TimeLimit { seconds, now_s })| {
+            now_s() - begun_s <= (LOOK_START + (1.0 - LOOK_START) * share) * seconds
+        })
     };
     let stopped = AtomicBool::new(false);
     let looked = FirstHits::new::<L>(&walk, grid, photons, &|share| {

@@ -13,6 +13,7 @@ use super::{CliError, interrupt, limits, unreached};
 use crate::accuracy::trace_forecast::{Asked, of_runs};
 use crate::cli::limits::Stopwatch;
 use crate::cli::progress::Bar;
+use crate::clock::elapsed_s;
 use crate::trace::run::{self, Ending, Follow, Progress};
 use crate::trace::scene::Prepared;
 use crate::trace::tally::Totals;
@@ -123,7 +124,7 @@ pub(super) fn each(
             bar.at(before.saturating_add(progress.photons), all);
             !(cancel.load(Ordering::Relaxed) || late() || limits.reached(progress.relative_error))
         };
-        let ending = Ending::of(share_s, limits.target_error);
+        let ending = Ending::of(share_s, elapsed_s, limits.target_error);
         let totals = run::trace_following(&prepared, runs.follow, ending, &proceed);
         if cancel.load(Ordering::Relaxed) {
             bar.clear();

@@ -70,7 +70,7 @@ impl<L: Light> Sketch<L> {
             replicates: (0..count).map(empty).collect(),
             each: 0,
             most,
-            looks: ending != Ending::AtLast,
+            looks: !matches!(ending, Ending::AtLast),
             stopped: false,
         }
     }
@@ -143,10 +143,10 @@ impl<L: Light> Sketch<L> {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
+    use std::sync::atomic::{AtomicU64, Ordering};
 
     use super::super::super::scene::{Prepared, Scene};
-    use super::super::{Shard, resume, trace};
+    use super::super::{Shard, TimeLimit, resume, trace};
     use super::*;
 
     fn scene(interface: &str, photons: u64) -> Prepared {
@@ -182,8 +182,16 @@ mod tests {
         let run = rough(60_000);
         let sketched =
             |ending, until: u64| resume(&run, Shard::WHOLE, None, ending, &|p| p.photons < until);
+        let within = |seconds| {
+            // A second passes at each look at this clock.
+            fn now_s() -> f64 {
+                static NOW_S: AtomicU64 = AtomicU64::new(0);
+                NOW_S.fetch_add(1, Ordering::Relaxed) as f64
+            }
+            Ending::Within(TimeLimit { seconds, now_s })
+        };
         // Given up for the limit, and stopped by the user.
-        let hurried = sketched(Ending::Within(Duration::ZERO), 1 << 15);
+        let hurried = sketched(within(1.0), 1 << 15);
         let stopped = sketched(Ending::AtLast, 0);
         assert_eq!(hurried.batches.len() + stopped.batches.len(), 0);
         assert_eq!(stopped.totals.photons(), REPLICATES * FIRST);
@@ -200,8 +208,7 @@ mod tests {
             );
         }
         // With time enough it is the whole run, bit by bit.
-        let hour = Ending::Within(Duration::from_secs(3600));
-        let whole = resume(&run, Shard::WHOLE, None, hour, &|_| true);
+        let whole = resume(&run, Shard::WHOLE, None, within(1e6), &|_| true);
         assert_eq!(whole.totals.energies(), all);
     }
 
@@ -254,10 +261,10 @@ mod tests {
     #[test]
     fn where_a_stop_is_an_accident_a_sketch_takes_an_eighth_of_a_batch_at_most() {
         let long = rough(1 << 24);
-        let most = std::sync::atomic::AtomicU64::new(0);
+        let most = AtomicU64::new(0);
         let first_batch = (1 << 24) / 64;
         let run = resume(&long, Shard::WHOLE, None, Ending::AtLast, &|p| {
-            let before = most.swap(p.photons, std::sync::atomic::Ordering::Relaxed);
+            let before = most.swap(p.photons, Ordering::Relaxed);
             // In the first batch the number stands still.
             p.look.is_some() || before != p.photons
         });
