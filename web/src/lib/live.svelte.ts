@@ -23,6 +23,10 @@ interface FrameEvent extends Omit<FrameRow, 'id'> {
 /** Positions are asked for this often while something moves or is fitted, and this often at rest. */
 const RIG_BUSY_MS = 300;
 const RIG_IDLE_MS = 3000;
+/** Between two answers about the rig where its events come faster than that. */
+const RIG_EVENT_MS = 200;
+/** Frames that come faster than this are shown together: a fast rig is not to hold up the buttons. */
+const FRAMES_MS = 250;
 const RECONNECT_MS_MAX = 8000;
 
 export interface Notice {
@@ -60,6 +64,10 @@ class Live {
   #lastEvent = '';
   #rigAsked = false;
   #rigAgain = false;
+  /** Frames that are not shown yet. */
+  #framesCome: FrameEvent[] = [];
+  #framesTimer: ReturnType<typeof setTimeout> | undefined;
+  #framesShown = 0;
   #stopped = false;
 
   /** The scan that holds the rig, if any. */
@@ -75,6 +83,7 @@ class Live {
       this.#stopped = true;
       this.#source?.close();
       clearTimeout(this.#rigTimer);
+      clearTimeout(this.#framesTimer);
     };
   }
 
@@ -199,6 +208,8 @@ class Live {
   }
 
   #takeScan(event: ScanEvent): void {
+    // Frames before it are older than what it says.
+    this.#showFrames();
     this.#scanEvents.set(event.scan_id, (this.#scanEvents.get(event.scan_id) ?? 0) + 1);
     const known = this.scans.find((s) => s.id === event.scan_id);
     if (!known || !isActive({ ...known, state: event.state })) {
@@ -212,10 +223,31 @@ class Live {
   }
 
   #takeFrame(event: FrameEvent): void {
-    const { frame_id, progress, ...rest } = event;
-    const row: FrameRow = { ...rest, id: frame_id };
-    if (!this.freshFrames.some((f) => f.id === row.id)) this.freshFrames = [...this.freshFrames, row].slice(-4000);
-    if (progress) this.scans = this.scans.map((s) => (s.id === row.scan_id ? { ...s, progress } : s));
+    this.#framesCome.push(event);
+    if (this.#framesTimer !== undefined) return;
+    const wait = this.#framesShown + FRAMES_MS - Date.now();
+    if (wait <= 0) this.#showFrames();
+    else this.#framesTimer = setTimeout(() => this.#showFrames(), Math.min(wait, FRAMES_MS));
+  }
+
+  #showFrames(): void {
+    clearTimeout(this.#framesTimer);
+    this.#framesTimer = undefined;
+    this.#framesShown = Date.now();
+    const come = this.#framesCome;
+    this.#framesCome = [];
+    if (come.length === 0) return;
+    const known = new Set(this.freshFrames.map((f) => f.id));
+    const rows: FrameRow[] = [];
+    const progressOf = new Map<number, Progress>();
+    for (const { frame_id, progress, ...rest } of come) {
+      const row: FrameRow = { ...rest, id: frame_id };
+      if (!known.has(row.id)) rows.push(row);
+      known.add(row.id);
+      if (progress) progressOf.set(row.scan_id, progress);
+    }
+    this.freshFrames = [...this.freshFrames, ...rows].slice(-4000);
+    if (progressOf.size > 0) this.scans = this.scans.map((s) => ({ ...s, progress: progressOf.get(s.id) ?? s.progress }));
   }
 
   async #pollRig(): Promise<void> {
@@ -238,7 +270,7 @@ class Live {
     this.#rigAsked = false;
     clearTimeout(this.#rigTimer);
     if (this.#rigAgain) {
-      void this.#pollRig();
+      this.#rigTimer = setTimeout(() => void this.#pollRig(), RIG_EVENT_MS);
       return;
     }
     const axes = this.rig?.axes;

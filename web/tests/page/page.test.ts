@@ -176,6 +176,34 @@ describe('a scan', () => {
     expect(posts()).toEqual(['/scans', ...Array(3).fill('/scans/1/continue'), '/fits']);
   });
 
+  it('shows frames of a fast rig together, some times a second, and misses none', async () => {
+    await page.goto(url);
+    await page.getByText('full', { exact: true }).click();
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    for (let i = 0; i < 3; i++) await page.getByRole('button', { name: 'Continue' }).click();
+    // How often the number of sample frames changes beside their poses, up to the last.
+    const { changes, seconds } = await page.evaluate(
+      () =>
+        new Promise<{ changes: number; seconds: number }>((done) => {
+          const numbers = (): string => document.querySelector('.kinds')?.textContent ?? '';
+          const [begun, seen] = [performance.now(), new Set([numbers()])];
+          const look = new MutationObserver(() => {
+            seen.add(numbers());
+            if (document.querySelector('section[aria-labelledby=answer-title] .chip')?.textContent !== 'completed') return;
+            look.disconnect();
+            done({ changes: seen.size - 1, seconds: (performance.now() - begun) / 1000 });
+          });
+          look.observe(document.body, { subtree: true, childList: true, characterData: true });
+        }),
+    );
+    expect(changes).toBeGreaterThan(1);
+    // Four a second, and where the scan's state changes.
+    expect(changes).toBeLessThanOrEqual(4 * seconds + 10);
+    const { n } = await page.evaluate(async () => ({ n: ((await (await fetch('/api/v1/scans/1/frames?limit=1000')).json()) as { items: unknown[] }).items.length }));
+    const shown = (await text('.kinds')).match(/\d+/g)?.reduce((sum, k) => sum + Number(k), 0);
+    expect(shown).toBe(n);
+  });
+
   it('pauses, resumes and is aborted only when confirmed', async () => {
     // 336 frames: the scan must not be over before the test is.
     daemon.frameMs = 100;
