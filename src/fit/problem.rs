@@ -34,6 +34,10 @@ use crate::model::{Gradient, Optics, Variant};
 use crate::observation::{ObservationSet, Prior};
 use crate::units::Angle;
 
+/// Least and greatest gain as multiples of the brightest signal. A lobe that all poses miss by far could be lifted without
+/// end until the skirt of it is the signal; what lies 43 decades below a lobe's top the fit's form of the model has as 0,
+/// and with the narrowest lobe this stays a share of 1e-12 of the brightest signal.
+const GAIN: (f64, f64) = (1e-12, 1e24);
 /// Steepest ridge that a fit considers, rad.
 pub const THETA_R_MAX: f64 = 75.0 * PI / 180.0;
 /// Smoothest facet that a fit considers.
@@ -307,7 +311,10 @@ impl<'a> Problem<'a> {
                 Variant::Sawtooth => (1e-9, 1.0),
             },
             // In the signals' own unit, whatever it is.
-            Quantity::Scale => (1e-12 * brightest.max(f64::MIN_POSITIVE), f64::INFINITY),
+            Quantity::Scale => {
+                let unit = brightest.max(f64::MIN_POSITIVE);
+                (GAIN.0 * unit, GAIN.1 * unit)
+            }
             Quantity::Background | Quantity::AzimuthOffset => (f64::NEG_INFINITY, f64::INFINITY),
             Quantity::Eta => (0.01, f64::INFINITY),
             Quantity::K => (0.0, f64::INFINITY),
