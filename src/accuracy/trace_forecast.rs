@@ -143,7 +143,8 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
             }
             go_on()
         });
-        let (start_s, at_start) = first.get().copied().unwrap_or_default();
+        // Stopped before the look at the surface was over, a run has a sketch that tells nothing of its pace.
+        let (start_s, at_start) = first.get().copied()?;
         (totals.photons() > 0).then(|| Trial {
             photons: totals.photons(),
             start_s,
@@ -179,11 +180,12 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
     let per_photon = if upper.photons > little.photons {
         ((upper.seconds - little.seconds) / (upper.photons - little.photons) as f64).max(0.0)
     } else {
-        // One run alone: its batches take their time too.
+        // One run alone: its batches take their time too, and where they are all that it took it had hardly a photon.
         let none = few(prepared, asked, FEW.0);
-        little
-            .per_photon(none.seconds)
-            .unwrap_or_else(|| little.seconds / little.photons as f64)
+        match little.per_photon(none.seconds) {
+            Some(per_photon) => per_photon,
+            None => return of_slow_start(prepared, little.start_s, asked, patience),
+        }
     };
     let start = (upper.seconds - per_photon * upper.photons as f64).max(0.0);
     Some(told(prepared, asked, &known, start, per_photon))

@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context, anyhow};
 use serde::Serialize;
 
-use super::CliError;
+use super::{CliError, limits};
 use crate::accuracy::forecast::of_series as of_series_forecast;
 use crate::accuracy::map_forecast::of_map as of_map_forecast;
 use crate::accuracy::proof::{Proof, of_scene as of_scene_proof};
@@ -66,11 +66,7 @@ struct Explanation {
 /// # Errors
 /// Bad input for what is neither a scene nor a series; no result where stdout cannot be written.
 pub fn run(args: Args) -> Result<(), CliError> {
-    if !(args.tolerance > 0.0 && args.tolerance < 1.0) {
-        return Err(CliError::bad_input(anyhow!(
-            "--tolerance must be between 0 and 1"
-        )));
-    }
+    limits::check_tolerance(Some(args.tolerance))?;
     if args.prove && args.input.is_dir() {
         return Err(CliError::bad_input(anyhow!(
             "--prove is for scenes; `ridged accuracy` proves the plans of recorded series whose truth is known"
@@ -227,8 +223,8 @@ fn print(e: &Explanation, out: &mut dyn Write) -> std::io::Result<()> {
     }
     writeln!(
         out,
-        "plan (together it may cost {:.3} % of the {})",
-        100.0 * e.plan.tolerance,
+        "plan at a tolerance of {} % of the {}",
+        (1e11 * e.plan.tolerance).round() / 1e9,
         e.plan.quantity
     )?;
     for choice in &e.plan.decisions {
@@ -254,6 +250,17 @@ fn print(e: &Explanation, out: &mut dyn Write) -> std::io::Result<()> {
             };
             writeln!(out, "{:27}{left} {basis} {:.3} %", "", 100.0 * cost)?;
         }
+    }
+    let beyond = e
+        .plan
+        .left_out()
+        .filter(|choice| choice.cost.is_some_and(|cost| cost > e.plan.tolerance));
+    for choice in beyond {
+        writeln!(
+            out,
+            "beyond the tolerance: {}; of fits only those by the ray tracer have it (--variant traced, --judge)",
+            choice.what
+        )?;
     }
     match &e.proof {
         Some(proof) => super::accuracy::print_proofs(std::slice::from_ref(proof), out),

@@ -33,6 +33,19 @@ pub fn check(limits: &[(&str, Option<f64>)]) -> Result<(), CliError> {
     Ok(())
 }
 
+/// Refuses a relative error to be kept to that is not one.
+///
+/// # Errors
+/// Bad input, naming the option.
+pub fn check_tolerance(tolerance: Option<f64>) -> Result<(), CliError> {
+    if tolerance.is_some_and(|x| !(x > 0.0 && x < 1.0)) {
+        return Err(CliError::bad_input(anyhow!(
+            "--tolerance must be between 0 and 1: 0.01 is one per cent"
+        )));
+    }
+    Ok(())
+}
+
 /// The time of a calculation that may have to end early.
 #[derive(Debug, Clone, Copy)]
 pub struct Stopwatch {
@@ -70,19 +83,30 @@ mod tests {
 
     #[test]
     fn a_limit_that_is_not_greater_than_0_is_refused_by_name() {
-        let refusal = |limit| match check(&[("--max-seconds", None), ("--tolerance", Some(limit))])
-        {
-            Err(CliError::BadInput(error)) => Some(error.to_string()),
-            other => {
-                assert!(other.is_ok());
-                None
-            }
-        };
+        let refusal =
+            |limit| match check(&[("--target-error", None), ("--max-seconds", Some(limit))]) {
+                Err(CliError::BadInput(error)) => Some(error.to_string()),
+                other => {
+                    assert!(other.is_ok());
+                    None
+                }
+            };
         for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let text = refusal(bad).expect("it is refused");
-            assert_eq!(text, "--tolerance must be greater than 0");
+            assert_eq!(text, "--max-seconds must be greater than 0");
         }
         assert_eq!(refusal(1e-9), None);
+    }
+
+    #[test]
+    fn a_tolerance_is_a_share() {
+        for bad in [0.0, -1.0, 1.0, 5.0, f64::NAN] {
+            assert!(
+                matches!(check_tolerance(Some(bad)), Err(CliError::BadInput(_))),
+                "{bad}"
+            );
+        }
+        assert!(check_tolerance(Some(0.5)).is_ok() && check_tolerance(None).is_ok());
     }
 
     #[test]

@@ -123,8 +123,8 @@ pub fn run(args: Args) -> Result<(), CliError> {
     limits::check(&[
         ("--max-seconds", args.max_seconds),
         ("--target-error", args.target_error),
-        ("--tolerance", args.tolerance),
     ])?;
+    limits::check_tolerance(args.tolerance)?;
     let watch = Stopwatch::start(args.max_seconds);
     let mut fingerprint = Sha256::new();
     let (scene, mut prepared) = prepare(path, &mut fingerprint)?;
@@ -195,6 +195,11 @@ pub fn run(args: Args) -> Result<(), CliError> {
     }
     if let Some(folder) = &args.pictures {
         pictures::write(folder, &scene, totals)?;
+    }
+    if totals.photons() == 0 && !cancel.load(Ordering::Relaxed) {
+        return Err(CliError::no_result(anyhow!(
+            "no photon was traced: allow more time, or part the run into fewer shards"
+        )));
     }
     let mut report = Report::of(&prepared, totals);
     report.seconds = Some(seconds);

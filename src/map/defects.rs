@@ -119,7 +119,7 @@ pub fn leans(layers: &Layers) -> Vec<Lean> {
             break;
         }
         leans.push(Lean {
-            azimuth_deg: f64::atan2(sin, cos).to_degrees().rem_euclid(360.0),
+            azimuth_deg: apart_deg(f64::atan2(sin, cos).to_degrees(), 0.0),
             share,
         });
     }
@@ -380,7 +380,7 @@ mod tests {
         azimuths.sort_by(f64::total_cmp);
         // Means of ± 0.5° wobble.
         assert!(
-            (azimuths[0] - 90.0).abs() < 0.1 && (azimuths[1] - 359.5).abs() < 0.1,
+            (azimuths[0] + 0.5).abs() < 0.1 && (azimuths[1] - 90.0).abs() < 0.1,
             "{azimuths:?}"
         );
 

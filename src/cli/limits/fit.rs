@@ -2,7 +2,7 @@
 
 use anyhow::anyhow;
 
-use super::check;
+use super::{check, check_tolerance};
 use crate::cli::CliError;
 
 /// What a fit may take, and how wrong it may be.
@@ -40,10 +40,10 @@ impl FitLimits {
                 "{name} is for the ray tracer{other}: add --variant traced, or --judge where there is one"
             )));
         }
+        check_tolerance(self.tolerance)?;
         check(&[
             ("--max-seconds", self.max_seconds),
             ("--target-error", self.target_error),
-            ("--tolerance", self.tolerance),
         ])
     }
 }
