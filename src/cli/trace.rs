@@ -193,13 +193,13 @@ pub fn run(args: Args) -> Result<(), CliError> {
     if !complete {
         eprintln!("{}", how_to_go_on(path, out, args.shard));
     }
-    if let Some(folder) = &args.pictures {
-        pictures::write(folder, &scene, totals)?;
-    }
     if totals.photons() == 0 && !cancel.load(Ordering::Relaxed) {
         return Err(CliError::no_result(anyhow!(
             "no photon was traced: allow more time, or part the run into fewer shards"
         )));
+    }
+    if let Some(folder) = &args.pictures {
+        pictures::write(folder, &scene, totals)?;
     }
     let mut report = Report::of(&prepared, totals);
     report.seconds = Some(seconds);

@@ -126,6 +126,29 @@ fn bad_input_exits_2_and_says_what_to_do() {
 }
 
 #[test]
+fn a_trace_without_a_photon_exits_1_and_leaves_no_pictures() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let scene = "[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n[run]\nphotons = 1000\n";
+    std::fs::write(at.join("flat.toml"), scene).unwrap();
+    // A run has 64 parts.
+    let empty = [
+        "trace",
+        "flat.toml",
+        "--shard",
+        "100/200",
+        "--pictures",
+        "p",
+    ];
+    refuses(at, &empty, 1, &["no photon was traced", "fewer shards"]);
+    let left = std::fs::read_dir(at.join("p")).map_or(0, Iterator::count);
+    assert_eq!(left, 0);
+    let full = ["trace", "flat.toml", "--shard", "1/2", "--pictures", "p"];
+    assert_eq!(ridged(at, &full).status.code(), Some(0));
+    assert!(std::fs::read_dir(at.join("p")).unwrap().count() > 0);
+}
+
+#[test]
 fn a_truncated_frame_is_named_and_nothing_is_imported() {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/polymer-10");
     let folder = tempfile::tempdir().unwrap();

@@ -247,7 +247,11 @@ class Live {
       if (progress) progressOf.set(row.scan_id, progress);
     }
     this.freshFrames = [...this.freshFrames, ...rows].slice(-4000);
-    if (progressOf.size > 0) this.scans = this.scans.map((s) => ({ ...s, progress: progressOf.get(s.id) ?? s.progress }));
+    if (progressOf.size === 0) return;
+    this.scans = this.scans.map((s) => {
+      const progress = progressOf.get(s.id);
+      return progress ? { ...s, progress } : s;
+    });
   }
 
   async #pollRig(): Promise<void> {
