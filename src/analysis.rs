@@ -16,12 +16,14 @@ use crate::fit::{self, FitOptions, FitReport};
 use crate::frame::Frame;
 use crate::geometry::Pose;
 use crate::model::Surface;
+use crate::model::left_out::POLARISATION;
 use crate::observation::ObservationSet;
 use crate::plan;
 use crate::reduction::{FrameReadError, FrameSource, ReductionError, reduce};
 use crate::series::{FrameRow, Manifest};
 use crate::trace::profile::Profile;
 use crate::trace::ridge_map::RidgeFacts;
+use crate::wording::percent;
 
 /// How many starts a search may have, per variant.
 pub const STARTS: RangeInclusive<i64> = 1..=1024;
@@ -39,7 +41,7 @@ pub struct AnalysisOptions {
     pub profile: Option<Profile>,
     /// What that profile was made of, where it comes from a height map.
     pub height_map: Option<RidgeFacts>,
-    /// The ray tracer and the bootstrap end after so many seconds of fitting; what they reached by then counts.
+    /// Searches, the ray tracer and the bootstrap end after so many seconds of fitting; what they reached by then counts.
     pub max_seconds: Option<f64>,
     /// Whether a descent to the minimum is retraced, step by step (`iterations` of the report).
     pub iterations: bool,
@@ -136,7 +138,8 @@ pub fn analyse(
         Some(time),
         cancel,
     );
-    leave_out(&mut report, source.manifest(), &observations);
+    let tolerance = options.fit.tolerance;
+    leave_out(&mut report, source.manifest(), &observations, tolerance);
     if let (Some(tracer), Some(facts)) = (&mut report.tracer, options.height_map) {
         tracer.height_map = Some(facts);
         report.left_out.extend(facts.left_out());
@@ -156,8 +159,13 @@ pub fn analyse(
 }
 
 /// What the plan of the series leaves out, with the costs at the fitted surface, takes the place of what the fit says of
-/// the same in general.
-fn leave_out(report: &mut FitReport, manifest: &Manifest, set: &ObservationSet) {
+/// the same in general; what costs more than a user allowed is a warning.
+fn leave_out(
+    report: &mut FitReport,
+    manifest: &Manifest,
+    set: &ObservationSet,
+    tolerance: Option<f64>,
+) {
     let p = &report.parameters;
     let (Some(theta_r_deg), Some(alpha_u), Some(alpha_v)) =
         (p.theta_r_deg.value, p.alpha_u.value, p.alpha_v.value)
@@ -172,8 +180,15 @@ fn leave_out(report: &mut FitReport, manifest: &Manifest, set: &ObservationSet) 
         amplitude: 1.0,
     };
     let poses: Vec<Pose> = set.observations.iter().map(|o| o.pose).collect();
-    let plan = plan::series::over(manifest, &poses, &[surface], plan::TOLERANCE);
-    for choice in plan.left_out() {
+    let allowed = tolerance.unwrap_or(plan::TOLERANCE);
+    let plan = plan::series::over(manifest, &poses, &[surface], allowed);
+    // Whether it follows polarisation is told by the fit itself, what that costs by the plan.
+    let polarisation = plan.on(plan::Decision::Polarisation);
+    if let Some(known) = report.left_out.iter_mut().find(|l| l.what == POLARISATION) {
+        known.cost = polarisation.and_then(|choice| choice.cost);
+    }
+    let others = |c: &&plan::Choice| c.decision != plan::Decision::Polarisation;
+    for choice in plan.left_out().filter(others) {
         let entry = LeftOut {
             what: choice.what.clone(),
             why: choice.why.clone(),
@@ -181,11 +196,37 @@ fn leave_out(report: &mut FitReport, manifest: &Manifest, set: &ObservationSet) 
         };
         match report.left_out.iter_mut().find(|l| l.what == entry.what) {
             Some(known) => *known = entry,
-            // A third bounce is told by the fit itself.
+            // A third bounce is told by the fit itself, too.
             None if choice.decision == plan::Decision::Bounces => {}
             None => report.left_out.push(entry),
         }
     }
+    let beyond = |left: &&LeftOut| left.cost.is_some_and(|cost| cost > allowed);
+    if tolerance.is_some() {
+        let warnings = report.left_out.iter().filter(beyond).map(|left| {
+            format!(
+                "beyond the tolerance of {}: without {} the brightest radiance may be {} off; the variant traced has \
+                 all that the others leave out",
+                percent(allowed),
+                left.what,
+                percent(left.cost.unwrap_or_default())
+            )
+        });
+        report.warnings.extend(warnings);
+    }
+}
+
+/// What any of several reports leaves out, each with its largest cost.
+fn worst_of<'r>(reports: impl Iterator<Item = &'r FitReport>) -> Vec<LeftOut> {
+    let mut all: Vec<LeftOut> = Vec::new();
+    for left in reports.flat_map(|r| &r.left_out) {
+        match all.iter_mut().find(|known| known.what == left.what) {
+            Some(known) if left.cost > known.cost => *known = left.clone(),
+            Some(_) => {}
+            None => all.push(left.clone()),
+        }
+    }
+    all
 }
 
 /// A joint report and the observations that it rests on, scan by scan.
@@ -222,11 +263,21 @@ pub fn analyse_together(
         .zip(&observations)
         .map(|((name, _), set)| Scan { name, set })
         .collect();
-    let mut report = fit::joint::fit_joint(&scans, &options.fit, &fit::tier::two_bounces, cancel)
-        .map_err(|error| match error {
-        JointError::Cancelled => AnalysisError::Cancelled.into(),
-        other => JointAnalysisError::from(other),
-    })?;
+    let limit = options.max_seconds;
+    let late = || limit.is_some_and(|limit| fitting.elapsed().as_secs_f64() >= limit);
+    let tier = &fit::tier::two_bounces;
+    let mut report =
+        fit::joint::fit_joint(&scans, &options.fit, tier, &late, cancel).map_err(|error| {
+            match error {
+                JointError::Cancelled => AnalysisError::Cancelled.into(),
+                other => JointAnalysisError::from(other),
+            }
+        })?;
+    for ((told, (_, source)), set) in report.scans.iter_mut().zip(sources).zip(&observations) {
+        let tolerance = options.fit.tolerance;
+        leave_out(&mut told.report, source.manifest(), set, tolerance);
+    }
+    report.report.left_out = worst_of(report.scans.iter().map(|scan| &scan.report));
     report.report.timing_s = fit::report::Timing {
         read,
         reduce,

@@ -121,6 +121,25 @@ impl Forecast {
         }
     }
 
+    /// The same work so many times over.
+    #[must_use]
+    pub fn times(self, count: u32) -> Self {
+        let n = f64::from(count.max(1));
+        Forecast {
+            seconds: n * self.seconds,
+            uncut_seconds: self.uncut_seconds.map(|s| n * s),
+            parts: self
+                .parts
+                .into_iter()
+                .map(|part| Part {
+                    seconds: n * part.seconds,
+                    ..part
+                })
+                .collect(),
+            ..self
+        }
+    }
+
     /// Seconds of a part by its name; 0 where it has none.
     #[must_use]
     pub fn part(&self, what: &str) -> f64 {

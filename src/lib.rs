@@ -31,3 +31,4 @@ pub mod sim;
 pub mod store;
 pub mod trace;
 pub mod units;
+pub mod wording;

@@ -3,8 +3,7 @@
 use std::io::IsTerminal;
 use std::process::ExitCode;
 
-use clap::Parser;
-use ridged::cli::{self, Cli};
+use ridged::cli;
 use tracing_subscriber::EnvFilter;
 
 fn main() -> ExitCode {
@@ -15,5 +14,5 @@ fn main() -> ExitCode {
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .init();
-    cli::run(Cli::parse())
+    cli::run(cli::parse())
 }

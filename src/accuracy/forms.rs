@@ -297,15 +297,12 @@ fn proof_of(name: &str, ready: &Ready, effort: Effort) -> Proof {
             } else {
                 ready.optics.cones
             },
-            // The forms follow polarisation where the index has an imaginary part, however small.
-            k: if polarised && ready.optics.k == 0.0 {
-                1e-9
-            } else {
-                ready.optics.k
-            },
             ..ready.optics
         };
-        let quadrature = Quadrature::new(&ready.surface, &OpticsTable::new(&optics));
+        let mut quadrature = Quadrature::new(&ready.surface, &OpticsTable::new(&optics));
+        if !polarised {
+            quadrature = quadrature.scalar();
+        }
         let times = if pixels { RASTER * RASTER } else { 1 };
         let each: &[cone::Node] = if cone { &nodes } else { &[cone::Node::CENTRE] };
         let all: Vec<Directions> = directions

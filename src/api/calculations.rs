@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::error::{ApiError, Problem};
-use super::extract::{Body, Id, Params, page};
+use super::extract::{Body, Id, Params, page, since};
 use super::{App, Begun, List};
 use crate::lab::{CalculationRequest, ContrastRequest, MapRequest, TraceRequest, VerdictRequest};
 use crate::scan::event::CalculationKind;
@@ -49,10 +49,14 @@ fn body(app: &App, calculation: Calculation) -> Result<Value, ApiError> {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct CalculationParams {
+    /// Of any scan of this sample.
+    sample_id: Option<i64>,
     /// Of this scan.
     scan_id: Option<i64>,
     /// In this state: running, completed, failed, cancelled or interrupted.
     state: Option<String>,
+    /// Begun at or after, RFC 3339.
+    since: Option<String>,
     /// Rows at most, 1 to 1000; 100 if not given.
     limit: Option<u32>,
     /// `next_cursor` of the page before.
@@ -75,8 +79,10 @@ async fn list(
         return Err(ApiError::invalid("state", &allowed));
     }
     let filter = CalculationFilter {
+        sample_id: params.sample_id,
         scan_id: params.scan_id,
         state: params.state,
+        since: since(params.since)?,
     };
     let found = app.lab.store().calculations(kind, &filter, page).await?;
     Ok(Json(List {
@@ -277,7 +283,7 @@ pub(super) async fn verdicts(
 
 /// Begin a verdict: a scan judged against a specification.
 #[utoipa::path(post, path = "/api/v1/verdicts", tag = "verdicts", request_body(content = Object, description =
-    "`scan_id`, `specification` (`name`, `limits` such as {\"theta_r_deg\": {\"lower\": 9.5, \"upper\": 10.5}}, optional `decision`), optional `variant` and `region`, `max_seconds` and `target_error` (of the ray tracer), `tolerance`"), responses(
+    "`scan_id`, `specification` (`name`, `limits` such as {\"theta_r_deg\": {\"lower\": 9.5, \"upper\": 10.5}}, optional `decision`), optional `variant` and `region`, `max_seconds`, `target_error` (of the ray tracer), `tolerance`"), responses(
     (status = 202, description = "It runs", body = Begun, headers(("Location" = String, description = "The verdict"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
     (status = 404, description = "There is no such scan", body = Problem),
@@ -326,7 +332,7 @@ pub(super) async fn traces(
 
 /// Begin a trace: polarised light through a scene.
 #[utoipa::path(post, path = "/api/v1/traces", tag = "traces", request_body(content = Object, description =
-    "`scene` (the text of its TOML, or an object of the same keys), optional `files` (those that it names by `path`: an object of contents in base64; they stay with the result as `given-NAME`), `photons` (instead of the scene's), `max_seconds`, `target_error` (relative error of the reflected bins) and `compare` (every path with and without polarisation; where a material depends on the wavelength, at eight of them)"), responses(
+    "`scene` (the text of its TOML, or an object of the same keys), optional `files` (those that it names by `path`: an object of contents in base64; they stay with the result as `given-NAME`), `photons` (instead of the scene's), `max_seconds`, `target_error` (relative error of the reflected bins) `compare` (every path with and without polarisation; where a material depends on the wavelength, at eight of them) and `surfaces` (2 to 1000: so many surfaces of the same statistics in all; `surfaces` of the result tells photons and spread apart)"), responses(
     (status = 202, description = "It runs", body = Begun, headers(("Location" = String, description = "The trace"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
     (status = 422, description = "The scene makes no sense", body = Problem),

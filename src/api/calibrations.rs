@@ -2,12 +2,14 @@
 
 use axum::Json;
 use axum::extract::State;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::error::ApiError;
-use super::extract::{PageParams, Params, page};
+use super::error::{ApiError, Problem};
+use super::extract::{Id, Params, page, since};
 use super::{App, List};
+use crate::frame::FrameKind;
+use crate::store::calibrations::{Calibration, CalibrationFilter};
 use crate::store::utc_text;
 
 /// A set of calibration frames.
@@ -33,33 +35,82 @@ pub struct CalibrationBody {
     valid: bool,
 }
 
+/// Which of them.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct CalibrationParams {
+    /// Taken or used by this scan.
+    scan_id: Option<i64>,
+    /// dark or flat.
+    kind: Option<String>,
+    /// Made at or after, RFC 3339.
+    since: Option<String>,
+    /// Rows at most, 1 to 1000; 100 if not given.
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
+fn body(app: &App, kept: Calibration) -> Result<CalibrationBody, ApiError> {
+    let (until, valid) = app
+        .lab
+        .calibration_valid_until(&kept.kind, &kept.created_at)?;
+    Ok(CalibrationBody {
+        id: kept.id,
+        kind: kept.kind,
+        scan_id: kept.scan_id,
+        exposures_s: kept.exposures_s,
+        theta_c_deg: kept.theta_c_deg,
+        n_frames: kept.n_frames,
+        created_at: kept.created_at,
+        valid_until: utc_text(until),
+        valid,
+    })
+}
+
 /// Calibrations, newest first.
-#[utoipa::path(get, path = "/api/v1/calibrations", tag = "calibrations", params(PageParams), responses(
+#[utoipa::path(get, path = "/api/v1/calibrations", tag = "calibrations", params(CalibrationParams), responses(
     (status = 200, description = "A page of calibrations", body = List<CalibrationBody>),
+    (status = 422, description = "A value makes no sense", body = Problem),
 ))]
 pub(super) async fn list(
     State(app): State<App>,
-    Params(params): Params<PageParams>,
+    Params(params): Params<CalibrationParams>,
 ) -> Result<Json<List<CalibrationBody>>, ApiError> {
     let page = page(params.limit, params.cursor.as_deref())?;
-    let found = app.lab.store().calibrations(page).await?;
-    let mut items = Vec::with_capacity(found.items.len());
-    for c in found.items {
-        let (until, valid) = app.lab.calibration_valid_until(&c.kind, &c.created_at)?;
-        items.push(CalibrationBody {
-            id: c.id,
-            kind: c.kind,
-            scan_id: c.scan_id,
-            exposures_s: c.exposures_s,
-            theta_c_deg: c.theta_c_deg,
-            n_frames: c.n_frames,
-            created_at: c.created_at,
-            valid_until: utc_text(until),
-            valid,
-        });
-    }
+    let kind = match params.kind.as_deref() {
+        None => None,
+        Some("dark") => Some(FrameKind::Dark),
+        Some("flat") => Some(FrameKind::Flat),
+        Some(_) => return Err(ApiError::invalid("kind", "must be dark or flat")),
+    };
+    let filter = CalibrationFilter {
+        scan_id: params.scan_id,
+        kind,
+        since: since(params.since)?,
+    };
+    let found = app.lab.store().calibrations(&filter, page).await?;
     Ok(Json(List {
-        items,
+        items: found
+            .items
+            .into_iter()
+            .map(|kept| body(&app, kept))
+            .collect::<Result<_, _>>()?,
         next_cursor: found.next_cursor.map(|c| c.to_string()),
     }))
+}
+
+/// One calibration; its frames are those of that kind of the scan that took them.
+#[utoipa::path(get, path = "/api/v1/calibrations/{id}", tag = "calibrations",
+    params(("id" = i64, Path, description = "Number of the calibration")), responses(
+    (status = 200, description = "The calibration", body = CalibrationBody),
+    (status = 404, description = "There is none", body = Problem),
+))]
+pub(super) async fn get(
+    State(app): State<App>,
+    Id(id): Id,
+) -> Result<Json<CalibrationBody>, ApiError> {
+    let kept = app.lab.store().calibration(id).await?;
+    Ok(Json(body(&app, kept)?))
 }

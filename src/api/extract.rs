@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use super::error::{ApiError, FieldProblem};
 use super::guard::BODY_BYTES_MAX;
 use crate::lab::words::{missing, plain};
-use crate::store::PageRequest;
+use crate::store::{PageRequest, utc_of, utc_text};
 
 /// A JSON body.
 pub struct Body<T>(pub T);
@@ -171,6 +171,18 @@ pub(super) fn page(limit: Option<u32>, cursor: Option<&str>) -> Result<PageReque
         .transpose()
         .map_err(|_| ApiError::invalid("cursor", "is not the next_cursor of a page"))?;
     Ok(PageRequest { limit, cursor })
+}
+
+/// A query's time as the store writes times.
+pub(super) fn since(text: Option<String>) -> Result<Option<String>, ApiError> {
+    text.map(|text| match utc_of(&text) {
+        Some(time) => Ok(utc_text(time)),
+        None => Err(ApiError::invalid(
+            "since",
+            "must be a time like 2026-03-02T09:00:00Z",
+        )),
+    })
+    .transpose()
 }
 
 /// Refuses a query's number that is none.

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use utoipa::ToSchema;
 
 use super::error::{ApiError, Problem};
-use super::extract::{Body, Id, Params, finite, page};
+use super::extract::{Body, Id, Params, finite, page, since};
 use super::{App, Begun, List};
 use crate::fit::report::{Status, VariantName};
 use crate::lab::FitRequest;
@@ -71,7 +71,7 @@ pub struct FitParams {
     scan_id: Option<i64>,
     /// Of this variant.
     variant: Option<String>,
-    /// With this status.
+    /// With this status; `cancelled` finds fits in that state.
     status: Option<String>,
     /// Begun at or after, RFC 3339.
     since: Option<String>,
@@ -107,20 +107,12 @@ pub(super) async fn list(
     Params(params): Params<FitParams>,
 ) -> Result<Json<List<Value>>, ApiError> {
     let page = page(params.limit, params.cursor.as_deref())?;
-    let since = match params.since {
-        None => None,
-        Some(text) => Some(crate::store::utc_text(
-            crate::store::utc_of(&text).ok_or_else(|| {
-                ApiError::invalid("since", "must be a time like 2026-03-02T09:00:00Z")
-            })?,
-        )),
-    };
     let filter = FitFilter {
         sample_id: params.sample_id,
         scan_id: params.scan_id,
         variant: a_word_of::<VariantName>("variant", params.variant)?,
         status: a_word_of::<Status>("status", params.status)?,
-        since,
+        since: since(params.since)?,
         theta_r_deg_min: finite("theta_r_deg_min", params.theta_r_deg_min)?,
         theta_r_deg_max: finite("theta_r_deg_max", params.theta_r_deg_max)?,
     };
@@ -137,7 +129,7 @@ pub(super) async fn list(
 
 /// Begin a fit.
 #[utoipa::path(post, path = "/api/v1/fits", tag = "fits", request_body(content = Object, description =
-    "`scan_id`, optional `variant` (auto, paper, sawtooth, traced), `region`, `loss` (linear, huber, tukey), `fix` (parameters held: {\"rho_d\": 0.3}, names as in the report, and eta, k), `priors` (parameters known within a standard uncertainty: {\"theta_r_deg\": {\"value\": 10, \"std\": 0.5}}), `starts` (of the search per variant, 1 to 1024; 8 if not given), `profile` (true: profile-likelihood intervals), `bootstrap` (intervals of so many drawn series, 20 to 100000), `judge` (true: the difference to traced is the model line of the budget), `max_seconds` (of the ray tracer and the bootstrap) and `target_error` (of the ray tracer), `tolerance`, `iterations` (true: the report has a descent step by step: seconds, cost, gradient, step, error, accepted) and `shape` (for traced or judge, the sample measured: `name`, whose ending says how it is written, `content` in base64, `pitch_um` and `height_unit_um` where the file does not say them)"), responses(
+    "`scan_id`, optional `variant` (auto, paper, sawtooth, traced), `region`, `loss` (linear, huber, tukey), `fix` (parameters held: {\"rho_d\": 0.3}, names as in the report, and eta, k), `priors` (parameters known within a standard uncertainty: {\"theta_r_deg\": {\"value\": 10, \"std\": 0.5}}), `starts` (of the search per variant, 1 to 1024; 8 if not given), `profile` (true: profile-likelihood intervals), `bootstrap` (intervals of so many drawn series, 20 to 100000), `judge` (true: the difference to traced is the model line of the budget), `max_seconds` (of the search, the ray tracer and the bootstrap) and `target_error` (of the ray tracer), `tolerance`, `iterations` (true: the report has a descent step by step: seconds, cost, gradient, step, error, accepted) and `shape` (for traced or judge, the sample measured: `name`, whose ending says how it is written, `content` in base64, `pitch_um` and `height_unit_um` where the file does not say them)"), responses(
     (status = 202, description = "The fit runs", body = Begun, headers(("Location" = String, description = "The fit"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
     (status = 404, description = "There is no such scan", body = Problem),

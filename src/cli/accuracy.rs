@@ -251,6 +251,9 @@ pub(super) fn print_proofs(proofs: &[Proof], out: &mut dyn Write) -> std::io::Re
     Ok(())
 }
 
+/// Slope above which an error does not fall with time.
+const LEVEL: f64 = -0.25;
+
 fn print(report: &Report<'_>, json: bool) -> std::io::Result<()> {
     let Report { machine, found, .. } = report;
     let mut out = std::io::stdout().lock();
@@ -271,6 +274,8 @@ fn print(report: &Report<'_>, json: bool) -> std::io::Result<()> {
                 group[0].method, best.error, best.seconds, group[0].quantity
             )?;
             match slope(&group) {
+                // More time does not help a method that leaves something out.
+                Some(slope) if slope > LEVEL => writeln!(out, ", levels off")?,
                 Some(slope) => writeln!(out, ", slope {slope:.2}")?,
                 None => writeln!(out)?,
             }

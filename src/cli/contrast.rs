@@ -35,6 +35,7 @@ use crate::units::Angle;
     ridged contrast --theta-r-deg 5 10 15 20 --svg contrast.svg\n  \
     ridged contrast --alpha 0.06 --rho-d 0.342 --compare tests/data/contrast-raytraced-paper-rig.csv\n  \
     ridged contrast tests/data/series/polymer-10 --json")]
+#[command(mut_args(of_predictions))]
 pub struct Args {
     /// Folder of a recorded series; its contrast is measured.
     #[arg(group = "measured")]
@@ -71,6 +72,34 @@ pub struct Args {
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
+}
+
+/// What a measured contrast has nowhere to put: the series says it, or nobody asks.
+fn of_predictions(arg: clap::Arg) -> clap::Arg {
+    const PREDICTED: [&str; 17] = [
+        "theta_c_deg",
+        "alpha",
+        "alpha_u",
+        "alpha_v",
+        "rho_d",
+        "eta",
+        "k",
+        "metal",
+        "wavelength_nm",
+        "theta_l_deg",
+        "light_azimuth_deg",
+        "azimuth_zero_deg",
+        "light_angular_radius_deg",
+        "lens_angular_radius_deg",
+        "variant",
+        "max_seconds",
+        "target_error",
+    ];
+    if PREDICTED.contains(&arg.get_id().as_str()) {
+        arg.conflicts_with("measured")
+    } else {
+        arg
+    }
 }
 
 /// A rig and a surface given by options; the defaults are the paper's rig with narrow lobes.
@@ -156,9 +185,15 @@ impl Model {
     /// What its radiances do without on a rig of those cones, the lobes' narrower roughness being `alpha`; `apart` is how
     /// far they are from those with two bounces integrated, as a share of the brightest.
     #[must_use]
-    pub fn left_out(self, cones: &Cones, alpha: f64, apart: Option<f64>) -> Vec<LeftOut> {
+    pub fn left_out(
+        self,
+        cones: &Cones,
+        alpha: f64,
+        metal: bool,
+        apart: Option<f64>,
+    ) -> Vec<LeftOut> {
         let of = |variant| left_out::of_closed_form(variant, cones, alpha);
-        match self {
+        let mut list = match self {
             Model::Paper => {
                 let mut list = of(Variant::Paper);
                 list.pop();
@@ -176,7 +211,14 @@ impl Model {
                 list.extend([left_out::ideal_profile(), left_out::third_bounce()]);
                 list
             }
+        };
+        if !metal && self != Model::Paper {
+            list.push(left_out::polarisation(
+                "on plastic predictions multiply unpolarised reflectances where light bounces twice, as many renderers \
+                 do; single reflections do not depend on it",
+            ));
         }
+        list
     }
 
     /// Its name in JSON.
@@ -358,9 +400,12 @@ fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
         of: "a radiance, of the brightest".to_owned(),
     });
     report["error"] = json!(error);
-    let mut left_out =
-        args.variant
-            .left_out(&rig.cones, surface.alpha_u.min(surface.alpha_v), apart);
+    let mut left_out = args.variant.left_out(
+        &rig.cones,
+        surface.alpha_u.min(surface.alpha_v),
+        optics.k > 0.0,
+        apart,
+    );
     if !found.left.is_empty() {
         let ridges: Vec<String> = found.left.iter().map(f64::to_string).collect();
         left_out.push(LeftOut::new(

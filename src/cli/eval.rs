@@ -18,9 +18,10 @@ use anyhow::{Context, anyhow};
 use super::CliError;
 
 /// Evaluates closed forms over a table.
-///
-/// Example: ridged eval stack --cases stacks.csv --out answers.csv
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:\n  \
+    ridged eval stack --cases stacks.csv --out answers.csv\n  \
+    ridged eval brdf --cases directions.csv --out radiances.csv")]
 pub struct Args {
     /// Which closed form.
     #[arg(value_enum)]

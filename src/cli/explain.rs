@@ -18,6 +18,7 @@ use crate::model::LeftOut;
 use crate::plan::{self, Basis, Plan};
 use crate::series::Series;
 use crate::trace::scene::Scene;
+use crate::wording::{counted, percent};
 
 /// Prints the plan of a scene or a recorded series without computing it.
 #[derive(Debug, clap::Args)]
@@ -72,6 +73,12 @@ pub fn run(args: Args) -> Result<(), CliError> {
             "--prove is for scenes; `ridged accuracy` proves the plans of recorded series whose truth is known"
         )));
     }
+    if args.mueller && args.input.is_dir() {
+        return Err(CliError::bad_input(anyhow!(
+            "--mueller is for scenes; {} is a folder",
+            args.input.display()
+        )));
+    }
     if args.map && !args.input.is_dir() {
         return Err(CliError::bad_input(anyhow!(
             "--map is for recorded series; {} is no folder of one",
@@ -109,7 +116,10 @@ fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
     Ok(Explanation {
         input: "series",
         computes: vec![
-            format!("reduction of {frames} frames to one observation per pose"),
+            format!(
+                "reduction of {} to one observation per pose",
+                counted(frames, "frame")
+            ),
             "variants paper and sawtooth fitted to all of them".to_owned(),
             "double reflections by quadrature at the fitted values, and a refit".to_owned(),
         ],
@@ -189,9 +199,9 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
     Ok(Explanation {
         input: "scene",
         computes: vec![format!(
-            "{} photons, {kind}, through {} interfaces",
-            prepared.photons,
-            scene.interface.len()
+            "{}, {kind}, through {}",
+            counted(prepared.photons as usize, "photon"),
+            counted(scene.interface.len(), "interface")
         )],
         forecast: of_run(&prepared, Asked::ALL, patience),
         proof,
@@ -248,7 +258,7 @@ fn print(e: &Explanation, out: &mut dyn Write) -> std::io::Result<()> {
             } else {
                 "costs"
             };
-            writeln!(out, "{:27}{left} {basis} {:.3} %", "", 100.0 * cost)?;
+            writeln!(out, "{:27}{left} {basis} {}", "", percent(cost))?;
         }
     }
     let beyond = e
@@ -258,7 +268,7 @@ fn print(e: &Explanation, out: &mut dyn Write) -> std::io::Result<()> {
     for choice in beyond {
         writeln!(
             out,
-            "beyond the tolerance: {}; of fits only those by the ray tracer have it (--variant traced, --judge)",
+            "beyond the tolerance: {}; a fit by the ray tracer has it (--variant traced)",
             choice.what
         )?;
     }

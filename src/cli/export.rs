@@ -9,6 +9,7 @@ use super::daemon;
 use crate::lab;
 use crate::store::Store;
 use crate::store::disk::RealDisk;
+use crate::wording::counted;
 
 /// Writes a scan as a recorded series, frames bit for bit.
 #[derive(Debug, clap::Args)]
@@ -41,7 +42,8 @@ pub fn run(args: Args) -> Result<(), CliError> {
         let frames = written.map_err(daemon::lab_error)?;
         writeln!(
             std::io::stdout(),
-            "{frames} frames of scan {} in {}",
+            "{} of scan {} in {}",
+            counted(frames, "frame"),
             args.scan,
             args.out.display()
         )

@@ -239,7 +239,7 @@ fn tracing_options(args: &Args) -> Result<TracingOptions, CliError> {
             "--shape is for the ray tracer: add --variant traced, or --judge"
         )));
     }
-    args.limits.check(traces, args.bootstrap.is_some())?;
+    args.limits.check(traces)?;
     Ok(TracingOptions::to_error(args.limits.target_error))
 }
 

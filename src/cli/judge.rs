@@ -11,6 +11,7 @@ use crate::fit::traced::TracingOptions;
 use crate::judge::{Judgement, Specification, VerdictReport};
 use crate::reduction::FrameSource;
 use crate::series::Series;
+use crate::wording::{decimals, significant, stated};
 
 /// Measures a series and judges it against a specification: pass, fail or cannot tell.
 #[derive(Debug, clap::Args)]
@@ -62,7 +63,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         )))
     })?;
     let specification = Specification::from_toml(&text, &file).map_err(CliError::bad_input)?;
-    args.limits.check(args.variant == Variant::Traced, false)?;
+    args.limits.check(args.variant == Variant::Traced)?;
     let options = AnalysisOptions {
         region: args.region.clone(),
         fit: FitOptions {
@@ -86,29 +87,40 @@ pub fn run(args: Args) -> Result<(), CliError> {
 }
 
 fn table(judgement: &Judgement) -> String {
-    let number = |x: Option<f64>| x.map_or_else(|| "–".to_owned(), |x| format!("{x:.4}"));
+    let none = || "–".to_owned();
     let mut text = format!(
-        "{}: {}\n{}\n\n{:<26}{:>10}{:>10}{:>10}{:>10}{:>10}  {:<12}\n",
+        "{}: {}\n{}\n\n{:<26}{:>12}{:>12}{:>5}{:>12}{:>12}{:>12}  {:<13}reason\n",
         judgement.specification,
         judgement.verdict,
         judgement.decision_rule,
         "quantity",
         "value",
-        "U (k=2)",
+        "± expanded",
+        "k",
         "lower",
         "upper",
-        "guard",
+        "guard band",
         "verdict"
     );
     for item in &judgement.items {
+        let decimals = item.expanded.map_or(4, decimals);
+        // As many digits as the uncertainty has two of, unless the value is beyond any table.
+        let measured = |x: Option<f64>| match x {
+            None => none(),
+            Some(x) if x.abs() < 1e7 => format!("{x:.decimals$}"),
+            Some(x) => significant(x),
+        };
+        let limit = |x: Option<f64>| x.map_or_else(none, stated);
         text.push_str(&format!(
-            "{:<26}{:>10}{:>10}{:>10}{:>10}{:>10}  {:<12}{}\n",
+            "{:<26}{:>12}{:>12}{:>5}{:>12}{:>12}{:>12}  {:<13}{}\n",
             item.quantity,
-            number(item.value),
-            number(item.expanded),
-            number(item.lower),
-            number(item.upper),
-            number(item.guard_band),
+            measured(item.value),
+            measured(item.expanded),
+            item.coverage_factor
+                .map_or_else(none, |k| format!("{k:.2}")),
+            limit(item.lower),
+            limit(item.upper),
+            measured(item.guard_band),
             item.verdict,
             item.reason
         ));

@@ -38,9 +38,17 @@ pub fn check(limits: &[(&str, Option<f64>)]) -> Result<(), CliError> {
 /// # Errors
 /// Bad input, naming the option.
 pub fn check_tolerance(tolerance: Option<f64>) -> Result<(), CliError> {
-    if tolerance.is_some_and(|x| !(x > 0.0 && x < 1.0)) {
+    check_share("--tolerance", tolerance)
+}
+
+/// The same of another option that is a share of the brightest.
+///
+/// # Errors
+/// Bad input, naming the option.
+pub fn check_share(name: &str, share: Option<f64>) -> Result<(), CliError> {
+    if share.is_some_and(|x| !(x > 0.0 && x < 1.0)) {
         return Err(CliError::bad_input(anyhow!(
-            "--tolerance must be between 0 and 1: 0.01 is one per cent"
+            "{name} must be between 0 and 1: 0.01 is one per cent"
         )));
     }
     Ok(())

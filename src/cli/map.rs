@@ -14,6 +14,7 @@ use crate::map::write::Summary;
 use crate::map::{MapError, MapOptions, Progress, Stage};
 use crate::reduction::{FrameSource, ReductionError};
 use crate::series::Series;
+use crate::wording::{counted, decimals, percent, significant};
 
 /// Fits every pixel of a series: float32 TIFF and PNG of each parameter and its uncertainty.
 #[derive(Debug, clap::Args)]
@@ -70,6 +71,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         ("--max-seconds", args.max_seconds),
         ("--target-error", args.target_error),
     ])?;
+    limits::check_share("--target-error", args.target_error)?;
     place::for_files(&args.out)?;
     let cancel = interrupt::flag()?;
     let watch = Watch::new();
@@ -150,15 +152,17 @@ impl Watch {
 
 fn table(summary: &Summary, args: &Args) -> String {
     let mut text = format!(
-        "{} of {} fitted pixels have values, {:.0} pixels/s, {} poses\n\n",
+        "{} of {} fitted pixels have values, {:.0} pixels/s, {}\n\n",
         summary.pixels_with_value,
         summary.pixels,
         summary.pixels_per_s,
-        summary.observations_per_pixel
+        counted(summary.observations_per_pixel, "pose")
     );
     text.push_str("parameter            median        p5       p95   std (pixel)  std (shared)\n");
-    let number = |x: Option<f64>| x.map_or_else(|| "–".to_owned(), |x| format!("{x:.4}"));
     for (name, s) in &summary.parameters {
+        let decimals = s.std_median.map_or(4, |std| decimals(std) + 1);
+        let number =
+            |x: Option<f64>| x.map_or_else(|| "–".to_owned(), |x| format!("{x:.decimals$}"));
         text.push_str(&format!(
             "{name:<18} {:>9} {:>9} {:>9} {:>13} {:>13}\n",
             number(s.median),
@@ -176,7 +180,7 @@ fn table(summary: &Summary, args: &Args) -> String {
             lean.azimuth_deg
         ));
     }
-    text.push_str(&format!("\n{} defects\n", summary.defects.len()));
+    text.push_str(&format!("\n{}\n", counted(summary.defects.len(), "defect")));
     const SHOWN: usize = 20;
     for d in summary.defects.iter().take(SHOWN) {
         let deviation = d
@@ -186,11 +190,11 @@ fn table(summary: &Summary, args: &Args) -> String {
             .map_or_else(
                 || "no single surface explains it".to_owned(),
                 |v| {
+                    let value = v.value.map_or_else(|| "–".to_owned(), significant);
                     format!(
-                        "{} {} instead of {:.4}",
+                        "{} {value} instead of {}",
                         v.parameter,
-                        number(v.value),
-                        v.usual
+                        significant(v.usual)
                     )
                 },
             );
@@ -208,7 +212,7 @@ fn table(summary: &Summary, args: &Args) -> String {
     for left in &summary.left_out {
         let cost = left.cost.map_or_else(
             || "cost unknown".to_owned(),
-            |c| format!("may cost {:.3} % of the brightest radiance", 100.0 * c),
+            |c| format!("may cost {} of the brightest radiance", percent(c)),
         );
         text.push_str(&format!(
             "not computed: {} ({cost}): {}\n",
@@ -222,8 +226,8 @@ fn table(summary: &Summary, args: &Args) -> String {
         ));
     }
     text.push_str(&format!(
-        "\n{} files in {}\n",
-        summary.files.len(),
+        "\n{} in {}\n",
+        counted(summary.files.len(), "file"),
         args.out.display()
     ));
     text

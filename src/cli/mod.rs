@@ -36,11 +36,15 @@ pub mod wear;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Measures the ridge angle of micro-structured surfaces, says how sure it is, and why.
 #[derive(Debug, Parser)]
 #[command(name = "ridged", version, about, max_term_width = 100)]
+#[command(after_help = "Examples:\n  \
+    ridged demo                                   a simulated rig scans a sample; page and API until Ctrl-C\n  \
+    ridged fit tests/data/series/polymer-10       the ridge angle of a recorded series\n  \
+    ridged COMMAND --help                         more examples")]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
@@ -115,6 +119,27 @@ impl CliError {
     }
 }
 
+/// The command line as its words make it; help, and what is wrong with them, end the program.
+#[must_use]
+pub fn parse() -> Cli {
+    let matches = with_negative_numbers(Cli::command()).get_matches();
+    Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
+}
+
+/// A negative number is a value, and refused as one where it is out of range, not an option that there is none of.
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    command
+        .mut_args(|arg| {
+            let takes_one = arg.get_action().takes_values() && !arg.is_positional();
+            if takes_one {
+                arg.allow_negative_numbers(true)
+            } else {
+                arg
+            }
+        })
+        .mut_subcommands(with_negative_numbers)
+}
+
 /// Runs one command to its exit code; errors are printed with their causes.
 #[must_use]
 pub fn run(cli: Cli) -> ExitCode {
@@ -186,8 +211,36 @@ fn parsed<A: clap::Args>(words: &[&str]) -> A {
 mod tests {
     use anyhow::{Context as _, anyhow};
 
-    use super::once;
+    use super::{Cli, once, with_negative_numbers};
     use crate::series::SeriesError;
+
+    use clap::CommandFactory as _;
+
+    #[test]
+    fn every_command_has_an_example() {
+        fn look(command: &clap::Command, path: &str) {
+            let help = command.get_after_help().map(ToString::to_string);
+            assert!(
+                help.is_some_and(|h| h.contains("Example")),
+                "{path} has none"
+            );
+            for below in command.get_subcommands() {
+                look(below, &format!("{path} {}", below.get_name()));
+            }
+        }
+        look(&Cli::command(), "ridged");
+    }
+
+    #[test]
+    fn a_negative_number_is_refused_as_a_number() {
+        let line = with_negative_numbers(Cli::command());
+        let refused = line.try_get_matches_from(["ridged", "fit", "series", "--bootstrap", "-5"]);
+        let said = refused.unwrap_err().to_string();
+        assert!(
+            said.contains("is not in 20..=100000") && !said.contains("unexpected"),
+            "{said}"
+        );
+    }
 
     #[test]
     fn a_cause_that_was_told_is_not_told_again() {

@@ -148,7 +148,8 @@ fn left_out() -> [LeftOut; 2] {
 /// The object of `--json`.
 fn report(cells: &[Cell], seconds: f64) -> Value {
     let surfaces = cells.iter().map(|cell| {
-        let largest = |of: &[f64]| of.iter().fold(0.0, |worst: f64, d| worst.max(d.abs()));
+        // With its sign, as in the table of poses: too bright is positive.
+        let largest = |of: &[f64]| of.get(summary(of).1).copied();
         let fitted = ["paper", "sawtooth"].iter().zip(&cell.fitted);
         let fitted: serde_json::Map<String, Value> = fitted
             .map(|(name, m)| {
@@ -223,7 +224,7 @@ fn cells(args: &Args, cancel: &AtomicBool) -> Result<Vec<Cell>, CliError> {
         && let Some((material, theta_r_deg, alpha)) = wanted.get(wanted.len() / 2)
     {
         let pilot = |paths| Some(cell(args, paths, *material, *theta_r_deg, *alpha, cancel)?.noise);
-        let told = args.limits.plan(wanted.len(), 1, paths, &pilot);
+        let told = args.limits.plan(wanted.len(), 1, paths, &pilot)?;
         if let Some(told) = told {
             eprintln!("forecast: {}", told.forecast);
             paths = told.paths;
@@ -313,7 +314,7 @@ fn cell(
         let p = &report.parameters;
         let rho = p.rho_d.value.filter(|_| variant != VariantChoice::Paper);
         Some(Misread {
-            rms: report.rms_residual,
+            rms: report.rms_residual?,
             theta_r_deg: p.theta_r_deg.value? - theta_r_deg,
             alpha: [
                 p.alpha_u.value? / alpha - 1.0,
@@ -472,7 +473,7 @@ fn poses_csv(cells: &[Cell]) -> String {
 /// A table in Markdown: the worst and the median over the roughnesses, by material and ridge angle.
 fn table(cells: &[Cell]) -> String {
     let mut text = String::from(
-        "| material | θr | paper, fitted: rms | its θr | its αv | sawtooth at the truth: rms | worst pose | two bounces integrated: rms | sawtooth, fitted: θr | its α | its ρd | tracer's noise |\n\
+        "| material | θr | paper, fitted: rms | its θr is off by | its αv by | sawtooth at the truth: rms | worst pose | two bounces integrated: rms | sawtooth, fitted: θr is off by | its α by | its ρd by | tracer's noise |\n\
          | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
     );
     let mut angles: Vec<(usize, f64)> = Vec::new();

@@ -26,7 +26,7 @@ pub struct Args {
     #[arg(long, default_value_t = 30.0, value_name = "DEG")]
     pub theta_r_max_deg: f64,
     /// Smallest roughness that can be made (with --alpha-max; else --alpha is kept).
-    #[arg(long, requires = "alpha_max")]
+    #[arg(long, requires = "alpha_max", conflicts_with_all = ["alpha_u", "alpha_v"])]
     pub alpha_min: Option<f64>,
     /// Largest roughness that can be made.
     #[arg(long, requires = "alpha_min")]
@@ -146,6 +146,7 @@ fn report(args: &Args) -> Result<Value, CliError> {
     let mut left_out = args.variant.left_out(
         &rig.cones,
         best.alpha,
+        optics.k > 0.0,
         apart.and_then(|(_, of_radiance)| of_radiance),
     );
     if !best.complete {

@@ -60,6 +60,22 @@ pub struct Args {
 /// # Errors
 /// Bad input for options out of range; no result where a file cannot be written.
 pub fn run(args: Args) -> Result<(), CliError> {
+    let png = args
+        .out
+        .extension()
+        .is_none_or(|e| e.eq_ignore_ascii_case("png"));
+    if !png {
+        return Err(CliError::bad_input(anyhow!(
+            "--out {}: the picture is a PNG; give it a name that ends in .png",
+            args.out.display()
+        )));
+    }
+    if args.exr.as_ref() == Some(&args.out) {
+        return Err(CliError::bad_input(anyhow!(
+            "--out and --exr are the same file: {}",
+            args.out.display()
+        )));
+    }
     place::for_file(&args.out)?;
     args.exr.as_deref().map_or(Ok(()), place::for_file)?;
     let both = pictures(&args)?;

@@ -31,10 +31,13 @@ pub struct Args {
 #[derive(Debug, Clone, Copy, clap::Subcommand)]
 pub enum Action {
     /// Where both axes stand.
+    #[command(after_help = "Example:\n  ridged rig status --json")]
     Status,
     /// Look for the reference of both axes.
+    #[command(after_help = "Example:\n  ridged rig home")]
     Home,
     /// Stop both axes at once; never refused.
+    #[command(after_help = "Example:\n  ridged rig stop --data /var/lib/ridged")]
     Stop,
 }
 

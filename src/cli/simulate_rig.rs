@@ -17,9 +17,10 @@ use crate::sim::world::{World, WorldSettings};
 ///
 /// Address 1 turns theta_c, address 2 phi_s, one axis each. When ready it prints one line,
 /// "listening on PATH_OR_ADDR".
-///
-/// Example: ridged simulate-rig --tcp 127.0.0.1:55550 --time-scale 20
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:\n  \
+    ridged simulate-rig --tcp 127.0.0.1:55550 --time-scale 20\n  \
+    ridged simulate-rig --pty --describe")]
 #[command(group = clap::ArgGroup::new("line").required(true).args(["pty", "tcp"]))]
 pub struct Args {
     /// On a new pseudo-terminal, to be opened like a serial port.

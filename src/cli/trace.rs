@@ -20,6 +20,7 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::limits::{self, Stopwatch};
+use super::progress::Bar;
 use super::{CliError, interrupt, place};
 use crate::accuracy::trace_forecast::{Asked, Patience, of_run};
 use crate::clock::elapsed_s;
@@ -29,6 +30,8 @@ use crate::plan::scene::Wish;
 use crate::trace::report::Report;
 use crate::trace::run::{self, Ending, Progress, Shard, SoFar};
 use crate::trace::scene::{HeightMap, Prepared, Scene, Shapes};
+use crate::trace::spread::over_surfaces;
+use crate::wording::{counted, significant};
 
 /// Traces polarised light through a scene of single or layered micro-surfaces.
 #[derive(Debug, clap::Args)]
@@ -68,6 +71,11 @@ pub struct Args {
     /// stop. Writes to the same file unless --out names another.
     #[arg(long, value_name = "FILE.csv")]
     pub resume: Option<PathBuf>,
+    /// Trace so many surfaces of the same statistics in all, drawn by other seeds, and tell how much the energies differ
+    /// from surface to surface; the direction bins stay those of the scene's own.
+    #[arg(long, value_name = "N", conflicts_with_all = ["shard", "resume"],
+          value_parser = clap::value_parser!(u32).range(2..=1000))]
+    pub surfaces: Option<u32>,
     /// A folder for pictures (SVG): hemispheres of every Mueller and Stokes component, DOLP and AOP.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
@@ -77,6 +85,7 @@ pub struct Args {
 #[derive(Debug, clap::Subcommand)]
 pub enum Action {
     /// Puts the files of all shards of one run together; the same bits as one run.
+    #[command(after_help = "Example:\n  ridged trace merge part-1.csv part-2.csv --out bins.csv")]
     Merge {
         /// Files that `--shard` wrote.
         #[arg(required = true, value_name = "FILE")]
@@ -142,13 +151,30 @@ pub fn run(args: Args) -> Result<(), CliError> {
         photons: args.tolerance.is_none().then_some(prepared.photons),
     };
     let plan = plan::scene::plan(&scene, &prepared, &wish);
+    let lean = match plan.idle_interfaces.is_empty() {
+        true => scene.clone(),
+        false => plan::scene::lean(&scene, &plan),
+    };
     if !plan.idle_interfaces.is_empty() {
-        prepared = ready(path, &plan::scene::lean(&scene, &plan))?;
+        prepared = ready(path, &lean)?;
     }
     plan::scene::apply(&plan, &scene, &mut prepared);
+    if args.surfaces.is_some() && !prepared.is_drawn {
+        return Err(CliError::bad_input(anyhow!(
+            "--surfaces: no interface of the scene is drawn at random (beckmann, crystals, burrs), so there are no others"
+        )));
+    }
     let asked = args.target_error.is_some() || args.max_seconds.is_some();
     let worth = asked || (std::io::stderr().is_terminal() && prepared.photons >= LONG);
     let shard = args.shard.unwrap_or(Shard::WHOLE);
+    shard.check(prepared.photons).map_err(|most| {
+        CliError::bad_input(anyhow!(
+            "--shard {}/{}: {} can be dealt out to {most} shards at most",
+            shard.number,
+            shard.of,
+            counted(prepared.photons as usize, "photon")
+        ))
+    })?;
     let before = args
         .resume
         .as_deref()
@@ -162,7 +188,8 @@ pub fn run(args: Args) -> Result<(), CliError> {
             };
             of_run(&prepared, asked, patience(args.max_seconds, &cancel))
         })
-        .flatten();
+        .flatten()
+        .map(|told| told.times(args.surfaces.unwrap_or(1)));
     if let Some(forecast) = forecast {
         eprintln!("forecast: {}", forecast.within(args.max_seconds));
     }
@@ -195,13 +222,28 @@ pub fn run(args: Args) -> Result<(), CliError> {
     }
     if totals.photons() == 0 && !cancel.load(Ordering::Relaxed) {
         return Err(CliError::no_result(anyhow!(
-            "no photon was traced: allow more time, or part the run into fewer shards"
+            "no photon was traced: allow more time"
         )));
     }
     if let Some(folder) = &args.pictures {
         pictures::write(folder, &scene, totals)?;
     }
     let mut report = Report::of(&prepared, totals);
+    if let Some(count) = args.surfaces {
+        let bar = Bar::new("surfaces");
+        let again = |other: &Scene| -> Result<Prepared, CliError> {
+            let mut other_one = ready(path, other)?;
+            plan::scene::apply(&plan, &scene, &mut other_one);
+            Ok(other_one)
+        };
+        let go_on = |done: usize| {
+            bar.at(done as u64, u64::from(count));
+            !cancel.load(Ordering::Relaxed) && !watch.is_late()
+        };
+        report.surfaces = over_surfaces(&lean, totals, count as usize, &again, &go_on)?;
+        report.notes.clear();
+    }
+    let seconds = watch.seconds();
     report.seconds = Some(seconds);
     report.run_seconds = Some(run_seconds);
     report.setup_seconds = set_up.get().copied();
@@ -234,9 +276,10 @@ fn how_to_go_on(scene: &Path, out: Option<&Path>, shard: Option<Shard>) -> Strin
 fn unreached(target: f64, reached: Option<f64>, photons: u64) -> anyhow::Error {
     match reached {
         Some(e) => anyhow!(
-            "the target error {target} was not reached: {photons} photons gave {e:.3e}; about {:.1e} would be \
-             needed (run.photons in the scene)",
-            photons as f64 * (e / target).powi(2)
+            "the target error {target} was not reached: {photons} photons gave {}; about {} would be needed \
+             (run.photons in the scene)",
+            significant(e),
+            significant(photons as f64 * (e / target).powi(2))
         ),
         None => anyhow!(
             "the target error {target} cannot be reached: no light was reflected, or no more than its own noise"
@@ -429,7 +472,11 @@ fn table_of(report: &Report, out: &mut dyn Write) -> std::io::Result<()> {
     } else {
         "scalar"
     };
-    write!(out, "{} photons, {kind}", report.photons)?;
+    write!(
+        out,
+        "{}, {kind}",
+        counted(report.photons as usize, "photon")
+    )?;
     if let Some(seconds) = report.seconds {
         write!(out, ", {seconds:.2} s")?;
     }
@@ -441,7 +488,34 @@ fn table_of(report: &Report, out: &mut dyn Write) -> std::io::Result<()> {
         ("absorbed", e.absorbed),
         ("truncated", e.truncated),
     ] {
-        writeln!(out, "  {name:<12} {:.6} ± {:.6}", x.value, x.std)?;
+        match x.std.is_finite() {
+            true => writeln!(out, "  {name:<12} {:.6} ± {:.6}", x.value, x.std)?,
+            false => writeln!(out, "  {name:<12} {:.6}", x.value)?,
+        }
+    }
+    if let Some(s) = &report.surfaces {
+        writeln!(
+            out,
+            "  over {} (± their mean's error; by the photons; from surface to surface)",
+            counted(s.count, "surface")
+        )?;
+        for (name, x) in [
+            ("reflected", s.reflected),
+            ("transmitted", s.transmitted),
+            ("absorbed", s.absorbed),
+        ] {
+            writeln!(
+                out,
+                "    {name:<12} {:.6} ± {:.6}; {}; {}",
+                x.value,
+                x.std,
+                significant(x.std_by_sampling),
+                significant(x.std_between_surfaces)
+            )?;
+        }
+    }
+    for note in &report.notes {
+        writeln!(out, "  note: {note}")?;
     }
     if let Some(error) = report.relative_error {
         writeln!(

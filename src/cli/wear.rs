@@ -234,7 +234,7 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
         };
         let told = args
             .limits
-            .plan(surfaces, rayon::current_num_threads(), paths, &pilot);
+            .plan(surfaces, rayon::current_num_threads(), paths, &pilot)?;
         if let Some(told) = told {
             eprintln!("forecast: {}", told.forecast);
             paths = told.paths;

@@ -3,14 +3,14 @@
 //! Call [`estimate`]. How far the model may miss, and so the weights, is `misfit`'s; that they fit what they are
 //! computed from is `settle`'s.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 
 use super::misfit::{explained, lightened, loss_weights, peak};
 use super::opening::{Opening, THOROUGH_ROUNDS};
 use super::problem::{Problem, Quantity, Values};
-use super::search::{Search, StartReport};
+use super::search::{Late, Search, StartReport};
 use super::settle::{Settled, Weighing, with_tier};
 use super::solver::{Ending, Minimum, Settings};
 use super::thin::{self, Thinned};
@@ -64,6 +64,8 @@ pub struct Estimate<'a> {
     pub traced: Option<Tracing>,
     /// Where the tolerance allowed to leave the dear tier out: what it changes, as a share of the peak.
     pub tier_left_out: Option<f64>,
+    /// Whether time was over before other explanations of the data had been looked for.
+    pub cut_short: bool,
     /// What was done without, where there are very many observations.
     pub thinned: Option<Thinned>,
 }
@@ -150,9 +152,22 @@ pub fn estimate<'a>(
     tier: Option<Tier<'_>>,
     cancel: &AtomicBool,
 ) -> Option<Estimate<'a>> {
+    estimate_until(set, variant, options, tier, &|| false, cancel)
+}
+
+/// The same; once it is late no other explanations of the data are looked for, and the best so far is the answer.
+#[must_use]
+pub fn estimate_until<'a>(
+    set: &'a ObservationSet,
+    variant: Variant,
+    options: &FitOptions,
+    tier: Option<Tier<'_>>,
+    late: Late<'_>,
+    cancel: &AtomicBool,
+) -> Option<Estimate<'a>> {
     match thin::representative(set) {
-        Some(kept) => thin::estimate(set, kept, variant, options, tier, cancel),
-        None => whole(set, variant, options, tier, cancel),
+        Some(kept) => thin::estimate(set, kept, variant, options, tier, late, cancel),
+        None => whole(set, variant, options, tier, late, cancel),
     }
 }
 
@@ -162,27 +177,28 @@ pub(super) fn whole<'a>(
     variant: Variant,
     options: &FitOptions,
     tier: Option<Tier<'_>>,
+    late: Late<'_>,
     cancel: &AtomicBool,
 ) -> Option<Estimate<'a>> {
     let opening = Opening::new(set, variant, options);
     let weighing = opening.weighing(options, cancel);
-    let mut search = opening.search(options, cancel);
+    let mut search = opening.search(options, cancel).until(late);
     let problem = opening.problem.clone();
     let mut rounds = 0;
-    if few_directions(set) {
+    if few_directions(set) && !search.over() {
         search.thorough(&problem);
         search.rescan(&problem);
         search.images(&problem);
         rounds += 1;
     }
-    while rounds < opening.rounds(&search, options) && !search.cancelled() {
+    while rounds < opening.rounds(&search, options) && !search.over() {
         search.thorough(&problem);
         search.rescan(&problem);
         // A metal lit in the tilt plane is nearly its own mirror image at any number of azimuths.
         search.images(&problem);
         rounds += 1;
     }
-    if !options.misfit {
+    if !options.misfit && !search.over() {
         search.persist(&problem);
     }
     search.follow(&problem);
@@ -194,7 +210,7 @@ pub(super) fn whole<'a>(
     let starts = search.report();
     let candidates = search.rivals(RIVAL_RISE);
     let mut narrow: Vec<Minimum> = Vec::new();
-    if options.misfit && tier.is_some() && settled.narrow() {
+    if options.misfit && tier.is_some() && settled.narrow() && !search.over() {
         narrow = search.look_again(&settled.problem, &settled.minimum);
     }
     // The weights of the starts may rank near minima wrongly; the final ones decide.
@@ -230,7 +246,9 @@ pub(super) fn whole<'a>(
         }
         rivals.extend(found.rivals);
     }
+    let cut_short = late();
     let reached = Reached {
+        cut_short,
         settled,
         shift,
         starts,
@@ -252,7 +270,7 @@ fn with_less_misfit<'a>(
 ) -> Settled<'a> {
     let cancel = weighing.cancel;
     for _ in 0..THOROUGH_ROUNDS {
-        if !settled.doubted() || cancel.load(Ordering::Relaxed) {
+        if !settled.doubted() || search.over() {
             break;
         }
         if settled.open() {
@@ -278,7 +296,7 @@ fn with_less_misfit<'a>(
             None => break,
         }
     }
-    if settled.discrepancy == 0.0 && settled.open() {
+    if settled.discrepancy == 0.0 && settled.open() && !search.over() {
         search.noise_alone(&settled);
         search.persist(&settled.problem);
         settled.minimum = search.best().cloned().unwrap_or(settled.minimum);
@@ -288,6 +306,8 @@ fn with_less_misfit<'a>(
 
 /// Where a search and the descents after it have come to.
 pub(super) struct Reached<'a> {
+    /// Whether time was over before the search was.
+    pub cut_short: bool,
     pub settled: Settled<'a>,
     pub shift: Vec<f64>,
     pub starts: StartReport,
@@ -302,6 +322,7 @@ pub(super) fn conclude<'a>(
     weighing: &Weighing<'_>,
 ) -> Estimate<'a> {
     let Reached {
+        cut_short,
         settled,
         shift,
         starts,
@@ -364,6 +385,7 @@ pub(super) fn conclude<'a>(
         rivals,
         traced: None,
         tier_left_out,
+        cut_short,
         thinned: None,
     }
 }

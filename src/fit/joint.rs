@@ -17,13 +17,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::estimate::{Estimate, Tier, estimate};
+use super::estimate::{Estimate, Tier, estimate_until};
 use super::least_squares::LeastSquares;
 use super::misfit::{
     ROUNDS, discrepancy_of, explained, lightened, loss_weights, misfit_scale, peak,
 };
 use super::problem::{Problem, Quantity, Values};
 use super::report::FitReport;
+use super::search::Late;
 use super::solver::{Bounds, Minimum, Settings, minimise};
 use super::{FitOptions, Loss, VariantChoice};
 use crate::model::Variant;
@@ -109,6 +110,7 @@ pub fn fit_joint(
     scans: &[Scan<'_>],
     options: &FitOptions,
     tier: Tier<'_>,
+    late: Late<'_>,
     cancel: &AtomicBool,
 ) -> Result<JointReport, JointError> {
     check(scans, options)?;
@@ -123,7 +125,7 @@ pub fn fit_joint(
             let refusal = super::variants::refused(scan.set, options);
             let fitted = match &refusal {
                 Some(_) => None,
-                None => estimate(scan.set, variant, options, tier, cancel),
+                None => estimate_until(scan.set, variant, options, tier, late, cancel),
             };
             let reason = || refusal.unwrap_or_else(|| "no start has a value".to_owned());
             fitted.ok_or_else(|| JointError::NoFit(scan.name.to_owned(), reason()))

@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 use super::*;
 use crate::fit::Told;
 use crate::fit::budget::uncertainty;
+use crate::fit::estimate::estimate;
 use crate::fit::painted::{TRUTH, painted};
 use crate::fit::report::Parameter;
 use crate::fit::report::Status;
@@ -41,7 +42,13 @@ fn joined(sets: &[ObservationSet], options: &FitOptions) -> Result<JointReport, 
         .zip(sets)
         .map(|(name, set)| Scan { name, set })
         .collect();
-    fit_joint(&scans, options, &|_, _| None, &AtomicBool::new(false))
+    fit_joint(
+        &scans,
+        options,
+        &|_, _| None,
+        &|| false,
+        &AtomicBool::new(false),
+    )
 }
 
 fn known(parameter: &Parameter) -> (f64, f64) {

@@ -10,7 +10,7 @@ use super::budget::uncertainty;
 use super::estimate::{Estimate, estimate};
 use super::painted::painted;
 use super::problem::{Problem, Quantity, Values};
-use super::report::VariantName;
+use super::report::{FitReport, VariantName};
 use super::reporting::report_of;
 use super::solver::{Settings, minimise};
 use super::trail::Time;
@@ -286,6 +286,12 @@ fn a_retraced_descent_ends_at_the_minimum_and_a_bootstrap_without_time_draws_not
         "{last:?}"
     );
     assert!(report.parameters.theta_r_deg.bootstrap.is_none());
+    let told = |report: &FitReport| {
+        let mut left = report.left_out.iter();
+        left.any(|l| l.what == "the rest of the search")
+    };
+    assert!(told(&report));
+    assert!(!told(&fit_with_tier(&set, &options, None, &cancel)));
     assert!(
         report
             .warnings

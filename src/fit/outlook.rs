@@ -27,6 +27,7 @@ use super::thin;
 use super::variants::refused;
 use super::{FitOptions, VariantChoice};
 use crate::geometry::Pose;
+use crate::material::Material;
 use crate::model::Variant;
 use crate::observation::{Observation, ObservationSet};
 
@@ -175,8 +176,13 @@ impl Look<'_> {
             if settled.discrepancy > DOUBTFUL {
                 trials += TRIALS;
             }
+            // On plastic with polarisation and without.
+            let ways = match settled.problem.set().material {
+                Material::Dielectric { .. } => 2.0,
+                Material::Conductor { .. } => 1.0,
+            };
             let passes = if thin::dispensable(&settled, tier, options).is_none() {
-                PASSES + TRIAL_PASSES * trials as f64
+                ways * PASSES + TRIAL_PASSES * trials as f64
             } else {
                 1.0
             };

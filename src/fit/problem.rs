@@ -63,6 +63,7 @@ pub struct Problem<'a> {
     loss: Loss,
     lean: bool,
     logarithmic: bool,
+    polarised: bool,
     /// Sines and cosines of the recorded poses: (θc, φs with the known zeros), one per observation.
     poses: Vec<[(f64, f64); 2]>,
 }
@@ -94,6 +95,7 @@ impl<'a> Problem<'a> {
             loss: Loss::Linear,
             lean: false,
             logarithmic: false,
+            polarised: true,
             free,
             fixed,
             sigma: set.observations.iter().map(|o| o.sigma).collect(),
@@ -207,6 +209,19 @@ impl<'a> Problem<'a> {
     pub fn with_correction(mut self, correction: Vec<f64>) -> Self {
         self.correction = correction;
         self
+    }
+
+    /// The same problem for samples that a renderer made which knows no polarisation.
+    #[must_use]
+    pub fn unpolarised(mut self) -> Self {
+        self.polarised = false;
+        self
+    }
+
+    /// Whether what is added to the closed form follows polarisation from one facet to the next.
+    #[must_use]
+    pub fn is_polarised(&self) -> bool {
+        self.polarised
     }
 
     /// The same problem with the closed form's radiances multiplied by `factor` before the

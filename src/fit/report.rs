@@ -270,14 +270,15 @@ pub struct FitReport {
     pub region: Option<String>,
     /// The parameters.
     pub parameters: Parameters,
-    /// Root mean square residual, as a share of the largest observation.
-    pub rms_residual: f64,
+    /// Root mean square residual, as a share of the largest observation; like the next three, none where
+    /// there is no answer that could leave one.
+    pub rms_residual: Option<f64>,
     /// The model's discrepancy at the peak, as a share of the largest observation.
-    pub model_discrepancy: f64,
+    pub model_discrepancy: Option<f64>,
     /// χ² per degree of freedom, the model's discrepancy among the uncertainties.
-    pub chi2_reduced: f64,
+    pub chi2_reduced: Option<f64>,
     /// The same with counting noise alone.
-    pub chi2_reduced_without_model: f64,
+    pub chi2_reduced_without_model: Option<f64>,
     /// Frames left out.
     pub rejected_frames: Vec<RejectedFrame>,
     /// Sentences for the user.

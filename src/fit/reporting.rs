@@ -193,10 +193,10 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         n_frames_used: set.n_frames_used,
         region: set.region.clone(),
         parameters,
-        rms_residual: e.rms_residual,
-        model_discrepancy: e.misfit.iter().copied().fold(0.0, f64::max) / peak,
-        chi2_reduced: u.covariance.chi2_reduced,
-        chi2_reduced_without_model: e.chi2_reduced_without_model,
+        rms_residual: Some(e.rms_residual),
+        model_discrepancy: Some(e.misfit.iter().copied().fold(0.0, f64::max) / peak),
+        chi2_reduced: Some(u.covariance.chi2_reduced),
+        chi2_reduced_without_model: Some(e.chi2_reduced_without_model),
         rejected_frames: set.rejected_frames.clone(),
         warnings,
         variants: Vec::new(),
@@ -316,7 +316,18 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
         }
         let inner = u.budgets[j];
         if !(value.is_finite() && inner.combined() < hopeless) {
-            return Parameter::unknown(format!("these poses do not determine {}", spoken(q)));
+            let beside_the_model = Budget {
+                model: 0.0,
+                shape: 0.0,
+                ..inner
+            };
+            let misses = e.discrepancy > LOUD && beside_the_model.combined() < hopeless;
+            let reason = if value.is_finite() && misses {
+                "the variant does not describe this sample, and what it misses leaves open"
+            } else {
+                "these poses do not determine"
+            };
+            return Parameter::unknown(format!("{reason} {}", spoken(q)));
         }
         Parameter::known(value, inner.scaled(factor), effective_freedom(&inner, u))
     };
@@ -431,6 +442,14 @@ fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
             list.push(left_out::third_bounce());
         }
     }
+    list.extend(polarisation(e, variant));
+    if e.cut_short {
+        list.push(LeftOut::new(
+            "the rest of the search",
+            "time was over: a deeper minimum far away may have been missed",
+            None,
+        ));
+    }
     if let Some(thinned) = &e.thinned {
         let (kept, of) = (thinned.kept.len(), e.problem.set().observations.len());
         list.push(LeftOut::new(
@@ -448,4 +467,24 @@ fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
         }
     }
     list
+}
+
+/// Whether the second of two mirrors sees what the first has polarised; on metal the closed form follows it, too.
+fn polarisation(e: &Estimate<'_>, variant: VariantName) -> Option<LeftOut> {
+    let metal = matches!(e.problem.set().material, Material::Conductor { .. });
+    let followed = match variant {
+        // It has no second mirror.
+        VariantName::Paper => true,
+        VariantName::Sawtooth => metal || (e.takes_tier() && e.problem.is_polarised()),
+        VariantName::Traced => e.traced.as_ref().is_none_or(|t| t.polarised),
+    };
+    let by_data = e.takes_tier() || variant == VariantName::Traced;
+    (!followed).then(|| {
+        left_out::polarisation(if by_data {
+            "the data are explained better without it, as a renderer without polarisation makes them"
+        } else {
+            "single reflections do not depend on it (lamp and camera do not polarise), and of double ones on plastic \
+             the closed form does not know it"
+        })
+    })
 }

@@ -130,6 +130,9 @@ pub fn from_starts(
     search.best().cloned().map(|best| (best, report))
 }
 
+/// Whether the caller's time is over.
+pub type Late<'l> = &'l (dyn Fn() -> bool + Sync);
+
 /// A search under way. All ends are of the same problem.
 pub(super) struct Search<'p> {
     fallback: &'p Values,
@@ -139,6 +142,7 @@ pub(super) struct Search<'p> {
     runs: Vec<Minimum>,
     /// Whether the next thorough round looks around the best end.
     around_best: bool,
+    late: Late<'p>,
 }
 
 impl<'p> Search<'p> {
@@ -155,7 +159,14 @@ impl<'p> Search<'p> {
             effort,
             runs: Vec::new(),
             around_best: false,
+            late: &|| false,
         }
+    }
+
+    /// The same, ended once it is late: what was found by then counts.
+    pub(super) fn until(mut self, late: Late<'p>) -> Self {
+        self.late = late;
+        self
     }
 
     /// `count` starts on the lean form, the different ends refined on `problem`. An end counts as
@@ -326,7 +337,7 @@ impl<'p> Search<'p> {
             let Some(before) = self.best() else {
                 return;
             };
-            if calm == CALM || determined(problem, before) || self.cancelled() {
+            if calm == CALM || determined(problem, before) || self.over() {
                 return;
             }
             let before = before.cost;
@@ -468,8 +479,9 @@ impl<'p> Search<'p> {
         self.report().at_minimum >= times
     }
 
-    pub(super) fn cancelled(&self) -> bool {
-        self.cancel.load(Ordering::Relaxed)
+    /// Whether to begin nothing more: cancelled, or late.
+    pub(super) fn over(&self) -> bool {
+        self.cancel.load(Ordering::Relaxed) || (self.late)()
     }
 
     /// What became of the starts.

@@ -18,6 +18,7 @@ use super::search::{FINE, Search, determined};
 use super::solver::{Ending, Minimum, Settings};
 use super::start::distance;
 use super::thin::minimise;
+use crate::material::Material;
 
 /// Discrepancy above which the fit with the tier is doubted: on traced ideal ridges up to 30° it
 /// stays below.
@@ -221,6 +222,33 @@ pub(super) struct Corrected<'a> {
     pub rivals: Vec<Minimum>,
 }
 
+/// Nature polarises light at the first mirror and the second one sees it; many renderers leave that out where light
+/// meets plastic. Where the data say so, the closed form and its correction without it; on metal none leaves it out.
+fn as_light_is<'a>(
+    closed: Settled<'a>,
+    tier: Tier<'_>,
+    weighing: &Weighing<'_>,
+) -> (Settled<'a>, Option<Settled<'a>>) {
+    if !matches!(closed.problem.set().material, Material::Dielectric { .. }) {
+        let dear = closed.corrected(tier, weighing);
+        return (closed, dear);
+    }
+    let mut scalar = closed.clone();
+    scalar.problem = scalar.problem.unpolarised();
+    let (with, without) = rayon::join(
+        || closed.corrected(tier, weighing),
+        || scalar.corrected(tier, weighing),
+    );
+    match (with, without) {
+        (Some(with), Some(without))
+            if without.better_than(&with, weighing) && !with.better_than(&without, weighing) =>
+        {
+            (scalar, Some(without))
+        }
+        (with, _) => (closed, with),
+    }
+}
+
 /// The best end with the tier on top, or without it where the tier only spoils it (a sample painted
 /// by the closed form itself). Of a lobe that few poses meet, the other explanations in `narrow` are
 /// tried too.
@@ -235,13 +263,14 @@ pub(super) fn with_tier<'a>(
         let pairs = to.minimum.parameters.iter().zip(&from.minimum.parameters);
         pairs.map(|(a, b)| a - b).collect()
     };
+    let (closed, dear) = as_light_is(closed, tier, weighing);
     let mut best = Corrected {
         shift: vec![0.0; closed.minimum.parameters.len()],
         settled: closed.clone(),
         elsewhere: false,
         rivals: Vec::new(),
     };
-    if let Some(dear) = closed.corrected(tier, weighing)
+    if let Some(dear) = dear
         && dear.better_than(&closed, weighing)
     {
         best.shift = step(&closed, &dear);
@@ -249,7 +278,9 @@ pub(super) fn with_tier<'a>(
     }
     let doubtful = best.settled.discrepancy > DOUBTFUL;
     let mut trials: Vec<Minimum> = narrow.iter().take(NARROW_TRIALS).cloned().collect();
-    if doubtful {
+    if search.over() {
+        trials.clear();
+    } else if doubtful {
         trials.extend(search.distinct(&closed.problem, &closed.minimum.parameters, TRIALS));
     } else if best.settled.discrepancy == 0.0 {
         trials.clear();

@@ -6,6 +6,7 @@ use super::budget::Budget;
 use super::intervals::Interval;
 use super::joint::JointReport;
 use super::report::{FitReport, Parameter, Status};
+use crate::wording::{counted, decimals, percent, significant};
 
 /// The report laid out for a terminal of 80 columns and more; `colour` allows ANSI attributes.
 #[must_use]
@@ -31,10 +32,10 @@ pub fn table(report: &FitReport, colour: bool) -> String {
     line(
         &mut out,
         &format!(
-            "{} · {status}{region} · {} observations from {} frames",
+            "{} · {status}{region} · {} from {}",
             paint(&format!("variant {}", report.variant), "1"),
-            report.n_observations,
-            report.n_frames_used
+            counted(report.n_observations, "observation"),
+            counted(report.n_frames_used as usize, "frame")
         ),
     );
     line(&mut out, "");
@@ -50,16 +51,22 @@ pub fn table(report: &FitReport, colour: bool) -> String {
         line(&mut out, &row(label, unit, parameter));
     }
     line(&mut out, "");
-    line(
-        &mut out,
-        &format!(
-            "  residual {} of the largest observation (rms); reduced χ² {:.2} with the model's \
-             misfit in it, {:.3e} without",
-            percent(report.rms_residual),
-            report.chi2_reduced,
-            report.chi2_reduced_without_model
-        ),
-    );
+    if let (Some(rms), Some(reduced), Some(alone)) = (
+        report.rms_residual,
+        report.chi2_reduced,
+        report.chi2_reduced_without_model,
+    ) {
+        line(
+            &mut out,
+            &format!(
+                "  residual {} of the largest observation (rms); reduced χ² {} with the model's misfit in \
+                 it, {} without",
+                percent(rms),
+                significant(reduced),
+                significant(alone)
+            ),
+        );
+    }
     let variants: Vec<String> = report
         .variants
         .iter()
@@ -151,7 +158,9 @@ pub fn joint(report: &JointReport, colour: bool) -> String {
                 degrees(scan.theta_r_alone_deg),
                 degrees(own.azimuth_offset_deg.value),
                 degrees(own.tilt_offset_deg.value),
-                percent(scan.report.rms_residual)
+                scan.report
+                    .rms_residual
+                    .map_or_else(|| "–".to_owned(), percent)
             ),
         );
     }
@@ -236,16 +245,6 @@ fn row(label: &str, unit: &str, p: &Parameter) -> String {
     }
 }
 
-/// Decimals that show two digits of an uncertainty.
-fn decimals(uncertainty: f64) -> usize {
-    if uncertainty > 0.0 && uncertainty.is_finite() {
-        let digits = 1.0 - uncertainty.log10().floor();
-        digits.clamp(0.0, 9.0) as usize
-    } else {
-        4
-    }
-}
-
 /// The parts that make up nine tenths of the variance, largest first.
 fn parts(budget: &Budget, std: f64) -> String {
     let mut all = [
@@ -287,12 +286,6 @@ fn intervals(name: &str, p: &Parameter) -> Option<String> {
         .filter_map(|(word, i)| i.as_ref().map(|i| one(word, i)))
         .collect();
     (!parts.is_empty()).then(|| format!("{label}: {}", parts.join(", ")))
-}
-
-fn percent(share: f64) -> String {
-    let value = 100.0 * share;
-    let decimals = decimals(value);
-    format!("{value:.decimals$} %")
 }
 
 fn spoken(name: &str) -> (&'static str, &'static str) {

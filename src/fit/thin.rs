@@ -28,6 +28,7 @@ use super::estimate::{Estimate, Reached, Tier, conclude, whole};
 use super::least_squares::{LeastSquares, householder, sum_of_squares};
 use super::misfit::{misfit_scale, peak};
 use super::problem::{Problem, Values};
+use super::search::Late;
 use super::settle::{Settled, Weighing};
 use super::solver::{Bounds, Minimum, Settings};
 use super::{FitOptions, Loss};
@@ -209,10 +210,11 @@ pub(super) fn estimate<'a>(
     variant: Variant,
     options: &FitOptions,
     tier: Option<Tier<'_>>,
+    late: Late<'_>,
     cancel: &AtomicBool,
 ) -> Option<Estimate<'a>> {
     let few = subset(set, &kept);
-    let found = whole(&few, variant, options, tier, cancel)?;
+    let found = whole(&few, variant, options, tier, late, cancel)?;
     let own: Vec<f64> = set.observations.iter().map(|o| o.sigma).collect();
     let scale = misfit_scale(set);
     let weighing = Weighing {
@@ -226,11 +228,14 @@ pub(super) fn estimate<'a>(
         let (mean, std) = (t.value, t.std);
         (t.quantity, Prior { mean, std })
     });
-    let problem = Problem::new(set, variant, found.problem.free().to_vec(), found.values)
+    let mut problem = Problem::new(set, variant, found.problem.free().to_vec(), found.values)
         .with_sigma(weighing.sigma(found.discrepancy))
         .with_flat_sigma(found.problem.flat_sigma().to_vec())
         .with_priors(&stated.collect::<Vec<_>>())
         .with_loss(options.loss);
+    if !found.problem.is_polarised() {
+        problem = problem.unpolarised();
+    }
     let tier = tier.filter(|_| found.takes_tier());
     let mut settled = Settled {
         minimum: Minimum {
@@ -266,6 +271,7 @@ pub(super) fn estimate<'a>(
         });
     }
     let reached = Reached {
+        cut_short: found.cut_short,
         settled,
         shift: found.tier_shift,
         starts: found.starts,
@@ -335,10 +341,11 @@ fn everywhere(
             ..subset(set, &[])
         };
         let free = problem.free().to_vec();
-        tier(
-            &Problem::new(&few, problem.variant(), free, *values),
-            values,
-        )
+        let mut posed = Problem::new(&few, problem.variant(), free, *values);
+        if !problem.is_polarised() {
+            posed = posed.unpolarised();
+        }
+        tier(&posed, values)
     };
     let mut places: HashMap<(u64, u64), usize> = HashMap::new();
     let mut poses: Vec<Pose> = Vec::new();

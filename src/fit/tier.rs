@@ -25,8 +25,11 @@ pub fn two_bounces(problem: &Problem<'_>, values: &Values) -> Option<Vec<f64>> {
         .collect();
     let mut surface = values.surface();
     surface.theta_r = surface.theta_r.abs();
-    let integrated = Quadrature::new(&surface, &problem.optics(values))
-        .radiances(&directions, TOLERANCE * brightest);
+    let mut quadrature = Quadrature::new(&surface, &problem.optics(values));
+    if !problem.is_polarised() {
+        quadrature = quadrature.scalar();
+    }
+    let integrated = quadrature.radiances(&directions, TOLERANCE * brightest);
     let offsets: Vec<f64> = integrated
         .iter()
         .zip(&closed)

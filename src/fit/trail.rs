@@ -21,7 +21,7 @@ use super::start::starts;
 pub struct Time<'t> {
     /// Seconds since the fit began.
     pub now: &'t (dyn Fn() -> f64 + Sync),
-    /// When what can be cut short is: the bootstrap. `None` for never.
+    /// When what can be cut short is: the search for other explanations, the bootstrap. `None` for never.
     pub limit_s: Option<f64>,
     /// Whether a descent shall be retraced.
     pub retrace: bool,

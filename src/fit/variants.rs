@@ -7,7 +7,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::budget::{judged, uncertainty};
-use super::estimate::{Estimate, Tier, estimate, free_quantities};
+use super::estimate::{Estimate, Tier, estimate_until, free_quantities};
 use super::intervals;
 use super::report::{
     FitReport, Freedom, LeftOut, Parameter, Parameters, Starts, Status, Timing, TracerReport,
@@ -21,6 +21,7 @@ use super::{FitOptions, VariantChoice};
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 use crate::trace::profile::Profile;
+use crate::wording::counted;
 
 /// Gain in QAIC that counts as clear.
 const CLEAR_GAIN: f64 = 10.0;
@@ -115,10 +116,11 @@ pub fn fit_with_tracer(
         ));
         let (chi2, freedom) = merged.within;
         let counting = report.freedom.counting;
-        for reduced in [
+        let reduced = [
             &mut report.chi2_reduced,
             &mut report.chi2_reduced_without_model,
-        ] {
+        ];
+        for reduced in reduced.into_iter().flatten() {
             *reduced = (*reduced * counting + chi2) / (counting + freedom).max(1.0);
         }
         report.freedom.counting += freedom;
@@ -137,7 +139,8 @@ fn fit_each(
 ) -> FitReport {
     let run = |variant: Variant| {
         let tier = tier.filter(|_| variant == Variant::Sawtooth);
-        estimate(set, variant, options, tier, cancel)
+        let late = || tracer.time.is_some_and(|time| !time.allows());
+        estimate_until(set, variant, options, tier, &late, cancel)
     };
     let (paper, sawtooth) = (run(Variant::Paper), run(Variant::Sawtooth));
     let asked = options.variant == VariantChoice::Traced || options.judge;
@@ -289,8 +292,8 @@ pub(super) fn refused(set: &ObservationSet, options: &FitOptions) -> Option<Stri
 fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitReport {
     let reason = match status {
         Status::TooFewObservations => format!(
-            "{} observations are fewer than the free parameters and one; take more poses",
-            set.observations.len()
+            "{} cannot tell the free parameters and their scatter; take more poses",
+            counted(set.observations.len(), "observation")
         ),
         Status::NotFinite => {
             "an observation, its uncertainty or the model's value for it is not a \
@@ -326,10 +329,10 @@ fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitRepor
             azimuth_offset_deg: none(),
             tilt_offset_deg: none(),
         },
-        rms_residual: 0.0,
-        model_discrepancy: 0.0,
-        chi2_reduced: 0.0,
-        chi2_reduced_without_model: 0.0,
+        rms_residual: None,
+        model_discrepancy: None,
+        chi2_reduced: None,
+        chi2_reduced_without_model: None,
         rejected_frames: set.rejected_frames.clone(),
         warnings,
         variants: Vec::new(),

@@ -89,6 +89,17 @@ pub(super) fn positive<const N: usize>(limits: [(&str, Option<f64>); N]) -> Resu
     }
 }
 
+/// Refuses what is to be a share of the brightest and is none.
+pub(super) fn share(field: &str, share: Option<f64>) -> Result<(), LabError> {
+    match share {
+        Some(x) if !(x > 0.0 && x < 1.0) => Err(LabError::Invalid {
+            field: field.into(),
+            problem: "must be between 0 and 1: 0.01 is one per cent".into(),
+        }),
+        _ => Ok(()),
+    }
+}
+
 /// What can be asked for.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CalculationRequest {
@@ -211,6 +222,8 @@ impl Lab {
                     ("max_seconds", request.max_seconds),
                     ("target_error", request.target_error),
                 ])?;
+
+                share("target_error", request.target_error)?;
                 Work::Map(series(request.scan_id).await?, request.clone())
             }
             CalculationRequest::Contrast(request) => {
@@ -222,8 +235,8 @@ impl Lab {
                 positive([
                     ("max_seconds", request.max_seconds),
                     ("target_error", request.target_error),
-                    ("tolerance", request.tolerance),
                 ])?;
+                share("tolerance", request.tolerance)?;
                 let series = series(request.scan_id).await?;
                 check_region(&series, request.region.as_deref())?;
                 let specification =

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use serde::{Deserialize, Serialize};
 
 use super::attached::ShapeFile;
-use super::calculations::positive;
+use super::calculations::{positive, share};
 use super::curves::{FitCurves, curves_of};
 use super::foretell::{Foretold, tell_analysis, with_cost};
 use super::headway::{Headway, Progress};
@@ -102,8 +102,8 @@ impl FitRequest {
         positive([
             ("max_seconds", self.max_seconds),
             ("target_error", self.target_error),
-            ("tolerance", self.tolerance),
         ])?;
+        share("tolerance", self.tolerance)?;
         let counts = [
             ("starts", self.starts, STARTS),
             ("bootstrap", self.bootstrap, DRAWS),
@@ -117,16 +117,11 @@ impl FitRequest {
         let tracer = "is for the ray tracer";
         let ask = "ask for variant traced, or judge";
         let idle = [
-            ("shape", "", self.shape.is_some()),
-            ("target_error", "", self.target_error.is_some()),
-            (
-                "max_seconds",
-                " or the bootstrap",
-                self.max_seconds.is_some() && self.bootstrap.is_none(),
-            ),
+            ("shape", self.shape.is_some()),
+            ("target_error", self.target_error.is_some()),
         ];
-        match idle.iter().find(|(.., set)| *set && !self.traces()) {
-            Some((field, other, _)) => Err(invalid(*field, format!("{tracer}{other}: {ask}"))),
+        match idle.iter().find(|(_, set)| *set && !self.traces()) {
+            Some((field, _)) => Err(invalid(*field, format!("{tracer}: {ask}"))),
             None => Ok(()),
         }
     }

@@ -30,10 +30,15 @@ use crate::trace::height_field::Side;
 use crate::trace::report::Report;
 use crate::trace::run::{Ending, Follow, Progress, trace_following};
 use crate::trace::scene::{Prepared, Scene, SceneError, Shapes};
+use crate::trace::spread::{Surfaces, over_surfaces};
 use crate::trace::tally::Totals;
+use crate::wording::significant;
 
 /// Direction bins per side beyond which the files of a trace were too large for a page: 0.5° by 0.5°.
 const BINS_MAX: usize = 180 * 720;
+
+/// Surfaces of the same statistics that a trace may be asked for.
+const SURFACES: std::ops::RangeInclusive<u32> = 2..=1000;
 
 /// A trace that is asked for: light through a scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -56,6 +61,9 @@ pub struct TraceRequest {
     /// Follow every path with and without polarisation, and say where the latter is wrong.
     #[serde(default)]
     pub compare: bool,
+    /// Trace so many surfaces of the same statistics in all, and tell how much they differ.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub surfaces: Option<u32>,
 }
 
 /// A trace that was checked, its surfaces made.
@@ -158,6 +166,12 @@ impl TraceRequest {
             )));
         }
         self.check_files(&scene)?;
+        if self.surfaces.is_some_and(|n| !SURFACES.contains(&n)) {
+            return Err(LabError::Invalid {
+                field: "surfaces".into(),
+                problem: format!("must be {} to {}", SURFACES.start(), SURFACES.end()),
+            });
+        }
         let shapes = self.shapes(&scene).map_err(|e| wrong(e.to_string()))?;
         let prepared = scene.prepare_on(&shapes);
         let prepared = prepared.map_err(|e| wrong(e.to_string()))?;
@@ -165,6 +179,14 @@ impl TraceRequest {
             return Err(LabError::Invalid {
                 field: "compare".into(),
                 problem: "needs run.polarised = true or \"auto\" in the scene".into(),
+            });
+        }
+        if self.surfaces.is_some() && !prepared.is_drawn {
+            return Err(LabError::Invalid {
+                field: "surfaces".into(),
+                problem: "no interface of the scene is drawn at random (beckmann, crystals, burrs), so there are no \
+                          others"
+                    .into(),
             });
         }
         Ok(TraceToDo {
@@ -270,7 +292,36 @@ impl TraceToDo {
             _ => self.at(wavelengths[n]).ok(),
         };
         let told = of_runs(wavelengths.len(), &made, asked, patience)?;
+        let told = told.times(request.surfaces.unwrap_or(1));
         Some(told.within(request.max_seconds))
+    }
+
+    /// Energies on other surfaces of the same statistics; none where time was over.
+    fn surfaces(
+        &self,
+        own: &Totals,
+        count: u32,
+        started: Instant,
+        told: &Headway,
+        cancel: &AtomicBool,
+    ) -> Result<Option<Surfaces>, Failure> {
+        let again = |scene: &Scene| scene.prepare_on(&self.request.shapes(scene)?);
+        let late = || {
+            let limit = self.request.max_seconds;
+            limit.is_some_and(|limit| started.elapsed().as_secs_f64() >= limit)
+        };
+        let go_on = |done: usize| {
+            told.tell("tracing other surfaces", done as u64, u64::from(count));
+            !cancel.load(Ordering::Relaxed) && !late()
+        };
+        let found = over_surfaces(&self.scene, own, count as usize, &again, &go_on);
+        if cancel.load(Ordering::Relaxed) {
+            return Err(Failure::Cancelled);
+        }
+        found.map_err(|e| Failure::Because {
+            code: "no-trace",
+            detail: e.to_string(),
+        })
     }
 
     /// Traces and writes the files; the result as JSON.
@@ -317,10 +368,14 @@ impl TraceToDo {
                 });
             }
         }
-        let seconds = started.elapsed().as_secs_f64();
-        told.tell("writing the bins", 0, 1);
         let own = &runs[0];
         let mut report = Report::of(&self.prepared, own);
+        if let Some(count) = self.request.surfaces {
+            report.surfaces = self.surfaces(own, count, started, told, cancel)?;
+            report.notes.clear();
+        }
+        told.tell("writing the bins", 0, 1);
+        let seconds = started.elapsed().as_secs_f64();
         report.seconds = Some(seconds);
         report.run_seconds = Some(own_seconds);
         let difference = self.request.compare.then(|| {
@@ -409,9 +464,10 @@ impl TraceToDo {
             let got = match report.relative_error {
                 None => "no light was reflected, or no more than its own noise".to_owned(),
                 Some(e) => format!(
-                    "{} photons gave {e:.2e}; about {:.1e} would be needed",
+                    "{} photons gave {}; about {} would be needed",
                     report.photons,
-                    report.photons as f64 * (e / target).powi(2)
+                    significant(e),
+                    significant(report.photons as f64 * (e / target).powi(2))
                 ),
             };
             warnings.push(format!("the target error {target} was not reached: {got}"));

@@ -396,8 +396,9 @@ impl Dear {
         }
     }
 
-    /// What the closed form lacks of integrated double reflections at `p`, per observation.
-    pub(super) fn lacking(&self, p: &Parameters) -> Vec<f64> {
+    /// What the closed form lacks of integrated double reflections at `p`, per observation; with what the first facet
+    /// does to the polarisation of light that the second one sees, or without.
+    pub(super) fn lacking(&self, p: &Parameters, polarised: bool) -> Vec<f64> {
         let surface = self.surface(p);
         let directions: Vec<Directions> = self
             .poses
@@ -406,7 +407,12 @@ impl Dear {
             .collect();
         let closed = self.closed(p);
         let brightest = closed.iter().copied().fold(0.0, f64::max);
-        Quadrature::new(&surface, &self.table)
+        let quadrature = Quadrature::new(&surface, &self.table);
+        let quadrature = match polarised {
+            true => quadrature,
+            false => quadrature.scalar(),
+        };
+        quadrature
             .radiances(&directions, TOLERANCE * brightest)
             .iter()
             .zip(&closed)
@@ -416,7 +422,7 @@ impl Dear {
 
     /// The largest of it as a share of the brightest radiance.
     pub(super) fn share_lacking(&self, p: &Parameters) -> f64 {
-        let largest = self.lacking(p).iter().fold(0.0, |most: f64, x| {
+        let largest = self.lacking(p, true).iter().fold(0.0, |most: f64, x| {
             if x.is_finite() {
                 most.max(x.abs())
             } else {

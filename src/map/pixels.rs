@@ -95,7 +95,7 @@ impl PixelFitter {
     /// the dearest step of settling a map.
     #[must_use]
     pub fn lacking(&self, values: &[f64; FREE]) -> Vec<f64> {
-        self.dear.lacking(values)
+        self.dear.lacking(values, true)
     }
 
     /// Fits pixels from `starts`, one each. `signal` and `sigma` are `[pixel][pose]`, σ = 0 masks;

@@ -80,6 +80,26 @@ pub(super) fn decide(
     }
 }
 
+/// The plan once double reflections were integrated: they follow polarisation, unless the pixels are explained better
+/// without it.
+pub(super) fn with_polarisation(mut plan: Plan, polarised: bool) -> Plan {
+    let integrated = plan.on(Decision::Bounces).is_some_and(|c| c.included);
+    let choice = plan
+        .decisions
+        .iter_mut()
+        .find(|c| c.decision == Decision::Polarisation);
+    if let Some(choice) = choice.filter(|_| integrated) {
+        choice.included = polarised;
+        choice.why = if polarised {
+            "what comes off the first facet is polarised, and the second one sees it: integrated double reflections have it"
+        } else {
+            "the pixels are explained better without it, as a renderer without polarisation makes them"
+        }
+        .to_owned();
+    }
+    plan
+}
+
 /// The largest of some costs; infinite where one is no number.
 fn largest(costs: impl Iterator<Item = f64>) -> f64 {
     costs.fold(0.0, |most, cost| {

@@ -22,6 +22,8 @@ use crate::plan::{Decision, Plan};
 const ROUNDS: usize = 6;
 /// How often the rounds are gone through; before each but the first, integrals are taken anew.
 const PASSES: usize = 3;
+/// Pixels at most that are asked whether light is polarised.
+const ASKED_MAX: usize = 500;
 /// Surfaces on which it is looked whether double reflections have to be integrated.
 const PROBED: usize = 2;
 /// A lobe has to lower χ² by this many usual χ² units.
@@ -175,6 +177,7 @@ pub(super) fn settle(
     // First with the closed form alone, then with double reflections integrated at what was found.
     let mut passes_left = PASSES;
     let mut decided: Option<(Plan, Option<f64>)> = None;
+    let mut polarised = true;
     let mut rounds_left = ROUNDS;
     for round in 0..ROUNDS * PASSES {
         if cancel.load(Ordering::Relaxed) {
@@ -276,7 +279,37 @@ pub(super) fn settle(
                     break;
                 }
             }
-            integrated = Integrated::at(centres, amplitude, |p| dear.lacking(p));
+            let at = |polarised: bool| {
+                Integrated::at(centres.clone(), amplitude, |p| dear.lacking(p, polarised))
+            };
+            let as_is = at(true);
+            integrated = if amplitude {
+                as_is
+            } else {
+                // Nature polarises light at the first facet and the second one sees it; many renderers leave that out
+                // where light meets plastic. The pixels tell.
+                let some = good.len().div_ceil(ASKED_MAX).max(1);
+                let asked: Vec<usize> = good.iter().step_by(some).map(|(n, _)| *n).collect();
+                let starts: Vec<Parameters> = good.iter().step_by(some).map(|(_, f)| f.p).collect();
+                let misses = |integrated: &Integrated| -> f64 {
+                    let dear = &dear_at(&poses, 1.0, integrated);
+                    let run = Run {
+                        batch,
+                        globals: &globals,
+                        dear,
+                        view: &view,
+                        poses: &poses,
+                    };
+                    let fits = run.fit(&asked, &starts, 1);
+                    fits.iter()
+                        .map(|fit| fit.chi2)
+                        .filter(|c| c.is_finite())
+                        .sum()
+                };
+                let without = at(false);
+                polarised = misses(&as_is) <= misses(&without);
+                if polarised { as_is } else { without }
+            };
             dear = dear_at(&poses, 1.0, &integrated);
         }
     }
@@ -308,6 +341,7 @@ pub(super) fn settle(
     let lambert = lambert(dear.geometry());
     let (plan, centre_for_all) =
         decided.unwrap_or_else(|| (plan::decide(&dear, &view, &[], target_error), None));
+    let plan = plan::with_polarisation(plan, polarised);
     Ok(Settled {
         sampled: good.len(),
         globals,

@@ -98,7 +98,7 @@ pub struct Summary {
     pub evaluations_per_pixel: f64,
     /// Seconds per step.
     pub timing_s: Timing,
-    /// By layer name.
+    /// By layer name; a lean direction has no median where several are common (`lean_directions`).
     pub parameters: std::collections::BTreeMap<&'static str, Spread>,
     /// What all pixels share.
     pub shared: SharedSummary,
@@ -133,10 +133,11 @@ pub fn summary(map: &Map, timing: Timing, files: Vec<String>) -> Summary {
         .iter()
         .enumerate()
         .map(|(k, layer)| {
-            let [median, p5, p95] = if layer.cyclic {
-                around_the_circle(&layer.values)
-            } else {
-                percentiles(&sorted(&layer.values))
+            let [median, p5, p95] = match layer.cyclic {
+                // Between two directions that are both common lies one that no pixel has.
+                true if map.leans.len() > 1 => [None; 3],
+                true => around_the_circle(&layer.values),
+                false => percentiles(&sorted(&layer.values)),
             };
             let spread = Spread {
                 median,

@@ -363,7 +363,11 @@ pub fn predict_paced(
             Tier::Closed(variant) => closed(variant),
             Tier::Quadrature => {
                 let peak = closed(Variant::Sawtooth).into_iter().fold(0.0, f64::max);
-                let quadrature = Quadrature::new(&surface, &table);
+                let mut quadrature = Quadrature::new(&surface, &table);
+                if optics.k == 0.0 {
+                    // As the closed form and the path-traced tables that predictions are compared with.
+                    quadrature = quadrature.scalar();
+                }
                 let found = quadrature.radiances(&directions, pace.tolerance * peak);
                 error = found.iter().map(|e| e.error).fold(error, f64::max);
                 found.iter().map(|e| e.value).collect()

@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 use super::{Variant, cone};
 use crate::geometry::Cones;
 
+/// [`LeftOut::what`] of polarisation, in fits and plans alike.
+pub const POLARISATION: &str = "polarisation of light";
+
 /// Something that a computation leaves out.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LeftOut {
@@ -89,6 +92,12 @@ pub fn printed_lobe(cost: Option<f64>) -> LeftOut {
         "the variant paper is the lobe as printed",
         cost,
     )
+}
+
+/// What the first mirror does to the light that the second one sees.
+#[must_use]
+pub fn polarisation(why: impl Into<String>) -> LeftOut {
+    LeftOut::new(POLARISATION, why, None)
 }
 
 /// Light that is reflected a third time.

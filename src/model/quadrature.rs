@@ -23,8 +23,8 @@
 //! ω = (sin γ, cos γ sin β, cos γ cos β), dω = cos γ dγ dβ, the kinks of ℓ become cell borders and
 //! the rest is smooth. Cells start at the mirror images of lamp and camera and are halved where
 //! two Gauss rules disagree. The reverse path, riser then facet, is the same integral with lamp and
-//! camera exchanged. On metal the specular-specular part carries the polarisation of the first
-//! bounce to the second. *Three and more bounces*: on metal `third_bounce`, and for diffuse
+//! camera exchanged. The specular-specular part carries the polarisation of the first
+//! bounce to the second, unless asked not to ([`Quadrature::scalar`]). *Three and more bounces*: on metal `third_bounce`, and for diffuse
 //! light the closed form's radiosity tail.
 //!
 //! Rounding, burrs and draft angle are left to the ray tracer.
@@ -75,6 +75,8 @@ pub struct Quadrature {
     boundary: RoughBoundary,
     /// The cubature over the cones of lamp and lens.
     cones: Vec<Node>,
+    /// Whether the second mirror sees what the first has polarised.
+    polarised: bool,
 }
 
 /// Radiance at one pair of directions to an absolute tolerance: (value, error estimate).
@@ -157,7 +159,16 @@ impl Quadrature {
                 RoughBoundary::smooth()
             },
             cones: cone::nodes(&optics.cones, surface.alpha_u.min(surface.alpha_v)),
+            polarised: true,
         }
+    }
+
+    /// The same without polarisation between two mirrors, as many renderers leave it out where light meets plastic: at
+    /// 45° and index 1.5 the second reflection is then two thirds too weak.
+    #[must_use]
+    pub fn scalar(mut self) -> Self {
+        self.polarised = false;
+        self
     }
 
     /// Radiance at one pair of directions; `tolerance` is absolute.

@@ -42,6 +42,7 @@ use crate::frame::{Frame, FrameKind};
 use crate::observation::{Observation, ObservationSet, Prior, SharedErrors};
 use crate::series::{FrameRow, Manifest, Series};
 use crate::units::Angle;
+use crate::wording::counted;
 
 /// Standard uncertainty of a stage's zero beyond what a fit solves for: the non-linearity of a
 /// good rotation stage over its range.
@@ -194,8 +195,8 @@ pub fn reduce(
         .collect();
     if levels.len() < poses.len() {
         journal.warn(format!(
-            "{} poses have no pixel that could be used and are left out",
-            poses.len() - levels.len()
+            "without a pixel that could be used, and left out: {}",
+            counted(poses.len() - levels.len(), "pose")
         ));
     }
     let largest = levels
@@ -209,8 +210,8 @@ pub fn reduce(
         return Err(ReductionError::NoObservations {
             why: match rejected.first() {
                 Some(first) => format!(
-                    "{} frames are left out, the first being {} ({})",
-                    rejected.len(),
+                    "left out: {}, the first being {} ({})",
+                    counted(rejected.len(), "frame"),
                     first.file,
                     first.reason
                 ),
@@ -346,8 +347,8 @@ fn warn_of_lost_poses(calls: &Calls<'_>, poses: &[PoseLevels], journal: &mut Jou
         let shown = lost.iter().take(8).cloned().collect::<Vec<_>>().join(", ");
         let more = if lost.len() > 8 { ", …" } else { "" };
         journal.warn(format!(
-            "{} poses have no usable frame and no observation: {shown}{more}",
-            lost.len()
+            "no observation for want of a usable frame: {}: {shown}{more}",
+            counted(lost.len(), "pose")
         ));
     }
 }

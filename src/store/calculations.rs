@@ -51,15 +51,20 @@ pub struct Calculation {
 /// Which calculations of a kind are wanted.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CalculationFilter {
+    /// Of any scan of this sample.
+    pub sample_id: Option<i64>,
     /// Of this scan.
     pub scan_id: Option<i64>,
     /// In this state.
     pub state: Option<String>,
+    /// Begun at or after, RFC 3339 UTC.
+    pub since: Option<String>,
 }
 
 const SELECT: &str = "SELECT c.id, c.scan_id, c.request, COALESCE(e.state, 'running') AS state,
        e.result, e.error_code, e.error_detail, c.created_at, e.at AS ended_at
-     FROM calculations c LEFT JOIN calculation_ends e ON e.calculation_id = c.id";
+     FROM calculations c LEFT JOIN calculation_ends e ON e.calculation_id = c.id
+     LEFT JOIN scans s ON s.id = c.scan_id";
 
 /// Name ending of a folder that is being filled.
 const PART_SUFFIX: &str = "part";
@@ -216,12 +221,15 @@ impl Store {
         let rows: Vec<Calculation> = sqlx::query_as(sqlx::AssertSqlSafe(format!(
             "{SELECT} WHERE c.kind = ?1 AND (?2 IS NULL OR c.id < ?2) AND (?3 IS NULL OR c.scan_id = ?3)
                AND (?4 IS NULL OR COALESCE(e.state, 'running') = ?4)
-             ORDER BY c.id DESC LIMIT ?5"
+               AND (?5 IS NULL OR s.sample_id = ?5) AND (?6 IS NULL OR c.created_at >= ?6)
+             ORDER BY c.id DESC LIMIT ?7"
         )))
         .bind(kind.as_str())
         .bind(page.cursor)
         .bind(filter.scan_id)
         .bind(&filter.state)
+        .bind(filter.sample_id)
+        .bind(&filter.since)
         .bind(page.limit + 1)
         .fetch_all(self.readers())
         .await?;
@@ -311,6 +319,20 @@ mod tests {
         assert_eq!(found(CalculationKind::Contrast, "completed").await, 1);
         assert_eq!(found(CalculationKind::Contrast, "running").await, 0);
         assert_eq!(found(CalculationKind::Map, "completed").await, 0);
+        let of = async |sample_id, since: &str| {
+            let filter = CalculationFilter {
+                sample_id: Some(sample_id),
+                since: Some(since.into()),
+                ..CalculationFilter::default()
+            };
+            let page = PageRequest::default();
+            let kind = CalculationKind::Contrast;
+            let found = store.calculations(kind, &filter, page).await.unwrap();
+            found.items.len()
+        };
+        assert_eq!(of(scan.sample_id, &kept.created_at).await, 1);
+        assert_eq!(of(scan.sample_id + 1, &kept.created_at).await, 0);
+        assert_eq!(of(scan.sample_id, "9999-01-01T00:00:00Z").await, 0);
     }
 
     #[tokio::test]

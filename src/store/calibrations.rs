@@ -75,6 +75,17 @@ impl TryFrom<Row> for Calibration {
     }
 }
 
+/// Which calibrations are wanted.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct CalibrationFilter {
+    /// Taken or used by this scan.
+    pub scan_id: Option<i64>,
+    /// Dark or flat.
+    pub kind: Option<FrameKind>,
+    /// Made at or after, RFC 3339 UTC.
+    pub since: Option<String>,
+}
+
 impl Store {
     /// Adds a calibration and makes its scan a user of it.
     ///
@@ -114,11 +125,21 @@ impl Store {
     ///
     /// # Errors
     /// What the database says.
-    pub async fn calibrations(&self, page: PageRequest) -> Result<Page<Calibration>, StoreError> {
+    pub async fn calibrations(
+        &self,
+        filter: &CalibrationFilter,
+        page: PageRequest,
+    ) -> Result<Page<Calibration>, StoreError> {
         let rows = sqlx::query_as::<_, Row>(
-            "SELECT * FROM calibrations WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2",
+            "SELECT * FROM calibrations WHERE (?1 IS NULL OR id < ?1) AND (?2 IS NULL OR kind = ?2)
+               AND (?3 IS NULL OR id IN (SELECT calibration_id FROM scan_calibrations WHERE scan_id = ?3))
+               AND (?4 IS NULL OR created_at >= ?4)
+             ORDER BY id DESC LIMIT ?5",
         )
         .bind(page.cursor)
+        .bind(filter.kind.map(FrameKind::as_str))
+        .bind(filter.scan_id)
+        .bind(&filter.since)
         .bind(page.limit + 1)
         .fetch_all(self.readers())
         .await?;
@@ -127,6 +148,22 @@ impl Store {
             .map(Calibration::try_from)
             .collect::<Result<_, _>>()?;
         Ok(Page::cut(rows, page.limit, |c: &Calibration| c.id))
+    }
+
+    /// One calibration.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], or what the database says.
+    pub async fn calibration(&self, id: i64) -> Result<Calibration, StoreError> {
+        sqlx::query_as::<_, Row>("SELECT * FROM calibrations WHERE id = ?")
+            .bind(id)
+            .fetch_optional(self.readers())
+            .await?
+            .ok_or(StoreError::NotFound {
+                noun: "calibration",
+                id,
+            })?
+            .try_into()
     }
 
     /// Newest calibration of a kind for a rig that was made at or after `since` (RFC 3339 UTC) and

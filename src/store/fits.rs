@@ -88,7 +88,7 @@ pub struct FitFilter {
     pub scan_id: Option<i64>,
     /// Chosen (or, while running, asked for).
     pub variant: Option<String>,
-    /// Status of the report.
+    /// Status of the report; `cancelled` finds those that a person ended, too, which have none.
     pub status: Option<String>,
     /// Begun at or after, RFC 3339 UTC.
     pub since: Option<String>,
@@ -259,7 +259,7 @@ impl Store {
         let rows: Vec<Fit> = sqlx::query_as(sqlx::AssertSqlSafe(format!(
             "{SELECT} WHERE (?1 IS NULL OR f.id < ?1) AND (?2 IS NULL OR s.sample_id = ?2)
                AND (?3 IS NULL OR f.scan_id = ?3) AND (?4 IS NULL OR COALESCE(e.variant, f.variant) = ?4)
-               AND (?5 IS NULL OR e.status = ?5) AND (?6 IS NULL OR f.created_at >= ?6)
+               AND (?5 IS NULL OR e.status = ?5 OR (?5 = 'cancelled' AND e.state = ?5)) AND (?6 IS NULL OR f.created_at >= ?6)
                AND (?7 IS NULL OR e.theta_r_deg >= ?7) AND (?8 IS NULL OR e.theta_r_deg <= ?8)
              ORDER BY f.id DESC LIMIT ?9"
         )))

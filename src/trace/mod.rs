@@ -38,6 +38,7 @@ pub mod ridges;
 pub mod rng;
 pub mod run;
 pub mod scene;
+pub mod spread;
 pub mod stokes;
 pub mod surface;
 pub mod tally;

@@ -3,6 +3,7 @@
 use serde::{Serialize, Serializer};
 
 use super::scene::{LeftOut, Prepared, RidgeAngle};
+use super::spread::Surfaces;
 use super::tally::{Energies, Estimate, ORDERS, Totals};
 
 /// Energies, errors and what was left out.
@@ -33,6 +34,11 @@ pub struct Report {
     /// Effective ridge angles of the interfaces that have one.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ridge_angles: Vec<RidgeAngle>,
+    /// Other surfaces of the same statistics, where they were asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surfaces: Option<Surfaces>,
+    /// What the standard errors are of, and what they are not.
+    pub notes: Vec<String>,
     /// What was left out, why, and what that may cost.
     pub left_out: Vec<LeftOut>,
     /// Who computed it.
@@ -57,6 +63,22 @@ pub struct Energy {
 
 fn as_map<S: Serializer>(list: &[(String, Estimate)], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_map(list.iter().map(|(name, x)| (name, x)))
+}
+
+/// What a reader of the standard errors should know of them.
+fn notes(totals: &Totals, e: &Energies<Estimate>) -> Vec<String> {
+    let all = [&e.reflected_all, &e.transmitted_all, &e.absorbed];
+    if totals.batches() < 2 {
+        return vec!["a single replicate tells no error: launch more photons".to_owned()];
+    }
+    if all.iter().all(|x| x.std == 0.0) {
+        return vec![
+            "nothing was left to chance: where all light goes is known from the surface, so the standard errors \
+             are 0 but for rounding"
+                .to_owned(),
+        ];
+    }
+    Vec::new()
 }
 
 impl Report {
@@ -92,6 +114,8 @@ impl Report {
             relative_error: totals.relative_error(),
             batches: totals.batches(),
             ridge_angles: Vec::new(),
+            surfaces: None,
+            notes: notes(totals, &e),
             left_out: Vec::new(),
             program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
         }
@@ -100,10 +124,18 @@ impl Report {
     /// Of a run of a scene.
     #[must_use]
     pub fn of(prepared: &Prepared, totals: &Totals) -> Self {
+        let mut whole = Report::new(totals, prepared.polarised);
+        if prepared.is_drawn {
+            whole.notes.push(
+                "the errors are the photons' on this one surface; others of the same statistics may differ from it by \
+                 more: a number of surfaces tells"
+                    .to_owned(),
+            );
+        }
         Report {
             ridge_angles: prepared.ridge_angles.clone(),
             left_out: prepared.left_out.clone(),
-            ..Report::new(totals, prepared.polarised)
+            ..whole
         }
     }
 }

@@ -33,6 +33,15 @@ impl Shard {
     /// The whole run.
     pub const WHOLE: Shard = Shard { number: 1, of: 1 };
 
+    /// Whether every part of a run of so many photons has photons; else, how many parts there may be.
+    ///
+    /// # Errors
+    /// The most parts that the run has.
+    pub fn check(self, photons: u64) -> Result<(), u64> {
+        let most = batches(photons);
+        if self.of <= most { Ok(()) } else { Err(most) }
+    }
+
     /// Numbers of its batches, of a run of so many photons.
     fn batches(self, photons: u64) -> impl Iterator<Item = u64> {
         (0..batches(photons)).filter(move |batch| batch % self.of == self.number - 1)

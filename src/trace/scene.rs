@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::facet::{Diffuse, Roughness};
 use super::grid::Grid;
 use super::profile::ProfileError;
+use super::rng::{Purpose, Stream};
 use super::surface::{Interface, Relief, Stack};
 use super::vec3::V3;
 use super::walk::Method;
@@ -197,6 +198,8 @@ pub struct Prepared {
     pub left_out: Vec<LeftOut>,
     /// Effective ridge angles of the interfaces that lean to +v (median inclination by area).
     pub ridge_angles: Vec<RidgeAngle>,
+    /// Whether a surface is drawn at random: one of many of the same statistics.
+    pub is_drawn: bool,
 }
 
 /// The effective ridge angle of an interface.
@@ -252,13 +255,30 @@ struct Medium {
     rho_d: Option<f64>,
 }
 
+/// What the parser says, without the names of the program's types.
+fn in_words(message: &str) -> String {
+    let mut text = message.replace("floating point `", "the number `");
+    for (types, word) in [
+        (
+            &["u64", "u32", "usize"][..],
+            "a whole number that is not negative",
+        ),
+        (&["f64"][..], "a number"),
+    ] {
+        for name in types {
+            text = text.replace(&format!("expected {name}"), &format!("expected {word}"));
+        }
+    }
+    text
+}
+
 impl Scene {
     /// Reads a scene's text.
     ///
     /// # Errors
     /// Text that is not TOML, unknown keys, values of the wrong type.
     pub fn parse(text: &str) -> Result<Self, SceneError> {
-        toml::from_str(text).map_err(|e| SceneError::Text(e.to_string().trim().to_owned()))
+        toml::from_str(text).map_err(|e| SceneError::Text(in_words(e.to_string().trim())))
     }
 
     /// Checks everything and builds the surfaces. `load` reads a file of heights.
@@ -358,6 +378,7 @@ impl Scene {
             polarised,
             left_out,
             ridge_angles: shapes.ridge_angles.clone(),
+            is_drawn: self.interface.iter().any(Shape::is_drawn),
         })
     }
 
@@ -402,6 +423,21 @@ impl Scene {
             above = below.re;
         }
         Ok(optics)
+    }
+
+    /// The same scene with another draw of every surface that is drawn, the `number`th.
+    #[must_use]
+    pub fn redrawn(&self, number: u64) -> Scene {
+        let mut scene = self.clone();
+        for (k, shape) in scene.interface.iter_mut().enumerate() {
+            if shape.is_drawn() {
+                let seed = shape.seed.unwrap_or(self.run.seed);
+                // Away from the numbers that interfaces without a seed of their own have.
+                let index = (number << 16) + k as u64;
+                shape.seed = Some(Stream::new(seed, Purpose::Surface, index).bits());
+            }
+        }
+        scene
     }
 
     /// Checks lamp, run and media, without building surfaces.

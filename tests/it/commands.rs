@@ -126,7 +126,7 @@ fn bad_input_exits_2_and_says_what_to_do() {
 }
 
 #[test]
-fn a_trace_without_a_photon_exits_1_and_leaves_no_pictures() {
+fn more_shards_than_a_run_has_parts_are_refused_and_leave_no_pictures() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let scene = "[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n[run]\nphotons = 1000\n";
@@ -140,7 +140,7 @@ fn a_trace_without_a_photon_exits_1_and_leaves_no_pictures() {
         "--pictures",
         "p",
     ];
-    refuses(at, &empty, 1, &["no photon was traced", "fewer shards"]);
+    refuses(at, &empty, 2, &["100/200", "64 shards at most"]);
     let left = std::fs::read_dir(at.join("p")).map_or(0, Iterator::count);
     assert_eq!(left, 0);
     let full = ["trace", "flat.toml", "--shard", "1/2", "--pictures", "p"];

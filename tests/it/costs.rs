@@ -30,7 +30,7 @@ const ANSWERS: &[(&[&str], &str)] = &[
         "/parameters/theta_r_deg/expanded",
     ),
     (
-        &["fit", "SERIES/paper-rig-full", "SERIES/paper-rig-full"],
+        &["fit", "SERIES/paper-rig-full", "another-day"],
         "/parameters/theta_r_deg/expanded",
     ),
     (
@@ -106,12 +106,29 @@ const ANSWERS: &[(&[&str], &str)] = &[
     ),
 ];
 
+/// Another scan of the same sample: the series without its last frame.
+fn another_day(series: &Path, folder: &Path) {
+    std::fs::create_dir_all(folder.join("frames")).unwrap();
+    std::fs::copy(series.join("manifest.toml"), folder.join("manifest.toml")).unwrap();
+    let rows = std::fs::read_to_string(series.join("frames.csv")).unwrap();
+    let (kept, _) = rows.trim_end().rsplit_once('\n').unwrap();
+    std::fs::write(folder.join("frames.csv"), format!("{kept}\n")).unwrap();
+    for frame in std::fs::read_dir(series.join("frames")).unwrap() {
+        let frame = frame.unwrap();
+        std::fs::copy(frame.path(), folder.join("frames").join(frame.file_name())).unwrap();
+    }
+}
+
 #[test]
 fn every_answer_says_how_wrong_what_it_cost_and_what_was_left_out() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("scene.toml"), SCENE).unwrap();
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let series = root.join("tests/data/series").display().to_string();
+    another_day(
+        &root.join("tests/data/series/paper-rig-full"),
+        &folder.path().join("another-day"),
+    );
     let spec = root
         .join("docs/example-specification.toml")
         .display()
@@ -146,6 +163,20 @@ fn every_answer_says_how_wrong_what_it_cost_and_what_was_left_out() {
         };
         assert!(seconds > 0.0, "{args:?}: {seconds} s");
     }
+}
+
+#[test]
+fn a_scan_given_twice_is_refused() {
+    let series = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/paper-rig-full");
+    let output = Command::new(env!("CARGO_BIN_EXE_ridged"))
+        .arg("fit")
+        .args([&series, &series])
+        .stdin(Stdio::null())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(message.contains("are the same scan"), "{message}");
 }
 
 #[test]

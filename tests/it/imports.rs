@@ -12,6 +12,7 @@ const RULES: &[(&str, &[&str])] = &[
     ("clock", &[]),
     ("jackknife", &["units", "geometry"]),
     ("forecast", &[]),
+    ("wording", &[]),
     ("geometry", &["units"]),
     ("observation", &["units", "geometry", "material"]),
     ("model", &["units", "geometry", "material"]),
@@ -27,6 +28,7 @@ const RULES: &[(&str, &[&str])] = &[
             "observation",
             "model",
             "trace",
+            "wording",
         ],
     ),
     ("series", &["units", "geometry", "material", "frame"]),
@@ -39,6 +41,7 @@ const RULES: &[(&str, &[&str])] = &[
             "observation",
             "frame",
             "series",
+            "wording",
         ],
     ),
     (
@@ -55,9 +58,13 @@ const RULES: &[(&str, &[&str])] = &[
             "series",
             "reduction",
             "plan",
+            "wording",
         ],
     ),
-    ("judge", &["units", "geometry", "observation", "fit"]),
+    (
+        "judge",
+        &["units", "geometry", "observation", "fit", "wording"],
+    ),
     ("contrast", &["units", "geometry", "observation", "model"]),
     (
         "map",
@@ -93,7 +100,7 @@ const RULES: &[(&str, &[&str])] = &[
     (
         "plan",
         &[
-            "units", "frame", "geometry", "material", "model", "trace", "series",
+            "units", "frame", "geometry", "material", "model", "trace", "series", "wording",
         ],
     ),
     (
@@ -168,6 +175,7 @@ const RULES: &[(&str, &[&str])] = &[
             "forecast",
             "accuracy",
             "heights",
+            "wording",
         ],
     ),
     (

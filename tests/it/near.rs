@@ -201,6 +201,6 @@ fn a_near_rig_gives_the_ridge_angle_and_would_not_if_it_were_taken_for_a_far_one
         let value = found.value.unwrap();
         assert!((value - truth).abs() < tolerance, "{name}: {value}");
     }
-    let (near, far) = (near.rms_residual, far.rms_residual);
+    let (near, far) = (near.rms_residual.unwrap(), far.rms_residual.unwrap());
     assert!(far > 3.0 * near, "{far} {near}");
 }

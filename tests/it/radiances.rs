@@ -11,9 +11,15 @@ use ridged::fit::traced::TracingOptions;
 use ridged::fit::{FitOptions, VariantChoice, fit};
 use ridged::geometry::{Cones, Pose, RigGeometry};
 use ridged::material::Material;
+use ridged::model::prepared::OpticsTable;
+use ridged::model::quadrature::Quadrature;
+use ridged::model::{Optics, Surface};
 use ridged::observation::{
     FlatObservation, Observation, ObservationSet, Prior, SharedErrors, WhiteReference,
 };
+use ridged::trace::facet::Roughness;
+use ridged::trace::ridged::{RadianceOptions, RidgedSurface};
+use ridged::trace::ridges::Ridges;
 use ridged::units::Angle;
 
 /// What is put on top of the radiances.
@@ -303,5 +309,57 @@ fn without_a_white_reference_rho_d_is_null_and_the_reason_is_given() {
             "{note}"
         );
         assert!(report.parameters.theta_r_deg.identifiable);
+    }
+}
+
+#[test]
+fn what_the_first_facet_polarises_the_second_one_sees_on_plastic_too() {
+    let (theta_r, alpha, eta) = (20f64.to_radians(), 0.1, 1.54);
+    let rig = RigGeometry {
+        cones: Cones::NONE,
+        ..RigGeometry::IN_PLANE
+    };
+    let plastic = Material::Dielectric { eta, eta_std: 0.0 };
+    let surface = Surface {
+        theta_r,
+        alpha_u: alpha,
+        alpha_v: alpha,
+        rho_d: 0.0,
+        amplitude: 1.0,
+    };
+    let quadrature = Quadrature::new(&surface, &OpticsTable::new(&Optics::new(&rig, &plastic)));
+    let scalar = quadrature.clone().scalar();
+    let roughness = Roughness {
+        alpha_u: alpha,
+        alpha_v: alpha,
+    };
+    let profile = Ridges::ideal(theta_r, 1.0).profile().unwrap();
+    let traced = RidgedSurface::new(profile, roughness, [eta, 0.0], None);
+    let mut brightest = 0.0f64;
+    let mut differences = Vec::new();
+    for tilt in [-20.0, -10.0, 0.0, 10.0, 20.0] {
+        for azimuth in [0.0, 90.0, 180.0] {
+            let d = rig.directions(Pose::from_deg(tilt, azimuth));
+            let walk = |polarised| {
+                let options = RadianceOptions {
+                    paths: 16_384,
+                    seed: 7,
+                    cones: Cones::NONE,
+                    polarised,
+                };
+                traced.radiance(&d, &options).value
+            };
+            let integrated = |q: &Quadrature| q.radiance(&d, 1e-6).value;
+            let (mine, theirs) = (
+                integrated(&quadrature) - integrated(&scalar),
+                walk(true) - walk(false),
+            );
+            brightest = brightest.max(theirs);
+            differences.push((mine, theirs));
+        }
+    }
+    // The same random numbers with and without: a few per cent of the difference are noise.
+    for (mine, theirs) in differences {
+        assert!((mine - theirs).abs() < 0.05 * brightest, "{mine} {theirs}");
     }
 }

@@ -4,6 +4,8 @@ use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
+use anyhow::anyhow;
+
 use super::{refusal, with_bar};
 use crate::analysis::{AnalysisOptions, JointAnalysisError, analyse_together};
 use crate::cli::{CliError, answer};
@@ -28,6 +30,7 @@ pub(super) fn run(
         .map(|dir| Series::open(dir))
         .collect::<Result<Vec<_>, _>>();
     let opened = opened.map_err(CliError::bad_input)?;
+    no_twins(dirs, &opened)?;
     for series in &opened {
         super::suits(&options.fit.told, &series.manifest().material())?;
     }
@@ -46,4 +49,21 @@ pub(super) fn run(
     answer::put(json, &analysis.report, || {
         text::joint(&analysis.report, std::io::stdout().is_terminal())
     })
+}
+
+/// Refuses a scan that is given twice, under whatever name: counted twice it would make the answer too sure.
+fn no_twins(dirs: &[PathBuf], opened: &[Series]) -> Result<(), CliError> {
+    for (k, later) in opened.iter().enumerate() {
+        let same = |earlier: &Series| {
+            earlier.manifest() == later.manifest() && earlier.rows() == later.rows()
+        };
+        if let Some(first) = opened[..k].iter().position(same) {
+            return Err(CliError::bad_input(anyhow!(
+                "{} and {} are the same scan (same manifest, same list of frames): give it once",
+                dirs[first].display(),
+                dirs[k].display()
+            )));
+        }
+    }
+    Ok(())
 }

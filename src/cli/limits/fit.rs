@@ -8,7 +8,8 @@ use crate::cli::CliError;
 /// What a fit may take, and how wrong it may be.
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
 pub struct FitLimits {
-    /// End the ray tracer and the bootstrap after this time of fitting; what they reached by then counts.
+    /// End the search for other explanations, the ray tracer and the bootstrap after this time of fitting; what they
+    /// reached by then counts.
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
     /// End the ray tracer once its standard error, as a share of the largest radiance, is below this
@@ -26,18 +27,11 @@ impl FitLimits {
     ///
     /// # Errors
     /// Bad input, naming the option and what would give it a meaning.
-    pub fn check(&self, traces: bool, draws: bool) -> Result<(), CliError> {
-        let idle = [
-            (
-                "--max-seconds",
-                " or the bootstrap",
-                self.max_seconds.is_some() && !draws,
-            ),
-            ("--target-error", "", self.target_error.is_some()),
-        ];
-        if let Some((name, other, _)) = idle.iter().find(|(.., is)| *is && !traces) {
+    pub fn check(&self, traces: bool) -> Result<(), CliError> {
+        if self.target_error.is_some() && !traces {
             return Err(CliError::bad_input(anyhow!(
-                "{name} is for the ray tracer{other}: add --variant traced, or --judge where there is one"
+                "--target-error is for the ray tracer, the closed forms have no error by chance: add --variant traced, \
+                 or --judge where there is one"
             )));
         }
         check_tolerance(self.tolerance)?;

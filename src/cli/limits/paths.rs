@@ -3,9 +3,12 @@
 
 use std::time::Instant;
 
+use anyhow::anyhow;
+
 use super::check;
 use crate::cli::CliError;
 use crate::forecast::Forecast;
+use crate::wording::{counted, significant};
 
 /// What a user allows.
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
@@ -29,6 +32,8 @@ pub struct Planned {
 
 /// Paths of the two pilots.
 const PILOTS: [u64; 2] = [64, 512];
+/// A pilot's forecast may be off by so much: a limit that is missed by less is tried.
+const MISS: f64 = 1.3;
 /// Fewest and most paths of a run.
 const PATHS: (u64, u64) = (64, 10_000_000);
 
@@ -52,29 +57,52 @@ impl PathLimits {
 
     /// Plans a run of `surfaces` at `wanted` paths each, of which `abreast` run at the same time. `pilot` does
     /// one of them with a number of paths and returns its relative standard error; `None` where it cannot.
+    ///
+    /// # Errors
+    /// No result where not even the fewest paths fit into the time allowed.
     pub fn plan(
         &self,
         surfaces: usize,
         abreast: usize,
         wanted: u64,
         pilot: &dyn Fn(u64) -> Option<f64>,
-    ) -> Option<Planned> {
+    ) -> Result<Option<Planned>, CliError> {
         let started = Instant::now();
         let timed = |paths: u64| {
             let started = Instant::now();
             let error = pilot(paths)?;
             Some((started.elapsed().as_secs_f64(), error))
         };
-        let (little, _) = timed(PILOTS[0])?;
-        let (more, error) = timed(PILOTS[1])?;
+        let turns = surfaces.div_ceil(abreast.max(1));
+        let Some((little, _)) = timed(PILOTS[0]) else {
+            return Ok(None);
+        };
+        self.affords(surfaces, little * turns as f64)?;
+        let Some((more, error)) = timed(PILOTS[1]) else {
+            return Ok(None);
+        };
         let spent = started.elapsed().as_secs_f64();
-        Some(self.told_by(
+        Ok(Some(self.told_by(
             [little, more],
             error,
-            surfaces.div_ceil(abreast.max(1)),
+            turns,
             wanted,
             spent,
-        ))
+        )))
+    }
+
+    /// Refuses a limit that the fewest paths, which take so long, miss by far.
+    fn affords(&self, surfaces: usize, least_s: f64) -> Result<(), CliError> {
+        match self.max_seconds {
+            Some(limit) if least_s > MISS * limit => Err(CliError::no_result(anyhow!(
+                "--max-seconds {limit}: {} with {} paths per radiance, the fewest that tell anything, take about \
+                 {} s; allow that, or ask for fewer surfaces",
+                counted(surfaces, "surface"),
+                PILOTS[0],
+                significant(least_s)
+            ))),
+            _ => Ok(()),
+        }
     }
 
     fn told_by(
@@ -139,5 +167,22 @@ mod tests {
         let ample = told(Some(1000.0), None);
         assert!(!ample.forecast.cut_short && ample.paths == 4096);
         assert_eq!(told(Some(0.1), None).paths, PATHS.0);
+    }
+
+    #[test]
+    fn a_limit_that_the_fewest_paths_miss_is_refused_with_what_they_take() {
+        let limits = PathLimits {
+            max_seconds: Some(5.0),
+            target_error: None,
+        };
+        assert!(limits.affords(70, 6.0).is_ok());
+        let Err(CliError::NoResult(refused)) = limits.affords(70, 31.4) else {
+            panic!("it is refused");
+        };
+        let refused = refused.to_string();
+        assert!(
+            refused.contains("70 surfaces") && refused.contains("31.4 s"),
+            "{refused}"
+        );
     }
 }

@@ -54,15 +54,18 @@ impl Joint<'_, '_> {
             top.warnings.extend(named);
         }
         let criterion = f64::from(u32::try_from(self.n).unwrap_or(u32::MAX));
+        let one = summary(
+            &estimates[absolute.unwrap_or(0)],
+            name,
+            top.status,
+            2.0 * criterion,
+        );
         top.variants = vec![VariantSummary {
-            rms_residual: top.rms_residual,
-            chi2_reduced_without_model: top.chi2_reduced_without_model,
-            ..summary(
-                &estimates[absolute.unwrap_or(0)],
-                name,
-                top.status,
-                2.0 * criterion,
-            )
+            rms_residual: top.rms_residual.unwrap_or(one.rms_residual),
+            chi2_reduced_without_model: top
+                .chi2_reduced_without_model
+                .unwrap_or(one.chi2_reduced_without_model),
+            ..one
         }];
         let scans = scans.iter().zip(reports).zip(self.alone).zip(&singly);
         let scans = scans.map(|(((scan, mut report), alone), u)| {
@@ -189,8 +192,9 @@ fn together(common: &FitReport, reports: &[FitReport], estimates: &[Estimate<'_>
     let own = || Parameter::unknown("each scan has its own: see scans");
     let count = |r: &FitReport| r.n_observations as f64;
     let total: f64 = reports.iter().map(count).sum();
-    let mean = |of: &dyn Fn(&FitReport) -> f64| -> f64 {
-        reports.iter().map(|r| of(r) * count(r)).sum::<f64>() / total
+    let mean = |of: &dyn Fn(&FitReport) -> Option<f64>| -> Option<f64> {
+        let sum: f64 = (reports.iter().map(|r| of(r).map(|x| x * count(r)))).sum::<Option<_>>()?;
+        Some(sum / total)
     };
     let worst = reports
         .iter()
@@ -210,8 +214,8 @@ fn together(common: &FitReport, reports: &[FitReport], estimates: &[Estimate<'_>
             tilt_offset_deg: own(),
             ..common.parameters.clone()
         },
-        rms_residual: mean(&|r| r.rms_residual * r.rms_residual).sqrt(),
-        model_discrepancy: estimates.iter().map(|e| e.discrepancy).fold(0.0, f64::max) * 1.1,
+        rms_residual: mean(&|r| r.rms_residual.map(|x| x * x)).map(f64::sqrt),
+        model_discrepancy: Some(estimates.iter().map(|e| e.discrepancy).fold(0.0, f64::max) * 1.1),
         chi2_reduced_without_model: mean(&|r| r.chi2_reduced_without_model),
         rejected_frames: reports
             .iter()

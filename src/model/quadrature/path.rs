@@ -192,7 +192,7 @@ impl Row {
         }
         if lobe_a > 0.0 && lobe_b > 0.0 {
             product = specular_a * specular_b;
-            if walls.q.k > 0.0 {
+            if walls.polarised {
                 let w = [u, e, m];
                 let turn = cos_double_turn(cross([a.u, a.e, a.m], w), cross(w, [b.u, b.e, b.m]));
                 product += polarised[0] * polarised[1] * turn;

@@ -57,7 +57,11 @@ fn traced(text: &str, rig: &RigGeometry, surface: Surface, index: (f64, f64)) ->
 
 /// rms of quadrature and closed form against the tracer, as fractions of the peak.
 fn residuals(t: &Traced) -> (f64, f64) {
-    let q = Quadrature::new(&t.surface, &t.table);
+    let mut q = Quadrature::new(&t.surface, &t.table);
+    if t.table.optics.k == 0.0 {
+        // The renderer that made these series leaves polarisation out where light meets plastic.
+        q = q.scalar();
+    }
     let p = Prepared::new(Variant::Sawtooth, &t.surface, &t.table);
     let n = t.radiance.len() as f64;
     let (mut ours, mut closed) = (0.0, 0.0);
@@ -82,7 +86,7 @@ fn path_traced_plastic_is_met_within_a_twentieth_of_a_per_cent_of_the_peak() {
     );
     let (quadrature, closed) = residuals(&t);
     // The tracer's standard errors are 0.023 % of the peak (rms), its 128 phases leave up to 0.03 % more; the rest is what
-    // light does after two bounces and, between them, by its polarisation.
+    // light does after two bounces.
     assert!(quadrature < 0.000_5, "{quadrature}");
     assert!(closed > 2.0 * quadrature, "{closed} {quadrature}");
 }

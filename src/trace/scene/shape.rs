@@ -57,6 +57,14 @@ pub struct Shape {
     pub height_unit_um: Option<f64>,
 }
 
+impl Shape {
+    /// Whether it is drawn at random, one of many of the same statistics.
+    pub(super) fn is_drawn(&self) -> bool {
+        matches!(self.shape.as_str(), "beckmann" | "crystals")
+            || self.burr_um.is_some_and(|burr| burr > 0.0)
+    }
+}
+
 /// Crystals per size² unless a scene says otherwise: hardly any of the plane is left.
 const COVER: f64 = 3.0;
 

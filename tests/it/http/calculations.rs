@@ -214,7 +214,6 @@ async fn a_fit_takes_what_the_command_takes_and_says_what_was_asked() {
             "greater than 0",
         ),
         ("target_error", json!(0.01), "target_error", "ray tracer"),
-        ("max_seconds", json!(1), "max_seconds", "bootstrap"),
         ("region", json!("even"), "region", "has none"),
     ] {
         let mut wrong = request.clone();

@@ -25,6 +25,22 @@ async fn a_scene_is_traced_compared_and_looked_at() {
     let reflected = trace["energy"]["reflected"]["value"].as_f64().unwrap();
     assert!((reflected - 0.073_964_5).abs() < 1e-6, "{reflected}");
     assert_eq!(trace["comparison"], Value::Null);
+    let several = json!({ "scene": scene, "surfaces": 3 }).to_string();
+    let refused = post(&router, "/api/v1/traces", &several).await;
+    is_problem(&refused, 422, "invalid-value");
+    assert!(refused.detail().contains("drawn at random"));
+    let rough = json!({ "shape": "beckmann", "alpha_u": 0.4, "alpha_v": 0.4, "cells": 32, "below": { "n": 1.5 } });
+    let several = json!({
+        "scene": { "light": { "theta_i_deg": 45.0 }, "interface": [rough], "run": { "photons": 20_000 } },
+        "surfaces": 4,
+    });
+    let begun = post(&router, "/api/v1/traces", &several.to_string()).await;
+    let found = ended(&router, &begun).await;
+    let all = &found["surfaces"];
+    assert_eq!(all["count"], 4);
+    let of = |key: &str| all["reflected"][key].as_f64().unwrap();
+    assert!(of("std_between_surfaces") > of("std_by_sampling"), "{all}");
+    assert!(of("std") > of("std_by_sampling"), "{all}");
     // With `compare` its files say where light without polarisation goes wrong; limits are kept and told.
     let layered = json!({
         "light": { "theta_i_deg": 65.0, "phi_i_deg": 180.0 },

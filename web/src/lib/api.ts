@@ -142,6 +142,8 @@ export interface TraceRequest {
   readonly max_seconds?: number;
   readonly target_error?: number;
   readonly compare: boolean;
+  /** Surfaces of the same statistics in all. */
+  readonly surfaces?: number;
 }
 
 export const api = {

@@ -378,6 +378,14 @@ export interface Trace extends Omit<Calculation, 'request'>, Partial<Omit<TraceR
   };
 }
 
+/** A share of the light over several surfaces. */
+export interface Between {
+  readonly value: number;
+  readonly std: number;
+  readonly std_by_sampling: number;
+  readonly std_between_surfaces: number;
+}
+
 export interface TraceResult {
   readonly photons: number;
   readonly seconds: number;
@@ -389,6 +397,10 @@ export interface TraceResult {
   };
   readonly relative_error: number | null;
   readonly batches: number;
+  /** Energies over several surfaces of the same statistics, where they were asked for. */
+  readonly surfaces?: { readonly count: number } & Readonly<Record<'reflected' | 'transmitted' | 'absorbed', Between>>;
+  /** What the standard errors are of, and what they are not. */
+  readonly notes?: readonly string[];
   readonly ridge_angles?: readonly { readonly interface: number; readonly theta_r_deg: number }[];
   readonly light: {
     readonly theta_i_deg: number;

@@ -1,0 +1,123 @@
+//! Numbers as people read them, in one form for every table and message: counts with their noun, and values with no
+//! more digits than mean something.
+
+/// A count and its noun: `1 frame`, `0 frames`, `12 frames`.
+#[must_use]
+pub fn counted(count: usize, noun: &str) -> String {
+    let plural = if count == 1 { "" } else { "s" };
+    format!("{count} {noun}{plural}")
+}
+
+/// Three significant digits: in plain decimals from a thousandth to a million, as a power of ten beyond.
+#[must_use]
+pub fn significant(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return format!("{value}");
+    }
+    let scientific = format!("{value:.2e}");
+    // The exponent after rounding: 0.9999 reads 1.00, not 1.000.
+    let exponent = scientific
+        .split_once('e')
+        .and_then(|(_, exponent)| exponent.parse::<i32>().ok())
+        .unwrap_or(0);
+    match exponent {
+        -3..=5 => {
+            let decimals = usize::try_from(2 - exponent).unwrap_or(0);
+            format!("{value:.decimals$}")
+        }
+        _ => scientific,
+    }
+}
+
+/// A share as a percentage of two significant digits: `0.62 %`, `12 %`, `5e-6 %`.
+#[must_use]
+pub fn percent(share: f64) -> String {
+    let value = 100.0 * share;
+    if value == 0.0 || !value.is_finite() {
+        return format!("{value} %");
+    }
+    let scientific = format!("{value:.1e}");
+    let exponent = scientific
+        .split_once('e')
+        .and_then(|(_, exponent)| exponent.parse::<i32>().ok())
+        .unwrap_or(0);
+    match exponent {
+        -4..=3 => {
+            let decimals = usize::try_from(1 - exponent).unwrap_or(0);
+            format!("{value:.decimals$} %")
+        }
+        _ => format!("{scientific} %"),
+    }
+}
+
+/// Decimals that show two digits of an uncertainty.
+#[must_use]
+pub fn decimals(uncertainty: f64) -> usize {
+    if uncertainty > 0.0 && uncertainty.is_finite() {
+        let digits = 1.0 - uncertainty.log10().floor();
+        digits.clamp(0.0, 9.0) as usize
+    } else {
+        4
+    }
+}
+
+/// A stated value with the digits that it was stated with, as a power of ten where those would be a row of noughts.
+#[must_use]
+pub fn stated(value: f64) -> String {
+    match value.abs() {
+        0.0 | 1e-4..1e9 => format!("{value}"),
+        _ => format!("{value:e}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_agree_with_their_nouns() {
+        assert_eq!(counted(0, "frame"), "0 frames");
+        assert_eq!(counted(1, "frame"), "1 frame");
+        assert_eq!(counted(108, "observation"), "108 observations");
+    }
+
+    #[test]
+    fn stated_values_keep_their_digits() {
+        for (value, said) in [
+            (0.0, "0"),
+            (-12.5, "-12.5"),
+            (1e300, "1e300"),
+            (5e-18, "5e-18"),
+        ] {
+            assert_eq!(stated(value), said);
+        }
+        assert_eq!([0.038, 0.1, 12.0, 0.0].map(decimals), [3, 2, 0, 4]);
+    }
+
+    #[test]
+    fn values_have_the_digits_that_mean_something() {
+        for (value, said) in [
+            (0.0, "0"),
+            (1.179, "1.18"),
+            (0.9999, "1.00"),
+            (9.996, "10.0"),
+            (81_234.4, "81234"),
+            (-0.012_34, "-0.0123"),
+            (8.1e9, "8.10e9"),
+            (1e300, "1.00e300"),
+            (5e-18, "5.00e-18"),
+            (f64::INFINITY, "inf"),
+        ] {
+            assert_eq!(significant(value), said);
+        }
+        for (share, said) in [
+            (0.0, "0 %"),
+            (0.0061, "0.61 %"),
+            (0.125, "12 %"),
+            (1e-6, "0.00010 %"),
+            (5e-9, "5.0e-7 %"),
+        ] {
+            assert_eq!(percent(share), said);
+        }
+    }
+}
