@@ -135,6 +135,9 @@ pub fn run(
 /// A point this far off a line, as a factor, says that there is no power law.
 const BENT: f64 = 4.0;
 
+/// Slope above which an error does not fall with time: what a method leaves out is all that is left of it.
+pub const LEVEL: f64 = -0.25;
+
 /// Slope of log error over log seconds by least squares; `None` for fewer than three points of effort, or where
 /// the effort spans less than a factor of 3, or a point lies more than a factor of 4 off the line: a solver that
 /// converges quadratically keeps no power law, and a slope would say nothing of it.

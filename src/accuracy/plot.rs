@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{Point, slope};
+use super::{LEVEL, Point, slope};
 
 const WIDTH: f64 = 960.0;
 const HEIGHT: f64 = 630.0;
@@ -109,6 +109,9 @@ pub fn svg(scene: &str, points: &[&Point], footer: &str) -> String {
         ));
         let line = FRAME[2] + 14.0 + 48.0 * n as f64;
         let told = slope(&group).map_or(String::new(), |s| {
+            if s > LEVEL {
+                return "levels off".to_owned();
+            }
             format!("slope {s:.2}").replace('-', "\u{2212}")
         });
         put(format!(

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::{CliError, interrupt, place};
 use crate::accuracy::proof::{self, Proof};
-use crate::accuracy::{self, Effort, Measurements, Point, page, plot, slope};
+use crate::accuracy::{self, Effort, LEVEL, Measurements, Point, page, plot, slope};
 use crate::lab::measured::{ACCURACY_FILE, ACCURACY_FOLDER};
 use crate::model::LeftOut;
 
@@ -250,9 +250,6 @@ pub(super) fn print_proofs(proofs: &[Proof], out: &mut dyn Write) -> std::io::Re
     }
     Ok(())
 }
-
-/// Slope above which an error does not fall with time.
-const LEVEL: f64 = -0.25;
 
 fn print(report: &Report<'_>, json: bool) -> std::io::Result<()> {
     let Report { machine, found, .. } = report;
