@@ -1,5 +1,9 @@
 //! Numbers as people read them, in one form for every table and message: counts with their noun, and values with no
-//! more digits than mean something.
+//! more digits than mean something; what parsers refuse, in plain words ([`refusals`]).
+
+pub mod refusals;
+
+use std::ops::RangeInclusive;
 
 /// A count and its noun: `1 frame`, `0 frames`, `12 frames`.
 #[must_use]
@@ -11,42 +15,30 @@ pub fn counted(count: usize, noun: &str) -> String {
 /// Three significant digits: in plain decimals from a thousandth to a million, as a power of ten beyond.
 #[must_use]
 pub fn significant(value: f64) -> String {
+    rounded(value, 3, -3..=5)
+}
+
+/// A share as a percentage of two significant digits: `0.62 %`, `12 %`, `5.0e-7 %`.
+#[must_use]
+pub fn percent(share: f64) -> String {
+    format!("{} %", rounded(100.0 * share, 2, -4..=3))
+}
+
+/// So many significant digits, in decimals where the power of ten is one of these.
+fn rounded(value: f64, digits: usize, plain: RangeInclusive<i32>) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
     }
-    let scientific = format!("{value:.2e}");
-    // The exponent after rounding: 0.9999 reads 1.00, not 1.000.
-    let exponent = scientific
-        .split_once('e')
-        .and_then(|(_, exponent)| exponent.parse::<i32>().ok())
-        .unwrap_or(0);
-    match exponent {
-        -3..=5 => {
-            let decimals = usize::try_from(2 - exponent).unwrap_or(0);
+    let last = digits - 1;
+    let scientific = format!("{value:.last$e}");
+    // The power after rounding: 0.9999 reads 1.00, not 1.000.
+    let power = scientific.split_once('e').and_then(|(_, p)| p.parse().ok());
+    match power {
+        Some(power) if plain.contains(&power) => {
+            let decimals = usize::try_from(last as i32 - power).unwrap_or(0);
             format!("{value:.decimals$}")
         }
         _ => scientific,
-    }
-}
-
-/// A share as a percentage of two significant digits: `0.62 %`, `12 %`, `5e-6 %`.
-#[must_use]
-pub fn percent(share: f64) -> String {
-    let value = 100.0 * share;
-    if value == 0.0 || !value.is_finite() {
-        return format!("{value} %");
-    }
-    let scientific = format!("{value:.1e}");
-    let exponent = scientific
-        .split_once('e')
-        .and_then(|(_, exponent)| exponent.parse::<i32>().ok())
-        .unwrap_or(0);
-    match exponent {
-        -4..=3 => {
-            let decimals = usize::try_from(1 - exponent).unwrap_or(0);
-            format!("{value:.decimals$} %")
-        }
-        _ => format!("{scientific} %"),
     }
 }
 

@@ -250,12 +250,9 @@ fn recorded(series: &Recorded, effort: Effort, points: &mut Vec<Point>) {
     };
     for tolerance in tolerances {
         add("two-bounce quadrature".to_owned(), &|| {
-            let mut quadrature = Quadrature::new(&surface, &OpticsTable::new(&optics));
-            if optics.k == 0.0 {
-                // The reference's renderer leaves polarisation out where light meets plastic.
-                quadrature = quadrature.scalar();
-            }
-            quadrature
+            // The reference's renderer leaves polarisation out where light meets plastic.
+            Quadrature::new(&surface, &OpticsTable::new(&optics))
+                .with_polarisation(optics.k > 0.0)
                 .radiances(&directions, tolerance * peak)
                 .iter()
                 .map(|e| e.value)
@@ -304,10 +301,8 @@ fn proof_of(name: &str, ready: &Ready, effort: Effort) -> Proof {
             },
             ..ready.optics
         };
-        let mut quadrature = Quadrature::new(&ready.surface, &OpticsTable::new(&optics));
-        if !polarised {
-            quadrature = quadrature.scalar();
-        }
+        let quadrature = Quadrature::new(&ready.surface, &OpticsTable::new(&optics))
+            .with_polarisation(polarised);
         let times = if pixels { RASTER * RASTER } else { 1 };
         let each: &[cone::Node] = if cone { &nodes } else { &[cone::Node::CENTRE] };
         let all: Vec<Directions> = directions

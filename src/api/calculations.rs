@@ -332,7 +332,7 @@ pub(super) async fn traces(
 
 /// Begin a trace: polarised light through a scene.
 #[utoipa::path(post, path = "/api/v1/traces", tag = "traces", request_body(content = Object, description =
-    "`scene` (the text of its TOML, or an object of the same keys), optional `files` (those that it names by `path`: an object of contents in base64; they stay with the result as `given-NAME`), `photons` (instead of the scene's), `max_seconds`, `target_error` (relative error of the reflected bins) `compare` (every path with and without polarisation; where a material depends on the wavelength, at eight of them) and `surfaces` (2 to 1000: so many surfaces of the same statistics in all; `surfaces` of the result tells photons and spread apart)"), responses(
+    "`scene` (the text of its TOML, or an object of the same keys), optional `files` (those that it names by `path`: an object of contents in base64; they stay with the result as `given-NAME`), `photons` (instead of the scene's), `max_seconds`, `target_error` (relative error of the reflected bins), `compare` (every path with and without polarisation; where a material depends on the wavelength, at eight of them) and `surfaces` (2 to 1000: so many surfaces of the same statistics in all; `surfaces` of the result tells photons and spread apart)"), responses(
     (status = 202, description = "It runs", body = Begun, headers(("Location" = String, description = "The trace"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
     (status = 422, description = "The scene makes no sense", body = Problem),

@@ -9,8 +9,8 @@ use serde::de::DeserializeOwned;
 
 use super::error::{ApiError, FieldProblem};
 use super::guard::BODY_BYTES_MAX;
-use crate::lab::words::{missing, plain};
 use crate::store::{PageRequest, utc_of, utc_text};
+use crate::wording::refusals::{missing, plain};
 
 /// A JSON body.
 pub struct Body<T>(pub T);

@@ -14,9 +14,9 @@ use super::extract::{Body, Id, Params, finite, page, since};
 use super::{App, Begun, List};
 use crate::fit::report::{Status, VariantName};
 use crate::lab::FitRequest;
-use crate::lab::words::plain;
 use crate::store::StoreError;
 use crate::store::fits::{Fit, FitFilter};
+use crate::wording::refusals::plain;
 
 /// The object of `fit --json`, once there is one, with what the store adds; before, how far it has come
 /// (`progress`) and what it was said to take (`forecast`, which stays with the report).

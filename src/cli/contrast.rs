@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use anyhow::{Context, anyhow};
-use clap::ValueEnum;
+use clap::{Args as _, ValueEnum};
 use serde_json::{Value, json};
 
 use super::limits::{PredictionLimits, Stopwatch};
@@ -76,26 +76,9 @@ pub struct Args {
 
 /// What a measured contrast has nowhere to put: the series says it, or nobody asks.
 fn of_predictions(arg: clap::Arg) -> clap::Arg {
-    const PREDICTED: [&str; 17] = [
-        "theta_c_deg",
-        "alpha",
-        "alpha_u",
-        "alpha_v",
-        "rho_d",
-        "eta",
-        "k",
-        "metal",
-        "wavelength_nm",
-        "theta_l_deg",
-        "light_azimuth_deg",
-        "azimuth_zero_deg",
-        "light_angular_radius_deg",
-        "lens_angular_radius_deg",
-        "variant",
-        "max_seconds",
-        "target_error",
-    ];
-    if PREDICTED.contains(&arg.get_id().as_str()) {
+    let options = PredictionLimits::augment_args(Scene::augment_args(clap::Command::new("")));
+    let mut predicted = options.get_arguments().map(clap::Arg::get_id);
+    if arg.get_id() == "variant" || predicted.any(|id| id == arg.get_id()) {
         arg.conflicts_with("measured")
     } else {
         arg

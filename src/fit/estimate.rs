@@ -246,9 +246,8 @@ pub(super) fn whole<'a>(
         }
         rivals.extend(found.rivals);
     }
-    let cut_short = late();
     let reached = Reached {
-        cut_short,
+        cut_short: search.is_cut_short(),
         settled,
         shift,
         starts,

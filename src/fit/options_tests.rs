@@ -10,7 +10,7 @@ use super::budget::uncertainty;
 use super::estimate::{Estimate, estimate};
 use super::painted::painted;
 use super::problem::{Problem, Quantity, Values};
-use super::report::{FitReport, VariantName};
+use super::report::VariantName;
 use super::reporting::report_of;
 use super::solver::{Settings, minimise};
 use super::trail::Time;
@@ -286,16 +286,36 @@ fn a_retraced_descent_ends_at_the_minimum_and_a_bootstrap_without_time_draws_not
         "{last:?}"
     );
     assert!(report.parameters.theta_r_deg.bootstrap.is_none());
-    let told = |report: &FitReport| {
-        let mut left = report.left_out.iter();
-        left.any(|l| l.what == "the rest of the search")
-    };
-    assert!(told(&report));
-    assert!(!told(&fit_with_tier(&set, &options, None, &cancel)));
     assert!(
         report
             .warnings
             .iter()
             .any(|w| w.contains("within the time"))
     );
+}
+
+#[test]
+fn a_search_that_is_late_says_what_was_not_looked_for() {
+    let set = series(5);
+    // So few poses are always looked at thoroughly.
+    let few = ObservationSet {
+        observations: set.observations[..24].to_vec(),
+        ..set
+    };
+    let cancel = AtomicBool::new(false);
+    let cut_short = |limit_s| {
+        let time = Time {
+            now: &|| 1.0,
+            limit_s: Some(limit_s),
+            retrace: false,
+        };
+        let tracer = Tracer {
+            time: Some(time),
+            ..Tracer::UNTOLD
+        };
+        let report = fit_with_tracer(&few, &options(), None, &tracer, &cancel);
+        let mut left = report.left_out.iter();
+        left.any(|l| l.what == "the rest of the search")
+    };
+    assert!(cut_short(0.0) && !cut_short(2.0));
 }

@@ -211,10 +211,10 @@ impl<'a> Problem<'a> {
         self
     }
 
-    /// The same problem for samples that a renderer made which knows no polarisation.
+    /// The same problem for light as nature has it, or as a renderer that knows no polarisation.
     #[must_use]
-    pub fn unpolarised(mut self) -> Self {
-        self.polarised = false;
+    pub fn with_polarisation(mut self, polarised: bool) -> Self {
+        self.polarised = polarised;
         self
     }
 

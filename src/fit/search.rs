@@ -143,6 +143,8 @@ pub(super) struct Search<'p> {
     /// Whether the next thorough round looks around the best end.
     around_best: bool,
     late: Late<'p>,
+    /// Whether something was left because it was late.
+    cut_short: AtomicBool,
 }
 
 impl<'p> Search<'p> {
@@ -160,6 +162,7 @@ impl<'p> Search<'p> {
             runs: Vec::new(),
             around_best: false,
             late: &|| false,
+            cut_short: AtomicBool::new(false),
         }
     }
 
@@ -479,9 +482,18 @@ impl<'p> Search<'p> {
         self.report().at_minimum >= times
     }
 
-    /// Whether to begin nothing more: cancelled, or late.
+    /// Whether not to begin what would come next: cancelled, or late, which is remembered.
     pub(super) fn over(&self) -> bool {
-        self.cancel.load(Ordering::Relaxed) || (self.late)()
+        let late = (self.late)();
+        if late {
+            self.cut_short.store(true, Ordering::Relaxed);
+        }
+        late || self.cancel.load(Ordering::Relaxed)
+    }
+
+    /// Whether something was left because it was late.
+    pub(super) fn is_cut_short(&self) -> bool {
+        self.cut_short.load(Ordering::Relaxed)
     }
 
     /// What became of the starts.

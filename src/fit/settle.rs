@@ -234,7 +234,7 @@ fn as_light_is<'a>(
         return (closed, dear);
     }
     let mut scalar = closed.clone();
-    scalar.problem = scalar.problem.unpolarised();
+    scalar.problem = scalar.problem.with_polarisation(false);
     let (with, without) = rayon::join(
         || closed.corrected(tier, weighing),
         || scalar.corrected(tier, weighing),
@@ -278,11 +278,12 @@ pub(super) fn with_tier<'a>(
     }
     let doubtful = best.settled.discrepancy > DOUBTFUL;
     let mut trials: Vec<Minimum> = narrow.iter().take(NARROW_TRIALS).cloned().collect();
-    if search.over() {
-        trials.clear();
-    } else if doubtful {
+    if doubtful {
         trials.extend(search.distinct(&closed.problem, &closed.minimum.parameters, TRIALS));
     } else if best.settled.discrepancy == 0.0 {
+        trials.clear();
+    }
+    if !trials.is_empty() && search.over() {
         trials.clear();
     }
     let mut others: Vec<Settled<'a>> = Vec::new();

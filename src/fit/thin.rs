@@ -228,14 +228,12 @@ pub(super) fn estimate<'a>(
         let (mean, std) = (t.value, t.std);
         (t.quantity, Prior { mean, std })
     });
-    let mut problem = Problem::new(set, variant, found.problem.free().to_vec(), found.values)
+    let problem = Problem::new(set, variant, found.problem.free().to_vec(), found.values)
         .with_sigma(weighing.sigma(found.discrepancy))
         .with_flat_sigma(found.problem.flat_sigma().to_vec())
         .with_priors(&stated.collect::<Vec<_>>())
-        .with_loss(options.loss);
-    if !found.problem.is_polarised() {
-        problem = problem.unpolarised();
-    }
+        .with_loss(options.loss)
+        .with_polarisation(found.problem.is_polarised());
     let tier = tier.filter(|_| found.takes_tier());
     let mut settled = Settled {
         minimum: Minimum {
@@ -341,10 +339,8 @@ fn everywhere(
             ..subset(set, &[])
         };
         let free = problem.free().to_vec();
-        let mut posed = Problem::new(&few, problem.variant(), free, *values);
-        if !problem.is_polarised() {
-            posed = posed.unpolarised();
-        }
+        let posed = Problem::new(&few, problem.variant(), free, *values)
+            .with_polarisation(problem.is_polarised());
         tier(&posed, values)
     };
     let mut places: HashMap<(u64, u64), usize> = HashMap::new();

@@ -25,11 +25,9 @@ pub fn two_bounces(problem: &Problem<'_>, values: &Values) -> Option<Vec<f64>> {
         .collect();
     let mut surface = values.surface();
     surface.theta_r = surface.theta_r.abs();
-    let mut quadrature = Quadrature::new(&surface, &problem.optics(values));
-    if !problem.is_polarised() {
-        quadrature = quadrature.scalar();
-    }
-    let integrated = quadrature.radiances(&directions, TOLERANCE * brightest);
+    let integrated = Quadrature::new(&surface, &problem.optics(values))
+        .with_polarisation(problem.is_polarised())
+        .radiances(&directions, TOLERANCE * brightest);
     let offsets: Vec<f64> = integrated
         .iter()
         .zip(&closed)

@@ -10,7 +10,6 @@ use super::fits::{check_region, reduction_code};
 use super::foretell::{Foretold, tell_analysis, with_cost};
 use super::headway::{Headway, Progress};
 use super::traces::{TraceRequest, TraceToDo};
-use super::words::plain;
 use super::{Lab, LabError, StoredSeries};
 use crate::accuracy::forecast::{of_analysis, of_reduction};
 use crate::accuracy::map_forecast::of_map;
@@ -26,6 +25,7 @@ use crate::reduction::{self, ReductionError};
 use crate::scan::event::CalculationKind;
 use crate::store::calculations::CalculationEnd;
 use crate::store::{Store, StoreError};
+use crate::wording::refusals::plain;
 
 /// A map that is asked for: every pixel of a scan fitted.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

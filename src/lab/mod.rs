@@ -22,7 +22,6 @@ mod rig;
 mod series;
 mod traces;
 mod under_way;
-pub(crate) mod words;
 
 use std::collections::HashMap;
 use std::path::Path;

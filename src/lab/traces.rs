@@ -15,7 +15,6 @@ use super::LabError;
 use super::attached::Content;
 use super::calculations::{Failure, positive};
 use super::headway::Headway;
-use super::words::plain;
 use crate::accuracy::trace_forecast::{Asked, Patience, of_runs};
 use crate::clock::elapsed_s;
 use crate::forecast::Forecast;
@@ -32,6 +31,7 @@ use crate::trace::run::{Ending, Follow, Progress, trace_following};
 use crate::trace::scene::{Prepared, Scene, SceneError, Shapes};
 use crate::trace::spread::{Surfaces, over_surfaces};
 use crate::trace::tally::Totals;
+use crate::wording::refusals::plain;
 use crate::wording::significant;
 
 /// Direction bins per side beyond which the files of a trace were too large for a page: 0.5° by 0.5°.

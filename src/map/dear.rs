@@ -407,12 +407,8 @@ impl Dear {
             .collect();
         let closed = self.closed(p);
         let brightest = closed.iter().copied().fold(0.0, f64::max);
-        let quadrature = Quadrature::new(&surface, &self.table);
-        let quadrature = match polarised {
-            true => quadrature,
-            false => quadrature.scalar(),
-        };
-        quadrature
+        Quadrature::new(&surface, &self.table)
+            .with_polarisation(polarised)
             .radiances(&directions, TOLERANCE * brightest)
             .iter()
             .zip(&closed)

@@ -110,6 +110,8 @@ impl Batch {
 
 /// One fit in so many is good enough to be followed by the others.
 const FOLLOWED: usize = 8;
+/// Pixels at most that are asked which of two models they are better explained by.
+const ASKED_MAX: usize = 500;
 
 /// What is needed to fit any pixel.
 pub(super) struct Run<'a> {
@@ -122,6 +124,17 @@ pub(super) struct Run<'a> {
 }
 
 impl Run<'_> {
+    /// χ² of some of these pixels together, each followed on from where it is.
+    pub(super) fn misses(&self, pixels: &[(usize, PixelFit)]) -> f64 {
+        let step = pixels.len().div_ceil(ASKED_MAX).max(1);
+        let asked = || pixels.iter().step_by(step);
+        let chosen: Vec<usize> = asked().map(|(index, _)| *index).collect();
+        let starts: Vec<Parameters> = asked().map(|(_, fit)| fit.p).collect();
+        let fits = self.fit(&chosen, &starts, 1);
+        let each = fits.iter().map(|fit| fit.chi2);
+        each.filter(|chi2| chi2.is_finite()).sum()
+    }
+
     /// A pixel's radiances for the irradiance at the field's centre, and weights (1/σ, 0 where masked).
     pub(super) fn read(&self, index: usize, signal: &mut [f64], weight: &mut [f64]) {
         let n = self.batch.observations;

@@ -22,8 +22,6 @@ use crate::plan::{Decision, Plan};
 const ROUNDS: usize = 6;
 /// How often the rounds are gone through; before each but the first, integrals are taken anew.
 const PASSES: usize = 3;
-/// Pixels at most that are asked whether light is polarised.
-const ASKED_MAX: usize = 500;
 /// Surfaces on which it is looked whether double reflections have to be integrated.
 const PROBED: usize = 2;
 /// A lobe has to lower χ² by this many usual χ² units.
@@ -282,34 +280,27 @@ pub(super) fn settle(
             let at = |polarised: bool| {
                 Integrated::at(centres.clone(), amplitude, |p| dear.lacking(p, polarised))
             };
-            let as_is = at(true);
-            integrated = if amplitude {
-                as_is
-            } else {
+            integrated = at(true);
+            if !amplitude {
                 // Nature polarises light at the first facet and the second one sees it; many renderers leave that out
                 // where light meets plastic. The pixels tell.
-                let some = good.len().div_ceil(ASKED_MAX).max(1);
-                let asked: Vec<usize> = good.iter().step_by(some).map(|(n, _)| *n).collect();
-                let starts: Vec<Parameters> = good.iter().step_by(some).map(|(_, f)| f.p).collect();
-                let misses = |integrated: &Integrated| -> f64 {
-                    let dear = &dear_at(&poses, 1.0, integrated);
+                let without = at(false);
+                let misses = |integrated: &Integrated| {
+                    let dear = dear_at(&poses, 1.0, integrated);
                     let run = Run {
                         batch,
                         globals: &globals,
-                        dear,
+                        dear: &dear,
                         view: &view,
                         poses: &poses,
                     };
-                    let fits = run.fit(&asked, &starts, 1);
-                    fits.iter()
-                        .map(|fit| fit.chi2)
-                        .filter(|c| c.is_finite())
-                        .sum()
+                    run.misses(&good)
                 };
-                let without = at(false);
-                polarised = misses(&as_is) <= misses(&without);
-                if polarised { as_is } else { without }
-            };
+                polarised = misses(&integrated) <= misses(&without);
+                if !polarised {
+                    integrated = without;
+                }
+            }
             dear = dear_at(&poses, 1.0, &integrated);
         }
     }

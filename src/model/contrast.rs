@@ -363,11 +363,9 @@ pub fn predict_paced(
             Tier::Closed(variant) => closed(variant),
             Tier::Quadrature => {
                 let peak = closed(Variant::Sawtooth).into_iter().fold(0.0, f64::max);
-                let mut quadrature = Quadrature::new(&surface, &table);
-                if optics.k == 0.0 {
-                    // As the closed form and the path-traced tables that predictions are compared with.
-                    quadrature = quadrature.scalar();
-                }
+                // As the closed form and the path-traced tables that predictions are compared with.
+                let polarised = optics.k > 0.0;
+                let quadrature = Quadrature::new(&surface, &table).with_polarisation(polarised);
                 let found = quadrature.radiances(&directions, pace.tolerance * peak);
                 error = found.iter().map(|e| e.error).fold(error, f64::max);
                 found.iter().map(|e| e.value).collect()

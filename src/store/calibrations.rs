@@ -252,6 +252,23 @@ mod tests {
         assert!(!finds(rig_id, &[0.18], &[0.0], past).await);
         assert!(!finds(rig_id, &[0.02], &[20.0], past).await);
         assert!(!finds(rig_id, &[0.02], &[0.0], "2100-01-01T00:00:00.000Z").await);
-        assert_eq!(store.calibrations_of_scan(scan.id).await.unwrap().len(), 1);
+        let ids = store.calibrations_of_scan(scan.id).await.unwrap();
+        assert_eq!(ids.len(), 1);
+        assert_eq!(store.calibration(ids[0]).await.unwrap().n_frames, 6);
+        assert!(store.calibration(ids[0] + 1).await.is_err());
+        let listed = async |scan_id, kind, since: &str| {
+            let filter = CalibrationFilter {
+                scan_id: Some(scan_id),
+                kind: Some(kind),
+                since: Some(since.into()),
+            };
+            let page = PageRequest::default();
+            store.calibrations(&filter, page).await.unwrap().items.len()
+        };
+        assert_eq!(listed(scan.id, FrameKind::Flat, past).await, 1);
+        assert_eq!(listed(scan.id, FrameKind::Dark, past).await, 0);
+        assert_eq!(listed(scan.id + 1, FrameKind::Flat, past).await, 0);
+        let future = "2100-01-01T00:00:00.000Z";
+        assert_eq!(listed(scan.id, FrameKind::Flat, future).await, 0);
     }
 }

@@ -337,6 +337,18 @@ mod tests {
         };
         assert_eq!(found(9.0, 11.0).await, 1);
         assert_eq!(found(11.0, 12.0).await, 0);
+        let ended = begun(&store, scan.id).await;
+        store.end_fit(ended, &FitEnd::Cancelled).await.unwrap();
+        let with = async |status: &str| {
+            let filter = FitFilter {
+                status: Some(status.into()),
+                ..FitFilter::default()
+            };
+            let page = store.fits(&filter, PageRequest::default()).await.unwrap();
+            page.items.iter().map(|fit| fit.id).collect::<Vec<_>>()
+        };
+        assert_eq!(with("cancelled").await, [ended]);
+        assert_eq!(with("converged").await, [id]);
     }
 
     #[tokio::test]

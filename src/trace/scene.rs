@@ -20,6 +20,7 @@ use crate::material::tables::{self, MediaError};
 pub use crate::model::LeftOut;
 use crate::model::fresnel;
 use crate::model::polarisation::Boundary;
+use crate::wording::refusals::plain;
 
 pub use shape::{HeightMap, MapUnits, Shape};
 
@@ -255,30 +256,21 @@ struct Medium {
     rho_d: Option<f64>,
 }
 
-/// What the parser says, without the names of the program's types.
-fn in_words(message: &str) -> String {
-    let mut text = message.replace("floating point `", "the number `");
-    for (types, word) in [
-        (
-            &["u64", "u32", "usize"][..],
-            "a whole number that is not negative",
-        ),
-        (&["f64"][..], "a number"),
-    ] {
-        for name in types {
-            text = text.replace(&format!("expected {name}"), &format!("expected {word}"));
-        }
-    }
-    text
-}
-
 impl Scene {
     /// Reads a scene's text.
     ///
     /// # Errors
     /// Text that is not TOML, unknown keys, values of the wrong type.
     pub fn parse(text: &str) -> Result<Self, SceneError> {
-        toml::from_str(text).map_err(|e| SceneError::Text(in_words(e.to_string().trim())))
+        toml::from_str(text).map_err(|e: toml::de::Error| {
+            // Only what stands there and what is wanted is put in other words, not where, nor which keys there are.
+            let (told, said) = (e.to_string(), e.message());
+            let told = match said.starts_with("invalid ") {
+                true => told.replace(said, &plain(said)),
+                false => told,
+            };
+            SceneError::Text(told.trim().to_owned())
+        })
     }
 
     /// Checks everything and builds the surfaces. `load` reads a file of heights.

@@ -16,7 +16,10 @@ const RULES: &[(&str, &[&str])] = &[
     ("geometry", &["units"]),
     ("observation", &["units", "geometry", "material"]),
     ("model", &["units", "geometry", "material"]),
-    ("trace", &["units", "geometry", "material", "model"]),
+    (
+        "trace",
+        &["units", "geometry", "material", "model", "wording"],
+    ),
     ("heights", &["trace"]),
     (
         "fit",
@@ -61,10 +64,7 @@ const RULES: &[(&str, &[&str])] = &[
             "wording",
         ],
     ),
-    (
-        "judge",
-        &["units", "geometry", "observation", "fit", "wording"],
-    ),
+    ("judge", &["units", "geometry", "observation", "fit"]),
     ("contrast", &["units", "geometry", "observation", "model"]),
     (
         "map",
@@ -100,7 +100,7 @@ const RULES: &[(&str, &[&str])] = &[
     (
         "plan",
         &[
-            "units", "frame", "geometry", "material", "model", "trace", "series", "wording",
+            "units", "frame", "geometry", "material", "model", "trace", "series",
         ],
     ),
     (
@@ -196,6 +196,7 @@ const RULES: &[(&str, &[&str])] = &[
             "store",
             "judge",
             "lab",
+            "wording",
         ],
     ),
     (

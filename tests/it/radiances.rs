@@ -328,7 +328,7 @@ fn what_the_first_facet_polarises_the_second_one_sees_on_plastic_too() {
         amplitude: 1.0,
     };
     let quadrature = Quadrature::new(&surface, &OpticsTable::new(&Optics::new(&rig, &plastic)));
-    let scalar = quadrature.clone().scalar();
+    let scalar = quadrature.clone().with_polarisation(false);
     let roughness = Roughness {
         alpha_u: alpha,
         alpha_v: alpha,

@@ -79,10 +79,8 @@ fn painted(seed: u64, poses: &[(f64, f64)], cones: Cones, alpha: f64, polarised:
         .iter()
         .map(|(t, p)| rig.directions(Pose::from_deg(t + tilt_offset_deg, p + azimuth_offset_deg)))
         .collect();
-    let mut painter = Quadrature::new(&surface, &OpticsTable::new(&Optics::new(&rig, &actual)));
-    if !polarised && !metal {
-        painter = painter.scalar();
-    }
+    let painter = Quadrature::new(&surface, &OpticsTable::new(&Optics::new(&rig, &actual)))
+        .with_polarisation(polarised || metal);
     let radiances = painter.radiances(&directions, 1e-6);
     let peak = radiances.iter().map(|r| r.value).fold(0.0, f64::max);
     let stray_light = 0.02 * peak * draw.between(0.0, 1.0);

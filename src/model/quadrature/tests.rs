@@ -57,11 +57,8 @@ fn traced(text: &str, rig: &RigGeometry, surface: Surface, index: (f64, f64)) ->
 
 /// rms of quadrature and closed form against the tracer, as fractions of the peak.
 fn residuals(t: &Traced) -> (f64, f64) {
-    let mut q = Quadrature::new(&t.surface, &t.table);
-    if t.table.optics.k == 0.0 {
-        // The renderer that made these series leaves polarisation out where light meets plastic.
-        q = q.scalar();
-    }
+    // The renderer that made these series leaves polarisation out where light meets plastic.
+    let q = Quadrature::new(&t.surface, &t.table).with_polarisation(t.table.optics.k > 0.0);
     let p = Prepared::new(Variant::Sawtooth, &t.surface, &t.table);
     let n = t.radiance.len() as f64;
     let (mut ours, mut closed) = (0.0, 0.0);

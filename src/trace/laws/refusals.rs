@@ -65,6 +65,10 @@ fn bad_scenes_get_a_message_that_names_the_key() {
         ),
         (scene(45.0, &flat, "photons = 0"), "photons"),
         (scene(45.0, &flat, "photons = -5"), "photons"),
+        (
+            scene(45.0, &flat, "photons = 1e20"),
+            "stands where a whole number from 0 on is wanted",
+        ),
         (scene(45.0, &flat, "fotons = 5"), "fotons"),
         (scene(45.0, &flat, "polarised = \"yes\""), "polarised"),
         (scene(45.0, &flat, "theta_bins = 0"), "theta_bins"),

@@ -42,6 +42,13 @@ async fn a_scan_is_begun_found_commanded_and_begun_once_per_key() {
         409,
         "state-conflict",
     );
+    // Nothing of that kind is kept yet, and kinds that there are none of are refused.
+    let none = get(&router, "/api/v1/calibrations?kind=dark&scan_id=1").await;
+    assert_eq!(none.body["items"], json!([]));
+    let refused = get(&router, "/api/v1/calibrations?kind=white").await;
+    is_problem(&refused, 422, "invalid-value");
+    let unknown = get(&router, "/api/v1/calibrations/1").await;
+    is_problem(&unknown, 404, "not-found");
     let aborted = post(&router, "/api/v1/scans/1/abort", "").await;
     assert_eq!(
         (aborted.status, &aborted.body["state"]),

@@ -36,6 +36,9 @@ export function linesOf(accuracy: Accuracy, scene: string): ErrorLine[] {
 /** A point this far off a line, as a factor, says that there is no power law: a solver that converges quadratically has none. */
 const BENT = 4;
 
+/** Slope above which an error does not fall with time: what a method leaves out is all that is left of it. */
+export const LEVEL = -0.25;
+
 export function slopeOf(points: readonly AccuracyPoint[]): number | null {
   const x = points.map((p) => Math.log(p.seconds));
   const y = points.map((p) => Math.log(p.error));

@@ -292,17 +292,17 @@ describe('error against run time', () => {
   it('is shown where it was measured: a line per method, its slope, the reference and what plans leave out', async () => {
     daemon.accuracy = {
       machine: 'ridged, two threads', written_at: '2026-01-02T03:04:05Z',
-      points: [point('split', 0.01, 1e-2), point('split', 0.1, 3.16e-3), point('split', 1, 1e-3), point('analog', 0.1, 2e-2), point('quadrature', 0.2, 1e-4, 'series')],
+      points: [point('split', 0.01, 1e-2), point('split', 0.1, 3.16e-3), point('split', 1, 1e-3), point('analog', 0.1, 2e-2), point('scalar', 0.01, 1.5e-2), point('scalar', 0.1, 1.6e-2), point('scalar', 1, 1.7e-2), point('quadrature', 0.2, 1e-4, 'series')],
       forecasts: [{ scene: 'flat', forecast_s: 1, taken_s: 1.5 }, { scene: 'rough', forecast_s: 1, taken_s: 3 }],
       proofs: [{ scene: 'flat', off: 0.002, allowed: 0.011, holds: true, full_s: 0.3, planned_s: 0.1, parts: [{ what: 'polarisation of light', speed_up: 2.9 }] }],
     };
     await page.goto(url);
     const view = page.getByTestId('accuracy');
     await view.waitFor();
-    await expect.poll(() => view.locator('g[data-method]').count()).toBe(2);
+    await expect.poll(() => view.locator('g[data-method]').count()).toBe(3);
     expect(await view.locator('g[data-method=split] circle').count()).toBe(3);
     const words = await view.innerText();
-    for (const part of ['slope −0.50', 'exact (flat layers)', '1 of 1 within', 'factor of 2: 1 of 2', 'ridged, two threads']) expect(words).toContain(part);
+    for (const part of ['slope −0.50', 'levels off', 'exact (flat layers)', '1 of 1 within', 'factor of 2: 1 of 2', 'ridged, two threads']) expect(words).toContain(part);
     await view.locator('summary').click();
     expect(await view.getByTestId('proofs').innerText()).toContain('polarisation of light');
     await view.getByRole('combobox', { name: 'Scene' }).selectOption('series');
