@@ -160,25 +160,31 @@ def main():
                             reflected=float(np.mean(mine, axis=0).sum()),
                             analog_photons_per_s=analog/t_fast),
                 variance_at_equal_time=v_theirs*t_theirs/(v_mine*t_mine),
+                variance_with_setup=v_theirs*t_theirs/(v_mine*(t_mine + np.median(setup))),
                 analog_speed=(analog/t_fast)/(mi_photons/t_theirs))
         new = []
         for seed in range(3 if a.quick else 9):
             ours = Ridged(a.ridged, folder, 'dielectric',
                           f'shape = "beckmann"\nalpha_u = {ALPHA}\nalpha_v = {ALPHA}\nseed = {seed}')
             _, r = ours.run(1_000_000, 1, 'split', bins=False)
-            new.append((r['run_seconds'] + r['surface_seconds'], r['energy']['reflected']['value'], r['energy']['reflected']['std']))
+            reflected = r['energy']['reflected']
+            new.append((r['run_seconds'] + r['surface_seconds'], reflected['value'], reflected['std'],
+                        r['surface_seconds'], r['setup_seconds'], r['run_seconds'] - r['setup_seconds']))
         new = np.array(new)
+        making, looking, tracing = np.median(new[:, 3:], axis=0)
         report['new_surface_with_1M_photons'] = dict(seconds=float(np.median(new[:, 0])), surfaces=len(new),
+                                                     surface_s=making, setup_s=looking, photons_s=tracing,
                                                      reflected_std_by_sampling=float(np.mean(new[:, 2])),
                                                      reflected_std_between_surfaces=float(new[:, 1].std(ddof=1)))
     report['loadavg_after'] = os.getloadavg()
     for material, m in report['materials'].items():
         print(f"{material}: Mitsuba {m['mitsuba']['photons_per_s']/1e6:.2f} M photons/s, ridged analog "
               f"{m['ridged']['analog_photons_per_s']/1e6:.2f} M/s = {m['analog_speed']:.1f} times; variance at equal time "
-              f"{m['variance_at_equal_time']:.0f} times lower (set-up {m['ridged']['setup_s']:.3f} s apart); reflected "
+              f"{m['variance_at_equal_time']:.0f} times lower (set-up {m['ridged']['setup_s']:.3f} s apart; with it {m['variance_with_setup']:.0f} times); reflected "
               f"{m['mitsuba']['reflected']:.5f} and {m['ridged']['reflected']:.5f} (middle half and whole field)")
     n = report['new_surface_with_1M_photons']
-    print(f"a new surface with 1 M photons: {n['seconds']:.3f} s; error of the reflected energy by sampling "
+    print(f"a new surface with 1 M photons: {n['seconds']:.3f} s (the surface {n['surface_s']:.3f} s, set-up {n['setup_s']:.3f} s, "
+          f"photons {n['photons_s']:.3f} s); error of the reflected energy by sampling "
           f"{n['reflected_std_by_sampling']:.1e}, spread between {n['surfaces']} surfaces {n['reflected_std_between_surfaces']:.1e}")
     if a.json:
         with open(a.json, 'w') as f:

@@ -10,6 +10,7 @@
 //! rounded to f32. The roughness does not hang on it: cell sizes are solved for from the slopes' own sum of squares
 //! (positive terms), so α is exact to rounding for any number of cells.
 
+use pulp::Arch;
 use rayon::prelude::*;
 
 use super::height_field::HeightField;
@@ -57,7 +58,6 @@ fn heights(cells: usize, seed: u64) -> Vec<f64> {
     let table: Vec<(f64, f64)> = (0..cells)
         .map(|a| (std::f64::consts::TAU * a as f64 / cells as f64).sin_cos())
         .collect();
-    let at = |k: i64, a: usize| table[(k * a as i64).rem_euclid(cells as i64) as usize];
     let amplitude = (2.0 / waves.len() as f64).sqrt();
     // Sum over ky first: for each |kx| the cosine and sine parts along x, as functions of y.
     let mut groups: Vec<Vec<&Wave>> = vec![Vec::new(); reach as usize + 1];
@@ -71,29 +71,57 @@ fn heights(cells: usize, seed: u64) -> Vec<f64> {
             for wave in group {
                 let (s, c) = wave.phase.sin_cos();
                 let sign = if wave.kx < 0 { -1.0 } else { 1.0 };
-                for y in 0..cells {
-                    let (sy, cy) = at(wave.ky, y);
+                let step = wave.ky.rem_euclid(cells as i64) as usize;
+                let mut at = 0;
+                for (cosine, sine) in cosine.iter_mut().zip(&mut sine) {
+                    let (sy, cy) = table[at];
                     // cos(kx x + b) = cos(kx x) cos b − sin(kx x) sin b,  b = φ + ky y.
-                    cosine[y] += amplitude * (c * cy - s * sy);
-                    sine[y] -= sign * amplitude * (s * cy + c * sy);
+                    *cosine += amplitude * (c * cy - s * sy);
+                    *sine -= sign * amplitude * (s * cy + c * sy);
+                    at += step;
+                    if at >= cells {
+                        at -= cells;
+                    }
                 }
             }
             (cosine, sine)
         })
         .collect();
+    let arch = Arch::new();
     let mut heights = vec![0.0; cells * cells];
     heights
         .par_chunks_mut(cells)
         .enumerate()
         .for_each(|(x, row)| {
-            for (k, (cosine, sine)) in parts.iter().enumerate() {
-                let (s, c) = at(k as i64, x);
-                for ((h, a), b) in row.iter_mut().zip(cosine).zip(sine) {
-                    *h += c * a + s * b;
-                }
+            for (k, part) in parts.iter().enumerate() {
+                let turn = table[(k * x) % cells];
+                // Compiled for each set of vector instructions; the bits are the same with all of them.
+                arch.dispatch(Sum { row, part, turn });
             }
         });
     heights
+}
+
+/// Adds the waves of one |kx| to a row, as a type and not a closure: those are not inlined, and what is not inlined is
+/// not compiled for the wider instructions.
+struct Sum<'a> {
+    row: &'a mut [f64],
+    /// Cosine and sine parts.
+    part: &'a (Vec<f64>, Vec<f64>),
+    /// Sine and cosine of the row's phase.
+    turn: (f64, f64),
+}
+
+impl pulp::WithSimd for Sum<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let ((cosine, sine), (s, c)) = (self.part, self.turn);
+        for ((h, a), b) in self.row.iter_mut().zip(cosine).zip(sine) {
+            *h += c * a + s * b;
+        }
+    }
 }
 
 struct Wave {

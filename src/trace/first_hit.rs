@@ -4,7 +4,7 @@
 //! an [`Incidence`] is worked out once per triangle instead of once per photon, and a [`Facet`] is what is kept of
 //! it: enough to count light that leaves at once without looking at the triangle again.
 
-use super::grid::Grid;
+use super::grid::Finder;
 use super::height_field::Side;
 use super::light::{Light, Turn};
 use super::vec3::{V3, combine, dot};
@@ -100,30 +100,40 @@ impl<'a> Incidence<'a> {
         self.split.cos_refracted > 0.0
     }
 
+    /// A way on along `k` on a side, of `factor` times what a channel lets pass.
+    #[inline(always)]
+    fn passage<L: Light>(
+        &self,
+        channel: &Channel,
+        factor: f64,
+        side: Side,
+        k: &V3,
+        bins: &Finder,
+    ) -> Passage {
+        let channel = Channel {
+            s: factor * channel.s,
+            p: factor * channel.p,
+            re: factor * channel.re,
+            im: factor * channel.im,
+        };
+        let leave = if L::HAS_FRAME {
+            Turn::to_exit(k, &self.s, &self.walk.s)
+        } else {
+            Turn::NONE
+        };
+        Passage {
+            leave,
+            power: L::after_hit(&self.turn, &self.s, &channel, 1.0).power(&self.walk.stokes),
+            bin: bins.bin(side, k) as u32,
+            channel,
+        }
+    }
+
     /// What is kept of it. For [`Method::Analog`], where a photon that goes a way weighs 1 on it,
     /// the channels are those of such a photon.
     #[inline(always)]
     #[must_use]
-    pub fn facet<L: Light>(&self, grid: &Grid) -> Facet {
-        let passage = |channel: &Channel, factor: f64, side: Side, k: &V3| {
-            let channel = Channel {
-                s: factor * channel.s,
-                p: factor * channel.p,
-                re: factor * channel.re,
-                im: factor * channel.im,
-            };
-            let leave = if L::HAS_FRAME {
-                Turn::to_exit(k, &self.s, &self.walk.s)
-            } else {
-                Turn::NONE
-            };
-            Passage {
-                leave,
-                power: L::after_hit(&self.turn, &self.s, &channel, 1.0).power(&self.walk.stokes),
-                bin: grid.bin(side, k) as u32,
-                channel,
-            }
-        };
+    pub fn facet<L: Light>(&self, bins: &Finder) -> Facet {
         let (enters, split) = (self.enters(), &self.split);
         let share = if enters || !self.boundary.is_transparent() {
             split.reflected.unpolarised()
@@ -134,9 +144,10 @@ impl<'a> Incidence<'a> {
             Method::Analog => (1.0 / share, 1.0 / (1.0 - share)),
             Method::Split => (1.0, 1.0),
         };
-        let reflected = passage(&split.reflected, up, Side::Above, &self.reflected());
+        let (k_up, k_down) = (self.reflected(), self.refracted());
+        let reflected = self.passage::<L>(&split.reflected, up, Side::Above, &k_up, bins);
         let refracted = if enters {
-            passage(&split.refracted, down, Side::Below, &self.refracted())
+            self.passage::<L>(&split.refracted, down, Side::Below, &k_down, bins)
         } else {
             Passage {
                 channel: Channel::NONE,

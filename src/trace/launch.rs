@@ -11,6 +11,8 @@
 //! followed. With [`Method::Split`] such light needs no photons at all: it is counted once and for all, and photons
 //! start only where something is left to chance.
 
+use std::marker::PhantomData;
+use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -18,7 +20,7 @@ use rayon::prelude::*;
 
 use super::beam;
 use super::first_hit::{Facet, Incidence, Passage};
-use super::grid::Grid;
+use super::grid::{Finder, Grid};
 use super::height_field::{Flight, HeightField, Side, Spot};
 use super::light::Light;
 use super::rng::Stream;
@@ -53,7 +55,7 @@ enum Fate {
 #[derive(Debug)]
 pub struct FirstHits<'a> {
     field: &'a HeightField,
-    grid: Grid,
+    bins: Finder,
     to_lamp: V3,
     /// Whether facets are mirrors: a triangle then sends all light the same ways.
     smooth: bool,
@@ -104,7 +106,7 @@ impl<'a> FirstHits<'a> {
         let look = Look {
             walk,
             field,
-            grid,
+            bins: grid.finder(),
             to_lamp: scaled(-1.0, &walk.k),
             single: walk.stack.interfaces.len() == 1,
             smooth: interface.roughness.is_none() && interface.diffuse.is_none(),
@@ -118,17 +120,19 @@ impl<'a> FirstHits<'a> {
                 || Batch::new::<L>(grid),
                 |batch, chunk| {
                     let mut starts = Vec::with_capacity(2 * CHUNK);
-                    for cell in chunk * CHUNK..((chunk + 1) * CHUNK).min(cells) {
-                        if cell.is_multiple_of(ASKED) {
-                            let done = done.fetch_add(ASKED, Ordering::Relaxed);
-                            if !go_on(done as f64 / cells as f64) {
-                                return Err(Stopped);
-                            }
+                    for first in (chunk * CHUNK..((chunk + 1) * CHUNK).min(cells)).step_by(ASKED) {
+                        let done = done.fetch_add(ASKED, Ordering::Relaxed);
+                        if !go_on(done as f64 / cells as f64) {
+                            return Err(Stopped);
                         }
-                        let (i, j) = (cell / ny, cell % ny);
-                        for upper in [false, true] {
-                            starts.extend(look.at::<L>(i, j, upper, batch));
-                        }
+                        // Compiled for each set of vector instructions; the bits are the same with all of them.
+                        field.arch().dispatch(Cells {
+                            look: &look,
+                            cells: first..(first + ASKED).min(cells),
+                            batch,
+                            starts: &mut starts,
+                            light: PhantomData::<L>,
+                        });
                     }
                     // Adding in fixed point is exact: the order of the chunks does not matter.
                     known
@@ -154,7 +158,7 @@ impl<'a> FirstHits<'a> {
         }
         let mut first_hits = FirstHits {
             field,
-            grid,
+            bins: look.bins,
             to_lamp: look.to_lamp,
             smooth: look.smooth,
             starts,
@@ -167,7 +171,11 @@ impl<'a> FirstHits<'a> {
             first_hits.facets = first_hits
                 .starts
                 .par_iter()
-                .map(|start| first_hits.incidence::<L>(walk, start).facet::<L>(&grid))
+                .map(|start| {
+                    first_hits
+                        .incidence::<L>(walk, start)
+                        .facet::<L>(&first_hits.bins)
+                })
                 .collect();
         }
         Ok(Some(first_hits))
@@ -249,7 +257,7 @@ impl<'a> FirstHits<'a> {
             Some(facet) => facet,
             None => room.insert(
                 self.incidence::<L>(walk, &self.starts[at])
-                    .facet::<L>(&self.grid),
+                    .facet::<L>(&self.bins),
             ),
         }
     }
@@ -386,12 +394,39 @@ fn first_beyond(sums: &[f64], at: usize, position: f64) -> usize {
 struct Look<'a> {
     walk: &'a Walk<'a>,
     field: &'a HeightField,
-    grid: Grid,
+    bins: Finder,
     to_lamp: V3,
     single: bool,
     smooth: bool,
     /// Whether it is worth finding out what is free, beyond what is plain.
     thorough: bool,
+}
+
+/// Some cells to look at, as a type and not a closure: a closure of this size is not inlined, and what is not inlined
+/// is not compiled for the wider instructions.
+struct Cells<'a, L> {
+    look: &'a Look<'a>,
+    cells: Range<usize>,
+    batch: &'a mut Batch,
+    starts: &'a mut Vec<(Start, f64)>,
+    light: PhantomData<L>,
+}
+
+impl<L: Light> pulp::WithSimd for Cells<'_, L> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let (_, ny) = self.look.field.cells();
+        for cell in self.cells {
+            for upper in [false, true] {
+                let start = self.look.at::<L>(cell / ny, cell % ny, upper, self.batch);
+                if let Some(start) = start {
+                    self.starts.push(start);
+                }
+            }
+        }
+    }
 }
 
 impl Look<'_> {
@@ -438,7 +473,7 @@ impl Look<'_> {
             start.refracted = Fate::Free;
         }
         if start.lit && self.walk.method == Method::Split {
-            let facet = incidence.facet::<L>(&self.grid);
+            let facet = incidence.facet::<L>(&self.bins);
             let weight = facing / (nx * ny) as f64;
             for (way, fate, side) in [
                 (&facet.reflected, &mut start.reflected, Side::Above),

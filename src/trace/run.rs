@@ -395,17 +395,8 @@ fn walk_of(prepared: &Prepared) -> Walk<'_> {
 /// What the threads of a run share.
 struct Counted {
     so_far: SoFar,
-    /// Photons whose known part is still to be added: that takes as long for one as for all.
+    /// Photons whose known part is still to be added: that takes as long for one as for all, so once.
     without_known: u64,
-}
-
-impl Counted {
-    fn include(&mut self, first_hits: Option<&FirstHits<'_>>) {
-        if let Some(first_hits) = first_hits {
-            let photons = std::mem::take(&mut self.without_known);
-            self.so_far.totals.include(&first_hits.known, photons);
-        }
-    }
 }
 
 /// A run, ready to start.
@@ -495,15 +486,17 @@ impl Task<'_> {
             counted.so_far.batches.push(number);
             counted.without_known += share;
             let look = counted.so_far.batches.len().is_multiple_of(LOOK_BATCHES);
-            if look {
-                counted.include(self.first_hits.as_ref());
-            }
             let totals = &counted.so_far.totals;
+            // Adding what is known to all elements of all bins would take longer than the look.
+            let known = self
+                .first_hits
+                .as_ref()
+                .map(|f| (&f.known, counted.without_known));
             let progress = Progress {
                 look: None,
                 photons: totals.photons().max(sketched),
                 photons_planned: planned,
-                relative_error: look.then(|| totals.relative_error()).flatten(),
+                relative_error: look.then(|| totals.relative_error_with(known)).flatten(),
             };
             drop(counted);
             spare().push((batch, waiting));
@@ -511,11 +504,15 @@ impl Task<'_> {
                 stopped.store(true, Ordering::Relaxed);
             }
         });
-        let mut counted = counted
+        let counted = counted
             .into_inner()
             .expect("no thread panics while it adds");
-        counted.include(self.first_hits.as_ref());
         let mut so_far = counted.so_far;
+        if let Some(first_hits) = &self.first_hits {
+            so_far
+                .totals
+                .include(&first_hits.known, counted.without_known);
+        }
         so_far.batches.sort_unstable();
         let sketch = sketch.filter(|_| so_far.batches.len() < complete);
         match sketch.filter(|s| s.says_more_than(&so_far)) {

@@ -11,7 +11,7 @@
 mod energies;
 
 use super::exact::{from_fixed, numbers_of, text_of, to_fixed};
-use super::grid::Grid;
+use super::grid::{Finder, Grid};
 use super::height_field::Side;
 use super::light::Light;
 use super::vec3::V3;
@@ -20,7 +20,7 @@ pub use energies::{Energies, ORDERS};
 /// What the photons of one replicate left.
 #[derive(Debug)]
 pub struct Batch {
-    grid: Grid,
+    finder: Finder,
     stride: usize,
     bins: Vec<f64>,
     hits: Vec<u32>,
@@ -34,7 +34,7 @@ impl Batch {
     pub fn new<L: Light>(grid: Grid) -> Self {
         let bins = 2 * grid.per_side();
         Batch {
-            grid,
+            finder: grid.finder(),
             stride: L::ELEMENTS,
             bins: vec![0.0; bins * L::ELEMENTS],
             hits: vec![0; bins],
@@ -46,7 +46,7 @@ impl Batch {
     /// Light leaves along `k` on a side after `interactions` (≥ 1), already in the frame of exit.
     #[inline]
     pub fn exit<L: Light>(&mut self, light: &L, power: f64, side: Side, k: &V3, interactions: u32) {
-        self.count(light, power, self.grid.bin(side, k), side, interactions);
+        self.count(light, power, self.finder.bin(side, k), side, interactions);
     }
 
     /// The same where the bin is known.
@@ -344,15 +344,26 @@ impl Totals {
     /// own noise taken off for the same reason.
     #[must_use]
     pub fn relative_error(&self) -> Option<f64> {
+        self.relative_error_with(None)
+    }
+
+    /// The same, with what is known of so many of the photons before it is [`Totals::include`]d.
+    #[must_use]
+    pub fn relative_error_with(&self, known: Option<(&Known, u64)>) -> Option<f64> {
+        let n = self.stride;
         let (mut noise, mut signal) = (0.0, 0.0);
         for bin in 0..self.grid.per_side() {
-            if !self.is_empty(Side::Above, bin) {
-                let e = self.element(Side::Above, bin, 0);
-                let weight = self.grid.projected_solid_angle(bin).powi(2);
-                let variance = e.std * e.std;
-                noise += variance * weight;
-                signal += (e.value * e.value - variance) * weight;
+            let further = known.map_or(0, |(k, photons)| k.bins[bin * n] * i128::from(photons));
+            let known = self.known[bin * n] + further;
+            if self.hits[bin] == 0 && known == 0 {
+                continue;
             }
+            let (sum, square) = (self.bins[bin * 2 * n], self.bins[bin * 2 * n + n]);
+            // Shares of the light: what makes them a BRDF is taken off again by the weights.
+            let e = self.estimate(sum, square, known, self.photons as f64);
+            let variance = e.std * e.std;
+            noise += variance;
+            signal += e.value * e.value - variance;
         }
         (signal > 0.0).then(|| (noise / signal).sqrt())
     }
