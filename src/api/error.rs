@@ -179,6 +179,7 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::Stage(_) if code == "stage-not-referenced" => {
             (StatusCode::CONFLICT, "the axis does not know where it is")
         }
+        LabError::Stage(_) if code == "stopped" => (StatusCode::CONFLICT, "a stop came first"),
         LabError::Stage(_) => (StatusCode::SERVICE_UNAVAILABLE, "the stages cannot be had"),
         LabError::Camera(_) => (StatusCode::SERVICE_UNAVAILABLE, "the camera failed"),
         LabError::Series(_) | LabError::Frame { .. } | LabError::Invalid { .. } => {

@@ -197,7 +197,7 @@ pub(super) async fn get_rig(State(app): State<App>) -> Result<Json<RigBody>, Api
     request_body = MoveBody, responses(
     (status = 202, description = "The axis is about to move", body = Begun),
     (status = 404, description = "There is no such axis", body = Problem),
-    (status = 409, description = "The rig is busy, or the axis has no reference (`stage-not-referenced`): home it first", body = Problem),
+    (status = 409, description = "The rig is busy, a stop came first (`stopped`), or the axis has no reference (`stage-not-referenced`): home it first", body = Problem),
     (status = 422, description = "The position is outside the travel", body = Problem),
     (status = 503, description = "The stages cannot be had", body = Problem),
 ))]
@@ -215,7 +215,7 @@ pub(super) async fn move_axis(
 #[utoipa::path(post, path = "/api/v1/rig/axes/{axis}/home", tag = "rig", params(("axis" = String, Path, description = "theta_c or phi_s")), responses(
     (status = 202, description = "The axis is about to move", body = Begun),
     (status = 404, description = "There is no such axis", body = Problem),
-    (status = 409, description = "The rig is busy", body = Problem),
+    (status = 409, description = "The rig is busy, or a stop came first (`stopped`)", body = Problem),
     (status = 503, description = "The stages cannot be had", body = Problem),
 ))]
 pub(super) async fn home_axis(

@@ -146,7 +146,15 @@ fn evaluate(table: &Table, cases: &Path, out: &Path) -> Result<(usize, usize), C
         .iter()
         .map(|name| {
             find(name).ok_or_else(|| {
-                CliError::bad_input(anyhow!("{} lacks the column {name}", cases.display()))
+                let other = headers.len() == 1 && headers[0].contains([';', '\t']);
+                let way_out = match other {
+                    true => ": separate its fields by commas, with a point as decimal mark",
+                    false => "",
+                };
+                CliError::bad_input(anyhow!(
+                    "{} lacks the column {name}{way_out}",
+                    cases.display()
+                ))
             })
         })
         .collect::<Result<Vec<_>, _>>()?;
@@ -291,5 +299,10 @@ mod tests {
         std::fs::write(&cases, "stack\n1.5\n").unwrap();
         let outcome = evaluate(&stack::TABLE, &cases, &folder.path().join("out.csv"));
         assert!(matches!(outcome, Err(CliError::BadInput(_))));
+        std::fs::write(&cases, "stack;theta_i_deg\n1,5;3,0\n").unwrap();
+        match evaluate(&stack::TABLE, &cases, &folder.path().join("out.csv")) {
+            Err(CliError::BadInput(e)) => assert!(e.to_string().contains("by commas"), "{e}"),
+            _ => panic!("fields between semicolons are no columns"),
+        }
     }
 }

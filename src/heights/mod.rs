@@ -59,16 +59,18 @@ fn table(content: &[u8]) -> Result<HeightMap, String> {
         heights: Vec::new(),
         units: None,
     };
-    for (n, line) in text.lines().enumerate() {
+    for (n, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
         let line = line.trim();
-        let words = || line.split([',', ';', '\t', ' ']).filter(|w| !w.is_empty());
+        if line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        let words = words_of(line).map_err(|cause| format!("line {}: {cause}", n + 1))?;
         // One line of column names above the numbers is no error.
-        let named = map.rows == 0 && words().all(|w| w.parse::<f64>().is_err());
-        if line.is_empty() || line.starts_with('#') || named {
+        if map.rows == 0 && words.iter().all(|w| w.parse::<f64>().is_err()) {
             continue;
         }
         let before = map.heights.len();
-        for word in words() {
+        for word in &words {
             let height: f64 = word
                 .parse()
                 .map_err(|_| format!("line {}: {word:?} is not a number", n + 1))?;
@@ -89,6 +91,44 @@ fn table(content: &[u8]) -> Result<HeightMap, String> {
         return Err("the file holds no heights".to_owned());
     }
     Ok(map)
+}
+
+/// The fields of a line. Where semicolons or tabs separate them a comma is a decimal mark, as programs write numbers in
+/// many countries; nothing is guessed where it could be either.
+fn words_of(line: &str) -> Result<Vec<String>, String> {
+    let owned = |w: &str| w.trim().to_owned();
+    let separator = [';', '\t', ','].into_iter().find(|s| line.contains(*s));
+    let words: Vec<String> = match separator {
+        Some(',') => line.split(',').map(owned).collect(),
+        Some(other) => line
+            .split(other)
+            .map(|w| owned(w).replace(',', "."))
+            .collect(),
+        None => line.split_whitespace().map(owned).collect(),
+    };
+    // A separator at the end of a line separates nothing.
+    let words = match words.split_last() {
+        Some((last, rest)) if last.is_empty() => rest,
+        _ => &words[..],
+    };
+    let is_number = |w: &str| w.parse::<f64>().is_ok();
+    if words
+        .iter()
+        .any(|w| w.contains(' ') && w.split(' ').all(is_number))
+    {
+        return Err(
+            "spaces and other marks both stand between its numbers: separate them by one of comma, semicolon, tab and \
+             space (where a comma is the decimal mark, by semicolon or tab)"
+                .to_owned(),
+        );
+    }
+    match words.iter().position(String::is_empty) {
+        Some(at) => Err(format!(
+            "its field {} is empty: heights have no gaps",
+            at + 1
+        )),
+        None => Ok(words.to_vec()),
+    }
 }
 
 fn png(content: &[u8], most: usize) -> Result<HeightMap, String> {
@@ -130,8 +170,31 @@ mod tests {
         assert!(read("a.csv", b"1,2\n3\n").unwrap_err().contains("line 2"));
         assert!(read("a.csv", b"1,x\n").unwrap_err().contains("\"x\""));
         assert!(read("a.csv", b"").is_err());
+        assert!(read("a.csv", b"1,,3\n").unwrap_err().contains("field 2"));
+        assert_eq!(read("a.csv", b"1,2,\n3,4,\n").unwrap().columns, 2);
         assert!(read("a.png", b"no picture").is_err());
         assert!(read("a.doc", b"").is_err());
+    }
+
+    #[test]
+    fn decimal_commas_are_read_where_they_can_be_nothing_else_and_refused_where_they_could() {
+        for text in [
+            "0,5;-1,25\n2;3,5e-1\n",
+            "0,5\t-1,25\n2\t3,5e-1\n",
+            "\u{feff}0.5 -1.25\n2 0.35\n",
+        ] {
+            let map = read("a.csv", text.as_bytes()).unwrap();
+            assert_eq!((map.columns, map.rows), (2, 2), "{text}");
+            assert_eq!(map.heights, [0.5, -1.25, 2.0, 0.35], "{text}");
+        }
+        assert_eq!(
+            read("a.txt", b"v \xc2\xb5m;z \xc2\xb5m\n1,5;2\n")
+                .unwrap()
+                .heights,
+            [1.5, 2.0]
+        );
+        let either = read("a.csv", b"0,5 1,25\n").unwrap_err();
+        assert!(either.contains("decimal mark"), "{either}");
     }
 
     #[test]

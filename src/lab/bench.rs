@@ -5,7 +5,7 @@
 //! for a motion to end.
 
 use std::collections::{BTreeSet, HashMap, VecDeque};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -59,6 +59,8 @@ pub(super) struct ScanWork {
 /// Work and the way back; answered when the work is taken up, not when it is done.
 pub(super) struct Request {
     pub work: Work,
+    /// How many stops there had been when it was asked for.
+    pub stops: u64,
     pub reply: oneshot::Sender<Result<(), LabError>>,
 }
 
@@ -104,11 +106,11 @@ pub(super) async fn take(parts: RigParts, told: Told) -> Result<RigSide, StoreEr
         requests,
         occupation: occupied,
         owner: Mutex::new(None),
-        stopping: Arc::new(AtomicBool::new(false)),
+        stops: Arc::new(AtomicU64::new(0)),
         settings: settings.clone(),
     };
     let owner = Owner {
-        stopping: Arc::clone(&side.stopping),
+        stops: Arc::clone(&side.stops),
         rig_id: id,
         settings,
         occupation: Arc::new(occupation),
@@ -125,8 +127,8 @@ struct Owner {
     settings: RigSettings,
     occupation: Arc<watch::Sender<Occupation>>,
     told: Told,
-    /// See [`RigSide::stopping`].
-    stopping: Arc<AtomicBool>,
+    /// See [`RigSide::stops`].
+    stops: Arc<AtomicU64>,
 }
 
 impl Owner {
@@ -135,6 +137,7 @@ impl Owner {
         let mut current: Option<BoxFuture<'static, Rig>> = None;
         // What is in hand: something that others may wait for, or one axis alone, which a stop ends.
         let (mut connecting, mut one_axis) = (false, false);
+        let mut asked_after = 0;
         let mut waiting = VecDeque::new();
         loop {
             let next = match free.is_some() {
@@ -168,13 +171,13 @@ impl Owner {
                 Some(rig) => {
                     connecting = matches!(request.work, Work::Connect);
                     one_axis = matches!(request.work, Work::Move { .. } | Work::Home { .. });
-                    self.stopping.store(false, Ordering::Relaxed);
+                    asked_after = request.stops;
                     current = Some(Box::pin(self.clone().work(rig, request)));
                 }
                 // Connecting takes a moment; it is no reason to refuse.
                 None if connecting => waiting.push_back(request),
                 // So is a motion that was told to stop and is about to end.
-                None if one_axis && self.stopping.load(Ordering::Relaxed) => {
+                None if one_axis && self.stops.load(Ordering::SeqCst) != asked_after => {
                     waiting.push_back(request);
                 }
                 None => {
@@ -206,7 +209,7 @@ impl Owner {
 
     /// Does one piece of work and gives the rig back.
     async fn work(self, mut rig: Rig, request: Request) -> Rig {
-        let Request { work, reply } = request;
+        let Request { work, stops, reply } = request;
         let stage = match self.connect(&mut rig).await {
             Ok(stage) => stage,
             Err(error) => {
@@ -214,6 +217,13 @@ impl Owner {
                 return rig;
             }
         };
+        // Taken first: a stop from here on overtakes what is begun with it, one before shows in the owner's count.
+        let stops_of_stage = stage.stops();
+        let one_axis = matches!(work, Work::Move { .. } | Work::Home { .. });
+        if one_axis && self.stops.load(Ordering::SeqCst) != stops {
+            reply.send(Err(StageError::Stopped.into())).ok();
+            return rig;
+        }
         match work {
             Work::Connect | Work::End => {
                 reply.send(Ok(())).ok();
@@ -228,7 +238,8 @@ impl Owner {
                 reply.send(Ok(())).ok();
                 self.tell_axis(RigActivity::Moving, axis, AxisEvent::to(target))
                     .await;
-                let moved = stage.move_to(axis, target).await.map(|_| ());
+                let moved = stage.move_since(axis, target, stops_of_stage).await;
+                let moved = moved.map(|_| ());
                 self.settled(&mut rig, &stage, moved).await;
             }
             Work::Home { axis } => {
@@ -236,7 +247,7 @@ impl Owner {
                 reply.send(Ok(())).ok();
                 self.tell_axis(RigActivity::Homing, axis, AxisEvent::UNKNOWN)
                     .await;
-                let homed = stage.home(axis).await;
+                let homed = stage.home_since(axis, stops_of_stage).await;
                 self.settled(&mut rig, &stage, homed).await;
             }
             Work::Scan(work) => self.scan(&mut rig, *work, reply).await,

@@ -25,7 +25,7 @@ mod under_way;
 
 use std::collections::HashMap;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -113,8 +113,8 @@ struct RigSide {
     requests: mpsc::Sender<bench::Request>,
     occupation: watch::Receiver<Occupation>,
     owner: Mutex<Option<tokio::task::JoinHandle<()>>>,
-    /// Whether the stages were told to stop since the work in hand began.
-    stopping: Arc<AtomicBool>,
+    /// How often the stages were told to stop. Work that was asked for before a stop does not begin after it.
+    stops: Arc<AtomicU64>,
 }
 
 /// What the rig is doing, for everybody to see.

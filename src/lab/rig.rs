@@ -133,9 +133,10 @@ impl Lab {
 
     pub(super) async fn request(&self, work: bench::Work) -> Result<(), LabError> {
         let (reply, answer) = oneshot::channel();
-        self.side()?
-            .requests
-            .send(bench::Request { work, reply })
+        let side = self.side()?;
+        let stops = side.stops.load(Ordering::SeqCst);
+        side.requests
+            .send(bench::Request { work, stops, reply })
             .await
             .map_err(|_| LabError::Stopping)?;
         answer.await.map_err(|_| LabError::Stopping)?
@@ -186,7 +187,8 @@ impl Lab {
     /// Only if the stage could not be reached.
     pub async fn stop(&self) -> Result<(), LabError> {
         let side = self.side()?;
-        side.stopping.store(true, Ordering::Relaxed);
+        // Before the stages hear of it: who begins a motion looks at this last.
+        side.stops.fetch_add(1, Ordering::SeqCst);
         let stage = side.stage.borrow().clone();
         let stopped = match stage {
             // Nothing was ever connected: nothing that this daemon started can be moving.

@@ -89,6 +89,9 @@ impl FrameRow {
                     "the header does not have it".to_owned(),
                     match found.first() {
                         Some(slip) => format!("rename the column `{slip}`"),
+                        None if headers.len() == 1 && headers[0].contains([';', '\t']) => {
+                            "separate the fields by commas, with a point as decimal mark".to_owned()
+                        }
                         None => format!(
                             "the header needs {}, and may have {}",
                             REQUIRED.join(","),
@@ -297,6 +300,11 @@ mod tests {
             said.contains("`theta_c_deg`") && said.contains("`theta_deg`"),
             "{said}"
         );
+        let other = HEADER.replace(',', ";");
+        let said = FrameRow::read_all(&other, "frames.csv")
+            .unwrap_err()
+            .to_string();
+        assert!(said.contains("by commas"), "{said}");
     }
 
     #[test]

@@ -218,7 +218,14 @@ impl Stage {
     /// # Errors
     /// [`StageError`]; both axes then stand still, as far as they can be reached.
     pub async fn home(&self, axis: AxisName) -> Result<(), StageError> {
-        let stops = self.inner.line.stops();
+        self.home_since(axis, self.stops()).await
+    }
+
+    /// The same, unless there has been a stop since [`Stage::stops`] gave `stops`.
+    ///
+    /// # Errors
+    /// As [`Stage::home`]; [`StageError::Stopped`], and nothing has moved, where a stop came first.
+    pub async fn home_since(&self, axis: AxisName, stops: u64) -> Result<(), StageError> {
         let outcome = self.axis(axis).home(stops).await;
         self.or_stop(outcome).await
     }
@@ -239,8 +246,20 @@ impl Stage {
     /// # Errors
     /// [`StageError`]; both axes then stand still, as far as they can be reached.
     pub async fn move_to(&self, axis: AxisName, target: Angle) -> Result<Angle, StageError> {
+        self.move_since(axis, target, self.stops()).await
+    }
+
+    /// The same, unless there has been a stop since [`Stage::stops`] gave `stops`.
+    ///
+    /// # Errors
+    /// As [`Stage::move_to`]; [`StageError::Stopped`] where a stop came first.
+    pub async fn move_since(
+        &self,
+        axis: AxisName,
+        target: Angle,
+        stops: u64,
+    ) -> Result<Angle, StageError> {
         self.inner.settings.check_limit(axis, target)?;
-        let stops = self.inner.line.stops();
         let outcome = async {
             let (angle, moved) = self.axis(axis).move_to(target, stops).await?;
             let settle_ms = self.inner.settings.axis(axis).settle_ms;
@@ -287,6 +306,12 @@ impl Stage {
             () = self.inner.line.stopped_since(stops) => Err(StageError::Stopped),
             () = settle => Ok(()),
         }
+    }
+
+    /// How many stops there have been: for who begins a motion later than it was asked for.
+    #[must_use]
+    pub fn stops(&self) -> u64 {
+        self.inner.line.stops()
     }
 
     /// Stops both axes, ahead of everything that waits, and waits until they stand. Never refused;

@@ -169,7 +169,12 @@ async fn an_axis_moves_once_it_is_homed_and_a_stop_frees_it_at_once() {
     for _ in 0..5 {
         let home = post(&router, &format!("{}/home", to("theta_c")), "").await;
         assert_eq!(home.status, 202, "{}", home.body);
-        assert_eq!(post(&router, "/api/v1/rig/stop", "").await.status, 200);
+        let stopped = post(&router, "/api/v1/rig/stop", "").await;
+        assert_eq!(stopped.status, 200, "{}", stopped.body);
+        let rig = get(&router, "/api/v1/rig").await;
+        for axis in ["theta_c", "phi_s"] {
+            assert_eq!(rig.body["axes"][axis]["moving"], false, "{}", rig.body);
+        }
     }
     bench.end().await;
 }
