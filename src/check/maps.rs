@@ -9,6 +9,7 @@ use rand_distr::StandardNormal;
 use super::criterion::{covered, limit, one_of, refused};
 use super::{Effort, Row};
 use crate::frame::{Frame, FrameKind};
+use crate::geometry::Directions;
 use crate::map::{Map, MapError, MapOptions, map};
 use crate::model::{Optics, Surface, Variant, radiance};
 use crate::reduction::{FrameReadError, FrameSource};
@@ -75,6 +76,13 @@ impl Wish {
 
 impl Painted {
     fn new(wish: &Wish) -> Self {
+        Self::by(wish, &|directions, surface, optics| {
+            radiance(Variant::Sawtooth, directions, surface, optics)
+        })
+    }
+
+    /// Frames of what a painter says of the radiance.
+    fn by(wish: &Wish, painter: &dyn Fn(&Directions, &Surface, &Optics) -> f64) -> Self {
         let mut manifest = Manifest::from_toml(MANIFEST, "manifest.toml")
             .expect("the program's own manifest is right");
         let camera = &mut manifest.camera;
@@ -115,7 +123,7 @@ impl Painted {
             light.push(match kind {
                 FrameKind::Dark => 0.0,
                 FrameKind::Flat => white / std::f64::consts::PI * directions.incident.z,
-                FrameKind::Sample => radiance(Variant::Sawtooth, &directions, &surface, &optics),
+                FrameKind::Sample => painter(&directions, &surface, &optics),
             });
             rows.push(row);
         };
@@ -347,4 +355,39 @@ fn hopeless(rows: &mut Vec<Row>, plain: &Wish, cancel: &AtomicBool) {
         TRUTH,
         judged,
     ));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::left_out::POLARISATION;
+    use crate::model::prepared::OpticsTable;
+    use crate::model::quadrature::Quadrature;
+
+    #[test]
+    fn a_plate_of_steep_plastic_is_read_right_by_either_light_and_the_map_says_which() {
+        let wish = Wish {
+            surface: Surface {
+                theta_r: 0.35,
+                ..surface()
+            },
+            tilts: 9,
+            edge: 8,
+            ..Wish::new(Effort::Quick)
+        };
+        for polarised in [true, false] {
+            let plate = Painted::by(&wish, &|directions, surface, optics| {
+                let table = OpticsTable::new(optics);
+                let painter = Quadrature::new(surface, &table).with_polarisation(polarised);
+                painter.radiance(directions, 1e-6).value
+            });
+            let go = AtomicBool::new(false);
+            let found = map(&plate, &MapOptions::default(), &|_| {}, &go).unwrap();
+            let (angle, _) = median(&found, 0).unwrap();
+            let off = angle - wish.surface.theta_r.to_degrees();
+            assert!(off.abs() < 0.05, "{polarised}: off by {off}");
+            let without = found.left_out.iter().any(|l| l.what == POLARISATION);
+            assert_eq!(without, !polarised, "{:?}", found.left_out);
+        }
+    }
 }

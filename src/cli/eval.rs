@@ -16,6 +16,7 @@ use std::time::Instant;
 use anyhow::{Context, anyhow};
 
 use super::CliError;
+use crate::wording::refusals::other_separator;
 
 /// Evaluates closed forms over a table.
 #[derive(Debug, clap::Args)]
@@ -146,11 +147,9 @@ fn evaluate(table: &Table, cases: &Path, out: &Path) -> Result<(usize, usize), C
         .iter()
         .map(|name| {
             find(name).ok_or_else(|| {
-                let other = headers.len() == 1 && headers[0].contains([';', '\t']);
-                let way_out = match other {
-                    true => ": separate its fields by commas, with a point as decimal mark",
-                    false => "",
-                };
+                let way_out = other_separator(&headers)
+                    .map(|way_out| format!(": {way_out}"))
+                    .unwrap_or_default();
                 CliError::bad_input(anyhow!(
                     "{} lacks the column {name}{way_out}",
                     cases.display()

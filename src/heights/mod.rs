@@ -8,6 +8,8 @@ pub mod ridges;
 mod tiff;
 mod x3p;
 
+use std::borrow::Cow;
+
 use crate::trace::scene::HeightMap;
 
 /// More heights than this are refused before they are read.
@@ -95,40 +97,32 @@ fn table(content: &[u8]) -> Result<HeightMap, String> {
 
 /// The fields of a line. Where semicolons or tabs separate them a comma is a decimal mark, as programs write numbers in
 /// many countries; nothing is guessed where it could be either.
-fn words_of(line: &str) -> Result<Vec<String>, String> {
-    let owned = |w: &str| w.trim().to_owned();
+fn words_of(line: &str) -> Result<Vec<Cow<'_, str>>, &'static str> {
     let separator = [';', '\t', ','].into_iter().find(|s| line.contains(*s));
-    let words: Vec<String> = match separator {
-        Some(',') => line.split(',').map(owned).collect(),
-        Some(other) => line
-            .split(other)
-            .map(|w| owned(w).replace(',', "."))
-            .collect(),
-        None => line.split_whitespace().map(owned).collect(),
+    let mut words: Vec<Cow<'_, str>> = match separator {
+        Some(mark) => line.split(mark).map(|w| w.trim().into()).collect(),
+        None => line.split_whitespace().map(Cow::from).collect(),
     };
     // A separator at the end of a line separates nothing.
-    let words = match words.split_last() {
-        Some((last, rest)) if last.is_empty() => rest,
-        _ => &words[..],
-    };
-    let is_number = |w: &str| w.parse::<f64>().is_ok();
-    if words
-        .iter()
-        .any(|w| w.contains(' ') && w.split(' ').all(is_number))
-    {
-        return Err(
-            "spaces and other marks both stand between its numbers: separate them by one of comma, semicolon, tab and \
-             space (where a comma is the decimal mark, by semicolon or tab)"
-                .to_owned(),
-        );
+    if words.last().is_some_and(|last| last.is_empty()) {
+        words.pop();
     }
-    match words.iter().position(String::is_empty) {
-        Some(at) => Err(format!(
-            "its field {} is empty: heights have no gaps",
-            at + 1
-        )),
-        None => Ok(words.to_vec()),
+    for word in &mut words {
+        // Where commas separate there is none left in a word.
+        if word.contains(',') {
+            *word = word.replace(',', ".").into();
+        }
+        if word.is_empty() {
+            return Err("a field is empty, and heights have no gaps");
+        }
+        if word.contains(' ') && word.split(' ').all(|w| w.parse::<f64>().is_ok()) {
+            return Err(
+                "spaces and other marks both stand between its numbers: separate them by one of comma, semicolon, tab \
+                 and space (where a comma is the decimal mark, by semicolon or tab)",
+            );
+        }
     }
+    Ok(words)
 }
 
 fn png(content: &[u8], most: usize) -> Result<HeightMap, String> {
@@ -170,7 +164,11 @@ mod tests {
         assert!(read("a.csv", b"1,2\n3\n").unwrap_err().contains("line 2"));
         assert!(read("a.csv", b"1,x\n").unwrap_err().contains("\"x\""));
         assert!(read("a.csv", b"").is_err());
-        assert!(read("a.csv", b"1,,3\n").unwrap_err().contains("field 2"));
+        assert!(
+            read("a.csv", b"1,,3\n")
+                .unwrap_err()
+                .contains("a field is empty")
+        );
         assert_eq!(read("a.csv", b"1,2,\n3,4,\n").unwrap().columns, 2);
         assert!(read("a.png", b"no picture").is_err());
         assert!(read("a.doc", b"").is_err());

@@ -46,6 +46,13 @@ pub(super) enum Work {
     End,
 }
 
+impl Work {
+    /// Whether it moves one axis alone, which a stop ends.
+    fn is_of_one_axis(&self) -> bool {
+        matches!(self, Work::Move { .. } | Work::Home { .. })
+    }
+}
+
 /// A scan to be run.
 pub(super) struct ScanWork {
     pub scan_id: i64,
@@ -135,9 +142,9 @@ impl Owner {
     async fn run(self, rig: Rig, mut inbox: mpsc::Receiver<Request>) {
         let mut free = Some(rig);
         let mut current: Option<BoxFuture<'static, Rig>> = None;
-        // What is in hand: something that others may wait for, or one axis alone, which a stop ends.
-        let (mut connecting, mut one_axis) = (false, false);
-        let mut asked_after = 0;
+        // What is in hand: something that others may wait for, or one axis alone, which a stop ends; and after how many
+        // stops it was asked for.
+        let (mut connecting, mut one_axis, mut asked_after) = (false, false, 0);
         let mut waiting = VecDeque::new();
         loop {
             let next = match free.is_some() {
@@ -170,7 +177,7 @@ impl Owner {
             match free.take() {
                 Some(rig) => {
                     connecting = matches!(request.work, Work::Connect);
-                    one_axis = matches!(request.work, Work::Move { .. } | Work::Home { .. });
+                    one_axis = request.work.is_of_one_axis();
                     asked_after = request.stops;
                     current = Some(Box::pin(self.clone().work(rig, request)));
                 }
@@ -219,8 +226,7 @@ impl Owner {
         };
         // Taken first: a stop from here on overtakes what is begun with it, one before shows in the owner's count.
         let stops_of_stage = stage.stops();
-        let one_axis = matches!(work, Work::Move { .. } | Work::Home { .. });
-        if one_axis && self.stops.load(Ordering::SeqCst) != stops {
+        if work.is_of_one_axis() && self.stops.load(Ordering::SeqCst) != stops {
             reply.send(Err(StageError::Stopped.into())).ok();
             return rig;
         }

@@ -113,7 +113,7 @@ struct RigSide {
     requests: mpsc::Sender<bench::Request>,
     occupation: watch::Receiver<Occupation>,
     owner: Mutex<Option<tokio::task::JoinHandle<()>>>,
-    /// How often the stages were told to stop. Work that was asked for before a stop does not begin after it.
+    /// How often the stages were told to stop. A motion of one axis that was asked for before does not begin after.
     stops: Arc<AtomicU64>,
 }
 

@@ -29,8 +29,6 @@ mod picture;
 pub mod pixels;
 pub mod plan;
 mod planes;
-#[cfg(test)]
-mod polarised_tests;
 mod run;
 mod settle;
 mod solve;

@@ -9,6 +9,7 @@ use super::SeriesError;
 use super::text::meant;
 use crate::frame::FrameKind;
 use crate::geometry::Pose;
+use crate::wording::refusals::other_separator;
 
 /// One line of the list of frames.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -87,12 +88,10 @@ impl FrameRow {
                     Some(1),
                     name,
                     "the header does not have it".to_owned(),
-                    match found.first() {
-                        Some(slip) => format!("rename the column `{slip}`"),
-                        None if headers.len() == 1 && headers[0].contains([';', '\t']) => {
-                            "separate the fields by commas, with a point as decimal mark".to_owned()
-                        }
-                        None => format!(
+                    match (found.first(), other_separator(&headers)) {
+                        (Some(slip), _) => format!("rename the column `{slip}`"),
+                        (None, Some(way_out)) => way_out.to_owned(),
+                        (None, None) => format!(
                             "the header needs {}, and may have {}",
                             REQUIRED.join(","),
                             OPTIONAL.join(",")

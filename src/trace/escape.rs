@@ -11,38 +11,26 @@
 //!
 //! *Conditioning.* Differences of heights in single precision are right to 6e-8 of the heights, slopes and their squares to a
 //! few of those; a margin of 1e-5 on every slope is more. Squares of slopes are compared, so nothing is divided by a
-//! horizontal part that may be 0: straight up clears everything. Squares are kept rounded up to a sixteenth of an octave.
+//! horizontal part that may be 0: straight up clears everything.
 
 use pulp::Arch;
 use rayon::prelude::*;
 
 use super::vec3::V3;
 
-/// Escape slopes of one side: four per cell, one for each quarter of the horizon.
-///
-/// Kept as [`level`]s of their squares, in one byte each: rays look at cells far apart, and what a small table costs in
-/// slopes (3 % at most) it saves many times over in memory that is waited for.
+/// Squared escape slopes of one side: four per cell, one for each quarter of the horizon.
 #[derive(Debug, Clone)]
 pub struct EscapeSlopes {
-    levels: Vec<[u8; 4]>,
-    /// The level of a byte of 0.
-    base: i32,
-}
-
-/// Steps of a sixteenth to an octave: the one that a number that is not negative lies in.
-#[inline(always)]
-fn level(x: f32) -> i32 {
-    // The sign is 0 and the rest rises with the number: the exponent and four bits of the fraction.
-    (x.to_bits() >> 19) as i32
+    squared: Vec<[f32; 4]>,
 }
 
 /// Escape slopes as one direction meets them.
 #[derive(Debug, Clone, Copy)]
 pub struct Towards<'a> {
-    levels: &'a [[u8; 4]],
+    squared: &'a [[f32; 4]],
     quarter: usize,
-    /// Level of the square of the direction's own slope, over the base.
-    steepness: i32,
+    /// Square of the direction's own slope.
+    steepness: f32,
 }
 
 impl Towards<'_> {
@@ -50,7 +38,7 @@ impl Towards<'_> {
     #[inline(always)]
     #[must_use]
     pub fn clears(&self, cell: usize) -> bool {
-        self.steepness >= i32::from(self.levels[cell][self.quarter])
+        self.steepness > self.squared[cell][self.quarter]
     }
 }
 
@@ -116,11 +104,11 @@ impl EscapeSlopes {
     pub fn towards(&self, k: &V3) -> Towards<'_> {
         // Straight up is infinitely steep.
         #[expect(clippy::cast_possible_truncation, reason = "a margin was added")]
-        let squared = (k[2] * k[2] / (k[0] * k[0] + k[1] * k[1])) as f32;
+        let steepness = (k[2] * k[2] / (k[0] * k[0] + k[1] * k[1])) as f32;
         Towards {
-            levels: &self.levels,
+            squared: &self.squared,
             quarter: Quarter::of(k),
-            steepness: level(squared) - self.base,
+            steepness,
         }
     }
 
@@ -137,7 +125,7 @@ impl EscapeSlopes {
         let mirrored = |v: &[f32]| v.iter().map(|x| -x).collect::<Vec<f32>>();
         let (high_below, low_below) = (mirrored(low), mirrored(high));
         let of = |sign: f32, high: &[f32], low: &[f32]| {
-            let quarters: Vec<Vec<i32>> = Quarter::ALL
+            let quarters: Vec<Vec<f32>> = Quarter::ALL
                 .into_par_iter()
                 .map(|quarter| {
                     // Compiled for each set of vector instructions; the bits are the same with all of them.
@@ -152,17 +140,10 @@ impl EscapeSlopes {
                     })
                 })
                 .collect();
-            let highest = quarters.iter().flatten().copied().max().unwrap_or(0);
-            let base = highest - i32::from(u8::MAX);
             let [a, b, c, d] = [0, 1, 2, 3].map(|q: usize| quarters[q].as_slice());
             let four = a.iter().zip(b).zip(c).zip(d);
-            // Slopes far below the highest are as good as the least that a byte holds.
-            let byte = |level: &i32| u8::try_from(level - base).unwrap_or(0);
             EscapeSlopes {
-                levels: four
-                    .map(|(((a, b), c), d)| [a, b, c, d].map(byte))
-                    .collect(),
-                base,
+                squared: four.map(|(((a, b), c), d)| [*a, *b, *c, *d]).collect(),
             }
         };
         rayon::join(|| of(1.0, high, low), || of(-1.0, &high_below, &low_below))
@@ -183,19 +164,17 @@ struct Ahead<'a> {
 }
 
 impl pulp::WithSimd for Ahead<'_> {
-    type Output = Vec<i32>;
+    type Output = Vec<f32>;
 
-    /// The levels above the squares of the slopes.
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) -> Vec<i32> {
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Vec<f32> {
         let mut slopes = self.steepest_triangles();
         self.beyond(&mut slopes);
-        let mut levels = vec![0; slopes.len()];
-        for (level_above, s) in levels.iter_mut().zip(&slopes) {
+        for s in &mut slopes {
             let slope = greater(*s, 0.0) * MARGIN;
-            *level_above = level(slope * slope) + 1;
+            *s = slope * slope;
         }
-        levels
+        slopes
     }
 }
 
@@ -420,7 +399,7 @@ mod tests {
                     }
                 }
             }
-            assert!(cleared > 700, "{nx} × {ny}: {cleared}");
+            assert!(cleared > 800, "{nx} × {ny}: {cleared}");
         }
     }
 }

@@ -169,12 +169,6 @@ pub struct Finder {
 }
 
 impl Finder {
-    /// The bins.
-    #[must_use]
-    pub fn grid(&self) -> Grid {
-        self.grid
-    }
-
     /// The bin of a direction of exit, as [`Grid::bin`] has it.
     #[inline(always)]
     #[must_use]

@@ -326,10 +326,10 @@ impl HeightField {
         // Heights count away from the surface, on the side of the light.
         let (start_z, dz) = (sign * start.z, sign * k[2]);
         let leaving = dz > 0.0;
-        let (slopes, outermost, around, limit) = if sign > 0.0 {
-            (&self.above, &self.high, &self.high_around, self.highest)
+        let (slopes, outermost, limit) = if sign > 0.0 {
+            (&self.above, &self.high, self.highest)
         } else {
-            (&self.below, &self.low, &self.low_around, -self.lowest)
+            (&self.below, &self.low, -self.lowest)
         };
         let slopes = slopes.towards(k);
         let (mut i, mut j) = (start.i, start.j);
@@ -359,13 +359,6 @@ impl HeightField {
             if dx > 0.0 { 1 } else { usize::MAX },
             if dy > 0.0 { 1 } else { usize::MAX },
         );
-        // From the first cell of a window on the ray's way to the one that it is counted from.
-        let (behind_i, behind_j) = (
-            if dx > 0.0 { 0 } else { WINDOW as usize - 1 },
-            if dy > 0.0 { 0 } else { WINDOW as usize - 1 },
-        );
-        // When the ray leaves the cells that it is known to be clear of.
-        let mut clear_until = f64::NEG_INFINITY;
         let mut t_in = 0.0;
         let mut z_in = start_z;
         let mut first = on_surface;
@@ -378,10 +371,7 @@ impl HeightField {
             let t_out = if along_x { tx } else { ty };
             let z_out = start_z + dz * t_out;
             let nearest = if leaving { z_in } else { z_out };
-            let unseen = t_out > clear_until;
-            if !unseen {
-                known = None;
-            } else if first || nearest <= sign * f64::from(outermost[cell]) {
+            if first || nearest <= sign * f64::from(outermost[cell]) {
                 let h = self.corners[cell].map(|h| sign * f64::from(h));
                 let (x_in, y_in) = (x0 + dx * t_in, y0 + dy * t_in);
                 let (x_out, y_out) = (x0 + dx * t_out, y0 + dy * t_out);
@@ -425,18 +415,6 @@ impl HeightField {
                 first = false;
             } else {
                 known = None;
-                // Clear of this cell: perhaps of all around the next few.
-                let last = f64::from(WINDOW as i32 - 1);
-                let t_window = (tx + last * step_x).min(ty + last * step_y);
-                let nearest = if leaving {
-                    z_in
-                } else {
-                    start_z + dz * t_window
-                };
-                let corner = before(i, behind_i, self.nx) * self.ny + before(j, behind_j, self.ny);
-                if nearest > sign * f64::from(around[corner]) {
-                    clear_until = t_window;
-                }
             }
             if leaving && z_out > limit {
                 return Flight::Free;
@@ -456,7 +434,7 @@ impl HeightField {
                 j = if step_j == 1 { 0 } else { self.ny - 1 };
             }
             cell = i * self.ny + j;
-            if leaving && unseen && slopes.clears(cell) {
+            if leaving && slopes.clears(cell) {
                 return Flight::Free;
             }
         }
@@ -486,16 +464,6 @@ impl HeightField {
             y,
             z: Self::plane(&h, upper, x, y),
         }
-    }
-}
-
-/// So many cells before a cell, on a ring of `n`.
-#[inline(always)]
-fn before(index: usize, cells: usize, n: usize) -> usize {
-    if index >= cells {
-        index - cells
-    } else {
-        (index + WINDOW as usize * n - cells) % n
     }
 }
 

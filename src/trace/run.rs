@@ -392,13 +392,6 @@ fn walk_of(prepared: &Prepared) -> Walk<'_> {
     }
 }
 
-/// What the threads of a run share.
-struct Counted {
-    so_far: SoFar,
-    /// Photons whose known part is still to be added: that takes as long for one as for all, so once.
-    without_known: u64,
-}
-
 /// A run, ready to start.
 struct Task<'a> {
     walk: &'a Walk<'a>,
@@ -443,10 +436,9 @@ impl Task<'_> {
         let complete = before.batches.len() + left.len();
         // Until the batches say more it is the sketch's photons that count.
         let sketched = sketch.as_ref().map_or(0, Sketch::photons);
-        let counted = Mutex::new(Counted {
-            so_far: before,
-            without_known: 0,
-        });
+        // What is known is still to be added for later ones: that takes as long for one as for all, so once.
+        let with_known = before.totals.photons();
+        let counted = Mutex::new(before);
         let lock = || counted.lock().expect("no thread panics while it adds");
         let stopped = self.sketch_only || sketch.as_ref().is_some_and(|s| s.stopped);
         let stopped = AtomicBool::new(stopped);
@@ -463,7 +455,7 @@ impl Task<'_> {
             let share = share(photons, count, number);
             let at_start = Progress {
                 look: None,
-                photons: lock().so_far.totals.photons().max(sketched),
+                photons: lock().totals.photons().max(sketched),
                 photons_planned: planned,
                 relative_error: None,
             };
@@ -481,37 +473,31 @@ impl Task<'_> {
             if !self.batch::<L>(name, share, &go_on, &mut waiting, &mut batch) {
                 return;
             }
-            let mut counted = lock();
-            counted.so_far.totals.take(&mut batch, share);
-            counted.so_far.batches.push(number);
-            counted.without_known += share;
-            let look = counted.so_far.batches.len().is_multiple_of(LOOK_BATCHES);
-            let totals = &counted.so_far.totals;
-            // Adding what is known to all elements of all bins would take longer than the look.
-            let known = self
-                .first_hits
-                .as_ref()
-                .map(|f| (&f.known, counted.without_known));
+            let mut so_far = lock();
+            so_far.totals.take(&mut batch, share);
+            so_far.batches.push(number);
+            let look = so_far.batches.len().is_multiple_of(LOOK_BATCHES);
+            let totals = &so_far.totals;
+            let known = self.first_hits.as_ref().map(|f| &f.known);
+            let known = known.map(|known| (known, totals.photons() - with_known));
             let progress = Progress {
                 look: None,
                 photons: totals.photons().max(sketched),
                 photons_planned: planned,
                 relative_error: look.then(|| totals.relative_error_with(known)).flatten(),
             };
-            drop(counted);
+            drop(so_far);
             spare().push((batch, waiting));
             if !proceed(&progress) {
                 stopped.store(true, Ordering::Relaxed);
             }
         });
-        let counted = counted
+        let mut so_far = counted
             .into_inner()
             .expect("no thread panics while it adds");
-        let mut so_far = counted.so_far;
         if let Some(first_hits) = &self.first_hits {
-            so_far
-                .totals
-                .include(&first_hits.known, counted.without_known);
+            let photons = so_far.totals.photons() - with_known;
+            so_far.totals.include(&first_hits.known, photons);
         }
         so_far.batches.sort_unstable();
         let sketch = sketch.filter(|_| so_far.batches.len() < complete);

@@ -199,8 +199,6 @@ impl Totals {
 
     /// Takes a batch of `photons` launched over and leaves it empty.
     pub fn take(&mut self, batch: &mut Batch, photons: u64) {
-        // In the order of the sums in memory, which is waited for less then.
-        batch.touched.sort_unstable();
         self.count(batch, photons);
         batch.clear();
     }

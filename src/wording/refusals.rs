@@ -98,6 +98,13 @@ fn sought(wanted: &str) -> String {
     }
 }
 
+/// The way out for a table of which a comma separates nothing, but another mark does.
+#[must_use]
+pub fn other_separator(headers: &csv::StringRecord) -> Option<&'static str> {
+    (headers.len() == 1 && headers[0].contains([';', '\t']))
+        .then_some("separate its fields by commas, with a point as decimal mark")
+}
+
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;

@@ -34,7 +34,10 @@ const RULES: &[(&str, &[&str])] = &[
             "wording",
         ],
     ),
-    ("series", &["units", "geometry", "material", "frame"]),
+    (
+        "series",
+        &["units", "geometry", "material", "frame", "wording"],
+    ),
     (
         "reduction",
         &[

@@ -235,7 +235,7 @@ impl Stage {
     /// # Errors
     /// As [`Stage::home`].
     pub async fn home_all(&self) -> Result<(), StageError> {
-        let stops = self.inner.line.stops();
+        let stops = self.stops();
         let (tilt, turn) = (&self.inner.theta_c, &self.inner.phi_s);
         let outcome = futures::try_join!(tilt.home(stops), turn.home(stops)).map(|_| ());
         self.or_stop(outcome).await
@@ -277,7 +277,7 @@ impl Stage {
     /// [`StageError`]; both axes then stand still, as far as they can be reached.
     pub async fn move_pose(&self, target: Pose) -> Result<Pose, StageError> {
         self.inner.settings.check_limits(target)?;
-        let stops = self.inner.line.stops();
+        let stops = self.stops();
         let (tilt, turn) = (&self.inner.theta_c, &self.inner.phi_s);
         let outcome = async {
             let ((theta_c, tilted), (phi_s, turned)) = futures::try_join!(
