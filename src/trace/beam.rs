@@ -271,7 +271,7 @@ fn looked_at(look: Look<'_>) -> bool {
                     for row in from..=to {
                         let (cx, cy) = place(column, row);
                         let cell = wrapped(i, cx, nx) * ny + wrapped(j, cy, ny);
-                        clear &= escape.clears(cell);
+                        clear &= escape.clears(cell, lowest_here);
                     }
                     if clear {
                         return true;
@@ -286,13 +286,16 @@ fn looked_at(look: Look<'_>) -> bool {
         for row in from..=to {
             let (cx, cy) = place(column, row);
             let cell = wrapped(i, cx, nx) * ny + wrapped(j, cy, ny);
-            under &= field.outermost(side, cell) <= lowest_here;
-            clear &= escape.clears(cell);
+            under &= escape.outermost(cell) <= lowest_here;
+            clear &= escape.clears(cell, lowest_here);
         }
         if !under {
             for row in from..=to {
                 let (cx, cy) = place(column, row);
                 let (wi, wj) = (wrapped(i, cx, nx), wrapped(j, cy, ny));
+                if step > 0 && escape.outermost(wi * ny + wj) <= lowest_here {
+                    continue;
+                }
                 let h = field.corner_heights(wi, wj).map(|h| sign * h);
                 let skip = (cx == 0 && cy == 0).then_some(usize::from(upper));
                 if !clears_cell(sheets, &d, &h, [cx as f64, cy as f64], skip) {

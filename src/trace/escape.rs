@@ -1,8 +1,13 @@
 //! Escape slopes: how steeply a ray must rise from a cell to be free for certain.
 //!
-//! For every cell and each of four quarters of the horizon a slope that no other point of the periodic surface
-//! exceeds as seen that way from any point on (or over) that cell. Conservative: a ray above it is free; one below may
+//! For every cell and each of eight parts of the horizon a slope E that no other point of the periodic surface
+//! exceeds as seen that way from any point on that cell. Conservative: a ray above it is free; one below may
 //! be free too.
+//!
+//! A ray that is already high over the cell need not rise as steeply. From a point at height h nothing is higher than h + E D
+//! at a distance D, nor than the highest point H, which that line reaches at D = (H − h)/E. A ray at z ≥ h with a slope
+//! of E (H − z)/(H − h) is at H there as well, so it stays above both. What is kept is E/(H − h) for the highest h of the
+//! cell: one multiplication tells a ray's slope what it needs.
 //!
 //! Near by (three cells ahead) the triangle that rises most steeply that way bounds it, since the straight line between
 //! two points of a continuous surface is no steeper than the surface between them. Farther away blocks
@@ -10,35 +15,56 @@
 //! and beyond the coarsest level everything is as high as the highest point.
 //!
 //! *Conditioning.* Differences of heights in single precision are right to 6e-8 of the heights, slopes and their squares to a
-//! few of those; a margin of 1e-5 on every slope is more. Squares of slopes are compared, so nothing is divided by a
-//! horizontal part that may be 0: straight up clears everything.
+//! few of those; a margin of 1e-5 on every slope is more. Squares are compared, so nothing is divided by a horizontal part that may be
+//! 0: straight up clears everything. Over a cell that has the highest point itself H − h is 0, E/0 infinite and ∞ · 0 no
+//! number, which no slope exceeds.
 
 use pulp::Arch;
 use rayon::prelude::*;
 
 use super::vec3::V3;
 
-/// Squared escape slopes of one side: four per cell, one for each quarter of the horizon.
+/// Escape slopes of one side per height that is left to the highest point: for each octant one per cell. (A ray
+/// stays in its octant, so what it asks for lies together.)
 #[derive(Debug, Clone)]
 pub struct EscapeSlopes {
-    squared: Vec<[f32; 4]>,
+    per_height: Vec<Vec<f32>>,
+    cell_size: (f64, f64),
+    /// Highest point of each cell and of the whole field, counted away from the surface.
+    high: Vec<f32>,
+    highest: f64,
 }
 
 /// Escape slopes as one direction meets them.
 #[derive(Debug, Clone, Copy)]
 pub struct Towards<'a> {
-    squared: &'a [[f32; 4]],
-    quarter: usize,
-    /// Square of the direction's own slope.
-    steepness: f32,
+    per_height: &'a [f32],
+    high: &'a [f32],
+    highest: f64,
+    /// Squares of the direction's part away from the surface and along it.
+    rise: f64,
+    run: f64,
 }
 
 impl Towards<'_> {
-    /// Whether a ray that way is free from over this cell on.
+    /// The outermost point of a cell.
     #[inline(always)]
     #[must_use]
-    pub fn clears(&self, cell: usize) -> bool {
-        self.steepness > self.squared[cell][self.quarter]
+    pub fn outermost(&self, cell: usize) -> f64 {
+        f64::from(self.high[cell])
+    }
+
+    /// Whether a ray that way is free from over this cell on, where it is nowhere lower than `z` (counted away from
+    /// the surface).
+    #[inline(always)]
+    #[must_use]
+    pub fn clears(&self, cell: usize, z: f64) -> bool {
+        let high = self.outermost(cell);
+        let left = self.highest - if z > high { z } else { high };
+        let needed = f64::from(self.per_height[cell]) * left;
+        // What is no number stays none.
+        let needed = if needed < 0.0 { 0.0 } else { needed };
+        self.rise > needed * needed * self.run
     }
 }
 
@@ -49,66 +75,64 @@ const FAR: usize = 2 * NEAR + 1;
 /// Added to every slope against rounding to f32.
 const MARGIN: f32 = 1.000_01;
 
-/// A quarter of the horizon: whether it is that of falling x, and of falling y.
+/// An eighth of the horizon: whether x falls that way, whether y does, and whether more cells are passed along y than
+/// along x.
 #[derive(Debug, Clone, Copy)]
-struct Quarter {
+struct Octant {
     back_x: bool,
     back_y: bool,
+    along_y: bool,
 }
 
-impl Quarter {
+impl Octant {
     /// In the order of their numbers.
-    const ALL: [Quarter; 4] = [
-        Quarter {
-            back_x: false,
-            back_y: false,
-        },
-        Quarter {
-            back_x: true,
-            back_y: false,
-        },
-        Quarter {
-            back_x: false,
-            back_y: true,
-        },
-        Quarter {
-            back_x: true,
-            back_y: true,
-        },
-    ];
+    fn all() -> impl IndexedParallelIterator<Item = Octant> {
+        (0..8).into_par_iter().map(|number| Octant {
+            back_x: number & 1 != 0,
+            back_y: number & 2 != 0,
+            along_y: number & 4 != 0,
+        })
+    }
 
-    /// Number of the quarter in which a ray goes.
+    /// Number of the octant in which a ray goes.
     #[inline(always)]
-    fn of(k: &V3) -> usize {
-        usize::from(k[0] < 0.0) + 2 * usize::from(k[1] < 0.0)
+    fn of(k: &V3, (cell_x, cell_y): (f64, f64)) -> usize {
+        let along_y = k[1].abs() * cell_x > k[0].abs() * cell_y;
+        usize::from(k[0] < 0.0) + 2 * usize::from(k[1] < 0.0) + 4 * usize::from(along_y)
+    }
+
+    /// Whether rays that way from somewhere in one cell can meet another, `ahead_x` and `ahead_y` cells away: the
+    /// shorter of the two ways is at most a cell longer than the longer one.
+    #[inline(always)]
+    fn meets(self, ahead_x: usize, ahead_y: usize) -> bool {
+        if self.along_y {
+            ahead_x <= ahead_y + 1
+        } else {
+            ahead_y <= ahead_x + 1
+        }
     }
 }
 
 /// Where `ahead` steps from `index` lead on a ring of `n`.
+#[inline(always)]
 fn ahead(index: usize, ahead: usize, back: bool, n: usize) -> usize {
-    let step = ahead % n;
-    (if back { index + n - step } else { index + step }) % n
+    // Division is for narrow tiles only: it takes longer than many a row.
+    let step = if ahead < n { ahead } else { ahead % n };
+    let at = if back { index + n - step } else { index + step };
+    if at < n { at } else { at - n }
 }
 
 impl EscapeSlopes {
-    /// Whether a ray along `k` that moves away from the surface is free from over this cell on.
-    #[inline]
-    #[must_use]
-    pub fn clears(&self, cell: usize, k: &V3) -> bool {
-        self.towards(k).clears(cell)
-    }
-
-    /// The same for many cells that a ray along `k` passes: its slope is worked out once.
+    /// As a ray along `k`, which moves away from the surface, meets them.
     #[inline(always)]
     #[must_use]
     pub fn towards(&self, k: &V3) -> Towards<'_> {
-        // Straight up is infinitely steep.
-        #[expect(clippy::cast_possible_truncation, reason = "a margin was added")]
-        let steepness = (k[2] * k[2] / (k[0] * k[0] + k[1] * k[1])) as f32;
         Towards {
-            squared: &self.squared,
-            quarter: Quarter::of(k),
-            steepness,
+            per_height: &self.per_height[Octant::of(k, self.cell_size)],
+            high: &self.high,
+            highest: self.highest,
+            rise: k[2] * k[2],
+            run: k[0] * k[0] + k[1] * k[1],
         }
     }
 
@@ -123,44 +147,101 @@ impl EscapeSlopes {
         low: &[f32],
     ) -> (Self, Self) {
         let mirrored = |v: &[f32]| v.iter().map(|x| -x).collect::<Vec<f32>>();
-        let (high_below, low_below) = (mirrored(low), mirrored(high));
-        let of = |sign: f32, high: &[f32], low: &[f32]| {
-            let quarters: Vec<Vec<f32>> = Quarter::ALL
-                .into_par_iter()
-                .map(|quarter| {
-                    // Compiled for each set of vector instructions; the bits are the same with all of them.
-                    arch.dispatch(Ahead {
-                        cells,
-                        cell_size,
-                        quarter,
-                        sign,
-                        corners,
-                        high,
-                        low,
-                    })
+        let of = |sign: f32, high: Vec<f32>, low: Vec<f32>| {
+            let highest = high.iter().copied().fold(f32::NEG_INFINITY, greater);
+            let levels = Level::all(cells, cell_size, high.clone(), low);
+            let ahead = |octant| {
+                // Compiled for each set of vector instructions; the bits are the same with all of them.
+                arch.dispatch(Ahead {
+                    cells,
+                    cell_size,
+                    octant,
+                    sign,
+                    corners,
+                    levels: &levels,
+                    highest,
                 })
-                .collect();
-            let [a, b, c, d] = [0, 1, 2, 3].map(|q: usize| quarters[q].as_slice());
-            let four = a.iter().zip(b).zip(c).zip(d);
+            };
             EscapeSlopes {
-                squared: four.map(|(((a, b), c), d)| [*a, *b, *c, *d]).collect(),
+                per_height: Octant::all().map(ahead).collect(),
+                cell_size,
+                high,
+                highest: f64::from(highest),
             }
         };
-        rayon::join(|| of(1.0, high, low), || of(-1.0, &high_below, &low_below))
+        rayon::join(
+            || of(1.0, high.to_vec(), low.to_vec()),
+            || of(-1.0, mirrored(low), mirrored(high)),
+        )
     }
 }
 
-/// What lies ahead of every cell in one quarter of the horizon, as a type and not a closure: a closure of this size
+/// Blocks of cells, of each the highest and the lowest point.
+struct Level {
+    blocks: (usize, usize),
+    /// Of one block.
+    size: (f64, f64),
+    high: Vec<f32>,
+    low: Vec<f32>,
+}
+
+impl Level {
+    /// The cells, and blocks of 2 × 2, 4 × 4 … of them as long as they are many.
+    fn all(
+        cells: (usize, usize),
+        cell_size: (f64, f64),
+        high: Vec<f32>,
+        low: Vec<f32>,
+    ) -> Vec<Level> {
+        let mut levels = vec![Level {
+            blocks: cells,
+            size: cell_size,
+            high,
+            low,
+        }];
+        while let Some(fine) = levels.last()
+            && fine.splits()
+        {
+            let ((bx, by), (wide, deep)) = (fine.blocks, fine.size);
+            levels.push(Level {
+                blocks: (bx / 2, by / 2),
+                size: (2.0 * wide, 2.0 * deep),
+                high: coarser(by, &fine.high, greater),
+                low: coarser(by, &fine.low, lesser),
+            });
+        }
+        levels
+    }
+
+    fn splits(&self) -> bool {
+        let enough = |blocks: usize| blocks.is_multiple_of(2) && blocks >= 4 * FAR;
+        enough(self.blocks.0) && enough(self.blocks.1)
+    }
+}
+
+/// Of every 2 × 2 numbers in rows of `by`, what `pick` picks.
+fn coarser(by: usize, fine: &[f32], pick: impl Fn(f32, f32) -> f32) -> Vec<f32> {
+    let mut coarse = Vec::with_capacity(fine.len() / 4);
+    for rows in fine.chunks(2 * by) {
+        let (first, second) = rows.split_at(by);
+        let pairs = first.chunks(2).zip(second.chunks(2));
+        coarse.extend(pairs.map(|(a, b)| pick(pick(a[0], a[1]), pick(b[0], b[1]))));
+    }
+    coarse
+}
+
+/// What lies ahead of every cell in one octant, as a type and not a closure: a closure of this size
 /// is not inlined, and what is not inlined is not compiled for the wider instructions. Loops for the same reason.
 struct Ahead<'a> {
     cells: (usize, usize),
     cell_size: (f64, f64),
-    quarter: Quarter,
+    octant: Octant,
     /// −1 for the field seen from below.
     sign: f32,
     corners: &'a [[f32; 4]],
-    high: &'a [f32],
-    low: &'a [f32],
+    /// From the cells on; of the side that is looked at.
+    levels: &'a [Level],
+    highest: f32,
 }
 
 impl pulp::WithSimd for Ahead<'_> {
@@ -169,10 +250,14 @@ impl pulp::WithSimd for Ahead<'_> {
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) -> Vec<f32> {
         let mut slopes = self.steepest_triangles();
-        self.beyond(&mut slopes);
-        for s in &mut slopes {
-            let slope = greater(*s, 0.0) * MARGIN;
-            *s = slope * slope;
+        raise(&mut slopes, &self.beyond());
+        for (s, h) in slopes.iter_mut().zip(&self.levels[0].high) {
+            // Where nothing rises at all not even 0/0 of height needs a slope.
+            *s = if *s > 0.0 {
+                *s * MARGIN / (self.highest - h)
+            } else {
+                0.0
+            };
         }
         slopes
     }
@@ -182,6 +267,12 @@ impl pulp::WithSimd for Ahead<'_> {
 #[inline(always)]
 fn greater(a: f32, b: f32) -> f32 {
     if b > a { b } else { a }
+}
+
+/// The smaller of two numbers that are numbers.
+#[inline(always)]
+fn lesser(a: f32, b: f32) -> f32 {
+    if b < a { b } else { a }
 }
 
 /// Each of `to` raised to its counterpart.
@@ -196,35 +287,44 @@ impl Ahead<'_> {
     /// How steeply the steepest triangle within [`NEAR`] cells rises.
     #[inline(always)]
     fn steepest_triangles(&self) -> Vec<f32> {
-        let ((nx, ny), (cell_x, cell_y)) = (self.cells, self.cell_size);
+        let ((nx, ny), (cell_x, cell_y), octant) = (self.cells, self.cell_size, self.octant);
+        let inverse = [1.0 / cell_x, 1.0 / cell_y];
+        let diagonal = 1.0 / cell_x.hypot(cell_y);
         #[expect(clippy::cast_possible_truncation, reason = "a margin is added")]
-        let (mut ix, mut iy) = ((1.0 / cell_x) as f32, (1.0 / cell_y) as f32);
-        ix *= self.sign * if self.quarter.back_x { -1.0 } else { 1.0 };
-        iy *= self.sign * if self.quarter.back_y { -1.0 } else { 1.0 };
-        // Of all directions in a quarter that along the rising part of the gradient is steepest.
+        let [mut ix, mut iy, dx, dy] =
+            [inverse[0], inverse[1], cell_x * diagonal, cell_y * diagonal].map(|x| x as f32);
+        ix *= self.sign * if octant.back_x { -1.0 } else { 1.0 };
+        iy *= self.sign * if octant.back_y { -1.0 } else { 1.0 };
+        // Along the gradient where that lies in the octant, else along one of its sides: an axis or the cells' diagonal.
+        let steepest = |x: f32, y: f32| {
+            let along_diagonal = dx * x + dy * y;
+            let (axis, other, turn) = if octant.along_y {
+                (y, x, dx * y - dy * x)
+            } else {
+                (x, y, dy * x - dx * y)
+            };
+            let side = greater(greater(axis, along_diagonal), 0.0);
+            // Without a branch.
+            let inside = (other >= 0.0) & (turn >= 0.0);
+            if inside { x * x + y * y } else { side * side }
+        };
         let mut own = vec![0.0f32; nx * ny];
         for (own, [h00, h10, h01, h11]) in own.iter_mut().zip(self.corners) {
-            let lower = [(h10 - h00) * ix, (h11 - h10) * iy].map(|s| greater(s, 0.0));
-            let upper = [(h11 - h01) * ix, (h01 - h00) * iy].map(|s| greater(s, 0.0));
-            *own = greater(
-                lower[0] * lower[0] + lower[1] * lower[1],
-                upper[0] * upper[0] + upper[1] * upper[1],
-            );
+            let lower = steepest((h10 - h00) * ix, (h11 - h10) * iy);
+            let upper = steepest((h11 - h01) * ix, (h01 - h00) * iy);
+            *own = greater(lower, upper);
         }
-        let mut rows = own.clone();
-        for (out, row) in rows.chunks_mut(ny).zip(own.chunks(ny)) {
-            for step in 1..=NEAR {
-                let start = ahead(0, step, self.quarter.back_y, ny);
-                let (first, last) = out.split_at_mut(ny - start);
-                raise(first, &row[start..]);
-                raise(last, &row[..start]);
-            }
-        }
-        let mut all = rows.clone();
+        let mut all = own.clone();
         for (i, out) in all.chunks_mut(ny).enumerate() {
-            for step in 1..=NEAR {
-                let from = ahead(i, step, self.quarter.back_x, nx);
-                raise(out, &rows[from * ny..(from + 1) * ny]);
+            for ahead_x in 0..=NEAR {
+                let from = ahead(i, ahead_x, octant.back_x, nx);
+                let row = &own[from * ny..(from + 1) * ny];
+                for ahead_y in (0..=NEAR).filter(|y| octant.meets(ahead_x, *y)) {
+                    let start = ahead(0, ahead_y, octant.back_y, ny);
+                    let (first, last) = out.split_at_mut(ny - start);
+                    raise(first, &row[start..]);
+                    raise(last, &row[..start]);
+                }
             }
         }
         for x in &mut all {
@@ -233,67 +333,47 @@ impl Ahead<'_> {
         all
     }
 
-    /// Raises slopes to those of everything farther ahead.
+    /// How steeply everything farther ahead rises.
     #[inline(always)]
-    fn beyond(&self, slopes: &mut [f32]) {
-        let ((nx, ny), (cell_x, cell_y)) = (self.cells, self.cell_size);
-        let (mut high, mut low) = (self.high.to_vec(), self.low.to_vec());
-        let mut highest = f32::NEG_INFINITY;
-        for h in &high {
-            highest = greater(highest, *h);
-        }
-        let (mut bx, mut by, mut size) = (nx, ny, 1usize);
-        loop {
-            let splits = bx % 2 == 0 && by % 2 == 0 && bx >= 4 * FAR && by >= 4 * FAR;
-            let (wide, deep) = (size as f64 * cell_x, size as f64 * cell_y);
-            let mut bound = ring(self.quarter, (bx, by), (wide, deep), &high, &low);
-            if !splits {
-                // Everything beyond this level's reach.
-                let gap = FAR as f64 * wide.min(deep);
+    fn beyond(&self) -> Vec<f32> {
+        let mut bound: Vec<f32> = Vec::new();
+        for level in self.levels.iter().rev() {
+            let mut finer = ring(self.octant, level);
+            let (_, by) = level.blocks;
+            if bound.is_empty() {
+                // Everything beyond the coarsest level's reach.
+                let gap = FAR as f64 * level.size.0.min(level.size.1);
                 #[expect(clippy::cast_possible_truncation, reason = "a margin is added")]
                 let inverse = (1.0 / gap) as f32;
-                for (b, l) in bound.iter_mut().zip(&low) {
-                    *b = greater(*b, (highest - l) * inverse);
+                for (b, l) in finer.iter_mut().zip(&level.low) {
+                    *b = greater(*b, (self.highest - l) * inverse);
                 }
-            }
-            for (i, row) in slopes.chunks_mut(ny).enumerate() {
-                let from = &bound[(i / size) * by..(i / size + 1) * by];
-                if size == 1 {
-                    raise(row, from);
-                    continue;
-                }
-                for (cells, b) in row.chunks_mut(size).zip(from) {
-                    for s in cells {
-                        *s = greater(*s, *b);
+            } else {
+                for (rows, coarse) in finer.chunks_mut(2 * by).zip(bound.chunks(by / 2)) {
+                    for row in rows.chunks_mut(by) {
+                        for (two, b) in row.chunks_exact_mut(2).zip(coarse) {
+                            two[0] = greater(two[0], *b);
+                            two[1] = greater(two[1], *b);
+                        }
                     }
                 }
             }
-            if !splits {
-                break;
-            }
-            high = coarser(bx, by, &high, f32::max);
-            low = coarser(bx, by, &low, f32::min);
-            (bx, by, size) = (bx / 2, by / 2, size * 2);
+            bound = finer;
         }
+        bound
     }
 }
 
 /// Steepest slope from the lowest point of each block to the highest of each block [`NEAR`] + 1 to
 /// [`FAR`] blocks ahead.
 #[inline(always)]
-fn ring(
-    quarter: Quarter,
-    (bx, by): (usize, usize),
-    (wide, deep): (f64, f64),
-    high: &[f32],
-    low: &[f32],
-) -> Vec<f32> {
-    let mut bound = vec![0.0f32; bx * by];
+fn ring(octant: Octant, level: &Level) -> Vec<f32> {
+    let ((bx, by), (wide, deep)) = (level.blocks, level.size);
     // Rows with a wrapped margin on the side ahead, so that the inner loop runs straight.
     let padded_row = by + FAR;
     let mut padded = Vec::with_capacity(bx * padded_row);
-    for (i, row) in high.chunks(by).enumerate() {
-        let mut from = if quarter.back_y {
+    for (i, row) in level.high.chunks(by).enumerate() {
+        let mut from = if octant.back_y {
             ahead(0, FAR, true, by)
         } else {
             0
@@ -304,44 +384,68 @@ fn ring(
             from = 0;
         }
     }
-    for (i, out) in bound.chunks_mut(by).enumerate() {
-        let low = &low[i * by..(i + 1) * by];
-        for away_i in 0..=FAR {
-            let row = ahead(i, away_i, quarter.back_x, bx);
-            let padded = &padded[row * padded_row..(row + 1) * padded_row];
-            for away_j in 0..=FAR {
-                if away_i.max(away_j) <= NEAR {
-                    continue;
-                }
-                let gap_x = away_i.saturating_sub(1) as f64 * wide;
-                let gap_y = away_j.saturating_sub(1) as f64 * deep;
-                #[expect(clippy::cast_possible_truncation, reason = "a margin is added")]
-                let inverse = (1.0 / (gap_x * gap_x + gap_y * gap_y).sqrt()) as f32;
-                let start = if quarter.back_y { FAR - away_j } else { away_j };
-                for ((b, l), h) in out.iter_mut().zip(low).zip(&padded[start..start + by]) {
-                    *b = greater(*b, (h - l) * inverse);
-                }
+    // Of each block that is compared: how far along x, where its row begins, and one over the gap.
+    let mut compared = Vec::new();
+    for ahead_x in 0..=FAR {
+        for ahead_y in 0..=FAR {
+            if ahead_x.max(ahead_y) <= NEAR || !octant.meets(ahead_x, ahead_y) {
+                continue;
             }
+            let gap_x = ahead_x.saturating_sub(1) as f64 * wide;
+            let gap_y = ahead_y.saturating_sub(1) as f64 * deep;
+            #[expect(clippy::cast_possible_truncation, reason = "a margin is added")]
+            let inverse = (1.0 / (gap_x * gap_x + gap_y * gap_y).sqrt()) as f32;
+            let start = if octant.back_y {
+                FAR - ahead_y
+            } else {
+                ahead_y
+            };
+            compared.push((ahead_x, start, inverse));
         }
+    }
+    let mut bound = vec![0.0f32; bx * by];
+    for (i, (out, low)) in bound.chunks_mut(by).zip(level.low.chunks(by)).enumerate() {
+        let rows = compared.iter().map(|(ahead_x, start, inverse)| {
+            let row = ahead(i, *ahead_x, octant.back_x, bx);
+            (&padded[row * padded_row + start..][..by], *inverse)
+        });
+        let done = steepest_of::<64>(out, low, 0, rows.clone());
+        let done = steepest_of::<16>(out, low, done, rows.clone());
+        let done = steepest_of::<4>(out, low, done, rows.clone());
+        steepest_of::<1>(out, low, done, rows);
     }
     bound
 }
 
-fn coarser(bx: usize, by: usize, fine: &[f32], pick: fn(f32, f32) -> f32) -> Vec<f32> {
-    let mut coarse = Vec::with_capacity(bx * by / 4);
-    for i in (0..bx).step_by(2) {
-        for j in (0..by).step_by(2) {
-            let (a, b) = (fine[i * by + j], fine[i * by + j + 1]);
-            let (c, d) = (fine[(i + 1) * by + j], fine[(i + 1) * by + j + 1]);
-            coarse.push(pick(pick(a, b), pick(c, d)));
+/// From `done` on, `N` places at a time as long as there are as many, the steepest slope from each of `low` to its
+/// counterpart in the rows, which come with one over their distance; and how many places are done then.
+#[inline(always)]
+fn steepest_of<'a, const N: usize>(
+    out: &mut [f32],
+    low: &[f32],
+    mut done: usize,
+    rows: impl Iterator<Item = (&'a [f32], f32)> + Clone,
+) -> usize {
+    let (out, _) = out[done..].as_chunks_mut::<N>();
+    let (low, _) = low[done..].as_chunks::<N>();
+    for (out, low) in out.iter_mut().zip(low) {
+        // Kept in registers over all rows.
+        let mut steepest = [0.0f32; N];
+        for (row, inverse) in rows.clone() {
+            let high = &row[done..done + N];
+            for ((s, h), l) in steepest.iter_mut().zip(high).zip(low) {
+                *s = greater(*s, (h - l) * inverse);
+            }
         }
+        *out = steepest;
+        done += N;
     }
-    coarse
+    done
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::height_field::{HeightField, Side};
+    use super::super::height_field::{Flight, HeightField, Side};
     use super::super::rng::{Purpose, Stream};
 
     /// Height of the periodic surface over a place in cells.
@@ -358,6 +462,23 @@ mod tests {
             h00 + u * (h11 - h01) + v * (h01 - h00)
         } else {
             h00 + u * (h10 - h00) + v * (h11 - h10)
+        }
+    }
+
+    #[test]
+    fn rays_leave_what_is_flat_and_the_highest_points() {
+        let flat = HeightField::new(4, 3, 1.0, 1.0, &[0.5; 12]);
+        // One cell's corners and a ridge are as high as anything.
+        let mut heights = [0.0; 64];
+        for at in [9, 10, 17, 18, 40, 41, 42, 43, 44, 45, 46, 47] {
+            heights[at] = 1.0;
+        }
+        let plateau = HeightField::new(8, 8, 1.0, 1.0, &heights);
+        for (field, i, j) in [(&flat, 1, 1), (&plateau, 1, 1), (&plateau, 5, 3)] {
+            for k in [[1.0, 0.3, 1e-3], [-0.2, 1.0, 0.5], [0.0, 0.0, 1.0]] {
+                let from = field.spot_at(i, j, false, 0.0, 0.0);
+                assert_eq!(field.onward(&from, Side::Above, &k), Flight::Free, "{k:?}");
+            }
         }
     }
 
@@ -380,14 +501,16 @@ mod tests {
                 let (i, j) = (random.uniform() * nx as f64, random.uniform() * ny as f64);
                 let azimuth = std::f64::consts::TAU * random.uniform();
                 let rise = 2.5 * random.uniform();
+                // Half of the rays are already over the surface.
+                let lift = (3.0 * random.uniform() - 1.5).max(0.0);
                 for (side, sign) in [(Side::Above, 1.0), (Side::Below, -1.0)] {
                     let k = [azimuth.cos(), azimuth.sin(), sign * rise];
                     let cell = i as usize * ny + j as usize;
-                    if !field.escape(side).clears(cell, &k) {
+                    let from = height(&field, i, j) + sign * lift;
+                    if !field.escape(side).towards(&k).clears(cell, sign * from) {
                         continue;
                     }
                     cleared += 1;
-                    let from = height(&field, i, j);
                     let mut t = 0.0;
                     while sign * (from + t * k[2]) <= (sign * low).max(sign * high) {
                         let there = height(&field, i + t * k[0], j + t * k[1] / cell_y);

@@ -1,14 +1,14 @@
 //! What a smooth facet does to the lamp's light, all but chance: directions, shares, Mueller matrices, bins.
 //!
-//! All photons that come from the lamp onto one triangle meet the same facet in the same direction. So
-//! an [`Incidence`] is worked out once per triangle instead of once per photon, and a [`Facet`] is what is kept of
-//! it: enough to count light that leaves at once without looking at the triangle again.
+//! All photons that come from the lamp onto one triangle meet the same facet in the same direction: an [`Incidence`].
+//! Of those that go one way each, and weigh 1 on it, a [`Facet`] is kept per triangle: enough to count light that leaves
+//! at once without looking at the triangle again.
 
 use super::grid::Finder;
 use super::height_field::Side;
 use super::light::{Light, Turn};
 use super::vec3::{V3, combine, dot};
-use super::walk::{Method, Walk};
+use super::walk::Walk;
 use crate::model::polarisation::{Boundary, Channel, Split};
 
 /// The lamp's light on a smooth facet of the first interface.
@@ -24,10 +24,21 @@ pub struct Incidence<'a> {
     pub s: V3,
 }
 
+/// Light that has left the surface.
+#[derive(Debug, Clone, Copy)]
+pub struct Exit<L> {
+    /// In the frame of its exit.
+    pub light: L,
+    /// Power of the lamp's light that it is.
+    pub power: f64,
+    /// The bin of its direction.
+    pub bin: usize,
+}
+
 /// One way on from a facet, for light that leaves at once.
 #[derive(Debug, Clone, Copy)]
 pub struct Passage {
-    /// What the boundary does.
+    /// What the boundary does, over the chance of this way.
     pub channel: Channel,
     /// From the frame of the hit to that of the exit.
     pub leave: Turn,
@@ -46,7 +57,6 @@ pub struct Facet {
     pub share: f64,
     /// Whether light is refracted.
     pub enters: bool,
-    metal: bool,
     /// Reflection.
     pub reflected: Passage,
     /// Refraction.
@@ -100,6 +110,47 @@ impl<'a> Incidence<'a> {
         self.split.cos_refracted > 0.0
     }
 
+    /// Channel and direction of the way on to a side.
+    #[inline(always)]
+    #[must_use]
+    pub fn way(&self, side: Side) -> (&Channel, V3) {
+        match side {
+            Side::Above => (&self.split.reflected, self.reflected()),
+            Side::Below => (&self.split.refracted, self.refracted()),
+        }
+    }
+
+    /// Light that has just gone a way.
+    #[inline(always)]
+    #[must_use]
+    pub fn after<L: Light>(&self, channel: &Channel) -> L {
+        L::after_hit(&self.turn, &self.s, channel, 1.0)
+    }
+
+    /// `factor` of the light that goes to a side, where it leaves at once.
+    #[inline(always)]
+    #[must_use]
+    pub fn leaves<L: Light>(&self, side: Side, factor: f64, bins: &Finder) -> Exit<L> {
+        let (channel, k) = self.way(side);
+        let mut light = L::after_hit(&self.turn, &self.s, channel, factor);
+        let power = light.power(&self.walk.stokes);
+        if L::HAS_FRAME {
+            light.turn(&Turn::to_exit(&k, &self.s, &self.walk.s));
+        }
+        Exit {
+            light,
+            power,
+            bin: bins.bin(side, &k),
+        }
+    }
+
+    /// Whether what is not reflected is absorbed.
+    #[inline(always)]
+    #[must_use]
+    pub fn absorbs(&self) -> bool {
+        !self.boundary.is_transparent()
+    }
+
     /// A way on along `k` on a side, of `factor` times what a channel lets pass.
     #[inline(always)]
     fn passage<L: Light>(
@@ -129,21 +180,17 @@ impl<'a> Incidence<'a> {
         }
     }
 
-    /// What is kept of it. For [`Method::Analog`], where a photon that goes a way weighs 1 on it,
-    /// the channels are those of such a photon.
+    /// What is kept of it for photons that go one way each.
     #[inline(always)]
     #[must_use]
     pub fn facet<L: Light>(&self, bins: &Finder) -> Facet {
         let (enters, split) = (self.enters(), &self.split);
-        let share = if enters || !self.boundary.is_transparent() {
+        let share = if enters || self.absorbs() {
             split.reflected.unpolarised()
         } else {
             1.0
         };
-        let (up, down) = match self.walk.method {
-            Method::Analog => (1.0 / share, 1.0 / (1.0 - share)),
-            Method::Split => (1.0, 1.0),
-        };
+        let (up, down) = (1.0 / share, 1.0 / (1.0 - share));
         let (k_up, k_down) = (self.reflected(), self.refracted());
         let reflected = self.passage::<L>(&split.reflected, up, Side::Above, &k_up, bins);
         let refracted = if enters {
@@ -159,7 +206,6 @@ impl<'a> Incidence<'a> {
             turn: self.turn,
             share,
             enters,
-            metal: !self.boundary.is_transparent(),
             reflected,
             refracted,
         }
@@ -167,26 +213,12 @@ impl<'a> Incidence<'a> {
 }
 
 impl Facet {
-    /// Whether a photon that is not reflected is absorbed.
-    #[inline(always)]
-    #[must_use]
-    pub fn absorbs(&self) -> bool {
-        self.metal
-    }
-
-    /// Light that has just gone a way, for one that goes on from there.
-    #[inline(always)]
-    #[must_use]
-    pub fn after<L: Light>(&self, way: &Passage, s: &V3, factor: f64) -> L {
-        L::after_hit(&self.turn, s, &way.channel, factor)
-    }
-
     /// Light that has just gone a way and leaves at once, in the frame of its exit.
     #[inline(always)]
     #[must_use]
-    pub fn leaving<L: Light>(&self, way: &Passage, factor: f64) -> L {
+    pub fn leaving<L: Light>(&self, way: &Passage) -> L {
         // Of what leaves, the frame of the hit is no longer asked for.
-        let mut light: L = self.after(way, &super::vec3::UP, factor);
+        let mut light = L::after_hit(&self.turn, &super::vec3::UP, &way.channel, 1.0);
         light.turn(&way.leave);
         light
     }

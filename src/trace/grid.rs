@@ -227,8 +227,8 @@ impl Steps {
             .collect();
         let span = 4.0 * count as f64 / per_turn as f64;
         edges.push(f64::INFINITY);
-        // So many that hardly one of them holds an edge.
-        let parts = (16 * count).next_power_of_two();
+        // Steps differ by a factor of two, so none of these holds two edges; and few enough to stay in the nearest cache.
+        let parts = (4 * count).next_power_of_two();
         let mut step = 0;
         let first = (0..=parts).map(|part| {
             let begin = span * part as f64 / parts as f64;
@@ -248,10 +248,8 @@ impl Steps {
     #[inline(always)]
     fn at(&self, quarters: f64) -> Option<usize> {
         let part = (quarters * self.parts_per_quarter) as usize;
-        let mut step = self.first[part.min(self.first.len() - 1)] as usize;
-        while self.edges[step + 1] <= quarters {
-            step += 1;
-        }
+        let step = self.first[part.min(self.first.len() - 1)] as usize;
+        let step = step + usize::from(self.edges[step + 1] <= quarters);
         let inside = quarters - self.edges[step] > EDGE && self.edges[step + 1] - quarters > EDGE;
         // At the very end edges are those of nothing.
         (inside && step + 2 < self.edges.len()).then_some(step)

@@ -17,6 +17,7 @@
 //! 1e6 and more are met); a normal's vertical part is then small but keeps its digits, as 1/√(1 + s²).
 
 use pulp::Arch;
+use rayon::prelude::*;
 
 use super::escape::EscapeSlopes;
 use super::vec3::{V3, unit};
@@ -95,10 +96,7 @@ pub struct HeightField {
     cell_y: f64,
     /// h00, h10, h01, h11 of each cell; the first index is along x. Rounded to f32 once, here.
     corners: Vec<[f32; 4]>,
-    /// Of each cell's corners, the highest and the lowest.
-    high: Vec<f32>,
-    low: Vec<f32>,
-    /// The same over the [`WINDOW`] × [`WINDOW`] cells from each cell on.
+    /// The highest and the lowest of the corners of the [`WINDOW`] × [`WINDOW`] cells from each cell on.
     high_around: Vec<f32>,
     low_around: Vec<f32>,
     /// The instructions that this machine has.
@@ -135,27 +133,35 @@ impl HeightField {
         }
         let lowest = f64::from(rounded.iter().copied().fold(f32::INFINITY, f32::min));
         let highest = f64::from(rounded.iter().copied().fold(f32::NEG_INFINITY, f32::max));
+        // Heights are numbers, so a plain comparison does: `f32::max` looks out for others.
+        let greater = |a: f32, b: f32| if b > a { b } else { a };
+        let lesser = |a: f32, b: f32| if b < a { b } else { a };
         let high: Vec<f32> = corners
             .iter()
-            .map(|h| h[0].max(h[1]).max(h[2].max(h[3])))
+            .map(|h| greater(greater(h[0], h[1]), greater(h[2], h[3])))
             .collect();
         let low: Vec<f32> = corners
             .iter()
-            .map(|h| h[0].min(h[1]).min(h[2].min(h[3])))
+            .map(|h| lesser(lesser(h[0], h[1]), lesser(h[2], h[3])))
             .collect();
         let arch = Arch::new();
-        let (above, below) =
-            EscapeSlopes::of_both_sides(arch, (nx, ny), (cell_x, cell_y), &corners, &high, &low);
+        let ((above, below), (high_around, low_around)) = rayon::join(
+            || EscapeSlopes::of_both_sides(arch, (nx, ny), (cell_x, cell_y), &corners, &high, &low),
+            || {
+                rayon::join(
+                    || over_windows(nx, ny, &high, greater),
+                    || over_windows(nx, ny, &low, lesser),
+                )
+            },
+        );
         HeightField {
             nx,
             ny,
             cell_x,
             cell_y,
             corners,
-            high_around: over_windows(nx, ny, &high, f32::max),
-            low_around: over_windows(nx, ny, &low, f32::min),
-            high,
-            low,
+            high_around,
+            low_around,
             arch,
             lowest,
             highest,
@@ -222,18 +228,28 @@ impl HeightField {
     #[must_use]
     pub fn effective_ridge_angle(&self) -> Option<f64> {
         const PER_DEGREE: f64 = 1000.0;
-        let mut areas = vec![0.0; 90 * PER_DEGREE as usize + 1];
-        for i in 0..self.nx {
-            for j in 0..self.ny {
-                for upper in [false, true] {
-                    let (sx, sy) = self.slopes(i, j, upper);
-                    if sy < 0.0 {
-                        let at = (-sy).atan().to_degrees() * PER_DEGREE;
-                        areas[at as usize] += (1.0 + sx * sx + sy * sy).sqrt();
+        const COUNT: usize = 90 * PER_DEGREE as usize + 1;
+        // In a fixed number of parts, so that the sum is the same on any number of threads.
+        let parts: Vec<Vec<f64>> = (0..self.nx)
+            .collect::<Vec<_>>()
+            .par_chunks(self.nx.div_ceil(4))
+            .map(|rows| {
+                let mut areas = vec![0.0; COUNT];
+                for (i, j) in rows.iter().flat_map(|i| (0..self.ny).map(|j| (*i, j))) {
+                    for upper in [false, true] {
+                        let (sx, sy) = self.slopes(i, j, upper);
+                        if sy < 0.0 {
+                            let at = (-sy).atan().to_degrees() * PER_DEGREE;
+                            areas[at as usize] += (1.0 + sx * sx + sy * sy).sqrt();
+                        }
                     }
                 }
-            }
-        }
+                areas
+            })
+            .collect();
+        let areas: Vec<f64> = (0..COUNT)
+            .map(|n| parts.iter().map(|p| p[n]).sum())
+            .collect();
         let half = 0.5 * areas.iter().sum::<f64>();
         let mut below = 0.0;
         for (n, area) in areas.iter().enumerate() {
@@ -255,16 +271,6 @@ impl HeightField {
         match side {
             Side::Above => f64::from(self.high_around[cell]),
             Side::Below => -f64::from(self.low_around[cell]),
-        }
-    }
-
-    /// The outermost point of a cell on a side, counted like [`HeightField::outermost_around`].
-    #[inline]
-    #[must_use]
-    pub fn outermost(&self, side: Side, cell: usize) -> f64 {
-        match side {
-            Side::Above => f64::from(self.high[cell]),
-            Side::Below => -f64::from(self.low[cell]),
         }
     }
 
@@ -304,7 +310,12 @@ impl HeightField {
     #[inline]
     #[must_use]
     pub fn onward(&self, spot: &Spot, side: Side, k: &V3) -> Flight {
-        if side.sign() * k[2] > 0.0 && self.escape(side).clears(spot.i * self.ny + spot.j, k) {
+        if side.sign() * k[2] > 0.0
+            && self
+                .escape(side)
+                .towards(k)
+                .clears(spot.i * self.ny + spot.j, side.sign() * spot.z)
+        {
             return Flight::Free;
         }
         self.march(spot, true, side.sign(), k)
@@ -326,11 +337,7 @@ impl HeightField {
         // Heights count away from the surface, on the side of the light.
         let (start_z, dz) = (sign * start.z, sign * k[2]);
         let leaving = dz > 0.0;
-        let (slopes, outermost, limit) = if sign > 0.0 {
-            (&self.above, &self.high, self.highest)
-        } else {
-            (&self.below, &self.low, -self.lowest)
-        };
+        let slopes = if sign > 0.0 { &self.above } else { &self.below };
         let slopes = slopes.towards(k);
         let (mut i, mut j) = (start.i, start.j);
         // Position in the current cell = start + d t − offset.
@@ -371,7 +378,7 @@ impl HeightField {
             let t_out = if along_x { tx } else { ty };
             let z_out = start_z + dz * t_out;
             let nearest = if leaving { z_in } else { z_out };
-            if first || nearest <= sign * f64::from(outermost[cell]) {
+            if first || nearest <= slopes.outermost(cell) {
                 let h = self.corners[cell].map(|h| sign * f64::from(h));
                 let (x_in, y_in) = (x0 + dx * t_in, y0 + dy * t_in);
                 let (x_out, y_out) = (x0 + dx * t_out, y0 + dy * t_out);
@@ -416,9 +423,6 @@ impl HeightField {
             } else {
                 known = None;
             }
-            if leaving && z_out > limit {
-                return Flight::Free;
-            }
             (t_in, z_in) = (t_out, z_out);
             let across = !along_x;
             tx += if along_x { step_x } else { 0.0 };
@@ -434,7 +438,7 @@ impl HeightField {
                 j = if step_j == 1 { 0 } else { self.ny - 1 };
             }
             cell = i * self.ny + j;
-            if leaving && slopes.clears(cell) {
+            if leaving && slopes.clears(cell, z_in) {
                 return Flight::Free;
             }
         }
@@ -468,7 +472,7 @@ impl HeightField {
 }
 
 /// Of every cell and the [`WINDOW`] − 1 after it along both axes, what `pick` picks.
-fn over_windows(nx: usize, ny: usize, cells: &[f32], pick: fn(f32, f32) -> f32) -> Vec<f32> {
+fn over_windows(nx: usize, ny: usize, cells: &[f32], pick: impl Fn(f32, f32) -> f32) -> Vec<f32> {
     let mut picked = cells.to_vec();
     let mut reach = 1;
     while reach < WINDOW as usize {

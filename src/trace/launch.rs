@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use super::beam;
-use super::first_hit::{Facet, Incidence, Passage};
+use super::first_hit::{Facet, Incidence};
 use super::grid::{Finder, Grid};
 use super::height_field::{Flight, HeightField, Side, Spot};
 use super::light::Light;
@@ -60,7 +60,7 @@ pub struct FirstHits<'a> {
     /// Whether facets are mirrors: a triangle then sends all light the same ways.
     smooth: bool,
     starts: Vec<Start>,
-    /// What the starts do to light, where photons are many enough to make it worth keeping.
+    /// What the starts do to light, where photons go one way each and are many enough to make it worth keeping.
     facets: Vec<Facet>,
     /// Projected areas of the starts up to and including each, in cells.
     until: Vec<f64>,
@@ -167,7 +167,8 @@ impl<'a> FirstHits<'a> {
             known: known.into_inner().expect("no thread panics while it adds"),
         };
         let expected = (photons as f64 * first_hits.share()) as u64;
-        if look.smooth && count <= KEPT_MAX && expected / WORTH_KEEPING >= count as u64 {
+        let worth_it = count <= KEPT_MAX && expected / WORTH_KEEPING >= count as u64;
+        if look.smooth && walk.method == Method::Analog && worth_it {
             first_hits.facets = first_hits
                 .starts
                 .par_iter()
@@ -285,11 +286,14 @@ impl<'a> FirstHits<'a> {
             return batch.absorb(1.0);
         };
         if fate == Fate::Free {
-            let light: L = facet.leaving(way, 1.0);
+            let light: L = facet.leaving(way);
             return batch.count(&light, way.power, way.bin as usize, side, 1);
         }
         let spot = place(random);
-        self.follow(walk, facet, way, side, spot, random, waiting, batch);
+        let incidence = self.incidence::<L>(walk, start);
+        let (_, k) = incidence.way(side);
+        let light = incidence.after(&way.channel);
+        self.follow(walk, light, k, side, spot, random, waiting, batch);
     }
 
     /// A photon of which both ways are followed as far as they are open.
@@ -303,23 +307,28 @@ impl<'a> FirstHits<'a> {
         batch: &mut Batch,
     ) {
         let start = &self.starts[at];
-        let mut computed = None;
-        let facet = self.facet_at::<L>(walk, at, &mut computed);
-        for (way, fate, side) in [
-            (&facet.reflected, start.reflected, Side::Above),
-            (&facet.refracted, start.refracted, Side::Below),
+        let incidence = self.incidence::<L>(walk, start);
+        for (side, fate) in [
+            (Side::Above, start.reflected),
+            (Side::Below, start.refracted),
         ] {
             match fate {
                 Fate::Done => {}
                 Fate::Free => {
-                    let light: L = facet.leaving(way, 1.0);
-                    batch.count(&light, way.power, way.bin as usize, side, 1);
+                    let exit = incidence.leaves::<L>(side, 1.0, &self.bins);
+                    batch.count(&exit.light, exit.power, exit.bin, side, 1);
                 }
-                Fate::Open => self.follow(walk, facet, way, side, *spot, random, waiting, batch),
+                Fate::Open => {
+                    let (channel, k) = incidence.way(side);
+                    let light = incidence.after(channel);
+                    self.follow(walk, light, k, side, *spot, random, waiting, batch);
+                }
             }
         }
-        if facet.absorbs() && start.reflected != Fate::Done {
-            batch.absorb(1.0 - facet.reflected.power);
+        if incidence.absorbs() && start.reflected != Fate::Done {
+            let (channel, _) = incidence.way(Side::Above);
+            let light: L = incidence.after(channel);
+            batch.absorb(1.0 - light.power(&walk.stokes));
         }
     }
 
@@ -328,20 +337,14 @@ impl<'a> FirstHits<'a> {
     fn follow<L: Light>(
         &self,
         walk: &Walk<'_>,
-        facet: &Facet,
-        way: &Passage,
+        light: L,
+        k: V3,
         side: Side,
         spot: Spot,
         random: &mut Stream,
         waiting: &mut Waiting<L>,
         batch: &mut Batch,
     ) {
-        let incidence = Incidence::of::<L>(walk, &self.field.normal(&spot));
-        let k = match side {
-            Side::Above => incidence.reflected(),
-            Side::Below => incidence.refracted(),
-        };
-        let light: L = facet.after(way, &incidence.s, 1.0);
         // A reflection so weak that it is nothing (index 1, or Brewster's angle exactly).
         if light.weight() > f64::MIN_POSITIVE {
             walk.go_on(light, k, side, Place::Field(spot), random, waiting, batch);
@@ -473,20 +476,19 @@ impl Look<'_> {
             start.refracted = Fate::Free;
         }
         if start.lit && self.walk.method == Method::Split {
-            let facet = incidence.facet::<L>(&self.bins);
             let weight = facing / (nx * ny) as f64;
-            for (way, fate, side) in [
-                (&facet.reflected, &mut start.reflected, Side::Above),
-                (&facet.refracted, &mut start.refracted, Side::Below),
+            for (side, fate) in [
+                (Side::Above, &mut start.reflected),
+                (Side::Below, &mut start.refracted),
             ] {
                 if *fate == Fate::Free {
-                    let light: L = facet.leaving(way, weight);
-                    batch.count(&light, weight * way.power, way.bin as usize, side, 1);
+                    let exit = incidence.leaves::<L>(side, weight, &self.bins);
+                    batch.count(&exit.light, exit.power, exit.bin, side, 1);
                     *fate = Fate::Done;
+                    if incidence.absorbs() {
+                        batch.absorb(weight - exit.power);
+                    }
                 }
-            }
-            if facet.absorbs() && start.reflected == Fate::Done {
-                batch.absorb(weight * (1.0 - facet.reflected.power));
             }
             if start.reflected == Fate::Done && start.refracted == Fate::Done {
                 return None;
@@ -496,10 +498,13 @@ impl Look<'_> {
     }
 
     /// By the cell's escape slope, or else, where that is worth it, by a look at what lies in its way.
-    #[inline]
+    #[inline(always)]
     fn is_free(&self, i: usize, j: usize, upper: bool, side: Side, k: &V3, thorough: bool) -> bool {
         let (_, ny) = self.field.cells();
-        self.field.escape(side).clears(i * ny + j, k)
+        self.field
+            .escape(side)
+            .towards(k)
+            .clears(i * ny + j, f64::NEG_INFINITY)
             || (thorough && beam::is_free(self.field, i, j, upper, side, k))
     }
 }

@@ -152,8 +152,10 @@ const LOOK_LIMIT_SHARE: f64 = 0.5;
 const LOOK_START: f64 = 0.1;
 /// Photons between two looks at the stop conditions, and until the first at the error,
 pub const LOOK: u64 = 1 << 13;
-/// and batches between two looks at the error.
+/// and batches between two looks at the error, where that may end the run
 const LOOK_BATCHES: usize = 4;
+/// and where it is only told.
+const LOOK_BATCHES_TOLD: usize = 16;
 
 /// In how many batches a run of so many photons is dealt out.
 fn batches(photons: u64) -> u64 {
@@ -434,6 +436,10 @@ impl Task<'_> {
             .filter(|batch| before.batches.binary_search(batch).is_err())
             .collect();
         let complete = before.batches.len() + left.len();
+        let look_batches = match ending {
+            Ending::AtLast => LOOK_BATCHES_TOLD,
+            Ending::AnyTime | Ending::Within(_) => LOOK_BATCHES,
+        };
         // Until the batches say more it is the sketch's photons that count.
         let sketched = sketch.as_ref().map_or(0, Sketch::photons);
         // What is known is still to be added for later ones: that takes as long for one as for all, so once.
@@ -476,7 +482,7 @@ impl Task<'_> {
             let mut so_far = lock();
             so_far.totals.take(&mut batch, share);
             so_far.batches.push(number);
-            let look = so_far.batches.len().is_multiple_of(LOOK_BATCHES);
+            let look = so_far.batches.len().is_multiple_of(look_batches);
             let totals = &so_far.totals;
             let known = self.first_hits.as_ref().map(|f| &f.known);
             let known = known.map(|known| (known, totals.photons() - with_known));
