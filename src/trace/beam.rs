@@ -7,8 +7,9 @@
 //! by which it is cut off at the sides of the beam among them: a handful of comparisons instead of many rays.
 //! Columns of cells that lie below the beam as a whole are passed by one comparison.
 //!
-//! *Conditioning.* Times are quotients by the rate at which the beam leaves an edge; an edge along the beam has rate 0 and is
-//! left out, one nearly along it has no width. Heights come from single precision and are
+//! *Conditioning.* Times are quotients by the rate at which the beam leaves an edge. An edge along the beam, but for 1e-9, has no
+//! width and is left out; nearly along it light gains height without end, so that is counted from the edge's own line, on
+//! which corners lie exactly. Heights come from single precision and are
 //! compared in double with a slack of 1e-9 of the field's relief: a beam that touches may be called free by that
 //! much, which is a share of 1e-9 of its light.
 
@@ -19,6 +20,9 @@ use super::vec3::V3;
 const COLUMNS_MAX: i64 = 96;
 /// Rounding of heights over the steepest triangles, in units of the heights' spread.
 const ROUNDING: f64 = 1e-9;
+
+/// Rate of leaving an edge, over that of passing cells, below which no more of the light leaves by it than that.
+const NO_WIDTH: f64 = 1e-9;
 
 /// Corners of a cell, in the order of the field's heights.
 const CORNERS: [[f64; 2]; 4] = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
@@ -53,12 +57,15 @@ const EDGES: [[Edge; 3]; 2] = [
 /// The light that leaves by one edge, in cells from its own; heights count away from the surface.
 #[derive(Clone, Copy)]
 struct Sheet {
-    /// Its lowest height over a place (x, y): `at_origin` + `along` · (x, y).
+    /// Height of the triangle's plane at (0, 0), and its slopes.
     at_origin: f64,
-    along: [f64; 2],
+    slopes: [f64; 2],
     /// The edge's line: light is where n · x > b.
     n: [f64; 2],
     b: f64,
+    /// What its lowest gains over the plane per unit of n · x − b. Very much where the light goes along the edge; but
+    /// n · x − b is a whole number at the corners, and 0 where the edge is.
+    gain: f64,
     /// Range of x dy − y dx.
     strip: [f64; 2],
 }
@@ -66,22 +73,24 @@ struct Sheet {
 impl Sheet {
     const NONE: Sheet = Sheet {
         at_origin: f64::NEG_INFINITY,
-        along: [0.0; 2],
+        slopes: [0.0; 2],
         n: [0.0; 2],
         b: 0.0,
+        gain: 0.0,
         strip: [0.0; 2],
     };
 
     /// How far it is over the corners of a cell at (x, y).
     #[inline(always)]
     fn over(&self, h: &[f64; 4], x: f64, y: f64) -> [f64; 4] {
-        let at = self.at_origin + self.along[0] * x + self.along[1] * y;
-        let [along_x, along_y] = self.along;
+        let ([sx, sy], [nx, ny]) = (self.slopes, self.n);
+        let plane = self.at_origin + sx * x + sy * y;
+        let beyond = nx * x + ny * y - self.b;
         [
-            at - h[0],
-            at + along_x - h[1],
-            at + along_y - h[2],
-            at + (along_x + along_y) - h[3],
+            plane + self.gain * beyond - h[0],
+            (plane + sx) + self.gain * (beyond + nx) - h[1],
+            (plane + sy) + self.gain * (beyond + ny) - h[2],
+            (plane + (sx + sy)) + self.gain * (beyond + (nx + ny)) - h[3],
         ]
     }
 
@@ -198,19 +207,19 @@ fn looked_at(look: Look<'_>) -> bool {
     let near_side = if forward > 0 { 0.0 } else { 1.0 };
     for edge in &EDGES[usize::from(upper)] {
         let rate = edge.n[0] * d[0] + edge.n[1] * d[1];
-        if rate <= 0.0 || count == 2 {
+        if rate <= NO_WIDTH * ahead.abs() || count == 2 {
             continue;
         }
-        // Over a place that was (n · x − b)/(n · d) ago.
-        let per = gain / rate;
         let w = edge
             .ends
             .map(|c| CORNERS[c][0] * d[1] - CORNERS[c][1] * d[0]);
         sheets[count] = Sheet {
-            at_origin: own[0] - per * edge.b + slack,
-            along: [slopes[0] + per * edge.n[0], slopes[1] + per * edge.n[1]],
+            at_origin: own[0] + slack,
+            slopes,
             n: edge.n,
             b: edge.b,
+            // Over a place that was (n · x − b)/(n · d) ago.
+            gain: gain / rate,
             strip: [lesser(w[0], w[1]), greater(w[0], w[1])],
         };
         count += 1;
@@ -384,6 +393,25 @@ mod tests {
     use super::super::rng::{Purpose, Stream};
     use super::super::vec3::{dot, unit};
     use super::*;
+
+    #[test]
+    fn steep_light_over_a_field_as_good_as_flat_is_free_along_any_edge() {
+        let field = beckmann(32, 1e-6, 1e-6, 1);
+        for across in [0.0, 1e-16, 2.6e-7, -2.6e-7, 1e-3] {
+            for k in [
+                [0.8, across, 0.6],
+                [across, -0.8, 0.6],
+                [0.5, 0.5 + across, 0.7],
+            ] {
+                for at in 0..32 * 32 {
+                    for upper in [false, true] {
+                        let free = is_free(&field, at / 32, at % 32, upper, Side::Above, &k);
+                        assert!(free, "{at} {upper} {k:?}");
+                    }
+                }
+            }
+        }
+    }
 
     #[test]
     fn every_ray_of_a_free_beam_is_free_and_hardly_a_free_beam_is_missed() {
