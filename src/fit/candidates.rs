@@ -17,7 +17,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use sobol_burley::sample;
 
-use super::problem::{ALPHA_MIN, Problem, Values};
+use super::problem::{ALPHA_MIN, Problem, Quantity, Values};
 use super::projection::settle;
 use super::start::{distance, spread};
 use crate::observation::ObservationSet;
@@ -74,6 +74,35 @@ pub(super) fn starts(
     );
     judged.sort_by(|a, b| a.0.total_cmp(&b.0));
     spread(&judged, &[], wanted.starts)
+}
+
+/// Shapes from all over the box with middling diffuse parts and the gain that is right on average: nothing recommends
+/// them.
+pub(super) fn plain(
+    problem: &Problem<'_>,
+    fallback: &Values,
+    count: u32,
+    seed: u32,
+) -> Vec<Values> {
+    let signal: f64 = problem.set().observations.iter().map(|o| o.signal).sum();
+    let free = |quantity| problem.free().contains(&quantity);
+    let shape = |k: u32| {
+        let at = |dimension| f64::from(sample(k, dimension, seed));
+        let mut v = anywhere(fallback, k, &at);
+        v.tilt_offset = (at(2) - 0.5) * 2.0 * 12f64.to_radians();
+        if free(Quantity::RhoD) {
+            v.rho_d = 0.8 * at(5);
+        }
+        if free(Quantity::Scale) {
+            let expected: f64 = problem.predicted(&v).iter().sum();
+            let factor = signal / expected;
+            if factor.is_finite() && factor > 0.0 {
+                v.scale *= factor;
+            }
+        }
+        v
+    };
+    (0..count).map(shape).collect()
 }
 
 /// Other roughnesses for the shape of an end, up to `count`, the most promising first.

@@ -18,8 +18,8 @@ use super::problem::{Problem, Values};
 use super::profile::{bootstrap, profile};
 use super::report::COVERAGE_FACTOR;
 use super::search::{
-    CALM, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, REFINED, REFINED_THOROUGHLY, RIVALS, ROUGH,
-    over_shapes, usable,
+    CALM, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PLAIN, REFINED, REFINED_THOROUGHLY, RIVALS,
+    ROUGH, over_shapes, usable,
 };
 use super::settle::{DOUBTFUL, NARROW_TRIALS, Settled, TRIALS};
 use super::solver::{Minimum, minimise};
@@ -36,6 +36,8 @@ const TRIED: usize = 8;
 const SCANNED: usize = 2;
 /// Descents of a thorough round for each of its starts: every third is descended twice.
 const DESCENTS: f64 = 4.0 / 3.0;
+/// What a descent from a start that nothing recommends costs, in descents from others.
+const PATIENCE: f64 = 1.5;
 /// Ends that a round's images lead to.
 const IMAGES: f64 = 7.0;
 /// Descents in settling an end again on other weights: such ends lie in valleys.
@@ -162,7 +164,8 @@ impl Look<'_> {
                 seconds += costs.thorough(later);
             }
             if persists {
-                let each = costs.round(Effort::NOISE) + FOLLOWED as f64 * costs.fine_s;
+                let plain = PATIENCE * f64::from(PLAIN) * costs.rough_s;
+                let each = costs.round(Effort::NOISE) + plain + FOLLOWED as f64 * costs.fine_s;
                 seconds += (CALM + BEFORE_CALM) as f64 * each;
             }
         }

@@ -44,6 +44,11 @@ pub(super) const ROUGH: Settings = Settings {
     max_iterations: 40,
     ..Settings::DEFAULT
 };
+/// The same from a start that is nowhere near.
+const PATIENT: Settings = Settings {
+    max_iterations: 200,
+    ..ROUGH
+};
 const FOLLOW: Settings = Settings {
     cost_tolerance: 1e-12,
     ..Settings::DEFAULT
@@ -56,6 +61,8 @@ pub(super) const FINE: Settings = Settings {
 /// Rounds without a deeper minimum after which nobody expects one, and rounds at most.
 pub(super) const CALM: usize = 5;
 const PERSISTENT_ROUNDS: usize = 24;
+/// Starts of such a round that nothing recommends.
+pub(super) const PLAIN: u32 = 256;
 /// Standard uncertainty of an angle (rad) or a ln α above which the data leave the surface open.
 const OPEN: f64 = 0.1;
 /// Near minima that are remembered.
@@ -274,6 +281,20 @@ impl<'p> Search<'p> {
         self.refine(problem, ends, REFINED_THOROUGHLY, 1e-4);
     }
 
+    /// Descents from shapes all over the box, none of them judged before: where noise makes the minima, what looks
+    /// promising at its start says little of where a descent ends.
+    fn anywhere(&mut self, problem: &Problem<'_>) {
+        let starts = candidates::plain(problem, self.fallback, PLAIN, self.seed);
+        self.seed = self.seed.wrapping_add(1);
+        let (bounds, cancel) = (problem.bounds(), self.cancel);
+        let ends: Vec<Minimum> = starts
+            .par_iter()
+            .map(|v| minimise(problem, &problem.pack(v), &bounds, &PATIENT, cancel))
+            .filter(usable)
+            .collect();
+        self.refine(problem, ends, REFINED_THOROUGHLY, 1e-4);
+    }
+
     /// Looks at the different ends' roughnesses again: a lobe that few poses meet has several.
     pub(super) fn rescan(&mut self, problem: &Problem<'_>) {
         let Some(best) = self.best() else {
@@ -345,6 +366,7 @@ impl<'p> Search<'p> {
             }
             let before = before.cost;
             self.thorough(problem);
+            self.anywhere(problem);
             self.rescan(problem);
             self.follow(problem);
             let deeper = self.best().is_some_and(|m| !same(before, m.cost));
