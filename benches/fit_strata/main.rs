@@ -2,7 +2,7 @@
 //! truth, do its intervals cover (in the stiff stratum: the profiles)?
 //!
 //! `cargo bench --bench fit_strata -- --stratum ordinary|stiff|paper|both --cases N --seed S`; the whole
-//! proof is `--stratum both --cases 10000`, some two hours of two cores. It ends with one line per
+//! proof is `--stratum both --cases 10000`, most of a day on two cores (it tells the time left). It ends with one line per
 //! requirement and fails (exit 1) where one is not met.
 //!
 //! The series are painted by the closed form that is fitted, so the model is exact and the
