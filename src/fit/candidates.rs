@@ -84,7 +84,9 @@ pub(super) fn plain(
     count: u32,
     seed: u32,
 ) -> Vec<Values> {
-    let signal: f64 = problem.set().observations.iter().map(|o| o.signal).sum();
+    // Over the stray light, which no gain multiplies.
+    let over = |sum: f64| sum - fallback.background * problem.set().observations.len() as f64;
+    let signal = over(problem.set().observations.iter().map(|o| o.signal).sum());
     let free = |quantity| problem.free().contains(&quantity);
     let shape = |k: u32| {
         let at = |dimension| f64::from(sample(k, dimension, seed));
@@ -94,8 +96,7 @@ pub(super) fn plain(
             v.rho_d = 0.8 * at(5);
         }
         if free(Quantity::Scale) {
-            let expected: f64 = problem.predicted(&v).iter().sum();
-            let factor = signal / expected;
+            let factor = signal / over(problem.predicted(&v).iter().sum());
             if factor.is_finite() && factor > 0.0 {
                 v.scale *= factor;
             }

@@ -146,3 +146,38 @@ fn a_stripe_runs_through_both_of_its_poses() {
         assert!((h.y * c - h.z * s).abs() < 1e-9, "pose {index}: {v:?}");
     }
 }
+
+#[test]
+fn what_nothing_recommends_is_as_bright_as_the_signals_and_from_all_over_the_box() {
+    let set = painted();
+    let (free, fixed) = free_quantities(&set, Variant::Sawtooth);
+    let problem = Problem::new(&set, Variant::Sawtooth, free, fixed);
+    let starts = plain(&problem, &fixed, 256, 7);
+    let signals: f64 = set.observations.iter().map(|o| o.signal).sum();
+    for v in &starts {
+        let sum: f64 = problem.predicted(v).iter().sum();
+        assert!(
+            (sum / signals - 1.0).abs() < 1e-9,
+            "{v:?}: {sum} of {signals}"
+        );
+    }
+    let spans = [
+        (
+            0.0,
+            62f64.to_radians(),
+            (|v| v.theta_r) as fn(&Values) -> f64,
+        ),
+        (-12f64.to_radians(), 12f64.to_radians(), |v| v.tilt_offset),
+        (ALPHA_MIN.ln(), 0.0, |v| v.alpha_u.ln()),
+        (ALPHA_MIN.ln(), 0.0, |v| v.alpha_v.ln()),
+        (0.0, 0.8, |v| v.rho_d),
+    ];
+    for (low, high, of) in spans {
+        // A tenth of them in each tenth of the span, but for what a Sobol set of 256 leaves uneven.
+        let mut tenths = [0; 10];
+        for v in &starts {
+            tenths[(10.0 * (of(v) - low) / (high - low)) as usize] += 1;
+        }
+        assert!(tenths.iter().all(|n| (20..=32).contains(n)), "{tenths:?}");
+    }
+}

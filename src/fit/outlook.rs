@@ -18,8 +18,8 @@ use super::problem::{Problem, Values};
 use super::profile::{bootstrap, profile};
 use super::report::COVERAGE_FACTOR;
 use super::search::{
-    CALM, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PLAIN, REFINED, REFINED_THOROUGHLY, RIVALS,
-    ROUGH, over_shapes, usable,
+    CALM, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PATIENT, PLAIN, REFINED, REFINED_THOROUGHLY,
+    RIVALS, ROUGH, over_shapes, usable,
 };
 use super::settle::{DOUBTFUL, NARROW_TRIALS, Settled, TRIALS};
 use super::solver::{Minimum, minimise};
@@ -36,8 +36,6 @@ const TRIED: usize = 8;
 const SCANNED: usize = 2;
 /// Descents of a thorough round for each of its starts: every third is descended twice.
 const DESCENTS: f64 = 4.0 / 3.0;
-/// What a descent from a start that nothing recommends costs, in descents from others.
-const PATIENCE: f64 = 1.5;
 /// Ends that a round's images lead to.
 const IMAGES: f64 = 7.0;
 /// Descents in settling an end again on other weights: such ends lie in valleys.
@@ -164,7 +162,7 @@ impl Look<'_> {
                 seconds += costs.thorough(later);
             }
             if persists {
-                let plain = PATIENCE * f64::from(PLAIN) * costs.rough_s;
+                let plain = f64::from(PLAIN) * costs.plain_s;
                 let each = costs.round(Effort::NOISE) + plain + FOLLOWED as f64 * costs.fine_s;
                 seconds += (CALM + BEFORE_CALM) as f64 * each;
             }
@@ -210,6 +208,12 @@ impl Look<'_> {
             ends.filter(usable).collect::<Vec<Minimum>>()
         });
         let bounds = problem.bounds();
+        let plain = candidates::plain(problem, fallback, TRIED as u32, self.options.seed);
+        let (_, plain_s) = self.timed(|| {
+            let patient =
+                |v: &Values| minimise(problem, &problem.pack(v), &bounds, &PATIENT, cancel);
+            plain.par_iter().map(patient).collect::<Vec<Minimum>>()
+        });
         let (_, refined_s) = self.timed(|| {
             let fine = |m: &Minimum| minimise(problem, &m.parameters, &bounds, &FINE, cancel);
             ends.par_iter().map(fine).collect::<Vec<Minimum>>()
@@ -219,6 +223,7 @@ impl Look<'_> {
             residuals: problem.residual_count(),
             judged_s: judged_s / judged,
             rough_s: descended_s / starts.len().max(1) as f64,
+            plain_s: plain_s / plain.len().max(1) as f64,
             fine_s: refined_s / ends.len().max(1) as f64,
         }
     }
@@ -272,6 +277,8 @@ struct Costs {
     judged_s: f64,
     /// A descent that only has to come near.
     rough_s: f64,
+    /// The same from a start that nothing recommends.
+    plain_s: f64,
     /// One whose end counts.
     fine_s: f64,
 }

@@ -45,7 +45,7 @@ pub(super) const ROUGH: Settings = Settings {
     ..Settings::DEFAULT
 };
 /// The same from a start that is nowhere near.
-const PATIENT: Settings = Settings {
+pub(super) const PATIENT: Settings = Settings {
     max_iterations: 200,
     ..ROUGH
 };

@@ -149,7 +149,7 @@ impl EscapeSlopes {
         let mirrored = |v: &[f32]| v.iter().map(|x| -x).collect::<Vec<f32>>();
         let of = |sign: f32, high: Vec<f32>, low: Vec<f32>| {
             let highest = high.iter().copied().fold(f32::NEG_INFINITY, greater);
-            let levels = Level::all(cells, cell_size, high.clone(), low);
+            let mut levels = Level::all(cells, cell_size, high, low);
             let ahead = |octant| {
                 // Compiled for each set of vector instructions; the bits are the same with all of them.
                 arch.dispatch(Ahead {
@@ -165,7 +165,7 @@ impl EscapeSlopes {
             EscapeSlopes {
                 per_height: Octant::all().map(ahead).collect(),
                 cell_size,
-                high,
+                high: levels.swap_remove(0).high,
                 highest: f64::from(highest),
             }
         };
@@ -263,15 +263,15 @@ impl pulp::WithSimd for Ahead<'_> {
     }
 }
 
-/// The greater of two numbers that are numbers.
+/// The greater of two numbers that are numbers, as heights are: `f32::max` looks out for others.
 #[inline(always)]
-fn greater(a: f32, b: f32) -> f32 {
+pub(super) fn greater(a: f32, b: f32) -> f32 {
     if b > a { b } else { a }
 }
 
 /// The smaller of two numbers that are numbers.
 #[inline(always)]
-fn lesser(a: f32, b: f32) -> f32 {
+pub(super) fn lesser(a: f32, b: f32) -> f32 {
     if b < a { b } else { a }
 }
 

@@ -21,7 +21,7 @@ pub struct Incidence<'a> {
     split: Split,
     turn: Turn,
     /// s of the frame of the hit.
-    pub s: V3,
+    s: V3,
 }
 
 /// Light that has left the surface.
@@ -151,16 +151,10 @@ impl<'a> Incidence<'a> {
         !self.boundary.is_transparent()
     }
 
-    /// A way on along `k` on a side, of `factor` times what a channel lets pass.
+    /// The way on to a side, of `factor` times what its channel lets pass.
     #[inline(always)]
-    fn passage<L: Light>(
-        &self,
-        channel: &Channel,
-        factor: f64,
-        side: Side,
-        k: &V3,
-        bins: &Finder,
-    ) -> Passage {
+    fn passage<L: Light>(&self, side: Side, factor: f64, bins: &Finder) -> Passage {
+        let (channel, k) = self.way(side);
         let channel = Channel {
             s: factor * channel.s,
             p: factor * channel.p,
@@ -168,14 +162,14 @@ impl<'a> Incidence<'a> {
             im: factor * channel.im,
         };
         let leave = if L::HAS_FRAME {
-            Turn::to_exit(k, &self.s, &self.walk.s)
+            Turn::to_exit(&k, &self.s, &self.walk.s)
         } else {
             Turn::NONE
         };
         Passage {
             leave,
-            power: L::after_hit(&self.turn, &self.s, &channel, 1.0).power(&self.walk.stokes),
-            bin: bins.bin(side, k) as u32,
+            power: self.after::<L>(&channel).power(&self.walk.stokes),
+            bin: bins.bin(side, &k) as u32,
             channel,
         }
     }
@@ -184,17 +178,15 @@ impl<'a> Incidence<'a> {
     #[inline(always)]
     #[must_use]
     pub fn facet<L: Light>(&self, bins: &Finder) -> Facet {
-        let (enters, split) = (self.enters(), &self.split);
+        let enters = self.enters();
         let share = if enters || self.absorbs() {
-            split.reflected.unpolarised()
+            self.split.reflected.unpolarised()
         } else {
             1.0
         };
-        let (up, down) = (1.0 / share, 1.0 / (1.0 - share));
-        let (k_up, k_down) = (self.reflected(), self.refracted());
-        let reflected = self.passage::<L>(&split.reflected, up, Side::Above, &k_up, bins);
+        let reflected = self.passage::<L>(Side::Above, 1.0 / share, bins);
         let refracted = if enters {
-            self.passage::<L>(&split.refracted, down, Side::Below, &k_down, bins)
+            self.passage::<L>(Side::Below, 1.0 / (1.0 - share), bins)
         } else {
             Passage {
                 channel: Channel::NONE,

@@ -19,7 +19,7 @@
 use pulp::Arch;
 use rayon::prelude::*;
 
-use super::escape::EscapeSlopes;
+use super::escape::{EscapeSlopes, greater, lesser};
 use super::vec3::{V3, unit};
 
 /// On which side of an interface light is.
@@ -131,11 +131,8 @@ impl HeightField {
                 ]);
             }
         }
-        let lowest = f64::from(rounded.iter().copied().fold(f32::INFINITY, f32::min));
-        let highest = f64::from(rounded.iter().copied().fold(f32::NEG_INFINITY, f32::max));
-        // Heights are numbers, so a plain comparison does: `f32::max` looks out for others.
-        let greater = |a: f32, b: f32| if b > a { b } else { a };
-        let lesser = |a: f32, b: f32| if b < a { b } else { a };
+        let lowest = f64::from(rounded.iter().copied().fold(f32::INFINITY, lesser));
+        let highest = f64::from(rounded.iter().copied().fold(f32::NEG_INFINITY, greater));
         let high: Vec<f32> = corners
             .iter()
             .map(|h| greater(greater(h[0], h[1]), greater(h[2], h[3])))
@@ -230,13 +227,13 @@ impl HeightField {
         const PER_DEGREE: f64 = 1000.0;
         const COUNT: usize = 90 * PER_DEGREE as usize + 1;
         // In a fixed number of parts, so that the sum is the same on any number of threads.
-        let parts: Vec<Vec<f64>> = (0..self.nx)
-            .collect::<Vec<_>>()
-            .par_chunks(self.nx.div_ceil(4))
-            .map(|rows| {
+        const PARTS: usize = 4;
+        let parts: Vec<Vec<f64>> = (0..PARTS)
+            .into_par_iter()
+            .map(|part| {
                 let mut areas = vec![0.0; COUNT];
-                for (i, j) in rows.iter().flat_map(|i| (0..self.ny).map(|j| (*i, j))) {
-                    for upper in [false, true] {
+                for i in part * self.nx / PARTS..(part + 1) * self.nx / PARTS {
+                    for (j, upper) in (0..self.ny).flat_map(|j| [(j, false), (j, true)]) {
                         let (sx, sy) = self.slopes(i, j, upper);
                         if sy < 0.0 {
                             let at = (-sy).atan().to_degrees() * PER_DEGREE;

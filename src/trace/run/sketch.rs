@@ -23,10 +23,8 @@ const GROWTH: u64 = 8;
 const ROUND_MAX: u64 = 1 << 12;
 /// Share of the photons by which there are more of them at the next look at the error.
 pub(super) const LOOK_SHARE: u64 = 4;
-/// Share of a batch that a sketch takes where a stop is an accident, and the smallest batch of which it is worth it: of
-/// smaller ones several are finished in less than a second.
+/// Share of a batch that a sketch takes where a stop is an accident.
 const SHARE: u64 = 8;
-const SHARE_MIN: u64 = 1 << 16;
 /// Share of the run that it takes where a stop is likely, and largest batches: from there on whole batches soon
 /// say more.
 const SHARE_ANY_TIME: (u64, u64) = (16, 16);
@@ -34,10 +32,7 @@ const SHARE_ANY_TIME: (u64, u64) = (16, 16);
 /// Photons that the sketch of a run of so many may have.
 pub(super) fn most(photons: u64, ending: Ending) -> u64 {
     match ending {
-        Ending::AtLast => match share(photons, batches(photons), 0) {
-            SHARE_MIN.. => share(photons, batches(photons), 0) / SHARE,
-            _ => 0,
-        },
+        Ending::AtLast => share(photons, batches(photons), 0) / SHARE,
         Ending::AnyTime | Ending::Within(_) => {
             let (of_run, largest) = SHARE_ANY_TIME;
             (photons / of_run).min(largest * BATCH_MAX)
