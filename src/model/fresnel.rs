@@ -115,7 +115,7 @@ pub(super) fn sin_squared(cos: f64) -> f64 {
 
 /// N² from which on q² is formed as (N² − 1) + cos², the one that keeps its digits for N near 1 at
 /// grazing; below it as N² − sin², the one that keeps them for N ≪ 1 near the critical angle.
-const RARE: f64 = 0.5;
+pub(super) const RARE: f64 = 0.5;
 
 /// q² = N² − sin² θ of a real relative index; `lift` is N² − 1.
 #[inline]

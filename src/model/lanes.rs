@@ -12,7 +12,7 @@ use pulp::bytemuck::cast;
 
 /// One number per pixel.
 #[derive(Clone, Copy)]
-pub(crate) struct Lane<S: Simd>(pub S, pub S::f64s);
+pub struct Lane<S: Simd>(pub S, pub S::f64s);
 
 /// One yes or no per pixel.
 #[derive(Clone, Copy)]

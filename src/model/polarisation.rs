@@ -24,6 +24,8 @@
 //! product. The refracted cosine is a root of a sum (k = 0) and 0 beyond the critical angle, at which it has half of the digits,
 //! as the root of what is left: an angle of refraction there is ill-conditioned itself.
 
+mod lanes;
+
 use nalgebra::{Complex, Matrix4, Vector4};
 
 use super::fresnel::{refracted, refracted_squared, sin_squared};
@@ -127,15 +129,15 @@ impl std::ops::Mul for Mueller {
 /// What a boundary does to a beam in the frame of the hit: powers of s and p, and the complex factor
 /// of the product E_s E_p*.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Channel {
+pub struct Channel<T = f64> {
     /// Power factor of s.
-    pub s: f64,
+    pub s: T,
     /// Power factor of p.
-    pub p: f64,
+    pub p: T,
     /// Re(r_s r_p*), or of t_s t_p* times the flux factor.
-    pub re: f64,
+    pub re: T,
     /// Im(r_s r_p*).
-    pub im: f64,
+    pub im: T,
 }
 
 impl Channel {
@@ -182,13 +184,13 @@ pub struct Boundary {
 
 /// What a hit on a [`Boundary`] gives.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Split {
+pub struct Split<T = f64> {
     /// The reflected part.
-    pub reflected: Channel,
+    pub reflected: Channel<T>,
     /// The refracted part; [`Channel::NONE`] under total reflection and into a metal.
-    pub refracted: Channel,
+    pub refracted: Channel<T>,
     /// Cosine of the angle of refraction; 0 under total reflection and into a metal.
-    pub cos_refracted: f64,
+    pub cos_refracted: T,
 }
 
 impl Boundary {

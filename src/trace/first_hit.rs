@@ -11,6 +11,9 @@ use super::vec3::{V3, combine, dot};
 use super::walk::Walk;
 use crate::model::polarisation::{Boundary, Channel, Split};
 
+/// Least cosine of incidence: rounding at grazing must not turn light away.
+pub(super) const GRAZING: f64 = 1e-12;
+
 /// The lamp's light on a smooth facet of the first interface.
 #[derive(Debug, Clone, Copy)]
 pub struct Incidence<'a> {
@@ -69,8 +72,7 @@ impl<'a> Incidence<'a> {
     #[must_use]
     pub fn of<L: Light>(walk: &'a Walk<'a>, m: &V3) -> Self {
         let boundary = &walk.stack.interfaces[0].from_above;
-        // Rounding at grazing must not turn it away.
-        let cos = (-dot(&walk.k, m)).max(1e-12);
+        let cos = (-dot(&walk.k, m)).max(GRAZING);
         let (turn, s) = if L::HAS_FRAME {
             Turn::to_hit(&walk.k, m, &walk.s)
         } else {
@@ -89,15 +91,13 @@ impl<'a> Incidence<'a> {
 
     /// Direction of the reflected light.
     #[inline(always)]
-    #[must_use]
-    pub fn reflected(&self) -> V3 {
+    fn reflected(&self) -> V3 {
         combine(1.0, &self.walk.k, 2.0 * self.cos, &self.m)
     }
 
     /// Direction of the refracted light, where there is any.
     #[inline(always)]
-    #[must_use]
-    pub fn refracted(&self) -> V3 {
+    fn refracted(&self) -> V3 {
         let ratio = self.boundary.snell_ratio();
         let along = ratio * self.cos - self.split.cos_refracted;
         combine(ratio, &self.walk.k, along, &self.m)

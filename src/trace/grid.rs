@@ -3,8 +3,11 @@
 //! Call [`Grid::bin`] with a direction of exit, or a [`Finder`]'s for many. Bins know nothing of what is counted in them
 //! ([`super::tally`]).
 
+use pulp::Simd;
+
 use super::height_field::Side;
 use super::vec3::V3;
+use crate::model::lanes::Lane;
 
 /// How the directions of a hemisphere fall into bins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -177,11 +180,57 @@ impl Finder {
             return self.grid.bin(side, k);
         };
         let sin = (k[0] * k[0] + k[1] * k[1]).sqrt();
-        let row = rows.at(sin / (sin + k[2].abs()));
-        let column = columns.at(quarters(k[0], k[1]));
-        match (row, column) {
-            (Some(row), Some(column)) => row * self.grid.n_phi + column + self.grid.first_of(side),
-            _ => self.grid.bin(side, k),
+        let place = Bearing {
+            tilt: sin / (sin + k[2].abs()),
+            turn: quarters(k[0], k[1]),
+        };
+        self.bin_at(rows, columns, side, place)
+            .unwrap_or_else(|| self.grid.bin(side, k))
+    }
+
+    /// The same where it is known already what a polar grid goes by ([`Bearing::of_each`]).
+    #[inline(always)]
+    #[must_use]
+    pub(super) fn bin_of(&self, side: Side, k: &V3, place: Bearing) -> usize {
+        let found = match &self.turns {
+            Some((rows, columns)) => self.bin_at(rows, columns, side, place),
+            None => None,
+        };
+        found.unwrap_or_else(|| self.grid.bin(side, k))
+    }
+
+    #[inline(always)]
+    fn bin_at(&self, rows: &Steps, columns: &Steps, side: Side, place: Bearing) -> Option<usize> {
+        let (row, column) = (rows.at(place.tilt)?, columns.at(place.turn)?);
+        Some(row * self.grid.n_phi + column + self.grid.first_of(side))
+    }
+}
+
+/// What rises with a direction's polar angle and azimuth: both in quarters of a turn, but not evenly.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bearing<T = f64> {
+    pub(super) tilt: T,
+    pub(super) turn: T,
+}
+
+impl<S: Simd> Bearing<Lane<S>> {
+    /// Of a register of directions; the same bits as of each alone.
+    #[inline(always)]
+    pub(super) fn of_each(simd: S, k: &[Lane<S>; 3]) -> Self {
+        macro_rules! k {
+            ($x:expr) => {
+                Lane::splat(simd, $x)
+            };
+        }
+        let [x, y, z] = *k;
+        let sin = (x * x + y * y).sqrt();
+        let (ax, ay) = (x.abs(), y.abs());
+        let (left, behind) = (x.less(k!(0.0)), y.less(k!(0.0)));
+        let part = behind.select(left.select(ay, ax), left.select(ax, ay)) / (ax + ay);
+        let whole = behind.select(left.select(k!(2.0), k!(3.0)), left.select(k!(1.0), k!(0.0)));
+        Bearing {
+            tilt: sin / (sin + z.abs()),
+            turn: whole + part,
         }
     }
 }

@@ -19,6 +19,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use super::beam;
+use super::facets::{self, Facets, Question};
 use super::first_hit::{Facet, Incidence};
 use super::grid::{Finder, Grid};
 use super::height_field::{Flight, HeightField, Side, Spot};
@@ -110,6 +111,7 @@ impl<'a> FirstHits<'a> {
             to_lamp: scaled(-1.0, &walk.k),
             single: walk.stack.interfaces.len() == 1,
             smooth: interface.roughness.is_none() && interface.diffuse.is_none(),
+            absorbs: !interface.from_above.is_transparent(),
             thorough: walk.method == Method::Split || photons / WORTH_A_LOOK >= 2 * cells as u64,
         };
         let known = Mutex::new(Known::new(grid, L::ELEMENTS));
@@ -401,6 +403,8 @@ struct Look<'a> {
     to_lamp: V3,
     single: bool,
     smooth: bool,
+    /// Whether what is not reflected is absorbed.
+    absorbs: bool,
     /// Whether it is worth finding out what is free, beyond what is plain.
     thorough: bool,
 }
@@ -419,13 +423,24 @@ impl<L: Light> pulp::WithSimd for Cells<'_, L> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        let (_, ny) = self.look.field.cells();
-        for cell in self.cells {
-            for upper in [false, true] {
-                let start = self.look.at::<L>(cell / ny, cell % ny, upper, self.batch);
-                if let Some(start) = start {
-                    self.starts.push(start);
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        let question = Question {
+            walk: self.look.walk,
+            field: self.look.field,
+            smooth: self.look.smooth,
+            counts: self.look.walk.method == Method::Split,
+        };
+        let mut both = [Facets::ROOM; 2];
+        for first in self.cells.clone().step_by(facets::CELLS) {
+            Facets::of::<L, S>(simd, &mut both, question, first);
+            for lane in 0..facets::CELLS.min(self.cells.end - first) {
+                for (upper, facets) in [(false, &both[0]), (true, &both[1])] {
+                    let start = self
+                        .look
+                        .at::<L>(first + lane, upper, facets, lane, self.batch);
+                    if let Some(start) = start {
+                        self.starts.push(start);
+                    }
                 }
             }
         }
@@ -438,24 +453,24 @@ impl Look<'_> {
     #[inline(always)]
     fn at<L: Light>(
         &self,
-        i: usize,
-        j: usize,
+        cell: usize,
         upper: bool,
+        facets: &Facets,
+        lane: usize,
         batch: &mut Batch,
     ) -> Option<(Start, f64)> {
         let (nx, ny) = self.field.cells();
-        let (sx, sy) = self.field.slopes(i, j, upper);
-        let k = &self.walk.k;
-        let facing = 0.5 * (-k[0] * sx - k[1] * sy + k[2]) / k[2];
+        let facing = facets.facing(lane);
         if facing <= 0.0 {
             return None;
         }
+        let (i, j) = (cell / ny, cell % ny);
         let lit = self.is_free(i, j, upper, Side::Above, &self.to_lamp, self.thorough);
         // What is not lit wholly needs photons in any case: split ones are followed both ways then.
         let thorough = self.thorough && (lit || self.walk.method == Method::Analog);
         let free = |side: Side, k: &V3| self.is_free(i, j, upper, side, k, thorough);
         let mut start = Start {
-            cell: (i * ny + j) as u32,
+            cell: cell as u32,
             upper,
             lit,
             reflected: Fate::Open,
@@ -464,13 +479,13 @@ impl Look<'_> {
         if !self.smooth {
             return Some((start, facing));
         }
-        let incidence = Incidence::of::<L>(self.walk, &unit(&[-sx, -sy, 1.0]));
-        let (away, into) = (incidence.reflected(), incidence.refracted());
+        let away = facets.direction(Side::Above, lane);
         if away[2] > 0.0 && free(Side::Above, &away) {
             start.reflected = Fate::Free;
         }
         // Nothing is refracted into a metal or under total reflection.
-        if !incidence.enters() {
+        let into = facets.direction(Side::Below, lane);
+        if !facets.enters(lane) {
             start.refracted = Fate::Done;
         } else if self.single && into[2] < 0.0 && free(Side::Below, &into) {
             start.refracted = Fate::Free;
@@ -482,11 +497,12 @@ impl Look<'_> {
                 (Side::Below, &mut start.refracted),
             ] {
                 if *fate == Fate::Free {
-                    let exit = incidence.leaves::<L>(side, weight, &self.bins);
-                    batch.count(&exit.light, exit.power, exit.bin, side, 1);
+                    let power = facets.power(side, lane);
+                    let bin = facets.bin(side, lane, &self.bins);
+                    batch.count_numbers::<L>(facets.numbers(side, lane), power, bin, side);
                     *fate = Fate::Done;
-                    if incidence.absorbs() {
-                        batch.absorb(weight - exit.power);
+                    if self.absorbs {
+                        batch.absorb(weight - power);
                     }
                 }
             }

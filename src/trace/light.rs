@@ -8,19 +8,22 @@
 //! is formed and none is halved. Where a beam meets its normal to within 1e-12 rad the frame of a hit is whatever it was: r_p = −r_s
 //! there to 1e-24, so the choice cannot be seen.
 
+use pulp::Simd;
+
 use super::vec3::{V3, cross, dot, scaled};
+use crate::model::lanes::Lane;
 use crate::model::polarisation::Channel;
 
 /// A turn of a beam's frame about the beam: cos and sin of twice its angle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Turn {
-    cos: f64,
-    sin: f64,
+pub struct Turn<T = f64> {
+    pub(super) cos: T,
+    pub(super) sin: T,
 }
 
 /// Below this sin² of the angle between beam and normal every frame is one of the hit: the two
 /// channels differ by less than rounding there.
-const STRAIGHT: f64 = 1e-24;
+pub(super) const STRAIGHT: f64 = 1e-24;
 
 impl Turn {
     /// None at all.
@@ -116,6 +119,28 @@ pub trait Light: Copy + Send + Sync {
         light.pass(channel, factor);
         light
     }
+
+    /// The same for a register of hits, turned on to the frame of exit: the power, and in the first
+    /// [`Light::ELEMENTS`] of `numbers` what [`Light::add_to`] would add.
+    fn leaves_each<S: Simd>(hits: &Leaving<S>, numbers: &mut [Lane<S>; ELEMENTS_MAX]) -> Lane<S>;
+}
+
+/// Most numbers of any kind of light.
+pub const ELEMENTS_MAX: usize = 18;
+
+/// A register of hits that light leaves one way.
+#[derive(Clone, Copy)]
+pub struct Leaving<S: Simd> {
+    pub(super) zero: Lane<S>,
+    pub(super) half: Lane<S>,
+    /// From the frame of launch to that of the hit,
+    pub(super) turn: Turn<Lane<S>>,
+    /// and from there to that of the exit.
+    pub(super) leave: Turn<Lane<S>>,
+    pub(super) channel: Channel<Lane<S>>,
+    pub(super) factor: Lane<S>,
+    /// The lamp's.
+    pub(super) stokes: [Lane<S>; 4],
 }
 
 /// A Mueller matrix by rows, and s of the current frame.
@@ -233,6 +258,50 @@ impl Light for Polarised {
             *b += x;
         }
     }
+
+    #[inline(always)]
+    fn leaves_each<S: Simd>(hits: &Leaving<S>, numbers: &mut [Lane<S>; ELEMENTS_MAX]) -> Lane<S> {
+        let Leaving {
+            zero,
+            half,
+            turn,
+            leave,
+            channel,
+            factor,
+            stokes,
+        } = *hits;
+        let half = half * factor;
+        let (a, b) = (
+            half * (channel.s + channel.p),
+            half * (channel.s - channel.p),
+        );
+        let (re, im) = (factor * channel.re, factor * channel.im);
+        let (q, u) = (
+            [b, a * turn.cos, a * turn.sin, zero],
+            [zero, -re * turn.sin, re * turn.cos, im],
+        );
+        let rows = [
+            a,
+            b * turn.cos,
+            b * turn.sin,
+            zero,
+            leave.cos * q[0],
+            leave.cos * q[1] + leave.sin * u[1],
+            leave.cos * q[2] + leave.sin * u[2],
+            leave.sin * u[3],
+            -(leave.sin * q[0]),
+            leave.cos * u[1] - leave.sin * q[1],
+            leave.cos * u[2] - leave.sin * q[2],
+            leave.cos * u[3],
+            zero,
+            im * turn.sin,
+            -im * turn.cos,
+            re,
+        ];
+        numbers[..rows.len()].copy_from_slice(&rows);
+        let [m00, m01, m02, m03] = [rows[0], rows[1], rows[2], rows[3]];
+        m00 * stokes[0] + m01 * stokes[1] + m02 * stokes[2] + m03 * stokes[3]
+    }
 }
 
 /// A weight: light whose polarisation is not followed.
@@ -276,6 +345,13 @@ impl Light for Scalar {
     #[inline]
     fn add_to(&self, bin: &mut [f64]) {
         bin[0] += self.0;
+    }
+
+    #[inline(always)]
+    fn leaves_each<S: Simd>(hits: &Leaving<S>, numbers: &mut [Lane<S>; ELEMENTS_MAX]) -> Lane<S> {
+        let Channel { s, p, .. } = hits.channel;
+        numbers[0] = hits.factor * (hits.half * (s + p));
+        numbers[0] * hits.stokes[0]
     }
 }
 

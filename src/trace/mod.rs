@@ -20,6 +20,7 @@ mod exact;
 #[cfg(test)]
 mod extreme_tests;
 pub mod facet;
+mod facets;
 pub mod first_hit;
 pub mod grid;
 pub mod height_field;

@@ -5,8 +5,11 @@
 //! drops out of the difference. Ways are drawn by the mean of both shares, so neither weight
 //! can grow beyond twice its share: each of the two is an unbiased result of its own.
 
-use super::light::{Light, Polarised, Scalar, Turn};
+use pulp::Simd;
+
+use super::light::{ELEMENTS_MAX, Leaving, Light, Polarised, Scalar, Turn};
 use super::vec3::V3;
+use crate::model::lanes::Lane;
 use crate::model::polarisation::Channel;
 
 /// A Mueller matrix and a scalar weight. A bin holds the matrix, the scalar, and m00 less the scalar (whose
@@ -73,5 +76,14 @@ impl Light for Paired {
         self.polarised.add_to(&mut bin[..SCALAR]);
         self.scalar.add_to(&mut bin[SCALAR..DIFFERENCE]);
         bin[DIFFERENCE] += self.polarised.weight() - self.scalar.weight();
+    }
+    #[inline(always)]
+    fn leaves_each<S: Simd>(hits: &Leaving<S>, numbers: &mut [Lane<S>; ELEMENTS_MAX]) -> Lane<S> {
+        Scalar::leaves_each(hits, numbers);
+        let scalar = numbers[0];
+        let power = Polarised::leaves_each(hits, numbers);
+        numbers[SCALAR] = scalar;
+        numbers[DIFFERENCE] = numbers[0] - scalar;
+        power
     }
 }

@@ -3,14 +3,17 @@
 //! Call [`pilot`]. Polarised and scalar light meet the same facets with the same random numbers, so
 //! their difference is known far better than either of them, from few photons.
 
+use pulp::Simd;
+
 use super::grid::Grid;
 use super::height_field::Side;
-use super::light::{Light, Polarised, Scalar, Turn};
+use super::light::{ELEMENTS_MAX, Leaving, Light, Polarised, Scalar, Turn};
 use super::run::trace_briefly;
 use super::scene::Prepared;
 use super::surface::Relief;
 use super::tally::{Estimate, ORDERS};
 use super::vec3::V3;
+use crate::model::lanes::Lane;
 use crate::model::polarisation::Channel;
 
 /// Scalar light, and beside it polarised light of the same lamp.
@@ -63,6 +66,14 @@ impl Light for Accompanied {
     fn add_to(&self, bin: &mut [f64]) {
         bin[0] += self.scalar.weight();
         bin[1] += self.polarised.weight() - self.scalar.weight();
+    }
+    #[inline(always)]
+    fn leaves_each<S: Simd>(hits: &Leaving<S>, numbers: &mut [Lane<S>; ELEMENTS_MAX]) -> Lane<S> {
+        Polarised::leaves_each(hits, numbers);
+        let polarised = numbers[0];
+        let power = Scalar::leaves_each(hits, numbers);
+        numbers[1] = polarised - numbers[0];
+        power
     }
 }
 

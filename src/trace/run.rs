@@ -383,7 +383,7 @@ pub fn traced_until(photons: u64, needed: u64) -> u64 {
     sketch + needed.div_ceil(looked).saturating_mul(looked).min(photons)
 }
 
-fn walk_of(prepared: &Prepared) -> Walk<'_> {
+pub(super) fn walk_of(prepared: &Prepared) -> Walk<'_> {
     Walk {
         stack: &prepared.stack,
         method: prepared.method,

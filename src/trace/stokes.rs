@@ -3,8 +3,11 @@
 //! Where the lamp is unpolarised and the camera blind to polarisation, the first column of the
 //! Mueller matrix is all that the next bounces need, at a quarter of the work.
 
-use super::light::{Light, Turn};
+use pulp::Simd;
+
+use super::light::{ELEMENTS_MAX, Leaving, Light, Turn};
 use super::vec3::V3;
+use crate::model::lanes::Lane;
 use crate::model::polarisation::Channel;
 
 /// The Stokes vector (I, Q, U, V) of light that was launched unpolarised with I = 1, and s of its
@@ -84,6 +87,17 @@ impl Light for Stokes {
         for (sum, x) in bin.iter_mut().zip([self.i, self.q, self.u, self.v]) {
             *sum += x;
         }
+    }
+
+    #[inline(always)]
+    fn leaves_each<S: Simd>(hits: &Leaving<S>, numbers: &mut [Lane<S>; ELEMENTS_MAX]) -> Lane<S> {
+        let (channel, half) = (hits.channel, hits.half * hits.factor);
+        let q = half * (channel.s - channel.p);
+        numbers[0] = half * (channel.s + channel.p);
+        numbers[1] = hits.leave.cos * q;
+        numbers[2] = -(hits.leave.sin * q);
+        numbers[3] = hits.zero;
+        numbers[0] * hits.stokes[0]
     }
 }
 

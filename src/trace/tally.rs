@@ -59,11 +59,37 @@ impl Batch {
         side: Side,
         interactions: u32,
     ) {
+        light.add_to(self.slot::<L>(bin));
+        self.book(power, side, interactions);
+    }
+
+    /// The same of light after one interaction, whose numbers are given.
+    #[inline(always)]
+    pub(super) fn count_numbers<L: Light>(
+        &mut self,
+        numbers: impl Iterator<Item = f64>,
+        power: f64,
+        bin: usize,
+        side: Side,
+    ) {
+        for (sum, x) in self.slot::<L>(bin).iter_mut().zip(numbers) {
+            *sum += x;
+        }
+        self.book(power, side, 1);
+    }
+
+    /// The numbers of a bin in which something is counted.
+    #[inline(always)]
+    fn slot<L: Light>(&mut self, bin: usize) -> &mut [f64] {
         if self.hits[bin] == 0 {
             self.touched.push(bin as u32);
         }
         self.hits[bin] += 1;
-        light.add_to(&mut self.bins[bin * L::ELEMENTS..(bin + 1) * L::ELEMENTS]);
+        &mut self.bins[bin * L::ELEMENTS..(bin + 1) * L::ELEMENTS]
+    }
+
+    #[inline(always)]
+    fn book(&mut self, power: f64, side: Side, interactions: u32) {
         let order = (interactions as usize).clamp(1, ORDERS) - 1;
         match side {
             Side::Above => {

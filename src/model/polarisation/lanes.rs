@@ -1,0 +1,294 @@
+//! [`Boundary::at`] for a register of hits at once.
+//!
+//! The same operations in the same order, none of them fused: the same bits, whatever the register. Branches of single hits are
+//! choices between lanes, so a lane's unused side may be infinite or no number.
+
+use nalgebra::Complex;
+use pulp::Simd;
+
+use super::{Boundary, Channel, Split};
+use crate::model::fresnel::RARE;
+use crate::model::lanes::Lane;
+
+/// A complex number per lane.
+#[derive(Clone, Copy)]
+struct Pair<S: Simd> {
+    re: Lane<S>,
+    im: Lane<S>,
+}
+
+impl<S: Simd> Pair<S> {
+    #[inline(always)]
+    fn splat(simd: S, z: Complex<f64>) -> Self {
+        Pair {
+            re: Lane::splat(simd, z.re),
+            im: Lane::splat(simd, z.im),
+        }
+    }
+
+    #[inline(always)]
+    fn plus(self, real: Lane<S>) -> Self {
+        Pair {
+            re: self.re + real,
+            im: self.im,
+        }
+    }
+
+    #[inline(always)]
+    fn scaled(self, by: Lane<S>) -> Self {
+        Pair {
+            re: self.re * by,
+            im: self.im * by,
+        }
+    }
+
+    #[inline(always)]
+    fn times(self, other: Self) -> Self {
+        Pair {
+            re: self.re * other.re - self.im * other.im,
+            im: self.re * other.im + self.im * other.re,
+        }
+    }
+
+    #[inline(always)]
+    fn conj(self) -> Self {
+        Pair {
+            re: self.re,
+            im: -self.im,
+        }
+    }
+
+    #[inline(always)]
+    fn norm_sqr(self) -> Lane<S> {
+        self.re * self.re + self.im * self.im
+    }
+
+    #[inline(always)]
+    fn inverse(self, one: Lane<S>) -> Self {
+        self.conj().scaled(one / self.norm_sqr())
+    }
+
+    #[inline(always)]
+    fn over(self, other: Self) -> Self {
+        let square = other.norm_sqr();
+        Pair {
+            re: (self.re * other.re + self.im * other.im) / square,
+            im: (self.im * other.re - self.re * other.im) / square,
+        }
+    }
+
+    #[inline(always)]
+    fn principal_sqrt(self, zero: Lane<S>, half: Lane<S>) -> Self {
+        let modulus = self.norm_sqr().sqrt();
+        let behind = self.re.less(zero);
+        let turned = behind.select(-self.re, self.re);
+        let large = (half * (modulus + turned)).sqrt();
+        let small = half * self.im / large;
+        let some = zero.less(modulus);
+        Pair {
+            re: some.select(behind.select(small, large), zero),
+            im: some.select(behind.select(large, small), zero),
+        }
+    }
+}
+
+impl Boundary {
+    /// Reflection and refraction at each of some cosines in (0, 1].
+    #[inline(always)]
+    pub(crate) fn at_each<S: Simd>(&self, simd: S, cos: Lane<S>) -> Split<Lane<S>> {
+        if self.transparent {
+            self.divides(simd, cos)
+        } else {
+            self.reflects(simd, cos)
+        }
+    }
+
+    #[inline(always)]
+    fn divides<S: Simd>(&self, simd: S, cos: Lane<S>) -> Split<Lane<S>> {
+        macro_rules! k {
+            ($x:expr) => {
+                Lane::splat(simd, $x)
+            };
+        }
+        let (zero, one) = (k!(0.0), k!(1.0));
+        let (n, n2, lift) = (self.relative.re, self.squared.re, self.lift.re);
+        let sin_squared = (one - cos) * (one + cos);
+        let q2 = if n2 < RARE {
+            k!(n2) - sin_squared
+        } else {
+            k!(lift) + cos * cos
+        };
+        let passes = zero.less(q2);
+        let q = passes.select(q2, one).sqrt();
+        let (sum_s, sum_p) = (cos + q, k!(n2) * cos + q);
+        let r_s = k!(-lift) / (sum_s * sum_s);
+        let r_p = k!(lift) * (k!(n2) * cos * cos - sin_squared) / (sum_p * sum_p);
+        let (t_s, t_p) = (k!(2.0) * cos / sum_s, k!(2.0 * n) * cos / sum_p);
+        let flux = q / cos;
+        let mut reflected = Channel {
+            s: r_s * r_s,
+            p: r_p * r_p,
+            re: r_s * r_p,
+            im: zero,
+        };
+        if lift < 0.0 {
+            let q = passes.select(zero, -q2).sqrt();
+            let n2c = k!(n2) * cos;
+            let (above, below) = (Pair { re: cos, im: -q }, Pair { re: cos, im: q });
+            let (beside, beneath) = (Pair { re: n2c, im: q }, Pair { re: n2c, im: -q });
+            let z = above.times(beside).over(below.times(beneath));
+            reflected = Channel {
+                s: passes.select(reflected.s, one),
+                p: passes.select(reflected.p, one),
+                re: passes.select(reflected.re, z.re),
+                im: passes.select(zero, z.im),
+            };
+        }
+        Split {
+            reflected,
+            refracted: Channel {
+                s: passes.select(flux * t_s * t_s, zero),
+                p: passes.select(flux * t_p * t_p, zero),
+                re: passes.select(flux * t_s * t_p, zero),
+                im: zero,
+            },
+            cos_refracted: passes.select(q / k!(n), zero),
+        }
+    }
+
+    #[inline(always)]
+    fn reflects<S: Simd>(&self, simd: S, cos: Lane<S>) -> Split<Lane<S>> {
+        let (zero, one, half) = (
+            Lane::splat(simd, 0.0),
+            Lane::splat(simd, 1.0),
+            Lane::splat(simd, 0.5),
+        );
+        let (squared, lift) = (
+            Pair::splat(simd, self.squared),
+            Pair::splat(simd, self.lift),
+        );
+        let sin_squared = (one - cos) * (one + cos);
+        let q = if self.squared.re.abs() < RARE {
+            squared.plus(-sin_squared)
+        } else {
+            lift.plus(cos * cos)
+        };
+        let q = q.principal_sqrt(zero, half);
+        let over_s = q.plus(cos).inverse(one);
+        let over_p = {
+            let turned = squared.scaled(cos);
+            Pair {
+                re: turned.re + q.re,
+                im: turned.im + q.im,
+            }
+        };
+        let over_p = over_p.inverse(one);
+        let brewster = squared.scaled(cos * cos).plus(-sin_squared);
+        let less = Pair {
+            re: -lift.re,
+            im: -lift.im,
+        };
+        let r_s = less.times(over_s).times(over_s);
+        let r_p = lift.times(over_p).times(brewster.times(over_p));
+        let z = r_s.times(r_p.conj());
+        Split {
+            reflected: Channel {
+                s: r_s.norm_sqr().min(one),
+                p: r_p.norm_sqr().min(one),
+                re: z.re,
+                im: z.im,
+            },
+            refracted: Channel {
+                s: zero,
+                p: zero,
+                re: zero,
+                im: zero,
+            },
+            cos_refracted: zero,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pulp::{Arch, WithSimd};
+
+    struct All<'a>(&'a Boundary, &'a [f64]);
+
+    impl WithSimd for All<'_> {
+        type Output = Vec<[f64; 9]>;
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+            let width = Lane::<S>::WIDTH;
+            let mut room = vec![0.0; 9 * width];
+            let mut all = Vec::new();
+            for at in 0..self.1.len() / width {
+                let split = self.0.at_each(simd, Lane::load(simd, self.1, at));
+                let (r, t) = (split.reflected, split.refracted);
+                let lanes = [
+                    r.s,
+                    r.p,
+                    r.re,
+                    r.im,
+                    t.s,
+                    t.p,
+                    t.re,
+                    t.im,
+                    split.cos_refracted,
+                ];
+                for (n, lane) in lanes.into_iter().enumerate() {
+                    lane.store(&mut room, n);
+                }
+                all.extend((0..width).map(|l| std::array::from_fn(|n| room[n * width + l])));
+            }
+            all
+        }
+    }
+
+    #[test]
+    fn every_lane_has_the_bits_of_a_single_hit() {
+        let mut cosines: Vec<f64> = (1..=800).map(|n| f64::from(n) / 800.0).collect();
+        cosines.extend([
+            1e-12,
+            1e-9,
+            1e-5,
+            0.745_355_992_499_929_9,
+            1.0,
+            1.0,
+            0.5,
+            0.5,
+        ]);
+        for (here, n, k) in [
+            (1.0, 1.5, 0.0),
+            (1.5, 1.0, 0.0),
+            (2.4, 1.0, 0.0),
+            (1.0, 1.0, 0.0),
+            (1.0, 1.0 + 1e-9, 0.0),
+            (1.0, 0.18, 3.4),
+            (1.0, 2.9, 3.1),
+            (1.0, 0.3, 1e-3),
+            (1.5, 0.05, 0.2),
+        ] {
+            let boundary = Boundary::new(here, n, k);
+            let found = Arch::new().dispatch(All(&boundary, &cosines));
+            assert_eq!(found.len(), cosines.len());
+            for (cos, found) in cosines.iter().zip(found) {
+                let split = boundary.at(*cos);
+                let (r, t) = (split.reflected, split.refracted);
+                let expected = [
+                    r.s,
+                    r.p,
+                    r.re,
+                    r.im,
+                    t.s,
+                    t.p,
+                    t.re,
+                    t.im,
+                    split.cos_refracted,
+                ];
+                assert_eq!(found, expected, "{here} {n} {k} at {cos}");
+            }
+        }
+    }
+}
