@@ -91,7 +91,12 @@ pub(super) fn plain(
     let shape = |k: u32| {
         let at = |dimension| f64::from(sample(k, dimension, seed));
         let mut v = anywhere(fallback, k, &at);
-        v.tilt_offset = (at(2) - 0.5) * 2.0 * 12f64.to_radians();
+        let span = |dimension, half_deg: f64| (at(dimension) - 0.5) * 2.0 * half_deg.to_radians();
+        // Where minima are many, those of a sample mounted as it should be come first.
+        if !k.is_multiple_of(6) {
+            v.azimuth_offset = span(1, 11.0);
+        }
+        v.tilt_offset = span(2, 11.0);
         if free(Quantity::RhoD) {
             v.rho_d = 0.8 * at(5);
         }

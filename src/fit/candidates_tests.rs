@@ -167,7 +167,7 @@ fn what_nothing_recommends_is_as_bright_as_the_signals_and_from_all_over_the_box
             62f64.to_radians(),
             (|v| v.theta_r) as fn(&Values) -> f64,
         ),
-        (-12f64.to_radians(), 12f64.to_radians(), |v| v.tilt_offset),
+        (-11f64.to_radians(), 11f64.to_radians(), |v| v.tilt_offset),
         (ALPHA_MIN.ln(), 0.0, |v| v.alpha_u.ln()),
         (ALPHA_MIN.ln(), 0.0, |v| v.alpha_v.ln()),
         (0.0, 0.8, |v| v.rho_d),
@@ -180,4 +180,7 @@ fn what_nothing_recommends_is_as_bright_as_the_signals_and_from_all_over_the_box
         }
         assert!(tenths.iter().all(|n| (20..=32).contains(n)), "{tenths:?}");
     }
+    let beside = |v: &&Values| v.azimuth_offset.abs() > 11f64.to_radians();
+    let turned = starts.iter().filter(beside).count();
+    assert!((30..=43).contains(&turned), "{turned}");
 }

@@ -63,6 +63,8 @@ pub(super) const CALM: usize = 5;
 const PERSISTENT_ROUNDS: usize = 24;
 /// Starts of such a round that nothing recommends.
 pub(super) const PLAIN: u32 = 256;
+/// Of so many such rounds one looks at promising starts as well.
+pub(super) const PROMISING_EVERY: usize = 2;
 /// Standard uncertainty of an angle (rad) or a ln α above which the data leave the surface open.
 const OPEN: f64 = 0.1;
 /// Near minima that are remembered.
@@ -357,7 +359,7 @@ impl<'p> Search<'p> {
     /// by looking on until [`CALM`] rounds in a row find none deeper.
     pub(super) fn persist(&mut self, problem: &Problem<'_>) {
         let mut calm = 0;
-        for _ in 0..PERSISTENT_ROUNDS {
+        for round in 0..PERSISTENT_ROUNDS {
             let Some(before) = self.best() else {
                 return;
             };
@@ -365,9 +367,11 @@ impl<'p> Search<'p> {
                 return;
             }
             let before = before.cost;
-            self.thorough(problem);
             self.anywhere(problem);
-            self.rescan(problem);
+            if round.is_multiple_of(PROMISING_EVERY) {
+                self.thorough(problem);
+                self.rescan(problem);
+            }
             self.follow(problem);
             let deeper = self.best().is_some_and(|m| !same(before, m.cost));
             calm = if deeper { 0 } else { calm + 1 };
