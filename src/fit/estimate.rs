@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::misfit::{explained, lightened, loss_weights, peak};
 use super::opening::{Opening, THOROUGH_ROUNDS};
 use super::problem::{Problem, Quantity, Values};
-use super::search::{Late, Search, StartReport};
+use super::search::{Late, Search, StartReport, many_minima};
 use super::settle::{Settled, Weighing, with_tier};
 use super::solver::{Ending, Minimum, Settings};
 use super::thin::{self, Thinned};
@@ -295,7 +295,10 @@ fn with_less_misfit<'a>(
             None => break,
         }
     }
-    if settled.discrepancy == 0.0 && settled.open() && !search.over() {
+    if settled.discrepancy == 0.0
+        && many_minima(&settled.problem, &settled.minimum)
+        && !search.over()
+    {
         search.noise_alone(&settled);
         search.persist(&settled.problem);
         settled.minimum = search.best().cloned().unwrap_or(settled.minimum);

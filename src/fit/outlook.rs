@@ -19,7 +19,7 @@ use super::profile::{bootstrap, profile};
 use super::report::COVERAGE_FACTOR;
 use super::search::{
     CALM, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PATIENT, PLAIN, PROMISING_EVERY, REFINED,
-    REFINED_THOROUGHLY, RIVALS, ROUGH, over_shapes, usable,
+    REFINED_THOROUGHLY, RIVALS, ROUGH, many_minima, over_shapes, usable,
 };
 use super::settle::{DOUBTFUL, NARROW_TRIALS, Settled, TRIALS};
 use super::solver::{Minimum, minimise};
@@ -148,7 +148,7 @@ impl Look<'_> {
         let misfit = options.misfit;
         let demands = misfit && settled.doubted();
         let again = misfit && tier.is_some() && settled.narrow();
-        let persists = open && (noise_alone || !misfit);
+        let persists = many_minima(&settled.problem, &settled.minimum) && (noise_alone || !misfit);
         let mut seconds = opened_s + looked_s + settled_s;
         if rounds > 0 || demands || again || persists {
             let costs = self.costs(&opening.problem, &opening.fixed);

@@ -67,6 +67,8 @@ pub(super) const PLAIN: u32 = 256;
 pub(super) const PROMISING_EVERY: usize = 2;
 /// Standard uncertainty of an angle (rad) or a ln α above which the data leave the surface open.
 const OPEN: f64 = 0.1;
+/// χ² that a constant leaves of the signals, below which they are faint.
+const FAINT: f64 = 400.0;
 /// Near minima that are remembered.
 pub(super) const RIVALS: usize = 8;
 
@@ -363,7 +365,7 @@ impl<'p> Search<'p> {
             let Some(before) = self.best() else {
                 return;
             };
-            if calm == CALM || determined(problem, before) || self.over() {
+            if calm == CALM || !many_minima(problem, before) || self.over() {
                 return;
             }
             let before = before.cost;
@@ -568,6 +570,28 @@ pub(super) fn over_shapes(
         end.parameters = shapes.whole(&end.parameters);
     }
     end
+}
+
+/// Whether there may be deeper minima far from an end that leaves no misfit: the data do not determine the surface there,
+/// or hardly anything stands out of their noise.
+pub(super) fn many_minima(problem: &Problem<'_>, end: &Minimum) -> bool {
+    !determined(problem, end) || faint(problem)
+}
+
+/// Whether the signals differ from each other by so little that noise makes minima as deep as light does.
+fn faint(problem: &Problem<'_>) -> bool {
+    let signals = problem.set().observations.iter().map(|o| o.signal);
+    let weighed = signals
+        .zip(problem.sigma())
+        .map(|(x, s)| (x, 1.0 / (s * s)));
+    let (weight, sum) = weighed
+        .clone()
+        .fold((0.0, 0.0), |(w, t), (x, v)| (w + v, t + v * x));
+    let mean = sum / weight;
+    weighed
+        .map(|(x, v)| v * (x - mean) * (x - mean))
+        .sum::<f64>()
+        < FAINT
 }
 
 /// Whether the data determine the surface near an end.
