@@ -8,6 +8,7 @@ use crate::model::flat_stack::{FlatStack, StackReflectance};
 use crate::trace::pilot::{Pilot, effort, pilot};
 use crate::trace::scene::{LeftOut, Prepared, Scene};
 use crate::trace::tally::ORDERS;
+use crate::trace::walk::Method;
 
 /// What the user wants from a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,6 +33,8 @@ const PILOT_PHOTONS: (u64, u64) = (500, 20_000);
 const PILOT_GROWTH: u64 = 2;
 /// What none of n photons met happens to fewer than this many of n, nineteen times out of twenty.
 const UNSEEN: f64 = 3.0;
+/// Share of an error by counting that split photons have left: a thousandth or two for reflections off rough plastic.
+const SPLIT_SHARE: f64 = 1e-3;
 /// A pilot for the bounces alone takes no more than one photon in so many.
 const SELDOM_SHARE: u64 = 50;
 /// Share of the tolerance that bounces may cost at most, so that all decisions together keep to it.
@@ -60,7 +63,7 @@ pub fn plan(scene: &Scene, prepared: &Prepared, wish: &Wish) -> Plan {
         let (usual, dear) = (most(PILOT_SHARE), most(LIKELY_SHARE));
         let mut seen = pilot(prepared, PILOT_PHOTONS.0.min(prepared.photons), 0);
         for number in 1.. {
-            let tolerance = tolerance_of(wish, Some(&seen));
+            let tolerance = tolerance_of(wish, Some(&seen), prepared.method());
             let likely = open && may_turn_out(&seen, tolerance, dear, LIKELY);
             let hopeful = likely || open && may_turn_out(&seen, tolerance, usual, 0.0);
             let most = if likely { dear } else { usual };
@@ -76,7 +79,7 @@ pub fn plan(scene: &Scene, prepared: &Prepared, wish: &Wish) -> Plan {
         }
         seen
     });
-    let tolerance = tolerance_of(wish, seen.as_ref());
+    let tolerance = tolerance_of(wish, seen.as_ref(), prepared.method());
     let polarisation = polarisation(&known, seen.as_ref(), tolerance);
     let spent = match (polarisation.included, polarisation.cost) {
         (false, Some(cost)) => cost,
@@ -135,19 +138,26 @@ struct Known {
 }
 
 /// Relative error that the plan as a whole may cost.
-fn tolerance_of(wish: &Wish, seen: Option<&Pilot>) -> f64 {
+fn tolerance_of(wish: &Wish, seen: Option<&Pilot>, method: Method) -> f64 {
     match (seen, wish.photons) {
-        (Some(p), Some(run)) => wish.tolerance.min(own_error(p, run)),
+        (Some(p), Some(run)) => wish.tolerance.min(own_error(p, run, method)),
         _ => wish.tolerance,
     }
 }
 
-/// What leaving polarisation out costs, at least and at most: two standard errors either way.
+/// What leaving polarisation out costs, at least and at most: two standard errors either way. A pilot that met no light
+/// of two reflections tells of no difference, whatever there is.
 fn difference(p: &Pilot) -> (f64, f64) {
     let d = p.reflected_difference;
     let per = 1.0 / p.reflected.value.max(f64::MIN_POSITIVE);
     let (value, spread) = (d.value.abs(), 2.0 * d.std);
-    ((value - spread) * per, (value + spread) * per)
+    let single = p.by_interactions[0][1..].iter().all(|e| e.value == 0.0);
+    let unmet = if single {
+        unseen(p, p.reflected.value)
+    } else {
+        0.0
+    };
+    ((value - spread) * per, (value + spread) * per + unmet)
 }
 
 /// Whether a pilot leaves open if polarisation matters, and with `photons` in all would tell that it does not,
@@ -190,10 +200,15 @@ fn flat_stack(scene: &Scene) -> Option<StackReflectance> {
     stack.reflect(scene.light.theta_i_deg.to_radians()).ok()
 }
 
-/// Relative standard error of the reflected energy that a run of so many photons will have.
-fn own_error(pilot: &Pilot, photons: u64) -> f64 {
+/// Relative standard error of the reflected energy that a run of so many photons will have, or less: of split photons only
+/// the light of several reflections is left to chance, and of that their starts are spread evenly.
+fn own_error(pilot: &Pilot, photons: u64, method: Method) -> f64 {
     let ratio = pilot.photons as f64 / photons.max(1) as f64;
-    pilot.reflected.std / pilot.reflected.value.max(f64::MIN_POSITIVE) * ratio.sqrt()
+    let counted = pilot.reflected.std / pilot.reflected.value.max(f64::MIN_POSITIVE) * ratio.sqrt();
+    match method {
+        Method::Analog => counted,
+        Method::Split => SPLIT_SHARE * counted,
+    }
 }
 
 /// Why polarisation is part of the question itself.

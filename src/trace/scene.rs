@@ -213,6 +213,12 @@ pub struct RidgeAngle {
 }
 
 impl Prepared {
+    /// How chance is used.
+    #[must_use]
+    pub fn method(&self) -> Method {
+        self.method
+    }
+
     /// Gives photons up after `limit` interactions, if the scene does not do so earlier.
     pub fn give_up_after(&mut self, limit: u32) {
         self.interactions_max = self.interactions_max.min(limit);
@@ -482,7 +488,7 @@ impl Scene {
             return Err(value("light.phi_i_deg", light.phi_i_deg, "must be finite"));
         }
         positive("light.wavelength_nm", light.wavelength_nm)?;
-        positive("n_top", self.n_top)?;
+        index("n_top", self.n_top)?;
         let [i, q, u, v] = light.stokes;
         let polarised = (q * q + u * u + v * v).sqrt();
         if !(i > 0.0 && i.is_finite() && polarised <= i * (1.0 + 1e-9)) {
@@ -525,10 +531,10 @@ impl Scene {
                     shape: shape.shape.clone(),
                     key: "below.n",
                 })?;
-                positive(&key("n"), n)?;
+                index(&key("n"), n)?;
                 let k = number_of("k")?.unwrap_or(0.0);
-                if !(k >= 0.0 && k.is_finite()) {
-                    return Err(value(&key("k"), k, "must be 0 or more"));
+                if !(0.0..=*INDEX_RANGE.end()).contains(&k) {
+                    return Err(value(&key("k"), k, "must lie from 0 to 1e30"));
                 }
                 let rho_d = number_of("rho_d")?;
                 if let Some(rho) = rho_d {
@@ -609,6 +615,18 @@ fn value(key: &str, value: impl std::fmt::Display, expected: &'static str) -> Sc
         key: key.to_owned(),
         value: value.to_string(),
         expected,
+    }
+}
+
+/// Indices beyond any medium's, whose powers numbers do not hold.
+const INDEX_RANGE: std::ops::RangeInclusive<f64> = 1e-30..=1e30;
+
+fn index(key: &str, x: f64) -> Result<(), SceneError> {
+    positive(key, x)?;
+    if INDEX_RANGE.contains(&x) {
+        Ok(())
+    } else {
+        Err(value(key, x, "a refractive index lies from 1e-30 to 1e30"))
     }
 }
 
