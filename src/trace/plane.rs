@@ -27,10 +27,9 @@ pub fn plane(totals: &Totals, phi_i_deg: f64) -> Option<Vec<Direction>> {
     for (sign, plane_deg) in [(-1.0, phi_i_deg), (1.0, phi_i_deg + 180.0)] {
         for row in 0..grid.n_theta {
             let bins = beside(grid.n_phi, plane_deg).map(|column| row * grid.n_phi + column);
-            let bins: Vec<usize> = bins
-                .filter(|&bin| !totals.is_empty(Side::Above, bin))
-                .collect();
-            if bins.is_empty() {
+            let bins: Vec<usize> = bins.collect();
+            // Of two, one without light is dark, not unknown.
+            if bins.iter().all(|&bin| totals.is_empty(Side::Above, bin)) {
                 continue;
             }
             let n = bins.len() as f64;
@@ -68,4 +67,33 @@ fn beside(n_phi: usize, phi_deg: f64) -> impl Iterator<Item = usize> {
     };
     let (first, last) = (first % n_phi, last % n_phi);
     std::iter::once(first).chain((first != last).then_some(last))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::grid::Grid;
+    use super::super::light::{Light, Scalar};
+    use super::super::tally::Batch;
+    use super::*;
+
+    #[test]
+    fn on_a_border_a_bin_without_light_counts_as_dark() {
+        let grid = Grid::polar(2, 8);
+        let mut totals = Totals::new(grid, 1);
+        for _ in 0..2 {
+            let mut batch = Batch::new::<Scalar>(grid);
+            // Light on one side of the plane alone.
+            let k = [0.5, 0.1, 0.8];
+            batch.exit(&Scalar::launch(&k), 1.0, Side::Above, &k, 1);
+            totals.take(&mut batch, 10);
+        }
+        let own = totals.element(Side::Above, grid.bin(Side::Above, &[0.5, 0.1, 0.8]), 0);
+        let all = plane(&totals, 180.0).unwrap();
+        assert_eq!(all.len(), 1);
+        let seen = &all[0].numbers[0];
+        assert!(
+            own.value > 0.0 && (seen.value / own.value - 0.5).abs() < 1e-12,
+            "{seen:?} {own:?}"
+        );
+    }
 }

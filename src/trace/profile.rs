@@ -127,6 +127,8 @@ pub enum ProfileError {
 }
 
 const PIECES_MAX: usize = 100_000;
+/// Corners nearer to each other than this share of the period are one.
+const SAME_PLACE: f64 = 1e-13;
 /// Straight pieces per rounded corner.
 const ARC: usize = 24;
 
@@ -176,9 +178,16 @@ impl Profile {
 
     /// Straight pieces through (v, z) corners of increasing v, closed by the first one a period on.
     ///
-    /// Panics where corners do not increase or do not fit the period: an error of the caller.
+    /// Corners that are the same place but for rounding count once. Panics where others do not increase or do not fit the
+    /// period: an error of the caller.
     #[must_use]
     pub fn of_corners(corners: &[(f64, f64)], period: f64) -> Self {
+        let same = |to: f64, from: f64| (to - from).abs() <= SAME_PLACE * period;
+        let mut corners = corners.to_vec();
+        corners.dedup_by(|next, kept| same(next.0, kept.0));
+        while corners.len() > 1 && same(corners[0].0 + period, corners[corners.len() - 1].0) {
+            corners.pop();
+        }
         let pieces: Vec<Piece> = (0..corners.len())
             .map(|n| {
                 let (from, z_from) = corners[n];

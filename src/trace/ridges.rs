@@ -326,6 +326,42 @@ mod tests {
     }
 
     #[test]
+    fn what_is_too_small_to_be_told_apart_is_left_out() {
+        for tiny in [1e-300, 1e-18, 1e-14, 1e-11, 1e-8] {
+            let all = [
+                Ridges {
+                    theta_r: tiny,
+                    ..ridges()
+                },
+                Ridges {
+                    theta_r: tiny,
+                    round: 0.1,
+                    ..ridges()
+                },
+                Ridges {
+                    round: tiny,
+                    ..ridges()
+                },
+                Ridges {
+                    burr: tiny,
+                    ..ridges()
+                },
+                Ridges {
+                    draft: tiny,
+                    ..ridges()
+                },
+            ];
+            for shape in all {
+                let profile = shape.profile().unwrap();
+                let pieces = profile.pieces();
+                assert!(pieces.iter().all(|p| p.to > p.from), "{shape:?}");
+                let last = pieces[pieces.len() - 1].to - pieces[0].from;
+                assert!((last / profile.period() - 1.0).abs() < 1e-12, "{shape:?}");
+            }
+        }
+    }
+
+    #[test]
     fn burrs_stand_on_the_crests_and_follow_their_seed() {
         let with = |seed| {
             Ridges {

@@ -94,6 +94,14 @@ async fn a_scene_is_traced_compared_and_looked_at() {
     fine["run"]["theta_bins"] = json!(1440);
     for (request, word) in [
         (json!({ "scene": text }), "below.n"),
+        (
+            json!({ "scene": text.replace("n = 0", "n = 1e78") }),
+            "1e30",
+        ),
+        (
+            json!({ "scene": format!("n_top = 1e-100\n{}", text.replace("n = 0", "n = 1.5")) }),
+            "n_top",
+        ),
         (json!({ "scene": scalar, "compare": true }), "polarised"),
         (json!({ "scene": fine }), "theta_bins"),
         (json!({ "scene": scene, "photons": 0 }), "run.photons"),
