@@ -61,14 +61,16 @@ fn table(content: &[u8]) -> Result<HeightMap, String> {
         heights: Vec::new(),
         units: None,
     };
+    let mut may_be_head = true;
     for (n, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
         let line = line.trim();
         if line.is_empty() || line.starts_with('#') {
             continue;
         }
+        let first = std::mem::take(&mut may_be_head);
         let words = words_of(line).map_err(|cause| format!("line {}: {cause}", n + 1))?;
         // One line of column names above the numbers is no error.
-        if map.rows == 0 && words.iter().all(|w| w.parse::<f64>().is_err()) {
+        if first && words.iter().all(|w| w.parse::<f64>().is_err()) {
             continue;
         }
         let before = map.heights.len();
@@ -162,6 +164,8 @@ mod tests {
         assert_eq!(map.heights[3], 4.0);
         assert_eq!(read("a.csv", b"v_um,z_um\n1, 2\n").unwrap().rows, 1);
         assert!(read("a.csv", b"1,2\n3\n").unwrap_err().contains("line 2"));
+        let twice = read("a.csv", b"# taken at noon\nNA,NA\nNA,NA\n1,2\n").unwrap_err();
+        assert!(twice.contains("line 3"), "{twice}");
         assert!(read("a.csv", b"1,x\n").unwrap_err().contains("\"x\""));
         assert!(read("a.csv", b"").is_err());
         assert!(

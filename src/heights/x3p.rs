@@ -64,7 +64,7 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     };
     let heights: Vec<f64> = values
         .iter()
-        .map(|v| if z.incremental { v * z.increment } else { *v } + z.offset)
+        .map(|v| if z.scales() { v * z.increment } else { *v } + z.offset)
         .collect();
     Ok(HeightMap {
         columns,
@@ -93,6 +93,11 @@ struct Axis {
 }
 
 impl Axis {
+    /// Whether its numbers count increments: of an incremental axis, and whole numbers of any.
+    fn scales(&self) -> bool {
+        self.incremental || matches!(self.kind, 'I' | 'L')
+    }
+
     /// Little-endian numbers of the axis's type.
     fn decode(&self, bytes: &[u8], count: usize) -> Result<Vec<f64>, String> {
         let width = match self.kind {
@@ -304,6 +309,10 @@ mod tests {
             .collect();
         let scaled = "<AxisType>I</AxisType><DataType>I</DataType><Increment>1e-7</Increment>";
         let map = read(&archive(&xml(scaled, SIZE, LINK), Some(&integers))).unwrap();
+        // Whole numbers of an absolute axis count increments, too.
+        let absolute = scaled.replace("<AxisType>I", "<AxisType>A");
+        let again = read(&archive(&xml(&absolute, SIZE, LINK), Some(&integers))).unwrap();
+        assert_eq!(again.heights, map.heights);
         assert_eq!((map.columns, map.rows), (3, 2));
         assert!((map.heights[3] + 4e-6).abs() < 1e-20);
         let units = map.units.unwrap();

@@ -54,15 +54,20 @@ pub fn mueller_brdf(scattering: &Scattering, alpha: f64, n: f64, k: f64) -> Opti
     // s of each macro frame in closed form, so that normal incidence has one too (φ = 0).
     let s_in = Vector3::new(0.0, 1.0, 0.0);
     let s_out = Vector3::new(-sin_p, cos_p, 0.0);
-    let s_hit = h.cross(&k_in);
+    // Straight down and up again no plane is singled out: that of the macro frame will do, for both beams.
+    let across = h.cross(&k_in);
+    let s_hit = if across == Vector3::zeros() {
+        s_in
+    } else {
+        across
+    };
     let into = turn(&k_in, &s_in, &s_hit);
     let out = turn(&k_out, &s_hit, &s_out);
     let f = d / (4.0 * cos_i * cos_s);
     Some(Mueller((out * reflection * into).0 * f))
 }
 
-/// Rotation of the frame of a beam along `k` from `s` to the direction of `s_new` (any length; a
-/// vanishing one means that every frame will do).
+/// Rotation of the frame of a beam along `k` from `s` to the direction of `s_new` (any length).
 fn turn(k: &Vector3<f64>, s: &Vector3<f64>, s_new: &Vector3<f64>) -> Mueller {
     let p = k.cross(s);
     Mueller::rotation(s_new.dot(&p).atan2(s_new.dot(s)))
@@ -71,6 +76,24 @@ fn turn(k: &Vector3<f64>, s: &Vector3<f64>, s_new: &Vector3<f64>) -> Mueller {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn straight_down_and_up_again_the_frame_of_exit_turns_with_its_azimuth() {
+        for (eta, k) in [(1.5, 0.0), (0.2, 3.4)] {
+            for phi_s in [0.0, 0.3, 0.785, 1.571, 2.5, 3.2, -1.0] {
+                let at = |theta: f64| {
+                    let scattering = Scattering {
+                        theta_i: theta,
+                        theta_s: theta,
+                        phi_s,
+                    };
+                    mueller_brdf(&scattering, 0.4, eta, k).unwrap().0
+                };
+                let difference = (at(0.0) - at(1e-9)).amax();
+                assert!(difference < 1e-9, "{eta} {phi_s}: {difference}");
+            }
+        }
+    }
 
     #[test]
     fn the_unmasked_single_bounce_agrees_with_scatmech() {
