@@ -157,6 +157,14 @@ fn evaluate(table: &Table, cases: &Path, out: &Path) -> Result<(usize, usize), C
             })
         })
         .collect::<Result<Vec<_>, _>>()?;
+    // Rows are read while answers are written.
+    let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
+    if same(cases, out) {
+        return Err(CliError::bad_input(anyhow!(
+            "--out is the file of the cases, {}: choose another name for the answers",
+            cases.display()
+        )));
+    }
     let mut writer = csv::Writer::from_path(out)
         .with_context(|| format!("cannot write {}", out.display()))
         .map_err(CliError::bad_input)?;
@@ -289,6 +297,18 @@ mod tests {
         assert_eq!(&rows[2][4], "theta_r_deg = \"nan\" is not a finite number");
         assert_eq!(&rows[3][4], "theta_r_deg = 95 is not within 0 and 90");
         assert_eq!(&rows[4][3], "0.0000000000000000e0");
+    }
+
+    #[test]
+    fn the_cases_are_not_written_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let cases = folder.path().join("in.csv");
+        let text = "stack,theta_i_deg\n1.5,30\n";
+        std::fs::write(&cases, text).unwrap();
+        let again = folder.path().join(".").join("in.csv");
+        let outcome = evaluate(&stack::TABLE, &cases, &again);
+        assert!(matches!(outcome, Err(CliError::BadInput(_))));
+        assert_eq!(std::fs::read_to_string(&cases).unwrap(), text);
     }
 
     #[test]

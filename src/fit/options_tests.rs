@@ -121,6 +121,26 @@ fn a_held_value_stays_and_is_told_as_such() {
 }
 
 #[test]
+fn a_gain_that_is_told_is_reported_as_it_was_used() {
+    let mut set = series(3);
+    set.white_reference = Some(crate::observation::WhiteReference {
+        reflectance: 0.99,
+        reflectance_std: 0.005,
+    });
+    let held = FitOptions {
+        told: vec![Told {
+            quantity: Quantity::Scale,
+            value: 1.1,
+            std: 0.0,
+        }],
+        ..options()
+    };
+    let report = fit_with_tier(&set, &held, None, &AtomicBool::new(false));
+    let scale = &report.parameters.scale;
+    assert_eq!((scale.value, scale.std), (Some(1.1), None));
+}
+
+#[test]
 fn a_prior_pulls_by_its_weight_and_stands_in_the_budget() {
     let set = series(4);
     let free = run(&set, &options());

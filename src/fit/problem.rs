@@ -274,6 +274,12 @@ impl<'a> Problem<'a> {
         &self.priors
     }
 
+    /// What the user knows beside the certificates.
+    #[must_use]
+    pub fn told(&self) -> &[(Quantity, Prior)] {
+        &self.told
+    }
+
     /// The optics at given values, as the model wants them.
     #[must_use]
     pub fn optics(&self, values: &Values) -> OpticsTable {

@@ -150,7 +150,11 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         ));
     }
     for rival in &e.rivals {
-        warnings.push(ambiguity(e, rival));
+        let told = ambiguity(e, rival);
+        // Minima that differ in nothing that is told.
+        if !warnings.contains(&told) {
+            warnings.push(told);
+        }
     }
     for &j in &e.minimum.at_bound {
         warnings.push(format!(
@@ -221,7 +225,7 @@ fn ambiguity(e: &Estimate<'_>, rival: &Minimum) -> String {
     let v = e.problem.unpack(&rival.parameters).folded();
     format!(
         "another surface fits as well (χ² higher by {:.2}): θr {:.2}°, αu {:.4}, αv {:.4}, azimuth \
-         offset {:.2}°; the uncertainties cover both, more azimuths would tell them apart",
+         offset {:.2}°; the uncertainties cover both, more azimuths or tilts would tell them apart",
         (rival.cost - e.minimum.cost).max(0.0),
         v.theta_r.to_degrees(),
         v.alpha_u,
@@ -361,6 +365,10 @@ fn held(values: &Values, quantity: Quantity) -> Parameter {
 
 fn scale(e: &Estimate<'_>, variant: VariantName, fitted: Parameter) -> Parameter {
     let set = e.problem.set();
+    let told = e.problem.told().iter().any(|(q, _)| *q == Quantity::Scale);
+    if told || e.held.contains(&Quantity::Scale) {
+        return fitted;
+    }
     if set.white_reference.is_some() {
         let budget = Budget {
             reference: reference_std(set),

@@ -78,6 +78,16 @@ impl FrameRow {
         };
         let headers = reader.headers().map_err(broken)?.clone();
         let column = |name: &str| headers.iter().position(|h| h == name);
+        for name in REQUIRED.iter().chain(&OPTIONAL) {
+            if headers.iter().filter(|h| h == name).count() > 1 {
+                return Err(invalid(
+                    Some(1),
+                    name,
+                    "the header has it twice".to_owned(),
+                    "remove the column that does not belong there".to_owned(),
+                ));
+            }
+        }
         for name in REQUIRED {
             if column(name).is_none() {
                 let found: Vec<&str> = headers
@@ -288,6 +298,18 @@ mod tests {
             );
         }
         assert!(refusal("b.png,dark").contains("2 fields"));
+    }
+
+    #[test]
+    fn a_column_that_is_there_twice_is_refused() {
+        let text = "file,kind,theta_c_deg,phi_s_deg,exposure_s,phi_s_deg\na.png,sample,0,0,1,90\n";
+        let refused = FrameRow::read_all(text, "frames.csv")
+            .unwrap_err()
+            .to_string();
+        assert!(
+            refused.contains("phi_s_deg") && refused.contains("twice"),
+            "{refused}"
+        );
     }
 
     #[test]
