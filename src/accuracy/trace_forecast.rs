@@ -46,6 +46,13 @@ pub struct Patience<'a> {
     pub cancel: &'a AtomicBool,
 }
 
+impl Patience<'_> {
+    /// Whether there is still some, for what began at `started`.
+    fn lasts(&self, started: Instant) -> bool {
+        !self.cancel.load(Ordering::Relaxed) && started.elapsed().as_secs_f64() < self.seconds
+    }
+}
+
 /// One short run: photons traced, seconds until the first of them were done, photons by then, seconds in all, relative
 /// error.
 #[derive(Debug, Clone, Copy)]
@@ -94,17 +101,18 @@ impl Looked {
     }
 }
 
-/// A run that does without the start of a longer one.
-fn few(prepared: &Prepared, asked: Asked, photons: u64) -> Trial {
+/// A run that does without the start of a longer one; `None` where patience ends before anything is counted.
+fn few(prepared: &Prepared, asked: Asked, photons: u64, patience: Patience<'_>) -> Option<Trial> {
     let started = Instant::now();
-    let totals = trace_few(prepared, asked.follow, photons.min(prepared.photons));
-    Trial {
+    let photons = photons.min(prepared.photons);
+    let totals = trace_few(prepared, asked.follow, photons, &|| patience.lasts(started));
+    (totals.photons() > 0).then(|| Trial {
         photons: totals.photons(),
         start_s: 0.0,
         at_start: 0,
         seconds: started.elapsed().as_secs_f64(),
         error: totals.relative_error(),
-    }
+    })
 }
 
 /// Forecasts a run of the scene's photons, or of as many as the target error needs (no more than those).
@@ -118,16 +126,14 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
         return None;
     }
     // What a surface computes once and keeps is no part of the run that follows.
-    few(prepared, asked, FEW.0);
+    few(prepared, asked, FEW.0, patience)?;
     let large = (prepared.photons / SHARE)
         .clamp(1_000, 500_000)
         .min(prepared.photons);
     let small = (large / 4).max(1);
     let begun = Instant::now();
     let looked = Looked::default();
-    let go_on = || {
-        !patience.cancel.load(Ordering::Relaxed) && begun.elapsed().as_secs_f64() < patience.seconds
-    };
+    let go_on = || patience.lasts(begun);
     let timed = |photons: u64| -> Option<Trial> {
         if !go_on() {
             return None;
@@ -181,7 +187,7 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
         ((upper.seconds - little.seconds) / (upper.photons - little.photons) as f64).max(0.0)
     } else {
         // One run alone: its batches take their time too, and where they are all that it took it had hardly a photon.
-        let none = few(prepared, asked, FEW.0);
+        let none = few(prepared, asked, FEW.0, patience)?;
         match little.per_photon(none.seconds) {
             Some(per_photon) => per_photon,
             None => return of_slow_start(prepared, little.start_s, asked, patience),
@@ -202,13 +208,9 @@ fn of_slow_start(
     if patience.cancel.load(Ordering::Relaxed) {
         return None;
     }
-    let little = few(prepared, asked, FEW.0);
+    let little = few(prepared, asked, FEW.0, patience)?;
     // Photons so dear that a few take as long as there is patience say enough.
-    let more = if little.seconds < patience.seconds {
-        few(prepared, asked, FEW.1)
-    } else {
-        little
-    };
+    let more = few(prepared, asked, FEW.1, patience).unwrap_or(little);
     let per_photon = if more.photons > little.photons {
         ((more.seconds - little.seconds) / (more.photons - little.photons) as f64).max(0.0)
     } else {

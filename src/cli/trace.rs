@@ -30,7 +30,7 @@ use crate::plan::scene::Wish;
 use crate::trace::report::Report;
 use crate::trace::run::{self, Ending, Progress, Shard, SoFar};
 use crate::trace::scene::{HeightMap, Prepared, Scene, Shapes};
-use crate::trace::spread::{NO_OTHER_SURFACE, over_surfaces};
+use crate::trace::spread::over_surfaces;
 use crate::wording::{counted, significant};
 
 /// Traces polarised light through a scene of single or layered micro-surfaces.
@@ -240,12 +240,13 @@ pub fn run(args: Args) -> Result<(), CliError> {
             bar.at(done as u64, u64::from(count));
             !cancel.load(Ordering::Relaxed) && !watch.is_late()
         };
-        report.surfaces = over_surfaces(&lean, totals, count as usize, &again, &go_on)?;
-        if report.surfaces.is_some() {
-            report.notes.clear();
-        } else {
-            report.notes.push(NO_OTHER_SURFACE.to_owned());
-        }
+        report.spread_over(over_surfaces(
+            &lean,
+            totals,
+            count as usize,
+            &again,
+            &go_on,
+        )?);
     }
     let seconds = watch.seconds();
     report.seconds = Some(seconds);

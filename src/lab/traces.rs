@@ -29,7 +29,7 @@ use crate::trace::height_field::Side;
 use crate::trace::report::Report;
 use crate::trace::run::{Ending, Follow, Progress, trace_following};
 use crate::trace::scene::{Prepared, Scene, SceneError, Shapes};
-use crate::trace::spread::{NO_OTHER_SURFACE, Surfaces, over_surfaces};
+use crate::trace::spread::{Surfaces, over_surfaces};
 use crate::trace::tally::Totals;
 use crate::wording::refusals::plain;
 use crate::wording::significant;
@@ -371,12 +371,7 @@ impl TraceToDo {
         let own = &runs[0];
         let mut report = Report::of(&self.prepared, own);
         if let Some(count) = self.request.surfaces {
-            report.surfaces = self.surfaces(own, count, started, told, cancel)?;
-            if report.surfaces.is_some() {
-                report.notes.clear();
-            } else {
-                report.notes.push(NO_OTHER_SURFACE.to_owned());
-            }
+            report.spread_over(self.surfaces(own, count, started, told, cancel)?);
         }
         told.tell("writing the bins", 0, 1);
         let seconds = started.elapsed().as_secs_f64();

@@ -441,7 +441,7 @@ mod tests {
                     (a.max(b), a.min(b))
                 };
                 let spot = field.spot_at(i, j, upper, a, b);
-                field.onward(&spot, side, &k) == Flight::Free
+                field.onward(&spot, side, &k, &mut 0) == Flight::Free
             });
             match (says_free, all_free) {
                 (true, true) => found += 1,

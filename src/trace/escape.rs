@@ -477,7 +477,11 @@ mod tests {
         for (field, i, j) in [(&flat, 1, 1), (&plateau, 1, 1), (&plateau, 5, 3)] {
             for k in [[1.0, 0.3, 1e-3], [-0.2, 1.0, 0.5], [0.0, 0.0, 1.0]] {
                 let from = field.spot_at(i, j, false, 0.0, 0.0);
-                assert_eq!(field.onward(&from, Side::Above, &k), Flight::Free, "{k:?}");
+                assert_eq!(
+                    field.onward(&from, Side::Above, &k, &mut 0),
+                    Flight::Free,
+                    "{k:?}"
+                );
             }
         }
     }

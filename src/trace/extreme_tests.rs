@@ -83,7 +83,7 @@ proptest! {
         let heights: Vec<f64> = heights.iter().map(|h| h * tall).collect();
         let field = HeightField::new(columns, rows, cell_x, cell_y, &heights);
         let down = k.map(|x| -x);
-        let mut flight = field.enter(Side::Above, &down, x, y);
+        let mut flight = field.enter(Side::Above, &down, x, y, &mut 0);
         for next in onward {
             let Flight::Hit(spot) = flight else { break };
             prop_assert!(spot.i < columns && spot.j < rows, "{spot:?}");
@@ -94,7 +94,7 @@ proptest! {
             let m = field.normal(&spot);
             prop_assert!(is_unit(&m) && m[2] >= 0.0, "{m:?}");
             let side = if dot(&next, &m) >= 0.0 { Side::Above } else { Side::Below };
-            flight = field.onward(&spot, side, &next);
+            flight = field.onward(&spot, side, &next, &mut 0);
         }
     }
 
@@ -102,13 +102,13 @@ proptest! {
     fn rays_on_a_profile_hit_it_or_end_by_name(theta_r in prop_oneof![1e-4..1.48f64, wide(1e-4, 1e-2)], pitch in wide(1e-6, 1e6), round in prop_oneof![Just(0.0), 0.0..0.5f64], k in upwards(), at in 0.0..=1.0f64, onward in prop::collection::vec(anywhere(), 4)) {
         let Ok(profile) = Profile::sawtooth(theta_r, pitch, round * pitch) else { return Ok(()) };
         prop_assert!(profile.effective_ridge_angle().is_none_or(|a| a.is_finite() && a > 0.0));
-        let mut flight = profile.enter(Side::Above, &k.map(|x| -x), at);
+        let mut flight = profile.enter(Side::Above, &k.map(|x| -x), at, &mut 0);
         for next in onward {
             let ProfileFlight::Hit(spot) = flight else { break };
             let [tv, tz] = [0, 1].map(|c| profile.pieces()[spot.piece].normal[c]);
             prop_assert!(tv.is_finite() && tz.is_finite());
             let side = if next[1] * tv + next[2] * tz >= 0.0 { Side::Above } else { Side::Below };
-            flight = profile.onward(&spot, side, &next);
+            flight = profile.onward(&spot, side, &next, &mut 0);
         }
     }
 

@@ -11,7 +11,7 @@ use super::first_hit::GRAZING;
 use super::grid::{Bearing, Finder};
 use super::height_field::{HeightField, Side};
 use super::light::{ELEMENTS_MAX, Leaving, Light, STRAIGHT, Turn};
-use super::vec3::V3;
+use super::vec3::{V3, cross, dot};
 use super::walk::Walk;
 use crate::model::lanes::Lane;
 
@@ -234,20 +234,6 @@ impl Facets {
     }
 }
 
-#[inline(always)]
-fn dot<S: Simd>(a: &[Lane<S>; 3], b: &[Lane<S>; 3]) -> Lane<S> {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-#[inline(always)]
-fn cross<S: Simd>(a: &[Lane<S>; 3], b: &[Lane<S>; 3]) -> [Lane<S>; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
 /// x + b y.
 #[inline(always)]
 fn combine<S: Simd>(x: &[Lane<S>; 3], b: Lane<S>, y: &[Lane<S>; 3]) -> [Lane<S>; 3] {
@@ -396,7 +382,7 @@ mod tests {
             .unwrap()
             .prepare(&|_| Err("no files".into()))
             .unwrap();
-        let walk = walk_of(&prepared);
+        let walk = walk_of(&prepared, &|_| true);
         let Relief::Field(field) = &walk.stack.interfaces[0].relief else {
             panic!("a field");
         };

@@ -15,7 +15,7 @@ use crate::model::polarisation::{Boundary, Channel, Split};
 pub(super) const GRAZING: f64 = 1e-12;
 
 /// The lamp's light on a smooth facet of the first interface.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone, Copy)]
 pub struct Incidence<'a> {
     walk: &'a Walk<'a>,
     boundary: &'a Boundary,

@@ -282,9 +282,9 @@ impl HeightField {
     }
 
     /// A ray from far away on a side, along `k` towards the surface, that crosses the level of the
-    /// outermost point at the fractions `x`, `y` (0 to 1) of the tile.
+    /// outermost point at the fractions `x`, `y` (0 to 1) of the tile. The cells on its way are added to `crossed`.
     #[must_use]
-    pub fn enter(&self, side: Side, k: &V3, x: f64, y: f64) -> Flight {
+    pub fn enter(&self, side: Side, k: &V3, x: f64, y: f64, crossed: &mut u64) -> Flight {
         let (px, py) = (x * self.nx as f64, y * self.ny as f64);
         let i = (px as usize).min(self.nx - 1);
         let j = (py as usize).min(self.ny - 1);
@@ -300,13 +300,13 @@ impl HeightField {
             y: py - j as f64,
             z,
         };
-        self.march(&spot, false, side.sign(), k)
+        self.march(&spot, false, side.sign(), k, crossed)
     }
 
-    /// A ray that leaves a spot of the surface on a side, along `k`.
+    /// A ray that leaves a spot of the surface on a side, along `k`. The cells on its way are added to `crossed`.
     #[inline]
     #[must_use]
-    pub fn onward(&self, spot: &Spot, side: Side, k: &V3) -> Flight {
+    pub fn onward(&self, spot: &Spot, side: Side, k: &V3, crossed: &mut u64) -> Flight {
         if side.sign() * k[2] > 0.0
             && self
                 .escape(side)
@@ -315,7 +315,7 @@ impl HeightField {
         {
             return Flight::Free;
         }
-        self.march(spot, true, side.sign(), k)
+        self.march(spot, true, side.sign(), k, crossed)
     }
 
     /// Height of a triangle's plane at a place in its cell.
@@ -329,7 +329,14 @@ impl HeightField {
         }
     }
 
-    fn march(&self, start: &Spot, on_surface: bool, sign: f64, k: &V3) -> Flight {
+    fn march(
+        &self,
+        start: &Spot,
+        on_surface: bool,
+        sign: f64,
+        k: &V3,
+        crossed: &mut u64,
+    ) -> Flight {
         let (dx, dy) = (k[0] / self.cell_x, k[1] / self.cell_y);
         // Heights count away from the surface, on the side of the light.
         let (start_z, dz) = (sign * start.z, sign * k[2]);
@@ -369,7 +376,7 @@ impl HeightField {
         // Clearance at t_in; unknown after cells that the ray cleared as a whole.
         let mut known = on_surface.then_some(0.0);
         let mut cell = i * self.ny + j;
-        for _ in 0..CELLS_MAX {
+        for n in 1..=CELLS_MAX as u64 {
             // Whichever side comes first: chosen without a branch, which nothing could predict.
             let along_x = tx <= ty;
             let t_out = if along_x { tx } else { ty };
@@ -403,6 +410,7 @@ impl HeightField {
                     let c_mid = start_z + dz * t_mid - (h[0] + at * (h[3] - h[0]));
                     if c_mid < 0.0 && !first {
                         let t = t_in + (t_mid - t_in) * (c_in / (c_in - c_mid));
+                        *crossed += n;
                         return Flight::Hit(self.spot_at(i, j, upper, x0 + dx * t, y0 + dy * t));
                     }
                     c_in = c_mid.max(0.0);
@@ -413,6 +421,7 @@ impl HeightField {
                 let c_out = z_out - Self::plane(&h, upper, x_out, y_out);
                 if c_out < 0.0 && !first {
                     let t = seen_from + (t_out - seen_from) * (c_in / (c_in - c_out));
+                    *crossed += n;
                     return Flight::Hit(self.spot_at(i, j, upper, x0 + dx * t, y0 + dy * t));
                 }
                 known = Some(c_out.max(0.0));
@@ -436,9 +445,11 @@ impl HeightField {
             }
             cell = i * self.ny + j;
             if leaving && slopes.clears(cell, z_in) {
+                *crossed += n;
                 return Flight::Free;
             }
         }
+        *crossed += CELLS_MAX as u64;
         Flight::Lost
     }
 

@@ -62,7 +62,7 @@ fn marching_finds_what_brute_force_finds() {
         }
         let side = if k[2] < 0.0 { Side::Above } else { Side::Below };
         let (x, y) = (random.uniform(), random.uniform());
-        let Flight::Hit(spot) = field.enter(side, &k, x, y) else {
+        let Flight::Hit(spot) = field.enter(side, &k, x, y, &mut 0) else {
             panic!("a ray towards the surface must hit it");
         };
         let level = if side == Side::Above {
@@ -88,7 +88,7 @@ fn marching_finds_what_brute_force_finds() {
             spot.z,
         ];
         match (
-            field.onward(&spot, side, &out),
+            field.onward(&spot, side, &out, &mut 0),
             brute_force(&field, &from, &out, 18),
         ) {
             (Flight::Hit(next), Some(t)) => {
@@ -117,7 +117,7 @@ fn no_ray_slips_through_along_edges_and_corners() {
             let at = f64::from(step) / 40.0;
             for y in [0.0, 0.25, 0.5, at] {
                 assert!(matches!(
-                    field.enter(Side::Above, &k, at.min(0.999_999), y.min(0.999_999)),
+                    field.enter(Side::Above, &k, at.min(0.999_999), y.min(0.999_999), &mut 0),
                     Flight::Hit(_)
                 ));
             }

@@ -212,7 +212,7 @@ impl<'a> FirstHits<'a> {
         let spacing = (nx * ny) as f64 / photons as f64;
         let mut at = 0;
         for n in 0..(end / spacing).ceil() as u64 {
-            if !go_on(n) {
+            if batch.given_up || !go_on(n) {
                 return false;
             }
             let mut random = stream(n);
@@ -232,8 +232,9 @@ impl<'a> FirstHits<'a> {
                 continue;
             }
             let spot = place(&mut random);
+            let (lamp, crossed) = (&self.to_lamp, &mut batch.work);
             let lit =
-                start.lit || self.field.onward(&spot, Side::Above, &self.to_lamp) == Flight::Free;
+                start.lit || self.field.onward(&spot, Side::Above, lamp, crossed) == Flight::Free;
             if !lit {
                 continue;
             }
@@ -245,7 +246,7 @@ impl<'a> FirstHits<'a> {
                 self.both_ways(walk, at, &spot, &mut random, waiting, batch);
             }
         }
-        true
+        !batch.given_up
     }
 
     /// What a triangle does to the lamp's light: from the table, or worked out into `room`.

@@ -95,12 +95,20 @@ pub struct Pilot {
     pub by_interactions: [[Estimate; ORDERS]; 2],
 }
 
+/// Work of a pilot's batch ([`super::tally::Batch::work`]) up to which it is worth its time: 64 of them are a second's or two.
+const WORK_MAX: u64 = 1 << 22;
+
 /// Traces `photons` both ways. What it says holds for an unpolarised lamp and a camera that is blind to
-/// polarisation. Pilots of another `number` are independent and may be taken together ([`Pilot::and`]).
+/// polarisation. Pilots of another `number` are independent and may be taken together ([`Pilot::and`]). `None` where a
+/// photon takes as long as thousands do elsewhere.
 #[must_use]
-pub fn pilot(prepared: &Prepared, photons: u64, number: u64) -> Pilot {
+pub fn pilot(prepared: &Prepared, photons: u64, number: u64) -> Option<Pilot> {
     let grid = Grid::polar(1, 1);
-    let totals = trace_briefly::<Accompanied>(prepared, grid, photons, number);
+    let worth_it = |work| work <= WORK_MAX;
+    let totals = trace_briefly::<Accompanied>(prepared, grid, photons, number, &worth_it);
+    if totals.photons() < photons {
+        return None;
+    }
     let whole = std::f64::consts::PI;
     // One bin per side: its value times the projected solid angle π is the share of the light.
     let of = |side: Side, i: usize| {
@@ -111,7 +119,7 @@ pub fn pilot(prepared: &Prepared, photons: u64, number: u64) -> Pilot {
         }
     };
     let energies = totals.energies();
-    Pilot {
+    Some(Pilot {
         photons: totals.photons(),
         // As runs report it: a share of what was counted, which scatters less than the count.
         reflected: energies.reflected_all,
@@ -119,7 +127,7 @@ pub fn pilot(prepared: &Prepared, photons: u64, number: u64) -> Pilot {
         transmitted_difference: of(Side::Below, 1),
         transmitted: energies.transmitted_all,
         by_interactions: [energies.reflected, energies.transmitted],
-    }
+    })
 }
 
 impl Pilot {
@@ -176,7 +184,7 @@ mod tests {
 
     #[test]
     fn the_difference_is_that_of_the_two_modes_and_known_better_than_either() {
-        let pilot = pilot(&prepared(true), 4000, 0);
+        let pilot = pilot(&prepared(true), 4000, 0).unwrap();
         let both = [true, false].map(|p| {
             let totals = trace(&prepared(p), Shard::WHOLE, &|_| true);
             totals.energies().reflected_all
@@ -190,7 +198,7 @@ mod tests {
 
     #[test]
     fn two_pilots_together_are_one_of_both_their_photons() {
-        let parts = [0, 1].map(|number| pilot(&prepared(true), 2000, number));
+        let parts = [0, 1].map(|number| pilot(&prepared(true), 2000, number).unwrap());
         assert_ne!(parts[0].reflected, parts[1].reflected);
         let both = parts[0].and(parts[1]);
         assert_eq!(both.photons, 4000);
@@ -202,6 +210,20 @@ mod tests {
     }
 
     #[test]
+    fn photons_that_take_as_long_as_thousands_are_stopped_on_their_way() {
+        // Needles: light goes from one to the next for millions of cells.
+        let scene = "[light]\ntheta_i_deg = 45.0\n[[interface]]\nshape = \"beckmann\"\nalpha_u = 1000.0\n\
+                     alpha_v = 1000.0\ncells = 32\nbelow = { n = 1.5 }\n[run]\nphotons = 100000\n";
+        let needles = Scene::parse(scene)
+            .unwrap()
+            .prepare(&|_| Err(String::new()))
+            .unwrap();
+        assert_eq!(pilot(&needles, 500, 0), None);
+        let stopped = trace(&needles, Shard::WHOLE, &|p| p.look.is_some());
+        assert_eq!(stopped.photons(), 0);
+    }
+
+    #[test]
     fn of_a_single_interface_and_single_reflections_polarisation_makes_no_difference() {
         let scene =
             "[light]\ntheta_i_deg = 60.0\n[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n";
@@ -209,7 +231,7 @@ mod tests {
             .unwrap()
             .prepare(&|_| Err(String::new()))
             .unwrap();
-        let pilot = pilot(&ready, 500, 0);
+        let pilot = pilot(&ready, 500, 0).unwrap();
         assert!(pilot.reflected_difference.value.abs() < 1e-12);
     }
 }

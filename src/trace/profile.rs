@@ -325,9 +325,9 @@ impl Profile {
     }
 
     /// A ray from far away on a side that crosses the outermost level at the fraction `at` of the
-    /// period.
+    /// period. The pieces on its way are added to `crossed`.
     #[must_use]
-    pub fn enter(&self, side: Side, k: &V3, at: f64) -> ProfileFlight {
+    pub fn enter(&self, side: Side, k: &V3, at: f64, crossed: &mut u64) -> ProfileFlight {
         let v = self.pieces[0].from + at * self.period;
         let piece = self
             .pieces
@@ -337,22 +337,36 @@ impl Profile {
             Side::Above => self.highest,
             Side::Below => self.lowest,
         };
-        self.march(&ProfileSpot { piece, v, z }, false, side.sign(), k)
+        let start = ProfileSpot { piece, v, z };
+        self.march(&start, false, side.sign(), k, crossed)
     }
 
-    /// A ray that leaves a spot on a side along `k`.
+    /// A ray that leaves a spot on a side along `k`. The pieces on its way are added to `crossed`.
     #[must_use]
-    pub fn onward(&self, spot: &ProfileSpot, side: Side, k: &V3) -> ProfileFlight {
+    pub fn onward(
+        &self,
+        spot: &ProfileSpot,
+        side: Side,
+        k: &V3,
+        crossed: &mut u64,
+    ) -> ProfileFlight {
         if side == Side::Above && k[2] > 0.0 {
             let free = self.free_above[spot.piece][usize::from(k[1] > 0.0)];
             if k[2] > free * k[1].abs() {
                 return ProfileFlight::Free;
             }
         }
-        self.march(spot, true, side.sign(), k)
+        self.march(spot, true, side.sign(), k, crossed)
     }
 
-    fn march(&self, start: &ProfileSpot, on_surface: bool, sign: f64, k: &V3) -> ProfileFlight {
+    fn march(
+        &self,
+        start: &ProfileSpot,
+        on_surface: bool,
+        sign: f64,
+        k: &V3,
+        crossed: &mut u64,
+    ) -> ProfileFlight {
         let (dv, dz) = (k[1], k[2]);
         let leaving = sign * dz > 0.0;
         let limit = if sign > 0.0 {
@@ -378,7 +392,7 @@ impl Profile {
             (sign * (start.z - self.pieces[piece].height(start.v))).max(0.0)
         };
         let mut first = on_surface;
-        for _ in 0..PIECES_MAX {
+        for n in 1..=PIECES_MAX as u64 {
             let p = &self.pieces[piece];
             let (v_out, z_surface) = if dv > 0.0 {
                 (p.to, p.z_to)
@@ -390,6 +404,7 @@ impl Profile {
             if c_out < 0.0 && !first {
                 let v = v_in + (v_out - v_in) * (c_in / (c_in - c_out));
                 let v = v.clamp(p.from, p.to);
+                *crossed += n;
                 return ProfileFlight::Hit(ProfileSpot {
                     piece,
                     v,
@@ -397,6 +412,7 @@ impl Profile {
                 });
             }
             if leaving && sign * z_out > limit {
+                *crossed += n;
                 return ProfileFlight::Free;
             }
             first = false;
@@ -417,6 +433,7 @@ impl Profile {
                 piece -= 1;
             }
         }
+        *crossed += PIECES_MAX as u64;
         ProfileFlight::Lost
     }
 }
@@ -512,7 +529,7 @@ mod tests {
                         z: facet.height(v),
                     };
                     let k = [0.0, a.sin(), a.cos()];
-                    profile.onward(&spot, Side::Above, &k) == ProfileFlight::Free
+                    profile.onward(&spot, Side::Above, &k, &mut 0) == ProfileFlight::Free
                 })
                 .count();
             let share = free as f64 / f64::from(steps);
@@ -572,7 +589,7 @@ mod tests {
             let at = f64::from(n) / 1000.0;
             for v in [-1.0, -0.1, 0.0, 0.1, 1.0] {
                 for (side, z) in [(Side::Above, -0.2), (Side::Below, 0.2)] {
-                    let flight = profile.enter(side, &[0.3, v, z], at.min(0.999_999));
+                    let flight = profile.enter(side, &[0.3, v, z], at.min(0.999_999), &mut 0);
                     assert!(matches!(flight, ProfileFlight::Hit(_)));
                 }
             }

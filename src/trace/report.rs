@@ -82,6 +82,17 @@ fn notes(totals: &Totals, e: &Energies<Estimate>) -> Vec<String> {
 }
 
 impl Report {
+    /// Several surfaces were asked for: what they say, or that none but the first was traced in time.
+    pub fn spread_over(&mut self, surfaces: Option<Surfaces>) {
+        if surfaces.is_some() {
+            self.notes.clear();
+        } else {
+            let none = "no other surface was traced in the time: allow more seconds, or ask for fewer photons";
+            self.notes.push(none.to_owned());
+        }
+        self.surfaces = surfaces;
+    }
+
     /// Of what was counted; times, and what belongs to the scene, are for the caller to fill in.
     #[must_use]
     pub fn new(totals: &Totals, polarised: bool) -> Self {

@@ -218,7 +218,7 @@ impl Task<'_> {
         let mut first = None;
         let mut light = L::launch(&perpendicular(&k));
         let mut gathered = 0.0;
-        let mut flight = profile.enter(Side::Above, &k, at);
+        let mut flight = profile.enter(Side::Above, &k, at, &mut 0);
         for bounce in 0..BOUNCES_MAX {
             let ProfileFlight::Hit(spot) = flight else {
                 break;
@@ -246,7 +246,7 @@ impl Task<'_> {
                 }
                 light.scale(WEAK / weight);
             }
-            flight = profile.onward(&spot, Side::Above, &k);
+            flight = profile.onward(&spot, Side::Above, &k, &mut 0);
         }
         gathered * share
     }
@@ -294,10 +294,11 @@ impl Task<'_> {
         if i_n <= 0.0 || o_n <= 0.0 {
             return 0.0;
         }
-        if self.surface.profile.onward(spot, Side::Above, &lamp) != ProfileFlight::Free {
+        let surface = self.surface;
+        let profile = &surface.profile;
+        if profile.onward(spot, Side::Above, &lamp, &mut 0) != ProfileFlight::Free {
             return 0.0;
         }
-        let surface = self.surface;
         let k = scaled(-1.0, &facet.back);
         let half = unit(&combine(1.0, &lamp, 1.0, &facet.back));
         let density = surface.roughness.density(&facet.local(&half));

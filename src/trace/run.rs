@@ -6,7 +6,7 @@
 mod sketch;
 
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
@@ -17,7 +17,7 @@ use super::paired::Paired;
 use super::rng::{Purpose, Stream};
 use super::scene::Prepared;
 use super::tally::{Batch, Totals};
-use super::walk::{Method, Waiting, Walk};
+use super::walk::{Method, Waiting, Walk, worth_splitting};
 use sketch::Sketch;
 
 /// Which part of a run.
@@ -297,75 +297,85 @@ fn resume_as<L: Light>(
     part: Part,
     proceed: &(dyn Fn(&Progress) -> bool + Sync),
 ) -> SoFar {
-    let walk = walk_of(prepared);
+    // Nobody goes on with a sketch.
+    let before = part.before.filter(|b| !b.batches.is_empty());
+    let part = Part { before, ..part };
     let before = part.before.as_ref();
-    let at_start = Progress {
-        look: None,
-        photons: before.map_or(0, |b| b.totals.photons()),
+    let asked = Asked {
+        proceed,
+        photons: AtomicU64::new(before.map_or(0, |b| b.totals.photons())),
         photons_planned: part.planned(photons),
-        relative_error: None,
+        stopped: AtomicBool::new(false),
     };
-    let at = |look: f64| Progress {
-        look: Some(look),
-        ..at_start
-    };
+    let go_on = |_| asked.go_on();
+    let walk = walk_of(prepared, &go_on);
     let limit = part.look_limit().map(|limit| ((limit.now_s)(), limit));
     let in_time = |share: f64| {
         limit.is_none_or(|(begun_s, TimeLimit { seconds, now_s })| {
             now_s() - begun_s <= (LOOK_START + (1.0 - LOOK_START) * share) * seconds
         })
     };
-    let stopped = AtomicBool::new(false);
     let looked = FirstHits::new::<L>(&walk, grid, photons, &|share| {
-        let go_on = proceed(&at(share));
-        stopped.fetch_or(!go_on, Ordering::Relaxed);
-        go_on && in_time(share)
+        asked.tell(Some(share), None) && in_time(share)
     });
     let task = Task {
         walk: &walk,
-        stopped: stopped.into_inner(),
         sketch_only: looked.is_err(),
         first_hits: looked.unwrap_or_default(),
         seed: prepared.seed,
         grid,
         photons,
     };
-    task.trace::<L>(part, proceed)
+    task.trace::<L>(part, &asked)
 }
 
 /// A short run in bins of its own that does without the look at every triangle, which pays for thousands of
-/// photons only. Runs of another `number` have random numbers of their own.
+/// photons only. Runs of another `number` have random numbers of their own. Batches that `go_on` ends, by the work
+/// that they took so far ([`Batch::work`]), are left out.
 pub(super) fn trace_briefly<L: Light>(
     prepared: &Prepared,
     grid: Grid,
     photons: u64,
     number: u64,
+    go_on: &(dyn Fn(u64) -> bool + Sync),
 ) -> Totals {
     // An odd multiplier: no two numbers share a seed.
     let apart = number.wrapping_mul(0x9E37_79B9_7F4A_7C15);
     let task = Task {
-        walk: &walk_of(prepared),
+        walk: &walk_of(prepared, go_on),
         first_hits: None,
-        stopped: false,
         sketch_only: false,
         seed: prepared.seed.wrapping_add(apart),
         grid,
         photons,
     };
-    task.trace::<L>(Part::ALL, &|_| true).totals
+    let asked = Asked {
+        proceed: &|_| true,
+        photons: AtomicU64::new(0),
+        photons_planned: photons,
+        stopped: AtomicBool::new(false),
+    };
+    task.trace::<L>(Part::ALL, &asked).totals
 }
 
 /// A short run for whoever wants to know what a photon costs, without the look at every triangle: its photons cost
-/// somewhat more than those of a run that had it. What a surface computes once and keeps is there afterwards.
+/// somewhat more than those of a run that had it. What a surface computes once and keeps is there afterwards. `go_on`
+/// is asked from time to time; fewer photons, or none, are counted where it says no.
 #[must_use]
-pub fn trace_few(prepared: &Prepared, follow: Follow, photons: u64) -> Totals {
+pub fn trace_few(
+    prepared: &Prepared,
+    follow: Follow,
+    photons: u64,
+    go_on: &(dyn Fn() -> bool + Sync),
+) -> Totals {
     let grid = prepared.grid;
+    let go_on = |_| go_on();
     match follow {
-        Follow::Both => trace_briefly::<Paired>(prepared, grid, photons, 0),
+        Follow::Both => trace_briefly::<Paired>(prepared, grid, photons, 0, &go_on),
         Follow::Scene if prepared.polarised => {
-            trace_briefly::<Polarised>(prepared, grid, photons, 0)
+            trace_briefly::<Polarised>(prepared, grid, photons, 0, &go_on)
         }
-        Follow::Scene => trace_briefly::<Scalar>(prepared, grid, photons, 0),
+        Follow::Scene => trace_briefly::<Scalar>(prepared, grid, photons, 0, &go_on),
     }
 }
 
@@ -383,7 +393,10 @@ pub fn traced_until(photons: u64, needed: u64) -> u64 {
     sketch + needed.div_ceil(looked).saturating_mul(looked).min(photons)
 }
 
-pub(super) fn walk_of(prepared: &Prepared) -> Walk<'_> {
+pub(super) fn walk_of<'a>(
+    prepared: &'a Prepared,
+    go_on: &'a (dyn Fn(u64) -> bool + Sync),
+) -> Walk<'a> {
     Walk {
         stack: &prepared.stack,
         method: prepared.method,
@@ -391,6 +404,46 @@ pub(super) fn walk_of(prepared: &Prepared) -> Walk<'_> {
         k: prepared.k,
         s: prepared.s,
         interactions_max: prepared.interactions_max,
+        worth_splitting: worth_splitting(&prepared.stack),
+        go_on,
+    }
+}
+
+/// Who is asked whether to go on, and whether that was denied.
+struct Asked<'a> {
+    proceed: &'a (dyn Fn(&Progress) -> bool + Sync),
+    photons: AtomicU64,
+    photons_planned: u64,
+    stopped: AtomicBool,
+}
+
+impl Asked<'_> {
+    fn is_stopped(&self) -> bool {
+        self.stopped.load(Ordering::Relaxed)
+    }
+
+    /// Tells of the photons so far, with what is known beside that; `false` from the first denial on.
+    fn tell(&self, look: Option<f64>, relative_error: Option<f64>) -> bool {
+        let progress = Progress {
+            look,
+            photons: self.photons.load(Ordering::Relaxed),
+            photons_planned: self.photons_planned,
+            relative_error,
+        };
+        if !(self.proceed)(&progress) {
+            self.stopped.store(true, Ordering::Relaxed);
+        }
+        !self.is_stopped()
+    }
+
+    /// Asks while photons are on their way.
+    fn go_on(&self) -> bool {
+        !self.is_stopped() && self.tell(None, None)
+    }
+
+    /// More photons are counted.
+    fn counted(&self, photons: u64) {
+        self.photons.fetch_max(photons, Ordering::Relaxed);
     }
 }
 
@@ -398,8 +451,6 @@ pub(super) fn walk_of(prepared: &Prepared) -> Walk<'_> {
 struct Task<'a> {
     walk: &'a Walk<'a>,
     first_hits: Option<FirstHits<'a>>,
-    /// Whether it was told to stop before the first photon.
-    stopped: bool,
     /// Whether the look at the surface was not finished: photons without it are no part of the run.
     sketch_only: bool,
     seed: u64,
@@ -408,19 +459,17 @@ struct Task<'a> {
 }
 
 impl Task<'_> {
-    fn trace<L: Light>(&self, part: Part, proceed: &(dyn Fn(&Progress) -> bool + Sync)) -> SoFar {
+    fn trace<L: Light>(&self, part: Part, asked: &Asked<'_>) -> SoFar {
         let (grid, photons) = (self.grid, self.photons);
-        let (count, planned) = (batches(photons), part.planned(photons));
+        let count = batches(photons);
         let Part {
             shard,
             before,
             ending,
         } = part;
-        // Nobody goes on with a sketch.
-        let before = before.filter(|b| !b.batches.is_empty());
         let sketch = (before.is_none() && shard.of == 1).then(|| {
             let mut sketch = Sketch::<L>::new(self, ending);
-            sketch.go_on(self, planned, proceed);
+            sketch.go_on(self, asked);
             sketch
         });
         let before = before.unwrap_or_else(|| SoFar {
@@ -440,41 +489,22 @@ impl Task<'_> {
             Ending::AtLast => LOOK_BATCHES_TOLD,
             Ending::AnyTime | Ending::Within(_) => LOOK_BATCHES,
         };
-        // Until the batches say more it is the sketch's photons that count.
-        let sketched = sketch.as_ref().map_or(0, Sketch::photons);
         // What is known is still to be added for later ones: that takes as long for one as for all, so once.
         let with_known = before.totals.photons();
         let counted = Mutex::new(before);
         let lock = || counted.lock().expect("no thread panics while it adds");
-        let stopped = self.sketch_only || sketch.as_ref().is_some_and(|s| s.stopped);
-        let stopped = AtomicBool::new(stopped);
         // Empty batches are kept: one per thread is made, since megabytes take their time.
         let spare = Mutex::new(Vec::new());
         let spare = || spare.lock().expect("no thread panics while it takes one");
         left.par_iter().with_max_len(1).for_each(|&number| {
-            if stopped.load(Ordering::Relaxed) {
+            if self.sketch_only || asked.is_stopped() {
                 return;
             }
             let (mut batch, mut waiting) = spare()
                 .pop()
                 .unwrap_or_else(|| (Batch::new::<L>(grid), Waiting::none()));
             let share = share(photons, count, number);
-            let at_start = Progress {
-                look: None,
-                photons: lock().totals.photons().max(sketched),
-                photons_planned: planned,
-                relative_error: None,
-            };
-            let go_on = |n: u64| {
-                if !n.is_multiple_of(LOOK) {
-                    return true;
-                }
-                let go_on = !stopped.load(Ordering::Relaxed) && proceed(&at_start);
-                if !go_on {
-                    stopped.store(true, Ordering::Relaxed);
-                }
-                go_on
-            };
+            let go_on = |n: u64| !n.is_multiple_of(LOOK) || asked.go_on();
             let name = (Purpose::Photon, number);
             if !self.batch::<L>(name, share, &go_on, &mut waiting, &mut batch) {
                 return;
@@ -486,17 +516,12 @@ impl Task<'_> {
             let totals = &so_far.totals;
             let known = self.first_hits.as_ref().map(|f| &f.known);
             let known = known.map(|known| (known, totals.photons() - with_known));
-            let progress = Progress {
-                look: None,
-                photons: totals.photons().max(sketched),
-                photons_planned: planned,
-                relative_error: look.then(|| totals.relative_error_with(known)).flatten(),
-            };
+            // Until the batches say more it is the sketch's photons that count.
+            asked.counted(totals.photons());
+            let relative_error = look.then(|| totals.relative_error_with(known)).flatten();
             drop(so_far);
             spare().push((batch, waiting));
-            if !proceed(&progress) {
-                stopped.store(true, Ordering::Relaxed);
-            }
+            asked.tell(None, relative_error);
         });
         let mut so_far = counted
             .into_inner()
@@ -545,6 +570,9 @@ impl Task<'_> {
                 }
             };
             self.walk.photon::<L>(x, y, &mut random, waiting, batch);
+            if batch.given_up {
+                return false;
+            }
         }
         true
     }

@@ -9,10 +9,6 @@ use super::run::{self, Follow, Progress, Shard};
 use super::scene::{Prepared, Scene};
 use super::tally::{Estimate, Totals};
 
-/// What is said where several surfaces were asked for and none but the first was traced in time.
-pub const NO_OTHER_SURFACE: &str =
-    "no other surface was traced in the time: allow more seconds, or ask for fewer photons";
-
 /// A share of the light over several surfaces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Between {

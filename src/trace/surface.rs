@@ -48,33 +48,35 @@ pub enum Way {
 
 impl Relief {
     /// First hit of a ray that comes from far away and crosses the outermost level at fractions `x`,
-    /// `y` of the tile.
+    /// `y` of the tile. What is crossed on the way (cells, pieces) is added to `crossed`.
     #[inline]
     #[must_use]
-    pub fn enter(&self, side: Side, k: &V3, x: f64, y: f64) -> Way {
+    pub fn enter(&self, side: Side, k: &V3, x: f64, y: f64, crossed: &mut u64) -> Way {
         match self {
             Relief::Flat => Way::Hit(Place::Flat),
-            Relief::Field(field) => match field.enter(side, k, x, y) {
+            Relief::Field(field) => match field.enter(side, k, x, y, crossed) {
                 Flight::Hit(spot) => Way::Hit(Place::Field(spot)),
                 Flight::Free => Way::Free,
                 Flight::Lost => Way::Lost,
             },
-            Relief::Profile(profile) => profile_way(profile.enter(side, k, y)),
+            Relief::Profile(profile) => profile_way(profile.enter(side, k, y, crossed)),
         }
     }
 
-    /// What a ray meets that leaves `place` on a side.
+    /// What a ray meets that leaves `place` on a side. What is crossed on the way is added to `crossed`.
     #[inline]
     #[must_use]
-    pub fn onward(&self, place: &Place, side: Side, k: &V3) -> Way {
+    pub fn onward(&self, place: &Place, side: Side, k: &V3, crossed: &mut u64) -> Way {
         match (self, place) {
-            (Relief::Field(field), Place::Field(spot)) => match field.onward(spot, side, k) {
-                Flight::Hit(spot) => Way::Hit(Place::Field(spot)),
-                Flight::Free => Way::Free,
-                Flight::Lost => Way::Lost,
-            },
+            (Relief::Field(field), Place::Field(spot)) => {
+                match field.onward(spot, side, k, crossed) {
+                    Flight::Hit(spot) => Way::Hit(Place::Field(spot)),
+                    Flight::Free => Way::Free,
+                    Flight::Lost => Way::Lost,
+                }
+            }
             (Relief::Profile(profile), Place::Profile(spot)) => {
-                profile_way(profile.onward(spot, side, k))
+                profile_way(profile.onward(spot, side, k, crossed))
             }
             _ => Way::Free,
         }
@@ -194,12 +196,19 @@ impl Stack {
     /// afresh, since layers are taken as thick against their relief.
     #[inline]
     #[must_use]
-    pub fn enter(&self, interface: usize, side: Side, k: &V3, random: &mut Stream) -> Way {
+    pub fn enter(
+        &self,
+        interface: usize,
+        side: Side,
+        k: &V3,
+        random: &mut Stream,
+        crossed: &mut u64,
+    ) -> Way {
         match &self.interfaces[interface].relief {
             Relief::Flat => Way::Hit(Place::Flat),
             relief => {
                 let (x, y) = (random.uniform(), random.uniform());
-                relief.enter(side, k, x, y)
+                relief.enter(side, k, x, y, crossed)
             }
         }
     }

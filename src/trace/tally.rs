@@ -17,9 +17,17 @@ use super::light::Light;
 use super::vec3::V3;
 pub use energies::{Energies, ORDERS};
 
+/// Work after which it is asked again whether to go on with a batch: a millisecond's.
+const ASKED: u64 = 1 << 16;
+
 /// What the photons of one replicate left.
 #[derive(Debug)]
 pub struct Batch {
+    /// Work that they took: cells crossed, and what else was done in units of that.
+    pub work: u64,
+    asked_at: u64,
+    /// Its photons were told to stop on their way: what is counted is of no use.
+    pub given_up: bool,
     finder: Finder,
     stride: usize,
     bins: Vec<f64>,
@@ -34,6 +42,9 @@ impl Batch {
     pub fn new<L: Light>(grid: Grid) -> Self {
         let bins = 2 * grid.per_side();
         Batch {
+            work: 0,
+            asked_at: ASKED,
+            given_up: false,
             finder: grid.finder(),
             stride: L::ELEMENTS,
             bins: vec![0.0; bins * L::ELEMENTS],
@@ -109,8 +120,38 @@ impl Batch {
         self.energies.absorbed += power;
     }
 
+    /// Whether it is time to ask if its photons go on: once each so much work.
+    #[inline(always)]
+    pub fn is_due(&mut self) -> bool {
+        let due = self.work >= self.asked_at;
+        if due {
+            self.asked_at = self.work + ASKED;
+        }
+        due
+    }
+
+    /// Takes what another of the same bins counted, and leaves that empty.
+    pub fn take(&mut self, other: &mut Batch) {
+        for &bin in &other.touched {
+            let at = bin as usize;
+            if self.hits[at] == 0 {
+                self.touched.push(bin);
+            }
+            self.hits[at] += other.hits[at];
+            let range = at * self.stride..(at + 1) * self.stride;
+            for (sum, x) in self.bins[range.clone()].iter_mut().zip(&other.bins[range]) {
+                *sum += x;
+            }
+        }
+        for (sum, x) in self.energies.all_mut().zip(other.energies.all()) {
+            *sum += x;
+        }
+        other.clear();
+    }
+
     /// Empties it for its next use.
     pub fn clear(&mut self) {
+        (self.work, self.asked_at, self.given_up) = (0, ASKED, false);
         for bin in self.touched.drain(..) {
             let bin = bin as usize;
             self.hits[bin] = 0;

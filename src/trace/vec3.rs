@@ -1,22 +1,29 @@
 //! Three numbers and the few products that a hot loop needs, plain enough to be fast unoptimised.
 
+use std::ops::{Add, Mul, Sub};
+
 /// A vector in the sample frame (u, v, n).
 pub type V3 = [f64; 3];
+
+/// A number, or a register of them.
+pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {}
+
+impl<T: Copy + Add<Output = T> + Sub<Output = T> + Mul<Output = T>> Number for T {}
 
 /// The macro-surface normal.
 pub const UP: V3 = [0.0, 0.0, 1.0];
 
 /// a · b.
-#[inline]
+#[inline(always)]
 #[must_use]
-pub fn dot(a: &V3, b: &V3) -> f64 {
+pub fn dot<T: Number>(a: &[T; 3], b: &[T; 3]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// a × b.
-#[inline]
+#[inline(always)]
 #[must_use]
-pub fn cross(a: &V3, b: &V3) -> V3 {
+pub fn cross<T: Number>(a: &[T; 3], b: &[T; 3]) -> [T; 3] {
     [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],

@@ -2,8 +2,8 @@
 //!
 //! A batch of a run may take many seconds, and the error is known once there are several. A sketch is an answer
 //! after its first round already, and all its photons so far count. They are none of the run's, so what a whole
-//! run counts does not depend on it. A round is finished whatever happens, and is an eighth of what was traced
-//! before: by so much a stop may come late.
+//! run counts does not depend on it. Rounds are few photons at first, as much as was traced before, and later an eighth
+//! of that; what a stop leaves of one is dropped.
 
 use rayon::prelude::*;
 
@@ -11,12 +11,14 @@ use super::super::light::Light;
 use super::super::rng::Purpose;
 use super::super::tally::{Batch, Totals};
 use super::super::walk::Waiting;
-use super::{BATCH_MAX, Ending, LOOK, Progress, SoFar, Task, batches, share};
+use super::{Asked, BATCH_MAX, Ending, LOOK, SoFar, Task, batches, share};
 
 /// Replicates of a sketch.
 const REPLICATES: u64 = 16;
-/// Photons of each in the first round,
-const FIRST: u64 = 1 << 6;
+/// Photons of each in the first round: of some scenes each takes a second.
+const FIRST: u64 = 1 << 2;
+/// Photons of each in a round up to which rounds double,
+const DOUBLING: u64 = 1 << 6;
 /// the share of its photons so far that each gets in one round,
 const GROWTH: u64 = 8;
 /// and the most photons that it gets.
@@ -42,15 +44,21 @@ pub(super) fn most(photons: u64, ending: Ending) -> u64 {
 
 /// A sketch under way.
 pub(super) struct Sketch<L: Light> {
-    replicates: Vec<(Batch, Waiting<L>)>,
+    replicates: Vec<Replicate<L>>,
     /// Photons of each replicate so far.
     each: u64,
     /// Photons that all may have.
     most: u64,
     /// Whether the error decides when it ends.
     looks: bool,
-    /// Whether it was told to stop.
-    pub stopped: bool,
+}
+
+/// One of the equal parts of a sketch.
+struct Replicate<L: Light> {
+    batch: Batch,
+    /// The round under way.
+    round: Batch,
+    waiting: Waiting<L>,
 }
 
 impl<L: Light> Sketch<L> {
@@ -60,39 +68,44 @@ impl<L: Light> Sketch<L> {
         } else {
             most(task.photons, ending)
         };
-        let count = if most >= REPLICATES * FIRST {
+        let count = if most >= REPLICATES * DOUBLING {
             REPLICATES
         } else {
             0
         };
-        let empty = |_| (Batch::new::<L>(task.grid), Waiting::none());
+        let empty = |_| Replicate {
+            batch: Batch::new::<L>(task.grid),
+            round: Batch::new::<L>(task.grid),
+            waiting: Waiting::none(),
+        };
         Sketch {
             replicates: (0..count).map(empty).collect(),
             each: 0,
             most,
             looks: !matches!(ending, Ending::AtLast),
-            stopped: false,
         }
     }
 
     /// Rounds until it has all its photons or is told to stop.
-    pub(super) fn go_on(
-        &mut self,
-        task: &Task<'_>,
-        photons_planned: u64,
-        proceed: &(dyn Fn(&Progress) -> bool + Sync),
-    ) {
+    pub(super) fn go_on(&mut self, task: &Task<'_>, asked: &Asked<'_>) {
         let (mut round, mut next_look) = (0, LOOK);
         loop {
-            let size = (self.each / GROWTH).clamp(FIRST, ROUND_MAX);
+            let doubled = self.each.clamp(FIRST, DOUBLING);
+            let size = (self.each / GROWTH).clamp(doubled, ROUND_MAX);
             if self.photons() + REPLICATES * size > self.most {
                 return;
             }
             let replicates = self.replicates.par_iter_mut().enumerate().with_max_len(1);
-            replicates.for_each(|(n, (batch, waiting))| {
+            let done = replicates.map(|(n, own)| {
                 let name = (Purpose::Sketch, REPLICATES * round + n as u64);
-                task.batch::<L>(name, size, &|_| true, waiting, batch);
+                task.batch::<L>(name, size, &|_| true, &mut own.waiting, &mut own.round)
             });
+            if !done.reduce(|| true, |a, b| a && b) {
+                return;
+            }
+            for own in &mut self.replicates {
+                own.batch.take(&mut own.round);
+            }
             self.each += size;
             round += 1;
             let photons = self.photons();
@@ -101,14 +114,8 @@ impl<L: Light> Sketch<L> {
                 // m00 alone is looked at.
                 self.counted(task, 1).relative_error()
             });
-            let progress = Progress {
-                look: None,
-                photons,
-                photons_planned,
-                relative_error: relative_error.flatten(),
-            };
-            if task.stopped || !proceed(&progress) {
-                self.stopped = true;
+            asked.counted(photons);
+            if asked.is_stopped() || !asked.tell(None, relative_error.flatten()) {
                 return;
             }
         }
@@ -131,8 +138,8 @@ impl<L: Light> Sketch<L> {
 
     fn counted(&self, task: &Task<'_>, elements: usize) -> Totals {
         let mut totals = Totals::new(task.grid, elements);
-        for (batch, _) in &self.replicates {
-            totals.count(batch, self.each);
+        for own in &self.replicates {
+            totals.count(&own.batch, self.each);
         }
         if let Some(first_hits) = &task.first_hits {
             totals.include(&first_hits.known, self.photons());
@@ -146,7 +153,7 @@ mod tests {
     use std::sync::atomic::{AtomicU64, Ordering};
 
     use super::super::super::scene::{Prepared, Scene};
-    use super::super::{Shard, TimeLimit, resume, trace};
+    use super::super::{Progress, Shard, TimeLimit, resume, trace};
     use super::*;
 
     fn scene(interface: &str, photons: u64) -> Prepared {
@@ -226,7 +233,7 @@ mod tests {
         assert!(!stopped.is_complete(1 << 24, Shard::WHOLE));
         let totals = &stopped.totals;
         assert_eq!(totals.batches(), REPLICATES);
-        // All that was traced counts, and a stop comes an eighth late at most.
+        // All rounds that were traced count, and a stop comes an eighth late at most.
         let photons = totals.photons();
         assert!(
             ((1 << 13)..=(1 << 13) * 9 / 8).contains(&photons),
@@ -261,18 +268,15 @@ mod tests {
     #[test]
     fn where_a_stop_is_an_accident_a_sketch_takes_an_eighth_of_a_batch_at_most() {
         let long = rough(1 << 24);
-        let most = AtomicU64::new(0);
-        let first_batch = (1 << 24) / 64;
+        let last = AtomicU64::new(0);
+        let most = (1 << 24) / 64 / SHARE;
         let run = resume(&long, Shard::WHOLE, None, Ending::AtLast, &|p| {
-            let before = most.swap(p.photons, Ordering::Relaxed);
-            // In the first batch the number stands still.
-            p.look.is_some() || before != p.photons
+            let before = last.swap(p.photons, Ordering::Relaxed);
+            // In the first batch the number stands still, as it does in a round; no round begins that would be too much.
+            before != p.photons || 9 * p.photons < 8 * most
         });
         let photons = run.totals.photons();
-        assert!(
-            photons <= first_batch / SHARE && photons > first_batch / (2 * SHARE),
-            "{photons}"
-        );
+        assert!(photons <= most && 9 * photons >= 8 * most, "{photons}");
     }
 
     #[test]
