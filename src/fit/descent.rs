@@ -1,6 +1,8 @@
 //! The algorithm behind [`minimise`](super::solver::minimise): trial steps, polish and the final
 //! word on how it ended, as an argmin [`Solver`].
 
+mod kinks;
+
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use argmin::core::{Error, IterState, KV, Problem, Solver, TerminationReason, TerminationStatus};
@@ -47,6 +49,8 @@ pub struct LevenbergMarquardt<'a> {
     damping: f64,
     phase: Phase,
     may_polish: bool,
+    /// Parameters that a kink of the residuals holds ([`kinks`]).
+    held: Vec<bool>,
     iterations: u64,
     evaluations: u64,
     /// Best point of the descent, kept while the polish runs.
@@ -84,6 +88,7 @@ impl<'a> LevenbergMarquardt<'a> {
             damping: 0.0,
             phase: Phase::Descent,
             may_polish: settings.polish_steps > 0,
+            held: vec![false; n],
             iterations: 0,
             evaluations: 0,
             anchor: None,
@@ -96,8 +101,17 @@ impl<'a> LevenbergMarquardt<'a> {
         }
     }
 
-    /// Parameters that the projected gradient leaves free.
+    /// Parameters that the projected gradient leaves free and no kink holds.
     fn free(&self) -> Vec<bool> {
+        let within = self.within_bounds().into_iter();
+        within
+            .zip(&self.held)
+            .map(|(free, held)| free && !held)
+            .collect()
+    }
+
+    /// Parameters that the projected gradient leaves free.
+    fn within_bounds(&self) -> Vec<bool> {
         (0..self.n)
             .map(|j| {
                 let gradient: f64 = self.column(j).iter().zip(&self.r).map(|(a, b)| a * b).sum();
@@ -333,10 +347,24 @@ impl<'a> LevenbergMarquardt<'a> {
         };
         let small_radius = self.radius <= step_tolerance * self.size();
         if small_gain {
-            self.hand_over(Ending::ConvergedByCost);
+            self.hand_over_beside_kinks(problem, Ending::ConvergedByCost)?;
         } else if small_radius {
-            self.hand_over(Ending::Stalled);
+            self.hand_over_beside_kinks(problem, Ending::Stalled)?;
         }
+        Ok(())
+    }
+
+    /// The same, once more where what is left to gain lies beyond a kink.
+    fn hand_over_beside_kinks<P: LeastSquares>(
+        &mut self,
+        problem: &mut Problem<P>,
+        ending: Ending,
+    ) -> Result<(), Error> {
+        if !self.may_polish && !self.held.contains(&true) {
+            self.held = self.kinks(problem)?;
+            self.may_polish = self.held.contains(&true) && self.settings.polish_steps > 0;
+        }
+        self.hand_over(ending);
         Ok(())
     }
 
@@ -398,19 +426,16 @@ impl<'a> LevenbergMarquardt<'a> {
         let vanished = self.settings.vanished_step;
         // Far below what counts as vanished there is nothing left to gain.
         if relative <= 0.1 * vanished && last.is_finite() {
-            self.finish(Ending::ConvergedByStep);
-            return Ok(());
+            return self.finish(problem);
         }
         let missed = relative >= last;
         if missed && last < vanished {
-            self.finish(Ending::ConvergedByStep);
-            return Ok(());
+            return self.finish(problem);
         }
         let misses = misses + u32::from(missed);
         if done >= self.settings.polish_steps || misses > 3 || relative > 100.0 * last.min(1.0) {
             if last < 1e3 * vanished {
-                self.finish(Ending::ConvergedByStep);
-                return Ok(());
+                return self.finish(problem);
             }
             return self.give_up_polish();
         }
@@ -425,8 +450,7 @@ impl<'a> LevenbergMarquardt<'a> {
         }
         self.accept(cost);
         if relative == 0.0 {
-            self.finish(Ending::ConvergedByStep);
-            return Ok(());
+            return self.finish(problem);
         }
         self.phase = Phase::Polish {
             done: done + 1,
@@ -453,8 +477,22 @@ impl<'a> LevenbergMarquardt<'a> {
         Ok(())
     }
 
-    fn finish(&mut self, ending: Ending) {
+    /// The step has vanished; what a kink holds has to be held there still.
+    fn finish<P: LeastSquares>(&mut self, problem: &mut Problem<P>) -> Result<(), Error> {
+        let mut ending = Ending::ConvergedByStep;
+        if self.held.contains(&true) {
+            let kinks = self.kinks(problem)?;
+            if self
+                .held
+                .iter()
+                .zip(kinks)
+                .any(|(held, kink)| *held && !kink)
+            {
+                ending = Ending::Stalled;
+            }
+        }
         self.phase = Phase::Over(ending);
+        Ok(())
     }
 
     /// Ratio of the least to the greatest singular value of the free columns, scaled to length 1;
@@ -483,13 +521,13 @@ impl<'a> LevenbergMarquardt<'a> {
     /// The outcome, with the ending weighed once more against gradient and rank.
     #[must_use]
     pub fn into_minimum(self) -> Minimum {
-        let free = self.free();
+        let free = self.within_bounds();
         let mut ending = match self.phase {
             Phase::Over(ending) => ending,
             Phase::Descent | Phase::Polish { .. } => Ending::MaxIterations,
         };
         if !matches!(ending, Ending::NotFinite | Ending::Cancelled) {
-            let gradient = self.orthogonality(&free);
+            let gradient = self.orthogonality(&self.free());
             if matches!(ending, Ending::ConvergedByCost | Ending::Stalled) && gradient < 1e-9 {
                 ending = Ending::ConvergedByGradient;
             }

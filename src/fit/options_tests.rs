@@ -8,7 +8,7 @@ use rand_distr::StandardNormal;
 
 use super::budget::uncertainty;
 use super::estimate::{Estimate, estimate};
-use super::painted::painted;
+use super::painted::{painted, painted_by};
 use super::problem::{Problem, Quantity, Values};
 use super::report::VariantName;
 use super::reporting::report_of;
@@ -311,6 +311,27 @@ fn a_retraced_descent_ends_at_the_minimum_and_a_bootstrap_without_time_draws_not
             .warnings
             .iter()
             .any(|w| w.contains("within the time"))
+    );
+}
+
+#[test]
+fn few_poses_that_the_printed_form_explains_are_not_put_down_to_the_sawtooth() {
+    let poses = [-20.0, -10.0, 0.0, 10.0, 20.0]
+        .into_iter()
+        .flat_map(|tilt| [0.0, 90.0, 180.0].map(|azimuth| Pose::from_deg(tilt, azimuth)));
+    let set = painted_by(Variant::Paper, poses, &TRUTH, 1e-4, 3);
+    let cancel = AtomicBool::new(false);
+    let report = fit_with_tier(&set, &FitOptions::default(), None, &cancel);
+    assert_eq!(report.variant, VariantName::Paper);
+    assert_eq!(report.status, super::report::Status::Converged);
+    let theta_r = &report.parameters.theta_r_deg;
+    let off = (theta_r.value.unwrap() - TRUTH.theta_r.to_degrees()).abs();
+    assert!(off < 2.0 * theta_r.expanded.unwrap(), "{theta_r:?}");
+    let unexplained = |w: &String| w.contains("no variant explains");
+    assert!(
+        !report.warnings.iter().any(unexplained),
+        "{:?}",
+        report.warnings
     );
 }
 

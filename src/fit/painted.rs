@@ -1,4 +1,4 @@
-//! Series that the sawtooth's closed form painted, for tests of fits.
+//! Series that the closed forms painted, for tests of fits.
 
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -23,9 +23,20 @@ pub const TRUTH: Values = Values {
     k: 0.0,
 };
 
-/// Plastic on an absolute scale, painted with `truth`; every observation has the noise `noise` as a share of the
+/// Plastic on an absolute scale, painted with `truth` by the sawtooth's closed form; every observation has the noise `noise` as a share of the
 /// brightest.
 pub fn painted(
+    poses: impl Iterator<Item = Pose>,
+    truth: &Values,
+    noise: f64,
+    seed: u64,
+) -> ObservationSet {
+    painted_by(Variant::Sawtooth, poses, truth, noise, seed)
+}
+
+/// The same by any of the closed forms.
+pub fn painted_by(
+    variant: Variant,
     poses: impl Iterator<Item = Pose>,
     truth: &Values,
     noise: f64,
@@ -47,7 +58,7 @@ pub fn painted(
         )
     };
     let free = Quantity::ALL.to_vec();
-    let clean = Problem::new(&set, Variant::Sawtooth, free, *truth).predicted(truth);
+    let clean = Problem::new(&set, variant, free, *truth).predicted(truth);
     let peak = clean.iter().copied().fold(0.0, f64::max);
     let mut draw = rand_pcg::Pcg64::seed_from_u64(seed);
     for (o, clean) in set.observations.iter_mut().zip(clean) {

@@ -174,7 +174,7 @@ pub struct VariantSummary {
     pub rms_residual: f64,
     /// χ² per degree of freedom with counting noise alone.
     pub chi2_reduced_without_model: f64,
-    /// Quasi-Akaike criterion, ĉ from the richest variant; only differences count.
+    /// Quasi-Akaike criterion, ĉ from the variant that explains the data best; only differences count.
     pub qaic: f64,
     /// Ridge angle.
     pub theta_r_deg: Option<f64>,

@@ -267,6 +267,47 @@ mod tests {
     }
 
     #[test]
+    fn a_minimum_on_a_kink_is_one_and_the_others_converge_beside_it() {
+        /// r = (1 + |x| + y/4, 1 + 2 |x|, y − 3 + x): the cost rises to both sides of x = 0.
+        struct Kinked;
+        impl LeastSquares for Kinked {
+            fn n_parameters(&self) -> usize {
+                2
+            }
+            fn n_residuals(&self) -> usize {
+                3
+            }
+            fn evaluate(&self, p: &[f64], r: &mut [f64], j: &mut [f64]) {
+                let side = p[0].signum();
+                r.copy_from_slice(&[
+                    1.0 + p[0].abs() + 0.25 * p[1],
+                    1.0 + 2.0 * p[0].abs(),
+                    p[1] - 3.0 + p[0],
+                ]);
+                j.copy_from_slice(&[side, 2.0 * side, 1.0, 0.25, 0.0, 1.0]);
+            }
+        }
+        let cancel = AtomicBool::new(false);
+        let from = |start: [f64; 2]| {
+            minimise(
+                Kinked,
+                &start,
+                &Bounds::none(2),
+                &Settings::default(),
+                &cancel,
+            )
+        };
+        for start in [[0.7, 1.0], [-2.0, 5.0]] {
+            let m = from(start);
+            assert!(m.ending.is_success(), "{m:?}");
+            assert!(m.parameters[0].abs() < 1e-9, "{m:?}");
+            // At x = 0: 16 (y − 3) + 4 + y = 0.
+            assert!((m.parameters[1] - 44.0 / 17.0).abs() < 1e-8, "{m:?}");
+            assert_eq!(m.at_bound, Vec::<usize>::new());
+        }
+    }
+
+    #[test]
     fn a_start_without_a_value_is_reported_and_a_cancelled_run_stops() {
         let problem = Decay::exact(3.0, 0.7);
         let m = run(&problem, [f64::NAN, 0.0], &Bounds::none(2));

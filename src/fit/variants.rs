@@ -1,8 +1,8 @@
 //! All variants on one set of observations, and the choice between them.
 //!
 //! The choice follows QAIC: with counting errors alone every χ² is in the thousands and the plain
-//! criterion takes the largest model, so χ² is divided by ĉ, the reduced χ² of the richest variant
-//! (at least 1), and another variant is taken only for a clear gain.
+//! criterion takes the largest model, so χ² is divided by ĉ, the reduced χ² of the variant that explains
+//! the data best (at least 1), and another variant is taken only for a clear gain.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -155,10 +155,14 @@ fn fit_each(
         (VariantName::Sawtooth, &sawtooth),
         (VariantName::Traced, &traced),
     ];
-    let dispersion = traced
-        .as_ref()
-        .or(sawtooth.as_ref())
-        .map_or(1.0, |e| e.chi2_reduced_without_model.max(1.0));
+    // Of the best, not of the richest: where that explains nothing, its scatter would make all alike.
+    let (best, dispersion) = fitted
+        .iter()
+        .filter_map(|(name, e)| Some((*name, e.as_ref()?.chi2_reduced_without_model)))
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+        .map_or((VariantName::Sawtooth, 1.0), |(name, chi2)| {
+            (name, chi2.max(1.0))
+        });
     let criterion = |e: &Option<Estimate<'_>>| {
         e.as_ref().map_or(f64::INFINITY, |e| {
             let n = e.fitted;
@@ -233,14 +237,9 @@ fn fit_each(
         report.warnings.extend(comparison(paper, sawtooth));
     }
     if dispersion > INADEQUATE {
-        let name = if traced.is_some() {
-            "traced"
-        } else {
-            "sawtooth"
-        };
         report.warnings.push(format!(
             "no variant explains the data to their counting noise (reduced chi-square {dispersion:.3} \
-             for {name}); what the model misses is in the uncertainties as `model`"
+             for {best}); what the model misses is in the uncertainties as `model`"
         ));
     }
     report
