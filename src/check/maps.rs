@@ -204,16 +204,15 @@ fn median(map: &Map, k: usize) -> Option<(f64, f64)> {
     Some((f64::from(value), (own + shared * shared).sqrt()))
 }
 
-/// θr, α along and across the ridges, and the fifth, with their truths.
-fn truths(wish: &Wish) -> [(usize, f64); 4] {
+/// θr, α along and across the ridges, and the fifth, with their truths; without a white reference there is no rho_d.
+fn truths(wish: &Wish) -> Vec<(usize, f64)> {
     let s = &wish.surface;
     let fifth = if wish.metal { s.amplitude } else { s.rho_d };
-    [
-        (0, s.theta_r.to_degrees()),
-        (2, s.alpha_u),
-        (3, s.alpha_v),
-        (4, fifth),
-    ]
+    let mut truths = vec![(0, s.theta_r.to_degrees()), (2, s.alpha_u), (3, s.alpha_v)];
+    if wish.flats || wish.metal {
+        truths.push((4, fifth));
+    }
+    truths
 }
 
 pub(super) fn rows(effort: Effort, cancel: &AtomicBool) -> Vec<Row> {
@@ -272,6 +271,13 @@ fn units(rows: &mut Vec<Row>, plain: &Wish, cancel: &AtomicBool) {
     } else {
         "no white reference"
     };
+    if !plain.flats
+        && let Ok(map) = &reference
+    {
+        let found = median(map, 4).map_or("none", |_| "a value");
+        let judged = one_of(&["none"], found);
+        rows.push(Row::new(AREA, white, "rho_d, median", NONE, judged));
+    }
     for (what, time_unit, length_unit) in [
         ("times", 1e12, 1.0),
         ("times", 1e-12, 1.0),

@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use anyhow::{Context, anyhow};
@@ -65,7 +66,7 @@ struct Explanation {
 /// Runs the command.
 ///
 /// # Errors
-/// Bad input for what is neither a scene nor a series; no result where stdout cannot be written.
+/// Bad input for what is neither a scene nor a series; no result where stdout cannot be written; interrupted by Ctrl-C.
 pub fn run(args: Args) -> Result<(), CliError> {
     limits::check_tolerance(Some(args.tolerance))?;
     if args.prove && args.input.is_dir() {
@@ -92,6 +93,10 @@ pub fn run(args: Args) -> Result<(), CliError> {
     } else {
         of_scene(&args)?
     };
+    // A forecast that was cut short is none.
+    if super::interrupt::flag()?.load(Ordering::Relaxed) {
+        return Err(CliError::Interrupted);
+    }
     let mut out = std::io::stdout().lock();
     let written = if args.json {
         serde_json::to_writer_pretty(&mut out, &explanation)

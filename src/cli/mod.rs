@@ -34,6 +34,7 @@ pub mod told;
 pub mod trace;
 pub mod wear;
 
+use std::io::Write as _;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -168,18 +169,23 @@ pub fn run(cli: Cli) -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(CliError::BadInput(error)) => {
-            eprintln!("error: {}", once(&error));
+            say(&format!("error: {}", once(&error)));
             ExitCode::from(2)
         }
         Err(CliError::NoResult(error)) => {
-            eprintln!("error: {}", once(&error));
+            say(&format!("error: {}", once(&error)));
             ExitCode::from(1)
         }
         Err(CliError::Interrupted) => {
-            eprintln!("stopped by Ctrl-C; everything is safe");
+            say("stopped by Ctrl-C; everything is safe");
             ExitCode::from(130)
         }
     }
+}
+
+/// A line on stderr; where nobody listens there, the exit code still says how it ended.
+fn say(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{line}");
 }
 
 /// An error and its causes, without those that the error says already.

@@ -470,6 +470,12 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
+/// Decimals that show two digits of a standard error, six at least.
+fn digits_for(std: f64) -> usize {
+    let leading = if std > 0.0 { -std.log10().floor() } else { 0.0 };
+    (leading + 1.0).clamp(6.0, 15.0) as usize
+}
+
 /// The report for people.
 fn table_of(report: &Report, out: &mut dyn Write) -> std::io::Result<()> {
     let kind = if report.polarised {
@@ -494,7 +500,15 @@ fn table_of(report: &Report, out: &mut dyn Write) -> std::io::Result<()> {
         ("truncated", e.truncated),
     ] {
         match x.std.is_finite() {
-            true => writeln!(out, "  {name:<12} {:.6} ± {:.6}", x.value, x.std)?,
+            true if x.std > 0.0 => {
+                let digits = digits_for(x.std);
+                writeln!(
+                    out,
+                    "  {name:<12} {:.digits$} ± {:.digits$}",
+                    x.value, x.std
+                )?;
+            }
+            true => writeln!(out, "  {name:<12} {:.6} ± 0", x.value)?,
             false => writeln!(out, "  {name:<12} {:.6}", x.value)?,
         }
     }
@@ -509,9 +523,10 @@ fn table_of(report: &Report, out: &mut dyn Write) -> std::io::Result<()> {
             ("transmitted", s.transmitted),
             ("absorbed", s.absorbed),
         ] {
+            let digits = digits_for(x.std);
             writeln!(
                 out,
-                "    {name:<12} {:.6} ± {:.6}; {}; {}",
+                "    {name:<12} {:.digits$} ± {:.digits$}; {}; {}",
                 x.value,
                 x.std,
                 significant(x.std_by_sampling),

@@ -110,6 +110,9 @@ fn words_of(line: &str) -> Result<Vec<Cow<'_, str>>, &'static str> {
         words.pop();
     }
     for word in &mut words {
+        if let Some(inner) = word.strip_prefix('"').and_then(|w| w.strip_suffix('"')) {
+            *word = inner.trim().to_owned().into();
+        }
         // Where commas separate there is none left in a word.
         if word.contains(',') {
             *word = word.replace(',', ".").into();
@@ -167,6 +170,10 @@ mod tests {
         let twice = read("a.csv", b"# taken at noon\nNA,NA\nNA,NA\n1,2\n").unwrap_err();
         assert!(twice.contains("line 3"), "{twice}");
         assert!(read("a.csv", b"1,x\n").unwrap_err().contains("\"x\""));
+        assert_eq!(
+            read("a.csv", b"\"1\", \"2.5\"\n").unwrap().heights,
+            [1.0, 2.5]
+        );
         assert!(read("a.csv", b"").is_err());
         assert!(
             read("a.csv", b"1,,3\n")

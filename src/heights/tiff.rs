@@ -2,6 +2,7 @@
 
 use tiff::ColorType;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
+use tiff::tags::Tag;
 
 use super::check_size;
 use crate::trace::scene::HeightMap;
@@ -21,6 +22,16 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
                 "heights need a grey TIFF of 16-bit integers or 32-bit floats, this one is {other:?}"
             ));
         }
+    }
+    // Which way is up then, writers do not agree on.
+    const WHITE_IS_ZERO: u32 = 0;
+    let polarity = decoder.find_tag_unsigned::<u32>(Tag::PhotometricInterpretation);
+    if polarity.map_err(|e| e.to_string())? == Some(WHITE_IS_ZERO) {
+        return Err(
+            "in this TIFF white is zero (PhotometricInterpretation 0), so it does not say if its numbers count \
+             upwards: write it with black as zero"
+                .to_owned(),
+        );
     }
     let heights: Vec<f64> = match decoder.read_image().map_err(|e| e.to_string())? {
         DecodingResult::U16(v) => v.into_iter().map(f64::from).collect(),

@@ -100,6 +100,14 @@ impl Layers {
         }
     }
 
+    /// Takes the diffuse reflectance out, where nothing tells it.
+    pub(super) fn without_rho_d(&mut self) {
+        for layer in self.parameters.iter_mut().filter(|l| l.name == "rho_d") {
+            layer.values.fill(f32::NAN);
+            layer.std.fill(f32::NAN);
+        }
+    }
+
     /// Pixels that have values.
     #[must_use]
     pub fn has_value(&self, pixel: usize) -> bool {

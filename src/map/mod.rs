@@ -319,6 +319,13 @@ pub fn map_until(
 
     let mut warnings = calibration.warnings.clone();
     warnings.extend(doubts(&settled, &view));
+    if references.white.is_none() && layers.parameters.iter().any(|l| l.name == "rho_d") {
+        layers.without_rho_d();
+        warnings.push(
+            "no white reference was recorded, so there is no rho_d: it is a share of that"
+                .to_owned(),
+        );
+    }
     let left_out = what_is_left_out(&settled, pixels_left_out);
     Ok(Map {
         shared_std: settled.shared_std.map(|std| in_layer_units(&std, &layers)),

@@ -144,7 +144,10 @@ pub fn summary(map: &Map, timing: Timing, files: Vec<String>) -> Summary {
                 p5,
                 p95,
                 std_median: quantile(&sorted(&layer.std), 0.5),
-                std_shared: map.shared_std.map(|s| s[k]),
+                std_shared: map
+                    .shared_std
+                    .filter(|_| layer.values.iter().any(|x| x.is_finite()))
+                    .map(|s| s[k]),
             };
             (layer.name, spread)
         })

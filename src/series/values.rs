@@ -321,6 +321,14 @@ fn material(manifest: &Manifest) -> Result<(), Problem> {
                 "write kind = \"conductor\", or leave the metal out",
             );
         }
+        SampleKind::Dielectric if sample.k.is_some_and(|k| k != 0.0) => {
+            return wrong(
+                "sample",
+                "k",
+                "only a conductor has it".into(),
+                "leave it out (what a dielectric absorbs below its surface is part of rho_d), or write kind = \"conductor\"",
+            );
+        }
         SampleKind::Dielectric if sample.index_of_refraction.or(sample.eta).is_none() => {
             return wrong(
                 "sample",

@@ -5,6 +5,7 @@ use serde::{Serialize, Serializer};
 use super::scene::{LeftOut, Prepared, RidgeAngle};
 use super::spread::Surfaces;
 use super::tally::{Energies, Estimate, ORDERS, Totals};
+use crate::wording::percent;
 
 /// Energies, errors and what was left out.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -65,20 +66,30 @@ fn as_map<S: Serializer>(list: &[(String, Estimate)], serializer: S) -> Result<S
     serializer.collect_map(list.iter().map(|(name, x)| (name, x)))
 }
 
+/// Share of the light that is given up from which on that is said.
+const MUCH_TRUNCATED: f64 = 1e-3;
+
 /// What a reader of the standard errors should know of them.
 fn notes(totals: &Totals, e: &Energies<Estimate>) -> Vec<String> {
     let all = [&e.reflected_all, &e.transmitted_all, &e.absorbed];
+    let mut notes = Vec::new();
     if totals.batches() < 2 {
-        return vec!["a single replicate tells no error: launch more photons".to_owned()];
-    }
-    if all.iter().all(|x| x.std == 0.0) {
-        return vec![
+        notes.push("a single replicate tells no error: launch more photons".to_owned());
+    } else if all.iter().all(|x| x.std == 0.0) {
+        notes.push(
             "nothing was left to chance: where all light goes is known from the surface, so the standard errors \
              are 0 but for rounding"
                 .to_owned(),
-        ];
+        );
     }
-    Vec::new()
+    if e.truncated.value > MUCH_TRUNCATED {
+        notes.push(format!(
+            "{} of the light was given up on its way (after run.interactions_max interactions, or all but level \
+             with the surface): all other shares may lack as much",
+            percent(e.truncated.value)
+        ));
+    }
+    notes
 }
 
 impl Report {

@@ -25,6 +25,12 @@ pub(super) fn run(
     json: bool,
     cancel: &AtomicBool,
 ) -> Result<(), CliError> {
+    if options.iterations {
+        return Err(CliError::bad_input(anyhow!(
+            "--iterations retraces the fit of one series; {} were given",
+            dirs.len()
+        )));
+    }
     let opened = dirs
         .iter()
         .map(|dir| Series::open(dir))
