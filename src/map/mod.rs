@@ -52,6 +52,7 @@ use self::settle::{LOBE_SIGNIFICANCE, References, Settled};
 use self::solve::{End, FREE};
 use self::start::lambert_chi2;
 use self::view::View;
+use crate::frame::FrameKind;
 use crate::geometry::Pose;
 use crate::model::{LeftOut, left_out};
 use crate::observation::RejectedFrame;
@@ -150,9 +151,21 @@ pub enum MapError {
         "the sample frames show no light above their noise; check lamp, lens cap and exposure times"
     )]
     NothingSeen,
+    /// No sample frame can be used.
+    #[error(
+        "all {frames} sample frames were left out, the first ({file}) as {why}; look at the frames, at their exposure times and at the manifest's camera"
+    )]
+    AllLeftOut {
+        /// How many there are.
+        frames: usize,
+        /// The first of them,
+        file: String,
+        /// and why it was left out.
+        why: String,
+    },
     /// No count can be used.
     #[error(
-        "no pixel of the sample frames has a count that can be used: they are saturated, were left out, or darks and flats mark every pixel as defective; shorten the exposure times and check the flats"
+        "no pixel of the sample frames has a count that can be used: they are saturated, or darks and flats mark every pixel as defective; shorten the exposure times and check the flats"
     )]
     NothingUsable,
     /// No pixel shows a lobe.
@@ -269,9 +282,20 @@ pub fn map_until(
     )
     .map_err(MapError::Scratch)?;
     let mut rejected = calibration.rejected_frames.clone();
-    rejected.extend(observe::observe(
-        source, &light, &view, &groups, &planes, progress, cancel,
-    )?);
+    let left_out = observe::observe(source, &light, &view, &groups, &planes, progress, cancel)?;
+    let frames = source.rows().iter();
+    let frames = frames.filter(|row| row.kind == FrameKind::Sample).count();
+    if let (true, Some(first)) = (left_out.len() >= frames, left_out.first()) {
+        return Err(MapError::AllLeftOut {
+            frames,
+            file: first.file.clone(),
+            why: match first.detail.as_str() {
+                "" => first.reason.clone(),
+                detail => format!("{}: {detail}", first.reason),
+            },
+        });
+    }
+    rejected.extend(left_out);
 
     let recorded: Vec<Pose> = groups.iter().map(|g| g.pose).collect();
     let batch = sampled(&planes)?;

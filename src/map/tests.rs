@@ -436,6 +436,25 @@ fn too_few_poses_darkness_and_a_raised_flag_have_their_names() {
         "{said}"
     );
 
+    /// Sample frames of another camera setting.
+    struct Small<'a>(&'a Series);
+    impl FrameSource for Small<'_> {
+        fn manifest(&self) -> &Manifest {
+            self.0.manifest()
+        }
+        fn rows(&self) -> &[FrameRow] {
+            self.0.rows()
+        }
+        fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
+            match self.0.rows()[index].kind {
+                FrameKind::Sample => Ok(Frame::new(2, 2, vec![1000; 4]).unwrap()),
+                _ => self.0.read(index),
+            }
+        }
+    }
+    let said = mapped(&Small(&series)).unwrap_err().to_string();
+    assert!(said.contains("wrong size: 2 × 2 pixels"), "{said}");
+
     let raised = AtomicBool::new(true);
     let stopped = map(&series, &MapOptions::default(), &|_| {}, &raised);
     assert!(matches!(
