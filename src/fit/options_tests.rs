@@ -315,6 +315,25 @@ fn a_retraced_descent_ends_at_the_minimum_and_a_bootstrap_without_time_draws_not
 }
 
 #[test]
+fn a_prior_that_the_data_deny_is_named_and_one_that_they_bear_out_is_not() {
+    let set = series(5);
+    let warned = |mean: f64, std: f64| {
+        let options = FitOptions {
+            told: vec![super::told::known("theta_r_deg", mean, std).unwrap()],
+            ..options()
+        };
+        let report = fit_with_tier(&set, &options, None, &AtomicBool::new(false));
+        let mut warnings = report.warnings.iter();
+        warnings.any(|w| w.contains("the data deny what was stated of θr"))
+    };
+    let truth = TRUTH.theta_r.to_degrees();
+    for std in [0.5, 0.05, 0.005] {
+        assert!(!warned(truth + std, std), "{std}");
+        assert!(warned(truth + 20.0 * std + 0.5, std), "{std}");
+    }
+}
+
+#[test]
 fn few_poses_that_the_printed_form_explains_are_not_put_down_to_the_sawtooth() {
     let poses = [-20.0, -10.0, 0.0, 10.0, 20.0]
         .into_iter()

@@ -18,6 +18,7 @@ use super::solver::Minimum;
 use crate::material::Material;
 use crate::model::left_out;
 use crate::observation::ObservationSet;
+use crate::wording::percent;
 
 /// Standard uncertainty beyond which an angle is as good as unknown, rad.
 const HOPELESS_ANGLE: f64 = 0.35;
@@ -71,6 +72,40 @@ fn promised(end: &Minimum, uncertainty: &Uncertainty) -> f64 {
     let along = |column: &[f64]| column.iter().zip(&end.residuals).map(|(j, r)| j * r).sum();
     let gradient = DVector::from_iterator(n, columns.map(along));
     gradient.dot(&(covariance * &gradient))
+}
+
+/// Standard deviations between what the user stated and what the data say from which on that is told.
+const DENIED: f64 = 4.0;
+/// Share of what is known of a parameter that its prior is taken to have at most: more would magnify rounding.
+const LEVERAGE_MAX: f64 = 0.96;
+
+/// Priors of the user that the data deny. A residual r = (x − prior)/σ of leverage h, which the fit itself has pulled, is
+/// r/√(1 − h) standard deviations of the difference between data and prior.
+fn denied(e: &Estimate<'_>, u: &Uncertainty) -> Vec<String> {
+    let (problem, end) = (&e.problem, &e.minimum);
+    let (rows, covariance) = (end.residuals.len(), &u.covariance.matrix);
+    let first = rows.saturating_sub(problem.priors().len());
+    if rows != problem.residual_count() || covariance.nrows() * rows != end.jacobian.len() {
+        return Vec::new();
+    }
+    let priors = problem.priors().iter().zip(first..);
+    priors
+        .filter(|((q, _), _)| problem.told().iter().any(|(told, _)| told == q))
+        .filter_map(|((q, prior), row)| {
+            let j = problem.free().iter().position(|free| free == q)?;
+            let slope = end.jacobian[row + j * rows];
+            let leverage = (slope * slope * covariance[(j, j)]).clamp(0.0, LEVERAGE_MAX);
+            let off = end.residuals[row].abs() / (1.0 - leverage).sqrt();
+            (off > DENIED).then(|| {
+                format!(
+                    "the data deny what was stated of {}: they differ from it by some {off:.0} standard deviations; \
+                     check the statement (its standard uncertainty is {} of its value) or fit without it",
+                    spoken(*q),
+                    percent(prior.std / prior.mean.abs())
+                )
+            })
+        })
+        .collect()
 }
 
 /// Whether ridge angle or roughness is as good as unknown: an open direction by any other name.
@@ -156,6 +191,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
             warnings.push(told);
         }
     }
+    warnings.extend(denied(e, u));
     for &j in &e.minimum.at_bound {
         warnings.push(format!(
             "{} stands at the end of its range",

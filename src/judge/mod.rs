@@ -89,7 +89,7 @@ pub struct Item {
     pub upper: Option<f64>,
     /// Width of the guard band.
     pub guard_band: Option<f64>,
-    /// Lower acceptance limit: tolerance limit plus guard band.
+    /// Lower acceptance limit: tolerance limit plus guard band; none where the guard bands of both limits meet.
     pub acceptance_lower: Option<f64>,
     /// Upper acceptance limit.
     pub acceptance_upper: Option<f64>,
@@ -241,6 +241,11 @@ fn decide(name: &str, limits: &Limits, m: &Measured, decision: &Decision) -> Ite
     let above_upper = limits.upper.map_or(0.0, |t| distribution.above(t));
     let conforms = (below_upper - below_lower).clamp(0.0, 1.0);
     let violates = (above_upper + below_lower).clamp(0.0, 1.0);
+    let guard_band = distribution.quantile(1.0 - decision.max_false_accept_risk) * m.std;
+    let acceptance_lower = limits.lower.map(|t| t + guard_band);
+    let acceptance_upper = limits.upper.map(|t| t - guard_band);
+    // No value would pass: there is no interval of acceptance.
+    let closed = matches!((acceptance_lower, acceptance_upper), (Some(a), Some(b)) if a > b);
     let (verdict, reason) = if violates <= decision.max_false_accept_risk {
         (
             Verdict::Pass,
@@ -263,12 +268,16 @@ fn decide(name: &str, limits: &Limits, m: &Measured, decision: &Decision) -> Ite
         (
             Verdict::CannotTell,
             format!(
-                "the chance that it conforms is {}: the uncertainty is too large for this limit",
-                percent(conforms)
+                "the chance that it conforms is {}: the uncertainty is too large for {}",
+                percent(conforms),
+                if closed {
+                    "these limits, no value between them would pass"
+                } else {
+                    "this limit"
+                }
             ),
         )
     };
-    let guard_band = distribution.quantile(1.0 - decision.max_false_accept_risk) * m.std;
     Item {
         quantity: name.to_owned(),
         value: Some(m.value),
@@ -278,8 +287,8 @@ fn decide(name: &str, limits: &Limits, m: &Measured, decision: &Decision) -> Ite
         lower: limits.lower,
         upper: limits.upper,
         guard_band: Some(guard_band),
-        acceptance_lower: limits.lower.map(|t| t + guard_band),
-        acceptance_upper: limits.upper.map(|t| t - guard_band),
+        acceptance_lower: acceptance_lower.filter(|_| !closed),
+        acceptance_upper: acceptance_upper.filter(|_| !closed),
         conformance_probability: Some(conforms),
         verdict,
         reason,
@@ -412,6 +421,21 @@ mod tests {
     }
 
     const ONE_SIDED: &str = "name = \"s\"\n[limits]\ntheta_r_deg = { upper = 10.5 }\n[decision]\nmax_false_accept_risk = 0.05\nmax_false_reject_risk = 0.05\n";
+
+    #[test]
+    fn limits_closer_than_their_guard_bands_have_no_acceptance_interval() {
+        let both = ONE_SIDED.replace("{ upper", "{ lower = 10.2, upper");
+        let item = verdict_of(&both, 10.35, 0.1);
+        assert_eq!(item.verdict, Verdict::CannotTell);
+        assert_eq!((item.acceptance_lower, item.acceptance_upper), (None, None));
+        assert!(
+            item.reason.contains("no value between them would pass"),
+            "{}",
+            item.reason
+        );
+        let item = verdict_of(&both, 10.35, 0.05);
+        assert!(item.acceptance_lower < item.acceptance_upper);
+    }
 
     #[test]
     fn the_acceptance_limit_is_where_pass_begins() {
