@@ -3,7 +3,7 @@
 use std::fs::{self, OpenOptions};
 use std::path::Path;
 
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 
 use super::CliError;
 
@@ -23,8 +23,14 @@ pub fn for_file(path: &Path) -> Result<(), CliError> {
 /// A folder that takes files; it is made where it is not there.
 ///
 /// # Errors
-/// No result, with the system's reason, where it is none.
+/// Bad input for a file in its place; no result, with the system's reason, where it takes none.
 pub fn for_files(folder: &Path) -> Result<(), CliError> {
+    if folder.is_file() {
+        return Err(CliError::bad_input(anyhow!(
+            "{} is a file, and a folder is needed: name another one",
+            folder.display()
+        )));
+    }
     let probe = folder.join(format!(".ridged-{}", std::process::id()));
     fs::create_dir_all(folder)
         .and_then(|()| fs::write(&probe, []))
@@ -59,7 +65,6 @@ mod tests {
         let refused = [
             for_file(&folder.path().join("none/a.csv")),
             for_file(folder.path()),
-            for_files(&file),
             for_files(&file.join("below")),
         ];
         for answer in refused {
@@ -68,5 +73,9 @@ mod tests {
             };
             assert!(format!("{error:#}").contains("cannot write"), "{error:#}");
         }
+        let Err(CliError::BadInput(error)) = for_files(&file) else {
+            panic!("a file is no folder");
+        };
+        assert!(error.to_string().contains("is a file"), "{error}");
     }
 }
