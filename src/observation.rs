@@ -125,6 +125,9 @@ pub struct ObservationSet {
     pub white_reference: Option<WhiteReference>,
     /// Stray light in the signals' unit, as known before the fit (from flats, darks or the mount).
     pub background: Prior,
+    /// Standard uncertainty of how the sample's mean plane is inclined to the turntable, along any direction; `None`
+    /// where nobody states it.
+    pub wedge_std: Option<Angle>,
     /// Region of interest, where the sample has several.
     pub region: Option<String>,
     /// Where this region's lean direction stands relative to the rig's azimuth zero (90° for the odd
@@ -157,6 +160,7 @@ impl ObservationSet {
             flats: Vec::new(),
             white_reference: None,
             background,
+            wedge_std: None,
             region: None,
             region_azimuth: Angle::ZERO,
             rejected_frames: Vec::new(),

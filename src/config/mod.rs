@@ -168,6 +168,12 @@ impl Config {
             ),
             ("rig.azimuth_zero_deg", rig.azimuth_zero_deg, -360.0, 360.0),
             (
+                "rig.sample_wedge_std_deg",
+                rig.sample_wedge_std_deg.unwrap_or(0.0),
+                0.0,
+                10.0,
+            ),
+            (
                 "rig.light_angular_radius_deg",
                 rig.light_angular_radius_deg.unwrap_or(0.0),
                 0.0,
@@ -290,6 +296,7 @@ impl Config {
             light_radius_mm: rig.light_radius_mm,
             camera_distance_mm: rig.camera_distance_mm,
             lens_radius_mm: rig.lens_radius_mm,
+            sample_wedge_std_deg: rig.sample_wedge_std_deg,
             notes: Default::default(),
         }
     }

@@ -67,6 +67,9 @@ pub struct RigSettings {
     pub camera_distance_mm: Option<f64>,
     /// Radius of the lens's pupil where its distance is given. Above 0.
     pub lens_radius_mm: Option<f64>,
+    /// Standard uncertainty of how a sample's mean plane is inclined to the turntable. Default: not stated (and told as left
+    /// out), 0 to 10.
+    pub sample_wedge_std_deg: Option<f64>,
 }
 
 impl Default for RigSettings {
@@ -83,6 +86,7 @@ impl Default for RigSettings {
             light_radius_mm: None,
             camera_distance_mm: None,
             lens_radius_mm: None,
+            sample_wedge_std_deg: None,
         }
     }
 }

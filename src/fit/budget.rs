@@ -8,6 +8,7 @@
 //! - *reference*: the white reference's certificate, one number for all;
 //! - *angles*: the zeros of the stages beyond the offsets that the fit solves for;
 //! - *material*: the nominal index;
+//! - *wedge*: how the sample's mean plane is inclined to the turntable, where that is stated;
 //! - *drift*: the lamp between white reference and sample;
 //! - *background*: what the prior leaves open of the stray light;
 //! - *model*: what the closed form misses. Its errors are smooth over the poses, so the scatter of
@@ -29,6 +30,7 @@
 //! right to 1e-6, as the covariance itself is, and null directions are not in it. Lines of the budget are added as
 //! squares of standard uncertainties in the solver's units (radians, logarithms, shares), far from either end of the doubles.
 
+use std::f64::consts::PI;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::DMatrix;
@@ -56,6 +58,9 @@ pub struct Budget {
     pub angles: f64,
     /// Index of refraction.
     pub material: f64,
+    /// How the sample lies on the turntable.
+    #[serde(default)]
+    pub wedge: f64,
     /// Lamp drift.
     pub drift: f64,
     /// Prior on the stray light.
@@ -90,6 +95,7 @@ impl Budget {
             reference: self.reference * f,
             angles: self.angles * f,
             material: self.material * f,
+            wedge: self.wedge * f,
             drift: self.drift * f,
             background: self.background * f,
             model: self.model * f,
@@ -99,12 +105,13 @@ impl Budget {
         }
     }
 
-    fn parts(&self) -> [f64; 10] {
+    fn parts(&self) -> [f64; 11] {
         [
             self.counting,
             self.reference,
             self.angles,
             self.material,
+            self.wedge,
             self.drift,
             self.background,
             self.model,
@@ -216,7 +223,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
         .map(|j| {
             let mut squares = Budget::default();
             let (mut reference, mut tilt, mut turn) = <(Common, Common, Common)>::default();
-            let (mut tier, mut floored) = (0.0_f64, 0.0_f64);
+            let (mut tier, mut floored, mut wedge) = (0.0_f64, 0.0_f64, 0.0_f64);
             let mut first = 0;
             for (part, shared) in parts.iter().zip(&shared) {
                 let estimate = part.estimate;
@@ -257,6 +264,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                 tilt.add(through(&shared.tilt_zero));
                 turn.add(through(&shared.turn_zero));
                 if let Some((local, quantity)) = own {
+                    wedge = wedge.max(through_wedge(set, quantity, &estimate.values));
                     if quantity == Quantity::Background && set.white_reference.is_some() {
                         // Stray light is stated in radiance, on the scale that the reference gives.
                         let scale = estimate.values.background;
@@ -283,6 +291,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                     .hypot(squares.reference.sqrt()),
                 angles: tilt.size(same_rig).hypot(turn.size(same_rig)),
                 material: squares.material.sqrt(),
+                wedge,
                 drift: squares.drift.sqrt(),
                 background: squares.background.sqrt(),
                 model: (squares.model + floored * floored + tier * tier).sqrt(),
@@ -296,6 +305,17 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
         budgets,
         covariance,
         model_freedom,
+    }
+}
+
+/// What a wedge of the sample does to a parameter: it turns with the turntable as the ridges do, so along v it is ridge
+/// angle and along u a turn of the lean direction, without a trace in the residuals. Each by its own standard uncertainty.
+fn through_wedge(set: &ObservationSet, quantity: Quantity, values: &Values) -> f64 {
+    let wedge = set.wedge_std.map_or(0.0, Angle::rad);
+    match quantity {
+        Quantity::ThetaR => wedge,
+        Quantity::AzimuthOffset => (wedge / values.theta_r.tan().abs()).min(PI),
+        _ => 0.0,
     }
 }
 
@@ -373,7 +393,7 @@ fn bent(estimate: &Estimate<'_>, covariance: &Covariance, j: usize) -> f64 {
 }
 
 /// Standard uncertainties above which a straight interval is not trusted.
-const STRAIGHT_ANGLE: f64 = 0.2 * std::f64::consts::PI / 180.0;
+const STRAIGHT_ANGLE: f64 = 0.2 * PI / 180.0;
 /// The same for the logarithm of a roughness.
 const STRAIGHT_LOG_ALPHA: f64 = 0.05;
 /// The same for the diffuse reflectance.
@@ -409,9 +429,7 @@ impl Shared {
         }
         let zero = set.observations.first();
         let zero = zero.map_or(0.0, |o| o.shared.theta_c_zero.rad());
-        let albedo = set
-            .white_reference
-            .map_or(0.0, |w| w.reflectance / std::f64::consts::PI);
+        let albedo = set.white_reference.map_or(0.0, |w| w.reflectance / PI);
         for index in 0..set.flats.len() {
             let slope = problem.flat_cosine(index, values).1;
             let weight = values.scale * albedo / problem.flat_sigma()[index];

@@ -315,6 +315,30 @@ fn a_retraced_descent_ends_at_the_minimum_and_a_bootstrap_without_time_draws_not
 }
 
 #[test]
+fn a_wedge_of_the_sample_is_ridge_angle_and_a_turn_of_the_lean_or_said_to_be_left_out() {
+    let bare = series(5);
+    let stated = ObservationSet {
+        wedge_std: Some(Angle::from_deg(0.1)),
+        ..bare.clone()
+    };
+    let [without, with] =
+        [&bare, &stated].map(|set| fit_with_tier(set, &options(), None, &AtomicBool::new(false)));
+    let told = |r: &super::FitReport| r.left_out.iter().any(|l| l.what.contains("wedge"));
+    assert!(told(&without) && !told(&with));
+    let line = |p: &super::report::Parameter| p.budget.unwrap().wedge;
+    let p = &with.parameters;
+    assert!((line(&p.theta_r_deg) - 0.1).abs() < 1e-12);
+    let theta_r = p.theta_r_deg.value.unwrap().to_radians();
+    assert!((line(&p.azimuth_offset_deg) - 0.1 / theta_r.tan()).abs() < 1e-9);
+    assert_eq!(line(&p.alpha_u), 0.0);
+    let (wide, narrow) = (
+        p.theta_r_deg.std.unwrap(),
+        without.parameters.theta_r_deg.std.unwrap(),
+    );
+    assert!((wide - narrow.hypot(0.1)).abs() < 1e-9, "{wide} {narrow}");
+}
+
+#[test]
 fn a_prior_that_the_data_deny_is_named_and_one_that_they_bear_out_is_not() {
     let set = series(5);
     let warned = |mean: f64, std: f64| {

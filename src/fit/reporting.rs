@@ -487,6 +487,9 @@ fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
         }
     }
     list.extend(polarisation(e, variant));
+    if e.problem.set().wedge_std.is_none() {
+        list.push(left_out::wedge());
+    }
     if e.cut_short {
         list.push(LeftOut::new(
             "the rest of the search",

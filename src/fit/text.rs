@@ -252,6 +252,7 @@ fn parts(budget: &Budget, std: f64) -> String {
         ("reference", budget.reference),
         ("angles", budget.angles),
         ("material", budget.material),
+        ("wedge", budget.wedge),
         ("drift", budget.drift),
         ("background", budget.background),
         ("model", budget.model),

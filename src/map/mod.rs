@@ -58,6 +58,7 @@ use crate::model::{LeftOut, left_out};
 use crate::observation::RejectedFrame;
 use crate::plan::Decision;
 use crate::reduction::{FrameSource, ReductionError, calibrate};
+use crate::units::Angle;
 
 /// Tiles and pixels per tile from which the shared quantities are settled.
 const SAMPLED_TILES: usize = 32;
@@ -350,9 +351,12 @@ pub fn map_until(
                 .to_owned(),
         );
     }
-    let left_out = what_is_left_out(&settled, pixels_left_out);
+    let wedge = manifest.rig.sample_wedge_std_deg.map(Angle::from_deg);
+    let left_out = what_is_left_out(&settled, wedge, pixels_left_out);
     Ok(Map {
-        shared_std: settled.shared_std.map(|std| in_layer_units(&std, &layers)),
+        shared_std: settled
+            .shared_std
+            .map(|std| with_wedge(in_layer_units(&std, &layers), wedge, &layers)),
         layers,
         pixel_mm,
         axis_px: view.axis_px(),
@@ -372,12 +376,19 @@ pub fn map_until(
 }
 
 /// What a map does without.
-fn what_is_left_out(settled: &Settled, pixels_left_out: usize) -> Vec<LeftOut> {
+fn what_is_left_out(
+    settled: &Settled,
+    wedge: Option<Angle>,
+    pixels_left_out: usize,
+) -> Vec<LeftOut> {
     let view = &settled.view;
     let mut list = settled.plan.told();
     list.extend(left_out::lens(&view.rig.cones));
     list.push(left_out::ideal_profile());
     list.push(left_out::third_bounce());
+    if wedge.is_none() {
+        list.push(left_out::wedge());
+    }
     let included = |decision| settled.plan.on(decision).is_some_and(|c| c.included);
     if included(Decision::Bounces) {
         list.push(LeftOut::new(
@@ -558,9 +569,7 @@ fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, f64) {
 
 /// Shared shifts in the layers' units; those of ln α times the median α.
 fn in_layer_units(std: &Parameters, layers: &Layers) -> [f64; FREE] {
-    let typical = |k: usize| {
-        settle::median(layers.parameters[k].values.iter().map(|x| f64::from(*x))).unwrap_or(0.0)
-    };
+    let typical = |k: usize| typical(layers, k);
     [
         std[0].to_degrees(),
         std[1].to_degrees(),
@@ -568,6 +577,23 @@ fn in_layer_units(std: &Parameters, layers: &Layers) -> [f64; FREE] {
         std[3] * typical(3),
         std[4],
     ]
+}
+
+/// Median of a layer's values.
+fn typical(layers: &Layers, k: usize) -> f64 {
+    let values = layers.parameters[k].values.iter();
+    settle::median(values.map(|x| f64::from(*x))).unwrap_or(0.0)
+}
+
+/// What a wedge of the sample adds to what pixels share: ridge angle along v, a turn of the lean direction along u.
+fn with_wedge(mut std: [f64; FREE], wedge: Option<Angle>, layers: &Layers) -> [f64; FREE] {
+    let wedge_deg = wedge.map_or(0.0, Angle::deg);
+    let turn_deg = wedge_deg / typical(layers, 0).to_radians().tan();
+    std[0] = std[0].hypot(wedge_deg);
+    if turn_deg.is_finite() {
+        std[1] = std[1].hypot(turn_deg.min(180.0));
+    }
+    std
 }
 
 fn doubts(settled: &Settled, view: &View) -> Vec<String> {

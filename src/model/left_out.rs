@@ -100,6 +100,17 @@ pub fn polarisation(why: impl Into<String>) -> LeftOut {
     LeftOut::new(POLARISATION, why, None)
 }
 
+/// How the sample lies on the turntable, where nobody states it.
+#[must_use]
+pub fn wedge() -> LeftOut {
+    LeftOut::new(
+        "wedge of the sample",
+        "a mean plane inclined to the turntable turns with the ridges and reads as ridge angle, degree for degree: frames \
+         cannot tell it; state rig.sample_wedge_std_deg, or remount the sample at 180° and compare",
+        None,
+    )
+}
+
 /// Light that is reflected a third time.
 #[must_use]
 pub fn third_bounce() -> LeftOut {

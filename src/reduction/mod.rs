@@ -263,6 +263,7 @@ pub fn reduce(
             mean: 0.0,
             std: STRAY_SHARE * largest / unit,
         },
+        wedge_std: manifest.rig.sample_wedge_std_deg.map(Angle::from_deg),
         region: region.map(str::to_owned),
         region_azimuth: match (chosen, &manifest.sample.layout) {
             (Some(chosen), Some(layout)) => layout.lean_azimuth(chosen.is_odd()),

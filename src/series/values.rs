@@ -69,7 +69,7 @@ fn ranges(manifest: &Manifest) -> Result<(), Problem> {
     let flat = manifest.flat.as_ref();
     let tiny = f64::MIN_POSITIVE;
     let axis = |i: usize| rig.rotation_axis_px.map(|a| a[i]);
-    let groups: [Group<'_>; 15] = [
+    let groups: [Group<'_>; 16] = [
         (
             "rig",
             0.0,
@@ -172,6 +172,13 @@ fn ranges(manifest: &Manifest) -> Result<(), Problem> {
             1.0,
             "write the standard uncertainty, not per cent",
             &[("reflectance_std", flat.and_then(|f| f.reflectance_std))],
+        ),
+        (
+            "rig",
+            0.0,
+            10.0,
+            "write the standard uncertainty in degrees",
+            &[("sample_wedge_std_deg", rig.sample_wedge_std_deg)],
         ),
         (
             "sample",

@@ -379,6 +379,7 @@ pub fn manifest(
             light_distance_mm: None,
             lens_angular_radius_deg: Some(rig.cones.lens.deg()).filter(|deg| *deg > 0.0),
             light_radius_mm: None,
+            sample_wedge_std_deg: None,
             lens_radius_mm: None,
             camera_distance_mm: None,
             notes: Default::default(),

@@ -31,6 +31,8 @@ struct Context {
     views: Vec<Vec<[f64; 7]>>,
     /// Mean and standard uncertainty.
     background: (f64, f64),
+    #[serde(default)]
+    wedge_std_deg: Option<f64>,
     region_azimuth_deg: f64,
     n_frames_used: u32,
     rejected_frames: Vec<RejectedFrame>,
@@ -82,6 +84,7 @@ impl Store {
                 .map(|views| views.iter().map(seven).collect())
                 .collect(),
             background: (set.background.mean, set.background.std),
+            wedge_std_deg: set.wedge_std.map(Angle::deg),
             region_azimuth_deg: set.region_azimuth.deg(),
             n_frames_used: set.n_frames_used,
             rejected_frames: set.rejected_frames.clone(),
@@ -209,6 +212,7 @@ impl Store {
                 mean: context.background.0,
                 std: context.background.1,
             },
+            wedge_std: context.wedge_std_deg.map(Angle::from_deg),
             region,
             region_azimuth: Angle::from_deg(context.region_azimuth_deg),
             n_frames_used: context.n_frames_used,
@@ -291,6 +295,7 @@ mod tests {
                 signal: 0.31,
                 sigma: 1e-4,
             }],
+            wedge_std: Some(Angle::from_deg(0.1)),
             white_reference: Some(WhiteReference {
                 reflectance: 0.99,
                 reflectance_std: 0.005,

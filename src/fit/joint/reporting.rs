@@ -114,6 +114,7 @@ impl Joint<'_, '_> {
                 let own = [
                     b.counting,
                     b.angles,
+                    b.wedge,
                     b.drift,
                     b.background,
                     b.model,

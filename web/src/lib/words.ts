@@ -42,6 +42,7 @@ export const BUDGET: Readonly<Record<string, BudgetWords>> = {
   reference: { name: 'reference', meaning: 'the white reference’s certificate' },
   angles: { name: 'angles', meaning: 'zeros of the stages and the mounting' },
   material: { name: 'material', meaning: 'the refractive index as stated for the sample' },
+  wedge: { name: 'wedge', meaning: 'how the sample lies on the turntable' },
   drift: { name: 'drift', meaning: 'the lamp between the white reference and the sample' },
   background: { name: 'stray light', meaning: 'light that is in all frames but the dark ones' },
   model: { name: 'model', meaning: 'the model’s own inadequacy, estimated from its residuals' },
