@@ -47,7 +47,7 @@ fn rounded(value: f64, digits: usize, plain: RangeInclusive<i32>) -> String {
 pub fn decimals(uncertainty: f64) -> usize {
     if uncertainty > 0.0 && uncertainty.is_finite() {
         let digits = 1.0 - uncertainty.log10().floor();
-        digits.clamp(0.0, 9.0) as usize
+        digits.clamp(0.0, 15.0) as usize
     } else {
         4
     }

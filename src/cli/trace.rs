@@ -31,7 +31,7 @@ use crate::trace::report::Report;
 use crate::trace::run::{self, Ending, Progress, Shard, SoFar};
 use crate::trace::scene::{HeightMap, Prepared, Scene, Shapes};
 use crate::trace::spread::over_surfaces;
-use crate::wording::{counted, significant};
+use crate::wording::{counted, decimals, significant};
 
 /// Traces polarised light through a scene of single or layered micro-surfaces.
 #[derive(Debug, clap::Args)]
@@ -470,11 +470,8 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// Decimals that show two digits of a standard error, six at least.
-fn digits_for(std: f64) -> usize {
-    let leading = if std > 0.0 { -std.log10().floor() } else { 0.0 };
-    (leading + 1.0).clamp(6.0, 15.0) as usize
-}
+/// Decimals of energies at least.
+const LEAST_DECIMALS: usize = 6;
 
 /// The report for people.
 fn table_of(report: &Report, out: &mut dyn Write) -> std::io::Result<()> {
@@ -501,7 +498,7 @@ fn table_of(report: &Report, out: &mut dyn Write) -> std::io::Result<()> {
     ] {
         match x.std.is_finite() {
             true if x.std > 0.0 => {
-                let digits = digits_for(x.std);
+                let digits = decimals(x.std).max(LEAST_DECIMALS);
                 writeln!(
                     out,
                     "  {name:<12} {:.digits$} ± {:.digits$}",
@@ -523,7 +520,7 @@ fn table_of(report: &Report, out: &mut dyn Write) -> std::io::Result<()> {
             ("transmitted", s.transmitted),
             ("absorbed", s.absorbed),
         ] {
-            let digits = digits_for(x.std);
+            let digits = decimals(x.std).max(LEAST_DECIMALS);
             writeln!(
                 out,
                 "    {name:<12} {:.digits$} ± {:.digits$}; {}; {}",

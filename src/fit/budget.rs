@@ -42,6 +42,7 @@ use super::problem::{Problem, Quantity, Values};
 use super::profile::profile;
 use super::report::COVERAGE_FACTOR;
 use super::solver::Minimum;
+use crate::geometry::turn_by_wedge;
 use crate::jackknife::{self, Labels};
 use crate::model::Variant;
 use crate::observation::ObservationSet;
@@ -308,13 +309,14 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
     }
 }
 
-/// What a wedge of the sample does to a parameter: it turns with the turntable as the ridges do, so along v it is ridge
-/// angle and along u a turn of the lean direction, without a trace in the residuals. Each by its own standard uncertainty.
+/// What a wedge of the sample does to a parameter, without a trace in the residuals. Each by its own standard uncertainty.
 fn through_wedge(set: &ObservationSet, quantity: Quantity, values: &Values) -> f64 {
-    let wedge = set.wedge_std.map_or(0.0, Angle::rad);
+    let Some(wedge) = set.wedge_std else {
+        return 0.0;
+    };
     match quantity {
-        Quantity::ThetaR => wedge,
-        Quantity::AzimuthOffset => (wedge / values.theta_r.tan().abs()).min(PI),
+        Quantity::ThetaR => wedge.rad(),
+        Quantity::AzimuthOffset => turn_by_wedge(wedge, Angle::from_rad(values.theta_r)).rad(),
         _ => 0.0,
     }
 }

@@ -119,6 +119,17 @@ pub struct Directions {
     pub outgoing: Vector3<f64>,
 }
 
+/// By how much a wedge of the sample along u turns the lean direction of ridges of an angle. It turns with the turntable as
+/// they do, so along v it is ridge angle, one to one. Half a turn at most: flat ridges lean wherever the wedge does.
+#[must_use]
+pub fn turn_by_wedge(wedge: Angle, theta_r: Angle) -> Angle {
+    if wedge == Angle::ZERO {
+        return Angle::ZERO;
+    }
+    let turn = (wedge.rad() / theta_r.rad().tan()).abs();
+    Angle::from_rad(turn.min(std::f64::consts::PI))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -131,6 +142,16 @@ mod tests {
             (d.incident - Vector3::new(expected.rad().sin(), 0.0, expected.rad().cos())).norm()
                 < 1e-15
         );
+    }
+
+    #[test]
+    fn a_wedge_turns_flat_ridges_farther_and_none_turns_nothing() {
+        let turn =
+            |wedge, theta_r| turn_by_wedge(Angle::from_deg(wedge), Angle::from_deg(theta_r)).deg();
+        // 0.5° along u looks like 2.8° of azimuth where ridges have 10°.
+        assert!((turn(0.5, 10.0) - 2.836).abs() < 1e-3);
+        assert_eq!(turn(0.5, -10.0), turn(0.5, 10.0));
+        assert_eq!((turn(0.0, 0.0), turn(0.1, 0.0)), (0.0, 180.0));
     }
 
     #[test]

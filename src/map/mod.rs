@@ -53,7 +53,7 @@ use self::solve::{End, FREE};
 use self::start::lambert_chi2;
 use self::view::View;
 use crate::frame::FrameKind;
-use crate::geometry::Pose;
+use crate::geometry::{Pose, turn_by_wedge};
 use crate::model::{LeftOut, left_out};
 use crate::observation::RejectedFrame;
 use crate::plan::Decision;
@@ -587,11 +587,10 @@ fn typical(layers: &Layers, k: usize) -> f64 {
 
 /// What a wedge of the sample adds to what pixels share: ridge angle along v, a turn of the lean direction along u.
 fn with_wedge(mut std: [f64; FREE], wedge: Option<Angle>, layers: &Layers) -> [f64; FREE] {
-    let wedge_deg = wedge.map_or(0.0, Angle::deg);
-    let turn_deg = wedge_deg / typical(layers, 0).to_radians().tan();
-    std[0] = std[0].hypot(wedge_deg);
-    if turn_deg.is_finite() {
-        std[1] = std[1].hypot(turn_deg.min(180.0));
+    if let Some(wedge) = wedge {
+        let turn = turn_by_wedge(wedge, Angle::from_deg(typical(layers, 0)));
+        std[0] = std[0].hypot(wedge.deg());
+        std[1] = std[1].hypot(turn.deg());
     }
     std
 }

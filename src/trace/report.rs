@@ -82,21 +82,27 @@ fn notes(totals: &Totals, e: &Energies<Estimate>) -> Vec<String> {
                 .to_owned(),
         );
     }
-    if e.truncated.value > MUCH_TRUNCATED {
-        notes.push(format!(
+    notes.extend(given_up(e.truncated.value));
+    notes
+}
+
+/// What to know of light that was given up, where that is much.
+fn given_up(share: f64) -> Option<String> {
+    (share > MUCH_TRUNCATED).then(|| {
+        format!(
             "{} of the light was given up on its way (after run.interactions_max interactions, or all but level \
              with the surface): all other shares may lack as much",
-            percent(e.truncated.value)
-        ));
-    }
-    notes
+            percent(share)
+        )
+    })
 }
 
 impl Report {
     /// Several surfaces were asked for: what they say, or that none but the first was traced in time.
     pub fn spread_over(&mut self, surfaces: Option<Surfaces>) {
         if surfaces.is_some() {
-            self.notes.clear();
+            // The errors over surfaces need no warning; what was given up does.
+            self.notes = given_up(self.energy.truncated.value).into_iter().collect();
         } else {
             let none = "no other surface was traced in the time: allow more seconds, or ask for fewer photons";
             self.notes.push(none.to_owned());
@@ -159,5 +165,40 @@ impl Report {
             left_out: prepared.left_out.clone(),
             ..whole
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::run::{Shard, trace};
+    use super::super::scene::Scene;
+    use super::*;
+
+    #[test]
+    fn light_that_was_given_up_is_told_whatever_else_is() {
+        let scene = "[light]\ntheta_i_deg = 60.0\n[[interface]]\nshape = \"beckmann\"\nalpha_u = 0.5\nalpha_v = 0.5\n\
+                     cells = 32\nbelow = { n = 1.5 }\n[run]\nphotons = 4000\ninteractions_max = 1\n";
+        let ready = Scene::parse(scene)
+            .unwrap()
+            .prepare(&|_| Err(String::new()))
+            .unwrap();
+        let totals = trace(&ready, Shard::WHOLE, &|_| true);
+        let mut report = Report::of(&ready, &totals);
+        let told = |report: &Report| report.notes.iter().any(|n| n.contains("was given up"));
+        assert!(told(&report), "{report:?}");
+        let one = report.energy.reflected;
+        let between = super::super::spread::Between {
+            value: one.value,
+            std: one.std,
+            std_by_sampling: one.std,
+            std_between_surfaces: 0.0,
+        };
+        report.spread_over(Some(Surfaces {
+            count: 2,
+            reflected: between,
+            transmitted: between,
+            absorbed: between,
+        }));
+        assert!(told(&report) && report.notes.len() == 1, "{report:?}");
     }
 }
