@@ -38,6 +38,7 @@ fn towers() -> HeightMap {
             })
             .collect(),
         units: None,
+        filled: 0,
     }
 }
 

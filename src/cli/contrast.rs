@@ -114,7 +114,7 @@ pub struct Scene {
     #[arg(long, value_name = "NAME", conflicts_with_all = ["eta", "k"])]
     pub metal: Option<String>,
     /// Wavelength at which the metal is looked up.
-    #[arg(long, value_name = "NM", default_value_t = 550.0)]
+    #[arg(long, value_name = "NM", default_value_t = 550.0, requires = "metal")]
     pub wavelength_nm: f64,
     /// Angle between lamp and camera.
     #[arg(long, default_value_t = 10.0, value_name = "DEG")]

@@ -17,6 +17,7 @@ use crate::forecast::Forecast;
 use crate::map;
 use crate::model::LeftOut;
 use crate::plan::{self, Basis, Plan};
+use crate::reduction::{self, ReductionError};
 use crate::series::Series;
 use crate::trace::scene::Scene;
 use crate::wording::{counted, percent};
@@ -112,9 +113,18 @@ fn program() -> String {
     format!("ridged {}", env!("CARGO_PKG_VERSION"))
 }
 
+/// What no fit and no map could be made of needs no plan.
+fn reducible(series: &Series) -> Result<(), CliError> {
+    reduction::check(series).map_err(|reason| match reason {
+        ReductionError::NoObservations { .. } => CliError::no_result(reason),
+        _ => CliError::bad_input(reason),
+    })
+}
+
 fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
     let started = Instant::now();
     let series = Series::open(folder).map_err(CliError::bad_input)?;
+    reducible(&series)?;
     let plan = plan::series::plan(series.manifest(), series.rows(), tolerance);
     let frames = series.rows().len();
     let cancel = super::interrupt::flag()?;
@@ -140,6 +150,7 @@ fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
 fn of_map(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
     let started = Instant::now();
     let series = Series::open(folder).map_err(CliError::bad_input)?;
+    reducible(&series)?;
     let plan = map::plan::plan(&series, Some(tolerance));
     let camera = &series.manifest().camera;
     let seconds = started.elapsed().as_secs_f64();

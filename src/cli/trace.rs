@@ -27,7 +27,7 @@ use crate::clock::elapsed_s;
 use crate::heights;
 use crate::plan;
 use crate::plan::scene::Wish;
-use crate::trace::report::Report;
+use crate::trace::report::{About, Report};
 use crate::trace::run::{self, Ending, Progress, Shard, SoFar};
 use crate::trace::scene::{HeightMap, Prepared, Scene, Shapes};
 use crate::trace::spread::over_surfaces;
@@ -93,7 +93,7 @@ pub enum Action {
         /// CSV file of the direction bins.
         #[arg(long, value_name = "FILE.csv")]
         out: PathBuf,
-        /// One JSON object on stdout.
+        /// One JSON object on stdout instead of a table.
         #[arg(long)]
         json: bool,
     },
@@ -213,8 +213,10 @@ pub fn run(args: Args) -> Result<(), CliError> {
     }
     let complete = so_far.is_complete(prepared.photons, shard);
     if let Some(out) = out {
-        let part = (args.shard.is_some() || !complete)
-            .then(|| table::Part::of(run_id, shard, &so_far, complete, scene.light.stokes));
+        let part = (args.shard.is_some() || !complete).then(|| {
+            let (stokes, about) = (scene.light.stokes, About::of(&prepared));
+            table::Part::of(run_id, shard, &so_far, complete, stokes, about)
+        });
         table::write(out, totals, &scene.light.stokes, part.as_ref())?;
     }
     if !complete {
@@ -453,13 +455,11 @@ fn watched(
 }
 
 fn merge(files: &[PathBuf], out: &Path, json: bool) -> Result<(), CliError> {
-    let (merged, stokes) = table::merge(files)?;
-    table::write(out, &merged, &stokes, None)?;
-    if json {
-        let report = Report::new(&merged, merged.elements() > 1);
-        print(true, &report, |_| Ok(()))?;
-    }
-    Ok(())
+    let merged = table::merge(files)?;
+    let totals = &merged.totals;
+    table::write(out, totals, &merged.stokes, None)?;
+    let report = Report::new(totals, totals.elements() > 1).about(merged.scene);
+    print(json, &report, |out| table_of(&report, out))
 }
 
 fn hex(bytes: &[u8]) -> String {
@@ -472,6 +472,14 @@ fn hex(bytes: &[u8]) -> String {
 
 /// Decimals of energies at least.
 const LEAST_DECIMALS: usize = 6;
+
+fn or_not_known(x: f64) -> String {
+    if x.is_finite() {
+        significant(x)
+    } else {
+        "not known".to_owned()
+    }
+}
 
 /// The report for people.
 fn table_of(report: &Report, out: &mut dyn Write) -> std::io::Result<()> {
@@ -526,8 +534,8 @@ fn table_of(report: &Report, out: &mut dyn Write) -> std::io::Result<()> {
                 "    {name:<12} {:.digits$} ± {:.digits$}; {}; {}",
                 x.value,
                 x.std,
-                significant(x.std_by_sampling),
-                significant(x.std_between_surfaces)
+                or_not_known(x.std_by_sampling),
+                or_not_known(x.std_between_surfaces)
             )?;
         }
     }

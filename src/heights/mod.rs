@@ -60,6 +60,7 @@ fn table(content: &[u8]) -> Result<HeightMap, String> {
         rows: 0,
         heights: Vec::new(),
         units: None,
+        filled: 0,
     };
     let mut may_be_head = true;
     for (n, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
@@ -153,6 +154,7 @@ fn png(content: &[u8], most: usize) -> Result<HeightMap, String> {
             .map(|b| f64::from(u16::from_be_bytes([b[0], b[1]])))
             .collect(),
         units: None,
+        filled: 0,
     })
 }
 

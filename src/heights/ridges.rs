@@ -106,6 +106,7 @@ mod tests {
             rows: heights.len() / columns,
             heights,
             units,
+            filled: 0,
         }
     }
 

@@ -53,6 +53,7 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
         rows,
         heights,
         units: None,
+        filled: 0,
     })
 }
 

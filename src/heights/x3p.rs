@@ -66,10 +66,12 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
         .iter()
         .map(|v| if z.scales() { v * z.increment } else { *v } + z.offset)
         .collect();
+    let filled_count = heights.iter().filter(|h| !h.is_finite()).count();
     Ok(HeightMap {
         columns,
         rows,
         heights: filled(heights, columns)?,
+        filled: filled_count,
         units: Some(MapUnits {
             pitch_um: [
                 x.increment * 1e6,
@@ -333,6 +335,7 @@ mod tests {
         ))
         .unwrap();
         assert_eq!(map.heights, (0..=10).map(f64::from).collect::<Vec<_>>());
+        assert_eq!(map.filled, 1);
     }
 
     #[test]

@@ -143,6 +143,24 @@ fn viewing(manifest: &Manifest) -> Result<Viewing, ReductionError> {
         })
 }
 
+/// What [`reduce`] refuses before it reads a frame.
+///
+/// # Errors
+/// [`ReductionError`].
+pub fn check(source: &dyn FrameSource) -> Result<(), ReductionError> {
+    viewing(source.manifest())?;
+    match source
+        .rows()
+        .iter()
+        .any(|row| row.kind == FrameKind::Sample)
+    {
+        true => Ok(()),
+        false => Err(ReductionError::NoObservations {
+            why: "the list holds no sample frame".to_owned(),
+        }),
+    }
+}
+
 /// Reduces the frames of a series to observations of the sample, or of one `region` of it.
 /// `cancel` is looked at between frames.
 ///

@@ -235,6 +235,45 @@ mod tests {
     }
 
     #[test]
+    fn what_no_reduction_can_use_is_refused_before_a_frame_is_read() {
+        use super::super::{FrameSource, ReductionError, check, synthetic::Memory};
+        use crate::frame::FrameKind;
+        use crate::series::FrameRow;
+        let manifest = include_str!("../../tests/data/series/polymer-10/manifest.toml");
+        let row = |kind| FrameRow {
+            file: "frames/1.png".to_owned(),
+            kind,
+            theta_c_deg: 0.0,
+            phi_s_deg: 0.0,
+            exposure_s: 0.1,
+            repeat: 0,
+            timestamp: String::new(),
+        };
+        let of = |kind, near: bool| {
+            let mut manifest = Manifest::from_toml(manifest, "manifest.toml").unwrap();
+            if near {
+                manifest.camera.projection = "perspective".to_owned();
+                manifest.camera.field_width_mm = None;
+            }
+            let series = Memory {
+                manifest,
+                rows: vec![row(kind)],
+                frames: vec![None],
+            };
+            check(&series as &dyn FrameSource)
+        };
+        assert!(of(FrameKind::Sample, false).is_ok());
+        assert!(matches!(
+            of(FrameKind::Sample, true),
+            Err(ReductionError::FieldUnknown { .. })
+        ));
+        assert!(matches!(
+            of(FrameKind::Flat, false),
+            Err(ReductionError::NoObservations { .. })
+        ));
+    }
+
+    #[test]
     fn a_ray_through_a_pixel_meets_the_sample_where_it_should() {
         let near = viewing(Some(300.0), Some(250.0));
         let theta = Angle::from_deg(25.0);

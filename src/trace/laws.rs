@@ -120,6 +120,7 @@ fn facets_that_are_rough_or_bright_inside_are_the_same_by_either_method() {
             rows: 32,
             heights: (0..32 * 32).map(height).collect(),
             units: None,
+            filled: 0,
         })
     };
     let file = "shape = \"file\"\npath = \"waves.csv\"\npitch_um = 1.0\nheight_unit_um = 1.0";

@@ -1,6 +1,6 @@
 //! A run in one object: what `ridged trace --json` prints and `/traces` answers.
 
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Serialize, Serializer};
 
 use super::scene::{LeftOut, Prepared, RidgeAngle};
 use super::spread::Surfaces;
@@ -64,6 +64,29 @@ pub struct Energy {
 
 fn as_map<S: Serializer>(list: &[(String, Estimate)], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_map(list.iter().map(|(name, x)| (name, x)))
+}
+
+/// What a report tells of the scene besides what was counted. The files of shards carry it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct About {
+    /// What is left out.
+    pub left_out: Vec<LeftOut>,
+    /// Effective ridge angles of the interfaces that have one.
+    pub ridge_angles: Vec<RidgeAngle>,
+    /// Whether a surface is drawn at random.
+    pub is_drawn: bool,
+}
+
+impl About {
+    /// Of a scene that is ready to trace.
+    #[must_use]
+    pub fn of(prepared: &Prepared) -> Self {
+        About {
+            left_out: prepared.left_out.clone(),
+            ridge_angles: prepared.ridge_angles.clone(),
+            is_drawn: prepared.is_drawn,
+        }
+    }
 }
 
 /// Share of the light that is given up from which on that is said.
@@ -152,19 +175,22 @@ impl Report {
     /// Of a run of a scene.
     #[must_use]
     pub fn of(prepared: &Prepared, totals: &Totals) -> Self {
-        let mut whole = Report::new(totals, prepared.polarised);
-        if prepared.is_drawn {
-            whole.notes.push(
+        Report::new(totals, prepared.polarised).about(About::of(prepared))
+    }
+
+    /// With what is to be told of the scene.
+    #[must_use]
+    pub fn about(mut self, scene: About) -> Self {
+        if scene.is_drawn {
+            self.notes.push(
                 "the errors are the photons' on this one surface; others of the same statistics may differ from it by \
                  more: a number of surfaces tells"
                     .to_owned(),
             );
         }
-        Report {
-            ridge_angles: prepared.ridge_angles.clone(),
-            left_out: prepared.left_out.clone(),
-            ..whole
-        }
+        self.ridge_angles = scene.ridge_angles;
+        self.left_out = scene.left_out;
+        self
     }
 }
 

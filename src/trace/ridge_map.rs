@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::profile::{Profile, ProfileError};
 use super::scene::{HeightMap, MapUnits};
 use crate::model::LeftOut;
+use crate::wording::percent;
 use field::{Field, Wave, take_off_plane};
 use lines::Lines;
 #[cfg(test)]
@@ -48,6 +49,9 @@ pub struct RidgeFacts {
     pub explained: f64,
     /// Effective ridge angle: the median inclination, by area, of what leans to the facets' side.
     pub theta_r_deg: f64,
+    /// Share of the heights that the instrument did not see: they were filled from their neighbours.
+    #[serde(default)]
+    pub filled_share: f64,
 }
 
 /// A profile across ridges, and what it was made of.
@@ -203,15 +207,17 @@ impl RidgeMap {
                 explained: lines.explained,
             });
         }
-        field.fine_lines(wave).profile(&lines, period, across)
+        let mut made = field.fine_lines(wave).profile(&lines, period, across)?;
+        made.facts.filled_share = map.filled as f64 / map.heights.len() as f64;
+        Ok(made)
     }
 }
 
 impl RidgeFacts {
     /// What tracing on the mean along the ridges does without.
     #[must_use]
-    pub fn left_out(&self) -> [LeftOut; 2] {
-        [
+    pub fn left_out(&self) -> Vec<LeftOut> {
+        let mut list = vec![
             LeftOut::new(
                 "unevenness along the ridges of the height map",
                 format!(
@@ -229,6 +235,23 @@ impl RidgeFacts {
                 ),
                 Some((self.sample_um / self.period_um).min(1.0)),
             ),
-        ]
+        ];
+        list.extend(gaps(self.filled_share));
+        list
     }
+}
+
+/// What points without a height cost that were filled from their neighbours; `share` is that of the heights.
+pub(super) fn gaps(share: f64) -> Option<LeftOut> {
+    (share > 0.0).then(|| {
+        LeftOut::new(
+            "points of the height map that the instrument did not see",
+            format!(
+                "{} of its heights are missing and were filled in a straight line along their row; instruments miss the \
+                 steepest parts first",
+                percent(share)
+            ),
+            Some(share),
+        )
+    })
 }

@@ -204,7 +204,7 @@ pub struct Prepared {
 }
 
 /// The effective ridge angle of an interface.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RidgeAngle {
     /// 1 for the topmost.
     pub interface: usize,
@@ -573,8 +573,20 @@ impl Scene {
             positive(&format!("interface {number}: thickness_um"), thickness)?;
         }
         let k = medium.index.im;
+        if last && shape.thickness_um.is_some() {
+            left_out.push(LeftOut {
+                what: format!("thickness_um of interface {number}"),
+                why: "what lies below the last interface has no other side: light that enters it does not come back"
+                    .to_owned(),
+                cost: None,
+            });
+        }
         if last || k == 0.0 {
             return Ok((0.0, k));
+        }
+        // Beyond this the layer is opaque within a wavelength: not a layer but a substrate.
+        if k > 0.1 * medium.index.re {
+            return Err(SceneError::Unreachable { number });
         }
         let Some(thickness) = shape.thickness_um else {
             return Err(SceneError::Missing {
@@ -583,10 +595,6 @@ impl Scene {
                 key: "thickness_um (the layer below absorbs)",
             });
         };
-        // Beyond this the layer is opaque within a wavelength: not a layer but a substrate.
-        if k > 0.1 * medium.index.re {
-            return Err(SceneError::Unreachable { number });
-        }
         let depth = 4.0e3 * std::f64::consts::PI * k * thickness / self.light.wavelength_nm;
         left_out.push(LeftOut {
             what: format!("absorption within the relief of interface {number}"),

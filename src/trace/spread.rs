@@ -35,7 +35,11 @@ impl Between {
             // Not less than the photons' own, however alike a few surfaces happen to be.
             std: (seen.max(sampling) / n).sqrt(),
             std_by_sampling: (sampling / n).sqrt(),
-            std_between_surfaces: (seen - sampling).max(0.0).sqrt(),
+            // What photons without an error of their own add is not known: then nothing can be told apart.
+            std_between_surfaces: match sampling.is_nan() {
+                true => f64::NAN,
+                false => (seen - sampling).max(0.0).sqrt(),
+            },
         }
     }
 }

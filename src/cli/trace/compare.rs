@@ -26,7 +26,8 @@ use crate::trace::tally::Totals;
     after_help = "Examples:\n  ridged trace compare scenes/glass-over-diamond.toml --angles-deg 50,56,60,65\n  ridged trace compare scenes/glass-over-gold.toml --angles-deg 60,80 --pictures out\n  ridged trace compare scenes/glass-over-gold.toml --angles-deg 60,80 --max-seconds 60"
 )]
 pub struct Args {
-    /// The scene; its photons are those of each angle and wavelength.
+    /// The scene; its photons are those of each angle and wavelength. Both ways are traced, whatever its
+    /// run.polarised says.
     #[arg(value_name = "SCENE.toml")]
     scene: PathBuf,
     /// Angles of incidence, instead of the scene's.

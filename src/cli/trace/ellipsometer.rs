@@ -22,7 +22,7 @@ use crate::trace::run::Follow;
     after_help = "Example:\n  ridged trace ellipsometer scenes/sandpaper.toml --angles-deg 30,45,60 --out states.csv --pictures out"
 )]
 pub struct Args {
-    /// The scene.
+    /// The scene. Polarisation is followed, whatever its run.polarised says.
     #[arg(value_name = "SCENE.toml")]
     scene: PathBuf,
     /// Angles of incidence.
@@ -201,6 +201,9 @@ fn lifted(points: Vec<(f64, f64, f64)>) -> Vec<(f64, f64, f64)> {
     out
 }
 
+/// Directions up to which the table shows all.
+const SHOWN: usize = 20;
+
 impl Report {
     fn csv(&self) -> String {
         let mut text = String::from("theta_i_deg,theta_s_deg,input,filter_deg,compensator_deg");
@@ -234,9 +237,17 @@ impl Report {
     fn table(&self, out: &mut dyn std::io::Write) -> std::io::Result<()> {
         writeln!(out, "θi / °  θs / °  lamp        I / sr⁻¹   DOLP   AOP / °")?;
         for angle in &self.angles {
+            if angle.points.is_empty() {
+                writeln!(
+                    out,
+                    "{:6}  no light in the bins of the plane of incidence",
+                    angle.theta_i_deg
+                )?;
+            }
+            let all = angle.points.len() <= SHOWN;
             for point in &angle.points {
-                // The table shows every ten degrees; the CSV file has all.
-                if (point.theta_s_deg / 10.0).fract().abs() > 0.11 {
+                // Of many directions the table shows every ten degrees; the CSV file has all.
+                if !all && (point.theta_s_deg / 10.0).fract().abs() > 0.11 {
                     continue;
                 }
                 for r in &point.readings {

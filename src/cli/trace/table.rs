@@ -13,6 +13,7 @@ use crate::cli::CliError;
 use crate::trace::bins;
 use crate::trace::grid::Grid;
 use crate::trace::height_field::Side;
+use crate::trace::report::About;
 use crate::trace::run::{Shard, SoFar};
 use crate::trace::tally::Totals;
 
@@ -39,11 +40,21 @@ pub(super) struct Part {
     pub energies: String,
     /// The lamp's Stokes vector.
     pub stokes: [f64; 4],
+    /// What the report of the whole tells of the scene.
+    #[serde(default)]
+    pub scene: About,
 }
 
 impl Part {
     /// Of what was done of a shard of the run with this SHA-256.
-    pub fn of(run: String, shard: Shard, done: &SoFar, complete: bool, stokes: [f64; 4]) -> Self {
+    pub fn of(
+        run: String,
+        shard: Shard,
+        done: &SoFar,
+        complete: bool,
+        stokes: [f64; 4],
+        scene: About,
+    ) -> Self {
         let totals = &done.totals;
         Part {
             run,
@@ -56,6 +67,7 @@ impl Part {
             elements: totals.elements(),
             energies: totals.exact_energies(),
             stokes,
+            scene,
         }
     }
 }
@@ -148,8 +160,19 @@ fn text(totals: &Totals, stokes: &[f64; 4], part: Option<&Part>) -> String {
     })
 }
 
+/// Shards put together.
+#[derive(Debug)]
+pub(super) struct Merged {
+    /// All that was counted.
+    pub totals: Totals,
+    /// The lamp's Stokes vector.
+    pub stokes: [f64; 4],
+    /// What is to be told of the scene.
+    pub scene: About,
+}
+
 /// Puts all shards of one run together.
-pub(super) fn merge(files: &[PathBuf]) -> Result<(Totals, [f64; 4]), CliError> {
+pub(super) fn merge(files: &[PathBuf]) -> Result<Merged, CliError> {
     let mut merged: Option<(Part, Totals)> = None;
     let mut seen: Vec<(u64, &PathBuf)> = Vec::new();
     for file in files {
@@ -178,14 +201,18 @@ pub(super) fn merge(files: &[PathBuf]) -> Result<(Totals, [f64; 4]), CliError> {
             }
         }
     }
-    let (first, sum) = merged.ok_or_else(|| CliError::bad_input(anyhow!("no shards given")))?;
+    let (first, totals) = merged.ok_or_else(|| CliError::bad_input(anyhow!("no shards given")))?;
     let missing: Vec<String> = (1..=first.of)
         .filter(|n| !seen.iter().any(|(s, _)| s == n))
         .map(|n| n.to_string())
         .take(10)
         .collect();
     if missing.is_empty() {
-        Ok((sum, first.stokes))
+        Ok(Merged {
+            totals,
+            stokes: first.stokes,
+            scene: first.scene,
+        })
     } else {
         Err(CliError::bad_input(anyhow!(
             "of {} shards these are missing: {}",
@@ -248,6 +275,7 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::trace::report::Report;
     use crate::trace::run::{Ending, resume, trace};
     use crate::trace::scene::{Prepared, Scene};
 
@@ -289,14 +317,21 @@ mod tests {
                 elements: 16,
                 energies: totals.exact_energies(),
                 stokes: lamp,
+                scene: About::of(&prepared),
             };
             write(&file, &totals, &lamp, Some(&part)).unwrap();
             file
         };
         let files = [part(3, true), part(1, true), part(2, true)];
         let merged = folder.path().join("merged.csv");
-        let (sum, stokes) = merge(&files).unwrap();
-        write(&merged, &sum, &stokes, None).unwrap();
+        let sum = merge(&files).unwrap();
+        write(&merged, &sum.totals, &sum.stokes, None).unwrap();
+        // What is told of the run is the same as well.
+        let whole_run = trace(&prepared, Shard::WHOLE, &|_| true);
+        assert_eq!(
+            Report::new(&sum.totals, true).about(sum.scene),
+            Report::of(&prepared, &whole_run)
+        );
         let read = |p: &Path| std::fs::read(p).unwrap();
         assert_eq!(read(&whole), read(&merged));
         let cut = part(2, false);
@@ -322,7 +357,14 @@ mod tests {
             );
             let save = |file: &Path, done: &SoFar| {
                 let complete = done.is_complete(5000, shard);
-                let part = Part::of("r".to_owned(), shard, done, complete, lamp);
+                let part = Part::of(
+                    "r".to_owned(),
+                    shard,
+                    done,
+                    complete,
+                    lamp,
+                    About::of(&prepared),
+                );
                 write(file, &done.totals, &lamp, Some(&part)).unwrap();
                 complete
             };

@@ -61,7 +61,23 @@ fn bad_scenes_get_a_message_that_names_the_key() {
         ),
         (
             scene(45.0, &(interface("shape = \"flat\"", "\"Au\"") + &flat), ""),
+            "must be the last",
+        ),
+        (
+            scene(
+                45.0,
+                &(interface("shape = \"flat\"", "{ n = 1.5, k = 0.01 }") + &flat),
+                "",
+            ),
             "thickness",
+        ),
+        (
+            scene(
+                45.0,
+                &interface("shape = \"flat\"\npitch_um = 2.0", "{ n = 1.5 }"),
+                "",
+            ),
+            "has no key pitch_um",
         ),
         (scene(45.0, &flat, "photons = 0"), "photons"),
         (scene(45.0, &flat, "photons = -5"), "photons"),

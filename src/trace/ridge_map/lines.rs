@@ -90,6 +90,7 @@ impl Lines {
                 unevenness_um: wide.unevenness,
                 explained: wide.explained,
                 theta_r_deg: theta_r.to_degrees(),
+                filled_share: 0.0,
             },
             profile,
         })

@@ -35,6 +35,7 @@ pub(crate) fn map_of(
         rows: size[1],
         heights: heights.collect(),
         units: None,
+        filled: 0,
     }
 }
 
@@ -127,6 +128,7 @@ fn what_is_no_map_of_ridges_is_refused_with_the_way_out() {
         rows: heights.len() / columns,
         heights,
         units: None,
+        filled: 0,
     };
     let mut random = Stream::new(3, Purpose::Surface, 0);
     let noise = of((0..120 * 120).map(|_| random.uniform()).collect(), 120);

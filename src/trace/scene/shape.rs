@@ -12,6 +12,7 @@ use super::super::crystals::crystals;
 use super::super::facet::Roughness;
 use super::super::height_field::HeightField;
 use super::super::profile::{Profile, ProfileError};
+use super::super::ridge_map::gaps;
 use super::super::ridges::Ridges;
 use super::super::rng::{Purpose, Stream};
 use super::super::surface::Relief;
@@ -79,6 +80,8 @@ pub struct HeightMap {
     pub heights: Vec<f64>,
     /// What the file says of its units; `None` where the scene must.
     pub units: Option<MapUnits>,
+    /// How many of the heights the instrument did not see: they were filled from their neighbours.
+    pub filled: usize,
 }
 
 /// Units of a height map.
@@ -239,6 +242,8 @@ impl Scene {
                     _ => keys.need("height_unit_um", shape.height_unit_um)?,
                 };
                 let field = field_of(&map, pitch, unit).map_err(|r| failed(r.to_owned()))?;
+                let share = map.filled as f64 / map.heights.len() as f64;
+                left_out.extend(gaps(share));
                 left_out.push(LeftOut {
                     what: format!("what lies beyond the map of interface {number}"),
                     why: "the map is repeated as it is; where its rims differ there is a wall"
@@ -334,6 +339,7 @@ impl Keys<'_> {
             ("seed", s.seed.is_some()),
             ("cells", s.cells.is_some()),
             ("theta_r_deg", s.theta_r_deg.is_some()),
+            ("pitch_um", s.pitch_um.is_some()),
             ("pitch_um", s.pitch_um.is_some()),
             ("round_um", s.round_um.is_some()),
             ("round", s.round.is_some()),
