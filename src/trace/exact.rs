@@ -3,6 +3,8 @@
 //! What goes in is rounded once ([`to_fixed`]); adding is exact from there on, so threads, shards and stops
 //! give the same bits.
 
+use std::fmt::Write;
+
 /// 2^-82 as the unit: sums below 2^43 fit and rounding is far below an f64's.
 const UNIT_BITS: (i32, i32) = (20, 62);
 
@@ -21,25 +23,116 @@ pub(super) fn from_fixed(x: i128) -> f64 {
     x as f64 * 2f64.powi(-(UNIT_BITS.0 + UNIT_BITS.1))
 }
 
-/// A count and exact sums in words: the count decimal, the sums hexadecimal.
-pub(super) fn text_of<'a>(count: u64, numbers: impl Iterator<Item = &'a i128>) -> String {
-    use std::fmt::Write;
-    let mut text = count.to_string();
-    for x in numbers {
-        let sign = if *x < 0 { "-" } else { "" };
-        write!(text, " {sign}{:x}", x.unsigned_abs()).expect("a String takes everything");
+/// A sum of what is never negative in the same unit, below 2^109: squares of a batch's million photons, over any
+/// number of batches, pass what an `i128` holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Wide([u64; 3]);
+
+impl Wide {
+    /// Adds a number, rounded towards zero.
+    #[inline]
+    pub fn add(&mut self, x: f64) {
+        let x = to_fixed(x).unsigned_abs();
+        self.join(&Wide([x as u64, (x >> 64) as u64, 0]));
     }
-    text
+
+    /// Adds another sum.
+    #[inline]
+    pub fn join(&mut self, other: &Wide) {
+        let mut carry = false;
+        for (a, b) in self.0.iter_mut().zip(other.0) {
+            let (sum, first) = a.overflowing_add(b);
+            let (sum, second) = sum.overflowing_add(u64::from(carry));
+            (*a, carry) = (sum, first | second);
+        }
+    }
+
+    /// The nearest f64, or its neighbour.
+    #[inline]
+    pub fn value(&self) -> f64 {
+        let [low, middle, high] = self.0;
+        let below = (u128::from(middle) << 64 | u128::from(low)) as f64;
+        (below + high as f64 * 2f64.powi(128)) * 2f64.powi(-(UNIT_BITS.0 + UNIT_BITS.1))
+    }
 }
 
-/// Reads back what [`text_of`] wrote; `None` where it did not.
-pub(super) fn numbers_of(text: &str) -> Option<(u64, Vec<i128>)> {
-    let mut words = text.split(' ');
-    let count = words.next()?.parse().ok()?;
-    let numbers = words
-        .map(|w| i128::from_str_radix(w, 16).ok())
-        .collect::<Option<Vec<_>>>()?;
-    Some((count, numbers))
+/// A count and exact sums in words: the count decimal, the sums hexadecimal.
+pub(super) struct Text(String);
+
+impl Text {
+    /// Begins with the count.
+    pub fn of(count: u64) -> Self {
+        Text(count.to_string())
+    }
+
+    /// Sums of either sign.
+    pub fn sums<'a>(mut self, numbers: impl Iterator<Item = &'a i128>) -> Self {
+        for x in numbers {
+            let sign = if *x < 0 { "-" } else { "" };
+            write!(self.0, " {sign}{:x}", x.unsigned_abs()).expect(ANY);
+        }
+        self
+    }
+
+    /// Wide sums.
+    pub fn wide<'a>(mut self, numbers: impl Iterator<Item = &'a Wide>) -> Self {
+        for Wide([low, middle, high]) in numbers {
+            let below = u128::from(*middle) << 64 | u128::from(*low);
+            match high {
+                0 => write!(self.0, " {below:x}"),
+                _ => write!(self.0, " {high:x}{below:032x}"),
+            }
+            .expect(ANY);
+        }
+        self
+    }
+
+    /// All words.
+    pub fn finish(self) -> String {
+        self.0
+    }
+}
+
+const ANY: &str = "a String takes everything";
+
+/// Reads back what [`Text`] wrote, in its order; `None` where it did not.
+pub(super) struct Words<'a>(std::str::Split<'a, char>);
+
+impl<'a> Words<'a> {
+    /// The count, and the words behind it.
+    pub fn of(text: &'a str) -> Option<(u64, Self)> {
+        let mut words = text.split(' ');
+        let count = words.next()?.parse().ok()?;
+        Some((count, Words(words)))
+    }
+
+    /// So many sums.
+    pub fn sums(&mut self, count: usize) -> Option<Vec<i128>> {
+        (0..count)
+            .map(|_| i128::from_str_radix(self.0.next()?, 16).ok())
+            .collect()
+    }
+
+    /// So many wide sums.
+    pub fn wide(&mut self, count: usize) -> Option<Vec<Wide>> {
+        (0..count)
+            .map(|_| {
+                let word = self.0.next()?;
+                let (high, below) = match word.len().checked_sub(32) {
+                    Some(at) if at > 0 => word.split_at_checked(at)?,
+                    _ => ("0", word),
+                };
+                let below = u128::from_str_radix(below, 16).ok()?;
+                let high = u64::from_str_radix(high, 16).ok()?;
+                Some(Wide([below as u64, (below >> 64) as u64, high]))
+            })
+            .collect()
+    }
+
+    /// No word is left.
+    pub fn end(mut self) -> Option<()> {
+        self.0.next().is_none().then_some(())
+    }
 }
 
 #[cfg(test)]
@@ -50,6 +143,54 @@ mod tests {
     fn fixed_point_keeps_what_an_f64_has() {
         for x in [0.0, 1.0, -1.0, 1e-9, 0.1, -123_456.789, 3e10] {
             assert!((from_fixed(to_fixed(x)) - x).abs() <= 2f64.powi(-80) + x.abs() * 1e-15);
+        }
+    }
+
+    #[test]
+    fn wide_sums_hold_squares_of_any_run_and_come_back_from_text() {
+        // A hundred million million photons in batches of a million, all their light in one bin.
+        let (batch, batches) = (2f64.powi(20), 10_000_000u64);
+        let mut one = Wide::default();
+        one.add(batch * batch);
+        let (mut all, mut power, mut left) = (Wide::default(), one, batches);
+        while left > 0 {
+            if left & 1 == 1 {
+                all.join(&power);
+            }
+            let twice = power;
+            power.join(&twice);
+            left >>= 1;
+        }
+        assert_eq!(all.value(), batch * batch * batches as f64);
+        let mut few = Wide::default();
+        for x in [0.25, 1e-9, 3.0] {
+            few.add(x);
+        }
+        assert!((few.value() - 3.250_000_001).abs() < 1e-15);
+        let sums = [0, -5, i128::MAX];
+        let text = Text::of(7)
+            .sums(sums.iter())
+            .wide([all, few, Wide::default()].iter())
+            .finish();
+        let (count, mut words) = Words::of(&text).unwrap();
+        assert_eq!(
+            (count, words.sums(3), words.wide(3)),
+            (
+                7,
+                Some(sums.to_vec()),
+                Some(vec![all, few, Wide::default()])
+            )
+        );
+        assert!(words.end().is_some());
+        for damaged in [
+            "",
+            "x",
+            "7 g",
+            "7 -5",
+            "7 ä000000000000000000000000000000000",
+        ] {
+            let read = Words::of(damaged).and_then(|(_, mut words)| words.wide(1));
+            assert_eq!(read, None, "{damaged}");
         }
     }
 }

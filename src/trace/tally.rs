@@ -5,12 +5,12 @@
 //! [`Totals`] add up batches in fixed-point integers, whose sum does not depend on the order: threads, shards and
 //! stops give the same bits.
 //!
-//! *Conditioning.* Sums are integers, exact to 2⁻⁸² of a photon. A variance is a difference of two sums of squares and means
+//! *Conditioning.* Sums are integers, exact to 2⁻⁸² of a photon, those of squares in 192 bits. A variance is a difference of two sums of squares and means
 //! nothing below 4 ε of them; that is its floor, so what is certain has an error of rounding, not of 0.
 
 mod energies;
 
-use super::exact::{from_fixed, numbers_of, text_of, to_fixed};
+use super::exact::{Text, Wide, Words, from_fixed, to_fixed};
 use super::grid::{Finder, Grid};
 use super::height_field::Side;
 use super::light::Light;
@@ -172,15 +172,17 @@ impl Batch {
 pub struct Totals {
     grid: Grid,
     stride: usize,
-    /// Per bin: `stride` sums, then `stride` sums of squares.
+    /// Per bin: `stride` sums,
     bins: Vec<i128>,
+    /// and as many sums of squares.
+    squares: Vec<Wide>,
     hits: Vec<u64>,
     /// Per bin: what is known without sampling, times the photons.
     known: Vec<i128>,
     energy_sums: Energies<i128>,
-    energy_squares: Energies<i128>,
+    energy_squares: Energies<Wide>,
     /// Sums of each energy times the batch's energy in all.
-    energy_products: Energies<i128>,
+    energy_products: Energies<Wide>,
     energy_known: Energies<i128>,
     batches: u64,
     photons: u64,
@@ -238,12 +240,13 @@ impl Totals {
         Totals {
             grid,
             stride: elements,
-            bins: vec![0; bins * 2 * elements],
+            bins: vec![0; bins * elements],
+            squares: vec![Wide::default(); bins * elements],
             hits: vec![0; bins],
             known: vec![0; bins * elements],
             energy_sums: Energies::filled(0),
-            energy_squares: Energies::filled(0),
-            energy_products: Energies::filled(0),
+            energy_squares: Energies::filled(Wide::default()),
+            energy_products: Energies::filled(Wide::default()),
             energy_known: Energies::filled(0),
             batches: 0,
             photons: 0,
@@ -276,11 +279,12 @@ impl Totals {
         for &bin in &batch.touched {
             let bin = bin as usize;
             self.hits[bin] += u64::from(batch.hits[bin]);
-            let (sums, squares) = self.bins[bin * 2 * n..(bin + 1) * 2 * n].split_at_mut(n);
+            let range = bin * n..(bin + 1) * n;
+            let sums = self.bins[range.clone()].iter_mut();
             let values = &batch.bins[bin * batch.stride..(bin + 1) * batch.stride];
-            for ((sum, square), x) in sums.iter_mut().zip(squares).zip(values) {
+            for ((sum, square), x) in sums.zip(&mut self.squares[range]).zip(values) {
                 *sum += to_fixed(*x);
-                *square += to_fixed(x * x);
+                square.add(x * x);
             }
         }
         let all = batch.energies.total();
@@ -291,8 +295,8 @@ impl Totals {
             sums.zip(squares).zip(products).zip(batch.energies.all())
         {
             *sum += to_fixed(*x);
-            *square += to_fixed(x * x);
-            *product += to_fixed(x * all);
+            square.add(x * x);
+            product.add(x * all);
         }
         self.batches += 1;
         self.photons += photons;
@@ -313,13 +317,16 @@ impl Totals {
         };
         counted(&mut self.bins, &other.bins);
         counted(&mut self.known, &other.known);
+        for (a, b) in self.squares.iter_mut().zip(&other.squares) {
+            a.join(b);
+        }
         for (a, b) in self.hits.iter_mut().zip(&other.hits) {
             *a += b;
         }
         self.energy_known.add(&other.energy_known);
         self.energy_sums.add(&other.energy_sums);
-        self.energy_squares.add(&other.energy_squares);
-        self.energy_products.add(&other.energy_products);
+        self.energy_squares.join(&other.energy_squares);
+        self.energy_products.join(&other.energy_products);
         self.batches += other.batches;
         self.photons += other.photons;
         Ok(())
@@ -369,8 +376,8 @@ impl Totals {
         }
     }
 
-    fn estimate(&self, sum: i128, square: i128, known: i128, norm: f64) -> Estimate {
-        let (s, q) = (from_fixed(sum), from_fixed(square));
+    fn estimate(&self, sum: i128, square: Wide, known: i128, norm: f64) -> Estimate {
+        let (s, q) = (from_fixed(sum), square.value());
         let b = self.batches as f64;
         // Variance of the sum of B independent batches: B/(B−1) (Σ x² − (Σ x)²/B). Both terms are rounded to
         // an f64, so their difference says nothing below that: what is certain but for rounding
@@ -390,15 +397,9 @@ impl Totals {
     /// Element `i` (row by row) of the Mueller BRDF (above) or BTDF (below) of a bin, sr⁻¹.
     #[must_use]
     pub fn element(&self, side: Side, bin: usize, i: usize) -> Estimate {
-        let at = self.index(side, bin) * 2 * self.stride;
+        let at = self.index(side, bin) * self.stride + i;
         let norm = self.grid.projected_solid_angle(bin) * self.photons as f64;
-        let known = self.known[self.index(side, bin) * self.stride + i];
-        self.estimate(
-            self.bins[at + i],
-            self.bins[at + self.stride + i],
-            known,
-            norm,
-        )
+        self.estimate(self.bins[at], self.squares[at], self.known[at], norm)
     }
 
     /// Root mean square error of m00 over its own root mean square, both over the reflected bins and by
@@ -425,7 +426,7 @@ impl Totals {
             if self.hits[bin] == 0 && known == 0 {
                 continue;
             }
-            let (sum, square) = (self.bins[bin * 2 * n], self.bins[bin * 2 * n + n]);
+            let (sum, square) = (self.bins[bin * n], self.squares[bin * n]);
             // Shares of the light: what makes them a BRDF is taken off again by the weights.
             let e = self.estimate(sum, square, known, self.photons as f64);
             let variance = e.std * e.std;
@@ -442,62 +443,56 @@ impl Totals {
         if self.is_empty(side, bin) {
             return None;
         }
-        let n = 2 * self.stride;
-        let known = &self.known[index * self.stride..(index + 1) * self.stride];
-        let numbers = self.bins[index * n..(index + 1) * n].iter().chain(known);
-        Some(text_of(self.hits[index], numbers))
+        let range = index * self.stride..(index + 1) * self.stride;
+        let text = Text::of(self.hits[index])
+            .sums(self.bins[range.clone()].iter())
+            .wide(self.squares[range.clone()].iter())
+            .sums(self.known[range].iter());
+        Some(text.finish())
     }
 
     /// The exact sums of the energies, likewise.
     #[must_use]
     pub fn exact_energies(&self) -> String {
-        let numbers = self
-            .energy_sums
-            .all()
-            .chain(self.energy_squares.all())
-            .chain(self.energy_products.all())
-            .chain(self.energy_known.all());
-        text_of(
-            self.photons,
-            std::iter::once(&i128::from(self.batches)).chain(numbers),
-        )
+        let batches = i128::from(self.batches);
+        Text::of(self.photons)
+            .sums(std::iter::once(&batches).chain(self.energy_sums.all()))
+            .wide(self.energy_squares.all())
+            .wide(self.energy_products.all())
+            .sums(self.energy_known.all())
+            .finish()
     }
 
     /// Reads back what [`Totals::exact_bin`] wrote.
     pub fn set_exact_bin(&mut self, side: Side, bin: usize, text: &str) -> Option<()> {
-        let (hits, numbers) = numbers_of(text)?;
-        let (index, n) = (self.index(side, bin), 2 * self.stride);
-        if numbers.len() != n + self.stride || bin >= self.grid.per_side() {
+        let (hits, mut words) = Words::of(text)?;
+        let (index, n) = (self.index(side, bin), self.stride);
+        let (sums, squares, known) = (words.sums(n)?, words.wide(n)?, words.sums(n)?);
+        words.end()?;
+        if bin >= self.grid.per_side() {
             return None;
         }
-        self.bins[index * n..(index + 1) * n].copy_from_slice(&numbers[..n]);
-        self.known[index * self.stride..(index + 1) * self.stride].copy_from_slice(&numbers[n..]);
+        let range = index * n..(index + 1) * n;
+        self.bins[range.clone()].copy_from_slice(&sums);
+        self.squares[range.clone()].copy_from_slice(&squares);
+        self.known[range].copy_from_slice(&known);
         self.hits[index] = hits;
         Some(())
     }
 
     /// Reads back what [`Totals::exact_energies`] wrote.
     pub fn set_exact_energies(&mut self, text: &str) -> Option<()> {
-        let (photons, numbers) = numbers_of(text)?;
+        let (photons, mut words) = Words::of(text)?;
         let count = self.energy_sums.all().count();
-        if numbers.len() != 1 + 4 * count {
-            return None;
-        }
-        self.photons = photons;
-        self.batches = u64::try_from(numbers[0]).ok()?;
-        for (total, x) in self.energy_sums.all_mut().zip(&numbers[1..=count]) {
-            *total = *x;
-        }
-        for (total, x) in self.energy_squares.all_mut().zip(&numbers[1 + count..]) {
-            *total = *x;
-        }
-        let products = self.energy_products.all_mut();
-        for (total, x) in products.zip(&numbers[1 + 2 * count..]) {
-            *total = *x;
-        }
-        for (total, x) in self.energy_known.all_mut().zip(&numbers[1 + 3 * count..]) {
-            *total = *x;
-        }
+        let batches = u64::try_from(words.sums(1)?[0]).ok()?;
+        let (sums, squares) = (words.sums(count)?, words.wide(count)?);
+        let (products, known) = (words.wide(count)?, words.sums(count)?);
+        words.end()?;
+        (self.photons, self.batches) = (photons, batches);
+        self.energy_sums.set(&sums);
+        self.energy_squares.set(&squares);
+        self.energy_products.set(&products);
+        self.energy_known.set(&known);
         Some(())
     }
 }
@@ -547,5 +542,40 @@ mod tests {
         }
         assert_eq!(back, totals);
         assert!(back.set_exact_bin(Side::Above, 0, "nonsense").is_none());
+    }
+
+    #[test]
+    fn errors_hold_over_any_number_of_full_batches() {
+        // Batches of a million photons and of a thousand more by turns, all reflected into one bin: their squares
+        // pass 128 bits in units of 2^-82 from 32 batches on.
+        let k = unit(&[0.1, 0.1, 1.0]);
+        let large = f64::from(1u32 << 20);
+        let batch = |photons: f64| {
+            let mut batch = Batch::new::<Scalar>(GRID);
+            let mut light = Scalar::launch(&k);
+            light.scale(photons);
+            batch.exit(&light, photons, Side::Above, &k, 1);
+            batch.absorb(2.0 * large - photons);
+            batch
+        };
+        let mut totals = Totals::new(GRID, 1);
+        for n in 0..2000 {
+            let photons = large + if n % 2 == 0 { 1000.0 } else { -1000.0 };
+            totals.take(&mut batch(photons), 2 << 20);
+        }
+        let mut twice = totals.clone();
+        twice.merge(&totals).unwrap();
+        for (totals, batches) in [(&totals, 2000.0), (&twice, 4000.0)] {
+            // Standard deviation of a batch's share, over the root of their number.
+            let expected = 1000.0 / (2.0 * large) / f64::sqrt(batches - 1.0);
+            let reflected = totals.energies().reflected_all;
+            assert!((reflected.value - 0.5).abs() < 1e-12);
+            assert!(
+                (reflected.std / expected - 1.0).abs() < 1e-3,
+                "{reflected:?}"
+            );
+            let told = totals.relative_error().unwrap();
+            assert!((told / (2.0 * expected) - 1.0).abs() < 1e-3, "{told}");
+        }
     }
 }

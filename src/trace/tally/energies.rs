@@ -4,7 +4,7 @@
 //! itself from batch to batch.
 
 use super::{Estimate, Totals};
-use crate::trace::exact::{from_fixed, to_fixed};
+use crate::trace::exact::{Wide, from_fixed, to_fixed};
 
 /// Energies are told apart up to this number of interactions; the last place holds "and more".
 pub const ORDERS: usize = 16;
@@ -57,6 +57,13 @@ impl<T: Copy> Energies<T> {
         ])
     }
 
+    /// Puts the numbers in the order of [`Energies::all`] in place of its own.
+    pub(super) fn set(&mut self, numbers: &[T]) {
+        for (own, x) in self.all_mut().zip(numbers) {
+            *own = *x;
+        }
+    }
+
     pub(super) fn all_mut(&mut self) -> impl Iterator<Item = &mut T> {
         self.reflected
             .iter_mut()
@@ -79,6 +86,15 @@ impl Energies<i128> {
     }
 }
 
+impl Energies<Wide> {
+    /// Adds another's sums.
+    pub(super) fn join(&mut self, other: &Self) {
+        for (a, b) in self.all_mut().zip(other.all()) {
+            a.join(b);
+        }
+    }
+}
+
 impl Totals {
     /// Energies as shares of all the light that was launched; they add up to 1.
     ///
@@ -97,11 +113,13 @@ impl Totals {
         let excess = from_fixed(counted - to_fixed(1.0) * i128::from(self.photons));
         let (a, b) = (from_fixed(e.total()), self.batches as f64);
         let with_all = |sum: f64, product: f64| product - sum * a / b;
-        let ends = |e: &Energies<i128>| {
-            [e.reflected_all, e.transmitted_all, e.absorbed, e.truncated].map(from_fixed)
-        };
+        fn ends<T: Copy>(e: &Energies<T>, value: impl Fn(T) -> f64) -> [f64; 4] {
+            [e.reflected_all, e.transmitted_all, e.absorbed, e.truncated].map(value)
+        }
+        let of = |e: &Energies<i128>| ends(e, from_fixed);
+        let wide = |e: &Energies<Wide>| ends(e, |x| x.value());
         // As the sum of its parts, so that the slopes add up to 1 to the last digit.
-        let parts = ends(e).into_iter().zip(ends(&self.energy_products));
+        let parts = of(e).into_iter().zip(wide(&self.energy_products));
         let var_a: f64 = parts.map(|(s, p)| with_all(s, p)).sum();
         let variance = |s: f64, q: f64, p: f64, slope: f64| {
             let cov = with_all(s, p);
@@ -110,15 +128,15 @@ impl Totals {
             left.max(4.0 * f64::EPSILON * s * s / b)
         };
         let counted = from_fixed(counted);
-        let shares = ends(e).into_iter().zip(ends(&self.energy_known));
+        let shares = of(e).into_iter().zip(of(&self.energy_known));
         let shares = shares.map(|(s, k)| (s + k) / counted);
-        let slopes = ends(e).into_iter().zip(ends(&self.energy_products));
+        let slopes = of(e).into_iter().zip(wide(&self.energy_products));
         let slopes = slopes.map(|(s, p)| with_all(s, p) / var_a);
         let scatter = |slopes: &mut dyn Iterator<Item = f64>| -> f64 {
-            let squares = ends(&self.energy_squares)
+            let squares = wide(&self.energy_squares)
                 .into_iter()
-                .zip(ends(&self.energy_products));
-            let all = ends(e).into_iter().zip(squares).zip(slopes);
+                .zip(wide(&self.energy_products));
+            let all = of(e).into_iter().zip(squares).zip(slopes);
             all.map(|((s, (q, p)), slope)| variance(s, q, p, slope))
                 .sum()
         };
@@ -138,7 +156,7 @@ impl Totals {
             .zip(self.energy_known.all());
         for (o, (((s, q), p), k)) in out.all_mut().zip(sums) {
             let sum = from_fixed(s + k);
-            let (s, q, p) = (from_fixed(*s), from_fixed(*q), from_fixed(*p));
+            let (s, q, p) = (from_fixed(*s), q.value(), p.value());
             let (slope, value) = if told {
                 let slope = with_all(s, p) / var_a;
                 (slope, ((sum - slope * excess) / launched).max(0.0))
