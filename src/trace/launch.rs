@@ -286,7 +286,9 @@ impl<'a> FirstHits<'a> {
         } else if facet.enters {
             (&facet.refracted, start.refracted, Side::Below)
         } else {
-            return batch.absorb(1.0);
+            // The draw goes by unpolarised light, what is lost by the lamp's: so both are right on average.
+            let reflected = facet.reflected.power * facet.share;
+            return batch.absorb((1.0 - reflected) / (1.0 - facet.share));
         };
         if fate == Fate::Free {
             let light: L = facet.leaving(way);

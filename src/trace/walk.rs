@@ -5,6 +5,8 @@
 //! matrix holds for every lamp; with [`Method::Split`] both are followed as long as they carry enough,
 //! metals and layers take their part of every photon, and weak photons play roulette.
 
+mod emerge;
+
 use super::height_field::Side;
 use super::light::Light;
 use super::rng::Stream;
@@ -472,7 +474,9 @@ impl Walk<'_> {
                 state.light.pass(reflected, 1.0 / share);
                 return true;
             }
-            batch.absorb(before);
+            // The draw goes by unpolarised light, what is lost by the light that comes: so both are right on average.
+            state.light.pass(reflected, 1.0);
+            batch.absorb((before - state.light.power(&self.stokes)) / (1.0 - share));
             return false;
         }
         state.light.pass(reflected, 1.0);
@@ -535,45 +539,6 @@ impl Walk<'_> {
                     return self.re_emerge(state, interface, diffuse.strength, random, batch);
                 }
             }
-        }
-    }
-
-    /// Light that entered a diffuse body comes out of the same facet, or is absorbed.
-    fn re_emerge<L: Light>(
-        &self,
-        state: &mut State<L>,
-        interface: &Interface,
-        strength: f64,
-        random: &mut Stream,
-        batch: &mut Batch,
-    ) -> Event {
-        let [u, v, n] = interface.relief.frame(&state.place);
-        let w = super::facet::Diffuse::direction(random);
-        let flat = combine(w[0], &u, w[1], &v);
-        let out = combine(1.0, &flat, w[2], &n);
-        let before = state.light.power(&self.stokes);
-        let through = interface.from_above.at(w[2].max(1e-12)).refracted;
-        state.k = out;
-        state.side = Side::Above;
-        // Any frame will do for unpolarised light; the hit's is set by `meet`.
-        let horizontal = super::vec3::unit(&combine(1.0, &u, -dot(&u, &out), &out));
-        state.light.depolarise(&horizontal);
-        state.light.meet(&out, &n);
-        if self.method == Method::Analog {
-            let chance = strength * through.unpolarised();
-            if random.uniform() >= chance {
-                batch.absorb(before);
-                return Event::Ends;
-            }
-            state.light.pass(&through, strength / chance);
-            return Event::Goes;
-        }
-        state.light.pass(&through, strength);
-        batch.absorb(before - state.light.power(&self.stokes));
-        if self.roulette(&mut state.light, random) {
-            Event::Goes
-        } else {
-            Event::Ends
         }
     }
 }
