@@ -5,14 +5,18 @@
 //! [`crate::model::contrast::predict`] gives. Source: Luongo et al. 2017, section 4 and Fig. 8.
 //! Knows neither frames nor files.
 
+mod stray;
+
 use serde_json::{Value, json};
 
+use crate::geometry::alike;
 use crate::model::LeftOut;
 use crate::model::contrast::{
     Contrast, Exposure, Findings, Mean, PAIRS, PAPER_AZIMUTHS_DEG, Table,
 };
-use crate::observation::ObservationSet;
+use crate::observation::{Observation, ObservationSet};
 use crate::units::Angle;
+pub use stray::{Radiances, Stray};
 
 /// How far a recorded angle may be from the paper's and still count as it.
 const SNAP_DEG: f64 = 0.5;
@@ -27,7 +31,8 @@ pub struct NoContrast;
 /// # Errors
 /// [`NoContrast`] where no tilt was seen at φs = 0°, 90° and 180°.
 pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
-    let (table, stds) = of_observations(set);
+    let stray = Stray::of_flats(set);
+    let (table, stds) = of_observations(set, &stray);
     if table.lines.is_empty() {
         return Err(NoContrast);
     }
@@ -39,7 +44,15 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
     } else {
         "arbitrary"
     });
-    report["warnings"] = json!(set.warnings);
+    report["stray_light"] = json!({"radiance": stray.radiance, "std": stray.std});
+    let mut warnings = set.warnings.clone();
+    if set.white_reference.is_none() {
+        warnings.push(
+            "without a white reference absolute contrasts are shares of the brightest level; Michelson's do not need one"
+                .to_owned(),
+        );
+    }
+    report["warnings"] = json!(warnings);
     // How wrong: the largest standard uncertainty of a contrast beside the largest contrast.
     let largest = |all: &mut dyn Iterator<Item = f64>| all.fold(0.0, f64::max);
     let brightest = largest(
@@ -61,53 +74,68 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
     Ok((table, report))
 }
 
-/// The contrast table of reduced observations and the standard uncertainty of every contrast: own
-/// noise of both, and what white reference and lamp drift do to their difference.
-fn of_observations(set: &ObservationSet) -> (Table, Vec<[f64; 2]>) {
+/// Tilts within this of each other are one.
+const SAME_TILT: Angle = Angle::from_deg(0.1);
+
+/// Where an observation stands in the paper's table: the number of its tilt and that of its azimuth in
+/// [`PAPER_AZIMUTHS_DEG`]; none for other azimuths. Where several stand at one place, the first counts.
+#[must_use]
+pub fn places(observations: &[Observation]) -> Vec<Option<(usize, usize)>> {
+    let tilts: Vec<Angle> = observations.iter().map(|o| o.pose.theta_c).collect();
+    let tilts = alike(&tilts, SAME_TILT);
+    let mut taken = std::collections::HashSet::new();
+    observations
+        .iter()
+        .zip(tilts)
+        .map(|(o, tilt)| {
+            let azimuth = PAPER_AZIMUTHS_DEG.iter().position(|a| {
+                let off = (o.pose.phi_s - Angle::from_deg(*a)).wrapped();
+                off.abs().deg() <= SNAP_DEG
+            })?;
+            taken.insert((tilt, azimuth)).then_some((tilt, azimuth))
+        })
+        .collect()
+}
+
+/// The contrast table of reduced observations and the standard uncertainty of every contrast: own noise of both, and
+/// what white reference, lamp drift and stray light do to their difference.
+fn of_observations(set: &ObservationSet, stray: &Stray) -> (Table, Vec<[f64; 2]>) {
+    let radiances = Radiances::of(set, stray);
+    let places = places(&set.observations);
+    let at = |place: (usize, usize)| places.iter().position(|p| *p == Some(place));
+    let tilts = places.iter().flatten().map(|p| p.0).max();
     let mut exposures: Vec<Exposure> = Vec::new();
-    let mut sources = Vec::new();
-    for o in &set.observations {
-        let recorded_deg = o.pose.phi_s.deg().rem_euclid(360.0);
-        let Some(azimuth) = PAPER_AZIMUTHS_DEG.into_iter().find(|a| {
-            let off = (recorded_deg - a).abs();
-            off.min(360.0 - off) <= SNAP_DEG
-        }) else {
+    let mut stds = Vec::new();
+    for tilt in 0..tilts.map_or(0, |last| last + 1) {
+        let [Some(a), Some(b), Some(c)] = [0, 1, 2].map(|azimuth| at((tilt, azimuth))) else {
             continue;
         };
-        let theta_c = Angle::from_deg((o.pose.theta_c.deg() * 10.0).round() / 10.0);
-        exposures.push(Exposure {
-            theta_r: Angle::ZERO,
-            theta_c,
-            phi_s: Angle::from_deg(azimuth),
-            radiance: o.signal,
-        });
-        sources.push(o);
+        let three = [a, b, c];
+        let mean: f64 = three
+            .iter()
+            .map(|n| set.observations[*n].pose.theta_c.deg() / 3.0)
+            .sum();
+        let theta_c = Angle::from_deg((mean * 100.0).round() / 100.0);
+        for (n, azimuth) in three.iter().zip(PAPER_AZIMUTHS_DEG) {
+            exposures.push(Exposure {
+                theta_r: Angle::ZERO,
+                theta_c,
+                phi_s: Angle::from_deg(azimuth),
+                radiance: radiances.values[*n],
+            });
+        }
+        stds.push(PAIRS.map(|(_, j, k)| {
+            let (j, k) = (three[j], three[k]);
+            let (a, b) = (&set.observations[j], &set.observations[k]);
+            let white = a.shared.white_reference - b.shared.white_reference;
+            // As in a fit the lamp drifts between the white reference and the sample: one factor for all.
+            let drift = a.shared.led_drift - b.shared.led_drift;
+            let haze = (radiances.per_stray[j] - radiances.per_stray[k]) * stray.std;
+            let signals = a.sigma.hypot(b.sigma).hypot(white).hypot(drift);
+            (signals / radiances.gain).hypot(haze)
+        }));
     }
-    let table = Table::of(&exposures);
-    let stds = table
-        .lines
-        .iter()
-        .map(|line| {
-            let at = |j: usize| {
-                exposures
-                    .iter()
-                    .zip(&sources)
-                    .find(|(e, _)| {
-                        e.theta_c == line.theta_c
-                            && e.phi_s == Angle::from_deg(PAPER_AZIMUTHS_DEG[j])
-                    })
-                    .map(|(_, o)| *o)
-                    .expect("a line is made of its exposures")
-            };
-            PAIRS.map(|(_, j, k)| {
-                let (a, b) = (at(j), at(k));
-                let white = a.shared.white_reference - b.shared.white_reference;
-                let drift = a.shared.led_drift.hypot(b.shared.led_drift);
-                a.sigma.hypot(b.sigma).hypot(white).hypot(drift)
-            })
-        })
-        .collect();
-    (table, stds)
+    (Table::of(&exposures), stds)
 }
 
 /// A table as an object; `stds` are the standard uncertainties of its absolute contrasts (radiance

@@ -12,7 +12,8 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::geometry::Pose;
+use crate::geometry::{Pose, alike, alike_around};
+use crate::units::Angle;
 
 /// Share of the strongest direction, all columns of derivatives scaled to 1, below which a direction is null.
 const NULL: f64 = 1e-10;
@@ -20,16 +21,15 @@ const NULL: f64 = 1e-10;
 /// Groups of rows along one axis of a scan; `None` for rows that are in every group's rest.
 pub type Labels = Vec<Option<i64>>;
 
-/// Tilts and azimuths of poses, to a tenth of a degree, as labels of the rows that they are.
+/// Poses within this of each other along an axis are of one tilt or azimuth.
+const SAME: Angle = Angle::from_deg(0.1);
+
+/// Tilts and azimuths of poses as labels of the rows that they are.
 #[must_use]
 pub fn axes(poses: impl Iterator<Item = Pose>) -> [Labels; 2] {
-    let tenth = |deg: f64| (deg * 10.0).round() as i64;
-    let both = poses.map(|pose| {
-        let turn = tenth(pose.phi_s.deg()).rem_euclid(3600);
-        (Some(tenth(pose.theta_c.deg())), Some(turn))
-    });
-    let (tilts, turns) = both.unzip();
-    [tilts, turns]
+    let (tilts, turns): (Vec<Angle>, Vec<Angle>) = poses.map(|p| (p.theta_c, p.phi_s)).unzip();
+    [alike(&tilts, SAME), alike_around(&turns, SAME)]
+        .map(|groups| groups.into_iter().map(|group| Some(group as i64)).collect())
 }
 
 /// Standard uncertainty of each parameter from leaving out the groups of each axis in turn, all axes with three

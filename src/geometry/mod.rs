@@ -21,11 +21,13 @@
 //! `model::brdf::evaluate` takes them instead. cos θi = cos θl cos θc − sin θl cos φl sin θc cancels towards grazing in
 //! the same way: to 1e-16/cos θi.
 
+mod alike;
 mod cones;
 
 use nalgebra::Vector3;
 
 use crate::units::Angle;
+pub use alike::{alike, alike_around};
 pub use cones::Cones;
 
 /// Where the two stages stand: camera tilt θc and sample azimuth φs, as read from the stages.

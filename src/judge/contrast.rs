@@ -4,10 +4,12 @@
 //! 0° and 90°, and at 90° and 180°, and the mean of all of these; the Michelson contrast beside it
 //! is free of the scale. Uncertainties: the observations' own noise through the exact derivative
 //! of the mean (an observation that two pairs share counts once), the white reference and the lamp's
-//! drift as factors on the absolute contrast, the stray light on the Michelson contrast.
+//! drift as factors on the absolute contrast, the stray light on both: it is in the flats, too.
 
 use super::{Measured, Quantity};
+use crate::contrast::{Radiances, Stray, places};
 use crate::fit::report::{COVERAGE_FACTOR, Parameter};
+use crate::model::contrast::PAIRS;
 use crate::observation::{Observation, ObservationSet};
 
 /// Mean absolute contrast, in radiance for a lamp irradiance of 1.
@@ -15,22 +17,26 @@ pub const CONTRAST_MEAN: &str = "contrast_mean";
 /// Mean Michelson contrast.
 pub const CONTRAST_MICHELSON_MEAN: &str = "contrast_michelson_mean";
 
-/// Recorded angles closer than this are the same.
-const SAME_ANGLE_DEG: f64 = 0.1;
-const PAIRS_DEG: [(f64, f64); 2] = [(0.0, 90.0), (90.0, 180.0)];
-
 /// Both mean contrasts; `background` is the fit's stray light.
 #[must_use]
 pub fn contrasts(set: &ObservationSet, background: &Parameter) -> Vec<Quantity> {
-    let pairs = pairs(&set.observations);
-    let (absolute, michelson) = if pairs.is_empty() {
+    // Stray light is in both signals and lowers the contrast; where the fit does not know it, the flats may.
+    let stray = match (background.value, background.std) {
+        (Some(radiance), Some(std)) => Stray { radiance, std },
+        _ => Stray::of_flats(set),
+    };
+    let radiances = Radiances::of(set, &stray);
+    let seen = Seen {
+        set,
+        radiances,
+        stray,
+        pairs: pairs(&set.observations),
+    };
+    let (absolute, michelson) = if seen.pairs.is_empty() {
         let reason = "the scan has no tilt with azimuths 0° and 90° or 90° and 180°".to_owned();
         (Err(reason.clone()), Err(reason))
     } else {
-        (
-            absolute(set, &pairs),
-            Ok(michelson(set, &pairs, background)),
-        )
+        (seen.absolute(), seen.michelson())
     };
     vec![
         Quantity {
@@ -46,84 +52,96 @@ pub fn contrasts(set: &ObservationSet, background: &Parameter) -> Vec<Quantity> 
 
 /// Indices of the observations that are compared.
 fn pairs(observations: &[Observation]) -> Vec<(usize, usize)> {
-    let apart_deg = |a: f64, b: f64| ((a - b + 180.0).rem_euclid(360.0) - 180.0).abs();
-    let at = |tilt_deg: f64, azimuth_deg: f64| {
-        observations.iter().position(|o| {
-            (o.pose.theta_c.deg() - tilt_deg).abs() < SAME_ANGLE_DEG
-                && apart_deg(o.pose.phi_s.deg(), azimuth_deg) < SAME_ANGLE_DEG
-        })
-    };
-    let mut tilts_deg: Vec<f64> = observations.iter().map(|o| o.pose.theta_c.deg()).collect();
-    tilts_deg.sort_by(f64::total_cmp);
-    tilts_deg.dedup_by(|a, b| (*a - *b).abs() < SAME_ANGLE_DEG);
-    tilts_deg
-        .iter()
-        .flat_map(|tilt| PAIRS_DEG.map(|(a, b)| Some((at(*tilt, a)?, at(*tilt, b)?))))
+    let places = places(observations);
+    let at = |place: (usize, usize)| places.iter().position(|p| *p == Some(place));
+    let last = places.iter().flatten().map(|place| place.0).max();
+    (0..last.map_or(0, |last| last + 1))
+        .flat_map(|tilt| PAIRS.map(|(_, a, b)| Some((at((tilt, a))?, at((tilt, b))?))))
         .flatten()
         .collect()
 }
 
-fn absolute(set: &ObservationSet, pairs: &[(usize, usize)]) -> Result<Measured, String> {
-    let Some(white) = &set.white_reference else {
-        return Err(
-            "without a white reference the absolute contrast is known up to a factor; specify contrast_michelson_mean"
-                .to_owned(),
-        );
-    };
-    let n = pairs.len() as f64;
-    let mut slopes = vec![0.0; set.observations.len()];
-    let (mut mean, mut drift) = (0.0, 0.0);
-    for (a, b) in pairs {
-        let difference = set.observations[*a].signal - set.observations[*b].signal;
-        let sign = difference.signum();
-        mean += difference.abs() / n;
-        slopes[*a] += sign / n;
-        slopes[*b] -= sign / n;
-    }
-    for (slope, o) in slopes.iter().zip(&set.observations) {
-        drift += slope * o.shared.led_drift;
-    }
-    let reference = mean * white.reflectance_std / white.reflectance;
-    Ok(measured(mean, &[own(set, &slopes), drift, reference]))
+/// What is compared.
+struct Seen<'a> {
+    set: &'a ObservationSet,
+    radiances: Radiances,
+    stray: Stray,
+    pairs: Vec<(usize, usize)>,
 }
 
-fn michelson(set: &ObservationSet, pairs: &[(usize, usize)], background: &Parameter) -> Measured {
-    // Stray light is in both signals and lowers the contrast; where the fit does not know it, its
-    // prior is all there is.
-    let (stray, stray_std) = match (background.value, background.std) {
-        (Some(value), Some(std)) => (value, std),
-        _ => (set.background.mean, set.background.std),
-    };
-    let n = pairs.len() as f64;
-    let mut slopes = vec![0.0; set.observations.len()];
-    let (mut mean, mut by_stray) = (0.0, 0.0);
-    for (a, b) in pairs {
-        let (x, y) = (
-            set.observations[*a].signal - stray,
-            set.observations[*b].signal - stray,
-        );
-        let sum = x + y;
-        if sum <= 0.0 {
-            continue;
+impl Seen<'_> {
+    fn absolute(&self) -> Result<Measured, String> {
+        let Some(white) = &self.set.white_reference else {
+            return Err(
+                "without a white reference the absolute contrast is known up to a factor; specify contrast_michelson_mean"
+                    .to_owned(),
+            );
+        };
+        let n = self.pairs.len() as f64;
+        let l = &self.radiances.values;
+        let mut slopes = vec![0.0; l.len()];
+        let mut mean = 0.0;
+        for (a, b) in &self.pairs {
+            let sign = (l[*a] - l[*b]).signum();
+            mean += (l[*a] - l[*b]).abs() / n;
+            slopes[*a] += sign / n;
+            slopes[*b] -= sign / n;
         }
-        let sign = (x - y).signum();
-        mean += (x - y).abs() / sum / n;
-        // ∂/∂x (x − y)/(x + y) = 2y/(x + y)², ∂/∂y = −2x/(x + y)².
-        let (dx, dy) = (2.0 * sign * y / (sum * sum), -2.0 * sign * x / (sum * sum));
-        slopes[*a] += dx / n;
-        slopes[*b] += dy / n;
-        by_stray -= (dx + dy) / n;
+        let drift: f64 = slopes
+            .iter()
+            .zip(&self.set.observations)
+            .map(|(slope, o)| slope * o.shared.led_drift / self.radiances.gain)
+            .sum();
+        let reference = mean * white.reflectance_std / white.reflectance;
+        let parts = [self.own(&slopes), drift, reference, self.by_stray(&slopes)];
+        Ok(measured(mean, &parts))
     }
-    measured(mean, &[own(set, &slopes), by_stray * stray_std])
-}
 
-fn own(set: &ObservationSet, slopes: &[f64]) -> f64 {
-    slopes
-        .iter()
-        .zip(&set.observations)
-        .map(|(slope, o)| (slope * o.sigma).powi(2))
-        .sum::<f64>()
-        .sqrt()
+    fn michelson(&self) -> Result<Measured, String> {
+        let l = &self.radiances.values;
+        // Two that are dark once the stray light is off have no contrast: neither 0 nor any other.
+        let lit: Vec<(usize, usize)> = self
+            .pairs
+            .iter()
+            .copied()
+            .filter(|(a, b)| l[*a] + l[*b] > 0.0)
+            .collect();
+        if lit.is_empty() {
+            return Err("no pair of azimuths is brighter than the stray light".to_owned());
+        }
+        let n = lit.len() as f64;
+        let mut slopes = vec![0.0; l.len()];
+        let mut mean = 0.0;
+        for (a, b) in lit {
+            let (x, y) = (l[a], l[b]);
+            let sum = x + y;
+            let sign = (x - y).signum();
+            mean += (x - y).abs() / sum / n;
+            // ∂/∂x (x − y)/(x + y) = 2y/(x + y)², ∂/∂y = −2x/(x + y)².
+            slopes[a] += 2.0 * sign * y / (sum * sum) / n;
+            slopes[b] += -2.0 * sign * x / (sum * sum) / n;
+        }
+        Ok(measured(mean, &[self.own(&slopes), self.by_stray(&slopes)]))
+    }
+
+    /// The observations' own noise, through slopes per radiance.
+    fn own(&self, slopes: &[f64]) -> f64 {
+        slopes
+            .iter()
+            .zip(&self.set.observations)
+            .map(|(slope, o)| (slope * o.sigma / self.radiances.gain).powi(2))
+            .sum::<f64>()
+            .sqrt()
+    }
+
+    fn by_stray(&self, slopes: &[f64]) -> f64 {
+        let moved: f64 = slopes
+            .iter()
+            .zip(&self.radiances.per_stray)
+            .map(|(slope, per_stray)| slope * per_stray)
+            .sum();
+        moved * self.stray.std
+    }
 }
 
 fn measured(value: f64, parts: &[f64]) -> Measured {

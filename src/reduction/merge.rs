@@ -15,7 +15,8 @@ use super::flats::SAME_ANGLE_DEG;
 use super::journal::{Journal, Rejection};
 use super::measure::{Ground, Measured};
 use super::sensor::median;
-use crate::geometry::Pose;
+use crate::geometry::{Pose, alike, alike_around};
+use crate::units::Angle;
 
 /// Frames of one pose agree within this many standard errors …
 const AGREE_SIGMAS: f64 = 6.0;
@@ -135,35 +136,48 @@ fn same_pose(a: Pose, b: Pose) -> bool {
 
 fn by_pose(ground: &Ground<'_>, mut measured: Vec<Measured>) -> Vec<Group> {
     let rows = ground.calls.source.rows();
-    let pose = |m: &Measured| rows[m.index].pose();
-    // Rounded to the tolerance first, so that read-back jitter in θc does not break up the φs order.
-    let step = |deg: f64| (deg / (4.0 * SAME_ANGLE_DEG)).round();
-    measured.sort_by(|a, b| {
-        let key = |m: &Measured| (step(pose(m).theta_c.deg()), pose(m).phi_s.deg());
-        let (ka, kb) = (key(a), key(b));
-        ka.0.total_cmp(&kb.0)
-            .then(ka.1.total_cmp(&kb.1))
+    let poses: Vec<Pose> = measured.iter().map(|m| rows[m.index].pose()).collect();
+    let of = |axis: fn(&Pose) -> Angle| poses.iter().map(axis).collect::<Vec<_>>();
+    let within = Angle::from_deg(SAME_ANGLE_DEG);
+    let tilts = alike(&of(|pose| pose.theta_c), within);
+    let turns = alike_around(&of(|pose| pose.phi_s), within);
+    let places = tilts.into_iter().zip(turns);
+    let mut placed: Vec<((usize, usize), Measured)> = places.zip(measured.drain(..)).collect();
+    placed.sort_by(|(place_a, a), (place_b, b)| {
+        place_a
+            .cmp(place_b)
             .then(a.exposure_s.total_cmp(&b.exposure_s))
             .then_with(|| rows[a.index].file.cmp(&rows[b.index].file))
     });
-    let mut groups: Vec<Group> = Vec::new();
-    for m in measured {
-        let at = pose(&m);
-        if !groups.last().is_some_and(|g| same_pose(g.pose, at)) {
-            groups.push(Group {
-                pose: at,
-                clean: Vec::new(),
-                clipped: Vec::new(),
-            });
-        }
-        let group = groups.last_mut().expect("one was pushed just now");
-        if m.is_clean() {
-            group.clean.push(m);
-        } else {
-            group.clipped.push(m);
-        }
+    placed
+        .chunk_by(|a, b| a.0 == b.0)
+        .map(|group| {
+            let (clean, clipped): (Vec<Measured>, Vec<Measured>) = group
+                .iter()
+                .map(|(_, m)| m.clone())
+                .partition(Measured::is_clean);
+            Group {
+                pose: mean_pose(group.iter().map(|(_, m)| rows[m.index].pose())),
+                clean,
+                clipped,
+            }
+        })
+        .collect()
+}
+
+/// Mean of poses that are alike.
+fn mean_pose(mut poses: impl Iterator<Item = Pose>) -> Pose {
+    let first = poses.next().expect("a group has a member");
+    let (mut n, mut tilt, mut turn) = (1.0, 0.0, 0.0);
+    for pose in poses {
+        n += 1.0;
+        tilt += (pose.theta_c - first.theta_c).rad();
+        turn += (pose.phi_s - first.phi_s).wrapped().rad();
     }
-    groups
+    Pose {
+        theta_c: first.theta_c + Angle::from_rad(tilt / n),
+        phi_s: first.phi_s + Angle::from_rad(turn / n),
+    }
 }
 
 /// Names the clipped frames; where nothing else is left, the one with the shortest exposure is
@@ -431,16 +445,7 @@ fn merged(ground: &Ground<'_>, group: &Group, lamp_scatter: f64) -> PoseLevels {
     let frames = &group.clean;
     let segments = frames[0].levels.len();
     let rows = ground.calls.source.rows();
-    let n = frames.len() as f64;
-    let mean = |angle: &dyn Fn(Pose) -> crate::units::Angle| {
-        frames.iter().fold(crate::units::Angle::ZERO, |a, m| {
-            a + angle(rows[m.index].pose()) / n
-        })
-    };
-    let pose = Pose {
-        theta_c: mean(&|p| p.theta_c),
-        phi_s: mean(&|p| p.phi_s),
-    };
+    let pose = mean_pose(frames.iter().map(|m| rows[m.index].pose()));
     let segments = (0..segments)
         .map(|s| {
             let time: f64 = frames.iter().map(|m| m.exposure_s).sum();
@@ -468,7 +473,7 @@ fn merged(ground: &Ground<'_>, group: &Group, lamp_scatter: f64) -> PoseLevels {
                 rate_dn_s: rate,
                 variance: own / (weight * weight)
                     + texture / weight
-                    + (lamp_scatter * rate).powi(2) / n,
+                    + (lamp_scatter * rate).powi(2) / frames.len() as f64,
             }
         })
         .collect();

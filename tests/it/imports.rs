@@ -67,7 +67,17 @@ const RULES: &[(&str, &[&str])] = &[
             "wording",
         ],
     ),
-    ("judge", &["units", "geometry", "observation", "fit"]),
+    (
+        "judge",
+        &[
+            "units",
+            "geometry",
+            "observation",
+            "model",
+            "contrast",
+            "fit",
+        ],
+    ),
     ("contrast", &["units", "geometry", "observation", "model"]),
     (
         "map",
