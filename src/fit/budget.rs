@@ -6,7 +6,9 @@
 //!
 //! - *counting*: the observations' own uncertainties, independent;
 //! - *reference*: the white reference's certificate, one number for all;
-//! - *angles*: the zeros of the stages beyond the offsets that the fit solves for;
+//! - *angles*: the stages beyond the offsets that the fit solves for: their zeros; a tilt whose error grows over its
+//!   range (a scale that is off by one standard uncertainty at the ends), which no zero takes up and θr follows; and
+//!   an axis of rotation beside the middle of its scale, whose error goes round once with φs;
 //! - *material*: the nominal index;
 //! - *wedge*: how the sample's mean plane is inclined to the turntable, where that is stated;
 //! - *drift*: the lamp between white reference and sample;
@@ -55,7 +57,7 @@ pub struct Budget {
     pub counting: f64,
     /// The white reference's certificate.
     pub reference: f64,
-    /// Zeros of the stages.
+    /// Zeros, scale and eccentricity of the stages.
     pub angles: f64,
     /// Index of refraction.
     pub material: f64,
@@ -138,8 +140,8 @@ pub struct Uncertainty {
 /// third specular bounce, the tail of the diffuse exchange) is a fifth of what it adds.
 const SHARE_OF_TIER_SHIFT: f64 = 0.2;
 
-/// Standard uncertainty from two full models that disagree by 1: the truth lies anywhere within that
-/// distance (rectangular, 1/√3).
+/// Standard uncertainty from two full models that disagree by 1, where the data do not say which is right: the truth lies
+/// anywhere within that distance (rectangular, 1/√3).
 const SHARE_OF_DISAGREEMENT: f64 = 0.577;
 
 /// Standard uncertainty that the model's part never falls below, in the solver's units: what the
@@ -223,7 +225,8 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
     let budgets = (0..n)
         .map(|j| {
             let mut squares = Budget::default();
-            let (mut reference, mut tilt, mut turn) = <(Common, Common, Common)>::default();
+            let mut reference = Common::default();
+            let mut stages = [Common::default(); STAGE_ERRORS];
             let (mut tier, mut floored, mut wedge) = (0.0_f64, 0.0_f64, 0.0_f64);
             let mut first = 0;
             for (part, shared) in parts.iter().zip(&shared) {
@@ -262,8 +265,9 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                 let own = own.map(|local| (local, problem.free()[local]));
                 reference.add(gain * reference_std(set));
                 squares.drift += (gain * drift_std(set)).powi(2);
-                tilt.add(through(&shared.tilt_zero));
-                turn.add(through(&shared.turn_zero));
+                for (all, change) in stages.iter_mut().zip(&shared.stages) {
+                    all.add(through(change));
+                }
                 if let Some((local, quantity)) = own {
                     wedge = wedge.max(through_wedge(set, quantity, &estimate.values));
                     if quantity == Quantity::Background && set.white_reference.is_some() {
@@ -275,12 +279,17 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                     tier = tier.max(match &estimate.traced {
                         Some(traced) => traced.last_step[local]
                             .hypot(SHARE_OF_DISAGREEMENT * traced.apart[local]),
+                        None if estimate.tier_undecided => {
+                            (SHARE_OF_DISAGREEMENT * estimate.tier_shift[local]).abs()
+                        }
                         None => (SHARE_OF_TIER_SHIFT * estimate.tier_shift[local]).abs(),
                     });
-                    // Where counting noise explains the scatter, what groups of it do is counting
-                    // noise.
+                    // Where counting noise explains the scatter, what groups of it do is counting noise; what the
+                    // tier misses it misses all the same.
                     if estimate.discrepancy > 0.0 && samples > 0 {
                         floored = by_group[j].hypot(floor(quantity, &estimate.values));
+                    } else if estimate.takes_tier() {
+                        floored = floor(quantity, &estimate.values);
                     }
                 }
                 first += rows;
@@ -290,7 +299,9 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                 reference: reference
                     .size(same_reference)
                     .hypot(squares.reference.sqrt()),
-                angles: tilt.size(same_rig).hypot(turn.size(same_rig)),
+                angles: stages
+                    .iter()
+                    .fold(0.0, |all: f64, one| all.hypot(one.size(same_rig))),
                 material: squares.material.sqrt(),
                 wedge,
                 drift: squares.drift.sqrt(),
@@ -405,39 +416,60 @@ const STRAIGHT_RHO_D: f64 = 0.02;
 struct Shared {
     /// Per unit of the relative gain of the samples over the flats.
     gain: Vec<f64>,
-    /// Per standard uncertainty of the tilt's zero.
-    tilt_zero: Vec<f64>,
-    /// Per standard uncertainty of the rotation's zero.
-    turn_zero: Vec<f64>,
+    /// Per standard uncertainty of what a stage does: the tilt's zero, its scale, the rotation's zero, and its
+    /// eccentricity along two directions.
+    stages: [Vec<f64>; STAGE_ERRORS],
 }
+
+/// Ways in which the stages err.
+const STAGE_ERRORS: usize = 5;
 
 impl Shared {
     fn new(problem: &Problem<'_>, values: &Values) -> Self {
         let set = problem.set();
         let samples = set.observations.len();
         let none = vec![0.0; problem.residual_count()];
-        let mut shared = Shared {
-            gain: none.clone(),
-            tilt_zero: none.clone(),
-            turn_zero: none,
-        };
+        let mut gain = none.clone();
+        let mut stages: [Vec<f64>; STAGE_ERRORS] = std::array::from_fn(|_| none.clone());
         let ready = problem.ready(values);
+        let tilts = || set.observations.iter().map(|o| o.pose.theta_c.rad());
+        let (low, high) = tilts().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), tilt| {
+            (low.min(tilt), high.max(tilt))
+        });
+        // From −1 at one end of the range of tilts to 1 at the other; one tilt has no range.
+        let along = |tilt: Angle| match high > low {
+            true => (2.0 * tilt.rad() - low - high) / (high - low),
+            false => 0.0,
+        };
         for (i, o) in set.observations.iter().enumerate() {
             let g = problem.corrected(i, &ready);
             let weight = values.scale / problem.sigma()[i];
-            shared.gain[i] = weight * g.value;
-            shared.tilt_zero[i] = weight * g.theta_c * o.shared.theta_c_zero.rad();
-            shared.turn_zero[i] = weight * g.phi_s * o.shared.phi_s_zero.rad();
+            gain[i] = weight * g.value;
+            let tilt = weight * g.theta_c * o.shared.theta_c_zero.rad();
+            let turn = weight * g.phi_s * o.shared.phi_s_zero.rad();
+            let (sin, cos) = o.pose.phi_s.sin_cos();
+            let changes = [
+                tilt,
+                tilt * along(o.pose.theta_c),
+                turn,
+                turn * sin,
+                turn * cos,
+            ];
+            for (stage, change) in stages.iter_mut().zip(changes) {
+                stage[i] = change;
+            }
         }
         let zero = set.observations.first();
         let zero = zero.map_or(0.0, |o| o.shared.theta_c_zero.rad());
         let albedo = set.white_reference.map_or(0.0, |w| w.reflectance / PI);
-        for index in 0..set.flats.len() {
+        for (index, flat) in set.flats.iter().enumerate() {
             let slope = problem.flat_cosine(index, values).1;
             let weight = values.scale * albedo / problem.flat_sigma()[index];
-            shared.tilt_zero[samples + index] = weight * slope * zero;
+            let change = weight * slope * zero;
+            stages[0][samples + index] = change;
+            stages[1][samples + index] = change * along(flat.theta_c);
         }
-        shared
+        Shared { gain, stages }
     }
 }
 

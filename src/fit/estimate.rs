@@ -51,6 +51,8 @@ pub struct Estimate<'a> {
     pub fitted: usize,
     /// How far the dear tier moved each free parameter (solver's units); zero without it.
     pub tier_shift: Vec<f64>,
+    /// Whether the data do not tell the tier from the closed form without it.
+    pub tier_undecided: bool,
     /// Weight that the loss left each observation, 1 where it counts in full.
     pub loss_weights: Vec<f64>,
     /// Whether the scatter is what noise, or a small misfit of the model, accounts for. If not, no
@@ -236,11 +238,12 @@ pub(super) fn whole<'a>(
         m.cost.is_finite() && rise < AMBIGUOUS_RISE && rise > 1e-6 * cost.max(1.0)
     });
     let mut shift = vec![0.0; settled.minimum.parameters.len()];
+    let mut undecided = false;
     let tier_left_out = tier.and_then(|tier| thin::dispensable(&settled, tier, options));
     if let Some(tier) = tier.filter(|_| tier_left_out.is_none()) {
         let found = with_tier(settled, tier, &search, &narrow, &weighing);
         settled = found.settled;
-        shift = found.shift;
+        (shift, undecided) = (found.shift, found.undecided);
         if found.elsewhere {
             rivals.clear();
         }
@@ -250,6 +253,7 @@ pub(super) fn whole<'a>(
         cut_short: search.is_cut_short(),
         settled,
         shift,
+        undecided,
         starts,
         rivals,
         tier_left_out,
@@ -312,6 +316,7 @@ pub(super) struct Reached<'a> {
     pub cut_short: bool,
     pub settled: Settled<'a>,
     pub shift: Vec<f64>,
+    pub undecided: bool,
     pub starts: StartReport,
     pub rivals: Vec<Minimum>,
     pub tier_left_out: Option<f64>,
@@ -327,6 +332,7 @@ pub(super) fn conclude<'a>(
         cut_short,
         settled,
         shift,
+        undecided,
         starts,
         rivals,
         tier_left_out,
@@ -376,6 +382,7 @@ pub(super) fn conclude<'a>(
         minimum,
         problem,
         tier_shift: shift,
+        tier_undecided: undecided,
         loss_weights,
         explained,
         held: options

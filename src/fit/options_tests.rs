@@ -224,11 +224,24 @@ fn the_budget_is_what_distributions_propagate_to() {
         let gain = 1.0 + 0.005 / 0.99 * draw.normal() + 0.002 * draw.normal();
         let tilt = Angle::from_deg(0.02 * draw.normal());
         let turn = Angle::from_deg(0.03 * draw.normal());
+        let (scale, aside) = (
+            Angle::from_deg(0.02 * draw.normal()),
+            [(); 2].map(|()| Angle::from_deg(0.03 * draw.normal())),
+        );
+        let tilts = || set.observations.iter().map(|o| o.pose.theta_c.deg());
+        let (low, high) = (
+            tilts().fold(f64::INFINITY, f64::min),
+            tilts().fold(f64::NEG_INFINITY, f64::max),
+        );
         for (o, c) in drawn.observations.iter_mut().zip(&clean) {
             o.signal =
                 gain * (c - e.values.background) + e.values.background + o.sigma * draw.normal();
-            o.pose.theta_c += tilt;
-            o.pose.phi_s += turn;
+            let (along, (sin, cos)) = (
+                (2.0 * o.pose.theta_c.deg() - low - high) / (high - low),
+                o.pose.phi_s.sin_cos(),
+            );
+            o.pose.theta_c += tilt + scale * along;
+            o.pose.phi_s += turn + aside[0] * sin + aside[1] * cos;
         }
         drawn.background.mean = e.values.background + set.background.std * draw.normal();
         let free = e.problem.free().to_vec();

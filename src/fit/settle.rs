@@ -38,6 +38,8 @@ const SAME: f64 = 0.05;
 const CLEAR_GAIN: f64 = 2.0;
 /// Passes of tier and refit at most.
 const PASSES: usize = 5;
+/// Difference of χ² below which data do not tell the closed form from the tier: three standard deviations.
+const TOLD_APART: f64 = 9.0;
 /// Change of ridge angle (rad) and logarithm of roughness below which passes stay where they are.
 const STILL: f64 = 1e-4;
 
@@ -201,6 +203,11 @@ impl Settled<'_> {
         Some(dear)
     }
 
+    /// Whether the data do not tell this from `other`: noise makes as much of a difference.
+    fn alike(&self, other: &Self, weighing: &Weighing<'_>) -> bool {
+        (self.misses(weighing) - other.misses(weighing)).abs() < TOLD_APART
+    }
+
     /// Whether this describes the data better than `other`.
     fn better_than(&self, other: &Self, weighing: &Weighing<'_>) -> bool {
         if self.discrepancy == 0.0 && other.discrepancy == 0.0 {
@@ -216,6 +223,8 @@ pub(super) struct Corrected<'a> {
     pub settled: Settled<'a>,
     /// How far the tier moved each free parameter (solver's units); zero where it is not in use.
     pub shift: Vec<f64>,
+    /// Whether the data do not tell it from the closed form.
+    pub undecided: bool,
     /// Whether another end than the search's best is the answer now.
     pub elsewhere: bool,
     /// Other ends that describe the data no worse, where none describes them well.
@@ -249,8 +258,8 @@ fn as_light_is<'a>(
     }
 }
 
-/// The best end with the tier on top, or without it where the tier only spoils it (a sample painted
-/// by the closed form itself). Of a lobe that few poses meet, the other explanations in `narrow` are
+/// The best end with the tier on top, or without it where the tier clearly spoils it (a sample painted by the closed
+/// form itself). Where noise hides what the tier changes, nature has it all the same. Of a lobe that few poses meet, the other explanations in `narrow` are
 /// tried too.
 pub(super) fn with_tier<'a>(
     closed: Settled<'a>,
@@ -267,14 +276,17 @@ pub(super) fn with_tier<'a>(
     let mut best = Corrected {
         shift: vec![0.0; closed.minimum.parameters.len()],
         settled: closed.clone(),
+        undecided: false,
         elsewhere: false,
         rivals: Vec::new(),
     };
-    if let Some(dear) = dear
-        && dear.better_than(&closed, weighing)
-    {
-        best.shift = step(&closed, &dear);
-        best.settled = dear;
+    if let Some(dear) = dear {
+        let undecided = dear.alike(&closed, weighing);
+        if undecided || dear.better_than(&closed, weighing) {
+            best.shift = step(&closed, &dear);
+            best.undecided = undecided;
+            best.settled = dear;
+        }
     }
     let doubtful = best.settled.discrepancy > DOUBTFUL;
     let mut trials: Vec<Minimum> = narrow.iter().take(NARROW_TRIALS).cloned().collect();
@@ -306,6 +318,7 @@ pub(super) fn with_tier<'a>(
         let clearly = doubtful || CLEAR_GAIN * dear.discrepancy < best.settled.discrepancy;
         if clearly && dear.better_than(&best.settled, weighing) {
             best.shift = step(&trial, &dear);
+            best.undecided = false;
             best.elsewhere = true;
             others.push(std::mem::replace(&mut best.settled, dear));
         } else {

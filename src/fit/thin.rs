@@ -272,6 +272,7 @@ pub(super) fn estimate<'a>(
         cut_short: found.cut_short,
         settled,
         shift: found.tier_shift,
+        undecided: found.tier_undecided,
         starts: found.starts,
         rivals,
         tier_left_out: found.tier_left_out,

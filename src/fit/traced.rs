@@ -295,6 +295,7 @@ impl<'a> Settled<'a> {
             discrepancy: self.discrepancy,
             values: self.problem.unpack(&self.minimum.parameters),
             tier_shift: vec![0.0; self.minimum.parameters.len()],
+            tier_undecided: false,
             minimum: self.minimum.clone(),
             problem: self.problem.clone(),
             ..sawtooth.clone()

@@ -275,9 +275,10 @@ impl Ground<'_> {
         let cell_of = |pixel: usize| {
             (pixel / width * CELLS / self.sensor.height) * CELLS + pixel % width * CELLS / width
         };
+        let response = |pixel: usize| f64::from(self.response.pixels[pixel]);
         let value = |pixel: usize| {
             (f64::from(frame.pixels_dn()[pixel]) - f64::from(dark.level_dn[pixel]))
-                / f64::from(self.response.pixels[pixel])
+                / response(pixel)
         };
         let counts = |pixel: usize| {
             labels[pixel] != NOWHERE
@@ -286,7 +287,7 @@ impl Ground<'_> {
         let at = |pixel: usize| labels[pixel] as usize * CELLS * CELLS + cell_of(pixel);
         let mut cells = vec![Cell::default(); segments * CELLS * CELLS];
         for pixel in (0..labels.len()).filter(|p| counts(*p)) {
-            cells[at(pixel)].add(value(pixel));
+            cells[at(pixel)].add(value(pixel), response(pixel));
         }
         let mut deviations: Vec<f64> = cells
             .iter()
@@ -306,9 +307,9 @@ impl Ground<'_> {
             let v = value(pixel);
             let (centre, reach) = reach[at(pixel)];
             if usual > 0.0 && (v - centre).abs() > reach {
-                cells[at(pixel)].remove(v);
+                cells[at(pixel)].remove(v, response(pixel));
             } else {
-                inverse[labels[pixel] as usize] += f64::from(self.response.pixels[pixel]).powi(-2);
+                inverse[labels[pixel] as usize] += response(pixel).powi(-2);
             }
         }
         (0..segments)
@@ -419,19 +420,36 @@ struct Cell {
     n: f64,
     sum: f64,
     sum2: f64,
+    counts: f64,
+    response: f64,
 }
 
 impl Cell {
-    fn add(&mut self, v: f64) {
+    /// A pixel: its counts over its response, and that response.
+    fn add(&mut self, v: f64, response: f64) {
         self.n += 1.0;
         self.sum += v;
         self.sum2 += v * v;
+        self.counts += v * response;
+        self.response += response;
     }
 
-    fn remove(&mut self, v: f64) {
+    fn remove(&mut self, v: f64, response: f64) {
         self.n -= 1.0;
         self.sum -= v;
         self.sum2 -= v * v;
+        self.counts -= v * response;
+        self.response -= response;
+    }
+
+    /// Counts at response 1. The mean of quotients would be too high by the responses' own noise squared (flats in
+    /// dim light have one of 10 % and more), a quotient of sums is not.
+    fn level(&self) -> f64 {
+        if self.response > 0.0 {
+            self.counts / self.response
+        } else {
+            self.mean()
+        }
     }
 
     fn mean(&self) -> f64 {
@@ -454,6 +472,7 @@ impl Level {
             return Level::default();
         }
         let mean = cells.iter().map(|c| c.sum).sum::<f64>() / n;
+        let level = cells.iter().map(|c| c.n * c.level()).sum::<f64>() / n;
         // Within cells the scatter is noise and fine texture; both average with the pixels.
         let within = cells
             .iter()
@@ -481,7 +500,7 @@ impl Level {
         let scale = n * exposure_s * exposure_s;
         Level {
             n,
-            rate_dn_s: mean / exposure_s,
+            rate_dn_s: level / exposure_s,
             inverse_response2: inverse_response2 / n,
             variance_pixels: within / scale,
             variance_texture: texture / scale,

@@ -44,8 +44,8 @@ use crate::series::{FrameRow, Manifest, Series};
 use crate::units::Angle;
 use crate::wording::counted;
 
-/// Standard uncertainty of a stage's zero beyond what a fit solves for: the non-linearity of a
-/// good rotation stage over its range.
+/// Standard uncertainty of a stage beyond what a fit solves for: of its zero, and of its error at the ends of the range of
+/// tilts or once round, as good rotation stages have it.
 const ANGLE_ZERO_STD_DEG: f64 = 0.02;
 /// Relative drift of the lamp between white reference and sample, where nothing measured says more.
 const LAMP_DRIFT_DEFAULT: f64 = 1e-3;
