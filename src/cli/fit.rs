@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow};
 use clap::ValueEnum;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
 use super::limits::FitLimits;
 use super::{CliError, answer, daemon, interrupt, told};
@@ -110,19 +110,27 @@ pub struct Args {
 }
 
 /// Says on stderr what an analysis will take: where a limit is set, and on a terminal where it is long (the ray
-/// tracer, the bootstrap).
-pub fn foretell(source: &dyn FrameSource, options: &AnalysisOptions, cancel: &AtomicBool) {
+/// tracer, the bootstrap). On a terminal its seconds are returned, for the bar to tell.
+pub fn foretell(
+    source: &dyn FrameSource,
+    options: &AnalysisOptions,
+    cancel: &AtomicBool,
+) -> Option<f64> {
     let fit = &options.fit;
     let limited = options.max_seconds.is_some()
         || fit.tracer.target_error.is_some()
         || fit.tolerance.is_some();
     let traces = fit.judge || fit.variant == VariantChoice::Traced;
     let long = traces || fit.bootstrap > 0;
-    if (limited || (long && std::io::stderr().is_terminal()))
-        && let Some(told) = of_analysis(source, options, cancel)
-    {
+    let terminal = std::io::stderr().is_terminal();
+    if !(limited || terminal) {
+        return None;
+    }
+    let told = of_analysis(source, options, cancel)?;
+    if limited || long {
         eprintln!("forecast: {told}");
     }
+    terminal.then_some(told.seconds)
 }
 
 /// Losses by the names of the command line.
@@ -208,8 +216,8 @@ pub fn run(args: Args) -> Result<(), CliError> {
         (dirs, _) => return joint::run(dirs, &options, args.json, &cancel),
     };
     suits(&options.fit.told, &source.manifest().material())?;
-    foretell(source.as_ref(), &options, &cancel);
-    let analysis = watched(source.as_ref(), &options, &cancel)?;
+    let expected_s = foretell(source.as_ref(), &options, &cancel);
+    let analysis = watched(source.as_ref(), &options, expected_s, &cancel)?;
     print(&analysis, args.json)
 }
 
@@ -244,16 +252,20 @@ fn tracing_options(args: &Args) -> Result<TracingOptions, CliError> {
 }
 
 /// The analysis of any source of frames, with a progress bar on a terminal once it takes more than
-/// a second.
+/// a second; `expected_s` is what it is expected to take in all, where that is known.
 ///
 /// # Errors
 /// See [`run`].
 pub fn watched(
     source: &dyn FrameSource,
     options: &AnalysisOptions,
+    expected_s: Option<f64>,
     cancel: &AtomicBool,
 ) -> Result<Analysis, CliError> {
-    with_bar(|progress| analyse(source, options, progress, cancel)).map_err(refusal)
+    with_bar(expected_s, |progress| {
+        analyse(source, options, progress, cancel)
+    })
+    .map_err(refusal)
 }
 
 /// What an analysis without an answer is to the shell.
@@ -271,7 +283,7 @@ fn refusal(error: AnalysisError) -> CliError {
 type Tell<'t> = &'t (dyn Fn(Progress) + Sync);
 
 /// Anything that reads and fits, with that bar.
-fn with_bar<T>(work: impl FnOnce(Tell<'_>) -> T) -> T {
+fn with_bar<T>(expected_s: Option<f64>, work: impl FnOnce(Tell<'_>) -> T) -> T {
     let started = Instant::now();
     let bar: OnceLock<ProgressBar> = OnceLock::new();
     let tracing: OnceLock<()> = OnceLock::new();
@@ -284,6 +296,12 @@ fn with_bar<T>(work: impl FnOnce(Tell<'_>) -> T) -> T {
             // Nobody tells how far a search is, so the time does; the first tick comes after a second.
             let bar = bar.get_or_init(new_bar);
             bar.set_style(fitting_style());
+            bar.set_message(expected_s.map_or_else(String::new, |all_s| {
+                format!(
+                    " of about {}",
+                    HumanDuration(Duration::from_secs_f64(all_s.max(1.0)))
+                )
+            }));
             bar.enable_steady_tick(Duration::from_secs(1));
             return;
         }
@@ -323,7 +341,7 @@ fn new_bar() -> ProgressBar {
 }
 
 fn fitting_style() -> ProgressStyle {
-    ProgressStyle::with_template("{spinner} fitting, {elapsed} so far")
+    ProgressStyle::with_template("{spinner} fitting, {elapsed} so far{msg}")
         .expect("the template is constant")
 }
 

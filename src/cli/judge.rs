@@ -80,8 +80,8 @@ pub fn run(args: Args) -> Result<(), CliError> {
         (None, scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
     };
     let cancel = interrupt::flag()?;
-    foretell(source.as_ref(), &options, &cancel);
-    let analysis = watched(source.as_ref(), &options, &cancel)?;
+    let expected_s = foretell(source.as_ref(), &options, &cancel);
+    let analysis = watched(source.as_ref(), &options, expected_s, &cancel)?;
     let verdict = VerdictReport::new(&specification, &analysis.report, &analysis.observations);
     answer::put(args.json, &verdict, || table(&verdict.judgement))
 }

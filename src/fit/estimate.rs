@@ -7,6 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 
+use super::covariance::{Scaling, covariance};
 use super::misfit::{explained, lightened, loss_weights, peak};
 use super::opening::{Opening, THOROUGH_ROUNDS};
 use super::problem::{Problem, Quantity, Values};
@@ -15,10 +16,10 @@ use super::settle::{Settled, Weighing, with_tier};
 use super::solver::{Ending, Minimum, Settings};
 use super::thin::{self, Thinned};
 use super::traced::Tracing;
-use super::{FitOptions, Loss};
+use super::{FitOptions, Loss, Told};
 use crate::material::Material;
 use crate::model::Variant;
-use crate::observation::ObservationSet;
+use crate::observation::{ObservationSet, Prior};
 
 /// Rise of the cost up to which the near minima of a search are weighed again.
 const RIVAL_RISE: f64 = 25.0;
@@ -167,10 +168,78 @@ pub fn estimate_until<'a>(
     late: Late<'_>,
     cancel: &AtomicBool,
 ) -> Option<Estimate<'a>> {
-    match thin::representative(set) {
+    let fitted = |options: &FitOptions| match thin::representative(set) {
         Some(kept) => thin::estimate(set, kept, variant, options, tier, late, cancel),
         None => whole(set, variant, options, tier, late, cancel),
+    };
+    let found = fitted(options)?;
+    let stated = options.told.iter().any(|told| told.std > 0.0);
+    let may = options.misfit && options.misfit_most.is_none() && found.discrepancy > 0.0;
+    if !(stated && may && denials(&found).iter().any(|d| d.told)) || late() {
+        return Some(found);
     }
+    // A statement that the data deny must not pass for a misfit of the model, which would take their weight away: how
+    // far the model misses is for the data alone to say.
+    let held = |told: &&Told| told.std == 0.0;
+    let alone = fitted(&FitOptions {
+        told: options.told.iter().filter(held).copied().collect(),
+        ..options.clone()
+    });
+    let bounded = alone
+        .filter(|alone| alone.discrepancy < found.discrepancy)
+        .and_then(|alone| {
+            fitted(&FitOptions {
+                misfit_most: Some(alone.discrepancy),
+                ..options.clone()
+            })
+        });
+    Some(bounded.unwrap_or(found))
+}
+
+/// Something known beforehand that the data deny.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Denial {
+    /// Of what.
+    pub quantity: Quantity,
+    /// What was known.
+    pub prior: Prior,
+    /// Whether the user stated it; else it is a certificate's or what a rig is like.
+    pub told: bool,
+    /// Between what was known and what the data say, in standard deviations of that difference.
+    pub deviations: f64,
+}
+
+/// Standard deviations between what was known and what the data say from which on that is told.
+const DENIED: f64 = 4.0;
+/// Share of what is known of a parameter that its prior is taken to have at most: more would magnify rounding.
+const LEVERAGE_MAX: f64 = 0.9996;
+
+/// What was known beforehand and the data deny. A residual r = (x − prior)/σ of leverage h, which the fit itself has
+/// pulled, is r/√(1 − h) standard deviations of the difference between data and prior.
+pub(super) fn denials(e: &Estimate<'_>) -> Vec<Denial> {
+    let (problem, end) = (&e.problem, &e.minimum);
+    let rows = end.residuals.len();
+    let first = rows.saturating_sub(problem.priors().len());
+    let free = problem.free();
+    if rows != problem.residual_count() || free.len() * rows != end.jacobian.len() {
+        return Vec::new();
+    }
+    let covariance = covariance(&end.jacobian, rows, &end.residuals, Scaling::Absolute).matrix;
+    let priors = problem.priors().iter().zip(first..);
+    priors
+        .filter_map(|((quantity, prior), row)| {
+            let j = free.iter().position(|free| free == quantity)?;
+            let slope = end.jacobian[row + j * rows];
+            let leverage = (slope * slope * covariance[(j, j)]).clamp(0.0, LEVERAGE_MAX);
+            let deviations = end.residuals[row].abs() / (1.0 - leverage).sqrt();
+            (deviations > DENIED).then(|| Denial {
+                quantity: *quantity,
+                prior: *prior,
+                told: problem.told().iter().any(|(told, _)| told == quantity),
+                deviations,
+            })
+        })
+        .collect()
 }
 
 /// The same with every step on all observations.

@@ -97,6 +97,9 @@ pub struct FitOptions {
     /// observations and is part of every uncertainty. Without it the observations' own
     /// uncertainties are the whole truth, as they are for data that the model itself painted.
     pub misfit: bool,
+    /// The most that the model may miss, as a share of s (see `misfit`), whatever the scatter says; none where that
+    /// is for the scatter to say.
+    pub misfit_most: Option<f64>,
     /// How residuals count.
     pub loss: Loss,
     /// What is known beforehand, beside the certificates of the series.
@@ -133,6 +136,7 @@ impl Default for FitOptions {
             starts: 8,
             seed: 1,
             misfit: true,
+            misfit_most: None,
             loss: Loss::Linear,
             told: Vec::new(),
             profile: false,

@@ -6,7 +6,7 @@
 use nalgebra::DVector;
 
 use super::budget::{Budget, Uncertainty, tied, uncertainty};
-use super::estimate::Estimate;
+use super::estimate::{Denial, Estimate, denials};
 use super::known::{drift_std, reference_std};
 use super::misfit::{LOUD, peak};
 use super::problem::{Quantity, Values};
@@ -18,7 +18,7 @@ use super::solver::Minimum;
 use crate::material::Material;
 use crate::model::left_out;
 use crate::observation::ObservationSet;
-use crate::wording::percent;
+use crate::wording::{percent, significant};
 
 /// Standard uncertainty beyond which an angle is as good as unknown, rad.
 const HOPELESS_ANGLE: f64 = 0.35;
@@ -74,38 +74,41 @@ fn promised(end: &Minimum, uncertainty: &Uncertainty) -> f64 {
     gradient.dot(&(covariance * &gradient))
 }
 
-/// Standard deviations between what the user stated and what the data say from which on that is told.
-const DENIED: f64 = 4.0;
-/// Share of what is known of a parameter that its prior is taken to have at most: more would magnify rounding.
-const LEVERAGE_MAX: f64 = 0.96;
-
-/// Priors of the user that the data deny. A residual r = (x − prior)/σ of leverage h, which the fit itself has pulled, is
-/// r/√(1 − h) standard deviations of the difference between data and prior.
-fn denied(e: &Estimate<'_>, u: &Uncertainty) -> Vec<String> {
-    let (problem, end) = (&e.problem, &e.minimum);
-    let (rows, covariance) = (end.residuals.len(), &u.covariance.matrix);
-    let first = rows.saturating_sub(problem.priors().len());
-    if rows != problem.residual_count() || covariance.nrows() * rows != end.jacobian.len() {
-        return Vec::new();
-    }
-    let priors = problem.priors().iter().zip(first..);
-    priors
-        .filter(|((q, _), _)| problem.told().iter().any(|(told, _)| told == q))
-        .filter_map(|((q, prior), row)| {
-            let j = problem.free().iter().position(|free| free == q)?;
-            let slope = end.jacobian[row + j * rows];
-            let leverage = (slope * slope * covariance[(j, j)]).clamp(0.0, LEVERAGE_MAX);
-            let off = end.residuals[row].abs() / (1.0 - leverage).sqrt();
-            (off > DENIED).then(|| {
-                format!(
-                    "the data deny what was stated of {}: they differ from it by some {off:.0} standard deviations; \
-                     check the statement (its standard uncertainty is {} of its value) or fit without it",
-                    spoken(*q),
-                    percent(prior.std / prior.mean.abs())
-                )
-            })
-        })
-        .collect()
+/// What was known beforehand and the data deny, in words.
+fn denied(e: &Estimate<'_>) -> Vec<String> {
+    let told = denials(e).into_iter().map(|denial| {
+        let Denial {
+            quantity,
+            prior,
+            told,
+            deviations,
+        } = denial;
+        let off = match deviations {
+            ..1000.0 => format!("some {deviations:.0} standard deviations"),
+            _ => "thousands of standard deviations".to_owned(),
+        };
+        let (mean, std) = (prior.mean, significant(prior.std));
+        match quantity {
+            _ if told => format!(
+                "the data deny what was stated of {}: they differ from it by {off}; check the statement (its standard \
+                 uncertainty is {} of its value) or fit without it",
+                spoken(quantity),
+                percent(prior.std / prior.mean.abs())
+            ),
+            Quantity::Background => format!(
+                "the data want stray light of {} of the brightest signal, {off} from what a darkened rig has; it is \
+                 fitted and taken off, but look for light that is not the lamp's",
+                percent(e.values.background / peak(e.problem.set()))
+            ),
+            _ => format!(
+                "the data deny the stated {}: they want {}, {off} from {mean} ± {std}; the sample is of another \
+                 material, or the white reference is not what its certificate says (ρd is then off by as much)",
+                spoken(quantity),
+                significant(e.values.natural(quantity))
+            ),
+        }
+    });
+    told.collect()
 }
 
 /// Whether ridge angle or roughness is as good as unknown: an open direction by any other name.
@@ -191,7 +194,8 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
             warnings.push(told);
         }
     }
-    warnings.extend(denied(e, u));
+    warnings.extend(denied(e));
+    warnings.extend(unfinished(e, u, status));
     for &j in &e.minimum.at_bound {
         warnings.push(format!(
             "{} stands at the end of its range",
@@ -254,6 +258,21 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         timing_s: Timing::default(),
         program: program(),
     }
+}
+
+/// Why a fit that stalled did.
+fn unfinished(e: &Estimate<'_>, u: &Uncertainty, status: Status) -> Option<String> {
+    let left = promised(&e.minimum, u);
+    (status == Status::Stalled && e.explained).then(|| {
+        let left = match left.is_finite() {
+            true => format!("one more step promises a χ² lower by {}", significant(left)),
+            false => "nothing tells how far away that is".to_owned(),
+        };
+        format!(
+            "the descent came to a halt beside the minimum ({left}), as where a shadow's edge falls on a pose: the values \
+             are near the answer, not it; other poses, or more starts, get further"
+        )
+    })
 }
 
 /// Tells of a minimum that the data do not exclude.

@@ -140,7 +140,8 @@ impl Settled<'_> {
             let next = if weighing.options.misfit {
                 let (own, scale) = (weighing.own, weighing.scale);
                 let loss = weighing.options.loss;
-                discrepancy_of(&self.residuals(), own, scale, weighing.fitted, loss)
+                let seen = discrepancy_of(&self.residuals(), own, scale, weighing.fitted, loss);
+                seen.min(weighing.options.misfit_most.unwrap_or(f64::INFINITY))
             } else {
                 0.0
             };

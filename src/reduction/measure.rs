@@ -15,6 +15,7 @@ use super::load::{Calls, load};
 use super::pattern::{Expected, Verdict, compare};
 use super::region::{NOWHERE, Segments};
 use super::sensor::{Sensor, median};
+use super::sloping::Slope;
 use crate::frame::Frame;
 
 /// A frame is cut into so many cells per edge; spatial scatter is judged between cells.
@@ -38,6 +39,8 @@ pub(super) struct Level {
     pub(super) variance_pixels: f64,
     /// Variance of the mean beyond that, as the scatter between cells shows it: moiré, texture.
     pub(super) variance_texture: f64,
+    /// How it slopes over the field.
+    pub(super) slope: Slope,
 }
 
 /// A frame that passed every check it can pass alone.
@@ -499,12 +502,37 @@ impl Level {
         };
         let scale = n * exposure_s * exposure_s;
         Level {
+            slope: slope_of(cells, mean, within),
             n,
             rate_dn_s: level / exposure_s,
             inverse_response2: inverse_response2 / n,
             variance_pixels: within / scale,
             variance_texture: texture / scale,
         }
+    }
+}
+
+/// Slope of the cells' means about `mean`, with `within` the variance of a pixel.
+fn slope_of(cells: &[Cell], mean: f64, within: f64) -> Slope {
+    if mean <= 0.0 || cells.iter().any(|c| c.n == 0.0) {
+        return Slope::default();
+    }
+    // Middles of the cells, from −1 at one edge of the frame to 1 at the other.
+    let place = |k: usize| (2 * k + 1) as f64 / CELLS as f64 - 1.0;
+    let along = |at: fn(usize) -> usize| {
+        let (mut top, mut below) = (0.0, 0.0);
+        for (k, cell) in cells.iter().enumerate() {
+            let x = place(at(k));
+            top += cell.n * x * (cell.mean() - mean);
+            below += cell.n * x * x;
+        }
+        (top / below / mean, (within / below).sqrt() / mean)
+    };
+    let (across, down) = (along(|k| k % CELLS), along(|k| k / CELLS));
+    Slope {
+        across: across.0,
+        down: down.0,
+        std: across.1.max(down.1),
     }
 }
 

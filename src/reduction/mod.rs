@@ -22,6 +22,7 @@ mod pattern;
 mod region;
 mod register;
 mod sensor;
+mod sloping;
 mod viewing;
 
 use std::sync::atomic::AtomicBool;
@@ -193,6 +194,9 @@ pub fn reduce(
         far: viewing.is_far(),
     };
     let measured = measure_all(&ground, &mut journal)?;
+    if uniform {
+        sloping::warn(&measured, &mut journal);
+    }
     let (mut poses, lamp_scatter) = merge::merge(&ground, measured, &mut journal);
     // Patches of a near rig differ by where they lie: neither worn nor uncertain for that.
     if viewing.is_far() {

@@ -46,7 +46,9 @@ pub(super) fn run(
         .zip(&opened)
         .map(|(name, series)| (name.as_str(), series as &dyn FrameSource))
         .collect();
-    let analysis = with_bar(|progress| analyse_together(&sources, options, progress, cancel));
+    let analysis = with_bar(None, |progress| {
+        analyse_together(&sources, options, progress, cancel)
+    });
     let analysis = analysis.map_err(|error| match error {
         JointAnalysisError::Scan(reason) => refusal(reason),
         JointAnalysisError::Joint(reason @ JointError::NoFit(..)) => CliError::no_result(reason),
