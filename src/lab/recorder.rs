@@ -5,7 +5,7 @@ use futures::future::{BoxFuture, try_join_all};
 use super::bench::Told;
 use super::tell;
 use crate::frame::FrameKind;
-use crate::scan::runner::{RecordError, Recorder, Visit};
+use crate::scan::recorder::{RecordError, Recorder, Visit};
 use crate::scan::{Event, OperatorAction, Plan, Progress, ScanState};
 use crate::store::StoreError;
 use crate::store::calibrations::NewCalibration;

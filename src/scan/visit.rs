@@ -1,7 +1,7 @@
 //! One visit to a point: move, capture, check what came.
 
 use super::plan::Shot;
-use super::runner::{TakenFrame, Visit};
+use super::recorder::{TakenFrame, Visit};
 use crate::bench::port::PortError;
 use crate::bench::stage::{Stage, StageError};
 use crate::bench::{Camera, CameraError, CaptureRequest};
