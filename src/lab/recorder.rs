@@ -1,6 +1,7 @@
 //! Makes durable what the runner tells: file, then row, then event.
 
-use futures::future::{BoxFuture, try_join_all};
+use futures::future::BoxFuture;
+use futures::{StreamExt, TryStreamExt};
 
 use super::bench::Told;
 use super::tell;
@@ -10,6 +11,10 @@ use crate::scan::{Event, OperatorAction, Plan, Progress, ScanState};
 use crate::store::StoreError;
 use crate::store::calibrations::NewCalibration;
 use crate::store::frames::{NewFrame, NewShot};
+
+/// Frames of a point that are encoded and written at the same time: one computes while one waits for the disk. A
+/// point of many repeats would otherwise need its memory twice.
+const FRAMES_AT_ONCE: usize = 2;
 
 pub(super) struct LabRecorder {
     pub told: Told,
@@ -38,7 +43,7 @@ impl LabRecorder {
             kind: visit.shot.kind,
             asked: visit.shot.pose,
             pose: visit.pose,
-            rejected: visit.rejected,
+            rejected: visit.rejected.map(|why| why.to_string()),
             taken_at: visit.taken_at,
         };
         let frames = visit.frames.into_iter().map(|taken| {
@@ -65,7 +70,11 @@ impl LabRecorder {
                 })
             }
         });
-        let frames = try_join_all(frames).await?;
+        // The row is committed only after all of them are durable.
+        let frames: Vec<NewFrame> = futures::stream::iter(frames)
+            .buffered(FRAMES_AT_ONCE)
+            .try_collect()
+            .await?;
         metrics::counter!("ridged_frames_total").increment(frames.len() as u64);
         for event in store.commit_shot(&shot, &frames, progress).await? {
             tell(&self.told.events, event);

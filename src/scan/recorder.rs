@@ -6,6 +6,7 @@ use time::OffsetDateTime;
 use super::event::{OperatorAction, Progress};
 use super::plan::Shot;
 use super::state::ScanState;
+use super::visit::Rejected;
 use crate::bench::Captured;
 use crate::frame::FrameKind;
 use crate::geometry::Pose;
@@ -22,7 +23,7 @@ pub struct Visit {
     /// Frames in the order taken, with exposure and number of the repeat.
     pub frames: Vec<TakenFrame>,
     /// Why it does not count.
-    pub rejected: Option<String>,
+    pub rejected: Option<Rejected>,
     /// When the first exposure began.
     pub taken_at: OffsetDateTime,
 }
@@ -66,7 +67,7 @@ pub trait Recorder: Send {
     fn visit(&mut self, visit: Visit, progress: Progress)
     -> BoxFuture<'_, Result<(), RecordError>>;
 
-    /// All points of one kind are durable.
+    /// All points of one kind are durable; told again by every run that finds them so.
     fn phase_done(&mut self, kind: FrameKind) -> BoxFuture<'_, Result<(), RecordError>>;
 
     /// A person should look.

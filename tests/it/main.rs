@@ -14,6 +14,7 @@ mod line;
 mod near;
 mod nist;
 mod radiances;
+mod runner;
 mod simulate_rig;
 mod stage;
 mod synthetic;
