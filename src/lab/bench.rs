@@ -61,7 +61,12 @@ pub(super) struct ScanWork {
     pub done: BTreeSet<u32>,
     /// Time that was spent on them.
     pub elapsed_s: f64,
+    /// Who waits to hear what became of the scan's first state.
+    pub first_state: Option<FirstState>,
 }
+
+/// Answered with the first state that a run came to, or why not even that could be recorded.
+pub(super) type FirstState = oneshot::Sender<Result<ScanState, StoreError>>;
 
 /// Work and the way back; answered when the work is taken up, not when it is done.
 pub(super) struct Request {
@@ -398,6 +403,7 @@ impl Owner {
             rig_id: self.rig_id,
             saturation_dn: saturation_dn(&self.settings),
             plan: work.plan,
+            first_state: work.first_state,
         };
         let job = Job {
             steps,

@@ -3,7 +3,7 @@
 use futures::future::BoxFuture;
 use futures::{StreamExt, TryStreamExt};
 
-use super::bench::Told;
+use super::bench::{FirstState, Told};
 use super::tell;
 use crate::frame::FrameKind;
 use crate::scan::recorder::{RecordError, Recorder, Visit};
@@ -22,14 +22,21 @@ pub(super) struct LabRecorder {
     pub rig_id: i64,
     pub saturation_dn: u16,
     pub plan: Plan,
+    pub first_state: Option<FirstState>,
 }
 
-impl From<StoreError> for RecordError {
-    fn from(error: StoreError) -> Self {
+impl From<&StoreError> for RecordError {
+    fn from(error: &StoreError) -> Self {
         match error {
             StoreError::DiskFull { .. } => RecordError::DiskFull(error.to_string()),
             _ => RecordError::Failed(error.to_string()),
         }
+    }
+}
+
+impl From<StoreError> for RecordError {
+    fn from(error: StoreError) -> Self {
+        RecordError::from(&error)
     }
 }
 
@@ -92,13 +99,26 @@ impl Recorder for LabRecorder {
         progress: Progress,
     ) -> BoxFuture<'a, Result<(), RecordError>> {
         Box::pin(async move {
-            let event = self
+            let written = self
                 .told
                 .store
                 .change_state(self.scan_id, next, reason, operator, progress)
-                .await?;
-            tell(&self.told.events, event);
-            Ok(())
+                .await;
+            let (first, outcome) = match written {
+                Ok(event) => {
+                    tell(&self.told.events, event);
+                    (Ok(next), Ok(()))
+                }
+                Err(error) => {
+                    let outcome = Err(RecordError::from(&error));
+                    (Err(error), outcome)
+                }
+            };
+            if let Some(waiting) = self.first_state.take() {
+                // Whoever asked may be gone; the events tell it too.
+                waiting.send(first).ok();
+            }
+            outcome
         })
     }
 
