@@ -104,6 +104,9 @@ pub enum LabError {
         /// What is wrong with it, and what is allowed.
         problem: String,
     },
+    /// A calculation broke off where it never should.
+    #[error("something went wrong inside; the daemon's log has the details")]
+    Panicked,
     /// The daemon is ending.
     #[error("the daemon is stopping")]
     Stopping,
@@ -130,6 +133,7 @@ impl LabError {
             LabError::Export(_) => "export-failed",
             LabError::Analysis(_) => "analysis-failed",
             LabError::Invalid { .. } => "invalid-value",
+            LabError::Panicked => "internal",
             LabError::Stopping => "stopping",
         }
     }

@@ -215,7 +215,7 @@ impl Lab {
         let told = request.told(&series.manifest().material())?;
         let (profile, height_map) = match request.shape.clone() {
             Some(shape) => {
-                let (profile, facts) = blocking(move || shape.read()).await?;
+                let (profile, facts) = blocking(move || shape.read()).await??;
                 (Some(profile), facts)
             }
             None => (None, None),
@@ -267,14 +267,11 @@ impl Lab {
             };
             let work = (series, options);
             let end = match lab.foretell(what, work, make, &told, &flag).await {
-                Some((series, options)) => {
+                Ok((series, options)) => {
                     lab.fit_to_its_end(scan_id, series, options, &told, &flag)
                         .await
                 }
-                None => FitEnd::Failed {
-                    code: "internal".into(),
-                    detail: "something went wrong inside; the daemon's log has the details".into(),
-                },
+                Err(error) => broken_off(&error),
             };
             match lab.store().end_fit(fit_id, &end).await {
                 Ok(event) => lab.tell(event),
@@ -311,9 +308,10 @@ impl Lab {
         })
         .await;
         let analysed = match analysed {
-            Ok(analysed) => analysed,
-            Err(AnalysisError::Cancelled) => return FitEnd::Cancelled,
-            Err(AnalysisError::Reduction(error)) => {
+            Ok(Ok(analysed)) => analysed,
+            Err(error) => return broken_off(&error),
+            Ok(Err(AnalysisError::Cancelled)) => return FitEnd::Cancelled,
+            Ok(Err(AnalysisError::Reduction(error))) => {
                 return FitEnd::Failed {
                     code: reduction_code(&error).into(),
                     detail: error.to_string(),
@@ -377,8 +375,14 @@ impl Lab {
         let report: FitReport =
             serde_json::from_str(report).map_err(|e| StoreError::bad_row("fit_ends", e))?;
         let set = self.store().observations(set_id).await?;
-        let curves = blocking(move || curves_of(&report, &set, step_deg)).await;
-        Ok(curves)
+        blocking(move || curves_of(&report, &set, step_deg)).await
+    }
+}
+
+fn broken_off(error: &LabError) -> FitEnd {
+    FitEnd::Failed {
+        code: error.code().into(),
+        detail: error.to_string(),
     }
 }
 
@@ -426,10 +430,4 @@ pub(super) fn word<T: Serialize>(value: &T) -> String {
         Ok(serde_json::Value::String(word)) => word,
         _ => String::new(),
     }
-}
-
-pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
-    tokio::task::spawn_blocking(work)
-        .await
-        .expect("reductions and fits do not panic")
 }

@@ -20,6 +20,7 @@ mod plans;
 mod recorder;
 mod rig;
 mod series;
+mod tasks;
 mod traces;
 mod under_way;
 
