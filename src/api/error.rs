@@ -167,6 +167,7 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::NotNow { .. } | LabError::NotOfThisRig { .. } => {
             (StatusCode::CONFLICT, "not possible where the scan stands")
         }
+        LabError::Shared(error) => kind(error, code),
         LabError::Panicked => (
             StatusCode::INTERNAL_SERVER_ERROR,
             "something went wrong inside",

@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use futures::TryFutureExt;
+use futures::future::BoxFuture;
 use serde::{Deserialize, Serialize};
 
 use super::attached::ShapeFile;
@@ -11,6 +13,8 @@ use super::calculations::{positive, share};
 use super::curves::{FitCurves, curves_of};
 use super::foretell::{Foretold, tell_analysis, with_cost};
 use super::headway::{Headway, Progress};
+use super::once::OncePerKey;
+use super::tasks::blocking;
 use super::{Lab, LabError, StoredSeries};
 use crate::accuracy::forecast::of_analysis;
 use crate::analysis::{self, AnalysisError, AnalysisOptions, DRAWS, STARTS};
@@ -167,6 +171,10 @@ pub struct Reduced {
     pub complete: bool,
 }
 
+/// Reductions under way, by scan, region and the newest frame that each knows of.
+pub(super) type Reductions =
+    OncePerKey<(i64, Option<String>, i64), Result<Arc<ObservationSet>, Arc<LabError>>>;
+
 impl Lab {
     /// Observations of a scan (or of one region of it), reduced now or earlier. While the scan runs
     /// they are a snapshot of what is committed.
@@ -191,15 +199,23 @@ impl Lab {
             return Ok(Reduced { set, complete });
         }
         let name = region.map(str::to_owned);
-        let set =
-            blocking(move || reduction::reduce(&series, name.as_deref(), &AtomicBool::new(false)))
-                .await
+        let store = self.store().clone();
+        // A page that is looked at twice reads every frame once, and one that was closed reads no further.
+        let reduce = |cancel: Arc<AtomicBool>| async move {
+            let set = blocking(move || reduction::reduce(&series, name.as_deref(), &cancel))
+                .await?
                 .map_err(AnalysisError::Reduction)?;
-        if complete {
-            self.store()
-                .add_observations(scan_id, last_frame_id, &set)
-                .await?;
-        }
+            if complete {
+                store.add_observations(scan_id, last_frame_id, &set).await?;
+            }
+            Ok(Arc::new(set))
+        };
+        let key = (scan_id, region.map(str::to_owned), last_frame_id);
+        let reduced = self.inner.reductions.ask(key, |cancel| {
+            let reduced: BoxFuture<'static, Result<_, LabError>> = Box::pin(reduce(cancel));
+            reduced.map_err(Arc::new)
+        });
+        let set = Arc::unwrap_or_clone(reduced.await.map_err(LabError::Shared)?);
         Ok(Reduced { set, complete })
     }
 

@@ -16,6 +16,7 @@ mod fits;
 mod foretell;
 mod headway;
 pub mod measured;
+mod once;
 mod plans;
 mod recorder;
 mod rig;
@@ -47,6 +48,7 @@ pub use crate::bench::stage::AxisName;
 pub use calculations::{CalculationRequest, ContrastRequest, MapRequest, VerdictRequest};
 pub use curves::{Curve, FitCurves};
 pub use error::LabError;
+use fits::Reductions;
 pub use fits::{FitRequest, Reduced};
 pub use headway::Progress as CalculationProgress;
 pub use plans::{Estimated, ScanRequest};
@@ -99,6 +101,8 @@ struct Inner {
     rig: Option<RigSide>,
     fits: AllUnderWay,
     calculations: AllUnderWay,
+    /// Reductions for who only looks at observations.
+    reductions: Reductions,
     /// How scans of this process ended, for who waits for one.
     ends: watch::Sender<HashMap<i64, RunEnd>>,
 }
@@ -177,6 +181,7 @@ impl Lab {
                 rig,
                 fits: AllUnderWay::default(),
                 calculations: AllUnderWay::default(),
+                reductions: Reductions::default(),
                 ends,
             }),
         };
