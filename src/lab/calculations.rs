@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::fits::{check_region, reduction_code};
 use super::foretell::{Foretold, tell_analysis, with_cost};
 use super::headway::{Headway, Progress};
-use super::tasks::blocking;
+use super::tasks::{blocking, to_the_end};
 use super::traces::{TraceRequest, TraceToDo};
 use super::{Lab, LabError, StoredSeries};
 use crate::accuracy::forecast::{of_analysis, of_reduction};
@@ -282,6 +282,12 @@ impl Lab {
     /// # Errors
     /// An unknown scan or region, a specification or scene that makes no sense, or what the store says.
     pub async fn start_calculation(&self, request: &CalculationRequest) -> Result<i64, LabError> {
+        let (lab, request) = (self.clone(), request.clone());
+        // A row that says "running" has somebody who works.
+        to_the_end(async move { lab.check_and_calculate(&request).await }).await
+    }
+
+    async fn check_and_calculate(&self, request: &CalculationRequest) -> Result<i64, LabError> {
         let work = self.work(request).await?;
         let (id, event) = self
             .store()

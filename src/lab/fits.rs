@@ -14,7 +14,7 @@ use super::curves::{FitCurves, curves_of};
 use super::foretell::{Foretold, tell_analysis, with_cost};
 use super::headway::{Headway, Progress};
 use super::once::OncePerKey;
-use super::tasks::blocking;
+use super::tasks::{blocking, to_the_end};
 use super::{Lab, LabError, StoredSeries};
 use crate::accuracy::forecast::of_analysis;
 use crate::analysis::{self, AnalysisError, AnalysisOptions, DRAWS, STARTS};
@@ -224,6 +224,12 @@ impl Lab {
     /// # Errors
     /// An unknown scan or region, or what the store says.
     pub async fn start_fit(&self, request: &FitRequest) -> Result<i64, LabError> {
+        let (lab, request) = (self.clone(), request.clone());
+        // A row that says "running" has somebody who works.
+        to_the_end(async move { lab.check_and_fit(&request).await }).await
+    }
+
+    async fn check_and_fit(&self, request: &FitRequest) -> Result<i64, LabError> {
         request.check()?;
         // Read what is there now: the fit is of this snapshot, whatever comes later.
         let series = StoredSeries::open(self.store(), request.scan_id).await?;

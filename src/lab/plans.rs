@@ -7,6 +7,7 @@ use time::OffsetDateTime;
 use tokio::sync::oneshot;
 
 use super::bench::{ScanWork, Work};
+use super::tasks::to_the_end;
 use super::{Lab, LabError};
 use crate::frame::FrameKind;
 use crate::geometry::Pose;
@@ -123,6 +124,12 @@ impl Lab {
     /// # Errors
     /// [`LabError::Plan`], [`LabError::NoRoom`], [`LabError::Busy`], or why the rig cannot be had.
     pub async fn start_scan(&self, request: &ScanRequest) -> Result<Scan, LabError> {
+        let (lab, request) = (self.clone(), request.clone());
+        // Between the row of a scan and the rig's word nobody could end what was planned and never begun.
+        to_the_end(async move { lab.plan_and_begin(&request).await }).await
+    }
+
+    async fn plan_and_begin(&self, request: &ScanRequest) -> Result<Scan, LabError> {
         let estimated = self.estimate(request).await?;
         let side = self.side()?;
         let reserve = side.settings.runner.disk_reserve_bytes;
