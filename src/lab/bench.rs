@@ -213,6 +213,7 @@ impl Owner {
         self.occupation.send_modify(|now| {
             now.activity = activity;
             now.scan_id = scan_id;
+            now.failure = None;
             if scan_id.is_none() {
                 now.orders = None;
             }
@@ -331,7 +332,15 @@ impl Owner {
 
     async fn settled(&self, rig: &mut Rig, stage: &Stage, outcome: Result<(), StageError>) {
         let status = stage.status().await.ok();
-        self.occupy(None, None);
+        let failure = outcome
+            .as_ref()
+            .err()
+            .map(|e| (crate::scan::visit::stage_code(e).to_owned(), e.to_string()));
+        // At once: whoever sees it idle again sees why.
+        self.occupation.send_modify(|now| {
+            now.activity = None;
+            now.failure = failure;
+        });
         if let Err(error) = &outcome {
             rig.let_go_if_lost(error);
             if !matches!(error, StageError::Stopped) {
@@ -376,6 +385,7 @@ impl Owner {
         let (book, mut orders) = mpsc::channel::<OrderSlip>(16);
         self.occupation.send_modify(|now| {
             now.activity = Some(RigActivity::Scanning);
+            now.failure = None;
             now.scan_id = Some(scan_id);
             now.orders = Some(book);
         });

@@ -130,6 +130,8 @@ struct Occupation {
     orders: Option<mpsc::Sender<OrderSlip>>,
     /// Why the stages could not be had the last time they were asked for.
     problem: Option<(String, String)>,
+    /// Why the last motion of one axis did not end where it should; none once another is begun.
+    failure: Option<(String, String)>,
 }
 
 impl Lab {

@@ -7,6 +7,7 @@ mod bench_in_a_box;
 mod check;
 mod commands;
 mod costs;
+mod cut_short;
 mod http;
 mod imports;
 mod lab;
