@@ -34,8 +34,8 @@ mod tests {
 
     #[tokio::test]
     async fn a_panic_is_an_error_with_a_name_and_the_task_that_waits_lives_on() {
-        let broken = blocking(|| panic!("a matrix without rows")).await;
-        let error = broken.map(|()| ()).unwrap_err();
+        let broken = blocking::<()>(|| panic!("a matrix without rows")).await;
+        let error = broken.unwrap_err();
         assert_eq!(error.code(), "internal");
         assert!(error.to_string().contains("log"), "{error}");
         let broken = to_the_end::<()>(async { panic!("no such row") }).await;
