@@ -167,6 +167,11 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::NotNow { .. } | LabError::NotOfThisRig { .. } => {
             (StatusCode::CONFLICT, "not possible where the scan stands")
         }
+        LabError::Shared(error) => kind(error, code),
+        LabError::Panicked => (
+            StatusCode::INTERNAL_SERVER_ERROR,
+            "something went wrong inside",
+        ),
         LabError::NotThere { .. } => (StatusCode::CONFLICT, "not possible where it stands"),
         LabError::NoRig => (StatusCode::SERVICE_UNAVAILABLE, "this daemon has no rig"),
         LabError::Stopping => (StatusCode::SERVICE_UNAVAILABLE, "the daemon is stopping"),

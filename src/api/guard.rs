@@ -5,7 +5,9 @@
 //! requests (cross-site POST), or name itself 127.0.0.1 (DNS rebinding). Hence every request must
 //! name a loopback host, and one that carries an `Origin` must come from the very host it goes to.
 
+use std::collections::HashMap;
 use std::net::IpAddr;
+use std::sync::Arc;
 use std::time::Instant;
 
 use axum::body::{Body, to_bytes};
@@ -14,10 +16,12 @@ use axum::http::{HeaderMap, Method, StatusCode, Version, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use futures::StreamExt;
+use tokio::sync::{Mutex, OwnedMutexGuard};
 
 use super::App;
 use super::error::ApiError;
 use super::extract::{says_json, too_large};
+use crate::lab::LabError;
 use crate::store::frames::sha256_hex;
 use crate::store::idempotency::KeptAnswer;
 
@@ -166,9 +170,32 @@ pub(super) async fn once_per_key(State(app): State<App>, request: Request, next:
             return ApiError::invalid("Idempotency-Key", message).into_response();
         }
     };
-    match keyed(&app, &key, request, next).await {
-        Ok(response) => response,
-        Err(problem) => problem.into_response(),
+    // A client that goes away drops what it waits for, at any `.await`: on a task of its own the action is done and
+    // its answer is kept all the same.
+    let acting = tokio::spawn(async move { keyed(&app, &key, request, next).await });
+    match acting.await {
+        Ok(Ok(response)) => response,
+        Ok(Err(problem)) => problem.into_response(),
+        // The layer for handlers that panic answers it.
+        Err(broken) if broken.is_panic() => std::panic::resume_unwind(broken.into_panic()),
+        Err(_) => ApiError::from(LabError::Stopping).into_response(),
+    }
+}
+
+/// Whose turn it is, key by key. What carries other keys does not wait for an import that takes minutes.
+#[derive(Clone, Default)]
+pub(super) struct Turns(Arc<std::sync::Mutex<HashMap<String, Arc<Mutex<()>>>>>);
+
+impl Turns {
+    /// Completes when nobody else is at work under `key`, and holds the turn as long as it is kept.
+    async fn of(&self, key: &str) -> OwnedMutexGuard<()> {
+        let turn = {
+            let mut all = self.0.lock().expect("no holder of this lock panics");
+            // Keys that nobody is at work under or waits for are forgotten.
+            all.retain(|_, turn| Arc::strong_count(turn) > 1);
+            Arc::clone(all.entry(key.to_owned()).or_default())
+        };
+        turn.lock_owned().await
     }
 }
 
@@ -180,8 +207,8 @@ async fn keyed(app: &App, key: &str, request: Request, next: Next) -> Result<Res
     let mut told = format!("{} {}\n", parts.method, parts.uri).into_bytes();
     told.extend_from_slice(&body);
     let told = sha256_hex(&told);
-    // One keyed request at a time: the second of two at once must find the first one's answer.
-    let _turn = app.keyed.acquire().await;
+    // The second of two at once must find the first one's answer.
+    let _turn = app.turns.of(key).await;
     let store = app.lab.store();
     if let Some(kept) = store.kept_answer(key, &told).await? {
         let status = StatusCode::from_u16(kept.status).unwrap_or(StatusCode::OK);
@@ -253,6 +280,7 @@ pub(super) async fn measure(request: Request, next: Next) -> Response {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use futures::FutureExt;
 
     fn headers(host: &str, origin: Option<&str>) -> HeaderMap {
         let mut headers = HeaderMap::new();
@@ -301,6 +329,21 @@ mod tests {
         ] {
             assert!(!passes("127.0.0.1:8787", Some(origin)), "{origin}");
         }
+    }
+
+    #[tokio::test]
+    async fn a_key_waits_for_its_own_turn_only_and_is_forgotten_after() {
+        let turns = Turns::default();
+        let first = turns.of("import").await;
+        let mut again = Box::pin(turns.of("import"));
+        assert!((&mut again).now_or_never().is_none());
+        let other = turns.of("scan").now_or_never();
+        assert!(other.is_some());
+        drop((first, other));
+        again.await;
+        turns.of("last").await;
+        let left = turns.0.lock().unwrap().len();
+        assert_eq!(left, 1);
     }
 
     #[test]

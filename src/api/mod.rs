@@ -33,7 +33,6 @@ use axum::middleware::{from_fn, from_fn_with_state};
 use axum::response::IntoResponse;
 use axum::routing::get;
 use serde::Serialize;
-use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 use tower_http::catch_panic::CatchPanicLayer;
 use utoipa::{OpenApi, ToSchema};
@@ -57,7 +56,7 @@ pub(crate) struct App {
     /// Ends the event streams, which would otherwise keep the server alive.
     ending: CancellationToken,
     /// One turn for requests with an Idempotency-Key.
-    keyed: Arc<Semaphore>,
+    turns: guard::Turns,
 }
 
 /// A list as all lists are.
@@ -177,7 +176,7 @@ pub fn router(lab: Lab, render_metrics: RenderMetrics, ending: CancellationToken
         render_metrics,
         openapi: openapi_json().into(),
         ending,
-        keyed: Arc::new(Semaphore::new(1)),
+        turns: guard::Turns::default(),
     };
     let (routes, _) = described().split_for_parts();
     routes

@@ -20,6 +20,8 @@ pub struct RigBody {
     connected: bool,
     /// Why they do not.
     problem: Option<RigProblem>,
+    /// Why the last motion of one axis failed; null where it did not, and once another is begun.
+    failure: Option<RigProblem>,
     /// Whether the rig is a simulated one.
     simulated: bool,
     /// Protocol and port.
@@ -38,7 +40,7 @@ pub struct RigBody {
     geometry: GeometryBody,
 }
 
-/// Why the stages do not answer.
+/// What is wrong with the stages.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct RigProblem {
     /// Stable word.
@@ -138,6 +140,9 @@ impl From<RigView> for RigBody {
             connected: view.connected,
             problem: view
                 .problem
+                .map(|(code, detail)| RigProblem { code, detail }),
+            failure: view
+                .failure
                 .map(|(code, detail)| RigProblem { code, detail }),
             simulated: view.simulated.is_some(),
             description: format!("Zaber ASCII on {}", view.port),

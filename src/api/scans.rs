@@ -293,6 +293,7 @@ pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<ScanB
     (status = 404, description = "There is no such scan or order", body = Problem),
     (status = 409, description = "Not possible where the scan stands", body = Problem),
     (status = 503, description = "The stages cannot be had", body = Problem),
+    (status = 507, description = "The disk has no room for it", body = Problem),
 ))]
 pub(super) async fn command(
     State(app): State<App>,

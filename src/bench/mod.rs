@@ -3,10 +3,11 @@
 //! [`stage::Stage`] moves the two axes and proves where they stand; whatever implements [`Camera`]
 //! turns a [`CaptureRequest`] into a frame. From the bytes up: `wire` (a protocol, pure) · `port`
 //! (bytes, and the seam for faults) · `line` (the one thread that owns a port) · `stage` (limits,
-//! homing, arrival). Knows no scan, no store and no simulation.
+//! homing, arrival); a camera's `program` beside them. Knows no scan, no store and no simulation.
 
 pub mod line;
 pub mod port;
+mod program;
 pub mod stage;
 pub mod watched_folder;
 pub mod wire;

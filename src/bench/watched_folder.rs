@@ -5,27 +5,23 @@
 //! frame is awaited under exactly that name, which no earlier frame has; without it the newest PNG
 //! that was not in the folder before (or has changed since) counts, and with an empty template a
 //! person or another program is trusted to deliver. A frame is complete when it decodes as a whole
-//! 16-bit grey PNG; until then it is looked at again. Knows nothing of poses but to print them.
+//! 16-bit grey PNG; until then it is looked at again. The program has until the frame's time limit to end. Knows nothing of poses but to print them.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::process::Stdio;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use futures::future::BoxFuture;
 use serde::{Deserialize, Serialize};
-use tokio::io::AsyncReadExt;
-use tokio::process::{Child, Command};
 
+use super::program::Program;
 use super::{Camera, CameraError, CaptureRequest, Captured};
 use crate::clock::Clock;
 use crate::frame::{Frame, FrameError};
 
 /// Between two looks into the folder.
 const LOOK_EVERY: Duration = Duration::from_millis(25);
-/// Of what a failed program wrote to stderr, this much is shown.
-const STDERR_BYTES_MAX: usize = 2000;
 
 /// Words in braces that the template may have.
 const PLACEHOLDERS: [&str; 7] = [
@@ -149,31 +145,6 @@ impl WatchedFolder {
         }
     }
 
-    /// The program, started; `None` with an empty template.
-    fn start(&self, request: &CaptureRequest, file: &Path) -> Result<Option<Child>, CameraError> {
-        let mut words = self
-            .settings
-            .command
-            .iter()
-            .map(|word| filled(word, request, file));
-        let Some(program) = words.next() else {
-            return Ok(None);
-        };
-        Command::new(&program)
-            .args(words)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .kill_on_drop(true)
-            .spawn()
-            .map(Some)
-            .map_err(|error| {
-                CameraError::Failed(format!(
-                    "the camera's program `{program}` could not be started: {error}; check the camera's command in the configuration"
-                ))
-            })
-    }
-
     async fn await_frame(&mut self, request: &CaptureRequest) -> Result<Captured, CameraError> {
         let named = self.names_file();
         let file = self.fresh_name(request);
@@ -184,22 +155,16 @@ impl WatchedFolder {
         };
         let started_at = self.clock.now();
         let started_utc = self.clock.utc();
-        let mut child = self.start(request, &file)?;
+        let words = self.settings.command.iter();
+        let mut program = Program::start(words.map(|word| filled(word, request, &file)))?;
         let limit_s = request.exposure_s.max(0.0) + self.settings.timeout_s;
-        let mut ended = child.is_none();
+        let mut ended = program.is_none();
         let mut looked: Option<(PathBuf, Stamp, FrameError)> = None;
         loop {
-            if let Some(running) = child.as_mut()
+            if let Some(running) = program.as_mut()
                 && !ended
-                && let Some(status) = running.try_wait().map_err(io_failed)?
             {
-                ended = true;
-                if !status.success() {
-                    let said = stderr_of(running).await;
-                    return Err(CameraError::Failed(format!(
-                        "the camera's program ended with {status}{said}"
-                    )));
-                }
+                ended = running.has_ended(&*self.clock).await?;
             }
             let candidate = if named {
                 stamp_of(&file).map(|stamp| (file.clone(), stamp))
@@ -213,6 +178,13 @@ impl WatchedFolder {
                 if !unchanged {
                     match decoded(&path).await? {
                         Ok(frame) => {
+                            if let Some(program) = program {
+                                let limit =
+                                    Duration::try_from_secs_f64(limit_s).unwrap_or_default();
+                                let waited = self.clock.now().saturating_sub(started_at);
+                                let left = limit.saturating_sub(waited);
+                                program.let_end(left, &*self.clock).await?;
+                            }
                             if self.settings.delete_read_frames {
                                 // A file that stays is a nuisance, not a reason to lose the frame.
                                 let _ = std::fs::remove_file(&path);
@@ -278,10 +250,6 @@ impl Camera for WatchedFolder {
     ) -> BoxFuture<'a, Result<Captured, CameraError>> {
         Box::pin(self.await_frame(request))
     }
-}
-
-fn io_failed(error: std::io::Error) -> CameraError {
-    CameraError::Failed(format!("the camera's program cannot be watched: {error}"))
 }
 
 /// Words in braces: `{name}` of small letters and underscores; other braces are left alone.
@@ -361,24 +329,6 @@ async fn decoded(path: &Path) -> Result<Result<Frame, FrameError>, CameraError> 
     })
     .await
     .map_err(|error| CameraError::Failed(format!("reading the frame was broken off: {error}")))
-}
-
-async fn stderr_of(child: &mut Child) -> String {
-    let mut said = Vec::new();
-    if let Some(stderr) = child.stderr.take() {
-        // What cannot be read is not shown; the status is the message.
-        let _ = stderr
-            .take(STDERR_BYTES_MAX as u64)
-            .read_to_end(&mut said)
-            .await;
-    }
-    let said = String::from_utf8_lossy(&said);
-    let said = said.trim();
-    if said.is_empty() {
-        String::new()
-    } else {
-        format!(": {said}")
-    }
 }
 
 #[cfg(test)]
@@ -498,6 +448,54 @@ mod tests {
         let writer = async { std::fs::write(&shot, &png).unwrap() };
         let (outcome, ()) = tokio::join!(capture, writer);
         assert_eq!(outcome.unwrap().frame, picture(1000));
+    }
+
+    #[tokio::test]
+    async fn a_program_that_talks_at_length_is_heard_out_and_ends_by_itself() {
+        let place = tempfile::tempdir().unwrap();
+        let source = place.path().join("source.raw");
+        std::fs::write(&source, picture(1000).to_png().unwrap()).unwrap();
+        let folder = place.path().join("box");
+        std::fs::create_dir(&folder).unwrap();
+        // More than a pipe holds, before the frame and after it.
+        let script = "head -c 200000 /dev/zero >&2; cp \"$0\" \"$1\"; head -c 200000 /dev/zero >&2; touch \"$0.closed\"";
+        let source = source.display().to_string();
+        let command = ["sh", "-c", script, &source, "{file}"];
+        let mut camera = camera(&folder, &command, Arc::new(SystemClock::new())).unwrap();
+        let captured = camera.capture(&request()).await.unwrap();
+        assert_eq!(captured.frame, picture(1000));
+        assert!(place.path().join("source.raw.closed").exists());
+    }
+
+    #[tokio::test]
+    async fn a_program_that_fails_after_its_frame_has_failed_and_its_last_words_count() {
+        let place = tempfile::tempdir().unwrap();
+        let source = place.path().join("source.raw");
+        std::fs::write(&source, picture(1000).to_png().unwrap()).unwrap();
+        let folder = place.path().join("box");
+        std::fs::create_dir(&folder).unwrap();
+        let script = "cp \"$0\" \"$1\"; head -c 200000 /dev/zero | tr '\\0' x >&2; echo out of film >&2; exit 3";
+        let source = source.display().to_string();
+        let command = ["sh", "-c", script, &source, "{file}"];
+        let mut camera = camera(&folder, &command, Arc::new(SystemClock::new())).unwrap();
+        let said = camera.capture(&request()).await.unwrap_err().to_string();
+        assert!(said.ends_with("out of film"), "{said}");
+        assert!(said.len() < 3000, "{}", said.len());
+    }
+
+    #[tokio::test]
+    async fn a_program_that_never_ends_does_not_keep_its_frame() {
+        let place = tempfile::tempdir().unwrap();
+        let pipe = place.path().join("never");
+        let script = "mkfifo \"$0\"; exec cat \"$0\"";
+        let words = ["sh", "-c", script, &pipe.display().to_string()].map(str::to_owned);
+        let program = Program::start(words).unwrap().unwrap();
+        let clock = SteppedClock::new();
+        program
+            .let_end(Duration::from_secs(30), &clock)
+            .await
+            .unwrap();
+        assert_eq!(clock.now(), Duration::from_secs(30));
     }
 
     #[tokio::test]

@@ -53,7 +53,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         Action::Home => {
             for axis in ["theta_c", "phi_s"] {
                 client.post(&format!("/rig/axes/{axis}/home"), None)?;
-                until_idle(&client)?;
+                until_homed(&client, axis)?;
             }
             client.get("/rig")?
         }
@@ -68,20 +68,38 @@ pub fn run(args: Args) -> Result<(), CliError> {
         .map_err(CliError::no_result)
 }
 
-fn until_idle(client: &Client) -> Result<(), CliError> {
+/// Waits until the motion is over, and looks whether the axis knows its reference by it.
+fn until_homed(client: &Client, axis: &str) -> Result<(), CliError> {
     loop {
         let rig = client.get("/rig")?;
-        if rig["connected"] == false {
-            let why = rig["problem"]["detail"]
-                .as_str()
-                .unwrap_or("the rig is not connected");
-            return Err(CliError::no_result(anyhow!("{why}")));
-        }
-        if rig["activity"] == "idle" {
-            return Ok(());
+        if let Some(outcome) = homed(&rig, axis) {
+            return outcome.map_err(|why| CliError::no_result(anyhow!("{why}")));
         }
         std::thread::sleep(Duration::from_millis(100));
     }
+}
+
+/// Whether homing an axis came to a good end, or why not; `None` while it is not over.
+fn homed(rig: &Value, axis: &str) -> Option<Result<(), String>> {
+    let why = |problem: &Value| problem["detail"].as_str().map(str::to_owned);
+    if rig["connected"] == false {
+        return Some(Err(
+            why(&rig["problem"]).unwrap_or_else(|| "the rig is not connected".into())
+        ));
+    }
+    if rig["activity"] != "idle" {
+        return None;
+    }
+    if let Some(failure) = why(&rig["failure"]) {
+        return Some(Err(failure));
+    }
+    // Somebody may have switched it off and on meanwhile.
+    Some(match rig["axes"][axis]["homed"] == true {
+        true => Ok(()),
+        false => Err(format!(
+            "{axis} has no reference after homing; look at the rig, then home it again"
+        )),
+    })
 }
 
 fn words(action: &Action, answer: &Value) -> String {
@@ -122,4 +140,35 @@ fn words(action: &Action, answer: &Value) -> String {
         ));
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn homing_is_done_only_where_the_axis_knows_its_reference() {
+        let rig = |activity: &str, reference: bool| {
+            json!({
+                "connected": true, "problem": null, "failure": null, "activity": activity,
+                "axes": { "theta_c": { "homed": reference }, "phi_s": { "homed": true } },
+            })
+        };
+        assert_eq!(homed(&rig("homing", false), "theta_c"), None);
+        assert_eq!(homed(&rig("idle", true), "theta_c"), Some(Ok(())));
+        let unknown = homed(&rig("idle", false), "theta_c").unwrap().unwrap_err();
+        assert!(unknown.contains("theta_c"), "{unknown}");
+        // A reference of old is no success of a motion that failed.
+        let mut failed = rig("idle", true);
+        failed["failure"] = json!({ "code": "stage-stalled", "detail": "theta_c stalled" });
+        assert_eq!(
+            homed(&failed, "theta_c"),
+            Some(Err("theta_c stalled".into()))
+        );
+        let mut gone = rig("homing", false);
+        gone["connected"] = json!(false);
+        gone["problem"] = json!({ "code": "stage-silent", "detail": "no reply" });
+        assert_eq!(homed(&gone, "theta_c"), Some(Err("no reply".into())));
+    }
 }

@@ -15,7 +15,8 @@ use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 use tokio_util::sync::CancellationToken;
 
 use super::bench::Told;
-use super::fits::{blocking, word};
+use super::fits::word;
+use super::tasks::blocking;
 use super::{Lab, LabError, StoredSeries};
 use crate::analysis::{self, AnalysisError, AnalysisOptions};
 use crate::fit::FitReport;
@@ -162,7 +163,7 @@ impl Companion {
         let analysed = blocking(move || {
             pool.install(|| analysis::analyse(&series, &options, &|_| {}, &cancel))
         })
-        .await;
+        .await?;
         match analysed {
             Ok(analysed) => Ok(Some(certainty(&analysed.report, elapsed_s))),
             Err(AnalysisError::Cancelled) => Ok(None),

@@ -61,7 +61,12 @@ pub(super) struct ScanWork {
     pub done: BTreeSet<u32>,
     /// Time that was spent on them.
     pub elapsed_s: f64,
+    /// Who waits to hear what became of the scan's first state.
+    pub first_state: Option<FirstState>,
 }
+
+/// Answered with the first state that a run came to, or why not even that could be recorded.
+pub(super) type FirstState = oneshot::Sender<Result<ScanState, StoreError>>;
 
 /// Work and the way back; answered when the work is taken up, not when it is done.
 pub(super) struct Request {
@@ -208,6 +213,7 @@ impl Owner {
         self.occupation.send_modify(|now| {
             now.activity = activity;
             now.scan_id = scan_id;
+            now.failure = None;
             if scan_id.is_none() {
                 now.orders = None;
             }
@@ -326,7 +332,15 @@ impl Owner {
 
     async fn settled(&self, rig: &mut Rig, stage: &Stage, outcome: Result<(), StageError>) {
         let status = stage.status().await.ok();
-        self.occupy(None, None);
+        let failure = outcome
+            .as_ref()
+            .err()
+            .map(|e| (crate::scan::visit::stage_code(e).to_owned(), e.to_string()));
+        // At once: whoever sees it idle again sees why.
+        self.occupation.send_modify(|now| {
+            now.activity = None;
+            now.failure = failure;
+        });
         if let Err(error) = &outcome {
             rig.let_go_if_lost(error);
             if !matches!(error, StageError::Stopped) {
@@ -371,6 +385,7 @@ impl Owner {
         let (book, mut orders) = mpsc::channel::<OrderSlip>(16);
         self.occupation.send_modify(|now| {
             now.activity = Some(RigActivity::Scanning);
+            now.failure = None;
             now.scan_id = Some(scan_id);
             now.orders = Some(book);
         });
@@ -398,6 +413,7 @@ impl Owner {
             rig_id: self.rig_id,
             saturation_dn: saturation_dn(&self.settings),
             plan: work.plan,
+            first_state: work.first_state,
         };
         let job = Job {
             steps,

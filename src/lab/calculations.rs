@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::fits::{check_region, reduction_code};
 use super::foretell::{Foretold, tell_analysis, with_cost};
 use super::headway::{Headway, Progress};
+use super::tasks::{blocking, to_the_end};
 use super::traces::{TraceRequest, TraceToDo};
 use super::{Lab, LabError, StoredSeries};
 use crate::accuracy::forecast::{of_analysis, of_reduction};
@@ -261,7 +262,7 @@ impl Lab {
             }
             CalculationRequest::Trace(request) => {
                 let wanted = request.clone();
-                let ready = tokio::task::spawn_blocking(move || wanted.prepare())
+                let ready = blocking(move || wanted.prepare())
                     .await
                     .unwrap_or_else(|_| {
                         Err(LabError::Invalid {
@@ -281,6 +282,12 @@ impl Lab {
     /// # Errors
     /// An unknown scan or region, a specification or scene that makes no sense, or what the store says.
     pub async fn start_calculation(&self, request: &CalculationRequest) -> Result<i64, LabError> {
+        let (lab, request) = (self.clone(), request.clone());
+        // A row that says "running" has somebody who works.
+        to_the_end(async move { lab.check_and_calculate(&request).await }).await
+    }
+
+    async fn check_and_calculate(&self, request: &CalculationRequest) -> Result<i64, LabError> {
         let work = self.work(request).await?;
         let (id, event) = self
             .store()
@@ -295,18 +302,16 @@ impl Lab {
         let lab = self.clone();
         self.inner.calculations.begin(id, |flag, told| async move {
             let store = lab.store().clone();
-            let panicked = || CalculationEnd::Failed {
-                code: "internal".into(),
-                detail: "something went wrong inside; the daemon's log has the details".into(),
+            let broken_off = |error: LabError| CalculationEnd::Failed {
+                code: error.code().into(),
+                detail: error.to_string(),
             };
             let work = lab.foretell(what, work, Work::forecast, &told, &flag);
             let end = match work.await {
-                Some(work) => {
-                    tokio::task::spawn_blocking(move || work.run(&store, id, &told, &flag))
-                        .await
-                        .unwrap_or_else(|_| panicked())
-                }
-                None => panicked(),
+                Ok(work) => blocking(move || work.run(&store, id, &told, &flag))
+                    .await
+                    .unwrap_or_else(broken_off),
+                Err(error) => broken_off(error),
             };
             match lab.store().end_calculation(id, &end).await {
                 Ok(event) => lab.tell(event),

@@ -1,5 +1,7 @@
 //! What the lab refuses, as situations that page, command line and scripts can tell apart.
 
+use std::sync::Arc;
+
 use crate::analysis::AnalysisError;
 use crate::bench::CameraError;
 use crate::bench::stage::StageError;
@@ -104,6 +106,12 @@ pub enum LabError {
         /// What is wrong with it, and what is allowed.
         problem: String,
     },
+    /// What was asked for by several at once failed for all of them.
+    #[error(transparent)]
+    Shared(Arc<LabError>),
+    /// A calculation broke off where it never should.
+    #[error("something went wrong inside; the daemon's log has the details")]
+    Panicked,
     /// The daemon is ending.
     #[error("the daemon is stopping")]
     Stopping,
@@ -130,6 +138,8 @@ impl LabError {
             LabError::Export(_) => "export-failed",
             LabError::Analysis(_) => "analysis-failed",
             LabError::Invalid { .. } => "invalid-value",
+            LabError::Shared(error) => error.code(),
+            LabError::Panicked => "internal",
             LabError::Stopping => "stopping",
         }
     }

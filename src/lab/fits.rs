@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use futures::TryFutureExt;
+use futures::future::BoxFuture;
 use serde::{Deserialize, Serialize};
 
 use super::attached::ShapeFile;
@@ -11,6 +13,8 @@ use super::calculations::{positive, share};
 use super::curves::{FitCurves, curves_of};
 use super::foretell::{Foretold, tell_analysis, with_cost};
 use super::headway::{Headway, Progress};
+use super::once::OncePerKey;
+use super::tasks::{blocking, to_the_end};
 use super::{Lab, LabError, StoredSeries};
 use crate::accuracy::forecast::of_analysis;
 use crate::analysis::{self, AnalysisError, AnalysisOptions, DRAWS, STARTS};
@@ -167,6 +171,10 @@ pub struct Reduced {
     pub complete: bool,
 }
 
+/// Reductions under way, by scan, region and the newest frame that each knows of.
+pub(super) type Reductions =
+    OncePerKey<(i64, Option<String>, i64), Result<Arc<ObservationSet>, Arc<LabError>>>;
+
 impl Lab {
     /// Observations of a scan (or of one region of it), reduced now or earlier. While the scan runs
     /// they are a snapshot of what is committed.
@@ -191,15 +199,23 @@ impl Lab {
             return Ok(Reduced { set, complete });
         }
         let name = region.map(str::to_owned);
-        let set =
-            blocking(move || reduction::reduce(&series, name.as_deref(), &AtomicBool::new(false)))
-                .await
+        let store = self.store().clone();
+        // A page that is looked at twice reads every frame once, and one that was closed reads no further.
+        let reduce = |cancel: Arc<AtomicBool>| async move {
+            let set = blocking(move || reduction::reduce(&series, name.as_deref(), &cancel))
+                .await?
                 .map_err(AnalysisError::Reduction)?;
-        if complete {
-            self.store()
-                .add_observations(scan_id, last_frame_id, &set)
-                .await?;
-        }
+            if complete {
+                store.add_observations(scan_id, last_frame_id, &set).await?;
+            }
+            Ok(Arc::new(set))
+        };
+        let key = (scan_id, region.map(str::to_owned), last_frame_id);
+        let reduced = self.inner.reductions.ask(key, |cancel| {
+            let reduced: BoxFuture<'static, Result<_, LabError>> = Box::pin(reduce(cancel));
+            reduced.map_err(Arc::new)
+        });
+        let set = Arc::unwrap_or_clone(reduced.await.map_err(LabError::Shared)?);
         Ok(Reduced { set, complete })
     }
 
@@ -208,6 +224,12 @@ impl Lab {
     /// # Errors
     /// An unknown scan or region, or what the store says.
     pub async fn start_fit(&self, request: &FitRequest) -> Result<i64, LabError> {
+        let (lab, request) = (self.clone(), request.clone());
+        // A row that says "running" has somebody who works.
+        to_the_end(async move { lab.check_and_fit(&request).await }).await
+    }
+
+    async fn check_and_fit(&self, request: &FitRequest) -> Result<i64, LabError> {
         request.check()?;
         // Read what is there now: the fit is of this snapshot, whatever comes later.
         let series = StoredSeries::open(self.store(), request.scan_id).await?;
@@ -215,7 +237,7 @@ impl Lab {
         let told = request.told(&series.manifest().material())?;
         let (profile, height_map) = match request.shape.clone() {
             Some(shape) => {
-                let (profile, facts) = blocking(move || shape.read()).await?;
+                let (profile, facts) = blocking(move || shape.read()).await??;
                 (Some(profile), facts)
             }
             None => (None, None),
@@ -267,14 +289,11 @@ impl Lab {
             };
             let work = (series, options);
             let end = match lab.foretell(what, work, make, &told, &flag).await {
-                Some((series, options)) => {
+                Ok((series, options)) => {
                     lab.fit_to_its_end(scan_id, series, options, &told, &flag)
                         .await
                 }
-                None => FitEnd::Failed {
-                    code: "internal".into(),
-                    detail: "something went wrong inside; the daemon's log has the details".into(),
-                },
+                Err(error) => broken_off(&error),
             };
             match lab.store().end_fit(fit_id, &end).await {
                 Ok(event) => lab.tell(event),
@@ -311,9 +330,10 @@ impl Lab {
         })
         .await;
         let analysed = match analysed {
-            Ok(analysed) => analysed,
-            Err(AnalysisError::Cancelled) => return FitEnd::Cancelled,
-            Err(AnalysisError::Reduction(error)) => {
+            Ok(Ok(analysed)) => analysed,
+            Err(error) => return broken_off(&error),
+            Ok(Err(AnalysisError::Cancelled)) => return FitEnd::Cancelled,
+            Ok(Err(AnalysisError::Reduction(error))) => {
                 return FitEnd::Failed {
                     code: reduction_code(&error).into(),
                     detail: error.to_string(),
@@ -377,8 +397,14 @@ impl Lab {
         let report: FitReport =
             serde_json::from_str(report).map_err(|e| StoreError::bad_row("fit_ends", e))?;
         let set = self.store().observations(set_id).await?;
-        let curves = blocking(move || curves_of(&report, &set, step_deg)).await;
-        Ok(curves)
+        blocking(move || curves_of(&report, &set, step_deg)).await
+    }
+}
+
+fn broken_off(error: &LabError) -> FitEnd {
+    FitEnd::Failed {
+        code: error.code().into(),
+        detail: error.to_string(),
     }
 }
 
@@ -426,10 +452,4 @@ pub(super) fn word<T: Serialize>(value: &T) -> String {
         Ok(serde_json::Value::String(word)) => word,
         _ => String::new(),
     }
-}
-
-pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
-    tokio::task::spawn_blocking(work)
-        .await
-        .expect("reductions and fits do not panic")
 }

@@ -9,8 +9,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde_json::{Value, json};
 
-use super::Lab;
 use super::headway::Headway;
+use super::tasks::blocking;
+use super::{Lab, LabError};
 use crate::analysis;
 use crate::forecast::Forecast;
 use crate::scan::Event;
@@ -28,6 +29,9 @@ pub(super) struct Foretold {
 impl Lab {
     /// Makes the forecast of `work` away from the runtime's threads and tells it. Nothing is told where there is
     /// none, or the work was cancelled meanwhile; the work goes on all the same.
+    ///
+    /// # Errors
+    /// [`LabError::Panicked`]: the work is lost.
     pub(super) async fn foretell<W: Send + 'static>(
         &self,
         what: Foretold,
@@ -35,14 +39,14 @@ impl Lab {
         make: impl FnOnce(&W, &AtomicBool) -> Option<Forecast> + Send + 'static,
         headway: &Arc<Headway>,
         cancel: &Arc<AtomicBool>,
-    ) -> Option<W> {
+    ) -> Result<W, LabError> {
         headway.tell("forecasting", 0, 1);
         let flag = Arc::clone(cancel);
-        let made = tokio::task::spawn_blocking(move || {
+        let (work, forecast) = blocking(move || {
             let forecast = make(&work, &flag);
             (work, forecast)
-        });
-        let (work, forecast) = made.await.ok()?;
+        })
+        .await?;
         if let Some(forecast) = forecast.filter(|_| !cancel.load(Ordering::Relaxed)) {
             headway.foretell(&forecast);
             let Foretold {
@@ -63,7 +67,7 @@ impl Lab {
                 }
             }
         }
-        Some(work)
+        Ok(work)
     }
 }
 

@@ -16,10 +16,12 @@ mod fits;
 mod foretell;
 mod headway;
 pub mod measured;
+mod once;
 mod plans;
 mod recorder;
 mod rig;
 mod series;
+mod tasks;
 mod traces;
 mod under_way;
 
@@ -46,6 +48,7 @@ pub use crate::bench::stage::AxisName;
 pub use calculations::{CalculationRequest, ContrastRequest, MapRequest, VerdictRequest};
 pub use curves::{Curve, FitCurves};
 pub use error::LabError;
+use fits::Reductions;
 pub use fits::{FitRequest, Reduced};
 pub use headway::Progress as CalculationProgress;
 pub use plans::{Estimated, ScanRequest};
@@ -98,6 +101,8 @@ struct Inner {
     rig: Option<RigSide>,
     fits: AllUnderWay,
     calculations: AllUnderWay,
+    /// Reductions for who only looks at observations.
+    reductions: Reductions,
     /// How scans of this process ended, for who waits for one.
     ends: watch::Sender<HashMap<i64, RunEnd>>,
 }
@@ -125,6 +130,8 @@ struct Occupation {
     orders: Option<mpsc::Sender<OrderSlip>>,
     /// Why the stages could not be had the last time they were asked for.
     problem: Option<(String, String)>,
+    /// Why the last motion of one axis did not end where it should; none once another is begun.
+    failure: Option<(String, String)>,
 }
 
 impl Lab {
@@ -176,6 +183,7 @@ impl Lab {
                 rig,
                 fits: AllUnderWay::default(),
                 calculations: AllUnderWay::default(),
+                reductions: Reductions::default(),
                 ends,
             }),
         };

@@ -4,14 +4,16 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
+use tokio::sync::oneshot;
 
 use super::bench::{ScanWork, Work};
+use super::tasks::to_the_end;
 use super::{Lab, LabError};
 use crate::frame::FrameKind;
 use crate::geometry::Pose;
 use crate::material::Material;
 use crate::scan::plan::{self, Estimate};
-use crate::scan::{Event, OperatorAction, Plan, PlanRequest, Progress, ScanState, Step};
+use crate::scan::{OperatorAction, Plan, PlanRequest, Progress, ScanState, Step};
 use crate::series::{DarkFacts, Manifest, SCHEMA, SampleFacts, SampleKind};
 use crate::store::samples::Sample;
 use crate::store::scans::{NewScan, Scan};
@@ -122,6 +124,12 @@ impl Lab {
     /// # Errors
     /// [`LabError::Plan`], [`LabError::NoRoom`], [`LabError::Busy`], or why the rig cannot be had.
     pub async fn start_scan(&self, request: &ScanRequest) -> Result<Scan, LabError> {
+        let (lab, request) = (self.clone(), request.clone());
+        // Between the row of a scan and the rig's word nobody could end what was planned and never begun.
+        to_the_end(async move { lab.plan_and_begin(&request).await }).await
+    }
+
+    async fn plan_and_begin(&self, request: &ScanRequest) -> Result<Scan, LabError> {
         let estimated = self.estimate(request).await?;
         let side = self.side()?;
         let reserve = side.settings.runner.disk_reserve_bytes;
@@ -154,6 +162,7 @@ impl Lab {
             plan,
             done: Default::default(),
             elapsed_s: 0.0,
+            first_state: None,
         };
         if let Err(error) = self.request(Work::Scan(Box::new(work))).await {
             let reason = error.to_string();
@@ -186,26 +195,17 @@ impl Lab {
         plan.check(&self.limits()?)?;
         self.request(Work::Connect).await?;
         let done = self.store().shots_done(scan.id).await?;
+        // It is interrupted until the runner says otherwise; a runner that cannot even say that tells no event.
+        let (first_state, told) = oneshot::channel();
         let work = ScanWork {
             scan_id: scan.id,
             plan,
             done: done.into_iter().collect(),
             elapsed_s: self.store().last_progress(scan.id).await?.elapsed_s,
+            first_state: Some(first_state),
         };
-        let after = self.store().last_event_id().await?;
-        let mut events = self.events();
         self.request(Work::Scan(Box::new(work))).await?;
-        // It is interrupted until the runner says otherwise.
-        loop {
-            for told in self.store().events_after(after, 1000).await? {
-                if let Event::Scan { scan_id, state, .. } = told.event
-                    && scan_id == scan.id
-                {
-                    return Ok(state);
-                }
-            }
-            events.recv().await.ok();
-        }
+        Ok(told.await.map_err(|_| LabError::Stopping)??)
     }
 
     /// The manifest that a reduction of the scan will read.

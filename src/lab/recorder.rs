@@ -1,15 +1,20 @@
 //! Makes durable what the runner tells: file, then row, then event.
 
-use futures::future::{BoxFuture, try_join_all};
+use futures::future::BoxFuture;
+use futures::{StreamExt, TryStreamExt};
 
-use super::bench::Told;
+use super::bench::{FirstState, Told};
 use super::tell;
 use crate::frame::FrameKind;
-use crate::scan::runner::{RecordError, Recorder, Visit};
+use crate::scan::recorder::{RecordError, Recorder, Visit};
 use crate::scan::{Event, OperatorAction, Plan, Progress, ScanState};
 use crate::store::StoreError;
 use crate::store::calibrations::NewCalibration;
 use crate::store::frames::{NewFrame, NewShot};
+
+/// Frames of a point that are encoded and written at the same time: one computes while one waits for the disk. A
+/// point of many repeats would otherwise need its memory twice.
+const FRAMES_AT_ONCE: usize = 2;
 
 pub(super) struct LabRecorder {
     pub told: Told,
@@ -17,14 +22,21 @@ pub(super) struct LabRecorder {
     pub rig_id: i64,
     pub saturation_dn: u16,
     pub plan: Plan,
+    pub first_state: Option<FirstState>,
 }
 
-impl From<StoreError> for RecordError {
-    fn from(error: StoreError) -> Self {
+impl From<&StoreError> for RecordError {
+    fn from(error: &StoreError) -> Self {
         match error {
             StoreError::DiskFull { .. } => RecordError::DiskFull(error.to_string()),
             _ => RecordError::Failed(error.to_string()),
         }
+    }
+}
+
+impl From<StoreError> for RecordError {
+    fn from(error: StoreError) -> Self {
+        RecordError::from(&error)
     }
 }
 
@@ -38,7 +50,7 @@ impl LabRecorder {
             kind: visit.shot.kind,
             asked: visit.shot.pose,
             pose: visit.pose,
-            rejected: visit.rejected,
+            rejected: visit.rejected.map(|why| why.to_string()),
             taken_at: visit.taken_at,
         };
         let frames = visit.frames.into_iter().map(|taken| {
@@ -65,7 +77,11 @@ impl LabRecorder {
                 })
             }
         });
-        let frames = try_join_all(frames).await?;
+        // The row is committed only after all of them are durable.
+        let frames: Vec<NewFrame> = futures::stream::iter(frames)
+            .buffered(FRAMES_AT_ONCE)
+            .try_collect()
+            .await?;
         metrics::counter!("ridged_frames_total").increment(frames.len() as u64);
         for event in store.commit_shot(&shot, &frames, progress).await? {
             tell(&self.told.events, event);
@@ -83,13 +99,26 @@ impl Recorder for LabRecorder {
         progress: Progress,
     ) -> BoxFuture<'a, Result<(), RecordError>> {
         Box::pin(async move {
-            let event = self
+            let written = self
                 .told
                 .store
                 .change_state(self.scan_id, next, reason, operator, progress)
-                .await?;
-            tell(&self.told.events, event);
-            Ok(())
+                .await;
+            let (first, outcome) = match written {
+                Ok(event) => {
+                    tell(&self.told.events, event);
+                    (Ok(next), Ok(()))
+                }
+                Err(error) => {
+                    let outcome = Err(RecordError::from(&error));
+                    (Err(error), outcome)
+                }
+            };
+            if let Some(waiting) = self.first_state.take() {
+                // Whoever asked may be gone; the events tell it too.
+                waiting.send(first).ok();
+            }
+            outcome
         })
     }
 

@@ -20,6 +20,8 @@ pub struct RigView {
     pub connected: bool,
     /// Code and words, where they do not.
     pub problem: Option<(String, String)>,
+    /// Code and words of why the last motion of one axis failed; `None` once another is begun.
+    pub failure: Option<(String, String)>,
     /// Time scale of a simulated rig; `None` for a real one.
     pub simulated: Option<f64>,
     /// Port of the stages.
@@ -85,7 +87,7 @@ impl Lab {
         let occupation = side.occupation.borrow().clone();
         let (status, problem) = match status {
             Ok(status) => (Some(status), None),
-            Err(LabError::Busy { .. }) => (None, occupation.problem),
+            Err(LabError::Busy { .. }) => (None, occupation.problem.clone()),
             Err(error) => (None, Some((error.code().to_owned(), error.to_string()))),
         };
         let axes = AxisName::ALL.map(|name| {
@@ -108,6 +110,7 @@ impl Lab {
         Ok(RigView {
             connected: status.is_some(),
             problem,
+            failure: occupation.failure,
             simulated: side.settings.simulated,
             port: side.port.clone(),
             camera: side.camera.clone(),

@@ -8,6 +8,7 @@ use std::io;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Pixels per tile.
 pub(super) const TILE: usize = 4096;
@@ -50,13 +51,7 @@ impl Planes {
             )
         } else {
             std::fs::create_dir_all(scratch)?;
-            let path = scratch.join(format!(".ridged-map-{}.scratch", std::process::id()));
-            let file = File::options()
-                .read(true)
-                .write(true)
-                .create(true)
-                .truncate(true)
-                .open(&path)?;
+            let (file, path) = fresh(scratch)?;
             Keep::File { file, path }
         };
         Ok(Planes {
@@ -133,6 +128,29 @@ impl Drop for Planes {
     }
 }
 
+/// A file in `scratch` that nobody else has: two maps of one process, and one that was killed before, may share the
+/// folder.
+fn fresh(scratch: &Path) -> io::Result<(File, PathBuf)> {
+    static MADE: AtomicU64 = AtomicU64::new(0);
+    loop {
+        let number = MADE.fetch_add(1, Ordering::Relaxed);
+        let path = scratch.join(format!(
+            ".ridged-map-{}-{number}.scratch",
+            std::process::id()
+        ));
+        let file = File::options()
+            .read(true)
+            .write(true)
+            .create_new(true)
+            .open(&path);
+        match file {
+            Ok(file) => return Ok((file, path)),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(error),
+        }
+    }
+}
+
 fn length(pixels: usize, tile: usize) -> usize {
     TILE.min(pixels - tile * TILE)
 }
@@ -140,6 +158,27 @@ fn length(pixels: usize, tile: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn two_maps_at_once_in_one_folder_keep_their_own_and_touch_nothing_else() {
+        let place = tempfile::tempdir().unwrap();
+        let planes: Vec<Planes> = (0..2)
+            .map(|_| Planes::new(1, 8, 0, place.path()).unwrap())
+            .collect();
+        let names = || -> Vec<PathBuf> {
+            let files = std::fs::read_dir(place.path()).unwrap();
+            files.map(|f| f.unwrap().path()).collect()
+        };
+        assert_eq!(names().len(), 2);
+        for (signal, planes) in [1.0, 2.0].into_iter().zip(&planes) {
+            planes.put(0, 0, &[signal; 16]).unwrap();
+        }
+        for (signal, planes) in [1.0, 2.0].into_iter().zip(&planes) {
+            assert_eq!(planes.get(0).unwrap(), [signal; 16]);
+        }
+        drop(planes);
+        assert_eq!(names(), Vec::<PathBuf>::new());
+    }
 
     #[test]
     fn memory_and_file_give_back_the_same_and_the_file_goes() {

@@ -7,7 +7,9 @@ use std::path::Path;
 
 use rayon::prelude::*;
 use serde::Serialize;
-use tiff::encoder::{Compression, TiffEncoder, colortype};
+use tiff::TiffError;
+use tiff::encoder::colortype::{self, ColorType};
+use tiff::encoder::{Compression, TiffEncoder, TiffValue};
 
 use super::Map;
 use super::colour::Rgb;
@@ -356,34 +358,51 @@ fn unencodable(path: &Path, cause: &dyn std::fmt::Display) -> WriteError {
     }
 }
 
+/// Lets `encode` write into the file at `path`, and sees to it that the last bytes are written too: a buffer that is
+/// dropped swallows what the disk says.
+fn write_whole<W: Write, E: std::fmt::Display>(
+    path: &Path,
+    file: W,
+    encode: impl FnOnce(&mut BufWriter<W>) -> Result<(), E>,
+) -> Result<(), WriteError> {
+    let mut buffer = BufWriter::new(file);
+    encode(&mut buffer).map_err(|e| unencodable(path, &e))?;
+    buffer.flush().map_err(failed(path))
+}
+
+fn create(path: &Path) -> Result<File, WriteError> {
+    File::create(path).map_err(failed(path))
+}
+
 fn write_tiff(path: &Path, values: &[f32], width: usize, height: usize) -> Result<(), WriteError> {
-    let file = BufWriter::new(File::create(path).map_err(failed(path))?);
-    TiffEncoder::new(file)
-        .map(|e| e.with_compression(Compression::Deflate(Default::default())))
-        .and_then(|mut e| {
-            e.write_image::<colortype::Gray32Float>(width as u32, height as u32, values)
-        })
-        .map_err(|e| unencodable(path, &e))
+    write_whole(path, create(path)?, |file| {
+        encode_tiff::<colortype::Gray32Float>(file, values, width, height)
+    })
 }
 
 fn write_flags(path: &Path, map: &Map) -> Result<(), WriteError> {
     let layers = &map.layers;
-    let file = BufWriter::new(File::create(path).map_err(failed(path))?);
-    TiffEncoder::new(file)
-        .map(|e| e.with_compression(Compression::Deflate(Default::default())))
-        .and_then(|mut e| {
-            e.write_image::<colortype::Gray8>(
-                layers.width as u32,
-                layers.height as u32,
-                &layers.flags,
-            )
-        })
-        .map_err(|e| unencodable(path, &e))
+    write_whole(path, create(path)?, |file| {
+        encode_tiff::<colortype::Gray8>(file, &layers.flags, layers.width, layers.height)
+    })
+}
+
+fn encode_tiff<C: ColorType>(
+    into: impl Write + io::Seek,
+    values: &[C::Inner],
+    width: usize,
+    height: usize,
+) -> Result<(), TiffError>
+where
+    [C::Inner]: TiffValue,
+{
+    TiffEncoder::new(into)?
+        .with_compression(Compression::Deflate(Default::default()))
+        .write_image::<C>(width as u32, height as u32, values)
 }
 
 fn write_png(path: &Path, picture: &Picture) -> Result<(), WriteError> {
-    let file = BufWriter::new(File::create(path).map_err(failed(path))?);
-    encode_png(file, picture).map_err(|e| unencodable(path, &e))
+    write_whole(path, create(path)?, |file| encode_png(file, picture))
 }
 
 fn encode_png(into: impl Write, picture: &Picture) -> Result<(), png::EncodingError> {
@@ -463,6 +482,67 @@ fn write_defects(path: &Path, defects: &[Defect]) -> Result<(), WriteError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::cell::Cell;
+
+    /// A file on a disk that is full after so many writes.
+    struct Full<'a> {
+        file: io::Cursor<Vec<u8>>,
+        writes_left: u32,
+        refused: &'a Cell<bool>,
+    }
+
+    impl Write for Full<'_> {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let Some(left) = self.writes_left.checked_sub(1) else {
+                self.refused.set(true);
+                return Err(io::ErrorKind::StorageFull.into());
+            };
+            self.writes_left = left;
+            self.file.write(bytes)
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl io::Seek for Full<'_> {
+        fn seek(&mut self, to: io::SeekFrom) -> io::Result<u64> {
+            self.file.seek(to)
+        }
+    }
+
+    #[test]
+    fn a_file_that_lacks_any_of_its_writes_is_no_success_not_even_the_last() {
+        let values: Vec<f32> = (0..64 * 64).map(|n| (n as f32).sin()).collect();
+        let picture = || Picture {
+            width: 64,
+            height: 64,
+            rgb: (0..3 * 64 * 64).map(|n| (n * n % 251) as u8).collect(),
+        };
+        let path = Path::new("full");
+        for png in [false, true] {
+            for writes_left in 0.. {
+                let refused = Cell::new(false);
+                let file = Full {
+                    file: io::Cursor::default(),
+                    writes_left,
+                    refused: &refused,
+                };
+                let written = match png {
+                    true => write_whole(path, file, |into| encode_png(into, &picture())),
+                    false => write_whole(path, file, |into| {
+                        encode_tiff::<colortype::Gray32Float>(into, &values, 64, 64)
+                    }),
+                };
+                assert_eq!(written.is_err(), refused.get(), "{writes_left} writes");
+                if written.is_ok() {
+                    assert!(writes_left > 0);
+                    break;
+                }
+            }
+        }
+    }
 
     #[test]
     fn azimuths_either_side_of_north_have_their_median_there() {

@@ -7,6 +7,7 @@
 
 pub mod event;
 pub mod plan;
+pub mod recorder;
 pub mod rig;
 pub mod runner;
 pub mod state;

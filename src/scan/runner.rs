@@ -9,19 +9,16 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
-use futures::future::BoxFuture;
-use time::OffsetDateTime;
 use tokio::sync::{mpsc, oneshot};
 
 use super::event::{OperatorAction, Progress};
 use super::plan::{Shot, Step};
+use super::recorder::{RecordError, Recorder, Visit};
 use super::rig::Rig;
 use super::state::ScanState;
-use super::visit::{self, Trouble};
-use crate::bench::Captured;
+use super::visit::{self, Rejected, Trouble};
 use crate::bench::stage::Stage;
 use crate::clock::Clock;
-use crate::frame::FrameKind;
 use crate::geometry::Pose;
 
 /// What a person or the daemon asks of a running scan.
@@ -47,72 +44,6 @@ pub struct OrderSlip {
     pub order: Order,
     /// Answered when the order has taken effect.
     pub reply: oneshot::Sender<Result<ScanState, ScanState>>,
-}
-
-/// A finished visit to a point, to be made durable.
-#[derive(Debug)]
-pub struct Visit {
-    /// The point.
-    pub shot: Shot,
-    /// 0, then one more for each retake.
-    pub attempt: u32,
-    /// Position read back, in the turn the plan states.
-    pub pose: Pose,
-    /// Frames in the order taken, with exposure and number of the repeat.
-    pub frames: Vec<TakenFrame>,
-    /// Why it does not count.
-    pub rejected: Option<String>,
-    /// When the first exposure began.
-    pub taken_at: OffsetDateTime,
-}
-
-/// A frame of a visit.
-#[derive(Debug)]
-pub struct TakenFrame {
-    /// Frame and time.
-    pub captured: Captured,
-    /// Exposure time.
-    pub exposure_s: f64,
-    /// Place of the exposure in the shot's list.
-    pub exposure_index: usize,
-    /// Number of the repeat.
-    pub repeat: u32,
-}
-
-/// Why something could not be recorded.
-#[derive(Debug, thiserror::Error)]
-pub enum RecordError {
-    /// There is no room for it.
-    #[error("{0}")]
-    DiskFull(String),
-    /// Anything else.
-    #[error("{0}")]
-    Failed(String),
-}
-
-/// Who makes durable what the runner tells.
-pub trait Recorder: Send {
-    /// The scan changed its state.
-    fn state<'a>(
-        &'a mut self,
-        next: ScanState,
-        reason: Option<&'a str>,
-        operator: Option<OperatorAction>,
-        progress: Progress,
-    ) -> BoxFuture<'a, Result<(), RecordError>>;
-
-    /// A point was visited; the pose is where the stages stand now.
-    fn visit(&mut self, visit: Visit, progress: Progress)
-    -> BoxFuture<'_, Result<(), RecordError>>;
-
-    /// All points of one kind are durable.
-    fn phase_done(&mut self, kind: FrameKind) -> BoxFuture<'_, Result<(), RecordError>>;
-
-    /// A person should look.
-    fn alarm<'a>(&'a mut self, code: &'a str, message: &'a str) -> BoxFuture<'a, ()>;
-
-    /// Bytes that may still be written.
-    fn free_bytes(&self) -> Result<u64, RecordError>;
 }
 
 /// What the runner needs to know beside the plan.
@@ -293,13 +224,15 @@ impl<'a> Runner<'a> {
                         self.wait_for_operator(*action).await?;
                     }
                 }
-                Step::Shot(shot) if self.job.done.contains(&shot.index) => {}
                 Step::Shot(shot) => {
-                    if self.state != ScanState::Running {
-                        self.enter(ScanState::Running, None).await?;
+                    if !self.job.done.contains(&shot.index) {
+                        if self.state != ScanState::Running {
+                            self.enter(ScanState::Running, None).await?;
+                        }
+                        self.ledger.progress.phase = Some(shot.kind);
+                        self.take(shot).await?;
                     }
-                    self.ledger.progress.phase = Some(shot.kind);
-                    self.take(shot).await?;
+                    // An earlier run may have taken the last one and ended before it said so.
                     let more = steps[i + 1..]
                         .iter()
                         .any(|step| matches!(step, Step::Shot(next) if next.kind == shot.kind));
@@ -351,10 +284,13 @@ impl<'a> Runner<'a> {
     async fn take(&mut self, shot: &Shot) -> Result<(), Ending> {
         let mut attempt = 0;
         loop {
-            self.check_disk().await?;
+            self.check_disk(shot).await?;
             let before = self.ledger;
             let started = self.job.clock.now();
-            let outcome = self.visit(shot, attempt).await?;
+            let Some(outcome) = self.visit(shot, attempt).await? else {
+                // It was stopped and resumed; what was waited is nobody's motion.
+                continue;
+            };
             attempt += 1;
             let trouble = match outcome {
                 Ok(visit) => {
@@ -390,8 +326,11 @@ impl<'a> Runner<'a> {
             if !trouble.may_be_retried() || attempt >= self.job.settings.attempts_max {
                 self.hold(&trouble).await?;
                 attempt = 0;
-                // Somebody has looked at a black sample and says to go on: some are.
-                self.job.settings.frame.black_sample_counts = true;
+                // Somebody has looked at a black sample and says to go on: some are. Who resumes after any
+                // other trouble has not looked.
+                if matches!(trouble, Trouble::Frames(Rejected::BlackSample)) {
+                    self.job.settings.frame.black_sample_counts = true;
+                }
             }
             if matches!(trouble, Trouble::Stage(_)) {
                 self.make_ready().await?;
@@ -424,11 +363,16 @@ impl<'a> Runner<'a> {
         progress.time_left_s = Some((self.predicted_total_s - ledger.predicted_done_s) * pace);
     }
 
-    /// Moves and captures, listening to orders all the while. The outer error ends the scan.
-    async fn visit(&mut self, shot: &Shot, attempt: u32) -> Result<Result<Visit, Trouble>, Ending> {
+    /// Moves and captures, listening to orders all the while; `None` where it was stopped, and resumed since. The
+    /// outer error ends the scan.
+    async fn visit(
+        &mut self,
+        shot: &Shot,
+        attempt: u32,
+    ) -> Result<Option<Result<Visit, Trouble>>, Ending> {
         let stage = match self.rig.connect().await {
             Ok(stage) => stage,
-            Err(error) => return Ok(Err(Trouble::Stage(error))),
+            Err(error) => return Ok(Some(Err(Trouble::Stage(error)))),
         };
         let rules = self.job.settings.frame.clone();
         let camera = self.rig.camera.as_mut();
@@ -458,7 +402,7 @@ impl<'a> Runner<'a> {
                     if outcome.is_err() {
                         self.ledger.at = None;
                     }
-                    return Ok(outcome);
+                    return Ok(Some(outcome));
                 }
             }
         };
@@ -471,7 +415,7 @@ impl<'a> Runner<'a> {
             Order::Stop => {
                 self.hold_with(Trouble::STOPPED, None, Some(cut)).await?;
                 self.make_ready().await?;
-                Box::pin(self.visit(shot, attempt)).await
+                Ok(None)
             }
             order => self.end_by(order, cut).await,
         }
@@ -490,10 +434,12 @@ impl<'a> Runner<'a> {
         Err(Ending::Recorded(state))
     }
 
-    /// Holds until there is room for another point.
-    async fn check_disk(&mut self) -> Result<(), Ending> {
+    /// Holds until there is room for all frames of a point.
+    async fn check_disk(&mut self, shot: &Shot) -> Result<(), Ending> {
+        let settings = &self.job.settings;
+        let needed =
+            settings.disk_reserve_bytes + u64::from(shot.n_frames()) * settings.frame_bytes_max;
         loop {
-            let needed = self.job.settings.disk_reserve_bytes + self.job.settings.frame_bytes_max;
             let free = self.recorder.free_bytes()?;
             if free >= needed {
                 return Ok(());

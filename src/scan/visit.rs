@@ -1,7 +1,7 @@
 //! One visit to a point: move, capture, check what came.
 
 use super::plan::Shot;
-use super::runner::{TakenFrame, Visit};
+use super::recorder::{TakenFrame, Visit};
 use crate::bench::port::PortError;
 use crate::bench::stage::{Stage, StageError};
 use crate::bench::{Camera, CameraError, CaptureRequest};
@@ -38,8 +38,21 @@ pub enum Trouble {
     Camera(CameraError),
     /// The frames, after several visits.
     #[error("{0}; put it right, then resume")]
-    Frames(String),
+    Frames(Rejected),
 }
+
+/// Why the frames of a point do not count.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Rejected {
+    /// The sample shows no light. It may be so, once somebody has looked.
+    #[error("{}", BLACK)]
+    BlackSample,
+    /// Anything else, in words.
+    #[error("{0}")]
+    Otherwise(String),
+}
+
+const BLACK: &str = "black: no light in the longest exposure; look at lamp, shutter and lens cap";
 
 impl Trouble {
     /// Reason of a scan that was stopped by the stop button.
@@ -184,9 +197,9 @@ pub(super) async fn visit(
         .deg()
         .max(settings.phi_s.tolerance.deg());
     let rejected = if still.theta_c.moving || still.phi_s.moving || drift > tolerance {
-        Some(format!(
+        Some(Rejected::Otherwise(format!(
             "the stage moved by {drift:.4}° while the frames were taken"
-        ))
+        )))
     } else {
         fault(&frames, shot.kind, rules)
     };
@@ -212,15 +225,15 @@ fn in_the_plans_turn(arrived: Pose, shot: &Shot) -> Pose {
 }
 
 /// What is wrong with the frames of a point; `None` if nothing is.
-fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<String> {
+fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<Rejected> {
     for taken in frames {
         let frame = &taken.captured.frame;
         let size = (frame.width_px(), frame.height_px());
         if size != rules.size_px {
-            return Some(format!(
+            return Some(Rejected::Otherwise(format!(
                 "wrong size: the frame has {} × {} pixels, the camera is set to {} × {}",
                 size.0, size.1, rules.size_px.0, rules.size_px.1
-            ));
+            )));
         }
     }
     match kind {
@@ -230,7 +243,9 @@ fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<S
             .map(|taken| mean_dn(&taken.captured.frame) - rules.black_level_dn)
             .find(|above| *above > rules.capped_mean_dn_max)
             .map(|above| {
-                format!("not dark: {above:.0} DN above the black level; is the cap on the lens?")
+                Rejected::Otherwise(format!(
+                    "not dark: {above:.0} DN above the black level; is the cap on the lens?"
+                ))
             }),
         FrameKind::Flat | FrameKind::Sample => {
             let longest = frames
@@ -239,8 +254,9 @@ fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<S
             let frame = &longest.captured.frame;
             let above = mean_dn(frame) - rules.black_level_dn;
             let sigma = rules.read_noise_dn.max(0.3) / (frame.pixels_dn().len() as f64).sqrt();
-            (above < rules.dark_sigmas * sigma).then(|| {
-                "black: no light in the longest exposure; look at lamp, shutter and lens cap".into()
+            (above < rules.dark_sigmas * sigma).then(|| match kind {
+                FrameKind::Sample => Rejected::BlackSample,
+                FrameKind::Dark | FrameKind::Flat => Rejected::Otherwise(BLACK.into()),
             })
         }
     }
@@ -285,10 +301,14 @@ mod tests {
     fn light_under_the_cap_and_darkness_without_it_are_named() {
         let fault = |dn, kind| fault(&[taken(dn, 0.1)], kind, &rules());
         assert_eq!(fault(201, FrameKind::Dark), None);
-        assert!(fault(900, FrameKind::Dark).unwrap().starts_with("not dark"));
+        let words = |dn, kind| fault(dn, kind).unwrap().to_string();
+        assert!(words(900, FrameKind::Dark).starts_with("not dark"));
         assert_eq!(fault(900, FrameKind::Sample), None);
-        assert!(fault(200, FrameKind::Sample).unwrap().starts_with("black"));
-        assert!(fault(200, FrameKind::Flat).unwrap().starts_with("black"));
+        assert_eq!(fault(200, FrameKind::Sample), Some(Rejected::BlackSample));
+        assert!(words(200, FrameKind::Sample).starts_with("black"));
+        // A white reference is never black, whoever has looked at a sample.
+        assert!(words(200, FrameKind::Flat).starts_with("black"));
+        assert_ne!(fault(200, FrameKind::Flat), Some(Rejected::BlackSample));
     }
 
     #[test]
@@ -302,7 +322,7 @@ mod tests {
         let mut small = rules();
         small.size_px = (8, 8);
         let reason = fault(&[taken(900, 0.1)], FrameKind::Sample, &small).unwrap();
-        assert!(reason.starts_with("wrong size"), "{reason}");
+        assert!(reason.to_string().starts_with("wrong size"), "{reason}");
     }
 
     #[test]

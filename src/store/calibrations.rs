@@ -87,7 +87,8 @@ pub struct CalibrationFilter {
 }
 
 impl Store {
-    /// Adds a calibration and makes its scan a user of it.
+    /// Adds a calibration and makes its scan a user of it; a scan has one of each kind, and adding it again changes
+    /// nothing. It is as old as its oldest frame: a scan that was resumed may tell of it days later.
     ///
     /// # Errors
     /// What the database says.
@@ -98,6 +99,22 @@ impl Store {
             serde_json::to_string(&values).map_err(|e| StoreError::bad_row("calibrations", e))
         };
         let mut transaction = self.writer().begin().await?;
+        let kept: Option<i64> =
+            sqlx::query_scalar("SELECT id FROM calibrations WHERE scan_id = ? AND kind = ?")
+                .bind(new.scan_id)
+                .bind(new.kind.as_str())
+                .fetch_optional(&mut *transaction)
+                .await?;
+        if let Some(id) = kept {
+            return Ok(id);
+        }
+        let oldest: Option<String> = sqlx::query_scalar(
+            "SELECT MIN(taken_at) FROM shots WHERE scan_id = ? AND kind = ? AND accepted = 1",
+        )
+        .bind(new.scan_id)
+        .bind(new.kind.as_str())
+        .fetch_one(&mut *transaction)
+        .await?;
         let id = sqlx::query(
             "INSERT INTO calibrations (kind, scan_id, rig_id, exposures_s, theta_c_deg, n_frames, created_at)
              VALUES (?, ?, ?, ?, ?, ?, ?)",
@@ -108,7 +125,7 @@ impl Store {
         .bind(list(&new.exposures_s)?)
         .bind(list(&new.theta_c_deg)?)
         .bind(new.n_frames)
-        .bind(self.now_text())
+        .bind(oldest.unwrap_or_else(|| self.now_text()))
         .execute(&mut *transaction)
         .await?
         .last_insert_rowid();
@@ -219,8 +236,49 @@ impl Store {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Pose;
+    use crate::scan::Progress;
+    use crate::store::frames::NewShot;
     use crate::store::scans::tests::planned;
     use crate::store::tests::open;
+
+    #[tokio::test]
+    async fn a_calibration_is_added_once_and_is_as_old_as_its_frames() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let scan = planned(&store).await;
+        let days = [11, 10, 12]
+            .map(|day| time::macros::datetime!(2025-01-01 00:00 UTC) + time::Duration::days(day));
+        for (plan_index, taken_at) in (1..).zip(days) {
+            let shot = NewShot {
+                scan_id: scan.id,
+                plan_index,
+                attempt: 0,
+                kind: FrameKind::Flat,
+                asked: None,
+                pose: Pose::from_deg(0.0, 0.0),
+                rejected: (plan_index == 3).then(|| "black".into()),
+                taken_at,
+            };
+            store
+                .commit_shot(&shot, &[], Progress::default())
+                .await
+                .unwrap();
+        }
+        let new = NewCalibration {
+            kind: FrameKind::Flat,
+            scan_id: scan.id,
+            rig_id: scan.rig_id.unwrap(),
+            exposures_s: vec![0.02],
+            theta_c_deg: vec![0.0, 10.0],
+            n_frames: 2,
+        };
+        let id = store.add_calibration(&new).await.unwrap();
+        assert_eq!(store.add_calibration(&new).await.unwrap(), id);
+        assert_eq!(store.calibrations_of_scan(scan.id).await.unwrap(), [id]);
+        let kept = store.calibration(id).await.unwrap();
+        assert_eq!(kept.created_at, crate::store::utc_text(days[1]));
+    }
 
     #[tokio::test]
     async fn a_calibration_counts_for_its_rig_exposures_and_age_only() {

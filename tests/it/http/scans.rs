@@ -6,6 +6,8 @@ use ridged::scan::ScanState;
 use serde_json::{Value, json};
 use tower::ServiceExt;
 
+use crate::cut_short::gone_after;
+
 use super::{download, get, imported, is_problem, opened, polymer, post, request, send};
 
 #[tokio::test(flavor = "multi_thread")]
@@ -174,6 +176,36 @@ async fn an_axis_moves_once_it_is_homed_and_a_stop_frees_it_at_once() {
         let rig = get(&router, "/api/v1/rig").await;
         for axis in ["theta_c", "phi_s"] {
             assert_eq!(rig.body["axes"][axis]["moving"], false, "{}", rig.body);
+        }
+    }
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_a_client_that_went_away_asked_for_is_done_once_under_its_key() {
+    let (bench, router) = opened().await;
+    let samples = async || {
+        let listed = get(&router, "/api/v1/samples?limit=1000").await.body;
+        listed["items"].as_array().unwrap().len()
+    };
+    let before = samples().await;
+    // It goes a step later each time, until it stays for the answer.
+    for looks in 1.. {
+        let keyed = || {
+            let body = json!({ "name": format!("part {looks}") }).to_string();
+            request("POST", "/api/v1/samples")
+                .header("content-type", "application/json")
+                .header("idempotency-key", format!("part {looks}"))
+                .body(Body::from(body))
+                .unwrap()
+        };
+        let answer = gone_after(looks, send(&router, keyed())).await;
+        let again = send(&router, keyed()).await;
+        assert_eq!(again.status, 201, "{}", again.body);
+        assert_eq!(samples().await, before + looks as usize);
+        if let Some(answer) = answer {
+            assert_eq!(answer.body, again.body);
+            break;
         }
     }
     bench.end().await;

@@ -1,0 +1,238 @@
+//! The runner by itself, on the simulated rig: what it tells a recorder when camera, disk or people are in its way.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::Duration;
+
+use futures::future::BoxFuture;
+use ridged::bench::{Camera, CameraError, CaptureRequest, Captured};
+use ridged::cli::simulated::{SimulatedRig, Simulation};
+use ridged::clock::{Clock, SteppedClock};
+use ridged::frame::{Frame, FrameKind};
+use ridged::geometry::Pose;
+use ridged::lab::RigParts;
+use ridged::scan::recorder::{RecordError, Recorder, Visit};
+use ridged::scan::runner::{self, Job, Order, OrderSlip, RunEnd, RunnerSettings};
+use ridged::scan::{OperatorAction, Progress, Rig, ScanState, Shot, Step};
+use tokio::sync::{mpsc, oneshot};
+
+/// What happens when the camera is asked for its n-th frame, from 1.
+enum Cue {
+    /// It fails.
+    Fail,
+    /// The lamp has gone out: from now on all frames are black.
+    Black,
+    /// Somebody presses stop while it exposes.
+    Stop,
+}
+
+/// The simulated camera, with mishaps by the number of the frame.
+struct CuedCamera {
+    camera: Box<dyn Camera>,
+    black: bool,
+    cues: BTreeMap<u32, Cue>,
+    orders: mpsc::Sender<OrderSlip>,
+    asked: u32,
+}
+
+impl Camera for CuedCamera {
+    fn describe(&self) -> String {
+        self.camera.describe()
+    }
+
+    fn capture<'a>(
+        &'a mut self,
+        request: &'a CaptureRequest,
+    ) -> BoxFuture<'a, Result<Captured, CameraError>> {
+        self.asked += 1;
+        match self.cues.get(&self.asked) {
+            None => {}
+            Some(Cue::Black) => self.black = true,
+            Some(Cue::Fail) => {
+                let failed = CameraError::Failed("the cable came off".into());
+                return Box::pin(std::future::ready(Err(failed)));
+            }
+            Some(Cue::Stop) => {
+                self.orders.try_send(slip(Order::Stop)).ok().unwrap();
+                return Box::pin(std::future::pending());
+            }
+        }
+        Box::pin(async move {
+            let mut captured = self.camera.capture(request).await?;
+            if self.black {
+                let (width, height) = (captured.frame.width_px(), captured.frame.height_px());
+                let black_dn = vec![200; (width * height) as usize];
+                captured.frame = Frame::new(width, height, black_dn).unwrap();
+            }
+            Ok(captured)
+        })
+    }
+}
+
+fn slip(order: Order) -> OrderSlip {
+    OrderSlip {
+        order,
+        reply: oneshot::channel().0,
+    }
+}
+
+/// Notes what it is told, and has somebody come after an hour who resumes whatever is paused.
+struct Notebook {
+    clock: Arc<dyn Clock>,
+    orders: mpsc::Sender<OrderSlip>,
+    free_bytes: u64,
+    states: Vec<ScanState>,
+    alarms: Vec<String>,
+    accepted: Vec<u32>,
+    phases: Vec<FrameKind>,
+}
+
+impl Recorder for Notebook {
+    fn state<'a>(
+        &'a mut self,
+        next: ScanState,
+        _: Option<&'a str>,
+        _: Option<OperatorAction>,
+        _: Progress,
+    ) -> BoxFuture<'a, Result<(), RecordError>> {
+        Box::pin(async move {
+            self.states.push(next);
+            if next == ScanState::Paused {
+                self.clock.sleep(Duration::from_secs(3600)).await;
+                self.free_bytes = u64::MAX;
+                self.orders.try_send(slip(Order::Resume)).ok().unwrap();
+            }
+            Ok(())
+        })
+    }
+
+    fn visit(&mut self, visit: Visit, _: Progress) -> BoxFuture<'_, Result<(), RecordError>> {
+        if visit.rejected.is_none() {
+            self.accepted.push(visit.shot.index);
+        }
+        Box::pin(std::future::ready(Ok(())))
+    }
+
+    fn phase_done(&mut self, kind: FrameKind) -> BoxFuture<'_, Result<(), RecordError>> {
+        self.phases.push(kind);
+        Box::pin(std::future::ready(Ok(())))
+    }
+
+    fn alarm<'a>(&'a mut self, code: &'a str, _: &'a str) -> BoxFuture<'a, ()> {
+        self.alarms.push(code.to_owned());
+        Box::pin(std::future::ready(()))
+    }
+
+    fn free_bytes(&self) -> Result<u64, RecordError> {
+        Ok(self.free_bytes)
+    }
+}
+
+fn shot(index: u32, kind: FrameKind, theta_c_deg: f64) -> Step {
+    let pose = Pose::from_deg(theta_c_deg, 0.0);
+    Step::Shot(Shot {
+        index,
+        kind,
+        pose: Some(pose),
+        target: Some(pose),
+        exposures_s: vec![0.02],
+        repeats: 3,
+    })
+}
+
+fn samples() -> Vec<Step> {
+    let sample = |(index, theta_c_deg)| shot(index, FrameKind::Sample, theta_c_deg);
+    [(0, 0.0), (1, 5.0), (2, 10.0)].map(sample).to_vec()
+}
+
+/// Runs steps to their end.
+async fn run(
+    steps: Vec<Step>,
+    done: &[u32],
+    cues: impl IntoIterator<Item = (u32, Cue)>,
+    free_bytes: impl FnOnce(&RunnerSettings) -> u64,
+) -> (RunEnd, Notebook) {
+    let clock: Arc<dyn Clock> = Arc::new(SteppedClock::new());
+    let (_rig, parts) =
+        SimulatedRig::with_clock(Simulation::default(), Arc::clone(&clock)).unwrap();
+    let (orders, mut book) = mpsc::channel(16);
+    let RigParts {
+        rig: devices,
+        settings,
+    } = parts;
+    let link = devices.link().clone();
+    let camera = CuedCamera {
+        camera: devices.camera,
+        black: false,
+        cues: cues.into_iter().collect(),
+        orders: orders.clone(),
+        asked: 0,
+    };
+    let mut notebook = Notebook {
+        clock: Arc::clone(&clock),
+        orders,
+        free_bytes: free_bytes(&settings.runner),
+        states: Vec::new(),
+        alarms: Vec::new(),
+        accepted: Vec::new(),
+        phases: Vec::new(),
+    };
+    let job = Job {
+        steps,
+        done: done.iter().copied().collect::<BTreeSet<u32>>(),
+        elapsed_s: 0.0,
+        settings: settings.runner,
+        clock,
+    };
+    let mut devices = Rig::new(link, Box::new(camera));
+    let end = runner::run(job, &mut devices, &mut notebook, &mut book).await;
+    (end.unwrap(), notebook)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_resumes_after_another_trouble_has_not_looked_at_a_black_sample() {
+    let cues = [(1, Cue::Fail), (5, Cue::Black)];
+    let (end, told) = run(samples(), &[], cues, |_| u64::MAX).await;
+    assert_eq!(end.state, ScanState::Completed);
+    // The second time somebody has, and the third point is as black.
+    assert_eq!(told.alarms, ["camera-failed", "frames-rejected"]);
+    assert_eq!(told.accepted, [0, 1, 2]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_hour_between_stop_and_resume_is_nobodys_motion() {
+    let (end, told) = run(samples(), &[], [(4, Cue::Stop)], |_| u64::MAX).await;
+    assert_eq!(end.state, ScanState::Completed);
+    assert!(told.states.contains(&ScanState::Paused));
+    assert_eq!(told.accepted, [0, 1, 2]);
+    assert!(end.elapsed_s > 0.0 && end.elapsed_s < 600.0, "{end:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_phase_is_told_done_whichever_run_took_its_last_point() {
+    let steps = || {
+        vec![
+            shot(0, FrameKind::Dark, 0.0),
+            shot(1, FrameKind::Flat, 0.0),
+            shot(2, FrameKind::Flat, 5.0),
+            shot(3, FrameKind::Sample, 5.0),
+        ]
+    };
+    // Taken in another order before; taken as a whole by a run that was killed before it could say so.
+    for done in [&[0, 2][..], &[0, 1, 2]] {
+        let (_, told) = run(steps(), done, [], |_| u64::MAX).await;
+        let phases = [FrameKind::Dark, FrameKind::Flat, FrameKind::Sample];
+        assert_eq!(told.phases, phases, "{done:?}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_point_is_begun_where_all_of_its_frames_have_room() {
+    let room_for =
+        |frames: u64| move |s: &RunnerSettings| s.disk_reserve_bytes + frames * s.frame_bytes_max;
+    let (_, told) = run(samples(), &[], [], room_for(3)).await;
+    assert_eq!(told.alarms, Vec::<String>::new());
+    let (end, told) = run(samples(), &[], [], room_for(2)).await;
+    assert_eq!(told.alarms, ["disk-full"]);
+    assert_eq!(end.state, ScanState::Completed);
+}
