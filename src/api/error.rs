@@ -181,6 +181,10 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         }
         LabError::Stage(_) if code == "stopped" => (StatusCode::CONFLICT, "a stop came first"),
         LabError::Stage(_) => (StatusCode::SERVICE_UNAVAILABLE, "the stages cannot be had"),
+        LabError::NotStopped { .. } => (
+            StatusCode::SERVICE_UNAVAILABLE,
+            "the stages could not be stopped",
+        ),
         LabError::Camera(_) => (StatusCode::SERVICE_UNAVAILABLE, "the camera failed"),
         LabError::Series(_) | LabError::Frame { .. } | LabError::Invalid { .. } => {
             (StatusCode::UNPROCESSABLE_ENTITY, "a value makes no sense")

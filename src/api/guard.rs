@@ -84,8 +84,16 @@ fn is_loopback(host: &str) -> bool {
         || name.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
 }
 
+/// Whether it is the stop, which nothing may refuse, delay or answer in its place: it goes past keys and bodies.
+fn is_stop(request: &Request) -> bool {
+    request.method() == Method::POST && request.uri().path() == super::rig::STOP
+}
+
 /// Refuses bodies that are too large or no JSON, before anybody reads them.
 pub(super) async fn check_body(request: Request, next: Next) -> Response {
+    if is_stop(&request) {
+        return next.run(request).await;
+    }
     if !matches!(
         *request.method(),
         Method::POST | Method::PUT | Method::PATCH | Method::DELETE
@@ -155,6 +163,9 @@ async fn drain(mut stream: axum::body::BodyDataStream) {
 
 /// A POST that carries an Idempotency-Key acts once; sent again it gets the first answer.
 pub(super) async fn once_per_key(State(app): State<App>, request: Request, next: Next) -> Response {
+    if is_stop(&request) {
+        return next.run(request).await;
+    }
     let key = request.headers().get("idempotency-key").cloned();
     let Some(key) = key.filter(|_| request.method() == Method::POST) else {
         return next.run(request).await;

@@ -68,6 +68,12 @@ pub enum LabError {
     /// The stages.
     #[error(transparent)]
     Stage(#[from] StageError),
+    /// A stop did not reach the stages.
+    #[error("the stop did not reach the stages, which may be moving: use the switch ({source})")]
+    NotStopped {
+        /// Why not.
+        source: StageError,
+    },
     /// The camera.
     #[error(transparent)]
     Camera(#[from] CameraError),
@@ -121,7 +127,7 @@ impl LabError {
             }
             LabError::Plan(_) => "plan-invalid",
             LabError::NoRoom { .. } => "disk-full",
-            LabError::Stage(error) => stage_code(error),
+            LabError::Stage(error) | LabError::NotStopped { source: error } => stage_code(error),
             LabError::Camera(_) => "camera-failed",
             LabError::Store(error) => store_code(error),
             LabError::NothingMeasured => "not-found",

@@ -25,7 +25,6 @@ mod under_way;
 
 use std::collections::HashMap;
 use std::path::Path;
-use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -36,7 +35,7 @@ use crate::clock::Clock;
 use crate::scan::event::RigActivity;
 use crate::scan::plan::PlanDefaults;
 use crate::scan::runner::{Order, OrderSlip, RunEnd, RunnerSettings};
-use crate::scan::{Event, RecordedEvent, Rig, ScanState};
+use crate::scan::{Event, Reach, RecordedEvent, Rig, ScanState};
 use crate::series::{CameraFacts, FlatFacts, RigFacts};
 use crate::store::disk::Disk;
 use crate::store::scans::Scan;
@@ -113,8 +112,7 @@ struct RigSide {
     requests: mpsc::Sender<bench::Request>,
     occupation: watch::Receiver<Occupation>,
     owner: Mutex<Option<tokio::task::JoinHandle<()>>>,
-    /// How often the stages were told to stop. A motion of one axis that was asked for before does not begin after.
-    stops: Arc<AtomicU64>,
+    reach: Reach,
 }
 
 /// What the rig is doing, for everybody to see.
@@ -267,9 +265,11 @@ impl Lab {
         let sent = orders.send(OrderSlip { order, reply }).await;
         if order == Order::Abort {
             // Homing and connecting do not listen to orders; the stage does.
-            let stage = self.side()?.stage.borrow().clone();
-            if let Some(stage) = stage {
-                stage.stop().await?;
+            let side = self.side()?;
+            let stage = side.stage.borrow().clone();
+            match stage {
+                Some(stage) => stage.stop().await?,
+                None => self.stop_quietly(side).await,
             }
         }
         let answer = match sent {
@@ -365,9 +365,10 @@ impl Lab {
     }
 
     async fn stop_quietly(&self, side: &RigSide) {
-        let stage = side.stage.borrow().clone();
-        if let Some(stage) = stage
-            && let Err(error) = stage.stop().await
+        let connected = side.stage.borrow().is_some();
+        // What moved when the link was lost may move still. A port that was never opened is left alone.
+        if (connected || side.reach.is_lost())
+            && let Err(error) = side.reach.stop().await
             && !matches!(error, StageError::Stopped)
         {
             tracing::error!(%error, "the stages could not be stopped: {error}; look at the rig");

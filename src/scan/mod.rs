@@ -7,6 +7,7 @@
 
 pub mod event;
 pub mod plan;
+pub mod reach;
 pub mod rig;
 pub mod runner;
 pub mod state;
@@ -14,5 +15,6 @@ pub mod visit;
 
 pub use event::{Event, OperatorAction, Progress, RecordedEvent};
 pub use plan::{Plan, PlanError, PlanRequest, Shot, Step, TravelLimits};
+pub use reach::Reach;
 pub use rig::{Rig, StageLink};
 pub use state::ScanState;

@@ -16,4 +16,5 @@ mod nist;
 mod radiances;
 mod simulate_rig;
 mod stage;
+mod stop;
 mod synthetic;
