@@ -194,6 +194,8 @@ export interface Forecast {
   readonly cut_short: boolean;
   /** Seconds that all of it would take, where a limit cuts it. */
   readonly uncut_seconds?: number;
+  /** What a limit leaves of work that is drawn at random; amount and error are of all of it. */
+  readonly at_limit?: { readonly count?: number; readonly error?: number };
 }
 
 /** How far a calculation has come. */
