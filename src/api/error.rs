@@ -171,7 +171,10 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::NoRig => (StatusCode::SERVICE_UNAVAILABLE, "this daemon has no rig"),
         LabError::Stopping => (StatusCode::SERVICE_UNAVAILABLE, "the daemon is stopping"),
         LabError::Plan(_) => (StatusCode::UNPROCESSABLE_ENTITY, "the plan cannot run"),
-        LabError::NoRoom { .. } => (StatusCode::INSUFFICIENT_STORAGE, "the disk is full"),
+        LabError::NoRoom { .. } | LabError::NoRoomToImport { .. } => {
+            (StatusCode::INSUFFICIENT_STORAGE, "the disk is full")
+        }
+        LabError::BrokenOff => (StatusCode::SERVICE_UNAVAILABLE, "it was broken off"),
         LabError::Stage(_) if code == "outside-limits" => (
             StatusCode::UNPROCESSABLE_ENTITY,
             "the position is outside the travel",

@@ -80,6 +80,7 @@ async fn serve(args: Args) -> Result<(), CliError> {
         (None, parts, clock)
     };
     let lab = daemon::open_lab(&folder, clock, parts).await?;
+    lab.keep_free(config.store.reserve_mb * 1_000_000);
     let hands = match &simulated {
         None => None,
         Some(rig) => {

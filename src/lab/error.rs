@@ -65,6 +65,21 @@ pub enum LabError {
         /// What is there.
         free_mb: u64,
     },
+    /// There is not enough room for a series.
+    #[error(
+        "the disk is full: the series needs up to {needed_mb} MB beside {reserve_mb} MB of reserve, {free_mb} MB are free; nothing was imported: free some space first"
+    )]
+    NoRoomToImport {
+        /// What its frames can take.
+        needed_mb: u64,
+        /// What is left alone.
+        reserve_mb: u64,
+        /// What is there.
+        free_mb: u64,
+    },
+    /// Somebody broke an import or an export off.
+    #[error("broken off; nothing of it was kept")]
+    BrokenOff,
     /// The stages.
     #[error(transparent)]
     Stage(#[from] StageError),
@@ -126,7 +141,8 @@ impl LabError {
                 "state-conflict"
             }
             LabError::Plan(_) => "plan-invalid",
-            LabError::NoRoom { .. } => "disk-full",
+            LabError::NoRoom { .. } | LabError::NoRoomToImport { .. } => "disk-full",
+            LabError::BrokenOff => "broken-off",
             LabError::Stage(error) | LabError::NotStopped { source: error } => stage_code(error),
             LabError::Camera(_) => "camera-failed",
             LabError::Store(error) => store_code(error),
@@ -145,12 +161,15 @@ fn store_code(error: &StoreError) -> &'static str {
     match error {
         StoreError::InUse { .. } => "store-in-use",
         StoreError::Missing { .. } => "store-missing",
-        StoreError::DiskFull { .. } => "disk-full",
+        StoreError::DiskFull { .. } | StoreError::NoRoomToOpen { .. } => "disk-full",
         StoreError::NotFound { .. } => "not-found",
         StoreError::StateConflict { .. } => "state-conflict",
         StoreError::KeyReused => "idempotency-mismatch",
         StoreError::FrameDamaged { .. } => "frame-damaged",
-        StoreError::Damaged { .. } | StoreError::BadRow { .. } => "store-damaged",
+        StoreError::Damaged { .. }
+        | StoreError::BadRow { .. }
+        | StoreError::RowsMissing { .. }
+        | StoreError::UnreadLog { .. } => "store-damaged",
         StoreError::File { .. }
         | StoreError::Migration(_)
         | StoreError::Frame(_)

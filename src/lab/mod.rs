@@ -25,6 +25,7 @@ mod under_way;
 
 use std::collections::HashMap;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -52,6 +53,9 @@ pub use rig::{AxisView, RigView};
 pub use series::{ImportOptions, Imported, StoredSeries, export};
 pub use traces::TraceRequest;
 use under_way::AllUnderWay;
+
+/// Space that imports leave alone where nobody says how much.
+const RESERVE_BYTES: u64 = 200_000_000;
 
 /// What the lab knows of its rig beside the devices themselves.
 #[derive(Debug, Clone)]
@@ -97,6 +101,8 @@ struct Inner {
     rig: Option<RigSide>,
     fits: AllUnderWay,
     calculations: AllUnderWay,
+    /// Space that imports leave alone.
+    reserve_bytes: AtomicU64,
     /// How scans of this process ended, for who waits for one.
     ends: watch::Sender<HashMap<i64, RunEnd>>,
 }
@@ -154,6 +160,10 @@ impl Lab {
         }
         let events = broadcast::Sender::new(1024);
         let ends = watch::Sender::new(HashMap::new());
+        let reserve_bytes = match &parts {
+            None => RESERVE_BYTES,
+            Some(parts) => parts.settings.runner.disk_reserve_bytes,
+        };
         let rig = match parts {
             None => None,
             Some(parts) => {
@@ -174,10 +184,20 @@ impl Lab {
                 rig,
                 fits: AllUnderWay::default(),
                 calculations: AllUnderWay::default(),
+                reserve_bytes: AtomicU64::new(reserve_bytes),
                 ends,
             }),
         };
         Ok((lab, recovery))
+    }
+
+    /// How much space of the disk an import leaves alone; a scan has it from its rig's settings.
+    pub fn keep_free(&self, bytes: u64) {
+        self.inner.reserve_bytes.store(bytes, Ordering::Relaxed);
+    }
+
+    fn reserve_bytes(&self) -> u64 {
+        self.inner.reserve_bytes.load(Ordering::Relaxed)
     }
 
     /// The store, for reading.
