@@ -26,7 +26,7 @@ pub const BODY_BYTES_MAX: usize = 8 << 20;
 /// A refused body is read up to here, so that a client which is still sending gets to see why.
 const DRAINED_BYTES_MAX: usize = 1 << 30;
 /// Longest Idempotency-Key.
-const KEY_LENGTH_MAX: usize = 200;
+pub(super) const KEY_LENGTH_MAX: usize = 200;
 
 /// Refuses hosts that are not this machine and origins that are not this page.
 pub(super) async fn same_machine_same_page(request: Request, next: Next) -> Response {
