@@ -28,6 +28,20 @@ pub struct Forecast {
     /// Seconds that all of it would take, where a limit cuts it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uncut_seconds: Option<f64>,
+    /// What a limit leaves of work that is drawn at random; `amount` and `error` are of all of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_limit: Option<AtLimit>,
+}
+
+/// How far random draws come by a limit of time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct AtLimit {
+    /// How many are drawn by then.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub count: Option<u64>,
+    /// The error by then.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<f64>,
 }
 
 /// Seconds of a part.
@@ -69,6 +83,7 @@ impl Forecast {
             error: None,
             cut_short: false,
             uncut_seconds: None,
+            at_limit: None,
         }
     }
 
@@ -121,6 +136,29 @@ impl Forecast {
         }
     }
 
+    /// The same for work that is drawn at random: fewer draws by the limit, and an error that grows with the root of
+    /// what is missing.
+    #[must_use]
+    pub fn drawn_within(self, limit: Option<f64>) -> Self {
+        let told = self.within(limit);
+        let Some(uncut) = told.uncut_seconds.filter(|_| told.cut_short) else {
+            return told;
+        };
+        let share = (told.seconds / uncut).clamp(0.0, 1.0);
+        let at_limit = AtLimit {
+            count: told
+                .amount
+                .as_ref()
+                .map(|all| (share * all.count as f64) as u64),
+            error: told.error.as_ref().map(|all| all.value / share.sqrt()),
+        };
+        Forecast {
+            // A limit of no time leaves nothing to tell.
+            at_limit: (share > 0.0).then_some(at_limit),
+            ..told
+        }
+    }
+
     /// The same work so many times over.
     #[must_use]
     pub fn times(self, count: u32) -> Self {
@@ -159,6 +197,9 @@ impl std::fmt::Display for Forecast {
         }
         if let Some(amount) = &self.amount {
             write!(f, " for {} {}", amount.count, amount.of)?;
+            if let Some(count) = self.at_limit.as_ref().and_then(|at| at.count) {
+                write!(f, " (about {count} by the limit)")?;
+            }
         }
         for (n, part) in self.parts.iter().enumerate() {
             let before = if n == 0 { ":" } else { "," };
@@ -171,6 +212,9 @@ impl std::fmt::Display for Forecast {
                 error.of,
                 100.0 * error.value
             )?;
+            if let Some(error) = self.at_limit.as_ref().and_then(|at| at.error) {
+                write!(f, " ({:.2} % by the limit)", 100.0 * error)?;
+            }
         }
         if self.cut_short && self.uncut_seconds.is_none() {
             f.write_str(" (time allows no more)")?;
@@ -209,7 +253,24 @@ mod tests {
             cut.to_string(),
             "4.0 s, where the limit ends what takes about 10.0 s"
         );
+        // Every pixel of a map that is cut short is as good as before: only what is drawn at random gets worse.
+        assert_eq!(cut.at_limit, None);
         let again = cut.within(Some(3.0));
         assert_eq!((again.seconds, again.uncut_seconds), (3.0, Some(10.0)));
+    }
+
+    #[test]
+    fn fewer_draws_by_a_limit_have_the_larger_error() {
+        let all = Forecast::about(100.0)
+            .for_work(1_000_000, "photons")
+            .to_error(Some(0.01), "a reflected bin");
+        assert_eq!(all.clone().drawn_within(Some(200.0)), all);
+        let cut = all.clone().drawn_within(Some(4.0));
+        assert_eq!(
+            cut.to_string(),
+            "4.0 s, where the limit ends what takes about 100.0 s for 1000000 photons (about 40000 by the limit), \
+             error of a reflected bin about 1.00 % (5.00 % by the limit)"
+        );
+        assert_eq!(all.drawn_within(Some(0.0)).at_limit, None);
     }
 }

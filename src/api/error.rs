@@ -176,7 +176,10 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::NoRig => (StatusCode::SERVICE_UNAVAILABLE, "this daemon has no rig"),
         LabError::Stopping => (StatusCode::SERVICE_UNAVAILABLE, "the daemon is stopping"),
         LabError::Plan(_) => (StatusCode::UNPROCESSABLE_ENTITY, "the plan cannot run"),
-        LabError::NoRoom { .. } => (StatusCode::INSUFFICIENT_STORAGE, "the disk is full"),
+        LabError::NoRoom { .. } | LabError::NoRoomToImport { .. } => {
+            (StatusCode::INSUFFICIENT_STORAGE, "the disk is full")
+        }
+        LabError::BrokenOff => (StatusCode::SERVICE_UNAVAILABLE, "it was broken off"),
         LabError::Stage(_) if code == "outside-limits" => (
             StatusCode::UNPROCESSABLE_ENTITY,
             "the position is outside the travel",
@@ -186,6 +189,10 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         }
         LabError::Stage(_) if code == "stopped" => (StatusCode::CONFLICT, "a stop came first"),
         LabError::Stage(_) => (StatusCode::SERVICE_UNAVAILABLE, "the stages cannot be had"),
+        LabError::NotStopped { .. } => (
+            StatusCode::SERVICE_UNAVAILABLE,
+            "the stages could not be stopped",
+        ),
         LabError::Camera(_) => (StatusCode::SERVICE_UNAVAILABLE, "the camera failed"),
         LabError::Series(_) | LabError::Frame { .. } | LabError::Invalid { .. } => {
             (StatusCode::UNPROCESSABLE_ENTITY, "a value makes no sense")

@@ -30,7 +30,7 @@ pub const BODY_BYTES_MAX: usize = 8 << 20;
 /// A refused body is read up to here, so that a client which is still sending gets to see why.
 const DRAINED_BYTES_MAX: usize = 1 << 30;
 /// Longest Idempotency-Key.
-const KEY_LENGTH_MAX: usize = 200;
+pub(super) const KEY_LENGTH_MAX: usize = 200;
 
 /// Refuses hosts that are not this machine and origins that are not this page.
 pub(super) async fn same_machine_same_page(request: Request, next: Next) -> Response {
@@ -88,8 +88,16 @@ fn is_loopback(host: &str) -> bool {
         || name.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
 }
 
+/// Whether it is the stop, which nothing may refuse, delay or answer in its place: it goes past keys and bodies.
+fn is_stop(request: &Request) -> bool {
+    request.method() == Method::POST && request.uri().path() == super::rig::STOP
+}
+
 /// Refuses bodies that are too large or no JSON, before anybody reads them.
 pub(super) async fn check_body(request: Request, next: Next) -> Response {
+    if is_stop(&request) {
+        return next.run(request).await;
+    }
     if !matches!(
         *request.method(),
         Method::POST | Method::PUT | Method::PATCH | Method::DELETE
@@ -159,6 +167,9 @@ async fn drain(mut stream: axum::body::BodyDataStream) {
 
 /// A POST that carries an Idempotency-Key acts once; sent again it gets the first answer.
 pub(super) async fn once_per_key(State(app): State<App>, request: Request, next: Next) -> Response {
+    if is_stop(&request) {
+        return next.run(request).await;
+    }
     let key = request.headers().get("idempotency-key").cloned();
     let Some(key) = key.filter(|_| request.method() == Method::POST) else {
         return next.run(request).await;

@@ -12,7 +12,7 @@ use utoipa::ToSchema;
 use super::App;
 use super::error::{ApiError, Problem};
 use super::extract::Body;
-use crate::lab::ImportOptions;
+use crate::lab::{ImportOptions, LabError};
 
 /// A series to be imported.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -46,7 +46,7 @@ pub struct ImportBody {
     (status = 201, description = "The scan it became", body = ImportBody, headers(("Location" = String, description = "The scan"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
     (status = 422, description = "The folder is no series, or a frame cannot be read", body = Problem),
-    (status = 507, description = "The disk is full", body = Problem),
+    (status = 507, description = "The series would not leave the reserve free, or the disk is full; nothing was imported", body = Problem),
 ))]
 pub(super) async fn add(
     State(app): State<App>,
@@ -57,8 +57,13 @@ pub(super) async fn add(
     }
     let options = ImportOptions {
         skip_unreadable: body.skip_unreadable,
+        ..ImportOptions::default()
     };
-    let imported = app.lab.import(&body.folder, &options, &|_, _| {}).await?;
+    // On a task of its own: a client that goes away does not leave half a series behind.
+    let import = async move { app.lab.import(&body.folder, &options, &|_, _| {}).await };
+    let imported = tokio::spawn(import)
+        .await
+        .map_err(|_| ApiError::from(LabError::Stopping))??;
     let location = format!("/api/v1/scans/{}", imported.scan_id);
     let body = ImportBody {
         scan_id: imported.scan_id,

@@ -8,9 +8,11 @@
 //! description), one line in [`router`], and the snapshot in `tests/data/openapi.json` renewed.
 
 mod accuracy;
+mod asked;
 mod calculations;
 mod calibrations;
 mod certainty;
+mod document;
 mod error;
 mod events;
 mod extract;
@@ -90,7 +92,7 @@ pub struct Begun {
 #[openapi(
     info(
         title = "ridged",
-        description = "Drives a rig for surfaces of fine parallel ridges, keeps its frames, fits the ridge angle and states the uncertainty. Loopback only. Errors are RFC 9457 problems with a stable `code`. POSTs may carry an `Idempotency-Key`.",
+        description = "Drives a rig for surfaces of fine parallel ridges, keeps its frames, fits the ridge angle and states the uncertainty. Loopback only. Errors are RFC 9457 problems with a stable `code`. POSTs may carry an `Idempotency-Key`, but for the stop, which acts each time.",
         license(name = "MIT OR Apache-2.0")
     ),
     tags(
@@ -163,8 +165,9 @@ fn described() -> OpenApiRouter<App> {
 /// The OpenAPI document, pretty-printed.
 #[must_use]
 pub fn openapi_json() -> String {
-    described()
-        .into_openapi()
+    let mut document = described().into_openapi();
+    document::complete(&mut document);
+    document
         .to_pretty_json()
         .expect("a document of text is JSON")
 }

@@ -11,6 +11,7 @@ use super::error::{ApiError, Problem};
 use super::extract::Body;
 use super::{App, Begun};
 use crate::lab::{AxisView, RigView};
+use crate::scan::ScanState;
 use crate::units::Angle;
 
 /// State of the rig.
@@ -32,10 +33,15 @@ pub struct RigBody {
     time_scale: f64,
     /// The two axes.
     axes: AxesBody,
-    /// idle, moving, homing or scanning.
+    /// idle, moving, homing, scanning, or paused: a scan that is paused holds the rig.
     activity: &'static str,
     /// Scan that holds the rig.
     scan_id: Option<i64>,
+    /// State of that scan.
+    #[schema(value_type = Option<String>)]
+    scan_state: Option<ScanState>,
+    /// Why it is in that state, where it says so.
+    scan_reason: Option<String>,
     /// Where lamp and camera stand.
     geometry: GeometryBody,
 }
@@ -136,6 +142,10 @@ impl From<RigView> for RigBody {
         let [(_, theta_c), (_, phi_s)] = &view.axes;
         let camera = &view.camera_facts;
         let bit_depth = camera.bit_depth.unwrap_or(16).min(16);
+        let (scan_state, scan_reason) = match view.scan_state {
+            Some((state, reason)) => (Some(state), reason),
+            None => (None, None),
+        };
         RigBody {
             connected: view.connected,
             problem: view
@@ -155,9 +165,12 @@ impl From<RigView> for RigBody {
                 RigActivity::Idle | RigActivity::Stopped => "idle",
                 RigActivity::Moving => "moving",
                 RigActivity::Homing => "homing",
+                RigActivity::Scanning if scan_state == Some(ScanState::Paused) => "paused",
                 RigActivity::Scanning => "scanning",
             },
             scan_id: view.scan_id,
+            scan_state,
+            scan_reason,
             geometry: GeometryBody {
                 theta_l_deg: view.rig_facts.theta_l_deg,
                 light_azimuth_deg: view.rig_facts.light_azimuth_deg,
@@ -231,10 +244,14 @@ pub(super) async fn home_axis(
     Ok(accepted("homing"))
 }
 
-/// Stop both axes at once. Never refused; a running scan pauses.
+/// Where the stop is asked for.
+pub(super) const STOP: &str = "/api/v1/rig/stop";
+
+/// Stop both axes at once. Never refused; a running scan pauses. A body and an `Idempotency-Key`
+/// are not looked at: each request stops.
 #[utoipa::path(post, path = "/api/v1/rig/stop", tag = "rig", responses(
-    (status = 200, description = "The stages were told to stop", body = Begun),
-    (status = 503, description = "The stages could not be reached: use the switch", body = Problem),
+    (status = 200, description = "The stages heard the stop and stand", body = Begun),
+    (status = 503, description = "The stages could not be reached and may be moving: use the switch", body = Problem),
 ))]
 pub(super) async fn stop(State(app): State<App>) -> Result<Json<Begun>, ApiError> {
     app.lab.stop().await?;

@@ -16,7 +16,7 @@ use crate::store::samples::{NewSample, Sample, SimulatedSurface};
 
 /// Nominal material: complex index N = n + ik with standard uncertainties.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
-#[serde(tag = "kind", rename_all = "lowercase")]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub enum MaterialBody {
     /// Transparent below the surface.
     Dielectric {

@@ -7,6 +7,7 @@ use axum::response::IntoResponse;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::asked::ScanAsked;
 use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, Params, page};
 use super::{App, Begun, List};
@@ -205,8 +206,7 @@ pub(super) async fn list(
 }
 
 /// Begin a scan.
-#[utoipa::path(post, path = "/api/v1/scans", tag = "scans", request_body(content = Object, description =
-    "`sample_id` and `plan`: `theta_c_deg` and `phi_s_deg` (lists, or {from, to, step}) or a `preset` (paper, full), optional `exposures_s`, `repeats`, `dark.repeats`, `flat.theta_c_deg`, `flat.exposures_s`, `flat.repeats`, `reuse_calibrations`"),
+#[utoipa::path(post, path = "/api/v1/scans", tag = "scans", request_body = ScanAsked,
     responses(
     (status = 202, description = "The scan is planned and about to run", body = Begun, headers(("Location" = String, description = "The scan"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
@@ -247,7 +247,7 @@ pub struct EstimateBody {
 }
 
 /// What a scan will take; nothing moves and nothing is stored.
-#[utoipa::path(post, path = "/api/v1/scans/estimate", tag = "scans", request_body(content = Object, description = "As for POST /scans"), responses(
+#[utoipa::path(post, path = "/api/v1/scans/estimate", tag = "scans", request_body = ScanAsked, responses(
     (status = 200, description = "Time, room and operator steps", body = EstimateBody),
     (status = 400, description = "The body cannot be understood", body = Problem),
     (status = 404, description = "There is no such sample", body = Problem),

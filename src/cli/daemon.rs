@@ -143,6 +143,14 @@ pub async fn open_lab(
             "scan {scan} was under way when the daemon ended; resume it to go on"
         );
     }
+    if !recovery.restored.is_empty() {
+        tracing::warn!(
+            files = recovery.restored.len(),
+            "{} frame files that rows name came back from {}",
+            recovery.restored.len(),
+            folder.join("quarantine").display()
+        );
+    }
     if !recovery.quarantined.is_empty() {
         tracing::warn!(
             files = recovery.quarantined.len(),
@@ -166,6 +174,7 @@ pub fn lab_error(error: LabError) -> CliError {
         | LabError::Store(StoreError::NotFound { .. } | StoreError::Missing { .. }) => {
             CliError::bad_input(error)
         }
+        LabError::BrokenOff => CliError::Interrupted,
         _ => CliError::no_result(error),
     }
 }

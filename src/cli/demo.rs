@@ -69,7 +69,8 @@ pub struct Args {
 /// Runs the command; Ctrl-C ends it cleanly at any time.
 ///
 /// # Errors
-/// Bad input for offsets that make no sense; no result where scan or fit give none.
+/// Bad input for offsets that make no sense; no result where scan or fit give none; interrupted where
+/// Ctrl-C comes before the answer of `--once`.
 pub fn run(args: Args) -> Result<(), CliError> {
     daemon::block_on(demo(args))
 }
@@ -99,7 +100,11 @@ async fn demo(args: Args) -> Result<(), CliError> {
     };
     let outcome = tokio::select! {
         outcome = work => outcome,
-        ended = daemon::told_to_end() => ended,
+        // Without its answer a `--once` is not done; else the page was what it was for.
+        ended = daemon::told_to_end() => match args.once {
+            true => ended.and(Err(CliError::Interrupted)),
+            false => ended,
+        },
     };
     daemon.end().await;
     hands.abort();

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use super::CliError;
 use super::daemon;
+use super::interrupt;
 use crate::lab;
 use crate::store::Store;
 use crate::store::disk::RealDisk;
@@ -30,14 +31,15 @@ pub struct Args {
 ///
 /// # Errors
 /// Bad input for an unknown scan or a folder that is not empty; no result for damaged frames or a
-/// full disk.
+/// full disk; interrupted by Ctrl-C, with nothing written.
 pub fn run(args: Args) -> Result<(), CliError> {
+    let cancel = interrupt::flag()?;
     daemon::block_on(async {
         let clock = daemon::real_clock();
         let store = Store::open_for_reading(&args.data, Arc::new(RealDisk), clock)
             .await
             .map_err(|error| daemon::lab_error(error.into()))?;
-        let written = lab::export(&store, args.scan, &args.out).await;
+        let written = lab::export(&store, args.scan, &args.out, cancel).await;
         store.close().await;
         let frames = written.map_err(daemon::lab_error)?;
         writeln!(

@@ -2,12 +2,18 @@
 
 use std::io::Write;
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::time::Duration;
 
+use anyhow::anyhow;
 use serde_json::{Value, json};
 
 use super::CliError;
 use super::client::Client;
 use super::daemon;
+use super::interrupt;
 use super::progress::Bar;
 use crate::lab::ImportOptions;
 
@@ -33,15 +39,17 @@ pub struct Args {
 /// Runs the command; a daemon that runs on the folder does it.
 ///
 /// # Errors
-/// Bad input for a folder that is no series or a frame that cannot be read.
+/// Bad input for a folder that is no series or a frame that cannot be read; no result where the disk has
+/// no room for it beside the reserve; interrupted by Ctrl-C, with nothing imported.
 pub fn run(args: Args) -> Result<(), CliError> {
+    let cancel = interrupt::flag()?;
     let answer = match Client::find(&args.data) {
         Some(client) => {
             let folder = args.dir.canonicalize().unwrap_or_else(|_| args.dir.clone());
             let body = json!({ "folder": folder, "skip_unreadable": args.skip_unreadable });
-            client.post("/imports", Some(&body))?
+            by_daemon(client, body, &cancel)?
         }
-        None => daemon::block_on(import(&args))?,
+        None => daemon::block_on(import(&args, cancel))?,
     };
     if let Some(skipped) = answer["skipped"].as_array() {
         for reason in skipped.iter().filter_map(Value::as_str) {
@@ -64,13 +72,35 @@ pub fn run(args: Args) -> Result<(), CliError> {
         .map_err(CliError::no_result)
 }
 
-async fn import(args: &Args) -> Result<Value, CliError> {
+/// Waits for the daemon's answer as long as nobody presses Ctrl-C.
+fn by_daemon(client: Client, body: Value, cancel: &AtomicBool) -> Result<Value, CliError> {
+    let (tell, told) = mpsc::channel();
+    std::thread::spawn(move || tell.send(client.post("/imports", Some(&body))));
+    loop {
+        match told.recv_timeout(Duration::from_millis(50)) {
+            Ok(answer) => return answer,
+            Err(RecvTimeoutError::Timeout) if cancel.load(Ordering::Relaxed) => {
+                tracing::warn!("the daemon goes on with the import by itself");
+                return Err(CliError::Interrupted);
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => {
+                return Err(CliError::no_result(anyhow!("the daemon was not asked")));
+            }
+        }
+    }
+}
+
+async fn import(args: &Args, cancel: Arc<AtomicBool>) -> Result<Value, CliError> {
+    let reserve_mb = daemon::read_config(None)?.store.reserve_mb;
     // Looked at first, so that a wrong folder does not leave an empty store behind.
     crate::series::Series::open(&args.dir).map_err(CliError::bad_input)?;
     let lab = daemon::open_lab(&args.data, daemon::real_clock(), None).await?;
+    lab.keep_free(reserve_mb * 1_000_000);
     let bar = Bar::new("frames");
     let options = ImportOptions {
         skip_unreadable: args.skip_unreadable,
+        cancel,
     };
     let imported = lab
         .import(&args.dir, &options, &|done, total| {

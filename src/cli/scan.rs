@@ -13,7 +13,7 @@ use super::CliError;
 use super::client::Client;
 use super::daemon;
 use super::progress::Bar;
-use super::simulated::{SimulatedRig, Simulation, TRACED_SAMPLE};
+use super::simulated::{self, SimulatedRig, Simulation, TRACED_SAMPLE};
 use crate::lab::{Lab, ScanRequest};
 use crate::material::{Material, tables};
 use crate::scan::plan::Preset;
@@ -158,11 +158,12 @@ pub fn with_times(mut answer: Value, end: Option<RunEnd>) -> Value {
 
 async fn by_itself(args: &Args, plan: PlanRequest) -> Result<Value, CliError> {
     let config = daemon::read_config(args.config.as_deref())?;
-    let (simulated, parts, clock) = if args.simulated_rig {
-        let (rig, parts) = SimulatedRig::build(Simulation {
+    let (simulator, parts, clock) = if args.simulated_rig {
+        let (rig, mut parts) = SimulatedRig::build(Simulation {
             time_scale: args.time_scale,
             ..Simulation::default()
         })?;
+        simulated::obey(&mut parts.settings, &config);
         let clock = Arc::clone(&rig.clock);
         (Some(rig), parts, clock)
     } else {
@@ -177,7 +178,7 @@ async fn by_itself(args: &Args, plan: PlanRequest) -> Result<Value, CliError> {
     };
     let lab = daemon::open_lab(&args.data, clock, Some(parts)).await?;
     let done = async {
-        let hands = match &simulated {
+        let hands = match &simulator {
             None => None,
             Some(rig) => {
                 rig.stock(&lab).await.map_err(daemon::lab_error)?;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::CliError;
 use super::daemon::{self, Daemon};
-use super::simulated::{SimulatedRig, Simulation};
+use super::simulated::{self, SimulatedRig, Simulation};
 use crate::api::server::{self, ListenError};
 
 /// Runs the daemon: page, HTTP interface, rig.
@@ -25,7 +25,7 @@ pub struct Args {
     /// Data folder [default: ridged-data].
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
-    /// Drive a simulated rig instead of the one in the settings.
+    /// Drive a simulated rig instead of the one in the settings; all else in them counts.
     #[arg(long)]
     pub simulated_rig: bool,
     /// How much faster than life the simulated rig runs.
@@ -60,12 +60,13 @@ async fn serve(args: Args) -> Result<(), CliError> {
     let listen = args.listen.unwrap_or_else(|| config.server.listen.clone());
     let listener = server::bind(&listen).await.map_err(listen_error)?;
     let folder = args.data.unwrap_or_else(|| config.store.folder.clone());
-    let (simulated, parts, clock) = if args.simulated_rig {
-        let (rig, parts) = SimulatedRig::build(Simulation {
+    let (simulator, parts, clock) = if args.simulated_rig {
+        let (rig, mut parts) = SimulatedRig::build(Simulation {
             time_scale: args.time_scale,
             seed: args.seed,
             ..Simulation::default()
         })?;
+        simulated::obey(&mut parts.settings, &config);
         let clock = Arc::clone(&rig.clock);
         (Some(rig), Some(parts), clock)
     } else {
@@ -80,7 +81,8 @@ async fn serve(args: Args) -> Result<(), CliError> {
         (None, parts, clock)
     };
     let lab = daemon::open_lab(&folder, clock, parts).await?;
-    let hands = match &simulated {
+    lab.keep_free(config.store.reserve_mb * 1_000_000);
+    let hands = match &simulator {
         None => None,
         Some(rig) => {
             rig.stock(&lab).await.map_err(daemon::lab_error)?;

@@ -11,6 +11,7 @@ use super::daemon::{runner_settings, watch_scan_steps};
 use crate::bench::Camera;
 use crate::bench::stage::{NoFaults, PortAddress, StageSettings};
 use crate::clock::{Clock, ScaledClock};
+use crate::config::{CameraSettings, Config};
 use crate::lab::{Lab, LabError, RigParts, RigSettings};
 use crate::material::Material;
 use crate::model::{Surface, Variant};
@@ -265,6 +266,44 @@ fn painted(surface: Option<SimulatedSurface>, material: Material) -> Sample {
     }
 }
 
+/// What the settings say of scans, calibrations and the disk. Stages, geometry, camera and white reference
+/// are the simulated ones.
+pub fn obey(settings: &mut RigSettings, config: &Config) {
+    let Config {
+        camera,
+        flat,
+        dark,
+        scan,
+        store,
+        ..
+    } = config;
+    let hours = |h: f64| Duration::from_secs_f64(h * 3600.0);
+    settings.runner = runner_settings(
+        &settings.camera,
+        scan.attempts_max,
+        store.reserve_mb,
+        scan.capped_mean_dn_max,
+    );
+    settings.dark_valid = hours(dark.valid_h);
+    settings.flat_valid = hours(flat.valid_h);
+    settings.defaults.dark_repeats = dark.repeats;
+    settings.defaults.flat_repeats = flat.repeats;
+    // Where they say nothing the simulated camera knows better.
+    if camera.exposures_s != CameraSettings::default().exposures_s {
+        settings
+            .defaults
+            .exposures_s
+            .clone_from(&camera.exposures_s);
+        settings
+            .defaults
+            .flat_exposures_s
+            .clone_from(&camera.exposures_s);
+    }
+    if let Some(exposures_s) = &flat.exposures_s {
+        settings.defaults.flat_exposures_s.clone_from(exposures_s);
+    }
+}
+
 fn settings(camera: &SimulatedCamera, simulation: Simulation) -> RigSettings {
     let manifest = camera.manifest();
     let exposures_s = manifest.camera.exposures_s.clone();
@@ -292,5 +331,41 @@ fn settings(camera: &SimulatedCamera, simulation: Simulation) -> RigSettings {
             simulation.azimuth_offset,
             simulation.tilt_offset
         ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_count_beside_a_simulated_rig_and_without_any_it_is_as_ever() {
+        let (_rig, mut parts) = SimulatedRig::build(Simulation::default()).unwrap();
+        let untouched = parts.settings.clone();
+        obey(&mut parts.settings, &Config::default());
+        assert_eq!(parts.settings.defaults, untouched.defaults);
+        assert_eq!(parts.settings.runner, untouched.runner);
+        let mut config = Config::default();
+        config.store.reserve_mb = 5000;
+        config.scan.attempts_max = 7;
+        config.dark.repeats = 9;
+        config.dark.valid_h = 2.0;
+        config.flat.exposures_s = Some(vec![0.5]);
+        obey(&mut parts.settings, &config);
+        let RigSettings {
+            runner,
+            defaults,
+            dark_valid,
+            ..
+        } = &parts.settings;
+        assert_eq!(runner.disk_reserve_bytes, 5_000_000_000);
+        assert_eq!(runner.attempts_max, 7);
+        assert_eq!(defaults.dark_repeats, 9);
+        assert_eq!(defaults.flat_exposures_s, [0.5]);
+        assert_eq!(defaults.exposures_s, untouched.defaults.exposures_s);
+        assert_eq!(dark_valid.as_secs(), 7200);
+        // The rig stays the simulated one.
+        assert_eq!(parts.settings.camera, untouched.camera);
+        assert_eq!(parts.settings.rig, untouched.rig);
     }
 }

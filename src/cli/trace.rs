@@ -191,7 +191,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         .flatten()
         .map(|told| told.times(args.surfaces.unwrap_or(1)));
     if let Some(forecast) = forecast {
-        eprintln!("forecast: {}", forecast.within(args.max_seconds));
+        eprintln!("forecast: {}", forecast.drawn_within(args.max_seconds));
     }
     // The first photon comes once it is known where the light falls.
     let (set_up, run_started) = (OnceLock::new(), Instant::now());

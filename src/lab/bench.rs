@@ -5,7 +5,6 @@
 //! for a motion to end.
 
 use std::collections::{BTreeSet, HashMap, VecDeque};
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -20,7 +19,7 @@ use crate::clock::Clock;
 use crate::geometry::Pose;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::runner::{self, Job, OrderSlip, RunEnd};
-use crate::scan::{Event, Plan, RecordedEvent, Rig, ScanState, TravelLimits};
+use crate::scan::{Event, Plan, Reach, RecordedEvent, Rig, ScanState, TravelLimits};
 use crate::store::{Store, StoreError};
 use crate::units::Angle;
 
@@ -114,15 +113,15 @@ pub(super) async fn take(parts: RigParts, told: Told) -> Result<RigSide, StoreEr
         stage_settings: link.settings.clone(),
         port: link.port.to_string(),
         camera,
-        stage: rig.watch(),
+        stage: rig.reach().watch(),
+        reach: rig.reach().clone(),
         requests,
         occupation: occupied,
         owner: Mutex::new(None),
-        stops: Arc::new(AtomicU64::new(0)),
         settings: settings.clone(),
     };
     let owner = Owner {
-        stops: Arc::clone(&side.stops),
+        reach: rig.reach().clone(),
         rig_id: id,
         settings,
         occupation: Arc::new(occupation),
@@ -139,8 +138,7 @@ struct Owner {
     settings: RigSettings,
     occupation: Arc<watch::Sender<Occupation>>,
     told: Told,
-    /// See [`RigSide::stops`].
-    stops: Arc<AtomicU64>,
+    reach: Reach,
 }
 
 impl Owner {
@@ -189,7 +187,7 @@ impl Owner {
                 // Connecting takes a moment; it is no reason to refuse.
                 None if connecting => waiting.push_back(request),
                 // So is a motion that was told to stop and is about to end.
-                None if one_axis && self.stops.load(Ordering::SeqCst) != asked_after => {
+                None if one_axis && self.reach.stops() != asked_after => {
                     waiting.push_back(request);
                 }
                 None => {
@@ -232,7 +230,7 @@ impl Owner {
         };
         // Taken first: a stop from here on overtakes what is begun with it, one before shows in the owner's count.
         let stops_of_stage = stage.stops();
-        if work.is_of_one_axis() && self.stops.load(Ordering::SeqCst) != stops {
+        if work.is_of_one_axis() && self.reach.stops() != stops {
             reply.send(Err(StageError::Stopped.into())).ok();
             return rig;
         }
@@ -262,7 +260,11 @@ impl Owner {
                 let homed = stage.home_since(axis, stops_of_stage).await;
                 self.settled(&mut rig, &stage, homed).await;
             }
-            Work::Scan(work) => self.scan(&mut rig, *work, reply).await,
+            Work::Scan(work) => {
+                // Kept for the length of a scan it would keep a port that the scan has to open anew.
+                drop(stage);
+                self.scan(&mut rig, *work, reply).await;
+            }
         }
         rig
     }
@@ -270,7 +272,7 @@ impl Owner {
     /// Connects the stages; what moves right after that was left moving by somebody who is gone,
     /// and is stopped.
     async fn connect(&self, rig: &mut Rig) -> Result<Stage, StageError> {
-        let known = rig.watch().borrow().is_some();
+        let known = rig.reach().watch().borrow().is_some();
         let connected = async {
             let stage = rig.connect().await?;
             if !known {

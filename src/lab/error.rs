@@ -67,9 +67,30 @@ pub enum LabError {
         /// What is there.
         free_mb: u64,
     },
+    /// There is not enough room for a series.
+    #[error(
+        "the disk is full: the series needs up to {needed_mb} MB beside {reserve_mb} MB of reserve, {free_mb} MB are free; nothing was imported: free some space first"
+    )]
+    NoRoomToImport {
+        /// What its frames can take.
+        needed_mb: u64,
+        /// What is left alone.
+        reserve_mb: u64,
+        /// What is there.
+        free_mb: u64,
+    },
+    /// Somebody broke an import or an export off.
+    #[error("broken off; nothing of it was kept")]
+    BrokenOff,
     /// The stages.
     #[error(transparent)]
     Stage(#[from] StageError),
+    /// A stop did not reach the stages.
+    #[error("the stop did not reach the stages, which may be moving: use the switch ({source})")]
+    NotStopped {
+        /// Why not.
+        source: StageError,
+    },
     /// The camera.
     #[error(transparent)]
     Camera(#[from] CameraError),
@@ -128,8 +149,9 @@ impl LabError {
                 "state-conflict"
             }
             LabError::Plan(_) => "plan-invalid",
-            LabError::NoRoom { .. } => "disk-full",
-            LabError::Stage(error) => stage_code(error),
+            LabError::NoRoom { .. } | LabError::NoRoomToImport { .. } => "disk-full",
+            LabError::BrokenOff => "broken-off",
+            LabError::Stage(error) | LabError::NotStopped { source: error } => stage_code(error),
             LabError::Camera(_) => "camera-failed",
             LabError::Store(error) => store_code(error),
             LabError::NothingMeasured => "not-found",
@@ -149,12 +171,15 @@ fn store_code(error: &StoreError) -> &'static str {
     match error {
         StoreError::InUse { .. } => "store-in-use",
         StoreError::Missing { .. } => "store-missing",
-        StoreError::DiskFull { .. } => "disk-full",
+        StoreError::DiskFull { .. } | StoreError::NoRoomToOpen { .. } => "disk-full",
         StoreError::NotFound { .. } => "not-found",
         StoreError::StateConflict { .. } => "state-conflict",
         StoreError::KeyReused => "idempotency-mismatch",
         StoreError::FrameDamaged { .. } => "frame-damaged",
-        StoreError::Damaged { .. } | StoreError::BadRow { .. } => "store-damaged",
+        StoreError::Damaged { .. }
+        | StoreError::BadRow { .. }
+        | StoreError::RowsMissing { .. }
+        | StoreError::UnreadLog { .. } => "store-damaged",
         StoreError::File { .. }
         | StoreError::Migration(_)
         | StoreError::Frame(_)

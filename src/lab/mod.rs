@@ -27,7 +27,7 @@ mod under_way;
 
 use std::collections::HashMap;
 use std::path::Path;
-use std::sync::atomic::AtomicU64;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -38,7 +38,7 @@ use crate::clock::Clock;
 use crate::scan::event::RigActivity;
 use crate::scan::plan::PlanDefaults;
 use crate::scan::runner::{Order, OrderSlip, RunEnd, RunnerSettings};
-use crate::scan::{Event, RecordedEvent, Rig, ScanState};
+use crate::scan::{Event, Reach, RecordedEvent, Rig, ScanState};
 use crate::series::{CameraFacts, FlatFacts, RigFacts};
 use crate::store::disk::Disk;
 use crate::store::scans::Scan;
@@ -56,6 +56,9 @@ pub use rig::{AxisView, RigView};
 pub use series::{ImportOptions, Imported, StoredSeries, export};
 pub use traces::TraceRequest;
 use under_way::AllUnderWay;
+
+/// Space that imports leave alone where nobody says how much.
+const RESERVE_BYTES: u64 = 200_000_000;
 
 /// What the lab knows of its rig beside the devices themselves.
 #[derive(Debug, Clone)]
@@ -103,6 +106,8 @@ struct Inner {
     calculations: AllUnderWay,
     /// Reductions for who only looks at observations.
     reductions: Reductions,
+    /// Space that imports leave alone.
+    reserve_bytes: AtomicU64,
     /// How scans of this process ended, for who waits for one.
     ends: watch::Sender<HashMap<i64, RunEnd>>,
 }
@@ -118,8 +123,7 @@ struct RigSide {
     requests: mpsc::Sender<bench::Request>,
     occupation: watch::Receiver<Occupation>,
     owner: Mutex<Option<tokio::task::JoinHandle<()>>>,
-    /// How often the stages were told to stop. A motion of one axis that was asked for before does not begin after.
-    stops: Arc<AtomicU64>,
+    reach: Reach,
 }
 
 /// What the rig is doing, for everybody to see.
@@ -163,6 +167,10 @@ impl Lab {
         }
         let events = broadcast::Sender::new(1024);
         let ends = watch::Sender::new(HashMap::new());
+        let reserve_bytes = match &parts {
+            None => RESERVE_BYTES,
+            Some(parts) => parts.settings.runner.disk_reserve_bytes,
+        };
         let rig = match parts {
             None => None,
             Some(parts) => {
@@ -184,10 +192,20 @@ impl Lab {
                 fits: AllUnderWay::default(),
                 calculations: AllUnderWay::default(),
                 reductions: Reductions::default(),
+                reserve_bytes: AtomicU64::new(reserve_bytes),
                 ends,
             }),
         };
         Ok((lab, recovery))
+    }
+
+    /// How much space of the disk an import leaves alone; a scan has it from its rig's settings.
+    pub fn keep_free(&self, bytes: u64) {
+        self.inner.reserve_bytes.store(bytes, Ordering::Relaxed);
+    }
+
+    fn reserve_bytes(&self) -> u64 {
+        self.inner.reserve_bytes.load(Ordering::Relaxed)
     }
 
     /// The store, for reading.
@@ -275,9 +293,11 @@ impl Lab {
         let sent = orders.send(OrderSlip { order, reply }).await;
         if order == Order::Abort {
             // Homing and connecting do not listen to orders; the stage does.
-            let stage = self.side()?.stage.borrow().clone();
-            if let Some(stage) = stage {
-                stage.stop().await?;
+            let side = self.side()?;
+            let stage = side.stage.borrow().clone();
+            match stage {
+                Some(stage) => stage.stop().await?,
+                None => self.stop_quietly(side).await,
             }
         }
         let answer = match sent {
@@ -373,9 +393,10 @@ impl Lab {
     }
 
     async fn stop_quietly(&self, side: &RigSide) {
-        let stage = side.stage.borrow().clone();
-        if let Some(stage) = stage
-            && let Err(error) = stage.stop().await
+        let connected = side.stage.borrow().is_some();
+        // What moved when the link was lost may move still. A port that was never opened is left alone.
+        if (connected || side.reach.is_lost())
+            && let Err(error) = side.reach.stop().await
             && !matches!(error, StageError::Stopped)
         {
             tracing::error!(%error, "the stages could not be stopped: {error}; look at the rig");

@@ -1,7 +1,5 @@
 //! The rig's verbs: where it stands, moving an axis, looking for its reference, and the stop that is never refused.
 
-use std::sync::atomic::Ordering;
-
 use tokio::sync::oneshot;
 
 use super::bench;
@@ -9,7 +7,8 @@ use super::{AxisName, Lab, LabError, RigSettings};
 use crate::bench::stage::Stage;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::runner::{Order, OrderSlip};
-use crate::scan::{Event, TravelLimits};
+use crate::scan::visit::stage_code;
+use crate::scan::{Event, ScanState, TravelLimits};
 use crate::series::{CameraFacts, RigFacts};
 use crate::units::Angle;
 
@@ -38,6 +37,8 @@ pub struct RigView {
     pub activity: RigActivity,
     /// Scan that holds it.
     pub scan_id: Option<i64>,
+    /// State of that scan, and the reason it gives for it.
+    pub scan_state: Option<(ScanState, Option<String>)>,
 }
 
 /// State of one axis.
@@ -85,9 +86,20 @@ impl Lab {
             Err(error) => Err(error),
         };
         let occupation = side.occupation.borrow().clone();
+        let scan = match occupation.scan_id {
+            Some(scan_id) => self.store().scan(scan_id).await.ok(),
+            None => None,
+        };
+        let scan_state = scan.map(|scan| (scan.state, scan.reason));
         let (status, problem) = match status {
             Ok(status) => (Some(status), None),
-            Err(LabError::Busy { .. }) => (None, occupation.problem.clone()),
+            // A scan that lost its stages waits for a person: why is what it says of itself.
+            Err(LabError::Busy { .. }) => match &scan_state {
+                Some((ScanState::Paused, Some(reason))) => {
+                    (None, Some(("scan-paused".to_owned(), reason.clone())))
+                }
+                _ => (None, occupation.problem.clone()),
+            },
             Err(error) => (None, Some((error.code().to_owned(), error.to_string()))),
         };
         let axes = AxisName::ALL.map(|name| {
@@ -119,6 +131,7 @@ impl Lab {
             axes,
             activity: occupation.activity.unwrap_or(RigActivity::Idle),
             scan_id: occupation.scan_id,
+            scan_state,
         })
     }
 
@@ -137,7 +150,7 @@ impl Lab {
     pub(super) async fn request(&self, work: bench::Work) -> Result<(), LabError> {
         let (reply, answer) = oneshot::channel();
         let side = self.side()?;
-        let stops = side.stops.load(Ordering::SeqCst);
+        let stops = side.reach.stops();
         side.requests
             .send(bench::Request { work, stops, reply })
             .await
@@ -184,20 +197,13 @@ impl Lab {
         self.request(bench::Work::Home { axis }).await
     }
 
-    /// Stops both axes at once, whoever moves them; a scan pauses. Never refused.
+    /// Stops both axes at once, whoever moves them; a scan pauses. Never refused; where the link is
+    /// lost or was never there, it is made first.
     ///
     /// # Errors
-    /// Only if the stage could not be reached.
+    /// Only if the stages could not be reached: then they may be moving.
     pub async fn stop(&self) -> Result<(), LabError> {
         let side = self.side()?;
-        // Before the stages hear of it: who begins a motion looks at this last.
-        side.stops.fetch_add(1, Ordering::SeqCst);
-        let stage = side.stage.borrow().clone();
-        let stopped = match stage {
-            // Nothing was ever connected: nothing that this daemon started can be moving.
-            None => Ok(()),
-            Some(stage) => stage.stop().await,
-        };
         let orders = side.occupation.borrow().orders.clone();
         if let Some(orders) = orders {
             let (reply, _) = oneshot::channel();
@@ -205,18 +211,27 @@ impl Lab {
                 order: Order::Stop,
                 reply,
             };
-            // A full book means that orders wait already, and the stage stands still.
+            // Before the stages stand, so that the scan does not begin the next motion then. A full
+            // book means that orders wait already.
             orders.try_send(slip).ok();
         }
-        let event = Event::Rig {
-            activity: RigActivity::Stopped,
-            theta_c: AxisEvent::UNKNOWN,
-            phi_s: AxisEvent::UNKNOWN,
+        let stopped = side.reach.stop().await;
+        let event = match &stopped {
+            Ok(()) => Event::Rig {
+                activity: RigActivity::Stopped,
+                theta_c: AxisEvent::UNKNOWN,
+                phi_s: AxisEvent::UNKNOWN,
+            },
+            Err(error) => Event::Alarm {
+                code: stage_code(error).into(),
+                message: format!("the stop did not reach the stages: {error}; use the switch"),
+                scan_id: side.occupation.borrow().scan_id,
+            },
         };
         match self.inner.store.record(event).await {
             Ok(event) => self.tell(event),
             Err(error) => tracing::warn!(%error, "the stop could not be recorded: {error}"),
         }
-        Ok(stopped?)
+        stopped.map_err(|source| LabError::NotStopped { source })
     }
 }

@@ -1,6 +1,8 @@
 //! Scans as series: what a reduction reads, what comes in from a folder and goes out to one.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::{Lab, LabError};
 use crate::frame::{Frame, FrameKind};
@@ -101,10 +103,12 @@ impl FrameSource for StoredSeries {
 }
 
 /// How to import.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default)]
 pub struct ImportOptions {
     /// Leave out frames that cannot be read, instead of refusing the series.
     pub skip_unreadable: bool,
+    /// Raised to break it off.
+    pub cancel: Arc<AtomicBool>,
 }
 
 /// What an import did.
@@ -127,15 +131,56 @@ impl Lab {
     /// `progress` is told how many of how many frames are in.
     ///
     /// # Errors
-    /// [`LabError::Series`] for a folder that is none, [`LabError::Frame`] for a frame that cannot
-    /// be read; then nothing is imported.
+    /// [`LabError::Series`] for a folder that is none, [`LabError::NoRoomToImport`] where it would
+    /// use up the reserve, [`LabError::Frame`] for a frame that cannot be read,
+    /// [`LabError::BrokenOff`]; then nothing is imported, and no file of it stays.
     pub async fn import(
         &self,
         folder: &Path,
         options: &ImportOptions,
         progress: &(dyn Fn(usize, usize) + Sync),
     ) -> Result<Imported, LabError> {
+        let mut frames = Vec::new();
+        let imported = self
+            .import_into(&mut frames, folder, options, progress)
+            .await;
+        if imported.is_err() {
+            let kept = frames.into_iter().map(|frame| frame.file).collect();
+            if let Err(error) = self.store().discard(kept).await {
+                tracing::warn!(%error, "files of a failed import stay until the next start: {error}");
+            }
+        }
+        imported
+    }
+
+    /// What goes in has to leave the reserve free.
+    fn check_room(&self, needed: u64) -> Result<(), LabError> {
+        let reserve = self.reserve_bytes();
+        let free = self.store().free_bytes()?;
+        if free >= needed.saturating_add(reserve) {
+            return Ok(());
+        }
+        Err(LabError::NoRoomToImport {
+            needed_mb: needed.div_ceil(1_000_000),
+            reserve_mb: reserve.div_ceil(1_000_000),
+            free_mb: free / 1_000_000,
+        })
+    }
+
+    /// The same; `frames` are those that were kept until it failed.
+    async fn import_into(
+        &self,
+        frames: &mut Vec<ImportedFrame>,
+        folder: &Path,
+        options: &ImportOptions,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<Imported, LabError> {
         let series = Series::open(folder)?;
+        let size_of = |row: &FrameRow| {
+            let file = series.folder().join(&row.file);
+            std::fs::metadata(file).map_or(0, |file| file.len())
+        };
+        self.check_room(series.rows().iter().map(size_of).sum())?;
         let read = |file: &str| {
             let path = series.folder().join(file);
             std::fs::read_to_string(&path)
@@ -145,9 +190,13 @@ impl Lab {
         let frames_csv = read(&series.manifest().frames)?;
         let saturation_dn = series.manifest().saturation_dn().clamp(1.0, 65535.0) as u16;
         let total = series.rows().len();
-        let mut frames = Vec::with_capacity(total);
         let mut skipped = Vec::new();
         for (i, row) in series.rows().iter().enumerate() {
+            if options.cancel.load(Ordering::Relaxed) {
+                return Err(LabError::BrokenOff);
+            }
+            // Others write too while a long series comes in.
+            self.check_room(size_of(row))?;
             let kept = match series.read_bytes(i) {
                 Ok(png) => match self.store().keep_png(png, saturation_dn).await {
                     Err(StoreError::Frame(source)) => Err(FrameReadError::NotAFrame {
@@ -205,8 +254,8 @@ impl Lab {
             frames_csv: skipped.is_empty().then_some(frames_csv),
             calibration_ids: vec![],
         };
-        let same_as = self.store().import_of(&new.manifest, &frames).await?;
-        let (scan_id, event) = self.store().import_scan(&new, &frames).await?;
+        let same_as = self.store().import_of(&new.manifest, frames).await?;
+        let (scan_id, event) = self.store().import_scan(&new, frames).await?;
         self.tell(event);
         Ok(Imported {
             scan_id,
@@ -245,47 +294,134 @@ impl Lab {
     }
 }
 
-/// Writes a scan of the store as a series into an empty folder; an imported series comes out as it
-/// came in, byte for byte. Returns the number of frames.
+/// Writes a scan of the store as a series into a new or empty folder; an imported series comes out as
+/// it came in, byte for byte. Returns the number of frames. A new folder appears whole or not at all.
 ///
 /// # Errors
-/// An unknown scan, a damaged frame, a folder that is not empty, or what the disk says.
-pub async fn export(store: &Store, scan_id: i64, folder: &Path) -> Result<usize, LabError> {
+/// An unknown scan, a damaged frame, a folder that is not empty, [`LabError::BrokenOff`] once `cancel`
+/// is raised, or what the disk says; then nothing of it stays.
+pub async fn export(
+    store: &Store,
+    scan_id: i64,
+    folder: &Path,
+    cancel: Arc<AtomicBool>,
+) -> Result<usize, LabError> {
     let series = StoredSeries::open(store, scan_id).await?;
     let frames_csv = store.frames_csv(scan_id).await?;
     let manifest = match store.scan(scan_id).await?.origin {
         Origin::Import => Some(store.manifest(scan_id).await?),
         Origin::Rig => None,
     };
+    // The series' own texts, comments and all.
+    let texts = [
+        (series.manifest.frames.clone(), frames_csv),
+        ("manifest.toml".to_owned(), manifest),
+    ];
     let folder = folder.to_owned();
     let written = move || {
-        series::write(&folder, &series.manifest, &series.rows, |i| {
-            series.store.read_png(&series.sha256[i])
-        })
-        .map_err(|error| match error {
-            WriteError::Frame(store) => LabError::Store(store),
-            WriteError::Io { file, source } => {
-                LabError::Store(StoreError::file("the export", file, source))
-            }
-            other => LabError::Export(other.to_string()),
-        })?;
-        // The series' own texts, comments and all.
-        let texts = [
-            (series.manifest.frames.clone(), frames_csv),
-            ("manifest.toml".to_owned(), manifest),
-        ];
-        for (file, text) in texts {
-            if let Some(text) = text {
-                let path = folder.join(file);
-                std::fs::write(&path, text)
-                    .map_err(|e| StoreError::file("the export", &path, e))?;
-            }
+        let place = Place::for_folder(&folder)?;
+        if let Err(error) = write_whole(&series, texts, place.path(), &cancel) {
+            place.clear();
+            return Err(error);
         }
+        place.finish(&folder)?;
         Ok(series.rows.len())
     };
     tokio::task::spawn_blocking(written)
         .await
         .expect("writing an export does not panic")
+}
+
+fn unwritten(file: &Path, error: std::io::Error) -> LabError {
+    LabError::Store(StoreError::file("the export", file, error))
+}
+
+/// Where an export grows.
+enum Place {
+    /// Beside the folder that is asked for, to become it at the end.
+    Beside(PathBuf),
+    /// In the empty folder that is there already: it may be a disk of its own, which takes no other's place.
+    Inside(PathBuf),
+}
+
+impl Place {
+    fn for_folder(folder: &Path) -> Result<Place, LabError> {
+        match std::fs::read_dir(folder) {
+            Ok(mut files) => match files.next() {
+                None => return Ok(Place::Inside(folder.into())),
+                Some(_) => {
+                    let taken = WriteError::<StoreError>::NotEmpty(folder.into());
+                    return Err(LabError::Export(taken.to_string()));
+                }
+            },
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
+            Err(error) => return Err(unwritten(folder, error)),
+        }
+        let mut name = std::ffi::OsString::from(".");
+        name.push(folder.file_name().unwrap_or("export".as_ref()));
+        name.push(format!("-{}.part", std::process::id()));
+        let beside = folder.with_file_name(name);
+        std::fs::create_dir_all(&beside).map_err(|e| unwritten(&beside, e))?;
+        Ok(Place::Beside(beside))
+    }
+
+    fn path(&self) -> &Path {
+        match self {
+            Place::Beside(path) | Place::Inside(path) => path,
+        }
+    }
+
+    fn finish(self, folder: &Path) -> Result<(), LabError> {
+        let Place::Beside(beside) = &self else {
+            return Ok(());
+        };
+        let moved = std::fs::rename(beside, folder).map_err(|e| unwritten(folder, e));
+        if moved.is_err() {
+            self.clear();
+        }
+        moved
+    }
+
+    /// Best effort: what stays is seen by the next export, which takes no folder with something in it.
+    fn clear(self) {
+        match self {
+            Place::Beside(path) => drop(std::fs::remove_dir_all(path)),
+            Place::Inside(path) => {
+                for file in std::fs::read_dir(path).into_iter().flatten().flatten() {
+                    let file = file.path();
+                    let removed = match file.is_dir() {
+                        true => std::fs::remove_dir_all(file),
+                        false => std::fs::remove_file(file),
+                    };
+                    removed.ok();
+                }
+            }
+        }
+    }
+}
+
+fn write_whole(
+    series: &StoredSeries,
+    texts: [(String, Option<String>); 2],
+    folder: &Path,
+    cancel: &AtomicBool,
+) -> Result<(), LabError> {
+    let frame = |i: usize| match cancel.load(Ordering::Relaxed) {
+        true => Err(LabError::BrokenOff),
+        false => Ok(series.store.read_png(&series.sha256[i])?),
+    };
+    series::write(folder, &series.manifest, &series.rows, frame).map_err(|error| match error {
+        WriteError::Frame(error) => error,
+        WriteError::Io { file, source } => unwritten(&file, source),
+        other => LabError::Export(other.to_string()),
+    })?;
+    for (file, text) in texts {
+        if let Some(text) = text {
+            let path = folder.join(file);
+            std::fs::write(&path, text).map_err(|e| unwritten(&path, e))?;
+        }
+    }
+    Ok(())
 }
 
 impl Lab {

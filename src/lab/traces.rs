@@ -293,7 +293,7 @@ impl TraceToDo {
         };
         let told = of_runs(wavelengths.len(), &made, asked, patience)?;
         let told = told.times(request.surfaces.unwrap_or(1));
-        Some(told.within(request.max_seconds))
+        Some(told.drawn_within(request.max_seconds))
     }
 
     /// Energies on other surfaces of the same statistics; none where time was over.

@@ -7,6 +7,7 @@
 
 pub mod event;
 pub mod plan;
+pub mod reach;
 pub mod recorder;
 pub mod rig;
 pub mod runner;
@@ -15,5 +16,6 @@ pub mod visit;
 
 pub use event::{Event, OperatorAction, Progress, RecordedEvent};
 pub use plan::{Plan, PlanError, PlanRequest, Shot, Step, TravelLimits};
+pub use reach::Reach;
 pub use rig::{Rig, StageLink};
 pub use state::ScanState;

@@ -1,12 +1,11 @@
 //! The stages and the camera, as the one owner holds them.
 //!
-//! Whoever has the [`Rig`] may move and take frames; it cannot be had twice. Others only get a
-//! clone of the connected [`Stage`] by [`Rig::watch`], to ask where it is and to stop it.
+//! Whoever has the [`Rig`] may move and take frames; it cannot be had twice. Others only get its
+//! [`Reach`], to ask where the stages are and to stop them.
 
 use std::sync::Arc;
 
-use tokio::sync::watch;
-
+use super::reach::Reach;
 use crate::bench::Camera;
 use crate::bench::port::PortSeam;
 use crate::bench::stage::{PortAddress, Stage, StageError, StageSettings};
@@ -27,8 +26,7 @@ pub struct StageLink {
 
 /// The stages and the camera of one rig.
 pub struct Rig {
-    link: StageLink,
-    stage: watch::Sender<Option<Stage>>,
+    reach: Reach,
     /// Takes the frames.
     pub camera: Box<dyn Camera>,
 }
@@ -38,8 +36,7 @@ impl Rig {
     #[must_use]
     pub fn new(link: StageLink, camera: Box<dyn Camera>) -> Self {
         Rig {
-            link,
-            stage: watch::Sender::new(None),
+            reach: Reach::new(link),
             camera,
         }
     }
@@ -47,13 +44,13 @@ impl Rig {
     /// How the stages are reached.
     #[must_use]
     pub fn link(&self) -> &StageLink {
-        &self.link
+        self.reach.link()
     }
 
-    /// The connected stage, for those who only look or stop.
+    /// The way to the stages, for those who only look or stop.
     #[must_use]
-    pub fn watch(&self) -> watch::Receiver<Option<Stage>> {
-        self.stage.subscribe()
+    pub fn reach(&self) -> &Reach {
+        &self.reach
     }
 
     /// The connected stage; connects if there is none.
@@ -61,29 +58,25 @@ impl Rig {
     /// # Errors
     /// Why the port or the controller cannot be had.
     pub async fn connect(&mut self) -> Result<Stage, StageError> {
-        if let Some(stage) = self.stage.borrow().clone() {
-            return Ok(stage);
-        }
-        let StageLink {
-            port,
-            settings,
-            clock,
-            seam,
-        } = self.link.clone();
-        let stage = Stage::connect(port, settings, clock, seam).await?;
-        self.stage.send_replace(Some(stage.clone()));
-        Ok(stage)
+        self.reach.connect().await
     }
 
     /// A stage that answers and knows its reference: connects and homes as needed.
     ///
     /// # Errors
     /// What connecting or homing says; a lost link is let go, so that the next call connects anew.
+    /// [`StageError::Stopped`], and nothing is homed, after a stop since it was called.
     pub async fn make_ready(&mut self) -> Result<Stage, StageError> {
+        let asked_after = self.reach.stops();
         let stage = self.connect().await?;
+        // Taken first: a stop from here on overtakes the homing, one before shows in the count.
+        let stops_of_stage = stage.stops();
         let ready = async {
+            if self.reach.stops() != asked_after {
+                return Err(StageError::Stopped);
+            }
             if !stage.status().await?.all_homed() {
-                stage.home_all().await?;
+                stage.home_all_since(stops_of_stage).await?;
             }
             Ok(())
         };
@@ -99,7 +92,7 @@ impl Rig {
     /// Forgets the stage if the error says that the link is gone.
     pub fn let_go_if_lost(&self, error: &StageError) {
         if error.is_disconnect() {
-            self.stage.send_replace(None);
+            self.reach.let_go();
         }
     }
 }

@@ -316,6 +316,10 @@ impl<'a> Runner<'a> {
                 Err(trouble) => trouble,
             };
             if let Trouble::Stage(error) = &trouble {
+                // A handle that is kept keeps the port, and nobody could connect or stop anew.
+                if error.is_disconnect() {
+                    self.stage = None;
+                }
                 self.rig.let_go_if_lost(error);
             }
             if trouble.contradicts_the_plan() {

@@ -55,6 +55,44 @@ pub enum StoreError {
         /// What the check found.
         detail: String,
     },
+    /// There are frames and no rows that name them.
+    #[error(
+        "the database {} is missing or empty, but {} beside it holds frames; nothing was changed: restore the \
+         database from a copy of the data folder, or move the folder of frames away to begin anew",
+        database.display(), frames.display()
+    )]
+    RowsMissing {
+        /// The database that should be there.
+        database: PathBuf,
+        /// The folder of frames.
+        frames: PathBuf,
+    },
+    /// The disk is too full for the database's log.
+    #[error(
+        "the disk is full: {} has {free_kb} kB free, and the database needs {needed_kb} kB for its log; free some \
+         space, then start again; {what}; until then `ridged export --scan` and `ridged fit --scan` read the folder",
+        folder.display()
+    )]
+    NoRoomToOpen {
+        /// The data folder.
+        folder: PathBuf,
+        /// What is there.
+        free_kb: u64,
+        /// What is needed.
+        needed_kb: u64,
+        /// What may be deleted.
+        what: String,
+    },
+    /// The folder cannot be written, and the database is not whole without it.
+    #[error(
+        "the data folder {} cannot be written, and its database was not closed properly (ridged.sqlite-wal holds \
+         rows): open it once where it can be written, with any `ridged serve --data`, or read a copy of it",
+        folder.display()
+    )]
+    UnreadLog {
+        /// The data folder.
+        folder: PathBuf,
+    },
     /// The database was made by a newer program, or a migration failed.
     #[error("the database does not fit this program; use the ridged that made it or a newer one")]
     Migration(#[from] sqlx::migrate::MigrateError),

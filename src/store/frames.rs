@@ -1,11 +1,13 @@
 //! Frames: the file first, durable and named by its content; then the row.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 use sqlx::{FromRow, Sqlite, Transaction};
 use time::OffsetDateTime;
 
+use super::holds::Hold;
 use super::scans::{NewScan, Origin};
 use super::{Page, PageRequest, Store, StoreError, utc_text};
 use crate::frame::{Frame, FrameKind};
@@ -30,6 +32,7 @@ pub struct KeptFile {
     pub max_dn: u16,
     /// Pixels at or above the saturation level.
     pub saturated_px: u32,
+    hold: Hold,
 }
 
 /// A visit to a point of the plan, to be committed with its frames.
@@ -144,7 +147,7 @@ pub fn sha256_hex(bytes: &[u8]) -> String {
 }
 
 /// Where the file of a content hash lies below the store's folder.
-fn relative_path(sha256: &str) -> PathBuf {
+pub(super) fn relative_path(sha256: &str) -> PathBuf {
     let (folder, name) = sha256.split_at(sha256.len().min(2));
     Path::new("frames").join(folder).join(format!("{name}.png"))
 }
@@ -189,6 +192,7 @@ impl Store {
     ) -> Result<KeptFile, StoreError> {
         let sha256 = sha256_hex(png);
         let path = self.folder().join(relative_path(&sha256));
+        let hold = self.inner.holds.take(&sha256);
         // A file of that name is that content, unless the disk has lost some: then it is renewed.
         if std::fs::read(&path).is_ok_and(|kept| kept == png) {
             tracing::debug!(sha256, "frame {sha256} was kept before");
@@ -208,7 +212,35 @@ impl Store {
             mean_dn: sum as f64 / pixels.len() as f64,
             max_dn: pixels.iter().copied().max().unwrap_or(0),
             saturated_px: pixels.iter().filter(|dn| **dn >= saturation_dn).count() as u32,
+            hold,
         })
+    }
+
+    /// Deletes files whose rows will not come, unless another row names them or another writer is
+    /// about to. What cannot be deleted goes to quarantine at the next start.
+    ///
+    /// # Errors
+    /// What the database says; then nothing is deleted.
+    pub async fn discard(&self, kept: Vec<KeptFile>) -> Result<(), StoreError> {
+        let mut own: HashMap<&str, usize> = HashMap::new();
+        for file in &kept {
+            *own.entry(&file.sha256).or_default() += 1;
+        }
+        own.retain(|sha256, count| self.inner.holds.watch(sha256, *count));
+        for sha256 in own.into_keys() {
+            let named: Option<i64> =
+                sqlx::query_scalar("SELECT id FROM frames WHERE sha256 = ? LIMIT 1")
+                    .bind(sha256)
+                    .fetch_optional(self.readers())
+                    .await?;
+            if named.is_none() {
+                let path = self.folder().join(relative_path(sha256));
+                self.inner
+                    .holds
+                    .if_untouched(sha256, || drop(std::fs::remove_file(path)));
+            }
+        }
+        Ok(())
     }
 
     /// Commits a visit to a point: shot, frames and the events that tell of them, all or nothing.

@@ -13,7 +13,7 @@
 //!   frames/ab/cd….png  frames, named by the SHA-256 of the file
 //!   maps/ID/           pictures and tables of a finished map
 //!   traces/ID/         direction bins of a finished trace
-//!   quarantine/        files that no row names, found at a start
+//!   quarantine/        files that no row names, found at a start; taken back when a row does
 //!   lock               held by the process that writes
 //! ```
 
@@ -24,6 +24,7 @@ mod error;
 pub mod events;
 pub mod fits;
 pub mod frames;
+mod holds;
 pub mod idempotency;
 pub mod observations;
 mod recovery;
@@ -67,8 +68,8 @@ struct Inner {
     readers: SqlitePool,
     disk: Arc<dyn Disk>,
     clock: Arc<dyn Clock>,
-    /// Held for the life of the store; `None` for a reader beside a running daemon.
-    /// Held while this process writes.
+    holds: Arc<holds::Holds>,
+    /// Held while this process writes; `None` for a reader beside a running daemon.
     lock: Mutex<Option<File>>,
 }
 
@@ -124,7 +125,8 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::InUse`] if another process has it, [`StoreError::Damaged`] if the database
-    /// fails its check, else what the disk or the database says.
+    /// fails its check, [`StoreError::RowsMissing`] if there are frames and no database,
+    /// [`StoreError::NoRoomToOpen`] on a full disk, else what the disk or the database says.
     pub async fn open(
         folder: &Path,
         disk: Arc<dyn Disk>,
@@ -133,7 +135,26 @@ impl Store {
         fs::create_dir_all(folder.join("frames"))
             .map_err(|e| StoreError::file("the data folder", folder, e))?;
         let lock = take_lock(folder)?;
-        let store = Store::connect(folder, disk, clock, Some(lock)).await?;
+        check_room(folder, disk.as_ref())?;
+        let has_frames = has_frames(folder)
+            .map_err(|e| StoreError::file("the frame folder", folder.join("frames"), e))?;
+        let rows_missing = || StoreError::RowsMissing {
+            database: folder.join(DATABASE),
+            frames: folder.join("frames"),
+        };
+        // Before a new one is made in its place: SQLite makes one of an empty file too.
+        if has_frames && !fs::metadata(folder.join(DATABASE)).is_ok_and(|file| file.len() > 0) {
+            return Err(rows_missing());
+        }
+        let options = writing(folder);
+        let store = Store::connect(folder, disk, clock, Some(lock), options).await?;
+        let tables: i64 = sqlx::query_scalar("SELECT count(*) FROM sqlite_master")
+            .fetch_one(&store.inner.writer)
+            .await?;
+        if has_frames && tables == 0 {
+            store.close().await;
+            return Err(rows_missing());
+        }
         let check: Vec<String> = sqlx::query_scalar("PRAGMA integrity_check")
             .fetch_all(&store.inner.writer)
             .await?;
@@ -147,10 +168,12 @@ impl Store {
         Ok((store, recovery))
     }
 
-    /// Opens an existing store for reading only, also beside a running daemon.
+    /// Opens an existing store for reading only, also beside a running daemon, and where nothing can
+    /// be written: a copy on a read-only disk, a full disk.
     ///
     /// # Errors
-    /// [`StoreError::Missing`] if there is none, else what the disk or the database says.
+    /// [`StoreError::Missing`] if there is none, [`StoreError::UnreadLog`] where nothing can be
+    /// written and rows wait in the log, else what the disk or the database says.
     pub async fn open_for_reading(
         folder: &Path,
         disk: Arc<dyn Disk>,
@@ -161,7 +184,13 @@ impl Store {
                 folder: folder.into(),
             });
         }
-        Store::connect(folder, disk, clock, None).await
+        // Beside a daemon the log and its index are there to be read; without one SQLite makes them.
+        if Store::is_in_use(folder) || takes_files(folder) {
+            let options = writing(folder).create_if_missing(false);
+            return Store::connect(folder, disk, clock, None, options).await;
+        }
+        let options = immutable(folder)?;
+        Store::connect(folder, disk, clock, None, options).await
     }
 
     /// Whether a process has the store in `folder` open for writing now.
@@ -176,15 +205,8 @@ impl Store {
         disk: Arc<dyn Disk>,
         clock: Arc<dyn Clock>,
         lock: Option<File>,
+        options: SqliteConnectOptions,
     ) -> Result<Store, StoreError> {
-        let options = SqliteConnectOptions::new()
-            .filename(folder.join(DATABASE))
-            .create_if_missing(lock.is_some())
-            .journal_mode(SqliteJournalMode::Wal)
-            // FULL: a committed point survives a power cut, not only a kill.
-            .synchronous(SqliteSynchronous::Full)
-            .foreign_keys(true)
-            .busy_timeout(Duration::from_secs(10));
         let writer = SqlitePoolOptions::new()
             .max_connections(1)
             .connect_with(options.clone())
@@ -200,6 +222,7 @@ impl Store {
                 readers,
                 disk,
                 clock,
+                holds: Arc::default(),
                 lock: Mutex::new(lock),
             }),
         })
@@ -255,6 +278,87 @@ impl Store {
 }
 
 const DATABASE: &str = "ridged.sqlite";
+/// The database's log and its index, and room for the rows of a start.
+const ROOM_TO_OPEN_KB: u64 = 512;
+
+fn writing(folder: &Path) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(folder.join(DATABASE))
+        .create_if_missing(true)
+        .journal_mode(SqliteJournalMode::Wal)
+        // FULL: a committed point survives a power cut, not only a kill.
+        .synchronous(SqliteSynchronous::Full)
+        .foreign_keys(true)
+        .busy_timeout(Duration::from_secs(10))
+}
+
+/// For a file that nobody writes and that is all there is.
+fn immutable(folder: &Path) -> Result<SqliteConnectOptions, StoreError> {
+    let log = folder.join(format!("{DATABASE}-wal"));
+    if fs::metadata(log).is_ok_and(|log| log.len() > 0) {
+        return Err(StoreError::UnreadLog {
+            folder: folder.into(),
+        });
+    }
+    Ok(SqliteConnectOptions::new()
+        .filename(folder.join(DATABASE))
+        .read_only(true)
+        .immutable(true))
+}
+
+/// Whether files of the size of SQLite's index of its log can be written into a folder.
+fn takes_files(folder: &Path) -> bool {
+    let probe = folder.join(format!(".ridged-{}", std::process::id()));
+    let written = fs::write(&probe, [0; 1 << 16]).is_ok();
+    fs::remove_file(&probe).ok();
+    written
+}
+
+/// Asked first, because SQLite says no more than "disk I/O error".
+fn check_room(folder: &Path, disk: &dyn Disk) -> Result<(), StoreError> {
+    let free = disk
+        .free_bytes(folder)
+        .map_err(|e| StoreError::file("the data folder", folder, e))?;
+    if free >= ROOM_TO_OPEN_KB * 1024 {
+        return Ok(());
+    }
+    let quarantine = folder.join("quarantine");
+    let idle: u64 = fs::read_dir(&quarantine)
+        .into_iter()
+        .flatten()
+        .filter_map(|file| Some(file.ok()?.metadata().ok()?.len()))
+        .sum();
+    let what = match idle {
+        0 => "nothing in the folder can be spared".to_owned(),
+        bytes => format!(
+            "{} holds {:.1} MB that no row names and can be moved away",
+            quarantine.display(),
+            bytes as f64 / 1e6
+        ),
+    };
+    Err(StoreError::NoRoomToOpen {
+        folder: folder.into(),
+        free_kb: free / 1024,
+        needed_kb: ROOM_TO_OPEN_KB,
+        what,
+    })
+}
+
+/// Whether there is any frame below `frames/`.
+fn has_frames(folder: &Path) -> std::io::Result<bool> {
+    for folder in fs::read_dir(folder.join("frames"))? {
+        let folder = folder?.path();
+        if !folder.is_dir() {
+            continue;
+        }
+        for file in fs::read_dir(folder)? {
+            if file?.path().extension().is_some_and(|e| e == "png") {
+                return Ok(true);
+            }
+        }
+    }
+    Ok(false)
+}
 
 fn take_lock(folder: &Path) -> Result<File, StoreError> {
     let path = folder.join("lock");
@@ -281,7 +385,8 @@ fn take_lock(folder: &Path) -> Result<File, StoreError> {
     // The lock is the operating system's; the text only tells people who has it.
     lock.set_len(0).map_err(error)?;
     lock.rewind().map_err(error)?;
-    writeln!(lock, "process {}", std::process::id()).map_err(error)?;
+    // On a full disk it stays empty; what is wrong there is told by who needs the room.
+    writeln!(lock, "process {}", std::process::id()).ok();
     Ok(lock)
 }
 
@@ -347,6 +452,57 @@ pub(crate) mod tests {
             "{refused:?}"
         );
         assert_eq!(fs::read(&path).unwrap(), bytes);
+    }
+
+    /// A disk with so many bytes left.
+    struct Left(u64);
+
+    impl Disk for Left {
+        fn write_durably(&self, path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+            RealDisk.write_durably(path, bytes)
+        }
+
+        fn free_bytes(&self, _: &Path) -> std::io::Result<u64> {
+            Ok(self.0)
+        }
+    }
+
+    #[tokio::test]
+    async fn a_full_disk_is_told_at_the_start_with_what_may_go() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir_all(folder.path().join("quarantine")).unwrap();
+        fs::write(folder.path().join("quarantine/a.png"), [0; 200_000]).unwrap();
+        let clock = Arc::new(SteppedClock::new());
+        let refused = Store::open(folder.path(), Arc::new(Left(0)), clock.clone()).await;
+        let refused = refused.unwrap_err().to_string();
+        assert!(refused.contains("needs 512 kB"), "{refused}");
+        assert!(refused.contains("quarantine holds 0.2 MB"), "{refused}");
+        let enough = Arc::new(Left(1 << 20));
+        Store::open(folder.path(), enough, clock).await.unwrap();
+    }
+
+    #[tokio::test]
+    async fn a_folder_that_cannot_be_written_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let sample = samples::tests::polymer(&store).await;
+        store.close().await;
+        drop(store);
+        // Who may do everything, as in many containers, is not kept out by permissions: what tells
+        // is that nothing was written.
+        let options = immutable(folder.path()).unwrap();
+        let (disk, clock) = (Arc::new(RealDisk), Arc::new(SteppedClock::new()));
+        let store = Store::connect(folder.path(), disk.clone(), clock.clone(), None, options)
+            .await
+            .unwrap();
+        assert_eq!(store.sample(sample.id).await.unwrap(), sample);
+        assert!(!folder.path().join("ridged.sqlite-wal").exists());
+        assert!(!folder.path().join("ridged.sqlite-shm").exists());
+        store.close().await;
+        // Rows in a log that nobody can write back are not passed over in silence.
+        fs::write(folder.path().join("ridged.sqlite-wal"), b"rows").unwrap();
+        let refused = immutable(folder.path()).unwrap_err();
+        assert!(matches!(refused, StoreError::UnreadLog { .. }), "{refused}");
     }
 
     #[tokio::test]

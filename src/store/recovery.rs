@@ -2,8 +2,10 @@
 
 use std::collections::HashMap;
 use std::fs;
+use std::io::ErrorKind;
 use std::path::Path;
 
+use super::frames::{relative_path, sha256_hex};
 use super::{Store, StoreError};
 use crate::scan::{RecordedEvent, ScanState};
 
@@ -12,6 +14,8 @@ use crate::scan::{RecordedEvent, ScanState};
 pub struct Recovery {
     /// Files that no row names, moved to `quarantine/`: half frames and frames without a commit.
     pub quarantined: Vec<String>,
+    /// Frames that were in `quarantine/` although a row names them, moved back.
+    pub restored: Vec<String>,
     /// Frames whose file is missing or has another size than the row says.
     pub damaged: Vec<String>,
     /// Scans that were under way and are now marked interrupted.
@@ -38,6 +42,8 @@ impl Store {
         let mut present = HashMap::new();
         self.sweep(&rows, &mut present, &mut found)
             .map_err(|e| StoreError::file("the frame folder", self.folder().join("frames"), e))?;
+        self.take_back(&rows, &mut present, &mut found)
+            .map_err(|e| StoreError::file("the quarantine", self.folder().join("quarantine"), e))?;
         for (sha256, bytes) in &rows {
             if present.get(sha256) != Some(bytes) {
                 found.damaged.push(sha256.clone());
@@ -107,6 +113,43 @@ impl Store {
         found.quarantined.sort();
         Ok(())
     }
+
+    /// A start with an older database sends the frames of a newer one to quarantine: when that is
+    /// restored they come back.
+    fn take_back(
+        &self,
+        rows: &HashMap<String, u64>,
+        present: &mut HashMap<String, u64>,
+        found: &mut Recovery,
+    ) -> std::io::Result<()> {
+        let quarantine = self.folder().join("quarantine");
+        if !quarantine.is_dir() {
+            return Ok(());
+        }
+        for (sha256, bytes) in rows {
+            if present.get(sha256) == Some(bytes) {
+                continue;
+            }
+            let away = quarantine.join(format!("{sha256}.png"));
+            let content = match fs::read(&away) {
+                Ok(content) => content,
+                Err(error) if error.kind() == ErrorKind::NotFound => continue,
+                Err(error) => return Err(error),
+            };
+            if sha256_hex(&content) != *sha256 {
+                continue;
+            }
+            let home = self.folder().join(relative_path(sha256));
+            let folder = home.parent().unwrap_or(self.folder());
+            fs::create_dir_all(folder)?;
+            fs::rename(&away, &home)?;
+            fs::File::open(folder)?.sync_all()?;
+            present.insert(sha256.clone(), content.len() as u64);
+            found.restored.push(sha256.clone());
+        }
+        found.restored.sort();
+        Ok(())
+    }
 }
 
 fn file_name(path: &Path) -> String {
@@ -167,6 +210,63 @@ mod tests {
         store.read_png(&committed).unwrap();
         let told = store.events_after(0, 100).await.unwrap();
         assert_eq!(told.last(), found.events.last());
+    }
+
+    #[tokio::test]
+    async fn frames_without_a_database_are_left_where_they_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let scan = planned(&store).await;
+        let sha256 = commit(&store, scan.id, 0).await;
+        store.close().await;
+        drop(store);
+        let database = folder.path().join("ridged.sqlite");
+        let copy = folder.path().join("copy.sqlite");
+        fs::rename(&database, &copy).unwrap();
+        for made in [false, true] {
+            if made {
+                fs::write(&database, b"").unwrap();
+            }
+            let refused = open(folder.path()).await.unwrap_err();
+            assert!(
+                matches!(refused, StoreError::RowsMissing { .. }),
+                "{refused}"
+            );
+            assert!(refused.to_string().contains("restore"), "{refused}");
+            assert_eq!(database.exists(), made);
+            assert!(folder.path().join(relative_path(&sha256)).is_file());
+        }
+        // The way out that it names.
+        fs::rename(&copy, &database).unwrap();
+        let (_, found) = open(folder.path()).await.unwrap();
+        assert_eq!((found.damaged.len(), found.quarantined.len()), (0, 0));
+    }
+
+    #[tokio::test]
+    async fn a_frame_comes_back_from_quarantine_with_the_row_that_names_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let scan = planned(&store).await;
+        store.close().await;
+        drop(store);
+        let database = folder.path().join("ridged.sqlite");
+        let older = fs::read(&database).unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let sha256 = commit(&store, scan.id, 0).await;
+        store.close().await;
+        drop(store);
+        let newer = fs::read(&database).unwrap();
+        // An older copy of the database does not know the frame; the newer one does.
+        fs::write(&database, older).unwrap();
+        let (store, found) = open(folder.path()).await.unwrap();
+        assert_eq!(found.quarantined, [format!("{sha256}.png")]);
+        store.close().await;
+        drop(store);
+        fs::write(&database, newer).unwrap();
+        let (store, found) = open(folder.path()).await.unwrap();
+        assert_eq!(found.restored, std::slice::from_ref(&sha256));
+        assert_eq!(found.damaged, Vec::<String>::new());
+        store.read_png(&sha256).unwrap();
     }
 
     #[tokio::test]

@@ -452,3 +452,75 @@ fn the_demo_prints_the_truth_beside_the_fit() {
         );
     }
 }
+
+/// Starts a command, presses Ctrl-C once `begun` says so, and gives its exit code and its stdout.
+fn interrupted(
+    folder: &Path,
+    args: &[&str],
+    begun: impl Fn(&mut BufReader<std::process::ChildStderr>) -> bool,
+) -> (Option<i32>, String) {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_ridged"))
+        .args(args)
+        .current_dir(folder)
+        .env("RIDGED_LOG", "ridged=info")
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut told = BufReader::new(child.stderr.take().unwrap());
+    while !begun(&mut told) {
+        assert!(matches!(child.try_wait(), Ok(None)), "{args:?} has ended");
+        std::thread::yield_now();
+    }
+    let process = rustix::process::Pid::from_child(&child);
+    rustix::process::kill_process(process, rustix::process::Signal::INT).unwrap();
+    // Both ends are read, so that the command is not held up by what it says.
+    std::io::copy(&mut told, &mut std::io::sink()).unwrap();
+    let output = child.wait_with_output().unwrap();
+    (
+        output.status.code(),
+        String::from_utf8(output.stdout).unwrap(),
+    )
+}
+
+/// Whether there is a file anywhere below a folder.
+fn holds_a_file(folder: &Path) -> bool {
+    let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    files
+        .map(|file| file.path())
+        .any(|path| !path.is_dir() || holds_a_file(&path))
+}
+
+#[test]
+fn ctrl_c_ends_an_import_and_an_export_with_130_and_nothing_half_done() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let series = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/polymer-10");
+    let import = ["import", series.to_str().unwrap(), "--data", "data"];
+    let frames = at.join("data/frames");
+    let (code, _) = interrupted(at, &import, |_| holds_a_file(&frames));
+    assert_eq!(code, Some(130));
+    assert!(!holds_a_file(&frames));
+    assert!(ridged(at, &import).status.success());
+    let export = ["export", "--scan", "1", "--out", "out", "--data", "data"];
+    let begun = |file: std::fs::DirEntry| file.file_name().to_string_lossy().starts_with(".out-");
+    let half_done = || std::fs::read_dir(at).unwrap().flatten().any(begun);
+    let (code, _) = interrupted(at, &export, |_| half_done());
+    assert_eq!(code, Some(130));
+    assert!(!half_done() && !at.join("out").exists());
+    assert!(ridged(at, &export).status.success());
+    assert!(at.join("out/manifest.toml").is_file());
+}
+
+#[test]
+fn a_demo_that_is_ended_before_its_answer_exits_with_130() {
+    let folder = tempfile::tempdir().unwrap();
+    let demo = ["demo", "--once", "--json", "--data", "data"];
+    let (code, out) = interrupted(folder.path(), &demo, |told| {
+        let mut line = String::new();
+        told.read_line(&mut line).unwrap();
+        line.contains("is running")
+    });
+    assert_eq!((code, out.as_str()), (Some(130), ""));
+}

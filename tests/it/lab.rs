@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 
 use ridged::analysis;
-use ridged::lab::{FitRequest, ScanRequest, StoredSeries, export};
+use ridged::lab::{FitRequest, ImportOptions, LabError, ScanRequest, StoredSeries, export};
 use ridged::reduction::FrameSource;
 use ridged::scan::plan::Preset;
 use ridged::scan::runner::Order;
@@ -201,10 +201,7 @@ async fn a_scan_waits_for_its_operator_pauses_and_goes_on() {
     let refused = lab
         .move_axis(ridged::lab::AxisName::ThetaC, ridged::units::Angle::ZERO)
         .await;
-    assert!(
-        matches!(refused, Err(ridged::lab::LabError::Busy { .. })),
-        "{refused:?}"
-    );
+    assert!(matches!(refused, Err(LabError::Busy { .. })), "{refused:?}");
     assert!(lab.order(scan.id, Order::Resume).await.is_err());
     assert_eq!(
         lab.order(scan.id, Order::Pause).await.unwrap(),
@@ -234,7 +231,7 @@ async fn an_aborted_scan_gives_the_rig_back() {
         };
         match bench.lab.start_scan(&request).await {
             Ok(next) => break next,
-            Err(ridged::lab::LabError::Busy { .. }) => tokio::task::yield_now().await,
+            Err(LabError::Busy { .. }) => tokio::task::yield_now().await,
             Err(error) => panic!("{error}"),
         }
     };
@@ -367,7 +364,7 @@ async fn a_scan_that_will_not_fit_is_refused_before_anything_moves() {
     };
     let refused = bench.lab.start_scan(&request).await;
     assert!(
-        matches!(refused, Err(ridged::lab::LabError::NoRoom { .. })),
+        matches!(refused, Err(LabError::NoRoom { .. })),
         "{refused:?}"
     );
     let scans = bench
@@ -375,6 +372,80 @@ async fn a_scan_that_will_not_fit_is_refused_before_anything_moves() {
         .store()
         .scans(Default::default(), PageRequest::default());
     assert!(scans.await.unwrap().items.is_empty());
+    bench.end().await;
+}
+
+/// Every file below a folder.
+fn files_below(folder: &Path) -> Vec<std::path::PathBuf> {
+    let mut files = Vec::new();
+    for file in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        match file.path() {
+            path if path.is_dir() => files.extend(files_below(&path)),
+            path => files.push(path),
+        }
+    }
+    files
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_import_leaves_the_reserve_alone_and_nothing_behind_where_it_fails() {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/polymer-10");
+    let folder = tempfile::tempdir().unwrap();
+    let disk = Arc::new(SmallDisk {
+        files_left: AtomicI64::new(10_000),
+    });
+    let bench = BenchInABox::open(folder.path(), Arc::clone(&disk) as Arc<dyn Disk>, false).await;
+    let lab = &bench.lab;
+    let import = async |options: ImportOptions, stop_at: usize| {
+        let cancel = Arc::clone(&options.cancel);
+        let progress = move |done: usize, _: usize| {
+            if done == stop_at {
+                cancel.store(true, Ordering::Relaxed);
+            }
+        };
+        lab.import(&source, &options, &progress).await
+    };
+    let frames = folder.path().join("frames");
+    // The disk says 10 GB.
+    lab.keep_free(9_999_900_000);
+    let refused = import(Default::default(), 0).await.unwrap_err();
+    assert!(
+        matches!(refused, LabError::NoRoomToImport { .. }),
+        "{refused}"
+    );
+    lab.keep_free(1_000_000);
+    // The disk is full in the middle, and somebody breaks it off.
+    disk.files_left.store(7, Ordering::Relaxed);
+    let full = import(Default::default(), 0).await.unwrap_err();
+    assert!(full.to_string().contains("disk is full"), "{full}");
+    assert_eq!(files_below(&frames), Vec::<std::path::PathBuf>::new());
+    disk.files_left.store(10_000, Ordering::Relaxed);
+    let broken = import(Default::default(), 5).await.unwrap_err();
+    assert!(matches!(broken, LabError::BrokenOff), "{broken}");
+    assert_eq!(files_below(&frames), Vec::<std::path::PathBuf>::new());
+    // What a row names stays, whoever fails with the same content later.
+    import(Default::default(), 0).await.unwrap();
+    let all = files_below(&frames).len();
+    assert!(all > 300, "{all}");
+    import(Default::default(), 5).await.unwrap_err();
+    assert_eq!(files_below(&frames).len(), all);
+    // An export that is broken off leaves no folder that the next one would refuse.
+    let out = tempfile::tempdir().unwrap();
+    for folder in [out.path().join("new"), out.path().join("there")] {
+        if folder.ends_with("there") {
+            std::fs::create_dir(&folder).unwrap();
+        }
+        let raised = Arc::new(std::sync::atomic::AtomicBool::new(true));
+        let broken = export(lab.store(), 1, &folder, raised).await.unwrap_err();
+        assert!(matches!(broken, LabError::BrokenOff), "{broken}");
+        assert_eq!(files_below(out.path()), Vec::<std::path::PathBuf>::new());
+        export(lab.store(), 1, &folder, Default::default())
+            .await
+            .unwrap();
+        assert_eq!(files_below(out.path()).len(), 2 + 354);
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+    assert_eq!(std::fs::read_dir(out.path()).unwrap().count(), 0);
     bench.end().await;
 }
 
@@ -389,9 +460,14 @@ async fn a_recorded_series_comes_out_as_it_went_in() {
         .await
         .unwrap();
     let out = folder.path().join("out");
-    export(bench.lab.store(), imported.scan_id, &out)
-        .await
-        .unwrap();
+    export(
+        bench.lab.store(),
+        imported.scan_id,
+        &out,
+        Default::default(),
+    )
+    .await
+    .unwrap();
     let mut files = vec!["manifest.toml".to_owned(), "frames.csv".to_owned()];
     let series = StoredSeries::open(bench.lab.store(), imported.scan_id)
         .await

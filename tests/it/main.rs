@@ -18,4 +18,5 @@ mod radiances;
 mod runner;
 mod simulate_rig;
 mod stage;
+mod stop;
 mod synthetic;

@@ -235,7 +235,14 @@ impl Stage {
     /// # Errors
     /// As [`Stage::home`].
     pub async fn home_all(&self) -> Result<(), StageError> {
-        let stops = self.stops();
+        self.home_all_since(self.stops()).await
+    }
+
+    /// The same, unless there has been a stop since [`Stage::stops`] gave `stops`.
+    ///
+    /// # Errors
+    /// As [`Stage::home_since`].
+    pub async fn home_all_since(&self, stops: u64) -> Result<(), StageError> {
         let (tilt, turn) = (&self.inner.theta_c, &self.inner.phi_s);
         let outcome = futures::try_join!(tilt.home(stops), turn.home(stops)).map(|_| ());
         self.or_stop(outcome).await
@@ -306,6 +313,12 @@ impl Stage {
             () = self.inner.line.stopped_since(stops) => Err(StageError::Stopped),
             () = settle => Ok(()),
         }
+    }
+
+    /// Whether both are clones of one connection.
+    #[must_use]
+    pub fn is_same(&self, other: &Stage) -> bool {
+        Arc::ptr_eq(&self.inner, &other.inner)
     }
 
     /// How many stops there have been: for who begins a motion later than it was asked for.

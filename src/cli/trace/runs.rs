@@ -168,6 +168,9 @@ fn foretell(runs: &Runs<'_>, cancel: &AtomicBool) {
     let patience = super::patience(runs.limits.max_seconds, cancel);
     let make = |n: usize| (runs.make)(n).ok();
     if let Some(forecast) = of_runs(runs.count, &make, asked, patience) {
-        eprintln!("forecast: {}", forecast.within(runs.limits.max_seconds));
+        eprintln!(
+            "forecast: {}",
+            forecast.drawn_within(runs.limits.max_seconds)
+        );
     }
 }

@@ -38,3 +38,72 @@ fn every_response_of_the_document_says_what_it_is() {
     }
     assert!(responses > 60, "{responses}");
 }
+
+/// What a route of the document says of itself.
+fn operation<'a>(document: &'a Value, method: &str, path: &str) -> &'a Value {
+    &document["paths"][format!("/api/v1{path}")][method]
+}
+
+#[test]
+fn answers_that_every_route_of_a_kind_gives_are_described() {
+    let document: Value = serde_json::from_str(&api::openapi_json()).unwrap();
+    for (method, path, status) in [
+        ("get", "/scans", "422"),
+        ("get", "/scans", "400"),
+        ("get", "/samples", "422"),
+        ("get", "/scans/{id}", "400"),
+        ("get", "/scans/{id}/frames", "422"),
+        ("get", "/events", "422"),
+        ("post", "/scans", "415"),
+        ("post", "/rig/axes/{axis}/home", "422"),
+    ] {
+        let responses = &operation(&document, method, path)["responses"];
+        assert!(responses[status].is_object(), "{method} {path} {status}");
+    }
+    let has_key = |path: &str| {
+        let all = operation(&document, "post", path)["parameters"].as_array();
+        all.is_some_and(|all| all.iter().any(|p| p["name"] == "Idempotency-Key"))
+    };
+    assert!(has_key("/scans") && has_key("/imports") && has_key("/scans/{id}/{order}"));
+    assert!(!has_key("/rig/stop"));
+}
+
+#[test]
+fn the_described_scan_is_the_one_that_is_read() {
+    let document: Value = serde_json::from_str(&api::openapi_json()).unwrap();
+    let schema = |name: &str| &document["components"]["schemas"][name];
+    let fields = |name: &str| -> Vec<String> {
+        let properties = schema(name)["properties"].as_object();
+        let mut names: Vec<String> = properties.unwrap().keys().cloned().collect();
+        names.sort();
+        names
+    };
+    assert_eq!(
+        operation(&document, "post", "/scans")["requestBody"]["content"]["application/json"]["schema"]
+            ["$ref"],
+        "#/components/schemas/ScanRequest"
+    );
+    // A request that is written out has every field there is.
+    let whole = serde_json::to_value(ridged::scan::PlanRequest::default()).unwrap();
+    for (name, read) in [
+        ("PlanRequest", &whole),
+        ("DarkRequest", &whole["dark"]),
+        ("FlatRequest", &whole["flat"]),
+    ] {
+        let mut names: Vec<String> = read.as_object().unwrap().keys().cloned().collect();
+        names.sort();
+        assert_eq!(fields(name), names, "{name}");
+        assert_eq!(schema(name)["additionalProperties"], false, "{name}");
+    }
+    assert_eq!(fields("Grid"), ["from", "step", "to"]);
+    assert_eq!(
+        schema("ScanRequest")["required"],
+        serde_json::json!(["sample_id", "plan"])
+    );
+    let presets = &schema("Preset")["enum"];
+    assert_eq!(presets, &serde_json::json!(["paper", "full"]));
+    // What a material does not know is refused, and the description says so.
+    for kind in schema("MaterialBody")["oneOf"].as_array().unwrap() {
+        assert_eq!(kind["additionalProperties"], false, "{kind}");
+    }
+}

@@ -24,7 +24,7 @@ use ridged::store::disk::RealDisk;
 use crate::bench_in_a_box::BenchInABox;
 
 /// A lab without hands, and the interface to it.
-async fn opened() -> (BenchInABox, Router) {
+pub(crate) async fn opened() -> (BenchInABox, Router) {
     let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
     let router = api::router(
         bench.lab.clone(),
@@ -35,21 +35,21 @@ async fn opened() -> (BenchInABox, Router) {
 }
 
 /// An answer: status, headers, JSON (null if it is none).
-struct Answer {
-    status: u16,
+pub(crate) struct Answer {
+    pub(crate) status: u16,
     location: Option<String>,
     kind: String,
-    body: Value,
+    pub(crate) body: Value,
 }
 
 impl Answer {
     /// What a problem says to a person.
-    fn detail(&self) -> &str {
+    pub(crate) fn detail(&self) -> &str {
         self.body["detail"].as_str().unwrap()
     }
 }
 
-async fn send(router: &Router, request: Request<Body>) -> Answer {
+pub(crate) async fn send(router: &Router, request: Request<Body>) -> Answer {
     let response = router.clone().oneshot(request).await.unwrap();
     let header = |name| {
         response
@@ -69,7 +69,7 @@ async fn send(router: &Router, request: Request<Body>) -> Answer {
     }
 }
 
-fn request(method: &str, path: &str) -> axum::http::request::Builder {
+pub(crate) fn request(method: &str, path: &str) -> axum::http::request::Builder {
     Request::builder()
         .method(method)
         .uri(path)
@@ -97,7 +97,7 @@ async fn post(router: &Router, path: &str, body: &str) -> Answer {
 }
 
 /// Asserts that an answer refuses by this code and says what to do.
-fn is_problem(answer: &Answer, status: u16, code: &str) {
+pub(crate) fn is_problem(answer: &Answer, status: u16, code: &str) {
     assert_eq!(answer.status, status, "{}", answer.body);
     assert_eq!(answer.kind, "application/problem+json");
     assert_eq!(answer.body["code"], code, "{}", answer.body);

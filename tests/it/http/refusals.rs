@@ -84,6 +84,18 @@ async fn bad_input_is_refused_by_name_and_nothing_happens() {
             "invalid-value",
             "/api/v1/samples",
         ),
+        (
+            r#"{"name": "x", "material": {"kind": "dielectric", "eta": 1.5, "eta_sdt": 0.01}}"#,
+            400,
+            "unknown-field",
+            "/api/v1/samples",
+        ),
+        (
+            r#"{"name": "x", "material": {"kind": "dielectric", "eta": 1.5, "k": 0.5}}"#,
+            400,
+            "unknown-field",
+            "/api/v1/samples",
+        ),
         (r#"{"scan_id": 77}"#, 404, "not-found", "/api/v1/fits"),
         (
             r#"{"scan_id": 77, "variant": "best"}"#,

@@ -51,6 +51,13 @@ async fn a_scan_is_begun_found_commanded_and_begun_once_per_key() {
     is_problem(&refused, 422, "invalid-value");
     let unknown = get(&router, "/api/v1/calibrations/1").await;
     is_problem(&unknown, 404, "not-found");
+    let paused = post(&router, "/api/v1/scans/1/pause", "").await;
+    assert_eq!(paused.status, 202, "{}", paused.body);
+    let rig = get(&router, "/api/v1/rig").await.body;
+    assert_eq!(
+        (&rig["activity"], &rig["scan_state"]),
+        (&json!("paused"), &json!("paused"))
+    );
     let aborted = post(&router, "/api/v1/scans/1/abort", "").await;
     assert_eq!(
         (aborted.status, &aborted.body["state"]),

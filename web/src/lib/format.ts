@@ -90,9 +90,11 @@ export function seconds(s: number): string {
 
 /** What was told before a start: `about 4.2 s for 108 poses: 1.2 s to read and reduce, 3.0 s to fit`. */
 export function foretold(forecast: Forecast): string {
-  const amount = forecast.amount ? ` for ${count(forecast.amount.count)} ${forecast.amount.of}` : '';
+  const { count: drawn, error: reached } = forecast.at_limit ?? {};
+  const byThen = drawn === undefined ? '' : ` (about ${count(drawn)} by the limit)`;
+  const amount = forecast.amount ? ` for ${count(forecast.amount.count)} ${forecast.amount.of}${byThen}` : '';
   const parts = (forecast.parts ?? []).map((part) => `${seconds(part.seconds)} ${part.what}`).join(', ');
-  const error = forecast.error ? `; error of ${forecast.error.of.replace(/,$/, '')} about ${percent(forecast.error.value)}` : '';
+  const error = forecast.error ? `; error of ${forecast.error.of.replace(/,$/, '')} about ${percent(forecast.error.value)}${reached === undefined ? '' : ` (${percent(reached)} by the limit)`}` : '';
   const uncut = forecast.uncut_seconds;
   const short = forecast.cut_short && uncut === undefined ? ' (the time allowed is too short for all of it)' : '';
   const about = forecast.at_most ? 'at most' : 'about';

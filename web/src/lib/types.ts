@@ -27,8 +27,10 @@ export interface Rig {
   } | null;
   readonly time_scale: number;
   readonly axes: Readonly<Record<AxisName, Axis>>;
-  readonly activity: 'idle' | 'moving' | 'homing' | 'scanning';
+  readonly activity: 'idle' | 'moving' | 'homing' | 'scanning' | 'paused';
   readonly scan_id: number | null;
+  readonly scan_state: ScanState | null;
+  readonly scan_reason: string | null;
 }
 
 export type Material =
@@ -192,6 +194,8 @@ export interface Forecast {
   readonly cut_short: boolean;
   /** Seconds that all of it would take, where a limit cuts it. */
   readonly uncut_seconds?: number;
+  /** What a limit leaves of work that is drawn at random; amount and error are of all of it. */
+  readonly at_limit?: { readonly count?: number; readonly error?: number };
 }
 
 /** How far a calculation has come. */

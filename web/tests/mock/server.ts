@@ -312,7 +312,8 @@ export class MockDaemon {
       connected: this.connected, problem: this.connected ? null : { code: 'port-missing', detail: 'the serial port /dev/ttyUSB0 does not exist: plug the stage in or correct [bench] port' },
       simulated: true, description: 'Zaber ASCII on /dev/pts/3', time_scale: 20,
       camera: { description: 'simulated camera, 96 × 96, 16 bit', width_px: SIZE_PX, height_px: SIZE_PX, bit_depth: 16, saturation_dn: 65535, exposures_s: [0.02, 0.06, 0.18] },
-      axes: this.axes, activity: holder?.body.state === 'running' ? 'scanning' : moving ? 'moving' : 'idle', scan_id: holder?.body.id ?? null,
+      axes: this.axes, activity: holder?.body.state === 'running' ? 'scanning' : holder?.body.state === 'paused' ? 'paused' : moving ? 'moving' : 'idle', scan_id: holder?.body.id ?? null,
+      scan_state: holder?.body.state ?? null, scan_reason: holder?.body.reason ?? null,
     };
   }
 

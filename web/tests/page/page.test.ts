@@ -216,6 +216,7 @@ describe('a scan', () => {
     await page.getByRole('button', { name: 'Abort …' }).click();
     await page.getByRole('button', { name: 'Keep' }).click();
     await page.getByRole('button', { name: 'Pause' }).click();
+    await page.locator('header').getByText('scan paused').waitFor();
     await page.getByRole('button', { name: 'Abort …' }).click();
     await page.getByRole('button', { name: 'Abort for good' }).click();
     await page.getByText('aborted').first().waitFor();
@@ -281,6 +282,24 @@ describe('a fit', () => {
     await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('10.61 ± 0.42°');
     expect(await page.getByTestId('curves').locator('figure').count()).toBe(9);
     expect(new URL(page.url()).hash).toBe('#/scan/1/fit/1');
+  });
+});
+
+describe('a long name without a blank', () => {
+  it.each([1280, 400])('makes nothing wider than a screen of %i pixels', async (width) => {
+    const surface = { theta_r_deg: 12, alpha_u: 0.1, alpha_v: 0.1, rho_d: 0.2 };
+    const scan = daemon.addScan(daemon.addSample(`part_${'0123456789'.repeat(12)}`, surface), 'full');
+    daemon.addFit(scan);
+    daemon.addFit(scan, 'paper');
+    await page.setViewportSize({ width, height: 900 });
+    await page.goto(url);
+    await page.getByTestId('fits').waitFor();
+    expect(await page.evaluate(() => document.documentElement.scrollWidth - innerWidth)).toBeLessThanOrEqual(0);
+    // How a fit ended is in view: the last of its columns.
+    const [chip, list] = await page.getByTestId('fits').evaluate((table) => [table.querySelector('td .chip')?.getBoundingClientRect().right, table.parentElement?.getBoundingClientRect().right]);
+    expect(chip ?? 1e9).toBeLessThanOrEqual(list ?? 0);
+    const hidden = await page.getByTestId('fits').evaluate((table) => (table.parentElement?.scrollWidth ?? 1e9) - (table.parentElement?.clientWidth ?? 0));
+    if (width === 1280) expect(hidden).toBeLessThanOrEqual(0);
   });
 });
 

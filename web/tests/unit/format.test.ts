@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { angle, between, bytes, count, decade, decimalsFor, duration, exposure, fixed, percent, plain, significant, timeLeft, when, withUncertainty } from '../../src/lib/format';
+import { angle, between, bytes, count, decade, decimalsFor, duration, exposure, fixed, foretold, percent, plain, significant, timeLeft, when, withUncertainty } from '../../src/lib/format';
 
 describe('withUncertainty', () => {
   it('rounds value and uncertainty to the same place, two digits of the uncertainty', () => {
@@ -87,5 +87,15 @@ describe('when', () => {
 describe('decade', () => {
   it('writes ticks of a logarithmic axis as powers of ten', () => {
     expect([1e-7, 9.9999999e-8, 5e-7, 1e4, 2e6].map((x) => decade(x).replaceAll('\u202f', ' '))).toEqual(['10⁻⁷', '10⁻⁷', '5 × 10⁻⁷', '10⁴', '2 × 10⁶']);
+  });
+});
+
+describe('a forecast', () => {
+  it('tells what a limit leaves of work that is drawn at random', () => {
+    const all = { seconds: 4, at_most: false, cut_short: true, uncut_seconds: 100, amount: { count: 1_000_000, of: 'photons' }, error: { value: 0.01, of: 'a reflected bin' } };
+    expect(foretold(all)).not.toContain('by the limit');
+    const told = foretold({ ...all, at_limit: { count: 40_000, error: 0.05 } });
+    expect(told).toMatch(/photons \(about 40\D?000 by the limit\)/);
+    expect(told).toMatch(/about 1\.0\D*% \(5\.0\D*% by the limit\)/);
   });
 });

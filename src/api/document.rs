@@ -1,0 +1,105 @@
+//! What every route of the description has in common, put in once: keys, ids, parameters, bodies.
+
+use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn};
+use utoipa::openapi::response::ResponseBuilder;
+use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, Schema, Type};
+use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr, Required};
+
+use super::guard::KEY_LENGTH_MAX;
+use super::rig::STOP;
+
+/// Adds what the guards and the extractors answer wherever a route has what they look at.
+pub(super) fn complete(document: &mut OpenApi) {
+    close_kinds(document, "MaterialBody");
+    for (path, item) in &mut document.paths.paths {
+        let begins = item.post.is_some() && path != STOP;
+        if begins && let Some(operation) = &mut item.post {
+            operation.parameters.get_or_insert_default().push(key());
+        }
+        for operation in [&mut item.get, &mut item.post].into_iter().flatten() {
+            let has = |place: &ParameterIn| {
+                let all = operation.parameters.iter().flatten();
+                all.filter_map(told).any(|p| &p.parameter_in == place)
+            };
+            let (query, body) = (has(&ParameterIn::Query), operation.request_body.is_some());
+            if path.contains("{id}") {
+                answers(operation, "400", "The id is no whole number");
+            }
+            if query {
+                answers(operation, "400", "There is no such parameter");
+                answers(operation, "422", "A value makes no sense");
+            }
+            if body {
+                answers(operation, "413", "The body is too large");
+                answers(operation, "415", "The body is not announced as JSON");
+            }
+            if begins && has_key(operation) {
+                answers(
+                    operation,
+                    "422",
+                    "The Idempotency-Key was used for another request",
+                );
+            }
+        }
+    }
+}
+
+/// Says of the kinds of a schema that they take no other fields; the derivation says it of structs alone.
+fn close_kinds(document: &mut OpenApi, name: &str) {
+    let schemas = document.components.as_mut().map(|c| &mut c.schemas);
+    let Some(RefOr::T(Schema::OneOf(kinds))) = schemas.and_then(|all| all.get_mut(name)) else {
+        return;
+    };
+    for kind in &mut kinds.items {
+        if let RefOr::T(Schema::Object(kind)) = kind {
+            kind.additional_properties = Some(Box::new(AdditionalProperties::FreeForm(false)));
+        }
+    }
+}
+
+fn told(parameter: &RefOr<Parameter>) -> Option<&Parameter> {
+    match parameter {
+        RefOr::T(parameter) => Some(parameter),
+        RefOr::Ref(_) => None,
+    }
+}
+
+fn has_key(operation: &Operation) -> bool {
+    let all = operation.parameters.iter().flatten();
+    all.filter_map(told).any(|p| p.name == KEY)
+}
+
+/// Adds an answer that is a problem, unless the route says itself when it gives it.
+fn answers(operation: &mut Operation, status: &str, description: &str) {
+    let problem = ContentBuilder::new()
+        .schema(Some(Ref::from_schema_name("Problem")))
+        .build();
+    let response = ResponseBuilder::new()
+        .description(description)
+        .content("application/json", problem)
+        .build();
+    operation
+        .responses
+        .responses
+        .entry(status.into())
+        .or_insert_with(|| response.into());
+}
+
+const KEY: &str = "Idempotency-Key";
+
+fn key() -> RefOr<Parameter> {
+    let text = ObjectBuilder::new()
+        .schema_type(Type::String)
+        .min_length(Some(1))
+        .max_length(Some(KEY_LENGTH_MAX));
+    ParameterBuilder::new()
+        .name(KEY)
+        .parameter_in(ParameterIn::Header)
+        .required(Required::False)
+        .description(Some(
+            "A request with a key acts once: sent again with the same key it gets the first answer",
+        ))
+        .schema(Some(text))
+        .build()
+        .into()
+}

@@ -1,0 +1,122 @@
+//! The way to the stages that everybody has: to ask where they are, and to stop them.
+//!
+//! [`Reach::stop`] is the one function to call when something shall stand still: it stops the
+//! connected stage, and connects first where the link is lost or was never there. Moves nothing.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use tokio::sync::{Mutex, watch};
+
+use super::rig::StageLink;
+use crate::bench::stage::{Stage, StageError};
+
+/// One link to the stages, shared by who moves them and who stops them; cheap to clone.
+#[derive(Clone)]
+pub struct Reach {
+    inner: Arc<Inner>,
+}
+
+struct Inner {
+    link: StageLink,
+    stage: watch::Sender<Option<Stage>>,
+    /// A port has one owner: whoever opens it does so alone.
+    opening: Mutex<()>,
+    /// How often the stages were told to stop. What was asked for before does not begin after.
+    stops: AtomicU64,
+    was_connected: AtomicBool,
+}
+
+impl Reach {
+    pub(super) fn new(link: StageLink) -> Self {
+        Reach {
+            inner: Arc::new(Inner {
+                link,
+                stage: watch::Sender::new(None),
+                opening: Mutex::new(()),
+                stops: AtomicU64::new(0),
+                was_connected: AtomicBool::new(false),
+            }),
+        }
+    }
+
+    /// How the stages are reached.
+    #[must_use]
+    pub fn link(&self) -> &StageLink {
+        &self.inner.link
+    }
+
+    /// The connected stage, as it comes and goes.
+    #[must_use]
+    pub fn watch(&self) -> watch::Receiver<Option<Stage>> {
+        self.inner.stage.subscribe()
+    }
+
+    fn stage(&self) -> Option<Stage> {
+        self.inner.stage.borrow().clone()
+    }
+
+    /// How often the stages were told to stop.
+    #[must_use]
+    pub fn stops(&self) -> u64 {
+        self.inner.stops.load(Ordering::SeqCst)
+    }
+
+    /// Whether there was a link and it is gone: what moved then may move still.
+    #[must_use]
+    pub fn is_lost(&self) -> bool {
+        self.inner.was_connected.load(Ordering::SeqCst) && self.inner.stage.borrow().is_none()
+    }
+
+    pub(super) async fn connect(&self) -> Result<Stage, StageError> {
+        if let Some(stage) = self.stage() {
+            return Ok(stage);
+        }
+        let _alone = self.inner.opening.lock().await;
+        if let Some(stage) = self.stage() {
+            return Ok(stage);
+        }
+        let StageLink {
+            port,
+            settings,
+            clock,
+            seam,
+        } = self.inner.link.clone();
+        let stage = Stage::connect(port, settings, clock, seam).await?;
+        self.inner.was_connected.store(true, Ordering::SeqCst);
+        self.inner.stage.send_replace(Some(stage.clone()));
+        Ok(stage)
+    }
+
+    pub(super) fn let_go(&self) {
+        self.inner.stage.send_replace(None);
+    }
+
+    /// Stops both axes at once, whoever moves them, and waits until they stand.
+    ///
+    /// # Errors
+    /// [`StageError`] if they could not be reached: they may be moving.
+    pub async fn stop(&self) -> Result<(), StageError> {
+        // Before the stages hear of it: who begins a motion looks at this last.
+        self.inner.stops.fetch_add(1, Ordering::SeqCst);
+        if let Some(stage) = self.stage() {
+            match stage.stop().await {
+                // Its port is closed; the axes go on with what they were told last.
+                Err(StageError::Disconnected(_)) => {
+                    self.inner.stage.send_if_modified(|now| {
+                        let same = now.as_ref().is_some_and(|now| now.is_same(&stage));
+                        if same {
+                            *now = None;
+                        }
+                        same
+                    });
+                }
+                other => return other,
+            }
+        }
+        // Connecting stops what moves before it asks for anything.
+        let stage = self.connect().await?;
+        // Somebody else may have been the one who connected, and gone on to move.
+        stage.stop().await
+    }
+}

@@ -1,0 +1,150 @@
+//! The stop, where it is hardest: without a link, beside keys, with bodies that are none.
+
+use std::sync::Arc;
+
+use axum::body::Body;
+use ridged::bench::AxisName::PhiS;
+use ridged::cli::simulated::{SimulatedRig, Simulation};
+use ridged::clock::{Clock, SteppedClock};
+use ridged::lab::{Lab, LabError};
+use ridged::scan::event::RigActivity;
+use ridged::scan::runner::Order;
+use ridged::scan::{Event, Rig, ScanState, StageLink};
+use ridged::sim::faults::{LineFault, ScriptedFaults};
+use ridged::store::disk::RealDisk;
+use ridged::units::Angle;
+
+use crate::bench_in_a_box::{BenchInABox, small};
+use crate::http::{is_problem, opened, request, send};
+
+/// A lab whose line to the stages can be disturbed. Time stands still while nobody waits, so what moves goes on moving.
+async fn disturbed(change: impl FnOnce(&mut StageLink)) -> (Lab, SimulatedRig, tempfile::TempDir) {
+    let folder = tempfile::tempdir().unwrap();
+    let clock: Arc<dyn Clock> = Arc::new(SteppedClock::new());
+    let (rig, mut parts) = SimulatedRig::with_clock(Simulation::default(), clock).unwrap();
+    let mut link = parts.rig.link().clone();
+    change(&mut link);
+    parts.rig = Rig::new(link, parts.rig.camera);
+    let clock = Arc::clone(&rig.clock);
+    let (lab, _) = Lab::open(folder.path(), Arc::new(RealDisk), clock, Some(parts))
+        .await
+        .unwrap();
+    (lab, rig, folder)
+}
+
+/// Waits until a motion has ended, without asking the stages.
+async fn idle(events: &mut tokio::sync::broadcast::Receiver<Arc<ridged::scan::RecordedEvent>>) {
+    loop {
+        let event = events.recv().await.unwrap();
+        if let Event::Rig { activity, .. } = event.event
+            && activity == RigActivity::Idle
+        {
+            return;
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stop_reaches_what_moves_on_after_its_link_was_lost() {
+    let faults = ScriptedFaults::new();
+    let (lab, rig, _folder) = disturbed(|link| link.seam = Arc::new(faults.clone())).await;
+    let mut events = lab.events();
+    lab.home(PhiS).await.unwrap();
+    idle(&mut events).await;
+    // The stage hears the move; its answer finds no line any more.
+    faults.on("move abs", LineFault::Unplug, 1);
+    lab.move_axis(PhiS, Angle::from_deg(300.0)).await.unwrap();
+    idle(&mut events).await;
+    assert!(rig.world.is_moving());
+    lab.stop().await.unwrap();
+    assert!(!rig.world.is_moving());
+    // Without a line at all nobody says that it stands.
+    faults.unplug();
+    let refused = lab.stop().await.unwrap_err();
+    assert!(matches!(refused, LabError::NotStopped { .. }), "{refused}");
+    assert!(refused.to_string().contains("use the switch"), "{refused}");
+    let told = lab.store().events_after(0, 1000).await.unwrap();
+    assert!(
+        matches!(&told.last().unwrap().event, Event::Alarm { message, .. } if message.contains("did not reach")),
+        "{told:?}"
+    );
+    faults.plug_in();
+    lab.stop().await.unwrap();
+    lab.shut_down().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_daemon_that_ends_stops_what_it_lost() {
+    let faults = ScriptedFaults::new();
+    let (lab, rig, _folder) = disturbed(|link| link.seam = Arc::new(faults.clone())).await;
+    let mut events = lab.events();
+    lab.home(PhiS).await.unwrap();
+    idle(&mut events).await;
+    faults.on("move abs", LineFault::Unplug, 1);
+    lab.move_axis(PhiS, Angle::from_deg(300.0)).await.unwrap();
+    idle(&mut events).await;
+    assert!(rig.world.is_moving());
+    lab.shut_down().await;
+    assert!(!rig.world.is_moving());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stop_without_a_port_says_that_it_reached_nothing() {
+    let nowhere = |link: &mut StageLink| link.port = "/dev/there-is-no-such-port".parse().unwrap();
+    let (lab, _rig, _folder) = disturbed(nowhere).await;
+    let router = ridged::api::router(lab.clone(), Arc::new(String::new), Default::default());
+    let stop = request("POST", "/api/v1/rig/stop").body(Body::empty());
+    let answer = send(&router, stop.unwrap()).await;
+    is_problem(&answer, 503, "port-missing");
+    assert!(
+        answer.detail().contains("there is no port"),
+        "{}",
+        answer.detail()
+    );
+    assert!(
+        answer.detail().contains("use the switch"),
+        "{}",
+        answer.detail()
+    );
+    lab.shut_down().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scan_that_lost_its_stage_leaves_the_port_to_the_stop() {
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let scan = bench.start(small(&[0.0, 10.0], &[0.0])).await;
+    bench.until(scan.id, ScanState::WaitingForOperator).await;
+    bench.rig.world.set_powered(PhiS, false);
+    bench.rig.world.cap_lens(true);
+    bench.lab.order(scan.id, Order::Continue).await.unwrap();
+    // The dark frame needs no motion; the next point does.
+    let hands = bench.rig.hands(&bench.lab, true);
+    bench.until(scan.id, ScanState::Paused).await;
+    let view = bench.lab.rig().await.unwrap();
+    let (code, why) = view.problem.unwrap();
+    assert!(!view.connected && code == "scan-paused", "{code}");
+    assert!(why.contains("does not answer"), "{why}");
+    bench.rig.world.set_powered(PhiS, true);
+    bench.lab.stop().await.unwrap();
+    hands.abort();
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn no_key_and_no_body_keeps_a_stop_from_stopping() {
+    let (bench, router) = opened().await;
+    for body in ["", "reason=door", "{"] {
+        let stop = request("POST", "/api/v1/rig/stop")
+            .header("idempotency-key", "the same")
+            .header("content-type", "application/x-www-form-urlencoded")
+            .header("content-length", body.len())
+            .body(Body::from(body))
+            .unwrap();
+        let answer = send(&router, stop).await;
+        assert_eq!(answer.status, 200, "{}", answer.body);
+    }
+    let told = bench.lab.store().events_after(0, 100).await.unwrap();
+    let stopped = |event: &Event| matches!(event, Event::Rig { activity, .. } if *activity == RigActivity::Stopped);
+    assert_eq!(told.iter().filter(|e| stopped(&e.event)).count(), 3);
+    bench.end().await;
+}
