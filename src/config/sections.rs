@@ -26,7 +26,7 @@ impl Default for ServerSettings {
 pub struct StoreSettings {
     /// The data folder. Default `ridged-data`; `--data` overrides it.
     pub folder: PathBuf,
-    /// Space that a scan leaves free, MB. Default 200, 1 to 1 000 000.
+    /// Space that scans and imports leave free, MB. Default 200, 1 to 1 000 000.
     pub reserve_mb: u64,
 }
 
