@@ -25,8 +25,10 @@ use crate::units::Angle;
 const LAMP_SCATTER_DEFAULT: f64 = 5e-4;
 /// Poses closer than this are the same pose.
 pub(super) const SAME_ANGLE_DEG: f64 = 0.02;
-/// A flat further than this share from the others' common level is left out.
+/// A flat further than this share, and this many standard uncertainties of its own, from the others' common level is left
+/// out.
 const LEVEL_SHARE: f64 = 0.05;
+const LEVEL_SIGMAS: f64 = 6.0;
 
 /// What the pixels make of uniform light.
 #[derive(Debug, Clone)]
@@ -65,6 +67,8 @@ struct Flat {
     exposure_s: f64,
     /// Mean counts above dark over good pixels.
     mean_dn: f64,
+    /// Its standard uncertainty by counting and read noise, as a share.
+    noise_share: f64,
 }
 
 impl Flats {
@@ -156,11 +160,18 @@ fn accepted(
         .map(|index| {
             calls.check_cancel()?;
             let row = &rows[*index];
-            let flat = mean_of(calls, *index, sensor, darks).map(|mean_dn| Flat {
-                index: *index,
-                theta_c_deg: row.theta_c_deg,
-                exposure_s: row.exposure_s,
-                mean_dn,
+            let dark = darks.at(row.exposure_s);
+            let current = (dark.mean_dn - sensor.black_dn).max(0.0);
+            let pixels = darks.good.iter().filter(|good| **good).count().max(1);
+            let flat = mean_of(calls, *index, sensor, darks).map(|mean_dn| {
+                let variance = sensor.variance_dn2(mean_dn.max(0.0) + current) + dark.variance_dn2;
+                Flat {
+                    index: *index,
+                    theta_c_deg: row.theta_c_deg,
+                    exposure_s: row.exposure_s,
+                    mean_dn,
+                    noise_share: (variance / pixels as f64).sqrt() / mean_dn.abs(),
+                }
             });
             Ok((*index, flat))
         })
@@ -182,9 +193,11 @@ fn accepted(
     let judge = flats.len() > 2;
     flats.retain(|flat| {
         let share = relative(flat) / usual - 1.0;
+        // Dim flats scatter by their noise; one that is off by less is as good as any.
+        let reach = LEVEL_SHARE.max(LEVEL_SIGMAS * flat.noise_share);
         let refused = if share < -0.9 || usual <= 0.0 {
             Some(("black", "it shows next to no light".to_owned()))
-        } else if judge && share.abs() > LEVEL_SHARE {
+        } else if judge && share.abs() > reach {
             Some((
                 "level",
                 format!(

@@ -34,7 +34,7 @@ pub(super) struct Level {
     /// Mean count above dark per second, response divided out.
     pub(super) rate_dn_s: f64,
     /// Mean of 1/response², what a count's variance is multiplied with.
-    inverse_response2: f64,
+    pub(super) inverse_response2: f64,
     /// Variance of the mean as the pixels' own scatter shows it.
     pub(super) variance_pixels: f64,
     /// Variance of the mean beyond that, as the scatter between cells shows it: moiré, texture.

@@ -46,11 +46,64 @@ pub(super) fn warn(measured: &[Measured], journal: &mut Journal) {
     let slope = changes(|s| s.across).hypot(changes(|s| s.down));
     if slope > TOLD {
         journal.warn(format!(
-            "the brightness slopes over the field, by {} from its middle to its edge and differently from pose to pose, as it \\
-             does where camera or lamp are near: then α comes out too large; state projection = \"perspective\" and the \\
-             distances in the manifest, or take a smaller part of the field (an uneven sample does the same: look at the \\
+            "the brightness slopes over the field, by {} from its middle to its edge and differently from pose to pose, as it \
+             does where camera or lamp are near: then α comes out too large; state projection = \"perspective\" and the \
+             distances in the manifest, or take a smaller part of the field (an uneven sample does the same: look at the \
              map)",
             percent(slope)
         ));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::measure::Level;
+    use super::*;
+
+    fn told(slopes: &[(f64, f64)], std: f64) -> Option<String> {
+        let measured: Vec<Measured> = slopes
+            .iter()
+            .enumerate()
+            .map(|(index, (across, down))| Measured {
+                index,
+                exposure_s: 0.1,
+                levels: vec![Level {
+                    slope: Slope {
+                        across: *across,
+                        down: *down,
+                        std,
+                    },
+                    ..Level::default()
+                }],
+                full: 0,
+                pixels: 100,
+                fingerprint: index as u64,
+            })
+            .collect();
+        let mut journal = Journal::default();
+        warn(&measured, &mut journal);
+        journal.close(&[]).1.first().cloned()
+    }
+
+    #[test]
+    fn slopes_that_change_with_the_pose_are_told_and_those_of_the_camera_are_not() {
+        let near: Vec<(f64, f64)> = (0..12)
+            .map(|n| (0.2 * f64::from(n - 6) / 6.0, 0.1))
+            .collect();
+        let words = told(&near, 1e-3).expect("a near camera is told");
+        assert!(
+            words.contains("12 %") && words.contains("perspective"),
+            "{words}"
+        );
+        assert!(!words.contains("  "), "{words}");
+        // The same at each pose: vignetting that no flat took off.
+        assert_eq!(told(&[(0.3, -0.2); 12], 1e-3), None);
+        // Noise, however large: known too badly, or no more than is known.
+        assert_eq!(told(&near, 0.1), None);
+        let noise: Vec<(f64, f64)> = (0..12)
+            .map(|n| (0.015 * f64::from(n % 3 - 1), 0.0))
+            .collect();
+        assert_eq!(told(&noise, 0.015), None);
+        assert_eq!(told(&near[..4], 1e-3), None);
     }
 }

@@ -5,11 +5,19 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
 
 use tokio::sync::{Mutex, watch};
 
 use super::rig::StageLink;
+use crate::bench::port::PortError;
 use crate::bench::stage::{Stage, StageError};
+use crate::clock::{Clock, SystemClock};
+
+/// How often, and how long apart, a port that is in use is asked for again: in real time, in which ports close whatever
+/// the rig's clock says.
+const CLOSING_TRIES: u32 = 20;
+const CLOSING_WAIT: Duration = Duration::from_millis(50);
 
 /// One link to the stages, shared by who moves them and who stops them; cheap to clone.
 #[derive(Clone)]
@@ -82,7 +90,19 @@ impl Reach {
             clock,
             seam,
         } = self.inner.link.clone();
-        let stage = Stage::connect(port, settings, clock, seam).await?;
+        let mut tries = 0;
+        let stage = loop {
+            let (port, seam) = (port.clone(), Arc::clone(&seam));
+            let connecting = Stage::connect(port, settings.clone(), Arc::clone(&clock), seam);
+            match connecting.await {
+                // Who let go of a link a moment ago still closes its port: only what stays so is another program.
+                Err(StageError::Port(PortError::InUse { .. })) if tries < CLOSING_TRIES => {
+                    tries += 1;
+                    SystemClock::new().sleep(CLOSING_WAIT).await;
+                }
+                other => break other?,
+            }
+        };
         self.inner.was_connected.store(true, Ordering::SeqCst);
         self.inner.stage.send_replace(Some(stage.clone()));
         Ok(stage)
