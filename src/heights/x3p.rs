@@ -409,9 +409,8 @@ mod tests {
                 assert!((h - 1e-6 * n as f64).abs() < 1e-12, "{n}: {h}");
             }
         }
-        let refused = |mask: Option<&[u8]>| {
-            read(&archive_with(&xml, Some(&heights), mask)).unwrap_err()
-        };
+        let refused =
+            |mask: Option<&[u8]>| read(&archive_with(&xml, Some(&heights), mask)).unwrap_err();
         assert!(refused(Some(&packed(&[1, 2, 3]))).contains("3 of 21 points"));
         assert!(refused(Some(&[0xff; 4])).contains("instead of 3"));
         assert!(refused(None).contains("bindata/valid.bin"));
