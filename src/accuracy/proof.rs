@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use crate::plan::scene::{Wish, apply, lean, plan};
+use crate::plan::scene::{Wish, apply, plan};
 use crate::plan::{Choice, Decision, Plan};
 use crate::trace::run::{Follow, Shard, trace_photons};
 use crate::trace::scene::{Prepared, Scene};
@@ -167,11 +167,7 @@ pub fn of_scene(
     to_plan.photons = needed;
     let plan = plan(scene, &to_plan, &wish);
     let as_planned = |plan: &Plan| {
-        let mut prepared = if plan.idle_interfaces.is_empty() {
-            everything(scene)?
-        } else {
-            everything(&lean(scene, plan))?
-        };
+        let mut prepared = everything(scene)?;
         apply(plan, scene, &mut prepared);
         Some(prepared)
     };

@@ -8,14 +8,15 @@ mod fit;
 mod paths;
 mod prediction;
 
-use std::time::Instant;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 
 use super::CliError;
 
 pub use fit::FitLimits;
-pub use paths::PathLimits;
+pub use paths::{PathLimits, Trial, Work};
 pub use prediction::PredictionLimits;
 
 /// Refuses limits that are not greater than 0; those that nobody set are fine.
@@ -83,6 +84,34 @@ impl Stopwatch {
         self.max_seconds
             .is_some_and(|limit| self.seconds() >= limit)
     }
+
+    /// Does `work` with a flag that is raised once `cancel` is, or time is over: for work that looks at nothing else.
+    pub fn flagging<T>(&self, cancel: &AtomicBool, work: impl FnOnce(&AtomicBool) -> T) -> T {
+        const LOOK: Duration = Duration::from_millis(10);
+        let (end, done) = (AtomicBool::new(false), AtomicBool::new(false));
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !done.load(Ordering::Relaxed) {
+                    if cancel.load(Ordering::Relaxed) || self.is_late() {
+                        end.store(true, Ordering::Relaxed);
+                    }
+                    std::thread::sleep(LOOK);
+                }
+            });
+            // Work that panics ends the thread, too.
+            let _done = Raised(&done);
+            work(&end)
+        })
+    }
+}
+
+/// Raises a flag when it goes.
+struct Raised<'a>(&'a AtomicBool);
+
+impl Drop for Raised<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
 }
 
 #[cfg(test)]
@@ -115,6 +144,21 @@ mod tests {
             );
         }
         assert!(check_tolerance(Some(0.5)).is_ok() && check_tolerance(None).is_ok());
+    }
+
+    #[test]
+    fn work_that_looks_at_a_flag_alone_ends_with_its_time_and_when_it_is_cancelled() {
+        let waits = |watch: &Stopwatch, cancelled: bool| {
+            watch.flagging(&AtomicBool::new(cancelled), |end| {
+                while !end.load(Ordering::Relaxed) {
+                    std::thread::yield_now();
+                }
+            });
+        };
+        waits(&Stopwatch::start(Some(1e-3)), false);
+        waits(&Stopwatch::start(None), true);
+        let calm = AtomicBool::new(false);
+        assert!(Stopwatch::start(None).flagging(&calm, |end| !end.load(Ordering::Relaxed)));
     }
 
     #[test]

@@ -15,7 +15,7 @@ use anyhow::{Context, anyhow};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use super::limits::PathLimits;
+use super::limits::{PathLimits, Stopwatch, Trial, Work};
 use super::progress::Bar;
 use super::{CliError, answer, interrupt, place};
 use crate::fit::{FitOptions, VariantChoice, fit};
@@ -30,6 +30,7 @@ use crate::trace::facet::{Diffuse, Roughness};
 use crate::trace::ridged::{RadianceOptions, RidgedSurface};
 use crate::trace::ridges::Ridges;
 use crate::trace::rng::{Purpose, Stream};
+use crate::wording::counted;
 
 /// Where and by how much the variants paper and sawtooth are wrong: table, maps.
 #[derive(Debug, clap::Args)]
@@ -109,9 +110,10 @@ pub(super) struct Cell {
 pub fn run(args: Args) -> Result<(), CliError> {
     args.out.as_deref().map_or(Ok(()), place::for_files)?;
     let cancel = interrupt::flag()?;
-    let started = Instant::now();
-    let cells = cells(&args, &cancel)?;
-    let seconds = started.elapsed().as_secs_f64();
+    let watch = Stopwatch::start(args.limits.max_seconds);
+    let (cells, missing) = cells(&args, &watch, &cancel)?;
+    let left_out = left_out(&missing);
+    let seconds = watch.seconds();
     if let Some(out) = &args.out {
         std::fs::create_dir_all(out)
             .and_then(|()| std::fs::write(out.join("model-error.csv"), csv(&cells)))
@@ -120,18 +122,18 @@ pub fn run(args: Args) -> Result<(), CliError> {
             .with_context(|| format!("cannot write to {}", out.display()))
             .map_err(CliError::no_result)?;
     }
-    answer::put(args.json, &report(&cells, seconds), || {
+    answer::put(args.json, &report(&cells, &left_out, seconds), || {
         let mut text = table(&cells);
-        for left in left_out() {
+        for left in &left_out {
             let _ = writeln!(text, "\nleft out: {} ({})", left.what, left.why);
         }
         text
     })
 }
 
-/// What neither the closed forms nor the traced surfaces have.
-fn left_out() -> [LeftOut; 2] {
-    [
+/// What neither the closed forms nor the traced surfaces have, and surfaces for which no time was left.
+fn left_out(missing: &[Wanted]) -> Vec<LeftOut> {
+    let mut list = vec![
         LeftOut::new(
             "rounded crests, burrs, draft of the risers",
             "forms and traced surfaces alike are ideal sawteeth; `ridged wear` shows what wear does",
@@ -142,11 +144,25 @@ fn left_out() -> [LeftOut; 2] {
             "below the profile light meets one microfacet per hit, with Smith's masking",
             None,
         ),
-    ]
+    ];
+    if !missing.is_empty() {
+        let names = missing.iter().map(|w| {
+            let (material, ..) = MATERIALS[w.material];
+            format!("{material} of {}° and α {}", w.theta_r_deg, w.alpha)
+        });
+        let names: Vec<String> = names.collect();
+        let what = counted(missing.len(), "surface");
+        list.push(LeftOut::new(
+            format!("{what}: {}", names.join(", ")),
+            "time was over",
+            None,
+        ));
+    }
+    list
 }
 
 /// The object of `--json`.
-fn report(cells: &[Cell], seconds: f64) -> Value {
+fn report(cells: &[Cell], left_out: &[LeftOut], seconds: f64) -> Value {
     let surfaces = cells.iter().map(|cell| {
         // With its sign, as in the table of poses: too bright is positive.
         let largest = |of: &[f64]| of.get(summary(of).1).copied();
@@ -183,7 +199,7 @@ fn report(cells: &[Cell], seconds: f64) -> Value {
             of: "a traced radiance, of the peak, at worst".to_owned(),
         },
         "seconds": seconds,
-        "left_out": left_out(),
+        "left_out": left_out,
         "program": concat!("ridged ", env!("CARGO_PKG_VERSION")),
     })
 }
@@ -194,7 +210,21 @@ pub(super) fn pose(n: usize) -> Pose {
     Pose::from_deg(5.0 * tilt as f64 - 20.0, 30.0 * azimuth as f64)
 }
 
-fn cells(args: &Args, cancel: &AtomicBool) -> Result<Vec<Cell>, CliError> {
+/// A surface to trace and fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Wanted {
+    /// Index into [`MATERIALS`].
+    material: usize,
+    theta_r_deg: f64,
+    alpha: f64,
+}
+
+/// All surfaces, and those for which no time was left.
+fn cells(
+    args: &Args,
+    watch: &Stopwatch,
+    cancel: &AtomicBool,
+) -> Result<(Vec<Cell>, Vec<Wanted>), CliError> {
     let bad = |what: String| Err(CliError::bad_input(anyhow!(what)));
     if let Some(t) = args.theta_r_deg.iter().find(|t| !(0.1..=45.0).contains(*t)) {
         return bad(format!("--theta-r-deg {t}: give degrees from 0.1 to 45"));
@@ -211,46 +241,82 @@ fn cells(args: &Args, cancel: &AtomicBool) -> Result<Vec<Cell>, CliError> {
     let mut wanted = Vec::new();
     for material in 0..MATERIALS.len() {
         for &theta_r_deg in &args.theta_r_deg {
-            wanted.extend(
-                args.alpha
-                    .iter()
-                    .map(|&alpha| (material, theta_r_deg, alpha)),
-            );
+            wanted.extend(args.alpha.iter().map(|&alpha| Wanted {
+                material,
+                theta_r_deg,
+                alpha,
+            }));
         }
     }
     args.limits.check()?;
     let mut paths = args.paths;
-    if args.limits.is_any()
-        && let Some((material, theta_r_deg, alpha)) = wanted.get(wanted.len() / 2)
-    {
-        let pilot = |paths| Some(cell(args, paths, *material, *theta_r_deg, *alpha, cancel)?.noise);
-        let told = args.limits.plan(wanted.len(), 1, paths, &pilot)?;
-        if let Some(told) = told {
+    let stopped = || cancel.load(Ordering::Relaxed);
+    let done =
+        |wanted: &Wanted, paths: u64| watch.flagging(cancel, |end| cell(args, paths, wanted, end));
+    if args.limits.is_any() {
+        // One of each material: plastic takes more of the tracer, and their fits are not alike.
+        let each = wanted.len() / MATERIALS.len();
+        let middle = (0..MATERIALS.len()).map(|m| m * each + each / 2);
+        let middle: Vec<Wanted> = middle.filter_map(|n| wanted.get(n).copied()).collect();
+        let pilot = |paths| {
+            let mut trial = Trial {
+                surfaces: middle.len(),
+                error: 0.0,
+                apart_s: 0.0,
+            };
+            for wanted in &middle {
+                let (cell, fits_s) = done(wanted, paths)?;
+                trial.error = cell.noise.max(trial.error);
+                trial.apart_s += fits_s;
+            }
+            Some(trial)
+        };
+        let work = Work {
+            surfaces: wanted.len(),
+            abreast: 1,
+            paths,
+            may_miss_some: true,
+        };
+        if let Some(told) = args.limits.plan(&work, &pilot)? {
             eprintln!("forecast: {}", told.forecast);
             paths = told.paths;
         }
     }
     let bar = Bar::new("surfaces");
-    let mut cells = Vec::new();
-    for (n, (material, theta_r_deg, alpha)) in wanted.iter().enumerate() {
-        let found = cell(args, paths, *material, *theta_r_deg, *alpha, cancel);
-        if cancel.load(Ordering::Relaxed) {
+    let (mut cells, mut missing) = (Vec::new(), Vec::new());
+    for (n, next) in wanted.iter().enumerate() {
+        let found = if watch.is_late() {
+            None
+        } else {
+            done(next, paths)
+        };
+        if stopped() {
             return Err(CliError::Interrupted);
         }
-        cells.extend(found);
+        match found {
+            Some((cell, _)) => cells.push(cell),
+            None if watch.is_late() => missing.push(*next),
+            None => {}
+        }
         bar.at(n as u64 + 1, wanted.len() as u64);
     }
-    Ok(cells)
+    bar.clear();
+    if cells.is_empty() && !missing.is_empty() {
+        return Err(CliError::no_result(anyhow!(
+            "no surface was finished in time: allow more seconds"
+        )));
+    }
+    Ok((cells, missing))
 }
 
-fn cell(
-    args: &Args,
-    paths: u64,
-    material: usize,
-    theta_r_deg: f64,
-    alpha: f64,
-    cancel: &AtomicBool,
-) -> Option<Cell> {
+/// One surface, and the seconds that its fits and integrals took; `None` where it was told to end.
+fn cell(args: &Args, paths: u64, wanted: &Wanted, end: &AtomicBool) -> Option<(Cell, f64)> {
+    let Wanted {
+        material,
+        theta_r_deg,
+        alpha,
+    } = *wanted;
+    let go_on = || (!end.load(Ordering::Relaxed)).then_some(());
     let (_, eta, k) = MATERIALS[material];
     let rig = RigGeometry::IN_PLANE;
     let rho_d = if k > 0.0 { 0.0 } else { args.rho_d };
@@ -285,9 +351,10 @@ fn cell(
                 cones: rig.cones,
                 polarised: true,
             };
-            (!cancel.load(Ordering::Relaxed)).then(|| traced.radiance(d, &options))
+            go_on().map(|()| traced.radiance(d, &options))
         })
         .collect::<Option<Vec<_>>>()?;
+    let all_traced = Instant::now();
     let peak = radiances.iter().map(|r| r.value).fold(0.0, f64::max);
     let table = OpticsTable::new(&optics);
     let closed = Prepared::new(Variant::Sawtooth, &surface, &table);
@@ -296,6 +363,7 @@ fn cell(
         all.map(|(n, r)| (value(n) - r.value) / peak).collect()
     };
     let integrated = Quadrature::new(&surface, &table).radiances(&directions, 1e-5 * peak);
+    go_on()?;
     let square: f64 = radiances.iter().map(|r| (r.std / peak).powi(2)).sum();
     let set = observations(
         &rig,
@@ -310,7 +378,7 @@ fn cell(
             variant,
             ..FitOptions::default()
         };
-        let report = fit(&set, &options, cancel);
+        let report = fit(&set, &options, end);
         let p = &report.parameters;
         let rho = p.rho_d.value.filter(|_| variant != VariantChoice::Paper);
         Some(Misread {
@@ -323,7 +391,9 @@ fn cell(
             rho_d: rho.map(|r| r / rho_d - 1.0),
         })
     });
-    Some(Cell {
+    // A fit that was told to end is no answer.
+    go_on()?;
+    let cell = Cell {
         material,
         theta_r_deg,
         alpha,
@@ -331,7 +401,8 @@ fn cell(
         quadrature: against(&|n| integrated[n].value),
         noise: (square / radiances.len() as f64).sqrt(),
         fitted,
-    })
+    };
+    Some((cell, all_traced.elapsed().as_secs_f64()))
 }
 
 fn optics(rig: &RigGeometry, eta: f64, k: f64) -> (Material, Optics) {
@@ -526,7 +597,8 @@ mod tests {
 
     fn found(words: &[&str]) -> Result<Vec<Cell>, CliError> {
         let args: Args = parsed(words);
-        cells(&args, &AtomicBool::new(false))
+        let watch = Stopwatch::start(args.limits.max_seconds);
+        cells(&args, &watch, &AtomicBool::new(false)).map(|found| found.0)
     }
 
     #[test]
@@ -545,6 +617,36 @@ mod tests {
         assert_eq!(csv(&cells).lines().count(), 3);
         assert_eq!(poses_csv(&cells).lines().count(), 1 + 2 * 108);
         assert!(figure::draw(&cells).contains("</svg>") && table(&cells).contains("steel"));
+    }
+
+    #[test]
+    fn surfaces_for_which_no_time_is_left_are_named() {
+        let words = [
+            "--theta-r-deg",
+            "5",
+            "10",
+            "--alpha",
+            "0.2",
+            "--paths",
+            "64",
+        ];
+        let args: Args = parsed(&words);
+        let calm = AtomicBool::new(false);
+        // Time is over before the first.
+        let late = cells(&args, &Stopwatch::start(Some(1e-9)), &calm);
+        let Err(CliError::NoResult(why)) = late else {
+            panic!("{late:?}");
+        };
+        assert!(why.to_string().contains("in time"), "{why}");
+        let missing = [Wanted {
+            material: 1,
+            theta_r_deg: 10.0,
+            alpha: 0.2,
+        }];
+        let told = report(&[], &left_out(&missing), 1.0);
+        let last = &told["left_out"][2];
+        assert_eq!(last["what"], "1 surface: steel of 10° and α 0.2");
+        assert!(left_out(&[]).len() == 2);
     }
 
     #[test]

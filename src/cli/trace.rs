@@ -4,6 +4,7 @@ mod compare;
 mod curves;
 mod ellipsometer;
 mod hemisphere;
+mod making;
 mod pictures;
 mod runs;
 mod table;
@@ -15,7 +16,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use anyhow::{Context, anyhow};
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
@@ -135,13 +135,14 @@ pub fn run(args: Args) -> Result<(), CliError> {
     ])?;
     limits::check_tolerance(args.tolerance)?;
     let watch = Stopwatch::start(args.max_seconds);
-    let mut fingerprint = Sha256::new();
-    let (scene, mut prepared) = prepare(path, &mut fingerprint)?;
+    let cancel = interrupt::flag()?;
+    let asked_for = path.to_owned();
+    let (scene, mut prepared, mut fingerprint) =
+        making::made(&watch, &cancel, move || prepare(&asked_for))?;
     let surface_seconds = watch.seconds();
     let out = args.out.as_deref().or(args.resume.as_deref());
     out.map_or(Ok(()), place::for_file)?;
     args.pictures.as_deref().map_or(Ok(()), place::for_files)?;
-    let cancel = interrupt::flag()?;
     // What is left out decides which bits come out: parts of one run leave out the same.
     fingerprint.update(format!("{:?}", args.tolerance));
     let run_id = hex(&fingerprint.finalize());
@@ -151,14 +152,9 @@ pub fn run(args: Args) -> Result<(), CliError> {
         photons: args.tolerance.is_none().then_some(prepared.photons),
     };
     let plan = plan::scene::plan(&scene, &prepared, &wish);
-    let lean = match plan.idle_interfaces.is_empty() {
-        true => scene.clone(),
-        false => plan::scene::lean(&scene, &plan),
-    };
-    if !plan.idle_interfaces.is_empty() {
-        prepared = ready(path, &lean)?;
-    }
     plan::scene::apply(&plan, &scene, &mut prepared);
+    // Who wants energies alone has no use for errors of polarisation.
+    prepared.plane = wish.mueller;
     if args.surfaces.is_some() && !prepared.is_drawn {
         return Err(CliError::bad_input(anyhow!(
             "--surfaces: no interface of the scene is drawn at random (beckmann, crystals, burrs), so there are no others"
@@ -243,7 +239,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             !cancel.load(Ordering::Relaxed) && !watch.is_late()
         };
         report.spread_over(over_surfaces(
-            &lean,
+            &scene,
             totals,
             count as usize,
             &again,
@@ -326,7 +322,9 @@ fn beside(path: &Path) -> impl Fn(&str) -> Result<HeightMap, String> {
     }
 }
 
-fn prepare(path: &Path, fingerprint: &mut Sha256) -> Result<(Scene, Prepared), CliError> {
+/// A scene as its file has it, ready to trace, and the fingerprint of all that was read.
+fn prepare(path: &Path) -> Result<(Scene, Prepared, Sha256), CliError> {
+    let mut fingerprint = Sha256::new();
     let text = std::fs::read_to_string(path)
         .with_context(|| format!("cannot read the scene {}", path.display()))
         .map_err(CliError::bad_input)?;
@@ -335,7 +333,7 @@ fn prepare(path: &Path, fingerprint: &mut Sha256) -> Result<(Scene, Prepared), C
     let scene = Scene::parse(&text)
         .with_context(|| path.display().to_string())
         .map_err(CliError::bad_input)?;
-    let bytes = std::cell::RefCell::new(fingerprint);
+    let bytes = std::cell::RefCell::new(&mut fingerprint);
     let prepared = scene
         .prepare(&|file| {
             let content = std::fs::read(folder.join(file)).map_err(|e| e.to_string())?;
@@ -344,7 +342,7 @@ fn prepare(path: &Path, fingerprint: &mut Sha256) -> Result<(Scene, Prepared), C
         })
         .with_context(|| path.display().to_string())
         .map_err(CliError::bad_input)?;
-    Ok((scene, prepared))
+    Ok((scene, prepared, fingerprint))
 }
 
 /// A scene as read from its file, to be varied.
@@ -371,11 +369,15 @@ impl Source {
     }
 
     /// Its surfaces, which neither lamp nor run change.
-    fn shapes(&self) -> Result<Shapes, CliError> {
-        self.scene
-            .shapes(&beside(&self.path))
-            .with_context(|| self.path.display().to_string())
-            .map_err(CliError::bad_input)
+    fn shapes(&self, watch: &Stopwatch) -> Result<Shapes, CliError> {
+        let (scene, path) = (self.scene.clone(), self.path.clone());
+        let cancel = interrupt::flag()?;
+        making::made(watch, &cancel, move || {
+            scene
+                .shapes(&beside(&path))
+                .with_context(|| path.display().to_string())
+                .map_err(CliError::bad_input)
+        })
     }
 }
 
@@ -417,40 +419,30 @@ fn watched(
     watch: &Stopwatch,
     first: &(dyn Fn() + Sync),
 ) -> SoFar {
-    let bar = if std::io::stderr().is_terminal() {
-        let bar = ProgressBar::new(prepared.photons);
-        let style = "{spinner} {human_pos} of {human_len} photons {wide_bar} {msg} {eta} left";
-        bar.set_style(
-            ProgressStyle::with_template(style).unwrap_or_else(|_| ProgressStyle::default_bar()),
-        );
-        bar
-    } else {
-        ProgressBar::hidden()
-    };
-    let done = before.as_ref().map_or(0, |b| b.totals.photons());
-    bar.set_position(done);
-    bar.reset_eta();
+    // Photons have no pace before it is known where the light falls.
+    let (looking, bar) = (Bar::new("%"), Bar::new("photons"));
+    let looked = AtomicBool::new(false);
     let left_s = args.max_seconds.map(|limit| limit - watch.seconds());
     let ending = Ending::of(left_s, elapsed_s, args.target_error);
     let so_far = run::resume(prepared, shard, before, ending, &|progress: &Progress| {
-        if progress.look.is_none() {
-            first();
-        }
-        if watch.seconds() > 1.0 {
-            bar.set_length(progress.photons_planned);
-            bar.set_position(progress.photons);
-            if let Some(share) = progress.look {
-                bar.set_message(format!("surface looked at: {:.0} %", 100.0 * share));
-            } else if let Some(error) = progress.relative_error {
-                bar.set_message(format!("error {:.2} %", 100.0 * error));
+        if let Some(share) = progress.look {
+            looking.show((100.0 * share) as u64, 100, "looking at the surface");
+        } else {
+            if !looked.swap(true, Ordering::Relaxed) {
+                looking.clear();
             }
+            first();
+            let error = progress.relative_error;
+            let word = error.map_or(String::new(), |e| format!("error {:.2} %", 100.0 * e));
+            bar.show(progress.photons, progress.photons_planned, &word);
         }
         let good_enough = args
             .target_error
             .is_some_and(|target| progress.relative_error.is_some_and(|e| e <= target));
         !(cancel.load(Ordering::Relaxed) || watch.is_late() || good_enough)
     });
-    bar.finish_and_clear();
+    looking.clear();
+    bar.clear();
     so_far
 }
 

@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use serde_json::json;
 
 use super::contrast::Scene;
-use super::limits::PathLimits;
+use super::limits::{PathLimits, Trial, Work};
 use super::progress::Bar;
 use super::{CliError, answer, interrupt, place};
 use crate::forecast::Expected;
@@ -73,6 +73,9 @@ pub struct Args {
     pub json: bool,
 }
 
+/// Ridge angles nearer than this are one.
+const SAME_DEG: f64 = 1e-9;
+
 /// What wears the ridges.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Wear {
@@ -86,7 +89,10 @@ pub(super) enum Wear {
 #[derive(Debug, Clone)]
 pub(super) struct Sweep {
     pub wear: Wear,
+    /// By rising angle in even steps.
     pub points: Vec<Point>,
+    /// The paper's ridge angles within the bounds that are none of those.
+    pub between: Vec<Point>,
 }
 
 /// One surface.
@@ -127,26 +133,22 @@ impl Sweep {
         })
     }
 
-    /// Contrast at a ridge angle, interpolated.
-    pub fn at(&self, theta_r_deg: f64) -> Option<f64> {
-        let after = self
-            .points
-            .iter()
-            .position(|p| p.theta_r_deg >= theta_r_deg - 1e-9)?;
-        let b = &self.points[after];
-        if (b.theta_r_deg - theta_r_deg).abs() < 1e-9 {
-            return Some(b.contrast.value);
-        }
-        let a = &self.points[after.checked_sub(1)?];
-        let share = (theta_r_deg - a.theta_r_deg) / (b.theta_r_deg - a.theta_r_deg);
-        Some(a.contrast.value + share * (b.contrast.value - a.contrast.value))
+    /// What was traced, in steps and between them.
+    fn all(&self) -> impl Iterator<Item = &Point> {
+        self.points.iter().chain(&self.between)
+    }
+
+    /// The surface of a ridge angle, where it was traced.
+    pub fn at(&self, theta_r_deg: f64) -> Option<&Point> {
+        self.all()
+            .find(|p| (p.theta_r_deg - theta_r_deg).abs() < SAME_DEG)
     }
 
     /// Which of the paper's four ridge angles has the greatest contrast.
     pub fn best_of_paper(&self) -> Option<f64> {
         let known = PAPER_RIDGES_DEG
             .iter()
-            .filter_map(|t| Some((*t, self.at(*t)?)));
+            .filter_map(|t| Some((*t, self.at(*t)?.contrast.value)));
         known.max_by(|a, b| a.1.total_cmp(&b.1)).map(|best| best.0)
     }
 }
@@ -201,6 +203,14 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
         return bad("no wear to sweep: give --rounds or --burrs".to_owned());
     }
     let count = ((high - low) / step + 1e-9) as usize + 1;
+    let mut angles: Vec<f64> = (0..count).map(|n| low + step * n as f64).collect();
+    // What is told of the paper's ridges is traced, not read between steps: contrast bends by a tenth within two degrees.
+    for t in PAPER_RIDGES_DEG {
+        let is_in = (low - SAME_DEG..=high + SAME_DEG).contains(&t);
+        if is_in && angles.iter().all(|a| (a - t).abs() >= SAME_DEG) {
+            angles.push(t);
+        }
+    }
     let body = Diffuse::new(surface.rho_d, optics.eta, 1.0, optics.theta_l.cos());
     let roughness = Roughness {
         alpha_u: surface.alpha_u,
@@ -208,10 +218,10 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
     };
     args.limits.check()?;
     let surface_of = |n: usize, paths: u64| -> Option<Point> {
-        let theta_r_deg = low + step * (n % count) as f64;
+        let theta_r_deg = angles[n % angles.len()];
         let mut ridges = Ridges::ideal(theta_r_deg.to_radians(), 1.0);
         ridges.seed = args.seed;
-        match wears[n / count] {
+        match wears[n / angles.len()] {
             Wear::Round(round) => ridges.round = round,
             Wear::Burr(burr) => ridges.burr = burr,
         }
@@ -225,16 +235,24 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
             contrast: contrast(&worn, &rig, args, paths),
         })
     };
-    let surfaces = wears.len() * count;
+    let surfaces = wears.len() * angles.len();
     let mut paths = args.paths;
     if args.limits.is_any() {
         let pilot = |paths: u64| {
             let c = surface_of(surfaces / 2, paths)?.contrast;
-            Some(c.std / c.value.abs().max(f64::MIN_POSITIVE))
+            Some(Trial {
+                surfaces: 1,
+                error: c.std / c.value.abs().max(f64::MIN_POSITIVE),
+                apart_s: 0.0,
+            })
         };
-        let told = args
-            .limits
-            .plan(surfaces, rayon::current_num_threads(), paths, &pilot)?;
+        let work = Work {
+            surfaces,
+            abreast: rayon::current_num_threads(),
+            paths,
+            may_miss_some: false,
+        };
+        let told = args.limits.plan(&work, &pilot)?;
         if let Some(told) = told {
             eprintln!("forecast: {}", told.forecast);
             paths = told.paths;
@@ -258,14 +276,14 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
     }
     Ok(wears
         .iter()
-        .enumerate()
-        .map(|(w, wear)| Sweep {
-            wear: *wear,
-            points: points[w * count..(w + 1) * count]
-                .iter()
-                .flatten()
-                .copied()
-                .collect(),
+        .zip(points.chunks(angles.len()))
+        .map(|(wear, own)| {
+            let of = |points: &[Option<Point>]| points.iter().flatten().copied().collect();
+            Sweep {
+                wear: *wear,
+                points: of(&own[..count]),
+                between: of(&own[count..]),
+            }
         })
         .collect())
 }
@@ -312,7 +330,9 @@ fn csv(sweeps: &[Sweep]) -> String {
             Wear::Round(x) => (x, 0.0),
             Wear::Burr(x) => (0.0, x),
         };
-        for p in &sweep.points {
+        let mut all: Vec<&Point> = sweep.all().collect();
+        all.sort_by(|a, b| a.theta_r_deg.total_cmp(&b.theta_r_deg));
+        for p in all {
             let _ = writeln!(
                 text,
                 "{round},{burr},{},{:.4},{:.7},{:.7}",
@@ -324,7 +344,7 @@ fn csv(sweeps: &[Sweep]) -> String {
 }
 
 fn report(sweeps: &[Sweep], seconds: f64) -> serde_json::Value {
-    let points = sweeps.iter().flat_map(|s| &s.points);
+    let points = sweeps.iter().flat_map(Sweep::all);
     let relative = points.map(|p| p.contrast.std / p.contrast.value);
     let error = relative.filter(|e| e.is_finite()).fold(0.0, f64::max);
     let rows: Vec<serde_json::Value> = sweeps
@@ -335,13 +355,18 @@ fn report(sweeps: &[Sweep], seconds: f64) -> serde_json::Value {
                 Wear::Burr(x) => (0.0, x),
             };
             let optimum = s.optimum();
-            let at: Vec<Option<f64>> = PAPER_RIDGES_DEG.iter().map(|t| s.at(*t)).collect();
+            let at = |number: &dyn Fn(&Point) -> f64| -> Vec<Option<f64>> {
+                let points = PAPER_RIDGES_DEG.iter().map(|t| s.at(*t));
+                points.map(|p| p.map(number)).collect()
+            };
             json!({
                 "round": round,
                 "burr": burr,
                 "optimum_deg": optimum.map(|o| o.value),
                 "optimum_std_deg": optimum.map(|o| o.std).filter(|s| s.is_finite()),
-                "contrast_at_paper_ridges": at,
+                "contrast_at_paper_ridges": at(&|p| p.contrast.value),
+                "contrast_std_at_paper_ridges": at(&|p| p.contrast.std),
+                "effective_deg_at_paper_ridges": at(&|p| p.effective_deg),
                 "best_of_paper_ridges_deg": s.best_of_paper(),
             })
         })
@@ -382,16 +407,10 @@ fn table(sweeps: &[Sweep]) -> String {
             Some(o) => format!("{:.1}° (bound)", o.value),
             None => "–".to_owned(),
         };
-        let effective = |t: f64| {
-            let found = sweep
-                .points
-                .iter()
-                .find(|p| (p.theta_r_deg - t).abs() < 1e-9);
-            degrees(found.map(|p| p.effective_deg))
-        };
+        let effective = |t: f64| degrees(sweep.at(t).map(|p| p.effective_deg));
         let _ = write!(text, "| {wear} | {optimum} |");
         for t in PAPER_RIDGES_DEG {
-            let _ = write!(text, " {} |", number(sweep.at(t)));
+            let _ = write!(text, " {} |", number(sweep.at(t).map(|p| p.contrast.value)));
         }
         let _ = writeln!(
             text,
@@ -435,12 +454,37 @@ mod tests {
         ])
         .unwrap();
         assert_eq!(sweeps.len(), 3);
-        let ratio = |t: f64| sweeps[1].at(t).unwrap() / sweeps[0].at(t).unwrap();
+        let contrast = |s: &Sweep, t: f64| s.at(t).unwrap().contrast.value;
+        let ratio = |t: f64| contrast(&sweeps[1], t) / contrast(&sweeps[0], t);
         assert!(ratio(5.0) < 0.95, "{}", ratio(5.0));
         assert!(sweeps[1].points[0].effective_deg < 5.0);
         assert_eq!(csv(&sweeps).lines().count(), 1 + 9);
         assert!(table(&sweeps).lines().count() == 2 + 3);
         assert!(figure::draw(&sweeps).contains("</svg>"));
+    }
+
+    #[test]
+    fn the_papers_ridges_are_traced_whatever_the_steps() {
+        let from_by = |low: &str, step: &str| {
+            let mut words = "--rounds 0.1 --burrs --theta-c-deg 0 --paths 64 --theta-r-max-deg 16"
+                .split(' ')
+                .collect::<Vec<_>>();
+            words.extend(["--theta-r-min-deg", low, "--theta-r-step-deg", step]);
+            swept(&words).unwrap().remove(0)
+        };
+        let (coarse, fine) = (from_by("1", "7"), from_by("5", "5"));
+        assert_eq!((coarse.points.len(), coarse.between.len()), (3, 2));
+        for t in [5.0, 10.0, 15.0] {
+            let (a, b) = (coarse.at(t).unwrap(), fine.at(t).unwrap());
+            assert_eq!((a.contrast, a.effective_deg), (b.contrast, b.effective_deg));
+        }
+        assert!(coarse.at(20.0).is_none() && fine.between.is_empty());
+        let told = report(&[coarse], 0.0);
+        let effective = &told["sweeps"][0]["effective_deg_at_paper_ridges"];
+        assert!(
+            (effective[1].as_f64().unwrap() - 10.0).abs() < 0.1 && effective[3].is_null(),
+            "{told}"
+        );
     }
 
     #[test]

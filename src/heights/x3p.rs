@@ -2,8 +2,8 @@
 //! metres, as a binary member or as a list in the XML.
 //!
 //! Read are surfaces (feature type SUR) with incremental x and y axes and one layer, and profiles
-//! (PRF) as maps of one row. Points that the instrument did not see (NaN) are filled from their
-//! neighbours along the row; a map that misses more than a tenth is refused.
+//! (PRF) as maps of one row. Points that the instrument did not see (NaN, or 0 in the file of valid points, which
+//! whole numbers need) are filled from their neighbours along the row; a map that misses more than a tenth is refused.
 
 use std::io::Read;
 
@@ -57,8 +57,17 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let values = match text(root, &["DataLink", "PointDataLink"]) {
         Some(link) => {
             let limit = (most * 8) as u64;
-            let bytes = member(&mut archive, link.trim_start_matches("./"), limit)?;
-            z.decode(&bytes, count)?
+            let bytes = member(&mut archive, inside(link), limit)?;
+            let mut values = z.decode(&bytes, count)?;
+            if let Some(link) = text(root, &["DataLink", "ValidPointsLink"]) {
+                let mask = member(&mut archive, inside(link), most as u64)?;
+                for (n, value) in values.iter_mut().enumerate() {
+                    if !is_valid(&mask, n, count)? {
+                        *value = f64::NAN;
+                    }
+                }
+            }
+            values
         }
         None => listed(root, count)?,
     };
@@ -84,6 +93,28 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
             height_unit_um: 1e6,
         }),
     })
+}
+
+/// A link as the archive's members are named.
+fn inside(link: &str) -> &str {
+    link.trim_start_matches("./")
+}
+
+/// Whether the file of valid points has point `n` of `count`: a bit each, the lowest of a byte first; some programs
+/// write a byte each.
+fn is_valid(mask: &[u8], n: usize, count: usize) -> Result<bool, String> {
+    if mask.len() == count.div_ceil(8) {
+        Ok(mask[n / 8] >> (n % 8) & 1 == 1)
+    } else if mask.len() == count {
+        Ok(mask[n] != 0)
+    } else {
+        Err(format!(
+            "the file of valid points (ValidPointsLink) has {} bytes instead of {}, a bit for each of {count} points: \
+             the file is damaged",
+            mask.len(),
+            count.div_ceil(8)
+        ))
+    }
 }
 
 struct Axis {
@@ -265,13 +296,19 @@ mod tests {
     }
 
     fn archive(xml: &str, data: Option<&[u8]>) -> Vec<u8> {
+        archive_with(xml, data, None)
+    }
+
+    fn archive_with(xml: &str, data: Option<&[u8]>, valid: Option<&[u8]>) -> Vec<u8> {
         let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
         let options = zip::write::SimpleFileOptions::default();
         zip.start_file("main.xml", options).unwrap();
         zip.write_all(xml.as_bytes()).unwrap();
-        if let Some(data) = data {
-            zip.start_file("bindata/data.bin", options).unwrap();
-            zip.write_all(data).unwrap();
+        for (name, content) in [("bindata/data.bin", data), ("bindata/valid.bin", valid)] {
+            if let Some(content) = content {
+                zip.start_file(name, options).unwrap();
+                zip.write_all(content).unwrap();
+            }
         }
         zip.finish().unwrap().into_inner()
     }
@@ -336,6 +373,47 @@ mod tests {
         .unwrap();
         assert_eq!(map.heights, (0..=10).map(f64::from).collect::<Vec<_>>());
         assert_eq!(map.filled, 1);
+    }
+
+    #[test]
+    fn points_that_the_mask_of_valid_ones_lacks_are_missing() {
+        let size = "<SizeX>7</SizeX><SizeY>3</SizeY><SizeZ>1</SizeZ>";
+        let link = LINK.replace(
+            "</DataLink>",
+            "<ValidPointsLink>./bindata/valid.bin</ValidPointsLink></DataLink>",
+        );
+        let z = "<AxisType>I</AxisType><DataType>I</DataType><Increment>1e-7</Increment>";
+        let xml = xml(z, size, &link);
+        // Slopes along the rows, with spikes where nothing was seen.
+        let unseen = [9, 18];
+        let height = |n: usize| {
+            if unseen.contains(&n) {
+                i16::MIN
+            } else {
+                10 * n as i16
+            }
+        };
+        let heights: Vec<u8> = (0..21).flat_map(|n| height(n).to_le_bytes()).collect();
+        let packed = |unseen: &[usize]| {
+            let mut mask = [0xffu8; 3];
+            for n in unseen {
+                mask[n / 8] &= !(1 << (n % 8));
+            }
+            mask
+        };
+        let bytes: Vec<u8> = (0..21).map(|n| u8::from(!unseen.contains(&n))).collect();
+        for mask in [&packed(&unseen)[..], &bytes] {
+            let map = read(&archive_with(&xml, Some(&heights), Some(mask))).unwrap();
+            assert_eq!(map.filled, 2);
+            for (n, h) in map.heights.iter().enumerate() {
+                assert!((h - 1e-6 * n as f64).abs() < 1e-12, "{n}: {h}");
+            }
+        }
+        let refused =
+            |mask: Option<&[u8]>| read(&archive_with(&xml, Some(&heights), mask)).unwrap_err();
+        assert!(refused(Some(&packed(&[1, 2, 3]))).contains("3 of 21 points"));
+        assert!(refused(Some(&[0xff; 4])).contains("instead of 3"));
+        assert!(refused(None).contains("bindata/valid.bin"));
     }
 
     #[test]

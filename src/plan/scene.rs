@@ -404,18 +404,6 @@ fn layers(scene: &Scene, idle: &[usize]) -> Choice {
     }
 }
 
-/// The scene without the interfaces that a plan found to do nothing.
-#[must_use]
-pub fn lean(scene: &Scene, plan: &Plan) -> Scene {
-    let mut lean = scene.clone();
-    let mut number = 0;
-    lean.interface.retain(|_| {
-        number += 1;
-        !plan.idle_interfaces.contains(&number)
-    });
-    lean
-}
-
 /// Makes a plan's decisions those of a run; what the scene itself says of polarisation stands.
 pub fn apply(plan: &Plan, scene: &Scene, prepared: &mut Prepared) {
     if let Some(choice) = plan.on(Decision::Polarisation)
@@ -426,6 +414,7 @@ pub fn apply(plan: &Plan, scene: &Scene, prepared: &mut Prepared) {
     if let Some(limit) = plan.interactions_max {
         prepared.give_up_after(limit);
     }
+    prepared.leave_out(&plan.idle_interfaces, scene);
     prepared.left_out.extend(plan.left_out().map(|c| LeftOut {
         what: c.what.clone(),
         why: c.why.clone(),
@@ -436,6 +425,7 @@ pub fn apply(plan: &Plan, scene: &Scene, prepared: &mut Prepared) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::trace::run::{Shard, trace};
 
     fn planned(text: &str, wish: &Wish) -> Plan {
         let scene = Scene::parse(text).unwrap();
@@ -518,11 +508,38 @@ mod tests {
     #[test]
     fn an_interface_between_equal_media_is_left_out_and_its_absence_changes_nothing() {
         let text = smooth(40.0, "{ n = 1.5 }");
-        let scene = Scene::parse(&text).unwrap();
         let plan = planned(&text, &ENERGY);
         let choice = plan.on(Decision::Layers).unwrap();
         assert!(!choice.included && choice.what == "interface 2");
-        assert_eq!(lean(&scene, &plan).interface.len(), 1);
+        // What is left keeps its number, and the surface that it has by it.
+        let ridges = "[[interface]]\nshape = \"ridges\"\ntheta_r_deg = 20.0\npitch_um = 10.0\nburr_um = 0.2\n\
+                      below = { n = 1.5 }\n";
+        let rough_air = "[[interface]]\nshape = \"beckmann\"\nalpha_u = 0.1\nalpha_v = 0.1\ncells = 16\nbelow = { n = 1.0 }\n";
+        let text = |first: &str| {
+            format!("[light]\ntheta_i_deg = 45.0\n{first}{ridges}[run]\nphotons = 3000\n")
+        };
+        let scene = Scene::parse(&text(rough_air)).unwrap();
+        let plan = super::plan(
+            &scene,
+            &scene.prepare(&|_| Err(String::new())).unwrap(),
+            &ENERGY,
+        );
+        assert_eq!(plan.idle_interfaces, [1]);
+        let mut prepared = scene.prepare(&|_| Err(String::new())).unwrap();
+        let whole = prepared.clone();
+        apply(&plan, &scene, &mut prepared);
+        let numbers =
+            |p: &Prepared| -> Vec<usize> { p.ridge_angles.iter().map(|a| a.interface).collect() };
+        assert_eq!((numbers(&prepared), numbers(&whole)), (vec![2], vec![1, 2]));
+        let layers = |p: &Prepared| p.left_out.iter().any(|l| l.what.contains("registration"));
+        assert!(layers(&whole) && !layers(&prepared));
+        let traced = |p: &Prepared| trace(p, Shard::WHOLE, &|_| true).energies().reflected_all;
+        let (with, without) = (traced(&whole), traced(&prepared));
+        let std = with.std.hypot(without.std);
+        assert!(
+            std < 0.01 && (with.value - without.value).abs() < 4.0 * std,
+            "{with:?} {without:?}"
+        );
     }
 
     #[test]

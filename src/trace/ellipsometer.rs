@@ -10,7 +10,7 @@ use nalgebra::{RowVector4, Vector4};
 use serde::Serialize;
 
 use super::plane::{Direction, plane};
-use super::tally::{Estimate, Totals};
+use super::tally::{Covariance, Estimate, NUMBERS, Totals};
 use crate::model::polarisation::{Channel, Mueller, Stokes};
 
 /// A setting of filter and compensator.
@@ -89,15 +89,24 @@ pub struct Reading {
     pub input: &'static str,
     /// Stokes vector per irradiance, sr⁻¹.
     pub stokes: [f64; 4],
-    /// Standard errors of it (those of the Mueller elements, taken as independent).
+    /// Standard errors of it.
     pub stokes_std: [f64; 4],
     /// What the camera records for each of [`SETTINGS`], sr⁻¹.
     pub camera: [f64; 6],
+    /// Standard errors of that.
+    pub camera_std: [f64; 6],
     /// Degree of linear polarisation.
     pub dolp: f64,
+    /// Its standard error.
+    pub dolp_std: f64,
     /// Angle of polarisation, degrees from s to p, in (−90, 90].
     pub aop_deg: f64,
+    /// Its standard error; where nothing is known of it, that of any angle.
+    pub aop_std_deg: f64,
 }
+
+/// Standard error of an angle of polarisation of which nothing is known: any of half a turn is as likely.
+const ANY_ANGLE_STD_DEG: f64 = 51.961_524_227_066_32;
 
 /// One direction in the plane of incidence.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -106,6 +115,10 @@ pub struct Point {
     pub theta_s_deg: f64,
     /// For each state of the lamp, such as [`SETTINGS`] make.
     pub readings: Vec<Reading>,
+    /// Whether the errors take the Mueller elements as independent, which makes some too large and others too small:
+    /// what the elements have in common was not kept ([`Totals::with_directions`]).
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub errors_as_independent: bool,
 }
 
 /// Degree of linear polarisation of a Stokes vector.
@@ -137,31 +150,64 @@ pub fn curve_of(
     if totals.elements() < 16 {
         return None;
     }
-    let point = |direction: Direction| Point {
-        theta_s_deg: direction.theta_s_deg,
-        readings: lamps
-            .iter()
-            .map(|(name, lamp)| reading(name, lamp, &direction.numbers))
-            .collect(),
+    let point = |direction: Direction| {
+        let numbers = &direction.numbers;
+        let std: Vec<f64> = numbers.iter().map(|e| e.std).collect();
+        let errors_as_independent = direction.covariance.is_none();
+        let covariance = direction.covariance.as_ref();
+        let covariance = covariance.map_or_else(|| Covariance::independent(&std), Clone::clone);
+        let readings = lamps.iter();
+        Point {
+            theta_s_deg: direction.theta_s_deg,
+            readings: readings
+                .map(|(name, lamp)| reading(name, lamp, numbers, &covariance))
+                .collect(),
+            errors_as_independent,
+        }
     };
     let directions = plane(totals, phi_i_deg)?;
     Some(directions.into_iter().map(point).collect())
 }
 
-fn reading(input: &'static str, lamp: &Stokes, mueller: &[Estimate]) -> Reading {
-    let (mut stokes, mut stokes_std) = ([0.0; 4], [0.0; 4]);
-    for i in 0..4 {
-        let row = &mueller[4 * i..4 * i + 4];
-        stokes[i] = (0..4).map(|j| row[j].value * lamp[j]).sum();
-        let square: f64 = (0..4).map(|j| (row[j].std * lamp[j]).powi(2)).sum();
-        stokes_std[i] = square.sqrt();
-    }
+fn reading(
+    input: &'static str,
+    lamp: &Stokes,
+    mueller: &[Estimate],
+    covariance: &Covariance,
+) -> Reading {
+    let stokes: [f64; 4] =
+        std::array::from_fn(|i| (0..4).map(|j| mueller[4 * i + j].value * lamp[j]).sum());
+    // Of so much of each Stokes component.
+    let std_of = |parts: [f64; 4]| {
+        let weights: [f64; NUMBERS] = std::array::from_fn(|n| parts[n / 4] * lamp[n % 4]);
+        covariance.std(&weights)
+    };
+    let component = |i: usize| std::array::from_fn(|n| f64::from(u8::from(n == i)));
+    let stokes_std: [f64; 4] = std::array::from_fn(|i| std_of(component(i)));
+    let [i, q, u, _] = stokes;
+    let linear = q.hypot(u);
+    let (dolp, aop_deg) = (dolp(&stokes), aop_deg(&stokes));
+    let (dolp_std, aop_std_deg) = if linear > 0.0 {
+        // Slopes of √(Q² + U²)/I and of ½ atan2(U, Q).
+        let (along, across) = ([q / linear, u / linear], [-u / linear, q / linear]);
+        let turn = std_of([0.0, across[0], across[1], 0.0]);
+        (
+            std_of([-dolp / i, along[0] / i, along[1] / i, 0.0]),
+            (0.5 * turn / linear).to_degrees(),
+        )
+    } else {
+        // Unpolarised to the last bit: no slope, but the noise of both.
+        (stokes_std[1].hypot(stokes_std[2]) / i, ANY_ANGLE_STD_DEG)
+    };
     let seen = Vector4::from(stokes);
     Reading {
         input,
         camera: SETTINGS.map(|s| (s.camera() * seen)[0]),
-        dolp: dolp(&stokes),
-        aop_deg: aop_deg(&stokes),
+        camera_std: SETTINGS.map(|s| std_of(s.camera().into())),
+        dolp,
+        dolp_std,
+        aop_deg,
+        aop_std_deg: aop_std_deg.min(ANY_ANGLE_STD_DEG),
         stokes,
         stokes_std,
     }
@@ -244,5 +290,62 @@ mod tests {
         // Filters along s and along p share all of the light between them.
         let camera = &at_45.camera;
         assert!((camera[0] + camera[2] - at_45.stokes[0]).abs() < 1e-12 * camera[0]);
+    }
+
+    #[test]
+    fn readings_scatter_over_seeds_as_their_errors_say() {
+        const SEEDS: usize = 40;
+        let readings = |seed: usize| {
+            let text = format!(
+                "[light]\ntheta_i_deg = 55.0\nphi_i_deg = 180.0\n[[interface]]\nshape = \"smith\"\nalpha_u = 0.3\n\
+                 alpha_v = 0.3\nbelow = {{ n = 1.5 }}\n[run]\nphotons = 8000\nseed = {seed}\ntheta_bins = 9\n\
+                 phi_bins = 12\n"
+            );
+            let prepared = Scene::parse(&text)
+                .unwrap()
+                .prepare(&|_| Err(String::new()));
+            let totals = trace(&prepared.unwrap(), Shard::WHOLE, &|_| true);
+            let mut points = curve(&totals, 180.0).unwrap();
+            // The bright half: degrees of polarisation are no straight lines of few photons.
+            points.retain(|p| (10.0..80.0).contains(&p.theta_s_deg));
+            points
+        };
+        let runs: Vec<Vec<Point>> = (1..=SEEDS).map(readings).collect();
+        assert!(runs[0].len() == 7 && !runs[0][0].errors_as_independent);
+        // Mean over directions of (scatter over seeds / stated error)², per lamp and number.
+        let ratio = |lamp: usize, number: &dyn Fn(&Reading) -> (f64, f64)| {
+            let n = SEEDS as f64;
+            let of = |point: usize| {
+                let each = runs.iter().map(|r| number(&r[point].readings[lamp]));
+                let each: Vec<(f64, f64)> = each.collect();
+                let mean = each.iter().map(|e| e.0).sum::<f64>() / n;
+                let scatter = each.iter().map(|e| (e.0 - mean).powi(2)).sum::<f64>() / (n - 1.0);
+                let stated = each.iter().map(|e| e.1 * e.1).sum::<f64>() / n;
+                // What is certainly nothing, such as circular light from light along s off glass.
+                if scatter == 0.0 && stated == 0.0 {
+                    1.0
+                } else {
+                    scatter / stated
+                }
+            };
+            ((0..7).map(of).sum::<f64>() / 7.0).sqrt()
+        };
+        // 7 directions of 39 degrees of freedom: a ratio is known to 4.3 %, and 14 % are more than three of that.
+        for lamp in 0..SETTINGS.len() {
+            for i in 0..4 {
+                let found = ratio(lamp, &|r| (r.stokes[i], r.stokes_std[i]));
+                assert!((found - 1.0).abs() < 0.14, "{lamp} S{i}: {found}");
+            }
+            let dolp = ratio(lamp, &|r| (r.dolp, r.dolp_std));
+            assert!((dolp - 1.0).abs() < 0.14, "{lamp} DOLP: {dolp}");
+            let crossed = ratio(lamp, &|r| {
+                (r.camera[(lamp + 2) % 4], r.camera_std[(lamp + 2) % 4])
+            });
+            assert!((crossed - 1.0).abs() < 0.14, "{lamp} camera: {crossed}");
+        }
+        for lamp in [1, 3] {
+            let aop = ratio(lamp, &|r| (r.aop_deg, r.aop_std_deg));
+            assert!((aop - 1.0).abs() < 0.14, "{lamp} AOP: {aop}");
+        }
     }
 }

@@ -23,8 +23,8 @@ pub(super) fn from_fixed(x: i128) -> f64 {
     x as f64 * 2f64.powi(-(UNIT_BITS.0 + UNIT_BITS.1))
 }
 
-/// A sum of what is never negative in the same unit, below 2^109: squares of a batch's million photons, over any
-/// number of batches, pass what an `i128` holds.
+/// A sum in the same unit, below 2^108, as a two's complement: squares and products of a batch's million photons, over
+/// any number of batches, pass what an `i128` holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Wide([u64; 3]);
 
@@ -32,8 +32,9 @@ impl Wide {
     /// Adds a number, rounded towards zero.
     #[inline]
     pub fn add(&mut self, x: f64) {
-        let x = to_fixed(x).unsigned_abs();
-        self.join(&Wide([x as u64, (x >> 64) as u64, 0]));
+        let x = to_fixed(x);
+        let sign = (x >> 127) as u64;
+        self.join(&Wide([x as u64, (x >> 64) as u64, sign]));
     }
 
     /// Adds another sum.
@@ -50,9 +51,23 @@ impl Wide {
     /// The nearest f64, or its neighbour.
     #[inline]
     pub fn value(&self) -> f64 {
-        let [low, middle, high] = self.0;
+        let (negative, Wide([low, middle, high])) = self.magnitude();
         let below = (u128::from(middle) << 64 | u128::from(low)) as f64;
-        (below + high as f64 * 2f64.powi(128)) * 2f64.powi(-(UNIT_BITS.0 + UNIT_BITS.1))
+        let size = (below + high as f64 * 2f64.powi(128)) * 2f64.powi(-(UNIT_BITS.0 + UNIT_BITS.1));
+        if negative { -size } else { size }
+    }
+
+    /// Whether it is below 0, and its size.
+    #[inline]
+    fn magnitude(self) -> (bool, Wide) {
+        let negative = self.0[2] >> 63 == 1;
+        (negative, if negative { self.negated() } else { self })
+    }
+
+    fn negated(self) -> Wide {
+        let mut sum = Wide(self.0.map(|word| !word));
+        sum.join(&Wide([1, 0, 0]));
+        sum
     }
 }
 
@@ -76,11 +91,13 @@ impl Text {
 
     /// Wide sums.
     pub fn wide<'a>(mut self, numbers: impl Iterator<Item = &'a Wide>) -> Self {
-        for Wide([low, middle, high]) in numbers {
-            let below = u128::from(*middle) << 64 | u128::from(*low);
+        for sum in numbers {
+            let (negative, Wide([low, middle, high])) = sum.magnitude();
+            let sign = if negative { "-" } else { "" };
+            let below = u128::from(middle) << 64 | u128::from(low);
             match high {
-                0 => write!(self.0, " {below:x}"),
-                _ => write!(self.0, " {high:x}{below:032x}"),
+                0 => write!(self.0, " {sign}{below:x}"),
+                _ => write!(self.0, " {sign}{high:x}{below:032x}"),
             }
             .expect(ANY);
         }
@@ -118,13 +135,18 @@ impl<'a> Words<'a> {
         (0..count)
             .map(|_| {
                 let word = self.0.next()?;
+                let (negative, word) = match word.strip_prefix('-') {
+                    Some(size) => (true, size),
+                    None => (false, word),
+                };
                 let (high, below) = match word.len().checked_sub(32) {
                     Some(at) if at > 0 => word.split_at_checked(at)?,
                     _ => ("0", word),
                 };
                 let below = u128::from_str_radix(below, 16).ok()?;
                 let high = u64::from_str_radix(high, 16).ok()?;
-                Some(Wide([below as u64, (below >> 64) as u64, high]))
+                let size = Wide([below as u64, (below >> 64) as u64, high]);
+                Some(if negative { size.negated() } else { size })
             })
             .collect()
     }
@@ -167,18 +189,30 @@ mod tests {
             few.add(x);
         }
         assert!((few.value() - 3.250_000_001).abs() < 1e-15);
+        // Products may be negative, and their sum far below what 128 bits hold.
+        let mut below = all.negated();
+        below.add(-2.5);
+        assert_eq!(below.value(), -all.value());
+        let mut back = below;
+        back.join(&all);
+        assert_eq!(back.value(), -2.5);
+        let mut shifting = Wide::default();
+        for x in [1.5, -4.0, 1.0] {
+            shifting.add(x);
+        }
+        assert_eq!(shifting.value(), -1.5);
         let sums = [0, -5, i128::MAX];
         let text = Text::of(7)
             .sums(sums.iter())
-            .wide([all, few, Wide::default()].iter())
+            .wide([all, few, below, shifting].iter())
             .finish();
         let (count, mut words) = Words::of(&text).unwrap();
         assert_eq!(
-            (count, words.sums(3), words.wide(3)),
+            (count, words.sums(3), words.wide(4)),
             (
                 7,
                 Some(sums.to_vec()),
-                Some(vec![all, few, Wide::default()])
+                Some(vec![all, few, below, shifting])
             )
         );
         assert!(words.end().is_some());
@@ -186,7 +220,7 @@ mod tests {
             "",
             "x",
             "7 g",
-            "7 -5",
+            "7 --5",
             "7 ä000000000000000000000000000000000",
         ] {
             let read = Words::of(damaged).and_then(|(_, mut words)| words.wide(1));

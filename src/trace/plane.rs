@@ -2,9 +2,9 @@
 //!
 //! Call [`plane`]; what is read off it is [`super::ellipsometer`]'s and [`super::compare`]'s affair.
 
-use super::grid::Layout;
+use super::grid::{Grid, Layout};
 use super::height_field::Side;
-use super::tally::{Estimate, Totals};
+use super::tally::{Covariance, Estimate, Totals};
 
 /// A direction of the plane.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,47 +13,59 @@ pub struct Direction {
     pub theta_s_deg: f64,
     /// The numbers of its bins, sr⁻¹: means, where the plane is the border of two.
     pub numbers: Vec<Estimate>,
+    /// How they scatter together, where that was kept.
+    pub covariance: Option<Covariance>,
 }
 
-/// The directions by rising angle, for a lamp at the azimuth `phi_i_deg`; those that no light reached are left out.
-/// `None` where bins are pixels, which have no such rows.
+/// Angles of reflection, degrees, and bins of the directions of the plane; `None` where bins are pixels.
 #[must_use]
-pub fn plane(totals: &Totals, phi_i_deg: f64) -> Option<Vec<Direction>> {
-    let grid = totals.grid();
+pub fn directions(grid: Grid, phi_i_deg: f64) -> Option<Vec<(f64, Vec<usize>)>> {
     if grid.layout != Layout::Polar {
         return None;
     }
     let mut directions = Vec::new();
     for (sign, plane_deg) in [(-1.0, phi_i_deg), (1.0, phi_i_deg + 180.0)] {
         for row in 0..grid.n_theta {
-            let bins = beside(grid.n_phi, plane_deg).map(|column| row * grid.n_phi + column);
-            let bins: Vec<usize> = bins.collect();
-            // Of two, one without light is dark, not unknown.
-            if bins.iter().all(|&bin| totals.is_empty(Side::Above, bin)) {
-                continue;
-            }
-            let n = bins.len() as f64;
-            let mean = |i: usize| {
-                let (mut value, mut square) = (0.0, 0.0);
-                for &bin in &bins {
-                    let e = totals.element(Side::Above, bin, i);
-                    value += e.value / n;
-                    square += (e.std / n).powi(2);
-                }
-                Estimate {
-                    value,
-                    std: square.sqrt(),
-                }
-            };
+            let columns = beside(grid.n_phi, plane_deg);
+            let bins = columns.map(|column| row * grid.n_phi + column).collect();
             let [lo, hi, _, _] = grid.limits_deg(row * grid.n_phi);
-            directions.push(Direction {
-                theta_s_deg: sign * 0.5 * (lo + hi),
-                numbers: (0..totals.elements()).map(mean).collect(),
-            });
+            directions.push((sign * 0.5 * (lo + hi), bins));
         }
     }
-    directions.sort_by(|a, b| a.theta_s_deg.total_cmp(&b.theta_s_deg));
+    directions.sort_by(|a, b| a.0.total_cmp(&b.0));
     Some(directions)
+}
+
+/// The directions by rising angle, for a lamp at the azimuth `phi_i_deg`; those that no light reached are left out.
+/// `None` where bins are pixels, which have no such rows.
+#[must_use]
+pub fn plane(totals: &Totals, phi_i_deg: f64) -> Option<Vec<Direction>> {
+    let seen = |(theta_s_deg, bins): (f64, Vec<usize>)| {
+        // Of two, one without light is dark, not unknown.
+        if bins.iter().all(|&bin| totals.is_empty(Side::Above, bin)) {
+            return None;
+        }
+        let n = bins.len() as f64;
+        let mean = |i: usize| {
+            let (mut value, mut square) = (0.0, 0.0);
+            for &bin in &bins {
+                let e = totals.element(Side::Above, bin, i);
+                value += e.value / n;
+                square += (e.std / n).powi(2);
+            }
+            Estimate {
+                value,
+                std: square.sqrt(),
+            }
+        };
+        Some(Direction {
+            theta_s_deg,
+            numbers: (0..totals.elements()).map(mean).collect(),
+            covariance: totals.covariance(&bins),
+        })
+    };
+    let directions = directions(totals.grid(), phi_i_deg)?;
+    Some(directions.into_iter().filter_map(seen).collect())
 }
 
 /// The columns of bins at an azimuth: that which holds it, or both where it is their border.

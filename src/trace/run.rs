@@ -14,6 +14,7 @@ use super::grid::Grid;
 use super::launch::FirstHits;
 use super::light::{Light, Polarised, Scalar};
 use super::paired::Paired;
+use super::plane::directions;
 use super::rng::{Purpose, Stream};
 use super::scene::Prepared;
 use super::tally::{Batch, Totals};
@@ -324,6 +325,9 @@ fn resume_as<L: Light>(
         first_hits: looked.unwrap_or_default(),
         seed: prepared.seed,
         grid,
+        plane: directions(grid, prepared.phi_i_deg())
+            .filter(|_| prepared.plane)
+            .map(|all| all.into_iter().map(|(_, bins)| bins).collect()),
         photons,
     };
     task.trace::<L>(part, &asked)
@@ -347,6 +351,7 @@ pub(super) fn trace_briefly<L: Light>(
         sketch_only: false,
         seed: prepared.seed.wrapping_add(apart),
         grid,
+        plane: None,
         photons,
     };
     let asked = Asked {
@@ -455,10 +460,17 @@ struct Task<'a> {
     sketch_only: bool,
     seed: u64,
     grid: Grid,
+    /// Bins of the directions whose numbers' products are kept.
+    plane: Option<Vec<Vec<usize>>>,
     photons: u64,
 }
 
 impl Task<'_> {
+    /// Where nothing is counted yet.
+    fn empty(&self, elements: usize) -> Totals {
+        Totals::new(self.grid, elements).with_directions(self.plane.clone())
+    }
+
     fn trace<L: Light>(&self, part: Part, asked: &Asked<'_>) -> SoFar {
         let (grid, photons) = (self.grid, self.photons);
         let count = batches(photons);
@@ -473,7 +485,7 @@ impl Task<'_> {
             sketch
         });
         let before = before.unwrap_or_else(|| SoFar {
-            totals: Totals::new(grid, L::ELEMENTS),
+            totals: self.empty(L::ELEMENTS),
             batches: Vec::new(),
         });
         assert!(

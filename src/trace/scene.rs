@@ -191,6 +191,9 @@ pub struct Prepared {
     pub(super) interactions_max: u32,
     pub(super) grid: Grid,
     pub(super) seed: u64,
+    /// Whether what the elements of a Mueller matrix have in common is kept in the plane of incidence, for the errors of
+    /// Stokes vectors and of degree and angle of polarisation there; a little time per batch.
+    pub plane: bool,
     /// Photons to launch.
     pub photons: u64,
     /// Whether polarisation is followed.
@@ -219,13 +222,49 @@ impl Prepared {
         self.method
     }
 
+    /// Azimuth of the lamp, degrees.
+    pub(super) fn phi_i_deg(&self) -> f64 {
+        let [sin, minus_cos, _] = self.s;
+        sin.atan2(-minus_cos).to_degrees()
+    }
+
     /// Gives photons up after `limit` interactions, if the scene does not do so earlier.
     pub fn give_up_after(&mut self, limit: u32) {
         self.interactions_max = self.interactions_max.min(limit);
     }
 }
 
+/// What several interfaces go without.
+const REGISTRATION: &str = "lateral registration of the layers";
+
 impl Prepared {
+    /// Goes without interfaces of the `scene` that do nothing to light (1 for the topmost): the media on both sides are
+    /// the same. The others keep their numbers.
+    ///
+    /// # Panics
+    /// Where nothing would be left.
+    pub fn leave_out(&mut self, idle: &[usize], scene: &Scene) {
+        let is_idle = |number: usize| idle.contains(&number);
+        let mut number = 0;
+        self.stack.interfaces.retain(|_| {
+            number += 1;
+            !is_idle(number)
+        });
+        number = 0;
+        self.stack.optical_depth.retain(|_| {
+            number += 1;
+            !is_idle(number)
+        });
+        let left = self.stack.interfaces.len();
+        assert!(left > 0, "light meets an interface");
+        if left == 1 {
+            self.left_out.retain(|l| l.what != REGISTRATION);
+        }
+        self.ridge_angles.retain(|a| !is_idle(a.interface));
+        let all = (1..).zip(&scene.interface);
+        self.is_drawn = all.filter(|(n, _)| !is_idle(*n)).any(|(_, s)| s.is_drawn());
+    }
+
     /// The same surfaces, met by other photons.
     #[must_use]
     pub fn with_seed(mut self, seed: u64) -> Self {
@@ -352,7 +391,7 @@ impl Scene {
         left_out.extend_from_slice(&shapes.left_out);
         if self.interface.len() > 1 {
             left_out.push(LeftOut {
-                what: "lateral registration of the layers".to_owned(),
+                what: REGISTRATION.to_owned(),
                 why: "layers are taken as thick against their relief: the place of entry is drawn afresh"
                     .to_owned(),
                 cost: None,
@@ -372,6 +411,7 @@ impl Scene {
             interactions_max: self.run.interactions_max,
             grid: Grid::polar(self.run.theta_bins, self.run.phi_bins),
             seed: self.run.seed,
+            plane: true,
             photons: self.run.photons,
             polarised,
             left_out,

@@ -9,6 +9,7 @@
 //! nothing below 4 ε of them; that is its floor, so what is certain has an error of rounding, not of 0.
 
 mod energies;
+mod products;
 
 use super::exact::{Text, Wide, Words, from_fixed, to_fixed};
 use super::grid::{Finder, Grid};
@@ -16,9 +17,13 @@ use super::height_field::Side;
 use super::light::Light;
 use super::vec3::V3;
 pub use energies::{Energies, ORDERS};
+use products::Products;
+pub use products::{Covariance, NUMBERS};
 
 /// Work after which it is asked again whether to go on with a batch: a millisecond's.
 const ASKED: u64 = 1 << 16;
+/// Brightness squared that is left of noise by rounding: differences of thousands of bins, each to some 1e-16.
+const ROUNDING: f64 = 1e-10;
 
 /// What the photons of one replicate left.
 #[derive(Debug)]
@@ -177,6 +182,8 @@ pub struct Totals {
     /// and as many sums of squares.
     squares: Vec<Wide>,
     hits: Vec<u64>,
+    /// Of some directions: what their numbers have in common.
+    products: Option<Products>,
     /// Per bin: what is known without sampling, times the photons.
     known: Vec<i128>,
     energy_sums: Energies<i128>,
@@ -243,6 +250,7 @@ impl Totals {
             bins: vec![0; bins * elements],
             squares: vec![Wide::default(); bins * elements],
             hits: vec![0; bins],
+            products: None,
             known: vec![0; bins * elements],
             energy_sums: Energies::filled(0),
             energy_squares: Energies::filled(Wide::default()),
@@ -251,6 +259,21 @@ impl Totals {
             batches: 0,
             photons: 0,
         }
+    }
+
+    /// Keeps what [`Totals::covariance`] needs of directions above, each of some bins. Of numbers that are no Mueller
+    /// matrix nothing is kept.
+    #[must_use]
+    pub fn with_directions(mut self, directions: Option<Vec<Vec<usize>>>) -> Self {
+        let kept = directions.filter(|_| self.stride >= NUMBERS);
+        self.products = kept.map(Products::new);
+        self
+    }
+
+    /// What [`Totals::with_directions`] was told.
+    #[must_use]
+    pub fn directions(&self) -> Option<Vec<Vec<usize>>> {
+        self.products.as_ref().map(Products::directions)
     }
 
     /// Adds what is known per photon, for `photons` of those counted.
@@ -287,6 +310,9 @@ impl Totals {
                 square.add(x * x);
             }
         }
+        if let Some(products) = &mut self.products {
+            products.count(batch);
+        }
         let all = batch.energies.total();
         let sums = self.energy_sums.all_mut();
         let squares = self.energy_squares.all_mut();
@@ -322,6 +348,13 @@ impl Totals {
         }
         for (a, b) in self.hits.iter_mut().zip(&other.hits) {
             *a += b;
+        }
+        if self.batches == 0 {
+            self.products.clone_from(&other.products);
+        } else if other.batches > 0 {
+            // Those of a part tell nothing of the whole.
+            let products = self.products.take().zip(other.products.as_ref());
+            self.products = products.and_then(|(own, other)| own.merged(other));
         }
         self.energy_known.add(&other.energy_known);
         self.energy_sums.add(&other.energy_sums);
@@ -402,6 +435,22 @@ impl Totals {
         self.estimate(self.bins[at], self.squares[at], self.known[at], norm)
     }
 
+    /// How the mean Mueller matrix of bins above scatters, element with element; `None` where they are not together one
+    /// of the [`Totals::with_directions`].
+    #[must_use]
+    pub fn covariance(&self, bins: &[usize]) -> Option<Covariance> {
+        let products = self.products.as_ref()?.sums(bins)?;
+        let first = *bins.first()?;
+        let sums: [f64; NUMBERS] = std::array::from_fn(|i| {
+            let sum = bins.iter().map(|bin| self.bins[bin * self.stride + i]);
+            from_fixed(sum.sum())
+        });
+        // Bins of a direction lie in one row: they are of one size.
+        let solid_angle = self.grid.projected_solid_angle(first);
+        let norm = bins.len() as f64 * solid_angle * self.photons as f64;
+        Some(Covariance::new(&products, &sums, self.batches as f64, norm))
+    }
+
     /// Root mean square error of m00 over its own root mean square, both over the reflected bins and by
     /// the bins' projected solid angles: the relative error of a bin that is as bright as most of the
     /// light's are. `None` where nothing was reflected, or not yet more than its own noise.
@@ -409,7 +458,7 @@ impl Totals {
     /// Sums of squares, because a variance estimated from few photons is right on average and a
     /// standard error is not: a bin hit once says "100 %" whatever the truth, so a mean of relative errors
     /// is too small, and falls too slowly, as long as many bins are nearly empty. The brightness squared has its
-    /// own noise taken off for the same reason.
+    /// own noise taken off for the same reason; where what is left of it is rounding, nothing is known.
     #[must_use]
     pub fn relative_error(&self) -> Option<f64> {
         self.relative_error_with(None)
@@ -433,7 +482,7 @@ impl Totals {
             noise += variance;
             signal += e.value * e.value - variance;
         }
-        (signal > 0.0).then(|| (noise / signal).sqrt())
+        (signal > ROUNDING * noise).then(|| (noise / signal).sqrt())
     }
 
     /// The exact sums of a bin as hexadecimal numbers, for a shard's file; `None` for an empty bin.
@@ -449,6 +498,17 @@ impl Totals {
             .wide(self.squares[range.clone()].iter())
             .sums(self.known[range].iter());
         Some(text.finish())
+    }
+
+    /// The exact products of the direction that begins with a bin above, likewise.
+    #[must_use]
+    pub fn exact_direction(&self, first: usize) -> Option<String> {
+        self.products.as_ref()?.exact(first)
+    }
+
+    /// Reads back what [`Totals::exact_direction`] wrote.
+    pub fn set_exact_direction(&mut self, first: usize, text: &str) -> Option<()> {
+        self.products.as_mut()?.set_exact(first, text)
     }
 
     /// The exact sums of the energies, likewise.
@@ -542,6 +602,25 @@ mod tests {
         }
         assert_eq!(back, totals);
         assert!(back.set_exact_bin(Side::Above, 0, "nonsense").is_none());
+    }
+
+    #[test]
+    fn a_handful_of_photons_in_bins_of_their_own_has_no_error() {
+        // Each bin is met once: its square is its noise, and rounding alone is left.
+        for seed in 0..20 {
+            let mut totals = Totals::new(GRID, 1);
+            let mut random = Stream::new(seed, Purpose::Photon, 0);
+            for n in 0..16 {
+                let mut batch = Batch::new::<Scalar>(GRID);
+                let phi = 0.39 * f64::from(n);
+                let k = unit(&[phi.cos(), phi.sin(), 1.0]);
+                let mut light = Scalar::launch(&k);
+                light.scale(random.uniform());
+                batch.exit(&light, light.weight(), Side::Above, &k, 1);
+                totals.take(&mut batch, 1);
+            }
+            assert_eq!(totals.relative_error(), None);
+        }
     }
 
     #[test]

@@ -13,7 +13,8 @@ use crate::wording::{counted, significant};
 /// What a user allows.
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
 pub struct PathLimits {
-    /// Take no longer than about this: fewer paths are traced if need be, and how many is told.
+    /// Take no longer than about this: fewer paths are traced if need be, and how many is told; surfaces that are left out
+    /// are named.
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
     /// Trace as many paths as bring the tracer's relative standard error below this, instead of --paths.
@@ -30,6 +31,47 @@ pub struct Planned {
     pub forecast: Forecast,
 }
 
+/// What a run is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Work {
+    /// How many there are to do,
+    pub surfaces: usize,
+    /// how many of them at the same time,
+    pub abreast: usize,
+    /// paths of each, where no limit says otherwise,
+    pub paths: u64,
+    /// and whether surfaces for which no time is left may be missing: else a limit that cannot be kept is refused.
+    pub may_miss_some: bool,
+}
+
+/// What a pilot found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Trial {
+    /// Surfaces that it did, one after the other.
+    pub surfaces: usize,
+    /// Relative standard error of the worst.
+    pub error: f64,
+    /// Seconds of it that went into other things than paths, such as fits.
+    pub apart_s: f64,
+}
+
+/// What one surface of a pilot took, s.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Cost {
+    paths: u64,
+    paths_s: f64,
+    apart_s: f64,
+    error: f64,
+}
+
+impl Cost {
+    fn all_s(&self) -> f64 {
+        self.paths_s + self.apart_s
+    }
+}
+
+/// Share of a limit that a first pilot may take so that a second one follows.
+const SECOND_PILOT: f64 = 0.1;
 /// Paths of the two pilots.
 const PILOTS: [u64; 2] = [64, 512];
 /// A pilot's forecast may be off by so much: a limit that is missed by less is tried.
@@ -55,39 +97,55 @@ impl PathLimits {
         self.max_seconds.is_some() || self.target_error.is_some()
     }
 
-    /// Plans a run of `surfaces` at `wanted` paths each, of which `abreast` run at the same time. `pilot` does
-    /// one of them with a number of paths and returns its relative standard error; `None` where it cannot.
+    /// Plans a run. `pilot` does some of the surfaces, such as stand for all, with a number of paths; `None` where it
+    /// cannot.
     ///
     /// # Errors
-    /// No result where not even the fewest paths fit into the time allowed.
+    /// No result where not even the fewest paths fit into the time allowed and no surface may be missing.
     pub fn plan(
         &self,
-        surfaces: usize,
-        abreast: usize,
-        wanted: u64,
-        pilot: &dyn Fn(u64) -> Option<f64>,
+        work: &Work,
+        pilot: &dyn Fn(u64) -> Option<Trial>,
     ) -> Result<Option<Planned>, CliError> {
         let started = Instant::now();
         let timed = |paths: u64| {
             let started = Instant::now();
-            let error = pilot(paths)?;
-            Some((started.elapsed().as_secs_f64(), error))
+            let trial = pilot(paths)?;
+            let (each, all_s) = (
+                trial.surfaces.max(1) as f64,
+                started.elapsed().as_secs_f64(),
+            );
+            Some(Cost {
+                paths,
+                paths_s: (all_s - trial.apart_s).max(0.0) / each,
+                apart_s: trial.apart_s / each,
+                error: trial.error,
+            })
         };
-        let turns = surfaces.div_ceil(abreast.max(1));
-        let Some((little, _)) = timed(PILOTS[0]) else {
+        let turns = work.surfaces.div_ceil(work.abreast.max(1));
+        let Some(little) = timed(PILOTS[0]) else {
             return Ok(None);
         };
-        self.affords(surfaces, little * turns as f64)?;
-        let Some((more, error)) = timed(PILOTS[1]) else {
-            return Ok(None);
+        if !work.may_miss_some {
+            self.affords(work.surfaces, little.all_s() * turns as f64)?;
+        }
+        let spent_s = || started.elapsed().as_secs_f64();
+        let dear = |limit: f64| spent_s() > SECOND_PILOT * limit;
+        let more = if work.may_miss_some && self.max_seconds.is_some_and(dear) {
+            // What is spent on pilots is missing at the end.
+            None
+        } else {
+            let Some(more) = timed(PILOTS[1]) else {
+                return Ok(None);
+            };
+            Some(more)
         };
-        let spent = started.elapsed().as_secs_f64();
         Ok(Some(self.told_by(
-            [little, more],
-            error,
+            little,
+            more,
             turns,
-            wanted,
-            spent,
+            work.paths,
+            spent_s(),
         )))
     }
 
@@ -107,19 +165,24 @@ impl PathLimits {
 
     fn told_by(
         &self,
-        seconds: [f64; 2],
-        error: f64,
+        little: Cost,
+        more: Option<Cost>,
         turns: usize,
         wanted: u64,
         spent: f64,
     ) -> Planned {
-        let between = (PILOTS[1] - PILOTS[0]) as f64;
-        let per_path = ((seconds[1] - seconds[0]) / between).max(1e-12);
-        let start = (seconds[1] - per_path * PILOTS[1] as f64).max(0.0);
+        let known = more.unwrap_or(little);
+        let per_path = match more {
+            Some(more) => (more.paths_s - little.paths_s) / (more.paths - little.paths) as f64,
+            None => little.paths_s / little.paths as f64,
+        };
+        let per_path = per_path.max(1e-12);
+        let start = known.apart_s + (known.paths_s - per_path * known.paths as f64).max(0.0);
+        let error = known.error;
         let turns = turns as f64;
         let enough = match self.target_error {
             // Standard errors fall with the root of the paths.
-            Some(target) => (PILOTS[1] as f64 * (error / target).powi(2)).ceil() as u64,
+            Some(target) => (known.paths as f64 * (error / target).powi(2)).ceil() as u64,
             None => wanted,
         };
         let affordable = self.max_seconds.map_or(u64::MAX, |limit| {
@@ -127,7 +190,7 @@ impl PathLimits {
         });
         let paths = enough.min(affordable).clamp(PATHS.0, PATHS.1);
         let seconds = spent + turns * (start + per_path * paths as f64);
-        let error = error * (PILOTS[1] as f64 / paths as f64).sqrt();
+        let error = error * (known.paths as f64 / paths as f64).sqrt();
         Planned {
             paths,
             forecast: Forecast {
@@ -147,13 +210,19 @@ mod tests {
     #[test]
     fn paths_are_those_for_the_error_and_no_more_than_time_allows() {
         // A surface: 0.1 s and 1 ms per path; 2 % after 512 paths; 10 turns.
-        let seconds = PILOTS.map(|paths| 0.1 + 1e-3 * paths as f64);
+        let cost = |paths: u64, apart_s: f64| Cost {
+            paths,
+            paths_s: 0.1 - apart_s + 1e-3 * paths as f64,
+            apart_s,
+            error: 0.02 * (PILOTS[1] as f64 / paths as f64).sqrt(),
+        };
+        let (little, more) = (cost(PILOTS[0], 0.0), cost(PILOTS[1], 0.0));
         let told = |max_seconds, target_error| {
             let limits = PathLimits {
                 max_seconds,
                 target_error,
             };
-            limits.told_by(seconds, 0.02, 10, 4096, 0.0)
+            limits.told_by(little, Some(more), 10, 4096, 0.0)
         };
         assert_eq!(told(None, Some(0.01)).paths, 2048);
         assert!((told(None, Some(0.01)).forecast.seconds - (1.0 + 20.48)).abs() < 1e-9);
@@ -167,6 +236,52 @@ mod tests {
         let ample = told(Some(1000.0), None);
         assert!(!ample.forecast.cut_short && ample.paths == 4096);
         assert_eq!(told(Some(0.1), None).paths, PATHS.0);
+        // Fits that take longer the fewer paths there are do not hide what a path costs.
+        let fitted = |paths, apart_s| Cost {
+            paths_s: 1e-3 * paths as f64,
+            apart_s,
+            ..cost(paths, 0.0)
+        };
+        let limits = PathLimits {
+            max_seconds: Some(20.0),
+            target_error: None,
+        };
+        let (little, more) = (fitted(PILOTS[0], 3.0), fitted(PILOTS[1], 1.0));
+        for told in [
+            limits.told_by(little, Some(more), 10, 4096, 0.0),
+            limits.told_by(more, None, 10, 4096, 0.0),
+        ] {
+            assert!(told.paths.abs_diff(1000) <= 1, "{told:?}");
+            assert!((told.forecast.seconds - 20.0).abs() < 0.1, "{told:?}");
+        }
+    }
+
+    #[test]
+    fn where_surfaces_may_be_missing_no_limit_is_refused_and_a_dear_pilot_is_the_last() {
+        let limits = PathLimits {
+            max_seconds: Some(1e-3),
+            target_error: None,
+        };
+        let work = |may_miss_some| Work {
+            surfaces: 70,
+            abreast: 1,
+            paths: 4096,
+            may_miss_some,
+        };
+        let asked = std::cell::Cell::new(0);
+        let pilot = |_| {
+            asked.set(asked.get() + 1);
+            std::thread::sleep(std::time::Duration::from_millis(2));
+            Some(Trial {
+                surfaces: 2,
+                error: 0.1,
+                apart_s: 0.0,
+            })
+        };
+        assert!(limits.plan(&work(false), &pilot).is_err());
+        let told = limits.plan(&work(true), &pilot).unwrap().unwrap();
+        assert!(told.forecast.cut_short && told.paths == PATHS.0);
+        assert_eq!(asked.get(), 2);
     }
 
     #[test]

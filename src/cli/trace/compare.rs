@@ -138,7 +138,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         left_out: Vec::new(),
         program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
     };
-    let shapes = source.shapes()?;
+    let shapes = source.shapes(&watch)?;
     let runs = Runs {
         watch,
         count,
@@ -354,13 +354,17 @@ fn lobe(lamp: Lamp, runs: &[Totals], waves: &str) -> String {
             },
             axis: "BRDF / sr⁻¹".to_owned(),
             range: (0.0, 1.0),
+            turns: false,
             ticks: Vec::new(),
+            step_deg: f64::from(STEP_DEG),
             lines: vec![line("polarised", polarised), line("scalar", scalar)],
         });
         lower.push(Panel {
             title: String::new(),
             axis: "(pol. − scalar)/scalar".to_owned(),
             range: (-0.25, 0.25),
+            turns: false,
+            step_deg: f64::from(STEP_DEG),
             ticks: vec![-0.2, -0.1, 0.0, 0.1, 0.2],
             lines: vec![line("", relative)],
         });

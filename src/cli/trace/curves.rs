@@ -11,6 +11,8 @@ const LEFT: f64 = 58.0;
 const TOP: f64 = 64.0;
 const GAP_X: f64 = 22.0;
 const GAP_Y: f64 = 40.0;
+/// Radius of a point without neighbours.
+const MARKER: f64 = 2.4;
 
 /// A line of (angle in degrees, value, half the height of its error bar).
 #[derive(Debug, Clone)]
@@ -30,8 +32,12 @@ pub(super) struct Panel {
     pub axis: String,
     /// Lowest and highest value.
     pub range: (f64, f64),
+    /// Whether the lowest is the highest again, as of an angle: what leaves on one side comes in on the other.
+    pub turns: bool,
     /// Values that get a label and a line.
     pub ticks: Vec<f64>,
+    /// Between neighbours in angle, degrees: where points are further apart nothing is known between them.
+    pub step_deg: f64,
     /// At most four.
     pub lines: Vec<Line>,
 }
@@ -122,24 +128,8 @@ fn draw(svg: &mut String, panel: &Panel, x: f64, y: f64, first: bool, last: bool
     }
     for (n, line) in panel.lines.iter().enumerate() {
         let colour = COLOURS[n % COLOURS.len()];
-        let (mut path, mut bars, mut pen_down) = (String::new(), String::new(), false);
-        for &(angle, value, half) in &line.points {
-            if !value.is_finite() {
-                pen_down = false;
-                continue;
-            }
-            let (px, py) = (at_x(angle), at_y(value));
-            // A line that runs off the panel at a jump (an angle that turns round) is lifted there.
-            let command = if pen_down { 'L' } else { 'M' };
-            let _ = write!(path, "{command}{px:.1} {py:.1}");
-            pen_down = true;
-            // A short stroke shows a point that has no neighbours.
-            path.push_str("h0.01");
-            if half > 0.0 {
-                let (from, to) = (at_y(value - half), at_y(value + half));
-                let _ = write!(bars, "M{px:.1} {from:.1}V{to:.1}");
-            }
-        }
+        let marks = Marks::of(panel, line, &at_x, &at_y);
+        let Marks { path, bars, alone } = &marks;
         // A second line may lie on the first all along.
         let dash = if n == 1 {
             r#" stroke-dasharray="4 3.5""#
@@ -150,6 +140,12 @@ fn draw(svg: &mut String, panel: &Panel, x: f64, y: f64, first: bool, last: bool
             svg,
             r##"<path d="{bars}" stroke="{colour}" stroke-opacity="0.35" stroke-width="2" fill="none"/><path d="{path}" stroke="{colour}" stroke-width="1.4" stroke-linecap="round" fill="none"{dash}/>"##
         );
+        for (px, py) in alone {
+            let _ = writeln!(
+                svg,
+                r##"<circle cx="{px:.1}" cy="{py:.1}" r="{MARKER}" fill="{colour}"/>"##
+            );
+        }
         if panel.lines.len() > 1 {
             let (lx, ly) = (x + 8.0, y + 12.0 + 13.0 * n as f64);
             let _ = writeln!(
@@ -167,30 +163,135 @@ fn draw(svg: &mut String, panel: &Panel, x: f64, y: f64, first: bool, last: bool
     );
 }
 
+/// What is drawn of a line.
+#[derive(Debug, Default)]
+struct Marks {
+    path: String,
+    bars: String,
+    /// Points without neighbours, which no stroke shows.
+    alone: Vec<(f64, f64)>,
+}
+
+impl Marks {
+    fn of(
+        panel: &Panel,
+        line: &Line,
+        at_x: &dyn Fn(f64) -> f64,
+        at_y: &dyn Fn(f64) -> f64,
+    ) -> Self {
+        let (low, high) = panel.range;
+        let turn = high - low;
+        let mut marks = Marks::default();
+        let mut stroke: Vec<(f64, f64)> = Vec::new();
+        for &(angle, value, half) in &line.points {
+            if !value.is_finite() {
+                marks.end(&mut stroke, at_x, at_y);
+                continue;
+            }
+            let value = match panel.turns {
+                true => low + (value - low).rem_euclid(turn),
+                false => value,
+            };
+            if let Some(&(before, from)) = stroke.last() {
+                if angle - before > 1.5 * panel.step_deg {
+                    marks.end(&mut stroke, at_x, at_y);
+                } else if panel.turns && (value - from).abs() > 0.5 * turn {
+                    // The short way round, out over one side and in over the other.
+                    let (out, into, on) = match value < from {
+                        true => (high, low, value + turn),
+                        false => (low, high, value - turn),
+                    };
+                    let edge = before + (angle - before) * (out - from) / (on - from);
+                    stroke.push((edge, out));
+                    marks.end(&mut stroke, at_x, at_y);
+                    stroke.push((edge, into));
+                }
+            }
+            stroke.push((angle, value));
+            if half > 0.0 {
+                let (px, from, to) = (at_x(angle), at_y(value - half), at_y(value + half));
+                let _ = write!(marks.bars, "M{px:.1} {from:.1}V{to:.1}");
+            }
+        }
+        marks.end(&mut stroke, at_x, at_y);
+        marks
+    }
+
+    /// Draws what is together and lifts the pen.
+    fn end(
+        &mut self,
+        stroke: &mut Vec<(f64, f64)>,
+        at_x: &dyn Fn(f64) -> f64,
+        at_y: &dyn Fn(f64) -> f64,
+    ) {
+        let mut places = stroke
+            .drain(..)
+            .map(|(angle, value)| (at_x(angle), at_y(value)));
+        let Some(first) = places.next() else {
+            return;
+        };
+        let mut places = places.peekable();
+        if places.peek().is_none() {
+            self.alone.push(first);
+            return;
+        }
+        let _ = write!(self.path, "M{:.1} {:.1}", first.0, first.1);
+        for (px, py) in places {
+            let _ = write!(self.path, "L{px:.1} {py:.1}");
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn a_gap_in_the_values_is_a_gap_in_the_line() {
+    fn drawn(turns: bool, points: &[(f64, f64, f64)]) -> String {
         let panel = Panel {
             title: "a".to_owned(),
             axis: "b".to_owned(),
             range: (0.0, 1.0),
+            turns,
             ticks: vec![0.0, 1.0],
+            step_deg: 45.0,
             lines: vec![Line {
                 name: "c".to_owned(),
-                points: vec![
-                    (-90.0, 0.0, 0.0),
-                    (0.0, f64::NAN, 0.0),
-                    (45.0, 0.5, 0.0),
-                    (90.0, 1.0, 0.1),
-                ],
+                points: points.to_vec(),
             }],
         };
-        let svg = panels("t", "n", 1, &[panel]);
+        panels("t", "n", 1, &[panel])
+    }
+
+    #[test]
+    fn a_gap_in_the_values_is_a_gap_in_the_line_and_a_point_alone_is_seen() {
+        let svg = drawn(
+            false,
+            &[
+                (-90.0, 0.0, 0.0),
+                (-45.0, f64::NAN, 0.0),
+                (0.0, 0.5, 0.0),
+                (45.0, 0.5, 0.0),
+                (90.0, 1.0, 0.1),
+            ],
+        );
         assert!(
-            svg.contains("M58.0 194.0h0.01M245.5 129.0h0.01L308.0 64.0h0.01"),
+            svg.contains(r#"d="M183.0 129.0L245.5 129.0L308.0 64.0""#),
+            "{svg}"
+        );
+        assert!(svg.contains(r#"<circle cx="58.0" cy="194.0""#), "{svg}");
+        // So is a direction with darkness around it.
+        let svg = drawn(false, &[(-90.0, 0.0, 0.0), (0.0, 0.5, 0.0)]);
+        assert_eq!(svg.matches("<circle").count(), 2);
+    }
+
+    #[test]
+    fn an_angle_that_turns_round_leaves_on_one_side_and_comes_in_on_the_other() {
+        let svg = drawn(
+            true,
+            &[(-45.0, 0.9, 0.0), (0.0, 1.1, 0.0), (45.0, 0.3, 0.0)],
+        );
+        assert!(
+            svg.contains(r#"d="M120.5 77.0L151.8 64.0M151.8 194.0L183.0 181.0L245.5 155.0""#),
             "{svg}"
         );
     }

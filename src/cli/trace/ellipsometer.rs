@@ -92,7 +92,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         left_out: Vec::new(),
         program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
     };
-    let shapes = source.shapes()?;
+    let shapes = source.shapes(&watch)?;
     let runs = Runs {
         watch,
         count: args.angles_deg.len(),
@@ -122,19 +122,21 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     if let Some(folder) = &args.pictures {
         for angle in &report.angles {
             let name = format!("ellipsometer-{}.svg", angle.theta_i_deg);
-            write_curves(folder, &name, angle.theta_i_deg, &angle.points)?;
+            let step_deg = 90.0 / source.scene.run.theta_bins as f64;
+            write_curves(folder, &name, angle.theta_i_deg, &angle.points, step_deg)?;
         }
     }
     super::print(args.json, &report, |out| report.table(out))?;
     done.verdict()
 }
 
-/// DOLP and AOP for the six states of the lamp.
+/// DOLP and AOP for the six states of the lamp; directions are `step_deg` apart.
 pub(super) fn write_curves(
     folder: &Path,
     name: &str,
     theta_i_deg: f64,
     points: &[Point],
+    step_deg: f64,
 ) -> Result<(), CliError> {
     let mut sheet = Vec::new();
     for dolp in [true, false] {
@@ -143,27 +145,27 @@ pub(super) fn write_curves(
                 .iter()
                 .map(|p| {
                     let r = &p.readings[n];
-                    let noise = r.stokes_std[1].hypot(r.stokes_std[2]) / r.stokes[0];
-                    // Half a turn is a full one for an axis: the error of an angle is half that of 2 × angle.
                     let (value, std) = if dolp {
-                        (r.dolp, noise)
+                        (r.dolp, r.dolp_std)
                     } else {
-                        (r.aop_deg, (0.5 * noise / r.dolp).to_degrees())
+                        (r.aop_deg, r.aop_std_deg)
                     };
                     let settled = if dolp { std < 0.25 } else { std < 15.0 };
                     (p.theta_s_deg, if settled { value } else { f64::NAN }, std)
                 })
                 .collect();
-            let points = if dolp { points } else { lifted(points) };
             sheet.push(Panel {
                 title: setting.name.to_owned(),
                 axis: if dolp { "DOLP" } else { "AOP / °" }.to_owned(),
-                range: if dolp { (0.0, 1.0) } else { (-90.0, 90.0) },
+                // Of half a turn the one that has all four linear states well inside: ±90° is one angle, not two sides.
+                range: if dolp { (0.0, 1.0) } else { (-67.5, 112.5) },
+                turns: !dolp,
                 ticks: if dolp {
                     vec![0.0, 0.25, 0.5, 0.75, 1.0]
                 } else {
-                    vec![-90.0, -45.0, 0.0, 45.0, 90.0]
+                    vec![-45.0, 0.0, 45.0, 90.0]
                 },
+                step_deg,
                 lines: vec![Line {
                     name: String::new(),
                     points,
@@ -178,31 +180,44 @@ pub(super) fn write_curves(
         .flatten()
         .cloned()
         .collect();
+    let mut note = "plane of incidence; positive angles lie on the side of the mirror direction; AOP counts from s to p; \
+                    bars are standard errors"
+        .to_owned();
+    if points.iter().any(|p| p.errors_as_independent) {
+        note += " that take the Mueller elements as independent";
+    }
     let svg = panels(
         &format!("Polarisation of the reflected light, lamp at {theta_i_deg}°"),
-        "plane of incidence; positive angles lie on the side of the mirror direction; AOP counts from s to p; bars are standard errors",
+        &note,
         3,
         &ordered,
     );
     super::write_picture(folder, name, &svg)
 }
 
-/// Gaps where an angle turns round at ±90°, which is no jump.
-fn lifted(points: Vec<(f64, f64, f64)>) -> Vec<(f64, f64, f64)> {
-    let mut out: Vec<(f64, f64, f64)> = Vec::with_capacity(points.len());
-    for point in points {
-        if let Some(last) = out.last()
-            && (last.1 - point.1).abs() > 90.0
-        {
-            out.push((0.5 * (last.0 + point.0), f64::NAN, 0.0));
-        }
-        out.push(point);
-    }
-    out
-}
-
 /// Directions up to which the table shows all.
 const SHOWN: usize = 20;
+
+/// Of many directions the nearest one with light for each ten degrees; the CSV file has all.
+fn shown(points: &[Point]) -> Vec<&Point> {
+    if points.len() <= SHOWN {
+        return points.iter().collect();
+    }
+    let mut nearest: Vec<&Point> = Vec::new();
+    for ten in -9..=9 {
+        let wanted = 10.0 * f64::from(ten);
+        let off = |p: &Point| (p.theta_s_deg - wanted).abs();
+        // What lies nearer to the next ten is that one's.
+        let found = points.iter().filter(|p| off(p) <= 5.0);
+        let found = found.min_by(|a, b| off(a).total_cmp(&off(b)));
+        nearest.extend(found.filter(|f| {
+            nearest
+                .last()
+                .is_none_or(|last| last.theta_s_deg < f.theta_s_deg)
+        }));
+    }
+    nearest
+}
 
 impl Report {
     fn csv(&self) -> String {
@@ -210,7 +225,9 @@ impl Report {
         for setting in &SETTINGS {
             let _ = write!(text, ",camera_{}", setting.name.replace('-', "_"));
         }
-        text.push_str(",s0,s1,s2,s3,s0_std,s1_std,s2_std,s3_std,dolp,aop_deg\n");
+        text.push_str(
+            ",s0,s1,s2,s3,s0_std,s1_std,s2_std,s3_std,dolp,aop_deg,dolp_std,aop_std_deg\n",
+        );
         for angle in &self.angles {
             for point in &angle.points {
                 for (reading, setting) in point.readings.iter().zip(&SETTINGS) {
@@ -227,7 +244,11 @@ impl Report {
                     for x in numbers.chain(&reading.stokes_std) {
                         let _ = write!(text, ",{x:e}");
                     }
-                    let _ = writeln!(text, ",{:e},{:e}", reading.dolp, reading.aop_deg);
+                    let _ = writeln!(
+                        text,
+                        ",{:e},{:e},{:e},{:e}",
+                        reading.dolp, reading.aop_deg, reading.dolp_std, reading.aop_std_deg
+                    );
                 }
             }
         }
@@ -244,18 +265,13 @@ impl Report {
                     angle.theta_i_deg
                 )?;
             }
-            let all = angle.points.len() <= SHOWN;
-            for point in &angle.points {
-                // Of many directions the table shows every ten degrees; the CSV file has all.
-                if !all && (point.theta_s_deg / 10.0).fract().abs() > 0.11 {
-                    continue;
-                }
+            for point in shown(&angle.points) {
                 for r in &point.readings {
                     writeln!(
                         out,
                         "{:6}  {:6}  {:10}  {:.3e}  {:.3}  {:6.1}",
                         angle.theta_i_deg,
-                        point.theta_s_deg,
+                        (100.0 * point.theta_s_deg).round() / 100.0,
                         r.input,
                         r.stokes[0],
                         r.dolp,
@@ -265,5 +281,41 @@ impl Report {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_shows_a_direction_for_each_ten_degrees_whatever_the_bins() {
+        let lit = |n_theta: i32, from_deg: f64, until_deg: f64| -> Vec<Point> {
+            let width = 90.0 / f64::from(n_theta);
+            let all = (-n_theta..n_theta).map(|n| (f64::from(n) + 0.5) * width);
+            let lit = all.filter(|t| (from_deg..until_deg).contains(t));
+            lit.map(|theta_s_deg| Point {
+                theta_s_deg,
+                readings: Vec::new(),
+                errors_as_independent: false,
+            })
+            .collect()
+        };
+        for n_theta in [12, 18, 31, 45, 90, 1440] {
+            let half_deg = 45.0 / f64::from(n_theta);
+            let points = lit(n_theta, -90.0, 90.0);
+            let table = shown(&points);
+            assert_eq!(table.len(), 19, "{n_theta}");
+            for (point, ten) in table.iter().zip(-9..) {
+                let off = (point.theta_s_deg - 10.0 * f64::from(ten)).abs();
+                assert!(off <= half_deg + 1e-9, "{n_theta}: {}", point.theta_s_deg);
+            }
+        }
+        // Some directions are dark, and few are shown all.
+        let points = lit(45, -1.0, 62.0);
+        let table = shown(&points);
+        assert_eq!(table.len(), 7);
+        assert!((table[6].theta_s_deg - 59.0).abs() < 1.1);
+        assert_eq!(shown(&lit(45, 10.0, 30.0)).len(), 10);
     }
 }

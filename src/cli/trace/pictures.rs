@@ -96,7 +96,10 @@ pub(super) fn write(folder: &Path, scene: &Scene, totals: &Totals) -> Result<(),
     let svg = sheet(grid, lamp, 3, &title(&what), &note, &discs);
     write_picture(folder, "stokes.svg", &svg)?;
     match curve(totals, lamp.phi_deg) {
-        Some(points) => ellipsometer::write_curves(folder, "curves.svg", lamp.theta_deg, &points),
+        Some(points) => {
+            let step_deg = 90.0 / grid.n_theta as f64;
+            ellipsometer::write_curves(folder, "curves.svg", lamp.theta_deg, &points, step_deg)
+        }
         None => Ok(()),
     }
 }

@@ -1,7 +1,8 @@
 //! The CSV file of direction bins: written, and put together from shards.
 //!
-//! The file of a shard, or of a run that was stopped, has two columns more: `exact`, the bin's sums as
-//! hexadecimal integers, which add up without rounding, and `run`, in its first row, what it is part of.
+//! The file of a shard, or of a run that was stopped, has three columns more: `exact`, the bin's sums as
+//! hexadecimal integers, which add up without rounding; `plane`, likewise what the numbers of a direction in the plane of
+//! incidence have in common, at the first of its bins; and `run`, in its first row, what it is part of.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -38,6 +39,9 @@ pub(super) struct Part {
     pub elements: usize,
     /// Exact sums of the energies.
     pub energies: String,
+    /// Bins of the directions that the column `plane` is of.
+    #[serde(default)]
+    pub plane: Option<Vec<Vec<usize>>>,
     /// The lamp's Stokes vector.
     pub stokes: [f64; 4],
     /// What the report of the whole tells of the scene.
@@ -66,6 +70,7 @@ impl Part {
             n_phi: totals.grid().n_phi,
             elements: totals.elements(),
             energies: totals.exact_energies(),
+            plane: totals.directions(),
             stokes,
             scene,
         }
@@ -149,8 +154,10 @@ fn text(totals: &Totals, stokes: &[f64; 4], part: Option<&Part>) -> String {
         return bins::csv(totals, stokes, "", |_, _| String::new());
     };
     let mut first = true;
-    bins::csv(totals, stokes, ",exact,run", |side, bin| {
+    bins::csv(totals, stokes, ",exact,plane,run", |side, bin| {
         let sums = totals.exact_bin(side, bin).unwrap_or_default();
+        let above = (side == Side::Above).then(|| totals.exact_direction(bin));
+        let sums = format!("{sums},{}", above.flatten().unwrap_or_default());
         if std::mem::take(&mut first) {
             let json = serde_json::to_string(part).unwrap_or_default();
             format!(",{sums},\"{}\"", json.replace('"', "\"\""))
@@ -233,6 +240,8 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
     let (Some(exact), Some(run)) = (find("exact"), find("run")) else {
         return Err(wrong(not_a_shard));
     };
+    // Files of older programs have none.
+    let plane = find("plane");
     let mut found: Option<(Part, Totals)> = None;
     for (row, record) in reader.records().enumerate() {
         let record = record
@@ -249,7 +258,12 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
                 return Err(wrong("the column run is damaged"));
             }
             let grid = Grid::polar(part.n_theta, part.n_phi);
-            let mut totals = Totals::new(grid, part.elements);
+            let known = |bin: &usize| *bin < grid.per_side();
+            if !part.plane.iter().flatten().flatten().all(known) {
+                return Err(wrong("the column run is damaged"));
+            }
+            let directions = part.plane.clone().filter(|_| plane.is_some());
+            let mut totals = Totals::new(grid, part.elements).with_directions(directions);
             totals
                 .set_exact_energies(&part.energies)
                 .ok_or_else(|| wrong("the column run is damaged"))?;
@@ -266,6 +280,11 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
         if !record[exact].is_empty() {
             totals
                 .set_exact_bin(side, bin, &record[exact])
+                .ok_or_else(|| wrong(&format!("row {} is damaged", row + 2)))?;
+        }
+        if let Some(products) = plane.map(|at| &record[at]).filter(|text| !text.is_empty()) {
+            totals
+                .set_exact_direction(bin, products)
                 .ok_or_else(|| wrong(&format!("row {} is damaged", row + 2)))?;
         }
     }
@@ -316,6 +335,7 @@ mod tests {
                 n_phi: 12,
                 elements: 16,
                 energies: totals.exact_energies(),
+                plane: totals.directions(),
                 stokes: lamp,
                 scene: About::of(&prepared),
             };
@@ -326,8 +346,10 @@ mod tests {
         let merged = folder.path().join("merged.csv");
         let sum = merge(&files).unwrap();
         write(&merged, &sum.totals, &sum.stokes, None).unwrap();
-        // What is told of the run is the same as well.
+        // What is told of the run is the same as well, and what its numbers have in common.
         let whole_run = trace(&prepared, Shard::WHOLE, &|_| true);
+        assert!(whole_run.directions().is_some());
+        assert_eq!(sum.totals, whole_run);
         assert_eq!(
             Report::new(&sum.totals, true).about(sum.scene),
             Report::of(&prepared, &whole_run)

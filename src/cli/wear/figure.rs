@@ -96,6 +96,13 @@ impl Panel {
     }
 }
 
+/// Height of a drawn line.
+fn on_line(points: &[(f64, f64)], x: f64) -> Option<f64> {
+    let pair = points.windows(2).find(|w| (w[0].0..=w[1].0).contains(&x));
+    let [(x0, y0), (x1, y1)] = pair?.try_into().ok()?;
+    Some(y0 + (y1 - y0) * (x - x0) / (x1 - x0))
+}
+
 /// The figure: rounding, burrs, optimum.
 pub(super) fn draw(sweeps: &[Sweep]) -> String {
     let highest = |f: &dyn Fn(&super::Point) -> f64| {
@@ -146,7 +153,7 @@ pub(super) fn draw(sweeps: &[Sweep]) -> String {
             panel.line(&mut svg, &points, colour);
             let (Wear::Round(wear) | Wear::Burr(wear)) = sweep.wear;
             if let Some(best) = sweep.optimum() {
-                if let Some(at) = sweep.at(best.value) {
+                if let Some(at) = on_line(&points, best.value) {
                     panel.dot(&mut svg, best.value, at, colour);
                 }
                 line.push((wear, best.value));

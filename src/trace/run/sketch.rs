@@ -137,7 +137,7 @@ impl<L: Light> Sketch<L> {
     }
 
     fn counted(&self, task: &Task<'_>, elements: usize) -> Totals {
-        let mut totals = Totals::new(task.grid, elements);
+        let mut totals = task.empty(elements);
         for own in &self.replicates {
             totals.count(&own.batch, self.each);
         }

@@ -37,10 +37,11 @@ export function panelsOf(plane: TracePlane, state: number): PlanePanel[] {
     for (const { x, reading } of rows) {
       const [i, noise] = [reading.stokes[0] ?? 0, Math.hypot(reading.stokes_std[1] ?? Number.NaN, reading.stokes_std[2] ?? Number.NaN)];
       if (reading.dolp === null || reading.aop_deg === null || !(i > 0)) continue;
-      const std = noise / i;
+      // Traces of older versions state no errors of ratios.
+      const std = reading.dolp_std ?? noise / i;
       if (!(std >= DOLP_STD_MAX)) dolp.push({ x, y: reading.dolp, half: std });
       // Half a turn is a full one for an axis: the error of an angle is half that of twice the angle.
-      const turned = ((0.5 * std) / reading.dolp) * (180 / Math.PI);
+      const turned = reading.aop_std_deg ?? ((0.5 * std) / reading.dolp) * (180 / Math.PI);
       if (reading.dolp > 0.01 && !(turned >= AOP_STD_MAX_DEG)) aop.push({ x, y: reading.aop_deg, half: turned });
     }
     panels.push({ key: 'dolp', title: 'Degree of linear polarisation', unit: '', log: false, range: [0, 1], ticks: [0, 0.25, 0.5, 0.75, 1], lines: [{ name: 'DOLP', points: dolp }] });

@@ -438,6 +438,8 @@ export interface TracePlane {
           readonly stokes_std: readonly (number | null)[];
           readonly dolp: number | null;
           readonly aop_deg: number | null;
+          readonly dolp_std?: number | null;
+          readonly aop_std_deg?: number | null;
         }[];
       }[]
     | null;

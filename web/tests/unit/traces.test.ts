@@ -58,6 +58,12 @@ describe('the plane of incidence', () => {
     expect(bright?.lines[0]?.points.length).toBe(3);
   });
 
+  it('goes by the errors of degree and angle where they are stated', () => {
+    const one: TracePlane = { ...plane(null), points: [{ theta_s_deg: 0, readings: [{ ...reading(0.5, 0.3), dolp_std: 0.02, aop_std_deg: 1.5 }] }] };
+    const [dolp, aop] = panelsOf(one, 0);
+    expect([dolp?.lines[0]?.points[0]?.half, aop?.lines[0]?.points[0]?.half]).toEqual([0.02, 1.5]);
+  });
+
   it('shows polarised beside scalar, their difference in per cent where it is known', () => {
     const point = (x: number, p: number, s: number, std: number) => ({ theta_s_deg: x, polarised: { value: p, std: 0 }, scalar: { value: s, std: 0 }, difference: { value: p - s, std } });
     const panels = panelsOf(plane([point(40, 0.8, 1, 0.01), point(42, 0.02, 0.01, 0.01)]), 0);

@@ -1,0 +1,230 @@
+//! Products of the numbers of a direction over batches: errors of what is made of several of them.
+//!
+//! A Stokes vector is a sum of Mueller elements that the same photons made, and a degree of polarisation a ratio
+//! of such sums: errors of single elements do not tell theirs. [`Products`] are kept of some directions alone, since
+//! sixteen numbers have 136 of them.
+
+use super::Batch;
+use crate::trace::exact::{Text, Wide, Words};
+
+/// Numbers of a direction whose products are kept: a Mueller matrix, row by row.
+pub const NUMBERS: usize = 16;
+/// Their products, squares included.
+const PAIRS: usize = NUMBERS * (NUMBERS + 1) / 2;
+
+/// Place of a pair of numbers, the first no greater than the second.
+const fn place(i: usize, j: usize) -> usize {
+    i * (2 * NUMBERS - 1 - i) / 2 + j
+}
+
+/// Sums over batches, direction by direction.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Products(Vec<Direction>);
+
+/// Bins that are looked at as one.
+#[derive(Debug, Clone, PartialEq)]
+struct Direction {
+    bins: Vec<usize>,
+    /// None before light arrives.
+    sums: Vec<Wide>,
+}
+
+impl Products {
+    /// Of directions above, by their bins.
+    pub fn new(directions: Vec<Vec<usize>>) -> Self {
+        let mut all: Vec<Direction> = Vec::with_capacity(directions.len());
+        for bins in directions {
+            // Both sides of a plane may lie in one bin.
+            if all.iter().all(|d| d.bins != bins) {
+                all.push(Direction {
+                    bins,
+                    sums: Vec::new(),
+                });
+            }
+        }
+        Products(all)
+    }
+
+    /// Takes what a batch counted.
+    pub fn count(&mut self, batch: &Batch) {
+        for direction in &mut self.0 {
+            let lit = direction.bins.iter().filter(|bin| batch.hits[**bin] > 0);
+            let mut numbers = [0.0; NUMBERS];
+            let mut any = false;
+            for bin in lit {
+                any = true;
+                let at = bin * batch.stride;
+                for (sum, x) in numbers.iter_mut().zip(&batch.bins[at..at + NUMBERS]) {
+                    *sum += x;
+                }
+            }
+            if !any {
+                continue;
+            }
+            direction.sums.resize(PAIRS, Wide::default());
+            let mut sums = direction.sums.iter_mut();
+            for i in 0..NUMBERS {
+                for (y, sum) in numbers[i..].iter().zip(sums.by_ref()) {
+                    sum.add(numbers[i] * y);
+                }
+            }
+        }
+    }
+
+    /// Adds those of another part of the run; `None` where that kept other ones.
+    pub fn merged(mut self, other: &Products) -> Option<Self> {
+        let same = self.0.len() == other.0.len()
+            && self.0.iter().zip(&other.0).all(|(a, b)| a.bins == b.bins);
+        if !same {
+            return None;
+        }
+        for (a, b) in self.0.iter_mut().zip(&other.0) {
+            if !b.sums.is_empty() {
+                a.sums.resize(PAIRS, Wide::default());
+            }
+            for (a, b) in a.sums.iter_mut().zip(&b.sums) {
+                a.join(b);
+            }
+        }
+        Some(self)
+    }
+
+    /// Bins of every direction.
+    pub fn directions(&self) -> Vec<Vec<usize>> {
+        self.0.iter().map(|d| d.bins.clone()).collect()
+    }
+
+    fn of(&self, bins: &[usize]) -> Option<&Direction> {
+        self.0.iter().find(|d| d.bins == bins)
+    }
+
+    /// Sums of a direction, by [`place`]; `None` where it is none of those kept.
+    pub fn sums(&self, bins: &[usize]) -> Option<Vec<f64>> {
+        let direction = self.of(bins)?;
+        let mut values: Vec<f64> = direction.sums.iter().map(Wide::value).collect();
+        values.resize(PAIRS, 0.0);
+        Some(values)
+    }
+
+    /// The exact sums of the direction that begins with a bin, for a shard's file.
+    pub fn exact(&self, first: usize) -> Option<String> {
+        let direction = self.0.iter().find(|d| d.bins.first() == Some(&first))?;
+        let lit = !direction.sums.is_empty();
+        lit.then(|| Text::of(0).wide(direction.sums.iter()).finish())
+    }
+
+    /// Reads back what [`Products::exact`] wrote.
+    pub fn set_exact(&mut self, first: usize, text: &str) -> Option<()> {
+        let mut directions = self.0.iter_mut();
+        let direction = directions.find(|d| d.bins.first() == Some(&first))?;
+        let (_, mut words) = Words::of(text)?;
+        direction.sums = words.wide(PAIRS)?;
+        words.end()
+    }
+}
+
+/// How the numbers of a direction scatter together, sr⁻².
+#[derive(Debug, Clone, PartialEq)]
+pub struct Covariance {
+    pairs: Vec<f64>,
+    /// Below `floor` times the square of these sizes a variance is rounding.
+    sizes: [f64; NUMBERS],
+    floor: f64,
+}
+
+impl Covariance {
+    /// Of `batches` sums: `products` over batches and sums, in photons; `norm` makes them sr⁻¹.
+    pub(super) fn new(products: &[f64], sums: &[f64; NUMBERS], batches: f64, norm: f64) -> Self {
+        let scale = batches / (batches - 1.0) / (norm * norm);
+        let mut pairs = Vec::with_capacity(PAIRS);
+        for i in 0..NUMBERS {
+            for j in i..NUMBERS {
+                pairs.push((products[place(i, j)] - sums[i] * sums[j] / batches) * scale);
+            }
+        }
+        Covariance {
+            pairs,
+            sizes: sums.map(|s| s.abs() / norm),
+            floor: 4.0 * f64::EPSILON / batches,
+        }
+    }
+
+    /// Of numbers with these standard errors that know nothing of one another.
+    #[must_use]
+    pub fn independent(std: &[f64]) -> Self {
+        let mut pairs = vec![0.0; PAIRS];
+        for (i, std) in std.iter().take(NUMBERS).enumerate() {
+            pairs[place(i, i)] = std * std;
+        }
+        Covariance {
+            pairs,
+            sizes: [0.0; NUMBERS],
+            floor: 0.0,
+        }
+    }
+
+    /// Standard error of the sum of the numbers times these weights.
+    #[must_use]
+    pub fn std(&self, weights: &[f64; NUMBERS]) -> f64 {
+        let (mut variance, mut size) = (0.0, 0.0);
+        let mut pairs = self.pairs.iter();
+        for (i, w) in weights.iter().enumerate() {
+            size += w.abs() * self.sizes[i];
+            for (j, pair) in (i..NUMBERS).zip(pairs.by_ref()) {
+                let twice = if i == j { 1.0 } else { 2.0 };
+                variance += twice * w * weights[j] * pair;
+            }
+        }
+        // NaN where a single replicate tells nothing.
+        if variance.is_nan() {
+            return variance;
+        }
+        variance.max(self.floor * size * size).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pairs_have_places_of_their_own() {
+        let mut next = 0;
+        for i in 0..NUMBERS {
+            for j in i..NUMBERS {
+                assert_eq!(place(i, j), next);
+                next += 1;
+            }
+        }
+        assert_eq!(next, PAIRS);
+    }
+
+    #[test]
+    fn what_two_numbers_have_in_common_goes_out_of_their_difference() {
+        // Two replicates: the first two numbers alike but for their level.
+        let batches = [[3.0, 1.0], [5.0, 3.0]];
+        let mut numbers = [0.0; NUMBERS];
+        let mut products = vec![0.0; PAIRS];
+        for [a, b] in batches {
+            numbers[0] += a;
+            numbers[1] += b;
+            products[place(0, 0)] += a * a;
+            products[place(0, 1)] += a * b;
+            products[place(1, 1)] += b * b;
+        }
+        let covariance = Covariance::new(&products, &numbers, 2.0, 1.0);
+        let std = |a, b| {
+            let mut weights = [0.0; NUMBERS];
+            (weights[0], weights[1]) = (a, b);
+            covariance.std(&weights)
+        };
+        assert!((std(1.0, 0.0) - 2.0).abs() < 1e-12);
+        assert!((std(1.0, 1.0) - 4.0).abs() < 1e-12);
+        // Nothing but rounding.
+        assert!(std(1.0, -1.0) < 1e-6);
+        let apart = Covariance::independent(&[2.0, 2.0]);
+        let mut weights = [0.0; NUMBERS];
+        (weights[0], weights[1]) = (1.0, -1.0);
+        assert!((apart.std(&weights) - 8f64.sqrt()).abs() < 1e-12);
+    }
+}
