@@ -153,8 +153,8 @@ pub fn run(args: Args) -> Result<(), CliError> {
     };
     let plan = plan::scene::plan(&scene, &prepared, &wish);
     plan::scene::apply(&plan, &scene, &mut prepared);
-    // Who wants energies alone has no use for errors of polarisation.
-    prepared.plane = wish.mueller;
+    // Errors of polarisation are in the pictures alone.
+    prepared.plane = args.pictures.is_some();
     if args.surfaces.is_some() && !prepared.is_drawn {
         return Err(CliError::bad_input(anyhow!(
             "--surfaces: no interface of the scene is drawn at random (beckmann, crystals, burrs), so there are no others"

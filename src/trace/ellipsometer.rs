@@ -215,7 +215,7 @@ fn reading(
 
 #[cfg(test)]
 mod tests {
-    use super::super::run::{Shard, trace};
+    use super::super::run::{Ending, Follow, Shard, trace, trace_following};
     use super::super::scene::Scene;
     use super::*;
     use crate::model::polarisation::Boundary;
@@ -275,6 +275,8 @@ mod tests {
             panic!("a mirror sends light in one direction: {points:?}")
         };
         assert!((only.theta_s_deg - 61.0).abs() < 1e-9);
+        // Nobody asked what the elements have in common, and that is told.
+        assert!(only.errors_as_independent);
         let fresnel = Boundary::new(1.0, 0.3504, 2.7141).at(theta.cos()).reflected;
         let at_45 = &only.readings[1];
         let (i, q) = (0.5 * (fresnel.s + fresnel.p), 0.5 * (fresnel.s - fresnel.p));
@@ -304,7 +306,8 @@ mod tests {
             let prepared = Scene::parse(&text)
                 .unwrap()
                 .prepare(&|_| Err(String::new()));
-            let totals = trace(&prepared.unwrap(), Shard::WHOLE, &|_| true);
+            let (follow, ending) = (Follow::Scene, Ending::AtLast);
+            let totals = trace_following(&prepared.unwrap(), follow, ending, &|_| true);
             let mut points = curve(&totals, 180.0).unwrap();
             // The bright half: degrees of polarisation are no straight lines of few photons.
             points.retain(|p| (10.0..80.0).contains(&p.theta_s_deg));

@@ -172,7 +172,8 @@ fn share(photons: u64, batches: u64, number: u64) -> u64 {
 
 /// Traces a shard of a scene. `proceed` is asked from time to time, from any thread, whether to go
 /// on; the batches that are finished by then count, and before they do a sketch of smaller ones ([`SoFar`]). The
-/// result depends on the scene and on how much was finished, never on threads.
+/// result depends on the scene and on how much was finished, never on threads. What [`Prepared::plane`] asks for is left
+/// to [`resume`] and [`trace_following`]: it takes its time.
 pub fn trace(
     prepared: &Prepared,
     shard: Shard,
@@ -198,6 +199,7 @@ pub fn resume(
         shard,
         before,
         ending,
+        plane: prepared.plane,
     };
     if prepared.polarised {
         resume_as::<Polarised>(prepared, grid, photons, part, proceed)
@@ -234,6 +236,7 @@ pub fn trace_following(
     let (grid, photons) = (prepared.grid, prepared.photons);
     let part = Part {
         ending,
+        plane: prepared.plane,
         ..Part::ALL
     };
     let so_far = match follow {
@@ -263,6 +266,8 @@ struct Part {
     shard: Shard,
     before: Option<SoFar>,
     ending: Ending,
+    /// Whether [`Prepared::plane`] is heeded.
+    plane: bool,
 }
 
 impl Part {
@@ -270,6 +275,7 @@ impl Part {
         shard: Shard::WHOLE,
         before: None,
         ending: Ending::AtLast,
+        plane: false,
     };
 
     /// Time that the look at the surface may take; `None` where it is to be done in any case.
@@ -326,7 +332,7 @@ fn resume_as<L: Light>(
         seed: prepared.seed,
         grid,
         plane: directions(grid, prepared.phi_i_deg())
-            .filter(|_| prepared.plane)
+            .filter(|_| part.plane)
             .map(|all| all.into_iter().map(|(_, bins)| bins).collect()),
         photons,
     };
@@ -478,6 +484,7 @@ impl Task<'_> {
             shard,
             before,
             ending,
+            ..
         } = part;
         let sketch = (before.is_none() && shard.of == 1).then(|| {
             let mut sketch = Sketch::<L>::new(self, ending);

@@ -192,7 +192,7 @@ pub struct Prepared {
     pub(super) grid: Grid,
     pub(super) seed: u64,
     /// Whether what the elements of a Mueller matrix have in common is kept in the plane of incidence, for the errors of
-    /// Stokes vectors and of degree and angle of polarisation there; a little time per batch.
+    /// Stokes vectors and of degree and angle of polarisation there; some ten microseconds per batch.
     pub plane: bool,
     /// Photons to launch.
     pub photons: u64,

@@ -295,7 +295,7 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
 mod tests {
     use super::*;
     use crate::trace::report::Report;
-    use crate::trace::run::{Ending, resume, trace};
+    use crate::trace::run::{Ending, resume};
     use crate::trace::scene::{Prepared, Scene};
 
     fn rough_glass() -> Prepared {
@@ -308,22 +308,20 @@ mod tests {
             .unwrap()
     }
 
+    fn traced(prepared: &Prepared, shard: Shard) -> Totals {
+        resume(prepared, shard, None, Ending::AtLast, &|_| true).totals
+    }
+
     #[test]
     fn merged_files_are_byte_for_byte_those_of_one_run() {
         let prepared = rough_glass();
         let folder = tempfile::tempdir().unwrap();
         let whole = folder.path().join("whole.csv");
         let lamp = [1.0, 0.0, 0.5, 0.0];
-        write(
-            &whole,
-            &trace(&prepared, Shard::WHOLE, &|_| true),
-            &lamp,
-            None,
-        )
-        .unwrap();
+        write(&whole, &traced(&prepared, Shard::WHOLE), &lamp, None).unwrap();
         let part = |number, complete| {
             let shard = Shard { number, of: 3 };
-            let totals = trace(&prepared, shard, &|_| true);
+            let totals = traced(&prepared, shard);
             let file = folder.path().join(format!("{number}{complete}.csv"));
             let part = Part {
                 run: "r".to_owned(),
@@ -347,7 +345,7 @@ mod tests {
         let sum = merge(&files).unwrap();
         write(&merged, &sum.totals, &sum.stokes, None).unwrap();
         // What is told of the run is the same as well, and what its numbers have in common.
-        let whole_run = trace(&prepared, Shard::WHOLE, &|_| true);
+        let whole_run = traced(&prepared, Shard::WHOLE);
         assert!(whole_run.directions().is_some());
         assert_eq!(sum.totals, whole_run);
         assert_eq!(

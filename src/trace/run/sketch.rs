@@ -162,7 +162,10 @@ mod tests {
              photons = {photons}\ntheta_bins = 9\nphi_bins = 12\n"
         );
         let scene = Scene::parse(&text).unwrap();
-        scene.prepare(&|_| Err(String::new())).unwrap()
+        let mut prepared = scene.prepare(&|_| Err(String::new())).unwrap();
+        // As `trace` has it, with which these runs are compared.
+        prepared.plane = false;
+        prepared
     }
 
     /// Batches of 2^18 photons for 2^24 of them: far more than a test traces.
