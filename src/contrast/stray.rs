@@ -116,9 +116,8 @@ fn dues(set: &ObservationSet) -> Vec<[f64; 2]> {
     let flats = set.flats.iter();
     flats
         .map(|flat| {
-            let incident = set.rig.rig_directions(flat.theta_c).incident;
-            // Tilting turns a direction (x, y, z) of the rig about +y at the rate (z, 0, −x).
-            [albedo * incident.z, -albedo * incident.x]
+            let (cos, slope) = set.rig.cos_incidence_and_slope(flat.theta_c);
+            [albedo * cos, albedo * slope]
         })
         .collect()
 }

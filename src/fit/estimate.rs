@@ -175,18 +175,18 @@ pub fn estimate_until<'a>(
     let found = fitted(options)?;
     let stated = options.told.iter().any(|told| told.std > 0.0);
     let may = options.misfit && options.misfit_most.is_none() && found.discrepancy > 0.0;
-    if !(stated && may && denials(&found).iter().any(|d| d.told)) || late() {
+    if !(stated && may) || late() {
         return Some(found);
     }
-    // A statement that the data deny must not pass for a misfit of the model, which would take their weight away: how
-    // far the model misses is for the data alone to say.
+    // A statement that the data deny must not pass for a misfit of the model, which would take their weight away (and
+    // hide that they deny it): how far the model misses is for the data alone to say, where they determine a surface.
     let held = |told: &&Told| told.std == 0.0;
     let alone = fitted(&FitOptions {
         told: options.told.iter().filter(held).copied().collect(),
         ..options.clone()
     });
     let bounded = alone
-        .filter(|alone| alone.discrepancy < found.discrepancy)
+        .filter(|alone| FAR_LESS * alone.discrepancy < found.discrepancy && is_determined(alone))
         .and_then(|alone| {
             fitted(&FitOptions {
                 misfit_most: Some(alone.discrepancy),
@@ -194,6 +194,15 @@ pub fn estimate_until<'a>(
             })
         });
     Some(bounded.unwrap_or(found))
+}
+
+/// Whether the data leave no direction open.
+fn is_determined(e: &Estimate<'_>) -> bool {
+    let end = &e.minimum;
+    let rows = end.residuals.len();
+    covariance(&end.jacobian, rows, &end.residuals, Scaling::Absolute)
+        .null_directions
+        .is_empty()
 }
 
 /// Something known beforehand that the data deny.

@@ -136,8 +136,8 @@ pub(super) fn flat_sigma(set: &ObservationSet) -> Vec<f64> {
     let mut a = vec![0.0; 3 * m];
     let mut b = vec![0.0; m];
     for (i, flat) in set.flats.iter().enumerate() {
-        let incident = set.rig.rig_directions(flat.theta_c).incident;
-        for (j, column) in [1.0, incident.z, -incident.x].into_iter().enumerate() {
+        let (cos, slope) = set.rig.cos_incidence_and_slope(flat.theta_c);
+        for (j, column) in [1.0, cos, slope].into_iter().enumerate() {
             a[i + j * m] = column / flat.sigma;
         }
         b[i] = flat.signal / flat.sigma;

@@ -371,6 +371,24 @@ fn a_prior_that_the_data_deny_is_named_and_one_that_they_bear_out_is_not() {
 }
 
 #[test]
+fn a_prior_that_the_data_deny_does_not_pass_for_a_misfit_of_the_model() {
+    let set = series(5);
+    let value = |misfit: bool| {
+        let told = super::told::known("theta_r_deg", TRUTH.theta_r.to_degrees() + 2.0, 0.05);
+        let options = FitOptions {
+            told: vec![told.unwrap()],
+            misfit,
+            ..options()
+        };
+        let report = fit_with_tier(&set, &options, None, &AtomicBool::new(false));
+        report.parameters.theta_r_deg.value.unwrap()
+    };
+    // The data are of the model: whether it may be wrong makes no difference.
+    let (free, strict) = (value(true), value(false));
+    assert!((free - strict).abs() < 1e-4, "{free} {strict}");
+}
+
+#[test]
 fn few_poses_that_the_printed_form_explains_are_not_put_down_to_the_sawtooth() {
     let poses = [-20.0, -10.0, 0.0, 10.0, 20.0]
         .into_iter()

@@ -471,9 +471,7 @@ impl<'a> Problem<'a> {
     #[must_use]
     pub fn flat_cosine(&self, index: usize, values: &Values) -> (f64, f64) {
         let tilt = self.set.flats[index].theta_c + Angle::from_rad(values.tilt_offset);
-        let incident = self.set.rig.rig_directions(tilt).incident;
-        // Tilting turns a rig direction (x, y, z) about +y at the rate (z, 0, −x).
-        (incident.z, -incident.x)
+        self.set.rig.cos_incidence_and_slope(tilt)
     }
 
     /// Signal of the white reference that the model expects at flat `index`.

@@ -90,10 +90,20 @@ fn denied(e: &Estimate<'_>) -> Vec<String> {
         let (mean, std) = (prior.mean, significant(prior.std));
         match quantity {
             _ if told => format!(
-                "the data deny what was stated of {}: they differ from it by {off}; check the statement (its standard \
-                 uncertainty is {} of its value) or fit without it",
+                "the data deny what was stated of {}: they differ from it by {off}; check the statement{} or fit without it",
                 spoken(quantity),
-                percent(prior.std / prior.mean.abs())
+                match prior.mean {
+                    0.0 => String::new(),
+                    mean => format!(
+                        " (its standard uncertainty is {} of its value)",
+                        percent(prior.std / mean.abs())
+                    ),
+                }
+            ),
+            Quantity::Background if e.values.background < prior.mean => format!(
+                "the data are darker than no light, by {} of the brightest signal, {off} from what a darkened rig has: the \
+                 dark frames, or the black level, are too bright; it is fitted and put back",
+                percent((e.values.background / peak(e.problem.set())).abs())
             ),
             Quantity::Background => format!(
                 "the data want stray light of {} of the brightest signal, {off} from what a darkened rig has; it is \

@@ -260,8 +260,8 @@ fn as_light_is<'a>(
 }
 
 /// The best end with the tier on top, or without it where the tier clearly spoils it (a sample painted by the closed
-/// form itself). Where noise hides what the tier changes, nature has it all the same. Of a lobe that few poses meet, the other explanations in `narrow` are
-/// tried too.
+/// form itself). Where noise hides what the tier changes, nature has it all the same. Of a lobe that few poses meet, the
+/// other explanations in `narrow` are tried too.
 pub(super) fn with_tier<'a>(
     closed: Settled<'a>,
     tier: Tier<'_>,

@@ -110,6 +110,14 @@ impl RigGeometry {
     pub fn cos_incidence(&self, theta_c: Angle) -> f64 {
         self.rig_directions(theta_c).incident.z
     }
+
+    /// The same with its derivative with respect to the tilt: tilting turns a direction (x, y, z) of the rig about +y at
+    /// the rate (z, 0, −x).
+    #[must_use]
+    pub fn cos_incidence_and_slope(&self, theta_c: Angle) -> (f64, f64) {
+        let incident = self.rig_directions(theta_c).incident;
+        (incident.z, -incident.x)
+    }
 }
 
 /// Unit vectors towards lamp and camera, both pointing away from the surface.

@@ -547,6 +547,18 @@ mod tests {
     use super::*;
 
     #[test]
+    fn noisy_responses_do_not_make_a_level_brighter() {
+        // A hundred counts at response 1, seen through responses that noise puts 30 % too high or too low by turns.
+        let mut cells = [Cell::default(); 4];
+        for pixel in 0..400 {
+            let told = if pixel % 2 == 0 { 1.3 } else { 0.7 };
+            cells[pixel % 4 / 2].add(100.0 / told, told);
+        }
+        let level = Level::of(&cells, 400.0, 0.1);
+        assert!((level.rate_dn_s - 1000.0).abs() < 1e-9, "{level:?}");
+    }
+
+    #[test]
     fn shading_follows_a_slope_between_the_middles_of_its_blocks() {
         let (across, down, edge) = (5, 3, 8);
         let ramp = |x: f32, y: f32| 100.0 + 2.0 * x - 3.0 * y;

@@ -134,7 +134,7 @@ fn same_pose(a: Pose, b: Pose) -> bool {
         && (a.phi_s - b.phi_s).deg().abs() <= SAME_ANGLE_DEG
 }
 
-fn by_pose(ground: &Ground<'_>, mut measured: Vec<Measured>) -> Vec<Group> {
+fn by_pose(ground: &Ground<'_>, measured: Vec<Measured>) -> Vec<Group> {
     let rows = ground.calls.source.rows();
     let poses: Vec<Pose> = measured.iter().map(|m| rows[m.index].pose()).collect();
     let of = |axis: fn(&Pose) -> Angle| poses.iter().map(axis).collect::<Vec<_>>();
@@ -142,27 +142,31 @@ fn by_pose(ground: &Ground<'_>, mut measured: Vec<Measured>) -> Vec<Group> {
     let tilts = alike(&of(|pose| pose.theta_c), within);
     let turns = alike_around(&of(|pose| pose.phi_s), within);
     let places = tilts.into_iter().zip(turns);
-    let mut placed: Vec<((usize, usize), Measured)> = places.zip(measured.drain(..)).collect();
+    let mut placed: Vec<((usize, usize), Measured)> = places.zip(measured).collect();
     placed.sort_by(|(place_a, a), (place_b, b)| {
         place_a
             .cmp(place_b)
             .then(a.exposure_s.total_cmp(&b.exposure_s))
             .then_with(|| rows[a.index].file.cmp(&rows[b.index].file))
     });
-    placed
-        .chunk_by(|a, b| a.0 == b.0)
-        .map(|group| {
-            let (clean, clipped): (Vec<Measured>, Vec<Measured>) = group
-                .iter()
-                .map(|(_, m)| m.clone())
-                .partition(Measured::is_clean);
-            Group {
-                pose: mean_pose(group.iter().map(|(_, m)| rows[m.index].pose())),
-                clean,
-                clipped,
-            }
-        })
-        .collect()
+    let mut groups: Vec<Group> = Vec::new();
+    let mut last = None;
+    for (place, m) in placed {
+        if last.replace(place) != Some(place) {
+            groups.push(Group {
+                pose: rows[m.index].pose(),
+                clean: Vec::new(),
+                clipped: Vec::new(),
+            });
+        }
+        let group = groups.last_mut().expect("one was pushed just now");
+        if m.is_clean() {
+            group.clean.push(m);
+        } else {
+            group.clipped.push(m);
+        }
+    }
+    groups
 }
 
 /// Mean of poses that are alike.

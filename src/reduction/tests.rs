@@ -21,6 +21,26 @@ fn polymer() -> &'static Memory {
     SERIES.get_or_init(|| Memory::of(&Series::open(&recorded("polymer-10")).unwrap()))
 }
 
+#[test]
+fn readings_that_jitter_about_a_pose_are_one_observation() {
+    let straight = polymer_part();
+    let mut shaken = straight.clone();
+    for (n, row) in shaken.rows.iter_mut().enumerate() {
+        let off = if n % 2 == 0 { 0.003 } else { -0.003 };
+        row.theta_c_deg += off;
+        row.phi_s_deg -= off;
+    }
+    let of = |series: &Memory| reduce(series, None, &AtomicBool::new(false)).unwrap();
+    let (straight, shaken) = (of(straight), of(&shaken));
+    assert_eq!(straight.observations.len(), shaken.observations.len());
+    for (a, b) in straight.observations.iter().zip(&shaken.observations) {
+        assert_eq!(a.n_frames, b.n_frames);
+        assert!((a.pose.theta_c - b.pose.theta_c).deg().abs() < 0.0031);
+        assert!((a.pose.phi_s - b.pose.phi_s).wrapped().deg().abs() < 0.0031);
+        assert!((a.signal / b.signal - 1.0).abs() < 1e-6);
+    }
+}
+
 /// Three of its nine tilts, 80 × 80 pixels of the middle, for tests that reduce it many times.
 fn polymer_part() -> &'static Memory {
     const EDGE: usize = 80;

@@ -5,8 +5,9 @@
 //! [`Totals`] add up batches in fixed-point integers, whose sum does not depend on the order: threads, shards and
 //! stops give the same bits.
 //!
-//! *Conditioning.* Sums are integers, exact to 2⁻⁸² of a photon, those of squares in 192 bits. A variance is a difference of two sums of squares and means
-//! nothing below 4 ε of them; that is its floor, so what is certain has an error of rounding, not of 0.
+//! *Conditioning.* Sums are integers, exact to 2⁻⁸² of a photon, those of squares in 192 bits. A variance is a
+//! difference of two sums of squares and means nothing below 4 ε of them; that is its floor, so what is certain has an
+//! error of rounding, not of 0.
 
 mod energies;
 mod products;

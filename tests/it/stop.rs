@@ -44,10 +44,10 @@ async fn idle(events: &mut tokio::sync::broadcast::Receiver<Arc<ridged::scan::Re
     }
 }
 
-#[tokio::test(flavor = "multi_thread")]
-async fn a_stop_reaches_what_moves_on_after_its_link_was_lost() {
+/// A lab whose line went as an axis began to move.
+async fn lost_in_motion() -> (ScriptedFaults, Lab, SimulatedRig, tempfile::TempDir) {
     let faults = ScriptedFaults::new();
-    let (lab, rig, _folder) = disturbed(|link| link.seam = Arc::new(faults.clone())).await;
+    let (lab, rig, folder) = disturbed(|link| link.seam = Arc::new(faults.clone())).await;
     let mut events = lab.events();
     lab.home(PhiS).await.unwrap();
     idle(&mut events).await;
@@ -56,6 +56,12 @@ async fn a_stop_reaches_what_moves_on_after_its_link_was_lost() {
     lab.move_axis(PhiS, Angle::from_deg(300.0)).await.unwrap();
     idle(&mut events).await;
     assert!(rig.world.is_moving());
+    (faults, lab, rig, folder)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stop_reaches_what_moves_on_after_its_link_was_lost() {
+    let (faults, lab, rig, _folder) = lost_in_motion().await;
     lab.stop().await.unwrap();
     assert!(!rig.world.is_moving());
     // Without a line at all nobody says that it stands.
@@ -75,15 +81,7 @@ async fn a_stop_reaches_what_moves_on_after_its_link_was_lost() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_daemon_that_ends_stops_what_it_lost() {
-    let faults = ScriptedFaults::new();
-    let (lab, rig, _folder) = disturbed(|link| link.seam = Arc::new(faults.clone())).await;
-    let mut events = lab.events();
-    lab.home(PhiS).await.unwrap();
-    idle(&mut events).await;
-    faults.on("move abs", LineFault::Unplug, 1);
-    lab.move_axis(PhiS, Angle::from_deg(300.0)).await.unwrap();
-    idle(&mut events).await;
-    assert!(rig.world.is_moving());
+    let (_faults, lab, rig, _folder) = lost_in_motion().await;
     lab.shut_down().await;
     assert!(!rig.world.is_moving());
 }
