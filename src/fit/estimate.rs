@@ -11,7 +11,7 @@ use super::covariance::{Scaling, covariance};
 use super::misfit::{explained, lightened, loss_weights, peak};
 use super::opening::{Opening, THOROUGH_ROUNDS};
 use super::problem::{Problem, Quantity, Values};
-use super::search::{Late, Search, StartReport, many_minima};
+use super::search::{AMBIGUOUS_RISE, Late, Search, StartReport, many_minima};
 use super::settle::{Settled, Weighing, with_tier};
 use super::solver::{Ending, Minimum, Settings};
 use super::thin::{self, Thinned};
@@ -23,9 +23,6 @@ use crate::observation::{ObservationSet, Prior};
 
 /// Rise of the cost up to which the near minima of a search are weighed again.
 const RIVAL_RISE: f64 = 25.0;
-/// Rise of the cost up to which a minimum is as good as the best one: the square of the report's
-/// coverage factor.
-const AMBIGUOUS_RISE: f64 = 4.0;
 /// How many times smaller a misfit is that makes another end of the search the better one.
 const FAR_LESS: f64 = 4.0;
 

@@ -69,6 +69,9 @@ pub(super) const PROMISING_EVERY: usize = 2;
 const OPEN: f64 = 0.1;
 /// χ² that a constant leaves of the signals, below which they are faint.
 const FAINT: f64 = 400.0;
+/// Rise of the cost up to which a minimum is as good as the best one: the square of the report's
+/// coverage factor.
+pub(super) const AMBIGUOUS_RISE: f64 = 4.0;
 /// Near minima that are remembered.
 pub(super) const RIVALS: usize = 8;
 
@@ -365,7 +368,8 @@ impl<'p> Search<'p> {
             let Some(before) = self.best() else {
                 return;
             };
-            if calm == CALM || !many_minima(problem, before) || self.over() {
+            let open = many_minima(problem, before) || self.rivalled(problem, before);
+            if calm == CALM || !open || self.over() {
                 return;
             }
             let before = before.cost;
@@ -381,7 +385,8 @@ impl<'p> Search<'p> {
     }
 
     /// Starts from the images of the best end under the symmetries that few azimuths nearly have:
-    /// mirrored and quarter-turned azimuths, αu and αv exchanged with a quarter turn.
+    /// mirrored and quarter-turned azimuths, αu and αv exchanged with a quarter turn; and from what facets and risers
+    /// make when they change places, half a turn on.
     pub(super) fn images(&mut self, problem: &Problem<'_>) {
         let Some(best) = self.best() else {
             return;
@@ -395,11 +400,15 @@ impl<'p> Search<'p> {
             ..Settings::default()
         };
         let cancel = self.cancel;
-        let ends: Vec<Minimum> = (1..8)
+        let ends: Vec<Minimum> = (1..16)
             .into_par_iter()
             .map(|image| {
-                let (mirrored, quarters) = (image & 1 == 1, image >> 1);
+                let (mirrored, exchanged, quarters) = (image & 1 == 1, image & 2 == 2, image >> 2);
                 let mut v = found;
+                if exchanged {
+                    v.theta_r = 0.5 * PI - v.theta_r;
+                    v.azimuth_offset += PI;
+                }
                 if mirrored {
                     v.azimuth_offset = -v.azimuth_offset - 2.0 * zero;
                 }
@@ -431,6 +440,14 @@ impl<'p> Search<'p> {
             }
         }
         chosen
+    }
+
+    /// Whether another surface is nearly as good as the best: where there are two, there may be a third.
+    pub(super) fn rivalled(&self, problem: &Problem<'_>, best: &Minimum) -> bool {
+        let surface = |m: &Minimum| problem.unpack(&m.parameters).folded();
+        let here = surface(best);
+        let rivals = self.rivals(AMBIGUOUS_RISE);
+        rivals.iter().any(|m| distance(&surface(m), &here) > APART)
     }
 
     /// Looks around an end with other weights; the different ends that it finds, the best first.
