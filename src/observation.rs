@@ -128,6 +128,8 @@ pub struct ObservationSet {
     /// Standard uncertainty of how the sample's mean plane is inclined to the turntable, along any direction; `None`
     /// where nobody states it.
     pub wedge_std: Option<Angle>,
+    /// Standard uncertainty of the angle θl between lamp and camera; `None` where nobody states it.
+    pub theta_l_std: Option<Angle>,
     /// Region of interest, where the sample has several.
     pub region: Option<String>,
     /// Where this region's lean direction stands relative to the rig's azimuth zero (90° for the odd
@@ -161,10 +163,33 @@ impl ObservationSet {
             white_reference: None,
             background,
             wedge_std: None,
+            theta_l_std: None,
             region: None,
             region_azimuth: Angle::ZERO,
             rejected_frames: Vec::new(),
             warnings: Vec::new(),
         }
+    }
+
+    /// The same seen by a rig whose lamp stands farther from the camera by an angle: the geometry moves, the signals stay.
+    #[must_use]
+    pub fn with_lamp_moved(&self, by: Angle) -> Self {
+        let mut moved = self.clone();
+        moved.rig.theta_l = self.rig.theta_l + by;
+        for view in moved.views.iter_mut().flatten() {
+            let Directions { incident, outgoing } = view.directions;
+            // Square to the camera's direction, on the lamp's side; a lamp right behind the camera has no side.
+            let Some(aside) = (incident - outgoing * incident.dot(&outgoing)).try_normalize(0.0)
+            else {
+                continue;
+            };
+            let theta_l = incident
+                .cross(&outgoing)
+                .norm()
+                .atan2(incident.dot(&outgoing))
+                + by.rad();
+            view.directions.incident = outgoing * theta_l.cos() + aside * theta_l.sin();
+        }
+        moved
     }
 }

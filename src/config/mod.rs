@@ -297,6 +297,7 @@ impl Config {
             camera_distance_mm: rig.camera_distance_mm,
             lens_radius_mm: rig.lens_radius_mm,
             sample_wedge_std_deg: rig.sample_wedge_std_deg,
+            theta_l_std_deg: rig.theta_l_std_deg,
             notes: Default::default(),
         }
     }

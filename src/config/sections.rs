@@ -70,6 +70,8 @@ pub struct RigSettings {
     /// Standard uncertainty of how a sample's mean plane is inclined to the turntable. Default: not stated (and told as left
     /// out), 0 to 10.
     pub sample_wedge_std_deg: Option<f64>,
+    /// Standard uncertainty of `theta_l_deg`. Default: not stated (and told as left out), 0 to 10.
+    pub theta_l_std_deg: Option<f64>,
 }
 
 impl Default for RigSettings {
@@ -87,6 +89,7 @@ impl Default for RigSettings {
             camera_distance_mm: None,
             lens_radius_mm: None,
             sample_wedge_std_deg: None,
+            theta_l_std_deg: None,
         }
     }
 }

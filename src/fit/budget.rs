@@ -8,7 +8,8 @@
 //! - *reference*: the white reference's certificate, one number for all;
 //! - *angles*: the stages beyond the offsets that the fit solves for: their zeros; a tilt whose error grows over its
 //!   range (a scale that is off by one standard uncertainty at the ends), which no zero takes up and θr follows; and
-//!   an axis of rotation beside the middle of its scale, whose error goes round once with φs;
+//!   an axis of rotation beside the middle of its scale, whose error goes round once with φs; and the angle between lamp
+//!   and camera, where its uncertainty is stated;
 //! - *material*: the nominal index;
 //! - *wedge*: how the sample's mean plane is inclined to the turntable, where that is stated;
 //! - *drift*: the lamp between white reference and sample;
@@ -57,7 +58,7 @@ pub struct Budget {
     pub counting: f64,
     /// The white reference's certificate.
     pub reference: f64,
-    /// Zeros, scale and eccentricity of the stages.
+    /// Zeros, scale and eccentricity of the stages, and the angle between lamp and camera.
     pub angles: f64,
     /// Index of refraction.
     pub material: f64,
@@ -226,7 +227,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
         .map(|j| {
             let mut squares = Budget::default();
             let mut reference = Common::default();
-            let mut stages = [Common::default(); STAGE_ERRORS];
+            let mut angles = [Common::default(); ANGLE_ERRORS];
             let (mut tier, mut floored, mut wedge) = (0.0_f64, 0.0_f64, 0.0_f64);
             let mut first = 0;
             for (part, shared) in parts.iter().zip(&shared) {
@@ -265,7 +266,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                 let own = own.map(|local| (local, problem.free()[local]));
                 reference.add(gain * reference_std(set));
                 squares.drift += (gain * drift_std(set)).powi(2);
-                for (all, change) in stages.iter_mut().zip(&shared.stages) {
+                for (all, change) in angles.iter_mut().zip(&shared.angles) {
                     all.add(through(change));
                 }
                 if let Some((local, quantity)) = own {
@@ -299,7 +300,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                 reference: reference
                     .size(same_reference)
                     .hypot(squares.reference.sqrt()),
-                angles: stages
+                angles: angles
                     .iter()
                     .fold(0.0, |all: f64, one| all.hypot(one.size(same_rig))),
                 material: squares.material.sqrt(),
@@ -416,13 +417,17 @@ const STRAIGHT_RHO_D: f64 = 0.02;
 struct Shared {
     /// Per unit of the relative gain of the samples over the flats.
     gain: Vec<f64>,
-    /// Per standard uncertainty of what a stage does: the tilt's zero, its scale, the rotation's zero, and its
-    /// eccentricity along two directions.
-    stages: [Vec<f64>; STAGE_ERRORS],
+    /// Per standard uncertainty of an angle: the tilt's zero, its scale, the rotation's zero, its eccentricity along two
+    /// directions, and the lamp's angle from the camera.
+    angles: [Vec<f64>; ANGLE_ERRORS],
 }
 
-/// Ways in which the stages err.
-const STAGE_ERRORS: usize = 5;
+/// Ways in which angles of the rig err.
+const ANGLE_ERRORS: usize = 6;
+
+/// Step of the difference that stands for the derivative with respect to the lamp's angle (rad): small beside any lobe's
+/// width, large beside rounding.
+const LAMP_STEP: f64 = 1e-6;
 
 impl Shared {
     fn new(problem: &Problem<'_>, values: &Values) -> Self {
@@ -430,7 +435,7 @@ impl Shared {
         let samples = set.observations.len();
         let none = vec![0.0; problem.residual_count()];
         let mut gain = none.clone();
-        let mut stages: [Vec<f64>; STAGE_ERRORS] = std::array::from_fn(|_| none.clone());
+        let mut angles: [Vec<f64>; ANGLE_ERRORS] = std::array::from_fn(|_| none.clone());
         let ready = problem.ready(values);
         let tilts = || set.observations.iter().map(|o| o.pose.theta_c.rad());
         let (low, high) = tilts().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), tilt| {
@@ -455,8 +460,8 @@ impl Shared {
                 turn * sin,
                 turn * cos,
             ];
-            for (stage, change) in stages.iter_mut().zip(changes) {
-                stage[i] = change;
+            for (angle, change) in angles.iter_mut().zip(changes) {
+                angle[i] = change;
             }
         }
         let zero = set.observations.first();
@@ -466,11 +471,33 @@ impl Shared {
             let slope = problem.flat_cosine(index, values).1;
             let weight = values.scale * albedo / problem.flat_sigma()[index];
             let change = weight * slope * zero;
-            stages[0][samples + index] = change;
-            stages[1][samples + index] = change * along(flat.theta_c);
+            angles[0][samples + index] = change;
+            angles[1][samples + index] = change * along(flat.theta_c);
         }
-        Shared { gain, stages }
+        if let Some(std) = set.theta_l_std {
+            angles[5] = by_lamp(problem, values, std);
+        }
+        Shared { gain, angles }
     }
+}
+
+/// By how much one standard uncertainty of the lamp's angle from the camera changes the weighted residuals.
+fn by_lamp(problem: &Problem<'_>, values: &Values, std: Angle) -> Vec<f64> {
+    let set = problem.set();
+    let expected = |by: f64| -> Vec<f64> {
+        let moved = set.with_lamp_moved(Angle::from_rad(by));
+        let seen = problem.seen_by(&moved);
+        let flats = (0..set.flats.len()).map(|index| seen.flat_signal(index, values));
+        seen.predicted(values).into_iter().chain(flats).collect()
+    };
+    let sigma = problem.sigma().iter().chain(problem.flat_sigma());
+    let pairs = expected(LAMP_STEP).into_iter().zip(expected(-LAMP_STEP));
+    let mut change: Vec<f64> = pairs
+        .zip(sigma)
+        .map(|((after, before), sigma)| (after - before) / (2.0 * LAMP_STEP) * std.rad() / sigma)
+        .collect();
+    change.resize(problem.residual_count(), 0.0);
+    change
 }
 
 /// n × m pseudo-inverse of the derivatives, null directions left out.

@@ -352,6 +352,38 @@ fn a_wedge_of_the_sample_is_ridge_angle_and_a_turn_of_the_lean_or_said_to_be_lef
 }
 
 #[test]
+fn half_of_an_error_of_the_lamps_angle_is_tilt_offset_as_refits_show_or_said_to_be_left_out() {
+    let fitted =
+        |set: &ObservationSet| fit_with_tier(set, &options(), None, &AtomicBool::new(false));
+    let bare = series(5);
+    let std = 0.2;
+    let stated = ObservationSet {
+        theta_l_std: Some(Angle::from_deg(std)),
+        ..bare.clone()
+    };
+    let [without, with] = [&bare, &stated].map(fitted);
+    let told = |r: &super::FitReport| r.left_out.iter().any(|l| l.what.contains("theta_l"));
+    assert!(told(&without) && !told(&with));
+    // What the budget's line says is what a fit to the same signals finds with the lamp elsewhere.
+    let moved = fitted(&bare.with_lamp_moved(Angle::from_deg(std)));
+    let parameters = |r: &super::FitReport| {
+        let p = &r.parameters;
+        [&p.theta_r_deg, &p.azimuth_offset_deg, &p.tilt_offset_deg].map(Clone::clone)
+    };
+    let all = parameters(&without).into_iter().zip(parameters(&with));
+    for ((before, after), elsewhere) in all.zip(parameters(&moved)) {
+        let line = |p: &super::report::Parameter| p.budget.unwrap().angles;
+        let added = (line(&after).powi(2) - line(&before).powi(2))
+            .max(0.0)
+            .sqrt();
+        let shift = (elsewhere.value.unwrap() - before.value.unwrap()).abs();
+        assert!((added - shift).abs() < 0.02 * std, "{added} {shift}");
+    }
+    let tilt = |r: &super::FitReport| r.parameters.tilt_offset_deg.value.unwrap();
+    assert!(((tilt(&moved) - tilt(&without)).abs() - 0.5 * std).abs() < 0.05 * std);
+}
+
+#[test]
 fn a_prior_that_the_data_deny_is_named_and_one_that_they_bear_out_is_not() {
     let set = series(5);
     let warned = |mean: f64, std: f64| {

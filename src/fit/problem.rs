@@ -466,6 +466,17 @@ impl<'a> Problem<'a> {
             .collect()
     }
 
+    /// The same observations seen by a rig whose lamp stands elsewhere; `set` is not to differ in anything else.
+    pub(super) fn seen_by<'s>(&self, set: &'s ObservationSet) -> Problem<'s>
+    where
+        'a: 's,
+    {
+        Problem {
+            set,
+            ..self.clone()
+        }
+    }
+
     /// Cosine of the lamp's incidence on the white reference at flat `index`, and its derivative
     /// with respect to the tilt.
     #[must_use]

@@ -519,6 +519,9 @@ fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
     if e.problem.set().wedge_std.is_none() {
         list.push(left_out::wedge());
     }
+    if e.problem.set().theta_l_std.is_none() {
+        list.push(left_out::lamp_angle());
+    }
     if e.cut_short {
         list.push(LeftOut::new(
             "the rest of the search",

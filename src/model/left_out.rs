@@ -111,6 +111,17 @@ pub fn wedge() -> LeftOut {
     )
 }
 
+/// How well the angle between lamp and camera is known, where nobody states it.
+#[must_use]
+pub fn lamp_angle() -> LeftOut {
+    LeftOut::new(
+        "uncertainty of theta_l",
+        "an error of the angle between lamp and camera moves every half vector by half of it and reads as tilt offset, \
+         and as ridge angle or azimuth where the lamp is beside the tilt plane; state rig.theta_l_std_deg",
+        None,
+    )
+}
+
 /// Light that is reflected a third time.
 #[must_use]
 pub fn third_bounce() -> LeftOut {

@@ -286,6 +286,7 @@ pub fn reduce(
             std: STRAY_SHARE * largest / unit,
         },
         wedge_std: manifest.rig.sample_wedge_std_deg.map(Angle::from_deg),
+        theta_l_std: manifest.rig.theta_l_std_deg.map(Angle::from_deg),
         region: region.map(str::to_owned),
         region_azimuth: match (chosen, &manifest.sample.layout) {
             (Some(chosen), Some(layout)) => layout.lean_azimuth(chosen.is_odd()),

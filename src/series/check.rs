@@ -28,6 +28,7 @@ const KEYS: [(&str, &[&str]); 6] = [
             "light_distance_mm",
             "light_radius_mm",
             "sample_wedge_std_deg",
+            "theta_l_std_deg",
             "camera_distance_mm",
             "lens_radius_mm",
         ],

@@ -92,6 +92,9 @@ pub struct RigFacts {
     /// Standard uncertainty of how a sample's mean plane is inclined to the turntable, along any direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sample_wedge_std_deg: Option<f64>,
+    /// Standard uncertainty of `theta_l_deg`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub theta_l_std_deg: Option<f64>,
     /// From the centre of tilt to the camera's pupil, where it is finite.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera_distance_mm: Option<f64>,

@@ -380,6 +380,7 @@ pub fn manifest(
             lens_angular_radius_deg: Some(rig.cones.lens.deg()).filter(|deg| *deg > 0.0),
             light_radius_mm: None,
             sample_wedge_std_deg: None,
+            theta_l_std_deg: None,
             lens_radius_mm: None,
             camera_distance_mm: None,
             notes: Default::default(),

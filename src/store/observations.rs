@@ -33,6 +33,8 @@ struct Context {
     background: (f64, f64),
     #[serde(default)]
     wedge_std_deg: Option<f64>,
+    #[serde(default)]
+    theta_l_std_deg: Option<f64>,
     region_azimuth_deg: f64,
     n_frames_used: u32,
     rejected_frames: Vec<RejectedFrame>,
@@ -85,6 +87,7 @@ impl Store {
                 .collect(),
             background: (set.background.mean, set.background.std),
             wedge_std_deg: set.wedge_std.map(Angle::deg),
+            theta_l_std_deg: set.theta_l_std.map(Angle::deg),
             region_azimuth_deg: set.region_azimuth.deg(),
             n_frames_used: set.n_frames_used,
             rejected_frames: set.rejected_frames.clone(),
@@ -213,6 +216,7 @@ impl Store {
                 std: context.background.1,
             },
             wedge_std: context.wedge_std_deg.map(Angle::from_deg),
+            theta_l_std: context.theta_l_std_deg.map(Angle::from_deg),
             region,
             region_azimuth: Angle::from_deg(context.region_azimuth_deg),
             n_frames_used: context.n_frames_used,
@@ -296,6 +300,7 @@ mod tests {
                 sigma: 1e-4,
             }],
             wedge_std: Some(Angle::from_deg(0.1)),
+            theta_l_std: Some(Angle::from_deg(0.2)),
             white_reference: Some(WhiteReference {
                 reflectance: 0.99,
                 reflectance_std: 0.005,
