@@ -15,7 +15,7 @@ use super::ReductionError;
 use super::darks::Darks;
 use super::journal::{Journal, Rejection};
 use super::load::{Calls, load};
-use super::pattern::{Expected, Verdict, compare};
+use super::pattern::{Differences, Expected, Verdict, compare};
 use super::sensor::{Sensor, median, robust_spread};
 use crate::frame::{Frame, FrameKind};
 use crate::geometry::RigGeometry;
@@ -400,6 +400,7 @@ fn leave_out_displaced(
                         variance_dn2,
                         labels: &labels,
                         width: sensor.width,
+                        differences: Differences::First,
                     },
                 ))
             })

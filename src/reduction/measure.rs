@@ -12,10 +12,11 @@ use super::darks::{Dark, Darks};
 use super::flats::{Response, displaced};
 use super::journal::Rejection;
 use super::load::{Calls, load};
-use super::pattern::{Expected, Verdict, compare};
+use super::pattern::{Differences, Expected, Verdict, compare};
 use super::region::{NOWHERE, Segments};
 use super::sensor::{Sensor, median};
 use super::sloping::Slope;
+use super::wild::Field;
 use crate::frame::Frame;
 
 /// A frame is cut into so many cells per edge; spatial scatter is judged between cells.
@@ -23,7 +24,7 @@ const CELLS: usize = 8;
 /// Blocks along the shorter edge of a frame over which shading is followed, and their least edge.
 const BLOCKS: usize = 16;
 const BLOCK_PX_MIN: usize = 8;
-/// Pixels further than this from their cell are wild (cosmic rays, dust).
+/// Pixels further than this from their cell are wild (cosmic rays, dust), where all pixels share their directions.
 const WILD_SIGMAS: f64 = 8.0;
 
 /// What a segment counts per second at response 1.
@@ -279,7 +280,7 @@ impl Ground<'_> {
             (pixel / width * CELLS / self.sensor.height) * CELLS + pixel % width * CELLS / width
         };
         let response = |pixel: usize| f64::from(self.response.pixels[pixel]);
-        let value = |pixel: usize| {
+        let own = |pixel: usize| {
             (f64::from(frame.pixels_dn()[pixel]) - f64::from(dark.level_dn[pixel]))
                 / response(pixel)
         };
@@ -288,31 +289,33 @@ impl Ground<'_> {
                 && (clipped.is_some() || !self.sensor.is_full(frame.pixels_dn()[pixel]))
         };
         let at = |pixel: usize| labels[pixel] as usize * CELLS * CELLS + cell_of(pixel);
+        let tamed = (!self.far).then(|| {
+            let value = |pixel| if counts(pixel) { own(pixel) } else { f64::NAN };
+            let field = Field {
+                values: (0..labels.len()).map(value).collect(),
+                labels,
+                part: &at,
+                parts: segments * CELLS * CELLS,
+                response: &response,
+                sensor: self.sensor,
+            };
+            field.tamed()
+        });
+        let value = |pixel: usize| tamed.as_ref().map_or_else(|| own(pixel), |v| v[pixel]);
         let mut cells = vec![Cell::default(); segments * CELLS * CELLS];
-        for pixel in (0..labels.len()).filter(|p| counts(*p)) {
-            cells[at(pixel)].add(value(pixel), response(pixel));
-        }
-        let mut deviations: Vec<f64> = cells
-            .iter()
-            .filter(|c| c.n > 8.0)
-            .map(|c| c.variance().sqrt())
-            .collect();
-        let usual = median(&mut deviations);
-        let reach: Vec<(f64, f64)> = cells
-            .iter()
-            .map(|c| {
-                let deviation = c.variance().sqrt().clamp(usual, 2.0 * usual);
-                (c.mean(), WILD_SIGMAS * deviation)
-            })
-            .collect();
         let mut inverse = vec![0.0; segments];
         for pixel in (0..labels.len()).filter(|p| counts(*p)) {
-            let v = value(pixel);
-            let (centre, reach) = reach[at(pixel)];
-            if usual > 0.0 && (v - centre).abs() > reach {
-                cells[at(pixel)].remove(v, response(pixel));
-            } else {
-                inverse[labels[pixel] as usize] += response(pixel).powi(-2);
+            cells[at(pixel)].add(value(pixel), response(pixel));
+            inverse[labels[pixel] as usize] += response(pixel).powi(-2);
+        }
+        if self.far {
+            let reach = reach_of(&cells);
+            for pixel in (0..labels.len()).filter(|p| counts(*p)) {
+                let (centre, reach) = reach[at(pixel)];
+                if (own(pixel) - centre).abs() > reach {
+                    cells[at(pixel)].remove(own(pixel), response(pixel));
+                    inverse[labels[pixel] as usize] -= response(pixel).powi(-2);
+                }
             }
         }
         (0..segments)
@@ -383,6 +386,10 @@ impl Ground<'_> {
                     + f64::from(brightest).powi(2) * self.response.variance,
                 labels,
                 width: self.sensor.width,
+                differences: match self.far {
+                    true => Differences::First,
+                    false => Differences::Second,
+                },
             },
         );
         match verdict {
@@ -510,6 +517,21 @@ impl Level {
             variance_texture: texture / scale,
         }
     }
+}
+
+/// Each cell's mean, and how far from it a pixel is wild.
+fn reach_of(cells: &[Cell]) -> Vec<(f64, f64)> {
+    let mut deviations: Vec<f64> = cells
+        .iter()
+        .filter(|c| c.n > 8.0)
+        .map(|c| c.variance().sqrt())
+        .collect();
+    let usual = median(&mut deviations);
+    let reach = |c: &Cell| match usual > 0.0 {
+        true => WILD_SIGMAS * c.variance().sqrt().clamp(usual, 2.0 * usual),
+        false => f64::INFINITY,
+    };
+    cells.iter().map(|c| (c.mean(), reach(c))).collect()
 }
 
 /// Slope of the cells' means about `mean`, with `within` the variance of a pixel.

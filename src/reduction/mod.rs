@@ -24,6 +24,7 @@ mod register;
 mod sensor;
 mod sloping;
 mod viewing;
+mod wild;
 
 use std::sync::atomic::AtomicBool;
 

@@ -28,6 +28,13 @@ const TWO: [(f64, f64); 2] = [
     (0.577_350_269_189_625_8, 1.0),
 ];
 
+/// Half of what the half vector turns (rad) over a piece of the field that six nodes along it, or two, stand for: a lobe of
+/// α = 0.05 is summed within some 3e-4 of its top then.
+const SIX_REACH: f64 = 0.09;
+const TWO_REACH: f64 = 0.03;
+/// Pieces along one axis at most.
+const PIECES_MAX: usize = 6;
+
 /// The rig as the pixels see it.
 #[derive(Debug, Clone)]
 pub(super) struct Viewing {
@@ -178,27 +185,50 @@ impl Viewing {
         };
         match segments {
             Segments::Whole => {
-                for (a, wa) in SIX {
-                    for (b, wb) in SIX {
-                        let column = 0.5 * (1.0 + a) * self.width as f64;
-                        let row = 0.5 * (1.0 + b) * self.height as f64;
-                        push(self.point(column, row, theta_c), 0.25 * wa * wb);
-                    }
+                let place = |[a, b]: [f64; 2]| {
+                    let column = 0.5 * (1.0 + a) * self.width as f64;
+                    let row = 0.5 * (1.0 + b) * self.height as f64;
+                    self.point(column, row, theta_c)
+                };
+                let pieces = self.pieces(&place, theta_c, SIX_REACH);
+                for (at, share) in nodes(&SIX, pieces) {
+                    push(place(at), share);
                 }
             }
             Segments::Patches { board, patches } => {
                 let kept: Vec<_> = patches.iter().zip(used).filter(|(_, u)| **u).collect();
                 for ((i, j), _) in &kept {
-                    for (a, wa) in TWO {
-                        for (b, wb) in TWO {
-                            let place = Self::on_board(board, pose, (*i, *j), [a, b]);
-                            push(place, 0.25 * wa * wb / kept.len() as f64);
-                        }
+                    let place = |at| Self::on_board(board, pose, (*i, *j), at);
+                    let pieces = self.pieces(&place, theta_c, TWO_REACH);
+                    for (at, share) in nodes(&TWO, pieces) {
+                        push(place(at), share / kept.len() as f64);
                     }
                 }
             }
         }
         views
+    }
+
+    /// Pieces along both axes of a part of the field, its places given from −1 to 1, none of which turns the half vector
+    /// by more than `reach` to either side.
+    fn pieces(
+        &self,
+        place: &dyn Fn([f64; 2]) -> [f64; 2],
+        theta_c: Angle,
+        reach: f64,
+    ) -> [usize; 2] {
+        let half_vector = |at| {
+            let (directions, _) = self.at(place(at), theta_c);
+            (directions.incident + directions.outgoing).normalize()
+        };
+        let across = |one, other| {
+            let turned = 0.5 * half_vector(one).angle(&half_vector(other));
+            ((turned / reach).ceil() as usize).clamp(1, PIECES_MAX)
+        };
+        [
+            across([-1.0, 0.0], [1.0, 0.0]),
+            across([0.0, -1.0], [0.0, 1.0]),
+        ]
     }
 
     /// A point of a patch, `at` from −1 to 1 across its inner part, in the rig's frame.
@@ -218,6 +248,24 @@ impl Viewing {
     }
 }
 
+/// Places from −1 to 1 along both axes, cut into pieces with nodes each, and their shares.
+fn nodes(rule: &[(f64, f64)], pieces: [usize; 2]) -> impl Iterator<Item = ([f64; 2], f64)> {
+    let along = |pieces: usize| -> Vec<(f64, f64)> {
+        let width = 1.0 / pieces as f64;
+        let middle = move |piece: usize| (2 * piece + 1) as f64 * width - 1.0;
+        let of = |piece| {
+            rule.iter()
+                .map(move |(x, w)| (middle(piece) + width * x, 0.5 * width * w))
+        };
+        (0..pieces).flat_map(of).collect()
+    };
+    let (first, second) = (along(pieces[0]), along(pieces[1]));
+    first.into_iter().flat_map(move |(a, wa)| {
+        let row: Vec<_> = second.iter().map(|(b, wb)| ([a, *b], wa * wb)).collect();
+        row
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -232,6 +280,43 @@ mod tests {
             camera_mm,
             light_mm,
         }
+    }
+
+    #[test]
+    fn the_views_of_a_very_near_rig_sum_a_narrow_lobe_as_its_pixels_do() {
+        let near = viewing(Some(150.0), Some(150.0));
+        let theta_c = Angle::from_deg(10.0);
+        // A lobe of α = 0.05 about a direction a third of the way to the field's edge.
+        let seen = |d: &Directions| {
+            let h = (d.incident + d.outgoing).normalize();
+            let (x, y) = (h.x / h.z - 0.3, h.y / h.z + 0.05);
+            (-(x * x + y * y) / (0.05 * 0.05)).exp()
+        };
+        let pose = Pose {
+            theta_c,
+            phi_s: Angle::ZERO,
+        };
+        let views = near.views(&Segments::Whole, pose, &[true]);
+        let by_views: f64 = views.iter().map(|v| v.weight * seen(&v.directions)).sum();
+        let per_pixel = 4;
+        let (columns, rows) = (near.width * per_pixel, near.height * per_pixel);
+        let at = |k: usize| (k as f64 + 0.5) / per_pixel as f64;
+        let places =
+            (0..columns * rows).map(|k| near.point(at(k % columns), at(k / columns), theta_c));
+        let by_pixels = places
+            .map(|place| {
+                let (directions, irradiance) = near.at(place, theta_c);
+                irradiance * seen(&directions)
+            })
+            .sum::<f64>()
+            / (columns * rows) as f64;
+        assert!(by_pixels > 0.01, "{by_pixels}");
+        assert!(
+            (by_views - by_pixels).abs() < 3e-4,
+            "{by_views} {by_pixels}"
+        );
+        let far = viewing(Some(1000.0), Some(1000.0));
+        assert_eq!(far.views(&Segments::Whole, pose, &[true]).len(), 36);
     }
 
     #[test]
