@@ -64,7 +64,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     })?;
     let specification = Specification::from_toml(&text, &file).map_err(CliError::bad_input)?;
     args.limits.check(args.variant == Variant::Traced)?;
-    let options = AnalysisOptions {
+    let mut options = AnalysisOptions {
         region: args.region.clone(),
         fit: FitOptions {
             variant: args.variant.choice(),
@@ -80,28 +80,50 @@ pub fn run(args: Args) -> Result<(), CliError> {
         (None, scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
     };
     let cancel = interrupt::flag()?;
-    let expected_s = foretell(source.as_ref(), &options, &cancel);
+    let expected_s = foretell(source.as_ref(), &mut options, &cancel);
     let analysis = watched(source.as_ref(), &options, expected_s, &cancel)?;
     let verdict = VerdictReport::new(&specification, &analysis.report, &analysis.observations);
     answer::put(args.json, &verdict, || table(&verdict.judgement))
 }
 
+/// Columns as wide as what stands in them; numbers to the right, words to the left, nothing after the last.
+fn columns<const N: usize>(rows: &[[String; N]]) -> String {
+    let widths: [usize; N] = std::array::from_fn(|k| {
+        rows.iter()
+            .map(|row| row[k].chars().count())
+            .max()
+            .unwrap_or(0)
+    });
+    let mut text = String::new();
+    for row in rows {
+        for (k, (cell, width)) in row.iter().zip(widths).enumerate() {
+            let words = k == 0 || k + 2 == N;
+            text.push_str(&match (words, k + 1 == N) {
+                (_, true) => format!("{cell}\n"),
+                (true, _) => format!("{cell:<width$}  "),
+                (false, _) => format!("{cell:>width$}  "),
+            });
+        }
+    }
+    text
+}
+
 fn table(judgement: &Judgement) -> String {
     let none = || "–".to_owned();
-    let mut text = format!(
-        "{}: {}\n{}\n\n{:<26}{:>12}{:>12}{:>5}{:>12}{:>12}{:>12}  {:<13}reason\n",
-        judgement.specification,
-        judgement.verdict,
-        judgement.decision_rule,
-        "quantity",
-        "value",
-        "± expanded",
-        "k",
-        "lower",
-        "upper",
-        "guard band",
-        "verdict"
-    );
+    let mut rows = vec![
+        [
+            "quantity",
+            "value",
+            "± expanded",
+            "k",
+            "lower",
+            "upper",
+            "guard band",
+            "verdict",
+            "reason",
+        ]
+        .map(str::to_owned),
+    ];
     for item in &judgement.items {
         let decimals = item.expanded.map_or(4, decimals);
         // As many digits as the uncertainty has two of, unless the value is beyond any table.
@@ -111,20 +133,24 @@ fn table(judgement: &Judgement) -> String {
             Some(x) => significant(x),
         };
         let limit = |x: Option<f64>| x.map_or_else(none, stated);
-        text.push_str(&format!(
-            "{:<26}{:>12}{:>12}{:>5}{:>12}{:>12}{:>12}  {:<13}{}\n",
-            item.quantity,
+        let factor = |k| format!("{k:.2}");
+        rows.push([
+            item.quantity.clone(),
             measured(item.value),
             measured(item.expanded),
-            item.coverage_factor
-                .map_or_else(none, |k| format!("{k:.2}")),
+            item.coverage_factor.map_or_else(none, factor),
             limit(item.lower),
             limit(item.upper),
             measured(item.guard_band),
-            item.verdict,
-            item.reason
-        ));
+            item.verdict.to_string(),
+            item.reason.clone(),
+        ]);
     }
+    let mut text = format!(
+        "{}: {}\n{}\n\n",
+        judgement.specification, judgement.verdict, judgement.decision_rule
+    );
+    text.push_str(&columns(&rows));
     for warning in &judgement.warnings {
         text.push_str(&format!("warning: {warning}\n"));
     }

@@ -87,7 +87,8 @@ pub struct Item {
     pub lower: Option<f64>,
     /// Upper tolerance limit.
     pub upper: Option<f64>,
-    /// Width of the guard band.
+    /// Width of the guard band. Where both limits are set the risks at both count, which widens it once the tolerance is
+    /// but a few standard uncertainties wide.
     pub guard_band: Option<f64>,
     /// Lower acceptance limit: tolerance limit plus guard band; none where the guard bands of both limits meet.
     pub acceptance_lower: Option<f64>,
@@ -241,11 +242,16 @@ fn decide(name: &str, limits: &Limits, m: &Measured, decision: &Decision) -> Ite
     let above_upper = limits.upper.map_or(0.0, |t| distribution.above(t));
     let conforms = (below_upper - below_lower).clamp(0.0, 1.0);
     let violates = (above_upper + below_lower).clamp(0.0, 1.0);
-    let guard_band = distribution.quantile(1.0 - decision.max_false_accept_risk) * m.std;
-    let acceptance_lower = limits.lower.map(|t| t + guard_band);
-    let acceptance_upper = limits.upper.map(|t| t - guard_band);
+    let alone = distribution.quantile(1.0 - decision.max_false_accept_risk) * m.std;
+    let between = match (limits.lower, limits.upper) {
+        (Some(lower), Some(upper)) => {
+            distribution.guard_band_between([lower, upper], decision.max_false_accept_risk, alone)
+        }
+        _ => Some(alone),
+    };
     // No value would pass: there is no interval of acceptance.
-    let closed = matches!((acceptance_lower, acceptance_upper), (Some(a), Some(b)) if a > b);
+    let closed = between.is_none();
+    let guard_band = between.unwrap_or(alone);
     let (verdict, reason) = if violates <= decision.max_false_accept_risk {
         (
             Verdict::Pass,
@@ -270,10 +276,10 @@ fn decide(name: &str, limits: &Limits, m: &Measured, decision: &Decision) -> Ite
             format!(
                 "the chance that it conforms is {}: the uncertainty is too large for {}",
                 percent(conforms),
-                if closed {
-                    "these limits, no value between them would pass"
-                } else {
-                    "this limit"
+                match (limits.lower.and(limits.upper), closed) {
+                    (Some(_), true) => "these limits, no value between them would pass",
+                    (Some(_), false) => "these limits",
+                    (None, _) => "this limit",
                 }
             ),
         )
@@ -287,8 +293,8 @@ fn decide(name: &str, limits: &Limits, m: &Measured, decision: &Decision) -> Ite
         lower: limits.lower,
         upper: limits.upper,
         guard_band: Some(guard_band),
-        acceptance_lower: acceptance_lower.filter(|_| !closed),
-        acceptance_upper: acceptance_upper.filter(|_| !closed),
+        acceptance_lower: limits.lower.filter(|_| !closed).map(|t| t + guard_band),
+        acceptance_upper: limits.upper.filter(|_| !closed).map(|t| t - guard_band),
         conformance_probability: Some(conforms),
         verdict,
         reason,
@@ -304,6 +310,9 @@ fn percent(share: f64) -> String {
         format!("{:.2} %", 100.0 * share)
     }
 }
+
+/// Halvings of an interval after which doubles have no more digits for it.
+const BISECTIONS: usize = 60;
 
 /// The distribution of the true value about the measured one.
 struct Deviation {
@@ -323,6 +332,36 @@ impl Deviation {
                 .filter(|f| f.is_finite() && *f >= 1.0 && *f < 1e4)
                 .and_then(|f| StudentsT::new(0.0, 1.0, f).ok()),
         }
+    }
+
+    /// How far inside two limits a measured value's risk to lie beyond either falls to `risk`; `None` where no value
+    /// between them has so little. `alone` is the same of one limit, and less.
+    fn guard_band_between(&self, [lower, upper]: [f64; 2], risk: f64, alone: f64) -> Option<f64> {
+        let half = 0.5 * (upper - lower);
+        let risk_at = |inside: f64| {
+            let measured = Deviation {
+                value: lower + inside,
+                std: self.std,
+                freedom: self.freedom.clone(),
+            };
+            measured.below(lower) + measured.above(upper)
+        };
+        // The middle has the least risk.
+        if risk_at(half) > risk {
+            return None;
+        }
+        let (mut out, mut inside) = (alone.min(half), half);
+        if risk_at(out) <= risk {
+            return Some(out);
+        }
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (out + inside);
+            match risk_at(middle) <= risk {
+                true => inside = middle,
+                false => out = middle,
+            }
+        }
+        Some(inside)
     }
 
     /// Probability that the true value lies below a limit.
@@ -463,6 +502,32 @@ mod tests {
         assert_eq!(
             verdict_of(ONE_SIDED, fails + 1e-6, 0.1).verdict,
             Verdict::Fail
+        );
+    }
+
+    #[test]
+    fn between_two_limits_the_acceptance_interval_is_where_values_pass() {
+        let text = "name = \"s\"\n[limits]\ntheta_r_deg = { lower = 9.8, upper = 10.2 }\n";
+        let verdict = |value, std| verdict_of(text, value, std).verdict;
+        for std in [0.01, 0.05, 0.08, 0.088] {
+            let item = verdict_of(text, 10.0, std);
+            let (low, high) = (
+                item.acceptance_lower.unwrap(),
+                item.acceptance_upper.unwrap(),
+            );
+            assert!((low - 9.8 - item.guard_band.unwrap()).abs() < 1e-12);
+            assert_eq!(verdict(low + 1e-7, std), Verdict::Pass, "{std}");
+            assert_eq!(verdict(low - 1e-7, std), Verdict::CannotTell, "{std}");
+            assert_eq!(verdict(high - 1e-7, std), Verdict::Pass, "{std}");
+            assert_eq!(verdict(high + 1e-7, std), Verdict::CannotTell, "{std}");
+        }
+        // Guard bands of one limit each would leave room at the middle, where 3.6 % risk is more than 2.5 %.
+        let item = verdict_of(text, 10.0, 0.2 / 2.1);
+        assert_eq!(item.verdict, Verdict::CannotTell);
+        assert_eq!((item.acceptance_lower, item.acceptance_upper), (None, None));
+        assert!(
+            item.reason
+                .ends_with("these limits, no value between them would pass")
         );
     }
 
