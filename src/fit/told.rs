@@ -26,6 +26,8 @@ const NAMES: [(&str, Quantity, bool, (f64, f64)); 10] = [
     ("eta", Quantity::Eta, false, (0.01, 100.0)),
     ("k", Quantity::K, false, (0.0, 100.0)),
 ];
+/// From where to where the index of a dielectric lies.
+const DIELECTRIC: (f64, f64) = (1.0, 10.0);
 /// Least standard uncertainty of a prior, as a share of its range or its value, whichever is smaller.
 const STD_MIN: f64 = 1e-9;
 
@@ -103,7 +105,8 @@ pub fn known(name: &str, value: f64, std: f64) -> Result<Told, StatementError> {
 /// Refuses statements that contradict each other, or the material of the sample.
 ///
 /// # Errors
-/// [`StatementError::Twice`] and [`StatementError::NoExtinction`].
+/// [`StatementError::Twice`], [`StatementError::NoExtinction`], and [`StatementError::OutOfRange`] where a dielectric has no
+/// such index.
 pub fn agree(told: &[Told], material: &Material) -> Result<(), StatementError> {
     for (k, one) in told.iter().enumerate() {
         if told[..k].iter().any(|other| other.quantity == one.quantity) {
@@ -114,8 +117,18 @@ pub fn agree(told: &[Told], material: &Material) -> Result<(), StatementError> {
         }
     }
     let of_k = told.iter().any(|t| t.quantity == Quantity::K);
-    if of_k && matches!(material, Material::Dielectric { .. }) {
+    let dielectric = matches!(material, Material::Dielectric { .. });
+    if of_k && dielectric {
         return Err(StatementError::NoExtinction);
+    }
+    let (low, high) = DIELECTRIC;
+    let of_eta = told.iter().find(|t| t.quantity == Quantity::Eta);
+    if of_eta.is_some_and(|t| dielectric && !(low..=high).contains(&t.value)) {
+        return Err(StatementError::OutOfRange {
+            name: "eta",
+            low,
+            high,
+        });
     }
     Ok(())
 }
@@ -185,6 +198,10 @@ mod tests {
         let refused = agree(&[index], &PLASTIC).unwrap_err();
         assert!(refused.to_string().contains("scale"), "{refused}");
         let twice = [held("theta_r_deg", 9.0).unwrap(), angle];
+        let vacuum = held("eta", 0.9).unwrap();
+        let refused = agree(&[vacuum], &PLASTIC).unwrap_err();
+        assert_eq!(refused.to_string(), "eta lies from 1 to 10");
+        assert_eq!(agree(&[vacuum], &metal), Ok(()));
         let refused = agree(&twice, &PLASTIC).unwrap_err();
         assert!(refused.to_string().starts_with("theta_r_deg"), "{refused}");
     }
