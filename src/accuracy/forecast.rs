@@ -194,9 +194,8 @@ pub fn of_analysis(
         (TRACE, trace_s),
         (BOOTSTRAP, of(|o| o.bootstrap_s)),
     ]);
-    // The limit is on the time of fitting, and what it ends is the tracer and the bootstrap.
-    let least = reduce_s + fit_s;
-    let limit = options.max_seconds.map(|s| least.max(reduce_s + s));
+    // The limit is on the time of fitting.
+    let limit = options.max_seconds.map(|s| reduce_s + s);
     Some(
         told.for_work(poses.len() as u64, "poses")
             .to_error(error, "a traced radiance, of the peak,")

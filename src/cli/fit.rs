@@ -109,11 +109,15 @@ pub struct Args {
     pub json: bool,
 }
 
+/// Share of a limit of time that a forecast leaves in any case.
+const LEAST_LEFT: f64 = 0.1;
+
 /// Says on stderr what an analysis will take: where a limit is set, and on a terminal where it is long (the ray
-/// tracer, the bootstrap). On a terminal its seconds are returned, for the bar to tell.
+/// tracer, the bootstrap). On a terminal its seconds are returned, for the bar to tell. What the forecast itself takes is
+/// taken off the limit of time.
 pub fn foretell(
     source: &dyn FrameSource,
-    options: &AnalysisOptions,
+    options: &mut AnalysisOptions,
     cancel: &AtomicBool,
 ) -> Option<f64> {
     let fit = &options.fit;
@@ -126,7 +130,12 @@ pub fn foretell(
     if !(limited || terminal) {
         return None;
     }
-    let told = of_analysis(source, options, cancel)?;
+    let begun = Instant::now();
+    let told = of_analysis(source, options, cancel);
+    if let Some(limit) = &mut options.max_seconds {
+        *limit = (*limit - begun.elapsed().as_secs_f64()).max(LEAST_LEFT * *limit);
+    }
+    let told = told?;
     if limited || long {
         eprintln!("forecast: {told}");
     }
@@ -186,7 +195,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         Some((profile, facts)) => (Some(profile), facts),
         None => (None, None),
     };
-    let options = AnalysisOptions {
+    let mut options = AnalysisOptions {
         region: args.region.clone(),
         fit: FitOptions {
             variant: args.variant.choice(),
@@ -216,7 +225,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         (dirs, _) => return joint::run(dirs, &options, args.json, &cancel),
     };
     suits(&options.fit.told, &source.manifest().material())?;
-    let expected_s = foretell(source.as_ref(), &options, &cancel);
+    let expected_s = foretell(source.as_ref(), &mut options, &cancel);
     let analysis = watched(source.as_ref(), &options, expected_s, &cancel)?;
     print(&analysis, args.json)
 }

@@ -360,6 +360,9 @@ fn with_less_misfit<'a>(
         demanding.minimum = demanding.again(&settled.minimum.parameters, cancel);
         let ends = search.look_again(&demanding.problem, &demanding.minimum);
         let better = ends.into_par_iter().find_map_first(|end| {
+            if search.over() {
+                return None;
+            }
             let mut other = settled.clone();
             // Most are no better, and creep along a valley: that is seen long before their last digit.
             other.settle_from(&end.parameters, weighing);

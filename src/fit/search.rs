@@ -273,6 +273,7 @@ impl<'p> Search<'p> {
         let ends: Vec<Minimum> = starts
             .par_iter()
             .enumerate()
+            .filter(|_| !self.over())
             .map(|(k, v)| {
                 // Every third on the logarithmic scale first.
                 let x = problem.pack(v);
@@ -296,6 +297,7 @@ impl<'p> Search<'p> {
         let (bounds, cancel) = (problem.bounds(), self.cancel);
         let ends: Vec<Minimum> = starts
             .par_iter()
+            .filter(|_| !self.over())
             .map(|v| minimise(problem, &problem.pack(v), &bounds, &PATIENT, cancel))
             .filter(usable)
             .collect();
@@ -319,6 +321,7 @@ impl<'p> Search<'p> {
         let cancel = self.cancel;
         let ends: Vec<Minimum> = starts
             .par_iter()
+            .filter(|_| !self.over())
             .map(|v| over_shapes(problem, v, &ROUGH, cancel))
             .filter(usable)
             .collect();
@@ -340,6 +343,7 @@ impl<'p> Search<'p> {
         let bounds = problem.bounds();
         let ends: Vec<Minimum> = ends
             .par_iter()
+            .filter(|_| !self.over())
             .map(|m| over_shapes(problem, &problem.unpack(&m.parameters), &FOLLOW, cancel))
             .filter(usable)
             .map(|m| minimise(problem, &m.parameters, &bounds, &FINE, cancel))
