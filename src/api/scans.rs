@@ -291,7 +291,7 @@ pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<ScanB
 ), responses(
     (status = 202, description = "The state that the scan came to", body = Begun),
     (status = 404, description = "There is no such scan or order", body = Problem),
-    (status = 409, description = "Not possible where the scan stands", body = Problem),
+    (status = 409, description = "Not allowed in this state of the scan", body = Problem),
     (status = 503, description = "The stages cannot be had", body = Problem),
     (status = 507, description = "The disk has no room for it", body = Problem),
 ))]

@@ -302,7 +302,7 @@ fn print(report: &Report<'_>, json: bool) -> std::io::Result<()> {
     for f in &found.forecasts {
         writeln!(
             out,
-            "  {:<40} told {:.2} s, took {:.2} s",
+            "  {:<40} forecast {:.2} s, took {:.2} s",
             f.scene, f.forecast_s, f.taken_s
         )?;
     }

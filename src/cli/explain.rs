@@ -83,7 +83,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     }
     if args.map && !args.input.is_dir() {
         return Err(CliError::bad_input(anyhow!(
-            "--map is for recorded series; {} is no folder of one",
+            "--map is for recorded series; {} is not such a folder",
             args.input.display()
         )));
     }

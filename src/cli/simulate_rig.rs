@@ -81,7 +81,7 @@ fn parse_address(text: &str) -> Result<SocketAddr, CliError> {
         .ok()
         .and_then(|mut found| found.next())
         .ok_or_else(|| {
-            let error = anyhow!("{text:?} is no address; write it like 127.0.0.1:55550");
+            let error = anyhow!("{text:?} is not an address; write it like 127.0.0.1:55550");
             CliError::bad_input(error)
         })
 }

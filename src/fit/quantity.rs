@@ -23,9 +23,9 @@ pub enum Quantity {
     Scale,
     /// Stray light B.
     Background,
-    /// Zero of the rotation stage Δφ.
+    /// Zero of the rotation stage Δφs.
     AzimuthOffset,
-    /// Zero of the tilt stage δ.
+    /// Zero of the tilt stage Δθc.
     TiltOffset,
     /// Real part of the index, within its uncertainty.
     Eta,

@@ -106,7 +106,7 @@ pub fn wedge() -> LeftOut {
     LeftOut::new(
         "wedge of the sample",
         "a mean plane inclined to the turntable turns with the ridges and reads as ridge angle, degree for degree: frames \
-         cannot tell it; state rig.sample_wedge_std_deg, or remount the sample at 180° and compare",
+         cannot show it; state rig.sample_wedge_std_deg, or remount the sample at 180° and compare",
         None,
     )
 }

@@ -112,7 +112,7 @@ pub enum ProfileError {
         last: f64,
     },
     /// No facets.
-    #[error("nothing of the profile leans to +v: is it flat, or turned round?")]
+    #[error("no part of the profile leans towards +v; is it flat or reversed?")]
     LeansNowhere,
     /// The riser would not rise.
     #[error(

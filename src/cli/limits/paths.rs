@@ -153,7 +153,7 @@ impl PathLimits {
     fn affords(&self, surfaces: usize, least_s: f64) -> Result<(), CliError> {
         match self.max_seconds {
             Some(limit) if least_s > MISS * limit => Err(CliError::no_result(anyhow!(
-                "--max-seconds {limit}: {} with {} paths per radiance, the fewest that tell anything, take about \
+                "--max-seconds {limit}: {} with {} paths per radiance, the fewest that give a result, take about \
                  {} s; allow that, or ask for fewer surfaces",
                 counted(surfaces, "surface"),
                 PILOTS[0],
