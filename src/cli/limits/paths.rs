@@ -13,11 +13,11 @@ use crate::wording::{counted, significant};
 /// What a user allows.
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
 pub struct PathLimits {
-    /// Take no longer than about this: fewer paths are traced if need be, and how many is told; surfaces that are left out
-    /// are named.
+    /// Time limit (approximate): fewer paths are traced if needed, and the number used is reported; surfaces not
+    /// reached are named.
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
-    /// Trace as many paths as bring the tracer's relative standard error below this, instead of --paths.
+    /// Trace as many paths as it takes to bring the relative standard error below this, instead of --paths.
     #[arg(long, value_name = "E")]
     pub target_error: Option<f64>,
 }
