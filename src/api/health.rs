@@ -25,7 +25,7 @@ pub struct ReadyBody {
     store: bool,
     /// Whether the stages answer; true for a daemon without a rig.
     rig: bool,
-    /// Why not.
+    /// Why it is not ready; null if it is.
     problem: Option<String>,
 }
 

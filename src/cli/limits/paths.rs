@@ -34,13 +34,13 @@ pub struct Planned {
 /// What a run is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Work {
-    /// How many there are to do,
+    /// Surfaces to trace.
     pub surfaces: usize,
-    /// how many of them at the same time,
+    /// Surfaces traced at the same time.
     pub abreast: usize,
-    /// paths of each, where no limit says otherwise,
+    /// Paths per radiance, unless a limit says otherwise.
     pub paths: u64,
-    /// and whether surfaces for which no time is left may be missing: else a limit that cannot be kept is refused.
+    /// Whether surfaces for which no time is left may be missing; if not, a limit that cannot be kept is refused.
     pub may_miss_some: bool,
 }
 
