@@ -251,7 +251,7 @@ pub(super) const STOP: &str = "/api/v1/rig/stop";
 /// are not looked at: each request stops.
 #[utoipa::path(post, path = "/api/v1/rig/stop", tag = "rig", responses(
     (status = 200, description = "The stages heard the stop and stand", body = Begun),
-    (status = 503, description = "The stages could not be reached and may be moving: use the switch", body = Problem),
+    (status = 503, description = "The stages could not be reached and may be moving: use the hardware emergency switch", body = Problem),
 ))]
 pub(super) async fn stop(State(app): State<App>) -> Result<Json<Begun>, ApiError> {
     app.lab.stop().await?;

@@ -86,7 +86,9 @@ pub enum LabError {
     #[error(transparent)]
     Stage(#[from] StageError),
     /// A stop did not reach the stages.
-    #[error("the stop did not reach the stages, which may be moving: use the switch ({source})")]
+    #[error(
+        "the stop did not reach the stages, which may be moving: use the hardware emergency switch ({source})"
+    )]
     NotStopped {
         /// Why not.
         source: StageError,

@@ -392,7 +392,7 @@ impl TraceToDo {
             let missing = wavelengths.iter().filter(|w| !traced.contains(w));
             let missing: Vec<String> = missing.map(|w| format!("{w}")).collect();
             warnings.push(format!(
-                "nothing was finished in time at {} nm: the comparison does without",
+                "nothing was finished in time at {} nm: the comparison leaves this wavelength out",
                 missing.join(", ")
             ));
         }

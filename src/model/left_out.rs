@@ -116,7 +116,7 @@ pub fn wedge() -> LeftOut {
 pub fn third_bounce() -> LeftOut {
     LeftOut::new(
         "third bounce",
-        "specular thrice: a few thousandths of the second bounce's light; diffuse tails are in",
+        "three specular reflections: a few thousandths of the second bounce's light; diffuse tails are included",
         Some(3e-4),
     )
 }

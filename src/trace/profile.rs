@@ -89,7 +89,7 @@ pub enum ProfileError {
         rows: usize,
     },
     /// A position that does not come after the one before it.
-    #[error("row {row}: v = {v} does not increase; walls that hang over are not traced")]
+    #[error("row {row}: v = {v} does not increase; overhanging walls are not traced")]
     NotIncreasing {
         /// 1 for the first row of numbers.
         row: usize,

@@ -259,13 +259,13 @@ async fn values_are_refused_by_their_path_and_in_plain_words() {
             samples,
             r#"{"name": "x", "metal": {"name": 3}}"#,
             "metal.name",
-            "3 stands where a text is wanted",
+            "3 stands where a text is expected",
         ),
         (
             "/api/v1/rig/axes/theta_c/move",
             r#"{"position_deg": "a"}"#,
             "position_deg",
-            "\"a\" stands where a number is wanted",
+            "\"a\" stands where a number is expected",
         ),
         (
             "/api/v1/scans",
