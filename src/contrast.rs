@@ -48,7 +48,7 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
     let mut warnings = set.warnings.clone();
     if set.white_reference.is_none() {
         warnings.push(
-            "without a white reference absolute contrasts are shares of the brightest level; Michelson's do not need one"
+            "without a white reference absolute contrasts are shares of the brightest level; Michelson contrast does not need one"
                 .to_owned(),
         );
     }

@@ -20,9 +20,9 @@ use crate::reduction::{FrameReadError, FrameSource, reduce};
 use crate::series::{FrameRow, Manifest};
 use crate::trace::ridged::RadianceOptions;
 
-/// Of so many poses one is read,
+/// One pose in so many is read.
 const THINNED: usize = 6;
-/// but so many at least, where there are as many: fewer do not show a surface.
+/// Least number of poses read, if there are as many: fewer do not show a surface.
 const POSES_MIN: usize = 24;
 
 /// A series with a few of its sample frames.

@@ -32,9 +32,9 @@ const PIXELS: usize = 128;
 const SETTLING: (f64, f64) = (25.0, 2048.0);
 /// Descents per pixel of a map: noise and edges take longer than a clean surface.
 const DESCENTS: f64 = 2.0;
-/// Surfaces on which double reflections are integrated: those that most pixels look like, twice,
+/// Times that double reflections are integrated: twice on the surfaces that most pixels look like.
 const INTEGRALS: f64 = 4.0;
-/// and where a target error asks first whether they are worth it.
+/// Integrations by which a target error first asks whether they are worth it.
 const PROBES: f64 = 2.0;
 /// Times that a short piece of work is repeated, so that other work on the machine decides little.
 const REPEATED: usize = 5;

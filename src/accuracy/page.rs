@@ -76,7 +76,7 @@ fn plans(proofs: &[Proof]) -> String {
 }
 
 fn forecasts(forecasts: &[Foretold]) -> String {
-    let mut out = "<h2>Forecasts</h2><table><tr><th>scene</th><th>told</th><th>took</th><th>within a factor of 2</th></tr>".to_owned();
+    let mut out = "<h2>Forecasts</h2><table><tr><th>scene</th><th>forecast</th><th>took</th><th>within a factor of 2</th></tr>".to_owned();
     for f in forecasts {
         let _ = write!(
             out,

@@ -12,9 +12,9 @@ use utoipa::ToSchema;
 #[schema(as = ScanRequest)]
 #[serde(deny_unknown_fields)]
 pub struct ScanAsked {
-    /// What to scan.
+    /// Number of the sample to scan.
     sample_id: i64,
-    /// How.
+    /// Poses, exposures and repeats of the scan.
     plan: PlanAsked,
 }
 
@@ -25,11 +25,11 @@ pub struct ScanAsked {
 pub struct PlanAsked {
     /// A named plan whose angles count where none are given: `paper` or `full`.
     preset: Option<PresetAsked>,
-    /// Camera tilts.
+    /// Camera tilts θc, degrees.
     theta_c_deg: Option<ValuesAsked>,
-    /// Sample azimuths.
+    /// Sample azimuths φs, degrees.
     phi_s_deg: Option<ValuesAsked>,
-    /// Exposures of the sample; the rig's if not given.
+    /// Exposure times of the sample, s; the rig's if not given.
     exposures_s: Option<Vec<f64>>,
     /// Frames per pose and exposure; 1 if not given.
     repeats: Option<u32>,
@@ -70,11 +70,11 @@ pub enum ValuesAsked {
 #[schema(as = Grid)]
 #[serde(deny_unknown_fields)]
 pub struct GridAsked {
-    /// First value.
+    /// First value, degrees.
     from: f64,
-    /// Last value, reached if the step meets it.
+    /// Last value, degrees; included if the steps reach it.
     to: f64,
-    /// Distance between values; positive.
+    /// Distance between values, degrees; above 0.
     step: f64,
 }
 
@@ -92,9 +92,9 @@ pub struct DarkAsked {
 #[schema(as = FlatRequest)]
 #[serde(deny_unknown_fields)]
 pub struct FlatAsked {
-    /// Tilts; those of the sample if not given.
+    /// Camera tilts, degrees; those of the sample if not given.
     theta_c_deg: Option<ValuesAsked>,
-    /// Exposures; the rig's for the white reference if not given.
+    /// Exposure times, s; the rig's for the white reference if not given.
     exposures_s: Option<Vec<f64>>,
     /// Frames per tilt and exposure; 0 leaves the white reference out.
     repeats: Option<u32>,

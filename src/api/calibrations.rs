@@ -15,23 +15,23 @@ use crate::store::utc_text;
 /// A set of calibration frames.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct CalibrationBody {
-    /// Its number.
+    /// Number of the calibration.
     id: i64,
-    /// dark or flat.
+    /// Kind of frames: dark or flat.
     kind: String,
-    /// Scan that took the frames.
+    /// Number of the scan that took the frames.
     scan_id: i64,
-    /// Exposures.
+    /// Exposure times, s.
     exposures_s: Vec<f64>,
-    /// Tilts; empty for dark frames.
+    /// Camera tilts θc, degrees; empty for dark frames.
     theta_c_deg: Vec<f64>,
-    /// Frames.
+    /// Number of frames.
     n_frames: u32,
-    /// RFC 3339 UTC.
+    /// When the frames were taken, RFC 3339 in UTC.
     created_at: String,
-    /// Until when scans may use it, as the settings are now.
+    /// Until when scans may use it under the current settings, RFC 3339 in UTC.
     valid_until: String,
-    /// Whether they may now.
+    /// Whether scans may use it now.
     valid: bool,
 }
 
@@ -42,7 +42,7 @@ pub struct CalibrationBody {
 pub struct CalibrationParams {
     /// Taken or used by this scan.
     scan_id: Option<i64>,
-    /// dark or flat.
+    /// Kind of frames: dark or flat.
     kind: Option<String>,
     /// Made at or after, RFC 3339.
     since: Option<String>,

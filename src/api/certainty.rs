@@ -14,12 +14,12 @@ use crate::scan::event::Certainty;
 use crate::scan::{Event, RecordedEvent};
 use crate::store::utc_text;
 
-/// A parameter in passing.
+/// A parameter with its standard uncertainty.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct UncertainBody {
     /// Estimate, in the unit of the parameter's name.
     value: f64,
-    /// Standard uncertainty with everything known in it.
+    /// Standard uncertainty with everything known in it, in the same unit.
     std: f64,
 }
 
@@ -28,19 +28,19 @@ pub struct UncertainBody {
 pub struct CertaintyBody {
     /// Number of its event.
     id: i64,
-    /// When it was told, RFC 3339 UTC.
+    /// When it was reported, RFC 3339 in UTC.
     at: String,
-    /// Time that the rig had spent moving and exposing; waiting for people not counted.
+    /// Time that the rig had spent moving and exposing, s; waiting for people not counted.
     elapsed_s: f64,
-    /// Poses fitted.
+    /// Number of poses fitted.
     n_observations: usize,
-    /// Frames used, darks and flats included.
+    /// Number of frames used, dark frames and flats included.
     n_frames_used: u32,
-    /// Variant it hangs on.
+    /// Variant of the model that the values are based on.
     variant: String,
     /// How the fit ended: too-few-observations, rank-deficient, …, converged.
     status: String,
-    /// By name; a parameter that the frames so far cannot tell is missing.
+    /// By name; parameters that the frames so far do not determine are missing.
     parameters: BTreeMap<String, UncertainBody>,
 }
 

@@ -23,7 +23,7 @@ pub(super) fn complete(document: &mut OpenApi) {
             };
             let (query, body) = (has(&ParameterIn::Query), operation.request_body.is_some());
             if path.contains("{id}") {
-                answers(operation, "400", "The id is no whole number");
+                answers(operation, "400", "The id is not a whole number");
             }
             if query {
                 answers(operation, "400", "There is no such parameter");
@@ -31,7 +31,7 @@ pub(super) fn complete(document: &mut OpenApi) {
             }
             if body {
                 answers(operation, "413", "The body is too large");
-                answers(operation, "415", "The body is not announced as JSON");
+                answers(operation, "415", "`Content-Type` is not `application/json`");
             }
             if begins && has_key(operation) {
                 answers(

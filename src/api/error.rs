@@ -164,22 +164,23 @@ impl From<LabError> for ApiError {
 fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
     match error {
         LabError::Busy { .. } => (StatusCode::CONFLICT, "the rig is busy"),
-        LabError::NotNow { .. } | LabError::NotOfThisRig { .. } => {
-            (StatusCode::CONFLICT, "not possible where the scan stands")
-        }
+        LabError::NotNow { .. } | LabError::NotOfThisRig { .. } => (
+            StatusCode::CONFLICT,
+            "not allowed in this state of the scan",
+        ),
         LabError::Shared(error) => kind(error, code),
         LabError::Panicked => (
             StatusCode::INTERNAL_SERVER_ERROR,
             "something went wrong inside",
         ),
-        LabError::NotThere { .. } => (StatusCode::CONFLICT, "not possible where it stands"),
+        LabError::NotThere { .. } => (StatusCode::CONFLICT, "not allowed in this state"),
         LabError::NoRig => (StatusCode::SERVICE_UNAVAILABLE, "this daemon has no rig"),
         LabError::Stopping => (StatusCode::SERVICE_UNAVAILABLE, "the daemon is stopping"),
         LabError::Plan(_) => (StatusCode::UNPROCESSABLE_ENTITY, "the plan cannot run"),
         LabError::NoRoom { .. } | LabError::NoRoomToImport { .. } => {
             (StatusCode::INSUFFICIENT_STORAGE, "the disk is full")
         }
-        LabError::BrokenOff => (StatusCode::SERVICE_UNAVAILABLE, "it was broken off"),
+        LabError::BrokenOff => (StatusCode::SERVICE_UNAVAILABLE, "it was cancelled"),
         LabError::Stage(_) if code == "outside-limits" => (
             StatusCode::UNPROCESSABLE_ENTITY,
             "the position is outside the travel",
@@ -211,9 +212,10 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::Store(StoreError::DiskFull { .. }) => {
             (StatusCode::INSUFFICIENT_STORAGE, "the disk is full")
         }
-        LabError::Store(StoreError::StateConflict { .. }) => {
-            (StatusCode::CONFLICT, "not possible where the scan stands")
-        }
+        LabError::Store(StoreError::StateConflict { .. }) => (
+            StatusCode::CONFLICT,
+            "not allowed in this state of the scan",
+        ),
         LabError::Store(StoreError::KeyReused) => (
             StatusCode::UNPROCESSABLE_ENTITY,
             "the Idempotency-Key belongs to another request",

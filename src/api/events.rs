@@ -37,7 +37,7 @@ pub struct EventParams {
 #[utoipa::path(get, path = "/api/v1/events", tag = "events", params(EventParams,
     ("Last-Event-ID" = Option<i64>, Header, description = "Last id seen; what came after is sent first")), responses(
     (status = 200, description = "Server-sent events; `data` is one JSON object with id, at, type and what belongs to the type", content_type = "text/event-stream", body = String),
-    (status = 400, description = "Last-Event-ID is no id", body = super::error::Problem),
+    (status = 400, description = "Last-Event-ID is not an id", body = super::error::Problem),
 ))]
 pub(super) async fn stream(
     State(app): State<App>,

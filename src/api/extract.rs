@@ -44,7 +44,7 @@ fn syntax(error: serde_json::Error) -> ApiError {
     ApiError::new(
         StatusCode::BAD_REQUEST,
         "bad-json",
-        "the body is no JSON",
+        "the body is not JSON",
         format!("{error}; JSON knows no NaN, no Infinity and no number beyond 1.8e308"),
     )
 }
@@ -137,9 +137,9 @@ fn query_problem(text: &str) -> ApiError {
     match text.split_once(": ") {
         Some((field, problem)) => {
             let wanted = match problem {
-                p if p.contains("digit") || p.contains("parse integer") => "is no whole number",
+                p if p.contains("digit") || p.contains("parse integer") => "is not a whole number",
                 p if p.contains("number too") => "is too large or too small a number",
-                p if p.contains("float") => "is no number",
+                p if p.contains("float") => "is not a number",
                 p if p.contains("bool") => "must be true or false",
                 p => return ApiError::invalid(field, plain(p)),
             };

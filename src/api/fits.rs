@@ -75,9 +75,9 @@ pub struct FitParams {
     status: Option<String>,
     /// Begun at or after, RFC 3339.
     since: Option<String>,
-    /// Ridge angle at least.
+    /// Fits whose ridge angle is at least this, degrees.
     theta_r_deg_min: Option<f64>,
-    /// Ridge angle at most.
+    /// Fits whose ridge angle is at most this, degrees.
     theta_r_deg_max: Option<f64>,
     /// Rows at most, 1 to 1000; 100 if not given.
     limit: Option<u32>,
@@ -188,28 +188,28 @@ pub struct CurveParams {
 /// A fit beside its observations.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct CurvesBody {
-    /// The fit.
+    /// Number of the fit.
     fit_id: i64,
-    /// Largest observation; residuals are fractions of it.
+    /// Largest observation, in the observations' unit of radiance; residuals are fractions of it.
     peak: f64,
     /// Observed and predicted.
     observations: Vec<PointBody>,
-    /// One per tilt.
+    /// One curve per tilt and variant.
     curves: Vec<CurveBody>,
 }
 
 /// An observation and what the fit predicts there.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct PointBody {
-    /// Camera tilt as recorded.
+    /// Camera tilt θc as recorded, degrees.
     theta_c_deg: f64,
-    /// Sample azimuth as recorded.
+    /// Sample azimuth φs as recorded, degrees.
     phi_s_deg: f64,
-    /// Observed signal.
+    /// Observed signal, in the observations' unit of radiance.
     signal: f64,
-    /// Its own standard uncertainty.
+    /// Its own standard uncertainty, in the same unit.
     sigma: f64,
-    /// Predicted signal.
+    /// Predicted signal, in the same unit.
     predicted: f64,
     /// (signal − predicted) / peak.
     residual: f64,
@@ -218,13 +218,13 @@ pub struct PointBody {
 /// Predicted signal over φs at one tilt.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct CurveBody {
-    /// Variant it is of.
+    /// Variant of the model that predicts it.
     variant: String,
-    /// Camera tilt as recorded.
+    /// Camera tilt θc as recorded, degrees.
     theta_c_deg: f64,
-    /// Sample azimuths as recorded.
+    /// Sample azimuths φs as recorded, degrees.
     phi_s_deg: Vec<f64>,
-    /// Predicted signals.
+    /// Predicted signals at these azimuths, in the observations' unit of radiance.
     signal: Vec<f64>,
 }
 

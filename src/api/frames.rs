@@ -17,43 +17,43 @@ use crate::store::frames::FrameRecord;
 /// A frame.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct FrameBody {
-    /// Its number.
+    /// Number of the frame.
     id: i64,
-    /// Scan that took it.
+    /// Number of the scan that took it.
     scan_id: i64,
     /// File name in an export.
     file: String,
-    /// sample, dark or flat.
+    /// Kind of frame: sample, dark or flat.
     kind: String,
-    /// Camera tilt read back from the stage.
+    /// Camera tilt θc read back from the stage, degrees.
     theta_c_deg: f64,
-    /// Sample azimuth read back from the stage.
+    /// Sample azimuth φs read back from the stage, degrees.
     phi_s_deg: f64,
-    /// Exposure time.
+    /// Exposure time, s.
     exposure_s: f64,
     /// Number of the repeat, from 0.
     repeat: u32,
-    /// Start of the exposure, UTC.
+    /// Start of the exposure, RFC 3339 in UTC.
     timestamp: String,
-    /// Of the PNG file.
+    /// SHA-256 of the PNG file, hexadecimal.
     sha256: String,
-    /// Columns.
+    /// Columns, px.
     width_px: u32,
-    /// Rows.
+    /// Rows, px.
     height_px: u32,
-    /// Size of the file.
+    /// Size of the PNG file, bytes.
     bytes: i64,
-    /// Mean count.
+    /// Mean count of all pixels, DN.
     mean_dn: f64,
-    /// Largest count.
+    /// Largest count of a pixel, DN.
     max_dn: u16,
     /// Pixels at or above the saturation level.
     saturated_px: u32,
-    /// Whether it counts.
+    /// Whether the frame is used.
     accepted: bool,
-    /// Why it does not.
+    /// Why the frame is not used; null if it is.
     reason: Option<String>,
-    /// Where the file is.
+    /// Path of the PNG on this server.
     image: String,
 }
 
@@ -93,7 +93,7 @@ pub(super) fn image_of(id: i64) -> String {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct FrameParams {
-    /// sample, dark or flat.
+    /// Kind of frame: sample, dark or flat.
     kind: Option<String>,
     /// Rows at most, 1 to 1000; 100 if not given.
     limit: Option<u32>,

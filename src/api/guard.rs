@@ -122,7 +122,7 @@ pub(super) async fn check_body(request: Request, next: Next) -> Response {
         let problem = ApiError::new(
             StatusCode::UNSUPPORTED_MEDIA_TYPE,
             "wrong-content-type",
-            "the body is not announced as JSON",
+            "`Content-Type` must be `application/json`",
             "send the body with `Content-Type: application/json`",
         );
         return refuse(request, problem).await;

@@ -11,7 +11,7 @@ use super::App;
 use super::error::ApiError;
 
 /// Whether it lives.
-#[utoipa::path(get, path = "/healthz", tag = "health", responses((status = 200, description = "It lives", body = String)))]
+#[utoipa::path(get, path = "/healthz", tag = "health", responses((status = 200, description = "The daemon is alive", body = String)))]
 pub(super) async fn healthz() -> &'static str {
     "ok\n"
 }
@@ -25,13 +25,13 @@ pub struct ReadyBody {
     store: bool,
     /// Whether the stages answer; true for a daemon without a rig.
     rig: bool,
-    /// Why not.
+    /// Why it is not ready; null if it is.
     problem: Option<String>,
 }
 
 /// Whether it can work: store and stages answer.
 #[utoipa::path(get, path = "/readyz", tag = "health", responses(
-    (status = 200, description = "It can", body = ReadyBody),
+    (status = 200, description = "Ready to serve requests", body = ReadyBody),
     (status = 503, description = "It cannot; `problem` says why", body = ReadyBody),
 ))]
 pub(super) async fn readyz(State(app): State<App>) -> impl IntoResponse {

@@ -45,7 +45,7 @@ pub struct ImportBody {
 #[utoipa::path(post, path = "/api/v1/imports", tag = "scans", request_body = ImportRequest, responses(
     (status = 201, description = "The scan it became", body = ImportBody, headers(("Location" = String, description = "The scan"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
-    (status = 422, description = "The folder is no series, or a frame cannot be read", body = Problem),
+    (status = 422, description = "The folder is not a series, or a frame cannot be read", body = Problem),
     (status = 507, description = "The series would not leave the reserve free, or the disk is full; nothing was imported", body = Problem),
 ))]
 pub(super) async fn add(

@@ -37,15 +37,15 @@ pub struct ObservationParams {
 /// A reduced measurement.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct ObservationBody {
-    /// Camera tilt read back.
+    /// Camera tilt θc read back from the stage, degrees.
     theta_c_deg: f64,
-    /// Sample azimuth read back.
+    /// Sample azimuth φs read back from the stage, degrees.
     phi_s_deg: f64,
     /// Radiance for lamp irradiance 1 on a surface facing it; arbitrary unit if not `absolute`.
     signal: f64,
-    /// Its own standard uncertainty; what all have in common is not in it.
+    /// Its own standard uncertainty, in the unit of `signal`; errors common to all observations are not in it.
     sigma: f64,
-    /// Frames in it.
+    /// Number of frames in it.
     n_frames: u32,
 }
 
@@ -56,13 +56,13 @@ pub struct ObservationsBody {
     items: Vec<ObservationBody>,
     /// Hand it back as `cursor` for the next page; null at the end.
     next_cursor: Option<String>,
-    /// Scan they are of.
+    /// Number of the scan.
     scan_id: i64,
     /// False while more frames may come.
     complete: bool,
     /// Whether a white reference gives the scale.
     absolute: bool,
-    /// Region.
+    /// Region of the sample; null for the whole.
     region: Option<String>,
     /// Frames left out.
     #[schema(value_type = Vec<Object>)]

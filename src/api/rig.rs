@@ -19,7 +19,7 @@ use crate::units::Angle;
 pub struct RigBody {
     /// Whether the stages answer.
     connected: bool,
-    /// Why they do not.
+    /// Why the stages do not answer; null if they do.
     problem: Option<RigProblem>,
     /// Why the last motion of one axis failed; null where it did not, and once another is begun.
     failure: Option<RigProblem>,
@@ -60,31 +60,31 @@ pub struct RigProblem {
 pub struct CameraBody {
     /// Make and model.
     description: String,
-    /// Columns of a frame.
+    /// Columns of a frame, px.
     width_px: u32,
-    /// Rows of a frame.
+    /// Rows of a frame, px.
     height_px: u32,
-    /// Bits of the converter.
+    /// Resolution of the converter, bit.
     bit_depth: u32,
-    /// Count at which a pixel is full.
+    /// Count at which a pixel is full, DN.
     saturation_dn: f64,
-    /// Exposures that a plan takes if it names none.
+    /// Exposure times of a plan that names none, s.
     exposures_s: Vec<f64>,
 }
 
 /// Both axes.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct AxesBody {
-    /// Camera tilt.
+    /// Camera tilt θc.
     theta_c: AxisBody,
-    /// Sample azimuth.
+    /// Sample azimuth φs.
     phi_s: AxisBody,
 }
 
 /// One axis.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct AxisBody {
-    /// Position read just now; null if the stage does not answer.
+    /// Current position, degrees; null if the stage does not answer.
     position_deg: Option<f64>,
     /// Whether it moves.
     moving: bool,
@@ -92,28 +92,28 @@ pub struct AxisBody {
     homed: bool,
     /// Warnings in words.
     warnings: Vec<String>,
-    /// Serial number.
+    /// Serial number of the device; null if it is not known.
     serial: Option<String>,
-    /// Least position.
+    /// Lowest position allowed, degrees.
     limit_min_deg: f64,
-    /// Greatest position.
+    /// Highest position allowed, degrees.
     limit_max_deg: f64,
 }
 
 /// Where lamp and camera stand.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct GeometryBody {
-    /// Angle between lamp and camera.
+    /// Angle between lamp and camera, degrees.
     theta_l_deg: f64,
-    /// Azimuth of the lamp about the camera's axis.
+    /// Azimuth of the lamp about the camera's axis, degrees: 0 in the tilt plane, 90 beside it.
     light_azimuth_deg: f64,
-    /// Added to the recorded φs it gives the azimuth of v.
+    /// What to add to a recorded φs to get the azimuth of the lean direction v, degrees.
     azimuth_zero_deg: f64,
-    /// Half angle of the lamp seen from the sample.
+    /// Half angle of the lamp seen from the sample, degrees; null for a point.
     light_angular_radius_deg: Option<f64>,
-    /// Half angle of the lens's pupil seen from the sample; null for a point.
+    /// Half angle of the lens's pupil seen from the sample, degrees; null for a point.
     lens_angular_radius_deg: Option<f64>,
-    /// Wavelength of the lamp.
+    /// Wavelength of the lamp, nm; null if not stated.
     wavelength_nm: Option<f64>,
 }
 
@@ -193,11 +193,11 @@ impl From<RigView> for RigBody {
     }
 }
 
-/// Where an axis shall go.
+/// Where an axis is to move.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MoveBody {
-    /// Absolute position.
+    /// Absolute position to move to, degrees.
     position_deg: f64,
 }
 
@@ -251,7 +251,7 @@ pub(super) const STOP: &str = "/api/v1/rig/stop";
 /// are not looked at: each request stops.
 #[utoipa::path(post, path = "/api/v1/rig/stop", tag = "rig", responses(
     (status = 200, description = "The stages heard the stop and stand", body = Begun),
-    (status = 503, description = "The stages could not be reached and may be moving: use the switch", body = Problem),
+    (status = 503, description = "The stages could not be reached and may be moving: use the hardware emergency switch", body = Problem),
 ))]
 pub(super) async fn stop(State(app): State<App>) -> Result<Json<Begun>, ApiError> {
     app.lab.stop().await?;

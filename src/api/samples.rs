@@ -20,18 +20,18 @@ use crate::store::samples::{NewSample, Sample, SimulatedSurface};
 pub enum MaterialBody {
     /// Transparent below the surface.
     Dielectric {
-        /// n
+        /// Real part n of the complex index, no unit.
         #[serde(alias = "index_of_refraction")]
         eta: f64,
         /// Standard uncertainty of n; 0.01 if not given.
         #[serde(alias = "index_of_refraction_std", default = "index_std")]
         eta_std: f64,
     },
-    /// Opaque.
+    /// A metal: opaque below the surface.
     Conductor {
-        /// n
+        /// Real part n of the complex index, no unit.
         eta: f64,
-        /// k
+        /// Imaginary part k of the complex index, no unit.
         k: f64,
         /// Standard uncertainty of n; 0.01 if not given.
         #[serde(default = "index_std")]
@@ -118,7 +118,7 @@ pub struct SampleRequest {
     /// In place of a material: a metal of the tables, taken at the lamp's wavelength.
     #[serde(default)]
     metal: Option<MetalBody>,
-    /// Free text.
+    /// Free text for people.
     #[serde(default)]
     note: Option<String>,
     /// How a simulated rig paints it: `{"surface": "traced"}` or
@@ -131,18 +131,18 @@ pub struct SampleRequest {
 /// A sample.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct SampleBody {
-    /// Its number.
+    /// Number of the sample.
     id: i64,
-    /// What people call it.
+    /// Name of the sample.
     name: String,
     /// Nominal material.
     material: MaterialBody,
-    /// Free text.
+    /// Free text for people.
     note: Option<String>,
-    /// How a simulated rig paints it.
+    /// How a simulated rig draws it; null on a real rig.
     #[schema(value_type = Option<Object>)]
     simulated: Option<SimulatedSurface>,
-    /// RFC 3339 UTC.
+    /// When the sample was added, RFC 3339 in UTC.
     created_at: String,
 }
 

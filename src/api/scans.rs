@@ -20,21 +20,21 @@ use crate::store::scans::{Origin, Scan, ScanFilter};
 /// How far a scan is.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct ProgressBody {
-    /// dark, flat or sample; done at the end; null before the beginning.
+    /// What is being taken: dark, flat or sample; done at the end, null before the start.
     phase: Option<&'static str>,
-    /// Points committed.
+    /// Points (pose and exposure) whose frames are stored.
     shots_done: u32,
-    /// Points in all.
+    /// Points (pose and exposure) of the whole plan.
     shots_total: u32,
-    /// Frames committed.
+    /// Frames stored so far.
     frames_done: u32,
-    /// Frames in all.
+    /// Frames of the whole plan.
     frames_total: u32,
     /// Share of the predicted time that is done, 0 to 1.
     fraction: f64,
-    /// Time spent moving and exposing.
+    /// Time spent moving and exposing, s.
     elapsed_s: f64,
-    /// Predicted time to go.
+    /// Predicted time left, s; null where it is not known.
     time_left_s: Option<f64>,
 }
 
@@ -77,9 +77,9 @@ impl From<OperatorStep> for OperatorBody {
 /// A scan.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct ScanBody {
-    /// Its number.
+    /// Number of the scan.
     id: i64,
-    /// Sample.
+    /// Number of the sample.
     sample_id: i64,
     /// The sample's name.
     sample_name: String,
@@ -88,14 +88,14 @@ pub struct ScanBody {
     state: ScanState,
     /// Why it stands there, where it is not the plan's own course.
     reason: Option<String>,
-    /// rig or import.
+    /// Where it comes from: rig or import.
     origin: &'static str,
     /// What a person has to do, while it waits for one.
     operator: Option<OperatorBody>,
     /// The whole plan; of an import, the poses it has.
     #[schema(value_type = Object)]
     plan: Option<Plan>,
-    /// How far it is.
+    /// How far the scan has come.
     progress: ProgressBody,
     /// Frames that were taken and do not count.
     frames_rejected: u32,
@@ -105,22 +105,22 @@ pub struct ScanBody {
     camera: ScanCameraBody,
     /// Calibrations it uses, its own included.
     calibration_ids: Vec<i64>,
-    /// RFC 3339 UTC.
+    /// When the scan was asked for, RFC 3339 in UTC.
     created_at: String,
-    /// When it first did something.
+    /// When it first did something, RFC 3339 in UTC.
     started_at: Option<String>,
-    /// When it ended.
+    /// When it ended, RFC 3339 in UTC.
     ended_at: Option<String>,
 }
 
 /// What has to be known of a camera to look at its frames.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct ScanCameraBody {
-    /// Columns of a frame.
+    /// Columns of a frame, px.
     width_px: u32,
-    /// Rows of a frame.
+    /// Rows of a frame, px.
     height_px: u32,
-    /// Count at which a pixel is full.
+    /// Count at which a pixel is full, DN.
     saturation_dn: f64,
 }
 
@@ -166,7 +166,7 @@ pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, ApiError> {
 pub struct ScanParams {
     /// Of this sample.
     sample_id: Option<i64>,
-    /// In this state.
+    /// Scans in this state: planned, waiting-for-operator, running, pausing, paused, interrupted, completed, aborted or failed.
     state: Option<String>,
     /// Rows at most, 1 to 1000; 100 if not given.
     limit: Option<u32>,
@@ -227,15 +227,15 @@ pub(super) async fn begin(
 /// What a scan will take.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct EstimateBody {
-    /// Frames.
+    /// Number of frames.
     n_frames: u32,
-    /// Points.
+    /// Number of points (pose and exposure).
     n_shots: u32,
-    /// Motion, settling and exposure; people not counted.
+    /// Time for motion, settling and exposure, s; people not counted.
     duration_s: f64,
-    /// Most room the frames can take.
+    /// Most disk space that the frames can take, bytes.
     disk_bytes: u64,
-    /// Room there is.
+    /// Free disk space, bytes.
     disk_free_bytes: u64,
     /// What people have to do, in order.
     operator_steps: Vec<OperatorBody>,
@@ -291,7 +291,7 @@ pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<ScanB
 ), responses(
     (status = 202, description = "The state that the scan came to", body = Begun),
     (status = 404, description = "There is no such scan or order", body = Problem),
-    (status = 409, description = "Not possible where the scan stands", body = Problem),
+    (status = 409, description = "Not allowed in this state of the scan", body = Problem),
     (status = 503, description = "The stages cannot be had", body = Problem),
     (status = 507, description = "The disk has no room for it", body = Problem),
 ))]

@@ -11,7 +11,7 @@ use tokio::net::TcpListener;
 pub enum ListenError {
     /// The address makes no sense.
     #[error(
-        "`{address}` is no address to listen on; give one like 127.0.0.1:8787 (port 0 takes a free one)"
+        "`{address}` is not an address to listen on; give one like 127.0.0.1:8787 (port 0 takes a free one)"
     )]
     Malformed {
         /// What was given.

@@ -36,7 +36,7 @@ pub enum PortAddress {
 
 /// A text that names no port.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} names no port; write a path like /dev/ttyUSB0, or tcp://host:55550")]
+#[error("{0:?} is not a port; write a path like /dev/ttyUSB0, or tcp://host:55550")]
 pub struct NotAnAddress(pub String);
 
 impl FromStr for PortAddress {

@@ -328,7 +328,7 @@ async fn decoded(path: &Path) -> Result<Result<Frame, FrameError>, CameraError> 
         Frame::from_png(&bytes)
     })
     .await
-    .map_err(|error| CameraError::Failed(format!("reading the frame was broken off: {error}")))
+    .map_err(|error| CameraError::Failed(format!("reading the frame was interrupted: {error}")))
 }
 
 #[cfg(test)]

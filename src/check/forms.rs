@@ -419,7 +419,7 @@ fn refusals(rows: &mut Vec<Row>) {
             "theta_r is not within",
         ),
         (
-            "an angle that is no number",
+            "an angle that is not a number",
             Case {
                 phi_o: f64::NAN,
                 ..c

@@ -16,16 +16,16 @@ use crate::model::LeftOut;
 /// Measures error against run time on a fixed list of scenes, by every method that applies.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  ridged accuracy --quick --out accuracy\n\nWrites accuracy.csv, plans.csv, accuracy.json, one SVG per scene and all of it as one page, index.html, into DIR."
+    after_help = "Example:\n  ridged accuracy --quick --out accuracy\n\nWrites accuracy.csv, plans.csv, accuracy.json, one SVG per scene and a page with all of them, index.html, into DIR."
 )]
 pub struct Args {
-    /// Fewer scenes and photons: less than a minute.
+    /// Fewer scenes and photons; takes less than a minute.
     #[arg(long)]
     pub quick: bool,
     /// Folder for accuracy.csv and the pictures.
     #[arg(long, value_name = "DIR", default_value = "accuracy")]
     pub out: PathBuf,
-    /// Data folder of a daemon instead: its page shows what is measured last.
+    /// Data folder of a daemon, instead of --out: its page shows the last measurement.
     #[arg(long, value_name = "DIR", conflicts_with = "out")]
     pub data: Option<PathBuf>,
     /// One JSON object on stdout instead of a table.
@@ -302,7 +302,7 @@ fn print(report: &Report<'_>, json: bool) -> std::io::Result<()> {
     for f in &found.forecasts {
         writeln!(
             out,
-            "  {:<40} told {:.2} s, took {:.2} s",
+            "  {:<40} forecast {:.2} s, took {:.2} s",
             f.scene, f.forecast_s, f.taken_s
         )?;
     }

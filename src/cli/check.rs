@@ -17,7 +17,7 @@ use crate::model::LeftOut;
     after_help = "Example:\n  ridged check --json | jq '.rows[] | select(.as_expected | not)'\n\nExit code 1 if a row is not as expected."
 )]
 pub struct Args {
-    /// Leave out the fit of a million observations and most photons.
+    /// Skip the fit of a million observations and most of the photons.
     #[arg(long)]
     pub quick: bool,
     /// One JSON object on stdout instead of a table.

@@ -86,10 +86,9 @@ fn unreachable(error: ureq::Error) -> CliError {
 
 fn read(mut answer: ureq::http::Response<ureq::Body>) -> Result<Value, CliError> {
     let status = answer.status();
-    let body: Value = answer
-        .body_mut()
-        .read_json()
-        .map_err(|error| CliError::no_result(anyhow!("the daemon's answer is no JSON: {error}")))?;
+    let body: Value = answer.body_mut().read_json().map_err(|error| {
+        CliError::no_result(anyhow!("the daemon's answer is not JSON: {error}"))
+    })?;
     if status.is_success() {
         return Ok(body);
     }

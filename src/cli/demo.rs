@@ -27,38 +27,38 @@ use crate::units::Angle;
   ridged demo                                    then look at the page; Ctrl-C ends
   ridged demo --once --json --azimuth-offset-deg 7 --tilt-offset-deg 0.4")]
 pub struct Args {
-    /// Exit after printing.
+    /// Exit once the result is printed.
     #[arg(long)]
     pub once: bool,
     /// Port of the page [default: 8787, or a free one if that is taken].
     #[arg(long, value_name = "N")]
     pub port: Option<u16>,
-    /// Seed of noise, fixed pattern and mechanics.
-    #[arg(long, value_name = "S", default_value_t = 1)]
+    /// Seed of the noise, the fixed pattern and the mechanics.
+    #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// How far the sample is turned from where the rig believes it to be.
+    /// How far the sample is turned from where the rig takes it to be, in degrees.
     #[arg(
         long,
-        value_name = "A",
+        value_name = "DEG",
         default_value_t = 0.0,
         allow_negative_numbers = true
     )]
     pub azimuth_offset_deg: f64,
-    /// How far the camera is tilted from where the rig believes it to be.
+    /// How far the camera is tilted from where the rig takes it to be, in degrees.
     #[arg(
         long,
-        value_name = "T",
+        value_name = "DEG",
         default_value_t = 0.0,
         allow_negative_numbers = true
     )]
     pub tilt_offset_deg: f64,
-    /// How much faster than life the rig runs.
+    /// How many times faster than real time the rig runs.
     #[arg(long, value_name = "X", default_value_t = 30.0)]
     pub time_scale: f64,
     /// Data folder.
     #[arg(long, value_name = "DIR", default_value = "ridged-data")]
     pub data: PathBuf,
-    /// Print how long the scan took over the ideal motion, settling and exposure of its plan.
+    /// Print how much longer the scan took than the ideal motion, settling and exposure of its plan.
     #[arg(long)]
     pub timing: bool,
     /// One JSON object on stdout.

@@ -31,16 +31,16 @@ pub struct Args {
     /// A scene of `ridged trace`, or the folder of a recorded series.
     #[arg(value_name = "SCENE.toml | DIR")]
     pub input: PathBuf,
-    /// Relative error that each thing left out may cost.
+    /// Largest relative error that each simplification may cost.
     #[arg(long, value_name = "E", default_value_t = plan::TOLERANCE)]
     pub tolerance: f64,
-    /// Plan for Mueller matrices by direction (as `ridged trace --out` asks for them), not for energies.
+    /// Plan for Mueller matrices by direction (as `ridged trace --out` needs them) instead of energies.
     #[arg(long)]
     pub mueller: bool,
-    /// Plan the map of a series (`ridged map --target-error E`), not the fit of all of it.
+    /// Plan the map of a series (`ridged map --target-error E`) instead of its fit.
     #[arg(long, conflicts_with_all = ["mueller", "prove"])]
     pub map: bool,
-    /// Compute a scene with everything on and as planned, and compare results and times.
+    /// Compute a scene both in full and as planned, and compare results and times.
     #[arg(long, conflicts_with = "mueller")]
     pub prove: bool,
     /// One JSON object on stdout instead of text.
@@ -83,7 +83,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     }
     if args.map && !args.input.is_dir() {
         return Err(CliError::bad_input(anyhow!(
-            "--map is for recorded series; {} is no folder of one",
+            "--map is for recorded series; {} is not such a folder",
             args.input.display()
         )));
     }

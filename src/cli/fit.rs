@@ -39,54 +39,54 @@ use crate::trace::ridge_map::RidgeFacts;
 )]
 pub struct Args {
     /// Folder of a recorded series (manifest.toml, frames.csv, frames/). Several folders of one sample
-    /// are fitted together: one surface, offsets and gains of each its own.
+    /// are fitted together: one surface, but offsets and gain of each scan its own.
     #[arg(
         value_name = "DIR",
         required_unless_present = "scan",
         conflicts_with = "scan"
     )]
     pub dirs: Vec<PathBuf>,
-    /// Number of a scan in the store instead.
+    /// Number of a scan in the store, instead of a folder.
     #[arg(long, value_name = "ID")]
     pub scan: Option<i64>,
     /// Data folder of the store.
     #[arg(long, value_name = "DIR", default_value = "ridged-data")]
     pub data: PathBuf,
-    /// Which model the answer hangs on; all are fitted and compared.
+    /// Model the reported result is based on; all are fitted and compared.
     #[arg(long, value_enum, default_value_t = Variant::Auto)]
     pub variant: Variant,
     /// Region of a sample with a layout: even, odd or patch-I-J.
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     pub region: Option<String>,
-    /// How residuals count: least squares, or a loss that outliers cannot drag along.
+    /// How residuals count: least squares, or a loss that limits the pull of outliers.
     #[arg(long, value_enum, default_value_t = LossName::Linear)]
     pub loss: LossName,
-    /// Holds a parameter at a value, for example rho_d=0.3 (names as in the JSON form, and eta, k).
+    /// Fix a parameter at a value, for example rho_d=0.3 (names as in the JSON form, and eta, k).
     #[arg(long, value_name = "NAME=VALUE", value_parser = told::fixed)]
     pub fix: Vec<Told>,
-    /// Knows a parameter within a standard uncertainty, for example theta_r_deg=10±0.5.
+    /// Prior knowledge of a parameter: value ± standard uncertainty, for example theta_r_deg=10±0.5.
     #[arg(long, value_name = "NAME=VALUE±STD", value_parser = told::prior)]
     pub prior: Vec<Told>,
-    /// Starts of the search, per variant.
-    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u16).range(STARTS))]
+    /// Starting points of the search, per variant.
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(STARTS))]
     pub starts: u16,
-    /// Profile-likelihood intervals beside the expanded uncertainties.
+    /// Add profile-likelihood intervals to the expanded uncertainties.
     #[arg(long)]
     pub profile: bool,
-    /// Bootstrap intervals from this many series drawn from the fitted model (20 to 100000).
+    /// Add bootstrap intervals from N series drawn from the fitted model (20 to 100000).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(DRAWS))]
     pub bootstrap: Option<u32>,
-    /// Let the ray tracer say how wrong the variant is: the difference to traced is the model's line
-    /// of the budget.
+    /// Let the ray tracer check the variant: the difference from `traced` becomes the `model` line of the
+    /// budget.
     #[arg(long)]
     pub judge: bool,
     /// Trace on this measured shape instead of an ideal sawtooth. A profile: CSV rows of v and height in µm across
-    /// the ridges (+v is where the facets lean), the last row closing the period. Or a height map of the ridges,
-    /// turned as it may be: CSV, 16-bit PNG or TIFF, float TIFF, X3P.
+    /// the ridges (+v is the lean direction), the last row closing the period. Or a height map of the ridges, in any
+    /// orientation: CSV, 16-bit PNG or TIFF, float TIFF, X3P.
     #[arg(long, value_name = "FILE")]
     pub shape: Option<PathBuf>,
-    /// How far the samples of a height map are apart, µm (one number, or along its rows and along its columns), where
-    /// the file does not say.
+    /// Distance between samples of a height map, in µm (one number, or one along its rows and one along its columns),
+    /// if the file does not state it.
     #[arg(
         long,
         value_name = "UM[,UM]",
@@ -94,14 +94,14 @@ pub struct Args {
         requires = "shape"
     )]
     pub pitch_um: Vec<f64>,
-    /// Micrometres per unit of a map's heights, where the file does not say.
+    /// Micrometres per unit of height, if the file does not state it.
     #[arg(long, value_name = "UM", requires = "shape")]
     pub height_unit_um: Option<f64>,
     /// Time and error allowed.
     #[command(flatten)]
     pub limits: FitLimits,
-    /// Retrace a descent to the minimum: cost, gradient, step and error of every trial step against
-    /// seconds (`iterations` of --json).
+    /// Record cost, gradient, step size and error of every iteration of a descent to the minimum, against seconds
+    /// (`iterations` of --json).
     #[arg(long)]
     pub iterations: bool,
     /// One JSON object on stdout instead of a table.
@@ -147,9 +147,9 @@ pub fn foretell(
 pub enum LossName {
     /// Least squares.
     Linear,
-    /// Outliers pull no harder than 1.345 standard uncertainties.
+    /// Outliers pull no harder than a residual of 1.345 standard uncertainties.
     Huber,
-    /// Far outliers pull not at all.
+    /// Far outliers do not count at all.
     Tukey,
 }
 
@@ -160,9 +160,9 @@ pub enum Variant {
     Paper,
     /// The sawtooth in full.
     Sawtooth,
-    /// Corrected by the ray tracer.
+    /// The sawtooth corrected by the ray tracer.
     Traced,
-    /// The better one of paper and sawtooth.
+    /// Paper where it is clearly better by QAIC, else sawtooth.
     Auto,
 }
 

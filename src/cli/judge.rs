@@ -22,25 +22,25 @@ Example:
 The verdict is in the output; the exit code is 0 whatever it says. Decision rule (JCGM 106, guarded
 acceptance): pass where the risk that the sample does not conform is at most the specification's
 max_false_accept_risk, fail where the chance that it conforms is at most max_false_reject_risk,
-cannot tell between, or where the data cannot tell the quantity.")]
+cannot tell between, or where the data do not determine the quantity.")]
 pub struct Args {
     /// Folder of a recorded series (manifest.toml, frames.csv, frames/).
     #[arg(required_unless_present = "scan", conflicts_with = "scan")]
     pub dir: Option<PathBuf>,
-    /// Number of a scan in the store instead.
+    /// Number of a scan in the store, instead of a folder.
     #[arg(long, value_name = "ID")]
     pub scan: Option<i64>,
     /// Data folder of the store.
     #[arg(long, value_name = "DIR", default_value = "ridged-data")]
     pub data: PathBuf,
     /// Specification (TOML); docs/example-specification.toml shows all keys.
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     pub spec: PathBuf,
-    /// Which model the answer hangs on.
+    /// Model the reported result is based on.
     #[arg(long, value_enum, default_value_t = Variant::Auto)]
     pub variant: Variant,
     /// Region of a sample with a layout: even, odd or patch-I-J.
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     pub region: Option<String>,
     /// Time and error allowed.
     #[command(flatten)]

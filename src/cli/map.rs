@@ -31,29 +31,28 @@ pub struct Args {
     /// Folder of a recorded series (manifest.toml, frames.csv, frames/).
     #[arg(required_unless_present = "scan", conflicts_with = "scan")]
     pub dir: Option<PathBuf>,
-    /// Number of a scan in the store instead.
+    /// Number of a scan in the store, instead of a folder.
     #[arg(long, value_name = "ID")]
     pub scan: Option<i64>,
     /// Data folder of the store.
     #[arg(long, value_name = "DIR", default_value = "ridged-data")]
     pub data: PathBuf,
-    /// Folder for the files; made if it is not there.
-    #[arg(long)]
+    /// Folder for the files; created if it does not exist.
+    #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
-    /// Begin no further pixels after this time; those that were not reached have no value and are counted.
+    /// Time limit: no further pixels are begun after it. Pixels not reached have no value and are counted.
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
-    /// Share of the brightest radiance that may be left out of a pixel's physics. It decides about double
-    /// reflections by integration and each pixel's own directions, on the surfaces that most pixels look like; the other
-    /// things that a map does without are the same whatever it is, with what they may cost (`left_out` of the
-    /// summary). `ridged explain DIR --map` tells beforehand. Without it everything is in.
+    /// Largest share of the brightest radiance that may be neglected. Decides whether double reflections are integrated
+    /// and whether each pixel gets its own directions. Default: neglect nothing. `ridged explain DIR --map` shows the
+    /// decisions.
     #[arg(long, value_name = "E")]
     pub target_error: Option<f64>,
-    /// Memory for resampled frames, in MiB; more goes to a scratch file in the output folder.
-    #[arg(long, default_value_t = 1024)]
+    /// Memory for resampled frames, in MiB; what exceeds it goes to a scratch file in the output folder.
+    #[arg(long, value_name = "MIB", default_value_t = 1024)]
     pub memory_mib: usize,
 }
 

@@ -43,9 +43,9 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 #[derive(Debug, Parser)]
 #[command(name = "ridged", version, about, max_term_width = 100)]
 #[command(after_help = "Examples:\n  \
-    ridged demo                                   a simulated rig scans a sample; page and API until Ctrl-C\n  \
-    ridged fit tests/data/series/polymer-10       the ridge angle of a recorded series\n  \
-    ridged COMMAND --help                         more examples")]
+    ridged demo                              a simulated scan, its fit, then page and API until Ctrl-C\n  \
+    ridged fit tests/data/series/polymer-10  the ridge angle of a recorded series\n  \
+    ridged COMMAND --help                    more examples")]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
@@ -55,45 +55,45 @@ pub struct Cli {
 /// One variant per subcommand; its arguments live in the subcommand's own file.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// A simulated rig scans a sample; the fit beside the truth, and the page.
+    /// Scan a sample on a simulated rig and show the fit beside the truth, then the page.
     Demo(demo::Args),
-    /// The daemon: rig, store, HTTP interface, page.
+    /// Run the daemon: rig, store, HTTP interface, page.
     Serve(serve::Args),
-    /// Look at, home or stop the rig of a running daemon.
+    /// Show, home or stop the rig of a running daemon.
     Rig(rig::Args),
-    /// One scan.
+    /// Run a scan.
     Scan(scan::Args),
-    /// A recorded series into the store.
+    /// Import a recorded series into the store.
     Import(import::Args),
-    /// A scan out of the store as a recorded series.
+    /// Export a scan from the store as a recorded series.
     Export(export::Args),
-    /// Contrast after rotation: measured in a series or predicted for a rig.
+    /// Measure the contrast after rotation in a series, or predict it for a rig.
     Contrast(contrast::Args),
-    /// Closed forms over a table of cases.
+    /// Evaluate closed forms over a table of cases.
     Eval(eval::Args),
-    /// Ridge angle, roughness and reflectance of a recorded series.
+    /// Fit ridge angle, roughness and reflectance to a recorded series.
     Fit(fit::Args),
-    /// Ridge angle and roughness of every pixel of a recorded series.
+    /// Fit ridge angle and roughness to every pixel of a recorded series.
     Map(map::Args),
-    /// A series against a specification: pass, fail or cannot tell.
+    /// Judge a series against a specification: pass, fail or cannot tell.
     Judge(judge::Args),
-    /// Where and by how much the closed forms are wrong, by the ray tracer.
+    /// Compare the closed forms with the ray tracer: where they are wrong, and by how much.
     ModelError(model_error::Args),
-    /// The micro-structure of greatest contrast on a rig.
+    /// Find the micro-structure of greatest contrast on a rig.
     Optimize(optimize::Args),
-    /// Pictures of a board of patches before and after a turn.
+    /// Draw a board of patches before and after a turn.
     Render(render::Args),
-    /// The simulated controller alone, on a pty or a TCP port.
+    /// Run the simulated controller alone, on a pseudo-terminal or a TCP port.
     SimulateRig(simulate_rig::Args),
-    /// What would be computed, what is left out, and what that may cost.
+    /// Explain what would be computed, what is left out, and what that may cost.
     Explain(explain::Args),
-    /// Error against run time, by every method.
+    /// Measure the error of every method against its run time.
     Accuracy(accuracy::Args),
-    /// Stiff and extreme cases, expected and found.
+    /// Run stiff and extreme test cases and compare with the expected results.
     Check(check::Args),
-    /// Polarised light through single or layered micro-surfaces.
+    /// Trace polarised light through single or layered micro-surfaces.
     Trace(trace::Args),
-    /// Contrast of worn ridges over the ridge angle.
+    /// Trace the contrast of worn ridges over the ridge angle.
     Wear(wear::Args),
 }
 

@@ -25,11 +25,11 @@ pub struct Args {
     /// Largest ridge angle that can be made.
     #[arg(long, default_value_t = 30.0, value_name = "DEG")]
     pub theta_r_max_deg: f64,
-    /// Smallest roughness that can be made (with --alpha-max; else --alpha is kept).
-    #[arg(long, requires = "alpha_max", conflicts_with_all = ["alpha_u", "alpha_v"])]
+    /// Smallest roughness that can be made (together with --alpha-max; without both, --alpha holds).
+    #[arg(long, value_name = "ALPHA", requires = "alpha_max", conflicts_with_all = ["alpha_u", "alpha_v"])]
     pub alpha_min: Option<f64>,
     /// Largest roughness that can be made.
-    #[arg(long, requires = "alpha_min")]
+    #[arg(long, value_name = "ALPHA", requires = "alpha_min")]
     pub alpha_max: Option<f64>,
     /// The rig and the rest of the surface.
     #[command(flatten)]

@@ -42,15 +42,15 @@ pub struct Args {
     #[command(flatten)]
     pub scene: Scene,
     /// Pixels along a side of each picture.
-    #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(16..=8192))]
+    #[arg(long, value_name = "N", default_value_t = 512, value_parser = clap::value_parser!(u32).range(16..=8192))]
     pub pixels: u32,
-    /// Patches along a side of the board; with an odd number a quarter turn exchanges bright and dark.
-    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    /// Patches along a side of the board; with an odd number, a quarter turn swaps bright and dark.
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub patches: u32,
-    /// Side of the board.
+    /// Side of the board, in mm.
     #[arg(long, default_value_t = 40.0, value_name = "MM")]
     pub size_mm: f64,
-    /// Distance of camera and lamp.
+    /// Distance of camera and lamp, in mm.
     #[arg(long, default_value_t = 400.0, value_name = "MM")]
     pub distance_mm: f64,
 }

@@ -30,10 +30,10 @@ pub struct Args {
 /// What to do with the rig.
 #[derive(Debug, Clone, Copy, clap::Subcommand)]
 pub enum Action {
-    /// Where both axes stand.
+    /// Show where both axes are.
     #[command(after_help = "Example:\n  ridged rig status --json")]
     Status,
-    /// Look for the reference of both axes.
+    /// Home both axes.
     #[command(after_help = "Example:\n  ridged rig home")]
     Home,
     /// Stop both axes at once; never refused.

@@ -30,7 +30,7 @@ const LOOKS_PER_QUESTION: u32 = 8;
 #[command(after_help = "Examples:
   ridged scan --preset paper --simulated-rig --data /tmp/try
   ridged scan plan.toml --config rig.toml --sample \"batch 7\"
-Where a daemon runs on the data folder, it does the scan.")]
+If a daemon is running on the data folder, it does the scan.")]
 pub struct Args {
     /// Plan (TOML): theta_c_deg, phi_s_deg, exposures_s, repeats, [dark], [flat].
     #[arg(
@@ -45,28 +45,28 @@ pub struct Args {
     /// Name of the sample [default: the newest one].
     #[arg(long, value_name = "NAME")]
     pub sample: Option<String>,
-    /// Index of refraction: adds the sample if it is not there yet.
+    /// Index of refraction; adds the sample if it does not exist yet.
     #[arg(long, value_name = "N", requires = "sample")]
     pub eta: Option<f64>,
     /// Imaginary part of the index, for metals.
     #[arg(long, value_name = "K", requires = "eta")]
     pub k: Option<f64>,
-    /// A metal of the tables (Ag, Al, Au, Cr, Cu, W) in place of its index.
+    /// A metal by name (Ag, Al, Au, Cr, Cu, W) instead of its index.
     #[arg(long, value_name = "NAME", requires = "sample", conflicts_with = "eta")]
     pub metal: Option<String>,
-    /// Wavelength at which the metal is looked up.
+    /// Wavelength at which the metal is looked up, in nm.
     #[arg(long, value_name = "NM", default_value_t = 550.0)]
     pub wavelength_nm: f64,
     /// Data folder.
     #[arg(long, value_name = "DIR", default_value = "ridged-data")]
     pub data: PathBuf,
-    /// Settings of the rig, where no daemon runs.
+    /// Settings of the rig (TOML), if no daemon is running.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Scan on a simulated rig of its own, where no daemon runs.
+    /// Scan on a simulated rig, if no daemon is running.
     #[arg(long)]
     pub simulated_rig: bool,
-    /// How much faster than life the simulated rig runs.
+    /// How many times faster than real time the simulated rig runs.
     #[arg(
         long,
         value_name = "X",
@@ -74,7 +74,7 @@ pub struct Args {
         requires = "simulated_rig"
     )]
     pub time_scale: f64,
-    /// Print how long the scan took over the ideal motion, settling and exposure of its plan.
+    /// Print how much longer the scan took than the ideal motion, settling and exposure of its plan.
     #[arg(long)]
     pub timing: bool,
     /// One JSON object on stdout.

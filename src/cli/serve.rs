@@ -19,16 +19,16 @@ pub struct Args {
     /// Settings of the rig (TOML).
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Loopback address to listen on; port 0 takes a free one [default: 127.0.0.1:8787].
+    /// Loopback address to listen on; port 0 picks a free one [default: 127.0.0.1:8787].
     #[arg(long, value_name = "ADDR")]
     pub listen: Option<String>,
     /// Data folder [default: ridged-data].
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
-    /// Drive a simulated rig instead of the one in the settings; all else in them counts.
+    /// Drive a simulated rig instead of the configured one; all other settings still apply.
     #[arg(long)]
     pub simulated_rig: bool,
-    /// How much faster than life the simulated rig runs.
+    /// How many times faster than real time the simulated rig runs.
     #[arg(
         long,
         value_name = "X",
@@ -39,7 +39,7 @@ pub struct Args {
     /// Seed of the simulated rig.
     #[arg(
         long,
-        value_name = "S",
+        value_name = "N",
         default_value_t = 1,
         requires = "simulated_rig"
     )]

@@ -23,16 +23,16 @@ use crate::sim::world::{World, WorldSettings};
     ridged simulate-rig --pty --describe")]
 #[command(group = clap::ArgGroup::new("line").required(true).args(["pty", "tcp"]))]
 pub struct Args {
-    /// On a new pseudo-terminal, to be opened like a serial port.
+    /// Listen on a new pseudo-terminal, to be opened like a serial port.
     #[arg(long)]
     pub pty: bool,
-    /// On this TCP address; port 0 takes a free one.
+    /// Listen on this TCP address; port 0 picks a free one.
     #[arg(long, value_name = "ADDR")]
     pub tcp: Option<String>,
-    /// Seconds that pass on the rig in one real second.
+    /// How many times faster than real time the rig runs.
     #[arg(long, value_name = "X", default_value_t = 1.0)]
     pub time_scale: f64,
-    /// Print what the rig is, as JSON, after the line that says where it listens.
+    /// Describe the rig as JSON, after the line with its address.
     #[arg(long)]
     pub describe: bool,
 }
@@ -81,7 +81,7 @@ fn parse_address(text: &str) -> Result<SocketAddr, CliError> {
         .ok()
         .and_then(|mut found| found.next())
         .ok_or_else(|| {
-            let error = anyhow!("{text:?} is no address; write it like 127.0.0.1:55550");
+            let error = anyhow!("{text:?} is not an address; write it like 127.0.0.1:55550");
             CliError::bad_input(error)
         })
 }

@@ -31,7 +31,7 @@ use crate::units::Angle;
 pub struct Simulation {
     /// How much faster than life.
     pub time_scale: f64,
-    /// Seed of noise, fixed pattern and mechanics.
+    /// Seed of the noise, the fixed pattern and the mechanics.
     pub seed: u64,
     /// True minus recorded azimuth.
     pub azimuth_offset: Angle,

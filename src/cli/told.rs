@@ -98,7 +98,7 @@ mod tests {
     fn what_is_wrong_is_named() {
         assert_eq!(fixed("rho_d"), Err(ToldError::NoValue("rho_d".into())));
         let refused = fixed("rho=1").expect_err("no name").to_string();
-        assert!(refused.contains("'rho' is no parameter"), "{refused}");
+        assert!(refused.contains("'rho' is not a parameter"), "{refused}");
         assert_eq!(fixed("rho_d=x"), Err(ToldError::NotANumber("x".into())));
         assert!(matches!(
             prior("rho_d=0.3"),

@@ -38,11 +38,11 @@ use crate::trace::tally::Estimate;
 #[command(after_help = "Examples:\n  ridged wear --out docs\n  \
     ridged wear --alpha 0.12 --rounds 0 0.05 0.1 --burrs --paths 1024 --json")]
 pub struct Args {
-    /// Radii of crests and valleys, in facet lengths (each without burrs).
-    #[arg(long, num_args = 0.., default_values_t = [0.0, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3])]
+    /// Radii of rounded crests and valleys, as ratios to the facet length (traced without burrs).
+    #[arg(long, value_name = "RATIO", num_args = 0.., default_values_t = [0.0, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3])]
     pub rounds: Vec<f64>,
-    /// Mean heights of burrs, in facet lengths (each without rounding).
-    #[arg(long, num_args = 0.., default_values_t = [0.005, 0.01, 0.02, 0.03, 0.05])]
+    /// Mean heights of burrs, as ratios to the facet length (traced without rounding).
+    #[arg(long, value_name = "RATIO", num_args = 0.., default_values_t = [0.005, 0.01, 0.02, 0.03, 0.05])]
     pub burrs: Vec<f64>,
     /// Smallest ridge angle.
     #[arg(long, default_value_t = 1.0, value_name = "DEG")]
@@ -53,14 +53,14 @@ pub struct Args {
     /// Step of the ridge angle.
     #[arg(long, default_value_t = 0.5, value_name = "DEG")]
     pub theta_r_step_deg: f64,
-    /// Paths per radiance, from the camera and as many from the lamp.
-    #[arg(long, default_value_t = 4096)]
+    /// Paths per radiance from the camera, and as many from the lamp.
+    #[arg(long, value_name = "N", default_value_t = 4096)]
     pub paths: u64,
     /// Time and error allowed.
     #[command(flatten)]
     pub limits: PathLimits,
-    /// Seed of everything random.
-    #[arg(long, default_value_t = 1)]
+    /// Seed of the random numbers.
+    #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
     /// The rig and the rest of the surface.
     #[command(flatten)]

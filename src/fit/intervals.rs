@@ -91,7 +91,7 @@ pub fn add(
     }
     if better {
         report.warnings.push(
-            "a profile came upon a better minimum than the reported one: fit again with more starts"
+            "a profile found a better minimum than the reported one: fit again with more starts"
                 .to_owned(),
         );
     }

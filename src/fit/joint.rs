@@ -55,7 +55,7 @@ pub struct Scan<'a> {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum JointError {
     /// One scan, or none.
-    #[error("a joint fit wants two scans or more; for one, fit it alone")]
+    #[error("a joint fit needs at least two scans; fit a single scan without joining")]
     TooFew,
     /// The manifests name different materials.
     #[error("{first} and {other} state different materials, but one sample has one")]

@@ -78,7 +78,7 @@ pub enum VariantChoice {
     Sawtooth,
     /// The sawtooth corrected by the ray tracer.
     Traced,
-    /// The better one of paper and sawtooth.
+    /// Paper where it is clearly better by QAIC, else sawtooth.
     #[default]
     Auto,
 }

@@ -40,9 +40,9 @@ const DESCENTS: f64 = 4.0 / 3.0;
 const IMAGES: f64 = 7.0;
 /// Descents in settling an end again on other weights: such ends lie in valleys.
 const SETTLING: f64 = 10.0;
-/// Passes of tier and refit from where a search ends,
+/// Passes of tier and refit from where a search ends.
 const PASSES: f64 = 3.5;
-/// and from another end, which is farther from where it leads to, and a dearer surface.
+/// Passes of tier and refit from another end: it is farther from where it leads, on a surface that costs more.
 const TRIAL_PASSES: f64 = 8.0;
 /// Rounds beyond the calm ones of a search that persists.
 const BEFORE_CALM: usize = 2;

@@ -1,13 +1,13 @@
 //! What is fitted: the observation model and its parameters.
 //!
 //! ```text
-//! sample   signal = g · [factor · L(θc + δ, φs + Δφ; η, k) + correction] + B
-//! flat     signal = g · ρw/π · cos θi(θc + δ) + B
+//! sample   signal = g · [factor · L(θc + Δθc, φs + Δφs; η, k) + correction] + B
+//! flat     signal = g · ρw/π · cos θi(θc + Δθc) + B
 //! priors   B, η, k as stated
 //! ```
 //!
 //! L is the variant's radiance, g the gain of the signals (1 where the white reference is exact; the
-//! flats carry it), B the stray light, which is in samples and flats alike, δ and Δφ the zeros of the
+//! flats carry it), B the stray light, which is in samples and flats alike, Δθc and Δφs the zeros of the
 //! stages. B always has a prior: left to the sample alone it is nearly collinear with the diffuse
 //! term. The index is fitted within its uncertainty, so that data which cannot tell it from the
 //! diffuse term get no weight in it; the white reference's certificate is taken as it stands. The

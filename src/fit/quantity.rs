@@ -23,9 +23,9 @@ pub enum Quantity {
     Scale,
     /// Stray light B.
     Background,
-    /// Zero of the rotation stage Δφ.
+    /// Zero of the rotation stage Δφs.
     AzimuthOffset,
-    /// Zero of the tilt stage δ.
+    /// Zero of the tilt stage Δθc.
     TiltOffset,
     /// Real part of the index, within its uncertainty.
     Eta,
@@ -50,21 +50,21 @@ impl Quantity {
 /// Values of all quantities in natural units: angles in radians, θr signed, roughness as is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Values {
-    /// Signed ridge angle, rad.
+    /// Signed ridge angle θr, rad.
     pub theta_r: f64,
-    /// Roughness along the ridges.
+    /// Beckmann roughness along the ridges, tangent of slope.
     pub alpha_u: f64,
-    /// Roughness across the ridges.
+    /// Beckmann roughness across the ridges, tangent of slope.
     pub alpha_v: f64,
-    /// Diffuse reflectance.
+    /// Diffuse reflectance, 0 to 1.
     pub rho_d: f64,
-    /// Gain of the signals.
+    /// Gain g: signal per unit of radiance.
     pub scale: f64,
-    /// Stray light in the signals' unit.
+    /// Stray light B, in the signals' unit.
     pub background: f64,
-    /// Zero of the rotation stage, rad.
+    /// Zero of the rotation stage Δφs, rad.
     pub azimuth_offset: f64,
-    /// Zero of the tilt stage, rad.
+    /// Zero of the tilt stage Δθc, rad.
     pub tilt_offset: f64,
     /// Real part of the index.
     pub eta: f64,

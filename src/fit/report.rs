@@ -58,11 +58,11 @@ impl std::fmt::Display for VariantName {
 /// One parameter with its uncertainty.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Parameter {
-    /// Best value.
+    /// Best value, in the parameter's unit (degrees in keys with `_deg`; roughness as tangent of slope).
     pub value: Option<f64>,
-    /// Standard uncertainty with everything known in it.
+    /// Standard uncertainty with everything known in it, same unit.
     pub std: Option<f64>,
-    /// Expanded uncertainty.
+    /// Expanded uncertainty, same unit.
     pub expanded: Option<f64>,
     /// Expanded over standard uncertainty.
     pub coverage_factor: Option<f64>,
@@ -136,13 +136,13 @@ pub struct Parameters {
     pub alpha_v: Parameter,
     /// Diffuse reflectance: `paper` as printed, else the Lambertian equivalent of a flat piece.
     pub rho_d: Parameter,
-    /// Gain of the signals; 1 with a white reference.
+    /// Gain g of the signals; 1 with a white reference.
     pub scale: Parameter,
-    /// Stray light, in radiance where the scale is absolute.
+    /// Stray light B, in radiance where the scale is absolute.
     pub background: Parameter,
-    /// To add to a recorded φs.
+    /// Δφs: what to add to a recorded φs, degrees.
     pub azimuth_offset_deg: Parameter,
-    /// To add to a recorded θc.
+    /// Δθc: what to add to a recorded θc, degrees.
     pub tilt_offset_deg: Parameter,
 }
 
@@ -258,7 +258,7 @@ pub struct Freedom {
 /// The whole answer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FitReport {
-    /// The variant that the parameters hang on.
+    /// The variant that the parameters depend on.
     pub variant: VariantName,
     /// How it ended.
     pub status: Status,

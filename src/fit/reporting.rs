@@ -172,11 +172,11 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
             .into_iter()
             .map(spoken)
             .collect();
-        warnings.push(format!("the data cannot tell apart: {}", names.join(", ")));
+        warnings.push(format!("the data cannot distinguish: {}", names.join(", ")));
     }
     if !e.explained {
         warnings.push(
-            "the fit leaves more than noise and the model's misfit account for: no start may have found \
+            "the fit leaves more than noise and the model's misfit account for: possibly no start found \
              the lobe; look at the residuals, take more poses around the bright spot or more starts"
                 .to_owned(),
         );
@@ -208,7 +208,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
     warnings.extend(unfinished(e, u, status));
     for &j in &e.minimum.at_bound {
         warnings.push(format!(
-            "{} stands at the end of its range",
+            "{} is at a limit of its range",
             spoken(e.problem.free()[j])
         ));
     }
@@ -217,7 +217,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         && !(0.0..=1.0).contains(&rho_d)
     {
         warnings.push(format!(
-            "ρd = {rho_d:.3} is no reflectance: the printed lobe does not describe this sample"
+            "ρd = {rho_d:.3} is not a reflectance: the printed lobe does not describe this sample"
         ));
     }
     if set.white_reference.is_none() {
@@ -276,7 +276,7 @@ fn unfinished(e: &Estimate<'_>, u: &Uncertainty, status: Status) -> Option<Strin
     (status == Status::Stalled && e.explained).then(|| {
         let left = match left.is_finite() {
             true => format!("one more step promises a χ² lower by {}", significant(left)),
-            false => "nothing tells how far away that is".to_owned(),
+            false => "how far away it is is not known".to_owned(),
         };
         format!(
             "the descent came to a halt beside the minimum ({left}), as where a shadow's edge falls on a pose: the values \
@@ -290,7 +290,7 @@ fn ambiguity(e: &Estimate<'_>, rival: &Minimum) -> String {
     let v = e.problem.unpack(&rival.parameters).folded();
     format!(
         "another surface fits as well (χ² higher by {:.2}): θr {:.2}°, αu {:.4}, αv {:.4}, azimuth \
-         offset {:.2}°; the uncertainties cover both, more azimuths or tilts would tell them apart",
+         offset {:.2}°; the uncertainties cover both; more azimuths or tilts would distinguish them",
         (rival.cost - e.minimum.cost).max(0.0),
         v.theta_r.to_degrees(),
         v.alpha_u,
@@ -306,7 +306,7 @@ fn spoken(quantity: Quantity) -> &'static str {
         Quantity::AlphaU => "αu",
         Quantity::AlphaV => "αv",
         Quantity::RhoD => "ρd",
-        Quantity::Scale => "scale k",
+        Quantity::Scale => "gain g (scale)",
         Quantity::Background => "stray light",
         Quantity::AzimuthOffset => "azimuth offset",
         Quantity::TiltOffset => "tilt offset",
@@ -318,14 +318,14 @@ fn spoken(quantity: Quantity) -> &'static str {
 fn no_reference(set: &ObservationSet, variant: VariantName, values: &Values) -> String {
     let half = set.rig.theta_l.deg() / 2.0;
     let mut text = format!(
-        "k, ρd and η cannot be told apart on this rig: the difference angle is {}° in every frame; a \
-         white reference fixes k",
+        "g, ρd and η cannot be separated on this rig: the difference angle is {}° in every frame; a \
+         white reference fixes the gain g",
         (half * 1e4).round() / 1e4
     );
     if variant != VariantName::Paper && matches!(set.material, Material::Dielectric { .. }) {
         text += &format!(
             " (if the Fresnel peak of the {variant} variant is taken as calibration, ρd reads {:.3}: \
-             that hangs on the model and is not traceable)",
+             that depends on the model and is not traceable)",
             values.rho_d
         );
     }
@@ -424,7 +424,7 @@ fn held(values: &Values, quantity: Quantity) -> Parameter {
             Quantity::ThetaR | Quantity::AzimuthOffset | Quantity::TiltOffset => value.to_degrees(),
             _ => value,
         }),
-        ..Parameter::unknown("held at this value as told")
+        ..Parameter::unknown("held at this value as stated")
     }
 }
 
@@ -449,7 +449,8 @@ fn scale(e: &Estimate<'_>, variant: VariantName, fitted: Parameter) -> Parameter
         VariantName::Paper => Parameter::unknown(no_reference(set, variant, &e.values)),
         VariantName::Sawtooth | VariantName::Traced => Parameter {
             note: Some(
-                "signal per radiance; hangs on the model's Fresnel peak, not traceable".to_owned(),
+                "signal per radiance; depends on the model's Fresnel peak, not traceable"
+                    .to_owned(),
             ),
             ..fitted
         },

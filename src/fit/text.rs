@@ -99,7 +99,7 @@ pub fn table(report: &FitReport, colour: bool) -> String {
         .collect();
     section(
         &mut out,
-        &paint("cannot be told", "1"),
+        &paint("not determined by these data", "1"),
         unknown.iter().map(|(l, n)| format!("{l}: {n}")),
     );
     section(
@@ -113,7 +113,7 @@ pub fn table(report: &FitReport, colour: bool) -> String {
     );
     section(
         &mut out,
-        &paint("mind", "1"),
+        &paint("warnings", "1"),
         report.warnings.iter().cloned(),
     );
     section(
@@ -295,10 +295,10 @@ fn spoken(name: &str) -> (&'static str, &'static str) {
         "alpha_u" => ("αu  roughness along", ""),
         "alpha_v" => ("αv  roughness across", ""),
         "rho_d" => ("ρd  diffuse reflectance", ""),
-        "scale" => ("k   scale", ""),
-        "background" => ("b   stray light", ""),
-        "azimuth_offset_deg" => ("Δφ  azimuth offset", "°"),
-        _ => ("δ   tilt offset", "°"),
+        "scale" => ("g   gain (scale)", ""),
+        "background" => ("B   stray light", ""),
+        "azimuth_offset_deg" => ("Δφs azimuth offset", "°"),
+        _ => ("Δθc tilt offset", "°"),
     }
 }
 

@@ -35,7 +35,7 @@ const STD_MIN: f64 = 1e-9;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum StatementError {
     /// The name is none of a parameter.
-    #[error("'{0}' is no parameter; take one of {names}", names = names())]
+    #[error("'{0}' is not a parameter; take one of {names}", names = names())]
     Unknown(String),
     /// No surface, rig or material has it.
     #[error("{name} lies from {low} to {high}")]

@@ -204,7 +204,8 @@ fn fit_each(
     report.tracer = traced.as_ref().and_then(|e| tracer.report(e));
     if options.judge && traced.is_none() {
         report.warnings.push(
-            "the ray tracer came to no end: the model's line is what the residuals tell".to_owned(),
+            "the ray tracer did not finish; the `model` contribution is estimated from the residuals"
+                .to_owned(),
         );
     }
     if report.tracer.is_some_and(|t| !t.polarised) {
@@ -291,7 +292,7 @@ pub(super) fn refused(set: &ObservationSet, options: &FitOptions) -> Option<Stri
 fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitReport {
     let reason = match status {
         Status::TooFewObservations => format!(
-            "{} cannot tell the free parameters and their scatter; take more poses",
+            "{} cannot determine the free parameters and their scatter; take more poses",
             counted(set.observations.len(), "observation")
         ),
         Status::NotFinite => {

@@ -10,7 +10,7 @@ use crate::trace::scene::HeightMap;
 /// Reads the first picture of a TIFF.
 pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let mut decoder = Decoder::new(std::io::Cursor::new(content))
-        .map_err(|e| format!("this is no TIFF that can be read: {e}"))?
+        .map_err(|e| format!("this is not a readable TIFF: {e}"))?
         .with_limits(Limits::default());
     let (columns, rows) = decoder.dimensions().map_err(|e| e.to_string())?;
     let (columns, rows) = (columns as usize, rows as usize);

@@ -176,7 +176,7 @@ fn axis(root: Node<'_, '_>, name: &str) -> Result<Axis, String> {
     let increment = number_of("Increment", 1.0)?;
     if incremental && name != "CZ" && !(increment > 0.0 && increment < 1.0) {
         return Err(format!(
-            "main.xml: {name}/Increment = {increment} m is no spacing of points"
+            "main.xml: {name}/Increment = {increment} m is not a spacing of points"
         ));
     }
     let kind = of("DataType").unwrap_or("D").chars().next().unwrap_or('D');

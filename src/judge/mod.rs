@@ -232,7 +232,7 @@ fn decide(name: &str, limits: &Limits, m: &Measured, decision: &Decision) -> Ite
         return unknown(
             name,
             limits,
-            "its value or uncertainty is no number".to_owned(),
+            "its value or uncertainty is not a number".to_owned(),
         );
     }
     let distribution = Deviation::of(m);
@@ -401,7 +401,7 @@ pub fn quantities(report: &FitReport, observations: &ObservationSet) -> Vec<Quan
     let no_answer = match report.status {
         Status::Converged | Status::AtBound | Status::RankDeficient => None,
         Status::Stalled | Status::NotFinite | Status::TooFewObservations | Status::Cancelled => {
-            Some("the fit has no answer; its status and warnings tell why")
+            Some("the fit has no answer; its status and warnings say why")
         }
     };
     let mut list: Vec<Quantity> = report
@@ -420,8 +420,8 @@ pub fn quantities(report: &FitReport, observations: &ObservationSet) -> Vec<Quan
                     degrees_of_freedom: parameter.degrees_of_freedom,
                 }),
                 _ => Err(parameter.note.as_ref().map_or_else(
-                    || "the data cannot tell it on this rig".to_owned(),
-                    |note| format!("the data cannot tell it: {note}"),
+                    || "the data cannot determine it on this rig".to_owned(),
+                    |note| format!("the data cannot determine it: {note}"),
                 )),
             };
             Quantity {

@@ -56,7 +56,7 @@ impl Content {
 
 /// One number for both axes, or one for each.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(untagged, expecting = "one number, or a list of two, is wanted")]
+#[serde(untagged, expecting = "one number, or a list of two, is expected")]
 pub enum Pitch {
     /// Along rows and columns.
     Both(f64),

@@ -157,7 +157,7 @@ impl Failure {
     pub(super) fn internal(error: impl std::fmt::Display) -> Self {
         Failure::Because {
             code: "internal",
-            detail: format!("the result is no JSON: {error}"),
+            detail: format!("the result is not JSON: {error}"),
         }
     }
 }

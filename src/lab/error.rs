@@ -25,7 +25,7 @@ pub enum LabError {
     )]
     NoRig,
     /// The scan cannot do that where it stands.
-    #[error("scan {scan_id} is {state}: {asked} is not possible there")]
+    #[error("scan {scan_id} is {state}: {asked} is not allowed in this state")]
     NotNow {
         /// Which scan.
         scan_id: i64,
@@ -80,13 +80,15 @@ pub enum LabError {
         free_mb: u64,
     },
     /// Somebody broke an import or an export off.
-    #[error("broken off; nothing of it was kept")]
+    #[error("cancelled; nothing was kept")]
     BrokenOff,
     /// The stages.
     #[error(transparent)]
     Stage(#[from] StageError),
     /// A stop did not reach the stages.
-    #[error("the stop did not reach the stages, which may be moving: use the switch ({source})")]
+    #[error(
+        "the stop did not reach the stages, which may be moving: use the hardware emergency switch ({source})"
+    )]
     NotStopped {
         /// Why not.
         source: StageError,
@@ -99,7 +101,7 @@ pub enum LabError {
     Store(#[from] StoreError),
     /// There is no measurement of accuracy.
     #[error(
-        "nothing was measured yet: `ridged accuracy --data FOLDER` with this daemon's data folder does"
+        "no accuracy measurement yet: run `ridged accuracy --data FOLDER` with this daemon's data folder"
     )]
     NothingMeasured,
     /// A folder is no series.

@@ -360,7 +360,7 @@ impl Lab {
             },
             (_, Err(error)) => FitEnd::Failed {
                 code: "internal".into(),
-                detail: format!("the report is no JSON: {error}"),
+                detail: format!("the report is not JSON: {error}"),
             },
         }
     }

@@ -421,8 +421,10 @@ fn log(event: &RecordedEvent) {
             reason,
             ..
         } => {
-            let reason = reason.as_deref().unwrap_or("as planned");
-            tracing::info!(id, scan_id, %state, "scan {scan_id} is {state} ({reason})");
+            let reason = reason
+                .as_ref()
+                .map_or_else(String::new, |r| format!(" ({r})"));
+            tracing::info!(id, scan_id, %state, "scan {scan_id} is {state}{reason}");
         }
         Event::Frame {
             scan_id,

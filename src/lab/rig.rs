@@ -224,7 +224,9 @@ impl Lab {
             },
             Err(error) => Event::Alarm {
                 code: stage_code(error).into(),
-                message: format!("the stop did not reach the stages: {error}; use the switch"),
+                message: format!(
+                    "the stop did not reach the stages: {error}; use the hardware emergency switch"
+                ),
                 scan_id: side.occupation.borrow().scan_id,
             },
         };

@@ -246,9 +246,9 @@ const FILE_NAME_MAX: usize = 100;
 /// What stands before the names of such files among those of the result.
 const GIVEN: &str = "given-";
 
-/// A trace begins after so many seconds of forecasting, forecast or not,
+/// A trace begins after so many seconds of forecasting, with or without a forecast.
 const PATIENCE_S: f64 = 3.0;
-/// and after this share of a limited time.
+/// Share of a limited time after which a trace begins likewise.
 const PATIENCE_SHARE: f64 = 0.1;
 
 impl TraceToDo {
@@ -392,7 +392,7 @@ impl TraceToDo {
             let missing = wavelengths.iter().filter(|w| !traced.contains(w));
             let missing: Vec<String> = missing.map(|w| format!("{w}")).collect();
             warnings.push(format!(
-                "nothing was finished in time at {} nm: the comparison does without",
+                "nothing was finished in time at {} nm: the comparison leaves this wavelength out",
                 missing.join(", ")
             ));
         }

@@ -1,8 +1,8 @@
 //! What all pixels share: gain, stray light and the zero of the tilt.
 //!
-//! signal = gain · (L(θc + δ) + s) and flat = gain · (ρ/π cos θi(θc + δ) + s). Gain and stray light
+//! signal = gain · (L(θc + Δθc) + s) and flat = gain · (ρ/π cos θi(θc + Δθc) + s). Gain and stray light
 //! come from the flats and from what is known of the mount: on a dielectric s is nearly the same
-//! thing as a pixel's diffuse light. The zero δ comes from the pixels: each has eliminated its own
+//! thing as a pixel's diffuse light. The zero Δθc comes from the pixels: each has eliminated its own
 //! five parameters (the Schur complement of its normal equations), and what is left says how far all
 //! of them would like to tilt. A second quantity comes from the pixels in the same way where they
 //! know it better than anybody: without a white reference the gain (a dielectric's Fresnel peak is
@@ -103,7 +103,7 @@ impl Globals {
     }
 
     /// One Gauss–Newton step of the tilt's zero, and of the second quantity, from fitted pixels.
-    /// `birge` is their usual χ² per degree of freedom. Returns the step in δ (rad) and of the second
+    /// `birge` is their usual χ² per degree of freedom. Returns the step in Δθc (rad) and of the second
     /// quantity: in ln gain, or in standard uncertainties of the stray light's prior.
     #[expect(
         clippy::needless_range_loop,
@@ -178,7 +178,7 @@ impl Globals {
     }
 }
 
-/// One pixel's weighted sums over its observations for δ and the second shared quantity (the gain
+/// One pixel's weighted sums over its observations for Δθc and the second shared quantity (the gain
 /// where there is none).
 struct Pulls {
     /// Σ tᵀt

@@ -58,17 +58,17 @@ pub struct Spread {
 /// Shared quantities in a summary; see [`super::Globals`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SharedSummary {
-    /// Signal units per radiance.
+    /// Signal units per unit of radiance (that for a lamp irradiance of 1).
     pub gain: f64,
-    /// Its relative standard uncertainty.
+    /// Relative standard uncertainty of the gain, 0.01 for 1 %.
     pub gain_relative_std: f64,
-    /// Stray light.
+    /// Stray light, in units of radiance.
     pub stray_radiance: f64,
-    /// Its standard uncertainty.
+    /// Its standard uncertainty, in units of radiance.
     pub stray_radiance_std: f64,
-    /// What to add to a recorded tilt.
+    /// What to add to a recorded tilt Δθc, degrees.
     pub tilt_offset_deg: f64,
-    /// Its standard uncertainty.
+    /// Its standard uncertainty, degrees.
     pub tilt_offset_deg_std: f64,
 }
 

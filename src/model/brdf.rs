@@ -16,25 +16,25 @@ use super::double_double::{ComplexDd, Dd};
 /// One row: directions, surface, optics. Angles in rad; φ from u towards v.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Case {
-    /// Angle of ω_i from n.
+    /// Angle of ω_i from n, rad.
     pub theta_i: f64,
-    /// Azimuth of ω_i.
+    /// Azimuth of ω_i from u towards v, rad.
     pub phi_i: f64,
-    /// Angle of ω_o from n.
+    /// Angle of ω_o from n, rad.
     pub theta_o: f64,
-    /// Azimuth of ω_o.
+    /// Azimuth of ω_o from u towards v, rad.
     pub phi_o: f64,
-    /// Ridge angle.
+    /// Ridge angle, rad.
     pub theta_r: f64,
-    /// Roughness along the ridges.
+    /// Beckmann roughness along the ridges, tangent of slope.
     pub alpha_u: f64,
-    /// Roughness across the ridges.
+    /// Beckmann roughness across the ridges, tangent of slope.
     pub alpha_v: f64,
-    /// The lobe's ρd as printed.
+    /// The lobe's ρd as printed, 0 to 1.
     pub rho_d: f64,
-    /// Real part of the index.
+    /// Real part of the index, relative to the surroundings.
     pub eta: f64,
-    /// Imaginary part of the index.
+    /// Imaginary part of the index, relative to the surroundings.
     pub k: f64,
 }
 

@@ -35,8 +35,8 @@ pub enum OutOfDomain {
     },
     /// Diffuse light that two walls exchange for ever without losing any: the series has no sum.
     #[error(
-        "rho_d = {rho_d} means that of diffuse light a wall gives back {albedo} times what it gets: \
-         lower rho_d, or give the index of the body (eta = {eta})"
+        "rho_d = {rho_d} implies that a wall returns {albedo} times the diffuse light it receives; lower rho_d or set \
+         the body's index (eta = {eta})"
     )]
     GivesMoreThanItGets {
         /// The diffuse reflectance asked for.

@@ -9,6 +9,7 @@ use std::f64::consts::{FRAC_1_PI, FRAC_1_SQRT_2, FRAC_2_SQRT_PI};
 use super::fresnel::{Reflectances, Slopes};
 use super::gradient_paper::to_alpha;
 use super::prepared::{Partials, Prepared};
+use super::sawtooth::{RETRO_TILT_MAX, RETRO_TILT_MIN};
 
 /// One direction in the corner frame (see `sawtooth::Ray`).
 struct Ray {
@@ -533,7 +534,7 @@ fn retro(q: &Prepared, a: &Ray, b: &Ray, ga: &mut Back, gb: &mut Back, shared: &
         to_r = 1.0;
         r
     } else {
-        let kept = tilt.clamp(0.02, 1.5);
+        let kept = tilt.clamp(RETRO_TILT_MIN, RETRO_TILT_MAX);
         let tan = kept.tan();
         let per_tan = 1.0 / tan;
         let far = p * per_tan;

@@ -106,7 +106,7 @@ pub fn wedge() -> LeftOut {
     LeftOut::new(
         "wedge of the sample",
         "a mean plane inclined to the turntable turns with the ridges and reads as ridge angle, degree for degree: frames \
-         cannot tell it; state rig.sample_wedge_std_deg, or remount the sample at 180° and compare",
+         cannot show it; state rig.sample_wedge_std_deg, or remount the sample at 180° and compare",
         None,
     )
 }
@@ -127,7 +127,7 @@ pub fn lamp_angle() -> LeftOut {
 pub fn third_bounce() -> LeftOut {
     LeftOut::new(
         "third bounce",
-        "specular thrice: a few thousandths of the second bounce's light; diffuse tails are in",
+        "three specular reflections: a few thousandths of the second bounce's light; diffuse tails are included",
         Some(3e-4),
     )
 }

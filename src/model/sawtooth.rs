@@ -36,6 +36,12 @@ use super::fresnel::{reflectance_of, reflectances_of};
 /// and of the difference).
 const EDGE_ON_DEG: f64 = 3e-14;
 
+/// Least tilt b = −(β_i + β_o)/2 of the retro lobe's wall that its length ℓ goes by, rad. tan b divides there and must
+/// not vanish or change sign; the share Φ(b/αv) of facet slopes takes b as it is.
+pub(super) const RETRO_TILT_MIN: f64 = 0.02;
+/// Greatest such tilt, rad, so that tan b stays finite towards π/2.
+pub(super) const RETRO_TILT_MAX: f64 = 1.5;
+
 /// Fraction of the facets' area that is both lit from and seen from two directions, given as
 /// signed angles from n of the directions projected on the n-v plane (degrees, + towards v).
 ///
@@ -367,8 +373,8 @@ fn retro<S: Scalar>(a: &Ray<S>, b: &Ray<S>, q: &Parameters<S>) -> S {
         r
     } else {
         let kept = tilt
-            .larger(S::constant(0.02))
-            .smaller(S::constant(1.5))
+            .larger(S::constant(RETRO_TILT_MIN))
+            .smaller(S::constant(RETRO_TILT_MAX))
             .tan();
         // Where the facet bounds the pair of walls its length less σ is what is open: no difference.
         let far = p / kept;

@@ -338,7 +338,7 @@ fn bounces(flat: bool, seen: Option<&Pilot>, allowed: f64) -> (Choice, Option<u3
             let least = unseen(p, p.reflected.value);
             let why = if least > allowed {
                 format!(
-                    "{} photons cannot tell of less than {:.2} % that comes back late",
+                    "{} photons cannot show less than {:.2} % that comes back late",
                     p.photons,
                     100.0 * least
                 )

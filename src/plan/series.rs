@@ -39,7 +39,7 @@ pub fn plan(manifest: &Manifest, rows: &[FrameRow], tolerance: f64) -> Plan {
         {
             choice.why.push_str(
                 "; the cost is the largest among surfaces as samples have them (ridges of 5° to 20°, α 0.05 to 0.2): \
-                 a fit tells that of the surface that it finds",
+                 a fit reports that of the surface it finds",
             );
         }
     }

@@ -346,7 +346,7 @@ fn decide(ground: &Ground<'_>, group: &mut Group, due: Option<f64>, journal: &mu
         (keep, seen[nearest].0)
     } else {
         journal.warn(format!(
-            "the exposures at θc {}, φs {} contradict each other and nothing tells which is right: the pose is left out",
+            "the exposures at θc {}, φs {} contradict each other and nothing shows which is right: the pose is left out",
             group.pose.theta_c, group.pose.phi_s
         ));
         (vec![false; seen.len()], seen[nearest].0)

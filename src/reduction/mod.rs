@@ -218,7 +218,7 @@ pub fn reduce(
         .collect();
     if levels.len() < poses.len() {
         journal.warn(format!(
-            "without a pixel that could be used, and left out: {}",
+            "{} left out: no usable pixel",
             counted(poses.len() - levels.len(), "pose")
         ));
     }
@@ -372,7 +372,7 @@ fn warn_of_lost_poses(calls: &Calls<'_>, poses: &[PoseLevels], journal: &mut Jou
         let shown = lost.iter().take(8).cloned().collect::<Vec<_>>().join(", ");
         let more = if lost.len() > 8 { ", …" } else { "" };
         journal.warn(format!(
-            "no observation for want of a usable frame: {}: {shown}{more}",
+            "{} without a usable frame, so no observation: {shown}{more}",
             counted(lost.len(), "pose")
         ));
     }

@@ -89,7 +89,7 @@ impl Manifest {
             file: file.to_owned(),
             line: error.span().map(|span| line_at(text, span.start)),
             key: String::new(),
-            cause: format!("this is no TOML: {}", one_line(error.message())),
+            cause: format!("this is not TOML: {}", one_line(error.message())),
             remedy: "repair the line".to_owned(),
         })?;
         slips(&table, text, file)?;
@@ -231,7 +231,7 @@ mod tests {
             (
                 "theta_l_deg = 10.0",
                 "theta_l_deg = ",
-                ["line 9", "no TOML", "repair"],
+                ["line 9", "not TOML", "repair"],
             ),
             (
                 "width_px = 256",

@@ -32,13 +32,13 @@ const TEXT_BYTES_MAX: u64 = 64 << 20;
 #[derive(Debug, thiserror::Error)]
 pub enum SeriesError {
     /// There is no such folder, or it is a file.
-    #[error("{folder} is no folder; give the folder that holds manifest.toml and frames.csv")]
+    #[error("{folder} is not a folder; give the folder that holds manifest.toml and frames.csv")]
     NoFolder {
         /// The path that was given.
         folder: String,
     },
     /// A file that every series has is not there.
-    #[error("{folder} holds no {file}, so it is no recorded series; {remedy}")]
+    #[error("{folder} holds no {file}, so it is not a recorded series; {remedy}")]
     MissingFile {
         /// The folder.
         folder: String,
@@ -141,7 +141,7 @@ impl Series {
         let text = read_text(
             &folder,
             "manifest.toml",
-            "the README tells what to write into it",
+            "the README says what to write into it",
         )?;
         let manifest = Manifest::from_toml(&text, "manifest.toml")?;
         let list = read_text(
@@ -273,7 +273,7 @@ mod tests {
         let said = Series::open(&empty.path().join("nowhere"))
             .unwrap_err()
             .to_string();
-        assert!(said.contains("no folder"), "{said}");
+        assert!(said.contains("is not a folder"), "{said}");
     }
 
     #[test]

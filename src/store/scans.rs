@@ -141,7 +141,7 @@ impl TryFrom<Row> for Scan {
 
 fn state_of(word: &str) -> Result<ScanState, StoreError> {
     ScanState::from_word(word)
-        .ok_or_else(|| StoreError::bad_row("scan_states", format!("`{word}` is no state")))
+        .ok_or_else(|| StoreError::bad_row("scan_states", format!("`{word}` is not a state")))
 }
 
 const SELECT: &str =

@@ -62,11 +62,11 @@ pub struct Spot {
     pub j: usize,
     /// The triangle at (0, 1) of the cell rather than that at (1, 0).
     pub upper: bool,
-    /// Position in the cell, 0 to 1.
+    /// Position along x as a share of the cell, 0 to 1.
     pub x: f64,
-    /// Position in the cell, 0 to 1.
+    /// Position along y as a share of the cell, 0 to 1.
     pub y: f64,
-    /// Height.
+    /// Height, in the field's unit of length.
     pub z: f64,
 }
 

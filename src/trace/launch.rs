@@ -80,9 +80,9 @@ const ASKED: usize = 1 << 10;
 /// Photons per triangle from which on it pays to find out which light of theirs is free for certain, where they
 /// are followed one by one.
 const WORTH_A_LOOK: u64 = 8;
-/// Photons per start from which on what it does to light is kept,
+/// Photons per start from which on what the start does to light is kept.
 const WORTH_KEEPING: u64 = 2;
-/// and the starts that are kept at most (200 bytes each).
+/// Most starts that are kept (200 bytes each).
 const KEPT_MAX: usize = 1 << 20;
 
 impl<'a> FirstHits<'a> {

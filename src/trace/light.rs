@@ -133,9 +133,9 @@ pub const ELEMENTS_MAX: usize = 18;
 pub struct Leaving<S: Simd> {
     pub(super) zero: Lane<S>,
     pub(super) half: Lane<S>,
-    /// From the frame of launch to that of the hit,
+    /// Turns from the frame of launch to that of the hit.
     pub(super) turn: Turn<Lane<S>>,
-    /// and from there to that of the exit.
+    /// Turns from the frame of the hit to that of the exit.
     pub(super) leave: Turn<Lane<S>>,
     pub(super) channel: Channel<Lane<S>>,
     pub(super) factor: Lane<S>,

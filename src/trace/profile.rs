@@ -12,16 +12,17 @@
 use super::height_field::Side;
 use super::vec3::V3;
 
-/// A straight piece of the profile, from `from` to `to` along v with heights `low`..`high` at its ends.
+/// A straight piece of the profile, from `from` to `to` along v with heights `z_from` and `z_to` at its ends, all in
+/// the one unit of length of the profile.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Piece {
-    /// v at the start.
+    /// v at the start, in the unit of the profile.
     pub from: f64,
-    /// v at the end, greater than `from`.
+    /// v at the end, same unit, greater than `from`.
     pub to: f64,
-    /// Height at the start.
+    /// Height at the start, same unit.
     pub z_from: f64,
-    /// Height at the end.
+    /// Height at the end, same unit.
     pub z_to: f64,
     /// Unit normal, upwards.
     pub normal: V3,
@@ -88,7 +89,7 @@ pub enum ProfileError {
         rows: usize,
     },
     /// A position that does not come after the one before it.
-    #[error("row {row}: v = {v} does not increase; walls that hang over are not traced")]
+    #[error("row {row}: v = {v} does not increase; overhanging walls are not traced")]
     NotIncreasing {
         /// 1 for the first row of numbers.
         row: usize,
@@ -112,7 +113,7 @@ pub enum ProfileError {
         last: f64,
     },
     /// No facets.
-    #[error("nothing of the profile leans to +v: is it flat, or turned round?")]
+    #[error("no part of the profile leans towards +v; is it flat or reversed?")]
     LeansNowhere,
     /// The riser would not rise.
     #[error(

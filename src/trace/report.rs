@@ -97,7 +97,7 @@ fn notes(totals: &Totals, e: &Energies<Estimate>) -> Vec<String> {
     let all = [&e.reflected_all, &e.transmitted_all, &e.absorbed];
     let mut notes = Vec::new();
     if totals.batches() < 2 {
-        notes.push("a single replicate tells no error: launch more photons".to_owned());
+        notes.push("a single replicate gives no error: launch more photons".to_owned());
     } else if all.iter().all(|x| x.std == 0.0) {
         notes.push(
             "nothing was left to chance: where all light goes is known from the surface, so the standard errors \
@@ -184,7 +184,7 @@ impl Report {
         if scene.is_drawn {
             self.notes.push(
                 "the errors are the photons' on this one surface; others of the same statistics may differ from it by \
-                 more: a number of surfaces tells"
+                 more: `--surfaces N` shows by how much"
                     .to_owned(),
             );
         }

@@ -123,7 +123,7 @@ pub enum RidgeMapError {
     },
     /// No side of the facets.
     #[error(
-        "the ridges lean to both sides alike ({:.0} % to the one): they are no sawtooth, and nobody can say where +v is; give a profile (two columns, v and height) instead",
+        "the ridges lean to both sides alike ({:.0} % to one of them), so they are not a sawtooth and the direction of +v is not known; give a profile (two columns, v and height) instead",
         100.0 * .share
     )]
     BothSides {

@@ -13,15 +13,15 @@ use super::rng::{Purpose, Stream};
 /// A sawtooth surface with what making and wear do to it. Lengths in one unit, angles in radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ridges {
-    /// Ridge angle of the facets before rounding, 0 < θr < π/2.
+    /// Ridge angle of the facets before rounding, rad, 0 < θr < π/2.
     pub theta_r: f64,
-    /// Length of a facet before rounding.
+    /// Length of a facet before rounding, in the unit of all lengths here.
     pub pitch: f64,
-    /// Radius of crests and valleys; 0 for sharp ones.
+    /// Radius of crests and valleys, same unit; 0 for sharp ones.
     pub round: f64,
-    /// By how much the riser is flatter than a right angle to the facet.
+    /// By how much the riser is flatter than a right angle to the facet, rad.
     pub draft: f64,
-    /// Mean height of the burrs on the crests (exponentially distributed); 0 for none.
+    /// Mean height of the burrs on the crests (exponentially distributed), same unit; 0 for none.
     pub burr: f64,
     /// Seed of the burrs.
     pub seed: u64,

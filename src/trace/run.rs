@@ -147,15 +147,15 @@ pub struct Progress {
 const BATCHES_MIN: u64 = 64;
 /// Largest batch: what is lost at most per thread when a run is stopped.
 const BATCH_MAX: u64 = 1 << 20;
-/// Share of a limited time that the look at the surface may take in all,
+/// Share of a limited time that the look at the surface may take in all.
 const LOOK_LIMIT_SHARE: f64 = 0.5;
-/// and the share of that which its start may take.
+/// Share of that time which the start of the look may take.
 const LOOK_START: f64 = 0.1;
-/// Photons between two looks at the stop conditions, and until the first at the error,
+/// Photons between two looks at the stop conditions, and before the first look at the error.
 pub const LOOK: u64 = 1 << 13;
-/// and batches between two looks at the error, where that may end the run
+/// Batches between two looks at the error, if a target error may end the run.
 const LOOK_BATCHES: usize = 4;
-/// and where it is only told.
+/// Batches between two looks at the error, if it is only reported.
 const LOOK_BATCHES_TOLD: usize = 16;
 
 /// In how many batches a run of so many photons is dealt out.

@@ -31,17 +31,18 @@ const WEAK: f64 = 1e-3;
 /// What it weighs when it survives.
 const REVIVED: f64 = 1e-2;
 
-/// After the first hit both ways are followed where the weaker one carries at least this, in a stack
-/// for as many hits as there are interfaces: on the way down. Later each part goes a long way, and what
-/// chance decides there costs less variance than following both costs time. For the same reason it has to carry more
-/// where several interfaces are rough,
+/// Share of the light that the weaker way must carry for both ways to be followed after the first hit; in a stack
+/// this holds for as many hits as there are interfaces, that is on the way down. Later each part goes a long way, and
+/// leaving the choice to chance adds less variance than following both would take time.
 const WORTH_SPLITTING: f64 = 1e-3;
+/// The same in a stack of [`LAYERED`] rough interfaces or more: it is greater for the same reason.
 const WORTH_SPLITTING_LAYERED: f64 = 3e-2;
-/// from so many rough interfaces on,
+/// Rough interfaces from which on a stack counts as layered.
 const LAYERED: usize = 3;
-/// and in stacks of more than so many rough or smooth interfaces both are followed from the first hit alone: a photon
-/// of twenty layers would have hundreds of parts and more noise than those that find their way by chance in the same time.
+/// Rough interfaces beyond which both ways are followed from the first hit alone: a photon of twenty layers would have
+/// hundreds of parts, and more noise than photons that find their way by chance in the same time.
 const SPLIT_ROUGH_MAX: usize = 5;
+/// Smooth interfaces beyond which both ways are followed from the first hit alone.
 const SPLIT_FLAT_MAX: usize = 16;
 /// Ways of one photon that wait at most; beyond it one way is drawn.
 const WAITING: usize = 12;

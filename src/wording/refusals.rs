@@ -17,7 +17,7 @@ pub fn plain(message: &str) -> String {
                 "invalid length " => format!("a list of {got}"),
                 _ => found(got),
             };
-            return format!("{got} stands where {} is wanted", sought(wanted));
+            return format!("{got} stands where {} is expected", sought(wanted));
         }
     }
     for (start, what) in [("unknown field ", "field "), ("unknown variant ", "")] {
@@ -138,29 +138,29 @@ mod tests {
 
     #[test]
     fn nothing_is_said_in_the_words_of_the_program() {
-        let whole = "-1 stands where a whole number from 0 to 65535 is wanted";
+        let whole = "-1 stands where a whole number from 0 to 65535 is expected";
         for (said, wanted) in [
             (
                 told::<f64>("\"a\""),
-                "\"a\" stands where a number is wanted",
+                "\"a\" stands where a number is expected",
             ),
             (told::<u16>("-1"), whole),
             (
                 told::<bool>("1.5"),
-                "1.5 stands where true or false is wanted",
+                "1.5 stands where true or false is expected",
             ),
-            (told::<Vec<f64>>("3"), "3 stands where a list is wanted"),
+            (told::<Vec<f64>>("3"), "3 stands where a list is expected"),
             (
                 told::<[f64; 2]>("[1]"),
-                "a list of 1 stands where a list of 2 is wanted",
+                "a list of 1 stands where a list of 2 is expected",
             ),
             (
                 told::<BTreeMap<String, f64>>("null"),
-                "null stands where an object is wanted",
+                "null stands where an object is expected",
             ),
             (
                 told::<Sample>("[\"a\"]"),
-                "a list of 1 stands where an object of named fields is wanted",
+                "a list of 1 stands where an object of named fields is expected",
             ),
             (
                 told::<Sample>(r#"{"colour": 1}"#),

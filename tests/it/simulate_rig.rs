@@ -18,7 +18,7 @@ fn bad_usage_is_two_and_an_address_in_use_is_one() {
     for (arguments, code, says) in [
         (&["--pty", "--time-scale", "0"][..], 2, "above 0"),
         (&["--pty", "--time-scale", "NaN"], 2, "above 0"),
-        (&["--tcp", "nowhere"], 2, "is no address"),
+        (&["--tcp", "nowhere"], 2, "is not an address"),
         (&["--pty", "--tcp", "127.0.0.1:0"], 2, "cannot be used with"),
         (&[], 2, "required"),
         (&["--tcp", &address], 1, "is it in use?"),

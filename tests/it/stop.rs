@@ -68,7 +68,12 @@ async fn a_stop_reaches_what_moves_on_after_its_link_was_lost() {
     faults.unplug();
     let refused = lab.stop().await.unwrap_err();
     assert!(matches!(refused, LabError::NotStopped { .. }), "{refused}");
-    assert!(refused.to_string().contains("use the switch"), "{refused}");
+    assert!(
+        refused
+            .to_string()
+            .contains("use the hardware emergency switch"),
+        "{refused}"
+    );
     let told = lab.store().events_after(0, 1000).await.unwrap();
     assert!(
         matches!(&told.last().unwrap().event, Event::Alarm { message, .. } if message.contains("did not reach")),
@@ -100,7 +105,9 @@ async fn a_stop_without_a_port_says_that_it_reached_nothing() {
         answer.detail()
     );
     assert!(
-        answer.detail().contains("use the switch"),
+        answer
+            .detail()
+            .contains("use the hardware emergency switch"),
         "{}",
         answer.detail()
     );

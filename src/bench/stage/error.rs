@@ -76,7 +76,7 @@ pub enum StageError {
     },
     /// Nobody knows how many microsteps a turn has.
     #[error(
-        "the {axis} device does not tell its microsteps per turn (limit.cycle.dist): set counts_per_turn for it"
+        "the {axis} device does not report its microsteps per turn (limit.cycle.dist): set counts_per_turn for it"
     )]
     NoScale {
         /// Which axis.

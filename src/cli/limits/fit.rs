@@ -8,16 +8,16 @@ use crate::cli::CliError;
 /// What a fit may take, and how wrong it may be.
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
 pub struct FitLimits {
-    /// End the search for other explanations, the ray tracer and the bootstrap after this time of fitting; what they
-    /// reached by then counts.
+    /// Time limit of the fit: the search for other explanations, the ray tracer and the bootstrap end there, and what
+    /// they have reached counts.
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
-    /// End the ray tracer once its standard error, as a share of the largest radiance, is below this
-    /// (without it: once its line of the budget is small).
+    /// Stop the ray tracer once its standard error, as a share of the largest radiance, is below this. Default: once
+    /// its line of the budget is small.
     #[arg(long, value_name = "E")]
     pub target_error: Option<f64>,
-    /// Share of the brightest observation that may be left out of the model where that saves time (the
-    /// integrated second bounce, where it changes less); `left_out` says what was.
+    /// Largest share of the brightest observation that the model may neglect to save time: the integrated second bounce
+    /// is left out if it changes less. `left_out` lists what was neglected.
     #[arg(long, value_name = "E")]
     pub tolerance: Option<f64>,
 }

@@ -13,11 +13,11 @@ use crate::wording::{counted, significant};
 /// What a user allows.
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
 pub struct PathLimits {
-    /// Take no longer than about this: fewer paths are traced if need be, and how many is told; surfaces that are left out
-    /// are named.
+    /// Time limit (approximate): fewer paths are traced if needed, and the number used is reported; surfaces not
+    /// reached are named.
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
-    /// Trace as many paths as bring the tracer's relative standard error below this, instead of --paths.
+    /// Trace as many paths as it takes to bring the relative standard error below this, instead of --paths.
     #[arg(long, value_name = "E")]
     pub target_error: Option<f64>,
 }
@@ -34,13 +34,13 @@ pub struct Planned {
 /// What a run is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Work {
-    /// How many there are to do,
+    /// Surfaces to trace.
     pub surfaces: usize,
-    /// how many of them at the same time,
+    /// Surfaces traced at the same time.
     pub abreast: usize,
-    /// paths of each, where no limit says otherwise,
+    /// Paths per radiance, unless a limit says otherwise.
     pub paths: u64,
-    /// and whether surfaces for which no time is left may be missing: else a limit that cannot be kept is refused.
+    /// Whether surfaces for which no time is left may be missing; if not, a limit that cannot be kept is refused.
     pub may_miss_some: bool,
 }
 
@@ -153,7 +153,7 @@ impl PathLimits {
     fn affords(&self, surfaces: usize, least_s: f64) -> Result<(), CliError> {
         match self.max_seconds {
             Some(limit) if least_s > MISS * limit => Err(CliError::no_result(anyhow!(
-                "--max-seconds {limit}: {} with {} paths per radiance, the fewest that tell anything, take about \
+                "--max-seconds {limit}: {} with {} paths per radiance, the fewest that give a result, take about \
                  {} s; allow that, or ask for fewer surfaces",
                 counted(surfaces, "surface"),
                 PILOTS[0],

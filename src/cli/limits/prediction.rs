@@ -14,10 +14,10 @@ use crate::model::contrast::{Pace, TOLERANCE};
 /// What a prediction may take, and how wrong the quadrature may be.
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
 pub struct PredictionLimits {
-    /// Begin no further surface after this time; what is missing then is told (`left_out`).
+    /// Time limit: no further surface is begun after it; `left_out` lists those not reached.
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
-    /// Error of the quadrature, as a share of a surface's brightest radiance.
+    /// Error to which the quadrature integrates, as a share of a surface's brightest radiance.
     #[arg(long, value_name = "E")]
     pub target_error: Option<f64>,
 }

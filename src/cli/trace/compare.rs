@@ -26,14 +26,14 @@ use crate::trace::tally::Totals;
     after_help = "Examples:\n  ridged trace compare scenes/glass-over-diamond.toml --angles-deg 50,56,60,65\n  ridged trace compare scenes/glass-over-gold.toml --angles-deg 60,80 --pictures out\n  ridged trace compare scenes/glass-over-gold.toml --angles-deg 60,80 --max-seconds 60"
 )]
 pub struct Args {
-    /// The scene; its photons are those of each angle and wavelength. Both ways are traced, whatever its
+    /// The scene; its photons are traced for each angle and wavelength, polarised and scalar, whatever its
     /// run.polarised says.
     #[arg(value_name = "SCENE.toml")]
     scene: PathBuf,
-    /// Angles of incidence, instead of the scene's.
+    /// Angles of incidence, in degrees, instead of the scene's.
     #[arg(long, value_name = "DEG,…", value_delimiter = ',')]
     angles_deg: Vec<f64>,
-    /// Wavelengths, nm; default 380 to 660 by 40 where a material depends on it, else the scene's.
+    /// Wavelengths, in nm. Default: 380 to 660 by 40 if a material depends on it, else the scene's.
     #[arg(long, value_name = "NM,…", value_delimiter = ',')]
     wavelengths_nm: Vec<f64>,
     /// Photons per angle and wavelength, instead of the scene's.
@@ -41,16 +41,16 @@ pub struct Args {
     photons: Option<u64>,
     #[command(flatten)]
     limits: runs::Limits,
-    /// Directions are square pixels of the direction cosines, so many across the hemisphere.
+    /// Number of square direction-cosine pixels across the hemisphere.
     #[arg(long, value_name = "N", default_value_t = 128, value_parser = clap::value_parser!(u16).range(8..=1024))]
     pixels: u16,
-    /// Directions darker than the mean of the lit ones over this are left out.
+    /// Leave out directions darker than the mean of the lit ones divided by this.
     #[arg(long, value_name = "T", default_value_t = 10.0)]
     mask: f64,
-    /// Directions whose difference has a standard error above this are left out.
+    /// Leave out directions whose difference has a standard error above this.
     #[arg(long, value_name = "E", default_value_t = 0.02)]
     error_max: f64,
-    /// A folder for difference maps and for the lobes in the plane of incidence (SVG).
+    /// Folder for difference maps and for the lobes in the plane of incidence (SVG).
     #[arg(long, value_name = "DIR")]
     pictures: Option<PathBuf>,
     /// One JSON object on stdout instead of a table.

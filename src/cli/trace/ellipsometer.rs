@@ -25,7 +25,7 @@ pub struct Args {
     /// The scene. Polarisation is followed, whatever its run.polarised says.
     #[arg(value_name = "SCENE.toml")]
     scene: PathBuf,
-    /// Angles of incidence.
+    /// Angles of incidence, in degrees.
     #[arg(long, value_name = "DEG,…", value_delimiter = ',', default_values_t = [30.0, 45.0, 60.0])]
     angles_deg: Vec<f64>,
     /// Photons per angle, instead of the scene's.
@@ -36,7 +36,7 @@ pub struct Args {
     /// CSV file of all readings.
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
-    /// A folder for the curves (SVG).
+    /// Folder for the curves (SVG).
     #[arg(long, value_name = "DIR")]
     pictures: Option<PathBuf>,
     /// One JSON object on stdout with all readings.

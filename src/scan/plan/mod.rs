@@ -25,7 +25,7 @@ pub const EXPOSURE_S_MIN: f64 = 1e-6;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(
     untagged,
-    expecting = "a list of numbers, or an object of from, to and step, is wanted"
+    expecting = "a list of numbers, or an object of from, to and step, is expected"
 )]
 pub enum Values {
     /// One value after the other.

@@ -83,7 +83,7 @@ fn bad_scenes_get_a_message_that_names_the_key() {
         (scene(45.0, &flat, "photons = -5"), "photons"),
         (
             scene(45.0, &flat, "photons = 1e20"),
-            "stands where a whole number from 0 on is wanted",
+            "stands where a whole number from 0 on is expected",
         ),
         (scene(45.0, &flat, "fotons = 5"), "fotons"),
         (scene(45.0, &flat, "polarised = \"yes\""), "polarised"),

@@ -6,9 +6,9 @@ use super::{RIDGES_MIN, RidgeFacts, RidgeMap, RidgeMapError, SAMPLES_MIN};
 /// The share of a ridge that leans to its facets' side differs from a half by this at least.
 const LEAN_MIN: f64 = 0.05;
 
-/// Standard errors by which a line may be off a straight facet,
+/// Standard errors by which a line may be off a straight facet.
 const NOISE: f64 = 3.0;
-/// and the share of the ridges' height that is no shape of theirs.
+/// Share of the ridges' height below which a deviation does not count as their shape.
 const LEAST: f64 = 1e-3;
 
 /// Means along the ridges, by their place across.

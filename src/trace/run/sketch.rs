@@ -17,11 +17,11 @@ use super::{Asked, BATCH_MAX, Ending, LOOK, SoFar, Task, batches, share};
 const REPLICATES: u64 = 16;
 /// Photons of each in the first round: of some scenes each takes a second.
 const FIRST: u64 = 1 << 2;
-/// Photons of each in a round up to which rounds double,
+/// Photons of each in a round up to which rounds double.
 const DOUBLING: u64 = 1 << 6;
-/// the share of its photons so far that each gets in one round,
+/// One round adds one in so many of the photons that each has had so far.
 const GROWTH: u64 = 8;
-/// and the most photons that it gets.
+/// Most photons that each gets in one round.
 const ROUND_MAX: u64 = 1 << 12;
 /// Share of the photons by which there are more of them at the next look at the error.
 pub(super) const LOOK_SHARE: u64 = 4;

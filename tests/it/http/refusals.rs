@@ -259,13 +259,13 @@ async fn values_are_refused_by_their_path_and_in_plain_words() {
             samples,
             r#"{"name": "x", "metal": {"name": 3}}"#,
             "metal.name",
-            "3 stands where a text is wanted",
+            "3 stands where a text is expected",
         ),
         (
             "/api/v1/rig/axes/theta_c/move",
             r#"{"position_deg": "a"}"#,
             "position_deg",
-            "\"a\" stands where a number is wanted",
+            "\"a\" stands where a number is expected",
         ),
         (
             "/api/v1/scans",
@@ -281,9 +281,9 @@ async fn values_are_refused_by_their_path_and_in_plain_words() {
     }
     let refused = get(&router, "/api/v1/fits?limit=many").await;
     is_problem(&refused, 422, "invalid-value");
-    assert_eq!(refused.detail(), "limit: is no whole number");
+    assert_eq!(refused.detail(), "limit: is not a whole number");
     let refused = get(&router, "/api/v1/fits?theta_r_deg_min=ten").await;
-    assert_eq!(refused.detail(), "theta_r_deg_min: is no number");
+    assert_eq!(refused.detail(), "theta_r_deg_min: is not a number");
     let refused = get(&router, "/api/v1/fits?colour=red").await;
     is_problem(&refused, 400, "bad-request");
     let detail = refused.detail();

@@ -16,7 +16,7 @@ export const LOSSES: Readonly<Record<string, string>> = {
 export const KNOWABLE: Readonly<Record<string, ParameterWords>> = {
   ...PARAMETERS,
   eta: { symbol: 'n', name: 'refractive index', unit: '' },
-  k: { symbol: 'κ', name: 'extinction of a metal', unit: '' },
+  k: { symbol: 'κ', name: 'extinction coefficient of a metal', unit: '' },
 };
 
 /** One thing known beforehand, as a person types it; without an uncertainty the parameter is held. */

@@ -16,7 +16,7 @@ export const PARAMETERS: Readonly<Record<string, ParameterWords>> = {
   alpha_u: { symbol: 'α_u', name: 'roughness along the ridges', unit: '' },
   alpha_v: { symbol: 'α_v', name: 'roughness across the ridges', unit: '' },
   rho_d: { symbol: 'ρ_d', name: 'diffuse reflectance', unit: '' },
-  scale: { symbol: 'k', name: 'scale of the signal', unit: '' },
+  scale: { symbol: 'g', name: 'gain of the signal', unit: '' },
   background: { symbol: 'B', name: 'stray light', unit: '' },
   azimuth_offset_deg: { symbol: 'Δφ_s', name: 'azimuth offset', unit: '°' },
   tilt_offset_deg: { symbol: 'Δθ_c', name: 'tilt offset', unit: '°' },
@@ -38,17 +38,17 @@ export interface BudgetWords {
 
 /** In the order of the stacked bars. */
 export const BUDGET: Readonly<Record<string, BudgetWords>> = {
-  counting: { name: 'counting', meaning: 'shot noise, read noise and the scatter of repeats' },
+  counting: { name: 'counting', meaning: 'shot noise, read noise and the scatter of repeats, in frames of the sample and of the white reference' },
   reference: { name: 'reference', meaning: 'the white reference’s certificate' },
-  angles: { name: 'angles', meaning: 'zeros of the stages and the mounting' },
-  material: { name: 'material', meaning: 'the refractive index as stated for the sample' },
-  wedge: { name: 'wedge', meaning: 'how the sample lies on the turntable' },
-  drift: { name: 'drift', meaning: 'the lamp between the white reference and the sample' },
-  background: { name: 'stray light', meaning: 'light that is in all frames but the dark ones' },
-  model: { name: 'model', meaning: 'the model’s own inadequacy, estimated from its residuals' },
+  angles: { name: 'angles', meaning: 'zeros, scale and eccentricity of the stages' },
+  material: { name: 'material', meaning: 'the refractive index, as uncertain as stated for the sample' },
+  wedge: { name: 'wedge', meaning: 'inclination of the sample’s mean plane to the turntable, as stated for the rig' },
+  drift: { name: 'drift', meaning: 'change of the lamp between white reference and sample' },
+  background: { name: 'stray light', meaning: 'light that does not come from the sample, as far as it is not known' },
+  model: { name: 'model', meaning: 'the model’s own inadequacy: from its residuals, from leaving out whole tilts and azimuths, and from double reflections' },
   tracer: { name: 'ray tracer', meaning: 'standard errors of the traced radiances' },
-  shape: { name: 'shape', meaning: 'the measured heights that the tracer worked on' },
-  prior: { name: 'known beforehand', meaning: 'what was stated of parameters beside the frames' },
+  shape: { name: 'shape', meaning: 'curvature of the likelihood, and other minima that the data do not exclude' },
+  prior: { name: 'known beforehand', meaning: 'the standard uncertainties of what was stated of parameters beforehand' },
 };
 
 /** Parts below this are rounding or nothing to anybody. */
@@ -72,18 +72,18 @@ export function budgetSentence(budget: Readonly<Record<string, number>>, unit: s
     .join(', ');
 }
 
-/** Whether the data tell a parameter, in words. */
+/** Whether the data determine a parameter, in words. */
 export function identifiability(parameter: Parameter): { word: string; tone: 'good' | 'plain' | 'bad'; detail: string } {
   const detail = parameter.note ?? parameter.reason ?? '';
   // What was held as somebody stated it has its value, and was not asked of the data.
   const held = parameter.value !== null && detail.startsWith('held');
   if (!held && (!parameter.identifiable || parameter.value === null)) {
-    return { word: 'not told by these data', tone: 'bad', detail };
+    return { word: 'not determined by these data', tone: 'bad', detail };
   }
   // A note beside a value says by what the parameter is held.
   if (parameter.std === 0 || detail !== '') return { word: 'held fixed', tone: 'plain', detail };
-  if (parameter.std === null) return { word: 'told, without an uncertainty', tone: 'bad', detail };
-  return { word: 'told by the data', tone: 'good', detail };
+  if (parameter.std === null) return { word: 'determined, without an uncertainty', tone: 'bad', detail };
+  return { word: 'determined by the data', tone: 'good', detail };
 }
 
 export const SCAN_STATES: Readonly<Record<ScanState, { word: string; tone: 'busy' | 'good' | 'warn' | 'bad' | 'plain' }>> = {
@@ -105,8 +105,8 @@ export function isActive(scan: Scan): boolean {
 
 export const FIT_STATUS: Readonly<Record<string, { word: string; tone: 'good' | 'warn' | 'bad' }>> = {
   converged: { word: 'converged', tone: 'good' },
-  'at-bound': { word: 'stopped at a bound', tone: 'warn' },
-  'rank-deficient': { word: 'not all parameters told', tone: 'warn' },
+  'at-bound': { word: 'at a bound', tone: 'warn' },
+  'rank-deficient': { word: 'not all parameters determined', tone: 'warn' },
   stalled: { word: 'stalled', tone: 'bad' },
   'not-finite': { word: 'not finite', tone: 'bad' },
   'too-few-observations': { word: 'too few observations', tone: 'bad' },
@@ -128,8 +128,8 @@ export function warningWords(warning: string): { code: string; text: string; ser
 }
 
 export const VARIANTS: Readonly<Record<string, { name: string; meaning: string }>> = {
-  auto: { name: 'best', meaning: 'every variant is fitted; the one with the smallest residual is kept' },
-  sawtooth: { name: 'sawtooth', meaning: 'exact visibility of the sawtooth, light between facets, diffuse term outside' },
-  paper: { name: 'paper', meaning: 'the published closed form as printed' },
-  traced: { name: 'traced', meaning: 'the sawtooth corrected by tracing rays on its geometry; takes seconds to minutes' },
+  auto: { name: 'best', meaning: 'paper and sawtooth are fitted and compared by QAIC; paper is taken only where it is clearly better' },
+  sawtooth: { name: 'sawtooth', meaning: 'exact visibility of the sawtooth, diffuse light from below the surface, double reflections' },
+  paper: { name: 'paper', meaning: 'the closed form of Luongo et al. 2017 as printed' },
+  traced: { name: 'traced', meaning: 'the sawtooth corrected by tracing rays on the ideal or measured shape; takes seconds to minutes' },
 };

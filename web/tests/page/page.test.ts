@@ -267,7 +267,7 @@ describe('a fit', () => {
     await page.goto(url);
     const tilt = page.locator('[data-row=tilt_offset_deg]');
     await tilt.waitFor();
-    expect(await tilt.innerText()).toContain('not told by these data');
+    expect(await tilt.innerText()).toContain('not determined by these data');
     expect(await tilt.innerText()).toContain('three azimuths cannot tell it');
     await page.locator('[data-row=theta_r_deg]').getByRole('button').click();
     expect(await text('#budget-theta_r_deg')).toContain('angles 0.021° · 0.99 % of the variance');

@@ -44,13 +44,13 @@ describe('varianceShares', () => {
 describe('identifiability', () => {
   const told: Parameter = { value: 1, std: 0.1, expanded: 0.2, coverage_factor: 2, identifiable: true, budget: {} };
 
-  it('never calls a null told', () => {
+  it('never calls a null determined', () => {
     expect(identifiability({ ...told, value: null }).tone).toBe('bad');
     expect(identifiability({ ...told, identifiable: false, note: 'no white reference' })).toEqual({
-      word: 'not told by these data', tone: 'bad', detail: 'no white reference',
+      word: 'not determined by these data', tone: 'bad', detail: 'no white reference',
     });
     expect(identifiability(told).tone).toBe('good');
-    expect(identifiability({ ...told, std: null, expanded: null, identifiable: false, note: 'held at this value as told' }).word).toBe('held fixed');
+    expect(identifiability({ ...told, std: null, expanded: null, identifiable: false, note: 'held at this value as stated' }).word).toBe('held fixed');
     expect(identifiability({ ...told, note: 'fixed by the white reference' })).toEqual({ word: 'held fixed', tone: 'plain', detail: 'fixed by the white reference' });
   });
 });
