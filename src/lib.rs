@@ -19,6 +19,7 @@ pub mod heights;
 pub mod jackknife;
 pub mod judge;
 pub mod lab;
+pub mod limits;
 pub mod map;
 pub mod material;
 pub mod model;

@@ -16,6 +16,7 @@ use super::{CliError, answer, daemon, interrupt, place};
 use crate::contrast::{as_json, findings_json, measure, rounded_deg};
 use crate::forecast::Expected;
 use crate::geometry::{Cones, RigGeometry};
+use crate::limits::{self, Limit};
 use crate::material::tables;
 use crate::model::contrast::{
     Exposure, PAIRS, PAPER_RIDGES_DEG, PAPER_TILTS_DEG, Pace, Table, Tier, predict_paced,
@@ -222,42 +223,40 @@ impl Scene {
     /// # Errors
     /// Bad input, naming the option and its range.
     pub fn build(&self, theta_r_deg: &[f64]) -> Result<(RigGeometry, Optics, Surface), CliError> {
-        let check = |name: &str, value: f64, low: f64, high: f64| {
-            if value.is_finite() && value >= low && value <= high {
-                Ok(())
-            } else {
-                Err(CliError::bad_input(anyhow!(
-                    "--{name} = {value} is not within {low} and {high}"
-                )))
-            }
-        };
         let alpha_u = self.alpha_u.unwrap_or(self.alpha);
         let alpha_v = self.alpha_v.unwrap_or(self.alpha);
         for (name, own, alpha) in [
-            ("alpha-u", self.alpha_u, alpha_u),
-            ("alpha-v", self.alpha_v, alpha_v),
+            ("alpha_u", self.alpha_u, alpha_u),
+            ("alpha_v", self.alpha_v, alpha_v),
         ] {
-            check(own.map_or("alpha", |_| name), alpha, 1e-4, 10.0)?;
+            let name = own.map_or(limits::ALPHA.name, |_| name);
+            check(
+                &Limit {
+                    name,
+                    ..limits::ALPHA
+                },
+                alpha,
+            )?;
         }
-        check("eta", self.eta, 1e-3, 1e3)?;
-        check("k", self.k, 0.0, 1e3)?;
-        check("theta-l-deg", self.theta_l_deg, 0.0, 80.0)?;
-        check("light-azimuth-deg", self.light_azimuth_deg, -360.0, 360.0)?;
-        check("azimuth-zero-deg", self.azimuth_zero_deg, -360.0, 360.0)?;
-        check(
-            "light-angular-radius-deg",
-            self.light_angular_radius_deg,
-            0.0,
-            10.0,
-        )?;
-        check(
-            "lens-angular-radius-deg",
-            self.lens_angular_radius_deg,
-            0.0,
-            30.0,
-        )?;
+        for (limit, value) in [
+            (limits::PREDICTED_ETA, self.eta),
+            (limits::PREDICTED_K, self.k),
+            (limits::PREDICTED_THETA_L_DEG, self.theta_l_deg),
+            (limits::LIGHT_AZIMUTH_DEG, self.light_azimuth_deg),
+            (limits::AZIMUTH_ZERO_DEG, self.azimuth_zero_deg),
+            (
+                limits::PREDICTED_LIGHT_ANGULAR_RADIUS_DEG,
+                self.light_angular_radius_deg,
+            ),
+            (
+                limits::PREDICTED_LENS_ANGULAR_RADIUS_DEG,
+                self.lens_angular_radius_deg,
+            ),
+        ] {
+            check(&limit, value)?;
+        }
         for &tilt in &self.theta_c_deg {
-            check("theta-c-deg", tilt, -89.0, 89.0)?;
+            check(&limits::THETA_C_DEG, tilt)?;
         }
         let rig = RigGeometry {
             theta_l: Angle::from_deg(self.theta_l_deg),
@@ -275,7 +274,7 @@ impl Scene {
             None => (self.eta, self.k),
         };
         let rho_d = self.rho_d.unwrap_or(if k > 0.0 { 0.0 } else { 0.35 });
-        check("rho-d", rho_d, 0.0, 1.0)?;
+        check(&limits::RHO_D, rho_d)?;
         let optics = Optics {
             eta,
             k,
@@ -290,12 +289,24 @@ impl Scene {
             amplitude: 1.0,
         };
         for &ridge in theta_r_deg {
-            check("theta-r-deg", ridge, 0.0, 60.0)?;
+            check(&limits::THETA_R_DEG, ridge)?;
             let theta_r = ridge.to_radians();
             domain::check(&Surface { theta_r, ..surface }, &optics).map_err(CliError::bad_input)?;
         }
         Ok((rig, optics, surface))
     }
+}
+
+/// Refuses a number that an option of this limit may not have.
+fn check(limit: &Limit, value: f64) -> Result<(), CliError> {
+    let Limit { low, high, .. } = limit;
+    if limit.holds(value) {
+        return Ok(());
+    }
+    let option = limit.name.replace('_', "-");
+    Err(CliError::bad_input(anyhow!(
+        "--{option} = {value} is not within {low} and {high}"
+    )))
 }
 
 /// Runs the command.

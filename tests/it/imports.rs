@@ -16,6 +16,7 @@ const RULES: &[(&str, &[&str])] = &[
     ("clock", &[]),
     ("jackknife", &["units", "geometry"]),
     ("forecast", &[]),
+    ("limits", &[]),
     ("wording", &[]),
     ("geometry", &["units"]),
     ("observation", &["units", "geometry", "material"]),
@@ -40,7 +41,9 @@ const RULES: &[(&str, &[&str])] = &[
     ),
     (
         "series",
-        &["units", "geometry", "material", "frame", "wording"],
+        &[
+            "units", "geometry", "material", "frame", "limits", "wording",
+        ],
     ),
     (
         "reduction",
@@ -218,7 +221,9 @@ const RULES: &[(&str, &[&str])] = &[
     ),
     (
         "config",
-        &["units", "geometry", "material", "series", "bench", "scan"],
+        &[
+            "units", "geometry", "material", "limits", "series", "bench", "scan",
+        ],
     ),
     ("cli", &["*"]),
 ];
