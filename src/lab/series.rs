@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::{Lab, LabError};
-use crate::frame::{Frame, FrameKind};
+use crate::frame::{Frame, FrameKind, UnknownKind};
 use crate::material::Material;
 use crate::reduction::{FrameReadError, FrameSource};
 use crate::scan::plan::{DarkPlan, FlatPlan};
@@ -55,12 +55,10 @@ impl StoredSeries {
 }
 
 fn row(record: &FrameRecord, imported: bool) -> Result<FrameRow, StoreError> {
-    let kind = match record.kind.as_str() {
-        "sample" => FrameKind::Sample,
-        "dark" => FrameKind::Dark,
-        "flat" => FrameKind::Flat,
-        other => return Err(StoreError::bad_row("frames", format!("kind `{other}`"))),
-    };
+    let kind = record
+        .kind
+        .parse()
+        .map_err(|UnknownKind(other)| StoreError::bad_row("frames", format!("kind `{other}`")))?;
     // The form says that dark frames carry 0, 0; where the stages stood is in the store.
     let (theta_c_deg, phi_s_deg) = match kind {
         FrameKind::Dark if !imported => (0.0, 0.0),
