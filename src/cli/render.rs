@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
 
-use super::contrast::Scene;
+use super::prediction::Scene;
 use super::{CliError, place};
 use crate::model::picture::{Board, Picture};
 use crate::model::{Surface, Variant, left_out};
