@@ -140,6 +140,7 @@ const RULES: &[(&str, &[&str])] = &[
             "map",
             "analysis",
             "forecast",
+            "scan",
         ],
     ),
     ("bench", &["units", "geometry", "frame", "clock"]),
