@@ -26,6 +26,7 @@ pub mod model;
 pub mod observation;
 pub mod plan;
 pub mod reduction;
+pub mod robust;
 pub mod scan;
 pub mod series;
 pub mod sim;

@@ -17,6 +17,7 @@ use crate::geometry::Pose;
 use crate::material::Material;
 use crate::observation::{FlatObservation, WhiteReference};
 use crate::plan::{Decision, Plan};
+use crate::robust;
 
 /// Rounds in which zero of the tilt, gain and fits take turns.
 const ROUNDS: usize = 6;
@@ -393,13 +394,8 @@ fn shared_std(run: &Run<'_>, good: &[(usize, PixelFit)]) -> Option<Parameters> {
     Some(medians)
 }
 
-/// Median of some numbers; none of none.
+/// Median of those that are finite; none of none.
 pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.filter(|x| x.is_finite()).collect();
-    if values.is_empty() {
-        return None;
-    }
-    let at = values.len() / 2;
-    let (_, x, _) = values.select_nth_unstable_by(at, f64::total_cmp);
-    Some(*x)
+    robust::median(&mut values)
 }

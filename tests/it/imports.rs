@@ -17,6 +17,7 @@ const RULES: &[(&str, &[&str])] = &[
     ("jackknife", &["units", "geometry"]),
     ("forecast", &[]),
     ("limits", &[]),
+    ("robust", &[]),
     ("wording", &[]),
     ("geometry", &["units"]),
     ("observation", &["units", "geometry", "material"]),
@@ -55,6 +56,7 @@ const RULES: &[(&str, &[&str])] = &[
             "frame",
             "series",
             "wording",
+            "robust",
         ],
     ),
     (
@@ -99,6 +101,7 @@ const RULES: &[(&str, &[&str])] = &[
             "series",
             "reduction",
             "plan",
+            "robust",
         ],
     ),
     (
@@ -141,6 +144,7 @@ const RULES: &[(&str, &[&str])] = &[
             "analysis",
             "forecast",
             "scan",
+            "robust",
         ],
     ),
     ("bench", &["units", "geometry", "frame", "clock"]),
@@ -169,6 +173,7 @@ const RULES: &[(&str, &[&str])] = &[
             "reduction",
             "fit",
             "scan",
+            "wording",
         ],
     ),
     (
