@@ -560,7 +560,7 @@ fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, f64) {
     for ((index, fit), matte) in chosen.iter().zip(&fits).zip(mattes) {
         let mut answer = Answer::of(fit, birge, n, amplitude);
         if matte - fit.chi2 < birge * LOBE_SIGNIFICANCE {
-            answer = Answer::none(answer.flags | NOT_IDENTIFIABLE, usize::from(fit.n_used));
+            answer = Answer::none(answer.flags | NOT_IDENTIFIABLE, fit.n_used);
         }
         answers[*index] = answer;
     }
