@@ -31,7 +31,7 @@ use crate::trace::report::{About, Report};
 use crate::trace::run::{self, Ending, Progress, Shard, SoFar};
 use crate::trace::scene::{HeightMap, Prepared, Scene, Shapes};
 use crate::trace::spread::over_surfaces;
-use crate::wording::{counted, decimals, significant};
+use crate::wording::{counted, decimals, hex, significant};
 
 /// Traces polarised light through a scene of single or layered micro-surfaces.
 #[derive(Debug, clap::Args)]
@@ -182,7 +182,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
                 target_error: args.target_error,
                 ..Asked::ALL
             };
-            of_run(&prepared, asked, patience(args.max_seconds, &cancel))
+            of_run(&prepared, asked, Patience::usual(args.max_seconds, &cancel))
         })
         .flatten()
         .map(|told| told.times(args.surfaces.unwrap_or(1)));
@@ -292,19 +292,6 @@ fn unreached(target: f64, reached: Option<f64>, photons: u64) -> anyhow::Error {
 
 /// Photons from which on a forecast is worth its time.
 const LONG: u64 = 2_000_000;
-/// Seconds after which the run begins, forecast or not,
-const FORECAST_S_MAX: f64 = 3.0;
-/// and the share of a limited time that the forecast may take.
-const FORECAST_SHARE: f64 = 0.1;
-
-/// What a forecast may take of a time.
-fn patience(max_seconds: Option<f64>, cancel: &AtomicBool) -> Patience<'_> {
-    let seconds = max_seconds.map_or(FORECAST_S_MAX, |max_s| {
-        (FORECAST_SHARE * max_s).min(FORECAST_S_MAX)
-    });
-    Patience { seconds, cancel }
-}
-
 /// A scene with its files, ready to trace.
 pub(super) fn ready(path: &Path, scene: &Scene) -> Result<Prepared, CliError> {
     scene
@@ -452,14 +439,6 @@ fn merge(files: &[PathBuf], out: &Path, json: bool) -> Result<(), CliError> {
     table::write(out, totals, &merged.stokes, None)?;
     let report = Report::new(totals, totals.elements() > 1).about(merged.scene);
     print(json, &report, |out| table_of(&report, out))
-}
-
-fn hex(bytes: &[u8]) -> String {
-    use std::fmt::Write as _;
-    bytes.iter().fold(String::new(), |mut text, b| {
-        write!(text, "{b:02x}").expect("a String takes everything");
-        text
-    })
 }
 
 /// Decimals of energies at least.

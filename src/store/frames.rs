@@ -14,6 +14,7 @@ use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::{Event, Progress, RecordedEvent, ScanState};
+use crate::wording::hex;
 
 /// A frame file that is durable but not yet named by a row.
 #[derive(Debug, Clone, PartialEq)]
@@ -140,10 +141,7 @@ const COLUMNS: &str =
 /// Hex of the SHA-256 of `bytes`.
 #[must_use]
 pub fn sha256_hex(bytes: &[u8]) -> String {
-    Sha256::digest(bytes)
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect()
+    hex(&Sha256::digest(bytes))
 }
 
 /// Where the file of a content hash lies below the store's folder.
