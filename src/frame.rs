@@ -1,6 +1,7 @@
 //! A camera frame: 16-bit grey counts, and the PNG that keeps them bit for bit.
 
 use std::io::Cursor;
+use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
@@ -25,6 +26,22 @@ impl FrameKind {
             FrameKind::Dark => "dark",
             FrameKind::Flat => "flat",
         }
+    }
+}
+
+/// A word that is no kind of frame.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("`{0}` is none of sample, dark, flat")]
+pub struct UnknownKind(pub String);
+
+impl FromStr for FrameKind {
+    type Err = UnknownKind;
+
+    fn from_str(word: &str) -> Result<FrameKind, UnknownKind> {
+        [FrameKind::Sample, FrameKind::Dark, FrameKind::Flat]
+            .into_iter()
+            .find(|kind| kind.as_str() == word)
+            .ok_or_else(|| UnknownKind(word.to_owned()))
     }
 }
 

@@ -87,10 +87,7 @@ fn iterations(
         eta: truth.eta,
         eta_std: 0.0,
     };
-    let poses: Vec<Pose> = (0..9)
-        .flat_map(|t| (0..12).map(move |p| (t, p)))
-        .map(|(t, p)| Pose::from_deg(-20.0 + 5.0 * f64::from(t), 30.0 * f64::from(p)))
-        .collect();
+    let poses: Vec<Pose> = super::full_scan().poses().collect();
     let set = painted(rig, material, &truth.surface(), &poses, misfit);
     let free = vec![
         Quantity::ThetaR,

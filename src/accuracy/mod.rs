@@ -3,13 +3,14 @@
 //! Call [`run`]. A fixed list of scenes, from easy to stiff, is computed by every method that applies, at
 //! growing effort; the error is the distance from a reference that is never the method itself: exact
 //! numbers, tables in 60-digit arithmetic, a path tracer of others, or a long run of another method.
-//! [`forecast`] tells beforehand how long a fit will take, [`trace_forecast`] a trace, and is measured here too, [`map_forecast`] a map. This room looks
-//! at the clock, which is its purpose; it writes no files.
+//! [`forecast`] tells beforehand how long a fit will take, [`trace_forecast`] a trace, and is measured here too,
+//! [`map_forecast`] a map. [`model_error`] says where the closed forms are wrong. This room looks at the clock, which is its purpose; it writes no files.
 
 mod fits;
 pub mod forecast;
 mod forms;
 pub mod map_forecast;
+pub mod model_error;
 pub mod page;
 pub mod plot;
 pub mod proof;
@@ -20,7 +21,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde::Serialize;
 
+use crate::geometry::Pose;
 use crate::model::LeftOut;
+use crate::scan::plan::Preset;
+use crate::units::Angle;
 
 /// How much time the whole may take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,6 +96,50 @@ pub struct Measurements {
     pub rates: Vec<Rate>,
     /// Plans beside everything on.
     pub proofs: Vec<proof::Proof>,
+}
+
+/// The poses of the full scan, azimuths within tilts.
+#[derive(Debug, Clone)]
+pub struct FullScan {
+    tilts_deg: Vec<f64>,
+    azimuths_deg: Vec<f64>,
+}
+
+/// The scan at whose poses surfaces are compared.
+#[must_use]
+pub fn full_scan() -> FullScan {
+    let (tilts_deg, azimuths_deg) = Preset::Full.angles_deg();
+    FullScan {
+        tilts_deg,
+        azimuths_deg,
+    }
+}
+
+impl FullScan {
+    /// Camera tilts.
+    pub fn tilts(&self) -> impl ExactSizeIterator<Item = Angle> {
+        self.tilts_deg.iter().map(|deg| Angle::from_deg(*deg))
+    }
+
+    /// Sample azimuths.
+    pub fn azimuths(&self) -> impl ExactSizeIterator<Item = Angle> {
+        self.azimuths_deg.iter().map(|deg| Angle::from_deg(*deg))
+    }
+
+    /// Pose number `n`.
+    #[must_use]
+    pub fn pose(&self, n: usize) -> Pose {
+        let azimuths = self.azimuths_deg.len();
+        Pose::from_deg(
+            self.tilts_deg[n / azimuths],
+            self.azimuths_deg[n % azimuths],
+        )
+    }
+
+    /// All poses.
+    pub fn poses(&self) -> impl Iterator<Item = Pose> {
+        (0..self.tilts_deg.len() * self.azimuths_deg.len()).map(|n| self.pose(n))
+    }
 }
 
 /// What the measurements of some effort do without.

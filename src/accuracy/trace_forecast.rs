@@ -46,7 +46,20 @@ pub struct Patience<'a> {
     pub cancel: &'a AtomicBool,
 }
 
-impl Patience<'_> {
+/// A run begins after so many seconds of forecasting, forecast or not,
+const USUAL_S: f64 = 3.0;
+/// and after this share of a limited time.
+const USUAL_SHARE: f64 = 0.1;
+
+impl<'a> Patience<'a> {
+    /// What a forecast may take of the time that a run is allowed.
+    #[must_use]
+    pub fn usual(max_seconds: Option<f64>, cancel: &'a AtomicBool) -> Patience<'a> {
+        let share = max_seconds.map_or(f64::INFINITY, |max_s| USUAL_SHARE * max_s);
+        let seconds = share.min(USUAL_S);
+        Patience { seconds, cancel }
+    }
+
     /// Whether there is still some, for what began at `started`.
     fn lasts(&self, started: Instant) -> bool {
         !self.cancel.load(Ordering::Relaxed) && started.elapsed().as_secs_f64() < self.seconds

@@ -1,5 +1,7 @@
 //! `/frames` and the frames of a scan.
 
+use std::str::FromStr;
+
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, StatusCode, header};
@@ -111,16 +113,8 @@ pub(super) async fn of_scan(
     Id(id): Id,
     Params(params): Params<FrameParams>,
 ) -> Result<Json<List<FrameBody>>, ApiError> {
-    let kind = match params.kind.as_deref() {
-        None => None,
-        Some("sample") => Some(FrameKind::Sample),
-        Some("dark") => Some(FrameKind::Dark),
-        Some("flat") => Some(FrameKind::Flat),
-        Some(other) => {
-            let message = format!("`{other}` is none of sample, dark, flat");
-            return Err(ApiError::invalid("kind", message));
-        }
-    };
+    let kind = params.kind.as_deref().map(FrameKind::from_str).transpose();
+    let kind = kind.map_err(|unknown| ApiError::invalid("kind", unknown.to_string()))?;
     let store = app.lab.store();
     store.scan(id).await?;
     let page = page(params.limit, params.cursor.as_deref())?;

@@ -1,26 +1,26 @@
 //! `ridged contrast`: the paper's contrast table, predicted for a rig or measured in a series.
 
+mod compare;
 mod figure;
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use anyhow::{Context, anyhow};
-use clap::{Args as _, ValueEnum};
+use clap::Args as _;
 use serde_json::{Value, json};
 
+use compare::Comparison;
+
 use super::limits::{PredictionLimits, Stopwatch};
+use super::prediction::{Model, Scene};
 use super::{CliError, answer, daemon, interrupt, place};
-use crate::contrast::{as_json, findings_json, measure, rounded_deg};
+use crate::contrast::{as_json, measure, rounded_deg};
 use crate::forecast::Expected;
-use crate::geometry::{Cones, RigGeometry};
-use crate::material::tables;
-use crate::model::contrast::{
-    Exposure, PAIRS, PAPER_RIDGES_DEG, PAPER_TILTS_DEG, Pace, Table, Tier, predict_paced,
-};
-use crate::model::{LeftOut, Optics, Surface, Variant, domain, left_out};
+use crate::model::LeftOut;
+use crate::model::contrast::{PAPER_RIDGES_DEG, Pace, Table, Tier, predict_paced};
 use crate::observation::ObservationSet;
 use crate::reduction::{FrameSource, ReductionError, reduce};
 use crate::series::Series;
@@ -85,219 +85,6 @@ fn of_predictions(arg: clap::Arg) -> clap::Arg {
     }
 }
 
-/// A rig and a surface given by options; the defaults are the paper's rig with narrow lobes.
-#[derive(Debug, Clone, clap::Args)]
-pub struct Scene {
-    /// Camera tilts.
-    #[arg(long, num_args = 1.., value_name = "DEG", allow_negative_numbers = true,
-          default_values_t = PAPER_TILTS_DEG)]
-    pub theta_c_deg: Vec<f64>,
-    /// Roughness along and across the ridges.
-    #[arg(long, default_value_t = 0.05)]
-    pub alpha: f64,
-    /// Roughness along the ridges, if it differs.
-    #[arg(long)]
-    pub alpha_u: Option<f64>,
-    /// Roughness across the ridges, if it differs.
-    #[arg(long)]
-    pub alpha_v: Option<f64>,
-    /// Diffuse reflectance [default: 0.35, and 0 of a metal].
-    #[arg(long)]
-    pub rho_d: Option<f64>,
-    /// Real part of the index.
-    #[arg(long, default_value_t = 1.54)]
-    pub eta: f64,
-    /// Imaginary part of the index.
-    #[arg(long, default_value_t = 0.0)]
-    pub k: f64,
-    /// A metal of the tables (Ag, Al, Au, Cr, Cu, W) in place of its index.
-    #[arg(long, value_name = "NAME", conflicts_with_all = ["eta", "k"])]
-    pub metal: Option<String>,
-    /// Wavelength at which the metal is looked up.
-    #[arg(long, value_name = "NM", default_value_t = 550.0, requires = "metal")]
-    pub wavelength_nm: f64,
-    /// Angle between lamp and camera.
-    #[arg(long, default_value_t = 10.0, value_name = "DEG")]
-    pub theta_l_deg: f64,
-    /// Azimuth of the lamp about the camera: 0 in the tilt plane, 90 beside it.
-    #[arg(
-        long,
-        default_value_t = 90.0,
-        value_name = "DEG",
-        allow_negative_numbers = true
-    )]
-    pub light_azimuth_deg: f64,
-    /// Azimuth of the lean direction at the recorded azimuth 0.
-    #[arg(
-        long,
-        default_value_t = 90.0,
-        value_name = "DEG",
-        allow_negative_numbers = true
-    )]
-    pub azimuth_zero_deg: f64,
-    /// Angular radius of the lamp.
-    #[arg(long, default_value_t = 1.0, value_name = "DEG")]
-    pub light_angular_radius_deg: f64,
-    /// Angular radius of the lens's pupil, seen from the sample; 0 for a point.
-    #[arg(long, default_value_t = 0.0, value_name = "DEG")]
-    pub lens_angular_radius_deg: f64,
-}
-
-/// Tiers by the names of the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Model {
-    /// The BRDF as printed.
-    Paper,
-    /// The sawtooth's closed form.
-    Sawtooth,
-    /// Two bounces integrated.
-    Quadrature,
-}
-
-impl Model {
-    /// The tier it names.
-    #[must_use]
-    pub fn tier(self) -> Tier {
-        match self {
-            Model::Paper => Tier::Closed(Variant::Paper),
-            Model::Sawtooth => Tier::Closed(Variant::Sawtooth),
-            Model::Quadrature => Tier::Quadrature,
-        }
-    }
-
-    /// What its radiances do without on a rig of those cones, the lobes' narrower roughness being `alpha`; `apart` is how
-    /// far they are from those with two bounces integrated, as a share of the brightest.
-    #[must_use]
-    pub fn left_out(
-        self,
-        cones: &Cones,
-        alpha: f64,
-        metal: bool,
-        apart: Option<f64>,
-    ) -> Vec<LeftOut> {
-        let of = |variant| left_out::of_closed_form(variant, cones, alpha);
-        let mut list = match self {
-            Model::Paper => {
-                let mut list = of(Variant::Paper);
-                list.pop();
-                list.push(left_out::printed_lobe(apart));
-                list
-            }
-            Model::Sawtooth => {
-                let mut list = of(Variant::Sawtooth);
-                list.push(left_out::two_bounce_quadrature(apart));
-                list
-            }
-            // It averages over the cones.
-            Model::Quadrature => {
-                let mut list: Vec<LeftOut> = left_out::lens(cones).into_iter().collect();
-                list.extend([left_out::ideal_profile(), left_out::third_bounce()]);
-                list
-            }
-        };
-        if !metal && self != Model::Paper {
-            list.push(left_out::polarisation(
-                "on plastic predictions multiply unpolarised reflectances where light bounces twice, as many renderers \
-                 do; single reflections do not depend on it",
-            ));
-        }
-        list
-    }
-
-    /// Its name in JSON.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Model::Paper => "paper",
-            Model::Sawtooth => "sawtooth",
-            Model::Quadrature => "quadrature",
-        }
-    }
-}
-
-impl Scene {
-    /// Checks the numbers, and that ridges of `theta_r_deg` (degrees) have a radiance with them; makes
-    /// rig, optics and surface (ridge angle 0) of them.
-    ///
-    /// # Errors
-    /// Bad input, naming the option and its range.
-    pub fn build(&self, theta_r_deg: &[f64]) -> Result<(RigGeometry, Optics, Surface), CliError> {
-        let check = |name: &str, value: f64, low: f64, high: f64| {
-            if value.is_finite() && value >= low && value <= high {
-                Ok(())
-            } else {
-                Err(CliError::bad_input(anyhow!(
-                    "--{name} = {value} is not within {low} and {high}"
-                )))
-            }
-        };
-        let alpha_u = self.alpha_u.unwrap_or(self.alpha);
-        let alpha_v = self.alpha_v.unwrap_or(self.alpha);
-        for (name, own, alpha) in [
-            ("alpha-u", self.alpha_u, alpha_u),
-            ("alpha-v", self.alpha_v, alpha_v),
-        ] {
-            check(own.map_or("alpha", |_| name), alpha, 1e-4, 10.0)?;
-        }
-        check("eta", self.eta, 1e-3, 1e3)?;
-        check("k", self.k, 0.0, 1e3)?;
-        check("theta-l-deg", self.theta_l_deg, 0.0, 80.0)?;
-        check("light-azimuth-deg", self.light_azimuth_deg, -360.0, 360.0)?;
-        check("azimuth-zero-deg", self.azimuth_zero_deg, -360.0, 360.0)?;
-        check(
-            "light-angular-radius-deg",
-            self.light_angular_radius_deg,
-            0.0,
-            10.0,
-        )?;
-        check(
-            "lens-angular-radius-deg",
-            self.lens_angular_radius_deg,
-            0.0,
-            30.0,
-        )?;
-        for &tilt in &self.theta_c_deg {
-            check("theta-c-deg", tilt, -89.0, 89.0)?;
-        }
-        let rig = RigGeometry {
-            theta_l: Angle::from_deg(self.theta_l_deg),
-            light_azimuth: Angle::from_deg(self.light_azimuth_deg),
-            azimuth_zero: Angle::from_deg(self.azimuth_zero_deg),
-            cones: Cones {
-                lamp: Angle::from_deg(self.light_angular_radius_deg),
-                lens: Angle::from_deg(self.lens_angular_radius_deg),
-            },
-        };
-        let (eta, k) = match &self.metal {
-            Some(name) => tables::metal(name, self.wavelength_nm)
-                .map_err(CliError::bad_input)?
-                .index(),
-            None => (self.eta, self.k),
-        };
-        let rho_d = self.rho_d.unwrap_or(if k > 0.0 { 0.0 } else { 0.35 });
-        check("rho-d", rho_d, 0.0, 1.0)?;
-        let optics = Optics {
-            eta,
-            k,
-            theta_l: rig.theta_l.rad(),
-            cones: rig.cones,
-        };
-        let surface = Surface {
-            theta_r: 0.0,
-            alpha_u,
-            alpha_v,
-            rho_d,
-            amplitude: 1.0,
-        };
-        for &ridge in theta_r_deg {
-            check("theta-r-deg", ridge, 0.0, 60.0)?;
-            let theta_r = ridge.to_radians();
-            domain::check(&Surface { theta_r, ..surface }, &optics).map_err(CliError::bad_input)?;
-        }
-        Ok((rig, optics, surface))
-    }
-}
-
 /// Runs the command.
 ///
 /// # Errors
@@ -307,11 +94,6 @@ pub fn run(args: Args) -> Result<(), CliError> {
     args.svg.as_deref().map_or(Ok(()), place::for_file)?;
     let started = Instant::now();
     let region = args.region.as_deref();
-    if (args.dir.is_some() || args.scan.is_some()) && args.limits != PredictionLimits::default() {
-        return Err(CliError::bad_input(anyhow!(
-            "--max-seconds and --target-error are for predictions: a measured contrast has the error of its frames"
-        )));
-    }
     let (table, mut report) = match (&args.dir, args.scan) {
         (Some(dir), _) => {
             let series = Series::open(dir).map_err(CliError::bad_input)?;
@@ -321,11 +103,12 @@ pub fn run(args: Args) -> Result<(), CliError> {
         (None, None) => predicted(&args)?,
     };
     report["seconds"] = json!(started.elapsed().as_secs_f64());
-    let mut others = Vec::new();
+    let (mut others, mut compared) = (Vec::new(), None);
     if let Some(path) = &args.compare {
-        let alpha = args.scene.alpha;
-        let other = read_radiances(path, alpha)?;
-        report["comparison"] = comparison(&table, &other, path);
+        let other = compare::read_radiances(path, args.scene.alpha)?;
+        let found = compare::comparison(&table, &other, path)?;
+        report["comparison"] = found.as_json();
+        compared = Some(found);
         others.push(("compared", other));
     }
     if let Some(path) = &args.svg {
@@ -340,7 +123,9 @@ pub fn run(args: Args) -> Result<(), CliError> {
             .with_context(|| format!("cannot write {}", path.display()))
             .map_err(CliError::NoResult)?;
     }
-    answer::put(args.json, &report, || as_text(&table, &report))
+    answer::put(args.json, &report, || {
+        as_text(&table, &report, compared.as_ref())
+    })
 }
 
 fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
@@ -421,84 +206,7 @@ fn reduced(
     })
 }
 
-/// Radiances of a table on disk; rows of another alpha are left out.
-fn read_radiances(path: &Path, alpha: f64) -> Result<Table, CliError> {
-    let bad = |why: String| CliError::bad_input(anyhow!("{}: {why}", path.display()));
-    let mut reader = csv::Reader::from_path(path)
-        .with_context(|| format!("cannot read {}", path.display()))
-        .map_err(CliError::bad_input)?;
-    let headers = reader.headers().map_err(|e| bad(e.to_string()))?.clone();
-    let find = |name: &str| headers.iter().position(|h| h.trim() == name);
-    let need = |name: &str| find(name).ok_or_else(|| bad(format!("lacks the column {name}")));
-    let columns = [
-        need("theta_r_deg")?,
-        need("theta_c_deg")?,
-        need("phi_s_deg")?,
-        need("radiance")?,
-    ];
-    let alpha_column = find("alpha");
-    let mut exposures = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(|e| bad(e.to_string()))?;
-        let number = |column: usize| {
-            record[column]
-                .trim()
-                .parse::<f64>()
-                .map_err(|_| bad(format!("{:?} is no number", &record[column])))
-        };
-        if let Some(column) = alpha_column
-            && (number(column)? - alpha).abs() > 1e-9
-        {
-            continue;
-        }
-        let [theta_r, theta_c, phi_s, radiance] = columns;
-        exposures.push(Exposure {
-            theta_r: Angle::from_deg(number(theta_r)?),
-            theta_c: Angle::from_deg(number(theta_c)?),
-            phi_s: Angle::from_deg(number(phi_s)?),
-            radiance: number(radiance)?,
-        });
-    }
-    let table = Table::of(&exposures);
-    if table.lines.is_empty() {
-        return Err(bad(format!(
-            "no line has the azimuths 0, 90 and 180 degrees (alpha {alpha})"
-        )));
-    }
-    Ok(table)
-}
-
-/// Differences of absolute contrasts over the lines that both tables have.
-fn comparison(ours: &Table, theirs: &Table, path: &Path) -> Value {
-    let mut differences = Vec::new();
-    let mut largest: f64 = 0.0;
-    for a in &ours.lines {
-        for b in &theirs.lines {
-            let near = |x: Angle, y: Angle| (x - y).abs() < Angle::from_deg(5e-4);
-            if near(a.theta_r, b.theta_r) && near(a.theta_c, b.theta_c) {
-                for pair in 0..PAIRS.len() {
-                    largest = largest.max(b.contrast[pair].absolute);
-                    differences.push(a.contrast[pair].absolute - b.contrast[pair].absolute);
-                }
-            }
-        }
-    }
-    let n = differences.len().max(1) as f64;
-    let rms = (differences.iter().map(|d| d * d).sum::<f64>() / n).sqrt();
-    let worst = differences.iter().map(|d| d.abs()).fold(0.0, f64::max);
-    json!({
-        "file": path.display().to_string(),
-        "n_contrasts": differences.len(),
-        "rms": rms,
-        "worst": worst,
-        "largest_contrast": largest,
-        "rms_relative": rms / largest,
-        "worst_relative": worst / largest,
-        "findings": theirs.findings().map(findings_json),
-    })
-}
-
-fn as_text(table: &Table, report: &Value) -> String {
+fn as_text(table: &Table, report: &Value, compared: Option<&Comparison>) -> String {
     let mut text = String::new();
     let predicted = report["mode"] == "predicted";
     let ridge = |a: Angle| {
@@ -554,15 +262,8 @@ fn as_text(table: &Table, report: &Value) -> String {
             word(f.first_quarter_stronger)
         );
     }
-    if let Some(c) = report.get("comparison") {
-        let _ = writeln!(
-            text,
-            "against {}: {} contrasts, rms difference {:.3} %, worst {:.3} % of the largest",
-            c["file"].as_str().unwrap_or_default(),
-            c["n_contrasts"],
-            100.0 * c["rms_relative"].as_f64().unwrap_or(f64::NAN),
-            100.0 * c["worst_relative"].as_f64().unwrap_or(f64::NAN)
-        );
+    if let Some(comparison) = compared {
+        let _ = writeln!(text, "{comparison}");
     }
     text
 }
@@ -582,7 +283,7 @@ mod tests {
         assert_eq!(report["lines"][0]["theta_r_deg"], 5.0);
         assert_eq!(report["mean"]["by_theta_c"][2]["theta_c_deg"], 0.0);
         assert_eq!(report["mean"]["by_phi_s"][0]["phi_s_deg"], "0-90");
-        assert!(as_text(&table, &report).lines().count() > 20);
+        assert!(as_text(&table, &report, None).lines().count() > 20);
     }
 
     #[test]
@@ -593,17 +294,5 @@ mod tests {
         };
         assert_eq!(e.to_string(), "--rho-d = 1.5 is not within 0 and 1");
         assert!(predicted(&parsed(&["--theta-r-deg", "5", "75"])).is_err());
-    }
-
-    #[test]
-    fn the_comparison_takes_the_rows_of_its_alpha() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("tests/data/contrast-raytraced-paper-rig.csv");
-        let other = read_radiances(&path, 0.06).unwrap();
-        let (table, _) = predicted(&parsed(&["--alpha", "0.06", "--rho-d", "0.342"])).unwrap();
-        let c = comparison(&table, &other, &path);
-        assert_eq!(c["n_contrasts"], 40);
-        assert!(c["rms_relative"].as_f64().unwrap() < 0.002);
-        assert!(read_radiances(&path, 0.5).is_err());
     }
 }

@@ -204,10 +204,7 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
         "scalar"
     };
     let cancel = super::interrupt::flag()?;
-    let patience = Patience {
-        seconds: FORECAST_S_MAX,
-        cancel: &cancel,
-    };
+    let patience = Patience::usual(None, &cancel);
     let proof = match args.prove {
         true => Some(proved(args, &scene)?),
         false => None,
@@ -227,9 +224,6 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
         program: program(),
     })
 }
-
-/// A forecast takes no longer, s.
-const FORECAST_S_MAX: f64 = 3.0;
 
 /// The plan beside everything on.
 fn proved(args: &Args, scene: &Scene) -> Result<Proof, CliError> {

@@ -23,6 +23,7 @@ pub mod map;
 pub mod model_error;
 pub mod optimize;
 mod place;
+pub mod prediction;
 pub mod progress;
 pub mod render;
 pub mod rig;

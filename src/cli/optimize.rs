@@ -3,8 +3,8 @@
 use anyhow::anyhow;
 use serde_json::{Value, json};
 
-use super::contrast::{Model, Scene};
 use super::limits::{PredictionLimits, Stopwatch};
+use super::prediction::{Model, Scene};
 use super::{CliError, answer};
 use crate::forecast::Expected;
 use crate::model::LeftOut;

@@ -8,8 +8,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
 
-use super::contrast::Scene;
+use super::prediction::Scene;
 use super::{CliError, place};
+use crate::map::colour::srgb;
 use crate::model::picture::{Board, Picture};
 use crate::model::{Surface, Variant, left_out};
 use crate::units::Angle;
@@ -155,7 +156,7 @@ fn write_png(path: &Path, picture: &Picture) -> anyhow::Result<()> {
     let bytes: Vec<u8> = picture
         .radiance
         .iter()
-        .map(|&x| (srgb(x / white) * 255.0).round() as u8)
+        .map(|&x| (srgb(f64::from(x / white)) * 255.0).round() as u8)
         .collect();
     let file = BufWriter::new(File::create(path)?);
     let mut encoder = png::Encoder::new(file, picture.width as u32, picture.height as u32);
@@ -173,15 +174,6 @@ fn write_png(path: &Path, picture: &Picture) -> anyhow::Result<()> {
     writer.write_image_data(&bytes)?;
     writer.finish()?;
     Ok(())
-}
-
-/// The sRGB transfer function.
-fn srgb(linear: f32) -> f32 {
-    if linear <= 0.003_130_8 {
-        12.92 * linear
-    } else {
-        1.055 * linear.powf(1.0 / 2.4) - 0.055
-    }
 }
 
 #[cfg(test)]

@@ -15,8 +15,8 @@ use anyhow::{Context, anyhow};
 use rayon::prelude::*;
 use serde_json::json;
 
-use super::contrast::Scene;
 use super::limits::{PathLimits, Trial, Work};
+use super::prediction::Scene;
 use super::progress::Bar;
 use super::{CliError, answer, interrupt, place};
 use crate::forecast::Expected;

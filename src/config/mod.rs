@@ -5,6 +5,7 @@
 //! `RIDGED_` and its path in capitals, parts joined by two underscores:
 //! `RIDGED_STAGE__THETA_C__LIMIT_MAX_DEG=45`.
 
+mod bounds;
 mod sections;
 
 use std::path::{Path, PathBuf};
@@ -148,130 +149,61 @@ impl Config {
     }
 
     fn check(&self, origin_of: impl Fn(&str) -> String) -> Result<(), ConfigError> {
-        let fail = |key: &str, found: String, allowed: &str| {
-            Err(ConfigError::OutOfRange {
-                origin: origin_of(key),
-                key: key.into(),
-                found,
-                allowed: allowed.into(),
-            })
-        };
-        let (rig, camera, flat) = (&self.rig, &self.camera, &self.flat);
-        let numbers = [
-            ("store.reserve_mb", self.store.reserve_mb as f64, 1.0, 1e6),
-            ("rig.theta_l_deg", rig.theta_l_deg, OPEN, 90.0 - OPEN),
-            (
-                "rig.light_azimuth_deg",
-                rig.light_azimuth_deg,
-                -360.0,
-                360.0,
-            ),
-            ("rig.azimuth_zero_deg", rig.azimuth_zero_deg, -360.0, 360.0),
-            (
-                "rig.sample_wedge_std_deg",
-                rig.sample_wedge_std_deg.unwrap_or(0.0),
-                0.0,
-                10.0,
-            ),
-            (
-                "rig.light_angular_radius_deg",
-                rig.light_angular_radius_deg.unwrap_or(0.0),
-                0.0,
-                20.0,
-            ),
-            (
-                "rig.lens_angular_radius_deg",
-                rig.lens_angular_radius_deg.unwrap_or(0.0),
-                0.0,
-                45.0,
-            ),
-            ("rig.wavelength_nm", rig.wavelength_nm, 200.0, 20_000.0),
-            ("camera.timeout_s", camera.timeout_s, 0.1, 3600.0),
-            ("camera.width_px", f64::from(camera.width_px), 1.0, 16384.0),
-            (
-                "camera.height_px",
-                f64::from(camera.height_px),
-                1.0,
-                16384.0,
-            ),
-            ("camera.bit_depth", f64::from(camera.bit_depth), 8.0, 16.0),
-            (
-                "camera.gain_dn_per_electron",
-                camera.gain_dn_per_electron,
-                OPEN,
-                1e6,
-            ),
-            ("camera.black_level_dn", camera.black_level_dn, 0.0, 65535.0),
-            (
-                "camera.read_noise_electrons_rms",
-                camera.read_noise_electrons_rms,
-                0.0,
-                10_000.0,
-            ),
-            ("flat.reflectance", flat.reflectance, OPEN, 1.0),
-            ("flat.reflectance_std", flat.reflectance_std, OPEN, 0.5),
-            ("flat.repeats", f64::from(flat.repeats), 0.0, 1000.0),
-            ("flat.valid_h", flat.valid_h, 0.0, 8760.0),
-            ("dark.repeats", f64::from(self.dark.repeats), 0.0, 1000.0),
-            ("dark.valid_h", self.dark.valid_h, 0.0, 8760.0),
-            (
-                "scan.attempts_max",
-                f64::from(self.scan.attempts_max),
-                1.0,
-                100.0,
-            ),
-            (
-                "scan.capped_mean_dn_max",
-                self.scan.capped_mean_dn_max,
-                0.0,
-                65535.0,
-            ),
-        ];
-        for (key, value, min, max) in numbers {
-            if !(min..=max).contains(&value) {
-                return fail(key, value.to_string(), &range(min, max));
+        let checked = self
+            .check_numbers()
+            .and_then(|()| self.check_exposures())
+            .and_then(|()| self.check_stage());
+        checked.map_err(|wrong| ConfigError::OutOfRange {
+            origin: origin_of(&wrong.key),
+            key: wrong.key,
+            found: wrong.found,
+            allowed: wrong.allowed,
+        })
+    }
+
+    fn check_numbers(&self) -> Result<(), Wrong> {
+        for (key, limit, of) in bounds::BOUNDED {
+            match of(self) {
+                Some(value) if !limit.holds(value) => {
+                    return Err(Wrong::new(*key, value.to_string(), limit.allowed()));
+                }
+                _ => {}
             }
         }
-        let optional = [
-            ("rig.light_distance_mm", rig.light_distance_mm),
-            ("rig.light_radius_mm", rig.light_radius_mm),
-            ("rig.camera_distance_mm", rig.camera_distance_mm),
-            ("rig.lens_radius_mm", rig.lens_radius_mm),
-            ("camera.field_width_mm", camera.field_width_mm),
-            ("camera.field_height_mm", camera.field_height_mm),
-            ("camera.saturation_dn", camera.saturation_dn),
-        ];
-        for (key, value) in optional {
-            if let Some(value) = value
-                && !(OPEN..=1e9).contains(&value)
-            {
-                return fail(key, value.to_string(), "a positive number");
-            }
-        }
-        let flat_exposures = flat.exposures_s.as_deref().unwrap_or(&camera.exposures_s);
-        for (key, list) in [
-            ("camera.exposures_s", camera.exposures_s.as_slice()),
-            ("flat.exposures_s", flat_exposures),
-        ] {
+        Ok(())
+    }
+
+    fn check_exposures(&self) -> Result<(), Wrong> {
+        let camera = self.camera.exposures_s.as_slice();
+        let flat = self.flat.exposures_s.as_deref().unwrap_or(camera);
+        for (key, list) in [("camera.exposures_s", camera), ("flat.exposures_s", flat)] {
             let fine = |s: &f64| (EXPOSURE_S_MIN..=EXPOSURE_S_MAX).contains(s);
             if list.is_empty() || !list.iter().all(fine) {
                 let allowed = format!("one or more of {EXPOSURE_S_MIN} to {EXPOSURE_S_MAX} s");
-                return fail(key, format!("{list:?}"), &allowed);
+                return Err(Wrong::new(key, format!("{list:?}"), allowed));
             }
-        }
-        if self.port.is_some() && self.stage.is_none() {
-            let allowed = "address, limit_min_deg and limit_max_deg of both axes";
-            return fail("stage", "missing beside a port".into(), allowed);
-        }
-        match self.stage.as_ref().map(StageSettings::validate) {
-            None | Some(Ok(())) => {}
-            Some(Err(StageError::BadSetting { key, reason })) => {
-                let allowed = reason.strip_prefix("it must be ").unwrap_or(&reason);
-                return fail(&format!("stage.{key}"), "what it cannot be".into(), allowed);
-            }
-            Some(Err(other)) => return fail("stage", other.to_string(), "what a stage can do"),
         }
         Ok(())
+    }
+
+    fn check_stage(&self) -> Result<(), Wrong> {
+        if self.port.is_some() && self.stage.is_none() {
+            let allowed = "address, limit_min_deg and limit_max_deg of both axes";
+            return Err(Wrong::new("stage", "missing beside a port", allowed));
+        }
+        match self.stage.as_ref().map(StageSettings::validate) {
+            None | Some(Ok(())) => Ok(()),
+            Some(Err(StageError::BadSetting { key, reason })) => {
+                let allowed = reason.strip_prefix("it must be ").unwrap_or(&reason);
+                let key = format!("stage.{key}");
+                Err(Wrong::new(key, "what it cannot be", allowed))
+            }
+            Some(Err(other)) => Err(Wrong::new(
+                "stage",
+                other.to_string(),
+                "what a stage can do",
+            )),
+        }
     }
 
     /// `[rig]` of the manifests of this rig's scans.
@@ -353,19 +285,23 @@ impl Config {
     }
 }
 
-/// An end that does not belong to its range is moved inwards by this.
-const OPEN: f64 = 1e-9;
 /// Half angle of a lamp of which the settings say nothing, the recorded series' LED.
 const USUAL_LAMP_DEG: f64 = 1.0;
 
-/// A range in words, open ends as they are meant.
-fn range(min: f64, max: f64) -> String {
-    let whole = |end: f64| (end - end.round()).abs() <= 2.0 * OPEN && end != end.round();
-    match (whole(min), whole(max)) {
-        (false, false) => format!("{min} to {max}"),
-        (true, false) => format!("above {} and at most {max}", min.round()),
-        (false, true) => format!("at least {min} and below {}", max.round()),
-        (true, true) => format!("above {} and below {}", min.round(), max.round()),
+/// A setting that is not what it may be.
+struct Wrong {
+    key: String,
+    found: String,
+    allowed: String,
+}
+
+impl Wrong {
+    fn new(key: impl Into<String>, found: impl Into<String>, allowed: impl Into<String>) -> Wrong {
+        Wrong {
+            key: key.into(),
+            found: found.into(),
+            allowed: allowed.into(),
+        }
     }
 }
 
@@ -457,12 +393,7 @@ mod tests {
         let error = read("[rig]\n\ntheta_l_deg = 100.0\n", &[])
             .unwrap_err()
             .to_string();
-        for part in [
-            "rig.toml, line 3",
-            "rig.theta_l_deg",
-            "100",
-            "above 0 and below 90",
-        ] {
+        for part in ["rig.toml, line 3", "rig.theta_l_deg", "100", "0 to 90"] {
             assert!(error.contains(part), "{part} is not in: {error}");
         }
         assert!(read("[rig]\ntheta_l_deg = nan", &[]).is_err());
@@ -504,6 +435,7 @@ mod tests {
         assert_eq!(config.store.folder, PathBuf::from("/srv/data"));
         for variable in [
             ("RIDGED_FLAT__REFLECTANCE", "7"),
+            ("RIDGED_FLAT__REFLECTANCE", "0"),
             ("RIDGED_FLAT__REFLEKTANCE", "0.9"),
             ("RIDGED_FLAT__REFLECTANCE", "bright"),
         ] {

@@ -43,29 +43,29 @@ impl Default for StoreSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RigSettings {
-    /// Angle between lamp and camera. Default 10, above 0 and below 90.
+    /// Angle between lamp and camera. Default 10, 0 to 90.
     pub theta_l_deg: f64,
     /// Azimuth of the lamp about the camera's axis. Default 0 (in the tilt plane), −360 to 360.
     pub light_azimuth_deg: f64,
     /// Added to the recorded φs it gives the azimuth of v. Default 0, −360 to 360.
     pub azimuth_zero_deg: f64,
-    /// Half angle of the lamp seen from the sample. Default: what `light_radius_mm` spans, or else 1; 0 to 20.
+    /// Half angle of the lamp seen from the sample. Default: what `light_radius_mm` spans, or else 1; 0 to 90.
     pub light_angular_radius_deg: Option<f64>,
     /// Half angle of the lens's pupil seen from the sample. Default: what `lens_radius_mm` spans, or else 0 (a
-    /// lens stopped down to a point); 0 to 45.
+    /// lens stopped down to a point); 0 to 90.
     pub lens_angular_radius_deg: Option<f64>,
-    /// Wavelength of the lamp. Default 550, 200 to 20 000.
+    /// Wavelength of the lamp. Default 550, 100 to 100 000.
     pub wavelength_nm: f64,
     /// Column and row of the rotation axis, from the outer corner of the first pixel. Default: the
     /// frame's centre.
     pub rotation_axis_px: Option<[f64; 2]>,
     /// From the centre of tilt to the lamp; leave it out for a collimated one. Above 0.
     pub light_distance_mm: Option<f64>,
-    /// Radius of the lamp where its distance is given. Above 0.
+    /// Radius of the lamp where its distance is given; 0 is a point.
     pub light_radius_mm: Option<f64>,
     /// From the centre of tilt to the camera's pupil; leave it out for a telecentric lens. Above 0.
     pub camera_distance_mm: Option<f64>,
-    /// Radius of the lens's pupil where its distance is given. Above 0.
+    /// Radius of the lens's pupil where its distance is given; 0 is a point.
     pub lens_radius_mm: Option<f64>,
     /// Standard uncertainty of how a sample's mean plane is inclined to the turntable. Default: not stated (and told as left
     /// out), 0 to 10.
@@ -107,15 +107,15 @@ pub struct CameraSettings {
     pub timeout_s: f64,
     /// Whether a frame's file is deleted from the folder once it is in the store. Default false.
     pub delete_read_frames: bool,
-    /// Columns of a frame. Default 128, 1 to 16384.
+    /// Columns of a frame. Default 128, 1 to 65535.
     pub width_px: u32,
-    /// Rows of a frame. Default 128, 1 to 16384.
+    /// Rows of a frame. Default 128, 1 to 65535.
     pub height_px: u32,
     /// Width of the field in the plane through the centre of tilt. Above 0.
     pub field_width_mm: Option<f64>,
     /// Height of the field. Above 0.
     pub field_height_mm: Option<f64>,
-    /// Bits of the converter. Default 16, 8 to 16.
+    /// Bits of the converter. Default 16, 1 to 16.
     pub bit_depth: u32,
     /// Count at which a pixel is full. Default: what the bits allow. 1 to 65535.
     pub saturation_dn: Option<f64>,
@@ -123,7 +123,7 @@ pub struct CameraSettings {
     pub gain_dn_per_electron: f64,
     /// Count without light. Default 0, 0 to 65535.
     pub black_level_dn: f64,
-    /// Read noise. Default 2, 0 to 10 000.
+    /// Read noise. Default 2, 0 to 65535.
     pub read_noise_electrons_rms: f64,
     /// Exposures of a sample. Default 0.02, 0.06, 0.18; each 1e-6 to 3600.
     pub exposures_s: Vec<f64>,
@@ -154,9 +154,9 @@ impl Default for CameraSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FlatSettings {
-    /// Diffuse reflectance from the certificate. Default 0.99, above 0 and at most 1.
+    /// Diffuse reflectance from the certificate. Default 0.99, above 0 and at most 1.2.
     pub reflectance: f64,
-    /// Its standard uncertainty. Default 0.005, above 0, below 0.5.
+    /// Its standard uncertainty. Default 0.005, above 0 and at most 0.5.
     pub reflectance_std: f64,
     /// Exposures of the white reference, which is brighter than most samples. Default: those of the
     /// sample.

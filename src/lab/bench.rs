@@ -413,7 +413,7 @@ impl Owner {
             told: self.told.clone(),
             scan_id,
             rig_id: self.rig_id,
-            saturation_dn: saturation_dn(&self.settings),
+            saturation_dn: self.settings.camera.full_count(),
             plan: work.plan,
             first_state: work.first_state,
         };
@@ -460,14 +460,6 @@ async fn interrupt_when_possible(told: Told, scan_id: i64, reason: String) {
             Err(_) => told.clock.sleep(Duration::from_secs(5)).await,
         }
     }
-}
-
-fn saturation_dn(settings: &RigSettings) -> u16 {
-    let camera = &settings.camera;
-    let full = camera
-        .saturation_dn
-        .unwrap_or_else(|| f64::from((1_u32 << camera.bit_depth.unwrap_or(16).min(16)) - 1));
-    full.clamp(1.0, 65535.0) as u16
 }
 
 fn clamp(angle: Angle, min: Angle, max: Angle) -> Angle {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::{Lab, LabError};
-use crate::frame::{Frame, FrameKind};
+use crate::frame::{Frame, FrameKind, UnknownKind};
 use crate::material::Material;
 use crate::reduction::{FrameReadError, FrameSource};
 use crate::scan::plan::{DarkPlan, FlatPlan};
@@ -55,12 +55,10 @@ impl StoredSeries {
 }
 
 fn row(record: &FrameRecord, imported: bool) -> Result<FrameRow, StoreError> {
-    let kind = match record.kind.as_str() {
-        "sample" => FrameKind::Sample,
-        "dark" => FrameKind::Dark,
-        "flat" => FrameKind::Flat,
-        other => return Err(StoreError::bad_row("frames", format!("kind `{other}`"))),
-    };
+    let kind = record
+        .kind
+        .parse()
+        .map_err(|UnknownKind(other)| StoreError::bad_row("frames", format!("kind `{other}`")))?;
     // The form says that dark frames carry 0, 0; where the stages stood is in the store.
     let (theta_c_deg, phi_s_deg) = match kind {
         FrameKind::Dark if !imported => (0.0, 0.0),
@@ -109,6 +107,43 @@ pub struct ImportOptions {
     pub skip_unreadable: bool,
     /// Raised to break it off.
     pub cancel: Arc<AtomicBool>,
+}
+
+/// A series that is to be imported.
+struct Given {
+    series: Arc<Series>,
+    /// Sizes of the frames' files.
+    bytes: Vec<u64>,
+    manifest_text: String,
+    frames_csv: String,
+}
+
+impl Given {
+    fn open(folder: &Path) -> Result<Given, LabError> {
+        let series = Series::open(folder)?;
+        let size_of = |row: &FrameRow| {
+            let file = series.folder().join(&row.file);
+            std::fs::metadata(file).map_or(0, |file| file.len())
+        };
+        let read = |file: &str| {
+            let path = series.folder().join(file);
+            std::fs::read_to_string(&path)
+                .map_err(|e| StoreError::file("the series' file", &path, e))
+        };
+        Ok(Given {
+            bytes: series.rows().iter().map(size_of).collect(),
+            manifest_text: read("manifest.toml")?,
+            frames_csv: read(&series.manifest().frames)?,
+            series: Arc::new(series),
+        })
+    }
+}
+
+/// Reads files where nobody else waits for them: the disk of a series may be a slow one.
+async fn reading<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
+    tokio::task::spawn_blocking(work)
+        .await
+        .expect("reading a series does not panic")
 }
 
 /// What an import did.
@@ -175,20 +210,11 @@ impl Lab {
         options: &ImportOptions,
         progress: &(dyn Fn(usize, usize) + Sync),
     ) -> Result<Imported, LabError> {
-        let series = Series::open(folder)?;
-        let size_of = |row: &FrameRow| {
-            let file = series.folder().join(&row.file);
-            std::fs::metadata(file).map_or(0, |file| file.len())
-        };
-        self.check_room(series.rows().iter().map(size_of).sum())?;
-        let read = |file: &str| {
-            let path = series.folder().join(file);
-            std::fs::read_to_string(&path)
-                .map_err(|e| StoreError::file("the series' file", &path, e))
-        };
-        let manifest_text = read("manifest.toml")?;
-        let frames_csv = read(&series.manifest().frames)?;
-        let saturation_dn = series.manifest().saturation_dn().clamp(1.0, 65535.0) as u16;
+        let from = folder.to_owned();
+        let given = reading(move || Given::open(&from)).await?;
+        self.check_room(given.bytes.iter().sum())?;
+        let series = &given.series;
+        let saturation_dn = series.manifest().camera.full_count();
         let total = series.rows().len();
         let mut skipped = Vec::new();
         for (i, row) in series.rows().iter().enumerate() {
@@ -196,8 +222,9 @@ impl Lab {
                 return Err(LabError::BrokenOff);
             }
             // Others write too while a long series comes in.
-            self.check_room(size_of(row))?;
-            let kept = match series.read_bytes(i) {
+            self.check_room(given.bytes[i])?;
+            let source = Arc::clone(series);
+            let kept = match reading(move || source.read_bytes(i)).await {
                 Ok(png) => match self.store().keep_png(png, saturation_dn).await {
                     Err(StoreError::Frame(source)) => Err(FrameReadError::NotAFrame {
                         file: row.file.clone(),
@@ -249,9 +276,9 @@ impl Lab {
             rig_id: None,
             name,
             plan: None,
-            manifest: manifest_text,
+            manifest: given.manifest_text,
             // A list with lines left out is not the series' own any more.
-            frames_csv: skipped.is_empty().then_some(frames_csv),
+            frames_csv: skipped.is_empty().then_some(given.frames_csv),
             calibration_ids: vec![],
         };
         let same_as = self.store().import_of(&new.manifest, frames).await?;

@@ -246,11 +246,6 @@ const FILE_NAME_MAX: usize = 100;
 /// What stands before the names of such files among those of the result.
 const GIVEN: &str = "given-";
 
-/// A trace begins after so many seconds of forecasting, with or without a forecast.
-const PATIENCE_S: f64 = 3.0;
-/// Share of a limited time after which a trace begins likewise.
-const PATIENCE_SHARE: f64 = 0.1;
-
 impl TraceToDo {
     /// Wavelengths that are traced, the scene's own first: energies and bins are of it.
     fn wavelengths(&self) -> Vec<f64> {
@@ -279,9 +274,7 @@ impl TraceToDo {
     /// What it will take, from short runs of it.
     pub(super) fn forecast(&self, cancel: &AtomicBool) -> Option<Forecast> {
         let request = &self.request;
-        let limited = request.max_seconds.map(|s| PATIENCE_SHARE * s);
-        let seconds = limited.unwrap_or(f64::INFINITY).min(PATIENCE_S);
-        let patience = Patience { seconds, cancel };
+        let patience = Patience::usual(request.max_seconds, cancel);
         let asked = Asked {
             follow: self.follow(),
             target_error: request.target_error,

@@ -53,7 +53,7 @@ fn in_gamut(lightness: f64, chroma: f64, hue_deg: f64) -> Rgb {
             }
         }
     }
-    linear_rgb(lightness, low, hue_deg).map(|x| (gamma(x.clamp(0.0, 1.0)) * 255.0).round() as u8)
+    linear_rgb(lightness, low, hue_deg).map(|x| (srgb(x.clamp(0.0, 1.0)) * 255.0).round() as u8)
 }
 
 /// OKLCh to linear sRGB.
@@ -71,11 +71,12 @@ fn linear_rgb(lightness: f64, chroma: f64, hue_deg: f64) -> [f64; 3] {
 }
 
 /// The transfer function of sRGB (IEC 61966-2-1).
-fn gamma(x: f64) -> f64 {
-    if x <= 0.003_130_8 {
-        12.92 * x
+#[must_use]
+pub fn srgb(linear: f64) -> f64 {
+    if linear <= 0.003_130_8 {
+        12.92 * linear
     } else {
-        1.055 * x.powf(1.0 / 2.4) - 0.055
+        1.055 * linear.powf(1.0 / 2.4) - 0.055
     }
 }
 

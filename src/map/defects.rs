@@ -13,6 +13,7 @@ use serde::Serialize;
 use super::layers::{BORDER, DEFECT, Layers, MISFIT};
 use super::settle::median;
 use super::solve::FREE;
+use crate::robust::STD_PER_DEVIATION;
 
 /// Deviation, in robust standard deviations, from which a pixel disagrees.
 pub const DEVIATION: f64 = 6.0;
@@ -201,7 +202,7 @@ fn usual(layers: &Layers, parameter: usize) -> Option<(f64, f64)> {
             .filter(inner)
             .map(|p| (f64::from(values[p]) - centre).abs()),
     )?;
-    Some((centre, 1.4826 * spread))
+    Some((centre, STD_PER_DEVIATION * spread))
 }
 
 /// Finds the areas that disagree, flags their pixels, and lists them, the largest first.

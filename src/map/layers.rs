@@ -66,7 +66,7 @@ pub struct Layers {
     /// Bits, see [`FLAG_NAMES`].
     pub flags: Vec<u8>,
     /// Observations used.
-    pub n_observations: Vec<u16>,
+    pub n_observations: Vec<u32>,
 }
 
 impl Layers {
@@ -116,7 +116,7 @@ impl Layers {
 
     pub(super) fn put(&mut self, pixel: usize, answer: &Answer) {
         self.flags[pixel] = answer.flags;
-        self.n_observations[pixel] = answer.n_used;
+        self.n_observations[pixel] = u32::try_from(answer.n_used).unwrap_or(u32::MAX);
         self.chi2_reduced[pixel] = answer.chi2_reduced;
         for (k, layer) in self.parameters.iter_mut().enumerate() {
             layer.values[pixel] = answer.values[k];
@@ -131,7 +131,7 @@ pub(super) struct Answer {
     values: [f32; FREE],
     std: [f32; FREE],
     chi2_reduced: f32,
-    n_used: u16,
+    n_used: usize,
     pub(super) flags: u8,
 }
 
@@ -142,7 +142,7 @@ impl Answer {
             values: [f32::NAN; FREE],
             std: [f32::NAN; FREE],
             chi2_reduced: f32::NAN,
-            n_used: n_used as u16,
+            n_used,
             flags,
         }
     }
@@ -150,7 +150,7 @@ impl Answer {
     /// A fit in the layers' units. `birge` is the usual χ² per degree of freedom, `observations`
     /// how many a pixel without masks has.
     pub(super) fn of(fit: &PixelFit, birge: f64, observations: usize, amplitude: bool) -> Answer {
-        let used = usize::from(fit.n_used);
+        let used = fit.n_used;
         if fit.end == End::TooFew {
             return Answer::none(FEW_OBSERVATIONS, used);
         }

@@ -33,24 +33,21 @@ mod run;
 mod settle;
 mod solve;
 mod start;
+mod tiles;
 mod view;
 pub mod write;
 
 use std::path::PathBuf;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-
-use rayon::prelude::*;
+use std::sync::atomic::AtomicBool;
 
 pub use self::globals::Globals;
 use self::kernel::Parameters;
-use self::layers::{Answer, FEW_OBSERVATIONS, Layers, NOT_IDENTIFIABLE};
+use self::layers::Layers;
 use self::observe::Light;
 use self::planes::Planes;
-use self::run::{Batch, Run, better, freedom, usual_chi2_max};
-use self::settle::{LOBE_SIGNIFICANCE, References, Settled};
-use self::solve::{End, FREE};
-use self::start::lambert_chi2;
+use self::settle::{References, Settled};
+use self::solve::FREE;
+use self::tiles::{fit_tiles, sampled};
 use self::view::View;
 use crate::frame::FrameKind;
 use crate::geometry::{Pose, turn_by_wedge};
@@ -60,9 +57,6 @@ use crate::plan::Decision;
 use crate::reduction::{FrameSource, ReductionError, calibrate};
 use crate::units::Angle;
 
-/// Tiles and pixels per tile from which the shared quantities are settled.
-const SAMPLED_TILES: usize = 32;
-const SAMPLED_PIXELS: usize = 2048;
 /// How often the dear terms are taken anew within a pixel's descent, at most.
 const REFRESHES: u8 = 3;
 
@@ -412,159 +406,6 @@ fn what_is_left_out(
         ));
     }
     list
-}
-
-/// A sample of pixels from tiles spread over the map.
-fn sampled(planes: &Planes) -> Result<Batch, MapError> {
-    let tiles = planes.tiles();
-    let taken = tiles.min(SAMPLED_TILES);
-    let per_tile = SAMPLED_PIXELS.div_ceil(taken);
-    let batches = (0..taken)
-        .map(|k| {
-            let tile = k * tiles / taken;
-            let length = planes.range(tile).len();
-            // A stride that is not a divisor of common widths, so that columns differ.
-            let stride = (length / per_tile).max(1) | 1;
-            Batch::of_tile(planes, tile, |i| i % stride == k % stride)
-        })
-        .collect::<Result<Vec<_>, _>>()
-        .map_err(MapError::Scratch)?;
-    Ok(Batch::join(batches))
-}
-
-/// What came of the tiles.
-struct Tiles {
-    layers: Layers,
-    evaluations: f64,
-    /// Pixels that were looked at.
-    pixels: usize,
-}
-
-/// Fits all pixels, tile by tile on all cores, until it is late.
-fn fit_tiles(
-    planes: &Planes,
-    settled: &Settled,
-    late: &(dyn Fn() -> bool + Sync),
-    progress: &(dyn Fn(Progress) + Sync),
-    cancel: &AtomicBool,
-) -> Result<Tiles, MapError> {
-    let view = &settled.view;
-    let amplitude = settled.dear.is_amplitude();
-    let answered = Mutex::new((Layers::new(view.width, view.height, amplitude), 0.0));
-    let done = AtomicUsize::new(0);
-    spread_out(planes.tiles())
-        .into_par_iter()
-        .with_max_len(1)
-        .try_for_each(|tile| {
-            if cancel.load(Ordering::Relaxed) {
-                return Err(MapError::Cancelled);
-            }
-            if late() {
-                return Ok(());
-            }
-            let batch = Batch::of_tile(planes, tile, |_| true).map_err(MapError::Scratch)?;
-            let run = Run {
-                batch: &batch,
-                globals: &settled.globals,
-                dear: &settled.dear,
-                view,
-                poses: &settled.poses,
-            };
-            let (answers, spent) = fit_batch(&run, settled);
-            let mut answered = answered.lock().expect("no holder of this lock panics");
-            for (pixel, answer) in batch.pixels.iter().zip(&answers) {
-                answered.0.put(*pixel, answer);
-            }
-            answered.1 += spent;
-            drop(answered);
-            progress(Progress {
-                stage: Stage::Fitting,
-                done: done.fetch_add(batch.pixels.len(), Ordering::Relaxed) + batch.pixels.len(),
-                total: view.pixels(),
-            });
-            Ok(())
-        })?;
-    let (layers, evaluations) = answered
-        .into_inner()
-        .expect("no holder of this lock panics");
-    Ok(Tiles {
-        layers,
-        evaluations,
-        pixels: done.into_inner(),
-    })
-}
-
-/// The numbers below `count` in an order each beginning of which is spread over all, the middle first: their
-/// bits reversed, half way round.
-fn spread_out(count: usize) -> Vec<usize> {
-    let bits = usize::BITS - count.saturating_sub(1).leading_zeros();
-    (0..1usize << bits)
-        .map(|n| n.reverse_bits() >> (usize::BITS - bits.max(1)))
-        .filter(|n| *n < count)
-        .map(|n| (n + count / 2) % count)
-        .collect()
-}
-
-/// Fits the pixels of a batch that show a lobe; those that the leaders do not serve start again
-/// from templates. Returns the answers and the evaluations spent.
-fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, f64) {
-    let amplitude = settled.dear.is_amplitude();
-    let birge = settled.birge;
-    let n = run.batch.observations;
-    let mut answers: Vec<Answer> = Vec::with_capacity(run.batch.pixels.len());
-    let (mut chosen, mut starts): (Vec<usize>, Vec<Parameters>) = (Vec::new(), Vec::new());
-    let mut mattes = Vec::new();
-    let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
-    for index in 0..run.batch.pixels.len() {
-        let used = run.batch.used(index);
-        if used <= FREE {
-            answers.push(Answer::none(FEW_OBSERVATIONS, used));
-            continue;
-        }
-        answers.push(Answer::none(NOT_IDENTIFIABLE, used));
-        // Nothing to fit where a matte surface explains all.
-        run.read(index, &mut signal, &mut weight);
-        let matte = lambert_chi2(&signal, &weight, &settled.lambert);
-        if matte <= birge * (used as f64 - 1.0 + LOBE_SIGNIFICANCE) {
-            continue;
-        }
-        if let Some((start, _)) = settled.leaders.best(&signal, &weight) {
-            chosen.push(index);
-            starts.push(start);
-            mattes.push(matte);
-        }
-    }
-    let mut fits = run.fit(&chosen, &starts, REFRESHES);
-    let doubtful: Vec<usize> = (0..fits.len())
-        .filter(|at| {
-            let fit = &fits[*at];
-            let freedom = freedom(fit);
-            fit.end != End::Converged
-                || fit.covariance.is_none()
-                || fit.chi2 / freedom > birge * usual_chi2_max(freedom)
-        })
-        .collect();
-    let again: Vec<usize> = doubtful.iter().map(|at| chosen[*at]).collect();
-    let mut spent: f64 = fits.iter().map(|f| f64::from(f.evaluations)).sum();
-    if !again.is_empty() {
-        for (at, fit) in doubtful
-            .iter()
-            .zip(run.fit_from_templates(&again, &settled.templates))
-        {
-            spent += f64::from(fit.evaluations) * start::QUARTERS as f64;
-            if better(&fit, &fits[*at]) {
-                fits[*at] = fit;
-            }
-        }
-    }
-    for ((index, fit), matte) in chosen.iter().zip(&fits).zip(mattes) {
-        let mut answer = Answer::of(fit, birge, n, amplitude);
-        if matte - fit.chi2 < birge * LOBE_SIGNIFICANCE {
-            answer = Answer::none(answer.flags | NOT_IDENTIFIABLE, usize::from(fit.n_used));
-        }
-        answers[*index] = answer;
-    }
-    (answers, spent)
 }
 
 /// Shared shifts in the layers' units; those of ln α times the median α.

@@ -392,7 +392,7 @@ impl Pixels for Chosen<'_> {
 
 /// Degrees of freedom of a pixel's fit; at least 1.
 pub(super) fn freedom(fit: &PixelFit) -> f64 {
-    (f64::from(fit.n_used) - FREE as f64).max(1.0)
+    (fit.n_used as f64 - FREE as f64).max(1.0)
 }
 
 /// χ² per degree of freedom that good data pass once in 300,000: the normal quantile 4.5 after

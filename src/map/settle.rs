@@ -17,6 +17,7 @@ use crate::geometry::Pose;
 use crate::material::Material;
 use crate::observation::{FlatObservation, WhiteReference};
 use crate::plan::{Decision, Plan};
+use crate::robust;
 
 /// Rounds in which zero of the tilt, gain and fits take turns.
 const ROUNDS: usize = 6;
@@ -80,6 +81,8 @@ pub(super) fn identifiable(fit: &PixelFit, birge: f64) -> bool {
     std(0) < THETA_R_STD_MAX_RAD && std(2) < LN_ALPHA_STD_MAX && std(3) < LN_ALPHA_STD_MAX
 }
 
+/// Settles in turn the tilt's zero, the gain and the fits of sampled pixels; first with the closed form alone, then
+/// with double reflections integrated at what was found.
 pub(super) fn settle(
     batch: &Batch,
     view: &View,
@@ -87,96 +90,9 @@ pub(super) fn settle(
     progress: &(dyn Fn(Progress) + Sync),
     cancel: &AtomicBool,
 ) -> Result<Settled, MapError> {
-    let Given {
-        material,
-        recorded,
-        references,
-        target_error,
-    } = *given;
-    if (0..batch.pixels.len()).all(|index| batch.used(index) == 0) {
-        return Err(MapError::NothingUsable);
-    }
-    let largest = batch.largest();
-    if largest <= 0.0 {
-        return Err(MapError::NothingSeen);
-    }
-    let amplitude = View::fits_amplitude(material);
-    // Which directions pixels have may be decided; where camera and lamp stand is not.
-    let (stand, mut view) = (view, view.clone());
-    let place = [0.0, 0.0];
-    let poses_at = |globals: &Globals| -> Vec<Pose> {
-        let shifted = recorded.iter().map(|pose| Pose {
-            theta_c: pose.theta_c + globals.tilt_offset,
-            ..*pose
-        });
-        shifted.collect()
-    };
-    let dear_at = |poses: &[Pose], coarseness: f64, integrated: &Integrated| {
-        let geometry = poses
-            .iter()
-            .map(|pose| stand.geometry(*pose, place))
-            .collect();
-        Dear::new(
-            stand.rig,
-            *material,
-            poses.to_vec(),
-            geometry,
-            coarseness,
-            integrated.clone(),
-        )
-    };
-    let relative = references.white.is_none();
-    let flats = |globals: Globals| match &references.white {
-        Some(white) => globals.with_flats(references.flats, white, &stand.rig, largest),
-        None => globals,
-    };
-    let enough: Vec<usize> = (0..batch.pixels.len())
-        .filter(|index| batch.used(*index) > FREE)
-        .collect();
-
-    let mut globals = Globals::first(1.0, largest);
-    let mut poses = poses_at(&globals);
-    let mut integrated = Integrated::default();
-    let mut dear = dear_at(&poses, 1.0, &integrated);
-    let lambert_first = lambert(dear.geometry());
-    if relative {
-        let templates = Templates::new(dear.geometry(), dear.lamp(), amplitude);
-        globals = Globals::first(
-            gain_of(batch, &enough, &globals, &dear, &view, &poses, &templates)
-                .ok_or(MapError::NoLobes)?,
-            largest,
-        );
-    }
-    let first = globals;
-    globals = flats(globals);
-
-    // Pixels that show a lobe at all; a mount has nothing to say here.
-    let run = Run {
-        batch,
-        globals: &globals,
-        dear: &dear,
-        view: &view,
-        poses: &poses,
-    };
-    let lobed: Vec<usize> = enough
-        .iter()
-        .copied()
-        .filter(|index| {
-            let dof = batch.used(*index) as f64 - 1.0;
-            run.lambert_chi2(*index, &lambert_first) > dof + LOBE_SIGNIFICANCE
-        })
-        .collect();
-    if lobed.is_empty() {
-        return Err(MapError::NoLobes);
-    }
-
-    let mut birge = 1.0;
-    let mut good: Vec<(usize, PixelFit)> = Vec::new();
-    // First with the closed form alone, then with double reflections integrated at what was found.
-    let mut passes_left = PASSES;
-    let mut decided: Option<(Plan, Option<f64>)> = None;
-    let mut polarised = true;
-    let mut rounds_left = ROUNDS;
+    let mut settling = Settling::new(batch, view, given)?;
+    let lobed = settling.lobed()?;
+    let (mut passes_left, mut rounds_left) = (PASSES, ROUNDS);
     for round in 0..ROUNDS * PASSES {
         if cancel.load(Ordering::Relaxed) {
             return Err(MapError::Cancelled);
@@ -186,192 +102,350 @@ pub(super) fn settle(
             done: round,
             total: ROUNDS * PASSES,
         });
-        let run = Run {
-            batch,
-            globals: &globals,
-            dear: &dear,
-            view: &view,
-            poses: &poses,
-        };
         // The first round and the last search everywhere; between them fits follow the globals.
-        let search = round == 0 || good.is_empty();
-        let (chosen, fits) = if search {
-            let templates = Templates::new(dear.geometry(), dear.lamp(), amplitude);
-            let mut fits = run.fit_from_templates(&lobed, &templates);
-            run.follow_the_best(&lobed, &mut fits);
-            (lobed.clone(), fits)
-        } else {
-            let chosen: Vec<usize> = good.iter().map(|(index, _)| *index).collect();
-            let starts: Vec<Parameters> = good.iter().map(|(_, fit)| fit.p).collect();
-            let fits = run.fit(&chosen, &starts, 1);
-            (chosen, fits)
+        let fits = match round == 0 || settling.good.is_empty() {
+            true => settling.search(&lobed),
+            false => settling.follow(),
         };
-        let left = median(fits.iter().map(|f| f.chi2 / freedom(f)));
-        let converged: Vec<(usize, PixelFit)> = chosen
-            .into_iter()
-            .zip(fits)
-            .filter(|(_, fit)| fit.end == End::Converged && identifiable(fit, 1.0))
-            .collect();
-        // There are lobes, but these poses do not tell whose.
-        birge = median(converged.iter().map(|(_, f)| f.chi2 / freedom(f)))
-            .ok_or(MapError::NothingFitted {
-                poses: recorded.len(),
-                chi2: left.unwrap_or(f64::INFINITY),
-            })?
-            .max(1.0);
-        // Pixels that straddle two surfaces pull at everything: only the usual ones have a say.
-        good = converged
-            .into_iter()
-            .filter(|(_, f)| f.chi2 / freedom(f) < 2.5 * birge)
-            .collect();
-        let step = {
-            let run = Run {
-                batch,
-                globals: &globals,
-                dear: &dear,
-                view: &view,
-                poses: &poses,
-            };
-            let prior = if relative { first } else { flats(globals) };
-            let second = match (amplitude, relative) {
-                // A metal pixel has an amplitude of its own, which is the gain by another name.
-                (true, _) => Second::Stray {
-                    prior: prior.stray,
-                    prior_std: prior.stray_std,
-                },
-                (false, true) => Second::Gain,
-                (false, false) => Second::Nothing,
-            };
-            let mut next = globals;
-            let step = next.step(&run, &good, birge, second);
-            globals = flats(next);
-            if amplitude {
-                globals.stray = next.stray;
-                globals.stray_std = next.stray_std;
-            }
-            step
-        };
-        poses = poses_at(&globals);
-        dear = dear_at(&poses, 1.0, &integrated);
+        settling.keep_the_usual(fits)?;
+        let step = settling.step();
         rounds_left -= 1;
         let settled = rounds_left + 1 < ROUNDS && step[0].abs() < 2e-5 && step[1].abs() < 1e-4;
         if settled || rounds_left == 0 {
             passes_left -= 1;
-            if passes_left == 0 {
+            if passes_left == 0 || !settling.integrate() {
                 break;
             }
             rounds_left = ROUNDS;
-            let fits: Vec<Parameters> = good.iter().map(|(_, fit)| fit.p).collect();
-            let centres = Leaders::gather(&fits).centres(&fits);
-            if decided.is_none() {
-                // The first centres are those of most pixels.
-                let surfaces = &centres[..centres.len().min(PROBED)];
-                let plan = plan::decide(&dear, &view, surfaces, target_error);
-                let near = !view.is_telecentric();
-                let cost = near.then(|| plan::centre_for_all(&dear, &view, surfaces));
-                let included = |decision| plan.on(decision).is_none_or(|choice| choice.included);
-                let integrate = included(Decision::Bounces);
-                view = view.with_own_directions(included(Decision::PerPixelGeometry));
-                decided = Some((plan, cost));
-                if !integrate {
-                    break;
-                }
-            }
-            let at = |polarised: bool| {
-                Integrated::at(centres.clone(), amplitude, |p| dear.lacking(p, polarised))
-            };
-            integrated = at(true);
-            if !amplitude {
-                // Nature polarises light at the first facet and the second one sees it; many renderers leave that out
-                // where light meets plastic. The pixels tell.
-                let without = at(false);
-                let misses = |integrated: &Integrated| {
-                    let dear = dear_at(&poses, 1.0, integrated);
-                    let run = Run {
-                        batch,
-                        globals: &globals,
-                        dear: &dear,
-                        view: &view,
-                        poses: &poses,
-                    };
-                    run.misses(&good)
-                };
-                polarised = misses(&integrated) <= misses(&without);
-                if !polarised {
-                    integrated = without;
-                }
-            }
-            dear = dear_at(&poses, 1.0, &integrated);
         }
     }
-
-    let coarseness = median(good.iter().filter_map(|(_, f)| {
-        let covariance = f.covariance.as_ref()?;
-        Some(2.0 * covariance[0].sqrt() / super::dear::CELL[0])
-    }))
-    .unwrap_or(1.0)
-    .clamp(1.0, COARSENESS_MAX);
-    dear = dear_at(&poses, coarseness, &integrated);
-    let run = Run {
-        batch,
-        globals: &globals,
-        dear: &dear,
-        view: &view,
-        poses: &poses,
-    };
-    let found: Vec<Parameters> = good.iter().map(|(_, fit)| fit.p).collect();
-    let mut leaders = Leaders::gather(&found);
-    leaders.predict(|p| dear.full(p));
-    let mut shared_std = shared_std(&run, &good);
-    if let (Some(all), Some(misfit)) = (&mut shared_std, shared_misfit(&run, &good)) {
-        for (std, misfit) in all.iter_mut().zip(misfit) {
-            *std = std.hypot(misfit);
-        }
-    }
-    let templates = Templates::new(dear.geometry(), dear.lamp(), amplitude);
-    let lambert = lambert(dear.geometry());
-    let (plan, centre_for_all) =
-        decided.unwrap_or_else(|| (plan::decide(&dear, &view, &[], target_error), None));
-    let plan = plan::with_polarisation(plan, polarised);
-    Ok(Settled {
-        sampled: good.len(),
-        globals,
-        poses,
-        dear,
-        leaders,
-        templates,
-        lambert,
-        birge,
-        shared_std,
-        view,
-        plan,
-        centre_for_all,
-    })
+    Ok(settling.finish())
 }
 
-/// The usual amplitude of the best template over the pixels, for data without a white reference.
-fn gain_of(
-    batch: &Batch,
-    enough: &[usize],
-    globals: &Globals,
-    dear: &Dear,
-    view: &View,
+/// What is found so far.
+struct Settling<'a> {
+    batch: &'a Batch,
+    given: &'a Given<'a>,
+    /// Where camera and lamp stand.
+    stand: &'a View,
+    /// The same; which directions pixels have may be decided.
+    view: View,
+    /// Whether a pixel has an amplitude of its own, as metal does.
+    amplitude: bool,
+    /// Largest signal of the sample.
+    largest: f64,
+    /// Before a round was gone through.
+    first: Globals,
+    globals: Globals,
+    poses: Vec<Pose>,
+    integrated: Integrated,
+    dear: Dear,
+    birge: f64,
+    /// Sampled pixels with a usual fit, by index in the batch.
+    good: Vec<(usize, PixelFit)>,
+    /// The plan, and what the centre's directions cost.
+    decided: Option<(Plan, Option<f64>)>,
+    polarised: bool,
+}
+
+impl<'a> Settling<'a> {
+    fn new(batch: &'a Batch, view: &'a View, given: &'a Given<'a>) -> Result<Self, MapError> {
+        if (0..batch.pixels.len()).all(|index| batch.used(index) == 0) {
+            return Err(MapError::NothingUsable);
+        }
+        let largest = batch.largest();
+        if largest <= 0.0 {
+            return Err(MapError::NothingSeen);
+        }
+        let first = Globals::first(1.0, largest);
+        let poses = poses_at(&first, given.recorded);
+        let integrated = Integrated::default();
+        let dear = dear_at(view, given.material, &poses, 1.0, &integrated);
+        let mut settling = Settling {
+            batch,
+            given,
+            stand: view,
+            view: view.clone(),
+            amplitude: View::fits_amplitude(given.material),
+            largest,
+            first,
+            globals: first,
+            poses,
+            integrated,
+            dear,
+            birge: 1.0,
+            good: Vec::new(),
+            decided: None,
+            polarised: true,
+        };
+        if settling.is_relative() {
+            let gain = settling.first_gain().ok_or(MapError::NoLobes)?;
+            settling.first = Globals::first(gain, largest);
+        }
+        settling.globals = settling.with_flats(settling.first);
+        Ok(settling)
+    }
+
+    /// Whether no white reference says how bright white is.
+    fn is_relative(&self) -> bool {
+        self.given.references.white.is_none()
+    }
+
+    fn with_flats(&self, globals: Globals) -> Globals {
+        let references = self.given.references;
+        match &references.white {
+            Some(white) => {
+                globals.with_flats(references.flats, white, &self.stand.rig, self.largest)
+            }
+            None => globals,
+        }
+    }
+
+    fn run(&self) -> Run<'_> {
+        self.run_with(&self.dear)
+    }
+
+    fn run_with<'b>(&'b self, dear: &'b Dear) -> Run<'b> {
+        Run {
+            batch: self.batch,
+            globals: &self.globals,
+            dear,
+            view: &self.view,
+            poses: &self.poses,
+        }
+    }
+
+    fn dear_with(&self, coarseness: f64, integrated: &Integrated) -> Dear {
+        let material = self.given.material;
+        dear_at(self.stand, material, &self.poses, coarseness, integrated)
+    }
+
+    fn templates(&self) -> Templates {
+        Templates::new(self.dear.geometry(), self.dear.lamp(), self.amplitude)
+    }
+
+    /// Sampled pixels with more observations than unknowns.
+    fn enough(&self) -> impl Iterator<Item = usize> {
+        (0..self.batch.pixels.len()).filter(|index| self.batch.used(*index) > FREE)
+    }
+
+    /// The usual amplitude of the best template over the pixels, for data without a white reference.
+    fn first_gain(&self) -> Option<f64> {
+        let (run, templates) = (self.run(), self.templates());
+        let n = self.batch.observations;
+        let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
+        median(self.enough().filter_map(|index| {
+            run.read(index, &mut signal, &mut weight);
+            templates.amplitude_of(&signal, &weight)
+        }))
+    }
+
+    /// Pixels that show a lobe at all; a mount has nothing to say here.
+    fn lobed(&self) -> Result<Vec<usize>, MapError> {
+        let (run, lambert) = (self.run(), lambert(self.dear.geometry()));
+        let shows = |index: &usize| {
+            let dof = self.batch.used(*index) as f64 - 1.0;
+            run.lambert_chi2(*index, &lambert) > dof + LOBE_SIGNIFICANCE
+        };
+        let lobed: Vec<usize> = self.enough().filter(shows).collect();
+        match lobed.is_empty() {
+            true => Err(MapError::NoLobes),
+            false => Ok(lobed),
+        }
+    }
+
+    /// Fits of these pixels, from every template.
+    fn search(&self, lobed: &[usize]) -> Vec<(usize, PixelFit)> {
+        let run = self.run();
+        let mut fits = run.fit_from_templates(lobed, &self.templates());
+        run.follow_the_best(lobed, &mut fits);
+        lobed.iter().copied().zip(fits).collect()
+    }
+
+    /// Fits of the pixels that are good, from where they are.
+    fn follow(&self) -> Vec<(usize, PixelFit)> {
+        let chosen: Vec<usize> = self.good.iter().map(|(index, _)| *index).collect();
+        let fits = self.run().fit(&chosen, &self.found(), 1);
+        chosen.into_iter().zip(fits).collect()
+    }
+
+    /// Parameters of the good pixels.
+    fn found(&self) -> Vec<Parameters> {
+        self.good.iter().map(|(_, fit)| fit.p).collect()
+    }
+
+    /// The usual χ² of these fits, and those that have one.
+    fn keep_the_usual(&mut self, fits: Vec<(usize, PixelFit)>) -> Result<(), MapError> {
+        let reduced = |(_, fit): &(usize, PixelFit)| fit.chi2 / freedom(fit);
+        let left = median(fits.iter().map(reduced));
+        let converged: Vec<(usize, PixelFit)> = fits
+            .into_iter()
+            .filter(|(_, fit)| fit.end == End::Converged && identifiable(fit, 1.0))
+            .collect();
+        // There are lobes, but these poses do not tell whose.
+        self.birge = median(converged.iter().map(reduced))
+            .ok_or(MapError::NothingFitted {
+                poses: self.given.recorded.len(),
+                chi2: left.unwrap_or(f64::INFINITY),
+            })?
+            .max(1.0);
+        // Pixels that straddle two surfaces pull at everything: only the usual ones have a say.
+        self.good = converged
+            .into_iter()
+            .filter(|one| reduced(one) < 2.5 * self.birge)
+            .collect();
+        Ok(())
+    }
+
+    /// Moves what all pixels share towards the good fits; returns by how much.
+    fn step(&mut self) -> [f64; 2] {
+        let prior = match self.is_relative() {
+            true => self.first,
+            false => self.with_flats(self.globals),
+        };
+        let second = match (self.amplitude, self.is_relative()) {
+            // A metal pixel has an amplitude of its own, which is the gain by another name.
+            (true, _) => Second::Stray {
+                prior: prior.stray,
+                prior_std: prior.stray_std,
+            },
+            (false, true) => Second::Gain,
+            (false, false) => Second::Nothing,
+        };
+        let mut next = self.globals;
+        let step = next.step(&self.run(), &self.good, self.birge, second);
+        self.globals = self.with_flats(next);
+        if self.amplitude {
+            self.globals.stray = next.stray;
+            self.globals.stray_std = next.stray_std;
+        }
+        self.poses = poses_at(&self.globals, self.given.recorded);
+        self.dear = self.dear_with(1.0, &self.integrated);
+        step
+    }
+
+    /// Integrates double reflections on the surfaces that pixels look like; false where the plan leaves them out.
+    fn integrate(&mut self) -> bool {
+        let found = self.found();
+        let centres = Leaders::gather(&found).centres(&found);
+        // The first centres are those of most pixels.
+        if self.decided.is_none() && !self.decide(&centres[..centres.len().min(PROBED)]) {
+            return false;
+        }
+        let at = |polarised: bool| {
+            Integrated::at(centres.clone(), self.amplitude, |p| {
+                self.dear.lacking(p, polarised)
+            })
+        };
+        let mut integrated = at(true);
+        if !self.amplitude {
+            // Nature polarises light at the first facet and the second one sees it; many renderers leave that out
+            // where light meets plastic. The pixels tell.
+            let without = at(false);
+            let misses = |integrated: &Integrated| {
+                let dear = self.dear_with(1.0, integrated);
+                self.run_with(&dear).misses(&self.good)
+            };
+            let polarised = misses(&integrated) <= misses(&without);
+            if !polarised {
+                integrated = without;
+            }
+            self.polarised = polarised;
+        }
+        self.integrated = integrated;
+        self.dear = self.dear_with(1.0, &self.integrated);
+        true
+    }
+
+    /// Decides what is left out, on some surfaces; returns whether double reflections are integrated.
+    fn decide(&mut self, surfaces: &[Parameters]) -> bool {
+        let plan = plan::decide(&self.dear, &self.view, surfaces, self.given.target_error);
+        let near = !self.view.is_telecentric();
+        let cost = near.then(|| plan::centre_for_all(&self.dear, &self.view, surfaces));
+        let included = |decision| plan.on(decision).is_none_or(|choice| choice.included);
+        let integrate = included(Decision::Bounces);
+        let own = included(Decision::PerPixelGeometry);
+        self.view = self.view.clone().with_own_directions(own);
+        self.decided = Some((plan, cost));
+        integrate
+    }
+
+    fn finish(mut self) -> Settled {
+        self.dear = self.dear_with(self.coarseness(), &self.integrated);
+        let mut leaders = Leaders::gather(&self.found());
+        leaders.predict(|p| self.dear.full(p));
+        let shared_std = self.shared_std();
+        let templates = self.templates();
+        let lambert = lambert(self.dear.geometry());
+        let target_error = self.given.target_error;
+        let (plan, centre_for_all) = self.decided.unwrap_or_else(|| {
+            let plan = plan::decide(&self.dear, &self.view, &[], target_error);
+            (plan, None)
+        });
+        Settled {
+            sampled: self.good.len(),
+            globals: self.globals,
+            poses: self.poses,
+            dear: self.dear,
+            leaders,
+            templates,
+            lambert,
+            birge: self.birge,
+            shared_std,
+            view: self.view,
+            plan: plan::with_polarisation(plan, self.polarised),
+            centre_for_all,
+        }
+    }
+
+    /// How coarse the cells of the dear terms may be: as coarse as fits are uncertain.
+    fn coarseness(&self) -> f64 {
+        let of_cells = self.good.iter().filter_map(|(_, f)| {
+            let covariance = f.covariance.as_ref()?;
+            Some(2.0 * covariance[0].sqrt() / super::dear::CELL[0])
+        });
+        median(of_cells).unwrap_or(1.0).clamp(1.0, COARSENESS_MAX)
+    }
+
+    /// Shift of the usual pixel by what all share and by what the model misses.
+    fn shared_std(&self) -> Option<Parameters> {
+        let run = self.run();
+        let mut all = shared_std(&run, &self.good)?;
+        if let Some(misfit) = shared_misfit(&run, &self.good) {
+            for (std, misfit) in all.iter_mut().zip(misfit) {
+                *std = std.hypot(misfit);
+            }
+        }
+        Some(all)
+    }
+}
+
+/// The recorded poses at the tilt's zero.
+fn poses_at(globals: &Globals, recorded: &[Pose]) -> Vec<Pose> {
+    let shifted = recorded.iter().map(|pose| Pose {
+        theta_c: pose.theta_c + globals.tilt_offset,
+        ..*pose
+    });
+    shifted.collect()
+}
+
+fn dear_at(
+    stand: &View,
+    material: &Material,
     poses: &[Pose],
-    templates: &Templates,
-) -> Option<f64> {
-    let run = Run {
-        batch,
-        globals,
-        dear,
-        view,
-        poses,
-    };
-    let n = batch.observations;
-    let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
-    median(enough.iter().filter_map(|index| {
-        run.read(*index, &mut signal, &mut weight);
-        templates.amplitude_of(&signal, &weight)
-    }))
+    coarseness: f64,
+    integrated: &Integrated,
+) -> Dear {
+    let centre = [0.0, 0.0];
+    let geometry = poses.iter().map(|pose| stand.geometry(*pose, centre));
+    Dear::new(
+        stand.rig,
+        *material,
+        poses.to_vec(),
+        geometry.collect(),
+        coarseness,
+        integrated.clone(),
+    )
 }
 
 fn shared_std(run: &Run<'_>, good: &[(usize, PixelFit)]) -> Option<Parameters> {
@@ -393,13 +467,8 @@ fn shared_std(run: &Run<'_>, good: &[(usize, PixelFit)]) -> Option<Parameters> {
     Some(medians)
 }
 
-/// Median of some numbers; none of none.
+/// Median of those that are finite; none of none.
 pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.filter(|x| x.is_finite()).collect();
-    if values.is_empty() {
-        return None;
-    }
-    let at = values.len() / 2;
-    let (_, x, _) = values.select_nth_unstable_by(at, f64::total_cmp);
-    Some(*x)
+    robust::median(&mut values)
 }

@@ -71,7 +71,7 @@ pub(super) struct PixelFit {
     /// Packed covariance for weights 1/σ; `None` where the normal matrix is singular.
     pub(super) covariance: Option<[f64; PACKED]>,
     pub(super) chi2: f64,
-    pub(super) n_used: u16,
+    pub(super) n_used: usize,
     /// Evaluations of all observations; one of a part of them counts as that part.
     pub(super) evaluations: f32,
     pub(super) end: End,
@@ -183,7 +183,7 @@ struct Slot {
     pixel: usize,
     refreshes_left: u8,
     evaluations: u16,
-    n_used: u16,
+    n_used: usize,
     /// Cost at the last accepted point, and what an undamped step from there would have gained.
     cost: f64,
     gain: f64,
@@ -268,7 +268,7 @@ impl<'a> Table<'a> {
             };
             if used <= least {
                 fits[pixel] = PixelFit {
-                    n_used: used as u16,
+                    n_used: used,
                     end: End::TooFew,
                     ..fits[pixel]
                 };
@@ -290,7 +290,7 @@ impl<'a> Table<'a> {
                 pixel,
                 refreshes_left: self.job.refreshes,
                 evaluations: 0,
-                n_used: used as u16,
+                n_used: used,
                 cost: f64::INFINITY,
                 gain: 0.0,
                 taken_at: start,

@@ -2,8 +2,10 @@
 
 use std::path::Path;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::layers::{BORDER, DEFECT, MISFIT};
+use super::layers::{BORDER, DEFECT, FEW_OBSERVATIONS, MISFIT};
+use super::tiles::spread_out;
 use super::*;
 use crate::frame::{Frame, FrameKind};
 use crate::reduction::FrameReadError;

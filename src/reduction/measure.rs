@@ -18,6 +18,7 @@ use super::sensor::{Sensor, median};
 use super::sloping::Slope;
 use super::wild::Field;
 use crate::frame::Frame;
+use crate::robust::MEDIAN_OF_ABS;
 
 /// A frame is cut into so many cells per edge; spatial scatter is judged between cells.
 const CELLS: usize = 8;
@@ -163,9 +164,9 @@ impl Ground<'_> {
                 .collect();
             let usual = median(&mut values);
             let mut below: Vec<f64> = values.iter().map(|v| (usual - v).max(0.0)).collect();
-            // Half of the pixels lie below the median: their median distance is 0.6745 σ.
+            // Half of the pixels lie below the median: their median distance is that of normal scatter.
             below.retain(|d| *d > 0.0);
-            let spread = median(&mut below) / 0.6745;
+            let spread = median(&mut below) / MEDIAN_OF_ABS;
             for (pixel, label) in labels.iter_mut().enumerate() {
                 if *label as usize == segment {
                     let due = f64::from(dark.level_dn[pixel])

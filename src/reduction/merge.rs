@@ -16,6 +16,7 @@ use super::journal::{Journal, Rejection};
 use super::measure::{Ground, Measured};
 use super::sensor::median;
 use crate::geometry::{Pose, alike, alike_around};
+use crate::robust::MEDIAN_OF_SQUARE;
 use crate::units::Angle;
 
 /// Frames of one pose agree within this many standard errors …
@@ -407,7 +408,7 @@ fn lamp_scatter(ground: &Ground<'_>, groups: &[Group], journal: &mut Journal) ->
             let variance = (a.1 + b.1) / (level * level);
             if level > 0.0 && variance < 1e-6 {
                 let ratio = a.0 / b.0 - 1.0;
-                squares.push(ratio * ratio / 0.4549);
+                squares.push(ratio * ratio / MEDIAN_OF_SQUARE);
                 noise.push(variance);
                 ratios
                     .entry((pair[0].exposure_s.to_bits(), pair[1].exposure_s.to_bits()))
@@ -435,7 +436,7 @@ fn lamp_scatter(ground: &Ground<'_>, groups: &[Group], journal: &mut Journal) ->
     if squares.len() < 5 {
         return 0.0;
     }
-    // The median of χ² with one degree of freedom is 0.4549.
+    // Squares over the median of χ² with one degree of freedom: their median is the variance.
     let seen = median(&mut squares);
     let counting = median(&mut noise);
     if seen > 2.0 * counting {

@@ -3,6 +3,7 @@
 //! A count is black + gain · (photo-electrons + dark electrons + read noise), rounded and clipped.
 //! Electrons are Poisson distributed, so the variance of a count above black is gain · count.
 
+use crate::robust;
 use crate::series::Manifest;
 
 /// Variance of rounding to whole counts.
@@ -53,37 +54,10 @@ impl Sensor {
 
 /// Median of some numbers, whose order changes; 0 of none.
 pub(super) fn median(values: &mut [f64]) -> f64 {
-    let n = values.len();
-    if n == 0 {
-        return 0.0;
-    }
-    let (below, at, _) = values.select_nth_unstable_by(n / 2, f64::total_cmp);
-    let upper = *at;
-    if n % 2 == 1 {
-        upper
-    } else {
-        let lower = below.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        0.5 * (lower + upper)
-    }
+    robust::median(values).unwrap_or(0.0)
 }
 
-/// Median and robust standard deviation (1.4826 × median absolute deviation), whatever a few wild
-/// values say. The order of `values` changes.
+/// Median and robust standard deviation of some numbers, whose order changes; 0 of none.
 pub(super) fn robust_spread(values: &mut [f64]) -> (f64, f64) {
-    let centre = median(values);
-    let mut away: Vec<f64> = values.iter().map(|x| (x - centre).abs()).collect();
-    (centre, 1.4826 * median(&mut away))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_median_ignores_a_wild_value() {
-        assert!((median(&mut [3.0, 1.0, 1e9]) - 3.0).abs() < 1e-12);
-        assert!((median(&mut [4.0, 1.0, 2.0, 1e9]) - 3.0).abs() < 1e-12);
-        let (centre, spread) = robust_spread(&mut [1.0, 2.0, 3.0, 4.0, 1e9]);
-        assert!((centre - 3.0).abs() < 1e-12 && (spread - 1.4826).abs() < 1e-12);
-    }
+    robust::spread(values).unwrap_or((0.0, 0.0))
 }

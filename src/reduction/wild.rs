@@ -7,11 +7,10 @@
 
 use super::region::NOWHERE;
 use super::sensor::{Sensor, median};
+use crate::robust::MEDIAN_OF_ABS;
 
 /// Pixels further than this from their neighbours are wild.
 const WILD_SIGMAS: f64 = 8.0;
-/// Standard deviations in the median of a normal distribution's absolute values.
-const MEDIAN_OF_NORMAL: f64 = 0.6745;
 /// Columns and rows to one of two opposite neighbours.
 const OPPOSITE: [(isize, isize); 4] = [(1, 0), (0, 1), (1, 1), (1, -1)];
 
@@ -39,7 +38,7 @@ impl Field<'_> {
         }
         let usual: Vec<f64> = distances
             .iter_mut()
-            .map(|d| median(d) / MEDIAN_OF_NORMAL)
+            .map(|d| median(d) / MEDIAN_OF_ABS)
             .collect();
         let mut tamed = self.values.clone();
         for (pixel, around) in around.into_iter().enumerate() {

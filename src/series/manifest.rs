@@ -388,11 +388,23 @@ impl Manifest {
     /// Count at which a pixel is full.
     #[must_use]
     pub fn saturation_dn(&self) -> f64 {
-        self.camera.saturation_dn.unwrap_or_else(|| {
-            self.camera
-                .bit_depth
-                .map_or(65535.0, |bits| f64::from((1_u32 << bits.min(16)) - 1))
-        })
+        self.camera.full_dn()
+    }
+}
+
+impl CameraFacts {
+    /// Count at which a pixel is full: what is stated, or else what the bits allow.
+    #[must_use]
+    pub fn full_dn(&self) -> f64 {
+        let of_bits = |bits: u32| f64::from((1_u32 << bits.min(16)) - 1);
+        let most = || self.bit_depth.map_or(f64::from(u16::MAX), of_bits);
+        self.saturation_dn.unwrap_or_else(most)
+    }
+
+    /// The same as a count that a frame can have.
+    #[must_use]
+    pub fn full_count(&self) -> u16 {
+        self.full_dn().clamp(1.0, f64::from(u16::MAX)) as u16
     }
 }
 

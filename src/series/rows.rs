@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::SeriesError;
 use super::text::meant;
-use crate::frame::FrameKind;
+use crate::frame::{FrameKind, UnknownKind};
 use crate::geometry::Pose;
 use crate::wording::refusals::other_separator;
 
@@ -46,172 +46,16 @@ impl FrameRow {
     /// # Errors
     /// [`SeriesError::Invalid`] with the line of the first thing that is wrong.
     pub fn read_all(text: &str, file: &str) -> Result<Vec<FrameRow>, SeriesError> {
-        let invalid =
-            |line: Option<usize>, key: &str, cause: String, remedy: String| SeriesError::Invalid {
-                file: file.to_owned(),
-                line,
-                key: if key.is_empty() {
-                    String::new()
-                } else {
-                    format!("column `{key}`: ")
-                },
-                cause,
-                remedy,
-            };
-        let text = text.trim_start_matches('\u{feff}');
-        let mut reader = csv::ReaderBuilder::new()
-            .trim(csv::Trim::All)
-            .from_reader(text.as_bytes());
-        let broken = |error: csv::Error| {
-            let line = error.position().map(|p| p.line() as usize);
-            invalid(
-                line,
-                "",
-                match error.kind() {
-                    csv::ErrorKind::UnequalLengths {
-                        expected_len, len, ..
-                    } => format!("the line has {len} fields and the header {expected_len}"),
-                    _ => format!("the line is no CSV: {error}"),
-                },
-                "repair the line".to_owned(),
-            )
-        };
-        let headers = reader.headers().map_err(broken)?.clone();
-        let column = |name: &str| headers.iter().position(|h| h == name);
-        for name in REQUIRED.iter().chain(&OPTIONAL) {
-            if headers.iter().filter(|h| h == name).count() > 1 {
-                return Err(invalid(
-                    Some(1),
-                    name,
-                    "the header has it twice".to_owned(),
-                    "remove the column that does not belong there".to_owned(),
-                ));
-            }
-        }
-        for name in REQUIRED {
-            if column(name).is_none() {
-                let found: Vec<&str> = headers
-                    .iter()
-                    .filter(|h| meant(h, &[name]).is_some())
-                    .collect();
-                return Err(invalid(
-                    Some(1),
-                    name,
-                    "the header does not have it".to_owned(),
-                    match (found.first(), other_separator(&headers)) {
-                        (Some(slip), _) => format!("rename the column `{slip}`"),
-                        (None, Some(way_out)) => way_out.to_owned(),
-                        (None, None) => format!(
-                            "the header needs {}, and may have {}",
-                            REQUIRED.join(","),
-                            OPTIONAL.join(",")
-                        ),
-                    },
-                ));
-            }
-        }
-        let at = REQUIRED.map(|name| column(name).expect("its absence was refused above"));
-        let at_repeat = column("repeat");
-        let at_timestamp = column("timestamp");
-
-        let mut rows = Vec::new();
-        let mut seen = HashSet::new();
-        for record in reader.records() {
-            let record = record.map_err(broken)?;
-            let line = record.position().map(|p| p.line() as usize);
-            let number = |index: usize, name: &str| -> Result<f64, SeriesError> {
-                let field = &record[index];
-                match field.parse::<f64>() {
-                    Ok(x) if x.is_finite() => Ok(x),
-                    _ => Err(invalid(
-                        line,
-                        name,
-                        format!("`{field}` is not a finite number"),
-                        "write the position that was read back, or drop the frame's line"
-                            .to_owned(),
-                    )),
-                }
-            };
-            let path = record[at[0]].to_owned();
-            if let Some(cause) = path_problem(&path) {
-                return Err(invalid(
-                    line,
-                    "file",
-                    format!("`{path}` {cause}"),
-                    "write the path of a file in the series' own folder, relative to it".to_owned(),
-                ));
-            }
-            if !seen.insert(path.clone()) {
-                return Err(invalid(
-                    line,
-                    "file",
-                    format!("`{path}` is listed twice"),
-                    "keep one of the two lines".to_owned(),
-                ));
-            }
-            let kind = match &record[at[1]] {
-                "sample" => FrameKind::Sample,
-                "dark" => FrameKind::Dark,
-                "flat" => FrameKind::Flat,
-                other => {
-                    return Err(invalid(
-                        line,
-                        "kind",
-                        format!("`{other}` is unknown"),
-                        "a frame is a sample, a dark or a flat".to_owned(),
-                    ));
-                }
-            };
-            let theta_c_deg = number(at[2], "theta_c_deg")?;
-            if theta_c_deg.abs() >= 90.0 {
-                return Err(invalid(
-                    line,
-                    "theta_c_deg",
-                    format!("{theta_c_deg}° puts the camera behind the surface"),
-                    "tilts lie between −90° and 90°; are these degrees?".to_owned(),
-                ));
-            }
-            let phi_s_deg = number(at[3], "phi_s_deg")?;
-            let exposure_s = number(at[4], "exposure_s")?;
-            if exposure_s < 0.0 || (exposure_s == 0.0 && kind != FrameKind::Dark) {
-                return Err(invalid(
-                    line,
-                    "exposure_s",
-                    format!("{exposure_s} s is no exposure"),
-                    "write the exposure time in seconds, above 0".to_owned(),
-                ));
-            }
-            let repeat = match at_repeat.map(|i| &record[i]) {
-                None | Some("") => 0,
-                Some(field) => field.parse().map_err(|_| {
-                    invalid(
-                        line,
-                        "repeat",
-                        format!("`{field}` is not a whole number from 0"),
-                        "number the repeats 0, 1, 2, …".to_owned(),
-                    )
-                })?,
-            };
-            let timestamp = at_timestamp.map_or("", |i| &record[i]).to_owned();
-            rows.push(FrameRow {
-                file: path,
-                kind,
-                theta_c_deg,
-                phi_s_deg,
-                exposure_s,
-                repeat,
-                timestamp,
-            });
-        }
-        if rows.is_empty() {
-            return Err(invalid(
-                None,
-                "",
-                "it lists no frame".to_owned(),
-                "add one line per frame below the header".to_owned(),
-            ));
-        }
-        Ok(rows)
+        rows_of(text).map_err(|wrong| SeriesError::Invalid {
+            file: file.to_owned(),
+            line: wrong.line,
+            key: match wrong.column {
+                "" => String::new(),
+                column => format!("column `{column}`: "),
+            },
+            cause: wrong.cause,
+            remedy: wrong.remedy,
+        })
     }
 
     /// The text of a list of frames, header included.
@@ -230,6 +74,169 @@ impl FrameRow {
         }
         String::from_utf8(writer.into_inner().expect("memory is flushed")).expect("rows are UTF-8")
     }
+}
+
+/// What is wrong with a list, where, and what to write instead; `column` is empty where it is the line.
+struct Wrong {
+    line: Option<usize>,
+    column: &'static str,
+    cause: String,
+    remedy: String,
+}
+
+impl Wrong {
+    fn new(column: &'static str, cause: impl Into<String>, remedy: impl Into<String>) -> Wrong {
+        Wrong {
+            line: None,
+            column,
+            cause: cause.into(),
+            remedy: remedy.into(),
+        }
+    }
+
+    fn at(self, line: Option<usize>) -> Wrong {
+        Wrong { line, ..self }
+    }
+
+    fn no_csv(error: &csv::Error) -> Wrong {
+        let cause = match error.kind() {
+            csv::ErrorKind::UnequalLengths {
+                expected_len, len, ..
+            } => format!("the line has {len} fields and the header {expected_len}"),
+            _ => format!("the line is no CSV: {error}"),
+        };
+        let line = error.position().map(|p| p.line() as usize);
+        Wrong::new("", cause, "repair the line").at(line)
+    }
+}
+
+fn rows_of(text: &str) -> Result<Vec<FrameRow>, Wrong> {
+    let text = text.trim_start_matches('\u{feff}');
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_reader(text.as_bytes());
+    let headers = reader.headers().map_err(|e| Wrong::no_csv(&e))?;
+    let columns = Columns::find(headers).map_err(|wrong| wrong.at(Some(1)))?;
+    let mut rows: Vec<FrameRow> = Vec::new();
+    let mut seen = HashSet::new();
+    for record in reader.records() {
+        let record = record.map_err(|e| Wrong::no_csv(&e))?;
+        let line = record.position().map(|p| p.line() as usize);
+        let row = columns.row(&record).map_err(|wrong| wrong.at(line))?;
+        if !seen.insert(row.file.clone()) {
+            let cause = format!("`{}` is listed twice", row.file);
+            return Err(Wrong::new("file", cause, "keep one of the two lines").at(line));
+        }
+        rows.push(row);
+    }
+    if rows.is_empty() {
+        let remedy = "add one line per frame below the header";
+        return Err(Wrong::new("", "it lists no frame", remedy));
+    }
+    Ok(rows)
+}
+
+/// Where the header has which column.
+struct Columns {
+    file: usize,
+    kind: usize,
+    theta_c_deg: usize,
+    phi_s_deg: usize,
+    exposure_s: usize,
+    repeat: Option<usize>,
+    timestamp: Option<usize>,
+}
+
+impl Columns {
+    fn find(headers: &csv::StringRecord) -> Result<Columns, Wrong> {
+        for name in REQUIRED.into_iter().chain(OPTIONAL) {
+            if headers.iter().filter(|h| *h == name).count() > 1 {
+                let remedy = "remove the column that does not belong there";
+                return Err(Wrong::new(name, "the header has it twice", remedy));
+            }
+        }
+        let column = |name: &str| headers.iter().position(|h| h == name);
+        let required = |name: &'static str| {
+            column(name).ok_or_else(|| {
+                let remedy = remedy_for_missing(name, headers);
+                Wrong::new(name, "the header does not have it", remedy)
+            })
+        };
+        let [file, kind, theta_c_deg, phi_s_deg, exposure_s] = REQUIRED;
+        let [repeat, timestamp] = OPTIONAL;
+        Ok(Columns {
+            file: required(file)?,
+            kind: required(kind)?,
+            theta_c_deg: required(theta_c_deg)?,
+            phi_s_deg: required(phi_s_deg)?,
+            exposure_s: required(exposure_s)?,
+            repeat: column(repeat),
+            timestamp: column(timestamp),
+        })
+    }
+
+    fn row(&self, record: &csv::StringRecord) -> Result<FrameRow, Wrong> {
+        let file = record[self.file].to_owned();
+        if let Some(cause) = path_problem(&file) {
+            let remedy = "write the path of a file in the series' own folder, relative to it";
+            return Err(Wrong::new("file", format!("`{file}` {cause}"), remedy));
+        }
+        let kind: FrameKind = record[self.kind].parse().map_err(|UnknownKind(other)| {
+            let remedy = "a frame is a sample, a dark or a flat";
+            Wrong::new("kind", format!("`{other}` is unknown"), remedy)
+        })?;
+        let position = "write the position that was read back, or drop the frame's line";
+        let theta_c_deg = number("theta_c_deg", &record[self.theta_c_deg], position)?;
+        if theta_c_deg.abs() >= 90.0 {
+            return Err(Wrong::new(
+                "theta_c_deg",
+                format!("{theta_c_deg}° puts the camera behind the surface"),
+                "tilts lie between −90° and 90°; are these degrees?",
+            ));
+        }
+        let phi_s_deg = number("phi_s_deg", &record[self.phi_s_deg], position)?;
+        let seconds = "write the exposure time in seconds, above 0";
+        let exposure_s = number("exposure_s", &record[self.exposure_s], seconds)?;
+        if exposure_s < 0.0 || (exposure_s == 0.0 && kind != FrameKind::Dark) {
+            let cause = format!("{exposure_s} s is no exposure");
+            return Err(Wrong::new("exposure_s", cause, seconds));
+        }
+        let repeat = match self.repeat.map(|i| &record[i]) {
+            None | Some("") => 0,
+            Some(field) => field.parse().map_err(|_| {
+                let cause = format!("`{field}` is not a whole number from 0");
+                Wrong::new("repeat", cause, "number the repeats 0, 1, 2, …")
+            })?,
+        };
+        Ok(FrameRow {
+            file,
+            kind,
+            theta_c_deg,
+            phi_s_deg,
+            exposure_s,
+            repeat,
+            timestamp: self.timestamp.map_or("", |i| &record[i]).to_owned(),
+        })
+    }
+}
+
+/// What to do about a column that the header does not have: rename a slip of the pen, or add it.
+fn remedy_for_missing(name: &str, headers: &csv::StringRecord) -> String {
+    let slip = headers.iter().find(|h| meant(h, &[name]).is_some());
+    match (slip, other_separator(headers)) {
+        (Some(slip), _) => format!("rename the column `{slip}`"),
+        (None, Some(way_out)) => way_out.to_owned(),
+        (None, None) => format!(
+            "the header needs {}, and may have {}",
+            REQUIRED.join(","),
+            OPTIONAL.join(",")
+        ),
+    }
+}
+
+fn number(column: &'static str, field: &str, remedy: &str) -> Result<f64, Wrong> {
+    let finite = field.parse::<f64>().ok().filter(|x| x.is_finite());
+    finite.ok_or_else(|| Wrong::new(column, format!("`{field}` is not a finite number"), remedy))
 }
 
 /// Why a path may not name a frame.
@@ -298,6 +305,8 @@ mod tests {
             );
         }
         assert!(refusal("b.png,dark").contains("2 fields"));
+        assert!(refusal("b.png,sample,0,inf,1,0,").contains("read back"));
+        assert!(refusal("b.png,sample,0,0,long,0,").contains("in seconds"));
     }
 
     #[test]

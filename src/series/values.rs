@@ -3,10 +3,7 @@
 use super::check::Problem;
 use super::manifest::{Manifest, SCHEMA, SampleKind};
 use super::rows::path_problem;
-
-/// What a value must be that is only bounded to be a number, and to be more than nothing.
-const FINITE: &str = "write a finite number";
-const POSITIVE: &str = "write a number above 0";
+use crate::limits::{self, Limit};
 
 /// Checks every value.
 ///
@@ -55,187 +52,63 @@ fn form(manifest: &Manifest) -> Result<(), Problem> {
     Ok(())
 }
 
-/// Section, least and largest value, remedy, and the values that are bounded so.
-type Group<'a> = (
+/// A value of a manifest: section, key, what it may be, and where it stands.
+type Bounded = (
     &'static str,
-    f64,
-    f64,
     &'static str,
-    &'a [(&'static str, Option<f64>)],
+    Limit,
+    fn(&Manifest) -> Option<f64>,
 );
 
+/// Every value that has a least and a greatest.
+#[rustfmt::skip]
+const BOUNDED: &[Bounded] = &[
+    ("rig", "theta_l_deg", limits::THETA_L_DEG, |m| Some(m.rig.theta_l_deg)),
+    ("rig", "light_angular_radius_deg", limits::LIGHT_ANGULAR_RADIUS_DEG, |m| m.rig.light_angular_radius_deg),
+    ("rig", "lens_angular_radius_deg", limits::LENS_ANGULAR_RADIUS_DEG, |m| m.rig.lens_angular_radius_deg),
+    ("rig", "light_azimuth_deg", limits::RECORDED_AZIMUTH, |m| Some(m.rig.light_azimuth_deg)),
+    ("rig", "azimuth_zero_deg", limits::RECORDED_AZIMUTH, |m| Some(m.rig.azimuth_zero_deg)),
+    ("rig", "rotation_axis_px", limits::ROTATION_AXIS_PX, |m| m.rig.rotation_axis_px.map(|at| at[0])),
+    ("rig", "rotation_axis_px", limits::ROTATION_AXIS_PX, |m| m.rig.rotation_axis_px.map(|at| at[1])),
+    ("rig", "wavelength_nm", limits::WAVELENGTH_NM, |m| m.rig.wavelength_nm),
+    ("rig", "light_distance_mm", limits::DISTANCE_MM, |m| m.rig.light_distance_mm),
+    ("rig", "camera_distance_mm", limits::DISTANCE_MM, |m| m.rig.camera_distance_mm),
+    ("rig", "light_radius_mm", limits::RADIUS_MM, |m| m.rig.light_radius_mm),
+    ("rig", "lens_radius_mm", limits::RADIUS_MM, |m| m.rig.lens_radius_mm),
+    ("rig", "theta_l_std_deg", limits::THETA_L_STD_DEG, |m| m.rig.theta_l_std_deg),
+    ("rig", "sample_wedge_std_deg", limits::SAMPLE_WEDGE_STD_DEG, |m| m.rig.sample_wedge_std_deg),
+    ("camera", "width_px", limits::SIZE_PX, |m| Some(f64::from(m.camera.width_px))),
+    ("camera", "height_px", limits::SIZE_PX, |m| Some(f64::from(m.camera.height_px))),
+    ("camera", "saturation_dn", limits::SATURATION_DN, |m| m.camera.saturation_dn),
+    ("camera", "field_width_mm", limits::FIELD_MM, |m| m.camera.field_width_mm),
+    ("camera", "field_height_mm", limits::FIELD_MM, |m| m.camera.field_height_mm),
+    ("camera", "gain_dn_per_electron", limits::GAIN_DN_PER_ELECTRON, |m| Some(m.camera.gain_dn_per_electron)),
+    ("camera", "bit_depth", limits::BIT_DEPTH, |m| m.camera.bit_depth.map(f64::from)),
+    ("camera", "black_level_dn", limits::BLACK_LEVEL_DN, |m| m.camera.black_level_dn),
+    ("camera", "read_noise_electrons_rms", limits::READ_NOISE_ELECTRONS_RMS, |m| m.camera.read_noise_electrons_rms),
+    ("flat", "reflectance", limits::FLAT_REFLECTANCE, |m| m.flat.as_ref()?.reflectance),
+    ("flat", "reflectance_std", limits::FLAT_REFLECTANCE_STD, |m| m.flat.as_ref()?.reflectance_std),
+    ("sample", "index_of_refraction", limits::INDEX_OF_REFRACTION, |m| m.sample.index_of_refraction),
+    ("sample", "index_of_refraction_std", limits::SAMPLE_K, |m| m.sample.index_of_refraction_std),
+    ("sample", "eta", limits::SAMPLE_ETA, |m| m.sample.eta),
+    ("sample", "eta_std", limits::SAMPLE_K, |m| m.sample.eta_std),
+    ("sample", "k", limits::SAMPLE_K, |m| m.sample.k),
+    ("sample", "k_std", limits::SAMPLE_K, |m| m.sample.k_std),
+    ("sample", "pitch_length_um", limits::PITCH_LENGTH_UM, |m| m.sample.pitch_length_um),
+    ("sample.layout", "patch_size_mm", limits::FIELD_MM, |m| Some(m.sample.layout.as_ref()?.patch_size_mm)),
+];
+
 fn ranges(manifest: &Manifest) -> Result<(), Problem> {
-    let (rig, camera, sample) = (&manifest.rig, &manifest.camera, &manifest.sample);
-    let flat = manifest.flat.as_ref();
-    let tiny = f64::MIN_POSITIVE;
-    let axis = |i: usize| rig.rotation_axis_px.map(|a| a[i]);
-    let groups: [Group<'_>; 16] = [
-        (
-            "rig",
-            0.0,
-            90.0,
-            "an angle between 0° and 90° stands here",
-            &[
-                ("theta_l_deg", Some(rig.theta_l_deg)),
-                ("light_angular_radius_deg", rig.light_angular_radius_deg),
-                ("lens_angular_radius_deg", rig.lens_angular_radius_deg),
-            ],
-        ),
-        (
-            "rig",
-            -1e6,
-            1e6,
-            FINITE,
-            &[
-                ("light_azimuth_deg", Some(rig.light_azimuth_deg)),
-                ("azimuth_zero_deg", Some(rig.azimuth_zero_deg)),
-                ("rotation_axis_px", axis(0)),
-                ("rotation_axis_px", axis(1)),
-            ],
-        ),
-        (
-            "rig",
-            100.0,
-            1e5,
-            "write it in nanometres",
-            &[("wavelength_nm", rig.wavelength_nm)],
-        ),
-        (
-            "rig",
-            tiny,
-            1e9,
-            POSITIVE,
-            &[
-                ("light_distance_mm", rig.light_distance_mm),
-                ("camera_distance_mm", rig.camera_distance_mm),
-            ],
-        ),
-        (
-            "rig",
-            0.0,
-            1e9,
-            "write it from 0",
-            &[
-                ("light_radius_mm", rig.light_radius_mm),
-                ("lens_radius_mm", rig.lens_radius_mm),
-            ],
-        ),
-        (
-            "camera",
-            1.0,
-            65535.0,
-            "a number between 1 and 65535 stands here",
-            &[
-                ("width_px", Some(f64::from(camera.width_px))),
-                ("height_px", Some(f64::from(camera.height_px))),
-                ("saturation_dn", camera.saturation_dn),
-            ],
-        ),
-        (
-            "camera",
-            tiny,
-            1e6,
-            POSITIVE,
-            &[
-                ("field_width_mm", camera.field_width_mm),
-                ("field_height_mm", camera.field_height_mm),
-                ("gain_dn_per_electron", Some(camera.gain_dn_per_electron)),
-            ],
-        ),
-        (
-            "camera",
-            1.0,
-            16.0,
-            "frames have 1 to 16 bits",
-            &[("bit_depth", camera.bit_depth.map(f64::from))],
-        ),
-        (
-            "camera",
-            0.0,
-            65535.0,
-            "write it from 0",
-            &[
-                ("black_level_dn", camera.black_level_dn),
-                ("read_noise_electrons_rms", camera.read_noise_electrons_rms),
-            ],
-        ),
-        (
-            "flat",
-            1e-3,
-            1.2,
-            "a diffuse reflectance lies between 0 and 1",
-            &[("reflectance", flat.and_then(|f| f.reflectance))],
-        ),
-        (
-            "flat",
-            0.0,
-            1.0,
-            "write the standard uncertainty, not per cent",
-            &[("reflectance_std", flat.and_then(|f| f.reflectance_std))],
-        ),
-        (
-            "rig",
-            0.0,
-            10.0,
-            "write the standard uncertainty in degrees",
-            &[("sample_wedge_std_deg", rig.sample_wedge_std_deg)],
-        ),
-        (
-            "sample",
-            1.0,
-            10.0,
-            "n lies from 1 to 10",
-            &[("index_of_refraction", sample.index_of_refraction)],
-        ),
-        (
-            "sample",
-            tiny,
-            1e6,
-            POSITIVE,
-            &[
-                ("eta", sample.eta),
-                ("pitch_length_um", sample.pitch_length_um),
-            ],
-        ),
-        (
-            "sample",
-            0.0,
-            50.0,
-            "write it from 0",
-            &[
-                ("k", sample.k),
-                ("index_of_refraction_std", sample.index_of_refraction_std),
-                ("eta_std", sample.eta_std),
-                ("k_std", sample.k_std),
-            ],
-        ),
-        (
-            "sample.layout",
-            tiny,
-            1e6,
-            POSITIVE,
-            &[(
-                "patch_size_mm",
-                sample.layout.as_ref().map(|l| l.patch_size_mm),
-            )],
-        ),
-    ];
-    for (section, low, high, remedy, values) in groups {
-        for (key, value) in values {
-            if value.is_some_and(|x| !x.is_finite() || x < low || x > high) {
-                let value = value.unwrap_or(f64::NAN);
-                let most = match value > high {
-                    true => format!(" (at most {})", short(high)),
-                    false => String::new(),
-                };
-                return wrong(
-                    section,
-                    key,
-                    format!("{} is out of range{most}", short(value)),
-                    remedy,
-                );
-            }
-        }
+    for (section, key, limit, of) in BOUNDED {
+        let Some(value) = of(manifest).filter(|value| !limit.holds(*value)) else {
+            continue;
+        };
+        let most = match value > limit.high {
+            true => format!(" (at most {})", short(limit.high)),
+            false => String::new(),
+        };
+        let cause = format!("{} is out of range{most}", short(value));
+        return wrong(section, key, cause, limit.remedy);
     }
     Ok(())
 }
@@ -375,7 +248,7 @@ fn layout(manifest: &Manifest) -> Result<(), Problem> {
                 "sample.layout",
                 "centre_mm",
                 "it is not finite".into(),
-                FINITE,
+                "write a finite number",
             );
         }
         if manifest.camera.field_width_mm.is_none() {

@@ -1,39 +1,18 @@
 //! Frames: the file first, durable and named by its content; then the row.
 
-use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+mod files;
 
-use sha2::{Digest, Sha256};
 use sqlx::{FromRow, Sqlite, Transaction};
 use time::OffsetDateTime;
 
-use super::holds::Hold;
 use super::scans::{NewScan, Origin};
 use super::{Page, PageRequest, Store, StoreError, utc_text};
-use crate::frame::{Frame, FrameKind};
+use crate::frame::FrameKind;
 use crate::geometry::Pose;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::{Event, Progress, RecordedEvent, ScanState};
-
-/// A frame file that is durable but not yet named by a row.
-#[derive(Debug, Clone, PartialEq)]
-pub struct KeptFile {
-    /// Content hash, in hex; the file's name.
-    pub sha256: String,
-    /// Size of the file.
-    pub bytes: u64,
-    /// Width of the image.
-    pub width_px: u32,
-    /// Height of the image.
-    pub height_px: u32,
-    /// Mean count.
-    pub mean_dn: f64,
-    /// Largest count.
-    pub max_dn: u16,
-    /// Pixels at or above the saturation level.
-    pub saturated_px: u32,
-    hold: Hold,
-}
+pub(super) use files::relative_path;
+pub use files::{KeptFile, sha256_hex};
 
 /// A visit to a point of the plan, to be committed with its frames.
 #[derive(Debug, Clone, PartialEq)]
@@ -137,112 +116,7 @@ const COLUMNS: &str =
     "id, scan_id, name, kind, theta_c_deg, phi_s_deg, exposure_s, repeat, timestamp,
     sha256, bytes, width_px, height_px, mean_dn, max_dn, saturated_px, accepted, reason";
 
-/// Hex of the SHA-256 of `bytes`.
-#[must_use]
-pub fn sha256_hex(bytes: &[u8]) -> String {
-    Sha256::digest(bytes)
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect()
-}
-
-/// Where the file of a content hash lies below the store's folder.
-pub(super) fn relative_path(sha256: &str) -> PathBuf {
-    let (folder, name) = sha256.split_at(sha256.len().min(2));
-    Path::new("frames").join(folder).join(format!("{name}.png"))
-}
-
 impl Store {
-    /// Makes a frame durable and says what a row needs to know of it. Encoding and writing happen
-    /// on a thread for blocking work.
-    ///
-    /// # Errors
-    /// [`StoreError::DiskFull`], or what the encoder or the disk says.
-    pub async fn keep_frame(
-        &self,
-        frame: Frame,
-        saturation_dn: u16,
-    ) -> Result<KeptFile, StoreError> {
-        let store = self.clone();
-        blocking(move || {
-            let png = frame.to_png()?;
-            store.keep_file(&png, &frame, saturation_dn)
-        })
-        .await
-    }
-
-    /// Makes a PNG durable byte for byte after reading it as a frame.
-    ///
-    /// # Errors
-    /// [`StoreError::Frame`] if it is none, [`StoreError::DiskFull`], or what the disk says.
-    pub async fn keep_png(&self, png: Vec<u8>, saturation_dn: u16) -> Result<KeptFile, StoreError> {
-        let store = self.clone();
-        blocking(move || {
-            let frame = Frame::from_png(&png)?;
-            store.keep_file(&png, &frame, saturation_dn)
-        })
-        .await
-    }
-
-    fn keep_file(
-        &self,
-        png: &[u8],
-        frame: &Frame,
-        saturation_dn: u16,
-    ) -> Result<KeptFile, StoreError> {
-        let sha256 = sha256_hex(png);
-        let path = self.folder().join(relative_path(&sha256));
-        let hold = self.inner.holds.take(&sha256);
-        // A file of that name is that content, unless the disk has lost some: then it is renewed.
-        if std::fs::read(&path).is_ok_and(|kept| kept == png) {
-            tracing::debug!(sha256, "frame {sha256} was kept before");
-        } else {
-            self.inner
-                .disk
-                .write_durably(&path, png)
-                .map_err(|e| StoreError::file("the frame file", &path, e))?;
-        }
-        let pixels = frame.pixels_dn();
-        let sum: u64 = pixels.iter().map(|dn| u64::from(*dn)).sum();
-        Ok(KeptFile {
-            sha256,
-            bytes: png.len() as u64,
-            width_px: frame.width_px(),
-            height_px: frame.height_px(),
-            mean_dn: sum as f64 / pixels.len() as f64,
-            max_dn: pixels.iter().copied().max().unwrap_or(0),
-            saturated_px: pixels.iter().filter(|dn| **dn >= saturation_dn).count() as u32,
-            hold,
-        })
-    }
-
-    /// Deletes files whose rows will not come, unless another row names them or another writer is
-    /// about to. What cannot be deleted goes to quarantine at the next start.
-    ///
-    /// # Errors
-    /// What the database says; then nothing is deleted.
-    pub async fn discard(&self, kept: Vec<KeptFile>) -> Result<(), StoreError> {
-        let mut own: HashMap<&str, usize> = HashMap::new();
-        for file in &kept {
-            *own.entry(&file.sha256).or_default() += 1;
-        }
-        own.retain(|sha256, count| self.inner.holds.watch(sha256, *count));
-        for sha256 in own.into_keys() {
-            let named: Option<i64> =
-                sqlx::query_scalar("SELECT id FROM frames WHERE sha256 = ? LIMIT 1")
-                    .bind(sha256)
-                    .fetch_optional(self.readers())
-                    .await?;
-            if named.is_none() {
-                let path = self.folder().join(relative_path(sha256));
-                self.inner
-                    .holds
-                    .if_untouched(sha256, || drop(std::fs::remove_file(path)));
-            }
-        }
-        Ok(())
-    }
-
     /// Commits a visit to a point: shot, frames and the events that tell of them, all or nothing.
     ///
     /// # Errors
@@ -440,7 +314,7 @@ impl Store {
         Ok(None)
     }
 
-    /// Places of the plan that have an accepted shot, and how many frames count.
+    /// Places of the plan that have an accepted shot.
     ///
     /// # Errors
     /// What the database says.
@@ -464,23 +338,6 @@ impl Store {
                 .fetch_one(self.readers())
                 .await?,
         )
-    }
-
-    /// Bytes of a frame file, checked against its hash. Blocking.
-    ///
-    /// # Errors
-    /// [`StoreError::FrameDamaged`] if the file is missing or not what was kept.
-    pub fn read_png(&self, sha256: &str) -> Result<Vec<u8>, StoreError> {
-        let path = self.folder().join(relative_path(sha256));
-        let damaged = |problem: String| StoreError::FrameDamaged {
-            sha256: sha256.into(),
-            problem,
-        };
-        let bytes = std::fs::read(&path).map_err(|e| damaged(format!("cannot be read ({e})")))?;
-        if sha256_hex(&bytes) != sha256 {
-            return Err(damaged("is not what was kept (its hash differs)".into()));
-        }
-        Ok(bytes)
     }
 }
 
@@ -519,17 +376,12 @@ async fn insert_frame(
     .last_insert_rowid())
 }
 
-async fn blocking<T: Send + 'static>(
-    work: impl FnOnce() -> Result<T, StoreError> + Send + 'static,
-) -> Result<T, StoreError> {
-    tokio::task::spawn_blocking(work)
-        .await
-        .expect("keeping a frame does not panic")
-}
-
 #[cfg(test)]
 pub(crate) mod tests {
+    use std::path::Path;
+
     use super::*;
+    use crate::frame::Frame;
     use crate::store::disk::{Disk, RealDisk};
     use crate::store::scans::tests::planned;
     use crate::store::tests::open;

@@ -9,169 +9,23 @@
 //! difference of two sums of squares and means nothing below 4 ε of them; that is its floor, so what is certain has an
 //! error of rounding, not of 0.
 
+mod batch;
 mod energies;
+mod known;
 mod products;
+mod text;
 
-use super::exact::{Text, Wide, Words, from_fixed, to_fixed};
-use super::grid::{Finder, Grid};
+use super::exact::{Wide, from_fixed, to_fixed};
+use super::grid::Grid;
 use super::height_field::Side;
-use super::light::Light;
-use super::vec3::V3;
+pub use batch::Batch;
 pub use energies::{Energies, ORDERS};
+pub use known::Known;
 use products::Products;
 pub use products::{Covariance, NUMBERS};
 
-/// Work after which it is asked again whether to go on with a batch: a millisecond's.
-const ASKED: u64 = 1 << 16;
 /// Brightness squared that is left of noise by rounding: differences of thousands of bins, each to some 1e-16.
 const ROUNDING: f64 = 1e-10;
-
-/// What the photons of one replicate left.
-#[derive(Debug)]
-pub struct Batch {
-    /// Work that they took: cells crossed, and what else was done in units of that.
-    pub work: u64,
-    asked_at: u64,
-    /// Its photons were told to stop on their way: what is counted is of no use.
-    pub given_up: bool,
-    finder: Finder,
-    stride: usize,
-    bins: Vec<f64>,
-    hits: Vec<u32>,
-    touched: Vec<u32>,
-    energies: Energies<f64>,
-}
-
-impl Batch {
-    /// An empty batch for light of `L`'s kind.
-    #[must_use]
-    pub fn new<L: Light>(grid: Grid) -> Self {
-        let bins = 2 * grid.per_side();
-        Batch {
-            work: 0,
-            asked_at: ASKED,
-            given_up: false,
-            finder: grid.finder(),
-            stride: L::ELEMENTS,
-            bins: vec![0.0; bins * L::ELEMENTS],
-            hits: vec![0; bins],
-            touched: Vec::new(),
-            energies: Energies::filled(0.0),
-        }
-    }
-
-    /// Light leaves along `k` on a side after `interactions` (≥ 1), already in the frame of exit.
-    #[inline]
-    pub fn exit<L: Light>(&mut self, light: &L, power: f64, side: Side, k: &V3, interactions: u32) {
-        self.count(light, power, self.finder.bin(side, k), side, interactions);
-    }
-
-    /// The same where the bin is known.
-    #[inline(always)]
-    pub fn count<L: Light>(
-        &mut self,
-        light: &L,
-        power: f64,
-        bin: usize,
-        side: Side,
-        interactions: u32,
-    ) {
-        light.add_to(self.slot::<L>(bin));
-        self.book(power, side, interactions);
-    }
-
-    /// The same of light after one interaction, whose numbers are given.
-    #[inline(always)]
-    pub(super) fn count_numbers<L: Light>(
-        &mut self,
-        numbers: impl Iterator<Item = f64>,
-        power: f64,
-        bin: usize,
-        side: Side,
-    ) {
-        for (sum, x) in self.slot::<L>(bin).iter_mut().zip(numbers) {
-            *sum += x;
-        }
-        self.book(power, side, 1);
-    }
-
-    /// The numbers of a bin in which something is counted.
-    #[inline(always)]
-    fn slot<L: Light>(&mut self, bin: usize) -> &mut [f64] {
-        if self.hits[bin] == 0 {
-            self.touched.push(bin as u32);
-        }
-        self.hits[bin] += 1;
-        &mut self.bins[bin * L::ELEMENTS..(bin + 1) * L::ELEMENTS]
-    }
-
-    #[inline(always)]
-    fn book(&mut self, power: f64, side: Side, interactions: u32) {
-        let order = (interactions as usize).clamp(1, ORDERS) - 1;
-        match side {
-            Side::Above => {
-                self.energies.reflected[order] += power;
-                self.energies.reflected_all += power;
-            }
-            Side::Below => {
-                self.energies.transmitted[order] += power;
-                self.energies.transmitted_all += power;
-            }
-        }
-    }
-
-    /// Power that a metal or a layer took.
-    #[inline]
-    pub fn absorb(&mut self, power: f64) {
-        self.energies.absorbed += power;
-    }
-
-    /// Whether it is time to ask if its photons go on: once each so much work.
-    #[inline(always)]
-    pub fn is_due(&mut self) -> bool {
-        let due = self.work >= self.asked_at;
-        if due {
-            self.asked_at = self.work + ASKED;
-        }
-        due
-    }
-
-    /// Takes what another of the same bins counted, and leaves that empty.
-    pub fn take(&mut self, other: &mut Batch) {
-        for &bin in &other.touched {
-            let at = bin as usize;
-            if self.hits[at] == 0 {
-                self.touched.push(bin);
-            }
-            self.hits[at] += other.hits[at];
-            let range = at * self.stride..(at + 1) * self.stride;
-            for (sum, x) in self.bins[range.clone()].iter_mut().zip(&other.bins[range]) {
-                *sum += x;
-            }
-        }
-        for (sum, x) in self.energies.all_mut().zip(other.energies.all()) {
-            *sum += x;
-        }
-        other.clear();
-    }
-
-    /// Empties it for its next use.
-    pub fn clear(&mut self) {
-        (self.work, self.asked_at, self.given_up) = (0, ASKED, false);
-        for bin in self.touched.drain(..) {
-            let bin = bin as usize;
-            self.hits[bin] = 0;
-            self.bins[bin * self.stride..(bin + 1) * self.stride].fill(0.0);
-        }
-        self.energies = Energies::filled(0.0);
-    }
-
-    /// Power that was given up.
-    #[inline]
-    pub fn truncate(&mut self, power: f64) {
-        self.energies.truncated += power;
-    }
-}
 
 /// Sums over any number of batches; adding is exact, so its order does not matter.
 #[derive(Debug, Clone, PartialEq)]
@@ -194,41 +48,6 @@ pub struct Totals {
     energy_known: Energies<i128>,
     batches: u64,
     photons: u64,
-}
-
-/// Light whose way is known without chance, per photon launched.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Known {
-    stride: usize,
-    bins: Vec<i128>,
-    energies: Energies<i128>,
-}
-
-impl Known {
-    /// Nothing known.
-    #[must_use]
-    pub fn new(grid: Grid, elements: usize) -> Self {
-        Known {
-            stride: elements,
-            bins: vec![0; 2 * grid.per_side() * elements],
-            energies: Energies::filled(0),
-        }
-    }
-
-    /// Takes what a batch counted as known, and leaves the batch empty. The order does not matter.
-    pub fn take(&mut self, batch: &mut Batch) {
-        for &bin in &batch.touched {
-            let bin = bin as usize;
-            let range = bin * self.stride..(bin + 1) * self.stride;
-            for (known, x) in self.bins[range.clone()].iter_mut().zip(&batch.bins[range]) {
-                *known += to_fixed(*x);
-            }
-        }
-        for (known, x) in self.energies.all_mut().zip(batch.energies.all()) {
-            *known += to_fixed(*x);
-        }
-        batch.clear();
-    }
 }
 
 /// A mean and its standard error.
@@ -485,77 +304,6 @@ impl Totals {
         }
         (signal > ROUNDING * noise).then(|| (noise / signal).sqrt())
     }
-
-    /// The exact sums of a bin as hexadecimal numbers, for a shard's file; `None` for an empty bin.
-    #[must_use]
-    pub fn exact_bin(&self, side: Side, bin: usize) -> Option<String> {
-        let index = self.index(side, bin);
-        if self.is_empty(side, bin) {
-            return None;
-        }
-        let range = index * self.stride..(index + 1) * self.stride;
-        let text = Text::of(self.hits[index])
-            .sums(self.bins[range.clone()].iter())
-            .wide(self.squares[range.clone()].iter())
-            .sums(self.known[range].iter());
-        Some(text.finish())
-    }
-
-    /// The exact products of the direction that begins with a bin above, likewise.
-    #[must_use]
-    pub fn exact_direction(&self, first: usize) -> Option<String> {
-        self.products.as_ref()?.exact(first)
-    }
-
-    /// Reads back what [`Totals::exact_direction`] wrote.
-    pub fn set_exact_direction(&mut self, first: usize, text: &str) -> Option<()> {
-        self.products.as_mut()?.set_exact(first, text)
-    }
-
-    /// The exact sums of the energies, likewise.
-    #[must_use]
-    pub fn exact_energies(&self) -> String {
-        let batches = i128::from(self.batches);
-        Text::of(self.photons)
-            .sums(std::iter::once(&batches).chain(self.energy_sums.all()))
-            .wide(self.energy_squares.all())
-            .wide(self.energy_products.all())
-            .sums(self.energy_known.all())
-            .finish()
-    }
-
-    /// Reads back what [`Totals::exact_bin`] wrote.
-    pub fn set_exact_bin(&mut self, side: Side, bin: usize, text: &str) -> Option<()> {
-        let (hits, mut words) = Words::of(text)?;
-        let (index, n) = (self.index(side, bin), self.stride);
-        let (sums, squares, known) = (words.sums(n)?, words.wide(n)?, words.sums(n)?);
-        words.end()?;
-        if bin >= self.grid.per_side() {
-            return None;
-        }
-        let range = index * n..(index + 1) * n;
-        self.bins[range.clone()].copy_from_slice(&sums);
-        self.squares[range.clone()].copy_from_slice(&squares);
-        self.known[range].copy_from_slice(&known);
-        self.hits[index] = hits;
-        Some(())
-    }
-
-    /// Reads back what [`Totals::exact_energies`] wrote.
-    pub fn set_exact_energies(&mut self, text: &str) -> Option<()> {
-        let (photons, mut words) = Words::of(text)?;
-        let count = self.energy_sums.all().count();
-        let batches = u64::try_from(words.sums(1)?[0]).ok()?;
-        let (sums, squares) = (words.sums(count)?, words.wide(count)?);
-        let (products, known) = (words.wide(count)?, words.sums(count)?);
-        words.end()?;
-        (self.photons, self.batches) = (photons, batches);
-        self.energy_sums.set(&sums);
-        self.energy_squares.set(&squares);
-        self.energy_products.set(&products);
-        self.energy_known.set(&known);
-        Some(())
-    }
 }
 
 /// Two totals have different bins.
@@ -565,7 +313,7 @@ pub struct DifferentRuns;
 
 #[cfg(test)]
 mod tests {
-    use super::super::light::Scalar;
+    use super::super::light::{Light as _, Scalar};
     use super::super::rng::{Purpose, Stream};
     use super::super::vec3::unit;
     use super::*;

@@ -233,7 +233,7 @@ impl Walk<'_> {
                 return batch.truncate(state.light.power(&self.stokes));
             }
             batch.work += INTERACTION;
-            if batch.is_due() && !(self.go_on)(batch.work) {
+            if batch.take_due() && !(self.go_on)(batch.work) {
                 batch.given_up = true;
             }
             if batch.given_up {

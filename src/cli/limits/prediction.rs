@@ -7,7 +7,7 @@ use anyhow::anyhow;
 
 use super::check;
 use crate::cli::CliError;
-use crate::cli::contrast::Model;
+use crate::cli::prediction::Model;
 use crate::forecast::Forecast;
 use crate::model::contrast::{Pace, TOLERANCE};
 

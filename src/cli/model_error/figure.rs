@@ -3,7 +3,8 @@
 use std::fmt::Write as _;
 
 use super::super::axis::signed;
-use super::{AZIMUTHS, Cell, MATERIALS, TILTS, pose, summary};
+use crate::accuracy::full_scan;
+use crate::accuracy::model_error::{Cell, MATERIALS, summary};
 
 const CELL: (f64, f64) = (64.0, 26.0);
 const POSE: (f64, f64) = (30.0, 22.0);
@@ -78,8 +79,10 @@ pub(super) fn draw(cells: &[Cell]) -> String {
     let (ridges, alphas) = (distinct(|c| c.theta_r_deg), distinct(|c| c.alpha));
     let panel_w = CELL.0 * alphas.len() as f64;
     let panel_h = CELL.1 * ridges.len() as f64;
-    let pose_w = POSE.0 * AZIMUTHS as f64;
-    let pose_h = POSE.1 * TILTS as f64;
+    let scan = full_scan();
+    let (tilts, azimuths) = (scan.tilts().len(), scan.azimuths().len());
+    let pose_w = POSE.0 * azimuths as f64;
+    let pose_h = POSE.1 * tilts as f64;
     let slot = panel_w.max(PANEL_MIN) + GAP;
     let width = LEFT + (MAPS.len() as f64 * slot).max(2.0 * (pose_w + GAP + LEFT));
     let height = TOP + 2.0 * (panel_h + 74.0) + pose_h + 60.0;
@@ -171,15 +174,15 @@ pub(super) fn draw(cells: &[Cell]) -> String {
         let x0 = LEFT + material as f64 * (pose_w + GAP + LEFT);
         let title = format!("{name} · sawtooth at the truth, rms over all surfaces by pose / %");
         text(&mut svg, x0, y0 - 8.0, "start", &title, "black");
-        for n in 0..TILTS * AZIMUTHS {
-            let (t, a) = (n / AZIMUTHS, n % AZIMUTHS);
+        for (n, pose) in scan.poses().enumerate() {
+            let (t, a) = (n / azimuths, n % azimuths);
             let own: Vec<f64> = cells
                 .iter()
                 .filter(|c| c.material == material)
                 .map(|c| c.closed[n])
                 .collect();
             let value = 100.0 * summary(&own).0;
-            let (x, y) = (x0 + POSE.0 * a as f64, y0 + POSE.1 * (TILTS - 1 - t) as f64);
+            let (x, y) = (x0 + POSE.0 * a as f64, y0 + POSE.1 * (tilts - 1 - t) as f64);
             let (fill, _) = colour(value);
             let _ = writeln!(
                 svg,
@@ -189,11 +192,11 @@ pub(super) fn draw(cells: &[Cell]) -> String {
                 number(value)
             );
             if a == 0 {
-                let words = signed(&format!("{:.0}°", pose(n).theta_c.deg()));
+                let words = signed(&format!("{:.0}°", pose.theta_c.deg()));
                 text(&mut svg, x0 - 5.0, y + 16.0, "end", &words, "black");
             }
             if t == 0 && a % 3 == 0 {
-                let words = format!("{:.0}°", pose(n).phi_s.deg());
+                let words = format!("{:.0}°", pose.phi_s.deg());
                 text(
                     &mut svg,
                     x + 0.5 * POSE.0,
@@ -229,8 +232,8 @@ mod tests {
                 material,
                 theta_r_deg: 10.0,
                 alpha: 0.1,
-                closed: vec![0.001; TILTS * AZIMUTHS],
-                quadrature: vec![0.0; TILTS * AZIMUTHS],
+                closed: vec![0.001; full_scan().poses().count()],
+                quadrature: vec![0.0; full_scan().poses().count()],
                 noise: 0.0,
                 fitted: [None; 2],
             })

@@ -10,7 +10,7 @@ use std::time::Instant;
 use anyhow::anyhow;
 
 use super::{CliError, interrupt, limits, unreached};
-use crate::accuracy::trace_forecast::{Asked, of_runs};
+use crate::accuracy::trace_forecast::{Asked, Patience, of_runs};
 use crate::cli::limits::Stopwatch;
 use crate::cli::progress::Bar;
 use crate::clock::elapsed_s;
@@ -165,7 +165,7 @@ fn foretell(runs: &Runs<'_>, cancel: &AtomicBool) {
         follow: runs.follow,
         target_error: runs.limits.target_error,
     };
-    let patience = super::patience(runs.limits.max_seconds, cancel);
+    let patience = Patience::usual(runs.limits.max_seconds, cancel);
     let make = |n: usize| (runs.make)(n).ok();
     if let Some(forecast) = of_runs(runs.count, &make, asked, patience) {
         eprintln!(

@@ -114,144 +114,16 @@ impl Scene {
         number: usize,
         load: &dyn Fn(&str) -> Result<HeightMap, String>,
         left_out: &mut Vec<LeftOut>,
-    ) -> Result<(Relief, Option<Roughness>), SceneError> {
+    ) -> Result<Made, SceneError> {
         let keys = Keys { shape, number };
-        let roughness = || -> Result<Roughness, SceneError> {
-            Ok(Roughness {
-                alpha_u: keys.need("alpha_u", shape.alpha_u)?,
-                alpha_v: keys.need("alpha_v", shape.alpha_v)?,
-            })
-        };
-        let optional_roughness = || match (shape.alpha_u, shape.alpha_v) {
-            (None, None) => Ok(None),
-            _ => roughness().map(Some),
-        };
         match shape.shape.as_str() {
-            "flat" => {
-                keys.only(&[])?;
-                Ok((Relief::Flat, None))
-            }
-            "smith" => {
-                keys.only(&["alpha_u", "alpha_v"])?;
-                Ok((Relief::Flat, Some(roughness()?)))
-            }
-            "beckmann" => {
-                keys.only(&["alpha_u", "alpha_v", "seed", "cells"])?;
-                let Roughness { alpha_u, alpha_v } = roughness()?;
-                let (cells, seed) = self.tile(&keys)?;
-                let field = beckmann(cells, alpha_u, alpha_v, seed);
-                Ok((Relief::Field(Arc::new(field)), None))
-            }
-            "crystals" => {
-                keys.only(&["size_um", "cover", "seed", "cells"])?;
-                let size = keys.need("size_um", shape.size_um)?;
-                let cover = keys.need("cover", shape.cover.or(Some(COVER)))?;
-                if cover > 100.0 {
-                    return Err(value(&keys.name("cover"), cover, "must be 100 or less"));
-                }
-                let (cells, seed) = self.tile(&keys)?;
-                left_out.push(LeftOut {
-                    what: format!("overhangs of the crystals of interface {number}"),
-                    why: "a height field has none: faces that lean over stand upright".to_owned(),
-                    cost: None,
-                });
-                let field = crystals(cells, size, cover, seed);
-                Ok((Relief::Field(Arc::new(field)), None))
-            }
-            "ridges" => {
-                keys.only(&[
-                    "theta_r_deg",
-                    "pitch_um",
-                    "round_um",
-                    "round",
-                    "draft_deg",
-                    "burr_um",
-                    "seed",
-                    "alpha_u",
-                    "alpha_v",
-                ])?;
-                let theta = keys.need("theta_r_deg", shape.theta_r_deg)?;
-                if theta > 85.0 {
-                    return Err(value(
-                        &keys.name("theta_r_deg"),
-                        theta,
-                        "must be 85 or less",
-                    ));
-                }
-                let pitch = keys.need("pitch_um", shape.pitch_um)?;
-                if shape.round.is_some() && shape.round_um.is_some() {
-                    let expected = "is round_um in units of the pitch: give one of them";
-                    return Err(value(
-                        &keys.name("round"),
-                        shape.round.unwrap_or(0.0),
-                        expected,
-                    ));
-                }
-                let round = match shape.round {
-                    Some(share) => keys.none_or_more("round", share)? * pitch,
-                    None => keys.none_or_more("round_um", shape.round_um.unwrap_or(0.0))?,
-                };
-                if round > 100.0 * pitch {
-                    let expected = "is more than 100 pitches: nothing of the ridges would be left";
-                    return Err(value(&keys.name("round_um"), round, expected));
-                }
-                let draft = keys.none_or_more("draft_deg", shape.draft_deg.unwrap_or(0.0))?;
-                let burr = keys.none_or_more("burr_um", shape.burr_um.unwrap_or(0.0))?;
-                let ridges = Ridges {
-                    theta_r: theta.to_radians(),
-                    pitch,
-                    round,
-                    draft: draft.to_radians(),
-                    burr,
-                    seed: shape.seed.unwrap_or(self.run.seed),
-                };
-                let profile = ridges
-                    .profile()
-                    .map_err(|source| SceneError::Profile { number, source })?;
-                Ok((Relief::Profile(Arc::new(profile)), optional_roughness()?))
-            }
-            "profile" => {
-                keys.only(&["path", "alpha_u", "alpha_v"])?;
-                let path = shape.path.as_deref().ok_or_else(|| keys.missing("path"))?;
-                let failed = |reason: String| SceneError::File {
-                    number,
-                    path: path.to_owned(),
-                    reason,
-                };
-                let map = load(path).map_err(failed)?;
-                let profile = map.profile().map_err(|e| failed(e.to_string()))?;
-                Ok((Relief::Profile(Arc::new(profile)), optional_roughness()?))
-            }
-            "file" => {
-                keys.only(&["path", "pitch_um", "height_unit_um", "alpha_u", "alpha_v"])?;
-                let path = shape.path.as_deref().ok_or_else(|| keys.missing("path"))?;
-                let failed = |reason: String| SceneError::File {
-                    number,
-                    path: path.to_owned(),
-                    reason,
-                };
-                let map = load(path).map_err(failed)?;
-                // What the scene says counts more than what the file says.
-                let own = map.units;
-                let pitch = match (shape.pitch_um, own) {
-                    (None, Some(units)) => units.pitch_um,
-                    _ => [keys.need("pitch_um", shape.pitch_um)?; 2],
-                };
-                let unit = match (shape.height_unit_um, own) {
-                    (None, Some(units)) => units.height_unit_um,
-                    _ => keys.need("height_unit_um", shape.height_unit_um)?,
-                };
-                let field = field_of(&map, pitch, unit).map_err(|r| failed(r.to_owned()))?;
-                let share = map.filled as f64 / map.heights.len() as f64;
-                left_out.extend(gaps(share));
-                left_out.push(LeftOut {
-                    what: format!("what lies beyond the map of interface {number}"),
-                    why: "the map is repeated as it is; where its rims differ there is a wall"
-                        .to_owned(),
-                    cost: None,
-                });
-                Ok((Relief::Field(Arc::new(field)), optional_roughness()?))
-            }
+            "flat" => keys.only(&[]).map(|()| (Relief::Flat, None)),
+            "smith" => smith(&keys),
+            "beckmann" => self.beckmann(&keys),
+            "crystals" => self.crystals(&keys, left_out),
+            "ridges" => self.ridges(&keys),
+            "profile" => profile(&keys, load),
+            "file" => file(&keys, load, left_out),
             other => Err(value(
                 &keys.name("shape"),
                 format!("{other:?}"),
@@ -259,6 +131,160 @@ impl Scene {
             )),
         }
     }
+
+    /// A height field of normal slopes.
+    fn beckmann(&self, keys: &Keys<'_>) -> Result<Made, SceneError> {
+        keys.only(&["alpha_u", "alpha_v", "seed", "cells"])?;
+        let Roughness { alpha_u, alpha_v } = keys.roughness()?;
+        let (cells, seed) = self.tile(keys)?;
+        let field = beckmann(cells, alpha_u, alpha_v, seed);
+        Ok((Relief::Field(Arc::new(field)), None))
+    }
+
+    /// A height field of etched crystals.
+    fn crystals(&self, keys: &Keys<'_>, left_out: &mut Vec<LeftOut>) -> Result<Made, SceneError> {
+        keys.only(&["size_um", "cover", "seed", "cells"])?;
+        let size = keys.need("size_um", keys.shape.size_um)?;
+        let cover = keys.need("cover", keys.shape.cover.or(Some(COVER)))?;
+        if cover > 100.0 {
+            return Err(value(&keys.name("cover"), cover, "must be 100 or less"));
+        }
+        let (cells, seed) = self.tile(keys)?;
+        left_out.push(LeftOut {
+            what: format!("overhangs of the crystals of interface {}", keys.number),
+            why: "a height field has none: faces that lean over stand upright".to_owned(),
+            cost: None,
+        });
+        let field = crystals(cells, size, cover, seed);
+        Ok((Relief::Field(Arc::new(field)), None))
+    }
+
+    /// A sawtooth, worn or burred.
+    fn ridges(&self, keys: &Keys<'_>) -> Result<Made, SceneError> {
+        keys.only(&[
+            "theta_r_deg",
+            "pitch_um",
+            "round_um",
+            "round",
+            "draft_deg",
+            "burr_um",
+            "seed",
+            "alpha_u",
+            "alpha_v",
+        ])?;
+        let theta = keys.need("theta_r_deg", keys.shape.theta_r_deg)?;
+        if theta > 85.0 {
+            return Err(value(
+                &keys.name("theta_r_deg"),
+                theta,
+                "must be 85 or less",
+            ));
+        }
+        let pitch = keys.need("pitch_um", keys.shape.pitch_um)?;
+        if keys.shape.round.is_some() && keys.shape.round_um.is_some() {
+            let expected = "is round_um in units of the pitch: give one of them";
+            return Err(value(
+                &keys.name("round"),
+                keys.shape.round.unwrap_or(0.0),
+                expected,
+            ));
+        }
+        let round = match keys.shape.round {
+            Some(share) => keys.none_or_more("round", share)? * pitch,
+            None => keys.none_or_more("round_um", keys.shape.round_um.unwrap_or(0.0))?,
+        };
+        if round > 100.0 * pitch {
+            let expected = "is more than 100 pitches: nothing of the ridges would be left";
+            return Err(value(&keys.name("round_um"), round, expected));
+        }
+        let draft = keys.none_or_more("draft_deg", keys.shape.draft_deg.unwrap_or(0.0))?;
+        let burr = keys.none_or_more("burr_um", keys.shape.burr_um.unwrap_or(0.0))?;
+        let ridges = Ridges {
+            theta_r: theta.to_radians(),
+            pitch,
+            round,
+            draft: draft.to_radians(),
+            burr,
+            seed: keys.shape.seed.unwrap_or(self.run.seed),
+        };
+        let profile = ridges.profile().map_err(|source| SceneError::Profile {
+            number: keys.number,
+            source,
+        })?;
+        Ok((
+            Relief::Profile(Arc::new(profile)),
+            keys.optional_roughness()?,
+        ))
+    }
+}
+
+/// A flat boundary with microfacets.
+fn smith(keys: &Keys<'_>) -> Result<Made, SceneError> {
+    keys.only(&["alpha_u", "alpha_v"])?;
+    Ok((Relief::Flat, Some(keys.roughness()?)))
+}
+
+/// The profile of a file.
+fn profile(
+    keys: &Keys<'_>,
+    load: &dyn Fn(&str) -> Result<HeightMap, String>,
+) -> Result<Made, SceneError> {
+    keys.only(&["path", "alpha_u", "alpha_v"])?;
+    let path = keys
+        .shape
+        .path
+        .as_deref()
+        .ok_or_else(|| keys.missing("path"))?;
+    let failed = |reason: String| SceneError::File {
+        number: keys.number,
+        path: path.to_owned(),
+        reason,
+    };
+    let map = load(path).map_err(failed)?;
+    let profile = map.profile().map_err(|e| failed(e.to_string()))?;
+    Ok((
+        Relief::Profile(Arc::new(profile)),
+        keys.optional_roughness()?,
+    ))
+}
+
+/// The height map of a file.
+fn file(
+    keys: &Keys<'_>,
+    load: &dyn Fn(&str) -> Result<HeightMap, String>,
+    left_out: &mut Vec<LeftOut>,
+) -> Result<Made, SceneError> {
+    keys.only(&["path", "pitch_um", "height_unit_um", "alpha_u", "alpha_v"])?;
+    let path = keys
+        .shape
+        .path
+        .as_deref()
+        .ok_or_else(|| keys.missing("path"))?;
+    let failed = |reason: String| SceneError::File {
+        number: keys.number,
+        path: path.to_owned(),
+        reason,
+    };
+    let map = load(path).map_err(failed)?;
+    // What the scene says counts more than what the file says.
+    let own = map.units;
+    let pitch = match (keys.shape.pitch_um, own) {
+        (None, Some(units)) => units.pitch_um,
+        _ => [keys.need("pitch_um", keys.shape.pitch_um)?; 2],
+    };
+    let unit = match (keys.shape.height_unit_um, own) {
+        (None, Some(units)) => units.height_unit_um,
+        _ => keys.need("height_unit_um", keys.shape.height_unit_um)?,
+    };
+    let field = field_of(&map, pitch, unit).map_err(|r| failed(r.to_owned()))?;
+    let share = map.filled as f64 / map.heights.len() as f64;
+    left_out.extend(gaps(share));
+    left_out.push(LeftOut {
+        what: format!("what lies beyond the map of interface {}", keys.number),
+        why: "the map is repeated as it is; where its rims differ there is a wall".to_owned(),
+        cost: None,
+    });
+    Ok((Relief::Field(Arc::new(field)), keys.optional_roughness()?))
 }
 
 impl HeightMap {
@@ -298,6 +324,10 @@ fn field_of(map: &HeightMap, pitch: [f64; 2], unit: f64) -> Result<HeightField, 
     ))
 }
 
+/// The relief of an interface and the roughness of its facets.
+type Made = (Relief, Option<Roughness>);
+
+/// The keys of one interface, by number from above.
 struct Keys<'a> {
     shape: &'a Shape,
     number: usize,
@@ -322,6 +352,21 @@ impl Keys<'_> {
         Ok(x)
     }
 
+    fn roughness(&self) -> Result<Roughness, SceneError> {
+        Ok(Roughness {
+            alpha_u: self.need("alpha_u", self.shape.alpha_u)?,
+            alpha_v: self.need("alpha_v", self.shape.alpha_v)?,
+        })
+    }
+
+    /// The roughness where there is one; half of it is none.
+    fn optional_roughness(&self) -> Result<Option<Roughness>, SceneError> {
+        match (self.shape.alpha_u, self.shape.alpha_v) {
+            (None, None) => Ok(None),
+            _ => self.roughness().map(Some),
+        }
+    }
+
     fn none_or_more(&self, key: &'static str, x: f64) -> Result<f64, SceneError> {
         if x >= 0.0 && x.is_finite() {
             Ok(x)
@@ -339,7 +384,6 @@ impl Keys<'_> {
             ("seed", s.seed.is_some()),
             ("cells", s.cells.is_some()),
             ("theta_r_deg", s.theta_r_deg.is_some()),
-            ("pitch_um", s.pitch_um.is_some()),
             ("pitch_um", s.pitch_um.is_some()),
             ("round_um", s.round_um.is_some()),
             ("round", s.round.is_some()),

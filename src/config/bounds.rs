@@ -1,0 +1,57 @@
+//! What the numbers among the settings may be: those of the rig as [`limits`] has them for everybody, and those that
+//! only a daemon knows.
+
+use super::Config;
+use crate::limits::{self, Limit};
+
+/// A number among the settings: key, what it may be, and where it stands.
+type Bounded = (&'static str, Limit, fn(&Config) -> Option<f64>);
+
+/// Every setting that has a least and a greatest value.
+#[rustfmt::skip]
+pub(super) const BOUNDED: &[Bounded] = &[
+    ("store.reserve_mb", within(1.0, 1e6), |c| Some(c.store.reserve_mb as f64)),
+    ("rig.theta_l_deg", limits::THETA_L_DEG, |c| Some(c.rig.theta_l_deg)),
+    ("rig.light_azimuth_deg", limits::LIGHT_AZIMUTH_DEG, |c| Some(c.rig.light_azimuth_deg)),
+    ("rig.azimuth_zero_deg", limits::AZIMUTH_ZERO_DEG, |c| Some(c.rig.azimuth_zero_deg)),
+    ("rig.rotation_axis_px", limits::ROTATION_AXIS_PX, |c| c.rig.rotation_axis_px.map(|at| at[0])),
+    ("rig.rotation_axis_px", limits::ROTATION_AXIS_PX, |c| c.rig.rotation_axis_px.map(|at| at[1])),
+    ("rig.theta_l_std_deg", limits::THETA_L_STD_DEG, |c| c.rig.theta_l_std_deg),
+    ("rig.sample_wedge_std_deg", limits::SAMPLE_WEDGE_STD_DEG, |c| c.rig.sample_wedge_std_deg),
+    ("rig.light_angular_radius_deg", limits::LIGHT_ANGULAR_RADIUS_DEG, |c| c.rig.light_angular_radius_deg),
+    ("rig.lens_angular_radius_deg", limits::LENS_ANGULAR_RADIUS_DEG, |c| c.rig.lens_angular_radius_deg),
+    ("rig.wavelength_nm", limits::WAVELENGTH_NM, |c| Some(c.rig.wavelength_nm)),
+    ("rig.light_distance_mm", limits::DISTANCE_MM, |c| c.rig.light_distance_mm),
+    ("rig.light_radius_mm", limits::RADIUS_MM, |c| c.rig.light_radius_mm),
+    ("rig.camera_distance_mm", limits::DISTANCE_MM, |c| c.rig.camera_distance_mm),
+    ("rig.lens_radius_mm", limits::RADIUS_MM, |c| c.rig.lens_radius_mm),
+    ("camera.timeout_s", within(0.1, 3600.0), |c| Some(c.camera.timeout_s)),
+    ("camera.width_px", limits::SIZE_PX, |c| Some(f64::from(c.camera.width_px))),
+    ("camera.height_px", limits::SIZE_PX, |c| Some(f64::from(c.camera.height_px))),
+    ("camera.field_width_mm", limits::FIELD_MM, |c| c.camera.field_width_mm),
+    ("camera.field_height_mm", limits::FIELD_MM, |c| c.camera.field_height_mm),
+    ("camera.bit_depth", limits::BIT_DEPTH, |c| Some(f64::from(c.camera.bit_depth))),
+    ("camera.saturation_dn", limits::SATURATION_DN, |c| c.camera.saturation_dn),
+    ("camera.gain_dn_per_electron", limits::GAIN_DN_PER_ELECTRON, |c| Some(c.camera.gain_dn_per_electron)),
+    ("camera.black_level_dn", limits::BLACK_LEVEL_DN, |c| Some(c.camera.black_level_dn)),
+    ("camera.read_noise_electrons_rms", limits::READ_NOISE_ELECTRONS_RMS, |c| Some(c.camera.read_noise_electrons_rms)),
+    ("flat.reflectance", limits::FLAT_REFLECTANCE, |c| Some(c.flat.reflectance)),
+    ("flat.reflectance_std", limits::RIGS_REFLECTANCE_STD, |c| Some(c.flat.reflectance_std)),
+    ("flat.repeats", within(0.0, 1000.0), |c| Some(f64::from(c.flat.repeats))),
+    ("flat.valid_h", within(0.0, 8760.0), |c| Some(c.flat.valid_h)),
+    ("dark.repeats", within(0.0, 1000.0), |c| Some(f64::from(c.dark.repeats))),
+    ("dark.valid_h", within(0.0, 8760.0), |c| Some(c.dark.valid_h)),
+    ("scan.attempts_max", within(1.0, 100.0), |c| Some(f64::from(c.scan.attempts_max))),
+    ("scan.capped_mean_dn_max", within(0.0, 65535.0), |c| Some(c.scan.capped_mean_dn_max)),
+];
+
+/// A limit that the table of all quantities does not have, because a daemon alone has the quantity.
+const fn within(low: f64, high: f64) -> Limit {
+    Limit {
+        name: "",
+        low,
+        above_low: false,
+        high,
+        remedy: "",
+    }
+}

@@ -1,0 +1,55 @@
+//! Medians and spreads, which a few wild values do not move, and what they are of normal scatter.
+
+/// Median of |x| for normal x of standard deviation 1; its quartiles lie that far from 0.
+pub const MEDIAN_OF_ABS: f64 = 0.674_489_750_196_081_7;
+/// Median of x², that is of χ² with one degree of freedom.
+pub const MEDIAN_OF_SQUARE: f64 = MEDIAN_OF_ABS * MEDIAN_OF_ABS;
+/// Standard deviation of normal scatter over its median absolute deviation.
+pub const STD_PER_DEVIATION: f64 = 1.0 / MEDIAN_OF_ABS;
+
+/// Median of some numbers, whose order changes, the mean of the two in the middle where they are even in number;
+/// `None` of none. A NaN counts as the largest.
+#[must_use]
+pub fn median(values: &mut [f64]) -> Option<f64> {
+    if values.is_empty() {
+        return None;
+    }
+    let n = values.len();
+    let (below, at, _) = values.select_nth_unstable_by(n / 2, f64::total_cmp);
+    let upper = *at;
+    if n % 2 == 1 {
+        return Some(upper);
+    }
+    let lower = below.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    Some(0.5 * (lower + upper))
+}
+
+/// Median, and standard deviation from the median absolute deviation; `None` of none. The order of `values` changes.
+#[must_use]
+pub fn spread(values: &mut [f64]) -> Option<(f64, f64)> {
+    let centre = median(values)?;
+    let mut away: Vec<f64> = values.iter().map(|x| (x - centre).abs()).collect();
+    Some((centre, STD_PER_DEVIATION * median(&mut away)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_ignores_a_wild_value() {
+        assert_eq!(median(&mut [3.0, 1.0, 1e9]), Some(3.0));
+        assert_eq!(median(&mut [2.0, 1.0, 1.5, 9.0]), Some(1.75));
+        assert_eq!(median(&mut [4.0, 1.0, 2.0, 1e9]), Some(3.0));
+        assert_eq!(median(&mut [f64::INFINITY, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median(&mut []), None);
+    }
+
+    #[test]
+    fn the_spread_is_that_of_normal_scatter() {
+        let (centre, std) = spread(&mut [1.0, 2.0, 3.0, 4.0, 1e9]).unwrap();
+        assert!((centre - 3.0).abs() < 1e-12 && (std - STD_PER_DEVIATION).abs() < 1e-12);
+        assert!((STD_PER_DEVIATION - 1.4826).abs() < 1e-5);
+        assert!((MEDIAN_OF_SQUARE - 0.454_936).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,109 @@
+//! A scene ready to trace, and what may still be changed of it.
+
+use serde::{Deserialize, Serialize};
+
+use super::{LeftOut, Scene};
+use crate::trace::grid::Grid;
+use crate::trace::surface::Stack;
+use crate::trace::vec3::V3;
+use crate::trace::walk::Method;
+
+/// A scene ready to trace.
+#[derive(Debug, Clone)]
+pub struct Prepared {
+    pub(in crate::trace) stack: Stack,
+    pub(in crate::trace) method: Method,
+    pub(in crate::trace) stokes: [f64; 4],
+    pub(in crate::trace) k: V3,
+    pub(in crate::trace) s: V3,
+    pub(in crate::trace) interactions_max: u32,
+    pub(in crate::trace) grid: Grid,
+    pub(in crate::trace) seed: u64,
+    /// Whether what the elements of a Mueller matrix have in common is kept in the plane of incidence, for the errors of
+    /// Stokes vectors and of degree and angle of polarisation there; some ten microseconds per batch.
+    pub plane: bool,
+    /// Photons to launch.
+    pub photons: u64,
+    /// Whether polarisation is followed.
+    pub polarised: bool,
+    /// What is left out.
+    pub left_out: Vec<LeftOut>,
+    /// Effective ridge angles of the interfaces that lean to +v (median inclination by area).
+    pub ridge_angles: Vec<RidgeAngle>,
+    /// Whether a surface is drawn at random: one of many of the same statistics.
+    pub is_drawn: bool,
+}
+
+/// The effective ridge angle of an interface.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RidgeAngle {
+    /// 1 for the topmost.
+    pub interface: usize,
+    /// Median inclination, by area, of the parts whose normal leans to +v, degrees.
+    pub theta_r_deg: f64,
+}
+
+impl Prepared {
+    /// How chance is used.
+    #[must_use]
+    pub fn method(&self) -> Method {
+        self.method
+    }
+
+    /// Azimuth of the lamp, degrees.
+    pub(in crate::trace) fn phi_i_deg(&self) -> f64 {
+        let [sin, minus_cos, _] = self.s;
+        sin.atan2(-minus_cos).to_degrees()
+    }
+
+    /// Gives photons up after `limit` interactions, if the scene does not do so earlier.
+    pub fn give_up_after(&mut self, limit: u32) {
+        self.interactions_max = self.interactions_max.min(limit);
+    }
+}
+
+/// What several interfaces go without.
+pub(super) const REGISTRATION: &str = "lateral registration of the layers";
+
+impl Prepared {
+    /// Goes without interfaces of the `scene` that do nothing to light (1 for the topmost): the media on both sides are
+    /// the same. The others keep their numbers.
+    ///
+    /// # Panics
+    /// Where nothing would be left.
+    pub fn leave_out(&mut self, idle: &[usize], scene: &Scene) {
+        let is_idle = |number: usize| idle.contains(&number);
+        let mut number = 0;
+        self.stack.interfaces.retain(|_| {
+            number += 1;
+            !is_idle(number)
+        });
+        number = 0;
+        self.stack.optical_depth.retain(|_| {
+            number += 1;
+            !is_idle(number)
+        });
+        let left = self.stack.interfaces.len();
+        assert!(left > 0, "light meets an interface");
+        if left == 1 {
+            self.left_out.retain(|l| l.what != REGISTRATION);
+        }
+        self.ridge_angles.retain(|a| !is_idle(a.interface));
+        let all = (1..).zip(&scene.interface);
+        self.is_drawn = all.filter(|(n, _)| !is_idle(*n)).any(|(_, s)| s.is_drawn());
+    }
+
+    /// The same surfaces, met by other photons.
+    #[must_use]
+    pub fn with_seed(mut self, seed: u64) -> Self {
+        self.seed = seed;
+        self
+    }
+
+    /// The same scene, counted in other direction bins.
+    #[must_use]
+    pub fn with_grid(mut self, grid: Grid) -> Self {
+        self.grid = grid;
+        self
+    }
+}

@@ -1,0 +1,157 @@
+//! What the photons of one independent replicate left, bin by bin; hot code, emptied and used again.
+
+use super::energies::{Energies, ORDERS};
+use crate::trace::grid::{Finder, Grid};
+use crate::trace::height_field::Side;
+use crate::trace::light::Light;
+use crate::trace::vec3::V3;
+
+/// Work after which it is asked again whether to go on with a batch: a millisecond's.
+const ASKED: u64 = 1 << 16;
+
+/// What the photons of one replicate left.
+#[derive(Debug)]
+pub struct Batch {
+    /// Work that they took: cells crossed, and what else was done in units of that.
+    pub work: u64,
+    asked_at: u64,
+    /// Its photons were told to stop on their way: what is counted is of no use.
+    pub given_up: bool,
+    finder: Finder,
+    pub(super) stride: usize,
+    pub(super) bins: Vec<f64>,
+    pub(super) hits: Vec<u32>,
+    pub(super) touched: Vec<u32>,
+    pub(super) energies: Energies<f64>,
+}
+
+impl Batch {
+    /// An empty batch for light of `L`'s kind.
+    #[must_use]
+    pub fn new<L: Light>(grid: Grid) -> Self {
+        let bins = 2 * grid.per_side();
+        Batch {
+            work: 0,
+            asked_at: ASKED,
+            given_up: false,
+            finder: grid.finder(),
+            stride: L::ELEMENTS,
+            bins: vec![0.0; bins * L::ELEMENTS],
+            hits: vec![0; bins],
+            touched: Vec::new(),
+            energies: Energies::filled(0.0),
+        }
+    }
+
+    /// Light leaves along `k` on a side after `interactions` (≥ 1), already in the frame of exit.
+    #[inline]
+    pub fn exit<L: Light>(&mut self, light: &L, power: f64, side: Side, k: &V3, interactions: u32) {
+        self.count(light, power, self.finder.bin(side, k), side, interactions);
+    }
+
+    /// The same where the bin is known.
+    #[inline(always)]
+    pub fn count<L: Light>(
+        &mut self,
+        light: &L,
+        power: f64,
+        bin: usize,
+        side: Side,
+        interactions: u32,
+    ) {
+        light.add_to(self.slot::<L>(bin));
+        self.book(power, side, interactions);
+    }
+
+    /// The same of light after one interaction, whose numbers are given.
+    #[inline(always)]
+    pub(in crate::trace) fn count_numbers<L: Light>(
+        &mut self,
+        numbers: impl Iterator<Item = f64>,
+        power: f64,
+        bin: usize,
+        side: Side,
+    ) {
+        for (sum, x) in self.slot::<L>(bin).iter_mut().zip(numbers) {
+            *sum += x;
+        }
+        self.book(power, side, 1);
+    }
+
+    /// The numbers of a bin in which something is counted.
+    #[inline(always)]
+    fn slot<L: Light>(&mut self, bin: usize) -> &mut [f64] {
+        if self.hits[bin] == 0 {
+            self.touched.push(bin as u32);
+        }
+        self.hits[bin] += 1;
+        &mut self.bins[bin * L::ELEMENTS..(bin + 1) * L::ELEMENTS]
+    }
+
+    #[inline(always)]
+    fn book(&mut self, power: f64, side: Side, interactions: u32) {
+        let order = (interactions as usize).clamp(1, ORDERS) - 1;
+        match side {
+            Side::Above => {
+                self.energies.reflected[order] += power;
+                self.energies.reflected_all += power;
+            }
+            Side::Below => {
+                self.energies.transmitted[order] += power;
+                self.energies.transmitted_all += power;
+            }
+        }
+    }
+
+    /// Power that a metal or a layer took.
+    #[inline]
+    pub fn absorb(&mut self, power: f64) {
+        self.energies.absorbed += power;
+    }
+
+    /// Whether it is time to ask if its photons go on; the next time is so much work later.
+    #[inline(always)]
+    pub fn take_due(&mut self) -> bool {
+        let due = self.work >= self.asked_at;
+        if due {
+            self.asked_at = self.work + ASKED;
+        }
+        due
+    }
+
+    /// Takes what another of the same bins counted, and leaves that empty.
+    pub fn take(&mut self, other: &mut Batch) {
+        for &bin in &other.touched {
+            let at = bin as usize;
+            if self.hits[at] == 0 {
+                self.touched.push(bin);
+            }
+            self.hits[at] += other.hits[at];
+            let range = at * self.stride..(at + 1) * self.stride;
+            for (sum, x) in self.bins[range.clone()].iter_mut().zip(&other.bins[range]) {
+                *sum += x;
+            }
+        }
+        for (sum, x) in self.energies.all_mut().zip(other.energies.all()) {
+            *sum += x;
+        }
+        other.clear();
+    }
+
+    /// Empties it for its next use.
+    pub fn clear(&mut self) {
+        (self.work, self.asked_at, self.given_up) = (0, ASKED, false);
+        for bin in self.touched.drain(..) {
+            let bin = bin as usize;
+            self.hits[bin] = 0;
+            self.bins[bin * self.stride..(bin + 1) * self.stride].fill(0.0);
+        }
+        self.energies = Energies::filled(0.0);
+    }
+
+    /// Power that was given up.
+    #[inline]
+    pub fn truncate(&mut self, power: f64) {
+        self.energies.truncated += power;
+    }
+}

@@ -1,0 +1,41 @@
+//! Light whose way is known without chance.
+
+use super::Batch;
+use super::energies::Energies;
+use crate::trace::exact::to_fixed;
+use crate::trace::grid::Grid;
+
+/// Light whose way is known without chance, per photon launched.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Known {
+    pub(super) stride: usize,
+    pub(super) bins: Vec<i128>,
+    pub(super) energies: Energies<i128>,
+}
+
+impl Known {
+    /// Nothing known.
+    #[must_use]
+    pub fn new(grid: Grid, elements: usize) -> Self {
+        Known {
+            stride: elements,
+            bins: vec![0; 2 * grid.per_side() * elements],
+            energies: Energies::filled(0),
+        }
+    }
+
+    /// Takes what a batch counted as known, and leaves the batch empty. The order does not matter.
+    pub fn take(&mut self, batch: &mut Batch) {
+        for &bin in &batch.touched {
+            let bin = bin as usize;
+            let range = bin * self.stride..(bin + 1) * self.stride;
+            for (known, x) in self.bins[range.clone()].iter_mut().zip(&batch.bins[range]) {
+                *known += to_fixed(*x);
+            }
+        }
+        for (known, x) in self.energies.all_mut().zip(batch.energies.all()) {
+            *known += to_fixed(*x);
+        }
+        batch.clear();
+    }
+}
