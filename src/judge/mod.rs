@@ -342,7 +342,7 @@ impl Deviation {
             let measured = Deviation {
                 value: lower + inside,
                 std: self.std,
-                freedom: self.freedom.clone(),
+                freedom: self.freedom,
             };
             measured.below(lower) + measured.above(upper)
         };

@@ -209,6 +209,19 @@ fn material(manifest: &Manifest) -> Result<(), Problem> {
                 "leave it out (what a dielectric absorbs below its surface is part of rho_d), or write kind = \"conductor\"",
             );
         }
+        // Under either of its names.
+        SampleKind::Dielectric
+            if sample
+                .eta
+                .is_some_and(|n| !limits::INDEX_OF_REFRACTION.holds(n)) =>
+        {
+            return wrong(
+                "sample",
+                "eta",
+                format!("{} is out of range", sample.eta.unwrap_or_default()),
+                limits::INDEX_OF_REFRACTION.remedy,
+            );
+        }
         SampleKind::Dielectric if sample.index_of_refraction.or(sample.eta).is_none() => {
             return wrong(
                 "sample",
