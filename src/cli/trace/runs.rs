@@ -9,9 +9,9 @@ use std::time::Instant;
 
 use anyhow::anyhow;
 
-use super::{CliError, interrupt, limits, unreached};
+use super::{CliError, interrupt, unreached};
 use crate::accuracy::trace_forecast::{Asked, Patience, of_runs};
-use crate::cli::limits::Stopwatch;
+use crate::cli::limits::{self, Stopwatch};
 use crate::cli::progress::Bar;
 use crate::clock::elapsed_s;
 use crate::trace::run::{self, Ending, Follow, Progress};
@@ -102,7 +102,7 @@ pub(super) fn each(
     let cancel = interrupt::flag()?;
     let watch = runs.watch;
     let all = runs.photons.saturating_mul(runs.count as u64);
-    if limits.any() || (std::io::stderr().is_terminal() && all >= super::LONG) {
+    if limits.any() || (std::io::stderr().is_terminal() && all >= super::task::LONG) {
         foretell(runs, &cancel);
     }
     let bar = Bar::new("photons");
