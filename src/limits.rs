@@ -162,10 +162,10 @@ pub const PITCH_LENGTH_UM: Limit = Limit::above_0("pitch_length_um", 1e6, POSITI
 
 /// Of predictions: closed forms end at 1.5 rad (`model::domain`), where a recorded series may still be read.
 pub const PREDICTED_THETA_L_DEG: Limit = THETA_L_DEG.narrowed(0.0, 80.0);
-/// Half angle of a predicted lamp, for the same reason.
-pub const PREDICTED_LIGHT_ANGULAR_RADIUS_DEG: Limit = LIGHT_ANGULAR_RADIUS_DEG.narrowed(0.0, 85.0);
+/// Half angle of a predicted lamp: nothing measured says how well wider ones are predicted.
+pub const PREDICTED_LIGHT_ANGULAR_RADIUS_DEG: Limit = LIGHT_ANGULAR_RADIUS_DEG.narrowed(0.0, 10.0);
 /// Half angle of a predicted lens, for the same reason.
-pub const PREDICTED_LENS_ANGULAR_RADIUS_DEG: Limit = LENS_ANGULAR_RADIUS_DEG.narrowed(0.0, 85.0);
+pub const PREDICTED_LENS_ANGULAR_RADIUS_DEG: Limit = LENS_ANGULAR_RADIUS_DEG.narrowed(0.0, 30.0);
 /// Real part of the index of a predicted surface: air in glass too, and no further than tables of metals.
 pub const PREDICTED_ETA: Limit = SAMPLE_ETA.narrowed(1e-3, 1e3);
 /// Imaginary part of the index of a predicted surface, metals in the infrared among them.
