@@ -222,6 +222,22 @@ fn two_seeds_differ_by_their_errors_and_every_matrix_is_physical() {
 }
 
 #[test]
+fn all_orders_of_reflection_off_flat_layers_leave_in_one_direction() {
+    // 20°, 30° and 50° are edges of the bins of 2°.
+    let stack =
+        interface("shape = \"flat\"", "{ n = 1.5 }") + &interface("shape = \"flat\"", "\"Au550\"");
+    for method in ["analog", "split"] {
+        for theta in [0.0, 20.0, 30.0, 50.0] {
+            let run = format!("photons = 2000\nmethod = \"{method}\"");
+            let totals = traced(&scene(theta, &stack, &run));
+            let bins = 0..totals.grid().per_side();
+            let lit: Vec<usize> = bins.filter(|b| !totals.is_empty(Side::Above, *b)).collect();
+            assert_eq!(lit.len(), 1, "{method} {theta}: {lit:?}");
+        }
+    }
+}
+
+#[test]
 fn the_error_falls_with_the_square_root_of_the_photons() {
     // Also where most bins are nearly empty: 5000 photons for the light of 8100 bins.
     for (method, bins) in [
