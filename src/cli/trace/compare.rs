@@ -12,7 +12,7 @@ use super::{CliError, Source};
 use crate::cli::limits::Stopwatch;
 use crate::cli::place;
 use crate::model::LeftOut;
-use crate::trace::compare::{Difference, Direction, Mask, Summary, WAVELENGTHS_NM};
+use crate::trace::compare::{Difference, Direction, Mask, Summary, WAVELENGTHS_NM, seed_at};
 use crate::trace::grid::Grid;
 use crate::trace::height_field::Side;
 use crate::trace::paired::SCALAR;
@@ -147,7 +147,9 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         limits: args.limits,
         make: &|run| {
             let prepared = at(run).prepare_on(&shapes);
-            Ok(prepared.map_err(CliError::bad_input)?.with_grid(grid))
+            let seed = seed_at(source.scene.run.seed, run % wavelengths.len());
+            let prepared = prepared.map_err(CliError::bad_input)?;
+            Ok(prepared.with_grid(grid).with_seed(seed))
         },
     };
     let mut of_angle: Vec<Totals> = Vec::new();
