@@ -133,10 +133,11 @@ pub fn dolp(stokes: &[f64; 4]) -> f64 {
     stokes[1].hypot(stokes[2]) / stokes[0]
 }
 
-/// Angle of polarisation, degrees from s to p.
+/// Angle of polarisation, degrees from s to p, in (−90, 90].
 #[must_use]
 pub fn aop_deg(stokes: &[f64; 4]) -> f64 {
-    0.5 * stokes[2].atan2(stokes[1]).to_degrees()
+    // A U of −0 is none: without a sign, p is 90° and not −90°.
+    0.5 * (stokes[2] + 0.0).atan2(stokes[1]).to_degrees()
 }
 
 /// The plane of incidence of a polarised run whose lamp stands at the azimuth `phi_i_deg`, by the
@@ -270,6 +271,14 @@ mod tests {
         assert!((left[0] - 0.5).abs() < 1e-15 && (left[3] - 0.5).abs() < 1e-15);
         let plates = SETTINGS.map(|s| s.camera_compensator_deg);
         assert_eq!(plates, [0.0, 45.0, 90.0, 135.0, 45.0, 135.0]);
+    }
+
+    #[test]
+    fn light_along_p_has_one_angle_whatever_the_sign_of_no_u() {
+        for u in [0.0, -0.0] {
+            assert_eq!(aop_deg(&[1.0, -0.5, u, 0.0]), 90.0);
+            assert!(aop_deg(&[1.0, 0.5, u, 0.0]).is_sign_positive());
+        }
     }
 
     #[test]

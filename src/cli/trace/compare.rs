@@ -295,7 +295,10 @@ fn pictures(
         "{waves}; {0} × {0} pixels of the direction cosines; grey: darker than the mean of the lit pixels / {1}, or not settled to {2}",
         grid.n_phi, mask.divisor, mask.error_max
     );
-    let title = format!("Polarised against scalar, lamp at {}°", lamp.theta_deg);
+    let title = format!(
+        "Reflected light, polarised against scalar, lamp at {}°",
+        lamp.theta_deg
+    );
     let name = format!("difference-{}.svg", lamp.theta_deg);
     super::write_picture(
         folder,
@@ -377,7 +380,7 @@ fn lobe(lamp: Lamp, runs: &[Totals], waves: &str) -> String {
     }
     upper.extend(lower);
     panels(
-        &format!("Lobe with the lamp at {}°", lamp.theta_deg),
+        &format!("Lobe of the reflected light, lamp at {}°", lamp.theta_deg),
         &format!(
             "{waves}; positive angles lie on the side of the mirror direction; bars are standard errors"
         ),

@@ -195,6 +195,13 @@ pub(super) fn write_curves(
     super::write_picture(folder, name, &svg)
 }
 
+/// An angle of polarisation as it is told: rounded, 90 for −90, which is the same state, and 0 without a sign.
+fn told_aop_deg(aop_deg: f64) -> f64 {
+    let tenths = (10.0 * aop_deg).round();
+    let tenths = if tenths <= -900.0 { 900.0 } else { tenths };
+    0.1 * tenths + 0.0
+}
+
 /// Directions up to which the table shows all.
 const SHOWN: usize = 20;
 
@@ -282,7 +289,7 @@ impl Report {
                         r.input,
                         r.stokes[0],
                         r.dolp,
-                        r.aop_deg
+                        told_aop_deg(r.aop_deg)
                     )?;
                 }
             }
@@ -340,6 +347,23 @@ mod tests {
         assert_eq!(rows[1][at("camera_linear_0_std")], "2.5e-1");
         assert_eq!(rows[1][at("camera_right_std")], "1.5e0");
         assert_eq!(at("camera_right_std"), rows[0].len() - 1);
+    }
+
+    #[test]
+    fn one_state_of_polarisation_has_one_angle_in_the_table() {
+        for (aop_deg, told) in [
+            (-0.01, "   0.0\n"),
+            (0.01, "   0.0\n"),
+            (-89.98, "  90.0\n"),
+            (90.0, "  90.0\n"),
+            (-89.9, " -89.9\n"),
+            (-45.0, " -45.0\n"),
+        ] {
+            let mut out = Vec::new();
+            report(vec![reading(aop_deg)]).table(&mut out).unwrap();
+            let text = String::from_utf8(out).unwrap();
+            assert!(text.ends_with(told), "{aop_deg}: {text}");
+        }
     }
 
     #[test]
