@@ -55,6 +55,7 @@ pub struct Profile {
     period: f64,
     lowest: f64,
     highest: f64,
+    turned: bool,
 }
 
 /// A point of the profile.
@@ -252,6 +253,7 @@ impl Profile {
             lowest: heights.clone().fold(f64::INFINITY, f64::min),
             highest: heights.fold(f64::NEG_INFINITY, f64::max),
             pieces,
+            turned: false,
         }
     }
 
@@ -300,6 +302,34 @@ impl Profile {
             Some(_) => Ok(profile),
             None => Err(ProfileError::LeansNowhere),
         }
+    }
+
+    /// The profile with +v where its longer flanks lean, as facets do: turned round if they lean the other way.
+    #[must_use]
+    pub fn facets_to_v(self) -> Self {
+        let across = |side: f64| -> f64 {
+            let leaning = self.pieces.iter().filter(|p| side * p.normal[1] > 0.0);
+            leaning.map(|p| p.to - p.from).sum()
+        };
+        if across(1.0) >= across(-1.0) {
+            return self;
+        }
+        let n = self.pieces.len();
+        let corners = (0..n).rev().map(|i| Corner {
+            v: -self.pieces[i].from,
+            z: self.pieces[i].z_from,
+            bowed: self.pieces[(i + n - 1) % n].tangents.is_some(),
+        });
+        Profile {
+            turned: !self.turned,
+            ..Profile::with_bows(&corners.collect::<Vec<_>>(), self.period)
+        }
+    }
+
+    /// Whether [`Profile::facets_to_v`] turned it round.
+    #[must_use]
+    pub fn is_turned(&self) -> bool {
+        self.turned
     }
 
     /// Length of a period along v.
@@ -360,6 +390,7 @@ impl Profile {
                 bowed: p.tangents.is_some(),
             });
             scaled = Profile::with_bows(&corners.collect::<Vec<_>>(), self.period);
+            scaled.turned = self.turned;
         }
         Some(scaled)
     }
@@ -733,6 +764,20 @@ mod tests {
         let ratio = 0.21f64.tan() / 0.2f64.tan();
         let (low, high) = (profile.range(), steeper.range());
         assert!((high.1 - high.0 - ratio * (low.1 - low.0)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_profile_measured_the_other_way_round_is_turned_to_where_its_facets_lean() {
+        let mirrored = Profile::measured(&[(0.0, 0.0), (3.06, -17.36), (101.54, 0.0)]).unwrap();
+        assert!(mirrored.effective_ridge_angle().unwrap() > 1.0);
+        let turned = mirrored.facets_to_v();
+        let angle = turned.effective_ridge_angle().unwrap().to_degrees();
+        assert!((angle - 10.0).abs() < 0.01, "{angle}");
+        assert!(turned.is_turned() && (turned.period() - 101.54).abs() < 1e-12);
+        assert!(turned.with_ridge_angle(0.2).unwrap().is_turned());
+        let sawtooth = Profile::sawtooth(0.2, 10.0, 0.4).unwrap();
+        assert_eq!(sawtooth.clone().facets_to_v(), sawtooth);
+        assert!(!sawtooth.is_turned());
     }
 
     #[test]
