@@ -99,6 +99,14 @@ pub enum ProfileError {
         /// What it has.
         columns: usize,
     },
+    /// A map that is no profile.
+    #[error(
+        "this is a map of {rows} rows of heights, not a profile: give one row, or shape = \"file\""
+    )]
+    Map {
+        /// Rows that it has.
+        rows: usize,
+    },
     /// Too few rows for a period.
     #[error("a profile needs three rows or more, v and height each; there are {rows}")]
     TooShort {

@@ -263,11 +263,20 @@ impl Scene {
 
 impl HeightMap {
     /// The profile whose corners are the rows: v and height in one unit, the last row closing the
-    /// period.
+    /// period. Of a single row with units of its own, as instruments measure profiles, the samples are the corners, µm.
     ///
     /// # Errors
-    /// Rows that are not two numbers, or no closed profile that leans to +v.
+    /// Rows that are not two numbers, a map, or no closed profile that leans to +v.
     pub fn profile(&self) -> Result<Profile, ProfileError> {
+        if let Some(units) = self.units {
+            if self.rows != 1 {
+                return Err(ProfileError::Map { rows: self.rows });
+            }
+            let samples = self.heights.iter().enumerate();
+            let samples =
+                samples.map(|(n, h)| (n as f64 * units.pitch_um[0], h * units.height_unit_um));
+            return Profile::measured(&samples.collect::<Vec<_>>());
+        }
         if self.columns != 2 {
             return Err(ProfileError::NotTwoColumns {
                 columns: self.columns,
