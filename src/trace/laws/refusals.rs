@@ -126,3 +126,23 @@ fn bad_scenes_get_a_message_that_names_the_key() {
         assert!(message.contains(word), "{word}: {message}");
     }
 }
+
+#[test]
+fn a_cover_of_less_than_a_crystal_is_refused_and_a_rounded_one_told() {
+    let crystals = |cover: &str| {
+        let keys = format!("shape = \"crystals\"\nsize_um = 10.0\ncells = 32\ncover = {cover}");
+        let text = scene(45.0, &interface(&keys, "\"Au550\""), "");
+        Scene::parse(&text)
+            .unwrap()
+            .prepare(&|_| Err(String::new()))
+    };
+    let refused = crystals("0.01").unwrap_err().to_string();
+    assert!(refused.contains("cover"), "{refused}");
+    let told = |cover: &str| {
+        let ready = crystals(cover).unwrap();
+        let notes = ready.left_out.into_iter().map(|l| l.what);
+        notes.filter(|what| what.contains("cover")).count()
+    };
+    // Four sizes²: one and a half crystals are two.
+    assert_eq!((told("0.375"), told("0.5")), (1, 0));
+}

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::super::beckmann::{self, beckmann};
-use super::super::crystals::crystals;
+use super::super::crystals::{self, crystals};
 use super::super::facet::Roughness;
 use super::super::height_field::HeightField;
 use super::super::profile::{Profile, ProfileError};
@@ -150,6 +150,14 @@ impl Scene {
                     return Err(value(&keys.name("cover"), cover, "must be 100 or less"));
                 }
                 let (cells, seed) = self.tile(&keys)?;
+                if crystals::count(cells, cover) == 0 {
+                    return Err(value(
+                        &keys.name("cover"),
+                        cover,
+                        "is less than half a crystal on the tile of (cells / 16)² sizes: give more cover or cells",
+                    ));
+                }
+                left_out.extend(crystals::rounded(cells, cover, number));
                 left_out.push(LeftOut {
                     what: format!("overhangs of the crystals of interface {number}"),
                     why: "a height field has none: faces that lean over stand upright".to_owned(),
