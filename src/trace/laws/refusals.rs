@@ -146,3 +146,17 @@ fn a_cover_of_less_than_a_crystal_is_refused_and_a_rounded_one_told() {
     // Four sizes²: one and a half crystals are two.
     assert_eq!((told("0.375"), told("0.5")), (1, 0));
 }
+
+#[test]
+fn a_tile_too_small_for_beckmann_s_slopes_is_told() {
+    let notes = |cells: usize| {
+        let keys = format!("shape = \"beckmann\"\nalpha_u = 0.1\nalpha_v = 0.1\ncells = {cells}");
+        let text = scene(45.0, &interface(&keys, "\"Au550\""), "");
+        let ready = Scene::parse(&text)
+            .unwrap()
+            .prepare(&|_| Err(String::new()));
+        let notes = ready.unwrap().left_out.into_iter().map(|l| l.what);
+        notes.filter(|what| what.contains("slopes")).count()
+    };
+    assert_eq!((notes(16), notes(99), notes(100)), (1, 1, 0));
+}

@@ -140,6 +140,7 @@ impl Scene {
                 let Roughness { alpha_u, alpha_v } = roughness()?;
                 let (cells, seed) = self.tile(&keys)?;
                 let field = beckmann(cells, alpha_u, alpha_v, seed);
+                left_out.extend(beckmann::few_cells(cells, number));
                 Ok((Relief::Field(Arc::new(field)), None))
             }
             "crystals" => {
