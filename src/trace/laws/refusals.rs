@@ -128,6 +128,54 @@ fn bad_scenes_get_a_message_that_names_the_key() {
 }
 
 #[test]
+fn every_key_that_the_parser_knows_stands_in_the_document() {
+    let document = include_str!("../../../docs/scenes.md");
+    let flat = interface("shape = \"flat\"", "{ n = 1.5 }");
+    let mut known = 0;
+    for text in [
+        "unheard_of = 1\n".to_owned(),
+        "[light]\nunheard_of = 1\n".to_owned(),
+        "[[interface]]\nunheard_of = 1\n".to_owned(),
+        format!("{flat}\n[run]\nunheard_of = 1\n"),
+        format!("{flat}\n[run]\nmethod = \"unheard_of\"\n"),
+    ] {
+        let told = Scene::parse(&text).unwrap_err().to_string();
+        let (_, keys) = told.split_once("expected").unwrap();
+        // What follows stands between backticks.
+        for key in keys.split('`').skip(1).step_by(2) {
+            let told =
+                document.contains(&format!("`{key}`")) || document.contains(&format!("\"{key}\""));
+            let section = document.contains(&format!("[{key}]"));
+            assert!(told || section, "{key}");
+            known += 1;
+        }
+    }
+    assert_eq!(known, 4 + 4 + 17 + 7 + 2);
+    for text in [
+        scene(
+            45.0,
+            &interface("shape = \"unheard_of\"", "{ n = 1.5 }"),
+            "",
+        ),
+        scene(
+            45.0,
+            &interface("shape = \"flat\"", "{ unheard_of = 1 }"),
+            "",
+        ),
+    ] {
+        let scene = Scene::parse(&text).unwrap();
+        let told = scene
+            .prepare(&|_| Err(String::new()))
+            .unwrap_err()
+            .to_string();
+        let (_, words) = told.rsplit_once("are ").unwrap();
+        for word in words.split(", ") {
+            assert!(document.contains(&format!("`{word}`")), "{word}");
+        }
+    }
+}
+
+#[test]
 fn a_cover_of_less_than_a_crystal_is_refused_and_a_rounded_one_told() {
     let crystals = |cover: &str| {
         let keys = format!("shape = \"crystals\"\nsize_um = 10.0\ncells = 32\ncover = {cover}");
