@@ -208,3 +208,18 @@ fn a_tile_too_small_for_beckmann_s_slopes_is_told() {
     };
     assert_eq!((notes(16), notes(99), notes(100)), (1, 1, 0));
 }
+
+#[test]
+fn a_diffuse_body_is_bounded_by_the_medium_above_it_not_by_that_on_top() {
+    let body = |rho_d: f64| {
+        let layer = interface("shape = \"flat\"", "{ n = 1.5 }");
+        let below = format!("{{ n = 1.5, rho_d = {rho_d} }}");
+        let text = scene(45.0, &(layer + &interface("shape = \"flat\"", &below)), "");
+        Scene::parse(&text)
+            .unwrap()
+            .prepare(&|_| Err(String::new()))
+    };
+    // Through nothing all passes; from air into it 92 % would there and back.
+    assert!(body(0.99).is_ok());
+    assert!(body(1.01).unwrap_err().to_string().contains("rho_d"));
+}
