@@ -84,6 +84,17 @@ impl Trial {
         let seconds = self.seconds - self.start_s - batches_s;
         (photons > 0 && seconds > 0.0).then(|| seconds / photons as f64)
     }
+
+    /// Seconds of a photon, by how much longer it took than a run of fewer photons; where other work on the machine hid
+    /// that, at most what all of it took after its start.
+    fn pace_beyond(&self, fewer: &Trial) -> f64 {
+        let seconds = self.seconds - fewer.seconds;
+        if self.photons > fewer.photons && seconds > 0.0 {
+            return seconds / (self.photons - fewer.photons) as f64;
+        }
+        let all = self.seconds / self.photons.max(1) as f64;
+        self.per_photon(0.0).unwrap_or(all)
+    }
 }
 
 /// How far the look at the surface has come that stands before a run's first photon: share and seconds, at first and last.
@@ -197,7 +208,7 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
         _ => known,
     };
     let per_photon = if upper.photons > little.photons {
-        ((upper.seconds - little.seconds) / (upper.photons - little.photons) as f64).max(0.0)
+        upper.pace_beyond(&little)
     } else {
         // One run alone: its batches take their time too, and where they are all that it took it had hardly a photon.
         let none = few(prepared, asked, FEW.0, patience)?;
@@ -224,11 +235,7 @@ fn of_slow_start(
     let little = few(prepared, asked, FEW.0, patience)?;
     // Photons so dear that a few take as long as there is patience say enough.
     let more = few(prepared, asked, FEW.1, patience).unwrap_or(little);
-    let per_photon = if more.photons > little.photons {
-        ((more.seconds - little.seconds) / (more.photons - little.photons) as f64).max(0.0)
-    } else {
-        more.seconds / more.photons.max(1) as f64
-    };
+    let per_photon = more.pace_beyond(&little);
     Some(told(prepared, asked, &more, start_s, per_photon))
 }
 
@@ -321,6 +328,22 @@ mod tests {
             looked.at(share, seconds);
         }
         assert_eq!(looked.whole_s(2.0), 0.5 + 2.0);
+    }
+
+    #[test]
+    fn a_difference_lost_in_other_work_does_not_make_photons_free() {
+        let trial = |photons, seconds| Trial {
+            photons,
+            start_s: 0.5,
+            at_start: 0,
+            seconds,
+            error: None,
+        };
+        let little = trial(1_000, 1.0);
+        assert_eq!(trial(5_000, 3.0).pace_beyond(&little), 2.0 / 4_000.0);
+        assert_eq!(trial(5_000, 0.9).pace_beyond(&little), 0.4 / 5_000.0);
+        // All of it was the start.
+        assert_eq!(trial(5_000, 0.5).pace_beyond(&little), 0.5 / 5_000.0);
     }
 
     #[test]

@@ -213,6 +213,9 @@ pub struct TracerReport {
     /// Effective ridge angle of the given profile before it was scaled to the fitted one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub profile_theta_r_deg: Option<f64>,
+    /// Whether that profile was turned round, so that its facets lean to the side of +v.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub profile_turned: bool,
     /// What that profile was made of, where it comes from a height map.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub height_map: Option<RidgeFacts>,

@@ -182,10 +182,14 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         );
     }
     if e.discrepancy > LOUD && variant != VariantName::Paper {
+        let way_out = match variant {
+            VariantName::Traced => "a look at the residuals and at the shape that was traced",
+            _ => "--variant traced or a look at the residuals",
+        };
         warnings.push(format!(
             "the model misses the data by {:.1} % of the signals: ridges of one angle and roughness are \
              described three times better, so this is another surface or another minimum; do not \
-             trust the parameters before --variant traced or a look at the residuals confirms them",
+             trust the parameters before {way_out} confirms them",
             100.0 * e.discrepancy
         ));
     }

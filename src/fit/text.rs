@@ -90,6 +90,12 @@ pub fn table(report: &FitReport, colour: bool) -> String {
             ),
         );
     }
+    if report.tracer.is_some_and(|t| t.profile_turned) {
+        line(
+            &mut out,
+            "  the profile was turned round: its longer flanks, the facets, lean to −v as it was measured",
+        );
+    }
     let unknown: Vec<(&str, &str)> = report
         .parameters
         .named()

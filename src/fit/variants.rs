@@ -59,6 +59,7 @@ impl Tracer<'_> {
             polarised: done.polarised,
             end: done.end,
             profile_theta_r_deg: profile.map(f64::to_degrees),
+            profile_turned: self.profile.is_some_and(Profile::is_turned),
             height_map: None,
         })
     }

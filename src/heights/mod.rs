@@ -5,6 +5,7 @@
 //! know what the heights are for; what a file says of its own units is handed on.
 
 pub mod ridges;
+mod stated;
 mod tiff;
 mod x3p;
 
@@ -54,7 +55,7 @@ fn check_size(columns: usize, rows: usize, most: usize) -> Result<(), String> {
 }
 
 fn table(content: &[u8]) -> Result<HeightMap, String> {
-    let text = std::str::from_utf8(content).map_err(|_| "the file is not text".to_owned())?;
+    let text = stated::text_of(content)?;
     let mut map = HeightMap {
         columns: 0,
         rows: 0,
@@ -62,18 +63,40 @@ fn table(content: &[u8]) -> Result<HeightMap, String> {
         units: None,
         filled: 0,
     };
-    let mut may_be_head = true;
-    for (n, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
+    // Column names, a row of units below them.
+    let (mut names_may_come, mut units_may_come) = (true, true);
+    let mut units = None;
+    for (n, line) in text.lines().enumerate() {
         let line = line.trim();
-        if line.is_empty() || line.starts_with('#') {
+        let at_line = |cause: String| format!("line {}: {cause}", n + 1);
+        if line.is_empty() {
             continue;
         }
-        let first = std::mem::take(&mut may_be_head);
-        let words = words_of(line).map_err(|cause| format!("line {}: {cause}", n + 1))?;
-        // One line of column names above the numbers is no error.
-        if first && words.iter().all(|w| w.parse::<f64>().is_err()) {
+        if let Some(comment) = line.strip_prefix('#') {
+            if let (0, Ok(words)) = (map.rows, words_of(comment.trim())) {
+                units = stated::of_comment(&words).map_err(at_line)?.or(units);
+            }
             continue;
         }
+        let words = words_of(line).map_err(|cause| at_line(cause.to_owned()))?;
+        // One line of column names above the numbers is no error, nor is one of their units.
+        if words.iter().all(|w| w.parse::<f64>().is_err()) {
+            let own = match units_may_come {
+                true => stated::of_units(&words).map_err(at_line)?,
+                false => None,
+            };
+            if own.is_some() {
+                (names_may_come, units_may_come) = (false, false);
+                units = own;
+                continue;
+            }
+            if names_may_come {
+                names_may_come = false;
+                units = stated::of_names(&words).map_err(at_line)?.or(units);
+                continue;
+            }
+        }
+        (names_may_come, units_may_come) = (false, false);
         let before = map.heights.len();
         for word in &words {
             let height: f64 = word
@@ -94,6 +117,13 @@ fn table(content: &[u8]) -> Result<HeightMap, String> {
     }
     if map.rows == 0 {
         return Err("the file holds no heights".to_owned());
+    }
+    // A table of two columns is a profile, and those are in µm.
+    if let (2, Some([v_um, z_um])) = (map.columns, units) {
+        for row in map.heights.chunks_exact_mut(2) {
+            row[0] *= v_um;
+            row[1] *= z_um;
+        }
     }
     Ok(map)
 }

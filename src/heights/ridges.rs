@@ -72,7 +72,8 @@ pub enum ShapeError {
     Map(#[from] RidgeMapError),
 }
 
-/// The shape in some heights: of a table of two columns a profile, of anything else a map.
+/// The shape in some heights: of a table of two columns a profile, of anything else a map. Either is turned so that the
+/// facets lean to +v.
 ///
 /// # Errors
 /// [`ShapeError`].
@@ -80,7 +81,7 @@ pub fn of(map: &HeightMap, units: &Units) -> Result<(Profile, Option<RidgeFacts>
     // Only tables have two columns: of a picture two pixels wide nobody would read ridges.
     if map.columns == 2 && map.units.is_none() {
         if units.are_left_open() {
-            return Ok((map.profile()?, None));
+            return Ok((map.profile()?.facets_to_v(), None));
         }
         return Err(ShapeError::ProfileHasUnits);
     }
@@ -90,7 +91,7 @@ pub fn of(map: &HeightMap, units: &Units) -> Result<(Profile, Option<RidgeFacts>
         let rows: Vec<(f64, f64)> = rows
             .map(|(n, h)| (n as f64 * units.pitch_um[0], h * units.height_unit_um))
             .collect();
-        return Ok((Profile::measured(&rows)?, None));
+        return Ok((Profile::measured(&rows)?.facets_to_v(), None));
     }
     let found = RidgeMap::of(map, units)?;
     Ok((found.profile, Some(found.facts)))
@@ -121,6 +122,13 @@ mod tests {
             height_unit_um: Some(1e-3),
         };
         assert!(of(&map(2, corners, None), &said).is_err());
+        let mirrored = map(2, vec![0.0, 0.0, 1.0, -1.0, 10.0, 0.0], None);
+        let (turned, _) = of(&mirrored, &open).unwrap();
+        assert!(turned.is_turned() && !profile.is_turned());
+        assert_eq!(
+            turned.effective_ridge_angle(),
+            profile.effective_ridge_angle()
+        );
         let row = map(4, vec![0.0, -500.0, -1000.0, 0.0], None);
         assert_eq!(of(&row, &said).unwrap().0.period(), 6.0);
         let square = map(20, vec![0.0; 400], None);

@@ -60,10 +60,34 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
 #[cfg(test)]
 mod tests {
     use super::super::{HEIGHTS_MAX, HeightMap};
-    use tiff::encoder::{TiffEncoder, colortype};
+    use tiff::encoder::{Compression, TiffEncoder, colortype};
 
     fn read(content: &[u8]) -> Result<HeightMap, String> {
         super::read(content, HEIGHTS_MAX)
+    }
+
+    #[test]
+    fn compressed_heights_are_those_that_were_compressed() {
+        for compression in [
+            Compression::Lzw,
+            Compression::Deflate(tiff::encoder::DeflateLevel::Balanced),
+            Compression::Packbits,
+        ] {
+            let mut file = std::io::Cursor::new(Vec::new());
+            let encoder = TiffEncoder::new(&mut file).unwrap();
+            let mut encoder = encoder.with_compression(compression);
+            let heights: Vec<u16> = (0..40 * 30).map(|n| 7 * n % 1009).collect();
+            encoder
+                .write_image::<colortype::Gray16>(40, 30, &heights)
+                .unwrap();
+            let map = read(&file.into_inner()).unwrap();
+            assert!(
+                map.heights
+                    .iter()
+                    .zip(&heights)
+                    .all(|(a, b)| *a == f64::from(*b))
+            );
+        }
     }
 
     #[test]

@@ -57,10 +57,10 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let values = match text(root, &["DataLink", "PointDataLink"]) {
         Some(link) => {
             let limit = (most * 8) as u64;
-            let bytes = member(&mut archive, inside(link), limit)?;
+            let bytes = member(&mut archive, &inside(link), limit)?;
             let mut values = z.decode(&bytes, count)?;
             if let Some(link) = text(root, &["DataLink", "ValidPointsLink"]) {
-                let mask = member(&mut archive, inside(link), most as u64)?;
+                let mask = member(&mut archive, &inside(link), most as u64)?;
                 for (n, value) in values.iter_mut().enumerate() {
                     if !is_valid(&mask, n, count)? {
                         *value = f64::NAN;
@@ -95,9 +95,9 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     })
 }
 
-/// A link as the archive's members are named.
-fn inside(link: &str) -> &str {
-    link.trim_start_matches("./")
+/// A link as the archive's members are named; some programs write it with the marks of their own system.
+fn inside(link: &str) -> String {
+    link.replace('\\', "/").trim_start_matches("./").to_owned()
 }
 
 /// Whether the file of valid points has point `n` of `count`: a bit each, the lowest of a byte first; some programs
@@ -414,6 +414,27 @@ mod tests {
         assert!(refused(Some(&packed(&[1, 2, 3]))).contains("3 of 21 points"));
         assert!(refused(Some(&[0xff; 4])).contains("instead of 3"));
         assert!(refused(None).contains("bindata/valid.bin"));
+    }
+
+    #[test]
+    fn a_profile_is_one_along_v_and_links_may_be_written_as_on_windows() {
+        let size = "<SizeX>4</SizeX><SizeY>1</SizeY><SizeZ>1</SizeZ>";
+        let link = LINK.replace("bindata/data.bin", ".\\bindata\\data.bin");
+        let heights: Vec<u8> = [0.0f64, -1e-6, -2e-6, 0.0]
+            .iter()
+            .flat_map(|h| h.to_le_bytes())
+            .collect();
+        let xml = xml(ABSOLUTE, size, &link).replace("SUR", "PRF");
+        let profile = read(&archive(&xml, Some(&heights)))
+            .unwrap()
+            .profile()
+            .unwrap();
+        assert!((profile.period() - 6.0).abs() < 1e-9);
+        let (low, high) = profile.range();
+        assert!((high - low - 2.0).abs() < 1e-9);
+        let area = xml.replace("<SizeX>4</SizeX><SizeY>1", "<SizeX>2</SizeX><SizeY>2");
+        let map = read(&archive(&area, Some(&heights))).unwrap();
+        assert!(map.profile().unwrap_err().to_string().contains("map"));
     }
 
     #[test]

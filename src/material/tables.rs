@@ -35,7 +35,7 @@ pub enum MediaError {
         name: String,
     },
     /// The table does not reach there.
-    #[error("the table of {name} reaches from {from:.0} nm to {to:.0} nm, not to {asked} nm")]
+    #[error("the table of {name} reaches from {from} nm to {to} nm, not to {asked} nm")]
     OutOfTable {
         /// The material.
         name: String,
@@ -135,6 +135,26 @@ mod tests {
             index_of("Gold", 550.0),
             Err(MediaError::Unknown { .. })
         ));
+    }
+
+    #[test]
+    fn a_wavelength_just_outside_is_told_beside_where_the_table_ends() {
+        for (name, _) in TABLES {
+            let Err(MediaError::OutOfTable { from, to, .. }) = index_of(name, 1e6) else {
+                panic!("no table reaches a millimetre");
+            };
+            assert!(index_of(name, from).is_ok() && index_of(name, to).is_ok());
+            for near in [from.floor() - 1.0, to.ceil()] {
+                if let Err(refused) = index_of(name, near) {
+                    let told = refused.to_string();
+                    assert!(told.contains(&format!(" to {to} nm,")), "{told}");
+                    assert!(
+                        !told.contains(&format!("to {near} nm, not to {near} nm")),
+                        "{told}"
+                    );
+                }
+            }
+        }
     }
 
     #[test]

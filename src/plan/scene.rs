@@ -201,7 +201,7 @@ fn flat_stack(scene: &Scene) -> Option<StackReflectance> {
         });
     }
     let stack = FlatStack::new(indices).ok()?;
-    stack.reflect(scene.light.theta_i_deg.to_radians()).ok()
+    stack.reflect_deg(scene.light.theta_i_deg).ok()
 }
 
 /// Relative standard error of the reflected energy that a run of so many photons will have, or less: of split photons only

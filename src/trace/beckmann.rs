@@ -15,6 +15,7 @@ use rayon::prelude::*;
 
 use super::height_field::HeightField;
 use super::rng::{Purpose, Stream};
+use crate::model::LeftOut;
 
 /// Cells along each side of a tile unless a scene says otherwise.
 pub const CELLS: usize = 400;
@@ -24,6 +25,24 @@ const STRATA: usize = 64;
 const CUT: f64 = 3.5;
 /// Phase per cell of the shortest wave, rad: six samples per wave and more.
 const SHORTEST: f64 = 1.0;
+
+/// Fewer cells along a side than this hold too few waves for the statistics of many.
+const CELLS_MANY: usize = 100;
+
+/// What a tile of few cells does without: its waves fall on few places of the lattice, so slopes are no longer normal.
+#[must_use]
+pub fn few_cells(cells: usize, interface: usize) -> Option<LeftOut> {
+    (cells < CELLS_MANY).then(|| {
+        LeftOut::new(
+            format!("normal slopes of interface {interface}"),
+            format!(
+                "a tile of {cells} cells holds few waves: the variance of its slopes is α²/2, but their distribution, \
+                 steep ones above all, is not Beckmann's; {CELLS_MANY} cells or more have it"
+            ),
+            None,
+        )
+    })
+}
 
 /// A tile of `cells` × `cells` with Beckmann roughness `alpha_u` along x and `alpha_v` along y
 /// (tangent of slope; the slopes are N(0, α²/2) per axis). Heights have unit variance.

@@ -9,7 +9,8 @@ use super::height_field::Side;
 use super::tally::Totals;
 
 /// The table of bins: limits in degrees, Mueller elements and their standard errors in sr⁻¹, hits, DOLP and AOP for the
-/// lamp's `stokes`. `also` adds columns: their names, each after a comma, and what a row has in them, likewise.
+/// lamp's `stokes`. Elements that were not computed (all but m00 of a scalar run) are empty; where no light arrived
+/// all are 0. `also` adds columns: their names, each after a comma, and what a row has in them, likewise.
 #[must_use]
 pub fn csv(
     totals: &Totals,
@@ -36,7 +37,11 @@ pub fn csv(
             let empty = totals.is_empty(side, bin);
             for of_std in [false, true] {
                 for i in 0..16 {
-                    if empty || i >= totals.elements() {
+                    if i >= totals.elements() {
+                        text.push(',');
+                        continue;
+                    }
+                    if empty {
                         text.push_str(",0");
                         continue;
                     }
@@ -101,6 +106,27 @@ mod tests {
     use super::super::run::{Shard, trace};
     use super::super::scene::Scene;
     use super::*;
+
+    #[test]
+    fn elements_that_a_scalar_run_does_not_compute_are_empty() {
+        let text = "[light]\ntheta_i_deg = 40.0\n[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n\
+                    [run]\nphotons = 500\ntheta_bins = 6\nphi_bins = 8\npolarised = false\n";
+        let prepared = Scene::parse(text).unwrap().prepare(&|_| Err(String::new()));
+        let totals = trace(&prepared.unwrap(), Shard::WHOLE, &|_| true);
+        let table = csv(&totals, &[1.0, 0.0, 0.0, 0.0], "", |_, _| String::new());
+        let mut lit = 0;
+        for line in table.lines().skip(1) {
+            let row: Vec<&str> = line.split(',').collect();
+            let (m00, std) = (row[5], row[5 + 16]);
+            lit += usize::from(m00.parse::<f64>().unwrap() > 0.0);
+            assert!(std.parse::<f64>().is_ok());
+            assert!(
+                row[6..21].iter().chain(&row[22..37]).all(|f| f.is_empty()),
+                "{line}"
+            );
+        }
+        assert_eq!(lit, 2);
+    }
 
     #[test]
     fn table_and_block_hold_the_same_numbers_of_both_sides() {

@@ -7,6 +7,7 @@
 use super::height_field::HeightField;
 use super::rng::{Purpose, Stream};
 use super::vec3::{V3, cross, dot, unit};
+use crate::model::LeftOut;
 
 /// Cells per mean diameter of a crystal.
 pub const CELLS_PER_SIZE: f64 = 16.0;
@@ -72,15 +73,38 @@ impl Crystal {
     }
 }
 
+/// Crystals on a tile of `cells` × `cells` with `cover` of them per size².
+#[must_use]
+pub fn count(cells: usize, cover: f64) -> u64 {
+    (cover * (cells as f64 / CELLS_PER_SIZE).powi(2)).round() as u64
+}
+
+/// What is told where the whole number of crystals is not the cover asked for.
+#[must_use]
+pub fn rounded(cells: usize, cover: f64, interface: usize) -> Option<LeftOut> {
+    const TOLD: f64 = 0.01;
+    let of = count(cells, cover) as f64 / (cells as f64 / CELLS_PER_SIZE).powi(2);
+    let off = (of / cover - 1.0).abs();
+    (off > TOLD).then(|| {
+        LeftOut::new(
+            format!("the fraction of a crystal in the cover of interface {interface}"),
+            format!(
+                "there are {} crystals on the tile, which is a cover of {of:.4}; more cells come nearer",
+                count(cells, cover)
+            ),
+            None,
+        )
+    })
+}
+
 /// A tile of `cells` × `cells` on which crystals of mean size `size` (a length) stand, `cover` of them per
 /// size². Same seed, same tile.
 #[must_use]
 pub fn crystals(cells: usize, size: f64, cover: f64, seed: u64) -> HeightField {
     let cell = size / CELLS_PER_SIZE;
     let side = cells as f64 * cell;
-    let count = (cover * (side / size).powi(2)).round().max(1.0) as u64;
     let mut heights = vec![0.0f64; cells * cells];
-    for n in 0..count {
+    for n in 0..count(cells, cover) {
         let mut random = Stream::new(seed, Purpose::Surface, n + 1);
         let crystal = Crystal::random(side, size, &mut random);
         let around = |centre: f64| {

@@ -4,7 +4,8 @@
 //! camera's optics the intensities, and from the Stokes vector degree and angle of linear polarisation
 //! (Wang et al. 2017, Sec. 4.4 and Figs. 7–9). Filter angles count from s to p of a beam, in the frame
 //! (z × k, k × s) of [`crate::model::polarisation`]; the compensator is an ideal quarter-wave plate
-//! behind the lamp's filter and before the camera's, its angle that of the fast axis.
+//! behind the lamp's filter and before the camera's, its angle that of the fast axis. A setting of the camera lets through
+//! the state that the lamp's of the same name makes: linear-0 (I + Q)/2, left (I + V)/2, with V = I_left − I_right.
 
 use nalgebra::{RowVector4, Vector4};
 use serde::Serialize;
@@ -20,8 +21,10 @@ pub struct Setting {
     pub name: &'static str,
     /// Transmission axis of the filter, degrees from s to p.
     pub filter_deg: f64,
-    /// Fast axis of the quarter-wave plate, degrees from s to p; along the filter it does nothing.
+    /// Fast axis of the lamp's quarter-wave plate, degrees from s to p; along the filter it does nothing.
     pub compensator_deg: f64,
+    /// The same of the camera's, which light passes before the filter.
+    pub camera_compensator_deg: f64,
 }
 
 const fn setting(name: &'static str, filter_deg: f64, compensator_deg: f64) -> Setting {
@@ -29,6 +32,9 @@ const fn setting(name: &'static str, filter_deg: f64, compensator_deg: f64) -> S
         name,
         filter_deg,
         compensator_deg,
+        // Circular light keeps its hand when it goes the other way through plate and filter: what lets a state through
+        // is its maker mirrored in the filter's axis.
+        camera_compensator_deg: (2.0 * filter_deg - compensator_deg + 180.0) % 180.0,
     }
 }
 
@@ -77,7 +83,7 @@ impl Setting {
     /// What the camera records per Stokes component of the light before its optics.
     #[must_use]
     pub fn camera(&self) -> RowVector4<f64> {
-        let through = filter(self.filter_deg) * quarter_wave(self.compensator_deg);
+        let through = filter(self.filter_deg) * quarter_wave(self.camera_compensator_deg);
         through.0.row(0).into_owned()
     }
 }
@@ -127,10 +133,11 @@ pub fn dolp(stokes: &[f64; 4]) -> f64 {
     stokes[1].hypot(stokes[2]) / stokes[0]
 }
 
-/// Angle of polarisation, degrees from s to p.
+/// Angle of polarisation, degrees from s to p, in (−90, 90].
 #[must_use]
 pub fn aop_deg(stokes: &[f64; 4]) -> f64 {
-    0.5 * stokes[2].atan2(stokes[1]).to_degrees()
+    // A U of −0 is none: without a sign, p is 90° and not −90°.
+    0.5 * (stokes[2] + 0.0).atan2(stokes[1]).to_degrees()
 }
 
 /// The plane of incidence of a polarised run whose lamp stands at the azimuth `phi_i_deg`, by the
@@ -240,8 +247,6 @@ mod tests {
 
     #[test]
     fn the_camera_lets_its_own_state_through_and_stops_the_opposite_one() {
-        // Circular light keeps its hand when it goes the other way through plate and filter, so the
-        // camera's plate has to stand across the lamp's: the same setting there is the other hand.
         let seen =
             |camera: usize, lamp: usize| (SETTINGS[camera].camera() * SETTINGS[lamp].lamp())[0];
         for (camera, lamp, share) in [
@@ -249,9 +254,10 @@ mod tests {
             (0, 2, 0.0),
             (1, 1, 1.0),
             (1, 3, 0.0),
-            (4, 5, 1.0),
-            (4, 4, 0.0),
-            (5, 4, 1.0),
+            (4, 4, 1.0),
+            (4, 5, 0.0),
+            (5, 5, 1.0),
+            (5, 4, 0.0),
             (0, 4, 0.5),
             (1, 0, 0.5),
         ] {
@@ -259,6 +265,19 @@ mod tests {
                 (seen(camera, lamp) - share).abs() < 1e-15,
                 "{camera} {lamp}"
             );
+        }
+        // What a name says by the convention of V.
+        let left = SETTINGS[4].camera();
+        assert!((left[0] - 0.5).abs() < 1e-15 && (left[3] - 0.5).abs() < 1e-15);
+        let plates = SETTINGS.map(|s| s.camera_compensator_deg);
+        assert_eq!(plates, [0.0, 45.0, 90.0, 135.0, 45.0, 135.0]);
+    }
+
+    #[test]
+    fn light_along_p_has_one_angle_whatever_the_sign_of_no_u() {
+        for u in [0.0, -0.0] {
+            assert_eq!(aop_deg(&[1.0, -0.5, u, 0.0]), 90.0);
+            assert!(aop_deg(&[1.0, 0.5, u, 0.0]).is_sign_positive());
         }
     }
 

@@ -57,22 +57,29 @@ impl Grid {
         self.n_theta * self.n_phi
     }
 
-    /// The bin of a direction of exit; those of the upper side come first. Many are found by [`Grid::finder`].
+    /// The bin of a direction of exit; those of the upper side come first. A direction on the edge of two, but for rounding,
+    /// is in the later one, on whatever way light came to it. Many are found by [`Grid::finder`].
     #[must_use]
     pub fn bin(&self, side: Side, k: &V3) -> usize {
         let (row, column) = match self.layout {
             Layout::Polar => {
-                let theta = (k[0] * k[0] + k[1] * k[1]).sqrt().atan2(k[2].abs());
-                let turn = k[1].atan2(k[0]) * (0.5 * std::f64::consts::FRAC_1_PI);
+                let sin = (k[0] * k[0] + k[1] * k[1]).sqrt();
+                let theta = sin.atan2(k[2].abs());
+                // What is left of an azimuth along ±n is the sign of a zero.
+                let turn = if sin < STRAIGHT {
+                    0.0
+                } else {
+                    k[1].atan2(k[0]) * (0.5 * std::f64::consts::FRAC_1_PI)
+                };
                 let turn = if turn < 0.0 { turn + 1.0 } else { turn };
                 (
-                    (theta * std::f64::consts::FRAC_2_PI * self.n_theta as f64) as usize,
-                    (turn * self.n_phi as f64) as usize,
+                    step(theta * std::f64::consts::FRAC_2_PI * self.n_theta as f64),
+                    step(turn * self.n_phi as f64) % self.n_phi,
                 )
             }
             Layout::Disc => (
-                ((0.5 * k[1] + 0.5) * self.n_theta as f64) as usize,
-                ((0.5 * k[0] + 0.5) * self.n_phi as f64) as usize,
+                step((0.5 * k[1] + 0.5) * self.n_theta as f64),
+                step((0.5 * k[0] + 0.5) * self.n_phi as f64),
             ),
         };
         let bin = row.min(self.n_theta - 1) * self.n_phi + column.min(self.n_phi - 1);
@@ -160,6 +167,19 @@ impl Grid {
             })
             .sum()
     }
+}
+
+/// A direction nearer than this to ±n has no azimuth.
+const STRAIGHT: f64 = 1e-12;
+/// Nearer to an edge than this share of a bin a direction is on it: rounding, which differs from way to way, is far less.
+const ON_EDGE: f64 = 1e-9;
+
+/// The step that holds a position counted in steps.
+#[inline]
+fn step(position: f64) -> usize {
+    let nearest = position.round();
+    let on_edge = (position - nearest).abs() < ON_EDGE;
+    (if on_edge { nearest } else { position }) as usize
 }
 
 /// [`Grid::bin`], for many directions: without an angle. Instead of it there is what rises with it,
@@ -261,8 +281,8 @@ struct Steps {
     parts_per_quarter: f64,
 }
 
-/// Nearer to an edge than this the angle itself decides: rounding is far less.
-const EDGE: f64 = 1e-9;
+/// Nearer to an edge than this the angle itself decides: wider than [`ON_EDGE`] on any grid.
+const EDGE: f64 = 1e-8;
 
 impl Steps {
     /// `count` steps, `per_turn` of them a full turn.
@@ -365,6 +385,41 @@ mod tests {
                     grid.bin(Side::Below, &k),
                     "{k:?}"
                 );
+            }
+        }
+    }
+
+    #[test]
+    fn directions_that_differ_by_rounding_alone_fall_into_one_bin_at_its_edge_too() {
+        let ulps = |x: f64, n: i32| x + f64::from(n) * x.abs() * f64::EPSILON;
+        for grid in [
+            GRID,
+            Grid::polar(1, 1),
+            Grid::polar(7, 3),
+            Grid::polar(1440, 1440),
+            Grid::disc(128),
+            Grid::disc(9),
+        ] {
+            let finder = grid.finder();
+            for row in 1..=45 {
+                for column in 0..36 {
+                    let (s, c) = (f64::from(row) * 2f64.to_radians()).sin_cos();
+                    let (sp, cp) = (f64::from(column) * 10f64.to_radians()).sin_cos();
+                    let bin = grid.bin(Side::Above, &[s * cp, s * sp, c]);
+                    for n in [-4, -1, 1, 4] {
+                        let near = [ulps(s * cp, n), ulps(s * sp, -n), ulps(c, n)];
+                        assert_eq!(grid.bin(Side::Above, &near), bin, "{grid:?} {row} {column}");
+                        assert_eq!(finder.bin(Side::Above, &near), bin, "{grid:?} {near:?}");
+                    }
+                }
+            }
+            // Azimuth 0 is 360°, and along n there is none.
+            for [a, b] in [
+                [[0.6, 1e-17, 0.8], [0.6, -1e-17, 0.8]],
+                [[0.0, 0.0, 1.0], [-1e-17, -0.0, 1.0]],
+            ] {
+                assert_eq!(grid.bin(Side::Above, &a), grid.bin(Side::Above, &b));
+                assert_eq!(finder.bin(Side::Above, &b), grid.bin(Side::Above, &b));
             }
         }
     }

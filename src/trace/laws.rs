@@ -222,6 +222,83 @@ fn two_seeds_differ_by_their_errors_and_every_matrix_is_physical() {
 }
 
 #[test]
+fn all_orders_of_reflection_off_flat_layers_leave_in_one_direction() {
+    // 20°, 30° and 50° are edges of the bins of 2°.
+    let stack =
+        interface("shape = \"flat\"", "{ n = 1.5 }") + &interface("shape = \"flat\"", "\"Au550\"");
+    for method in ["analog", "split"] {
+        for theta in [0.0, 20.0, 30.0, 50.0] {
+            let run = format!("photons = 2000\nmethod = \"{method}\"");
+            let totals = traced(&scene(theta, &stack, &run));
+            let bins = 0..totals.grid().per_side();
+            let lit: Vec<usize> = bins.filter(|b| !totals.is_empty(Side::Above, *b)).collect();
+            assert_eq!(lit.len(), 1, "{method} {theta}: {lit:?}");
+        }
+    }
+}
+
+#[test]
+fn rounded_edges_reflect_as_those_of_thousands_of_pieces() {
+    use super::scene::HeightMap;
+    const PIECES: usize = 2400;
+    let (sin, cos) = 15f64.to_radians().sin_cos();
+    let (down, up, round) = ((cos, -sin), (sin, cos), 0.8);
+    let mut heights = Vec::new();
+    for (corner, a, b) in [
+        ((0.0, 0.0), up, down),
+        ((10.0 * cos, -10.0 * sin), down, up),
+        ((10.0 / cos, 0.0), up, down),
+    ] {
+        // A period ends where it began.
+        let last = if corner.0 > 10.0 { 0 } else { PIECES };
+        for step in 0..=last {
+            let turned = std::f64::consts::FRAC_PI_2 * step as f64 / PIECES as f64;
+            let (s, c) = (turned.sin() - 1.0, 1.0 - turned.cos());
+            heights.push(corner.0 + round * (s * a.0 + c * b.0));
+            heights.push(corner.1 + round * (s * a.1 + c * b.1));
+        }
+    }
+    let fine = |_: &str| {
+        Ok(HeightMap {
+            columns: 2,
+            rows: heights.len() / 2,
+            heights: heights.clone(),
+            units: None,
+            filled: 0,
+        })
+    };
+    let ridges = "shape = \"ridges\"\ntheta_r_deg = 15.0\npitch_um = 10.0\nround_um = 0.8";
+    for alpha in ["", "\nalpha_u = 0.02\nalpha_v = 0.02"] {
+        let [a, b] = [ridges, "shape = \"profile\"\npath = \"fine.csv\""].map(|shape| {
+            let run = "photons = 300000\ntheta_bins = 30\nphi_bins = 4";
+            let text = scene(
+                20.0,
+                &interface(&format!("{shape}{alpha}"), "\"Au550\""),
+                run,
+            );
+            let scene = Scene::parse(&text.replace("180.0", "45.0")).unwrap();
+            let scene = scene.prepare(&fine).unwrap();
+            trace(&scene, Shard::WHOLE, &|_| true)
+        });
+        let mut compared = 0;
+        for bin in 0..a.grid().per_side() {
+            let [x, y] = [&a, &b].map(|t| t.element(Side::Above, bin, 0));
+            if a.hits(Side::Above, bin) + b.hits(Side::Above, bin) < 400 {
+                continue;
+            }
+            // A bin holds 40 of the fine pieces' reflections, give or take one.
+            let sigma = x.std.hypot(y.std) + 0.01 * y.value;
+            assert!(
+                (x.value - y.value).abs() < 4.5 * sigma,
+                "{bin}: {x:?} {y:?}"
+            );
+            compared += 1;
+        }
+        assert!(compared > 20, "{compared}");
+    }
+}
+
+#[test]
 fn the_error_falls_with_the_square_root_of_the_photons() {
     // Also where most bins are nearly empty: 5000 photons for the light of 8100 bins.
     for (method, bins) in [

@@ -5,6 +5,10 @@
 //! valleys if asked. The method is that of [`super::height_field`] in one dimension less: the
 //! clearance above the profile is carried from piece to piece.
 //!
+//! Pieces that stand for a curve ([`Corner::bowed`]) are straight for what a ray meets, but a ray's place on one is moved to
+//! where it meets the curve's bow, and the normal there is the bow's: it turns evenly from end to end. A rounded edge thus
+//! reflects without gaps between its pieces, whatever their number.
+//!
 //! *Conditioning.* As there: the clearance at a corner is computed once and handed on, a hit divides it by a sum of two
 //! positive numbers. A piece's direction comes from the differences of its corners, so a profile far from v = 0 loses the
 //! digits of its offset (v = 1e6 steps: ten digits are left); `measured` refuses rows whose steps vanish in that.
@@ -28,6 +32,19 @@ pub struct Piece {
     pub normal: V3,
     /// Unit vector along the piece towards +v.
     pub along: V3,
+    /// Of a piece that stands for a curve the curve's unit tangents (v, z) at both ends.
+    pub tangents: Option<[(f64, f64); 2]>,
+}
+
+/// A corner of a profile.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Corner {
+    /// Place along v.
+    pub v: f64,
+    /// Height.
+    pub z: f64,
+    /// Whether the piece from here on stands for a curve.
+    pub bowed: bool,
 }
 
 /// A periodic profile of pieces that follow each other along v.
@@ -39,6 +56,7 @@ pub struct Profile {
     period: f64,
     lowest: f64,
     highest: f64,
+    turned: bool,
 }
 
 /// A point of the profile.
@@ -81,6 +99,14 @@ pub enum ProfileError {
     NotTwoColumns {
         /// What it has.
         columns: usize,
+    },
+    /// A map that is no profile.
+    #[error(
+        "this is a map of {rows} rows of heights, not a profile: give one row, or shape = \"file\""
+    )]
+    Map {
+        /// Rows that it has.
+        rows: usize,
     },
     /// Too few rows for a period.
     #[error("a profile needs three rows or more, v and height each; there are {rows}")]
@@ -130,8 +156,11 @@ pub enum ProfileError {
 const PIECES_MAX: usize = 100_000;
 /// Corners nearer to each other than this share of the period are one.
 const SAME_PLACE: f64 = 1e-13;
-/// Straight pieces per rounded corner.
-const ARC: usize = 24;
+/// Pieces per rounded corner.
+pub(super) const ARC: usize = 24;
+/// Cosine of the angle up to which neighbours of which one is bowed have one tangent where they meet; beyond it they meet at
+/// an edge.
+const TANGENT: f64 = 0.966;
 
 impl Profile {
     /// The sawtooth: ridge angle `theta_r` (rad, 0 < θr < π/2), facet length `pitch`, radius `round` of
@@ -146,8 +175,8 @@ impl Profile {
         let period = pitch / cos;
         let mut corners = Vec::new();
         if round == 0.0 {
-            corners.push((0.0, 0.0));
-            corners.push(foot);
+            corners.push(Corner::sharp((0.0, 0.0)));
+            corners.push(Corner::sharp(foot));
         } else {
             // A right-angled corner loses `round` of both its sides.
             let riser = pitch * theta_r.tan();
@@ -157,24 +186,23 @@ impl Profile {
             }
             // Unit vectors down the facet and up the riser.
             let (down, up) = ((cos, -sin), (sin, cos));
-            let arc = |corners: &mut Vec<(f64, f64)>,
-                       corner: (f64, f64),
-                       a: (f64, f64),
-                       b: (f64, f64)| {
-                // From corner − round·a to corner + round·b about corner − round·a + round·b.
-                for step in 0..=ARC {
-                    let angle = std::f64::consts::FRAC_PI_2 * step as f64 / ARC as f64;
-                    let (s, c) = angle.sin_cos();
-                    corners.push((
-                        corner.0 + round * ((s - 1.0) * a.0 + (1.0 - c) * b.0),
-                        corner.1 + round * ((s - 1.0) * a.1 + (1.0 - c) * b.1),
-                    ));
-                }
-            };
+            let arc =
+                |corners: &mut Vec<Corner>, corner: (f64, f64), a: (f64, f64), b: (f64, f64)| {
+                    // From corner − round·a to corner + round·b about corner − round·a + round·b.
+                    for step in 0..=ARC {
+                        let angle = std::f64::consts::FRAC_PI_2 * step as f64 / ARC as f64;
+                        let (s, c) = angle.sin_cos();
+                        corners.push(Corner {
+                            v: corner.0 + round * ((s - 1.0) * a.0 + (1.0 - c) * b.0),
+                            z: corner.1 + round * ((s - 1.0) * a.1 + (1.0 - c) * b.1),
+                            bowed: step < ARC,
+                        });
+                    }
+                };
             arc(&mut corners, (0.0, 0.0), up, down);
             arc(&mut corners, foot, down, up);
         }
-        Ok(Profile::of_corners(&corners, period))
+        Ok(Profile::with_bows(&corners, period))
     }
 
     /// Straight pieces through (v, z) corners of increasing v, closed by the first one a period on.
@@ -183,13 +211,27 @@ impl Profile {
     /// period: an error of the caller.
     #[must_use]
     pub fn of_corners(corners: &[(f64, f64)], period: f64) -> Self {
+        let corners: Vec<Corner> = corners.iter().copied().map(Corner::sharp).collect();
+        Self::with_bows(&corners, period)
+    }
+
+    /// The same where some pieces stand for curves.
+    #[must_use]
+    pub fn with_bows(corners: &[Corner], period: f64) -> Self {
         let same = |to: f64, from: f64| (to - from).abs() <= SAME_PLACE * period;
         let mut corners = corners.to_vec();
-        corners.dedup_by(|next, kept| same(next.0, kept.0));
-        while corners.len() > 1 && same(corners[0].0 + period, corners[corners.len() - 1].0) {
+        corners.dedup_by(|next, kept| {
+            let one = same(next.v, kept.v);
+            // Of the two it is the later one that a piece begins at.
+            kept.bowed = if one { next.bowed } else { kept.bowed };
+            one
+        });
+        while corners.len() > 1 && same(corners[0].v + period, corners[corners.len() - 1].v) {
             corners.pop();
         }
-        let pieces: Vec<Piece> = (0..corners.len())
+        let bowed: Vec<bool> = corners.iter().map(|c| c.bowed).collect();
+        let corners: Vec<(f64, f64)> = corners.iter().map(|c| (c.v, c.z)).collect();
+        let mut pieces: Vec<Piece> = (0..corners.len())
             .map(|n| {
                 let (from, z_from) = corners[n];
                 let (to, z_to) = match corners.get(n + 1) {
@@ -206,9 +248,13 @@ impl Profile {
                     z_to,
                     normal: [0.0, -s, c],
                     along: [0.0, c, s],
+                    tangents: None,
                 }
             })
             .collect();
+        for (n, tangents) in bows(&pieces, &bowed) {
+            pieces[n].tangents = Some(tangents);
+        }
         let heights = pieces.iter().map(|p| p.z_from);
         Profile {
             free_above: free_slopes(&pieces, period),
@@ -216,6 +262,7 @@ impl Profile {
             lowest: heights.clone().fold(f64::INFINITY, f64::min),
             highest: heights.fold(f64::NEG_INFINITY, f64::max),
             pieces,
+            turned: false,
         }
     }
 
@@ -266,6 +313,34 @@ impl Profile {
         }
     }
 
+    /// The profile with +v where its longer flanks lean, as facets do: turned round if they lean the other way.
+    #[must_use]
+    pub fn facets_to_v(self) -> Self {
+        let across = |side: f64| -> f64 {
+            let leaning = self.pieces.iter().filter(|p| side * p.normal[1] > 0.0);
+            leaning.map(|p| p.to - p.from).sum()
+        };
+        if across(1.0) >= across(-1.0) {
+            return self;
+        }
+        let n = self.pieces.len();
+        let corners = (0..n).rev().map(|i| Corner {
+            v: -self.pieces[i].from,
+            z: self.pieces[i].z_from,
+            bowed: self.pieces[(i + n - 1) % n].tangents.is_some(),
+        });
+        Profile {
+            turned: !self.turned,
+            ..Profile::with_bows(&corners.collect::<Vec<_>>(), self.period)
+        }
+    }
+
+    /// Whether [`Profile::facets_to_v`] turned it round.
+    #[must_use]
+    pub fn is_turned(&self) -> bool {
+        self.turned
+    }
+
     /// Length of a period along v.
     #[must_use]
     pub fn period(&self) -> f64 {
@@ -313,14 +388,18 @@ impl Profile {
     /// 0 to π/2); `None` where nothing of it leans to +v.
     #[must_use]
     pub fn with_ridge_angle(&self, theta_r: f64) -> Option<Self> {
-        let corners: Vec<(f64, f64)> = self.pieces.iter().map(|p| (p.from, p.z_from)).collect();
         let mut scaled = self.clone();
         let mut factor = 1.0;
         // Areas, by which the median weighs, change a little with the scale: a second step settles it.
         for _ in 0..3 {
             factor *= theta_r.tan() / scaled.effective_ridge_angle()?.tan();
-            let heights = corners.iter().map(|(v, z)| (*v, factor * z));
-            scaled = Profile::of_corners(&heights.collect::<Vec<_>>(), self.period);
+            let corners = self.pieces.iter().map(|p| Corner {
+                v: p.from,
+                z: factor * p.z_from,
+                bowed: p.tangents.is_some(),
+            });
+            scaled = Profile::with_bows(&corners.collect::<Vec<_>>(), self.period);
+            scaled.turned = self.turned;
         }
         Some(scaled)
     }
@@ -379,8 +458,7 @@ impl Profile {
             if leaving || on_surface {
                 return ProfileFlight::Free;
             }
-            let z = self.pieces[start.piece].height(start.v);
-            return ProfileFlight::Hit(ProfileSpot { z, ..*start });
+            return ProfileFlight::Hit(self.spot(start.piece, start.v, dv, dz));
         }
         let slope = dz / dv;
         let mut piece = start.piece;
@@ -406,11 +484,7 @@ impl Profile {
                 let v = v_in + (v_out - v_in) * (c_in / (c_in - c_out));
                 let v = v.clamp(p.from, p.to);
                 *crossed += n;
-                return ProfileFlight::Hit(ProfileSpot {
-                    piece,
-                    v,
-                    z: p.height(v),
-                });
+                return ProfileFlight::Hit(self.spot(piece, v, dv, dz));
             }
             if leaving && sign * z_out > limit {
                 *crossed += n;
@@ -437,6 +511,72 @@ impl Profile {
         *crossed += PIECES_MAX as u64;
         ProfileFlight::Lost
     }
+
+    /// Where a ray along (`dv`, `dz`) that meets a piece at `v` meets what the piece stands for.
+    #[inline]
+    fn spot(&self, piece: usize, v: f64, dv: f64, dz: f64) -> ProfileSpot {
+        let p = &self.pieces[piece];
+        let v = match &p.tangents {
+            None => v,
+            Some([a, b]) => {
+                let at = (v - p.from) / (p.to - p.from);
+                // How far the bow stands above the piece, in its lengths; greatest in the middle.
+                let above = -0.5 * (a.0 * b.1 - a.1 * b.0) * at * (1.0 - at);
+                let [_, c, s] = p.along;
+                let moved = above * (dv * c + dz * s) / (dz * c - dv * s);
+                // A ray along the piece meets it nowhere for certain.
+                let at = if moved.is_finite() { at + moved } else { at };
+                p.from + at.clamp(0.0, 1.0) * (p.to - p.from)
+            }
+        };
+        let z = p.height(v);
+        ProfileSpot { piece, v, z }
+    }
+}
+
+/// Tangents at both ends of the pieces that stand for curves, with their numbers.
+fn bows(pieces: &[Piece], bowed: &[bool]) -> Vec<(usize, [(f64, f64); 2])> {
+    let n = pieces.len();
+    let direction = |i: usize| (pieces[i].along[1], pieces[i].along[2]);
+    let length =
+        |i: usize| (pieces[i].to - pieces[i].from).hypot(pieces[i].z_to - pieces[i].z_from);
+    let dot = |a: (f64, f64), b: (f64, f64)| a.0 * b.0 + a.1 * b.1;
+    // At the corner before piece i; none at an edge.
+    let tangent = |i: usize| -> Option<(f64, f64)> {
+        let (before, i) = ((i + n - 1) % n, i % n);
+        let (a, b) = (direction(before), direction(i));
+        if dot(a, b) < TANGENT {
+            return None;
+        }
+        Some(match (bowed[before], bowed[i]) {
+            (false, _) => a,
+            (_, false) => b,
+            // That of the circle through both pieces.
+            _ => {
+                let (wa, wb) = (length(i), length(before));
+                let sum = (wa * a.0 + wb * b.0, wa * a.1 + wb * b.1);
+                let norm = sum.0.hypot(sum.1);
+                (sum.0 / norm, sum.1 / norm)
+            }
+        })
+    };
+    let mirrored = |i: usize, t: (f64, f64)| {
+        let d = direction(i);
+        let twice = 2.0 * dot(t, d);
+        (twice * d.0 - t.0, twice * d.1 - t.1)
+    };
+    (0..n)
+        .filter(|&i| bowed[i])
+        .filter_map(|i| {
+            let ends = match (tangent(i), tangent(i + 1)) {
+                (Some(a), Some(b)) => [a, b],
+                (Some(a), None) => [a, mirrored(i, a)],
+                (None, Some(b)) => [mirrored(i, b), b],
+                (None, None) => return None,
+            };
+            Some((i, ends))
+        })
+        .collect()
 }
 
 /// Per piece the steepest slope at which any corner stands above any of its points, towards −v and
@@ -478,7 +618,30 @@ fn free_slopes(pieces: &[Piece], period: f64) -> Vec<[f64; 2]> {
         .collect()
 }
 
+impl Corner {
+    /// Where straight pieces meet.
+    #[must_use]
+    pub fn sharp((v, z): (f64, f64)) -> Self {
+        let bowed = false;
+        Corner { v, z, bowed }
+    }
+}
+
 impl Piece {
+    /// Unit vector along the surface towards +v, and the unit normal, upwards, at a v within the piece.
+    #[inline]
+    #[must_use]
+    pub fn frame(&self, v: f64) -> (V3, V3) {
+        let Some([a, b]) = &self.tangents else {
+            return (self.along, self.normal);
+        };
+        let at = (v - self.from) / (self.to - self.from);
+        let (c, s) = (a.0 + at * (b.0 - a.0), a.1 + at * (b.1 - a.1));
+        let norm = (c * c + s * s).sqrt();
+        let (c, s) = (c / norm, s / norm);
+        ([0.0, c, s], [0.0, -s, c])
+    }
+
     /// Height at a v within the piece.
     #[must_use]
     pub fn height(&self, v: f64) -> f64 {
@@ -554,6 +717,54 @@ mod tests {
     }
 
     #[test]
+    fn rays_meet_a_rounded_edge_where_its_circle_has_their_normal() {
+        let (theta, round) = (15f64.to_radians(), 0.8);
+        let profile = Profile::sawtooth(theta, 10.0, round).unwrap();
+        let (sin, cos) = theta.sin_cos();
+        let (down, up, foot) = ((cos, -sin), (sin, cos), (10.0 * cos, -10.0 * sin));
+        // Crest and valley: both centres lie on the side of the piece between their edges.
+        let crest = (round * (down.0 - up.0), round * (down.1 - up.1));
+        let valley = (foot.0 - crest.0, foot.1 - crest.1);
+        let (_, top) = profile.range();
+        let first = profile.pieces()[0].from;
+        let mut met = 0;
+        for lean in [-50.0f64, -20.0, 0.0, 20.0, 50.0] {
+            let (dv, dz) = (lean.to_radians().sin(), -lean.to_radians().cos());
+            for n in 0..20_000 {
+                let at = (f64::from(n) + 0.5) / 20_000.0;
+                let flight = profile.enter(Side::Above, &[0.0, dv, dz], at, &mut 0);
+                let ProfileFlight::Hit(spot) = flight else {
+                    panic!("rays from above hit")
+                };
+                let piece = &profile.pieces()[spot.piece];
+                let (_, [_, normal_v, normal_z]) = piece.frame(spot.v);
+                // Nearly along the surface a ray's place says little.
+                if piece.tangents.is_none() || -(dv * normal_v + dz * normal_z) < 0.3 {
+                    continue;
+                }
+                let start = first + at * profile.period();
+                let circles = [crest, valley].into_iter().zip([1.0, -1.0]);
+                let circles = circles.flat_map(|c| (-3..=3).map(move |period| (c, period)));
+                let expected = circles.filter_map(|((centre, side), period)| {
+                    let v = start - centre.0 - f64::from(period) * profile.period();
+                    let z = top - centre.1;
+                    let half = v * dv + z * dz;
+                    let root = (half * half - (v * v + z * z - round * round)).sqrt();
+                    // From above the crest's circle is met from without, the valley's from within.
+                    let way = -half - side * root;
+                    let normal = (side * (v + way * dv) / round, side * (z + way * dz) / round);
+                    let off = (normal.0 - normal_v).hypot(normal.1 - normal_z);
+                    root.is_finite().then_some(off)
+                });
+                let off = expected.fold(f64::INFINITY, f64::min);
+                assert!(off < 2e-3, "{lean} {at}: {off}");
+                met += 1;
+            }
+        }
+        assert!(met > 5000, "{met}");
+    }
+
+    #[test]
     fn a_profile_keeps_its_shape_at_another_ridge_angle() {
         let profile = Profile::sawtooth(0.2, 10.0, 0.4).unwrap();
         let steeper = profile.with_ridge_angle(0.21).unwrap();
@@ -562,6 +773,20 @@ mod tests {
         let ratio = 0.21f64.tan() / 0.2f64.tan();
         let (low, high) = (profile.range(), steeper.range());
         assert!((high.1 - high.0 - ratio * (low.1 - low.0)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_profile_measured_the_other_way_round_is_turned_to_where_its_facets_lean() {
+        let mirrored = Profile::measured(&[(0.0, 0.0), (3.06, -17.36), (101.54, 0.0)]).unwrap();
+        assert!(mirrored.effective_ridge_angle().unwrap() > 1.0);
+        let turned = mirrored.facets_to_v();
+        let angle = turned.effective_ridge_angle().unwrap().to_degrees();
+        assert!((angle - 10.0).abs() < 0.01, "{angle}");
+        assert!(turned.is_turned() && (turned.period() - 101.54).abs() < 1e-12);
+        assert!(turned.with_ridge_angle(0.2).unwrap().is_turned());
+        let sawtooth = Profile::sawtooth(0.2, 10.0, 0.4).unwrap();
+        assert_eq!(sawtooth.clone().facets_to_v(), sawtooth);
+        assert!(!sawtooth.is_turned());
     }
 
     #[test]

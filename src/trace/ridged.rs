@@ -223,9 +223,9 @@ impl Task<'_> {
             let ProfileFlight::Hit(spot) = flight else {
                 break;
             };
-            let piece = &profile.pieces()[spot.piece];
+            let (along, normal) = profile.pieces()[spot.piece].frame(spot.v);
             let facet = Facet {
-                frame: [[1.0, 0.0, 0.0], piece.along, piece.normal],
+                frame: [[1.0, 0.0, 0.0], along, normal],
                 back: scaled(-1.0, &k),
             };
             let lamp = if bounce == 0 {

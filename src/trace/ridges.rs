@@ -7,7 +7,7 @@
 //! riser; where it is large they run into each other and the ridge loses height and inclination
 //! (morphological closing and opening, as in the morphological filters of ISO 16610-41).
 
-use super::profile::{Profile, ProfileError};
+use super::profile::{ARC, Corner, Profile, ProfileError};
 use super::rng::{Purpose, Stream};
 
 /// A sawtooth surface with what making and wear do to it. Lengths in one unit, angles in radians.
@@ -29,10 +29,12 @@ pub struct Ridges {
 
 /// Ridges in the tile where burrs make every one different.
 const BURRED_RIDGES: usize = 48;
-/// Straight pieces per rounded corner.
-const ARC: usize = 24;
-/// Samples of a period where the rolling disc is computed numerically.
+/// Samples of a period at least where the rolling disc is computed numerically,
 const SAMPLES: usize = 1024;
+/// samples to its radius at least, so that few samples turn far,
+const SAMPLES_TO_RADIUS: f64 = 64.0;
+/// and samples of a period at most.
+const SAMPLES_MAX: usize = 1 << 16;
 /// Height, as a share of the period, by which the disc must lift a sample to count: far below a
 /// wavelength on any ridge that rays can describe.
 const TOUCHES: f64 = 1e-5;
@@ -81,7 +83,7 @@ impl Ridges {
             let mut corners = Vec::new();
             edges.edge(&mut corners, (0.0, 0.0), edges.up, edges.down, self.round);
             edges.edge(&mut corners, edges.foot(), edges.down, edges.up, self.round);
-            Ok(Profile::of_corners(&corners, edges.period))
+            Ok(Profile::with_bows(&corners, edges.period))
         } else {
             Ok(self.rolled(&edges))
         }
@@ -99,19 +101,21 @@ impl Ridges {
             let height = -self.burr * (1.0 - random.uniform()).ln();
             let height = height.min(BURR_SHARE_MAX * self.pitch / slant);
             let width = slant * height;
-            corners.push(plus(from, height, edges.up));
-            corners.push(plus(from, width, edges.down));
+            corners.push(Corner::sharp(plus(from, height, edges.up)));
+            corners.push(Corner::sharp(plus(from, width, edges.down)));
             let foot = plus(from, 1.0, edges.foot());
             edges.edge(&mut corners, foot, edges.down, edges.up, self.round);
         }
-        Profile::of_corners(&corners, BURRED_RIDGES as f64 * edges.period)
+        Profile::with_bows(&corners, BURRED_RIDGES as f64 * edges.period)
     }
 
     /// The sharp profile closed and then opened by a disc, numerically.
     fn rolled(&self, edges: &Edges) -> Profile {
-        let step = edges.period / SAMPLES as f64;
+        let samples = (SAMPLES_TO_RADIUS * edges.period / self.round) as usize;
+        let samples = samples.clamp(SAMPLES, SAMPLES_MAX);
+        let step = edges.period / samples as f64;
         let foot = edges.foot();
-        let sharp: Vec<f64> = (0..SAMPLES)
+        let sharp: Vec<f64> = (0..samples)
             .map(|i| {
                 let v = i as f64 * step;
                 if v <= foot.0 {
@@ -123,7 +127,14 @@ impl Ridges {
             .collect();
         let closed = lifted(&sharp, self.round, step, 1.0, TOUCHES * edges.period);
         let opened = lifted(&closed, self.round, step, -1.0, TOUCHES * edges.period);
-        Profile::of_corners(&without_needless(&opened, step), edges.period)
+        let moved: Vec<bool> = opened.iter().zip(&sharp).map(|(a, b)| a != b).collect();
+        let corners = (0..samples).map(|i| Corner {
+            v: i as f64 * step,
+            z: opened[i],
+            bowed: moved[i] && moved[(i + 1) % samples],
+        });
+        let corners: Vec<Corner> = corners.collect();
+        Profile::with_bows(&without_needless(&corners, step), edges.period)
     }
 }
 
@@ -164,14 +175,15 @@ fn lifted(heights: &[f64], radius: f64, step: f64, sign: f64, touches: f64) -> V
 }
 
 /// Corners of a sampled period; samples on a straight line between others are left out.
-fn without_needless(heights: &[f64], step: f64) -> Vec<(f64, f64)> {
-    let n = heights.len();
+fn without_needless(samples: &[Corner], step: f64) -> Vec<Corner> {
+    let n = samples.len();
     (0..n)
         .filter(|&i| {
-            let bend = heights[(i + n - 1) % n] - 2.0 * heights[i] + heights[(i + 1) % n];
-            i == 0 || bend.abs() > 1e-9 * step
+            let (before, after) = (&samples[(i + n - 1) % n], &samples[(i + 1) % n]);
+            let bend = before.z - 2.0 * samples[i].z + after.z;
+            i == 0 || bend.abs() > 1e-9 * step || before.bowed != samples[i].bowed
         })
-        .map(|i| (i as f64 * step, heights[i]))
+        .map(|i| samples[i])
         .collect()
 }
 
@@ -217,14 +229,14 @@ impl Edges {
     /// The corner between the directions `a` and `b`, rounded.
     fn edge(
         &self,
-        corners: &mut Vec<(f64, f64)>,
+        corners: &mut Vec<Corner>,
         corner: (f64, f64),
         a: (f64, f64),
         b: (f64, f64),
         round: f64,
     ) {
         if round == 0.0 {
-            corners.push(corner);
+            corners.push(Corner::sharp(corner));
             return;
         }
         let (sin, cos) = self.turn.sin_cos();
@@ -233,7 +245,9 @@ impl Edges {
         let start = plus(corner, -round * (0.5 * self.turn).tan(), a);
         for step in 0..=ARC {
             let (s, c) = (self.turn * step as f64 / ARC as f64).sin_cos();
-            corners.push(plus(plus(start, round * s, a), round * (1.0 - c), across));
+            let (v, z) = plus(plus(start, round * s, a), round * (1.0 - c), across);
+            let bowed = step < ARC;
+            corners.push(Corner { v, z, bowed });
         }
     }
 }

@@ -88,8 +88,8 @@ impl Relief {
     pub fn frame(&self, place: &Place) -> [V3; 3] {
         match (self, place) {
             (Relief::Profile(profile), Place::Profile(spot)) => {
-                let piece = &profile.pieces()[spot.piece];
-                [[1.0, 0.0, 0.0], piece.along, piece.normal]
+                let (along, normal) = profile.pieces()[spot.piece].frame(spot.v);
+                [[1.0, 0.0, 0.0], along, normal]
             }
             (Relief::Field(field), Place::Field(spot)) => {
                 let normal = field.normal(spot);
@@ -117,7 +117,9 @@ impl Relief {
     #[must_use]
     pub fn normal(&self, place: &Place) -> V3 {
         match (self, place) {
-            (Relief::Profile(profile), Place::Profile(spot)) => profile.pieces()[spot.piece].normal,
+            (Relief::Profile(profile), Place::Profile(spot)) => {
+                profile.pieces()[spot.piece].frame(spot.v).1
+            }
             (Relief::Field(field), Place::Field(spot)) => field.normal(spot),
             _ => UP,
         }

@@ -22,9 +22,7 @@ fn compute(row: &Row<'_>) -> Result<Vec<f64>, String> {
     if !(0.0..90.0).contains(&theta) {
         return Err("theta_deg must be in [0, 90)".to_owned());
     }
-    let r = stack
-        .reflect(theta.to_radians())
-        .map_err(|e| e.to_string())?;
+    let r = stack.reflect_deg(theta).map_err(|e| e.to_string())?;
     Ok(vec![
         r.channel.s,
         r.channel.p,

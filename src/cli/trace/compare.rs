@@ -12,7 +12,7 @@ use super::{CliError, Source};
 use crate::cli::limits::Stopwatch;
 use crate::cli::place;
 use crate::model::LeftOut;
-use crate::trace::compare::{Difference, Direction, Mask, Summary, WAVELENGTHS_NM};
+use crate::trace::compare::{Difference, Direction, Mask, Summary, WAVELENGTHS_NM, seed_at};
 use crate::trace::grid::Grid;
 use crate::trace::height_field::Side;
 use crate::trace::paired::SCALAR;
@@ -147,7 +147,9 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         limits: args.limits,
         make: &|run| {
             let prepared = at(run).prepare_on(&shapes);
-            Ok(prepared.map_err(CliError::bad_input)?.with_grid(grid))
+            let seed = seed_at(source.scene.run.seed, run % wavelengths.len());
+            let prepared = prepared.map_err(CliError::bad_input)?;
+            Ok(prepared.with_grid(grid).with_seed(seed))
         },
     };
     let mut of_angle: Vec<Totals> = Vec::new();
@@ -293,7 +295,10 @@ fn pictures(
         "{waves}; {0} × {0} pixels of the direction cosines; grey: darker than the mean of the lit pixels / {1}, or not settled to {2}",
         grid.n_phi, mask.divisor, mask.error_max
     );
-    let title = format!("Polarised against scalar, lamp at {}°", lamp.theta_deg);
+    let title = format!(
+        "Reflected light, polarised against scalar, lamp at {}°",
+        lamp.theta_deg
+    );
     let name = format!("difference-{}.svg", lamp.theta_deg);
     super::write_picture(
         folder,
@@ -314,7 +319,6 @@ fn disc(title: &str, scale: Scale, values: Vec<Option<f64>>) -> Disc {
 
 /// Polarised and scalar BRDF, and their difference, along three planes through n.
 fn lobe(lamp: Lamp, runs: &[Totals], waves: &str) -> String {
-    const STEP_DEG: i32 = 2;
     let grid = runs[0].grid();
     let off_deg = [0.0, 10.0, 20.0];
     let mut upper = Vec::new();
@@ -322,17 +326,17 @@ fn lobe(lamp: Lamp, runs: &[Totals], waves: &str) -> String {
     let mut brightest = 0.0f64;
     for off in off_deg {
         let (mut polarised, mut scalar, mut relative) = (Vec::new(), Vec::new(), Vec::new());
-        for step in -90 / STEP_DEG + 1..90 / STEP_DEG {
-            let theta = f64::from(step * STEP_DEG);
-            let phi =
-                (lamp.phi_deg + 180.0 + off + if step < 0 { 180.0 } else { 0.0 }).to_radians();
-            let (s, c) = theta.abs().to_radians().sin_cos();
-            let bin = grid.bin(Side::Above, &[s * phi.cos(), s * phi.sin(), c]);
+        for (theta, pixels) in across(grid, lamp.phi_deg + 180.0 + off) {
             let n = runs.len() as f64;
             let mean = |element: usize| {
-                let values = runs.iter().map(|r| r.element(Side::Above, bin, element));
-                let (sum, square) =
-                    values.fold((0.0, 0.0), |(a, b), e| (a + e.value, b + e.std * e.std));
+                let (mut sum, mut square) = (0.0, 0.0);
+                for run in runs {
+                    for (bin, weight) in &pixels {
+                        let e = run.element(Side::Above, *bin, element);
+                        sum += weight * e.value;
+                        square += (weight * e.std).powi(2);
+                    }
+                }
                 (sum / n, square.sqrt() / n)
             };
             let ((p, p_std), (q, q_std)) = (mean(0), mean(SCALAR));
@@ -356,7 +360,7 @@ fn lobe(lamp: Lamp, runs: &[Totals], waves: &str) -> String {
             range: (0.0, 1.0),
             turns: false,
             ticks: Vec::new(),
-            step_deg: f64::from(STEP_DEG),
+            step_deg: 90.0,
             lines: vec![line("polarised", polarised), line("scalar", scalar)],
         });
         lower.push(Panel {
@@ -364,7 +368,7 @@ fn lobe(lamp: Lamp, runs: &[Totals], waves: &str) -> String {
             axis: "(pol. − scalar)/scalar".to_owned(),
             range: (-0.25, 0.25),
             turns: false,
-            step_deg: f64::from(STEP_DEG),
+            step_deg: 90.0,
             ticks: vec![-0.2, -0.1, 0.0, 0.1, 0.2],
             lines: vec![line("", relative)],
         });
@@ -376,13 +380,47 @@ fn lobe(lamp: Lamp, runs: &[Totals], waves: &str) -> String {
     }
     upper.extend(lower);
     panels(
-        &format!("Lobe with the lamp at {}°", lamp.theta_deg),
+        &format!("Lobe of the reflected light, lamp at {}°", lamp.theta_deg),
         &format!(
             "{waves}; positive angles lie on the side of the mirror direction; bars are standard errors"
         ),
         3,
         &upper,
     )
+}
+
+/// A plane through n, by rising angle from it: one direction per pixel's width, degrees towards the azimuth `phi_deg`, and
+/// the up to four pixels around it with their weights. (A plane along the pixels' rows lies between two.)
+fn across(grid: Grid, phi_deg: f64) -> Vec<(f64, Vec<(usize, f64)>)> {
+    let n = grid.n_phi;
+    let centre = |i: i64| (2 * i + 1) as f64 / n as f64 - 1.0;
+    let (sin, cos) = phi_deg.to_radians().sin_cos();
+    let direction = |step: usize| {
+        let r = centre(step as i64);
+        let at = |x: f64| 0.5 * (x + 1.0) * n as f64 - 0.5;
+        let (column, row) = (at(r * cos), at(r * sin));
+        let mut pixels = Vec::new();
+        for (i, over) in [
+            (row.floor(), row - row.floor()),
+            (row.floor() + 1.0, row.floor() + 1.0 - row),
+        ] {
+            for (j, beside) in [
+                (column.floor(), column - column.floor()),
+                (column.floor() + 1.0, column.floor() + 1.0 - column),
+            ] {
+                let weight = (1.0 - over) * (1.0 - beside);
+                let (i, j) = (i as i64, j as i64);
+                // Pixels at the rim hold too little of the hemisphere to be read.
+                if weight > 1e-9 && centre(i).hypot(centre(j)) < 1.0 {
+                    pixels.push((i as usize * n + j as usize, weight));
+                }
+            }
+        }
+        let sum: f64 = pixels.iter().map(|p| p.1).sum();
+        pixels.iter_mut().for_each(|p| p.1 /= sum);
+        (sum > 0.5).then(|| (r.asin().to_degrees(), pixels))
+    };
+    (0..n).filter_map(direction).collect()
 }
 
 /// The next of 1, 2, 4, 5, 8, 10 times a power of ten.
@@ -394,4 +432,45 @@ fn nice(x: f64) -> f64 {
     let step = [1.0, 2.0, 4.0, 5.0, 8.0, 10.0];
     let found = step.iter().find(|s| *s * power >= x);
     found.map_or(10.0, |s| *s) * power
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_plane_has_one_direction_per_pixel_and_both_rows_beside_it() {
+        for n in [8, 127, 128] {
+            let grid = Grid::disc(n);
+            for phi_deg in [0.0, 10.0, 90.0, 180.0, 200.0] {
+                let plane = across(grid, phi_deg);
+                assert!(plane.len() + 4 >= n, "{n} {phi_deg}: {}", plane.len());
+                let mut sets: Vec<Vec<usize>> = Vec::new();
+                for (theta_deg, pixels) in plane {
+                    let sum: f64 = pixels.iter().map(|p| p.1).sum();
+                    assert!((sum - 1.0).abs() < 1e-12);
+                    // Where the pixels around are all there they lie around the direction.
+                    let (sin, phi) = (theta_deg.to_radians().sin(), phi_deg.to_radians());
+                    let cosine = |bin: usize| (2 * bin + 1) as f64 / n as f64 - 1.0;
+                    let of = |part: fn(usize, usize) -> usize| -> f64 {
+                        pixels
+                            .iter()
+                            .map(|(bin, w)| w * cosine(part(*bin, n)))
+                            .sum()
+                    };
+                    if sin.abs() < 1.0 - 3.0 / n as f64 {
+                        assert!((of(|b, n| b % n) - sin * phi.cos()).abs() < 1e-9);
+                        assert!((of(|b, n| b / n) - sin * phi.sin()).abs() < 1e-9);
+                    }
+                    let mut bins: Vec<usize> = pixels.iter().map(|p| p.0).collect();
+                    bins.sort_unstable();
+                    if n % 2 == 0 && phi_deg % 90.0 == 0.0 {
+                        assert_eq!(bins.len(), 2, "{n} {phi_deg}: {theta_deg}");
+                        assert!(!sets.contains(&bins), "{n} {phi_deg}: {theta_deg}");
+                    }
+                    sets.push(bins);
+                }
+            }
+        }
+    }
 }

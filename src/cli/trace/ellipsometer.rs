@@ -195,6 +195,13 @@ pub(super) fn write_curves(
     super::write_picture(folder, name, &svg)
 }
 
+/// An angle of polarisation as it is told: rounded, 90 for −90, which is the same state, and 0 without a sign.
+fn told_aop_deg(aop_deg: f64) -> f64 {
+    let tenths = (10.0 * aop_deg).round();
+    let tenths = if tenths <= -900.0 { 900.0 } else { tenths };
+    0.1 * tenths + 0.0
+}
+
 /// Directions up to which the table shows all.
 const SHOWN: usize = 20;
 
@@ -222,12 +229,15 @@ fn shown(points: &[Point]) -> Vec<&Point> {
 impl Report {
     fn csv(&self) -> String {
         let mut text = String::from("theta_i_deg,theta_s_deg,input,filter_deg,compensator_deg");
-        for setting in &SETTINGS {
-            let _ = write!(text, ",camera_{}", setting.name.replace('-', "_"));
-        }
-        text.push_str(
-            ",s0,s1,s2,s3,s0_std,s1_std,s2_std,s3_std,dolp,aop_deg,dolp_std,aop_std_deg\n",
-        );
+        let cameras = |text: &mut String, suffix: &str| {
+            for setting in &SETTINGS {
+                let _ = write!(text, ",camera_{}{suffix}", setting.name.replace('-', "_"));
+            }
+        };
+        cameras(&mut text, "");
+        text.push_str(",s0,s1,s2,s3,s0_std,s1_std,s2_std,s3_std,dolp,aop_deg,dolp_std,aop_std_deg");
+        cameras(&mut text, "_std");
+        text.push('\n');
         for angle in &self.angles {
             for point in &angle.points {
                 for (reading, setting) in point.readings.iter().zip(&SETTINGS) {
@@ -244,11 +254,15 @@ impl Report {
                     for x in numbers.chain(&reading.stokes_std) {
                         let _ = write!(text, ",{x:e}");
                     }
-                    let _ = writeln!(
+                    let _ = write!(
                         text,
                         ",{:e},{:e},{:e},{:e}",
                         reading.dolp, reading.aop_deg, reading.dolp_std, reading.aop_std_deg
                     );
+                    for x in &reading.camera_std {
+                        let _ = write!(text, ",{x:e}");
+                    }
+                    text.push('\n');
                 }
             }
         }
@@ -275,7 +289,7 @@ impl Report {
                         r.input,
                         r.stokes[0],
                         r.dolp,
-                        r.aop_deg
+                        told_aop_deg(r.aop_deg)
                     )?;
                 }
             }
@@ -287,6 +301,70 @@ impl Report {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::trace::ellipsometer::Reading;
+
+    fn report(readings: Vec<Reading>) -> Report {
+        Report {
+            settings: SETTINGS,
+            photons: 1,
+            angles: vec![Angle {
+                theta_i_deg: 45.0,
+                photons: 1,
+                relative_error: None,
+                points: vec![Point {
+                    theta_s_deg: 45.0,
+                    readings,
+                    errors_as_independent: false,
+                }],
+            }],
+            seconds: 0.0,
+            left_out: Vec::new(),
+            program: String::new(),
+        }
+    }
+
+    fn reading(aop_deg: f64) -> Reading {
+        Reading {
+            input: "left",
+            stokes: [1.0, 0.5, 0.0, 0.1],
+            stokes_std: [0.1; 4],
+            camera: [2.0; 6],
+            camera_std: [0.25, 0.5, 0.75, 1.0, 1.25, 1.5],
+            dolp: 0.5,
+            dolp_std: 0.1,
+            aop_deg,
+            aop_std_deg: 1.0,
+        }
+    }
+
+    #[test]
+    fn the_csv_file_ends_with_the_errors_of_what_the_camera_records() {
+        let text = report(vec![reading(10.0)]).csv();
+        let rows: Vec<Vec<&str>> = text.lines().map(|l| l.split(',').collect()).collect();
+        assert_eq!(rows[0].len(), rows[1].len());
+        let at = |name: &str| rows[0].iter().position(|n| *n == name).unwrap();
+        assert_eq!(rows[1][at("camera_left")], "2e0");
+        assert_eq!(rows[1][at("camera_linear_0_std")], "2.5e-1");
+        assert_eq!(rows[1][at("camera_right_std")], "1.5e0");
+        assert_eq!(at("camera_right_std"), rows[0].len() - 1);
+    }
+
+    #[test]
+    fn one_state_of_polarisation_has_one_angle_in_the_table() {
+        for (aop_deg, told) in [
+            (-0.01, "   0.0\n"),
+            (0.01, "   0.0\n"),
+            (-89.98, "  90.0\n"),
+            (90.0, "  90.0\n"),
+            (-89.9, " -89.9\n"),
+            (-45.0, " -45.0\n"),
+        ] {
+            let mut out = Vec::new();
+            report(vec![reading(aop_deg)]).table(&mut out).unwrap();
+            let text = String::from_utf8(out).unwrap();
+            assert!(text.ends_with(told), "{aop_deg}: {text}");
+        }
+    }
 
     #[test]
     fn the_table_shows_a_direction_for_each_ten_degrees_whatever_the_bins() {

@@ -56,7 +56,14 @@ pub(super) fn write(folder: &Path, scene: &Scene, totals: &Totals) -> Result<(),
             values: over(&|bin| settled(bin).then(|| value(bin, i) / value(bin, 0))),
         });
     }
-    let svg = sheet(grid, lamp, 4, &title("Mueller matrix"), &note, &discs);
+    let svg = sheet(
+        grid,
+        lamp,
+        4,
+        &title("Mueller matrix of the reflected light"),
+        &note,
+        &discs,
+    );
     write_picture(folder, "mueller.svg", &svg)?;
 
     let [intensity, q, u, v] = scene.light.stokes;
@@ -90,7 +97,7 @@ pub(super) fn write(folder: &Path, scene: &Scene, totals: &Totals) -> Result<(),
         },
     ];
     let what = format!(
-        "Stokes vector for the lamp's ({}, {}, {}, {})",
+        "Stokes vector of the reflected light for the lamp's ({}, {}, {}, {})",
         1, input[1], input[2], input[3]
     );
     let svg = sheet(grid, lamp, 3, &title(&what), &note, &discs);

@@ -126,3 +126,100 @@ fn bad_scenes_get_a_message_that_names_the_key() {
         assert!(message.contains(word), "{word}: {message}");
     }
 }
+
+#[test]
+fn every_key_that_the_parser_knows_stands_in_the_document() {
+    let document = include_str!("../../../docs/scenes.md");
+    let flat = interface("shape = \"flat\"", "{ n = 1.5 }");
+    let mut known = 0;
+    for text in [
+        "unheard_of = 1\n".to_owned(),
+        "[light]\nunheard_of = 1\n".to_owned(),
+        "[[interface]]\nunheard_of = 1\n".to_owned(),
+        format!("{flat}\n[run]\nunheard_of = 1\n"),
+        format!("{flat}\n[run]\nmethod = \"unheard_of\"\n"),
+    ] {
+        let told = Scene::parse(&text).unwrap_err().to_string();
+        let (_, keys) = told.split_once("expected").unwrap();
+        // What follows stands between backticks.
+        for key in keys.split('`').skip(1).step_by(2) {
+            let told =
+                document.contains(&format!("`{key}`")) || document.contains(&format!("\"{key}\""));
+            let section = document.contains(&format!("[{key}]"));
+            assert!(told || section, "{key}");
+            known += 1;
+        }
+    }
+    assert_eq!(known, 4 + 4 + 17 + 7 + 2);
+    for text in [
+        scene(
+            45.0,
+            &interface("shape = \"unheard_of\"", "{ n = 1.5 }"),
+            "",
+        ),
+        scene(
+            45.0,
+            &interface("shape = \"flat\"", "{ unheard_of = 1 }"),
+            "",
+        ),
+    ] {
+        let scene = Scene::parse(&text).unwrap();
+        let told = scene
+            .prepare(&|_| Err(String::new()))
+            .unwrap_err()
+            .to_string();
+        let (_, words) = told.rsplit_once("are ").unwrap();
+        for word in words.split(", ") {
+            assert!(document.contains(&format!("`{word}`")), "{word}");
+        }
+    }
+}
+
+#[test]
+fn a_cover_of_less_than_a_crystal_is_refused_and_a_rounded_one_told() {
+    let crystals = |cover: &str| {
+        let keys = format!("shape = \"crystals\"\nsize_um = 10.0\ncells = 32\ncover = {cover}");
+        let text = scene(45.0, &interface(&keys, "\"Au550\""), "");
+        Scene::parse(&text)
+            .unwrap()
+            .prepare(&|_| Err(String::new()))
+    };
+    let refused = crystals("0.01").unwrap_err().to_string();
+    assert!(refused.contains("cover"), "{refused}");
+    let told = |cover: &str| {
+        let ready = crystals(cover).unwrap();
+        let notes = ready.left_out.into_iter().map(|l| l.what);
+        notes.filter(|what| what.contains("cover")).count()
+    };
+    // Four sizes²: one and a half crystals are two.
+    assert_eq!((told("0.375"), told("0.5")), (1, 0));
+}
+
+#[test]
+fn a_tile_too_small_for_beckmann_s_slopes_is_told() {
+    let notes = |cells: usize| {
+        let keys = format!("shape = \"beckmann\"\nalpha_u = 0.1\nalpha_v = 0.1\ncells = {cells}");
+        let text = scene(45.0, &interface(&keys, "\"Au550\""), "");
+        let ready = Scene::parse(&text)
+            .unwrap()
+            .prepare(&|_| Err(String::new()));
+        let notes = ready.unwrap().left_out.into_iter().map(|l| l.what);
+        notes.filter(|what| what.contains("slopes")).count()
+    };
+    assert_eq!((notes(16), notes(99), notes(100)), (1, 1, 0));
+}
+
+#[test]
+fn a_diffuse_body_is_bounded_by_the_medium_above_it_not_by_that_on_top() {
+    let body = |rho_d: f64| {
+        let layer = interface("shape = \"flat\"", "{ n = 1.5 }");
+        let below = format!("{{ n = 1.5, rho_d = {rho_d} }}");
+        let text = scene(45.0, &(layer + &interface("shape = \"flat\"", &below)), "");
+        Scene::parse(&text)
+            .unwrap()
+            .prepare(&|_| Err(String::new()))
+    };
+    // Through nothing all passes; from air into it 92 % would there and back.
+    assert!(body(0.99).is_ok());
+    assert!(body(1.01).unwrap_err().to_string().contains("rho_d"));
+}

@@ -31,7 +31,7 @@ impl Scene {
         for (i, shape) in self.interface.iter().enumerate() {
             let number = i + 1;
             let last = number == self.interface.len();
-            let medium = self.medium(shape, number)?;
+            let medium = self.medium(shape, number, above)?;
             if medium.rho_d.is_some() && !last {
                 return Err(SceneError::Unreachable { number });
             }
@@ -44,7 +44,7 @@ impl Scene {
         Ok(optics)
     }
 
-    fn medium(&self, shape: &Shape, number: usize) -> Result<Medium, SceneError> {
+    fn medium(&self, shape: &Shape, number: usize, above: f64) -> Result<Medium, SceneError> {
         let key = |k: &str| format!("interface {number}: below.{k}");
         match &shape.below {
             toml::Value::String(name) => {
@@ -81,7 +81,7 @@ impl Scene {
                 }
                 let rho_d = number_of("rho_d")?;
                 if let Some(rho) = rho_d {
-                    let t = fresnel::transmittance(1.0, n / self.n_top, 0.0);
+                    let t = fresnel::transmittance(1.0, n / above, 0.0);
                     if k > 0.0 || !(rho >= 0.0 && rho <= t * t) {
                         return Err(value(
                             &key("rho_d"),

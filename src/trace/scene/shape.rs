@@ -8,7 +8,7 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::super::beckmann::{self, beckmann};
-use super::super::crystals::crystals;
+use super::super::crystals::{self, crystals};
 use super::super::facet::Roughness;
 use super::super::height_field::HeightField;
 use super::super::profile::{Profile, ProfileError};
@@ -119,7 +119,7 @@ impl Scene {
         match shape.shape.as_str() {
             "flat" => keys.only(&[]).map(|()| (Relief::Flat, None)),
             "smith" => smith(&keys),
-            "beckmann" => self.beckmann(&keys),
+            "beckmann" => self.beckmann(&keys, left_out),
             "crystals" => self.crystals(&keys, left_out),
             "ridges" => self.ridges(&keys),
             "profile" => profile(&keys, load),
@@ -133,11 +133,12 @@ impl Scene {
     }
 
     /// A height field of normal slopes.
-    fn beckmann(&self, keys: &Keys<'_>) -> Result<Made, SceneError> {
+    fn beckmann(&self, keys: &Keys<'_>, left_out: &mut Vec<LeftOut>) -> Result<Made, SceneError> {
         keys.only(&["alpha_u", "alpha_v", "seed", "cells"])?;
         let Roughness { alpha_u, alpha_v } = keys.roughness()?;
         let (cells, seed) = self.tile(keys)?;
         let field = beckmann(cells, alpha_u, alpha_v, seed);
+        left_out.extend(beckmann::few_cells(cells, keys.number));
         Ok((Relief::Field(Arc::new(field)), None))
     }
 
@@ -150,6 +151,14 @@ impl Scene {
             return Err(value(&keys.name("cover"), cover, "must be 100 or less"));
         }
         let (cells, seed) = self.tile(keys)?;
+        if crystals::count(cells, cover) == 0 {
+            return Err(value(
+                &keys.name("cover"),
+                cover,
+                "is less than half a crystal on the tile of (cells / 16)² sizes: give more cover or cells",
+            ));
+        }
+        left_out.extend(crystals::rounded(cells, cover, keys.number));
         left_out.push(LeftOut {
             what: format!("overhangs of the crystals of interface {}", keys.number),
             why: "a height field has none: faces that lean over stand upright".to_owned(),
@@ -289,11 +298,20 @@ fn file(
 
 impl HeightMap {
     /// The profile whose corners are the rows: v and height in one unit, the last row closing the
-    /// period.
+    /// period. Of a single row with units of its own, as instruments measure profiles, the samples are the corners, µm.
     ///
     /// # Errors
-    /// Rows that are not two numbers, or no closed profile that leans to +v.
+    /// Rows that are not two numbers, a map, or no closed profile that leans to +v.
     pub fn profile(&self) -> Result<Profile, ProfileError> {
+        if let Some(units) = self.units {
+            if self.rows != 1 {
+                return Err(ProfileError::Map { rows: self.rows });
+            }
+            let samples = self.heights.iter().enumerate();
+            let samples =
+                samples.map(|(n, h)| (n as f64 * units.pitch_um[0], h * units.height_unit_um));
+            return Profile::measured(&samples.collect::<Vec<_>>());
+        }
         if self.columns != 2 {
             return Err(ProfileError::NotTwoColumns {
                 columns: self.columns,

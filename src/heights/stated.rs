@@ -1,0 +1,238 @@
+//! What a table says above its numbers: the units of its columns, and the encoding that all of it is in.
+//!
+//! Call [`text_of`] for the text of a file, [`of_names`] for a row of column names and [`of_units`] for a row of units alone.
+
+use std::borrow::Cow;
+
+/// Micrometres per unit.
+const KNOWN: [(&str, f64); 8] = [
+    ("nm", 1e-3),
+    ("µm", 1.0),
+    ("μm", 1.0),
+    ("um", 1.0),
+    ("micron", 1.0),
+    ("microns", 1.0),
+    ("mm", 1e3),
+    ("m", 1e6),
+];
+/// Words at the end of a name that are units as well, but none of ours.
+const FOREIGN: [&str; 18] = [
+    "pm", "å", "angstrom", "cm", "dm", "km", "in", "inch", "inches", "mil", "mils", "thou", "ft",
+    "px", "pixel", "pixels", "deg", "rad",
+];
+
+/// The unit that a column's name states, µm: `v_mm`, `z [nm]`, `height (µm)`, `z / nm`, `z in nm`.
+fn of_name(name: &str) -> Result<Option<f64>, String> {
+    let name = name.trim();
+    let marked = [("[", "]"), ("(", ")"), ("/", ""), (" in ", "")];
+    for (before, after) in marked {
+        let Some(inner) = name.strip_suffix(after).and_then(|n| n.rsplit_once(before)) else {
+            continue;
+        };
+        return known(inner.1).map(Some).ok_or_else(|| unknown(inner.1));
+    }
+    let mut words = name.split(|c: char| !c.is_alphanumeric());
+    let last = words.next_back().unwrap_or_default();
+    // A name of one word is no unit, whatever it is.
+    if words.next().is_none() {
+        return Ok(None);
+    }
+    if FOREIGN.contains(&last.to_lowercase().as_str()) {
+        return Err(unknown(last));
+    }
+    Ok(known(last))
+}
+
+fn known(word: &str) -> Option<f64> {
+    let word = word.trim().to_lowercase();
+    KNOWN.iter().find(|k| k.0 == word).map(|k| k.1)
+}
+
+fn unknown(word: &str) -> String {
+    format!(
+        "the unit {:?} is not known: give v and height in nm, µm (um), mm or m",
+        word.trim()
+    )
+}
+
+/// The units, µm, in a row of two column names; `None` where no column states one, and of other rows: of a map units are
+/// said elsewhere.
+///
+/// # Errors
+/// A unit that is none of ours, or one that only one column states.
+pub(super) fn of_names(names: &[Cow<'_, str>]) -> Result<Option<[f64; 2]>, String> {
+    let [a, b] = names else {
+        return Ok(None);
+    };
+    match (of_name(a)?, of_name(b)?) {
+        (None, None) => Ok(None),
+        (Some(a), Some(b)) => Ok(Some([a, b])),
+        _ => Err("one of two columns states its unit: state both, such as v_mm, z_um".to_owned()),
+    }
+}
+
+/// The units, µm, in a row of two that holds nothing else, bare or in brackets; `None` where it is no such row.
+///
+/// # Errors
+/// A unit that is none of ours.
+pub(super) fn of_units(words: &[Cow<'_, str>]) -> Result<Option<[f64; 2]>, String> {
+    let bare = |word: &str| -> Option<String> {
+        let inner = |a, b| word.strip_prefix(a).and_then(|w| w.strip_suffix(b));
+        let inner = inner('[', ']').or_else(|| inner('(', ')'));
+        let is_unit = |w: &str| known(w).is_some() || FOREIGN.contains(&w.to_lowercase().as_str());
+        match inner {
+            Some(inner) => Some(inner.to_owned()),
+            None => is_unit(word).then(|| word.to_owned()),
+        }
+    };
+    let [a, b] = words else {
+        return Ok(None);
+    };
+    let (Some(a), Some(b)) = (bare(a), bare(b)) else {
+        return Ok(None);
+    };
+    let known = |word: &str| known(word).ok_or_else(|| unknown(word));
+    Ok(Some([known(&a)?, known(&b)?]))
+}
+
+/// The units in a comment above the numbers that names two columns and nothing else.
+///
+/// # Errors
+/// Where both columns state one and not both are ours.
+pub(super) fn of_comment(names: &[Cow<'_, str>]) -> Result<Option<[f64; 2]>, String> {
+    let short = |n: &Cow<'_, str>| n.split(|c: char| !c.is_alphanumeric()).count() <= 4;
+    let [a, b] = names else {
+        return Ok(None);
+    };
+    if !(short(a) && short(b)) {
+        return Ok(None);
+    }
+    match (of_name(a), of_name(b)) {
+        // A remark that happens to end in such a word.
+        (Ok(None), _) | (_, Ok(None)) => Ok(None),
+        (Ok(Some(a)), Ok(Some(b))) => Ok(Some([a, b])),
+        (Err(why), _) | (_, Err(why)) => Err(why),
+    }
+}
+
+/// The text of a file: UTF-8, UTF-16 with its mark, or Latin-1, which programs of some countries write a µ in.
+///
+/// # Errors
+/// What is no text, or UTF-16 that cannot be read.
+pub(super) fn text_of(content: &[u8]) -> Result<Cow<'_, str>, String> {
+    let wide = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
+        let (pairs, rest) = bytes.as_chunks::<2>();
+        let units: Vec<u16> = pairs.iter().map(|pair| unit(*pair)).collect();
+        match String::from_utf16(&units) {
+            Ok(text) if rest.is_empty() => Ok(text.into()),
+            _ => Err("the file is UTF-16 text that is damaged: save it as UTF-8".to_owned()),
+        }
+    };
+    match content {
+        [0xff, 0xfe, rest @ ..] => return wide(rest, u16::from_le_bytes),
+        [0xfe, 0xff, rest @ ..] => return wide(rest, u16::from_be_bytes),
+        _ => {}
+    }
+    if content.contains(&0) {
+        return Err(
+            "the file is not text, or UTF-16 without a byte order mark: save it as UTF-8"
+                .to_owned(),
+        );
+    }
+    match std::str::from_utf8(content) {
+        Ok(text) => Ok(text.trim_start_matches('\u{feff}').into()),
+        Err(_) if content.iter().any(|b| *b < b' ' && !b"\t\r\n".contains(b)) => {
+            Err("the file is not text".to_owned())
+        }
+        Err(_) => Ok(content
+            .iter()
+            .map(|b| char::from(*b))
+            .collect::<String>()
+            .into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::read;
+
+    fn heights(text: &str) -> Result<Vec<f64>, String> {
+        read("profile.csv", text.as_bytes()).map(|map| map.heights)
+    }
+
+    #[test]
+    fn a_profile_comes_in_micrometres_whatever_units_its_names_state() {
+        for head in [
+            "v_mm,z_nm",
+            "v [mm],z [nm]",
+            "v (mm); height (nm)",
+            "v / mm\tz/nm",
+            "position in mm,height in nm",
+            "v,z\nmm,nm",
+            "\"v\",\"z\"\n[mm],[nm]",
+            "mm,nm",
+            "# v_mm, z_nm",
+        ] {
+            let found = heights(&format!("{head}\n2,3\n"));
+            let found = found.unwrap_or_else(|why| panic!("{head}: {why}"));
+            assert_eq!(found, [2000.0, 3.0 * 1e-3], "{head}");
+        }
+        for head in [
+            "v_um,z_um",
+            "v_µm,z_μm",
+            "v,z",
+            "m,z",
+            "# taken at 5 mm, by hand",
+        ] {
+            assert_eq!(
+                heights(&format!("{head}\n2,3\n")).unwrap(),
+                [2.0, 3.0],
+                "{head}"
+            );
+        }
+        // Of a map the units are said elsewhere, whatever its names are.
+        for head in ["a_nm,b_nm,c_nm", "x_px,y_px,z_px", "px,px,px"] {
+            assert_eq!(
+                heights(&format!("{head}\n1,2,3\n")).unwrap(),
+                [1.0, 2.0, 3.0],
+                "{head}"
+            );
+        }
+    }
+
+    #[test]
+    fn units_that_are_unknown_or_stated_by_half_are_refused() {
+        for (head, word) in [
+            ("v_inch,z_inch", "inch"),
+            ("v [furlong],z [mm]", "furlong"),
+            ("v,z\nmm,mil", "mil"),
+            ("v_mm,z", "state both"),
+            ("v,z\nNA,NA", "line 2"),
+        ] {
+            let why = heights(&format!("{head}\n2,3\n")).unwrap_err();
+            assert!(why.contains(word), "{head}: {why}");
+        }
+    }
+
+    #[test]
+    fn tables_are_read_in_the_encodings_that_programs_write() {
+        let text = "v_mm;z_µm\n1,5;2\n";
+        let latin: Vec<u8> = text.chars().map(|c| c as u8).collect();
+        let units: Vec<u16> = text.encode_utf16().collect();
+        let little = units.iter().flat_map(|u| u.to_le_bytes());
+        let big = units.iter().flat_map(|u| u.to_be_bytes());
+        let little: Vec<u8> = [0xff, 0xfe].into_iter().chain(little).collect();
+        let big: Vec<u8> = [0xfe, 0xff].into_iter().chain(big).collect();
+        for content in [text.as_bytes(), &latin, &little, &big] {
+            assert_eq!(read("a.csv", content).unwrap().heights, [1500.0, 2.0]);
+        }
+        for (content, word) in [
+            (&little[2..], "UTF-16"),
+            (&little[..little.len() - 1], "UTF-16"),
+            (&b"\x01\x02\xff\n"[..], "not text"),
+        ] {
+            let why = read("a.csv", content).unwrap_err();
+            assert!(why.contains(word), "{why}");
+        }
+    }
+}
