@@ -28,9 +28,28 @@ export function fallingLines(rows: readonly Certainty[]): FallingLine[] {
   return lines.filter((line) => line.now !== null);
 }
 
-/** Range of a logarithmic scale that holds all lines, with room above and below. */
-export function decades(lines: readonly FallingLine[]): [number, number] {
-  const all = lines.flatMap((line) => line.std.filter((s): s is number => s !== null && s > 0));
-  if (all.length === 0) return [1e-3, 1];
-  return [Math.min(...all) / 1.5, Math.max(...all) * 1.5];
+export interface LogarithmicScale {
+  readonly low: number;
+  readonly high: number;
+  /** Where it is labelled: 1, 2 and 5 of each decade, or powers of ten where those are many. */
+  readonly marks: readonly number[];
+}
+
+const MARKS_MAX = 7;
+
+/** A logarithmic scale that holds all lines with room above and below, from a round value to a round value.
+ *
+ * The marks are ours: uPlot's own never come to an end where the lower end is between 9.5 and 10 of its decade. */
+export function logarithmic(lines: readonly FallingLine[]): LogarithmicScale {
+  const all = lines.flatMap((line) => line.std.filter((s): s is number => s !== null && s > 1e-300 && s < 1e300));
+  const [least, most] = all.length === 0 ? [1e-3, 1] : [Math.min(...all) / 1.1, Math.max(...all) * 1.1];
+  const exponents = [Math.floor(Math.log10(least)) - 1, Math.ceil(Math.log10(most)) + 1] as const;
+  const round = Array.from({ length: exponents[1] - exponents[0] + 1 }, (_, i) => [1, 2, 5].map((m) => Number(`${m}e${exponents[0] + i}`))).flat();
+  const low = round.findLast((x) => x <= least) ?? least;
+  const high = round.find((x) => x >= most) ?? most;
+  const marks = round.filter((x) => x >= low && x <= high);
+  if (marks.length <= MARKS_MAX) return { low, high, marks };
+  const step = Math.ceil(Math.log10(high / low) / MARKS_MAX);
+  const powers = marks.filter((x) => x.toExponential(0).startsWith('1e') && Math.round(Math.log10(x)) % step === 0);
+  return { low, high, marks: powers };
 }

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { decades, fallingLines, merged } from '../../src/lib/certainty';
+import { fallingLines, logarithmic, merged } from '../../src/lib/certainty';
 import type { Certainty } from '../../src/lib/types';
 
 const row = (id: number, elapsed_s: number, parameters: Certainty['parameters']): Certainty => ({
@@ -18,8 +18,23 @@ describe('the fit that runs along', () => {
     expect(lines).toHaveLength(1);
     expect(lines[0]?.std).toEqual([null, 0.3, 0.1]);
     expect(lines[0]?.now).toEqual({ value: 10.1, std: 0.1 });
-    const [low, high] = decades(lines);
-    expect(low).toBeLessThan(0.1);
-    expect(high).toBeGreaterThan(0.3);
+    expect(logarithmic(lines)).toEqual({ low: 0.05, high: 0.5, marks: [0.05, 0.1, 0.2, 0.5] });
+  });
+
+  it('has a scale with few round marks wherever the lines lie', () => {
+    const between = (...stds: number[]) => logarithmic([{ name: 'alpha_u', std: stds, now: null }]);
+    expect(between(0.0111)).toEqual({ low: 0.01, high: 0.02, marks: [0.01, 0.02] });
+    expect(between(0.0106)).toEqual({ low: 0.005, high: 0.02, marks: [0.005, 0.01, 0.02] });
+    expect(between(3e-5, 40).marks).toEqual([1e-4, 1e-3, 0.01, 0.1, 1, 10]);
+    expect(between()).toEqual({ low: 1e-3, high: 1, marks: expect.arrayContaining([0.001, 0.1, 1]) as unknown });
+    for (let e = -20; e < 20; e += 0.037) {
+      const [least, most] = [10 ** e, 10 ** (1.3 * e + 7)].sort((a, b) => a - b) as [number, number];
+      const { low, high, marks } = between(least, most);
+      expect(low).toBeLessThan(least);
+      expect(high).toBeGreaterThan(most);
+      expect(marks.length).toBeGreaterThanOrEqual(2);
+      expect(marks.length).toBeLessThanOrEqual(8);
+      expect(marks.every((m, i) => m >= low && m <= high && (i === 0 || m > (marks[i - 1] ?? m)))).toBe(true);
+    }
   });
 });
