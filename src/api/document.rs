@@ -30,6 +30,7 @@ pub(super) fn complete(document: &mut OpenApi) {
                 answers(operation, "422", "A value makes no sense");
             }
             if body {
+                answers(operation, "408", "The body did not come");
                 answers(operation, "413", "The body is too large");
                 answers(operation, "415", "The body is not announced as JSON");
             }

@@ -12,6 +12,7 @@ mod asked;
 mod calculations;
 mod calibrations;
 mod certainty;
+mod connections;
 mod document;
 mod error;
 mod events;
