@@ -61,6 +61,25 @@ async fn bad_input_is_refused_by_name_and_nothing_happens() {
             "/api/v1/rig/axes/theta_c/move",
         ),
         (
+            "[10]",
+            422,
+            "invalid-value",
+            "/api/v1/rig/axes/theta_c/move",
+        ),
+        (
+            &plan(r#"{"preset": "paper", "dark": [1]}"#),
+            422,
+            "invalid-value",
+            "/api/v1/scans",
+        ),
+        ("[1]", 422, "invalid-value", "/api/v1/fits"),
+        (
+            r#"{"name": "a", "material": ["dielectric", 1.5, 0.01]}"#,
+            422,
+            "invalid-value",
+            "/api/v1/samples",
+        ),
+        (
             r#"{"position": 5}"#,
             400,
             "unknown-field",
