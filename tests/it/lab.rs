@@ -4,6 +4,7 @@ use std::io;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
+use std::time::Duration;
 
 use ridged::analysis;
 use ridged::lab::{FitRequest, ImportOptions, LabError, ScanRequest, StoredSeries, export};
@@ -188,6 +189,38 @@ async fn the_second_scan_uses_the_first_ones_darks_and_white_reference() {
     let reduced = bench.lab.observations(second.id, None).await.unwrap();
     assert!(reduced.complete && reduced.set.white_reference.is_some());
     assert_eq!(reduced.set.observations.len(), 4);
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn calibrations_from_the_future_are_taken_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let disk = Arc::new(RealDisk);
+    let bench = BenchInABox::open(folder.path(), disk.clone(), true).await;
+    // This clock ran ahead by two hours; the next one begins where it began.
+    bench.rig.clock.sleep(Duration::from_secs(7200)).await;
+    let first = bench.start(small(&[0.0], &[0.0])).await;
+    assert_eq!(bench.finish(first.id).await.state, ScanState::Completed);
+    bench.end().await;
+    let bench = BenchInABox::open(folder.path(), disk, true).await;
+    let request = ScanRequest {
+        sample_id: 2,
+        plan: small(&[0.0], &[0.0]),
+    };
+    let steps = bench.lab.estimate(&request).await.unwrap().operator_steps;
+    assert_eq!(steps.len(), 3);
+    let page = PageRequest::default();
+    let kept = bench.lab.store().calibrations(&Default::default(), page);
+    for kept in kept.await.unwrap().items {
+        let (_, valid) = bench
+            .lab
+            .calibration_valid_until(&kept.kind, &kept.created_at)
+            .unwrap();
+        assert!(!valid, "{}", kept.created_at);
+    }
+    bench.rig.clock.sleep(Duration::from_secs(7800)).await;
+    let steps = bench.lab.estimate(&request).await.unwrap().operator_steps;
+    assert_eq!(steps, [OperatorAction::PlaceSample]);
     bench.end().await;
 }
 
