@@ -16,9 +16,9 @@ use crate::bench::stage::NoFaults;
 use crate::bench::watched_folder::{WatchedFolder, WatchedFolderSettings};
 use crate::clock::{Clock, SystemClock, WallWatch};
 use crate::config::{Config, ConfigError};
-use crate::lab::{Lab, LabError, RigParts, RigSettings, StoredSeries};
+use crate::lab::{self, Lab, LabError, RigParts, RigSettings, StoredSeries};
 use crate::scan::runner::RunnerSettings;
-use crate::scan::visit::FrameRules;
+use crate::scan::visit::{FrameRules, LookedAt};
 use crate::scan::{Event, OperatorAction, Rig, StageLink};
 use crate::series::CameraFacts;
 use crate::store::disk::RealDisk;
@@ -54,7 +54,8 @@ pub fn runner_settings(
             read_noise_dn: camera.read_noise_electrons_rms.unwrap_or(2.0)
                 * camera.gain_dn_per_electron,
             dark_sigmas: 10.0,
-            black_sample_counts: false,
+            saturation_dn: lab::saturation_dn(camera),
+            looked_at: LookedAt::default(),
             capped_mean_dn_max,
         },
     }

@@ -20,6 +20,7 @@ use crate::geometry::Pose;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::runner::{self, Job, OrderSlip, RunEnd};
 use crate::scan::{Event, Plan, Reach, RecordedEvent, Rig, ScanState, TravelLimits};
+use crate::series::CameraFacts;
 use crate::store::{Store, StoreError};
 use crate::units::Angle;
 
@@ -430,7 +431,7 @@ impl Owner {
             told: self.told.clone(),
             scan_id,
             rig_id: self.rig_id,
-            saturation_dn: saturation_dn(&self.settings),
+            saturation_dn: saturation_dn(&self.settings.camera),
             plan: work.plan,
             first_state: work.first_state,
         };
@@ -488,8 +489,9 @@ async fn interrupt_when_possible(told: Told, scan_id: i64) {
     }
 }
 
-fn saturation_dn(settings: &RigSettings) -> u16 {
-    let camera = &settings.camera;
+/// Count at which a pixel of a camera is full.
+#[must_use]
+pub fn saturation_dn(camera: &CameraFacts) -> u16 {
     let full = camera
         .saturation_dn
         .unwrap_or_else(|| f64::from((1_u32 << camera.bit_depth.unwrap_or(16).min(16)) - 1));
