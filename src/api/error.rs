@@ -12,6 +12,9 @@ use crate::analysis::AnalysisError;
 use crate::lab::LabError;
 use crate::store::StoreError;
 
+/// How a problem is announced.
+pub(super) const PROBLEM_JSON: &str = "application/problem+json";
+
 /// A problem as RFC 9457 has it (`application/problem+json`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Problem {
@@ -115,10 +118,9 @@ impl IntoResponse for ApiError {
             errors: self.errors,
         };
         let mut response = (self.status, axum::Json(body)).into_response();
-        response.headers_mut().insert(
-            header::CONTENT_TYPE,
-            HeaderValue::from_static("application/problem+json"),
-        );
+        response
+            .headers_mut()
+            .insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
         response
     }
 }

@@ -162,6 +162,7 @@ fn query_problem(text: &str) -> ApiError {
 #[into_params(parameter_in = Query)]
 pub struct PageParams {
     /// Rows at most, 1 to 1000; 100 if not given.
+    #[param(minimum = 1, maximum = 1000)]
     pub limit: Option<u32>,
     /// `next_cursor` of the page before.
     pub cursor: Option<String>,

@@ -8,6 +8,7 @@
 //! description), one line in [`router`], and the snapshot in `tests/data/openapi.json` renewed.
 
 mod accuracy;
+mod answered;
 mod asked;
 mod calculations;
 mod calibrations;
