@@ -10,6 +10,7 @@
 mod accuracy;
 mod answered;
 mod asked;
+mod caching;
 mod calculations;
 mod calibrations;
 mod certainty;

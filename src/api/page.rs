@@ -3,6 +3,7 @@
 use axum::http::{HeaderMap, Method, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 
+use super::caching::Caching;
 use super::error::ApiError;
 
 #[derive(rust_embed::RustEmbed)]
@@ -40,31 +41,23 @@ pub(super) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Respon
 }
 
 fn answer(path: &str, file: &rust_embed::EmbeddedFile, headers: &HeaderMap) -> Response {
-    let etag = format!(
-        "\"{}\"",
-        file.metadata
-            .sha256_hash()
-            .iter()
-            .take(16)
-            .map(|b| format!("{b:02x}"))
-            .collect::<String>()
-    );
-    let known = headers
-        .get(header::IF_NONE_MATCH)
-        .and_then(|v| v.to_str().ok());
-    if known == Some(etag.as_str()) {
-        return StatusCode::NOT_MODIFIED.into_response();
-    }
     // Files below assets/ carry a hash in their name and never change.
     let cache = if path.starts_with("assets/") {
         "public, max-age=31536000, immutable"
     } else {
         "no-cache"
     };
-    let headers = [
-        (header::CONTENT_TYPE, file.metadata.mimetype().to_owned()),
-        (header::ETAG, etag),
-        (header::CACHE_CONTROL, cache.to_owned()),
-    ];
-    (headers, file.data.clone()).into_response()
+    let tag: String = file
+        .metadata
+        .sha256_hash()
+        .iter()
+        .take(16)
+        .map(|b| format!("{b:02x}"))
+        .collect();
+    let caching = Caching::new(headers, &tag, cache);
+    if let Some(answer) = caching.not_modified() {
+        return answer;
+    }
+    let kind = [(header::CONTENT_TYPE, file.metadata.mimetype().to_owned())];
+    (caching.headers(), kind, file.data.clone()).into_response()
 }
