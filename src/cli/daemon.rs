@@ -286,7 +286,7 @@ async fn watch_the_time_of_day(ending: CancellationToken) {
     }
 }
 
-/// Completes on Ctrl-C or SIGTERM.
+/// Completes on Ctrl-C, SIGTERM or SIGHUP.
 ///
 /// # Errors
 /// No result if the system refuses a signal handler.
