@@ -242,6 +242,23 @@ fn a_second_daemon_on_one_folder_is_refused() {
 }
 
 #[test]
+fn a_daemon_that_may_open_few_files_hears_the_stop_among_many_connections() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut shell = Command::new("sh");
+    let program = env!("CARGO_BIN_EXE_ridged");
+    shell.args(["-c", r#"ulimit -n 128; exec "$0" "$@""#, program]);
+    let mut daemon = Daemon::start_by(shell, folder.path(), &["--simulated-rig"]);
+    let address = daemon.url.strip_prefix("http://").unwrap().to_owned();
+    let idle: Vec<TcpStream> = (0..300)
+        .map(|_| TcpStream::connect(&address).unwrap())
+        .collect();
+    let stopped = daemon.post("/rig/stop", "");
+    assert_eq!(stopped.0, 200, "{}", stopped.1);
+    drop(idle);
+    assert!(daemon.terminate().success());
+}
+
+#[test]
 fn a_terminal_that_is_closed_ends_a_daemon_as_ctrl_c_does() {
     let folder = tempfile::tempdir().unwrap();
     let mut daemon = Daemon::start(folder.path(), &["--simulated-rig"]);
