@@ -54,7 +54,7 @@ pub use fits::{FitRequest, Reduced};
 pub use headway::Progress as CalculationProgress;
 pub use plans::{Estimated, ScanRequest};
 pub use rig::{AxisView, RigView};
-pub use series::{ImportOptions, Imported, StoredSeries, export};
+pub use series::{Exported, ImportOptions, Imported, StoredSeries, export, export_readable};
 pub use traces::TraceRequest;
 use under_way::AllUnderWay;
 

@@ -7,7 +7,9 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
 use ridged::analysis;
-use ridged::lab::{FitRequest, ImportOptions, LabError, ScanRequest, StoredSeries, export};
+use ridged::lab::{
+    FitRequest, ImportOptions, LabError, ScanRequest, StoredSeries, export, export_readable,
+};
 use ridged::reduction::FrameSource;
 use ridged::scan::plan::Preset;
 use ridged::scan::runner::Order;
@@ -533,6 +535,22 @@ async fn a_recorded_series_comes_out_as_it_went_in() {
             "{file} differs"
         );
     }
+    // One damaged frame keeps the others from coming out no longer, where somebody says so.
+    let damaged = files_below(&bench.lab.store().folder().join("frames")).remove(0);
+    std::fs::write(&damaged, b"no frame").unwrap();
+    let store = bench.lab.store();
+    let rest = folder.path().join("rest");
+    let refused = export(store, imported.scan_id, &rest, Default::default()).await;
+    let refused = refused.unwrap_err().to_string();
+    assert!(refused.contains("hash differs"), "{refused}");
+    let written = export_readable(store, imported.scan_id, &rest, Default::default()).await;
+    let written = written.unwrap();
+    assert_eq!((written.n_frames, written.skipped.len()), (353, 1));
+    let rest = ridged::series::Series::open(&rest).unwrap();
+    assert_eq!(rest.rows().len(), 353);
+    let left_out = series.rows().iter().find(|row| !rest.rows().contains(row));
+    assert!(written.skipped[0].starts_with(&left_out.unwrap().file));
+    std::fs::copy(out.join(&left_out.unwrap().file), &damaged).unwrap();
     // And it is reduced to the same observations as from its folder.
     let direct = ridged::series::Series::open(&source).unwrap();
     let options = analysis::AnalysisOptions::default();
