@@ -542,7 +542,11 @@ impl<'a> Runner<'a> {
                 }
                 Order::Abort | Order::ShutDown => return self.end_by(slip.order, slip).await,
                 Order::Pause | Order::Stop => {
-                    self.enter(ScanState::Paused, None).await?;
+                    let reason = match slip.order {
+                        Order::Stop => Some(Trouble::STOPPED),
+                        _ => None,
+                    };
+                    self.enter(ScanState::Paused, reason).await?;
                     slip.reply.send(Ok(self.state)).ok();
                     self.wait_for_resume().await?;
                 }

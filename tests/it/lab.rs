@@ -246,6 +246,24 @@ async fn calibrations_from_the_future_are_taken_anew() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_scan_that_was_stopped_while_it_waited_says_so() {
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let scan = bench.start(small(&[0.0], &[0.0])).await;
+    for (order, reason) in [
+        (Order::Stop, Some("stopped; resume to go on")),
+        (Order::Pause, None),
+    ] {
+        bench.until(scan.id, ScanState::WaitingForOperator).await;
+        bench.lab.order(scan.id, order).await.unwrap();
+        let paused = bench.lab.store().scan(scan.id).await.unwrap();
+        assert_eq!(paused.state, ScanState::Paused);
+        assert_eq!(paused.reason.as_deref(), reason);
+        bench.lab.order(scan.id, Order::Resume).await.unwrap();
+    }
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_scan_waits_for_its_operator_pauses_and_goes_on() {
     let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
     let lab = &bench.lab;
