@@ -140,6 +140,14 @@ async fn bad_input_is_refused_by_name_and_nothing_happens() {
         println!("{body} → {}", answer.body);
         is_problem(&answer, status, code);
     }
+    let far = post(
+        &router,
+        "/api/v1/rig/axes/theta_c/move",
+        r#"{"position_deg": 1e300}"#,
+    )
+    .await;
+    is_problem(&far, 422, "outside-limits");
+    assert!(far.detail().len() < 200, "{}", far.detail());
     // Everything wrong with a plan at once, each by its path.
     let answer = post(
         &router,
