@@ -17,7 +17,11 @@ pub(super) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Respon
         "/" => "index.html",
         other => other.trim_start_matches('/'),
     };
-    if matches!(method, Method::GET | Method::HEAD) {
+    if !matches!(method, Method::GET | Method::HEAD) {
+        if path == "index.html" || Dist::get(path).is_some() {
+            return only_read();
+        }
+    } else {
         if let Some(file) = Dist::get(path) {
             return answer(path, &file, &headers);
         }
@@ -38,6 +42,16 @@ pub(super) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Respon
         "those for scripts begin with /api/v1, and /openapi.json lists them"
     };
     ApiError::not_found(format!("there is no route {}; {hint}", uri.path())).into_response()
+}
+
+fn only_read() -> Response {
+    let problem = ApiError::new(
+        StatusCode::METHOD_NOT_ALLOWED,
+        "method-not-allowed",
+        "not with this method",
+        "the page is only read; the routes for scripts begin with /api/v1, and /openapi.json lists them",
+    );
+    ([(header::ALLOW, "GET, HEAD")], problem).into_response()
 }
 
 fn answer(path: &str, file: &rust_embed::EmbeddedFile, headers: &HeaderMap) -> Response {

@@ -190,9 +190,14 @@ async fn bad_input_is_refused_by_name_and_nothing_happens() {
     for answer in [
         get(&router, "/rig").await,
         post(&router, "/scans", "{}").await,
-        post(&router, "/", "{}").await,
     ] {
         is_problem(&answer, 404, "not-found");
+        assert!(answer.detail().contains("/api/v1"), "{}", answer.detail());
+    }
+    for method in ["POST", "PUT", "DELETE", "OPTIONS", "PATCH"] {
+        let asked = request(method, "/").body(Body::empty()).unwrap();
+        let answer = send(&router, asked).await;
+        is_problem(&answer, 405, "method-not-allowed");
         assert!(answer.detail().contains("/api/v1"), "{}", answer.detail());
     }
     let delete = request("DELETE", "/api/v1/rig")
