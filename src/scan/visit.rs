@@ -474,18 +474,18 @@ mod tests {
     }
 
     fn looked(kind: FrameKind, phi_s_deg: f64, frames: &[(u16, f64)]) -> Looked {
-        let pose = Some(Pose::from_deg(0.0, phi_s_deg));
+        let pose = Pose::from_deg(0.0, phi_s_deg);
         let visit = Visit {
             shot: Shot {
                 index: 0,
                 kind,
-                pose,
-                target: pose,
+                pose: Some(pose),
+                target: Some(pose),
                 exposures_s: Vec::new(),
                 repeats: 1,
             },
             attempt: 0,
-            pose: pose.unwrap(),
+            pose,
             frames: frames.iter().map(|(dn, s)| taken(*dn, *s)).collect(),
             rejected: None,
             taken_at: time::macros::datetime!(2026-01-01 00:00 UTC),
