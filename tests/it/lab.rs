@@ -231,8 +231,9 @@ async fn calibrations_from_the_future_are_taken_anew() {
     let steps = bench.lab.estimate(&request).await.unwrap().operator_steps;
     assert_eq!(steps.len(), 3);
     let page = PageRequest::default();
-    let kept = bench.lab.store().calibrations(&Default::default(), page);
-    for kept in kept.await.unwrap().items {
+    let all = Default::default();
+    let kept = bench.lab.store().calibrations(&all, page).await;
+    for kept in kept.unwrap().items {
         let (_, valid) = bench
             .lab
             .calibration_valid_until(&kept.kind, &kept.created_at)
