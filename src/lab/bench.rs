@@ -89,11 +89,15 @@ pub(super) struct Told {
 /// Scans that nobody runs any more and whose state still says otherwise, because it could not be written; each with
 /// the reason why it ended.
 #[derive(Clone, Default)]
-pub(super) struct Adrift(Arc<Mutex<HashMap<i64, String>>>);
+pub(super) struct Adrift {
+    scans: Arc<Mutex<HashMap<i64, String>>>,
+    /// Who brings one in does so alone: it may be resumed a moment later.
+    turn: Arc<tokio::sync::Mutex<()>>,
+}
 
 impl Adrift {
     fn all(&self) -> MutexGuard<'_, HashMap<i64, String>> {
-        self.0.lock().expect("no holder of this lock panics")
+        self.scans.lock().expect("no holder of this lock panics")
     }
 
     pub(super) fn has(&self, scan_id: i64) -> bool {
@@ -462,6 +466,7 @@ impl Owner {
 impl Told {
     /// Marks a scan that is adrift as interrupted, so that it can be resumed or aborted; nothing where it is not.
     pub(super) async fn bring_in(&self, scan_id: i64) -> Result<(), StoreError> {
+        let _turn = self.adrift.turn.lock().await;
         let Some(reason) = self.adrift.all().get(&scan_id).cloned() else {
             return Ok(());
         };
