@@ -156,9 +156,41 @@ impl Clock for SteppedClock {
     }
 }
 
+/// Compares the time of day with the time that passed: it is set by hand, by NTP, and jumps where a machine slept.
+#[derive(Debug, Default)]
+pub struct WallWatch {
+    last: Option<(Duration, OffsetDateTime)>,
+}
+
+impl WallWatch {
+    /// How far the time of day went wrong since the last look, if by more than a second.
+    pub fn step(&mut self, now: Duration, wall: OffsetDateTime) -> Option<time::Duration> {
+        let (last_now, last_wall) = self.last.replace((now, wall))?;
+        let step = (wall - last_wall) - (now.saturating_sub(last_now));
+        (step.abs() > time::Duration::SECOND).then_some(step)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_step_of_the_time_of_day_is_noticed_once_and_drift_is_not() {
+        let mut watch = WallWatch::default();
+        let start = time::macros::datetime!(2026-01-01 00:00 UTC);
+        let mut look = |now_s: u64, wall_s: f64| {
+            let wall = start + time::Duration::seconds_f64(wall_s);
+            let step = watch.step(Duration::from_secs(now_s), wall);
+            step.map(time::Duration::as_seconds_f64)
+        };
+        assert_eq!(look(0, 0.0), None);
+        assert_eq!(look(10, 10.5), None);
+        assert_eq!(look(20, 21.0), None);
+        assert_eq!(look(30, 3631.0), Some(3600.0));
+        assert_eq!(look(40, 3641.0), None);
+        assert_eq!(look(50, 41.0), Some(-3610.0));
+    }
 
     #[test]
     fn a_clock_that_runs_fast_still_knows_the_time_of_day() {

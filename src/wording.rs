@@ -1,6 +1,7 @@
 //! Numbers as people read them, in one form for every table and message: counts with their noun, and values with no
-//! more digits than mean something; what parsers refuse, in plain words ([`refusals`]).
+//! more digits than mean something; what parsers refuse, in plain words ([`refusals`]), and what they should ([`objects`]).
 
+pub mod objects;
 pub mod refusals;
 
 use std::ops::RangeInclusive;

@@ -58,6 +58,7 @@ pub struct CalculationParams {
     /// Begun at or after, RFC 3339.
     since: Option<String>,
     /// Rows at most, 1 to 1000; 100 if not given.
+    #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the page before.
     cursor: Option<String>,
@@ -209,7 +210,8 @@ pub(super) async fn cancel_map(
     ("id" = i64, Path, description = "Number of the map"),
     ("name" = String, Path, description = "One of its `files`, such as theta_r_deg.png"),
 ), responses(
-    (status = 200, description = "The file", body = Vec<u8>, content_type = "application/octet-stream"),
+    (status = 200, description = "The file",
+        content((Vec<u8> = "image/tiff"), (Vec<u8> = "image/png"), (String = "text/csv"), (Object = "application/json"))),
     (status = 404, description = "There is no such map", body = Problem),
     (status = 409, description = "The map has no files (yet)", body = Problem),
     (status = 422, description = "The map has no such file", body = Problem),
@@ -376,7 +378,8 @@ pub(super) async fn cancel_trace(
     ("id" = i64, Path, description = "Number of the trace"),
     ("name" = String, Path, description = "One of its `files`, such as bins.csv"),
 ), responses(
-    (status = 200, description = "The file", body = Vec<u8>, content_type = "application/octet-stream"),
+    (status = 200, description = "The file",
+        content((String = "text/csv"), (Object = "application/json"), (Vec<u8> = "application/octet-stream"))),
     (status = 404, description = "There is no such trace", body = Problem),
     (status = 409, description = "The trace has no files (yet)", body = Problem),
     (status = 422, description = "The trace has no such file", body = Problem),

@@ -47,6 +47,7 @@ pub struct CalibrationParams {
     /// Made at or after, RFC 3339.
     since: Option<String>,
     /// Rows at most, 1 to 1000; 100 if not given.
+    #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the page before.
     cursor: Option<String>,

@@ -1,10 +1,11 @@
 //! What every route of the description has in common, put in once: keys, ids, parameters, bodies.
 
 use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn};
-use utoipa::openapi::response::ResponseBuilder;
+use utoipa::openapi::response::{Response, ResponseBuilder};
 use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, Schema, Type};
 use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr, Required};
 
+use super::error::PROBLEM_JSON;
 use super::guard::KEY_LENGTH_MAX;
 use super::rig::STOP;
 
@@ -29,7 +30,15 @@ pub(super) fn complete(document: &mut OpenApi) {
                 answers(operation, "400", "There is no such parameter");
                 answers(operation, "422", "A value makes no sense");
             }
+            answers(
+                operation,
+                "403",
+                "The request names another host than this machine (`forbidden-host`) or comes from another page \
+                 (`forbidden-origin`)",
+            );
             if body {
+                answers(operation, "400", "The body cannot be understood");
+                answers(operation, "408", "The body did not come");
                 answers(operation, "413", "The body is too large");
                 answers(operation, "415", "`Content-Type` is not `application/json`");
             }
@@ -40,7 +49,27 @@ pub(super) fn complete(document: &mut OpenApi) {
                     "The Idempotency-Key was used for another request",
                 );
             }
+            for response in operation.responses.responses.values_mut() {
+                name_problem(response);
+            }
         }
+    }
+}
+
+/// Problems are announced as what they are.
+fn name_problem(response: &mut RefOr<Response>) {
+    let RefOr::T(response) = response else {
+        return;
+    };
+    let is_problem = response.content.get(JSON).is_some_and(|content| {
+        let schema = match content {
+            RefOr::T(content) => content.schema.as_ref(),
+            RefOr::Ref(_) => None,
+        };
+        matches!(schema, Some(RefOr::Ref(schema)) if schema.ref_location.ends_with("/Problem"))
+    });
+    if is_problem && let Some(content) = response.content.shift_remove(JSON) {
+        response.content.insert(PROBLEM_JSON.into(), content);
     }
 }
 
@@ -76,7 +105,7 @@ fn answers(operation: &mut Operation, status: &str, description: &str) {
         .build();
     let response = ResponseBuilder::new()
         .description(description)
-        .content("application/json", problem)
+        .content(PROBLEM_JSON, problem)
         .build();
     operation
         .responses
@@ -85,6 +114,7 @@ fn answers(operation: &mut Operation, status: &str, description: &str) {
         .or_insert_with(|| response.into());
 }
 
+const JSON: &str = "application/json";
 const KEY: &str = "Idempotency-Key";
 
 fn key() -> RefOr<Parameter> {

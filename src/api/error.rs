@@ -12,6 +12,9 @@ use crate::analysis::AnalysisError;
 use crate::lab::LabError;
 use crate::store::StoreError;
 
+/// How a problem is announced.
+pub(super) const PROBLEM_JSON: &str = "application/problem+json";
+
 /// A problem as RFC 9457 has it (`application/problem+json`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Problem {
@@ -104,21 +107,56 @@ impl ApiError {
     }
 }
 
+/// A text with numbers that people can read: 1e300 has 301 digits when it is written out. Whole numbers of up to 15
+/// digits are counts and ids, and stay.
+fn readable(text: &str) -> String {
+    let mut out = String::with_capacity(text.len().min(1 << 12));
+    let mut rest = text;
+    while let Some(start) = rest.find(|c: char| c.is_ascii_digit()) {
+        let (before, from) = rest.split_at(start);
+        let whole = from.bytes().take_while(u8::is_ascii_digit).count();
+        let decimals = match from[whole..].strip_prefix('.') {
+            Some(more) => more.bytes().take_while(u8::is_ascii_digit).count(),
+            None => 0,
+        };
+        let length = match decimals {
+            0 => whole,
+            _ => whole + 1 + decimals,
+        };
+        let (number, after) = from.split_at(length);
+        // Part of a word, a hash or a version is no number.
+        let alone = !before.ends_with(|c: char| c.is_alphanumeric() || "._".contains(c))
+            && !after.starts_with(|c: char| c.is_alphanumeric() || c == '_');
+        let long = whole > 15 || (whole > 6 && decimals > 0);
+        out.push_str(before);
+        match number.parse::<f64>() {
+            Ok(value) if alone && long => out.push_str(&format!("{value:e}")),
+            _ => out.push_str(number),
+        }
+        rest = after;
+    }
+    out.push_str(rest);
+    out
+}
+
 impl IntoResponse for ApiError {
     fn into_response(self) -> Response {
+        let errors = self.errors.into_iter().map(|error| FieldProblem {
+            message: readable(&error.message),
+            ..error
+        });
         let body = Problem {
             r#type: format!("urn:ridged:problem:{}", self.code),
             title: self.title.into(),
             status: self.status.as_u16(),
-            detail: self.detail,
+            detail: readable(&self.detail),
             code: self.code.into(),
-            errors: self.errors,
+            errors: errors.collect(),
         };
         let mut response = (self.status, axum::Json(body)).into_response();
-        response.headers_mut().insert(
-            header::CONTENT_TYPE,
-            HeaderValue::from_static("application/problem+json"),
-        );
+        response
+            .headers_mut()
+            .insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
         response
     }
 }
@@ -236,4 +274,34 @@ fn log_chain(error: &LabError) {
         source = cause.source();
     }
     tracing::error!("a request failed: {chain}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_number_is_told_in_as_many_digits_as_it_has() {
+        let huge = format!("theta_c = {:.3}° is outside {} … 80", 1e300, -1e20);
+        for (text, told) in [
+            (huge.as_str(), "theta_c = 1e300° is outside -1e20 … 80"),
+            ("1234567.5 is wanted", "1.2345675e6 is wanted"),
+            (
+                "at most 8388608 bytes, 20.5 MB",
+                "at most 8388608 bytes, 20.5 MB",
+            ),
+            (
+                "frame 12345678901234567890abc",
+                "frame 12345678901234567890abc",
+            ),
+            ("scan 9007199254740993: no", "scan 9.007199254740992e15: no"),
+            (
+                "127.0.0.1:8787 and 2026-03-02T09:00:00.123Z",
+                "127.0.0.1:8787 and 2026-03-02T09:00:00.123Z",
+            ),
+            ("none", "none"),
+        ] {
+            assert_eq!(readable(text), told);
+        }
+    }
 }

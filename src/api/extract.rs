@@ -10,6 +10,7 @@ use serde::de::DeserializeOwned;
 use super::error::{ApiError, FieldProblem};
 use super::guard::BODY_BYTES_MAX;
 use crate::store::{PageRequest, utc_of, utc_text};
+use crate::wording::objects;
 use crate::wording::refusals::{missing, plain};
 
 /// A JSON body.
@@ -23,8 +24,14 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for Body<T> {
             .await
             .map_err(|_| too_large())?;
         let mut json = serde_json::Deserializer::from_slice(&bytes);
-        let value = serde_path_to_error::deserialize(&mut json).map_err(json_problem)?;
+        let value: T = serde_path_to_error::deserialize(&mut json).map_err(json_problem)?;
         json.end().map_err(syntax)?;
+        let read = serde_json::from_slice(&bytes).map_err(syntax)?;
+        objects::check::<T>(&read).map_err(|refusal| {
+            let path = refusal.path().to_string();
+            let (field, message) = told(&path, &refusal.into_inner().to_string());
+            ApiError::invalid(field, message)
+        })?;
         Ok(Body(value))
     }
 }
@@ -155,6 +162,7 @@ fn query_problem(text: &str) -> ApiError {
 #[into_params(parameter_in = Query)]
 pub struct PageParams {
     /// Rows at most, 1 to 1000; 100 if not given.
+    #[param(minimum = 1, maximum = 1000)]
     pub limit: Option<u32>,
     /// `next_cursor` of the page before.
     pub cursor: Option<String>,

@@ -9,6 +9,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use utoipa::ToSchema;
 
+use super::answered::FitAnswered;
+use super::asked::FitAsked;
 use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, Params, finite, page, since};
 use super::{App, Begun, List};
@@ -80,6 +82,7 @@ pub struct FitParams {
     /// Fits whose ridge angle is at most this, degrees.
     theta_r_deg_max: Option<f64>,
     /// Rows at most, 1 to 1000; 100 if not given.
+    #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the page before.
     cursor: Option<String>,
@@ -99,7 +102,7 @@ fn a_word_of<T: DeserializeOwned>(
 
 /// Fits, newest first.
 #[utoipa::path(get, path = "/api/v1/fits", tag = "fits", params(FitParams), responses(
-    (status = 200, description = "A page of fits", body = List<Object>),
+    (status = 200, description = "A page of fits", body = List<FitAnswered>),
     (status = 422, description = "A value makes no sense", body = Problem),
 ))]
 pub(super) async fn list(
@@ -128,8 +131,7 @@ pub(super) async fn list(
 }
 
 /// Begin a fit.
-#[utoipa::path(post, path = "/api/v1/fits", tag = "fits", request_body(content = Object, description =
-    "`scan_id`, optional `variant` (auto, paper, sawtooth, traced), `region`, `loss` (linear, huber, tukey), `fix` (parameters held: {\"rho_d\": 0.3}, names as in the report, and eta, k), `priors` (parameters known within a standard uncertainty: {\"theta_r_deg\": {\"value\": 10, \"std\": 0.5}}), `starts` (of the search per variant, 1 to 1024; 8 if not given), `profile` (true: profile-likelihood intervals), `bootstrap` (intervals of so many drawn series, 20 to 100000), `judge` (true: the difference to traced is the model line of the budget), `max_seconds` (of the search, the ray tracer and the bootstrap) and `target_error` (of the ray tracer), `tolerance`, `iterations` (true: the report has a descent step by step: seconds, cost, gradient, step, error, accepted) and `shape` (for traced or judge, the sample measured: `name`, whose ending says how it is written, `content` in base64, `pitch_um` and `height_unit_um` where the file does not say them)"), responses(
+#[utoipa::path(post, path = "/api/v1/fits", tag = "fits", request_body = FitAsked, responses(
     (status = 202, description = "The fit runs", body = Begun, headers(("Location" = String, description = "The fit"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
     (status = 404, description = "There is no such scan", body = Problem),
@@ -150,7 +152,7 @@ pub(super) async fn begin(
 
 /// One fit: the object of `fit --json` plus id, scan_id, state and `request` (what was asked for).
 #[utoipa::path(get, path = "/api/v1/fits/{id}", tag = "fits", params(("id" = i64, Path, description = "Number of the fit")), responses(
-    (status = 200, description = "The fit; `state` running (with `progress` and `forecast`), completed, failed, cancelled or interrupted", body = Object),
+    (status = 200, description = "The fit; `state` running (with `progress` and `forecast`), completed, failed, cancelled or interrupted", body = FitAnswered),
     (status = 404, description = "There is none", body = Problem),
 ))]
 pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {

@@ -4,11 +4,12 @@ use std::str::FromStr;
 
 use axum::Json;
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderName, StatusCode, header};
+use axum::http::{HeaderMap, HeaderName, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::caching::Caching;
 use super::error::{ApiError, Problem};
 use super::extract::{Id, Params, page};
 use super::{App, List};
@@ -98,6 +99,7 @@ pub struct FrameParams {
     /// Kind of frame: sample, dark or flat.
     kind: Option<String>,
     /// Rows at most, 1 to 1000; 100 if not given.
+    #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the page before.
     cursor: Option<String>,
@@ -142,11 +144,17 @@ pub(super) async fn image(
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
     let frame = app.lab.store().frame(id).await?;
-    let Some(caching) = fresh(&headers, &frame.sha256) else {
-        return Ok(StatusCode::NOT_MODIFIED.into_response());
-    };
+    let caching = Caching::new(&headers, &frame.sha256, NEVER_CHANGES);
+    if let Some(answer) = caching.not_modified() {
+        return Ok(answer);
+    }
     let png = read(&app, &frame).await?;
-    Ok((caching, [(header::CONTENT_TYPE, "image/png")], png).into_response())
+    Ok((
+        caching.headers(),
+        [(header::CONTENT_TYPE, "image/png")],
+        png,
+    )
+        .into_response())
 }
 
 /// The counts alone, for browsers, which cut a 16-bit PNG to 8 bits.
@@ -161,9 +169,10 @@ pub(super) async fn pixels(
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
     let frame = app.lab.store().frame(id).await?;
-    let Some(caching) = fresh(&headers, &frame.sha256) else {
-        return Ok(StatusCode::NOT_MODIFIED.into_response());
-    };
+    let caching = Caching::new(&headers, &frame.sha256, NEVER_CHANGES);
+    if let Some(answer) = caching.not_modified() {
+        return Ok(answer);
+    }
     let png = read(&app, &frame).await?;
     let counts = Frame::from_png(&png).map_err(StoreError::Frame)?;
     let bytes: Vec<u8> = counts
@@ -182,26 +191,11 @@ pub(super) async fn pixels(
         ),
     ];
     let kind = [(header::CONTENT_TYPE, "application/octet-stream")];
-    Ok((caching, size, kind, bytes).into_response())
+    Ok((caching.headers(), size, kind, bytes).into_response())
 }
 
-/// Headers of a file that never changes; `None` if the client has it already.
-fn fresh(headers: &HeaderMap, sha256: &str) -> Option<[(HeaderName, String); 2]> {
-    let etag = format!("\"{sha256}\"");
-    let known = headers
-        .get(header::IF_NONE_MATCH)
-        .and_then(|v| v.to_str().ok())
-        .is_some_and(|list| list.split(',').any(|tag| tag.trim() == etag));
-    (!known).then(|| {
-        [
-            (header::ETAG, etag),
-            (
-                header::CACHE_CONTROL,
-                "private, max-age=31536000, immutable".into(),
-            ),
-        ]
-    })
-}
+/// A frame's file is named by its content.
+const NEVER_CHANGES: &str = "private, max-age=31536000, immutable";
 
 async fn read(app: &App, frame: &FrameRecord) -> Result<Vec<u8>, ApiError> {
     let store = app.lab.store().clone();

@@ -8,7 +8,7 @@
 use std::collections::HashMap;
 use std::net::IpAddr;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use axum::body::{Body, to_bytes};
 use axum::extract::{Request, State};
@@ -17,6 +17,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use futures::StreamExt;
 use tokio::sync::{Mutex, OwnedMutexGuard};
+use tokio::time::timeout;
 
 use super::App;
 use super::error::ApiError;
@@ -29,6 +30,8 @@ use crate::store::idempotency::KeptAnswer;
 pub const BODY_BYTES_MAX: usize = 8 << 20;
 /// A refused body is read up to here, so that a client which is still sending gets to see why.
 const DRAINED_BYTES_MAX: usize = 1 << 30;
+/// How long a client may take to send the next piece of a body.
+pub(super) const CHUNK_WAIT: Duration = Duration::from_secs(30);
 /// Longest Idempotency-Key.
 pub(super) const KEY_LENGTH_MAX: usize = 200;
 
@@ -89,7 +92,7 @@ fn is_loopback(host: &str) -> bool {
 }
 
 /// Whether it is the stop, which nothing may refuse, delay or answer in its place: it goes past keys and bodies.
-fn is_stop(request: &Request) -> bool {
+pub(super) fn is_stop(request: &Request) -> bool {
     request.method() == Method::POST && request.uri().path() == super::rig::STOP
 }
 
@@ -129,22 +132,45 @@ pub(super) async fn check_body(request: Request, next: Next) -> Response {
     }
     let (parts, body) = request.into_parts();
     // Read here, so that a chunked body that grows too large is refused in the same way.
+    match whole(body, CHUNK_WAIT).await {
+        Ok(bytes) => {
+            next.run(Request::from_parts(parts, Body::from(bytes)))
+                .await
+        }
+        Err(problem) => problem.into_response(),
+    }
+}
+
+/// All of a body, of which a piece comes at least every `wait`.
+async fn whole(body: Body, wait: Duration) -> Result<Vec<u8>, ApiError> {
     let mut bytes = Vec::new();
     let mut stream = body.into_data_stream();
-    while let Some(chunk) = stream.next().await {
-        match chunk {
-            Ok(chunk) if bytes.len() + chunk.len() <= BODY_BYTES_MAX => {
+    loop {
+        match timeout(wait, stream.next()).await {
+            Ok(None) => return Ok(bytes),
+            Ok(Some(Ok(chunk))) if bytes.len() + chunk.len() <= BODY_BYTES_MAX => {
                 bytes.extend_from_slice(&chunk);
             }
-            Ok(_) => {
+            Ok(Some(Ok(_))) => {
                 drain(stream).await;
-                return too_large().into_response();
+                return Err(too_large());
             }
-            Err(_) => return ApiError::bad_request("the body broke off").into_response(),
+            Ok(Some(Err(_))) => return Err(ApiError::bad_request("the body broke off")),
+            Err(_) => return Err(too_slow()),
         }
     }
-    next.run(Request::from_parts(parts, Body::from(bytes)))
-        .await
+}
+
+fn too_slow() -> ApiError {
+    ApiError::new(
+        StatusCode::REQUEST_TIMEOUT,
+        "body-too-slow",
+        "the body did not come",
+        format!(
+            "nothing more of the body came for {} s; nothing was done",
+            CHUNK_WAIT.as_secs()
+        ),
+    )
 }
 
 async fn refuse(request: Request, problem: ApiError) -> Response {
@@ -157,7 +183,7 @@ async fn refuse(request: Request, problem: ApiError) -> Response {
 
 async fn drain(mut stream: axum::body::BodyDataStream) {
     let mut drained = 0;
-    while let Some(Ok(chunk)) = stream.next().await {
+    while let Ok(Some(Ok(chunk))) = timeout(CHUNK_WAIT, stream.next()).await {
         drained += chunk.len();
         if drained > DRAINED_BYTES_MAX {
             return;
@@ -355,6 +381,17 @@ mod tests {
         turns.of("last").await;
         let left = turns.0.lock().unwrap().len();
         assert_eq!(left, 1);
+    }
+
+    #[tokio::test]
+    async fn a_body_that_does_not_come_is_not_waited_for() {
+        let some = futures::stream::iter([Ok::<_, std::io::Error>("{")]);
+        let body = Body::from_stream(some.chain(futures::stream::pending()));
+        let problem = whole(body, Duration::from_millis(1)).await.unwrap_err();
+        let status = problem.into_response().status();
+        assert_eq!(status, StatusCode::REQUEST_TIMEOUT);
+        let body = Body::from("{}");
+        assert_eq!(whole(body, CHUNK_WAIT).await.unwrap(), b"{}");
     }
 
     #[test]

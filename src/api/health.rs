@@ -21,7 +21,7 @@ pub(super) async fn healthz() -> &'static str {
 pub struct ReadyBody {
     /// Whether everything is there.
     ready: bool,
-    /// Whether the store answers.
+    /// Whether the store answers and keeps what it is told.
     store: bool,
     /// Whether the stages answer; true for a daemon without a rig.
     rig: bool,
@@ -35,7 +35,7 @@ pub struct ReadyBody {
     (status = 503, description = "It cannot; `problem` says why", body = ReadyBody),
 ))]
 pub(super) async fn readyz(State(app): State<App>) -> impl IntoResponse {
-    let store = app.lab.store().last_event_id().await;
+    let store = app.lab.store().check_commits().await;
     let (rig, problem) = match app.lab.rig().await {
         Ok(view) => (view.connected, view.problem.map(|(_, detail)| detail)),
         Err(crate::lab::LabError::NoRig) => (true, None),

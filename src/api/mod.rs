@@ -8,10 +8,13 @@
 //! description), one line in [`router`], and the snapshot in `tests/data/openapi.json` renewed.
 
 mod accuracy;
+mod answered;
 mod asked;
+mod caching;
 mod calculations;
 mod calibrations;
 mod certainty;
+mod connections;
 mod document;
 mod error;
 mod events;

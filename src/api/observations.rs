@@ -29,6 +29,7 @@ pub struct ObservationParams {
     /// json (default) or csv.
     format: Option<String>,
     /// Rows at most, 1 to 1000; all if not given.
+    #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the page before.
     cursor: Option<String>,
@@ -73,7 +74,8 @@ pub struct ObservationsBody {
 
 /// Observations of a scan, reduced from its frames now or earlier.
 #[utoipa::path(get, path = "/api/v1/scans/{id}/observations", tag = "observations", params(("id" = i64, Path, description = "Number of the scan"), ObservationParams), responses(
-    (status = 200, description = "The observations; CSV columns: theta_c_deg, phi_s_deg, signal, sigma, n_frames", body = ObservationsBody),
+    (status = 200, description = "The observations; CSV columns: theta_c_deg, phi_s_deg, signal, sigma, n_frames",
+        content((ObservationsBody = "application/json"), (String = "text/csv"))),
     (status = 404, description = "There is no such scan", body = Problem),
     (status = 422, description = "The frames give no observations, or a region has to be named", body = Problem),
 ))]

@@ -3,6 +3,7 @@
 use axum::http::{HeaderMap, Method, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 
+use super::caching::Caching;
 use super::error::ApiError;
 use crate::wording::hex;
 
@@ -17,7 +18,11 @@ pub(super) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Respon
         "/" => "index.html",
         other => other.trim_start_matches('/'),
     };
-    if matches!(method, Method::GET | Method::HEAD) {
+    if !matches!(method, Method::GET | Method::HEAD) {
+        if path == "index.html" || Dist::get(path).is_some() {
+            return only_read();
+        }
+    } else {
         if let Some(file) = Dist::get(path) {
             return answer(path, &file, &headers);
         }
@@ -40,24 +45,28 @@ pub(super) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Respon
     ApiError::not_found(format!("there is no route {}; {hint}", uri.path())).into_response()
 }
 
+fn only_read() -> Response {
+    let problem = ApiError::new(
+        StatusCode::METHOD_NOT_ALLOWED,
+        "method-not-allowed",
+        "not with this method",
+        "the page is only read; the routes for scripts begin with /api/v1, and /openapi.json lists them",
+    );
+    ([(header::ALLOW, "GET, HEAD")], problem).into_response()
+}
+
 fn answer(path: &str, file: &rust_embed::EmbeddedFile, headers: &HeaderMap) -> Response {
-    let etag = format!("\"{}\"", hex(&file.metadata.sha256_hash()[..16]));
-    let known = headers
-        .get(header::IF_NONE_MATCH)
-        .and_then(|v| v.to_str().ok());
-    if known == Some(etag.as_str()) {
-        return StatusCode::NOT_MODIFIED.into_response();
-    }
     // Files below assets/ carry a hash in their name and never change.
     let cache = if path.starts_with("assets/") {
         "public, max-age=31536000, immutable"
     } else {
         "no-cache"
     };
-    let headers = [
-        (header::CONTENT_TYPE, file.metadata.mimetype().to_owned()),
-        (header::ETAG, etag),
-        (header::CACHE_CONTROL, cache.to_owned()),
-    ];
-    (headers, file.data.clone()).into_response()
+    let tag = hex(&file.metadata.sha256_hash()[..16]);
+    let caching = Caching::new(headers, &tag, cache);
+    if let Some(answer) = caching.not_modified() {
+        return answer;
+    }
+    let kind = [(header::CONTENT_TYPE, file.metadata.mimetype().to_owned())];
+    (caching.headers(), kind, file.data.clone()).into_response()
 }

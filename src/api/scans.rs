@@ -169,6 +169,7 @@ pub struct ScanParams {
     /// Scans in this state: planned, waiting-for-operator, running, pausing, paused, interrupted, completed, aborted or failed.
     state: Option<String>,
     /// Rows at most, 1 to 1000; 100 if not given.
+    #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the page before.
     cursor: Option<String>,

@@ -1,10 +1,15 @@
 //! The listener: loopback only, and an end that waits for what is under way.
 
 use std::future::Future;
+use std::io::ErrorKind::{ConnectionAborted, ConnectionRefused, ConnectionReset};
 use std::net::{IpAddr, SocketAddr, ToSocketAddrs};
+use std::pin::pin;
+use std::time::Duration;
 
 use axum::Router;
 use tokio::net::TcpListener;
+
+use super::connections::{Limits, Visitors};
 
 /// Why the daemon does not listen.
 #[derive(Debug, thiserror::Error)]
@@ -87,14 +92,81 @@ pub async fn serve(
     router: Router,
     end: impl Future<Output = ()> + Send + 'static,
 ) -> std::io::Result<()> {
-    axum::serve(listener, router)
-        .with_graceful_shutdown(end)
-        .await
+    let limits = Limits::within(open_files());
+    serve_within(listener, router, limits, end).await
+}
+
+pub(super) async fn serve_within(
+    listener: TcpListener,
+    router: Router,
+    limits: Limits,
+    end: impl Future<Output = ()> + Send + 'static,
+) -> std::io::Result<()> {
+    /// Time for others to close what they have open.
+    const OUT_OF_FILES: Duration = Duration::from_millis(50);
+    let mut visitors = Visitors::new(limits);
+    let mut end = pin!(end);
+    loop {
+        let accepted = tokio::select! {
+            biased;
+            () = &mut end => break,
+            accepted = listener.accept() => accepted,
+        };
+        match accepted {
+            Ok((stream, _)) => visitors.receive(stream, router.clone()),
+            // The client was faster away than it came.
+            Err(e)
+                if matches!(
+                    e.kind(),
+                    ConnectionAborted | ConnectionRefused | ConnectionReset
+                ) => {}
+            Err(error) => {
+                tracing::error!(%error, "a connection could not be accepted: {error}");
+                visitors.send_one_away();
+                tokio::time::sleep(OUT_OF_FILES).await;
+            }
+        }
+    }
+    drop(listener);
+    visitors.end().await;
+    Ok(())
+}
+
+/// Asks for as many open files as the operating system permits, and says how many there are.
+fn open_files() -> u64 {
+    use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+    /// More than anything here takes; some systems permit more than they can keep.
+    const ENOUGH: u64 = 65_536;
+    let limit = getrlimit(Resource::Nofile);
+    let most = limit.maximum.unwrap_or(ENOUGH).min(ENOUGH);
+    match limit.current {
+        Some(now) if now < most => {
+            let more = Rlimit {
+                current: Some(most),
+                maximum: limit.maximum,
+            };
+            match setrlimit(Resource::Nofile, more) {
+                Ok(()) => most,
+                Err(_) => now,
+            }
+        }
+        now => now.unwrap_or(ENOUGH),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn as_many_files_may_be_open_as_the_system_permits() {
+        use rustix::process::{Resource, getrlimit};
+        let files = open_files();
+        let limit = getrlimit(Resource::Nofile);
+        let most = limit.maximum.unwrap_or(u64::MAX).min(65_536);
+        assert!(files >= most, "{files} of {most}");
+        assert_eq!(open_files(), files);
+    }
 
     #[test]
     fn only_loopback_is_listened_on() {

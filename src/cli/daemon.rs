@@ -14,11 +14,11 @@ use super::interrupt::asked_to_stop;
 use crate::api::{self, RenderMetrics, server};
 use crate::bench::stage::NoFaults;
 use crate::bench::watched_folder::{WatchedFolder, WatchedFolderSettings};
-use crate::clock::{Clock, SystemClock};
+use crate::clock::{Clock, SystemClock, WallWatch};
 use crate::config::{Config, ConfigError};
 use crate::lab::{Lab, LabError, RigParts, RigSettings, StoredSeries};
 use crate::scan::runner::RunnerSettings;
-use crate::scan::visit::FrameRules;
+use crate::scan::visit::{FrameRules, LookedAt};
 use crate::scan::{Event, OperatorAction, Rig, StageLink};
 use crate::series::CameraFacts;
 use crate::store::disk::RealDisk;
@@ -54,7 +54,8 @@ pub fn runner_settings(
             read_noise_dn: camera.read_noise_electrons_rms.unwrap_or(2.0)
                 * camera.gain_dn_per_electron,
             dark_sigmas: 10.0,
-            black_sample_counts: false,
+            saturation_dn: camera.full_count(),
+            looked_at: LookedAt::default(),
             capped_mean_dn_max,
         },
     }
@@ -229,6 +230,7 @@ impl Daemon {
         let url = format!("http://{address}");
         let ending = CancellationToken::new();
         let router = api::router(lab.clone(), metrics(), ending.clone());
+        tokio::spawn(watch_the_time_of_day(ending.clone()));
         let end = ending.clone();
         let server = tokio::spawn(server::serve(listener, router, async move {
             end.cancelled().await;
@@ -262,7 +264,29 @@ impl Daemon {
     }
 }
 
-/// Completes on Ctrl-C or SIGTERM.
+/// Tells when the time of day steps: everything here waits by the time that passes, but frames are dated by it, and
+/// calibrations grow old by it.
+async fn watch_the_time_of_day(ending: CancellationToken) {
+    const LOOK_EVERY: Duration = Duration::from_secs(10);
+    let clock = SystemClock::new();
+    let mut watch = WallWatch::default();
+    while !ending.is_cancelled() {
+        if let Some(step) = watch.step(clock.now(), clock.wall()) {
+            let step_s = step.as_seconds_f64();
+            tracing::warn!(
+                step_s,
+                "the time of day went {step_s:+.1} s besides the time that passed (set, or the machine slept); \
+                 frames are dated by it and calibrations grow old by it"
+            );
+        }
+        tokio::select! {
+            () = ending.cancelled() => {}
+            () = tokio::time::sleep(LOOK_EVERY) => {}
+        }
+    }
+}
+
+/// Completes on Ctrl-C, SIGTERM or SIGHUP.
 ///
 /// # Errors
 /// No result if the system refuses a signal handler.

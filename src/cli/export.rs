@@ -4,12 +4,14 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use anyhow::anyhow;
+
 use super::CliError;
 use super::daemon;
 use super::interrupt;
-use crate::lab;
-use crate::store::Store;
+use crate::lab::{self, Exported, LabError};
 use crate::store::disk::RealDisk;
+use crate::store::{Store, StoreError};
 use crate::wording::counted;
 
 /// Writes a scan as a recorded series, frames bit for bit.
@@ -22,6 +24,9 @@ pub struct Args {
     /// New or empty folder to write to.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// Leave out frames whose files are missing or damaged, instead of writing nothing.
+    #[arg(long)]
+    pub skip_unreadable: bool,
     /// Data folder.
     #[arg(long, value_name = "DIR", default_value = "ridged-data")]
     pub data: PathBuf,
@@ -39,13 +44,29 @@ pub fn run(args: Args) -> Result<(), CliError> {
         let store = Store::open_for_reading(&args.data, Arc::new(RealDisk), clock)
             .await
             .map_err(|error| daemon::lab_error(error.into()))?;
-        let written = lab::export(&store, args.scan, &args.out, cancel).await;
+        let written = match args.skip_unreadable {
+            true => lab::export_readable(&store, args.scan, &args.out, cancel).await,
+            false => lab::export(&store, args.scan, &args.out, cancel)
+                .await
+                .map(|n_frames| Exported {
+                    n_frames,
+                    skipped: Vec::new(),
+                }),
+        };
         store.close().await;
-        let frames = written.map_err(daemon::lab_error)?;
+        let written = written.map_err(|error| match error {
+            LabError::Store(StoreError::FrameDamaged { .. }) => CliError::no_result(anyhow!(
+                "{error}, or pass --skip-unreadable to leave it out; nothing was written"
+            )),
+            error => daemon::lab_error(error),
+        })?;
+        for reason in &written.skipped {
+            tracing::warn!("left out: {reason}");
+        }
         writeln!(
             std::io::stdout(),
             "{} of scan {} in {}",
-            counted(frames, "frame"),
+            counted(written.n_frames, "frame"),
             args.scan,
             args.out.display()
         )

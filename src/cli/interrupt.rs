@@ -1,11 +1,12 @@
-//! Ctrl-C as a flag that long work looks at; SIGTERM, which batch queues and service managers send, is the same.
+//! Ctrl-C as a flag that long work looks at; SIGTERM, which batch queues and service managers send, is the same, and
+//! so is SIGHUP.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::CliError;
 
-/// A flag that Ctrl-C or SIGTERM raises. A second one ends the program at once.
+/// A flag that Ctrl-C, SIGTERM or SIGHUP raises. A second one ends the program at once.
 ///
 /// # Errors
 /// No result where the system refuses a thread or a signal handler.
@@ -31,15 +32,66 @@ pub fn flag() -> Result<Arc<AtomicBool>, CliError> {
     Ok(flag)
 }
 
-/// Completes on Ctrl-C or SIGTERM.
+/// Completes on Ctrl-C, SIGTERM or SIGHUP.
 ///
 /// # Errors
 /// Where the system refuses a signal handler.
 pub async fn asked_to_stop() -> std::io::Result<()> {
-    use tokio::signal::unix::{SignalKind, signal};
+    signals()?.await;
+    Ok(())
+}
+
+/// Listens from now on; completes on the first of Ctrl-C, SIGTERM, and SIGHUP, which a terminal that is closed sends.
+/// What `nohup` has made deaf to SIGHUP stays so.
+///
+/// # Errors
+/// Where the system refuses a signal handler.
+pub fn signals() -> std::io::Result<impl Future<Output = ()> + Send> {
+    use tokio::signal::unix::{Signal, SignalKind, signal};
+    /// Linux tells; elsewhere nobody is taken for deaf.
+    const TOLD_IN: &str = "/proc/self/status";
+    let status = std::fs::read_to_string(TOLD_IN).unwrap_or_default();
+    let hangup = SignalKind::hangup();
+    let mut interrupt = signal(SignalKind::interrupt())?;
     let mut terminate = signal(SignalKind::terminate())?;
-    tokio::select! {
-        ended = tokio::signal::ctrl_c() => ended,
-        _ = terminate.recv() => Ok(()),
+    let mut hangup: Option<Signal> = match ignores(&status, hangup.as_raw_value()) {
+        true => None,
+        false => Some(signal(hangup)?),
+    };
+    Ok(async move {
+        let hung_up = async {
+            match &mut hangup {
+                Some(hangup) => hangup.recv().await,
+                None => std::future::pending().await,
+            }
+        };
+        tokio::select! {
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+            _ = hung_up => {}
+        }
+    })
+}
+
+/// Whether a process with this `/proc/self/status` ignores a signal.
+fn ignores(status: &str, signal: i32) -> bool {
+    let mask = status.lines().find_map(|l| l.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_nohup_ignores_is_known() {
+        let status =
+            "Name:\tridged\nSigBlk:\t0000000000000001\nSigIgn:\t0000000000001001\nSigCgt:\t0\n";
+        assert!(ignores(status, 1));
+        assert!(ignores(status, 13));
+        assert!(!ignores(status, 15));
+        assert!(!ignores("SigIgn:\t0000000000001000\n", 1));
+        assert!(!ignores("", 1));
     }
 }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use super::CliError;
 use super::daemon::{self, Daemon};
+use super::interrupt;
 use super::simulated::{self, SimulatedRig, Simulation};
 use crate::api::server::{self, ListenError};
 
@@ -46,7 +47,7 @@ pub struct Args {
     pub seed: u64,
 }
 
-/// Runs until Ctrl-C or SIGTERM.
+/// Runs until Ctrl-C, SIGTERM or SIGHUP.
 ///
 /// # Errors
 /// Bad input for settings or an address that cannot be used; no result if address or data folder
@@ -89,6 +90,8 @@ async fn serve(args: Args) -> Result<(), CliError> {
             Some(rig.hands(&lab, false))
         }
     };
+    // Before the line that says "ready": whoever reads it may send the signal at once.
+    let told_to_end = interrupt::signals().map_err(CliError::no_result)?;
     let daemon = Daemon::start(lab, listener)?;
     let ready = writeln!(std::io::stdout(), "listening on {}", daemon.url)
         .and_then(|()| std::io::stdout().flush());
@@ -102,7 +105,7 @@ async fn serve(args: Args) -> Result<(), CliError> {
             tracing::error!(code, "{detail}");
         }
     });
-    daemon::told_to_end().await?;
+    told_to_end.await;
     tracing::info!("stopping: rig first, then connections, then the store");
     connecting.abort();
     daemon.end().await;

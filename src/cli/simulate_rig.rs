@@ -8,6 +8,7 @@ use anyhow::{Context, anyhow};
 use serde_json::{Value, json};
 
 use super::CliError;
+use super::interrupt;
 use crate::bench::AxisName;
 use crate::clock::{Clock, ScaledClock};
 use crate::sim::server::{serve_pty, serve_tcp};
@@ -37,7 +38,7 @@ pub struct Args {
     pub describe: bool,
 }
 
-/// Serves until Ctrl-C or SIGTERM.
+/// Serves until Ctrl-C, SIGTERM or SIGHUP.
 ///
 /// # Errors
 /// Bad input for a time scale or address that is none; no result if the line cannot be had.
@@ -54,7 +55,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         .map_err(CliError::no_result)?;
     runtime.block_on(async {
         // Before the line that says "ready": whoever reads it may send the signal at once.
-        let stop = stop_signal().map_err(CliError::no_result)?;
+        let stop = interrupt::signals().map_err(CliError::no_result)?;
         match &args.tcp {
             Some(address) => {
                 let address = parse_address(address)?;
@@ -84,18 +85,6 @@ fn parse_address(text: &str) -> Result<SocketAddr, CliError> {
             let error = anyhow!("{text:?} is not an address; write it like 127.0.0.1:55550");
             CliError::bad_input(error)
         })
-}
-
-fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
-    use tokio::signal::unix::{SignalKind, signal};
-    let mut interrupt = signal(SignalKind::interrupt())?;
-    let mut terminate = signal(SignalKind::terminate())?;
-    Ok(async move {
-        tokio::select! {
-            _ = interrupt.recv() => {}
-            _ = terminate.recv() => {}
-        }
-    })
 }
 
 fn announce(place: &str, args: &Args, world: &World) -> Result<(), CliError> {

@@ -5,7 +5,7 @@
 //! for a motion to end.
 
 use std::collections::{BTreeSet, HashMap, VecDeque};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use futures::future::BoxFuture;
@@ -82,6 +82,26 @@ pub(super) struct Told {
     pub clock: Arc<dyn Clock>,
     pub events: broadcast::Sender<Arc<RecordedEvent>>,
     pub ends: watch::Sender<HashMap<i64, RunEnd>>,
+    pub adrift: Adrift,
+}
+
+/// Scans that nobody runs any more and whose state still says otherwise, because it could not be written; each with
+/// the reason why it ended.
+#[derive(Clone, Default)]
+pub(super) struct Adrift {
+    scans: Arc<Mutex<HashMap<i64, String>>>,
+    /// Who brings one in does so alone: it may be resumed a moment later.
+    turn: Arc<tokio::sync::Mutex<()>>,
+}
+
+impl Adrift {
+    fn all(&self) -> MutexGuard<'_, HashMap<i64, String>> {
+        self.scans.lock().expect("no holder of this lock panics")
+    }
+
+    pub(super) fn has(&self, scan_id: i64) -> bool {
+        self.all().contains_key(&scan_id)
+    }
 }
 
 impl Told {
@@ -119,6 +139,7 @@ pub(super) async fn take(parts: RigParts, told: Told) -> Result<RigSide, StoreEr
         occupation: occupied,
         owner: Mutex::new(None),
         settings: settings.clone(),
+        told: told.clone(),
     };
     let owner = Owner {
         reach: rig.reach().clone(),
@@ -433,32 +454,42 @@ impl Owner {
             }),
             Err(error) => {
                 tracing::error!(scan_id, %error, "scan {scan_id} cannot be recorded any more: {error}");
-                tokio::spawn(interrupt_when_possible(
-                    self.told.clone(),
-                    scan_id,
-                    error.to_string(),
-                ));
+                self.told.adrift.all().insert(scan_id, error.to_string());
+                tokio::spawn(interrupt_when_possible(self.told.clone(), scan_id));
             }
         }
         self.occupy(None, None);
     }
 }
 
-/// A scan whose state could not be written is marked interrupted as soon as the store takes it.
-async fn interrupt_when_possible(told: Told, scan_id: i64, reason: String) {
-    const ATTEMPTS: u32 = 1000;
-    for _ in 0..ATTEMPTS {
+impl Told {
+    /// Marks a scan that is adrift as interrupted, so that it can be resumed or aborted; nothing where it is not.
+    pub(super) async fn bring_in(&self, scan_id: i64) -> Result<(), StoreError> {
+        let _turn = self.adrift.turn.lock().await;
+        let Some(reason) = self.adrift.all().get(&scan_id).cloned() else {
+            return Ok(());
+        };
         let state = ScanState::Interrupted;
-        let progress = told.store.last_progress(scan_id).await.unwrap_or_default();
-        let written = told
+        let progress = self.store.last_progress(scan_id).await.unwrap_or_default();
+        let written = self
             .store
             .change_state(scan_id, state, Some(&reason), None, progress)
             .await;
         match written {
-            Ok(event) => return tell(&told.events, event),
-            Err(StoreError::StateConflict { .. }) => return,
-            Err(_) => told.clock.sleep(Duration::from_secs(5)).await,
+            Ok(event) => tell(&self.events, event),
+            // It had come to an end before, or somebody else was faster.
+            Err(StoreError::StateConflict { .. }) => {}
+            Err(error) => return Err(error),
         }
+        self.adrift.all().remove(&scan_id);
+        Ok(())
+    }
+}
+
+/// A scan whose state could not be written is marked interrupted as soon as the store takes it.
+async fn interrupt_when_possible(told: Told, scan_id: i64) {
+    while told.bring_in(scan_id).await.is_err() && !told.store.is_closed() {
+        told.clock.sleep(Duration::from_secs(5)).await;
     }
 }
 

@@ -26,6 +26,7 @@ use crate::reduction::{self, ReductionError};
 use crate::scan::event::CalculationKind;
 use crate::store::calculations::CalculationEnd;
 use crate::store::{Store, StoreError};
+use crate::wording::objects;
 use crate::wording::refusals::plain;
 
 /// A map that is asked for: every pixel of a scan fitted.
@@ -240,13 +241,7 @@ impl Lab {
                 share("tolerance", request.tolerance)?;
                 let series = series(request.scan_id).await?;
                 check_region(&series, request.region.as_deref())?;
-                let specification =
-                    Specification::from_json(&request.specification).map_err(|e| {
-                        LabError::Invalid {
-                            field: "specification".into(),
-                            problem: plain(e.to_string().trim_start_matches("specification: ")),
-                        }
-                    })?;
+                let specification = specified(&request.specification)?;
                 let options = AnalysisOptions {
                     region: request.region.clone(),
                     fit: FitOptions {
@@ -419,6 +414,24 @@ impl Work {
 }
 
 /// Work that leaves files: made in a folder that is kept once all is done, and removed otherwise.
+/// A request's specification, each part of it by its name.
+fn specified(value: &serde_json::Value) -> Result<Specification, LabError> {
+    let invalid = |field: String, problem: &str| LabError::Invalid {
+        field,
+        problem: plain(problem.trim_start_matches("specification: ")),
+    };
+    let specification = Specification::from_json(value)
+        .map_err(|e| invalid("specification".into(), &e.to_string()))?;
+    objects::check::<Specification>(value).map_err(|refusal| {
+        let field = match refusal.path().to_string().as_str() {
+            "." => "specification".to_owned(),
+            path => format!("specification.{path}"),
+        };
+        invalid(field, &refusal.into_inner().to_string())
+    })?;
+    Ok(specification)
+}
+
 fn kept(
     store: &Store,
     kind: CalculationKind,
@@ -494,4 +507,29 @@ fn verdict_of(
     let analysed = analysis::analyse(series, options, &|p| tell_analysis(told, p), cancel)?;
     let verdict = VerdictReport::new(specification, &analysed.report, &analysed.observations);
     serde_json::to_string(&verdict).map_err(Failure::internal)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn a_specification_names_what_it_limits() {
+        let limits = |limits| json!({"name": "part 7", "limits": {"theta_r_deg": limits}});
+        specified(&limits(json!({"lower": 9.5, "upper": 10.5}))).unwrap();
+        for (value, field) in [
+            (
+                limits(json!([9.5, 10.5])),
+                "specification.limits.theta_r_deg: ",
+            ),
+            (
+                json!(["part 7", {}, {"theta_r_deg": {"lower": 1}}]),
+                "specification: ",
+            ),
+        ] {
+            let refused = specified(&value).unwrap_err().to_string();
+            assert!(refused.starts_with(field), "{refused}");
+        }
+    }
 }

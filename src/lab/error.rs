@@ -184,6 +184,7 @@ fn store_code(error: &StoreError) -> &'static str {
         | StoreError::UnreadLog { .. } => "store-damaged",
         StoreError::File { .. }
         | StoreError::Migration(_)
+        | StoreError::NotKept { .. }
         | StoreError::Frame(_)
         | StoreError::Database(_) => "store-failed",
     }

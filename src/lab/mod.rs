@@ -53,7 +53,7 @@ pub use fits::{FitRequest, Reduced};
 pub use headway::Progress as CalculationProgress;
 pub use plans::{Estimated, ScanRequest};
 pub use rig::{AxisView, RigView};
-pub use series::{ImportOptions, Imported, StoredSeries, export};
+pub use series::{Exported, ImportOptions, Imported, StoredSeries, export, export_readable};
 pub use traces::TraceRequest;
 use under_way::AllUnderWay;
 
@@ -124,6 +124,7 @@ struct RigSide {
     occupation: watch::Receiver<Occupation>,
     owner: Mutex<Option<tokio::task::JoinHandle<()>>>,
     reach: Reach,
+    told: bench::Told,
 }
 
 /// What the rig is doing, for everybody to see.
@@ -179,6 +180,7 @@ impl Lab {
                     clock: Arc::clone(&clock),
                     events: events.clone(),
                     ends: ends.clone(),
+                    adrift: bench::Adrift::default(),
                 };
                 Some(bench::take(parts, told).await?)
             }
@@ -238,20 +240,13 @@ impl Lab {
     /// Gives an order to a running scan, or resumes an interrupted one.
     ///
     /// # Errors
-    /// [`LabError::NotNow`] if the scan cannot do that where it stands.
+    /// [`LabError::NotNow`] if the scan cannot do that where it stands, or what the store says.
     pub async fn order(&self, scan_id: i64, order: Order) -> Result<ScanState, LabError> {
         let scan = self.inner.store.scan(scan_id).await?;
-        let asked = match order {
-            Order::Pause => "pause",
-            Order::Resume => "resume",
-            Order::Continue => "continue",
-            Order::Abort => "abort",
-            Order::Stop | Order::ShutDown => "stop",
-        };
         let not_now = |state| LabError::NotNow {
             scan_id,
             state,
-            asked,
+            asked: asked(order),
         };
         let occupation = match &self.inner.rig {
             Some(side) => side.occupation.borrow().clone(),
@@ -259,23 +254,7 @@ impl Lab {
         };
         let orders = match occupation.orders {
             Some(orders) if occupation.scan_id == Some(scan_id) => orders,
-            _ => {
-                return match (order, scan.state) {
-                    (Order::Resume, ScanState::Interrupted) => self.resume(&scan).await,
-                    (Order::Abort, ScanState::Interrupted) => {
-                        let reason = Some("aborted by the operator");
-                        let progress = self.store().last_progress(scan_id).await?;
-                        let event = self
-                            .inner
-                            .store
-                            .change_state(scan_id, ScanState::Aborted, reason, None, progress)
-                            .await?;
-                        self.tell(event);
-                        Ok(ScanState::Aborted)
-                    }
-                    (_, state) => Err(not_now(state)),
-                };
-            }
+            _ => return self.order_unheld(scan_id, order).await,
         };
         let permitted = match order {
             Order::Continue => scan.state == ScanState::WaitingForOperator,
@@ -291,9 +270,9 @@ impl Lab {
         }
         let (reply, answer) = oneshot::channel();
         let sent = orders.send(OrderSlip { order, reply }).await;
+        let side = self.side()?;
         if order == Order::Abort {
             // Homing and connecting do not listen to orders; the stage does.
-            let side = self.side()?;
             let stage = side.stage.borrow().clone();
             match stage {
                 Some(stage) => stage.stop().await?,
@@ -307,8 +286,15 @@ impl Lab {
         match answer {
             Some(Ok(state)) => Ok(state),
             Some(Err(state)) => Err(not_now(state)),
-            // The scan ended before the order was read.
+            // The scan ended before the order was read, or because what it led to could not be written.
             None => {
+                let mut occupation = side.occupation.clone();
+                let gone = occupation.wait_for(|now| now.scan_id != Some(scan_id));
+                // An owner that is gone holds no scan either.
+                gone.await.ok();
+                if side.told.adrift.has(scan_id) {
+                    return self.order_unheld(scan_id, order).await;
+                }
                 let state = self.inner.store.scan(scan_id).await?.state;
                 if order == Order::Abort && state == ScanState::Aborted {
                     Ok(state)
@@ -316,6 +302,33 @@ impl Lab {
                     Err(not_now(state))
                 }
             }
+        }
+    }
+
+    /// Gives an order to a scan that nobody runs.
+    async fn order_unheld(&self, scan_id: i64, order: Order) -> Result<ScanState, LabError> {
+        if let Some(side) = &self.inner.rig {
+            side.told.bring_in(scan_id).await?;
+        }
+        let scan = self.inner.store.scan(scan_id).await?;
+        match (order, scan.state) {
+            (Order::Resume, ScanState::Interrupted) => self.resume(&scan).await,
+            (Order::Abort, ScanState::Interrupted) => {
+                let reason = Some("aborted by the operator");
+                let progress = self.store().last_progress(scan_id).await?;
+                let event = self
+                    .inner
+                    .store
+                    .change_state(scan_id, ScanState::Aborted, reason, None, progress)
+                    .await?;
+                self.tell(event);
+                Ok(ScanState::Aborted)
+            }
+            (_, state) => Err(LabError::NotNow {
+                scan_id,
+                state,
+                asked: asked(order),
+            }),
         }
     }
 
@@ -401,6 +414,16 @@ impl Lab {
         {
             tracing::error!(%error, "the stages could not be stopped: {error}; look at the rig");
         }
+    }
+}
+
+fn asked(order: Order) -> &'static str {
+    match order {
+        Order::Pause => "pause",
+        Order::Resume => "resume",
+        Order::Continue => "continue",
+        Order::Abort => "abort",
+        Order::Stop | Order::ShutDown => "stop",
     }
 }
 

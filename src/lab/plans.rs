@@ -19,6 +19,10 @@ use crate::store::samples::Sample;
 use crate::store::scans::{NewScan, Scan};
 use crate::store::{StoreError, utc_text};
 
+/// How far ahead a calibration may be dated. Clocks are put right by less all the time; one from further ahead was
+/// dated by a clock that was wrong, and nobody knows how old it is.
+const AHEAD: Duration = Duration::from_secs(60);
+
 /// A scan that is asked for.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -58,10 +62,11 @@ impl Lab {
         let mut calibration_ids = Vec::new();
         if plan.reuse_calibrations {
             let usable = async |kind, exposures_s: &[f64], theta_c_deg: &[f64], valid: Duration| {
-                let since = utc_text(self.clock().utc() - valid);
+                let now = self.clock().utc();
+                let (since, until) = (utc_text(now - valid), utc_text(now + AHEAD));
                 let store = self.store();
                 store
-                    .usable_calibration(kind, side.id, exposures_s, theta_c_deg, &since)
+                    .usable_calibration(kind, side.id, exposures_s, theta_c_deg, &since, &until)
                     .await
             };
             if plan.dark.repeats > 0 {
@@ -281,7 +286,7 @@ impl Lab {
             Some(side) if kind == "dark" => side.settings.dark_valid,
             Some(side) => side.settings.flat_valid,
         };
-        let until = created + valid;
-        Ok((until, self.clock().utc() <= until))
+        let (now, until) = (self.clock().utc(), created + valid);
+        Ok((until, now <= until && created <= now + AHEAD))
     }
 }

@@ -25,6 +25,8 @@ pub struct StoredSeries {
     sha256: Vec<String>,
     /// Newest frame in it.
     pub last_frame_id: i64,
+    /// Whether no frame was left out.
+    is_whole: bool,
 }
 
 impl StoredSeries {
@@ -50,7 +52,33 @@ impl StoredSeries {
             rows,
             sha256,
             last_frame_id,
+            is_whole: true,
         })
+    }
+
+    /// Leaves out the frames whose files are missing or damaged, and says which and why.
+    fn without_unreadable(mut self, cancel: &AtomicBool) -> Result<(Self, Vec<String>), LabError> {
+        let mut skipped = Vec::new();
+        let frames = self.rows.drain(..).zip(self.sha256.drain(..));
+        let (mut rows, mut sha256) = (Vec::new(), Vec::new());
+        for (row, hash) in frames {
+            if cancel.load(Ordering::Relaxed) {
+                return Err(LabError::BrokenOff);
+            }
+            match self.store.read_png(&hash) {
+                Ok(_) => {
+                    rows.push(row);
+                    sha256.push(hash);
+                }
+                Err(error @ StoreError::FrameDamaged { .. }) => {
+                    skipped.push(format!("{}: {error}", row.file));
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
+        self.is_whole = skipped.is_empty();
+        (self.rows, self.sha256) = (rows, sha256);
+        Ok((self, skipped))
     }
 }
 
@@ -321,6 +349,15 @@ impl Lab {
     }
 }
 
+/// What an export wrote.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Exported {
+    /// Frames written.
+    pub n_frames: usize,
+    /// Frames left out, each with the reason.
+    pub skipped: Vec<String>,
+}
+
 /// Writes a scan of the store as a series into a new or empty folder; an imported series comes out as
 /// it came in, byte for byte. Returns the number of frames. A new folder appears whole or not at all.
 ///
@@ -334,7 +371,47 @@ pub async fn export(
     cancel: Arc<AtomicBool>,
 ) -> Result<usize, LabError> {
     let series = StoredSeries::open(store, scan_id).await?;
-    let frames_csv = store.frames_csv(scan_id).await?;
+    write_export(store, scan_id, series, folder, cancel).await
+}
+
+/// The same, less the frames that are damaged or missing; the list of frames is then written anew.
+///
+/// # Errors
+/// As [`export`]; [`LabError::Export`] where no frame is left.
+pub async fn export_readable(
+    store: &Store,
+    scan_id: i64,
+    folder: &Path,
+    cancel: Arc<AtomicBool>,
+) -> Result<Exported, LabError> {
+    let series = StoredSeries::open(store, scan_id).await?;
+    let stop = Arc::clone(&cancel);
+    let looked = move || series.without_unreadable(&stop);
+    let (series, skipped) = tokio::task::spawn_blocking(looked)
+        .await
+        .expect("reading frames does not panic")?;
+    if series.rows.is_empty() && !skipped.is_empty() {
+        let first = &skipped[0];
+        return Err(LabError::Export(format!(
+            "no frame of scan {scan_id} can be read, so there is nothing to write: {first}"
+        )));
+    }
+    let n_frames = write_export(store, scan_id, series, folder, cancel).await?;
+    Ok(Exported { n_frames, skipped })
+}
+
+async fn write_export(
+    store: &Store,
+    scan_id: i64,
+    series: StoredSeries,
+    folder: &Path,
+    cancel: Arc<AtomicBool>,
+) -> Result<usize, LabError> {
+    // A list that names what is left out is not the series' own any more.
+    let frames_csv = match series.is_whole {
+        true => store.frames_csv(scan_id).await?,
+        false => None,
+    };
     let manifest = match store.scan(scan_id).await?.origin {
         Origin::Import => Some(store.manifest(scan_id).await?),
         Origin::Rig => None,

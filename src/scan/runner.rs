@@ -16,9 +16,10 @@ use super::plan::{Shot, Step};
 use super::recorder::{RecordError, Recorder, Visit};
 use super::rig::Rig;
 use super::state::ScanState;
-use super::visit::{self, Rejected, Trouble};
+use super::visit::{self, Looked, Seen, Trouble};
 use crate::bench::stage::Stage;
 use crate::clock::Clock;
+use crate::frame::FrameKind;
 use crate::geometry::Pose;
 
 /// What a person or the daemon asks of a running scan.
@@ -138,6 +139,10 @@ struct Runner<'a> {
     stage: Option<Stage>,
     /// Predicted time of all points.
     predicted_total_s: f64,
+    /// Poses of the sample in the plan.
+    sample_poses: usize,
+    /// What this run has seen.
+    seen: Seen,
     ledger: Ledger,
 }
 
@@ -167,6 +172,8 @@ impl<'a> Runner<'a> {
             state: ScanState::Planned,
             stage: None,
             predicted_total_s: 0.0,
+            sample_poses: 0,
+            seen: Seen::default(),
             ledger: Ledger::default(),
             job,
         };
@@ -179,9 +186,11 @@ impl<'a> Runner<'a> {
         let mut ledger = Ledger::default();
         ledger.progress.elapsed_s = self.job.elapsed_s;
         self.predicted_total_s = 0.0;
+        self.sample_poses = 0;
         let mut at = None;
         for step in &self.job.steps {
             let Step::Shot(shot) = step else { continue };
+            self.sample_poses += usize::from(shot.kind == FrameKind::Sample);
             ledger.progress.shots_total += 1;
             ledger.progress.frames_total += shot.n_frames();
             let predicted = self.predict(at, shot);
@@ -293,7 +302,12 @@ impl<'a> Runner<'a> {
             };
             attempt += 1;
             let trouble = match outcome {
-                Ok(visit) => {
+                Ok(mut visit) => {
+                    let rules = &self.job.settings.frame;
+                    let looked = Looked::at(&visit, rules);
+                    if visit.rejected.is_none() {
+                        visit.rejected = self.seen.fault(&looked, self.sample_poses, rules);
+                    }
                     let rejected = visit.rejected.clone();
                     self.count(shot, rejected.is_none());
                     match self.recorder.visit(visit, self.ledger.progress).await {
@@ -309,7 +323,10 @@ impl<'a> Runner<'a> {
                     let took = self.job.clock.now().saturating_sub(started);
                     self.ledger.progress.elapsed_s += took.as_secs_f64();
                     match rejected {
-                        None => return self.pause_if_asked().await,
+                        None => {
+                            self.seen.remember(looked);
+                            return self.pause_if_asked().await;
+                        }
                         Some(why) => Trouble::Frames(why),
                     }
                 }
@@ -332,8 +349,8 @@ impl<'a> Runner<'a> {
                 attempt = 0;
                 // Somebody has looked at a black sample and says to go on: some are. Who resumes after any
                 // other trouble has not looked.
-                if matches!(trouble, Trouble::Frames(Rejected::BlackSample)) {
-                    self.job.settings.frame.black_sample_counts = true;
+                if let Trouble::Frames(rejected) = &trouble {
+                    self.job.settings.frame.looked_at.note(rejected);
                 }
             }
             if matches!(trouble, Trouble::Stage(_)) {
@@ -525,7 +542,11 @@ impl<'a> Runner<'a> {
                 }
                 Order::Abort | Order::ShutDown => return self.end_by(slip.order, slip).await,
                 Order::Pause | Order::Stop => {
-                    self.enter(ScanState::Paused, None).await?;
+                    let reason = match slip.order {
+                        Order::Stop => Some(Trouble::STOPPED),
+                        _ => None,
+                    };
+                    self.enter(ScanState::Paused, reason).await?;
                     slip.reply.send(Ok(self.state)).ok();
                     self.wait_for_resume().await?;
                 }

@@ -20,11 +20,35 @@ pub struct FrameRules {
     /// How far above the black level, in standard deviations of the read noise, a frame's mean must
     /// be to show light at all.
     pub dark_sigmas: f64,
-    /// Whether a sample frame without light counts. A metal may show none, but so does a cap that
-    /// was left on: a person looks once.
-    pub black_sample_counts: bool,
+    /// Count at which a pixel is full.
+    pub saturation_dn: u16,
+    /// What counts because a person has looked.
+    pub looked_at: LookedAt,
     /// How many counts above the black level the mean of a capped frame may be.
     pub capped_mean_dn_max: f64,
+}
+
+/// What may be as it should, and may be a fault: a person looks once, and who resumes then says that it counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct LookedAt {
+    /// A sample without light: a metal may show none, but so does a cap that was left on.
+    pub black_sample: bool,
+    /// A sample that fills the camera at every pose.
+    pub full_sample: bool,
+    /// A picture that comes again.
+    pub same_frame: bool,
+}
+
+impl LookedAt {
+    /// Notes that a person has looked at this.
+    pub(super) fn note(&mut self, rejected: &Rejected) {
+        match rejected {
+            Rejected::BlackSample => self.black_sample = true,
+            Rejected::FullSample { .. } => self.full_sample = true,
+            Rejected::SameFrame => self.same_frame = true,
+            Rejected::Otherwise(_) => {}
+        }
+    }
 }
 
 /// Why a visit did not give frames that count.
@@ -47,6 +71,20 @@ pub enum Rejected {
     /// The sample shows no light. It may be so, once somebody has looked.
     #[error("{}", BLACK)]
     BlackSample,
+    /// The sample fills the camera at one pose after the other. It may be so, once somebody has looked.
+    #[error(
+        "full: at {poses} poses in a row most pixels are full in the shortest exposure; look at lamp and camera, or \
+         plan shorter exposures"
+    )]
+    FullSample {
+        /// How many.
+        poses: usize,
+    },
+    /// The camera gave a picture that it had given before.
+    #[error(
+        "the same picture as before, bit for bit: the camera takes no new ones; look at it and its program"
+    )]
+    SameFrame,
     /// Anything else, in words.
     #[error("{0}")]
     Otherwise(String),
@@ -237,7 +275,7 @@ fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<R
         }
     }
     match kind {
-        FrameKind::Sample if rules.black_sample_counts => None,
+        FrameKind::Sample if rules.looked_at.black_sample => None,
         FrameKind::Dark => frames
             .iter()
             .map(|taken| mean_dn(&taken.captured.frame) - rules.black_level_dn)
@@ -251,15 +289,132 @@ fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<R
             let longest = frames
                 .iter()
                 .max_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s))?;
-            let frame = &longest.captured.frame;
-            let above = mean_dn(frame) - rules.black_level_dn;
-            let sigma = rules.read_noise_dn.max(0.3) / (frame.pixels_dn().len() as f64).sqrt();
-            (above < rules.dark_sigmas * sigma).then(|| match kind {
+            shows_no_light(&longest.captured.frame, rules).then(|| match kind {
                 FrameKind::Sample => Rejected::BlackSample,
                 FrameKind::Dark | FrameKind::Flat => Rejected::Otherwise(BLACK.into()),
             })
         }
     }
+}
+
+/// Poses in a row that fill the camera before any pose did not: the whole series would be lost.
+const FULL_AT_FIRST: usize = 3;
+/// The same after a pose that did not. A lobe fills some: at one tilt perhaps all azimuths.
+const FULL_LATER: usize = 24;
+
+/// What no visit shows by itself: frames that come again, and one full pose after the other.
+#[derive(Debug, Default)]
+pub(super) struct Seen {
+    last: Option<Looked>,
+    full_in_a_row: usize,
+    some_not_full: bool,
+}
+
+/// What is remembered of a visit.
+#[derive(Debug)]
+pub(super) struct Looked {
+    kind: FrameKind,
+    target: Option<Pose>,
+    /// Exposure and fingerprint of the frames that show more than darkness or full pixels.
+    prints: Vec<(f64, u64)>,
+    /// Whether most pixels of the shortest exposure are full.
+    full: bool,
+}
+
+impl Looked {
+    pub fn at(visit: &Visit, rules: &FrameRules) -> Looked {
+        let full = |frame: &Frame| {
+            let pixels = frame.pixels_dn();
+            let full = pixels.iter().filter(|dn| **dn >= rules.saturation_dn);
+            full.count() as f64 / pixels.len() as f64
+        };
+        let shows = |frame: &Frame| !shows_no_light(frame, rules) && full(frame) < 1.0;
+        let frames = || {
+            let all = visit.frames.iter();
+            all.map(|taken| (taken.exposure_s, &taken.captured.frame))
+        };
+        let shortest = frames().min_by(|a, b| a.0.total_cmp(&b.0));
+        Looked {
+            kind: visit.shot.kind,
+            target: visit.shot.target,
+            prints: frames()
+                .filter(|(_, frame)| shows(frame))
+                .map(|(exposure_s, frame)| (exposure_s, fingerprint(frame)))
+                .collect(),
+            full: shortest.is_some_and(|(_, frame)| full(frame) > 0.5),
+        }
+    }
+}
+
+impl Seen {
+    /// What is wrong with a visit after those that were remembered; `poses` of the sample are in the plan.
+    pub fn fault(&self, looked: &Looked, poses: usize, rules: &FrameRules) -> Option<Rejected> {
+        if looked.kind == FrameKind::Dark {
+            return None;
+        }
+        // Noise makes every picture another one.
+        let noisy = rules.read_noise_dn > 0.0;
+        if noisy && !rules.looked_at.same_frame && self.shows_again(looked) {
+            return Some(Rejected::SameFrame);
+        }
+        if !looked.full {
+            return None;
+        }
+        if looked.kind == FrameKind::Flat {
+            return Some(Rejected::Otherwise(FULL_FLAT.into()));
+        }
+        let bound = match self.some_not_full {
+            true => FULL_LATER,
+            false => FULL_AT_FIRST.min(poses),
+        };
+        let in_a_row = self.full_in_a_row + 1;
+        (in_a_row >= bound && !rules.looked_at.full_sample)
+            .then_some(Rejected::FullSample { poses: in_a_row })
+    }
+
+    fn shows_again(&self, looked: &Looked) -> bool {
+        let elsewhere = self
+            .last
+            .as_ref()
+            .filter(|last| (last.kind, last.target) != (looked.kind, looked.target));
+        let before = elsewhere.map_or(&[][..], |last| &last.prints);
+        let (prints, before) = (&looked.prints, before.iter().map(|(_, print)| print));
+        let again = before.clone().any(|b| prints.iter().any(|(_, p)| p == b));
+        // One picture cannot be right at two exposures.
+        let twice = prints.iter().enumerate().any(|(i, (exposure_s, print))| {
+            let others = &prints[..i];
+            others.iter().any(|(e, p)| p == print && e != exposure_s)
+        });
+        again || twice
+    }
+
+    /// Remembers a visit that counts.
+    pub fn remember(&mut self, looked: Looked) {
+        if looked.kind == FrameKind::Sample {
+            self.some_not_full |= !looked.full;
+            self.full_in_a_row = match looked.full {
+                true => self.full_in_a_row + 1,
+                false => 0,
+            };
+        }
+        self.last = Some(looked);
+    }
+}
+
+const FULL_FLAT: &str = "full: most pixels of the white reference are full in the shortest exposure; look at lamp and \
+     camera, or plan shorter exposures";
+
+fn fingerprint(frame: &Frame) -> u64 {
+    use std::hash::{DefaultHasher, Hash, Hasher};
+    let mut hasher = DefaultHasher::new();
+    frame.pixels_dn().hash(&mut hasher);
+    hasher.finish()
+}
+
+fn shows_no_light(frame: &Frame, rules: &FrameRules) -> bool {
+    let above = mean_dn(frame) - rules.black_level_dn;
+    let sigma = rules.read_noise_dn.max(0.3) / (frame.pixels_dn().len() as f64).sqrt();
+    above < rules.dark_sigmas * sigma
 }
 
 fn mean_dn(frame: &Frame) -> f64 {
@@ -279,7 +434,8 @@ mod tests {
             black_level_dn: 200.0,
             read_noise_dn: 4.0,
             dark_sigmas: 10.0,
-            black_sample_counts: false,
+            saturation_dn: 4000,
+            looked_at: LookedAt::default(),
             capped_mean_dn_max: 50.0,
         }
     }
@@ -315,6 +471,90 @@ mod tests {
     fn a_short_exposure_may_be_black_if_the_long_one_is_not() {
         let frames = [taken(200, 0.001), taken(900, 0.1)];
         assert_eq!(fault(&frames, FrameKind::Sample, &rules()), None);
+    }
+
+    fn looked(kind: FrameKind, phi_s_deg: f64, frames: &[(u16, f64)]) -> Looked {
+        let pose = Pose::from_deg(0.0, phi_s_deg);
+        let visit = Visit {
+            shot: Shot {
+                index: 0,
+                kind,
+                pose: Some(pose),
+                target: Some(pose),
+                exposures_s: Vec::new(),
+                repeats: 1,
+            },
+            attempt: 0,
+            pose,
+            frames: frames.iter().map(|(dn, s)| taken(*dn, *s)).collect(),
+            rejected: None,
+            taken_at: time::macros::datetime!(2026-01-01 00:00 UTC),
+        };
+        Looked::at(&visit, &rules())
+    }
+
+    #[test]
+    fn a_picture_that_comes_again_is_no_picture() {
+        let mut seen = Seen::default();
+        let at = |phi_s_deg, dn| looked(FrameKind::Sample, phi_s_deg, &[(dn, 0.1)]);
+        let fault = |seen: &Seen, looked: &Looked, rules: &FrameRules| seen.fault(looked, 9, rules);
+        seen.remember(at(0.0, 900));
+        // A retake at the same pose is no other pose; black and full pictures are all alike.
+        assert_eq!(fault(&seen, &at(0.0, 900), &rules()), None);
+        assert_eq!(fault(&seen, &at(30.0, 901), &rules()), None);
+        assert_eq!(
+            fault(&seen, &at(30.0, 900), &rules()),
+            Some(Rejected::SameFrame)
+        );
+        let (mut silent, mut looked_at) = (rules(), rules());
+        silent.read_noise_dn = 0.0;
+        looked_at.looked_at.note(&Rejected::SameFrame);
+        for rules in [silent, looked_at] {
+            assert_eq!(fault(&seen, &at(30.0, 900), &rules), None);
+        }
+        for dn in [200, 4095] {
+            seen.remember(at(0.0, dn));
+            assert_eq!(fault(&seen, &at(30.0, dn), &rules()), None, "{dn}");
+        }
+        let twice = looked(FrameKind::Sample, 60.0, &[(900, 0.01), (900, 0.1)]);
+        assert_eq!(fault(&seen, &twice, &rules()), Some(Rejected::SameFrame));
+    }
+
+    #[test]
+    fn a_lobe_may_fill_the_camera_and_a_series_may_not() {
+        let pose = |full: bool| {
+            let short = if full { 4095 } else { 900 };
+            looked(FrameKind::Sample, 0.0, &[(short, 0.01), (4095, 0.1)])
+        };
+        let run = |seen: &mut Seen, full: bool, poses| {
+            let looked = pose(full);
+            let fault = seen.fault(&looked, poses, &rules());
+            seen.remember(looked);
+            fault
+        };
+        let mut seen = Seen::default();
+        assert_eq!(run(&mut seen, true, 9), None);
+        assert_eq!(run(&mut seen, true, 9), None);
+        let full = Some(Rejected::FullSample { poses: 3 });
+        assert_eq!(run(&mut seen, true, 9), full);
+        assert_eq!(
+            run(&mut Seen::default(), true, 1),
+            Some(Rejected::FullSample { poses: 1 })
+        );
+        // After one that was not full there may be twelve azimuths that are.
+        let mut seen = Seen::default();
+        run(&mut seen, false, 9);
+        for _ in 0..12 {
+            assert_eq!(run(&mut seen, true, 9), None);
+        }
+        let later = (0..24).find_map(|_| run(&mut seen, true, 9));
+        assert_eq!(later, Some(Rejected::FullSample { poses: 24 }));
+        let white = looked(FrameKind::Flat, 0.0, &[(4095, 0.01)]);
+        let words = seen.fault(&white, 9, &rules()).unwrap().to_string();
+        assert!(words.starts_with("full"), "{words}");
+        let mut rules = rules();
+        rules.looked_at.note(&Rejected::FullSample { poses: 3 });
+        assert_eq!(Seen::default().fault(&pose(true), 1, &rules), None);
     }
 
     #[test]

@@ -183,8 +183,8 @@ impl Store {
             .try_into()
     }
 
-    /// Newest calibration of a kind for a rig that was made at or after `since` (RFC 3339 UTC) and
-    /// has all these exposures and tilts.
+    /// Newest calibration of a kind for a rig that was made from `since` to `until` (RFC 3339 UTC) and has all these
+    /// exposures and tilts.
     ///
     /// # Errors
     /// What the database says.
@@ -195,13 +195,15 @@ impl Store {
         exposures_s: &[f64],
         theta_c_deg: &[f64],
         since: &str,
+        until: &str,
     ) -> Result<Option<Calibration>, StoreError> {
         let rows = sqlx::query_as::<_, Row>(
-            "SELECT * FROM calibrations WHERE kind = ? AND rig_id = ? AND created_at >= ? ORDER BY id DESC",
+            "SELECT * FROM calibrations WHERE kind = ? AND rig_id = ? AND created_at BETWEEN ? AND ? ORDER BY id DESC",
         )
         .bind(kind.as_str())
         .bind(rig_id)
         .bind(since)
+        .bind(until)
         .fetch_all(self.readers())
         .await?;
         let has = |have: &[f64], want: &[f64]| {
@@ -297,14 +299,20 @@ mod tests {
             })
             .await
             .unwrap();
-        let finds = async |rig_id, exposures: &[f64], tilts: &[f64], since| {
+        let past = "2000-01-01T00:00:00.000Z";
+        let finds_until = async |rig_id, exposures: &[f64], tilts: &[f64], since, until| {
             store
-                .usable_calibration(FrameKind::Flat, rig_id, exposures, tilts, since)
+                .usable_calibration(FrameKind::Flat, rig_id, exposures, tilts, since, until)
                 .await
                 .unwrap()
                 .is_some()
         };
-        let past = "2000-01-01T00:00:00.000Z";
+        let finds = async |rig_id, exposures: &[f64], tilts: &[f64], since| {
+            let until = "2100-01-02T00:00:00.000Z";
+            finds_until(rig_id, exposures, tilts, since, until).await
+        };
+        // One that is not made yet was dated by a clock that was wrong.
+        assert!(!finds_until(rig_id, &[0.02], &[0.0], past, past).await);
         assert!(finds(rig_id, &[0.02], &[0.0, 10.0], past).await);
         assert!(!finds(rig_id + 1, &[0.02], &[0.0], past).await);
         assert!(!finds(rig_id, &[0.18], &[0.0], past).await);

@@ -136,6 +136,18 @@ pub enum StoreError {
         /// What is wrong.
         detail: String,
     },
+    /// The database told of commits that it did not keep.
+    #[error(
+        "events {} to {written} were written and not kept, and what was told with them may be lost; what is \
+         written from now on is kept again: see what is missing",
+        kept + 1
+    )]
+    NotKept {
+        /// Number of the last event that readers see.
+        kept: i64,
+        /// Number of the last event that the writer saw.
+        written: i64,
+    },
     /// Anything else the database says.
     #[error("the database refused: {0}")]
     Database(sqlx::Error),
@@ -147,12 +159,18 @@ impl From<sqlx::Error> for StoreError {
         const CORRUPT: i32 = 11;
         const FULL: i32 = 13;
         const NOT_A_DATABASE: i32 = 26;
+        /// The index of the log, made anew when the database is opened, found no room.
+        const NO_ROOM_FOR_INDEX: i32 = 10 | (19 << 8);
         let code = error
             .as_database_error()
             .and_then(|e| e.code())
-            .and_then(|code| code.parse::<i32>().ok())
-            .map(|code| code & 0xff);
-        match code {
+            .and_then(|code| code.parse::<i32>().ok());
+        if code == Some(NO_ROOM_FOR_INDEX) {
+            return StoreError::DiskFull {
+                detail: "the index of the database's log could not be made".into(),
+            };
+        }
+        match code.map(|code| code & 0xff) {
             Some(FULL) => StoreError::DiskFull {
                 detail: "the database could not grow".into(),
             },

@@ -37,9 +37,11 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use sqlx::Connection;
 use sqlx::migrate::Migrator;
 use sqlx::sqlite::{
-    SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
+    SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions,
+    SqliteSynchronous,
 };
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
@@ -209,6 +211,7 @@ impl Store {
     ) -> Result<Store, StoreError> {
         let writer = SqlitePoolOptions::new()
             .max_connections(1)
+            .after_release(|connection, _| Box::pin(is_out_of_transactions(connection)))
             .connect_with(options.clone())
             .await?;
         let readers = SqlitePoolOptions::new()
@@ -259,6 +262,33 @@ impl Store {
             .map_err(|e| StoreError::file("the data folder", &self.inner.folder, e))
     }
 
+    /// Whether what is written can be read: a reader finds the newest event that the writer sees. A writer that is
+    /// at work is left alone.
+    ///
+    /// # Errors
+    /// [`StoreError::NotKept`] if it cannot, else what the database says.
+    pub async fn check_commits(&self) -> Result<(), StoreError> {
+        const NEWEST: &str = "SELECT COALESCE(MAX(id), 0) FROM events";
+        let mut writer = self.writer().try_acquire();
+        let written: i64 = match &mut writer {
+            Some(writer) => sqlx::query_scalar(NEWEST).fetch_one(&mut **writer).await?,
+            None => 0,
+        };
+        let kept: i64 = sqlx::query_scalar(NEWEST).fetch_one(self.readers()).await?;
+        let Some(writer) = writer.filter(|_| written > kept) else {
+            return Ok(());
+        };
+        tracing::error!("events {} to {written} were not kept", kept + 1);
+        // What is written from now on is.
+        writer.close().await?;
+        Err(StoreError::NotKept { kept, written })
+    }
+
+    /// Whether [`Store::close`] was called.
+    pub(crate) fn is_closed(&self) -> bool {
+        self.inner.writer.is_closed()
+    }
+
     fn writer(&self) -> &SqlitePool {
         &self.inner.writer
     }
@@ -275,6 +305,24 @@ impl Store {
     fn wall_text(&self) -> String {
         utc_text(self.inner.clock.wall())
     }
+}
+
+/// Whether a connection may be used again; if not, the pool closes it and opens another.
+///
+/// A COMMIT that fails on a full disk is rolled back by SQLite itself. The ROLLBACK after it fails then, sqlx goes on
+/// counting the transaction as open, and makes a savepoint of the next one. When that fails too, SQLite keeps the
+/// savepoint: whatever is committed on the connection from then on lies within it and is never written.
+async fn is_out_of_transactions(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
+    // A rollback that waits its turn has had it once this is answered.
+    connection.ping().await?;
+    let is_out = !connection.is_in_transaction();
+    if !is_out {
+        tracing::warn!(
+            "a write could neither be committed nor rolled back (a full disk does that); \
+             the database is opened anew"
+        );
+    }
+    Ok(is_out)
 }
 
 const DATABASE: &str = "ridged.sqlite";
@@ -452,6 +500,95 @@ pub(crate) mod tests {
             "{refused:?}"
         );
         assert_eq!(fs::read(&path).unwrap(), bytes);
+    }
+
+    /// Has commits refused the way a full disk has them refused: SQLite rolls back by itself.
+    async fn refuse_commits(store: &Store) {
+        let mut connection = store.writer().acquire().await.unwrap();
+        let mut handle = connection.lock_handle().await.unwrap();
+        handle.set_commit_hook(|| false);
+    }
+
+    async fn accept_commits(store: &Store) {
+        let mut connection = store.writer().acquire().await.unwrap();
+        connection.lock_handle().await.unwrap().remove_commit_hook();
+    }
+
+    fn alarm(code: &str) -> crate::scan::Event {
+        crate::scan::Event::Alarm {
+            code: code.into(),
+            message: String::new(),
+            scan_id: None,
+        }
+    }
+
+    #[tokio::test]
+    async fn what_is_written_after_failed_commits_is_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        for _ in 0..3 {
+            refuse_commits(&store).await;
+            store.record(alarm("lost")).await.unwrap_err();
+        }
+        accept_commits(&store).await;
+        let event = store.record(alarm("kept")).await.unwrap();
+        let sample = samples::tests::polymer(&store).await;
+        store.check_commits().await.unwrap();
+        // A connection that was opened anew is set as the first one was.
+        let mut writer = store.writer().acquire().await.unwrap();
+        for (pragma, wanted) in [
+            ("PRAGMA synchronous", "2"),
+            ("PRAGMA foreign_keys", "1"),
+            ("PRAGMA journal_mode", "wal"),
+        ] {
+            use sqlx::{Row, TypeInfo, ValueRef};
+            let row = sqlx::query(pragma).fetch_one(&mut *writer).await.unwrap();
+            let is_text = row.try_get_raw(0).unwrap().type_info().name() == "TEXT";
+            let is = match is_text {
+                true => row.get::<String, _>(0),
+                false => row.get::<i64, _>(0).to_string(),
+            };
+            assert_eq!(is, wanted, "{pragma}");
+        }
+        drop(writer);
+        assert!(matches!(
+            open(folder.path()).await,
+            Err(StoreError::InUse { .. })
+        ));
+        store.close().await;
+        drop(store);
+        let (store, _) = open(folder.path()).await.unwrap();
+        assert_eq!(store.events_after(0, 10).await.unwrap(), [event]);
+        assert_eq!(store.sample(sample.id).await.unwrap(), sample);
+    }
+
+    #[tokio::test]
+    async fn a_writer_whose_commits_nobody_sees_is_told_and_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        store.record(alarm("kept")).await.unwrap();
+        store.check_commits().await.unwrap();
+        for statement in [
+            "BEGIN",
+            "INSERT INTO events (at, kind, body) VALUES ('', 'alarm', '{}')",
+        ] {
+            let done = sqlx::query(statement).execute(store.writer()).await;
+            done.unwrap();
+        }
+        let told = store.check_commits().await.unwrap_err();
+        assert!(
+            matches!(
+                told,
+                StoreError::NotKept {
+                    kept: 1,
+                    written: 2
+                }
+            ),
+            "{told}"
+        );
+        store.check_commits().await.unwrap();
+        let event = store.record(alarm("kept")).await.unwrap();
+        assert_eq!(store.last_event_id().await.unwrap(), event.id);
     }
 
     /// A disk with so many bytes left.

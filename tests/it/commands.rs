@@ -242,6 +242,33 @@ fn a_second_daemon_on_one_folder_is_refused() {
 }
 
 #[test]
+fn a_daemon_that_may_open_few_files_hears_the_stop_among_many_connections() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut shell = Command::new("sh");
+    let program = env!("CARGO_BIN_EXE_ridged");
+    shell.args(["-c", r#"ulimit -n 128; exec "$0" "$@""#, program]);
+    let mut daemon = Daemon::start_by(shell, folder.path(), &["--simulated-rig"]);
+    let address = daemon.url.strip_prefix("http://").unwrap().to_owned();
+    let idle: Vec<TcpStream> = (0..300)
+        .map(|_| TcpStream::connect(&address).unwrap())
+        .collect();
+    let stopped = daemon.post("/rig/stop", "");
+    assert_eq!(stopped.0, 200, "{}", stopped.1);
+    drop(idle);
+    assert!(daemon.terminate().success());
+}
+
+#[test]
+fn a_terminal_that_is_closed_ends_a_daemon_as_ctrl_c_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut daemon = Daemon::start(folder.path(), &["--simulated-rig"]);
+    let ended = daemon.end_by(rustix::process::Signal::HUP);
+    assert!(ended.success(), "{ended}");
+    // The rig is stopped and the notice taken away: it did not just fall over.
+    assert!(!folder.path().join("data/daemon.json").exists());
+}
+
+#[test]
 fn a_kill_in_mid_scan_leaves_every_committed_frame_and_the_scan_interrupted() {
     let folder = tempfile::tempdir().unwrap();
     let args = ["--simulated-rig", "--time-scale", "20"];
@@ -294,8 +321,13 @@ struct Daemon {
 
 impl Daemon {
     fn start(folder: &Path, args: &[&str]) -> Daemon {
+        let program = Command::new(env!("CARGO_BIN_EXE_ridged"));
+        Daemon::start_by(program, folder, args)
+    }
+
+    fn start_by(mut program: Command, folder: &Path, args: &[&str]) -> Daemon {
         let data: PathBuf = folder.join("data");
-        let mut child = Command::new(env!("CARGO_BIN_EXE_ridged"))
+        let mut child = program
             .args(["serve", "--listen", "127.0.0.1:0", "--data"])
             .arg(data)
             .args(args)
@@ -388,8 +420,12 @@ impl Daemon {
 
     /// Ends it as a service manager does.
     fn terminate(&mut self) -> std::process::ExitStatus {
+        self.end_by(rustix::process::Signal::TERM)
+    }
+
+    fn end_by(&mut self, signal: rustix::process::Signal) -> std::process::ExitStatus {
         let pid = rustix::process::Pid::from_child(&self.child);
-        rustix::process::kill_process(pid, rustix::process::Signal::TERM).unwrap();
+        rustix::process::kill_process(pid, signal).unwrap();
         self.child.wait().unwrap()
     }
 }

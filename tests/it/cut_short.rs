@@ -81,6 +81,34 @@ async fn a_scan_that_cannot_be_resumed_says_so_and_can_be_later() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_scan_whose_orders_could_not_be_written_takes_them_once_they_can() {
+    for (order, state) in [
+        (Order::Abort, ScanState::Aborted),
+        (Order::Resume, ScanState::Running),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let bench = BenchInABox::open(folder.path(), Arc::new(RealDisk), false).await;
+        let scan = bench.start(small(&[0.0], &[0.0])).await;
+        bench.until(scan.id, ScanState::WaitingForOperator).await;
+        bench.lab.order(scan.id, Order::Pause).await.unwrap();
+        by_hand(
+            folder.path(),
+            "CREATE TRIGGER full BEFORE INSERT ON scan_states BEGIN SELECT RAISE(ABORT, 'full'); END",
+        )
+        .await;
+        // Not that it stands where it cannot be aborted: what keeps it from being written.
+        for order in [order, Order::Abort, Order::Resume] {
+            let answer = tokio::time::timeout(NEVER, bench.lab.order(scan.id, order)).await;
+            let refused = answer.expect("an answer comes").unwrap_err();
+            assert_eq!(refused.code(), "store-failed", "{refused}");
+        }
+        by_hand(folder.path(), "DROP TRIGGER full").await;
+        assert_eq!(bench.lab.order(scan.id, order).await.unwrap(), state);
+        bench.end().await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_scan_whose_client_went_away_is_planned_and_begun_all_the_same() {
     let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
     let request = ScanRequest {

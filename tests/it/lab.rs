@@ -4,9 +4,12 @@ use std::io;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
+use std::time::Duration;
 
 use ridged::analysis;
-use ridged::lab::{FitRequest, ImportOptions, LabError, ScanRequest, StoredSeries, export};
+use ridged::lab::{
+    FitRequest, ImportOptions, LabError, ScanRequest, StoredSeries, export, export_readable,
+};
 use ridged::reduction::FrameSource;
 use ridged::scan::plan::Preset;
 use ridged::scan::runner::Order;
@@ -98,7 +101,26 @@ async fn a_scan_is_planned_run_kept_told_and_fitted() {
         events.recv().await.unwrap();
     };
     assert_eq!(fit.state, "completed", "{:?}", fit.error_detail);
-    let report: ridged::fit::FitReport = serde_json::from_str(&fit.report.unwrap()).unwrap();
+    let report = fit.report.unwrap();
+    // What the HTTP interface says of a report is what it is.
+    let whole: serde_json::Value = serde_json::from_str(&report).unwrap();
+    let theta_r = &whole["parameters"]["theta_r_deg"];
+    for (object, schema) in [
+        (&whole, "Fit"),
+        (&whole["parameters"], "FitParameters"),
+        (theta_r, "FitParameter"),
+        (&whole["variants"][0], "FitVariant"),
+        (&whole["fitted"][0], "FittedPoint"),
+        (&whole["starts"], "FitStarts"),
+        (&whole["freedom"], "FitFreedom"),
+        (&whole["timing_s"], "FitTiming"),
+    ] {
+        let described = crate::http::document::described(schema);
+        for name in object.as_object().unwrap().keys() {
+            assert!(described.contains(name), "{schema} has no {name}");
+        }
+    }
+    let report: ridged::fit::FitReport = serde_json::from_str(&report).unwrap();
     let theta_r = &report.parameters.theta_r_deg;
     let (value, expanded) = (theta_r.value.unwrap(), theta_r.expanded.unwrap());
     assert!(
@@ -188,6 +210,57 @@ async fn the_second_scan_uses_the_first_ones_darks_and_white_reference() {
     let reduced = bench.lab.observations(second.id, None).await.unwrap();
     assert!(reduced.complete && reduced.set.white_reference.is_some());
     assert_eq!(reduced.set.observations.len(), 4);
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn calibrations_from_the_future_are_taken_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let disk = Arc::new(RealDisk);
+    let bench = BenchInABox::open(folder.path(), disk.clone(), true).await;
+    // This clock ran ahead by two hours; the next one begins where it began.
+    bench.rig.clock.sleep(Duration::from_secs(7200)).await;
+    let first = bench.start(small(&[0.0], &[0.0])).await;
+    assert_eq!(bench.finish(first.id).await.state, ScanState::Completed);
+    bench.end().await;
+    let bench = BenchInABox::open(folder.path(), disk, true).await;
+    let request = ScanRequest {
+        sample_id: 2,
+        plan: small(&[0.0], &[0.0]),
+    };
+    let steps = bench.lab.estimate(&request).await.unwrap().operator_steps;
+    assert_eq!(steps.len(), 3);
+    let page = PageRequest::default();
+    let all = Default::default();
+    let kept = bench.lab.store().calibrations(&all, page).await;
+    for kept in kept.unwrap().items {
+        let (_, valid) = bench
+            .lab
+            .calibration_valid_until(&kept.kind, &kept.created_at)
+            .unwrap();
+        assert!(!valid, "{}", kept.created_at);
+    }
+    bench.rig.clock.sleep(Duration::from_secs(7800)).await;
+    let steps = bench.lab.estimate(&request).await.unwrap().operator_steps;
+    assert_eq!(steps, [OperatorAction::PlaceSample]);
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scan_that_was_stopped_while_it_waited_says_so() {
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let scan = bench.start(small(&[0.0], &[0.0])).await;
+    for (order, reason) in [
+        (Order::Stop, Some("stopped; resume to go on")),
+        (Order::Pause, None),
+    ] {
+        bench.until(scan.id, ScanState::WaitingForOperator).await;
+        bench.lab.order(scan.id, order).await.unwrap();
+        let paused = bench.lab.store().scan(scan.id).await.unwrap();
+        assert_eq!(paused.state, ScanState::Paused);
+        assert_eq!(paused.reason.as_deref(), reason);
+        bench.lab.order(scan.id, Order::Resume).await.unwrap();
+    }
     bench.end().await;
 }
 
@@ -481,6 +554,22 @@ async fn a_recorded_series_comes_out_as_it_went_in() {
             "{file} differs"
         );
     }
+    // One damaged frame keeps the others from coming out no longer, where somebody says so.
+    let damaged = files_below(&bench.lab.store().folder().join("frames")).remove(0);
+    std::fs::write(&damaged, b"no frame").unwrap();
+    let store = bench.lab.store();
+    let rest = folder.path().join("rest");
+    let refused = export(store, imported.scan_id, &rest, Default::default()).await;
+    let refused = refused.unwrap_err().to_string();
+    assert!(refused.contains("hash differs"), "{refused}");
+    let written = export_readable(store, imported.scan_id, &rest, Default::default()).await;
+    let written = written.unwrap();
+    assert_eq!((written.n_frames, written.skipped.len()), (353, 1));
+    let rest = ridged::series::Series::open(&rest).unwrap();
+    assert_eq!(rest.rows().len(), 353);
+    let left_out = series.rows().iter().find(|row| !rest.rows().contains(row));
+    assert!(written.skipped[0].starts_with(&left_out.unwrap().file));
+    std::fs::copy(out.join(&left_out.unwrap().file), &damaged).unwrap();
     // And it is reduced to the same observations as from its folder.
     let direct = ridged::series::Series::open(&source).unwrap();
     let options = analysis::AnalysisOptions::default();

@@ -22,6 +22,10 @@ enum Cue {
     Fail,
     /// The lamp has gone out: from now on all frames are black.
     Black,
+    /// The lamp is far too bright: from now on all frames are full.
+    Full,
+    /// The camera hangs: from now on it gives the frame before again.
+    Hang,
     /// Somebody presses stop while it exposes.
     Stop,
 }
@@ -29,7 +33,10 @@ enum Cue {
 /// The simulated camera, with mishaps by the number of the frame.
 struct CuedCamera {
     camera: Box<dyn Camera>,
-    black: bool,
+    /// What all pixels have from now on.
+    uniform_dn: Option<u16>,
+    hangs: bool,
+    last: Option<Frame>,
     cues: BTreeMap<u32, Cue>,
     orders: mpsc::Sender<OrderSlip>,
     asked: u32,
@@ -47,7 +54,9 @@ impl Camera for CuedCamera {
         self.asked += 1;
         match self.cues.get(&self.asked) {
             None => {}
-            Some(Cue::Black) => self.black = true,
+            Some(Cue::Black) => self.uniform_dn = Some(200),
+            Some(Cue::Full) => self.uniform_dn = Some(u16::MAX),
+            Some(Cue::Hang) => self.hangs = true,
             Some(Cue::Fail) => {
                 let failed = CameraError::Failed("the cable came off".into());
                 return Box::pin(std::future::ready(Err(failed)));
@@ -59,11 +68,17 @@ impl Camera for CuedCamera {
         }
         Box::pin(async move {
             let mut captured = self.camera.capture(request).await?;
-            if self.black {
+            if let Some(dn) = self.uniform_dn {
                 let (width, height) = (captured.frame.width_px(), captured.frame.height_px());
-                let black_dn = vec![200; (width * height) as usize];
-                captured.frame = Frame::new(width, height, black_dn).unwrap();
+                let uniform_dn = vec![dn; (width * height) as usize];
+                captured.frame = Frame::new(width, height, uniform_dn).unwrap();
             }
+            if self.hangs
+                && let Some(last) = &self.last
+            {
+                captured.frame = last.clone();
+            }
+            self.last = Some(captured.frame.clone());
             Ok(captured)
         })
     }
@@ -163,7 +178,9 @@ async fn run(
     let link = devices.link().clone();
     let camera = CuedCamera {
         camera: devices.camera,
-        black: false,
+        uniform_dn: None,
+        hangs: false,
+        last: None,
         cues: cues.into_iter().collect(),
         orders: orders.clone(),
         asked: 0,
@@ -197,6 +214,19 @@ async fn who_resumes_after_another_trouble_has_not_looked_at_a_black_sample() {
     // The second time somebody has, and the third point is as black.
     assert_eq!(told.alarms, ["camera-failed", "frames-rejected"]);
     assert_eq!(told.accepted, [0, 1, 2]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_camera_that_hangs_or_is_blinded_pauses_the_scan() {
+    for cue in [(4, Cue::Hang), (1, Cue::Full)] {
+        let (end, told) = run(samples(), &[], [cue], |_| u64::MAX).await;
+        // Somebody has looked, and says that it counts.
+        assert_eq!(end.state, ScanState::Completed);
+        assert_eq!(told.alarms, ["frames-rejected"]);
+        assert_eq!(told.accepted, [0, 1, 2]);
+        let paused = told.states.iter().filter(|s| **s == ScanState::Paused);
+        assert_eq!(paused.count(), 1);
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -69,6 +69,68 @@ fn answers_that_every_route_of_a_kind_gives_are_described() {
 }
 
 #[test]
+fn answers_are_announced_as_what_they_are_sent_as() {
+    let document: Value = serde_json::from_str(&api::openapi_json()).unwrap();
+    let mut problems = 0;
+    for (path, item) in document["paths"].as_object().unwrap() {
+        for (method, operation) in item.as_object().unwrap() {
+            for (status, response) in operation["responses"].as_object().unwrap() {
+                for (kind, content) in response["content"].as_object().into_iter().flatten() {
+                    let is_problem = content["schema"]["$ref"] == "#/components/schemas/Problem";
+                    let announced = kind == "application/problem+json";
+                    assert_eq!(is_problem, announced, "{method} {path} {status}");
+                    problems += usize::from(is_problem);
+                }
+            }
+            assert!(operation["responses"]["403"].is_object(), "{method} {path}");
+            if operation["requestBody"].is_object() {
+                assert!(operation["responses"]["400"].is_object(), "{path}");
+            }
+            for limit in operation["parameters"].as_array().into_iter().flatten() {
+                if limit["name"] == "limit" {
+                    let bounds = (&limit["schema"]["minimum"], &limit["schema"]["maximum"]);
+                    assert_eq!(bounds, (&1.into(), &1000.into()), "{method} {path}");
+                }
+            }
+        }
+    }
+    assert!(problems > 100, "{problems}");
+    let kinds = |path: &str| -> Vec<String> {
+        let content = &operation(&document, "get", path)["responses"]["200"]["content"];
+        content.as_object().unwrap().keys().cloned().collect()
+    };
+    assert!(kinds("/scans/{id}/observations").contains(&"text/csv".into()));
+    assert!(kinds("/maps/{id}/files/{name}").contains(&"image/png".into()));
+    assert!(kinds("/traces/{id}/files/{name}").contains(&"text/csv".into()));
+}
+
+/// Names of the fields of a schema.
+pub(crate) fn described(name: &str) -> Vec<String> {
+    let document: Value = serde_json::from_str(&api::openapi_json()).unwrap();
+    let properties = &document["components"]["schemas"][name]["properties"];
+    let mut names: Vec<String> = properties.as_object().unwrap().keys().cloned().collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn the_described_fit_is_the_one_that_is_read() {
+    let document: Value = serde_json::from_str(&api::openapi_json()).unwrap();
+    let body = &operation(&document, "post", "/fits")["requestBody"]["content"];
+    assert_eq!(
+        body["application/json"]["schema"]["$ref"],
+        "#/components/schemas/FitRequest"
+    );
+    let whole = serde_json::to_value(ridged::lab::FitRequest::default()).unwrap();
+    let mut names: Vec<String> = whole.as_object().unwrap().keys().cloned().collect();
+    names.sort();
+    assert_eq!(described("FitRequest"), names);
+    let request = &document["components"]["schemas"]["FitRequest"];
+    assert_eq!(request["required"], serde_json::json!(["scan_id"]));
+    assert_eq!(request["additionalProperties"], false);
+}
+
+#[test]
 fn the_described_scan_is_the_one_that_is_read() {
     let document: Value = serde_json::from_str(&api::openapi_json()).unwrap();
     let schema = |name: &str| &document["components"]["schemas"][name];

@@ -1,7 +1,7 @@
 //! The HTTP interface, called directly: one room per topic, and here how each of them asks.
 
 mod calculations;
-mod document;
+pub(crate) mod document;
 mod refusals;
 mod samples;
 mod scans;

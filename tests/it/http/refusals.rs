@@ -61,6 +61,25 @@ async fn bad_input_is_refused_by_name_and_nothing_happens() {
             "/api/v1/rig/axes/theta_c/move",
         ),
         (
+            "[10]",
+            422,
+            "invalid-value",
+            "/api/v1/rig/axes/theta_c/move",
+        ),
+        (
+            &plan(r#"{"preset": "paper", "dark": [1]}"#),
+            422,
+            "invalid-value",
+            "/api/v1/scans",
+        ),
+        ("[1]", 422, "invalid-value", "/api/v1/fits"),
+        (
+            r#"{"name": "a", "material": ["dielectric", 1.5, 0.01]}"#,
+            422,
+            "invalid-value",
+            "/api/v1/samples",
+        ),
+        (
             r#"{"position": 5}"#,
             400,
             "unknown-field",
@@ -121,6 +140,14 @@ async fn bad_input_is_refused_by_name_and_nothing_happens() {
         println!("{body} → {}", answer.body);
         is_problem(&answer, status, code);
     }
+    let far = post(
+        &router,
+        "/api/v1/rig/axes/theta_c/move",
+        r#"{"position_deg": 1e300}"#,
+    )
+    .await;
+    is_problem(&far, 422, "outside-limits");
+    assert!(far.detail().len() < 200, "{}", far.detail());
     // Everything wrong with a plan at once, each by its path.
     let answer = post(
         &router,
@@ -163,9 +190,14 @@ async fn bad_input_is_refused_by_name_and_nothing_happens() {
     for answer in [
         get(&router, "/rig").await,
         post(&router, "/scans", "{}").await,
-        post(&router, "/", "{}").await,
     ] {
         is_problem(&answer, 404, "not-found");
+        assert!(answer.detail().contains("/api/v1"), "{}", answer.detail());
+    }
+    for method in ["POST", "PUT", "DELETE", "OPTIONS", "PATCH"] {
+        let asked = request(method, "/").body(Body::empty()).unwrap();
+        let answer = send(&router, asked).await;
+        is_problem(&answer, 405, "method-not-allowed");
         assert!(answer.detail().contains("/api/v1"), "{}", answer.detail());
     }
     let delete = request("DELETE", "/api/v1/rig")

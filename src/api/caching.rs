@@ -1,0 +1,71 @@
+//! What a client has already, by RFC 9110: entity tags, compared weakly.
+
+use axum::http::{HeaderMap, HeaderName, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+
+/// How a file is named and how long it stays: the same with the file and with the word that the client has it.
+pub(super) struct Caching {
+    headers: [(HeaderName, String); 2],
+    known: bool,
+}
+
+impl Caching {
+    /// `tag` without quotes; `keep` is what `Cache-Control` says.
+    pub fn new(asked: &HeaderMap, tag: &str, keep: &str) -> Caching {
+        let etag = format!("\"{tag}\"");
+        let lists = asked.get_all(header::IF_NONE_MATCH);
+        let known = lists
+            .iter()
+            .filter_map(|list| list.to_str().ok())
+            .flat_map(|list| list.split(','))
+            .map(str::trim)
+            .any(|tag| tag == "*" || tag.strip_prefix("W/").unwrap_or(tag) == etag);
+        Caching {
+            headers: [(header::ETAG, etag), (header::CACHE_CONTROL, keep.into())],
+            known,
+        }
+    }
+
+    /// The answer where the client has the file.
+    pub fn not_modified(&self) -> Option<Response> {
+        let answer = (StatusCode::NOT_MODIFIED, self.headers.clone());
+        self.known.then(|| answer.into_response())
+    }
+
+    /// What goes with the file.
+    pub fn headers(self) -> [(HeaderName, String); 2] {
+        self.headers
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tag_is_known_in_every_form_and_the_answer_names_it() {
+        for (sent, known) in [
+            (&["\"a1\""][..], true),
+            (&["W/\"a1\""], true),
+            (&["*"], true),
+            (&["\"b2\", W/\"a1\""], true),
+            (&["\"b2\"", "\"a1\""], true),
+            (&["\"b2\""], false),
+            (&["a1"], false),
+            (&[], false),
+        ] {
+            let mut asked = HeaderMap::new();
+            for list in sent {
+                asked.append(header::IF_NONE_MATCH, list.parse().unwrap());
+            }
+            let caching = Caching::new(&asked, "a1", "no-cache");
+            let answer = caching.not_modified();
+            assert_eq!(answer.is_some(), known, "{sent:?}");
+            if let Some(answer) = answer {
+                assert_eq!(answer.status(), StatusCode::NOT_MODIFIED);
+                assert_eq!(answer.headers()[header::ETAG], "\"a1\"");
+                assert_eq!(answer.headers()[header::CACHE_CONTROL], "no-cache");
+            }
+        }
+    }
+}

@@ -1,0 +1,467 @@
+//! Who is connected: how many at a time, who leaves when more come, and the seats that are kept for the stop.
+//!
+//! Each connection takes an open file, and the operating system gives a process so many and no more. Without a bound
+//! of its own the daemon could not accept the one connection that carries the stop.
+
+use std::collections::BTreeMap;
+use std::convert::Infallible;
+use std::pin::{Pin, pin};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::task::{Context, Poll};
+use std::time::Duration;
+
+use axum::Router;
+use axum::body::{Body, Bytes};
+use axum::http::StatusCode;
+use axum::response::IntoResponse;
+use http_body::{Body as HttpBody, Frame, SizeHint};
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use tokio::net::TcpStream;
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+use tower::ServiceExt;
+
+use super::error::ApiError;
+use super::guard::is_stop;
+
+/// How much the listener takes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Connections at a time.
+    pub seats: usize,
+    /// Further ones, which get an answer to the stop alone.
+    pub reserve: usize,
+    /// How long the head of a request may take; an idle connection is closed after as long.
+    pub head_timeout: Duration,
+}
+
+impl Limits {
+    /// What leaves most of the open files to the store, the frames and the devices.
+    #[must_use]
+    pub fn within(open_files: u64) -> Limits {
+        let part = |of: u64, least, most| (open_files / of).clamp(least, most) as usize;
+        Limits {
+            seats: part(2, 16, 512),
+            reserve: part(16, 4, 32),
+            head_timeout: Duration::from_secs(60),
+        }
+    }
+}
+
+/// A number of seats, and who has them.
+struct Room {
+    seats: usize,
+    guests: Mutex<Guests>,
+}
+
+#[derive(Default)]
+struct Guests {
+    /// By number, which grows without reuse.
+    all: BTreeMap<u64, Guest>,
+    newest: u64,
+}
+
+struct Guest {
+    /// Requests whose answers are not out yet: an event stream is one as long as it lasts.
+    requests: usize,
+    idle_since: Instant,
+    leave: CancellationToken,
+}
+
+impl Room {
+    fn new(seats: usize) -> Arc<Room> {
+        Arc::new(Room {
+            seats,
+            guests: Mutex::default(),
+        })
+    }
+
+    fn guests(&self) -> MutexGuard<'_, Guests> {
+        self.guests.lock().expect("no holder of this lock panics")
+    }
+
+    /// A seat, if need be that of the guest who has been idle longest; `None` where nobody is idle.
+    fn enter(self: &Arc<Self>) -> Option<Seat> {
+        let mut guests = self.guests();
+        if guests.all.len() >= self.seats && !guests.send_one_away() {
+            return None;
+        }
+        guests.newest += 1;
+        let number = guests.newest;
+        let leave = CancellationToken::new();
+        let guest = Guest {
+            requests: 0,
+            idle_since: Instant::now(),
+            leave: leave.clone(),
+        };
+        guests.all.insert(number, guest);
+        Some(Seat {
+            room: Arc::clone(self),
+            number,
+            leave,
+        })
+    }
+}
+
+impl Guests {
+    /// Whether somebody was idle.
+    fn send_one_away(&mut self) -> bool {
+        let idle = self.all.iter().filter(|(_, guest)| guest.requests == 0);
+        let longest = idle.min_by_key(|(_, guest)| guest.idle_since);
+        let Some(number) = longest.map(|(number, _)| *number) else {
+            return false;
+        };
+        if let Some(guest) = self.all.remove(&number) {
+            guest.leave.cancel();
+        }
+        true
+    }
+}
+
+/// A place for one connection, free again when it is dropped.
+struct Seat {
+    room: Arc<Room>,
+    number: u64,
+    leave: CancellationToken,
+}
+
+impl Seat {
+    fn ask(self: &Arc<Self>) -> Asked {
+        if let Some(guest) = self.room.guests().all.get_mut(&self.number) {
+            guest.requests += 1;
+        }
+        Asked(Arc::clone(self))
+    }
+
+    fn is_busy(&self) -> bool {
+        let guests = self.room.guests();
+        guests.all.get(&self.number).is_some_and(|g| g.requests > 0)
+    }
+}
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        self.room.guests().all.remove(&self.number);
+    }
+}
+
+/// A request in hand, until its answer is out.
+struct Asked(Arc<Seat>);
+
+impl Drop for Asked {
+    fn drop(&mut self) {
+        if let Some(guest) = self.0.room.guests().all.get_mut(&self.0.number) {
+            guest.requests -= 1;
+            guest.idle_since = Instant::now();
+        }
+    }
+}
+
+/// A body that says when it is out.
+struct Answer {
+    body: Body,
+    _asked: Asked,
+}
+
+impl HttpBody for Answer {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        Pin::new(&mut self.body).poll_frame(context)
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}
+
+/// Everybody who is connected.
+pub(super) struct Visitors {
+    limits: Limits,
+    hall: Arc<Room>,
+    reserve: Arc<Room>,
+    ending: CancellationToken,
+    tasks: tokio::task::JoinSet<()>,
+}
+
+impl Visitors {
+    pub fn new(limits: Limits) -> Self {
+        Visitors {
+            limits,
+            hall: Room::new(limits.seats),
+            reserve: Room::new(limits.reserve),
+            ending: CancellationToken::new(),
+            tasks: tokio::task::JoinSet::new(),
+        }
+    }
+
+    /// Answers what comes on a connection.
+    pub fn receive(&mut self, stream: TcpStream, router: Router) {
+        while self.tasks.try_join_next().is_some() {}
+        let (seat, stop_only) = match (self.hall.enter(), &self.reserve) {
+            (Some(seat), _) => (seat, false),
+            (None, reserve) => match reserve.enter() {
+                Some(seat) => (seat, true),
+                // Each of the reserve is a stop that is under way.
+                None => return,
+            },
+        };
+        let ending = self.ending.clone();
+        let head_timeout = self.limits.head_timeout;
+        self.tasks.spawn(async move {
+            converse(
+                stream,
+                router,
+                Arc::new(seat),
+                stop_only,
+                head_timeout,
+                ending,
+            )
+            .await;
+        });
+    }
+
+    /// Frees an open file where there are no more.
+    pub fn send_one_away(&self) {
+        self.hall.guests().send_one_away();
+    }
+
+    /// Lets what is under way finish.
+    pub async fn end(mut self) {
+        self.ending.cancel();
+        while self.tasks.join_next().await.is_some() {}
+    }
+}
+
+async fn converse(
+    stream: TcpStream,
+    router: Router,
+    seat: Arc<Seat>,
+    stop_only: bool,
+    head_timeout: Duration,
+    ending: CancellationToken,
+) {
+    /// How long a connection that has nothing under way may take to end.
+    const LAST_WORDS: Duration = Duration::from_millis(200);
+    let at_seat = Arc::clone(&seat);
+    let answer = move |request: hyper::Request<hyper::body::Incoming>| {
+        let request = request.map(Body::new);
+        let asked = at_seat.ask();
+        let router = router.clone();
+        async move {
+            let response = match stop_only && !is_stop(&request) {
+                true => too_many().into_response(),
+                false => match router.oneshot(request).await {
+                    Ok(response) => response,
+                },
+            };
+            Ok::<_, Infallible>(response.map(|body| Answer {
+                body,
+                _asked: asked,
+            }))
+        }
+    };
+    let connection = http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(head_timeout)
+        .keep_alive(!stop_only)
+        .serve_connection(TokioIo::new(stream), hyper::service::service_fn(answer));
+    let mut connection = pin!(connection);
+    tokio::select! {
+        // A client that breaks off is no news.
+        _ = &mut connection => return,
+        () = seat.leave.cancelled() => return,
+        () = ending.cancelled() => {}
+    }
+    connection.as_mut().graceful_shutdown();
+    // One that never asked anything does not notice.
+    while tokio::time::timeout(LAST_WORDS, &mut connection)
+        .await
+        .is_err()
+        && seat.is_busy()
+    {}
+}
+
+fn too_many() -> ApiError {
+    ApiError::new(
+        StatusCode::SERVICE_UNAVAILABLE,
+        "too-many-connections",
+        "too many connections",
+        "too many connections are open and none of them is idle; close some event streams or pages; the stop is \
+         answered all the same",
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::api::server::serve_within;
+    use axum::routing::{get, post};
+    use std::net::SocketAddr;
+    use tokio::io::{AsyncReadExt, AsyncWriteExt};
+    use tokio::sync::{broadcast, oneshot};
+
+    const LIMITS: Limits = Limits {
+        seats: 6,
+        reserve: 2,
+        head_timeout: Duration::from_secs(60),
+    };
+
+    /// A listener with a stop, an answer to `/` and a stream that lasts.
+    struct Daemon {
+        address: SocketAddr,
+        news: broadcast::Sender<&'static str>,
+        end: oneshot::Sender<()>,
+        server: tokio::task::JoinHandle<std::io::Result<()>>,
+    }
+
+    async fn daemon(limits: Limits) -> Daemon {
+        let news = broadcast::Sender::new(16);
+        let listens = news.clone();
+        let stream = move || {
+            let listener = listens.subscribe();
+            let lines = futures::stream::unfold(listener, |mut listener| async {
+                let line = listener.recv().await.ok()?;
+                Some((Ok::<_, Infallible>(line), listener))
+            });
+            std::future::ready(Body::from_stream(lines))
+        };
+        let router = Router::new()
+            .route("/", get(async || "here"))
+            .route("/events", get(stream))
+            .route(crate::api::rig::STOP, post(async || "stopped"));
+        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap();
+        let (end, ended) = oneshot::channel::<()>();
+        let ended = async move {
+            ended.await.ok();
+        };
+        let server = tokio::spawn(serve_within(listener, router, limits, ended));
+        Daemon {
+            address,
+            news,
+            end,
+            server,
+        }
+    }
+
+    impl Daemon {
+        async fn connect(&self) -> TcpStream {
+            TcpStream::connect(self.address).await.unwrap()
+        }
+
+        /// Sends a request and reads until `enough` is there or the end.
+        async fn ask(&self, line: &str, enough: &str) -> (TcpStream, String) {
+            let mut stream = self.connect().await;
+            let head = format!("{line} HTTP/1.1\r\nhost: 127.0.0.1\r\n\r\n");
+            stream.write_all(head.as_bytes()).await.unwrap();
+            let got = read(&mut stream, enough).await;
+            (stream, got)
+        }
+    }
+
+    async fn read(stream: &mut TcpStream, enough: &str) -> String {
+        let mut got = Vec::new();
+        loop {
+            let mut some = [0; 4096];
+            match stream.read(&mut some).await {
+                Ok(n) if n > 0 => got.extend_from_slice(&some[..n]),
+                _ => break,
+            }
+            if String::from_utf8_lossy(&got).contains(enough) {
+                break;
+            }
+        }
+        String::from_utf8_lossy(&got).into_owned()
+    }
+
+    #[tokio::test]
+    async fn the_stop_gets_through_however_many_are_connected() {
+        let daemon = daemon(LIMITS).await;
+        let mut streams = Vec::new();
+        for _ in 0..LIMITS.seats {
+            let (stream, head) = daemon.ask("GET /events", "\r\n\r\n").await;
+            assert!(head.starts_with("HTTP/1.1 200"), "{head}");
+            streams.push(stream);
+        }
+        let mut idle = Vec::new();
+        for _ in 0..50 {
+            idle.push(daemon.connect().await);
+        }
+        let (_, refused) = daemon.ask("GET /", "too-many").await;
+        assert!(refused.starts_with("HTTP/1.1 503"), "{refused}");
+        let stop = format!("POST {}", crate::api::rig::STOP);
+        let (_, stopped) = daemon.ask(&stop, "stopped").await;
+        assert!(stopped.starts_with("HTTP/1.1 200"), "{stopped}");
+        // Who listens is sent away by nobody.
+        daemon.news.send("news").unwrap();
+        for stream in &mut streams {
+            assert!(read(stream, "news").await.contains("news"));
+        }
+    }
+
+    #[tokio::test]
+    async fn who_was_idle_longest_leaves_when_more_come() {
+        let daemon = daemon(LIMITS).await;
+        let mut first = daemon.connect().await;
+        let (mut stream, _) = daemon.ask("GET /events", "\r\n\r\n").await;
+        let mut idle = Vec::new();
+        for _ in 0..50 {
+            idle.push(daemon.connect().await);
+        }
+        let (_, answer) = daemon.ask("GET /", "here").await;
+        assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+        assert_eq!(read(&mut first, "more").await, "");
+        daemon.news.send("news").unwrap();
+        assert!(read(&mut stream, "news").await.contains("news"));
+    }
+
+    #[tokio::test]
+    async fn a_head_that_does_not_end_is_given_up_and_a_stream_is_not() {
+        let daemon = daemon(Limits {
+            head_timeout: Duration::from_millis(50),
+            ..LIMITS
+        })
+        .await;
+        let (mut stream, _) = daemon.ask("GET /events", "\r\n\r\n").await;
+        let mut slow = daemon.connect().await;
+        slow.write_all(b"GET / HTTP/1.1\r\nhost: 127.0.")
+            .await
+            .unwrap();
+        let rest = read(&mut slow, "never").await;
+        assert!(!rest.contains("200"), "{rest}");
+        daemon.news.send("news").unwrap();
+        assert!(read(&mut stream, "news").await.contains("news"));
+    }
+
+    #[tokio::test]
+    async fn the_end_waits_for_answers_and_for_nobody_who_is_idle() {
+        let daemon = daemon(LIMITS).await;
+        let _idle = daemon.connect().await;
+        let (mut stream, _) = daemon.ask("GET /events", "\r\n\r\n").await;
+        daemon.end.send(()).unwrap();
+        daemon.news.send("last").unwrap();
+        drop(daemon.news);
+        let rest = read(&mut stream, "0\r\n\r\n").await;
+        assert!(rest.contains("last"), "{rest}");
+        daemon.server.await.unwrap().unwrap();
+    }
+
+    #[test]
+    fn most_open_files_are_left_to_others() {
+        for open_files in [64, 256, 1024, 65_536] {
+            let limits = Limits::within(open_files);
+            let taken = (limits.seats + limits.reserve) as u64;
+            assert!(taken * 3 <= open_files * 2, "{open_files}: {limits:?}");
+        }
+    }
+}
