@@ -316,7 +316,7 @@ mod tests {
         head_timeout: Duration::from_secs(60),
     };
 
-    /// A listener with a stop, an answer to `/` and a stream that lasts.
+    /// A listener with a stop, an answer to `/` and a stream that lasts until the last of the news.
     struct Daemon {
         address: SocketAddr,
         news: broadcast::Sender<&'static str>,
@@ -329,9 +329,11 @@ mod tests {
         let listens = news.clone();
         let stream = move || {
             let listener = listens.subscribe();
-            let lines = futures::stream::unfold(listener, |mut listener| async {
+            let lines = futures::stream::unfold(Some(listener), |listener| async {
+                let mut listener = listener?;
                 let line = listener.recv().await.ok()?;
-                Some((Ok::<_, Infallible>(line), listener))
+                let goes_on = (line != "last").then_some(listener);
+                Some((Ok::<_, Infallible>(line), goes_on))
             });
             std::future::ready(Body::from_stream(lines))
         };
@@ -450,7 +452,6 @@ mod tests {
         let (mut stream, _) = daemon.ask("GET /events", "\r\n\r\n").await;
         daemon.end.send(()).unwrap();
         daemon.news.send("last").unwrap();
-        drop(daemon.news);
         let rest = read(&mut stream, "0\r\n\r\n").await;
         assert!(rest.contains("last"), "{rest}");
         daemon.server.await.unwrap().unwrap();

@@ -103,7 +103,7 @@ impl Wrong {
             csv::ErrorKind::UnequalLengths {
                 expected_len, len, ..
             } => format!("the line has {len} fields and the header {expected_len}"),
-            _ => format!("the line is no CSV: {error}"),
+            _ => format!("the line cannot be read as CSV: {error}"),
         };
         let line = error.position().map(|p| p.line() as usize);
         Wrong::new("", cause, "repair the line").at(line)
@@ -198,7 +198,7 @@ impl Columns {
         let seconds = "write the exposure time in seconds, above 0";
         let exposure_s = number("exposure_s", &record[self.exposure_s], seconds)?;
         if exposure_s < 0.0 || (exposure_s == 0.0 && kind != FrameKind::Dark) {
-            let cause = format!("{exposure_s} s is no exposure");
+            let cause = format!("an exposure of {exposure_s} s is not possible");
             return Err(Wrong::new("exposure_s", cause, seconds));
         }
         let repeat = match self.repeat.map(|i| &record[i]) {

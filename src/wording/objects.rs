@@ -202,7 +202,7 @@ mod tests {
             let words = crate::wording::refusals::plain(&refusal.into_inner().to_string());
             assert_eq!(
                 words,
-                "a list stands where an object of named fields is wanted"
+                "a list stands where an object of named fields is expected"
             );
         }
     }

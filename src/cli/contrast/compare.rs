@@ -87,7 +87,7 @@ pub(super) fn read_radiances(path: &Path, alpha: f64) -> Result<Table, CliError>
             record[column]
                 .trim()
                 .parse::<f64>()
-                .map_err(|_| bad(format!("{:?} is no number", &record[column])))
+                .map_err(|_| bad(format!("{:?} is not a number", &record[column])))
         };
         if let Some(column) = alpha_column
             && (number(column)? - alpha).abs() > 1e-9

@@ -62,6 +62,11 @@ export function count(n: number): string {
   return fixed(Math.round(n), 0).replace(/\B(?=(\d{3})+$)/g, THIN);
 }
 
+/** A count and its noun: `1 tilt`, `12 tilts`. */
+export function counted(n: number, noun: string): string {
+  return `${count(n)} ${noun}${n === 1 ? '' : 's'}`;
+}
+
 /** `8 s`, `4 min 20 s`, `2 h 05 min`. */
 export function duration(seconds: number): string {
   const s = Math.max(0, Math.round(seconds));

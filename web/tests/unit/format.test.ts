@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { angle, between, bytes, count, decade, decimalsFor, duration, exposure, fixed, foretold, percent, plain, significant, timeLeft, when, withUncertainty } from '../../src/lib/format';
+import { angle, between, bytes, count, counted, decade, decimalsFor, duration, exposure, fixed, foretold, percent, plain, significant, timeLeft, when, withUncertainty } from '../../src/lib/format';
 
 describe('withUncertainty', () => {
   it('rounds value and uncertainty to the same place, two digits of the uncertainty', () => {
@@ -12,6 +12,10 @@ describe('withUncertainty', () => {
   it('does not print three digits where rounding carries over', () => {
     expect(withUncertainty(1, 0.0996)).toEqual({ value: '1.00', uncertainty: '0.10' });
     expect(decimalsFor(9.96)).toBe(0);
+  });
+
+  it('has a noun with every count', () => {
+    expect([counted(1, 'tilt'), counted(0, 'frame'), counted(12000, 'frame')]).toEqual(['1 tilt', '0 frames', '12\u202f000 frames']);
   });
 
   it('has an answer where there is no uncertainty', () => {
