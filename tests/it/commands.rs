@@ -4,6 +4,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
@@ -261,7 +262,10 @@ fn a_daemon_that_may_open_few_files_hears_the_stop_among_many_connections() {
 #[test]
 fn a_terminal_that_is_closed_ends_a_daemon_as_ctrl_c_does() {
     let folder = tempfile::tempdir().unwrap();
-    let mut daemon = Daemon::start(folder.path(), &["--simulated-rig"]);
+    // Whoever runs the tests under nohup has the signal ignored in all that they start.
+    let mut hears = Command::new("env");
+    hears.args(["--default-signal=HUP", env!("CARGO_BIN_EXE_ridged")]);
+    let mut daemon = Daemon::start_by(hears, folder.path(), &["--simulated-rig"]);
     let ended = daemon.end_by(rustix::process::Signal::HUP);
     assert!(ended.success(), "{ended}");
     // The rig is stopped and the notice taken away: it did not just fall over.
@@ -426,7 +430,14 @@ impl Daemon {
     fn end_by(&mut self, signal: rustix::process::Signal) -> std::process::ExitStatus {
         let pid = rustix::process::Pid::from_child(&self.child);
         rustix::process::kill_process(pid, signal).unwrap();
-        self.child.wait().unwrap()
+        let late = Instant::now() + Duration::from_secs(60);
+        loop {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                return status;
+            }
+            assert!(Instant::now() < late, "{signal:?} does not end the daemon");
+            std::thread::sleep(Duration::from_millis(20));
+        }
     }
 }
 
