@@ -2,8 +2,8 @@
 
 use std::io;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 
 use ridged::analysis;
@@ -137,45 +137,37 @@ async fn a_scan_is_planned_run_kept_told_and_fitted() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_scan_is_fitted_while_it_runs_and_its_uncertainty_falls() {
-    // The scan waits for hands between its phases and twice for a person in the middle: time enough for
-    // the fit that runs along, whatever the machine does.
-    let bench = BenchInABox::new().await;
+    // The disk takes a frame when the test lets it. So the scan stands still, whatever the machine does, until the fit
+    // that runs along has come that far: after a third and near the end of the 30 poses. With fewer than two tilts
+    // the ridge angle is hardly known; from half of them on, what the model misses is most of its uncertainty.
+    const LOOKS_AT: [usize; 2] = [10, 28];
+    let disk = Arc::new(PatientDisk::default());
+    let bench = BenchInABox::with(Arc::clone(&disk) as Arc<dyn Disk>, true).await;
     let lab = &bench.lab;
     let mut events = lab.events();
     let tilts = [-20.0, -10.0, 0.0, 10.0, 20.0];
     let azimuths = [0.0, 60.0, 120.0, 180.0, 240.0, 300.0];
+    disk.let_in(1);
     let scan = bench.start(small(&tilts, &azimuths)).await;
     let mut fitted_at: Vec<(usize, f64, f64)> = Vec::new();
-    let (mut poses, mut held) = (0, 0);
-    while fitted_at.len() < 2 {
+    let mut poses = 0;
+    while fitted_at.len() < LOOKS_AT.len() {
+        let looks_at = LOOKS_AT[fitted_at.len()];
         match &events.recv().await.unwrap().event {
-            Event::Frame {
-                kind: ridged::frame::FrameKind::Sample,
-                ..
-            } => {
-                poses += 1;
-                // After a third and near the end of its 30 poses somebody wants to look: with fewer than two tilts the
-                // ridge angle is hardly known; from half of them on, what the model misses is most of its uncertainty.
-                if poses == [10, 28, 0][held] {
-                    held += 1;
-                    lab.order(scan.id, Order::Pause).await.unwrap();
-                }
+            Event::Frame { kind, .. } => {
+                poses += usize::from(*kind == ridged::frame::FrameKind::Sample);
+                disk.let_in(usize::from(poses < looks_at));
             }
-            Event::Uncertainty { certainty, .. } => {
-                if let Some(theta_r) = certainty.parameters.get("theta_r_deg") {
-                    let point = (certainty.n_observations, certainty.elapsed_s, theta_r.std);
-                    let news = fitted_at.last().is_none_or(|l| point.0 >= l.0 + 10);
-                    if news {
-                        fitted_at.push(point);
-                    }
-                }
-                // Refused where it is not paused.
-                lab.order(scan.id, Order::Resume).await.ok();
+            Event::Uncertainty { certainty, .. } if certainty.n_observations >= looks_at => {
+                let theta_r = &certainty.parameters["theta_r_deg"];
+                fitted_at.push((certainty.n_observations, certainty.elapsed_s, theta_r.std));
+                disk.let_in(1);
             }
-            Event::Scan { state, .. } if state.is_end() => break,
+            Event::Scan { state, .. } => assert!(!state.is_end(), "{state}: {fitted_at:?}"),
             _ => {}
         }
     }
+    disk.let_in(1000);
     lab.order(scan.id, Order::Abort).await.ok();
     bench.finish(scan.id).await;
     let [(few, early_s, wide), (many, late_s, narrow)] = fitted_at[..] else {
@@ -363,6 +355,40 @@ async fn a_daemon_that_ends_leaves_the_scan_to_be_resumed() {
     let frames = bench.lab.store().frames_of_scan(scan.id, None, all).await;
     assert_eq!(frames.unwrap().items.len(), 13);
     bench.end().await;
+}
+
+/// A disk that writes a file when it is let in.
+#[derive(Default)]
+struct PatientDisk {
+    let_in: Mutex<usize>,
+    more: Condvar,
+}
+
+impl PatientDisk {
+    fn let_in(&self, files: usize) {
+        *self.let_in.lock().unwrap() += files;
+        self.more.notify_all();
+    }
+}
+
+impl Disk for PatientDisk {
+    fn write_durably(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        // A test that has failed is not waited for.
+        let patience = Duration::from_secs(300);
+        let none = |let_in: &mut usize| *let_in == 0;
+        let guard = self.let_in.lock().unwrap();
+        let (mut let_in, late) = self.more.wait_timeout_while(guard, patience, none).unwrap();
+        if late.timed_out() {
+            return Err(io::ErrorKind::TimedOut.into());
+        }
+        *let_in -= 1;
+        drop(let_in);
+        RealDisk.write_durably(path, bytes)
+    }
+
+    fn free_bytes(&self, folder: &Path) -> io::Result<u64> {
+        RealDisk.free_bytes(folder)
+    }
 }
 
 /// A disk with room for so many files.
