@@ -8,10 +8,11 @@ use std::sync::atomic::AtomicBool;
 use rayon::prelude::*;
 
 use super::covariance::{Scaling, covariance};
+use super::edges;
 use super::misfit::{explained, lightened, loss_weights, peak};
 use super::opening::{Opening, THOROUGH_ROUNDS};
 use super::problem::{Problem, Quantity, Values};
-use super::search::{AMBIGUOUS_RISE, Late, Search, StartReport, many_minima};
+use super::search::{AMBIGUOUS_RISE, Late, Search, StartReport, many_minima, same, usable};
 use super::settle::{Settled, Weighing, with_tier};
 use super::solver::{Ending, Minimum, Settings};
 use super::thin::{self, Thinned};
@@ -23,6 +24,8 @@ use crate::observation::{ObservationSet, Prior};
 
 /// Rise of the cost up to which the near minima of a search are weighed again.
 const RIVAL_RISE: f64 = 25.0;
+/// Edges of the closed form that are crossed one after the other.
+const EDGES_CROSSED: usize = 8;
 /// How many times smaller a misfit is that makes another end of the search the better one.
 const FAR_LESS: f64 = 4.0;
 
@@ -302,6 +305,20 @@ pub(super) fn whole<'a>(
         } else {
             rivals.push(again);
         }
+    }
+    for _ in 0..EDGES_CROSSED {
+        if search.over() {
+            break;
+        }
+        let behind = edges::beyond(&settled.problem, &settled.minimum);
+        let ends = behind.par_iter().map(|x| settled.again(x, cancel));
+        let deepest = ends.filter(usable).min_by(|a, b| a.cost.total_cmp(&b.cost));
+        let Some(deeper) = deepest.filter(|m| !same(settled.minimum.cost, m.cost)) else {
+            break;
+        };
+        rivals.push(std::mem::replace(&mut settled.minimum, deeper));
+        settled.settle(&weighing);
+        weights_moved = true;
     }
     if weights_moved {
         for rival in &mut rivals {

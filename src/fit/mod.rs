@@ -26,6 +26,7 @@ mod candidates;
 pub mod covariance;
 mod crew;
 mod descent;
+mod edges;
 pub mod estimate;
 pub mod intervals;
 pub mod joint;

@@ -73,6 +73,7 @@ pub struct Problem<'a> {
 pub struct Ready {
     prepared: Prepared,
     mirrored: bool,
+    ridge: (f64, f64),
     tilt: (f64, f64),
     turn: (f64, f64),
     lamp: [f64; 3],
@@ -367,6 +368,7 @@ impl<'a> Problem<'a> {
                 Material::Dielectric { .. } => prepared,
             },
             mirrored,
+            ridge: surface.theta_r.sin_cos(),
             tilt: values.tilt_offset.sin_cos(),
             turn: azimuth.sin_cos(),
             lamp: [cl, sl * ca, sl * sa],
@@ -455,6 +457,16 @@ impl<'a> Problem<'a> {
     pub fn at_centre(&self, index: usize, ready: &Ready) -> f64 {
         let directions = self.directions(index, ready).0;
         ready.prepared.partials(&directions).value
+    }
+
+    /// Cosines of lamp and camera to the normals of facet, riser and pitch, in the directions of
+    /// [`Problem::directions`].
+    pub(super) fn wall_cosines(&self, index: usize, ready: &Ready) -> [f64; 6] {
+        let directions = self.directions(index, ready).0;
+        let (s, c) = ready.ridge;
+        let of = |w: Vector3<f64>| [w.y * s + w.z * c, w.z * s - w.y * c, w.z];
+        let ([a, b, d], [e, f, g]) = (of(directions.incident), of(directions.outgoing));
+        [a, b, d, e, f, g]
     }
 
     /// Signals of the sample that the model expects.

@@ -640,6 +640,7 @@ pub(super) fn usable(m: &Minimum) -> bool {
     m.cost.is_finite() && m.ending != Ending::NotFinite
 }
 
-fn same(cost: f64, best: f64) -> bool {
+/// Whether a cost is that of the best end, or below.
+pub(super) fn same(cost: f64, best: f64) -> bool {
     cost <= best + SAME * best.max(1.0)
 }
