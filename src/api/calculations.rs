@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::error::{ApiError, Problem};
-use super::extract::{Body, Id, Params, page, since};
+use super::extract::{Body, Id, IdAndName, Params, page, since};
 use super::{App, Begun, List};
 use crate::lab::{CalculationRequest, ContrastRequest, MapRequest, TraceRequest, VerdictRequest};
 use crate::scan::event::CalculationKind;
@@ -218,7 +218,7 @@ pub(super) async fn cancel_map(
 ))]
 pub(super) async fn map_file(
     State(app): State<App>,
-    axum::extract::Path((id, name)): axum::extract::Path<(i64, String)>,
+    IdAndName(id, name): IdAndName,
 ) -> Result<impl IntoResponse, ApiError> {
     file(&app, CalculationKind::Map, id, &name).await
 }
@@ -386,7 +386,7 @@ pub(super) async fn cancel_trace(
 ))]
 pub(super) async fn trace_file(
     State(app): State<App>,
-    axum::extract::Path((id, name)): axum::extract::Path<(i64, String)>,
+    IdAndName(id, name): IdAndName,
 ) -> Result<impl IntoResponse, ApiError> {
     file(&app, CalculationKind::Trace, id, &name).await
 }

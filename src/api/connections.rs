@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::convert::Infallible;
+use std::io;
 use std::pin::{Pin, pin};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::task::{Context, Poll};
@@ -15,6 +16,7 @@ use axum::body::{Body, Bytes};
 use axum::http::StatusCode;
 use axum::response::IntoResponse;
 use http_body::{Body as HttpBody, Frame, SizeHint};
+use hyper::rt::{Read, ReadBufCursor, Write};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use tokio::net::TcpStream;
@@ -158,10 +160,22 @@ impl Drop for Asked {
     }
 }
 
-/// A body that says when it is out.
+/// Requests whose answers are given, but perhaps not out: they leave with the next flush.
+type Unsent = Arc<Mutex<Vec<Asked>>>;
+
+/// A body that says when all of it is handed over.
 struct Answer {
     body: Body,
-    _asked: Asked,
+    asked: Option<Asked>,
+    unsent: Unsent,
+}
+
+impl Drop for Answer {
+    fn drop(&mut self) {
+        let asked = self.asked.take();
+        let mut unsent = self.unsent.lock().expect("no holder of this lock panics");
+        unsent.extend(asked);
+    }
 }
 
 impl HttpBody for Answer {
@@ -181,6 +195,73 @@ impl HttpBody for Answer {
 
     fn size_hint(&self) -> SizeHint {
         self.body.size_hint()
+    }
+}
+
+/// A connection that knows what it has not got rid of.
+struct Line {
+    io: TokioIo<TcpStream>,
+    unsent: Unsent,
+    /// Since when the other end takes nothing.
+    blocked: Arc<Mutex<Option<Instant>>>,
+}
+
+impl Line {
+    fn wrote(&self, poll: Poll<io::Result<usize>>) -> Poll<io::Result<usize>> {
+        let mut blocked = self.blocked.lock().expect("no holder of this lock panics");
+        *blocked = match poll {
+            Poll::Pending => blocked.or_else(|| Some(Instant::now())),
+            Poll::Ready(_) => None,
+        };
+        poll
+    }
+}
+
+impl Read for Line {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        buffer: ReadBufCursor<'_>,
+    ) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.io).poll_read(context, buffer)
+    }
+}
+
+impl Write for Line {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
+        let poll = Pin::new(&mut self.io).poll_write(context, bytes);
+        self.wrote(poll)
+    }
+
+    fn poll_write_vectored(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        parts: &[io::IoSlice<'_>],
+    ) -> Poll<io::Result<usize>> {
+        let poll = Pin::new(&mut self.io).poll_write_vectored(context, parts);
+        self.wrote(poll)
+    }
+
+    fn is_write_vectored(&self) -> bool {
+        self.io.is_write_vectored()
+    }
+
+    /// Comes once everything before is written.
+    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        let poll = Pin::new(&mut self.io).poll_flush(context);
+        if poll.is_ready() {
+            let mut unsent = self.unsent.lock().expect("no holder of this lock panics");
+            unsent.clear();
+        }
+        poll
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.io).poll_shutdown(context)
     }
 }
 
@@ -252,11 +333,19 @@ async fn converse(
 ) {
     /// How long a connection that has nothing under way may take to end.
     const LAST_WORDS: Duration = Duration::from_millis(200);
+    /// How long the end waits for one who reads nothing of the answer.
+    const PATIENCE: Duration = Duration::from_secs(5);
+    let line = Line {
+        io: TokioIo::new(stream),
+        unsent: Unsent::default(),
+        blocked: Arc::default(),
+    };
+    let (unsent, blocked) = (Arc::clone(&line.unsent), Arc::clone(&line.blocked));
     let at_seat = Arc::clone(&seat);
     let answer = move |request: hyper::Request<hyper::body::Incoming>| {
         let request = request.map(Body::new);
         let asked = at_seat.ask();
-        let router = router.clone();
+        let (router, unsent) = (router.clone(), Arc::clone(&unsent));
         async move {
             let response = match stop_only && !is_stop(&request) {
                 true => too_many().into_response(),
@@ -266,7 +355,8 @@ async fn converse(
             };
             Ok::<_, Infallible>(response.map(|body| Answer {
                 body,
-                _asked: asked,
+                asked: Some(asked),
+                unsent,
             }))
         }
     };
@@ -274,7 +364,9 @@ async fn converse(
         .timer(TokioTimer::new())
         .header_read_timeout(head_timeout)
         .keep_alive(!stop_only)
-        .serve_connection(TokioIo::new(stream), hyper::service::service_fn(answer));
+        // Who has said all may still listen.
+        .half_close(true)
+        .serve_connection(line, hyper::service::service_fn(answer));
     let mut connection = pin!(connection);
     tokio::select! {
         // A client that breaks off is no news.
@@ -283,11 +375,16 @@ async fn converse(
         () = ending.cancelled() => {}
     }
     connection.as_mut().graceful_shutdown();
+    let deaf = || {
+        let since = *blocked.lock().expect("no holder of this lock panics");
+        since.is_some_and(|since| since.elapsed() > PATIENCE)
+    };
     // One that never asked anything does not notice.
     while tokio::time::timeout(LAST_WORDS, &mut connection)
         .await
         .is_err()
         && seat.is_busy()
+        && !deaf()
     {}
 }
 
@@ -316,12 +413,15 @@ mod tests {
         head_timeout: Duration::from_secs(60),
     };
 
-    /// A listener with a stop, an answer to `/` and a stream that lasts until the last of the news.
+    /// More than the operating system takes from one who reads nothing.
+    const MUCH: usize = 16 << 20;
+
+    /// A listener with a stop, an answer to `/`, a long one to `/much` and a stream that lasts until the last of the news.
     struct Daemon {
         address: SocketAddr,
         news: broadcast::Sender<&'static str>,
         end: oneshot::Sender<()>,
-        server: tokio::task::JoinHandle<std::io::Result<()>>,
+        server: tokio::task::JoinHandle<io::Result<()>>,
     }
 
     async fn daemon(limits: Limits) -> Daemon {
@@ -340,6 +440,7 @@ mod tests {
         let router = Router::new()
             .route("/", get(async || "here"))
             .route("/events", get(stream))
+            .route("/much", get(async || vec![b'x'; MUCH]))
             .route(crate::api::rig::STOP, post(async || "stopped"));
         let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
@@ -455,6 +556,57 @@ mod tests {
         let rest = read(&mut stream, "0\r\n\r\n").await;
         assert!(rest.contains("last"), "{rest}");
         daemon.server.await.unwrap().unwrap();
+    }
+
+    /// Begins to ask for a long answer and reads its head.
+    async fn much_of(daemon: &Daemon) -> (TcpStream, usize) {
+        let (stream, got) = daemon.ask("GET /much", "\r\n\r\n").await;
+        let (_, body) = got.split_once("\r\n\r\n").unwrap();
+        (stream, body.len())
+    }
+
+    async fn rest_of(mut stream: TcpStream, had: usize) -> usize {
+        let mut rest = Vec::new();
+        while had + rest.len() < MUCH && stream.read_buf(&mut rest).await.is_ok_and(|n| n > 0) {}
+        had + rest.len()
+    }
+
+    #[tokio::test]
+    async fn a_long_answer_is_cut_neither_by_others_nor_by_the_end() {
+        let daemon = daemon(LIMITS).await;
+        let (first, had_first) = much_of(&daemon).await;
+        let mut idle = Vec::new();
+        for _ in 0..50 {
+            idle.push(daemon.connect().await);
+        }
+        assert_eq!(rest_of(first, had_first).await, MUCH);
+        let (last, had_last) = much_of(&daemon).await;
+        daemon.end.send(()).unwrap();
+        tokio::time::sleep(Duration::from_millis(400)).await;
+        assert_eq!(rest_of(last, had_last).await, MUCH);
+        daemon.server.await.unwrap().unwrap();
+    }
+
+    #[tokio::test]
+    async fn the_end_does_not_wait_for_one_who_reads_nothing() {
+        let daemon = daemon(LIMITS).await;
+        let (_deaf, _) = much_of(&daemon).await;
+        daemon.end.send(()).unwrap();
+        daemon.server.await.unwrap().unwrap();
+    }
+
+    #[tokio::test]
+    async fn who_has_said_all_still_gets_the_answer() {
+        let daemon = daemon(LIMITS).await;
+        for line in ["GET / HTTP/1.1", "GET / HTTP/1.0"] {
+            let mut stream = daemon.connect().await;
+            let head = format!("{line}\r\nhost: 127.0.0.1\r\n\r\n");
+            stream.write_all(head.as_bytes()).await.unwrap();
+            stream.shutdown().await.unwrap();
+            // To the end of the connection, which is not kept for one who says no more.
+            let got = read(&mut stream, "never").await;
+            assert!(got.ends_with("here"), "{got}");
+        }
     }
 
     #[test]

@@ -17,12 +17,14 @@ pub(super) fn complete(document: &mut OpenApi) {
         if begins && let Some(operation) = &mut item.post {
             operation.parameters.get_or_insert_default().push(key());
         }
-        for operation in [&mut item.get, &mut item.post].into_iter().flatten() {
+        let asks = item.get.iter_mut().map(|get| (get, false));
+        let does = item.post.iter_mut().map(|post| (post, true));
+        for (operation, does) in asks.chain(does) {
             let has = |place: &ParameterIn| {
                 let all = operation.parameters.iter().flatten();
                 all.filter_map(told).any(|p| &p.parameter_in == place)
             };
-            let (query, body) = (has(&ParameterIn::Query), operation.request_body.is_some());
+            let query = has(&ParameterIn::Query);
             if path.contains("{id}") {
                 answers(operation, "400", "The id is not a whole number");
             }
@@ -36,7 +38,8 @@ pub(super) fn complete(document: &mut OpenApi) {
                 "The request names another host than this machine (`forbidden-host`) or comes from another page \
                  (`forbidden-origin`)",
             );
-            if body {
+            // A body is read even where none is needed.
+            if does {
                 answers(operation, "400", "The body cannot be understood");
                 answers(operation, "408", "The body did not come");
                 answers(operation, "413", "The body is too large");

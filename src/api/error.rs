@@ -107,8 +107,8 @@ impl ApiError {
     }
 }
 
-/// A text with numbers that people can read: 1e300 has 301 digits when it is written out. Whole numbers of up to 15
-/// digits are counts and ids, and stay.
+/// A text with numbers that people can read: 1e300 has 301 digits when it is written out, and 1e-300 as many. Whole
+/// numbers of up to 19 digits are counts and ids, and stay.
 fn readable(text: &str) -> String {
     let mut out = String::with_capacity(text.len().min(1 << 12));
     let mut rest = text;
@@ -127,10 +127,13 @@ fn readable(text: &str) -> String {
         // Part of a word, a hash or a version is no number.
         let alone = !before.ends_with(|c: char| c.is_alphanumeric() || "._".contains(c))
             && !after.starts_with(|c: char| c.is_alphanumeric() || c == '_');
-        let long = whole > 15 || (whole > 6 && decimals > 0);
+        let long = |value: f64| match decimals {
+            0 => whole > 19,
+            _ => whole > 6 || (value > 0.0 && value < 1e-6),
+        };
         out.push_str(before);
         match number.parse::<f64>() {
-            Ok(value) if alone && long => out.push_str(&format!("{value:e}")),
+            Ok(value) if alone && long(value) => out.push_str(&format!("{value:e}")),
             _ => out.push_str(number),
         }
         rest = after;
@@ -294,7 +297,13 @@ mod tests {
                 "frame 12345678901234567890abc",
                 "frame 12345678901234567890abc",
             ),
-            ("scan 9007199254740993: no", "scan 9.007199254740992e15: no"),
+            ("scan 9007199254740993: no", "scan 9007199254740993: no"),
+            ("scan 100000000000000000000: no", "scan 1e20: no"),
+            (
+                "0.000000000000025 s and 0.000025 s",
+                "2.5e-14 s and 0.000025 s",
+            ),
+            ("0.000000000 µm", "0.000000000 µm"),
             (
                 "127.0.0.1:8787 and 2026-03-02T09:00:00.123Z",
                 "127.0.0.1:8787 and 2026-03-02T09:00:00.123Z",

@@ -23,10 +23,8 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for Body<T> {
         let bytes = axum::body::to_bytes(request.into_body(), BODY_BYTES_MAX)
             .await
             .map_err(|_| too_large())?;
-        let mut json = serde_json::Deserializer::from_slice(&bytes);
-        let value: T = serde_path_to_error::deserialize(&mut json).map_err(json_problem)?;
-        json.end().map_err(syntax)?;
-        let read = serde_json::from_slice(&bytes).map_err(syntax)?;
+        let read = objects::read(&bytes).map_err(json_problem)?;
+        let value: T = serde_path_to_error::deserialize(&read).map_err(json_problem)?;
         objects::check::<T>(&read).map_err(|refusal| {
             let path = refusal.path().to_string();
             let (field, message) = told(&path, &refusal.into_inner().to_string());
@@ -98,17 +96,36 @@ fn json_problem(error: serde_path_to_error::Error<serde_json::Error>) -> ApiErro
 /// The number in a path.
 pub struct Id(pub i64);
 
+/// The number in a path, and the name of a file after it.
+pub struct IdAndName(pub i64, pub String);
+
 impl<S: Send + Sync> FromRequestParts<S> for Id {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
-        match Path::<i64>::from_request_parts(parts, state).await {
-            Ok(Path(id)) => Ok(Id(id)),
-            Err(PathRejection::FailedToDeserializePathParams(_)) => Err(ApiError::bad_request(
-                format!("`{}`: the id is a whole number", parts.uri.path()),
-            )),
-            Err(other) => Err(ApiError::bad_request(other.body_text())),
-        }
+        in_path(parts, state).await.map(Id)
+    }
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for IdAndName {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        let (id, name) = in_path(parts, state).await?;
+        Ok(IdAndName(id, name))
+    }
+}
+
+async fn in_path<T: DeserializeOwned + Send, S: Send + Sync>(
+    parts: &mut Parts,
+    state: &S,
+) -> Result<T, ApiError> {
+    match Path::from_request_parts(parts, state).await {
+        Ok(Path(value)) => Ok(value),
+        Err(PathRejection::FailedToDeserializePathParams(_)) => Err(ApiError::bad_request(
+            format!("`{}`: the id is a whole number", parts.uri.path()),
+        )),
+        Err(other) => Err(ApiError::bad_request(other.body_text())),
     }
 }
 

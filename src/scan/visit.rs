@@ -35,8 +35,6 @@ pub struct LookedAt {
     pub black_sample: bool,
     /// A sample that fills the camera at every pose.
     pub full_sample: bool,
-    /// A picture that comes again.
-    pub same_frame: bool,
 }
 
 impl LookedAt {
@@ -45,8 +43,8 @@ impl LookedAt {
         match rejected {
             Rejected::BlackSample => self.black_sample = true,
             Rejected::FullSample { .. } => self.full_sample = true,
-            Rejected::SameFrame => self.same_frame = true,
-            Rejected::Otherwise(_) => {}
+            // Noise repeats itself for nobody.
+            Rejected::SameFrame | Rejected::Otherwise(_) => {}
         }
     }
 }
@@ -74,7 +72,7 @@ pub enum Rejected {
     /// The sample fills the camera at one pose after the other. It may be so, once somebody has looked.
     #[error(
         "full: at {poses} poses in a row most pixels are full in the shortest exposure; look at lamp and camera, or \
-         plan shorter exposures"
+         plan a new scan of shorter exposures (this one takes no pose again that it has)"
     )]
     FullSample {
         /// How many.
@@ -82,7 +80,8 @@ pub enum Rejected {
     },
     /// The camera gave a picture that it had given before.
     #[error(
-        "the same picture as before, bit for bit: the camera takes no new ones; look at it and its program"
+        "the same picture as before, bit for bit: the camera takes no new ones; look at it and its program (for a \
+         camera that has no noise, read_noise_electrons_rms = 0 says so)"
     )]
     SameFrame,
     /// Anything else, in words.
@@ -301,6 +300,8 @@ fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<R
 const FULL_AT_FIRST: usize = 3;
 /// The same after a pose that did not. A lobe fills some: at one tilt perhaps all azimuths.
 const FULL_LATER: usize = 24;
+/// Share of pixels between darkness and full from which on two pictures cannot be alike by chance or by defects.
+const NOISY_SHARE: f64 = 0.25;
 
 /// What no visit shows by itself: frames that come again, and one full pose after the other.
 #[derive(Debug, Default)]
@@ -315,7 +316,7 @@ pub(super) struct Seen {
 pub(super) struct Looked {
     kind: FrameKind,
     target: Option<Pose>,
-    /// Exposure and fingerprint of the frames that show more than darkness or full pixels.
+    /// Exposure and fingerprint of the frames that noise makes unlike all others.
     prints: Vec<(f64, u64)>,
     /// Whether most pixels of the shortest exposure are full.
     full: bool,
@@ -323,12 +324,10 @@ pub(super) struct Looked {
 
 impl Looked {
     pub fn at(visit: &Visit, rules: &FrameRules) -> Looked {
-        let full = |frame: &Frame| {
-            let pixels = frame.pixels_dn();
-            let full = pixels.iter().filter(|dn| **dn >= rules.saturation_dn);
-            full.count() as f64 / pixels.len() as f64
-        };
-        let shows = |frame: &Frame| !shows_no_light(frame, rules) && full(frame) < 1.0;
+        let full = |frame: &Frame| share(frame, |dn| dn >= rules.saturation_dn);
+        // Full pixels, those cut off at 0 and defects are the same in every picture.
+        let noisy = |frame: &Frame| share(frame, |dn| dn > 0 && dn < rules.saturation_dn);
+        let shows = |frame: &Frame| !shows_no_light(frame, rules) && noisy(frame) > NOISY_SHARE;
         let frames = || {
             let all = visit.frames.iter();
             all.map(|taken| (taken.exposure_s, &taken.captured.frame))
@@ -354,7 +353,7 @@ impl Seen {
         }
         // Noise makes every picture another one.
         let noisy = rules.read_noise_dn > 0.0;
-        if noisy && !rules.looked_at.same_frame && self.shows_again(looked) {
+        if noisy && self.shows_again(looked) {
             return Some(Rejected::SameFrame);
         }
         if !looked.full {
@@ -411,6 +410,11 @@ fn fingerprint(frame: &Frame) -> u64 {
     hasher.finish()
 }
 
+fn share(frame: &Frame, is: impl Fn(u16) -> bool) -> f64 {
+    let pixels = frame.pixels_dn();
+    pixels.iter().filter(|dn| is(**dn)).count() as f64 / pixels.len() as f64
+}
+
 fn shows_no_light(frame: &Frame, rules: &FrameRules) -> bool {
     let above = mean_dn(frame) - rules.black_level_dn;
     let sigma = rules.read_noise_dn.max(0.3) / (frame.pixels_dn().len() as f64).sqrt();
@@ -441,9 +445,13 @@ mod tests {
     }
 
     fn taken(dn: u16, exposure_s: f64) -> TakenFrame {
+        shown(&[dn; 16], exposure_s)
+    }
+
+    fn shown(dn: &[u16], exposure_s: f64) -> TakenFrame {
         TakenFrame {
             captured: Captured {
-                frame: Frame::new(4, 4, vec![dn; 16]).unwrap(),
+                frame: Frame::new(4, 4, dn.to_vec()).unwrap(),
                 started_at: Duration::ZERO,
                 started_utc: time::macros::datetime!(2026-01-01 00:00 UTC),
             },
@@ -474,6 +482,12 @@ mod tests {
     }
 
     fn looked(kind: FrameKind, phi_s_deg: f64, frames: &[(u16, f64)]) -> Looked {
+        let frames: Vec<_> = frames.iter().map(|(dn, s)| ([*dn; 16], *s)).collect();
+        let frames: Vec<_> = frames.iter().map(|(dn, s)| (&dn[..], *s)).collect();
+        looked_at(kind, phi_s_deg, &frames)
+    }
+
+    fn looked_at(kind: FrameKind, phi_s_deg: f64, frames: &[(&[u16], f64)]) -> Looked {
         let pose = Pose::from_deg(0.0, phi_s_deg);
         let visit = Visit {
             shot: Shot {
@@ -486,7 +500,7 @@ mod tests {
             },
             attempt: 0,
             pose,
-            frames: frames.iter().map(|(dn, s)| taken(*dn, *s)).collect(),
+            frames: frames.iter().map(|(dn, s)| shown(dn, *s)).collect(),
             rejected: None,
             taken_at: time::macros::datetime!(2026-01-01 00:00 UTC),
         };
@@ -506,18 +520,44 @@ mod tests {
             fault(&seen, &at(30.0, 900), &rules()),
             Some(Rejected::SameFrame)
         );
+        // Who resumes has not mended the camera by it.
         let (mut silent, mut looked_at) = (rules(), rules());
         silent.read_noise_dn = 0.0;
         looked_at.looked_at.note(&Rejected::SameFrame);
-        for rules in [silent, looked_at] {
-            assert_eq!(fault(&seen, &at(30.0, 900), &rules), None);
-        }
+        assert_eq!(fault(&seen, &at(30.0, 900), &silent), None);
+        let again = fault(&seen, &at(30.0, 900), &looked_at);
+        assert_eq!(again, Some(Rejected::SameFrame));
         for dn in [200, 4095] {
             seen.remember(at(0.0, dn));
             assert_eq!(fault(&seen, &at(30.0, dn), &rules()), None, "{dn}");
         }
         let twice = looked(FrameKind::Sample, 60.0, &[(900, 0.01), (900, 0.1)]);
         assert_eq!(fault(&seen, &twice, &rules()), Some(Rejected::SameFrame));
+    }
+
+    #[test]
+    fn defects_and_the_ends_of_the_scale_are_alike_in_all_pictures() {
+        // A dead pixel among full ones, a hot one over darkness that is cut off, both.
+        let pictures = [
+            [vec![3; 1], vec![4095; 15]].concat(),
+            [vec![3000; 3], vec![0; 13]].concat(),
+            [vec![3; 1], vec![3000; 3], vec![4095; 8], vec![0; 4]].concat(),
+        ];
+        for dn in pictures {
+            let at = |phi_s_deg| {
+                let both = [(&dn[..], 0.01), (&dn[..], 0.1)];
+                looked_at(FrameKind::Sample, phi_s_deg, &both)
+            };
+            let mut rules = rules();
+            rules.black_level_dn = 0.0;
+            let mut seen = Seen::default();
+            seen.remember(at(0.0));
+            assert_ne!(
+                seen.fault(&at(30.0), 9, &rules),
+                Some(Rejected::SameFrame),
+                "{dn:?}"
+            );
+        }
     }
 
     #[test]

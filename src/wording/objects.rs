@@ -1,16 +1,95 @@
 //! Objects of named fields, and nothing else in their place.
 //!
 //! The form that serde derives for a struct takes a list of its values too: `[10]` for `{"position_deg": 10}`. In a
-//! request that is a slip, and it may move something. [`check`] reads a value once more and refuses it.
+//! request that is a slip, and it may move something. [`check`] reads a value once more and refuses it. A map takes a
+//! name twice, and the last counts: [`read`] refuses that.
 
 use serde::Deserialize;
-use serde::de::value::{Error, MapAccessDeserializer, MapDeserializer, SeqDeserializer};
-use serde::de::{Deserializer, Error as _, Expected, IntoDeserializer, Unexpected, Visitor};
+use serde::de::value::{Error, MapDeserializer, SeqDeserializer};
+use serde::de::{
+    Deserializer, Error as _, Expected, IntoDeserializer, MapAccess, SeqAccess, Unexpected, Visitor,
+};
 use serde::forward_to_deserialize_any;
 use serde_json::Value;
 
 /// What is wrong with a value, and where.
 pub type Refusal = serde_path_to_error::Error<Error>;
+
+/// Reads JSON in which every object has each name once.
+///
+/// # Errors
+/// What is no JSON, and the first object that has a name twice.
+pub fn read(json: &[u8]) -> Result<Value, serde_path_to_error::Error<serde_json::Error>> {
+    let mut track = serde_path_to_error::Track::new();
+    let mut from = serde_json::Deserializer::from_slice(json);
+    let tracked = serde_path_to_error::Deserializer::new(&mut from, &mut track);
+    let read = Once::deserialize(tracked).and_then(|once| from.end().map(|()| once.0));
+    read.map_err(|error| serde_path_to_error::Error::new(track.path(), error))
+}
+
+/// A value none of whose objects has a name twice.
+struct Once(Value);
+
+impl<'de> Deserialize<'de> for Once {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        from.deserialize_any(OnceVisitor).map(Once)
+    }
+}
+
+struct OnceVisitor;
+
+impl<'de> Visitor<'de> for OnceVisitor {
+    type Value = Value;
+
+    fn expecting(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str("a value")
+    }
+
+    fn visit_unit<E>(self) -> Result<Value, E> {
+        Ok(Value::Null)
+    }
+
+    fn visit_bool<E>(self, value: bool) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_u64<E>(self, value: u64) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_i64<E>(self, value: i64) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_f64<E>(self, value: f64) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_str<E>(self, value: &str) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut values: A) -> Result<Value, A::Error> {
+        let mut read = Vec::new();
+        while let Some(Once(value)) = values.next_element()? {
+            read.push(value);
+        }
+        Ok(Value::Array(read))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut fields: A) -> Result<Value, A::Error> {
+        let mut read = serde_json::Map::new();
+        while let Some(name) = fields.next_key::<String>()? {
+            if read.contains_key(&name) {
+                // In the words of serde.
+                return Err(A::Error::custom(format_args!("duplicate field `{name}`")));
+            }
+            let Once(value) = fields.next_value()?;
+            read.insert(name, value);
+        }
+        Ok(Value::Object(read))
+    }
+}
 
 /// Refuses a list where `T` has an object of named fields.
 ///
@@ -108,9 +187,8 @@ impl<'de> Deserializer<'de> for Named<'de> {
     ) -> Result<V::Value, Error> {
         match self.0 {
             Value::String(word) => visitor.visit_enum(word.as_str().into_deserializer()),
-            Value::Object(fields) => {
-                visitor.visit_enum(MapAccessDeserializer::new(Named::map(fields)))
-            }
+            // All that have fields say what they are beside these.
+            Value::Object(_) => Err(Error::invalid_type(Unexpected::Map, &visitor)),
             _ => self.deserialize_any(visitor),
         }
     }
@@ -187,6 +265,34 @@ mod tests {
         });
         check::<Outer>(&whole).unwrap();
         check::<Outer>(&json!({"number": null, "values": {"a": 1}})).unwrap();
+    }
+
+    #[test]
+    fn a_name_is_said_once() {
+        let text = br#"{"a": {"x": [1, -2, 2.5, "w", null, true]}, "b": {"x": {}}}"#;
+        let plain: Value = serde_json::from_slice(text).unwrap();
+        assert_eq!(read(text).unwrap(), plain);
+        for (text, place) in [
+            (r#"{"a": 1, "b": 2, "a": 1}"#, "."),
+            (r#"{"a": [{"b": {"c": 1, "c": 2}}]}"#, "a[0].b"),
+        ] {
+            let refusal = read(text.as_bytes()).unwrap_err();
+            assert_eq!(refusal.path().to_string(), place, "{refusal}");
+            let words = crate::wording::refusals::plain(&refusal.into_inner().to_string());
+            assert!(words.ends_with("is named twice"), "{words}");
+        }
+        for text in ["", "{", "[1] 2", "{\"a\": NaN}", "1e999"] {
+            let refusal = read(text.as_bytes()).unwrap_err().into_inner();
+            assert!(!refusal.is_data(), "{text}: {refusal}");
+        }
+    }
+
+    #[test]
+    fn a_word_has_nothing_beside_it() {
+        let refusal = check::<Outer>(&json!({"word": {"first": null}})).unwrap_err();
+        assert_eq!(refusal.path().to_string(), "word", "{refusal}");
+        let words = crate::wording::refusals::plain(&refusal.into_inner().to_string());
+        assert_eq!(words, "an object stands where a word is expected");
     }
 
     #[test]

@@ -80,7 +80,7 @@ fn sought(wanted: &str) -> String {
         "a string" => "a text".to_owned(),
         "a map" => "an object".to_owned(),
         "a sequence" => "a list".to_owned(),
-        "string or map" => "a word".to_owned(),
+        "string or map" | "variant identifier" => "a word".to_owned(),
         other => {
             let of_lists = ["an array of length ", "a tuple of size "];
             let length = of_lists.iter().find_map(|start| other.strip_prefix(start));

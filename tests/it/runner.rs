@@ -26,6 +26,8 @@ enum Cue {
     Full,
     /// The camera hangs: from now on it gives the frame before again.
     Hang,
+    /// It gives new ones again.
+    Wake,
     /// Somebody presses stop while it exposes.
     Stop,
 }
@@ -57,6 +59,7 @@ impl Camera for CuedCamera {
             Some(Cue::Black) => self.uniform_dn = Some(200),
             Some(Cue::Full) => self.uniform_dn = Some(u16::MAX),
             Some(Cue::Hang) => self.hangs = true,
+            Some(Cue::Wake) => self.hangs = false,
             Some(Cue::Fail) => {
                 let failed = CameraError::Failed("the cable came off".into());
                 return Box::pin(std::future::ready(Err(failed)));
@@ -217,16 +220,22 @@ async fn who_resumes_after_another_trouble_has_not_looked_at_a_black_sample() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_camera_that_hangs_or_is_blinded_pauses_the_scan() {
-    for cue in [(4, Cue::Hang), (1, Cue::Full)] {
-        let (end, told) = run(samples(), &[], [cue], |_| u64::MAX).await;
-        // Somebody has looked, and says that it counts.
-        assert_eq!(end.state, ScanState::Completed);
-        assert_eq!(told.alarms, ["frames-rejected"]);
-        assert_eq!(told.accepted, [0, 1, 2]);
-        let paused = told.states.iter().filter(|s| **s == ScanState::Paused);
-        assert_eq!(paused.count(), 1);
-    }
+async fn a_blinded_camera_pauses_the_scan_until_somebody_has_looked() {
+    let (end, told) = run(samples(), &[], [(1, Cue::Full)], |_| u64::MAX).await;
+    assert_eq!(end.state, ScanState::Completed);
+    assert_eq!(told.alarms, ["frames-rejected"]);
+    assert_eq!(told.accepted, [0, 1, 2]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_camera_that_hangs_pauses_the_scan_until_it_no_longer_does() {
+    // Three frames a visit, three visits before each pause.
+    let cues = [(4, Cue::Hang), (4 + 2 * 9, Cue::Wake)];
+    let (end, told) = run(samples(), &[], cues, |_| u64::MAX).await;
+    assert_eq!(end.state, ScanState::Completed);
+    // Who resumes has not mended it by that.
+    assert_eq!(told.alarms, ["frames-rejected"; 2]);
+    assert_eq!(told.accepted, [0, 1, 2]);
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -1,6 +1,7 @@
 //! The stop, where it is hardest: without a link, beside keys, with bodies that are none.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use axum::body::Body;
 use ridged::bench::AxisName::PhiS;
@@ -13,6 +14,7 @@ use ridged::scan::{Event, Rig, ScanState, StageLink};
 use ridged::sim::faults::{LineFault, ScriptedFaults};
 use ridged::store::disk::RealDisk;
 use ridged::units::Angle;
+use tower::ServiceExt;
 
 use crate::bench_in_a_box::{BenchInABox, small};
 use crate::http::{is_problem, opened, request, send};
@@ -151,5 +153,27 @@ async fn no_key_and_no_body_keeps_a_stop_from_stopping() {
     let told = bench.lab.store().events_after(0, 100).await.unwrap();
     let stopped = |event: &Event| matches!(event, Event::Rig { activity, .. } if *activity == RigActivity::Stopped);
     assert_eq!(told.iter().filter(|e| stopped(&e.event)).count(), 3);
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_hangs_up_right_after_a_stop_has_said_it() {
+    let (bench, router) = opened().await;
+    let stop = request("POST", "/api/v1/rig/stop").body(Body::empty());
+    let mut call = Box::pin(router.clone().oneshot(stop.unwrap()));
+    // As the listener does it: what is asked begins, then the connection is gone and the answer with it.
+    assert!(futures::poll!(call.as_mut()).is_pending());
+    drop(call);
+    let stopped = async {
+        loop {
+            let told = bench.lab.store().events_after(0, 100).await.unwrap();
+            if told.iter().any(|e| matches!(&e.event, Event::Rig { activity, .. } if *activity == RigActivity::Stopped)) {
+                break;
+            }
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    };
+    let in_time = tokio::time::timeout(Duration::from_secs(60), stopped).await;
+    in_time.expect("the stages were not stopped");
     bench.end().await;
 }

@@ -56,6 +56,7 @@ fn answers_that_every_route_of_a_kind_gives_are_described() {
         ("get", "/events", "422"),
         ("post", "/scans", "415"),
         ("post", "/rig/axes/{axis}/home", "422"),
+        ("post", "/rig/axes/{axis}/home", "415"),
     ] {
         let responses = &operation(&document, method, path)["responses"];
         assert!(responses[status].is_object(), "{method} {path} {status}");

@@ -123,6 +123,24 @@ async fn bad_input_is_refused_by_name_and_nothing_happens() {
             "/api/v1/fits",
         ),
         (
+            r#"{"scan_id": 77, "variant": ["auto"]}"#,
+            422,
+            "invalid-value",
+            "/api/v1/fits",
+        ),
+        (
+            r#"{"scan_id": 77, "variant": {"auto": null}}"#,
+            422,
+            "invalid-value",
+            "/api/v1/fits",
+        ),
+        (
+            r#"{"scan_id": 77, "fix": {"rho_d": 0.3, "rho_d": 0.4}}"#,
+            422,
+            "invalid-value",
+            "/api/v1/fits",
+        ),
+        (
             r#"{"folder": "relative"}"#,
             422,
             "invalid-value",
@@ -171,6 +189,7 @@ async fn bad_input_is_refused_by_name_and_nothing_happens() {
     );
     for path in [
         "/api/v1/scans/x",
+        "/api/v1/maps/x/files/bins.csv",
         "/api/v1/scans?limit=0",
         "/api/v1/scans?colour=red",
         "/api/v1/scans?state=happy",
