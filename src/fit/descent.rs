@@ -50,8 +50,8 @@ pub struct LevenbergMarquardt<'a> {
     damping: f64,
     phase: Phase,
     may_polish: bool,
-    /// Parameters that a kink of the residuals holds ([`kinks`]).
-    held: Vec<bool>,
+    /// Whether it went on along kinks of the residuals ([`kinks`]).
+    slid: bool,
     iterations: u64,
     evaluations: u64,
     /// Best point of the descent, kept while the polish runs.
@@ -89,7 +89,7 @@ impl<'a> LevenbergMarquardt<'a> {
             damping: 0.0,
             phase: Phase::Descent,
             may_polish: settings.polish_steps > 0,
-            held: vec![false; n],
+            slid: false,
             iterations: 0,
             evaluations: 0,
             anchor: None,
@@ -100,15 +100,6 @@ impl<'a> LevenbergMarquardt<'a> {
             rhs: vec![0.0; m.max(n)],
             small: SmallSystem::new(n),
         }
-    }
-
-    /// Parameters that the projected gradient leaves free and no kink holds.
-    fn free(&self) -> Vec<bool> {
-        let within = self.within_bounds().into_iter();
-        within
-            .zip(&self.held)
-            .map(|(free, held)| free && !held)
-            .collect()
     }
 
     /// Parameters that the projected gradient leaves free.
@@ -286,7 +277,7 @@ impl<'a> LevenbergMarquardt<'a> {
     }
 
     fn descend<P: LeastSquares>(&mut self, problem: &mut Problem<P>) -> Result<(), Error> {
-        let free = self.free();
+        let free = self.within_bounds();
         if self.orthogonality(&free) < 1e-14 {
             self.hand_over(Ending::ConvergedByGradient);
             return Ok(());
@@ -348,24 +339,35 @@ impl<'a> LevenbergMarquardt<'a> {
         };
         let small_radius = self.radius <= step_tolerance * self.size();
         if small_gain {
-            self.hand_over_beside_kinks(problem, Ending::ConvergedByCost)?;
+            self.end_descent(problem, Ending::ConvergedByCost)?;
         } else if small_radius {
-            self.hand_over_beside_kinks(problem, Ending::Stalled)?;
+            self.end_descent(problem, Ending::Stalled)?;
         }
         Ok(())
     }
 
-    /// The same, once more where what is left to gain lies beyond a kink.
-    fn hand_over_beside_kinks<P: LeastSquares>(
+    /// The same; where the polish did not settle, what is left to gain may lie along a kink.
+    fn end_descent<P: LeastSquares>(
         &mut self,
         problem: &mut Problem<P>,
         ending: Ending,
     ) -> Result<(), Error> {
-        if !self.may_polish && !self.held.contains(&true) {
-            self.held = self.kinks(problem)?;
-            self.may_polish = self.held.contains(&true) && self.settings.polish_steps > 0;
+        if self.may_polish || self.slid || self.settings.polish_steps == 0 {
+            self.hand_over(ending);
+            return Ok(());
         }
-        self.hand_over(ending);
+        self.slid = true;
+        let before = self.cost;
+        match self.slide(problem)? {
+            Some(ending) => self.phase = Phase::Over(ending),
+            // It came off the kinks into the open.
+            None if self.cost < before => {
+                self.may_polish = true;
+                self.damping = 0.0;
+                self.radius = self.settings.initial_radius * self.size();
+            }
+            None => self.hand_over(ending),
+        }
         Ok(())
     }
 
@@ -386,24 +388,6 @@ impl<'a> LevenbergMarquardt<'a> {
         } else {
             self.phase = Phase::Over(ending);
         }
-    }
-
-    /// The step has vanished; what a kink holds has to be held there still.
-    fn finish<P: LeastSquares>(&mut self, problem: &mut Problem<P>) -> Result<(), Error> {
-        let mut ending = Ending::ConvergedByStep;
-        if self.held.contains(&true) {
-            let kinks = self.kinks(problem)?;
-            if self
-                .held
-                .iter()
-                .zip(kinks)
-                .any(|(held, kink)| *held && !kink)
-            {
-                ending = Ending::Stalled;
-            }
-        }
-        self.phase = Phase::Over(ending);
-        Ok(())
     }
 
     /// Ratio of the least to the greatest singular value of the free columns, scaled to length 1;
@@ -438,7 +422,7 @@ impl<'a> LevenbergMarquardt<'a> {
             Phase::Descent | Phase::Polish { .. } => Ending::MaxIterations,
         };
         if !matches!(ending, Ending::NotFinite | Ending::Cancelled) {
-            let gradient = self.orthogonality(&self.free());
+            let gradient = self.orthogonality(&free);
             if matches!(ending, Ending::ConvergedByCost | Ending::Stalled) && gradient < 1e-9 {
                 ending = Ending::ConvergedByGradient;
             }

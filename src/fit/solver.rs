@@ -308,6 +308,48 @@ mod tests {
     }
 
     #[test]
+    fn a_minimum_on_a_kink_that_is_curved_is_reached_along_it() {
+        /// r = (1 + 2 |y − x²|, x − 0.7, y/10 − 0.2): a gorge whose bottom is y = x², where no parameter alone gains.
+        struct Gorge;
+        impl LeastSquares for Gorge {
+            fn n_parameters(&self) -> usize {
+                2
+            }
+            fn n_residuals(&self) -> usize {
+                3
+            }
+            fn evaluate(&self, p: &[f64], r: &mut [f64], j: &mut [f64]) {
+                let (x, y) = (p[0], p[1]);
+                let side = (y - x * x).signum();
+                r.copy_from_slice(&[1.0 + 2.0 * (y - x * x).abs(), x - 0.7, 0.1 * y - 0.2]);
+                j.copy_from_slice(&[-4.0 * side * x, 1.0, 0.0, 2.0 * side, 0.0, 0.1]);
+            }
+        }
+        // Along the bottom: (x − 0.7) + 0.02 x (x² − 2) = 0.
+        let (mut low, mut high) = (0.0, 2.0);
+        for _ in 0..60 {
+            let x: f64 = 0.5 * (low + high);
+            match x - 0.7 + 0.02 * x * (x * x - 2.0) > 0.0 {
+                true => high = x,
+                false => low = x,
+            }
+        }
+        let cancel = AtomicBool::new(false);
+        for start in [[-3.0, 2.0], [1.5, -1.0], [0.1, 0.0]] {
+            let m = minimise(
+                Gorge,
+                &start,
+                &Bounds::none(2),
+                &Settings::default(),
+                &cancel,
+            );
+            assert!(m.ending.is_success(), "{m:?}");
+            assert!((m.parameters[0] - low).abs() < 1e-6, "{low} {m:?}");
+            assert!((m.parameters[1] - low * low).abs() < 1e-6, "{low} {m:?}");
+        }
+    }
+
+    #[test]
     fn a_start_without_a_value_is_reported_and_a_cancelled_run_stops() {
         let problem = Decay::exact(3.0, 0.7);
         let m = run(&problem, [f64::NAN, 0.0], &Bounds::none(2));

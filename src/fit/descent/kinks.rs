@@ -1,31 +1,119 @@
-//! Minima at a kink of the residuals, where no slope vanishes.
+//! Minima on kinks of the residuals, where no slope vanishes.
 //!
 //! What stands along the ridges is shadowed by either flank or by the other: visibility has a kink there, and the cost may
-//! have its minimum on it, rising to both sides while every further step promises a gain. Such a parameter is held where
-//! it is, the others are polished around it, and the end counts if the cost still rises to both its sides.
+//! have its minimum on it, rising to both sides while every further step promises a gain. Such a descent goes on *along*
+//! the kinks: a damped step in the space that their normals leave, then across it to the lowest point between the flanks.
+//! A kink's normal is the difference of a residual's derivatives on its two sides.
+
+use std::sync::atomic::Ordering;
 
 use argmin::core::{Error, Problem};
 
-use super::{LeastSquares, LevenbergMarquardt};
+use super::{Ending, LeastSquares, LevenbergMarquardt, Triangle, householder};
+use crate::fit::least_squares::norm;
 
 /// How far to both sides of a point its slopes are looked at, as a share of ‖D x‖.
 const ASIDE: f64 = 1e-10;
+/// Share of the strongest kink below which one is not followed.
+const FAINT: f64 = 1e-4;
+/// Share of a normal that the others must leave of it.
+const OBLIQUE: f64 = 0.05;
+const STEPS: usize = 60;
+/// Relative gain that is none.
+const NO_GAIN: f64 = 1e-13;
+/// Cosine between residuals and derivatives that is a right angle.
+const ORTHOGONAL: f64 = 1e-9;
 
 impl LevenbergMarquardt<'_> {
-    /// Parameters to whose both sides the cost rises, within a distance that is none.
-    pub(super) fn kinks<P: LeastSquares>(
+    /// Goes on along the kinks at which the descent has ended; `None` where there are none.
+    pub(super) fn slide<P: LeastSquares>(
         &mut self,
         problem: &mut Problem<P>,
-    ) -> Result<Vec<bool>, Error> {
-        let mut kinks = self.within_bounds();
+    ) -> Result<Option<Ending>, Error> {
+        let mut normals = self.kinks(problem)?;
+        if normals.is_empty() {
+            return Ok(None);
+        }
+        let mut radius = self.settings.initial_radius * self.size();
+        let mut without_gain = 0;
+        for _ in 0..STEPS {
+            if self.cancel.load(Ordering::Relaxed) {
+                return Ok(Some(Ending::Cancelled));
+            }
+            let Some((step, promised, cosine)) = self.step_along(&normals, radius) else {
+                break;
+            };
+            if promised <= NO_GAIN * self.cost || cosine < ORTHOGONAL {
+                return Ok(Some(Ending::ConvergedByGradient));
+            }
+            self.place_trial(&step);
+            let length = self.length(&step);
+            let mut cost = self.evaluate(problem)?;
+            if cost.is_finite() {
+                for normal in &normals {
+                    cost = self.lowest_across(problem, normal, length)?;
+                }
+            }
+            let gain = self.cost - cost;
+            let ratio = gain / promised;
+            if ratio < 0.25 {
+                radius = 0.25 * radius.min(length);
+            } else if ratio > 0.75 {
+                radius = radius.max(2.0 * length);
+            }
+            if gain > 0.0 {
+                self.accept(cost);
+                // Others may have been met, or these been left.
+                let met = self.kinks(problem)?;
+                if met.is_empty() {
+                    return Ok(None);
+                }
+                normals = met;
+            }
+            without_gain = match gain > NO_GAIN * self.cost {
+                true => 0,
+                false => without_gain + 1,
+            };
+            if radius <= f64::EPSILON * self.size() || without_gain > 8 {
+                break;
+            }
+        }
+        Ok(Some(Ending::Stalled))
+    }
+
+    /// Orthonormal normals, in scaled parameters, of the kinks to whose both sides the cost rises.
+    fn kinks<P: LeastSquares>(&mut self, problem: &mut Problem<P>) -> Result<Vec<Vec<f64>>, Error> {
+        let free = self.within_bounds();
         let size = self.size();
-        for (j, kink) in kinks.iter_mut().enumerate().filter(|(_, free)| **free) {
+        let mut found: Vec<(f64, Vec<f64>)> = Vec::new();
+        for j in (0..self.n).filter(|j| free[*j]) {
             let aside = ASIDE * size / self.scale[j];
             let above = self.slope_beside(problem, j, aside)?;
+            let on_this_side = self.trial_j.clone();
             let below = self.slope_beside(problem, j, -aside)?;
-            *kink = below < 0.0 && above > 0.0;
+            if !(below < 0.0 && above > 0.0) {
+                continue;
+            }
+            for (i, residual) in self.r.iter().enumerate() {
+                let jump = |k: usize| {
+                    let entry = i + k * self.m;
+                    (on_this_side[entry] - self.trial_j[entry]) / self.scale[k]
+                };
+                let normal: Vec<f64> = (0..self.n)
+                    .map(|k| if free[k] { jump(k) } else { 0.0 })
+                    .collect();
+                found.push((residual.abs() * norm(&normal), normal));
+            }
         }
-        Ok(kinks)
+        found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let strongest = found.first().map_or(0.0, |(weight, _)| *weight);
+        let mut normals: Vec<Vec<f64>> = Vec::new();
+        for (weight, normal) in found {
+            if weight > FAINT * strongest {
+                add_direction(&mut normals, normal);
+            }
+        }
+        Ok(normals)
     }
 
     /// Half the cost's derivative by a parameter, a step along it.
@@ -41,5 +129,162 @@ impl LevenbergMarquardt<'_> {
         self.evaluate(problem)?;
         let column = &self.trial_j[j * self.m..(j + 1) * self.m];
         Ok(column.iter().zip(&self.trial_r).map(|(a, b)| a * b).sum())
+    }
+
+    /// A damped step across no normal, what it promises to gain, and the cosine that the gradient leaves.
+    fn step_along(&mut self, normals: &[Vec<f64>], radius: f64) -> Option<(Vec<f64>, f64, f64)> {
+        let free = self.within_bounds();
+        let mut directions = normals.to_vec();
+        let units = (0..self.n).filter(|j| free[*j]);
+        for _ in normals.len()..units.clone().count() {
+            // The one of which the others leave most.
+            let left = |j: &usize| 1.0 - directions.iter().map(|d| d[*j] * d[*j]).sum::<f64>();
+            let most = units.clone().max_by(|a, b| left(a).total_cmp(&left(b)))?;
+            let unit = (0..self.n).map(|k| f64::from(u8::from(k == most)));
+            add_direction(&mut directions, unit.collect());
+        }
+        let along = &directions[normals.len()..];
+        let packed = along.len();
+        if packed == 0 {
+            return Some((vec![0.0; self.n], 0.0, 0.0));
+        }
+        if packed > self.m {
+            return None;
+        }
+        let mut columns = vec![0.0; self.m * packed];
+        let mut cosine: f64 = 0.0;
+        for (column, direction) in columns.chunks_exact_mut(self.m).zip(along) {
+            for (k, part) in direction.iter().enumerate() {
+                let share = part / self.scale[k];
+                for (sum, entry) in column.iter_mut().zip(self.column(k)) {
+                    *sum += share * entry;
+                }
+            }
+            let lengths = norm(column) * self.cost.sqrt();
+            if lengths > 0.0 {
+                cosine = cosine.max((dot(column, &self.r) / lengths).abs());
+            }
+        }
+        let mut rhs: Vec<f64> = self.r.iter().map(|r| -r).collect();
+        let before = columns.clone();
+        householder(&mut columns, self.m, packed, &mut rhs);
+        let triangle = Triangle {
+            r: &columns,
+            m: self.m,
+            qtb: &rhs[..packed],
+        };
+        let ones = vec![1.0; packed];
+        let (solution, _) = self.small.solve(triangle, &ones, radius, 0.0)?;
+        let mut step = vec![0.0; self.n];
+        for (amount, direction) in solution.iter().zip(along) {
+            for (k, part) in direction.iter().enumerate() {
+                step[k] += amount * part / self.scale[k];
+            }
+        }
+        let within = self.share_within_bounds(&step);
+        step.iter_mut().for_each(|p| *p *= within);
+        let expected = (0..self.m).map(|i| {
+            let change = solution
+                .iter()
+                .enumerate()
+                .map(|(k, s)| before[i + k * self.m] * s);
+            (self.r[i] + within * change.sum::<f64>()).powi(2)
+        });
+        let promised = self.cost - expected.sum::<f64>();
+        Some((step, promised, cosine))
+    }
+
+    fn share_within_bounds(&self, step: &[f64]) -> f64 {
+        let shares = step.iter().enumerate().map(|(j, p)| {
+            let bound = match *p > 0.0 {
+                true => self.bounds.upper[j],
+                false => self.bounds.lower[j],
+            };
+            match *p == 0.0 {
+                true => 1.0,
+                false => (bound - self.x[j]) / p,
+            }
+        });
+        shares.fold(1.0, f64::min).max(0.0)
+    }
+
+    /// Moves the trial point along a normal to where the cost is least, and evaluates it there.
+    fn lowest_across<P: LeastSquares>(
+        &mut self,
+        problem: &mut Problem<P>,
+        normal: &[f64],
+        length: f64,
+    ) -> Result<f64, Error> {
+        let from = self.trial_x.clone();
+        let (first, _) = self.slope_across(problem, &from, normal, 0.0)?;
+        let towards = -first.signum();
+        // A step of this length leaves a curved kink by its square.
+        let size = self.size();
+        let (mut near, mut far) = (0.0, (length * length / size).max(ASIDE * size));
+        let mut cost;
+        loop {
+            let slope;
+            (slope, cost) = self.slope_across(problem, &from, normal, towards * far)?;
+            if !cost.is_finite() || slope * first <= 0.0 {
+                break;
+            }
+            if far > size {
+                return Ok(f64::INFINITY);
+            }
+            near = far;
+            far *= 4.0;
+        }
+        while far - near > f64::EPSILON * size.max(4.0 * far) {
+            let middle = 0.5 * (near + far);
+            let slope;
+            (slope, cost) = self.slope_across(problem, &from, normal, towards * middle)?;
+            if cost.is_finite() && slope * first > 0.0 {
+                near = middle;
+            } else {
+                far = middle;
+            }
+        }
+        Ok(cost)
+    }
+
+    /// Half the cost's derivative along a normal, and the cost, at a distance from a point.
+    fn slope_across<P: LeastSquares>(
+        &mut self,
+        problem: &mut Problem<P>,
+        from: &[f64],
+        normal: &[f64],
+        distance: f64,
+    ) -> Result<(f64, f64), Error> {
+        for (k, trial) in self.trial_x.iter_mut().enumerate() {
+            *trial = from[k] + distance * normal[k] / self.scale[k];
+        }
+        self.bounds.clamp(&mut self.trial_x);
+        let cost = self.evaluate(problem)?;
+        let slope = normal.iter().enumerate().map(|(k, part)| {
+            let column = &self.trial_j[k * self.m..(k + 1) * self.m];
+            part / self.scale[k] * dot(column, &self.trial_r)
+        });
+        Ok((slope.sum(), cost))
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Adds what others leave of a direction, with length 1, unless that is too little.
+fn add_direction(directions: &mut Vec<Vec<f64>>, mut new: Vec<f64>) {
+    let whole = norm(&new);
+    // Twice is enough.
+    for _ in 0..2 {
+        for other in directions.iter() {
+            let along = dot(other, &new);
+            new.iter_mut().zip(other).for_each(|(n, o)| *n -= along * o);
+        }
+    }
+    let left = norm(&new);
+    if left > OBLIQUE * whole {
+        new.iter_mut().for_each(|n| *n /= left);
+        directions.push(new);
     }
 }

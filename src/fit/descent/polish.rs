@@ -2,7 +2,7 @@
 
 use argmin::core::{Error, Problem};
 
-use super::{LevenbergMarquardt, Phase};
+use super::{Ending, LevenbergMarquardt, Phase};
 use crate::fit::least_squares::{LeastSquares, solve_upper};
 
 impl LevenbergMarquardt<'_> {
@@ -17,7 +17,7 @@ impl LevenbergMarquardt<'_> {
         let running = self.scale.clone();
         self.scale.iter_mut().for_each(|d| *d = 0.0);
         self.take_scales();
-        let free = self.free();
+        let free = self.within_bounds();
         let mut step = vec![0.0; self.n];
         let packed = self.factorise(&free, &step, true);
         let solved = solve_upper(
@@ -45,16 +45,16 @@ impl LevenbergMarquardt<'_> {
         let vanished = self.settings.vanished_step;
         // Far below what counts as vanished there is nothing left to gain.
         if relative <= 0.1 * vanished && last.is_finite() {
-            return self.finish(problem);
+            return self.finish();
         }
         let missed = relative >= last;
         if missed && last < vanished {
-            return self.finish(problem);
+            return self.finish();
         }
         let misses = misses + u32::from(missed);
         if done >= self.settings.polish_steps || misses > 3 || relative > 100.0 * last.min(1.0) {
             if last < 1e3 * vanished {
-                return self.finish(problem);
+                return self.finish();
             }
             return self.give_up_polish();
         }
@@ -69,13 +69,19 @@ impl LevenbergMarquardt<'_> {
         }
         self.accept(cost);
         if relative == 0.0 {
-            return self.finish(problem);
+            return self.finish();
         }
         self.phase = Phase::Polish {
             done: done + 1,
             misses,
             last: relative.min(last),
         };
+        Ok(())
+    }
+
+    /// The step has vanished.
+    fn finish(&mut self) -> Result<(), Error> {
+        self.phase = Phase::Over(Ending::ConvergedByStep);
         Ok(())
     }
 
