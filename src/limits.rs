@@ -157,6 +157,10 @@ pub const INDEX_OF_REFRACTION: Limit =
 pub const SAMPLE_ETA: Limit = Limit::above_0("eta", 1e6, POSITIVE);
 /// Imaginary part of a sample's index, or the uncertainty of a part.
 pub const SAMPLE_K: Limit = Limit::within("k", 0.0, 50.0, FROM_0);
+/// Index of a plastic sample on the rig: one of 1 reflects nothing.
+pub const RIGS_INDEX: Limit = INDEX_OF_REFRACTION.narrowed(1.0001, 10.0);
+/// Real part of a metal sample's index on the rig.
+pub const RIGS_ETA: Limit = SAMPLE_ETA.narrowed(0.01, 100.0);
 /// Distance from ridge to ridge.
 pub const PITCH_LENGTH_UM: Limit = Limit::above_0("pitch_length_um", 1e6, POSITIVE);
 
@@ -170,6 +174,10 @@ pub const PREDICTED_LENS_ANGULAR_RADIUS_DEG: Limit = LENS_ANGULAR_RADIUS_DEG.nar
 pub const PREDICTED_ETA: Limit = SAMPLE_ETA.narrowed(1e-3, 1e3);
 /// Imaginary part of the index of a predicted surface, metals in the infrared among them.
 pub const PREDICTED_K: Limit = SAMPLE_K.narrowed(0.0, 1e3);
+/// Ridge angle that a simulated rig paints.
+pub const PAINTED_RIDGE_DEG: Limit = Limit::within("theta_r_deg", 0.0, 40.0, ANGLE);
+/// Roughness that a simulated rig paints.
+pub const PAINTED_ALPHA: Limit = ALPHA.narrowed(0.01, 0.6);
 /// Roughness of a predicted surface.
 pub const ALPHA: Limit = Limit::within("alpha", 1e-4, 10.0, POSITIVE);
 /// Diffuse reflectance of a predicted surface.

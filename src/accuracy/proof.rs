@@ -127,13 +127,15 @@ fn fastest<const N: usize>(work: [&dyn Fn(); N]) -> [f64; N] {
 }
 
 /// Proves the plan of a scene at `tolerance` for its reflected energy. `ready` builds a scene's surfaces, the same
-/// at every call. `None` where it was cancelled or the scene cannot be built.
+/// at every call; `printed` is the plan that somebody was shown, without which it is one for a run to the tolerance.
+/// `None` where it was cancelled or the scene cannot be built.
 #[must_use]
 pub fn of_scene(
     name: &str,
     scene: &Scene,
     ready: &dyn Fn(&Scene) -> Option<Prepared>,
     tolerance: f64,
+    printed: Option<&Plan>,
     cancel: &AtomicBool,
 ) -> Option<Proof> {
     let everything = |scene: &Scene| {
@@ -165,7 +167,9 @@ pub fn of_scene(
     };
     let mut to_plan = everything(scene)?;
     to_plan.photons = needed;
-    let plan = plan(scene, &to_plan, &wish);
+    let plan = printed
+        .cloned()
+        .unwrap_or_else(|| plan(scene, &to_plan, &wish));
     let as_planned = |plan: &Plan| {
         let mut prepared = everything(scene)?;
         apply(plan, scene, &mut prepared);
@@ -289,6 +293,7 @@ mod tests {
             &scene,
             &ready,
             0.05,
+            None,
             &AtomicBool::new(false),
         );
         let proof = proof.unwrap();

@@ -310,7 +310,7 @@ pub(super) fn measure(
     }
     if let Some(planned) = scene.scene("split", "\"auto\"", PLANNED_PHOTONS, 1) {
         let ready = |s: &Scene| s.prepare(&|_| Err("no files here".to_owned())).ok();
-        let proof = proof::of_scene(&scene.name, &planned, &ready, TOLERANCE, cancel);
+        let proof = proof::of_scene(&scene.name, &planned, &ready, TOLERANCE, None, cancel);
         found.proofs.extend(proof);
     }
 }

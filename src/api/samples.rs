@@ -199,22 +199,21 @@ pub(super) async fn add(
             .map_err(|e| ApiError::invalid("metal", e.to_string()))?;
         body.material = Some(found.into());
     }
-    check(&body)?;
     let note = match (body.material, body.note) {
         (Some(_), note) => note,
         (None, None) => Some(ASSUMED.to_owned()),
         (None, Some(note)) => Some(format!("{note} ({ASSUMED})")),
     };
-    let sample = app
-        .lab
-        .store()
-        .add_sample(&NewSample {
-            name: body.name,
-            material: body.material.unwrap_or(ORDINARY_PLASTIC).into(),
-            note,
-            simulated: body.simulated,
-        })
-        .await?;
+    let new = NewSample {
+        name: body.name,
+        material: body.material.unwrap_or(ORDINARY_PLASTIC).into(),
+        note,
+        simulated: body.simulated,
+    };
+    if let Some((field, message)) = new.fault() {
+        return Err(ApiError::invalid(field, message));
+    }
+    let sample = app.lab.store().add_sample(&new).await?;
     let location = format!("/api/v1/samples/{}", sample.id);
     Ok((
         StatusCode::CREATED,
@@ -230,48 +229,4 @@ pub(super) async fn add(
 ))]
 pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<SampleBody>, ApiError> {
     Ok(Json(app.lab.store().sample(id).await?.into()))
-}
-
-fn check(body: &SampleRequest) -> Result<(), ApiError> {
-    if body.name.trim().is_empty() || body.name.chars().count() > 200 {
-        return Err(ApiError::invalid("name", "must have 1 to 200 characters"));
-    }
-    let range = |field: &str, value: f64, min: f64, max: f64| {
-        if (min..=max).contains(&value) {
-            Ok(())
-        } else {
-            let message = format!("{value} is not within {min} to {max}");
-            Err(ApiError::invalid(field, message))
-        }
-    };
-    match body.material.unwrap_or(ORDINARY_PLASTIC) {
-        MaterialBody::Dielectric { eta, eta_std } => {
-            range("material.eta", eta, 1.0001, 10.0)?;
-            range("material.eta_std", eta_std, 0.0, 1.0)?;
-        }
-        MaterialBody::Conductor {
-            eta,
-            k,
-            eta_std,
-            k_std,
-        } => {
-            range("material.eta", eta, 0.01, 100.0)?;
-            range("material.k", k, 0.0, 100.0)?;
-            range("material.eta_std", eta_std, 0.0, 10.0)?;
-            range("material.k_std", k_std, 0.0, 10.0)?;
-        }
-    }
-    if let Some(SimulatedSurface::Model {
-        theta_r_deg,
-        alpha_u,
-        alpha_v,
-        rho_d,
-    }) = body.simulated
-    {
-        range("simulated.theta_r_deg", theta_r_deg, 0.0, 40.0)?;
-        range("simulated.alpha_u", alpha_u, 0.01, 0.6)?;
-        range("simulated.alpha_v", alpha_v, 0.01, 0.6)?;
-        range("simulated.rho_d", rho_d, 0.0, 1.0)?;
-    }
-    Ok(())
 }

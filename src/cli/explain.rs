@@ -206,7 +206,7 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
     let cancel = super::interrupt::flag()?;
     let patience = Patience::usual(None, &cancel);
     let proof = match args.prove {
-        true => Some(proved(args, &scene)?),
+        true => Some(proved(args, &scene, &plan)?),
         false => None,
     };
     Ok(Explanation {
@@ -226,11 +226,12 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
 }
 
 /// The plan beside everything on.
-fn proved(args: &Args, scene: &Scene) -> Result<Proof, CliError> {
+fn proved(args: &Args, scene: &Scene, plan: &Plan) -> Result<Proof, CliError> {
     let cancel = super::interrupt::flag()?;
     let name = args.input.display().to_string();
     let ready = |s: &Scene| super::trace::ready(&args.input, s).ok();
-    of_scene_proof(&name, scene, &ready, args.tolerance, &cancel).ok_or(CliError::Interrupted)
+    of_scene_proof(&name, scene, &ready, args.tolerance, Some(plan), &cancel)
+        .ok_or(CliError::Interrupted)
 }
 
 fn print(e: &Explanation, out: &mut dyn Write) -> std::io::Result<()> {

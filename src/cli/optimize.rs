@@ -11,6 +11,7 @@ use crate::model::LeftOut;
 use crate::model::Surface;
 use crate::model::contrast::{Tier, predict_paced};
 use crate::model::optimum::{Search, optimise, tables_of};
+use crate::wording::counted;
 
 /// Finds the ridge angle (and the roughness within bounds) of greatest mean contrast on a rig.
 ///
@@ -71,9 +72,16 @@ fn text(report: &Value) -> String {
             String::new()
         }
     };
+    let stopped = match report["complete"] == false {
+        true => format!(
+            "\nTime was over before the search came to its end: this is the best of {}; allow more with --max-seconds.",
+            counted(report["tables"].as_u64().unwrap_or(0) as usize, "table")
+        ),
+        false => String::new(),
+    };
     format!(
         "greatest mean contrast {:.5} sr⁻¹ (Michelson {:.3}) at θr = {:.3}°, α = {:.4}\n\
-             above 99 % of it from {}, above 90 % from {}{}{}\n",
+             above 99 % of it from {}, above 90 % from {}{}{}{stopped}\n",
         number("contrast"),
         number("michelson"),
         number("theta_r_deg"),
@@ -152,7 +160,7 @@ fn report(args: &Args) -> Result<Value, CliError> {
     if !best.complete {
         left_out.push(LeftOut::new(
             "the rest of the search",
-            "time was over: the ridge angle is the best of those that were tried",
+            "time was over: ridge angle and roughness are the best of those that were tried",
             None,
         ));
     }

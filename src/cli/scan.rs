@@ -263,6 +263,14 @@ async fn sample_for(lab: &Lab, args: &Args) -> Result<i64, CliError> {
         note: None,
         simulated: None,
     };
+    if let Some((field, message)) = sample.fault() {
+        let option = match field {
+            "name" => "--sample",
+            "material.k" => "--k",
+            _ => "--eta",
+        };
+        return Err(CliError::bad_input(anyhow!("{option}: {message}")));
+    }
     let sample = lab.store().add_sample(&sample).await;
     Ok(sample.map_err(|e| daemon::lab_error(e.into()))?.id)
 }

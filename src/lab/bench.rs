@@ -16,6 +16,7 @@ use super::recorder::LabRecorder;
 use super::{LabError, Occupation, RigParts, RigSettings, RigSide, along, tell};
 use crate::bench::stage::{AxisName, Stage, StageError};
 use crate::clock::Clock;
+use crate::frame::Frame;
 use crate::geometry::Pose;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::runner::{self, Job, OrderSlip, RunEnd};
@@ -438,9 +439,14 @@ impl Owner {
             plan: work.plan,
             first_state: work.first_state,
         };
+        let last_frames = match work.done.is_empty() {
+            true => Vec::new(),
+            false => self.last_frames(scan_id).await,
+        };
         let job = Job {
             steps,
             done: work.done,
+            last_frames,
             elapsed_s: work.elapsed_s,
             settings: self.settings.runner.clone(),
             clock: Arc::clone(&self.told.clock),
@@ -459,6 +465,25 @@ impl Owner {
             }
         }
         self.occupy(None, None);
+    }
+
+    /// The newest frames of a scan that count; none where they cannot be read, which the scan's own end will tell.
+    async fn last_frames(&self, scan_id: i64) -> Vec<Frame> {
+        const ENOUGH: usize = 8;
+        let store = self.told.store.clone();
+        let Ok(records) = store.frames_for_reduction(scan_id).await else {
+            return Vec::new();
+        };
+        let own = records.into_iter().filter(move |r| r.scan_id == scan_id);
+        let newest: Vec<String> = own.map(|r| r.sha256).rev().take(ENOUGH).collect();
+        let read = move || -> Vec<Frame> {
+            let frames = newest.iter().filter_map(|sha256| {
+                let png = store.read_png(sha256).ok()?;
+                Frame::from_png(&png).ok()
+            });
+            frames.collect()
+        };
+        tokio::task::spawn_blocking(read).await.unwrap_or_default()
     }
 }
 

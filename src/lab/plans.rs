@@ -14,7 +14,7 @@ use crate::geometry::Pose;
 use crate::material::Material;
 use crate::scan::plan::{self, Estimate};
 use crate::scan::{OperatorAction, Plan, PlanRequest, Progress, ScanState, Step};
-use crate::series::{DarkFacts, Manifest, SCHEMA, SampleFacts, SampleKind};
+use crate::series::{DarkFacts, FlatFacts, Manifest, SCHEMA, SampleFacts, SampleKind};
 use crate::store::samples::Sample;
 use crate::store::scans::{NewScan, Scan};
 use crate::store::{StoreError, utc_text};
@@ -59,33 +59,10 @@ impl Lab {
         let limits = self.limits()?;
         let mut plan = request.plan.resolve(&side.settings.defaults)?;
         plan.check(&limits)?;
-        let mut calibration_ids = Vec::new();
-        if plan.reuse_calibrations {
-            let usable = async |kind, exposures_s: &[f64], theta_c_deg: &[f64], valid: Duration| {
-                let now = self.clock().utc();
-                let (since, until) = (utc_text(now - valid), utc_text(now + AHEAD));
-                let store = self.store();
-                store
-                    .usable_calibration(kind, side.id, exposures_s, theta_c_deg, &since, &until)
-                    .await
-            };
-            if plan.dark.repeats > 0 {
-                let exposures_s = plan.all_exposures_s();
-                let valid = side.settings.dark_valid;
-                if let Some(dark) = usable(FrameKind::Dark, &exposures_s, &[], valid).await? {
-                    calibration_ids.push(dark.id);
-                    plan.dark.repeats = 0;
-                }
-            }
-            if plan.flat.repeats > 0 {
-                let (exposures_s, tilts) = (&plan.flat.exposures_s, &plan.flat.theta_c_deg);
-                let valid = side.settings.flat_valid;
-                if let Some(flat) = usable(FrameKind::Flat, exposures_s, tilts, valid).await? {
-                    calibration_ids.push(flat.id);
-                    plan.flat.repeats = 0;
-                }
-            }
-        }
+        let calibration_ids = match plan.reuse_calibrations {
+            true => self.reuse(&mut plan).await?,
+            false => Vec::new(),
+        };
         let start = self.last_pose().await;
         let stage = side.stage.borrow().clone();
         let move_time = |from, to| match &stage {
@@ -107,6 +84,66 @@ impl Lab {
             calibration_ids,
             plan,
         })
+    }
+
+    /// Takes out of a plan what valid calibrations save, and numbers those.
+    async fn reuse(&self, plan: &mut Plan) -> Result<Vec<i64>, LabError> {
+        let side = self.side()?;
+        let now = self.clock().utc();
+        let until = utc_text(now + AHEAD);
+        let usable = async |kind, exposures_s: &[f64], theta_c_deg: &[f64], valid: Duration| {
+            let since = utc_text(now - valid);
+            let store = self.store();
+            store
+                .usable_calibrations(kind, side.id, exposures_s, theta_c_deg, &since, &until)
+                .await
+        };
+        let dark = async |exposures_s: &[f64]| {
+            let all = usable(FrameKind::Dark, exposures_s, &[], side.settings.dark_valid).await?;
+            Ok::<_, LabError>(all.into_iter().next().map(|dark| dark.id))
+        };
+        let mut ids = Vec::new();
+        let all_exposures_s = plan.all_exposures_s();
+        let mut dark_id = None;
+        if plan.dark.repeats > 0 {
+            dark_id = dark(&all_exposures_s).await?;
+        }
+        if plan.flat.repeats > 0 {
+            let (exposures_s, tilts) = (&plan.flat.exposures_s, &plan.flat.theta_c_deg);
+            let valid = side.settings.flat_valid;
+            let flats = usable(FrameKind::Flat, exposures_s, tilts, valid).await?;
+            for flat in flats {
+                if !self.is_of_this_white_reference(flat.scan_id).await? {
+                    continue;
+                }
+                // The plan's own dark frames will be those of the sample's exposures.
+                let own = |s: &f64| plan.exposures_s.iter().any(|e| (e - s).abs() < 1e-9);
+                let others: Vec<f64> = exposures_s.iter().copied().filter(|s| !own(s)).collect();
+                if plan.dark.repeats > 0 && dark_id.is_none() && !others.is_empty() {
+                    let Some(id) = dark(&others).await? else {
+                        break;
+                    };
+                    ids.push(id);
+                }
+                ids.push(flat.id);
+                plan.flat.repeats = 0;
+                break;
+            }
+        }
+        if let Some(id) = dark_id {
+            ids.insert(0, id);
+            plan.dark.repeats = 0;
+        }
+        Ok(ids)
+    }
+
+    /// Whether the white-reference frames of a scan show the plate that the settings tell of now.
+    async fn is_of_this_white_reference(&self, scan_id: i64) -> Result<bool, LabError> {
+        let then = self.store().manifest(scan_id).await?;
+        let then = Manifest::from_toml(&then, "manifest.toml").map_err(LabError::from)?;
+        let now = &self.side()?.settings.flat;
+        let facts = |flat: &FlatFacts| (flat.reflectance, flat.reflectance_std);
+        Ok(then.flat.as_ref().map(facts) == Some(facts(now)))
     }
 
     /// Where the stages stand, or the middle if they do not say.

@@ -27,9 +27,9 @@ pub struct Optimum {
     pub within_1_percent_deg: Option<[f64; 2]>,
     /// The same for 90 %.
     pub within_10_percent_deg: Option<[f64; 2]>,
-    /// Whether the optimum lies on a bound of the ridge angle.
+    /// Whether the optimum lies on a bound of the ridge angle; no where time was over before it was known.
     pub at_theta_r_bound: bool,
-    /// Whether it lies on a bound of the roughness.
+    /// The same of the roughness.
     pub at_alpha_bound: bool,
     /// The best ridge angle lies no further than this from the one given, degrees, as far as the grid
     /// told the basins apart.
@@ -108,18 +108,30 @@ pub fn optimise(
         let ridge = [theta_r_deg];
         predict_paced(tier, rig, optics, &surface, &ridge, &search.tilts_deg, &one)
     };
-    let contrast = |theta_r_deg: f64, alpha: f64| table(theta_r_deg, alpha).table.mean_absolute();
+    let seen = Cell::new((f64::NEG_INFINITY, search.theta_r_deg[0], search.alpha[0]));
+    let contrast = |theta_r_deg: f64, alpha: f64| {
+        let contrast = table(theta_r_deg, alpha).table.mean_absolute();
+        if contrast > seen.get().0 {
+            seen.set((contrast, theta_r_deg, alpha));
+        }
+        contrast
+    };
     let [low, high] = search.theta_r_deg;
     let best_ridge = |alpha: f64| maximum([low, high], GRID[0], &|t| contrast(t, alpha), &go_on);
     let [alpha_low, alpha_high] = search.alpha;
-    let alpha = if alpha_high > alpha_low {
+    let mut alpha = if alpha_high > alpha_low {
         let logs = [alpha_low.ln(), alpha_high.ln()];
         let over = |x: f64| contrast(best_ridge(x.exp()).0, x.exp());
         maximum(logs, GRID[1], &over, &go_on).0.exp()
     } else {
         alpha_low
     };
-    let (theta_r_deg, resolution) = best_ridge(alpha);
+    let (mut theta_r_deg, resolution) = best_ridge(alpha);
+    let searched = !stopped.get();
+    if !searched {
+        // Whatever line of the search it was met on.
+        (_, theta_r_deg, alpha) = seen.get();
+    }
     let best = table(theta_r_deg, alpha);
     let peak = best.table.mean_absolute();
     let edge = |to: f64, share: f64| {
@@ -164,8 +176,9 @@ pub fn optimise(
             / n,
         within_1_percent_deg: within(0.99),
         within_10_percent_deg: within(0.9),
-        at_theta_r_bound: near(theta_r_deg, low) || near(theta_r_deg, high),
-        at_alpha_bound: alpha_high > alpha_low
+        at_theta_r_bound: searched && (near(theta_r_deg, low) || near(theta_r_deg, high)),
+        at_alpha_bound: searched
+            && alpha_high > alpha_low
             && (near(alpha, alpha_low) || near(alpha, alpha_high)),
         theta_r_resolution_deg: resolution,
         // A contrast is a difference of two radiances.
@@ -297,5 +310,32 @@ mod tests {
         assert!(!o.complete && o.within_1_percent_deg.is_none());
         assert!(o.contrast > 0.0 && o.theta_r_resolution_deg > 10.0, "{o:?}");
         assert!(o.tables < 60);
+    }
+
+    #[test]
+    fn a_stopped_search_over_the_roughness_too_keeps_the_best_it_met() {
+        let asked = std::sync::atomic::AtomicU32::new(0);
+        // In the middle of the third line of ridge angles.
+        let go_on = || asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed) < 260;
+        let pace = Pace {
+            go_on: &go_on,
+            ..Pace::UNHURRIED
+        };
+        let search = Search {
+            alpha: [0.04, 0.2],
+            ..search()
+        };
+        let (tier, rig) = (Tier::Closed(Variant::Sawtooth), RigGeometry::BESIDE);
+        let run = |search: &Search, pace: &Pace<'_>| {
+            optimise(tier, &rig, &optics(), &plastic(0.05), search, pace)
+        };
+        let stopped = run(&search, &pace);
+        let first_line = Search {
+            alpha: [0.04, 0.04],
+            ..search
+        };
+        let first = run(&first_line, &Pace::UNHURRIED);
+        assert!(!stopped.complete && !stopped.at_theta_r_bound && !stopped.at_alpha_bound);
+        assert!(stopped.contrast >= first.contrast, "{stopped:?} {first:?}");
     }
 }

@@ -182,7 +182,7 @@ fn blind(p: &Pilot, tolerance: f64) -> bool {
 
 /// What none of a pilot's photons met may amount to, relative to a share of the light.
 fn unseen(p: &Pilot, share: f64) -> f64 {
-    UNSEEN / p.photons.max(1) as f64 / share.max(1e-3)
+    UNSEEN / p.photons.max(1) as f64 / share.max(f64::MIN_POSITIVE)
 }
 
 /// The exact answer where all interfaces are flat, neither diffuse nor, above the last, absorbing.
@@ -314,9 +314,11 @@ fn bounces(flat: bool, seen: Option<&Pilot>, allowed: f64) -> (Choice, Option<u3
             let next = p.by_interactions[side][order + 1];
             let (value, std) = &mut beyond[side];
             (*value, *std) = (*value + next.value, std.hypot(next.std));
-            // Where next to nothing goes one way a percentage of it says nothing.
-            if all.value > 1e-3 {
-                cost = cost.max((*value + 2.0 * *std) / all.value + unseen(p, all.value));
+            // The tolerance is one of the reflected light, however little that is; where nothing was seen to go through,
+            // a percentage of it says nothing.
+            if side == 0 || all.value > 0.0 {
+                let share = (*value + 2.0 * *std) / all.value.max(f64::MIN_POSITIVE);
+                cost = cost.max(share + unseen(p, all.value));
             }
         }
         if cost > allowed {

@@ -19,7 +19,7 @@ use super::state::ScanState;
 use super::visit::{self, Looked, Seen, Trouble};
 use crate::bench::stage::Stage;
 use crate::clock::Clock;
-use crate::frame::FrameKind;
+use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
 
 /// What a person or the daemon asks of a running scan.
@@ -77,6 +77,8 @@ pub struct Job {
     pub steps: Vec<Step>,
     /// Points that are durable from an earlier run.
     pub done: BTreeSet<u32>,
+    /// Frames of the last of these; empty where it is the first run.
+    pub last_frames: Vec<Frame>,
     /// Time that earlier runs spent.
     pub elapsed_s: f64,
     /// Settings.
@@ -173,7 +175,7 @@ impl<'a> Runner<'a> {
             stage: None,
             predicted_total_s: 0.0,
             sample_poses: 0,
-            seen: Seen::default(),
+            seen: Seen::after(&job.last_frames, &job.settings.frame),
             ledger: Ledger::default(),
             job,
         };

@@ -281,7 +281,9 @@ fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<R
             .find(|above| *above > rules.capped_mean_dn_max)
             .map(|above| {
                 Rejected::Otherwise(format!(
-                    "not dark: {above:.0} DN above the black level; is the cap on the lens?"
+                    "not dark: {above:.0} DN above the black level, and scan.capped_mean_dn_max is {}; is the cap on \
+                     the lens? If it is, this is dark current: raise that setting, or plan shorter exposures",
+                    rules.capped_mean_dn_max
                 ))
             }),
         FrameKind::Flat | FrameKind::Sample => {
@@ -300,8 +302,10 @@ fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<R
 const FULL_AT_FIRST: usize = 3;
 /// The same after a pose that did not. A lobe fills some: at one tilt perhaps all azimuths.
 const FULL_LATER: usize = 24;
-/// Share of pixels between darkness and full from which on two pictures cannot be alike by chance or by defects.
-const NOISY_SHARE: f64 = 0.25;
+/// Share of a picture's pixels that defects may be.
+const DEFECTS: f64 = 0.02;
+/// Pixels in noise, beyond that share, of which not all are the same in two pictures by chance.
+const IN_NOISE: f64 = 64.0;
 
 /// What no visit shows by itself: frames that come again, and one full pose after the other.
 #[derive(Debug, Default)]
@@ -316,8 +320,8 @@ pub(super) struct Seen {
 pub(super) struct Looked {
     kind: FrameKind,
     target: Option<Pose>,
-    /// Exposure and fingerprint of the frames that noise makes unlike all others.
-    prints: Vec<(f64, u64)>,
+    /// Fingerprints of the frames that noise makes unlike all others.
+    prints: Vec<u64>,
     /// Whether most pixels of the shortest exposure are full.
     full: bool,
 }
@@ -325,9 +329,6 @@ pub(super) struct Looked {
 impl Looked {
     pub fn at(visit: &Visit, rules: &FrameRules) -> Looked {
         let full = |frame: &Frame| share(frame, |dn| dn >= rules.saturation_dn);
-        // Full pixels, those cut off at 0 and defects are the same in every picture.
-        let noisy = |frame: &Frame| share(frame, |dn| dn > 0 && dn < rules.saturation_dn);
-        let shows = |frame: &Frame| !shows_no_light(frame, rules) && noisy(frame) > NOISY_SHARE;
         let frames = || {
             let all = visit.frames.iter();
             all.map(|taken| (taken.exposure_s, &taken.captured.frame))
@@ -337,8 +338,7 @@ impl Looked {
             kind: visit.shot.kind,
             target: visit.shot.target,
             prints: frames()
-                .filter(|(_, frame)| shows(frame))
-                .map(|(exposure_s, frame)| (exposure_s, fingerprint(frame)))
+                .filter_map(|(_, frame)| print(frame, rules))
                 .collect(),
             full: shortest.is_some_and(|(_, frame)| full(frame) > 0.5),
         }
@@ -346,6 +346,24 @@ impl Looked {
 }
 
 impl Seen {
+    /// What a scan that is taken up again remembers: the frames of its last point.
+    pub fn after(last: &[Frame], rules: &FrameRules) -> Seen {
+        let last = (!last.is_empty()).then(|| Looked {
+            kind: FrameKind::Sample,
+            // Unlike any that is still to come.
+            target: None,
+            prints: last
+                .iter()
+                .filter_map(|frame| print(frame, rules))
+                .collect(),
+            full: false,
+        });
+        Seen {
+            last,
+            ..Seen::default()
+        }
+    }
+
     /// What is wrong with a visit after those that were remembered; `poses` of the sample are in the plan.
     pub fn fault(&self, looked: &Looked, poses: usize, rules: &FrameRules) -> Option<Rejected> {
         if looked.kind == FrameKind::Dark {
@@ -377,13 +395,9 @@ impl Seen {
             .as_ref()
             .filter(|last| (last.kind, last.target) != (looked.kind, looked.target));
         let before = elsewhere.map_or(&[][..], |last| &last.prints);
-        let (prints, before) = (&looked.prints, before.iter().map(|(_, print)| print));
-        let again = before.clone().any(|b| prints.iter().any(|(_, p)| p == b));
-        // One picture cannot be right at two exposures.
-        let twice = prints.iter().enumerate().any(|(i, (exposure_s, print))| {
-            let others = &prints[..i];
-            others.iter().any(|(e, p)| p == print && e != exposure_s)
-        });
+        let prints = &looked.prints;
+        let again = prints.iter().any(|print| before.contains(print));
+        let twice = (1..prints.len()).any(|i| prints[..i].contains(&prints[i]));
         again || twice
     }
 
@@ -403,11 +417,27 @@ impl Seen {
 const FULL_FLAT: &str = "full: most pixels of the white reference are full in the shortest exposure; look at lamp and \
      camera, or plan shorter exposures";
 
-fn fingerprint(frame: &Frame) -> u64 {
+/// Fingerprint of a picture; `None` where it shows no light, or too few pixels are in noise: full ones, those cut off at
+/// 0 and defects are alike in all pictures, and so are all pixels where the counts are coarser than the noise.
+fn print(frame: &Frame, rules: &FrameRules) -> Option<u64> {
     use std::hash::{DefaultHasher, Hash, Hasher};
+    if shows_no_light(frame, rules) {
+        return None;
+    }
+    let pixels = frame.pixels_dn();
+    let mut often = vec![0_u32; usize::from(u16::MAX) + 1];
+    for dn in pixels {
+        often[usize::from(*dn)] += 1;
+    }
+    let between = &often[1..usize::from(rules.saturation_dn).clamp(1, often.len())];
+    let most = between.iter().copied().max().unwrap_or(0);
+    let in_noise: u32 = between.iter().sum::<u32>() - most;
+    if f64::from(in_noise) < IN_NOISE + DEFECTS * pixels.len() as f64 {
+        return None;
+    }
     let mut hasher = DefaultHasher::new();
-    frame.pixels_dn().hash(&mut hasher);
-    hasher.finish()
+    pixels.hash(&mut hasher);
+    Some(hasher.finish())
 }
 
 fn share(frame: &Frame, is: impl Fn(u16) -> bool) -> f64 {
@@ -434,7 +464,7 @@ mod tests {
 
     fn rules() -> FrameRules {
         FrameRules {
-            size_px: (4, 4),
+            size_px: (16, 16),
             black_level_dn: 200.0,
             read_noise_dn: 4.0,
             dark_sigmas: 10.0,
@@ -444,14 +474,27 @@ mod tests {
         }
     }
 
+    /// As bright all over, but for noise that is drawn from the number.
     fn taken(dn: u16, exposure_s: f64) -> TakenFrame {
-        shown(&[dn; 16], exposure_s)
+        let mut state = u32::from(dn);
+        let noise = std::iter::repeat_with(|| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 30) as u16
+        });
+        let pixels: Vec<u16> = noise.take(256).map(|noise| dn - 1 + noise).collect();
+        let at_the_ends = [vec![200; 256], vec![4095; 256]];
+        let pixels = match dn {
+            200 => &at_the_ends[0],
+            4095 => &at_the_ends[1],
+            _ => &pixels,
+        };
+        shown(pixels, exposure_s)
     }
 
     fn shown(dn: &[u16], exposure_s: f64) -> TakenFrame {
         TakenFrame {
             captured: Captured {
-                frame: Frame::new(4, 4, dn.to_vec()).unwrap(),
+                frame: Frame::new(16, 16, dn.to_vec()).unwrap(),
                 started_at: Duration::ZERO,
                 started_utc: time::macros::datetime!(2026-01-01 00:00 UTC),
             },
@@ -482,12 +525,11 @@ mod tests {
     }
 
     fn looked(kind: FrameKind, phi_s_deg: f64, frames: &[(u16, f64)]) -> Looked {
-        let frames: Vec<_> = frames.iter().map(|(dn, s)| ([*dn; 16], *s)).collect();
-        let frames: Vec<_> = frames.iter().map(|(dn, s)| (&dn[..], *s)).collect();
-        looked_at(kind, phi_s_deg, &frames)
+        let frames = frames.iter().map(|(dn, s)| taken(*dn, *s));
+        looked_at(kind, phi_s_deg, frames.collect())
     }
 
-    fn looked_at(kind: FrameKind, phi_s_deg: f64, frames: &[(&[u16], f64)]) -> Looked {
+    fn looked_at(kind: FrameKind, phi_s_deg: f64, frames: Vec<TakenFrame>) -> Looked {
         let pose = Pose::from_deg(0.0, phi_s_deg);
         let visit = Visit {
             shot: Shot {
@@ -500,7 +542,7 @@ mod tests {
             },
             attempt: 0,
             pose,
-            frames: frames.iter().map(|(dn, s)| shown(dn, *s)).collect(),
+            frames,
             rejected: None,
             taken_at: time::macros::datetime!(2026-01-01 00:00 UTC),
         };
@@ -531,22 +573,31 @@ mod tests {
             seen.remember(at(0.0, dn));
             assert_eq!(fault(&seen, &at(30.0, dn), &rules()), None, "{dn}");
         }
-        let twice = looked(FrameKind::Sample, 60.0, &[(900, 0.01), (900, 0.1)]);
-        assert_eq!(fault(&seen, &twice, &rules()), Some(Rejected::SameFrame));
+        // Neither at two exposures nor at two repeats.
+        for other_s in [0.01, 0.1] {
+            let twice = looked(FrameKind::Sample, 60.0, &[(900, other_s), (900, 0.1)]);
+            assert_eq!(fault(&seen, &twice, &rules()), Some(Rejected::SameFrame));
+        }
+        // Nor after another start of the program.
+        let seen = Seen::after(&[taken(900, 0.1).captured.frame], &rules());
+        let again = fault(&seen, &at(0.0, 900), &rules());
+        assert_eq!(again, Some(Rejected::SameFrame));
+        assert_eq!(fault(&seen, &at(0.0, 901), &rules()), None);
     }
 
     #[test]
     fn defects_and_the_ends_of_the_scale_are_alike_in_all_pictures() {
-        // A dead pixel among full ones, a hot one over darkness that is cut off, both.
+        // A dead pixel among full ones, hot ones over darkness that is cut off, both, and one count all over.
         let pictures = [
-            [vec![3; 1], vec![4095; 15]].concat(),
-            [vec![3000; 3], vec![0; 13]].concat(),
-            [vec![3; 1], vec![3000; 3], vec![4095; 8], vec![0; 4]].concat(),
+            [vec![3; 1], vec![4095; 255]].concat(),
+            [vec![3000; 3], vec![0; 253]].concat(),
+            [vec![3; 1], vec![3000; 3], vec![4095; 200], vec![0; 52]].concat(),
+            [vec![2; 250], vec![3; 6]].concat(),
         ];
         for dn in pictures {
             let at = |phi_s_deg| {
-                let both = [(&dn[..], 0.01), (&dn[..], 0.1)];
-                looked_at(FrameKind::Sample, phi_s_deg, &both)
+                let both = vec![shown(&dn, 0.01), shown(&dn, 0.1)];
+                looked_at(FrameKind::Sample, phi_s_deg, both)
             };
             let mut rules = rules();
             rules.black_level_dn = 0.0;

@@ -183,12 +183,12 @@ impl Store {
             .try_into()
     }
 
-    /// Newest calibration of a kind for a rig that was made from `since` to `until` (RFC 3339 UTC) and has all these
-    /// exposures and tilts.
+    /// Calibrations of a kind for a rig that were made from `since` to `until` (RFC 3339 UTC) and have all these
+    /// exposures and tilts, newest first.
     ///
     /// # Errors
     /// What the database says.
-    pub async fn usable_calibration(
+    pub async fn usable_calibrations(
         &self,
         kind: FrameKind,
         rig_id: i64,
@@ -196,7 +196,7 @@ impl Store {
         theta_c_deg: &[f64],
         since: &str,
         until: &str,
-    ) -> Result<Option<Calibration>, StoreError> {
+    ) -> Result<Vec<Calibration>, StoreError> {
         let rows = sqlx::query_as::<_, Row>(
             "SELECT * FROM calibrations WHERE kind = ? AND rig_id = ? AND created_at BETWEEN ? AND ? ORDER BY id DESC",
         )
@@ -210,15 +210,16 @@ impl Store {
             want.iter()
                 .all(|w| have.iter().any(|h| (h - w).abs() < 1e-9))
         };
+        let mut usable = Vec::new();
         for row in rows {
             let calibration = Calibration::try_from(row)?;
             if has(&calibration.exposures_s, exposures_s)
                 && has(&calibration.theta_c_deg, theta_c_deg)
             {
-                return Ok(Some(calibration));
+                usable.push(calibration);
             }
         }
-        Ok(None)
+        Ok(usable)
     }
 
     /// Numbers of the calibrations that a scan uses, its own included.
@@ -301,11 +302,11 @@ mod tests {
             .unwrap();
         let past = "2000-01-01T00:00:00.000Z";
         let finds_until = async |rig_id, exposures: &[f64], tilts: &[f64], since, until| {
-            store
-                .usable_calibration(FrameKind::Flat, rig_id, exposures, tilts, since, until)
+            let usable = store
+                .usable_calibrations(FrameKind::Flat, rig_id, exposures, tilts, since, until)
                 .await
-                .unwrap()
-                .is_some()
+                .unwrap();
+            !usable.is_empty()
         };
         let finds = async |rig_id, exposures: &[f64], tilts: &[f64], since| {
             let until = "2100-01-02T00:00:00.000Z";

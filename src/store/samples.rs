@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use sqlx::FromRow;
 
 use super::{Page, PageRequest, Store, StoreError};
+use crate::limits;
 use crate::material::Material;
 
 /// How a simulated rig paints a sample; a real rig ignores it.
@@ -36,6 +37,54 @@ pub struct NewSample {
     pub note: Option<String>,
     /// For a simulated rig.
     pub simulated: Option<SimulatedSurface>,
+}
+
+impl NewSample {
+    /// The first value that makes no sense: its field, and what is wrong with it.
+    #[must_use]
+    pub fn fault(&self) -> Option<(&'static str, String)> {
+        if self.name.trim().is_empty() || self.name.chars().count() > 200 {
+            return Some(("name", "must have 1 to 200 characters".to_owned()));
+        }
+        let material: &[_] = match self.material {
+            Material::Dielectric { eta, eta_std } => &[
+                ("material.eta", eta, limits::RIGS_INDEX),
+                ("material.eta_std", eta_std, limits::SAMPLE_K),
+            ],
+            Material::Conductor {
+                eta,
+                k,
+                eta_std,
+                k_std,
+            } => &[
+                ("material.eta", eta, limits::RIGS_ETA),
+                ("material.k", k, limits::SAMPLE_K),
+                ("material.eta_std", eta_std, limits::SAMPLE_K),
+                ("material.k_std", k_std, limits::SAMPLE_K),
+            ],
+        };
+        let simulated: &[_] = match self.simulated {
+            Some(SimulatedSurface::Model {
+                theta_r_deg,
+                alpha_u,
+                alpha_v,
+                rho_d,
+            }) => &[
+                (
+                    "simulated.theta_r_deg",
+                    theta_r_deg,
+                    limits::PAINTED_RIDGE_DEG,
+                ),
+                ("simulated.alpha_u", alpha_u, limits::PAINTED_ALPHA),
+                ("simulated.alpha_v", alpha_v, limits::PAINTED_ALPHA),
+                ("simulated.rho_d", rho_d, limits::RHO_D),
+            ],
+            Some(SimulatedSurface::Traced) | None => &[],
+        };
+        let mut values = material.iter().chain(simulated);
+        let (field, value, limit) = values.find(|(_, value, limit)| !limit.holds(*value))?;
+        Some((field, format!("{value} is not within {}", limit.allowed())))
+    }
 }
 
 /// A sample as it is kept.

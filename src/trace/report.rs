@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize, Serializer};
 use super::scene::{LeftOut, Prepared, RidgeAngle};
 use super::spread::Surfaces;
 use super::tally::{Energies, Estimate, ORDERS, Totals};
-use crate::wording::percent;
+use crate::wording::{percent, significant};
 
 /// Energies, errors and what was left out.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -75,6 +75,9 @@ pub struct About {
     pub ridge_angles: Vec<RidgeAngle>,
     /// Whether a surface is drawn at random.
     pub is_drawn: bool,
+    /// Whether light can come out below.
+    #[serde(default)]
+    pub is_open_below: bool,
 }
 
 impl About {
@@ -85,6 +88,11 @@ impl About {
             left_out: prepared.left_out.clone(),
             ridge_angles: prepared.ridge_angles.clone(),
             is_drawn: prepared.is_drawn,
+            is_open_below: prepared
+                .stack
+                .interfaces
+                .last()
+                .is_some_and(|last| last.from_above.is_transparent() && last.diffuse.is_none()),
         }
     }
 }
@@ -107,6 +115,18 @@ fn notes(totals: &Totals, e: &Energies<Estimate>) -> Vec<String> {
     }
     notes.extend(given_up(e.truncated.value));
     notes
+}
+
+/// Photons that none of a kind was among leave it a share of this over their number, with a probability of 95 %.
+const UNMET: f64 = 3.0;
+
+/// What an end of light that no photon met says, and does not say.
+fn unmet(photons: u64, what: &str, other: &str) -> String {
+    format!(
+        "no photon of {photons} was {what}: that leaves up to {} of the light, and the error of what is {other} is no \
+         smaller; more photons would show it",
+        significant(UNMET / photons.max(1) as f64)
+    )
 }
 
 /// What to know of light that was given up, where that is much.
@@ -188,6 +208,15 @@ impl Report {
                     .to_owned(),
             );
         }
+        let (up, down) = (self.energy.reflected, self.energy.transmitted);
+        if up.value == 0.0 && down.std > 0.0 {
+            self.notes
+                .push(unmet(self.photons, "reflected", "transmitted"));
+        }
+        if scene.is_open_below && down.value == 0.0 && up.std > 0.0 {
+            self.notes
+                .push(unmet(self.photons, "transmitted", "reflected"));
+        }
         self.ridge_angles = scene.ridge_angles;
         self.left_out = scene.left_out;
         self
@@ -199,6 +228,29 @@ mod tests {
     use super::super::run::{Shard, trace};
     use super::super::scene::Scene;
     use super::*;
+
+    #[test]
+    fn an_end_that_no_photon_met_is_no_proof_that_there_is_none() {
+        let told = |below: &str| {
+            let scene = format!(
+                "[[interface]]\nshape = \"smith\"\nalpha_u = 5.0\nalpha_v = 5.0\nbelow = {below}\n\
+                 [run]\nphotons = 60\nseed = 3\n[light]\ntheta_i_deg = 0.0\n"
+            );
+            let ready = Scene::parse(&scene)
+                .unwrap()
+                .prepare(&|_| Err(String::new()))
+                .unwrap();
+            let totals = trace(&ready, Shard::WHOLE, &|_| true);
+            let report = Report::of(&ready, &totals);
+            let unmet = report.notes.iter().any(|n| n.starts_with("no photon"));
+            (unmet, report.energy)
+        };
+        let (unmet, energy) = told("{ n = 1.5 }");
+        assert_eq!(unmet, energy.reflected.value == 0.0, "{energy:?}");
+        assert!(unmet);
+        // Nothing comes out under a metal.
+        assert!(!told("{ n = 0.2, k = 3.0 }").0);
+    }
 
     #[test]
     fn light_that_was_given_up_is_told_whatever_else_is() {

@@ -200,6 +200,7 @@ async fn run(
     let job = Job {
         steps,
         done: done.iter().copied().collect::<BTreeSet<u32>>(),
+        last_frames: Vec::new(),
         elapsed_s: 0.0,
         settings: settings.runner,
         clock,

@@ -1,11 +1,14 @@
 //! The media of a scene: what each boundary reflects with and what each layer takes.
 
+use std::f64::consts::FRAC_PI_2;
+
 use nalgebra::Complex;
 
 use super::error::{positive, value};
 use super::{LeftOut, Scene, SceneError, Shape};
 use crate::material::tables;
 use crate::model::fresnel;
+use crate::model::polarisation::Boundary;
 
 /// What the media of a scene do to its light.
 pub(super) struct Optics {
@@ -36,7 +39,7 @@ impl Scene {
                 return Err(SceneError::Unreachable { number });
             }
             let left_out = &mut optics.left_out;
-            let (depth, k) = self.layer(shape, number, &medium, last, left_out)?;
+            let (depth, k) = self.layer(shape, number, above, &medium, last, left_out)?;
             let below = Complex::new(medium.index.re, k);
             optics.media.push((above, below, depth, medium.rho_d));
             above = below.re;
@@ -108,6 +111,7 @@ impl Scene {
         &self,
         shape: &Shape,
         number: usize,
+        above: f64,
         medium: &Medium,
         last: bool,
         left_out: &mut Vec<LeftOut>,
@@ -144,13 +148,42 @@ impl Scene {
             why: "a layer absorbs over its thickness between mean planes".to_owned(),
             cost: None,
         });
+        let (cost, theta) = without_k(above, medium.index);
         left_out.push(LeftOut {
             what: format!("the absorption of layer {number} in its Fresnel amplitudes"),
-            why: "a layer that light crosses has k much smaller than n".to_owned(),
-            cost: Some((k / medium.index.re).powi(2)),
+            why: format!(
+                "a layer that light crosses has k much smaller than n; the cost is the change of its boundary's \
+                 reflectance at the worst angle, θ = {:.1}° from above",
+                theta.to_degrees()
+            ),
+            cost: Some(cost),
         });
         Ok((depth, 0.0))
     }
+}
+
+/// The greatest change of a boundary's unpolarised reflectance where the k beyond it is left out, and the angle (rad) of
+/// that. Near total reflection and where both n are alike it is of first order in k.
+fn without_k(above: f64, below: Complex<f64>) -> (f64, f64) {
+    const ANGLES: u32 = 2000;
+    let (with, without) = (
+        Boundary::new(above, below.re, below.im),
+        Boundary::new(above, below.re, 0.0),
+    );
+    // The critical angle, next to which the change is greatest, is one of them.
+    let critical = (below.re / above).min(1.0).asin();
+    let evenly = (0..ANGLES).map(|j| f64::from(j) / f64::from(ANGLES) * FRAC_PI_2);
+    let at = |theta: f64| {
+        let share = |b: &Boundary| b.at(theta.cos()).reflected.unpolarised();
+        (share(&with) - share(&without)).abs()
+    };
+    evenly
+        .chain([critical * (1.0 - f64::EPSILON)])
+        .map(|theta| (at(theta), theta))
+        .fold(
+            (0.0, 0.0),
+            |most, here| if here.0 > most.0 { here } else { most },
+        )
 }
 
 /// Indices beyond any medium's, whose powers numbers do not hold.
