@@ -9,6 +9,7 @@ mod stray;
 
 use serde_json::{Value, json};
 
+use crate::fit::report::COVERAGE_FACTOR;
 use crate::geometry::alike;
 use crate::model::LeftOut;
 use crate::model::contrast::{
@@ -16,6 +17,7 @@ use crate::model::contrast::{
 };
 use crate::observation::{Observation, ObservationSet};
 use crate::units::Angle;
+use crate::wording::counted;
 pub use stray::{Radiances, Stray};
 
 /// How far a recorded angle may be from the paper's and still count as it.
@@ -36,6 +38,7 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
     if table.lines.is_empty() {
         return Err(NoContrast);
     }
+    let table = table.without_dark(|line, pair| stds[line][pair].michelson.is_nan());
     let mut report = as_json(&table, Some(&stds));
     report["mode"] = json!("measured");
     report["region"] = json!(set.region);
@@ -52,6 +55,15 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
                 .to_owned(),
         );
     }
+    warnings.extend(incomplete(set));
+    let dark = stds.iter().flatten().filter(|std| std.michelson.is_nan());
+    let dark = dark.count();
+    if dark > 0 {
+        warnings.push(format!(
+            "{} no brighter than the stray light is known: no Michelson contrast",
+            counted(dark, "pair")
+        ));
+    }
     report["warnings"] = json!(warnings);
     // How wrong: the largest standard uncertainty of a contrast beside the largest contrast.
     let largest = |all: &mut dyn Iterator<Item = f64>| all.fold(0.0, f64::max);
@@ -61,7 +73,7 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
             .iter()
             .flat_map(|l| l.contrast.map(|c| c.absolute)),
     );
-    let std = largest(&mut stds.iter().flatten().copied());
+    let std = largest(&mut stds.iter().flatten().map(|std| std.absolute));
     report["error"] = json!((brightest > 0.0).then(|| json!({
         "value": std / brightest,
         "of": "a contrast, of the largest",
@@ -72,6 +84,46 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
         None,
     )]);
     Ok((table, report))
+}
+
+/// Tilts that are no part of the table since one of the paper's azimuths is missing there, though other tilts have it.
+fn incomplete(set: &ObservationSet) -> Option<String> {
+    let places = places(&set.observations);
+    let mut tilts: Vec<(usize, Angle, [bool; 3])> = Vec::new();
+    for (place, o) in places.iter().zip(&set.observations) {
+        let Some((tilt, azimuth)) = place else {
+            continue;
+        };
+        let at = tilts.iter().position(|t| t.0 == *tilt).unwrap_or_else(|| {
+            tilts.push((*tilt, o.pose.theta_c, [false; 3]));
+            tilts.len() - 1
+        });
+        tilts[at].2[*azimuth] = true;
+    }
+    let left: Vec<String> = tilts
+        .iter()
+        .filter(|(_, _, has)| has.contains(&false))
+        .map(|(_, theta_c, has)| {
+            let missing = has.iter().zip(PAPER_AZIMUTHS_DEG).filter(|(has, _)| !**has);
+            let missing: Vec<String> = missing.map(|(_, deg)| format!("{deg}°")).collect();
+            format!("θc {theta_c} (no signal at φs {})", missing.join(", "))
+        })
+        .collect();
+    (!left.is_empty()).then(|| {
+        format!(
+            "left out of the table and of its means: {}",
+            left.join("; ")
+        )
+    })
+}
+
+/// Standard uncertainties of a pair's contrasts; that of the Michelson contrast is no number where the pair is dark.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stds {
+    /// Of the absolute contrast.
+    pub absolute: f64,
+    /// Of the Michelson contrast.
+    pub michelson: f64,
 }
 
 /// Tilts within this of each other are one.
@@ -99,7 +151,7 @@ pub fn places(observations: &[Observation]) -> Vec<Option<(usize, usize)>> {
 
 /// The contrast table of reduced observations and the standard uncertainty of every contrast: own noise of both, and
 /// what white reference, lamp drift and stray light do to their difference.
-fn of_observations(set: &ObservationSet, stray: &Stray) -> (Table, Vec<[f64; 2]>) {
+fn of_observations(set: &ObservationSet, stray: &Stray) -> (Table, Vec<[Stds; 2]>) {
     let radiances = Radiances::of(set, stray);
     let places = places(&set.observations);
     let at = |place: (usize, usize)| places.iter().position(|p| *p == Some(place));
@@ -132,16 +184,29 @@ fn of_observations(set: &ObservationSet, stray: &Stray) -> (Table, Vec<[f64; 2]>
             let drift = a.shared.led_drift - b.shared.led_drift;
             let haze = (radiances.per_stray[j] - radiances.per_stray[k]) * stray.std;
             let signals = a.sigma.hypot(b.sigma).hypot(white).hypot(drift);
-            (signals / radiances.gain).hypot(haze)
+            let (x, y) = (radiances.values[j], radiances.values[k]);
+            let sum = x + y;
+            let hazes = (radiances.per_stray[j] + radiances.per_stray[k]) * stray.std;
+            let of_sum = (a.sigma.hypot(b.sigma) / radiances.gain).hypot(hazes);
+            // ∂/∂x (x − y)/(x + y) = 2y/(x + y)², ∂/∂y = −2x/(x + y)².
+            let own = (y * a.sigma).hypot(x * b.sigma) / radiances.gain;
+            let hazed = (y * radiances.per_stray[j] - x * radiances.per_stray[k]) * stray.std;
+            Stds {
+                absolute: (signals / radiances.gain).hypot(haze),
+                michelson: match sum > COVERAGE_FACTOR * of_sum {
+                    true => 2.0 * own.hypot(hazed) / (sum * sum),
+                    false => f64::NAN,
+                },
+            }
         }));
     }
     (Table::of(&exposures), stds)
 }
 
-/// A table as an object; `stds` are the standard uncertainties of its absolute contrasts (radiance
-/// for a lamp irradiance of 1, lines × pairs) where it was measured.
+/// A table as an object; `stds` are the standard uncertainties of its contrasts (the absolute ones as radiance
+/// for a lamp irradiance of 1; lines × pairs) where it was measured.
 #[must_use]
-pub fn as_json(table: &Table, stds: Option<&[[f64; 2]]>) -> Value {
+pub fn as_json(table: &Table, stds: Option<&[[Stds; 2]]>) -> Value {
     let measured = stds.is_some();
     let lines: Vec<Value> = table
         .lines
@@ -152,7 +217,8 @@ pub fn as_json(table: &Table, stds: Option<&[[f64; 2]]>) -> Value {
             for (pair, (name, ..)) in PAIRS.iter().enumerate() {
                 let mut entry = contrast_json(&line.contrast[pair]);
                 if let Some(stds) = stds {
-                    entry["absolute_std"] = json!(stds[n][pair]);
+                    entry["absolute_std"] = json!(stds[n][pair].absolute);
+                    entry["michelson_std"] = json!(stds[n][pair].michelson);
                 }
                 contrast.insert((*name).to_owned(), entry);
             }

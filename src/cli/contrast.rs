@@ -20,11 +20,12 @@ use super::{CliError, answer, daemon, interrupt, place};
 use crate::contrast::{as_json, measure, rounded_deg};
 use crate::forecast::Expected;
 use crate::model::LeftOut;
-use crate::model::contrast::{PAPER_RIDGES_DEG, Pace, Table, Tier, predict_paced};
+use crate::model::contrast::{PAIRS, PAPER_RIDGES_DEG, Pace, Table, Tier, predict_paced};
 use crate::observation::ObservationSet;
 use crate::reduction::{FrameSource, ReductionError, reduce};
 use crate::series::Series;
 use crate::units::Angle;
+use crate::wording::significant;
 
 /// Contrast after rotation: absolute difference of radiances at azimuths 0°, 90° and 180°.
 ///
@@ -220,20 +221,53 @@ fn as_text(table: &Table, report: &Value, compared: Option<&Comparison>) -> Stri
         text,
         "θr / °   θc / °       L(0°)      L(90°)     L(180°)   |0–90|  (Mich.)  |90–180|  (Mich.)"
     );
-    for l in &table.lines {
+    let michelson = |m: f64| match m.is_nan() {
+        true => "–".to_owned(),
+        false => format!("{m:.3}"),
+    };
+    for (n, l) in table.lines.iter().enumerate() {
         let [a, b] = l.contrast;
-        let _ = writeln!(
+        let _ = write!(
             text,
-            "{}{:8.2}  {:10.5}  {:10.5}  {:10.5}  {:7.4}  {:6.3}   {:7.4}  {:6.3}",
+            "{}{:8.2}  {:10.5}  {:10.5}  {:10.5}  {:7.4}  {:>6}   {:7.4}  {:>6}",
             ridge(l.theta_r),
             rounded_deg(l.theta_c),
             l.radiance[0],
             l.radiance[1],
             l.radiance[2],
             a.absolute,
-            a.michelson,
+            michelson(a.michelson),
             b.absolute,
-            b.michelson
+            michelson(b.michelson)
+        );
+        if !predicted {
+            let std = |pair: usize, key: &str| {
+                let std = &report["lines"][n]["contrast"][PAIRS[pair].0][key];
+                std.as_f64()
+                    .map_or("–".to_owned(), |std| format!("{std:.1e}"))
+            };
+            let _ = write!(
+                text,
+                "   ± {} ({}), {} ({})",
+                std(0, "absolute_std"),
+                std(0, "michelson_std"),
+                std(1, "absolute_std"),
+                std(1, "michelson_std")
+            );
+        }
+        text.push('\n');
+    }
+    if !predicted {
+        let unit = match report["scale"] == "white reference" {
+            true => "sr⁻¹ (radiance for a lamp irradiance of 1)",
+            false => "shares of the brightest level",
+        };
+        let of = |key: &str| report["stray_light"][key].as_f64().unwrap_or(f64::NAN);
+        let _ = writeln!(
+            text,
+            "L and |0–90|, |90–180| in {unit}, ± standard uncertainties; stray light {} ± {} taken off",
+            significant(of("radiance")),
+            significant(of("std"))
         );
     }
     let mut means = vec![("θc", &table.by_theta_c), ("φs", &table.by_phi_s)];
@@ -245,8 +279,10 @@ fn as_text(table: &Table, report: &Value, compared: Option<&Comparison>) -> Stri
             .iter()
             .map(|m| {
                 format!(
-                    "{}°: {:.4} ({:.3})",
-                    m.setting, m.contrast.absolute, m.contrast.michelson
+                    "{}°: {:.4} ({})",
+                    m.setting,
+                    m.contrast.absolute,
+                    michelson(m.contrast.michelson)
                 )
             })
             .collect();

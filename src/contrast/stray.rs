@@ -58,6 +58,8 @@ impl Stray {
         let std = inverse.row(1).norm() / gain;
         let radiance = solution[1] / gain;
         if gain > 0.0 && radiance.is_finite() && std.is_finite() {
+            // Nothing takes light away.
+            let radiance = radiance.max(0.0);
             Stray { radiance, std }
         } else {
             known

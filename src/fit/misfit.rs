@@ -105,7 +105,7 @@ pub(super) fn discrepancy_of(
         squares.sort_by(f64::total_cmp);
         squares[squares.len() / 2] / MEDIAN_OF_CHI2 * squares.len() as f64
     };
-    if chi2(0.0) <= freedom * chance(freedom, RARE) {
+    if chi2(0.0) <= freedom * chance(freedom, LIKELY) {
         return 0.0;
     }
     let (mut low, mut high) = (0.0, 1e-6);

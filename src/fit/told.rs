@@ -70,6 +70,11 @@ pub enum StatementError {
         "k is the imaginary part of a metal's index, and this sample is a dielectric; the gain of the signals is called scale"
     )]
     NoExtinction,
+    /// Light does not come back from below a metal's surface.
+    #[error(
+        "rho_d is light from below the surface, and this sample is a metal: its ρd is 0 and needs no statement"
+    )]
+    NoDiffuse,
 }
 
 fn names() -> String {
@@ -105,7 +110,7 @@ pub fn known(name: &str, value: f64, std: f64) -> Result<Told, StatementError> {
 /// Refuses statements that contradict each other, or the material of the sample.
 ///
 /// # Errors
-/// [`StatementError::Twice`], [`StatementError::NoExtinction`], and [`StatementError::OutOfRange`] where a dielectric has no
+/// [`StatementError::Twice`], [`StatementError::NoExtinction`], [`StatementError::NoDiffuse`], and [`StatementError::OutOfRange`] where a dielectric has no
 /// such index.
 pub fn agree(told: &[Told], material: &Material) -> Result<(), StatementError> {
     for (k, one) in told.iter().enumerate() {
@@ -120,6 +125,12 @@ pub fn agree(told: &[Told], material: &Material) -> Result<(), StatementError> {
     let dielectric = matches!(material, Material::Dielectric { .. });
     if of_k && dielectric {
         return Err(StatementError::NoExtinction);
+    }
+    let of_rho_d = told
+        .iter()
+        .any(|t| t.quantity == Quantity::RhoD && t.value > 0.0);
+    if of_rho_d && !dielectric {
+        return Err(StatementError::NoDiffuse);
     }
     let (low, high) = DIELECTRIC;
     let of_eta = told.iter().find(|t| t.quantity == Quantity::Eta);

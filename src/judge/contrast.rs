@@ -32,11 +32,13 @@ pub fn contrasts(set: &ObservationSet, background: &Parameter) -> Vec<Quantity> 
         stray,
         pairs: pairs(&set.observations),
     };
-    let (absolute, michelson) = if seen.pairs.is_empty() {
-        let reason = "the scan has no tilt with azimuths 0° and 90° or 90° and 180°".to_owned();
-        (Err(reason.clone()), Err(reason))
-    } else {
-        (seen.absolute(), seen.michelson())
+    let reason = match seen.pairs.is_empty() {
+        true => Some("the scan has no tilt with azimuths 0° and 90° or 90° and 180°".to_owned()),
+        false => lost(set),
+    };
+    let (absolute, michelson) = match reason {
+        Some(reason) => (Err(reason.clone()), Err(reason)),
+        None => (seen.absolute(), seen.michelson()),
     };
     vec![
         Quantity {
@@ -59,6 +61,33 @@ fn pairs(observations: &[Observation]) -> Vec<(usize, usize)> {
         .flat_map(|tilt| PAIRS.map(|(_, a, b)| Some((at((tilt, a))?, at((tilt, b))?))))
         .flatten()
         .collect()
+}
+
+/// Why the mean over the pairs would be another quantity than the one specified: frames were left out, and a tilt lacks
+/// a pair that others have.
+fn lost(set: &ObservationSet) -> Option<String> {
+    if set.rejected_frames.is_empty() {
+        return None;
+    }
+    let observations = &set.observations;
+    let places = places(observations);
+    let tilt_of = |tilt| {
+        places
+            .iter()
+            .position(|p| matches!(p, Some((t, _)) if *t == tilt))
+    };
+    let at = |place: (usize, usize)| places.contains(&Some(place));
+    let last = places.iter().flatten().map(|place| place.0).max()?;
+    PAIRS.iter().find_map(|(name, a, b)| {
+        let has = |tilt: &usize| at((*tilt, *a)) && at((*tilt, *b));
+        let any = (0..=last).any(|tilt| has(&tilt));
+        let lacking = (0..=last).find(|tilt| any && !has(tilt))?;
+        let theta_c = observations[tilt_of(lacking)?].pose.theta_c;
+        Some(format!(
+            "frames were left out, and θc {theta_c} lacks the pair {name}° that other tilts have: the mean of what is left is \
+             not the quantity that is specified; take that pose again"
+        ))
+    })
 }
 
 /// What is compared.
@@ -158,7 +187,7 @@ mod tests {
     use super::*;
     use crate::geometry::{Pose, RigGeometry};
     use crate::material::Material;
-    use crate::observation::{Prior, SharedErrors, WhiteReference};
+    use crate::observation::{Prior, RejectedFrame, SharedErrors, WhiteReference};
 
     fn set() -> ObservationSet {
         let at = |tilt: f64, azimuth: f64, signal: f64| Observation {
@@ -224,6 +253,28 @@ mod tests {
         hazy.background.mean = 0.05;
         let clearer = contrasts(&hazy, &Parameter::unknown("free"));
         assert!(clearer[1].measured.clone().unwrap().value > mean.value);
+    }
+
+    #[test]
+    fn a_pair_that_was_lost_leaves_no_mean_and_one_that_was_not_planned_does() {
+        let mut damaged = set();
+        assert!(
+            contrasts(&damaged, &Parameter::unknown("free"))[0]
+                .measured
+                .is_ok()
+        );
+        damaged.rejected_frames = vec![RejectedFrame {
+            file: "a.png".to_owned(),
+            reason: "unreadable".to_owned(),
+            detail: String::new(),
+        }];
+        for quantity in contrasts(&damaged, &Parameter::unknown("free")) {
+            let why = quantity.measured.unwrap_err();
+            assert!(
+                why.contains("θc 10") && why.contains("90–180") || why.contains("90-180"),
+                "{why}"
+            );
+        }
     }
 
     #[test]

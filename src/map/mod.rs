@@ -34,6 +34,7 @@ mod settle;
 mod solve;
 mod start;
 mod tiles;
+mod together;
 mod view;
 pub mod write;
 
@@ -345,16 +346,36 @@ pub fn map_until(
                 .to_owned(),
         );
     }
+    let alike = leans.len() <= 1 || manifest.sample.layout.is_some();
+    let mean = match (alike, late()) {
+        (true, false) => together::together(source, cancel),
+        (true, true) => Err("time was over".to_owned()),
+        (false, _) => Err(
+            "the sample leans in several directions, and the manifest states no layout".to_owned(),
+        ),
+    };
+    let mut globals = settled.globals;
+    match &mean {
+        Ok(mean) => mean.raise(&mut globals),
+        Err(why) => warnings.push(format!(
+            "no fit of the pixels' mean says how well the stages' zeros and the model are known ({why}): std_shared has \
+             gain, stray light and the tilt's zero by counting alone, and is too small"
+        )),
+    }
+    let at_least = |std: [f64; FREE]| match &mean {
+        Ok(mean) => mean.at_least(std, &layers),
+        Err(_) => std,
+    };
     let wedge = manifest.rig.sample_wedge_std_deg.map(Angle::from_deg);
     let left_out = what_is_left_out(&settled, wedge, pixels_left_out);
     Ok(Map {
         shared_std: settled
             .shared_std
-            .map(|std| with_wedge(in_layer_units(&std, &layers), wedge, &layers)),
+            .map(|std| at_least(with_wedge(in_layer_units(&std, &layers), wedge, &layers))),
         layers,
         pixel_mm,
         axis_px: view.axis_px(),
-        globals: settled.globals,
+        globals,
         birge: settled.birge,
         leans,
         defects: found,

@@ -168,6 +168,20 @@ impl Table {
         Table::from_lines(lines)
     }
 
+    /// The same table without the Michelson contrasts of pairs that are dark: they are no numbers, and no part of a mean.
+    #[must_use]
+    pub fn without_dark(self, is_dark: impl Fn(usize, usize) -> bool) -> Self {
+        let mut lines = self.lines;
+        for (n, line) in lines.iter_mut().enumerate() {
+            for (pair, contrast) in line.contrast.iter_mut().enumerate() {
+                if is_dark(n, pair) {
+                    contrast.michelson = f64::NAN;
+                }
+            }
+        }
+        Table::from_lines(lines)
+    }
+
     fn from_lines(lines: Vec<Line>) -> Self {
         let distinct = |of: fn(&Line) -> Angle| {
             let mut angles: Vec<f64> = lines.iter().map(|l| of(l).deg()).collect();
@@ -186,11 +200,16 @@ impl Table {
                 })
                 .collect();
             let n = kept.len().max(1) as f64;
+            let known: Vec<f64> = kept
+                .iter()
+                .map(|c| c.michelson)
+                .filter(|m| !m.is_nan())
+                .collect();
             Mean {
                 setting,
                 contrast: Contrast {
                     absolute: kept.iter().map(|c| c.absolute).sum::<f64>() / n,
-                    michelson: kept.iter().map(|c| c.michelson).sum::<f64>() / n,
+                    michelson: known.iter().sum::<f64>() / known.len() as f64,
                 },
             }
         };

@@ -16,6 +16,7 @@ use super::journal::{Journal, Rejection};
 use super::measure::{Ground, Measured};
 use super::sensor::median;
 use crate::geometry::{Pose, alike, alike_around};
+use crate::material::Material;
 use crate::robust::MEDIAN_OF_SQUARE;
 use crate::units::Angle;
 
@@ -372,6 +373,10 @@ fn drop_black_poses(ground: &Ground<'_>, groups: &mut [Group], journal: &mut Jou
             Some((rate, variance.sqrt()))
         })
         .collect();
+    let metal = matches!(
+        ground.calls.source.manifest().material(),
+        Material::Conductor { .. }
+    );
     let mut sorted: Vec<f64> = levels.iter().flatten().map(|l| l.0).collect();
     if sorted.len() < 4 {
         return;
@@ -384,6 +389,14 @@ fn drop_black_poses(ground: &Ground<'_>, groups: &mut [Group], journal: &mut Jou
         };
         let nothing = rate.abs() <= (AGREE_SIGMAS * sigma).max(0.02 * low);
         if !nothing || low <= 50.0 * sigma {
+            continue;
+        }
+        if metal {
+            journal.warn(format!(
+                "θc {}, φs {} shows no light where all other poses do; of a metal that may be so, and it counts: look at \
+                 lamp and cap if it is a surprise",
+                groups[at].pose.theta_c, groups[at].pose.phi_s
+            ));
             continue;
         }
         for m in groups[at].clean.drain(..) {

@@ -3,6 +3,7 @@
 use super::super::synthetic::Made;
 use super::*;
 use crate::geometry;
+use crate::series::SampleKind;
 
 /// A lobe over a floor, as bright as 0.4.
 fn lobe(tilt: f64, azimuth: f64) -> f64 {
@@ -124,6 +125,13 @@ fn a_pose_without_light_amid_bright_ones_is_black_and_a_dark_sample_is_not() {
     assert_eq!(set.rejected_frames.len(), 1);
     assert_eq!(set.rejected_frames[0].reason, "black");
     assert!(set.warnings.iter().any(|w| w.contains("no observation")));
+    // A metal sends light where its facets mirror it, and nowhere else.
+    let mut metal = made.series(&TILTS, &AZIMUTHS, &[0.02], off);
+    metal.manifest.sample.kind = SampleKind::Conductor;
+    (metal.manifest.sample.eta, metal.manifest.sample.k) = (Some(2.9), Some(3.1));
+    let set = reduced(&metal, None);
+    assert_eq!((set.observations.len(), set.rejected_frames.len()), (30, 0));
+    assert!(set.warnings.iter().any(|w| w.contains("of a metal")));
     let narrow = |tilt: f64, azimuth: f64| {
         if tilt == 0.0 {
             lobe(tilt, azimuth)
