@@ -216,6 +216,8 @@ pub(super) struct Denial {
     pub told: bool,
     /// Between what was known and what the data say, in standard deviations of that difference.
     pub deviations: f64,
+    /// Share that what was known has in the fitted value.
+    pub leverage: f64,
 }
 
 /// Standard deviations between what was known and what the data say from which on that is told.
@@ -246,6 +248,7 @@ pub(super) fn denials(e: &Estimate<'_>) -> Vec<Denial> {
                 prior: *prior,
                 told: problem.told().iter().any(|(told, _)| told == quantity),
                 deviations,
+                leverage,
             })
         })
         .collect()

@@ -76,12 +76,17 @@ fn promised(end: &Minimum, uncertainty: &Uncertainty) -> f64 {
 
 /// What was known beforehand and the data deny, in words.
 fn denied(e: &Estimate<'_>) -> Vec<String> {
-    let told = denials(e).into_iter().map(|denial| {
+    // Where the model misses the data aloud, what they want of the material is the misfit's.
+    let loud = e.discrepancy > LOUD;
+    let material = |d: &Denial| !d.told && matches!(d.quantity, Quantity::Eta | Quantity::K);
+    let denials = denials(e).into_iter().filter(|d| !(loud && material(d)));
+    let told = denials.map(|denial| {
         let Denial {
             quantity,
             prior,
             told,
             deviations,
+            leverage,
         } = denial;
         let off = match deviations {
             ..1000.0 => format!("some {deviations:.0} standard deviations"),
@@ -111,10 +116,11 @@ fn denied(e: &Estimate<'_>) -> Vec<String> {
                 percent(e.values.background / peak(e.problem.set()))
             ),
             _ => format!(
-                "the data deny the stated {}: they want {}, {off} from {mean} ± {std}; the sample is of another \
+                "the data deny the stated {}: alone they want about {}, {off} from {mean} ± {std}; the sample is of another \
                  material, or the white reference is not what its certificate says (ρd is then off by as much)",
                 spoken(quantity),
-                significant(e.values.natural(quantity))
+                // Without the pull of what was stated.
+                significant(mean + (e.values.natural(quantity) - mean) / (1.0 - leverage))
             ),
         }
     });
@@ -224,7 +230,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
             "ρd = {rho_d:.3} is not a reflectance: the printed lobe does not describe this sample"
         ));
     }
-    if set.white_reference.is_none() {
+    if set.white_reference.is_none() && !is_anchored(e) {
         warnings.push(no_reference(set, variant, &e.values));
     }
     let predicted = e.problem.predicted(&e.values);
@@ -319,6 +325,13 @@ fn spoken(quantity: Quantity) -> &'static str {
     }
 }
 
+/// Whether the user states what a white reference would: the gain, or ρd itself.
+fn is_anchored(e: &Estimate<'_>) -> bool {
+    let told = e.problem.told().iter().map(|(q, _)| q);
+    let mut stated = e.held.iter().chain(told);
+    stated.any(|q| matches!(q, Quantity::Scale | Quantity::RhoD))
+}
+
 fn no_reference(set: &ObservationSet, variant: VariantName, values: &Values) -> String {
     let half = set.rig.theta_l.deg() / 2.0;
     let mut text = format!(
@@ -405,7 +418,7 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
         Parameter::known(value, inner.scaled(factor), effective_freedom(&inner, u))
     };
     let mut rho_d = of(Quantity::RhoD);
-    if !absolute && !metal && !e.held.contains(&Quantity::RhoD) {
+    if !absolute && !metal && !is_anchored(e) {
         rho_d = Parameter::unknown(no_reference(set, variant, &e.values));
     }
     Parameters {

@@ -363,7 +363,7 @@ pub fn map_until(
         )),
     }
     let at_least = |std: [f64; FREE]| match &mean {
-        Ok(mean) => mean.at_least(std, &layers),
+        Ok(mean) => mean.at_least(std, &layers, |k| typical(&layers, k)),
         Err(_) => std,
     };
     let wedge = manifest.rig.sample_wedge_std_deg.map(Angle::from_deg);

@@ -2,7 +2,8 @@
 //!
 //! Counting tells gain, stray light and the tilt's zero from millions of pixels far better than stages stand, lamps last
 //! and closed forms hold. The budget of a fit has all of that. What pixels share is known no better than their mean is, so
-//! its standard uncertainties are the least that a map states ([`Together::at_least`]).
+//! its standard uncertainties are the least that a map states; and where the fit, which has more of the model, finds
+//! another value, the map's own is off by about as much ([`Together::at_least`]).
 
 use std::sync::atomic::AtomicBool;
 
@@ -17,12 +18,17 @@ use crate::units::Angle;
 /// Of a layout's regions, the one that is fitted.
 const REGION: &str = "even";
 
-/// Standard uncertainties of the pixels' mean.
+/// A value of the pixels' mean and its standard uncertainty.
+type Known = (f64, f64);
+
+/// The pixels' mean.
 pub(super) struct Together {
     /// By the name of a layer, in its unit; none where the data do not determine it.
-    std: [(&'static str, Option<f64>); FREE],
-    stray: Option<f64>,
-    tilt_offset: Option<Angle>,
+    mean: [(&'static str, Option<Known>); FREE],
+    /// Whether it is that of all pixels, not of a region of them.
+    of_all: bool,
+    stray: Option<Known>,
+    tilt_offset_deg: Option<Known>,
 }
 
 /// Fits the mean of a uniform sample, or of one region of a sample that has a layout.
@@ -46,39 +52,53 @@ pub(super) fn together(source: &dyn FrameSource, cancel: &AtomicBool) -> Result<
     }
     let p = &report.parameters;
     let absolute = set.white_reference.is_some();
-    let of = |parameter: &Parameter| parameter.std;
+    let of = |parameter: &Parameter| -> Option<Known> { Some((parameter.value?, parameter.std?)) };
     Ok(Together {
-        std: [
+        mean: [
             ("theta_r_deg", of(&p.theta_r_deg)),
             ("lean_azimuth_deg", of(&p.azimuth_offset_deg)),
             ("alpha_u", of(&p.alpha_u)),
             ("alpha_v", of(&p.alpha_v)),
             ("rho_d", of(&p.rho_d)),
         ],
+        of_all: !layout,
         stray: of(&p.background).filter(|_| absolute),
-        tilt_offset: of(&p.tilt_offset_deg).map(Angle::from_deg),
+        tilt_offset_deg: of(&p.tilt_offset_deg),
     })
 }
 
 impl Together {
-    /// Raises standard uncertainties, in the layers' units, to those of the mean.
-    pub(super) fn at_least(&self, std: [f64; FREE], layers: &Layers) -> [f64; FREE] {
+    /// Raises standard uncertainties, in the layers' units, by what the mean says; `typical` are the pixels' medians.
+    pub(super) fn at_least(
+        &self,
+        std: [f64; FREE],
+        layers: &Layers,
+        typical: impl Fn(usize) -> f64,
+    ) -> [f64; FREE] {
         std::array::from_fn(|k| {
-            let name = layers.parameters[k].name;
-            let known = self.std.iter().find(|(known, _)| *known == name);
-            let mean = known.and_then(|(_, std)| *std);
-            mean.map_or(std[k], |mean| std[k].max(mean))
+            let layer = &layers.parameters[k];
+            let known = self.mean.iter().find(|(name, _)| *name == layer.name);
+            let Some((value, of_mean)) = known.and_then(|(_, known)| *known) else {
+                return std[k];
+            };
+            // Directions count from another zero; and a region's mean is not that of its neighbours.
+            let off = match self.of_all && !layer.cyclic {
+                true => typical(k) - value,
+                false => 0.0,
+            };
+            std[k].max(of_mean).hypot(off)
         })
     }
 
     /// Raises those of the shared quantities.
     pub(super) fn raise(&self, globals: &mut Globals) {
-        if let Some(stray) = self.stray {
-            globals.stray_std = globals.stray_std.max(stray);
+        if let Some((value, std)) = self.stray {
+            globals.stray_std = globals.stray_std.max(std).hypot(globals.stray - value);
         }
-        if let Some(zero) = self.tilt_offset {
-            let own = globals.tilt_offset_std;
-            globals.tilt_offset_std = Angle::from_rad(own.rad().max(zero.rad()));
+        if let Some((value, std)) = self.tilt_offset_deg {
+            let own = globals.tilt_offset_std.deg().max(std);
+            let off = globals.tilt_offset.deg() - value;
+            globals.tilt_offset_std = Angle::from_deg(own.hypot(off));
         }
     }
 }

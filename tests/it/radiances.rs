@@ -8,7 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use ridged::fit::report::{FitReport, Parameter, Status, VariantName};
 use ridged::fit::traced::TracingOptions;
-use ridged::fit::{FitOptions, VariantChoice, fit};
+use ridged::fit::{FitOptions, VariantChoice, fit, told};
 use ridged::geometry::{Cones, Pose, RigGeometry};
 use ridged::material::Material;
 use ridged::model::prepared::OpticsTable;
@@ -310,6 +310,33 @@ fn without_a_white_reference_rho_d_is_null_and_the_reason_is_given() {
         );
         assert!(report.parameters.theta_r_deg.identifiable);
     }
+}
+
+#[test]
+fn a_gain_that_is_stated_stands_for_the_white_reference() {
+    let bench = Bench {
+        stray_light: 0.0,
+        white_reference: false,
+        seed: 5,
+    };
+    // The radiances are in units of the lamp's irradiance: their gain is 1.
+    let options = FitOptions {
+        variant: VariantChoice::Sawtooth,
+        told: vec![told::held("scale", 1.0).unwrap()],
+        ..FitOptions::default()
+    };
+    let set = observations("polymer-10", bench);
+    let report = fit(&set, &options, &AtomicBool::new(false));
+    let rho_d = &report.parameters.rho_d;
+    let (value, expanded) = (rho_d.value.unwrap(), rho_d.expanded.unwrap());
+    let truth = truth("polymer-10", bench);
+    let (_, truth) = truth.iter().find(|(name, _)| *name == "rho_d").unwrap();
+    assert!(
+        (value - truth).abs() < expanded && expanded < 0.05,
+        "{rho_d:?}"
+    );
+    let denied = |w: &String| w.contains("cannot be separated");
+    assert!(!report.warnings.iter().any(denied), "{:?}", report.warnings);
 }
 
 #[test]
