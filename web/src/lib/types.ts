@@ -319,7 +319,9 @@ export interface MapResult extends Calculation {
 interface ContrastPair {
   readonly absolute: number;
   readonly absolute_std: number | null;
+  /** Null where the pair is dark. */
   readonly michelson: number | null;
+  readonly michelson_std?: number | null;
 }
 
 /** The object of `ridged contrast --json`. */
