@@ -201,6 +201,11 @@ impl Scene {
         };
         let rho_d = self.rho_d.unwrap_or(if k > 0.0 { 0.0 } else { 0.35 });
         check(&limits::RHO_D, rho_d)?;
+        if k > 0.0 && rho_d > 0.0 {
+            return Err(CliError::bad_input(anyhow!(
+                "rho_d is light from below the surface, and a metal sends none back: leave --rho-d out, or k"
+            )));
+        }
         let optics = Optics {
             eta,
             k,

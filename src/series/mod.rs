@@ -196,7 +196,9 @@ impl Series {
         if !path.starts_with(&self.folder) {
             return Err(FrameReadError::Outside { file: file.clone() });
         }
-        std::fs::read(path).map_err(unreadable)
+        of_a_file(&path)
+            .and_then(|()| std::fs::read(&path))
+            .map_err(unreadable)
     }
 
     /// Frame `index`, decoded.
@@ -215,6 +217,14 @@ impl Series {
     }
 }
 
+/// Refuses a pipe or a device, at which a read would wait for ever.
+fn of_a_file(path: &Path) -> std::io::Result<()> {
+    match std::fs::metadata(path)?.is_file() {
+        true => Ok(()),
+        false => Err(std::io::Error::other("it is no regular file")),
+    }
+}
+
 fn read_text(folder: &Path, file: &str, remedy: &str) -> Result<String, SeriesError> {
     let path = folder.join(file);
     let unreadable = |source: std::io::Error| match source.kind() {
@@ -229,7 +239,8 @@ fn read_text(folder: &Path, file: &str, remedy: &str) -> Result<String, SeriesEr
         },
     };
     let mut text = String::new();
-    std::fs::File::open(&path)
+    of_a_file(&path)
+        .and_then(|()| std::fs::File::open(&path))
         .and_then(|f| f.take(TEXT_BYTES_MAX).read_to_string(&mut text))
         .map_err(unreadable)?;
     Ok(text)
@@ -244,6 +255,22 @@ mod tests {
         Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("tests/data/series")
             .join(name)
+    }
+
+    #[test]
+    fn a_series_of_a_pipe_is_refused_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("manifest.toml");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+        assert!(made.unwrap().success());
+        let refused = Series::open(folder.path()).unwrap_err();
+        let mut words = refused.to_string();
+        let mut source = std::error::Error::source(&refused);
+        while let Some(cause) = source {
+            words += &cause.to_string();
+            source = cause.source();
+        }
+        assert!(words.contains("no regular file"), "{words}");
     }
 
     #[test]

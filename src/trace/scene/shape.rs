@@ -330,8 +330,11 @@ fn field_of(map: &HeightMap, pitch: [f64; 2], unit: f64) -> Result<HeightField, 
     if columns.saturating_mul(rows) > 1 << 26 {
         return Err("the map has more than 67 million heights");
     }
-    if !map.heights.iter().all(|h| (h * unit).abs() < 1e12) {
+    if map.heights.iter().any(|h| h.is_nan()) {
         return Err("the map holds a height that is not a number");
+    }
+    if !map.heights.iter().all(|h| (h * unit).abs() < 1e12) {
+        return Err("the map holds a height beyond 1e12 in the scene's unit");
     }
     let mut heights = vec![0.0; columns * rows];
     for (n, h) in map.heights.iter().enumerate() {
