@@ -47,7 +47,7 @@ use crate::store::{Recovery, Store, StoreError};
 pub use crate::bench::stage::AxisName;
 pub use calculations::{CalculationRequest, ContrastRequest, MapRequest, VerdictRequest};
 pub use curves::{Curve, FitCurves};
-pub use error::LabError;
+pub use error::{Holder, LabError};
 use fits::Reductions;
 pub use fits::{FitRequest, Reduced};
 pub use headway::Progress as CalculationProgress;

@@ -3,7 +3,7 @@
 use tokio::sync::oneshot;
 
 use super::bench;
-use super::{AxisName, Lab, LabError, RigSettings};
+use super::{AxisName, Holder, Lab, LabError, RigSettings};
 use crate::bench::stage::Stage;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::runner::{Order, OrderSlip};
@@ -155,14 +155,24 @@ impl Lab {
             .send(bench::Request { work, stops, reply })
             .await
             .map_err(|_| LabError::Stopping)?;
-        answer.await.map_err(|_| LabError::Stopping)?
+        let answer = answer.await.map_err(|_| LabError::Stopping)?;
+        match answer {
+            Err(LabError::Busy {
+                with: Holder::Scan { scan_id, .. },
+            }) => {
+                let state = self.store().scan(scan_id).await.ok().map(|scan| scan.state);
+                let with = Holder::Scan { scan_id, state };
+                Err(LabError::Busy { with })
+            }
+            other => other,
+        }
     }
 
     async fn connect(&self) -> Result<Stage, LabError> {
         self.request(bench::Work::Connect).await?;
         let stage = self.side()?.stage.borrow().clone();
         stage.ok_or(LabError::Busy {
-            with: "the stages are being connected".into(),
+            with: Holder::Connecting,
         })
     }
 

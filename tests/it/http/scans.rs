@@ -72,6 +72,42 @@ async fn a_scan_is_begun_found_commanded_and_begun_once_per_key() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn who_finds_the_rig_taken_is_told_what_frees_it() {
+    let (bench, router) = opened().await;
+    let body = r#"{"sample_id": 2, "plan": {"preset": "paper"}}"#;
+    assert_eq!(post(&router, "/api/v1/scans", body).await.status, 202);
+    bench.until(1, ScanState::WaitingForOperator).await;
+    let home = "/api/v1/rig/axes/theta_c/home";
+    for (order, state, says) in [
+        (
+            "pause",
+            "paused",
+            "scan 1 is paused and holds it; resume it",
+        ),
+        (
+            "resume",
+            "waiting-for-operator",
+            "scan 1 waits for a person and holds it; do that step",
+        ),
+    ] {
+        let path = format!("/api/v1/scans/1/{order}");
+        assert_eq!(post(&router, &path, "").await.status, 202);
+        while get(&router, "/api/v1/scans/1").await.body["state"] != state {
+            tokio::task::yield_now().await;
+        }
+        let busy = post(&router, home, "").await;
+        is_problem(&busy, 409, "busy");
+        assert!(busy.detail().contains(says), "{}", busy.detail());
+        assert!(
+            !busy.detail().contains("pause or abort"),
+            "{}",
+            busy.detail()
+        );
+    }
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn an_imported_series_is_there_as_scan_frames_and_observations() {
     let (bench, router) = opened().await;
     let imported = imported(&router).await;
