@@ -46,8 +46,8 @@ pub struct RigView {
 pub struct AxisView {
     /// Position read just now; `None` if the stage does not answer.
     pub position: Option<Angle>,
-    /// Whether it moves.
-    pub moving: bool,
+    /// Whether it moves; `None` if the stage does not answer: it may.
+    pub moving: Option<bool>,
     /// Whether it knows its reference.
     pub homed: bool,
     /// Warnings in words.
@@ -110,7 +110,7 @@ impl Lab {
             let axis = status.as_ref().map(|status| status.axis(name));
             let view = AxisView {
                 position: axis.map(|a| a.position),
-                moving: axis.is_some_and(|a| a.moving),
+                moving: axis.map(|a| a.moving),
                 homed: axis.is_some_and(|a| a.homed),
                 warnings: axis.map(|a| a.warnings.clone()).unwrap_or_default(),
                 serial: axis.map(|a| a.serial),

@@ -135,6 +135,8 @@ describe('faults', () => {
     await page.getByText('The serial port /dev/ttyUSB0 does not exist').waitFor();
     expect(await page.getByRole('button', { name: 'Start scan' }).isDisabled()).toBe(true);
     expect(await page.getByRole('button', { name: /STOP/ }).isEnabled()).toBe(true);
+    // What nobody hears may be moving.
+    expect(await page.locator('[data-axis] .chip').allInnerTexts()).toEqual(['not known', 'not known']);
   });
 
   it('shows an alarm until it is seen', async () => {
