@@ -7,7 +7,7 @@ use crate::analysis::AnalysisError;
 use crate::bench::CameraError;
 use crate::bench::stage::StageError;
 use crate::scan::visit::stage_code;
-use crate::scan::{PlanError, ScanState};
+use crate::scan::{OperatorAction, PlanError, ScanState};
 use crate::series::{FrameReadError, SeriesError};
 use crate::store::StoreError;
 
@@ -80,6 +80,19 @@ pub enum LabError {
         state: ScanState,
         /// What was asked.
         asked: &'static str,
+    },
+    /// The scan waits for another step of the operator's than the one that was done.
+    #[error(
+        "scan {scan_id} waits for {}, not for {}, and waits on: {}",
+        .waits_for.as_str(), .done.as_str(), .waits_for.message()
+    )]
+    OtherStep {
+        /// Which scan.
+        scan_id: i64,
+        /// The step that was done.
+        done: OperatorAction,
+        /// The step that it waits for.
+        waits_for: OperatorAction,
     },
     /// A fit or calculation cannot do that where it stands.
     #[error("{what} {number} is {state}: {problem}")]
@@ -197,6 +210,7 @@ impl LabError {
             LabError::NotNow { .. } | LabError::NotThere { .. } | LabError::NotOfThisRig { .. } => {
                 "state-conflict"
             }
+            LabError::OtherStep { .. } => "other-step",
             LabError::Plan(_) => "plan-invalid",
             LabError::NoRoom { .. } | LabError::NoRoomToImport { .. } => "disk-full",
             LabError::BrokenOff => "broken-off",

@@ -72,6 +72,44 @@ async fn a_scan_is_begun_found_commanded_and_begun_once_per_key() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_step_that_is_done_counts_for_that_step_alone() {
+    let (bench, router) = opened().await;
+    let body = r#"{"sample_id": 2, "plan": {"theta_c_deg": [0], "phi_s_deg": [0], "exposures_s": [0.02]}}"#;
+    assert_eq!(post(&router, "/api/v1/scans", body).await.status, 202);
+    bench.until(1, ScanState::WaitingForOperator).await;
+    let proceed = "/api/v1/scans/1/continue";
+    let other = post(&router, proceed, r#"{"action": "place-sample"}"#).await;
+    is_problem(&other, 409, "other-step");
+    let says = "waits for cap-lens, not for place-sample, and waits on: Put the cap on the lens";
+    assert!(other.detail().contains(says), "{}", other.detail());
+    let none = post(&router, proceed, r#"{"action": "dance"}"#).await;
+    is_problem(&none, 422, "invalid-value");
+    assert!(none.detail().contains("cap-lens"), "{}", none.detail());
+    let slip = post(&router, proceed, r#"{"step": "cap-lens"}"#).await;
+    is_problem(&slip, 400, "unknown-field");
+    let scan = get(&router, "/api/v1/scans/1").await.body;
+    assert_eq!(scan["state"], "waiting-for-operator");
+    bench.rig.world.cap_lens(true);
+    let done = post(&router, proceed, r#"{"action": "cap-lens"}"#).await;
+    assert_eq!(done.status, 202, "{}", done.body);
+    // Said once more it is too late, wherever the scan is by now.
+    let late = post(&router, proceed, r#"{"action": "cap-lens"}"#).await;
+    assert_eq!(late.status, 409, "{}", late.body);
+    loop {
+        let scan = get(&router, "/api/v1/scans/1").await.body;
+        if scan["operator"]["action"] == "place-white-reference" {
+            break;
+        }
+        tokio::task::yield_now().await;
+    }
+    let late = post(&router, proceed, r#"{"action": "cap-lens"}"#).await;
+    is_problem(&late, 409, "other-step");
+    // An empty object says no more than no body.
+    assert_eq!(post(&router, proceed, "{}").await.status, 202);
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn who_finds_the_rig_taken_is_told_what_frees_it() {
     let (bench, router) = opened().await;
     let body = r#"{"sample_id": 2, "plan": {"preset": "paper"}}"#;
