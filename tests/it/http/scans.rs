@@ -2,6 +2,7 @@
 
 use axum::body::{Body, to_bytes};
 use axum::http::{StatusCode, header};
+use futures::StreamExt;
 use ridged::scan::ScanState;
 use serde_json::{Value, json};
 use tower::ServiceExt;
@@ -142,6 +143,27 @@ async fn who_finds_the_rig_taken_is_told_what_frees_it() {
             busy.detail()
         );
     }
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_client_that_is_gone_shows_within_seconds() {
+    let (bench, router) = opened().await;
+    let events = request("GET", "/api/v1/events").body(Body::empty());
+    let response = router.clone().oneshot(events.unwrap()).await.unwrap();
+    let mut told = response.into_body().into_data_stream();
+    // A comment, which is nothing to who listens, and fails where nobody does.
+    let comment = async {
+        while let Some(some) = told.next().await {
+            if some.unwrap().starts_with(b":") {
+                return;
+            }
+        }
+        panic!("the events broke off");
+    };
+    let in_time = tokio::time::timeout(std::time::Duration::from_secs(10), comment).await;
+    in_time.expect("nothing was written");
+    drop(told);
     bench.end().await;
 }
 
