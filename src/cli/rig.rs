@@ -46,11 +46,11 @@ pub enum Action {
 /// # Errors
 /// No result if no daemon runs or the rig refuses.
 pub fn run(args: Args) -> Result<(), CliError> {
-    let client = Client::require(&args.data)?;
     let answer = match args.action {
-        Action::Status => client.get("/rig")?,
-        Action::Stop => client.post("/rig/stop", None)?,
+        Action::Status => Client::require(&args.data)?.get("/rig")?,
+        Action::Stop => Client::noticed(&args.data)?.stop()?,
         Action::Home => {
+            let client = Client::require(&args.data)?;
             for axis in ["theta_c", "phi_s"] {
                 client.post(&format!("/rig/axes/{axis}/home"), None)?;
                 until_homed(&client, axis)?;

@@ -97,7 +97,7 @@ fn preset(word: &str) -> Result<Preset, String> {
 /// Ctrl-C.
 pub fn run(args: Args) -> Result<(), CliError> {
     let plan = read_plan(&args)?;
-    let answer = match Client::find(&args.data) {
+    let answer = match Client::find(&args.data)? {
         Some(client) => by_daemon(&client, &args, &plan)?,
         None => daemon::block_on(by_itself(&args, plan))?,
     };
