@@ -1,4 +1,5 @@
-//! Who is connected: how many at a time, who leaves when more come, and the seats that are kept for the stop.
+//! Who is connected: how many at a time, who leaves when more come, and the seats that are kept for the stop and for
+//! who asks whether the daemon lives.
 //!
 //! Each connection takes an open file, and the operating system gives a process so many and no more. Without a bound
 //! of its own the daemon could not accept the one connection that carries the stop.
@@ -26,13 +27,14 @@ use tower::ServiceExt;
 
 use super::error::ApiError;
 use super::guard::is_stop;
+use super::health::is_healthz;
 
 /// How much the listener takes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
     /// Connections at a time.
     pub seats: usize,
-    /// Further ones, which get an answer to the stop alone.
+    /// Further ones, which get an answer to the stop and to `/healthz` alone.
     pub reserve: usize,
     /// How long the head of a request may take; an idle connection is closed after as long.
     pub head_timeout: Duration,
@@ -288,11 +290,11 @@ impl Visitors {
     /// Answers what comes on a connection.
     pub fn receive(&mut self, stream: TcpStream, router: Router) {
         while self.tasks.try_join_next().is_some() {}
-        let (seat, stop_only) = match (self.hall.enter(), &self.reserve) {
+        let (seat, urgent_only) = match (self.hall.enter(), &self.reserve) {
             (Some(seat), _) => (seat, false),
             (None, reserve) => match reserve.enter() {
                 Some(seat) => (seat, true),
-                // Each of the reserve is a stop that is under way.
+                // Each of the reserve is about to be answered.
                 None => return,
             },
         };
@@ -303,7 +305,7 @@ impl Visitors {
                 stream,
                 router,
                 Arc::new(seat),
-                stop_only,
+                urgent_only,
                 head_timeout,
                 ending,
             )
@@ -327,7 +329,7 @@ async fn converse(
     stream: TcpStream,
     router: Router,
     seat: Arc<Seat>,
-    stop_only: bool,
+    urgent_only: bool,
     head_timeout: Duration,
     ending: CancellationToken,
 ) {
@@ -347,7 +349,7 @@ async fn converse(
         let asked = at_seat.ask();
         let (router, unsent) = (router.clone(), Arc::clone(&unsent));
         async move {
-            let response = match stop_only && !is_stop(&request) {
+            let response = match urgent_only && !is_urgent(&request) {
                 true => too_many().into_response(),
                 false => match router.oneshot(request).await {
                     Ok(response) => response,
@@ -363,7 +365,7 @@ async fn converse(
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(head_timeout)
-        .keep_alive(!stop_only)
+        .keep_alive(!urgent_only)
         // Who has said all may still listen.
         .half_close(true)
         .serve_connection(line, hyper::service::service_fn(answer));
@@ -388,13 +390,19 @@ async fn converse(
     {}
 }
 
+/// Whether it is answered however many are connected: the stop, and whether the daemon lives. A monitor that hears
+/// nothing would have a daemon started anew that is only full, in the middle of its scan.
+fn is_urgent(request: &axum::extract::Request) -> bool {
+    is_stop(request) || is_healthz(request)
+}
+
 fn too_many() -> ApiError {
     ApiError::new(
         StatusCode::SERVICE_UNAVAILABLE,
         "too-many-connections",
         "too many connections",
-        "too many connections are open and none of them is idle; close some event streams or pages; the stop is \
-         answered all the same",
+        "too many connections are open and none of them is idle; close some event streams or pages; the stop \
+         and /healthz are answered all the same",
     )
 }
 
@@ -439,6 +447,7 @@ mod tests {
         };
         let router = Router::new()
             .route("/", get(async || "here"))
+            .route(crate::api::health::HEALTHZ, get(async || "ok"))
             .route("/events", get(stream))
             .route("/much", get(async || vec![b'x'; MUCH]))
             .route(crate::api::rig::STOP, post(async || "stopped"));
@@ -488,7 +497,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn the_stop_gets_through_however_many_are_connected() {
+    async fn the_stop_and_the_question_of_life_get_through_however_many_are_connected() {
         let daemon = daemon(LIMITS).await;
         let mut streams = Vec::new();
         for _ in 0..LIMITS.seats {
@@ -505,6 +514,12 @@ mod tests {
         let stop = format!("POST {}", crate::api::rig::STOP);
         let (_, stopped) = daemon.ask(&stop, "stopped").await;
         assert!(stopped.starts_with("HTTP/1.1 200"), "{stopped}");
+        // More often than there are seats in reserve: each is free again once it has answered.
+        for _ in 0..3 * LIMITS.reserve {
+            let alive = format!("GET {}", crate::api::health::HEALTHZ);
+            let (_, alive) = daemon.ask(&alive, "ok").await;
+            assert!(alive.starts_with("HTTP/1.1 200"), "{alive}");
+        }
         // Who listens is sent away by nobody.
         daemon.news.send("news").unwrap();
         for stream in &mut streams {

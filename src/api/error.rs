@@ -209,6 +209,7 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
             StatusCode::CONFLICT,
             "not allowed in this state of the scan",
         ),
+        LabError::OtherStep { .. } => (StatusCode::CONFLICT, "the scan waits for another step"),
         LabError::Shared(error) => kind(error, code),
         LabError::Panicked => (
             StatusCode::INTERNAL_SERVER_ERROR,

@@ -24,6 +24,9 @@ use crate::scan::event::OperatorStep;
 use crate::scan::{Event, RecordedEvent, ScanState};
 use crate::store::utc_text;
 
+/// A client that is gone shows only when something is written to it, and has its seat until then.
+const KEEP_ALIVE: Duration = Duration::from_secs(3);
+
 /// Where to begin.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
@@ -76,7 +79,7 @@ pub(super) async fn stream(
             next.map(|event| (Ok(sse(&event)), follower))
         }
     });
-    Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(Duration::from_secs(15))))
+    Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)))
 }
 
 /// Follows the story of one listener: from the store where it is behind, else as it is told.

@@ -23,15 +23,20 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for Body<T> {
         let bytes = axum::body::to_bytes(request.into_body(), BODY_BYTES_MAX)
             .await
             .map_err(|_| too_large())?;
-        let read = objects::read(&bytes).map_err(json_problem)?;
-        let value: T = serde_path_to_error::deserialize(&read).map_err(json_problem)?;
-        objects::check::<T>(&read).map_err(|refusal| {
-            let path = refusal.path().to_string();
-            let (field, message) = told(&path, &refusal.into_inner().to_string());
-            ApiError::invalid(field, message)
-        })?;
-        Ok(Body(value))
+        from_json(&bytes).map(Body)
     }
+}
+
+/// What a body of JSON says.
+pub(super) fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ApiError> {
+    let read = objects::read(bytes).map_err(json_problem)?;
+    let value: T = serde_path_to_error::deserialize(&read).map_err(json_problem)?;
+    objects::check::<T>(&read).map_err(|refusal| {
+        let path = refusal.path().to_string();
+        let (field, message) = told(&path, &refusal.into_inner().to_string());
+        ApiError::invalid(field, message)
+    })?;
+    Ok(value)
 }
 
 pub(super) fn too_large() -> ApiError {

@@ -1,8 +1,8 @@
 //! Whether the daemon lives, is ready, and how it fares.
 
 use axum::Json;
-use axum::extract::State;
-use axum::http::{StatusCode, header};
+use axum::extract::{Request, State};
+use axum::http::{Method, StatusCode, header};
 use axum::response::IntoResponse;
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -10,7 +10,15 @@ use utoipa::ToSchema;
 use super::App;
 use super::error::ApiError;
 
-/// Whether it lives.
+/// Where it is asked whether the daemon lives.
+pub(super) const HEALTHZ: &str = "/healthz";
+
+/// Whether it is the question whether the daemon lives.
+pub(super) fn is_healthz(request: &Request) -> bool {
+    matches!(*request.method(), Method::GET | Method::HEAD) && request.uri().path() == HEALTHZ
+}
+
+/// Whether it lives; answered however many are connected.
 #[utoipa::path(get, path = "/healthz", tag = "health", responses((status = 200, description = "The daemon is alive", body = String)))]
 pub(super) async fn healthz() -> &'static str {
     "ok\n"

@@ -86,8 +86,8 @@ pub struct AxesBody {
 pub struct AxisBody {
     /// Current position, degrees; null if the stage does not answer.
     position_deg: Option<f64>,
-    /// Whether it moves.
-    moving: bool,
+    /// Whether it moves; null if the stage does not answer: it may.
+    moving: Option<bool>,
     /// Whether it knows its reference.
     homed: bool,
     /// Warnings in words.

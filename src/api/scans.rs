@@ -1,6 +1,7 @@
 //! `/scans`: plan, begin, command, look.
 
 use axum::Json;
+use axum::body::Bytes;
 use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::IntoResponse;
@@ -9,12 +10,12 @@ use utoipa::ToSchema;
 
 use super::asked::ScanAsked;
 use super::error::{ApiError, Problem};
-use super::extract::{Body, Id, Params, page};
+use super::extract::{Body, Id, Params, from_json, page};
 use super::{App, Begun, List};
 use crate::lab::{Lab, ScanRequest};
 use crate::scan::event::OperatorStep;
 use crate::scan::runner::Order;
-use crate::scan::{Plan, Progress, ScanState};
+use crate::scan::{OperatorAction, Plan, Progress, ScanState};
 use crate::store::scans::{Origin, Scan, ScanFilter};
 
 /// How far a scan is.
@@ -285,20 +286,32 @@ pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<ScanB
     Ok(Json(body(&app, scan).await?))
 }
 
+/// Which of the operator's steps is done.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ContinueBody {
+    /// cap-lens, place-white-reference or place-sample, as `operator.action` of the scan said; the step waited for if not given.
+    #[schema(value_type = Option<String>)]
+    action: Option<OperatorAction>,
+}
+
 /// Pause, resume, abort, or say that the operator's step is done.
 #[utoipa::path(post, path = "/api/v1/scans/{id}/{order}", tag = "scans", params(
     ("id" = i64, Path, description = "Number of the scan"),
     ("order" = String, Path, description = "pause, resume, abort or continue; resume also takes an interrupted scan up again"),
-), responses(
+), request_body(content = Option<ContinueBody>, description = "With continue, the step that is done; else it is not looked at"), responses(
     (status = 202, description = "The state that the scan came to", body = Begun),
+    (status = 400, description = "The id is not a whole number, or the body of continue cannot be understood", body = Problem),
     (status = 404, description = "There is no such scan or order", body = Problem),
-    (status = 409, description = "Not allowed in this state of the scan", body = Problem),
+    (status = 409, description = "Not allowed in this state of the scan, or it waits for another step (`other-step`)", body = Problem),
+    (status = 422, description = "There is no such step, or the Idempotency-Key was used for another request", body = Problem),
     (status = 503, description = "The stages cannot be had", body = Problem),
     (status = 507, description = "The disk has no room for it", body = Problem),
 ))]
 pub(super) async fn command(
     State(app): State<App>,
     Path((id, order)): Path<(String, String)>,
+    body: Bytes,
 ) -> Result<impl IntoResponse, ApiError> {
     let id: i64 = id
         .parse()
@@ -307,7 +320,14 @@ pub(super) async fn command(
         "pause" => Order::Pause,
         "resume" => Order::Resume,
         "abort" => Order::Abort,
-        "continue" => Order::Continue,
+        "continue" => {
+            let done: Option<ContinueBody> = match body.is_empty() {
+                true => None,
+                false => from_json(&body)?,
+            };
+            let step = done.and_then(|done| done.action);
+            step.map_or(Order::Continue, Order::Done)
+        }
         other => {
             return Err(ApiError::not_found(format!(
                 "a scan cannot `{other}`: pause, resume, abort or continue"

@@ -11,46 +11,153 @@ use super::daemon::NOTICE_FILE;
 use crate::store::Store;
 
 /// A running daemon.
+#[derive(Debug)]
 pub struct Client {
     agent: ureq::Agent,
     /// `http://ADDRESS`.
     pub url: String,
 }
 
-impl Client {
-    /// The daemon that runs on a data folder, if one does.
-    #[must_use]
-    pub fn find(folder: &Path) -> Option<Client> {
+/// Who works on a data folder.
+enum Holder {
+    Nobody,
+    /// A daemon, by its notice; with its process where the lock names the same one.
+    Daemon(Client, Option<u64>),
+    /// A process that answers no commands: a scan or an import that does its work itself, a daemon that begins or ends.
+    Other(Option<u64>),
+}
+
+impl Holder {
+    fn of(folder: &Path) -> Holder {
         // The notice of a daemon that was killed is still there, and its port may be another's now:
         // only the lock tells that somebody has this folder.
         if !Store::is_in_use(folder) {
-            return None;
+            return Holder::Nobody;
         }
-        let notice = std::fs::read_to_string(folder.join(NOTICE_FILE)).ok()?;
-        let notice: Value = serde_json::from_str(&notice).ok()?;
+        let locked_by = locked_by(folder);
+        let Some((url, process)) = notice(folder) else {
+            return Holder::Other(locked_by);
+        };
+        if locked_by.is_some() && locked_by != process {
+            return Holder::Other(locked_by);
+        }
         let client = Client {
             agent: ureq::Agent::config_builder()
                 .timeout_global(Some(Duration::from_secs(60)))
                 .http_status_as_error(false)
                 .build()
                 .into(),
-            url: notice.get("url")?.as_str()?.to_owned(),
+            url,
+        };
+        Holder::Daemon(client, locked_by)
+    }
+}
+
+/// Why there is nobody to talk to.
+fn no_daemon(folder: &Path) -> CliError {
+    CliError::no_result(anyhow!(
+        "no daemon runs on {}; start one with `ridged serve`, or name its folder with --data",
+        folder.display()
+    ))
+}
+
+/// The same where the folder is taken: a second daemon would be refused.
+fn works_alone(folder: &Path, process: Option<u64>) -> CliError {
+    let folder = folder.display();
+    CliError::no_result(match process {
+        Some(process) => anyhow!(
+            "no daemon runs on {folder}, but another ridged process (process {process}) has it and takes no commands: a \
+             scan without a daemon, or a daemon that begins or ends; Ctrl-C there, or `kill -INT {process}`, stops \
+             what it drives"
+        ),
+        None => anyhow!(
+            "no daemon runs on {folder}, but another ridged process has it and takes no commands: a scan without a \
+             daemon, or a daemon that begins or ends; Ctrl-C there stops what it drives"
+        ),
+    })
+}
+
+/// Number of the process that has the folder, as it wrote it into the lock; on a full disk it could not.
+fn locked_by(folder: &Path) -> Option<u64> {
+    let text = std::fs::read_to_string(folder.join("lock")).ok()?;
+    text.trim().strip_prefix("process ")?.parse().ok()
+}
+
+/// Address and process of the daemon that left its notice last.
+fn notice(folder: &Path) -> Option<(String, Option<u64>)> {
+    let notice = std::fs::read_to_string(folder.join(NOTICE_FILE)).ok()?;
+    let notice: Value = serde_json::from_str(&notice).ok()?;
+    Some((
+        notice.get("url")?.as_str()?.to_owned(),
+        notice["process"].as_u64(),
+    ))
+}
+
+impl Client {
+    /// The daemon that runs on a data folder, if one does.
+    ///
+    /// # Errors
+    /// No result if it is there and does not answer.
+    pub fn find(folder: &Path) -> Result<Option<Client>, CliError> {
+        let Holder::Daemon(client, process) = Holder::of(folder) else {
+            return Ok(None);
         };
         let answer = client.agent.get(format!("{}/healthz", client.url)).call();
-        answer.ok()?.status().is_success().then_some(client)
+        let why = match answer {
+            Ok(answer) if answer.status().is_success() => return Ok(Some(client)),
+            Ok(mut answer) => match answer.body_mut().read_json() {
+                Ok(problem) => told(&problem),
+                Err(_) => format!("it answers {}", answer.status()),
+            },
+            Err(error) => error.to_string(),
+        };
+        match process {
+            Some(process) => Err(CliError::no_result(anyhow!(
+                "the daemon on {} is there (process {process}, {}) and does not answer: {why}",
+                folder.display(),
+                client.url
+            ))),
+            None => Ok(None),
+        }
     }
 
     /// The daemon that runs on a data folder.
     ///
     /// # Errors
-    /// No result if none does.
+    /// No result if none does, or if it does not answer.
     pub fn require(folder: &Path) -> Result<Client, CliError> {
-        Client::find(folder).ok_or_else(|| {
+        match Client::find(folder)? {
+            Some(client) => Ok(client),
+            None => Client::noticed(folder),
+        }
+    }
+
+    /// The daemon that runs on a data folder by its notice, without a question to it before: for the stop, which is
+    /// answered where nothing else is.
+    ///
+    /// # Errors
+    /// No result if none does.
+    pub fn noticed(folder: &Path) -> Result<Client, CliError> {
+        match Holder::of(folder) {
+            Holder::Daemon(client, _) => Ok(client),
+            Holder::Nobody => Err(no_daemon(folder)),
+            Holder::Other(process) => Err(works_alone(folder, process)),
+        }
+    }
+
+    /// Stops both axes.
+    ///
+    /// # Errors
+    /// No result if the daemon does not answer, or could not reach the stages.
+    pub fn stop(&self) -> Result<Value, CliError> {
+        let answer = self.send("/rig/stop", None).map_err(|error| {
             CliError::no_result(anyhow!(
-                "no daemon runs on {}; start one with `ridged serve`, or name its folder with --data",
-                folder.display()
+                "the daemon at {} does not answer the stop, and the stages may be moving: use the hardware emergency \
+                 switch ({error})",
+                self.url
             ))
-        })
+        })?;
+        read(answer)
     }
 
     /// Asks for a path below `/api/v1`.
@@ -71,20 +178,51 @@ impl Client {
     /// # Errors
     /// As [`Client::get`].
     pub fn post(&self, path: &str, body: Option<&Value>) -> Result<Value, CliError> {
+        read(self.send(path, body).map_err(unreachable)?)
+    }
+
+    /// The same for what may have come too late: `None` where it is not allowed any more.
+    ///
+    /// # Errors
+    /// As [`Client::get`], but for a conflict.
+    pub fn post_in_time(
+        &self,
+        path: &str,
+        body: Option<&Value>,
+    ) -> Result<Option<Value>, CliError> {
+        let answer = self.send(path, body).map_err(unreachable)?;
+        match answer.status() == 409 {
+            true => Ok(None),
+            false => read(answer).map(Some),
+        }
+    }
+
+    fn send(&self, path: &str, body: Option<&Value>) -> Result<Response, ureq::Error> {
         let request = self.agent.post(format!("{}/api/v1{path}", self.url));
-        let answer = match body {
+        match body {
             Some(body) => request.send_json(body),
             None => request.send_empty(),
-        };
-        read(answer.map_err(unreachable)?)
+        }
     }
 }
+
+type Response = ureq::http::Response<ureq::Body>;
 
 fn unreachable(error: ureq::Error) -> CliError {
     CliError::no_result(anyhow!("the daemon does not answer: {error}"))
 }
 
-fn read(mut answer: ureq::http::Response<ureq::Body>) -> Result<Value, CliError> {
+/// What a problem says.
+fn told(problem: &Value) -> String {
+    let detail = problem["detail"].as_str();
+    let detail = detail.unwrap_or("the daemon refused");
+    match problem["code"] == "too-many-connections" {
+        true => format!("the daemon is there, but full: {detail}"),
+        false => detail.to_owned(),
+    }
+}
+
+fn read(mut answer: Response) -> Result<Value, CliError> {
     let status = answer.status();
     let body: Value = answer.body_mut().read_json().map_err(|error| {
         CliError::no_result(anyhow!("the daemon's answer is not JSON: {error}"))
@@ -92,11 +230,7 @@ fn read(mut answer: ureq::http::Response<ureq::Body>) -> Result<Value, CliError>
     if status.is_success() {
         return Ok(body);
     }
-    let detail = body
-        .get("detail")
-        .and_then(Value::as_str)
-        .unwrap_or("the daemon refused");
-    let error = anyhow!("{detail}");
+    let error = anyhow!("{}", told(&body));
     // What the machine refuses is no mistake of the user.
     let refused = status.is_server_error() || status == 409;
     Err(match refused {

@@ -43,7 +43,7 @@ pub struct Args {
 /// no room for it beside the reserve; interrupted by Ctrl-C, with nothing imported.
 pub fn run(args: Args) -> Result<(), CliError> {
     let cancel = interrupt::flag()?;
-    let answer = match Client::find(&args.data) {
+    let answer = match Client::find(&args.data)? {
         Some(client) => {
             let folder = args.dir.canonicalize().unwrap_or_else(|_| args.dir.clone());
             let body = json!({ "folder": folder, "skip_unreadable": args.skip_unreadable });

@@ -22,6 +22,7 @@ mod limits;
 pub mod map;
 pub mod model_error;
 pub mod optimize;
+pub mod people;
 mod place;
 pub mod prediction;
 pub mod progress;

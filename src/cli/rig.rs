@@ -46,11 +46,11 @@ pub enum Action {
 /// # Errors
 /// No result if no daemon runs or the rig refuses.
 pub fn run(args: Args) -> Result<(), CliError> {
-    let client = Client::require(&args.data)?;
     let answer = match args.action {
-        Action::Status => client.get("/rig")?,
-        Action::Stop => client.post("/rig/stop", None)?,
+        Action::Status => Client::require(&args.data)?.get("/rig")?,
+        Action::Stop => Client::noticed(&args.data)?.stop()?,
         Action::Home => {
+            let client = Client::require(&args.data)?;
             for axis in ["theta_c", "phi_s"] {
                 client.post(&format!("/rig/axes/{axis}/home"), None)?;
                 until_homed(&client, axis)?;
@@ -120,15 +120,15 @@ fn words(action: &Action, answer: &Value) -> String {
             Some(deg) => format!("{deg:10.4}°"),
             None => "   unknown".into(),
         };
-        let moving = if state["moving"] == true {
-            "moving"
-        } else {
-            "at rest"
+        let moving = match state["moving"].as_bool() {
+            Some(true) => "moving",
+            Some(false) => "at rest",
+            None => "motion unknown (it may be moving)",
         };
-        let homed = if state["homed"] == true {
-            "homed"
-        } else {
-            "not homed"
+        let homed = match (answer["connected"] == false, state["homed"] == true) {
+            (true, _) => "reference unknown",
+            (false, true) => "homed",
+            (false, false) => "not homed",
         };
         let warnings: Vec<&str> = state["warnings"]
             .as_array()
@@ -146,6 +146,22 @@ fn words(action: &Action, answer: &Value) -> String {
 mod tests {
     use super::*;
     use serde_json::json;
+
+    #[test]
+    fn an_axis_that_nobody_hears_is_not_said_to_be_at_rest() {
+        let axis = json!({ "position_deg": null, "moving": null, "homed": false, "warnings": [] });
+        let gone = json!({
+            "connected": false, "problem": { "code": "stage-silent", "detail": "no reply" },
+            "activity": "idle", "axes": { "theta_c": axis, "phi_s": axis },
+        });
+        let said = words(&Action::Status, &gone);
+        assert!(said.starts_with("not connected: no reply\n"), "{said}");
+        assert_eq!(said.matches("motion unknown").count(), 2, "{said}");
+        assert!(
+            !said.contains("rest") && !said.contains("not homed"),
+            "{said}"
+        );
+    }
 
     #[test]
     fn homing_is_done_only_where_the_axis_knows_its_reference() {

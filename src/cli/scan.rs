@@ -1,17 +1,18 @@
 //! `ridged scan`: one scan, by a running daemon or by this process itself.
 
-use std::io::{BufRead, IsTerminal, Write};
+use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow};
 use serde_json::{Value, json};
-use tokio::sync::mpsc;
 
 use super::CliError;
 use super::client::Client;
 use super::daemon;
+use super::people::People;
 use super::progress::Bar;
 use super::simulated::{self, SimulatedRig, Simulation, TRACED_SAMPLE};
 use crate::lab::{Lab, ScanRequest};
@@ -22,8 +23,10 @@ use crate::scan::{Event, OperatorAction, PlanRequest, ScanState};
 use crate::store::PageRequest;
 use crate::store::samples::NewSample;
 
+/// How often a daemon is asked where its scan stands: a prompt outlives its step by no longer.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
 /// A daemon is asked how sure its fit is once in so many looks at its scan.
-const LOOKS_PER_QUESTION: u32 = 8;
+const LOOKS_PER_QUESTION: u32 = 16;
 
 /// Runs one scan.
 #[derive(Debug, clap::Args)]
@@ -97,7 +100,7 @@ fn preset(word: &str) -> Result<Preset, String> {
 /// Ctrl-C.
 pub fn run(args: Args) -> Result<(), CliError> {
     let plan = read_plan(&args)?;
-    let answer = match Client::find(&args.data) {
+    let answer = match Client::find(&args.data)? {
         Some(client) => by_daemon(&client, &args, &plan)?,
         None => daemon::block_on(by_itself(&args, plan))?,
     };
@@ -308,50 +311,6 @@ fn no_sample(wanted: Option<&str>) -> CliError {
     })
 }
 
-/// People at the terminal who do what a scan asks for and press Enter.
-pub struct People {
-    lines: mpsc::Receiver<Option<()>>,
-}
-
-impl People {
-    /// Listens to the terminal from now on.
-    #[must_use]
-    pub fn at_the_terminal() -> People {
-        let (sender, lines) = mpsc::channel(4);
-        // A read cannot be cancelled: it has a thread of its own that dies with the process.
-        std::thread::spawn(move || {
-            let mut line = String::new();
-            loop {
-                line.clear();
-                let read = std::io::stdin().lock().read_line(&mut line);
-                let more = matches!(read, Ok(n) if n > 0);
-                if sender.blocking_send(more.then_some(())).is_err() || !more {
-                    return;
-                }
-            }
-        });
-        People { lines }
-    }
-
-    async fn say_when_done(&mut self, bar: &Bar, action: OperatorAction) -> Result<(), CliError> {
-        // What was typed before the question is no answer to it.
-        while let Ok(Some(())) = self.lines.try_recv() {}
-        let hint = if std::io::stdin().is_terminal() {
-            " [Enter]"
-        } else {
-            ""
-        };
-        bar.say(&format!("{}{hint}", action.message()));
-        match self.lines.recv().await {
-            Some(Some(())) => Ok(()),
-            _ => Err(CliError::no_result(anyhow!(
-                "the scan needs a person ({}), but nobody is at the terminal; run it by `ridged serve` and the page",
-                action.message()
-            ))),
-        }
-    }
-}
-
 /// Follows a scan of this process to its end, or to where it needs a person who is not there.
 ///
 /// # Errors
@@ -429,8 +388,14 @@ pub async fn follow(
             return Ok(scan.state);
         }
         if let (Some(action), Some(people)) = (step, &mut people) {
-            people.say_when_done(&bar, action).await?;
-            lab.order(scan_id, Order::Continue)
+            people.ask(&bar, action);
+            if !people.done().await {
+                return Err(CliError::no_result(anyhow!(
+                    "the scan needs a person ({}), but nobody is at the terminal; run it by `ridged serve` and the page",
+                    action.message()
+                )));
+            }
+            lab.order(scan_id, Order::Done(action))
                 .await
                 .map_err(daemon::lab_error)?;
         }
@@ -472,36 +437,51 @@ fn by_daemon(client: &Client, args: &Args, plan: &PlanRequest) -> Result<Value, 
     let simulated = rig["simulated"] == true;
     let sample_id = daemons_sample(client, args)?;
     let body = json!({ "sample_id": sample_id, "plan": plan });
+    // Before the rig may move.
+    let stopped = super::interrupt::flag()?;
     let begun = client.post("/scans", Some(&body))?;
     let id = begun["id"].as_i64().unwrap_or_default();
-    let stopped = super::interrupt::flag()?;
     let mut people = (!simulated).then(People::at_the_terminal);
     let bar = Bar::new("frames");
     let mut sure: Option<String> = None;
     let mut looks = 0u32;
-    let state = loop {
+    // The step that stands on the terminal: Enter is for that one.
+    let mut asked: Option<OperatorAction> = None;
+    let scan = loop {
+        if stopped.load(Ordering::Relaxed) {
+            bar.clear();
+            return Err(match paused(client, id) {
+                Ok(()) => CliError::Interrupted,
+                Err(error) => error,
+            });
+        }
         if looks % LOOKS_PER_QUESTION == LOOKS_PER_QUESTION - 1 {
             sure = newest_words(client, id).or(sure);
         }
         looks = looks.wrapping_add(1);
         let scan = client.get(&format!("/scans/{id}"))?;
-        let state = scan["state"].as_str().unwrap_or_default().to_owned();
+        let state = state_of(&scan);
         let progress = &scan["progress"];
         let number = |key: &str| progress[key].as_u64().unwrap_or(0);
-        let word = sure.as_deref().unwrap_or(&state);
+        let word = sure
+            .as_deref()
+            .unwrap_or(state.map_or("", ScanState::as_str));
         bar.show(number("frames_done"), number("frames_total"), word);
-        if stopped.load(std::sync::atomic::Ordering::Relaxed) {
-            bar.clear();
-            client.post(&format!("/scans/{id}/pause"), None).ok();
-            tracing::warn!(
-                "scan {id} pauses after this point; resume or abort it on {}",
-                client.url
-            );
-            return Err(CliError::Interrupted);
+        let waits_for = scan["operator"]["action"]
+            .as_str()
+            .and_then(OperatorAction::from_word);
+        if asked.is_some() && asked != waits_for {
+            asked = None;
+            if matches!(
+                state,
+                Some(ScanState::Running | ScanState::WaitingForOperator)
+            ) {
+                bar.say("Somebody else has continued the scan: that step is done.");
+            }
         }
-        match state.as_str() {
-            "completed" | "aborted" | "failed" | "interrupted" => break state,
-            "paused" => {
+        match (state, waits_for, &mut people) {
+            (Some(state), ..) if state.is_end() || state == ScanState::Interrupted => break scan,
+            (Some(ScanState::Paused), ..) => {
                 bar.clear();
                 let reason = scan["reason"].as_str().unwrap_or("by somebody");
                 return Err(CliError::no_result(anyhow!(
@@ -509,28 +489,122 @@ fn by_daemon(client: &Client, args: &Args, plan: &PlanRequest) -> Result<Value, 
                     client.url
                 )));
             }
-            "waiting-for-operator" => {
-                let action = scan["operator"]["action"]
-                    .as_str()
-                    .and_then(OperatorAction::from_word);
-                if let (Some(people), Some(action)) = (&mut people, action) {
-                    daemon::block_on(people.say_when_done(&bar, action))?;
-                }
-                client.post(&format!("/scans/{id}/continue"), None)?;
+            (_, Some(action), None) => {
+                continued(client, id, action)?;
             }
-            _ => std::thread::sleep(Duration::from_millis(200)),
+            (_, Some(action), Some(people)) => {
+                if asked.is_none() {
+                    people.ask(&bar, action);
+                    asked = Some(action);
+                }
+                match people.done_by_now() {
+                    // Ctrl-C came first.
+                    _ if stopped.load(Ordering::Relaxed) => {}
+                    None => {}
+                    // Said too late, it was for a step that is over, and the next look shows what is.
+                    Some(true) if !continued(client, id, action)? => {}
+                    Some(true) => asked = None,
+                    Some(false) => {
+                        bar.clear();
+                        return Err(CliError::no_result(anyhow!(
+                            "scan {id} waits for a person ({}), but nobody is at this terminal; go on with it on {}",
+                            action.message(),
+                            client.url
+                        )));
+                    }
+                }
+            }
+            _ => {}
         }
+        std::thread::sleep(LOOK_EVERY);
     };
     bar.clear();
     if let Some(sure) = newest_words(client, id) {
         eprintln!("fitted along with the scan: {sure}");
     }
+    let state = scan["state"].as_str().unwrap_or_default();
     if state != "completed" {
+        let why = match scan["reason"].as_str() {
+            Some(reason) => format!(" ({reason})"),
+            None => String::new(),
+        };
         return Err(CliError::no_result(anyhow!(
-            "scan {id} is {state}; what it committed is kept"
+            "scan {id} is {state}{why}; what it committed is kept"
         )));
     }
     Ok(json!({ "id": id, "scan_id": id, "state": state }))
+}
+
+fn state_of(scan: &Value) -> Option<ScanState> {
+    scan["state"].as_str().and_then(ScanState::from_word)
+}
+
+/// Says that a step is done; false where the scan waits for it no more.
+fn continued(client: &Client, id: i64, action: OperatorAction) -> Result<bool, CliError> {
+    let done = json!({ "action": action });
+    let answer = client.post_in_time(&format!("/scans/{id}/continue"), Some(&done))?;
+    Ok(answer.is_some())
+}
+
+/// Pauses a daemon's scan, waits until nothing moves for it, and says how it is left.
+///
+/// # Errors
+/// No result where that cannot be known: the stages may be moving.
+fn paused(client: &Client, id: i64) -> Result<(), CliError> {
+    /// Longer than most points take.
+    const PATIENCE: Duration = Duration::from_secs(60);
+    let unsure = |why: String| {
+        CliError::no_result(anyhow!(
+            "scan {id} was to pause, but {why}; it may be moving the stages: `ridged rig stop` stops them, or look at {}",
+            client.url
+        ))
+    };
+    let lost = |error: CliError| match error {
+        CliError::BadInput(why) | CliError::NoResult(why) => unsure(why.to_string()),
+        CliError::Interrupted => CliError::Interrupted,
+    };
+    let begun = Instant::now();
+    let mut told = false;
+    loop {
+        let scan = client.get(&format!("/scans/{id}")).map_err(lost)?;
+        let state = state_of(&scan);
+        match state {
+            Some(ScanState::Paused) => {
+                eprintln!(
+                    "scan {id} is paused, {} of {} frames are kept; resume or abort it on {}",
+                    scan["progress"]["frames_done"], scan["progress"]["frames_total"], client.url
+                );
+                return Ok(());
+            }
+            Some(state) if state.is_end() || state == ScanState::Interrupted => {
+                eprintln!("scan {id} is {state}; what it committed is kept");
+                return Ok(());
+            }
+            _ if begun.elapsed() > PATIENCE => {
+                return Err(unsure(format!(
+                    "it is {} after {} s",
+                    scan["state"].as_str().unwrap_or("in no known state"),
+                    PATIENCE.as_secs()
+                )));
+            }
+            _ => {}
+        }
+        // Somebody who is waited for has no point under way.
+        if !told && state != Some(ScanState::WaitingForOperator) {
+            eprintln!("scan {id} pauses after this point (Ctrl-C again leaves at once)");
+            told = true;
+        }
+        if matches!(
+            state,
+            Some(ScanState::Running | ScanState::WaitingForOperator)
+        ) {
+            // Not allowed any more only if it has come to another state meanwhile.
+            client
+                .post_in_time(&format!("/scans/{id}/pause"), None)
+                .map_err(lost)?;
+        }
+        std::thread::sleep(LOOK_EVERY);
+    }
 }
 
 fn daemons_sample(client: &Client, args: &Args) -> Result<i64, CliError> {

@@ -13,7 +13,7 @@ use serde_json::json;
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
 use super::recorder::LabRecorder;
-use super::{LabError, Occupation, RigParts, RigSettings, RigSide, along, tell};
+use super::{Holder, LabError, Occupation, RigParts, RigSettings, RigSide, along, tell};
 use crate::bench::stage::{AxisName, Stage, StageError};
 use crate::clock::Clock;
 use crate::frame::Frame;
@@ -220,12 +220,16 @@ impl Owner {
         }
     }
 
-    fn held_by(&self) -> String {
+    /// Where a scan stands is asked of the store by who tells it: the owner waits for no database.
+    fn held_by(&self) -> Holder {
         let occupation = self.occupation.borrow();
         match (occupation.scan_id, occupation.activity) {
-            (Some(scan), _) => format!("scan {scan} holds it"),
-            (None, Some(RigActivity::Homing)) => "it is homing".into(),
-            (None, _) => "it is moving".into(),
+            (Some(scan_id), _) => Holder::Scan {
+                scan_id,
+                state: None,
+            },
+            (None, Some(RigActivity::Homing)) => Holder::Homing,
+            (None, _) => Holder::Moving,
         }
     }
 

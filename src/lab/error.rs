@@ -1,23 +1,70 @@
 //! What the lab refuses, as situations that page, command line and scripts can tell apart.
 
+use std::fmt;
 use std::sync::Arc;
 
 use crate::analysis::AnalysisError;
 use crate::bench::CameraError;
 use crate::bench::stage::StageError;
 use crate::scan::visit::stage_code;
-use crate::scan::{PlanError, ScanState};
+use crate::scan::{OperatorAction, PlanError, ScanState};
 use crate::series::{FrameReadError, SeriesError};
 use crate::store::StoreError;
+
+/// What has the rig while it is refused to others.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Holder {
+    /// A scan, up to its end.
+    Scan {
+        /// Which.
+        scan_id: i64,
+        /// Where it stands, if that is known.
+        state: Option<ScanState>,
+    },
+    /// One axis that looks for its reference.
+    Homing,
+    /// One axis on its way.
+    Moving,
+    /// The stages are being connected.
+    Connecting,
+}
+
+impl fmt::Display for Holder {
+    /// What it does, and how the rig becomes free: pausing a scan frees nothing.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (scan_id, state) = match *self {
+            Holder::Homing => return f.write_str("an axis is homing; wait until it stands"),
+            Holder::Moving => return f.write_str("an axis is moving; wait until it stands"),
+            Holder::Connecting => {
+                return f.write_str("the stages are being connected; ask again in a moment");
+            }
+            Holder::Scan { scan_id, state } => (scan_id, state),
+        };
+        match state {
+            Some(ScanState::Paused) => write!(
+                f,
+                "scan {scan_id} is paused and holds it; resume it and wait for its end, or abort it"
+            ),
+            Some(ScanState::WaitingForOperator) => write!(
+                f,
+                "scan {scan_id} waits for a person and holds it; do that step and wait for its end, or abort it"
+            ),
+            _ => write!(
+                f,
+                "scan {scan_id} holds it until its end; wait for that or abort it: a pause does not free the rig"
+            ),
+        }
+    }
+}
 
 /// Why the lab did not do what was asked.
 #[derive(Debug, thiserror::Error)]
 pub enum LabError {
     /// The rig is held by something else.
-    #[error("the rig is busy: {with}; wait for it, pause or abort it; stop is always allowed")]
+    #[error("the rig is busy: {with}; stop is always allowed")]
     Busy {
         /// What holds it.
-        with: String,
+        with: Holder,
     },
     /// This daemon has no rig.
     #[error(
@@ -33,6 +80,19 @@ pub enum LabError {
         state: ScanState,
         /// What was asked.
         asked: &'static str,
+    },
+    /// The scan waits for another step of the operator's than the one that was done.
+    #[error(
+        "scan {scan_id} waits for {}, not for {}, and waits on: {}",
+        .waits_for.as_str(), .done.as_str(), .waits_for.message()
+    )]
+    OtherStep {
+        /// Which scan.
+        scan_id: i64,
+        /// The step that was done.
+        done: OperatorAction,
+        /// The step that it waits for.
+        waits_for: OperatorAction,
     },
     /// A fit or calculation cannot do that where it stands.
     #[error("{what} {number} is {state}: {problem}")]
@@ -150,6 +210,7 @@ impl LabError {
             LabError::NotNow { .. } | LabError::NotThere { .. } | LabError::NotOfThisRig { .. } => {
                 "state-conflict"
             }
+            LabError::OtherStep { .. } => "other-step",
             LabError::Plan(_) => "plan-invalid",
             LabError::NoRoom { .. } | LabError::NoRoomToImport { .. } => "disk-full",
             LabError::BrokenOff => "broken-off",

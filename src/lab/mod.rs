@@ -47,7 +47,7 @@ use crate::store::{Recovery, Store, StoreError};
 pub use crate::bench::stage::AxisName;
 pub use calculations::{CalculationRequest, ContrastRequest, MapRequest, VerdictRequest};
 pub use curves::{Curve, FitCurves};
-pub use error::LabError;
+pub use error::{Holder, LabError};
 use fits::Reductions;
 pub use fits::{FitRequest, Reduced};
 pub use headway::Progress as CalculationProgress;
@@ -257,7 +257,7 @@ impl Lab {
             _ => return self.order_unheld(scan_id, order).await,
         };
         let permitted = match order {
-            Order::Continue => scan.state == ScanState::WaitingForOperator,
+            Order::Continue | Order::Done(_) => scan.state == ScanState::WaitingForOperator,
             Order::Resume => matches!(scan.state, ScanState::Paused | ScanState::Pausing),
             Order::Pause => matches!(
                 scan.state,
@@ -285,7 +285,16 @@ impl Lab {
         };
         match answer {
             Some(Ok(state)) => Ok(state),
-            Some(Err(state)) => Err(not_now(state)),
+            Some(Err(state)) => match (order, self.inner.store.scan(scan_id).await?.operator) {
+                (Order::Done(done), Some(waits_for)) if done != waits_for => {
+                    Err(LabError::OtherStep {
+                        scan_id,
+                        done,
+                        waits_for,
+                    })
+                }
+                _ => Err(not_now(state)),
+            },
             // The scan ended before the order was read, or because what it led to could not be written.
             None => {
                 let mut occupation = side.occupation.clone();
@@ -421,7 +430,7 @@ fn asked(order: Order) -> &'static str {
     match order {
         Order::Pause => "pause",
         Order::Resume => "resume",
-        Order::Continue => "continue",
+        Order::Continue | Order::Done(_) => "continue",
         Order::Abort => "abort",
         Order::Stop | Order::ShutDown => "stop",
     }

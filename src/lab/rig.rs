@@ -3,7 +3,7 @@
 use tokio::sync::oneshot;
 
 use super::bench;
-use super::{AxisName, Lab, LabError, RigSettings};
+use super::{AxisName, Holder, Lab, LabError, RigSettings};
 use crate::bench::stage::Stage;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::runner::{Order, OrderSlip};
@@ -46,8 +46,8 @@ pub struct RigView {
 pub struct AxisView {
     /// Position read just now; `None` if the stage does not answer.
     pub position: Option<Angle>,
-    /// Whether it moves.
-    pub moving: bool,
+    /// Whether it moves; `None` if the stage does not answer: it may.
+    pub moving: Option<bool>,
     /// Whether it knows its reference.
     pub homed: bool,
     /// Warnings in words.
@@ -110,7 +110,7 @@ impl Lab {
             let axis = status.as_ref().map(|status| status.axis(name));
             let view = AxisView {
                 position: axis.map(|a| a.position),
-                moving: axis.is_some_and(|a| a.moving),
+                moving: axis.map(|a| a.moving),
                 homed: axis.is_some_and(|a| a.homed),
                 warnings: axis.map(|a| a.warnings.clone()).unwrap_or_default(),
                 serial: axis.map(|a| a.serial),
@@ -155,14 +155,24 @@ impl Lab {
             .send(bench::Request { work, stops, reply })
             .await
             .map_err(|_| LabError::Stopping)?;
-        answer.await.map_err(|_| LabError::Stopping)?
+        let answer = answer.await.map_err(|_| LabError::Stopping)?;
+        match answer {
+            Err(LabError::Busy {
+                with: Holder::Scan { scan_id, .. },
+            }) => {
+                let state = self.store().scan(scan_id).await.ok().map(|scan| scan.state);
+                let with = Holder::Scan { scan_id, state };
+                Err(LabError::Busy { with })
+            }
+            other => other,
+        }
     }
 
     async fn connect(&self) -> Result<Stage, LabError> {
         self.request(bench::Work::Connect).await?;
         let stage = self.side()?.stage.borrow().clone();
         stage.ok_or(LabError::Busy {
-            with: "the stages are being connected".into(),
+            with: Holder::Connecting,
         })
     }
 

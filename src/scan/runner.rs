@@ -29,8 +29,10 @@ pub enum Order {
     Pause,
     /// Go on.
     Resume,
-    /// The operator's step is done.
+    /// The operator's step is done, whichever it is.
     Continue,
+    /// This step of the operator's is done. Whoever did another one has not placed what the next frames are to show.
+    Done(OperatorAction),
     /// Stop at once and end.
     Abort,
     /// Stop at once and hold: the stop button.
@@ -520,24 +522,33 @@ impl<'a> Runner<'a> {
                 Order::Stop | Order::Pause => {
                     slip.reply.send(Ok(self.state)).ok();
                 }
+                // What was done is another matter than why it holds.
+                Order::Done(_) => {
+                    slip.reply.send(Err(self.state)).ok();
+                }
             }
         }
     }
 
     async fn wait_for_operator(&mut self, action: OperatorAction) -> Result<(), Ending> {
         loop {
-            self.recorder
-                .state(
-                    ScanState::WaitingForOperator,
-                    None,
-                    Some(action),
-                    self.ledger.progress,
-                )
-                .await?;
-            self.state = ScanState::WaitingForOperator;
+            if self.state != ScanState::WaitingForOperator {
+                self.recorder
+                    .state(
+                        ScanState::WaitingForOperator,
+                        None,
+                        Some(action),
+                        self.ledger.progress,
+                    )
+                    .await?;
+                self.state = ScanState::WaitingForOperator;
+            }
             let slip = self.orders.recv().await.unwrap_or_else(shut_down);
             match slip.order {
-                Order::Continue | Order::Resume => {
+                Order::Done(other) if other != action => {
+                    slip.reply.send(Err(self.state)).ok();
+                }
+                Order::Continue | Order::Resume | Order::Done(_) => {
                     self.enter(ScanState::Running, None).await?;
                     slip.reply.send(Ok(self.state)).ok();
                     return Ok(());

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-fn ridged(folder: &Path, args: &[&str]) -> Output {
+pub(crate) fn ridged(folder: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_ridged"))
         .args(args)
         .current_dir(folder)
@@ -19,7 +19,7 @@ fn ridged(folder: &Path, args: &[&str]) -> Output {
 }
 
 /// Asserts an exit code and that the message names all of `words`.
-fn refuses(folder: &Path, args: &[&str], code: i32, words: &[&str]) {
+pub(crate) fn refuses(folder: &Path, args: &[&str], code: i32, words: &[&str]) {
     let output = ridged(folder, args);
     let message = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(code), "{args:?}: {message}");
@@ -316,20 +316,20 @@ fn a_kill_in_mid_scan_leaves_every_committed_frame_and_the_scan_interrupted() {
 }
 
 /// A daemon as a process of its own.
-struct Daemon {
+pub(crate) struct Daemon {
     child: Child,
-    url: String,
+    pub(crate) url: String,
     /// Number of the last event seen by [`Daemon::follow`].
     last_event: i64,
 }
 
 impl Daemon {
-    fn start(folder: &Path, args: &[&str]) -> Daemon {
+    pub(crate) fn start(folder: &Path, args: &[&str]) -> Daemon {
         let program = Command::new(env!("CARGO_BIN_EXE_ridged"));
         Daemon::start_by(program, folder, args)
     }
 
-    fn start_by(mut program: Command, folder: &Path, args: &[&str]) -> Daemon {
+    pub(crate) fn start_by(mut program: Command, folder: &Path, args: &[&str]) -> Daemon {
         let data: PathBuf = folder.join("data");
         let mut child = program
             .args(["serve", "--listen", "127.0.0.1:0", "--data"])
@@ -372,16 +372,16 @@ impl Daemon {
         (status, answer.body_mut().read_to_vec().unwrap())
     }
 
-    fn get_at(&self, path: &str) -> (u16, Value) {
+    pub(crate) fn get_at(&self, path: &str) -> (u16, Value) {
         let (status, body) = self.bytes(path);
         (status, serde_json::from_slice(&body).unwrap())
     }
 
-    fn get(&self, path: &str) -> (u16, Value) {
+    pub(crate) fn get(&self, path: &str) -> (u16, Value) {
         self.get_at(&format!("/api/v1{path}"))
     }
 
-    fn post(&self, path: &str, body: &str) -> (u16, Value) {
+    pub(crate) fn post(&self, path: &str, body: &str) -> (u16, Value) {
         let request = Daemon::agent().post(format!("{}/api/v1{path}", self.url));
         let mut answer = match body {
             "" => request.send_empty().unwrap(),
@@ -423,7 +423,7 @@ impl Daemon {
     }
 
     /// Ends it as a service manager does.
-    fn terminate(&mut self) -> std::process::ExitStatus {
+    pub(crate) fn terminate(&mut self) -> std::process::ExitStatus {
         self.end_by(rustix::process::Signal::TERM)
     }
 
@@ -532,7 +532,7 @@ fn interrupted(
 }
 
 /// Whether there is a file anywhere below a folder.
-fn holds_a_file(folder: &Path) -> bool {
+pub(crate) fn holds_a_file(folder: &Path) -> bool {
     let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
     files
         .map(|file| file.path())

@@ -20,3 +20,4 @@ mod simulate_rig;
 mod stage;
 mod stop;
 mod synthetic;
+mod terminal;

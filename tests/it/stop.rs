@@ -68,6 +68,16 @@ async fn a_stop_reaches_what_moves_on_after_its_link_was_lost() {
     assert!(!rig.world.is_moving());
     // Without a line at all nobody says that it stands.
     faults.unplug();
+    let router = ridged::api::router(lab.clone(), Arc::new(String::new), Default::default());
+    // The first question finds the line gone; the next finds none.
+    for _ in 0..2 {
+        let rig = request("GET", "/api/v1/rig").body(Body::empty()).unwrap();
+        let rig = send(&router, rig).await.body;
+        assert_eq!(rig["connected"], false, "{rig}");
+        for axis in ["theta_c", "phi_s"] {
+            assert!(rig["axes"][axis]["moving"].is_null(), "{rig}");
+        }
+    }
     let refused = lab.stop().await.unwrap_err();
     assert!(matches!(refused, LabError::NotStopped { .. }), "{refused}");
     assert!(

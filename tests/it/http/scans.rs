@@ -2,6 +2,7 @@
 
 use axum::body::{Body, to_bytes};
 use axum::http::{StatusCode, header};
+use futures::StreamExt;
 use ridged::scan::ScanState;
 use serde_json::{Value, json};
 use tower::ServiceExt;
@@ -68,6 +69,101 @@ async fn a_scan_is_begun_found_commanded_and_begun_once_per_key() {
         .body;
     assert_eq!(found["items"].as_array().unwrap().len(), 1);
     assert_eq!(found["next_cursor"], Value::Null);
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_step_that_is_done_counts_for_that_step_alone() {
+    let (bench, router) = opened().await;
+    let body = r#"{"sample_id": 2, "plan": {"theta_c_deg": [0], "phi_s_deg": [0], "exposures_s": [0.02]}}"#;
+    assert_eq!(post(&router, "/api/v1/scans", body).await.status, 202);
+    bench.until(1, ScanState::WaitingForOperator).await;
+    let proceed = "/api/v1/scans/1/continue";
+    let other = post(&router, proceed, r#"{"action": "place-sample"}"#).await;
+    is_problem(&other, 409, "other-step");
+    let says = "waits for cap-lens, not for place-sample, and waits on: Put the cap on the lens";
+    assert!(other.detail().contains(says), "{}", other.detail());
+    let none = post(&router, proceed, r#"{"action": "dance"}"#).await;
+    is_problem(&none, 422, "invalid-value");
+    assert!(none.detail().contains("cap-lens"), "{}", none.detail());
+    let slip = post(&router, proceed, r#"{"step": "cap-lens"}"#).await;
+    is_problem(&slip, 400, "unknown-field");
+    let scan = get(&router, "/api/v1/scans/1").await.body;
+    assert_eq!(scan["state"], "waiting-for-operator");
+    bench.rig.world.cap_lens(true);
+    let done = post(&router, proceed, r#"{"action": "cap-lens"}"#).await;
+    assert_eq!(done.status, 202, "{}", done.body);
+    // Said once more it is too late, wherever the scan is by now.
+    let late = post(&router, proceed, r#"{"action": "cap-lens"}"#).await;
+    assert_eq!(late.status, 409, "{}", late.body);
+    loop {
+        let scan = get(&router, "/api/v1/scans/1").await.body;
+        if scan["operator"]["action"] == "place-white-reference" {
+            break;
+        }
+        tokio::task::yield_now().await;
+    }
+    let late = post(&router, proceed, r#"{"action": "cap-lens"}"#).await;
+    is_problem(&late, 409, "other-step");
+    // An empty object says no more than no body.
+    assert_eq!(post(&router, proceed, "{}").await.status, 202);
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_finds_the_rig_taken_is_told_what_frees_it() {
+    let (bench, router) = opened().await;
+    let body = r#"{"sample_id": 2, "plan": {"preset": "paper"}}"#;
+    assert_eq!(post(&router, "/api/v1/scans", body).await.status, 202);
+    bench.until(1, ScanState::WaitingForOperator).await;
+    let home = "/api/v1/rig/axes/theta_c/home";
+    for (order, state, says) in [
+        (
+            "pause",
+            "paused",
+            "scan 1 is paused and holds it; resume it",
+        ),
+        (
+            "resume",
+            "waiting-for-operator",
+            "scan 1 waits for a person and holds it; do that step",
+        ),
+    ] {
+        let path = format!("/api/v1/scans/1/{order}");
+        assert_eq!(post(&router, &path, "").await.status, 202);
+        while get(&router, "/api/v1/scans/1").await.body["state"] != state {
+            tokio::task::yield_now().await;
+        }
+        let busy = post(&router, home, "").await;
+        is_problem(&busy, 409, "busy");
+        assert!(busy.detail().contains(says), "{}", busy.detail());
+        assert!(
+            !busy.detail().contains("pause or abort"),
+            "{}",
+            busy.detail()
+        );
+    }
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_client_that_is_gone_shows_within_seconds() {
+    let (bench, router) = opened().await;
+    let events = request("GET", "/api/v1/events").body(Body::empty());
+    let response = router.clone().oneshot(events.unwrap()).await.unwrap();
+    let mut told = response.into_body().into_data_stream();
+    // A comment, which is nothing to who listens, and fails where nobody does.
+    let comment = async {
+        while let Some(some) = told.next().await {
+            if some.unwrap().starts_with(b":") {
+                return;
+            }
+        }
+        panic!("the events broke off");
+    };
+    let in_time = tokio::time::timeout(std::time::Duration::from_secs(10), comment).await;
+    in_time.expect("nothing was written");
+    drop(told);
     bench.end().await;
 }
 

@@ -14,6 +14,7 @@ import type {
   Fit,
   FrameRow,
   Material,
+  OperatorStep,
   Page,
   Rig,
   Sample,
@@ -159,7 +160,9 @@ export const api = {
   scan: (id: number): Promise<Scan> => get(`/scans/${id}`),
   startScan: (request: ScanRequest): Promise<{ id: number }> => post('/scans', request),
   estimate: (request: ScanRequest): Promise<Estimate> => post('/scans/estimate', request),
-  command: (id: number, verb: 'pause' | 'resume' | 'abort' | 'continue'): Promise<unknown> => post(`/scans/${id}/${verb}`),
+  command: (id: number, verb: 'pause' | 'resume' | 'abort'): Promise<unknown> => post(`/scans/${id}/${verb}`),
+  /** Says which step is done: where another page or terminal was faster, the scan waits for another one. */
+  proceed: (id: number, action: OperatorStep['action']): Promise<unknown> => post(`/scans/${id}/continue`, { action }),
   frames: (id: number, signal?: AbortSignal): Promise<FrameRow[]> => getAll(`/scans/${id}/frames`, signal),
   observations: (id: number, signal?: AbortSignal): Promise<Omit<CurvePoint, 'predicted' | 'residual'>[]> =>
     getAll(`/scans/${id}/observations`, signal),

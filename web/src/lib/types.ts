@@ -4,7 +4,8 @@ export type AxisName = 'theta_c' | 'phi_s';
 
 export interface Axis {
   readonly position_deg: number | null;
-  readonly moving: boolean;
+  /** null where the stages do not answer: it may move. */
+  readonly moving: boolean | null;
   readonly homed: boolean;
   readonly warnings: readonly string[];
   readonly serial: string | null;

@@ -308,11 +308,13 @@ export class MockDaemon {
   #rig(): Json {
     const holder = this.scans.find((s) => ['planned', 'waiting-for-operator', 'running', 'pausing', 'paused'].includes(s.body.state));
     const moving = this.axes.theta_c.moving || this.axes.phi_s.moving;
+    const unheard = (axis: Json): Json => ({ ...axis, position_deg: null, moving: null, homed: false, serial: null });
+    const axes = this.connected ? this.axes : { theta_c: unheard(this.axes.theta_c), phi_s: unheard(this.axes.phi_s) };
     return {
       connected: this.connected, problem: this.connected ? null : { code: 'port-missing', detail: 'the serial port /dev/ttyUSB0 does not exist: plug the stage in or correct [bench] port' },
       simulated: true, description: 'Zaber ASCII on /dev/pts/3', time_scale: 20,
       camera: { description: 'simulated camera, 96 × 96, 16 bit', width_px: SIZE_PX, height_px: SIZE_PX, bit_depth: 16, saturation_dn: 65535, exposures_s: [0.02, 0.06, 0.18] },
-      axes: this.axes, activity: holder?.body.state === 'running' ? 'scanning' : holder?.body.state === 'paused' ? 'paused' : moving ? 'moving' : 'idle', scan_id: holder?.body.id ?? null,
+      axes, activity: holder?.body.state === 'running' ? 'scanning' : holder?.body.state === 'paused' ? 'paused' : moving ? 'moving' : 'idle', scan_id: holder?.body.id ?? null,
       scan_state: holder?.body.state ?? null, scan_reason: holder?.body.reason ?? null,
     };
   }
@@ -408,6 +410,8 @@ export class MockDaemon {
       }
       if (verb === 'continue') {
         if (scan.body.state !== 'waiting-for-operator') return problem(409, 'state-conflict', `scan ${scan.body.id} is ${scan.body.state}: there is no step to continue`);
+        const step = (scan.body['operator'] as { action: string } | null)?.action;
+        if (body['action'] !== step) return problem(409, 'other-step', `scan ${scan.body.id} waits for ${step}, not for ${String(body['action'])}, and waits on`);
         scan.steps.shift();
         scan.body['operator'] = null;
       }

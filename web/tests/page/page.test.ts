@@ -135,6 +135,8 @@ describe('faults', () => {
     await page.getByText('The serial port /dev/ttyUSB0 does not exist').waitFor();
     expect(await page.getByRole('button', { name: 'Start scan' }).isDisabled()).toBe(true);
     expect(await page.getByRole('button', { name: /STOP/ }).isEnabled()).toBe(true);
+    // What nobody hears may be moving.
+    expect(await page.locator('[data-axis] .chip').allInnerTexts()).toEqual(['not known', 'not known']);
   });
 
   it('shows an alarm until it is seen', async () => {
@@ -174,6 +176,9 @@ describe('a scan', () => {
     await page.getByRole('button', { name: 'Fit', exact: true }).click();
     await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('15.031 ± 0.085°');
     expect(posts()).toEqual(['/scans', ...Array(3).fill('/scans/1/continue'), '/fits']);
+    // Each says which step it is of: the scan may wait for another one by then.
+    const said = daemon.requests.filter((r) => r.path === '/scans/1/continue').map((r) => r.body);
+    expect(said).toEqual([{ action: 'cap-lens' }, { action: 'place-white-reference' }, { action: 'place-sample' }]);
   });
 
   it('shows frames of a fast rig together, some times a second, and misses none', async () => {
