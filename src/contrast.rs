@@ -9,7 +9,6 @@ mod stray;
 
 use serde_json::{Value, json};
 
-use crate::fit::report::COVERAGE_FACTOR;
 use crate::geometry::alike;
 use crate::model::LeftOut;
 use crate::model::contrast::{
@@ -20,6 +19,8 @@ use crate::units::Angle;
 use crate::wording::counted;
 pub use stray::{Radiances, Stray};
 
+/// Standard uncertainties by which a pair must be brighter than nothing.
+const COVERAGE_FACTOR: f64 = 2.0;
 /// How far a recorded angle may be from the paper's and still count as it.
 const SNAP_DEG: f64 = 0.5;
 

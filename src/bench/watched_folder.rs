@@ -272,7 +272,11 @@ fn filled(word: &str, request: &CaptureRequest, file: &Path) -> String {
         ("theta_c_deg", format!("{:.4}", request.pose.theta_c.deg())),
         ("phi_s_deg", format!("{:.4}", request.pose.phi_s.deg())),
         ("exposure_s", request.exposure_s.to_string()),
-        ("exposure_ms", (request.exposure_s * 1e3).to_string()),
+        // To the picosecond: 0.07 s is 70 ms, not 70.00000000000001.
+        (
+            "exposure_ms",
+            ((request.exposure_s * 1e12).round() / 1e9).to_string(),
+        ),
         ("kind", request.kind.as_str().to_owned()),
         ("repeat", request.repeat.to_string()),
         ("file", file.display().to_string()),
@@ -541,5 +545,10 @@ mod tests {
             filled(word, &request(), Path::new("/a b/c.png")),
             "sample--5.0000-30.0000-0.02-20-1:/a b/c.png{x}"
         );
+        let seventy = CaptureRequest {
+            exposure_s: 0.07,
+            ..request()
+        };
+        assert_eq!(filled("{exposure_ms}", &seventy, Path::new("")), "70");
     }
 }

@@ -87,7 +87,10 @@ const RULES: &[(&str, &[&str])] = &[
             "fit",
         ],
     ),
-    ("contrast", &["units", "geometry", "observation", "model"]),
+    (
+        "contrast",
+        &["units", "geometry", "observation", "model", "wording"],
+    ),
     (
         "map",
         &[
@@ -100,6 +103,7 @@ const RULES: &[(&str, &[&str])] = &[
             "frame",
             "series",
             "reduction",
+            "fit",
             "plan",
             "robust",
         ],
@@ -169,6 +173,7 @@ const RULES: &[(&str, &[&str])] = &[
             "observation",
             "frame",
             "clock",
+            "limits",
             "series",
             "reduction",
             "fit",
