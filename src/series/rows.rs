@@ -30,6 +30,8 @@ pub struct FrameRow {
     pub timestamp: String,
 }
 
+/// Azimuths count on over some turns, as stages do; so far none does.
+const TURNS_MAX_DEG: f64 = 3600.0;
 const REQUIRED: [&str; 5] = ["file", "kind", "theta_c_deg", "phi_s_deg", "exposure_s"];
 const OPTIONAL: [&str; 2] = ["repeat", "timestamp"];
 
@@ -195,6 +197,13 @@ impl Columns {
             ));
         }
         let phi_s_deg = number("phi_s_deg", &record[self.phi_s_deg], position)?;
+        if phi_s_deg.abs() > TURNS_MAX_DEG {
+            return Err(Wrong::new(
+                "phi_s_deg",
+                format!("{phi_s_deg}° is more than ten turns"),
+                "azimuths lie within a few turns; are these degrees?",
+            ));
+        }
         let seconds = "write the exposure time in seconds, above 0";
         let exposure_s = number("exposure_s", &record[self.exposure_s], seconds)?;
         if exposure_s < 0.0 || (exposure_s == 0.0 && kind != FrameKind::Dark) {
@@ -289,6 +298,7 @@ mod tests {
             ("b.png,bias,0,0,1,0,", "kind", "bias"),
             ("b.png,dark,NaN,0,1,0,", "theta_c_deg", "NaN"),
             ("b.png,dark,0,inf,1,0,", "phi_s_deg", "inf"),
+            ("b.png,sample,0,1e9,1,0,", "phi_s_deg", "1000000000"),
             ("b.png,sample,95,0,1,0,", "theta_c_deg", "95"),
             ("b.png,sample,0,0,-1,0,", "exposure_s", "-1"),
             ("b.png,sample,0,0,0,0,", "exposure_s", "0 s"),
