@@ -281,3 +281,53 @@ pub fn findings_json(f: Findings) -> Value {
         "0-90_above_90-180": f.first_quarter_stronger,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Pose, RigGeometry};
+    use crate::material::Material;
+    use crate::observation::Prior;
+
+    /// One tilt at the paper's azimuths; the signals are radiances.
+    fn seen(signals: [f64; 3], sigma: f64, stray_std: f64) -> Value {
+        let observations = signals.iter().zip(PAPER_AZIMUTHS_DEG);
+        let observations = observations.map(|(signal, phi_s_deg)| {
+            Observation::new(Pose::from_deg(0.0, phi_s_deg), *signal, sigma)
+        });
+        let set = ObservationSet::bare(
+            RigGeometry::IN_PLANE,
+            Material::exactly(1.54, 0.0),
+            observations.collect(),
+            Prior {
+                mean: 0.0,
+                std: stray_std,
+            },
+        );
+        measure(&set).unwrap().1
+    }
+
+    #[test]
+    fn a_michelson_contrast_has_the_uncertainty_of_its_two_signals_and_of_the_stray_light() {
+        let (x, y, sigma, haze) = (0.3, 0.1, 1e-3, 2e-3);
+        let ratio = |x: f64, y: f64| (x - y) / (x + y);
+        let step = 1e-6;
+        let by = |dx: f64, dy: f64| (ratio(x + dx, y + dy) - ratio(x - dx, y - dy)) / (2.0 * step);
+        let own = by(step, 0.0).hypot(by(0.0, step)) * sigma;
+        let expected = own.hypot(by(step, step) * haze);
+        let report = seen([x, y, 0.2], sigma, haze);
+        let pair = &report["lines"][0]["contrast"]["0-90"];
+        let std = pair["michelson_std"].as_f64().unwrap();
+        assert!((std / expected - 1.0).abs() < 1e-6, "{std} {expected}");
+    }
+
+    #[test]
+    fn a_pair_as_dark_as_the_stray_light_is_known_has_no_michelson_contrast() {
+        let report = seen([1e-4, 2e-4, 0.2], 1e-5, 2e-3);
+        let line = &report["lines"][0]["contrast"];
+        assert!(line["0-90"]["michelson"].is_null(), "{line}");
+        let lit = line["90-180"]["michelson"].as_f64().unwrap();
+        // Nor a part in a mean.
+        assert_eq!(report["mean"]["by_theta_c"][0]["michelson"], lit);
+    }
+}

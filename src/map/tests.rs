@@ -44,6 +44,34 @@ fn checker() -> &'static Map {
     MAP.get_or_init(|| mapped(&series("checker")).unwrap())
 }
 
+#[test]
+fn what_pixels_share_is_known_no_better_than_a_fit_knows_their_mean() {
+    let cancel = AtomicBool::new(false);
+    let set = crate::reduction::reduce(&series("checker"), Some("even"), &cancel).unwrap();
+    let options = crate::fit::FitOptions {
+        variant: crate::fit::VariantChoice::Sawtooth,
+        ..Default::default()
+    };
+    let mean = crate::fit::fit(&set, &options, &cancel).parameters;
+    let map = checker();
+    let shared = map.shared_std.unwrap();
+    let least = [
+        (0, &mean.theta_r_deg),
+        (2, &mean.alpha_u),
+        (3, &mean.alpha_v),
+        (4, &mean.rho_d),
+    ];
+    for (k, of_mean) in least {
+        assert!(
+            shared[k] >= of_mean.std.unwrap(),
+            "{k}: {shared:?} {of_mean:?}"
+        );
+    }
+    let zero = map.globals.tilt_offset_std.deg();
+    assert!(zero >= mean.tilt_offset_deg.std.unwrap(), "{zero}");
+    assert!(map.globals.stray_std >= mean.background.std.unwrap());
+}
+
 /// Position on the board in patches, from its lower left corner.
 fn on_board(pixel: usize) -> [f64; 2] {
     let x = ((pixel % WIDTH) as f64 + 0.5 - 128.0) * PIXEL_MM;

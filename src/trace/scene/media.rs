@@ -198,3 +198,22 @@ pub(super) fn index(key: &str, x: f64) -> Result<(), SceneError> {
         Err(value(key, x, "a refractive index lies from 1e-30 to 1e30"))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_layers_k_costs_most_where_light_is_totally_reflected_without_it() {
+        // Attenuated total reflection: of the light at 61° two fifths go into the layer.
+        let (cost, theta) = without_k(1.5, Complex::new(1.3, 0.013));
+        assert!(
+            cost > 0.4 && (theta.to_degrees() - 60.5).abs() < 1.0,
+            "{cost} {theta}"
+        );
+        let (cost, _) = without_k(1.0, Complex::new(1.0, 0.01));
+        assert!(cost > 0.7, "{cost}");
+        let (cost, _) = without_k(1.0, Complex::new(1.5, 1e-4));
+        assert!(cost < 1e-6, "{cost}");
+    }
+}
