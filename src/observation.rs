@@ -24,6 +24,9 @@ pub struct Observation {
     pub shared: SharedErrors,
     /// Frames that went into it.
     pub n_frames: u32,
+    /// Mean time of its frames, in seconds after the mean time of the white reference's (of all observations where there is
+    /// none); `None` where frames bear no times.
+    pub taken_s: Option<f64>,
 }
 
 /// By how much one standard uncertainty of a source that all observations share moves this one.
@@ -103,6 +106,7 @@ impl Observation {
             sigma,
             shared: SharedErrors::default(),
             n_frames: 1,
+            taken_s: None,
         }
     }
 }

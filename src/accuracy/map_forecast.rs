@@ -19,6 +19,8 @@ pub const READ: &str = "to read and resample";
 pub const SETTLE: &str = "for what pixels share";
 /// The pixels.
 pub const FIT: &str = "for the pixels";
+/// Their mean, for which frames are read once more.
+pub const MEAN: &str = "for their mean";
 /// The files.
 pub const WRITE: &str = "for files";
 
@@ -126,9 +128,10 @@ pub fn of_map(
         (READ, read_s),
         (SETTLE, settle_s),
         (FIT, fit_s),
+        (MEAN, read_s),
         (WRITE, write_s),
     ]);
-    // A map that is late begins no further pixels; its files are written all the same.
+    // A map that is late begins no further pixels and no fit of their mean; its files are written all the same.
     let limit = options.max_seconds.map(|s| s + write_s);
     Some(
         told.for_work(pixels as u64, "pixels")
@@ -166,7 +169,7 @@ mod tests {
             told.amount.as_ref().unwrap().count,
             u64::from(camera.width_px) * u64::from(camera.height_px)
         );
-        let parts = [READ, SETTLE, FIT, WRITE].map(|part| told.part(part));
+        let parts = [READ, SETTLE, FIT, MEAN, WRITE].map(|part| told.part(part));
         assert!(parts.iter().all(|s| *s > 0.0), "{told:?}");
         assert!((told.seconds - parts.iter().sum::<f64>()).abs() < 1e-9 * told.seconds);
     }

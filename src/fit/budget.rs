@@ -12,7 +12,8 @@
 //!   and camera, where its uncertainty is stated;
 //! - *material*: the nominal index;
 //! - *wedge*: how the sample's mean plane is inclined to the turntable, where that is stated;
-//! - *drift*: the lamp between white reference and sample;
+//! - *drift*: the lamp between white reference and sample, and while the poses were taken where the residuals show it
+//!   (see `drift`);
 //! - *background*: what the prior leaves open of the stray light;
 //! - *model*: what the closed form misses. Its errors are smooth over the poses, so the scatter of
 //!   the residuals taken as independent would understate them: whole tilts and whole azimuths are
@@ -39,6 +40,7 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::DMatrix;
 
 use super::covariance::{Covariance, Scaling, covariance};
+use super::drift::{Drift, drift};
 use super::estimate::Estimate;
 use super::known::{drift_std, reference_std};
 use super::problem::{Problem, Quantity, Values};
@@ -211,6 +213,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
     let n = jacobian.len() / m.max(1);
     let covariance = covariance(jacobian, m, residuals, Scaling::Absolute);
     let k = pseudo_inverse(jacobian, &covariance, m, n);
+    let drifts: Vec<Option<Drift>> = parts.iter().map(|p| drift(p.estimate)).collect();
     let shared: Vec<Shared> = parts
         .iter()
         .map(|p| Shared::new(&p.estimate.problem, &p.estimate.values))
@@ -230,7 +233,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
             let mut angles = [Common::default(); ANGLE_ERRORS];
             let (mut tier, mut floored, mut wedge) = (0.0_f64, 0.0_f64, 0.0_f64);
             let mut first = 0;
-            for (part, shared) in parts.iter().zip(&shared) {
+            for ((part, shared), drift) in parts.iter().zip(&shared).zip(&drifts) {
                 let estimate = part.estimate;
                 let (problem, set) = (&estimate.problem, estimate.problem.set());
                 let rows = problem.residual_count();
@@ -266,6 +269,9 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                 let own = own.map(|local| (local, problem.free()[local]));
                 reference.add(gain * reference_std(set));
                 squares.drift += (gain * drift_std(set)).powi(2);
+                if let Some(drift) = drift {
+                    squares.drift += through(&drift.change).powi(2);
+                }
                 for (all, change) in angles.iter_mut().zip(&shared.angles) {
                     all.add(through(change));
                 }

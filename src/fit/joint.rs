@@ -39,6 +39,8 @@ const SHARED: [Quantity; 6] = [
     Quantity::Eta,
     Quantity::K,
 ];
+/// Why the common report has no gain, stray light or offsets.
+pub(crate) const EACH_ITS_OWN: &str = "each scan has its own: see scans";
 /// Passes of tier and refit.
 const TIER_PASSES: usize = 2;
 

@@ -89,6 +89,14 @@ fn three_mountings_give_one_surface_and_each_its_own_zeros() {
     // 4, 3 and 3 azimuths of five tilts.
     assert_eq!(joint.report.n_observations, 50);
     assert_eq!(joint.report.parameters.tilt_offset_deg.value, None);
+    let text = crate::fit::text::joint(&joint, false);
+    // What is each scan's own is known, with its uncertainty, and not called undetermined.
+    assert!(!text.contains("not determined"), "{text}");
+    let row = text
+        .lines()
+        .find(|line| line.trim_start().starts_with("second"));
+    let row = row.expect("a row for each scan");
+    assert_eq!(row.matches(" ± ").count(), 3, "{row}");
 }
 
 #[test]

@@ -6,6 +6,7 @@
 use nalgebra::DVector;
 
 use super::budget::{Budget, Uncertainty, tied, uncertainty};
+use super::drift::drift;
 use super::estimate::{Denial, Estimate, denials};
 use super::known::{drift_std, reference_std};
 use super::misfit::{LOUD, peak};
@@ -214,6 +215,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
             warnings.push(told);
         }
     }
+    warnings.extend(drift(e).map(|drift| drift.told()));
     warnings.extend(denied(e));
     warnings.extend(unfinished(e, u, status));
     for &j in &e.minimum.at_bound {

@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use super::budget::Budget;
 use super::intervals::Interval;
-use super::joint::JointReport;
-use super::report::{FitReport, Parameter, Status};
+use super::joint::{EACH_ITS_OWN, JointReport};
+use super::report::{COVERAGE_FACTOR, FitReport, Parameter, Status};
 use crate::wording::{counted, decimals, percent, significant};
 
 /// The report laid out for a terminal of 80 columns and more; `colour` allows ANSI attributes.
@@ -102,6 +102,8 @@ pub fn table(report: &FitReport, colour: bool) -> String {
         .into_iter()
         .filter(|(_, p)| p.value.is_none())
         .filter_map(|(name, p)| p.note.as_deref().map(|note| (spoken(name).0, note)))
+        // What each scan has of its own stands in the rows of the scans.
+        .filter(|(_, note)| *note != EACH_ITS_OWN)
         .collect();
     section(
         &mut out,
@@ -149,21 +151,23 @@ pub fn joint(report: &JointReport, colour: bool) -> String {
     line(
         &mut out,
         &format!(
-            "  {:<32}{:>9}{:>16}{:>14}{:>10}",
-            "scan", "θr alone", "azimuth offset", "tilt offset", "residual"
+            "  {:<28}{:>17}{:>17}{:>17}{:>10}",
+            "scan, ± (k = 2)", "θr alone", "azimuth offset", "tilt offset", "residual"
         ),
     );
-    let degrees = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| format!("{v:.3}°"));
     for scan in &report.scans {
         let own = &scan.report.parameters;
         line(
             &mut out,
             &format!(
-                "  {:<32}{:>9}{:>16}{:>14}{:>10}",
+                "  {:<28}{:>17}{:>17}{:>17}{:>10}",
                 scan.name,
-                degrees(scan.theta_r_alone_deg),
-                degrees(own.azimuth_offset_deg.value),
-                degrees(own.tilt_offset_deg.value),
+                with_uncertainty(
+                    scan.theta_r_alone_deg,
+                    scan.theta_r_alone_std.map(|std| COVERAGE_FACTOR * std)
+                ),
+                offset(&own.azimuth_offset_deg),
+                offset(&own.tilt_offset_deg),
                 scan.report
                     .rms_residual
                     .map_or_else(|| "–".to_owned(), percent)
@@ -171,6 +175,22 @@ pub fn joint(report: &JointReport, colour: bool) -> String {
         );
     }
     out
+}
+
+fn offset(of: &Parameter) -> String {
+    with_uncertainty(of.value, of.expanded)
+}
+
+/// Degrees with their expanded uncertainty, where there is one.
+fn with_uncertainty(value: Option<f64>, expanded: Option<f64>) -> String {
+    match (value, expanded.filter(|e| e.is_finite() && *e > 0.0)) {
+        (Some(value), Some(expanded)) => {
+            let decimals = decimals(expanded);
+            format!("{value:.decimals$} ± {expanded:.decimals$}°")
+        }
+        (Some(value), None) => format!("{value:.3}°"),
+        (None, _) => "–".to_owned(),
+    }
 }
 
 fn line(out: &mut String, text: &str) {

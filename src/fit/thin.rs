@@ -130,6 +130,8 @@ pub fn merged(set: &ObservationSet, loss: Loss) -> Option<Merged> {
                     phi_s_zero: Angle::from_rad(mean(&|o| o.shared.phi_s_zero.rad())),
                 },
                 n_frames: group.iter().map(|o| o.n_frames).sum(),
+                taken_s: (group.iter().all(|o| o.taken_s.is_some()))
+                    .then(|| mean(&|o| o.taken_s.unwrap_or(0.0))),
             }
         })
         .collect();

@@ -124,10 +124,12 @@ impl StageTimes {
                 .map_or(now, |(_, time)| *time)
         };
         let (settling, fitting) = (at(Stage::Settling), at(Stage::Fitting));
+        let averaging = at(Stage::Averaging);
         Timing {
             read: (settling - self.started).as_secs_f64(),
             settle: (fitting - settling).as_secs_f64(),
-            fit: (now - fitting).as_secs_f64(),
+            fit: (averaging - fitting).as_secs_f64(),
+            mean: (now - averaging).as_secs_f64(),
             write: 0.0,
         }
     }

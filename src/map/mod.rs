@@ -100,6 +100,8 @@ pub enum Stage {
     Settling,
     /// Pixels are fitted; counted in pixels.
     Fitting,
+    /// Frames are read once more, for a fit of the pixels' mean.
+    Averaging,
 }
 
 impl Stage {
@@ -111,6 +113,7 @@ impl Stage {
             Stage::Resampling => "reading poses",
             Stage::Settling => "settling what all pixels share",
             Stage::Fitting => "fitting pixels",
+            Stage::Averaging => "fitting their mean",
         }
     }
 }
@@ -348,7 +351,7 @@ pub fn map_until(
     }
     let alike = leans.len() <= 1 || manifest.sample.layout.is_some();
     let mean = match (alike, late()) {
-        (true, false) => together::together(source, cancel),
+        (true, false) => together::together(source, progress, cancel),
         (true, true) => Err("time was over".to_owned()),
         (false, _) => Err(
             "the sample leans in several directions, and the manifest states no layout".to_owned(),

@@ -1,8 +1,8 @@
 //! The recorded checkerboard, whose layout nobody tells the map, and what happens to bad input.
 
 use std::path::Path;
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, OnceLock};
 
 use super::layers::{BORDER, DEFECT, FEW_OBSERVATIONS, MISFIT};
 use super::tiles::spread_out;
@@ -257,7 +257,7 @@ fn the_mount_beside_the_board_has_no_value() {
 }
 
 #[test]
-fn a_scratch_file_changes_nothing() {
+fn a_scratch_file_changes_nothing_and_every_step_is_told_to_its_end() {
     let place = tempfile::tempdir().unwrap();
     let options = MapOptions {
         memory_bytes_max: 0,
@@ -265,7 +265,14 @@ fn a_scratch_file_changes_nothing() {
         ..MapOptions::default()
     };
     let source = series("checker");
-    let again = map(&source, &options, &|_| {}, &AtomicBool::new(false)).unwrap();
+    let told = Mutex::new(Vec::new());
+    let tell = |p: Progress| told.lock().unwrap().push(p);
+    let again = map(&source, &options, &tell, &AtomicBool::new(false)).unwrap();
+    let told = told.into_inner().unwrap();
+    for stage in [Stage::Resampling, Stage::Fitting, Stage::Averaging] {
+        let mut steps = told.iter().filter(|p| p.stage == stage);
+        assert!(steps.any(|p| p.done == p.total), "{stage:?}");
+    }
     let first = checker();
     for k in 0..FREE {
         let pairs = first.layers.parameters[k]

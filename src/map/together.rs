@@ -5,14 +5,17 @@
 //! its standard uncertainties are the least that a map states; and where the fit, which has more of the model, finds
 //! another value, the map's own is off by about as much ([`Together::at_least`]).
 
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use super::globals::Globals;
 use super::layers::Layers;
 use super::solve::FREE;
+use super::{Progress, Stage};
 use crate::fit::report::{Parameter, Status};
 use crate::fit::{FitOptions, VariantChoice, fit};
-use crate::reduction::{FrameSource, reduce};
+use crate::frame::Frame;
+use crate::reduction::{FrameReadError, FrameSource, reduce};
+use crate::series::{FrameRow, Manifest};
 use crate::units::Angle;
 
 /// Of a layout's regions, the one that is fitted.
@@ -35,7 +38,16 @@ pub(super) struct Together {
 ///
 /// # Errors
 /// Why there is no such fit, in words.
-pub(super) fn together(source: &dyn FrameSource, cancel: &AtomicBool) -> Result<Together, String> {
+pub(super) fn together(
+    source: &dyn FrameSource,
+    progress: &(dyn Fn(Progress) + Sync),
+    cancel: &AtomicBool,
+) -> Result<Together, String> {
+    let source = &Counted {
+        source,
+        read: AtomicUsize::new(0),
+        progress,
+    };
     let layout = source.manifest().sample.layout.is_some();
     let region = layout.then_some(REGION);
     let set = reduce(source, region, cancel).map_err(|error| error.to_string())?;
@@ -65,6 +77,34 @@ pub(super) fn together(source: &dyn FrameSource, cancel: &AtomicBool) -> Result<
         stray: of(&p.background).filter(|_| absolute),
         tilt_offset_deg: of(&p.tilt_offset_deg),
     })
+}
+
+/// Tells of every frame that is read: all of them are, once more, and that takes as long as the first time.
+struct Counted<'s> {
+    source: &'s dyn FrameSource,
+    read: AtomicUsize,
+    progress: &'s (dyn Fn(Progress) + Sync),
+}
+
+impl FrameSource for Counted<'_> {
+    fn manifest(&self) -> &Manifest {
+        self.source.manifest()
+    }
+
+    fn rows(&self) -> &[FrameRow] {
+        self.source.rows()
+    }
+
+    fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
+        let frame = self.source.read(index);
+        let total = self.rows().len();
+        (self.progress)(Progress {
+            stage: Stage::Averaging,
+            done: total.min(self.read.fetch_add(1, Ordering::Relaxed) + 1),
+            total,
+        });
+        frame
+    }
 }
 
 impl Together {

@@ -81,6 +81,8 @@ pub struct Timing {
     pub settle: f64,
     /// All pixels.
     pub fit: f64,
+    /// The fit of their mean, for which frames are read once more.
+    pub mean: f64,
     /// Files.
     pub write: f64,
 }

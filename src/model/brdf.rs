@@ -443,7 +443,7 @@ mod tests {
         assert_eq!(cases.len(), 3000);
         for (name, case, [f, d, g, fresnel, cond]) in cases {
             let e = evaluate(&case).unwrap();
-            // The bound is 4 · 2⁻⁵³ (1 + cond); one rounding of the result is all we need.
+            // Required is 4 · 2⁻⁵³ (1 + cond); one rounding of the result is all we need.
             let bound = 0.5 * f64::EPSILON * (1.0 + cond) * f;
             assert!(
                 (e.f - f).abs() <= bound,

@@ -549,7 +549,7 @@ mod tests {
             // Of the largest contrast; the tracer itself is good to 0.0003.
             assert!(worst < 0.006, "{worst} {rms}");
             assert!(closed < 0.012, "{closed}");
-            // The printed lobe lacks the diffuse light and sends twice the contrast.
+            // The printed lobe lacks the diffuse light and sends three times the contrast.
             assert!(paper > 1.0, "{paper}");
         }
     }

@@ -1,6 +1,6 @@
 //! PHYSICS in closed form: how much light a ridged surface sends to the camera.
 //!
-//! The one function to call: [`radiance`], or [`radiance_gradient`] in a fit. `Variant::Paper` is
+//! The one function to call: [`radiance`]; fits prepare a surface once and ask [`prepared`] for derivatives too. `Variant::Paper` is
 //! the BRDF as printed (Luongo et al. 2017, Eqs. 1–6), `Variant::Sawtooth` the full closed form of
 //! [`sawtooth`]. Pure functions of numbers: this room knows no files, no clock, no cameras and no
 //! statistics.
@@ -196,7 +196,7 @@ pub fn radiance(
 /// Radiance and its exact derivatives at a true pose (mounting offsets already added).
 ///
 /// For many poses build a [`prepared::OpticsTable`] and a [`prepared::Prepared`] once.
-#[must_use]
+#[cfg(test)]
 pub fn radiance_gradient(
     variant: Variant,
     rig: &RigGeometry,

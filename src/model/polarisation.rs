@@ -14,7 +14,7 @@
 //! ```
 //!
 //! so that r_p = −r_s at normal incidence and m23 = +Im(r_s r_p*). Other programs (Mitsuba 3) count
-//! V the other way round: [`Mueller::with_v_reversed`].
+//! V the other way round: D M D, D = diag(1, 1, 1, −1).
 //!
 //! A boundary acts on s and p alone, hence on I ± Q by two powers and on U, V by one complex number
 //! z = r_s r_p*: a [`Channel`]. This module does not know where surfaces are.
@@ -56,17 +56,6 @@ impl Mueller {
             0.0, 0.0, 0.0, 1.0,
         );
         Mueller(rows)
-    }
-
-    /// The same matrix where V counts right-handed light as positive (D M D, D = diag(1, 1, 1, −1)).
-    #[must_use]
-    pub fn with_v_reversed(&self) -> Self {
-        let mut m = self.0;
-        for i in 0..3 {
-            m[(i, 3)] = -m[(i, 3)];
-            m[(3, i)] = -m[(3, i)];
-        }
-        Mueller(m)
     }
 
     /// What the reversed path does, with each beam in the frame (z × k, k × s) of its own

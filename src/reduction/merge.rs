@@ -18,6 +18,7 @@ use super::sensor::median;
 use crate::geometry::{Pose, alike, alike_around};
 use crate::material::Material;
 use crate::robust::MEDIAN_OF_SQUARE;
+use crate::series::FrameRow;
 use crate::units::Angle;
 
 /// Frames of one pose agree within this many standard errors …
@@ -39,6 +40,8 @@ pub(super) struct PoseLevels {
     pub(super) pose: Pose,
     pub(super) segments: Vec<Merged>,
     pub(super) n_frames: u32,
+    /// Mean time of its frames (s since 1970), where all bear one.
+    pub(super) taken_s: Option<f64>,
 }
 
 struct Group {
@@ -499,5 +502,12 @@ fn merged(ground: &Ground<'_>, group: &Group, lamp_scatter: f64) -> PoseLevels {
         pose,
         segments,
         n_frames: frames.len() as u32,
+        taken_s: mean_time(frames.iter().map(|m| &rows[m.index])),
     }
+}
+
+/// Mean time of frames (s since 1970); `None` where one bears none, or there are no frames.
+pub(super) fn mean_time<'r>(frames: impl Iterator<Item = &'r FrameRow>) -> Option<f64> {
+    let times: Vec<f64> = frames.map(FrameRow::taken_s).collect::<Option<_>>()?;
+    (!times.is_empty()).then(|| times.iter().sum::<f64>() / times.len() as f64)
 }

@@ -244,6 +244,7 @@ pub fn reduce(
     }
     let drift = LAMP_DRIFT_DEFAULT.max(flats.lamp_scatter).max(lamp_scatter);
     let zero = Angle::from_deg(ANGLE_ZERO_STD_DEG);
+    let began_s = zero_of_time(source.rows(), &poses);
     let observations: Vec<Observation> = levels
         .iter()
         .map(|(pose, level)| {
@@ -260,6 +261,10 @@ pub fn reduce(
                     phi_s_zero: zero,
                 },
                 n_frames: pose.n_frames,
+                taken_s: pose
+                    .taken_s
+                    .zip(began_s)
+                    .map(|(taken, began)| taken - began),
             }
         })
         .collect();
@@ -297,6 +302,15 @@ pub fn reduce(
         observations,
         rejected_frames,
         warnings,
+    })
+}
+
+/// When the white reference was seen (s since 1970), or the sample where no flat bears a time.
+fn zero_of_time(rows: &[FrameRow], poses: &[PoseLevels]) -> Option<f64> {
+    let flats = rows.iter().filter(|row| row.kind == FrameKind::Flat);
+    merge::mean_time(flats).or_else(|| {
+        let taken: Vec<f64> = poses.iter().filter_map(|p| p.taken_s).collect();
+        (!taken.is_empty()).then(|| taken.iter().sum::<f64>() / taken.len() as f64)
     })
 }
 

@@ -4,6 +4,8 @@ use std::collections::HashSet;
 use std::path::{Component, Path};
 
 use serde::{Deserialize, Serialize};
+use time::OffsetDateTime;
+use time::format_description::well_known::Rfc3339;
 
 use super::SeriesError;
 use super::text::meant;
@@ -40,6 +42,13 @@ impl FrameRow {
     #[must_use]
     pub fn pose(&self) -> Pose {
         Pose::from_deg(self.theta_c_deg, self.phi_s_deg)
+    }
+
+    /// Seconds since 1970 at which it was taken; `None` where the timestamp is none of RFC 3339.
+    #[must_use]
+    pub fn taken_s(&self) -> Option<f64> {
+        let time = OffsetDateTime::parse(&self.timestamp, &Rfc3339).ok()?;
+        Some(time.unix_timestamp_nanos() as f64 * 1e-9)
     }
 
     /// Reads the text of a list of frames; `file` names it in errors. Columns are found by name;

@@ -165,13 +165,6 @@ impl SimulatedCamera {
         }
     }
 
-    /// The same camera with lamp and zeros elsewhere.
-    #[must_use]
-    pub fn with_rig(mut self, rig: RigGeometry) -> Self {
-        self.rig = rig;
-        self
-    }
-
     /// A handle to change the sample by.
     #[must_use]
     pub fn sample_handle(&self) -> SampleHandle {

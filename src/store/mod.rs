@@ -484,6 +484,35 @@ pub(crate) mod tests {
     }
 
     #[tokio::test]
+    async fn every_table_of_records_refuses_changes_and_deletions() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let of = |kind: &'static str| {
+            sqlx::query_as::<_, (String, String)>(
+                "SELECT tbl_name, sql FROM sqlite_master WHERE type = ? AND sql IS NOT NULL",
+            )
+            .bind(kind)
+            .fetch_all(store.readers())
+        };
+        let triggers = of("trigger").await.unwrap();
+        let tables = of("table").await.unwrap();
+        assert!(tables.len() > 10, "{tables:?}");
+        for (table, _) in tables {
+            // Answers to repeated requests and the database's own books are no records.
+            if table == "idempotency_keys" || table.starts_with('_') || table.starts_with("sqlite_")
+            {
+                continue;
+            }
+            for change in ["BEFORE UPDATE", "BEFORE DELETE"] {
+                let refuses = |(on, sql): &(String, String)| {
+                    *on == table && sql.contains(change) && sql.contains("RAISE(ABORT")
+                };
+                assert!(triggers.iter().any(refuses), "{change} on {table}");
+            }
+        }
+    }
+
+    #[tokio::test]
     async fn a_damaged_database_is_refused_and_left_as_it_is() {
         let folder = tempfile::tempdir().unwrap();
         let (store, _) = open(folder.path()).await.unwrap();

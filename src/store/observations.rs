@@ -31,6 +31,9 @@ struct Context {
     views: Vec<Vec<[f64; 7]>>,
     /// Mean and standard uncertainty.
     background: (f64, f64),
+    /// Per observation; empty in what was kept before times were.
+    #[serde(default)]
+    taken_s: Vec<Option<f64>>,
     #[serde(default)]
     wedge_std_deg: Option<f64>,
     #[serde(default)]
@@ -80,6 +83,7 @@ impl Store {
             white_reference: set
                 .white_reference
                 .map(|w| (w.reflectance, w.reflectance_std)),
+            taken_s: set.observations.iter().map(|o| o.taken_s).collect(),
             views: set
                 .views
                 .iter()
@@ -195,7 +199,11 @@ impl Store {
                 },
             },
             material: context.material,
-            observations: rows.iter().map(observation).collect(),
+            observations: rows
+                .iter()
+                .enumerate()
+                .map(|(k, row)| observation(row, context.taken_s.get(k).copied().flatten()))
+                .collect(),
             flats: context
                 .flats
                 .iter()
@@ -249,7 +257,7 @@ fn view(seven: &[f64; 7]) -> View {
     }
 }
 
-fn observation(row: &Row) -> Observation {
+fn observation(row: &Row, taken_s: Option<f64>) -> Observation {
     Observation {
         pose: Pose::from_deg(row.theta_c_deg, row.phi_s_deg),
         signal: row.signal,
@@ -261,6 +269,7 @@ fn observation(row: &Row) -> Observation {
             phi_s_zero: Angle::from_deg(row.phi_s_zero_deg),
         },
         n_frames: row.n_frames,
+        taken_s,
     }
 }
 
@@ -292,6 +301,7 @@ mod tests {
                         phi_s_zero: Angle::from_deg(0.02),
                     },
                     n_frames: 3,
+                    taken_s: Some(10.0 / f64::from(i + 3)),
                 })
                 .collect(),
             flats: vec![FlatObservation {

@@ -92,6 +92,7 @@ fn observations(name: &str, bench: Bench) -> ObservationSet {
                 phi_s_zero: Angle::from_deg(0.02),
             },
             n_frames: 3,
+            taken_s: None,
         });
     }
     let mut flats = Vec::new();

@@ -106,6 +106,7 @@ fn painted(seed: u64, poses: &[(f64, f64)], cones: Cones, alpha: f64, polarised:
                     phi_s_zero: Angle::from_deg(0.02),
                 },
                 n_frames: 3,
+                taken_s: None,
             }
         })
         .collect();

@@ -3,7 +3,7 @@
 
 use nalgebra::DMatrix;
 
-use super::{Joint, JointReport, Scan, ScanReport};
+use super::{EACH_ITS_OWN, Joint, JointReport, Scan, ScanReport};
 use crate::fit::budget::{Part, Uncertainty, of_parts, uncertainty};
 use crate::fit::covariance::Covariance;
 use crate::fit::estimate::Estimate;
@@ -190,7 +190,7 @@ fn surface_of(from: &Parameters, to: &mut Parameters) {
 
 /// The report on the common surface.
 fn together(common: &FitReport, reports: &[FitReport], estimates: &[Estimate<'_>]) -> FitReport {
-    let own = || Parameter::unknown("each scan has its own: see scans");
+    let own = || Parameter::unknown(EACH_ITS_OWN);
     let count = |r: &FitReport| r.n_observations as f64;
     let total: f64 = reports.iter().map(count).sum();
     let mean = |of: &dyn Fn(&FitReport) -> Option<f64>| -> Option<f64> {
