@@ -265,30 +265,14 @@ pub(super) fn whole<'a>(
 ) -> Option<Estimate<'a>> {
     let opening = Opening::new(set, variant, options);
     let weighing = opening.weighing(options, cancel);
-    let mut search = opening.search(options, cancel).until(late);
-    let problem = opening.problem.clone();
-    let mut rounds = 0;
-    if few_directions(set) && !search.over() {
-        search.thorough(&problem);
-        search.rescan(&problem);
-        search.images(&problem);
-        rounds += 1;
-    }
-    while rounds < opening.rounds(&search, options) && !search.over() {
-        search.thorough(&problem);
-        search.rescan(&problem);
-        // A metal lit in the tilt plane is nearly its own mirror image at any number of azimuths.
-        search.images(&problem);
-        rounds += 1;
-    }
-    if !options.misfit && !search.over() {
-        search.persist(&problem);
-    }
-    search.follow(&problem);
+    let mut search = looked_for(&opening, options, late, cancel);
     let mut settled = opening.settling(search.best()?.clone(), options);
     settled.settle(&weighing);
     if options.misfit {
         settled = with_less_misfit(settled, &mut search, &weighing);
+    }
+    if options.loss != Loss::Linear {
+        settled = of_most_observations(settled, variant, &weighing, late);
     }
     let starts = search.report();
     let candidates = search.rivals(RIVAL_RISE);
@@ -354,6 +338,84 @@ pub(super) fn whole<'a>(
         tier_left_out,
     };
     Some(conclude(reached, variant, &weighing))
+}
+
+/// A search to its end.
+fn looked_for<'s>(
+    opening: &'s Opening<'_>,
+    options: &FitOptions,
+    late: Late<'s>,
+    cancel: &'s AtomicBool,
+) -> Search<'s> {
+    let mut search = opening.search(options, cancel).until(late);
+    let problem = &opening.problem;
+    let mut rounds = 0;
+    if few_directions(problem.set()) && !search.over() {
+        search.thorough(problem);
+        search.rescan(problem);
+        search.images(problem);
+        rounds += 1;
+    }
+    while rounds < opening.rounds(&search, options) && !search.over() {
+        search.thorough(problem);
+        search.rescan(problem);
+        // A metal lit in the tilt plane is nearly its own mirror image at any number of azimuths.
+        search.images(problem);
+        rounds += 1;
+    }
+    if !options.misfit && !search.over() {
+        search.persist(problem);
+    }
+    search.follow(problem);
+    search
+}
+
+/// Of the end under a robust loss and the one that its descent comes to from the fit without: the one that describes most
+/// observations better.
+///
+/// A robust loss forgives whole groups of observations, so a surface that passes through half of them and misses the rest
+/// by far is a minimum too. What such a surface cannot do is pass near more of them than half and the free
+/// parameters: the least sum of so many squares decides (least trimmed squares, Rousseeuw 1984).
+fn of_most_observations<'a>(
+    settled: Settled<'a>,
+    variant: Variant,
+    weighing: &Weighing<'_>,
+    late: Late<'_>,
+) -> Settled<'a> {
+    let set = settled.problem.set();
+    let plain = FitOptions {
+        loss: Loss::Linear,
+        ..weighing.options.clone()
+    };
+    let opening = Opening::new(set, variant, &plain);
+    let search = looked_for(&opening, &plain, late, weighing.cancel);
+    let Some(best) = search.best() else {
+        return settled;
+    };
+    let mut guide = opening.settling(best.clone(), &plain);
+    guide.settle(&opening.weighing(&plain, weighing.cancel));
+    let mut other = settled.clone();
+    other.problem = other.problem.with_sigma(weighing.sigma(guide.discrepancy));
+    other.settle_from(&guide.minimum.parameters, weighing);
+    let observations = set.observations.len();
+    let most = ((observations + settled.problem.free().len()).div_ceil(2)).min(observations);
+    let discrepancy = settled.discrepancy.min(other.discrepancy);
+    let sigma = weighing.sigma(discrepancy);
+    let trimmed = |s: &Settled<'_>| -> f64 {
+        let predicted = s
+            .problem
+            .predicted(&s.problem.unpack(&s.minimum.parameters));
+        let rows = predicted.iter().zip(&set.observations).zip(&sigma);
+        let mut squares: Vec<f64> = rows
+            .map(|((p, o), s)| ((p - o.signal) / s).powi(2))
+            .collect();
+        squares.sort_by(f64::total_cmp);
+        squares[..most].iter().sum()
+    };
+    match usable(&other.minimum) && trimmed(&other) < trimmed(&settled) {
+        true => other,
+        false => settled,
+    }
 }
 
 /// A surface that describes the data with no misfit, or far less of it, if there is one.

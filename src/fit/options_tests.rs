@@ -103,6 +103,44 @@ fn three_outliers_in_ten_do_not_move_a_robust_fit() {
 }
 
 #[test]
+fn without_outliers_a_robust_loss_comes_to_the_surface_that_all_observations_show() {
+    let truth = Values {
+        alpha_u: 0.09,
+        alpha_v: 0.24,
+        ..TRUTH
+    };
+    for seed in 0..3 {
+        let poses = (0..25)
+            .map(|k| Pose::from_deg(-20.0 + 10.0 * f64::from(k / 5), 72.0 * f64::from(k % 5)));
+        let set = painted(poses, &truth, 5e-3, seed);
+        let by = |loss: Loss| {
+            let misfit = true;
+            run(
+                &set,
+                &FitOptions {
+                    misfit,
+                    loss,
+                    ..options()
+                },
+            )
+        };
+        let plain = by(Loss::Linear);
+        let u = uncertainty(&plain);
+        for loss in [Loss::Huber, Loss::Tukey] {
+            let robust = by(loss).values.folded();
+            for (j, q) in plain.problem.free().iter().enumerate() {
+                let off = robust.inner(*q) - plain.values.folded().inner(*q);
+                let std = u.budgets[j].combined();
+                assert!(
+                    off.abs() < 2.0 * std,
+                    "seed {seed} {loss:?} {q:?} {off} {std}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
 fn a_held_value_stays_and_is_told_as_such() {
     let set = series(3);
     let held = FitOptions {

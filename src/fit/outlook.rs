@@ -18,8 +18,8 @@ use super::problem::{Problem, Values};
 use super::profile::{bootstrap, profile};
 use super::report::COVERAGE_FACTOR;
 use super::search::{
-    CALM, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PATIENT, PLAIN, PROMISING_EVERY, REFINED,
-    REFINED_THOROUGHLY, RIVALS, ROUGH, many_minima, over_shapes, usable,
+    CALM, CROWD_REFINED, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PATIENT, PLAIN,
+    PROMISING_EVERY, REFINED, REFINED_THOROUGHLY, RIVALS, ROUGH, many_minima, over_shapes, usable,
 };
 use super::settle::{DOUBTFUL, NARROW_TRIALS, Settled, TRIALS};
 use super::solver::{Minimum, minimise};
@@ -164,7 +164,7 @@ impl Look<'_> {
             if persists {
                 let plain = f64::from(PLAIN) * costs.plain_s;
                 let promising = costs.round(Effort::NOISE) / PROMISING_EVERY as f64;
-                let each = promising + plain + FOLLOWED as f64 * costs.fine_s;
+                let each = promising + plain + (FOLLOWED + CROWD_REFINED) as f64 * costs.fine_s;
                 seconds += (CALM + BEFORE_CALM) as f64 * each;
             }
         }

@@ -7,11 +7,13 @@
 //! on a logarithmic scale, on which a lobe is a paraboloid however far away its top is, and then on
 //! the final weights.
 
-use std::f64::consts::PI;
+mod rounds;
+
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
+pub(super) use self::rounds::CROWD_REFINED;
 use super::FitOptions;
 use super::candidates::{self, Wanted};
 use super::covariance::{Scaling, covariance};
@@ -49,18 +51,13 @@ pub(super) const PATIENT: Settings = Settings {
     max_iterations: 200,
     ..ROUGH
 };
-const FOLLOW: Settings = Settings {
-    cost_tolerance: 1e-12,
-    ..Settings::DEFAULT
-};
 pub(super) const FINE: Settings = Settings {
     polish_steps: 20,
     max_iterations: 400,
     ..Settings::DEFAULT
 };
-/// Rounds without a deeper minimum after which nobody expects one, and rounds at most.
+/// Rounds without a deeper minimum after which nobody expects one.
 pub(super) const CALM: usize = 5;
-const PERSISTENT_ROUNDS: usize = 24;
 /// Starts of such a round that nothing recommends.
 pub(super) const PLAIN: u32 = 256;
 /// Of so many such rounds one looks at promising starts as well.
@@ -289,69 +286,6 @@ impl<'p> Search<'p> {
         self.refine(problem, ends, REFINED_THOROUGHLY, 1e-4);
     }
 
-    /// Descents from shapes all over the box, none of them judged before: where noise makes the minima, what looks
-    /// promising at its start says little of where a descent ends.
-    fn anywhere(&mut self, problem: &Problem<'_>) {
-        let starts = candidates::plain(problem, self.fallback, PLAIN, self.seed);
-        self.seed = self.seed.wrapping_add(1);
-        let (bounds, cancel) = (problem.bounds(), self.cancel);
-        let ends: Vec<Minimum> = starts
-            .par_iter()
-            .filter(|_| !self.over())
-            .map(|v| minimise(problem, &problem.pack(v), &bounds, &PATIENT, cancel))
-            .filter(usable)
-            .collect();
-        self.refine(problem, ends, REFINED_THOROUGHLY, 1e-4);
-    }
-
-    /// Looks at the different ends' roughnesses again: a lobe that few poses meet has several.
-    pub(super) fn rescan(&mut self, problem: &Problem<'_>) {
-        let Some(best) = self.best() else {
-            return;
-        };
-        let mut ends = vec![best.clone()];
-        ends.extend(self.distinct(problem, &best.parameters, self.effort.rescanned - 1));
-        let starts: Vec<Values> = ends
-            .par_iter()
-            .flat_map_iter(|m| {
-                let end = problem.unpack(&m.parameters).folded();
-                candidates::rougher(problem, &end, OTHER_ROUGHNESSES)
-            })
-            .collect();
-        let cancel = self.cancel;
-        let ends: Vec<Minimum> = starts
-            .par_iter()
-            .filter(|_| !self.over())
-            .map(|v| over_shapes(problem, v, &ROUGH, cancel))
-            .filter(usable)
-            .collect();
-        self.refine(problem, ends, REFINED, 1e-4);
-    }
-
-    /// Follows the valleys of the best ends to their bottom: where gain and shape make up for each
-    /// other the problem itself creeps, over shapes alone the gain is no obstacle.
-    pub(super) fn follow(&mut self, problem: &Problem<'_>) {
-        let Some(best) = self.best() else {
-            return;
-        };
-        let mut ends = vec![best.clone()];
-        ends.extend(self.distinct(problem, &best.parameters, FOLLOWED - 1));
-        if self.effort == Effort::MISFIT {
-            ends.retain(|m| !m.ending.is_success());
-        }
-        let cancel = self.cancel;
-        let bounds = problem.bounds();
-        let ends: Vec<Minimum> = ends
-            .par_iter()
-            .filter(|_| !self.over())
-            .map(|m| over_shapes(problem, &problem.unpack(&m.parameters), &FOLLOW, cancel))
-            .filter(usable)
-            .map(|m| minimise(problem, &m.parameters, &bounds, &FINE, cancel))
-            .filter(usable)
-            .collect();
-        self.runs.extend(ends);
-    }
-
     /// Looks at more candidates from here on.
     pub(super) fn look_hard(&mut self) {
         self.effort = Effort::NOISE;
@@ -362,68 +296,6 @@ impl<'p> Search<'p> {
         self.look_hard();
         self.carry_over(&settled.problem, &settled.problem);
         self.runs.push(settled.minimum.clone());
-    }
-
-    /// Rounds on end where the data leave the surface open: there minima are many, and the deepest is found
-    /// by looking on until [`CALM`] rounds in a row find none deeper.
-    pub(super) fn persist(&mut self, problem: &Problem<'_>) {
-        let mut calm = 0;
-        for round in 0..PERSISTENT_ROUNDS {
-            let Some(before) = self.best() else {
-                return;
-            };
-            let open = many_minima(problem, before) || self.rivalled(problem, before);
-            if calm == CALM || !open || self.over() {
-                return;
-            }
-            let before = before.cost;
-            self.anywhere(problem);
-            if round.is_multiple_of(PROMISING_EVERY) {
-                self.thorough(problem);
-                self.rescan(problem);
-            }
-            self.follow(problem);
-            let deeper = self.best().is_some_and(|m| !same(before, m.cost));
-            calm = if deeper { 0 } else { calm + 1 };
-        }
-    }
-
-    /// Starts from the images of the best end under the symmetries that few azimuths nearly have:
-    /// mirrored and quarter-turned azimuths, αu and αv exchanged with a quarter turn; and from what facets and risers
-    /// make when they change places, half a turn on.
-    pub(super) fn images(&mut self, problem: &Problem<'_>) {
-        let Some(best) = self.best() else {
-            return;
-        };
-        let found = problem.unpack(&best.parameters).folded();
-        let zero = problem.set().rig.azimuth_zero.rad() + problem.set().region_azimuth.rad();
-        let bounds = problem.bounds();
-        let fine = Settings {
-            polish_steps: 20,
-            max_iterations: 200,
-            ..Settings::default()
-        };
-        let cancel = self.cancel;
-        let ends: Vec<Minimum> = (1..16)
-            .into_par_iter()
-            .map(|image| {
-                let (mirrored, exchanged, quarters) = (image & 1 == 1, image & 2 == 2, image >> 2);
-                let mut v = found;
-                if exchanged {
-                    v.theta_r = 0.5 * PI - v.theta_r;
-                    v.azimuth_offset += PI;
-                }
-                if mirrored {
-                    v.azimuth_offset = -v.azimuth_offset - 2.0 * zero;
-                }
-                v.azimuth_offset += f64::from(quarters) * 0.5 * PI;
-                if quarters & 1 == 1 {
-                    std::mem::swap(&mut v.alpha_u, &mut v.alpha_v);
-                }
-                minimise(problem, &problem.pack(&v), &bounds, &fine, cancel)
-            })
-            .collect();
-        self.runs.extend(ends.into_iter().filter(usable));
     }
 
     /// Different ends within `rise` of the best cost, that one left out.

@@ -249,6 +249,10 @@ fn decide(name: &str, limits: &Limits, m: &Measured, decision: &Decision) -> Ite
         }
         _ => Some(alone),
     };
+    // An uncertainty that is too large for the limits is no reason to reject what was measured between them: rejection
+    // begins outside (JCGM 106, 8.3.3).
+    let inside =
+        limits.lower.is_none_or(|t| m.value >= t) && limits.upper.is_none_or(|t| m.value <= t);
     // No value would pass: there is no interval of acceptance.
     let closed = between.is_none();
     let guard_band = between.unwrap_or(alone);
@@ -261,7 +265,7 @@ fn decide(name: &str, limits: &Limits, m: &Measured, decision: &Decision) -> Ite
                 percent(decision.max_false_accept_risk)
             ),
         )
-    } else if conforms <= decision.max_false_reject_risk {
+    } else if conforms <= decision.max_false_reject_risk && !inside {
         (
             Verdict::Fail,
             format!(
@@ -302,9 +306,9 @@ fn decide(name: &str, limits: &Limits, m: &Measured, decision: &Decision) -> Ite
 }
 
 fn percent(share: f64) -> String {
-    if share > 0.0 && share < 1e-4 {
+    if share < 1e-4 {
         "below 0.01 %".to_owned()
-    } else if share < 1.0 && share > 0.9999 {
+    } else if share > 0.9999 {
         "above 99.99 %".to_owned()
     } else {
         format!("{:.2} %", 100.0 * share)
@@ -541,6 +545,11 @@ mod tests {
         assert_eq!(verdict_of(text, 10.0, 0.05).verdict, Verdict::Pass);
         // An uncertainty wider than the tolerance can never pass, and does not fail either.
         assert_eq!(verdict_of(text, 10.0, 1.0).verdict, Verdict::CannotTell);
+        // Nor where hardly any of its distribution lies between the limits; outside them it may.
+        let wide = verdict_of(text, 10.1, 20.0);
+        assert!(wide.conformance_probability.unwrap() < 0.01, "{wide:?}");
+        assert_eq!(wide.verdict, Verdict::CannotTell);
+        assert_eq!(verdict_of(text, 10.3, 20.0).verdict, Verdict::Fail);
         assert_eq!(verdict_of(text, 11.0, 0.1).verdict, Verdict::Fail);
     }
 

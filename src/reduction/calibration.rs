@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::darks::Darks;
-use super::flats::Flats;
+use super::flats::{Flats, Scene};
 use super::journal::Journal;
 use super::load::{Calls, load};
 use super::sensor::Sensor;
@@ -41,7 +41,9 @@ pub(super) fn prepare(
     let mut sensor = Sensor::new(manifest);
     let darks = Darks::read(calls, &mut sensor, journal)?;
     warn_of_missing_darks(calls, &darks, journal);
-    let flats = Flats::read(calls, &sensor, &darks, &rig, uniform, journal)?;
+    let far = super::viewing(manifest)?.is_far();
+    let scene = Scene { uniform, far };
+    let flats = Flats::read(calls, &sensor, &darks, &rig, scene, journal)?;
     let reference = white_reference(manifest, &flats, journal);
     let unit_dn_s = reference.map(|white| unit(&white, &flats, &rig));
     Ok(Prepared {

@@ -29,6 +29,8 @@ pub(super) const SAME_ANGLE_DEG: f64 = 0.02;
 /// out.
 const LEVEL_SHARE: f64 = 0.05;
 const LEVEL_SIGMAS: f64 = 6.0;
+/// The same share near the lamp: as a tilt moves the field towards it or away, its mean changes by this much.
+const LEVEL_SHARE_NEAR: f64 = 0.3;
 
 /// What the pixels make of uniform light.
 #[derive(Debug, Clone)]
@@ -47,6 +49,15 @@ pub(super) struct FlatLevel {
     pub(super) theta_c: Angle,
     pub(super) rate_dn_s: f64,
     pub(super) sigma_dn_s: f64,
+}
+
+/// What flats are judged by.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Scene {
+    /// The sample fills the field evenly, so that it can stand in for missing flats.
+    pub(super) uniform: bool,
+    /// All pixels share directions and irradiance.
+    pub(super) far: bool,
 }
 
 /// All flats of a series.
@@ -73,21 +84,24 @@ struct Flat {
 
 impl Flats {
     /// Reads the flats. Without any the response comes from the sample frames themselves if
-    /// `uniform` says that the sample fills the field evenly, and is 1 everywhere if not.
+    /// `uniform` says that the sample fills the field evenly, and is 1 everywhere if not. Where lamp or camera is near
+    /// (`far` is false) the field's mean follows more than the cosine at its centre, and shades off over the field.
     pub(super) fn read(
         calls: &Calls<'_>,
         sensor: &Sensor,
         darks: &Darks,
         rig: &RigGeometry,
-        uniform: bool,
+        Scene { uniform, far }: Scene,
         journal: &mut Journal,
     ) -> Result<Self, ReductionError> {
-        let mut flats = accepted(calls, sensor, darks, rig, FrameKind::Flat, journal)?;
+        let reach = if far { LEVEL_SHARE } else { LEVEL_SHARE_NEAR };
+        let mut flats = accepted(calls, sensor, darks, rig, FrameKind::Flat, reach, journal)?;
         if flats.is_empty() {
             let mut response = flat_response(darks);
             if uniform {
                 let mut quiet = Journal::default();
-                let samples = accepted(calls, sensor, darks, rig, FrameKind::Sample, &mut quiet)?;
+                let kind = FrameKind::Sample;
+                let samples = accepted(calls, sensor, darks, rig, kind, reach, &mut quiet)?;
                 if samples.len() >= 5 {
                     let sums = Sums::of(calls, sensor, &samples)?;
                     response = sums.response(sensor, darks);
@@ -104,7 +118,19 @@ impl Flats {
             });
         }
         let mut sums = Sums::of(calls, sensor, &flats)?;
-        leave_out_displaced(calls, sensor, darks, &mut flats, &mut sums, journal)?;
+        let differences = match far {
+            true => Differences::First,
+            false => Differences::Second,
+        };
+        leave_out_displaced(
+            calls,
+            sensor,
+            darks,
+            differences,
+            &mut flats,
+            &mut sums,
+            journal,
+        )?;
         let response = sums.response(sensor, darks);
         let bad = response.good.iter().filter(|g| !**g).count();
         if bad * 50 > sensor.pixels() {
@@ -151,6 +177,7 @@ fn accepted(
     darks: &Darks,
     rig: &RigGeometry,
     kind: FrameKind,
+    level_share: f64,
     journal: &mut Journal,
 ) -> Result<Vec<Flat>, ReductionError> {
     let rows = calls.source.rows();
@@ -194,7 +221,7 @@ fn accepted(
     flats.retain(|flat| {
         let share = relative(flat) / usual - 1.0;
         // Dim flats scatter by their noise; one that is off by less is as good as any.
-        let reach = LEVEL_SHARE.max(LEVEL_SIGMAS * flat.noise_share);
+        let reach = level_share.max(LEVEL_SIGMAS * flat.noise_share);
         let refused = if share < -0.9 || usual <= 0.0 {
             Some(("black", "it shows next to no light".to_owned()))
         } else if judge && share.abs() > reach {
@@ -363,10 +390,12 @@ fn leave_out_displaced(
     calls: &Calls<'_>,
     sensor: &Sensor,
     darks: &Darks,
+    differences: Differences,
     flats: &mut Vec<Flat>,
     sums: &mut Sums,
     journal: &mut Journal,
 ) -> Result<(), ReductionError> {
+    let even = vec![1.0; sensor.pixels()];
     while flats.len() > 2 {
         let verdicts: Vec<Verdict> = flats
             .par_iter()
@@ -385,22 +414,20 @@ fn leave_out_displaced(
                     .collect();
                 let mean_others = others.iter().sum::<f64>() / others.len().max(1) as f64;
                 let share = flat.mean_dn / mean_others;
-                let expected: Vec<f32> = others
-                    .iter()
-                    .zip(dark.level_dn.iter())
-                    .map(|(x, dark)| (x * share) as f32 + dark)
-                    .collect();
+                let response: Vec<f32> = others.iter().map(|x| (x * share) as f32).collect();
                 // Poisson noise of the other flats, scaled to this one.
                 let variance_dn2 =
                     share * share * sensor.variance_dn2(mean_others) + dark.variance_dn2;
                 Ok(compare(
                     frame.pixels_dn(),
                     &Expected {
-                        dn: &expected,
+                        dark_dn: &dark.level_dn,
+                        response: &response,
+                        light_dn: &even,
                         variance_dn2,
                         labels: &labels,
                         width: sensor.width,
-                        differences: Differences::First,
+                        differences,
                     },
                 ))
             })

@@ -15,6 +15,7 @@ use super::load::{Calls, load};
 use super::pattern::{Differences, Expected, Verdict, compare};
 use super::region::{NOWHERE, Segments};
 use super::sensor::{Sensor, median};
+use super::shading::Shading;
 use super::sloping::Slope;
 use super::wild::Field;
 use crate::frame::Frame;
@@ -22,9 +23,6 @@ use crate::robust::MEDIAN_OF_ABS;
 
 /// A frame is cut into so many cells per edge; spatial scatter is judged between cells.
 const CELLS: usize = 8;
-/// Blocks along the shorter edge of a frame over which shading is followed, and their least edge.
-const BLOCKS: usize = 16;
-const BLOCK_PX_MIN: usize = 8;
 /// Pixels further than this from their cell are wild (cosmic rays, dust), where all pixels share their directions.
 const WILD_SIGMAS: f64 = 8.0;
 
@@ -331,28 +329,15 @@ impl Ground<'_> {
             .collect()
     }
 
-    /// Mean counts of blocks of pixels: large enough to leave the sensor's pattern out of the mean.
     fn shading(&self, frame: &Frame, dark: &Dark, labels: &[u16]) -> Shading {
-        let (width, height) = (self.sensor.width, self.sensor.height);
-        let edge = (width.min(height) / BLOCKS).max(BLOCK_PX_MIN);
-        let (across, down) = (width.div_ceil(edge), height.div_ceil(edge));
-        let mut sums = vec![(0.0_f64, 0.0_f64); across * down];
-        for (pixel, dn) in frame.pixels_dn().iter().enumerate() {
+        let pixels = frame.pixels_dn().iter().enumerate().map(|(pixel, dn)| {
             let response = self.response.pixels[pixel];
-            if labels[pixel] != NOWHERE && response > 0.0 && !self.sensor.is_full(*dn) {
-                let sum = &mut sums[pixel / width / edge * across + pixel % width / edge];
-                sum.0 += f64::from(*dn) - f64::from(dark.level_dn[pixel]);
-                sum.1 += f64::from(response);
-            }
-        }
-        let level = |(counts, response): (f64, f64)| (counts / response.max(1.0)).max(0.0) as f32;
-        Shading {
-            width,
-            edge,
-            across,
-            down,
-            levels: sums.into_iter().map(level).collect(),
-        }
+            let counts = f64::from(*dn) - f64::from(dark.level_dn[pixel]);
+            (response > 0.0 && !self.sensor.is_full(*dn))
+                .then(|| (labels[pixel], counts, f64::from(response)))
+        });
+        let size = [self.sensor.width, self.sensor.height];
+        Shading::new(size, self.segments.len(), pixels)
     }
 
     fn check_pattern(
@@ -369,20 +354,21 @@ impl Ground<'_> {
             .collect();
         // Near the lamp or the camera a lobe shades off over a segment, and the pattern with it.
         let shading = (!self.far).then(|| self.shading(frame, dark, labels));
-        let expected: Vec<f32> = labels
+        let light: Vec<f32> = labels
             .iter()
             .enumerate()
             .map(|(pixel, label)| {
-                let level = || due.get(*label as usize).copied().unwrap_or(0.0);
-                let light = shading.as_ref().map_or_else(level, |s| s.at(pixel));
-                dark.level_dn[pixel] + light * self.response.pixels[pixel]
+                let shaded = shading.as_ref().and_then(|s| s.at(pixel, *label));
+                shaded.unwrap_or_else(|| due.get(*label as usize).copied().unwrap_or(0.0))
             })
             .collect();
         let brightest = due.iter().fold(0.0_f32, |a, b| a.max(b.abs()));
         let verdict = compare(
             frame.pixels_dn(),
             &Expected {
-                dn: &expected,
+                dark_dn: &dark.level_dn,
+                response: &self.response.pixels,
+                light_dn: &light,
                 variance_dn2: dark.variance_dn2
                     + f64::from(brightest).powi(2) * self.response.variance,
                 labels,
@@ -397,32 +383,6 @@ impl Ground<'_> {
             Verdict::InPlace => Ok(()),
             other => Err(displaced(other)),
         }
-    }
-}
-
-/// Counts at response 1 as they change over a frame, block by block.
-struct Shading {
-    width: usize,
-    edge: usize,
-    across: usize,
-    down: usize,
-    levels: Vec<f32>,
-}
-
-impl Shading {
-    /// The level at a pixel, between those of the blocks around it.
-    fn at(&self, pixel: usize) -> f32 {
-        let place = |at: usize, count: usize| {
-            let along = ((at as f32 + 0.5) / self.edge as f32 - 0.5).clamp(0.0, (count - 1) as f32);
-            let before = along as usize;
-            (before, (before + 1).min(count - 1), along - before as f32)
-        };
-        let (left, right, x) = place(pixel % self.width, self.across);
-        let (above, below, y) = place(pixel / self.width, self.down);
-        let level = |row: usize, column: usize| self.levels[row * self.across + column];
-        let upper = level(above, left) * (1.0 - x) + level(above, right) * x;
-        let lower = level(below, left) * (1.0 - x) + level(below, right) * x;
-        upper * (1.0 - y) + lower * y
     }
 }
 
@@ -579,27 +539,5 @@ mod tests {
         }
         let level = Level::of(&cells, 400.0, 0.1);
         assert!((level.rate_dn_s - 1000.0).abs() < 1e-9, "{level:?}");
-    }
-
-    #[test]
-    fn shading_follows_a_slope_between_the_middles_of_its_blocks() {
-        let (across, down, edge) = (5, 3, 8);
-        let ramp = |x: f32, y: f32| 100.0 + 2.0 * x - 3.0 * y;
-        let middle = |block: usize| (block as f32 + 0.5) * edge as f32;
-        let shading = Shading {
-            width: 40,
-            edge,
-            across,
-            down,
-            levels: (0..across * down)
-                .map(|b| ramp(middle(b % across), middle(b / across)))
-                .collect(),
-        };
-        for pixel in 0..40 * 24 {
-            let (x, y) = ((pixel % 40) as f32 + 0.5, (pixel / 40) as f32 + 0.5);
-            // Beyond the outermost middles nothing is known, so nothing changes.
-            let expected = ramp(x.clamp(4.0, 36.0), y.clamp(4.0, 20.0));
-            assert!((shading.at(pixel) - expected).abs() < 1e-3);
-        }
     }
 }

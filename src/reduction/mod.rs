@@ -22,6 +22,7 @@ mod pattern;
 mod region;
 mod register;
 mod sensor;
+mod shading;
 mod sloping;
 mod viewing;
 mod wild;

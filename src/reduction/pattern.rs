@@ -15,14 +15,30 @@ const SEARCH_SHARE: usize = 4;
 
 /// What the frame should look like up to noise, and where that may be asked.
 pub(super) struct Expected<'a> {
-    /// Expected counts per pixel.
-    pub(super) dn: &'a [f32],
+    /// Counts per pixel without light from the sample.
+    pub(super) dark_dn: &'a [f32],
+    /// Response per pixel, and counts that the light makes in a pixel of response 1. Light is taken as even over a
+    /// difference: only the sensor's pattern is expected, never an edge or a slope of what the sample shows.
+    pub(super) response: &'a [f32],
+    pub(super) light_dn: &'a [f32],
     /// Variance that the expected counts themselves have left from the darks and flats.
     pub(super) variance_dn2: f64,
     /// Pixels of equal label may be compared; `u16::MAX` is left out.
     pub(super) labels: &'a [u16],
     pub(super) width: usize,
     pub(super) differences: Differences,
+}
+
+impl Expected<'_> {
+    /// The difference to expect at a column of the row that begins at pixel `row`.
+    fn due(&self, row: usize, column: usize) -> Option<f64> {
+        let labels = &self.labels[row..row + self.width];
+        let of = |plane: &[f32]| {
+            let value = |k: usize| f64::from(plane[row + k]);
+            self.differences.at(column, labels, value)
+        };
+        Some(of(self.dark_dn)? + f64::from(self.light_dn[row + column]) * of(self.response)?)
+    }
 }
 
 /// What of a row of pixels is compared.
@@ -127,17 +143,14 @@ pub(super) fn compare(dn: &[u16], expected: &Expected<'_>) -> Verdict {
     let mut tiles = [Cross::default(); TILES * TILES];
     for row in 0..height {
         let tile_row = row * TILES / height * TILES;
-        let line = row * width..(row + 1) * width;
-        let (d, e, l) = (
-            &dn[line.clone()],
-            &expected.dn[line.clone()],
-            &expected.labels[line],
+        let first = row * width;
+        let (d, l) = (
+            &dn[first..first + width],
+            &expected.labels[first..first + width],
         );
-        let kind = expected.differences;
         for column in 1..width {
-            let seen = kind.at(column, l, |k| f64::from(d[k]));
-            let due = kind.at(column, l, |k| f64::from(e[k]));
-            if let (Some(seen), Some(due)) = (seen, due) {
+            let seen = (expected.differences).at(column, l, |k| f64::from(d[k]));
+            if let (Some(seen), Some(due)) = (seen, expected.due(first, column)) {
                 tiles[tile_row + column * TILES / width].add(seen, due);
             }
         }
@@ -190,20 +203,19 @@ fn locate(dn: &[u16], expected: &Expected<'_>) -> Verdict {
                 if there >= height {
                     continue;
                 }
-                let line = there * width..(there + 1) * width;
-                let (e, l) = (&expected.dn[line.clone()], &expected.labels[line]);
+                let first = there * width;
+                let l = &expected.labels[first..first + width];
                 let d = &dn[row * width..(row + 1) * width];
                 for column in columns.clone() {
                     let from = (column as i32 - dx) as usize;
                     if from == 0 || from >= width {
                         continue;
                     }
-                    let kind = expected.differences;
                     // Columns of the window have as many to their left as a difference takes.
                     let seen = |k: usize| f64::from(d[column + k - from]);
                     if let (Some(seen), Some(due)) = (
-                        kind.at(from, l, seen),
-                        kind.at(from, l, |k| f64::from(e[k])),
+                        expected.differences.at(from, l, seen),
+                        expected.due(first, from),
                     ) {
                         cross.add(seen, due);
                     }
@@ -218,6 +230,8 @@ fn locate(dn: &[u16], expected: &Expected<'_>) -> Verdict {
         }
     }
     match best {
+        // Weaker than it should be, but nowhere stronger.
+        (slope, 0, 0) if slope > 0.0 => Verdict::InPlace,
         (slope, dx, dy) if slope > 0.0 => Verdict::Shifted(dx, dy),
         _ => Verdict::Absent,
     }
@@ -258,10 +272,13 @@ mod tests {
 
     fn verdict_by(differences: Differences, dn: &[u16], expected: &[f32]) -> Verdict {
         let labels = vec![0; dn.len()];
+        let none = vec![0.0; dn.len()];
         compare(
             dn,
             &Expected {
-                dn: expected,
+                dark_dn: expected,
+                response: &none,
+                light_dn: &none,
                 variance_dn2: 0.0,
                 labels: &labels,
                 width: EDGE,

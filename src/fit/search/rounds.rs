@@ -1,0 +1,174 @@
+//! What a thorough search does round by round: starts from anywhere, other roughnesses, valleys followed to their bottom,
+//! mirror images, and how long it goes on.
+
+use std::f64::consts::PI;
+
+use rayon::prelude::*;
+
+use super::super::candidates;
+use super::super::crew::{End, descend_together};
+use super::super::problem::{Problem, Values};
+use super::super::solver::{Minimum, Settings, minimise};
+use super::{
+    CALM, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PATIENT, PLAIN, PROMISING_EVERY, REFINED,
+    REFINED_THOROUGHLY, ROUGH, Search, many_minima, over_shapes, same, usable,
+};
+
+/// A descent along a valley.
+const FOLLOW: Settings = Settings {
+    cost_tolerance: 1e-12,
+    ..Settings::DEFAULT
+};
+/// Rounds at most.
+const PERSISTENT_ROUNDS: usize = 24;
+
+/// Starts of a crowd in lanes, those that descend in one go, and its different ends that are refined.
+const CROWD: u32 = 4096;
+const CROWD_CHUNK: usize = 128;
+pub(in crate::fit) const CROWD_REFINED: usize = 24;
+
+impl Search<'_> {
+    /// Descents from shapes all over the box, none of them judged before: where noise makes the minima, what looks
+    /// promising at its start says little of where a descent ends.
+    fn anywhere(&mut self, problem: &Problem<'_>) {
+        let starts = candidates::plain(problem, self.fallback, PLAIN, self.seed);
+        self.seed = self.seed.wrapping_add(1);
+        let (bounds, cancel) = (problem.bounds(), self.cancel);
+        let ends: Vec<Minimum> = starts
+            .par_iter()
+            .filter(|_| !self.over())
+            .map(|v| minimise(problem, &problem.pack(v), &bounds, &PATIENT, cancel))
+            .filter(usable)
+            .collect();
+        self.refine(problem, ends, REFINED_THOROUGHLY, 1e-4);
+    }
+
+    /// Very many such descents as lanes of registers, on the lean form; the different deepest ends are refined. Nothing where
+    /// lanes do not know the problem.
+    fn crowd(&mut self, problem: &Problem<'_>) {
+        let starts = candidates::plain(problem, self.fallback, CROWD, self.seed);
+        self.seed = self.seed.wrapping_add(1);
+        let cancel = self.cancel;
+        let ends: Option<Vec<Vec<End>>> = starts
+            .par_chunks(CROWD_CHUNK)
+            .filter(|_| !self.over())
+            .map(|chunk| descend_together(problem, chunk, cancel))
+            .collect();
+        let ends = ends.into_iter().flatten().flatten().map(Minimum::from);
+        self.refine(problem, ends.filter(usable).collect(), CROWD_REFINED, 1e-4);
+    }
+
+    /// Looks at the different ends' roughnesses again: a lobe that few poses meet has several.
+    pub(in crate::fit) fn rescan(&mut self, problem: &Problem<'_>) {
+        let Some(best) = self.best() else {
+            return;
+        };
+        let mut ends = vec![best.clone()];
+        ends.extend(self.distinct(problem, &best.parameters, self.effort.rescanned - 1));
+        let starts: Vec<Values> = ends
+            .par_iter()
+            .flat_map_iter(|m| {
+                let end = problem.unpack(&m.parameters).folded();
+                candidates::rougher(problem, &end, OTHER_ROUGHNESSES)
+            })
+            .collect();
+        let cancel = self.cancel;
+        let ends: Vec<Minimum> = starts
+            .par_iter()
+            .filter(|_| !self.over())
+            .map(|v| over_shapes(problem, v, &ROUGH, cancel))
+            .filter(usable)
+            .collect();
+        self.refine(problem, ends, REFINED, 1e-4);
+    }
+
+    /// Follows the valleys of the best ends to their bottom: where gain and shape make up for each
+    /// other the problem itself creeps, over shapes alone the gain is no obstacle.
+    pub(in crate::fit) fn follow(&mut self, problem: &Problem<'_>) {
+        let Some(best) = self.best() else {
+            return;
+        };
+        let mut ends = vec![best.clone()];
+        ends.extend(self.distinct(problem, &best.parameters, FOLLOWED - 1));
+        if self.effort == Effort::MISFIT {
+            ends.retain(|m| !m.ending.is_success());
+        }
+        let cancel = self.cancel;
+        let bounds = problem.bounds();
+        let ends: Vec<Minimum> = ends
+            .par_iter()
+            .filter(|_| !self.over())
+            .map(|m| over_shapes(problem, &problem.unpack(&m.parameters), &FOLLOW, cancel))
+            .filter(usable)
+            .map(|m| minimise(problem, &m.parameters, &bounds, &FINE, cancel))
+            .filter(usable)
+            .collect();
+        self.runs.extend(ends);
+    }
+
+    /// Rounds on end where the data leave the surface open: there minima are many, and the deepest is found
+    /// by looking on until [`CALM`] rounds in a row find none deeper.
+    pub(in crate::fit) fn persist(&mut self, problem: &Problem<'_>) {
+        let mut calm = 0;
+        for round in 0..PERSISTENT_ROUNDS {
+            let Some(before) = self.best() else {
+                return;
+            };
+            let open = many_minima(problem, before) || self.rivalled(problem, before);
+            // A minimum that one start alone came to is no sign that none is deeper.
+            let alone = !self.confirmed(2);
+            let patience = if alone { 2 * CALM } else { CALM };
+            if calm >= patience || !(open || alone) || self.over() {
+                return;
+            }
+            let before = before.cost;
+            self.anywhere(problem);
+            self.crowd(problem);
+            if round.is_multiple_of(PROMISING_EVERY) {
+                self.thorough(problem);
+                self.rescan(problem);
+            }
+            self.follow(problem);
+            let deeper = self.best().is_some_and(|m| !same(before, m.cost));
+            calm = if deeper { 0 } else { calm + 1 };
+        }
+    }
+
+    /// Starts from the images of the best end under the symmetries that few azimuths nearly have:
+    /// mirrored and quarter-turned azimuths, αu and αv exchanged with a quarter turn; and from what facets and risers
+    /// make when they change places, half a turn on.
+    pub(in crate::fit) fn images(&mut self, problem: &Problem<'_>) {
+        let Some(best) = self.best() else {
+            return;
+        };
+        let found = problem.unpack(&best.parameters).folded();
+        let zero = problem.set().rig.azimuth_zero.rad() + problem.set().region_azimuth.rad();
+        let bounds = problem.bounds();
+        let fine = Settings {
+            polish_steps: 20,
+            max_iterations: 200,
+            ..Settings::default()
+        };
+        let cancel = self.cancel;
+        let ends: Vec<Minimum> = (1..16)
+            .into_par_iter()
+            .map(|image| {
+                let (mirrored, exchanged, quarters) = (image & 1 == 1, image & 2 == 2, image >> 2);
+                let mut v = found;
+                if exchanged {
+                    v.theta_r = 0.5 * PI - v.theta_r;
+                    v.azimuth_offset += PI;
+                }
+                if mirrored {
+                    v.azimuth_offset = -v.azimuth_offset - 2.0 * zero;
+                }
+                v.azimuth_offset += f64::from(quarters) * 0.5 * PI;
+                if quarters & 1 == 1 {
+                    std::mem::swap(&mut v.alpha_u, &mut v.alpha_v);
+                }
+                minimise(problem, &problem.pack(&v), &bounds, &fine, cancel)
+            })
+            .collect();
+        self.runs.extend(ends.into_iter().filter(usable));
+    }
+}
