@@ -204,6 +204,7 @@ impl Lab {
             plan,
             done: Default::default(),
             elapsed_s: 0.0,
+            full: Default::default(),
             first_state: None,
         };
         if let Err(error) = self.request(Work::Scan(Box::new(work))).await {
@@ -243,12 +244,14 @@ impl Lab {
             scan_id: scan.id,
             plan,
             done: done.into_iter().collect(),
+        let full = self.store().shots_full(scan.id).await?;
             elapsed_s: self.store().last_progress(scan.id).await?.elapsed_s,
             first_state: Some(first_state),
         };
         self.request(Work::Scan(Box::new(work))).await?;
         Ok(told.await.map_err(|_| LabError::Stopping)??)
     }
+            full: full.into_iter().collect(),
 
     /// The manifest that a reduction of the scan will read.
     fn manifest_for(&self, sample: &Sample, plan: &Plan) -> Result<Manifest, LabError> {

@@ -15,11 +15,12 @@ use super::event::{OperatorAction, Progress};
 use super::plan::{Shot, Step};
 use super::recorder::{RecordError, Recorder, Visit};
 use super::rig::Rig;
+use super::seen::{Looked, Seen};
 use super::state::ScanState;
-use super::visit::{self, Looked, Seen, Trouble};
+use super::visit::{self, Trouble};
 use crate::bench::stage::Stage;
 use crate::clock::Clock;
-use crate::frame::{Frame, FrameKind};
+use crate::frame::Frame;
 use crate::geometry::Pose;
 
 /// What a person or the daemon asks of a running scan.
@@ -79,6 +80,8 @@ pub struct Job {
     pub steps: Vec<Step>,
     /// Points that are durable from an earlier run.
     pub done: BTreeSet<u32>,
+    /// Those of the sample among them that fill the camera.
+    pub full: BTreeSet<u32>,
     /// Frames of the last of these; empty where it is the first run.
     pub last_frames: Vec<Frame>,
     /// Time that earlier runs spent.
@@ -143,9 +146,7 @@ struct Runner<'a> {
     stage: Option<Stage>,
     /// Predicted time of all points.
     predicted_total_s: f64,
-    /// Poses of the sample in the plan.
-    sample_poses: usize,
-    /// What this run has seen.
+    /// What the visits have shown.
     seen: Seen,
     ledger: Ledger,
 }
@@ -169,6 +170,9 @@ impl<'a> Runner<'a> {
         recorder: &'a mut dyn Recorder,
         orders: &'a mut mpsc::Receiver<OrderSlip>,
     ) -> Self {
+        let rules = &job.settings.frame;
+        let seen =
+            Seen::of(&job.steps).after(&job.last_frames, &job.steps, &job.done, &job.full, rules);
         let mut runner = Runner {
             rig,
             recorder,
@@ -176,8 +180,7 @@ impl<'a> Runner<'a> {
             state: ScanState::Planned,
             stage: None,
             predicted_total_s: 0.0,
-            sample_poses: 0,
-            seen: Seen::after(&job.last_frames, &job.settings.frame),
+            seen,
             ledger: Ledger::default(),
             job,
         };
@@ -190,11 +193,9 @@ impl<'a> Runner<'a> {
         let mut ledger = Ledger::default();
         ledger.progress.elapsed_s = self.job.elapsed_s;
         self.predicted_total_s = 0.0;
-        self.sample_poses = 0;
         let mut at = None;
         for step in &self.job.steps {
             let Step::Shot(shot) = step else { continue };
-            self.sample_poses += usize::from(shot.kind == FrameKind::Sample);
             ledger.progress.shots_total += 1;
             ledger.progress.frames_total += shot.n_frames();
             let predicted = self.predict(at, shot);
@@ -244,6 +245,7 @@ impl<'a> Runner<'a> {
                         }
                         self.ledger.progress.phase = Some(shot.kind);
                         self.take(shot).await?;
+                        self.decide(&steps).await?;
                     }
                     // An earlier run may have taken the last one and ended before it said so.
                     let more = steps[i + 1..]
@@ -254,6 +256,19 @@ impl<'a> Runner<'a> {
                     }
                 }
             }
+        }
+        Ok(())
+    }
+
+    /// Takes the poses that tell a lobe from a series that is too bright before their turn, where it may be either.
+    async fn decide(&mut self, steps: &[Step]) -> Result<(), Ending> {
+        while let Some(index) = self.seen.undecided(&self.job.settings.frame) {
+            let pose = steps.iter().find_map(|step| match step {
+                Step::Shot(shot) if shot.index == index => Some(shot),
+                Step::Shot(_) | Step::Operator(_) => None,
+            });
+            let Some(pose) = pose else { return Ok(()) };
+            self.take(pose).await?;
         }
         Ok(())
     }
@@ -310,7 +325,7 @@ impl<'a> Runner<'a> {
                     let rules = &self.job.settings.frame;
                     let looked = Looked::at(&visit, rules);
                     if visit.rejected.is_none() {
-                        visit.rejected = self.seen.fault(&looked, self.sample_poses, rules);
+                        visit.rejected = self.seen.fault(&looked, rules);
                     }
                     let rejected = visit.rejected.clone();
                     self.count(shot, rejected.is_none());
@@ -329,6 +344,7 @@ impl<'a> Runner<'a> {
                     match rejected {
                         None => {
                             self.seen.remember(looked);
+                            self.job.done.insert(shot.index);
                             return self.pause_if_asked().await;
                         }
                         Some(why) => Trouble::Frames(why),

@@ -310,6 +310,24 @@ impl Store {
             if kept.len() == frames.len() && kept.iter().zip(frames).all(same) {
                 return Ok(Some(scan_id));
             }
+    /// Places of the plan whose accepted shot shows the sample and is full: most pixels of its first frame of the
+    /// shortest exposure.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn shots_full(&self, scan_id: i64) -> Result<Vec<u32>, StoreError> {
+        Ok(sqlx::query_scalar(
+            "SELECT DISTINCT s.plan_index FROM shots s JOIN frames f ON f.shot_id = s.id
+             WHERE s.scan_id = ? AND s.accepted = 1 AND s.kind = 'sample' AND f.repeat = 0
+               AND f.exposure_s = (SELECT MIN(exposure_s) FROM frames WHERE shot_id = s.id)
+               AND 2 * f.saturated_px > f.width_px * f.height_px
+             ORDER BY s.plan_index",
+        )
+        .bind(scan_id)
+        .fetch_all(self.readers())
+        .await?)
+    }
+
         }
         Ok(None)
     }

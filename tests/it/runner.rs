@@ -200,6 +200,7 @@ async fn run(
     let job = Job {
         steps,
         done: done.iter().copied().collect::<BTreeSet<u32>>(),
+        full: BTreeSet::new(),
         last_frames: Vec::new(),
         elapsed_s: 0.0,
         settings: settings.runner,
@@ -226,6 +227,46 @@ async fn a_blinded_camera_pauses_the_scan_until_somebody_has_looked() {
     assert_eq!(end.state, ScanState::Completed);
     assert_eq!(told.alarms, ["frames-rejected"]);
     assert_eq!(told.accepted, [0, 1, 2]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scan_that_is_too_bright_is_found_out_at_the_poses_furthest_apart() {
+    let grid = |backwards: bool| {
+        let at = |index: u32| {
+            let pose = Pose::from_deg(f64::from(index / 8) * 2.0, f64::from(index % 8) * 5.0);
+            Step::Shot(Shot {
+                index,
+                kind: FrameKind::Sample,
+                pose: Some(pose),
+                target: Some(pose),
+                exposures_s: vec![0.02],
+                repeats: 1,
+            })
+        };
+        let mut steps: Vec<Step> = (0..64).map(at).collect();
+        if backwards {
+            steps.reverse();
+        }
+        steps
+    };
+    for backwards in [false, true] {
+        let (end, told) = run(grid(backwards), &[], [(1, Cue::Full)], |_| u64::MAX).await;
+        assert_eq!(end.state, ScanState::Completed);
+        // Told long before all are taken, and each is taken once.
+        assert_eq!(told.alarms, ["frames-rejected"]);
+        let mut all = told.accepted.clone();
+        all.sort_unstable();
+        assert_eq!(all, (0..64).collect::<Vec<u32>>());
+        let ends = [0, 56].map(|i| told.accepted.iter().position(|a| *a == i).unwrap());
+        assert!(ends.iter().all(|at| *at < 20), "{ends:?}");
+        // A lamp that is too bright from the middle on has left others as they should be.
+        let (_, told) = run(grid(backwards), &[], [(32, Cue::Full)], |_| u64::MAX).await;
+        assert!(
+            told.accepted.is_sorted() || backwards,
+            "{:?}",
+            told.accepted
+        );
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]
