@@ -24,8 +24,24 @@ pub struct FrameRules {
     pub saturation_dn: u16,
     /// What counts because a person has looked.
     pub looked_at: LookedAt,
-    /// How many counts above the black level the mean of a capped frame may be.
-    pub capped_mean_dn_max: f64,
+    /// How far above the black level the mean of a capped frame may be.
+    pub capped: CappedLimit,
+}
+
+/// How far above the black level the mean of a frame under the cap may be: dark current grows with the exposure.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CappedLimit {
+    /// Counts at any exposure.
+    pub mean_dn_max: f64,
+    /// Counts of dark current in a second.
+    pub dark_dn_per_s: f64,
+}
+
+impl CappedLimit {
+    /// Counts above the black level at an exposure.
+    fn at(&self, exposure_s: f64) -> f64 {
+        self.mean_dn_max + self.dark_dn_per_s * exposure_s
+    }
 }
 
 /// What may be as it should, and may be a fault: a person looks once, and who resumes then says that it counts.
@@ -78,6 +94,8 @@ pub enum Rejected {
     FullSample {
         /// How many so far.
         poses: usize,
+        /// How many there are.
+        of: usize,
     },
     /// The camera gave a picture that it had given before.
     #[error(
@@ -94,8 +112,6 @@ const BLACK: &str = "black: no light in the longest exposure; look at lamp, shut
 
 impl Trouble {
     /// Reason of a scan that was stopped by the stop button.
-        /// How many there are.
-        of: usize,
     pub const STOPPED: &'static str = "stopped; resume to go on";
 
     /// Whether another visit may help without a person.
@@ -280,13 +296,20 @@ fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<R
         FrameKind::Sample if rules.looked_at.black_sample => None,
         FrameKind::Dark => frames
             .iter()
-            .map(|taken| mean_dn(&taken.captured.frame) - rules.black_level_dn)
-            .find(|above| *above > rules.capped_mean_dn_max)
-            .map(|above| {
+            .map(|taken| {
+                let above = mean_dn(&taken.captured.frame) - rules.black_level_dn;
+                (above, taken.exposure_s)
+            })
+            .find(|(above, exposure_s)| *above > rules.capped.at(*exposure_s))
+            .map(|(above, exposure_s)| {
                 Rejected::Otherwise(format!(
-                    "not dark: {above:.0} DN above the black level, and scan.capped_mean_dn_max is {}; is the cap on \
-                     the lens? If it is, this is dark current: raise that setting, or plan shorter exposures",
-                    rules.capped_mean_dn_max
+                    "not dark: {above:.0} DN above the black level in {exposure_s} s, and at most {:.0} DN are allowed \
+                     (scan.capped_mean_dn_max, {} DN, and what camera.dark_current_electrons_per_s makes in that time, \
+                     {:.0} DN); is the cap on the lens? If it is, this is dark current, which grows with the exposure: \
+                     state the camera's, or plan shorter exposures",
+                    rules.capped.at(exposure_s),
+                    rules.capped.mean_dn_max,
+                    rules.capped.dark_dn_per_s * exposure_s,
                 ))
             }),
         FrameKind::Flat | FrameKind::Sample => {
@@ -326,7 +349,10 @@ pub(super) mod tests {
             dark_sigmas: 10.0,
             saturation_dn: 4000,
             looked_at: LookedAt::default(),
-            capped_mean_dn_max: 50.0,
+            capped: CappedLimit {
+                mean_dn_max: 50.0,
+                dark_dn_per_s: 0.0,
+            },
         }
     }
 
@@ -375,95 +401,21 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_short_exposure_may_be_black_if_the_long_one_is_not() {
-        let frames = [taken(200, 0.001), taken(900, 0.1)];
-        assert_eq!(fault(&frames, FrameKind::Sample, &rules()), None);
-    }
-
-    fn looked(kind: FrameKind, phi_s_deg: f64, frames: &[(u16, f64)]) -> Looked {
-        let frames = frames.iter().map(|(dn, s)| taken(*dn, *s));
-        looked_at(kind, phi_s_deg, frames.collect())
-    }
-
-    fn looked_at(kind: FrameKind, phi_s_deg: f64, frames: Vec<TakenFrame>) -> Looked {
-        let pose = Pose::from_deg(0.0, phi_s_deg);
-        let visit = Visit {
-            shot: Shot {
-                index: 0,
-                kind,
-                pose: Some(pose),
-                target: Some(pose),
-                exposures_s: Vec::new(),
-                repeats: 1,
-            },
-            attempt: 0,
-            pose,
-            frames,
-            rejected: None,
-            taken_at: time::macros::datetime!(2026-01-01 00:00 UTC),
-        };
-        Looked::at(&visit, &rules())
-    }
-
-    #[test]
-    fn a_picture_that_comes_again_is_no_picture() {
-        let mut seen = Seen::default();
-        let at = |phi_s_deg, dn| looked(FrameKind::Sample, phi_s_deg, &[(dn, 0.1)]);
-        let fault = |seen: &Seen, looked: &Looked, rules: &FrameRules| seen.fault(looked, 9, rules);
-        seen.remember(at(0.0, 900));
-        // A retake at the same pose is no other pose; black and full pictures are all alike.
-        assert_eq!(fault(&seen, &at(0.0, 900), &rules()), None);
-        assert_eq!(fault(&seen, &at(30.0, 901), &rules()), None);
-        assert_eq!(
-            fault(&seen, &at(30.0, 900), &rules()),
-            Some(Rejected::SameFrame)
-        );
-        // Who resumes has not mended the camera by it.
-        let (mut silent, mut looked_at) = (rules(), rules());
-        silent.read_noise_dn = 0.0;
-        looked_at.looked_at.note(&Rejected::SameFrame);
-        assert_eq!(fault(&seen, &at(30.0, 900), &silent), None);
-        let again = fault(&seen, &at(30.0, 900), &looked_at);
-        assert_eq!(again, Some(Rejected::SameFrame));
-        for dn in [200, 4095] {
-            seen.remember(at(0.0, dn));
-            assert_eq!(fault(&seen, &at(30.0, dn), &rules()), None, "{dn}");
-        }
-        // Neither at two exposures nor at two repeats.
-        for other_s in [0.01, 0.1] {
-            let twice = looked(FrameKind::Sample, 60.0, &[(900, other_s), (900, 0.1)]);
-            assert_eq!(fault(&seen, &twice, &rules()), Some(Rejected::SameFrame));
-        }
-        // Nor after another start of the program.
-        let seen = Seen::after(&[taken(900, 0.1).captured.frame], &rules());
-        let again = fault(&seen, &at(0.0, 900), &rules());
-        assert_eq!(again, Some(Rejected::SameFrame));
-        assert_eq!(fault(&seen, &at(0.0, 901), &rules()), None);
-    }
-
-    #[test]
-    fn defects_and_the_ends_of_the_scale_are_alike_in_all_pictures() {
-        // A dead pixel among full ones, hot ones over darkness that is cut off, both, and one count all over.
-        let pictures = [
-            [vec![3; 1], vec![4095; 255]].concat(),
-            [vec![3000; 3], vec![0; 253]].concat(),
-            [vec![3; 1], vec![3000; 3], vec![4095; 200], vec![0; 52]].concat(),
-            [vec![2; 250], vec![3; 6]].concat(),
-        ];
-        for dn in pictures {
-            let at = |phi_s_deg| {
-                let both = vec![shown(&dn, 0.01), shown(&dn, 0.1)];
-                looked_at(FrameKind::Sample, phi_s_deg, both)
-            };
-            let mut rules = rules();
-            rules.black_level_dn = 0.0;
-            let mut seen = Seen::default();
-            seen.remember(at(0.0));
-            assert_ne!(
-                seen.fault(&at(30.0), 9, &rules),
-                Some(Rejected::SameFrame),
-                "{dn:?}"
-            );
+    fn dark_current_is_allowed_as_long_as_the_exposure_and_light_is_not() {
+        let mut rules = rules();
+        rules.capped.dark_dn_per_s = 100.0;
+        let fault = |dn, exposure_s| fault(&[taken(dn, exposure_s)], FrameKind::Dark, &rules);
+        assert_eq!(fault(200 + 440, 4.0), None);
+        assert_eq!(fault(200 + 40, 0.01), None);
+        // The same count in less time is light.
+        let words = fault(200 + 440, 0.5).unwrap().to_string();
+        for part in [
+            "in 0.5 s",
+            "at most 100 DN",
+            "dark_current_electrons_per_s",
+            "50 DN)",
+        ] {
+            assert!(words.contains(part), "{part}: {words}");
         }
     }
 
