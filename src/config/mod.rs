@@ -152,6 +152,7 @@ impl Config {
         let checked = self
             .check_numbers()
             .and_then(|()| self.check_exposures())
+            .and_then(|()| self.check_camera())
             .and_then(|()| self.check_stage());
         checked.map_err(|wrong| ConfigError::OutOfRange {
             origin: origin_of(&wrong.key),
@@ -181,6 +182,36 @@ impl Config {
             if list.is_empty() || !list.iter().all(fine) {
                 let allowed = format!("one or more of {EXPOSURE_S_MIN} to {EXPOSURE_S_MAX} s");
                 return Err(Wrong::new(key, format!("{list:?}"), allowed));
+            }
+        }
+        Ok(())
+    }
+
+    /// What belongs together fits together.
+    fn check_camera(&self) -> Result<(), Wrong> {
+        if let Some(found) = self.camera_facts().contradiction() {
+            let key = format!("camera.{}", found.key);
+            return Err(Wrong::new(key, found.value.to_string(), found.allowed));
+        }
+        let rig = &self.rig;
+        let (lamp, lens) = (rig.light_angular_radius_deg, rig.lens_angular_radius_deg);
+        for (key, radius_mm, distance, spans) in [
+            (
+                "rig.light_radius_mm",
+                rig.light_radius_mm,
+                "light_distance_mm",
+                rig.light_distance_mm.or(lamp),
+            ),
+            (
+                "rig.lens_radius_mm",
+                rig.lens_radius_mm,
+                "camera_distance_mm",
+                rig.camera_distance_mm.or(lens),
+            ),
+        ] {
+            if let (Some(radius_mm), None) = (radius_mm, spans) {
+                let allowed = format!("only beside {distance}, without which it spans no angle");
+                return Err(Wrong::new(key, radius_mm.to_string(), allowed));
             }
         }
         Ok(())
@@ -397,6 +428,48 @@ mod tests {
             assert!(error.contains(part), "{part} is not in: {error}");
         }
         assert!(read("[rig]\ntheta_l_deg = nan", &[]).is_err());
+    }
+
+    #[test]
+    fn settings_that_contradict_each_other_are_refused_with_both() {
+        for (text, words) in [
+            (
+                "[camera]\nbit_depth = 12\nsaturation_dn = 65535.0\n",
+                [
+                    "line 3",
+                    "camera.saturation_dn is 65535",
+                    "at most 4095",
+                    "bit_depth = 12",
+                ],
+            ),
+            (
+                "[camera]\nbit_depth = 8\nblack_level_dn = 300.0\n",
+                [
+                    "line 3",
+                    "camera.black_level_dn is 300",
+                    "below 255",
+                    "full",
+                ],
+            ),
+            (
+                "[rig]\nlight_radius_mm = 3.0\n",
+                [
+                    "line 2",
+                    "rig.light_radius_mm is 3",
+                    "light_distance_mm",
+                    "angle",
+                ],
+            ),
+        ] {
+            let error = read(text, &[]).unwrap_err().to_string();
+            for part in words {
+                assert!(error.contains(part), "{part} is not in: {error}");
+            }
+        }
+        // Which of the two came from elsewhere does not matter.
+        let variable = ("RIDGED_CAMERA__BIT_DEPTH", "10");
+        let error = read("[camera]\nsaturation_dn = 4095.0\n", &[variable]);
+        assert!(error.unwrap_err().to_string().contains("bit_depth = 10"));
     }
 
     #[test]

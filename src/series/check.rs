@@ -110,13 +110,18 @@ impl Manifest {
                 remedy: "docs/series.md lists every key".to_owned(),
             }
         })?;
-        values::check(&manifest).map_err(|problem| SeriesError::Invalid {
-            file: file.to_owned(),
-            line: line_of(text, problem.section, problem.key),
-            key: format!("{}: ", problem.path()),
-            cause: problem.cause,
-            remedy: problem.remedy.to_owned(),
-        })?;
+        values::check(&manifest).map_err(|problem| problem.told(text, file))?;
+        Ok(manifest)
+    }
+
+    /// The same of a series that comes from outside, where whoever wrote it can still correct it: its values also fit
+    /// each other.
+    ///
+    /// # Errors
+    /// As [`Manifest::from_toml`].
+    pub fn from_outside(text: &str, file: &str) -> Result<Self, SeriesError> {
+        let manifest = Manifest::from_toml(text, file)?;
+        values::check_camera(&manifest).map_err(|problem| problem.told(text, file))?;
         Ok(manifest)
     }
 }
@@ -132,6 +137,16 @@ pub(super) struct Problem {
 
 impl Problem {
     fn path(&self) -> String {
+    fn told(self, text: &str, file: &str) -> SeriesError {
+        SeriesError::Invalid {
+            file: file.to_owned(),
+            line: line_of(text, self.section, self.key),
+            key: format!("{}: ", self.path()),
+            cause: self.cause,
+            remedy: self.remedy.to_owned(),
+        }
+    }
+
         if self.section.is_empty() {
             self.key.to_owned()
         } else {
@@ -274,6 +289,23 @@ mod tests {
     }
 
     #[test]
+    #[test]
+    fn a_camera_that_contradicts_itself_is_refused_where_it_can_be_corrected() {
+        let broken = CHECKER.replacen("bit_depth = 16", "bit_depth = 12", 1);
+        let refused = Manifest::from_outside(&broken, "manifest.toml").unwrap_err();
+        let said = refused.to_string();
+        for word in [
+            "line 34",
+            "camera.saturation_dn",
+            "at most 4095",
+            "bit_depth = 12",
+        ] {
+            assert!(said.contains(word), "`{word}` is not in: {said}");
+        }
+        assert!(Manifest::from_toml(&broken, "manifest.toml").is_ok());
+        assert!(Manifest::from_outside(CHECKER, "manifest.toml").is_ok());
+    }
+
     fn the_document_lists_every_key() {
         let document = include_str!("../../docs/series.md");
         for (section, keys) in KEYS {
