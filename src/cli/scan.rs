@@ -131,8 +131,7 @@ fn read_plan(args: &Args) -> Result<PlanRequest, CliError> {
         .with_context(|| format!("the plan {} cannot be read", path.display()))
         .map_err(CliError::BadInput)?;
     PlanRequest::from_toml(&text)
-        .with_context(|| format!("the plan {} cannot be understood", path.display()))
-        .map_err(CliError::BadInput)
+        .map_err(|refused| CliError::bad_input(anyhow!("the plan {}, {refused}", path.display())))
 }
 
 /// Time over ideal, in words.

@@ -4,6 +4,7 @@ use super::SeriesError;
 use super::manifest::Manifest;
 use super::text::{line_of, meant};
 use super::values;
+use crate::wording::refusals::plain;
 
 /// Known keys per section: what a misspelt key may have meant.
 const KEYS: [(&str, &[&str]); 6] = [
@@ -95,7 +96,7 @@ impl Manifest {
         slips(&table, text, file)?;
         let manifest: Manifest = toml::from_str(text).map_err(|error| {
             let line = error.span().map(|span| line_at(text, span.start));
-            let message = one_line(error.message()).replace("f64", "a number");
+            let message = one_line(error.message());
             // A type error points at the value; a missing key only at its section.
             let key = line
                 .filter(|_| !message.starts_with("missing"))
@@ -106,7 +107,7 @@ impl Manifest {
                 file: file.to_owned(),
                 line,
                 key,
-                cause: message,
+                cause: plain(&message),
                 remedy: "docs/series.md lists every key".to_owned(),
             }
         })?;
@@ -136,7 +137,6 @@ pub(super) struct Problem {
 }
 
 impl Problem {
-    fn path(&self) -> String {
     fn told(self, text: &str, file: &str) -> SeriesError {
         SeriesError::Invalid {
             file: file.to_owned(),
@@ -147,6 +147,7 @@ impl Problem {
         }
     }
 
+    fn path(&self) -> String {
         if self.section.is_empty() {
             self.key.to_owned()
         } else {
@@ -289,7 +290,6 @@ mod tests {
     }
 
     #[test]
-    #[test]
     fn a_camera_that_contradicts_itself_is_refused_where_it_can_be_corrected() {
         let broken = CHECKER.replacen("bit_depth = 16", "bit_depth = 12", 1);
         let refused = Manifest::from_outside(&broken, "manifest.toml").unwrap_err();
@@ -306,6 +306,7 @@ mod tests {
         assert!(Manifest::from_outside(CHECKER, "manifest.toml").is_ok());
     }
 
+    #[test]
     fn the_document_lists_every_key() {
         let document = include_str!("../../docs/series.md");
         for (section, keys) in KEYS {
