@@ -16,6 +16,7 @@ use super::daemon;
 use super::interrupt;
 use super::progress::Bar;
 use crate::lab::ImportOptions;
+use crate::wording::differences;
 
 /// Takes a recorded series into the store, frames bit for bit.
 #[derive(Debug, clap::Args)]
@@ -64,6 +65,18 @@ pub fn run(args: Args) -> Result<(), CliError> {
         false => format!(
             "scan {} with {} frames\n",
             answer["scan_id"], answer["n_frames"]
+    if let Some(like) = answer["like_scan_id"].as_i64() {
+        let all = answer["differences"].as_array();
+        let told: Vec<&str> = all
+            .into_iter()
+            .flatten()
+            .filter_map(Value::as_str)
+            .collect();
+        tracing::warn!(
+            "scan {like} holds the same frames with other facts: {}; both are kept, and a fit of this one goes by the new",
+            differences::in_words(&told)
+        );
+    }
         ),
     };
     let mut out = std::io::stdout().lock();
@@ -118,3 +131,5 @@ async fn import(args: &Args, cancel: Arc<AtomicBool>) -> Result<Value, CliError>
         "same_as_scan_id": imported.same_as,
     }))
 }
+        "like_scan_id": imported.like.as_ref().map(|like| like.scan_id),
+        "differences": imported.like.map_or_else(Vec::new, |like| like.differences),

@@ -6,6 +6,7 @@
 //! log show comes from the store and from [`Lab::events`]; nobody asks the runner. The lab knows no
 //! HTTP and no simulator.
 
+mod again;
 mod along;
 mod attached;
 mod bench;
@@ -45,6 +46,7 @@ use crate::store::scans::Scan;
 use crate::store::{Recovery, Store, StoreError};
 
 pub use crate::bench::stage::AxisName;
+pub use again::Alike;
 pub use calculations::{CalculationRequest, ContrastRequest, MapRequest, VerdictRequest};
 pub use curves::{Curve, FitCurves};
 pub use error::{Holder, LabError};
