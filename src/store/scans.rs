@@ -172,6 +172,18 @@ impl Store {
         Ok(id)
     }
 
+    /// Settings of a rig, as [`Store::rig`] was given them.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], or what the database says.
+    pub async fn rig_settings(&self, id: i64) -> Result<String, StoreError> {
+        sqlx::query_scalar("SELECT settings FROM rigs WHERE id = ?")
+            .bind(id)
+            .fetch_optional(self.readers())
+            .await?
+            .ok_or(StoreError::NotFound { noun: "rig", id })
+    }
+
     /// Adds a scan in state planned.
     ///
     /// # Errors
