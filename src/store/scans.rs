@@ -338,7 +338,7 @@ impl Store {
     /// Scans, newest first.
     ///
     /// # Errors
-    /// What the database says.
+    /// What the database says; a row that cannot be read is told of beside the others.
     pub async fn scans(
         &self,
         filter: ScanFilter,
@@ -354,11 +354,7 @@ impl Store {
         .bind(page.limit + 1)
         .fetch_all(self.readers())
         .await?;
-        let scans = rows
-            .into_iter()
-            .map(Scan::try_from)
-            .collect::<Result<_, _>>()?;
-        Ok(Page::cut(scans, page.limit, |s: &Scan| s.id))
+        Ok(Page::read(rows, page.limit, |row: &Row| row.id))
     }
 
     /// `manifest.toml` of a scan, as a reduction reads it.
