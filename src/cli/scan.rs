@@ -388,7 +388,7 @@ pub async fn follow(
         }
         if let (Some(action), Some(people)) = (step, &mut people) {
             people.ask(&bar, action);
-            if !people.done().await {
+            if !people.done(&bar).await {
                 return Err(CliError::no_result(anyhow!(
                     "the scan needs a person ({}), but nobody is at the terminal; run it by `ridged serve` and the page",
                     action.message()
@@ -496,7 +496,7 @@ fn by_daemon(client: &Client, args: &Args, plan: &PlanRequest) -> Result<Value, 
                     people.ask(&bar, action);
                     asked = Some(action);
                 }
-                match people.done_by_now() {
+                match people.done_by_now(&bar) {
                     // Ctrl-C came first.
                     _ if stopped.load(Ordering::Relaxed) => {}
                     None => {}
