@@ -264,7 +264,8 @@ impl Daemon {
         /// A client that does not read its answer must not hold the daemon.
         const DRAIN: Duration = Duration::from_secs(3);
         std::fs::remove_file(&self.notice).ok();
-        self.lab.rest().await;
+        // Stages that could not be stopped are in the log.
+        self.lab.rest().await.ok();
         self.ending.cancel();
         let abort = self.server.abort_handle();
         if tokio::time::timeout(DRAIN, self.server).await.is_err() {
