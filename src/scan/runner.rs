@@ -504,7 +504,14 @@ impl<'a> Runner<'a> {
 
     async fn hold(&mut self, trouble: &Trouble) -> Result<(), Ending> {
         let code = trouble.code();
-        self.hold_with(&trouble.to_string(), code, None).await
+        let reason = match trouble {
+            // What stages and camera say of themselves knows of no scan that waits.
+            Trouble::Stage(_) | Trouble::Camera(_) if code.is_some() => {
+                format!("{trouble}; put it right, then resume")
+            }
+            _ => trouble.to_string(),
+        };
+        self.hold_with(&reason, code, None).await
     }
 
     /// Pauses for a reason, raises the alarm if it has a code, and waits to be resumed.
