@@ -5,7 +5,7 @@
 //! never a success. What goes wrong at the rig pauses the scan, so that a person can put it right
 //! and resume; what contradicts the plan fails it.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -146,6 +146,8 @@ struct Runner<'a> {
     stage: Option<Stage>,
     /// Predicted time of all points.
     predicted_total_s: f64,
+    /// The share of each in it: one that is taken out of turn has a longer way, and no more of the plan in it.
+    in_turn_s: BTreeMap<u32, f64>,
     /// What the visits have shown.
     seen: Seen,
     ledger: Ledger,
@@ -180,6 +182,7 @@ impl<'a> Runner<'a> {
             state: ScanState::Planned,
             stage: None,
             predicted_total_s: 0.0,
+            in_turn_s: BTreeMap::new(),
             seen,
             ledger: Ledger::default(),
             job,
@@ -201,6 +204,7 @@ impl<'a> Runner<'a> {
             let predicted = self.predict(at, shot);
             at = shot.target.or(at);
             self.predicted_total_s += predicted;
+            self.in_turn_s.insert(shot.index, predicted);
             if self.job.done.contains(&shot.index) {
                 ledger.progress.shots_done += 1;
                 ledger.progress.frames_done += shot.n_frames();
@@ -390,7 +394,9 @@ impl<'a> Runner<'a> {
         let progress = &mut ledger.progress;
         progress.shots_done += 1;
         progress.frames_done += shot.n_frames();
-        ledger.predicted_done_s = (ledger.predicted_done_s + predicted).min(self.predicted_total_s);
+        let in_turn_s = self.in_turn_s.get(&shot.index).copied();
+        let done_s = ledger.predicted_done_s + in_turn_s.unwrap_or(predicted);
+        ledger.predicted_done_s = done_s.min(self.predicted_total_s);
         if self.predicted_total_s > 0.0 {
             progress.fraction = ledger.predicted_done_s / self.predicted_total_s;
         }

@@ -102,6 +102,8 @@ struct Notebook {
     states: Vec<ScanState>,
     alarms: Vec<String>,
     accepted: Vec<u32>,
+    /// How far the fraction told is ahead of the share of the points, at each that counts.
+    ahead: Vec<f64>,
     phases: Vec<FrameKind>,
 }
 
@@ -124,9 +126,15 @@ impl Recorder for Notebook {
         })
     }
 
-    fn visit(&mut self, visit: Visit, _: Progress) -> BoxFuture<'_, Result<(), RecordError>> {
+    fn visit(
+        &mut self,
+        visit: Visit,
+        progress: Progress,
+    ) -> BoxFuture<'_, Result<(), RecordError>> {
         if visit.rejected.is_none() {
             self.accepted.push(visit.shot.index);
+            let share = f64::from(progress.shots_done) / f64::from(progress.shots_total);
+            self.ahead.push(progress.fraction - share);
         }
         Box::pin(std::future::ready(Ok(())))
     }
@@ -195,6 +203,7 @@ async fn run(
         states: Vec::new(),
         alarms: Vec::new(),
         accepted: Vec::new(),
+        ahead: Vec::new(),
         phases: Vec::new(),
     };
     let job = Job {
@@ -259,6 +268,12 @@ async fn a_scan_that_is_too_bright_is_found_out_at_the_poses_furthest_apart() {
         assert_eq!(all, (0..64).collect::<Vec<u32>>());
         let ends = [0, 56].map(|i| told.accepted.iter().position(|a| *a == i).unwrap());
         assert!(ends.iter().all(|at| *at < 20), "{ends:?}");
+        // All points are alike: the way to one that is out of turn is no more of the plan.
+        assert!(
+            told.ahead.iter().all(|ahead| ahead.abs() < 0.1),
+            "{:?}",
+            told.ahead
+        );
         // A lamp that is too bright from the middle on has left others as they should be.
         let (_, told) = run(grid(backwards), &[], [(32, Cue::Full)], |_| u64::MAX).await;
         assert!(
