@@ -1,8 +1,11 @@
 //! Numbers as people read them, in one form for every table and message: counts with their noun, and values with no
-//! more digits than mean something; what parsers refuse, in plain words ([`refusals`]), and what they should ([`objects`]).
+//! more digits than mean something; what parsers refuse, in plain words ([`refusals`], [`toml_text`]), and what they should
+//! ([`objects`]); what differs between two settings ([`differences`]).
 
+pub mod differences;
 pub mod objects;
 pub mod refusals;
+pub mod toml_text;
 
 use std::ops::RangeInclusive;
 

@@ -10,7 +10,9 @@ use serde_json::{Value, json};
 use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, IdAndName, Params, page, since};
 use super::{App, Begun, List};
-use crate::lab::{CalculationRequest, ContrastRequest, MapRequest, TraceRequest, VerdictRequest};
+use crate::lab::{
+    CalculationRequest, ContrastRequest, LabError, MapRequest, TraceRequest, VerdictRequest,
+};
 use crate::scan::event::CalculationKind;
 use crate::store::StoreError;
 use crate::store::calculations::{Calculation, CalculationFilter};
@@ -18,9 +20,9 @@ use crate::store::calculations::{Calculation, CalculationFilter};
 /// The object of the command of that name, once there is one, with what the store adds; before, how
 /// far it has come (`progress`: stage, fraction of it, elapsed_s, time_left_s) and what it was said to take
 /// (`forecast`, which stays with the result).
-fn body(app: &App, calculation: Calculation) -> Result<Value, ApiError> {
-    let parsed = |text: &str, table| -> Result<Value, ApiError> {
-        Ok(serde_json::from_str(text).map_err(|e| StoreError::bad_row(table, e))?)
+fn body(app: &App, calculation: Calculation) -> Result<Value, StoreError> {
+    let parsed = |text: &str, table| -> Result<Value, StoreError> {
+        serde_json::from_str(text).map_err(|e| StoreError::bad_row(table, e))
     };
     let mut object = match &calculation.result {
         Some(result) => parsed(result, "calculation_ends")?,
@@ -86,14 +88,12 @@ async fn list(
         since: since(params.since)?,
     };
     let found = app.lab.store().calculations(kind, &filter, page).await?;
-    Ok(Json(List {
-        items: found
-            .items
-            .into_iter()
-            .map(|calculation| body(app, calculation))
-            .collect::<Result<_, _>>()?,
-        next_cursor: found.next_cursor.map(|c| c.to_string()),
-    }))
+    let mut list = List::after(&found);
+    for calculation in found.items {
+        let (id, answer) = (calculation.id, body(app, calculation));
+        list.take(id, answer.map_err(LabError::from))?;
+    }
+    Ok(Json(list))
 }
 
 async fn begin(

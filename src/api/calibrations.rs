@@ -9,6 +9,7 @@ use super::error::{ApiError, Problem};
 use super::extract::{Id, Params, page, since};
 use super::{App, List};
 use crate::frame::FrameKind;
+use crate::lab::LabError;
 use crate::store::calibrations::{Calibration, CalibrationFilter};
 use crate::store::utc_text;
 
@@ -53,7 +54,7 @@ pub struct CalibrationParams {
     cursor: Option<String>,
 }
 
-fn body(app: &App, kept: Calibration) -> Result<CalibrationBody, ApiError> {
+fn body(app: &App, kept: Calibration) -> Result<CalibrationBody, LabError> {
     let (until, valid) = app
         .lab
         .calibration_valid_until(&kept.kind, &kept.created_at)?;
@@ -92,14 +93,11 @@ pub(super) async fn list(
         since: since(params.since)?,
     };
     let found = app.lab.store().calibrations(&filter, page).await?;
-    Ok(Json(List {
-        items: found
-            .items
-            .into_iter()
-            .map(|kept| body(&app, kept))
-            .collect::<Result<_, _>>()?,
-        next_cursor: found.next_cursor.map(|c| c.to_string()),
-    }))
+    let mut list = List::after(&found);
+    for kept in found.items {
+        list.take(kept.id, body(&app, kept))?;
+    }
+    Ok(Json(list))
 }
 
 /// One calibration; its frames are those of that kind of the scan that took them.

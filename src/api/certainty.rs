@@ -101,5 +101,6 @@ pub(super) async fn of_scan(
     Ok(Json(List {
         items: found.into_iter().filter_map(CertaintyBody::of).collect(),
         next_cursor,
+        damaged: Vec::new(),
     }))
 }

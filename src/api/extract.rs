@@ -6,6 +6,7 @@ use axum::http::request::Parts;
 use axum::http::{StatusCode, header};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 
 use super::error::{ApiError, FieldProblem};
 use super::guard::BODY_BYTES_MAX;
@@ -29,8 +30,8 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for Body<T> {
 
 /// What a body of JSON says.
 pub(super) fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ApiError> {
-    let read = objects::read(bytes).map_err(json_problem)?;
-    let value: T = serde_path_to_error::deserialize(&read).map_err(json_problem)?;
+    let read = objects::read(bytes).map_err(|error| json_problem(error, &Value::Null))?;
+    let value: T = serde_path_to_error::deserialize(&read).map_err(|e| json_problem(e, &read))?;
     objects::check::<T>(&read).map_err(|refusal| {
         let path = refusal.path().to_string();
         let (field, message) = told(&path, &refusal.into_inner().to_string());
@@ -55,7 +56,12 @@ fn syntax(error: serde_json::Error) -> ApiError {
         StatusCode::BAD_REQUEST,
         "bad-json",
         "the body is not JSON",
-        format!("{error}; JSON knows no NaN, no Infinity and no number beyond 1.8e308"),
+        format!(
+            "{}; JSON knows no NaN, no Infinity and no number beyond 1.8e308",
+            error
+                .to_string()
+                .replace("EOF while parsing", "it ends within")
+        ),
     )
 }
 
@@ -73,12 +79,40 @@ fn told(path: &str, message: &str) -> (String, String) {
     }
 }
 
-fn json_problem(error: serde_path_to_error::Error<serde_json::Error>) -> ApiError {
+/// The field that a message is about, where the path to it ends at the object around it: which kind of object it is
+/// stands beside the fields, and what reads it forgets which of them it is at.
+fn within(path: &str, message: &str, body: &Value) -> Option<String> {
+    let got = message
+        .strip_prefix("invalid type: ")?
+        .split(", expected ")
+        .next()?;
+    let at = path.split('.').try_fold(body, |at, name| at.get(name))?;
+    let said = |value: &Value| match value {
+        Value::Null => "null".to_owned(),
+        Value::Bool(value) => format!("boolean `{value}`"),
+        Value::Number(number) if number.is_f64() => format!("floating point `{number}`"),
+        Value::Number(number) => format!("integer `{number}`"),
+        Value::String(text) => format!("string {text:?}"),
+        Value::Array(_) => "sequence".to_owned(),
+        Value::Object(_) => "map".to_owned(),
+    };
+    let mut named = at
+        .as_object()?
+        .iter()
+        .filter(|(_, value)| said(value) == got);
+    match (named.next(), named.next()) {
+        (Some((name, _)), None) => Some(format!("{path}.{name}")),
+        _ => None,
+    }
+}
+
+fn json_problem(error: serde_path_to_error::Error<serde_json::Error>, body: &Value) -> ApiError {
     let path = error.path().to_string();
     let inner = error.into_inner();
     if !inner.is_data() {
         return syntax(inner);
     }
+    let path = within(&path, &inner.to_string(), body).unwrap_or(path);
     let (field, message) = told(&path, &inner.to_string());
     let inner = inner.to_string();
     let (status, code, title) = if inner.starts_with("unknown field") {
@@ -232,4 +266,25 @@ pub(super) fn says_json(headers: &axum::http::HeaderMap) -> bool {
         .and_then(|value| value.to_str().ok())
         .and_then(|value| value.split(';').next())
         .is_some_and(|kind| kind.trim().eq_ignore_ascii_case("application/json"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::within;
+    use serde_json::json;
+
+    #[test]
+    fn a_field_beside_the_kind_of_its_object_is_found() {
+        let body = json!({"material": {"kind": "dielectric", "eta": "a", "eta_std": 0.1}});
+        let message = "invalid type: string \"a\", expected f64";
+        assert_eq!(
+            within("material", message, &body).as_deref(),
+            Some("material.eta")
+        );
+        // Which of two is at fault nobody can tell.
+        let both = json!({"material": {"eta": "a", "k": "a"}});
+        assert_eq!(within("material", message, &both), None);
+        assert_eq!(within("material.eta", message, &body), None);
+        assert_eq!(within(".", message, &body), None);
+    }
 }

@@ -15,14 +15,14 @@ use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, Params, finite, page, since};
 use super::{App, Begun, List};
 use crate::fit::report::{Status, VariantName};
-use crate::lab::FitRequest;
+use crate::lab::{FitRequest, LabError};
 use crate::store::StoreError;
 use crate::store::fits::{Fit, FitFilter};
 use crate::wording::refusals::plain;
 
 /// The object of `fit --json`, once there is one, with what the store adds; before, how far it has come
 /// (`progress`) and what it was said to take (`forecast`, which stays with the report).
-fn body(app: &App, fit: Fit) -> Result<Value, ApiError> {
+fn body(app: &App, fit: Fit) -> Result<Value, StoreError> {
     let mut object = match &fit.report {
         Some(report) => {
             serde_json::from_str(report).map_err(|e| StoreError::bad_row("fit_ends", e))?
@@ -51,7 +51,7 @@ fn body(app: &App, fit: Fit) -> Result<Value, ApiError> {
 }
 
 /// What was asked for. Fits of older versions kept less of it.
-fn request(fit: &Fit) -> Result<Value, ApiError> {
+fn request(fit: &Fit) -> Result<Value, StoreError> {
     let mut options: Value =
         serde_json::from_str(&fit.options).map_err(|e| StoreError::bad_row("fits", e))?;
     Ok(match options["request"].take() {
@@ -120,14 +120,11 @@ pub(super) async fn list(
         theta_r_deg_max: finite("theta_r_deg_max", params.theta_r_deg_max)?,
     };
     let found = app.lab.store().fits(&filter, page).await?;
-    Ok(Json(List {
-        items: found
-            .items
-            .into_iter()
-            .map(|fit| body(&app, fit))
-            .collect::<Result<_, _>>()?,
-        next_cursor: found.next_cursor.map(|c| c.to_string()),
-    }))
+    let mut list = List::after(&found);
+    for fit in found.items {
+        list.take(fit.id, body(&app, fit).map_err(LabError::from))?;
+    }
+    Ok(Json(list))
 }
 
 /// Begin a fit.

@@ -39,6 +39,10 @@ pub struct ImportBody {
     skipped: Vec<String>,
     /// The newest scan that holds the very same series already; null where it is new.
     same_as_scan_id: Option<i64>,
+    /// Where none does: the scan that holds the same frames and differs least in what it says of them; else null.
+    like_scan_id: Option<i64>,
+    /// What it says otherwise, value by value. Both scans are kept.
+    differences: Vec<String>,
 }
 
 /// Take a recorded series into the store as a completed scan.
@@ -71,6 +75,8 @@ pub(super) async fn add(
         n_frames: imported.n_frames,
         skipped: imported.skipped,
         same_as_scan_id: imported.same_as,
+        like_scan_id: imported.like.as_ref().map(|like| like.scan_id),
+        differences: imported.like.map_or_else(Vec::new, |like| like.differences),
     };
     Ok((
         StatusCode::CREATED,

@@ -44,8 +44,8 @@ use utoipa::{OpenApi, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use crate::lab::Lab;
-use crate::store::Page;
+use crate::lab::{Lab, LabError};
+use crate::store::{DamagedRow, Page, StoreError};
 
 pub use error::{ApiError, FieldProblem, Problem};
 
@@ -71,6 +71,25 @@ pub struct List<T> {
     pub items: Vec<T>,
     /// Hand it back as `cursor` for the next page; null at the end.
     pub next_cursor: Option<String>,
+    /// Rows of this page that the store cannot read; left out where there are none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub damaged: Vec<DamagedBody>,
+}
+
+/// A row that does not hold what was written into it.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct DamagedBody {
+    /// Its number.
+    id: i64,
+    /// What is wrong with it.
+    detail: String,
+}
+
+impl From<DamagedRow> for DamagedBody {
+    fn from(row: DamagedRow) -> Self {
+        let DamagedRow { id, detail } = row;
+        DamagedBody { id, detail }
+    }
 }
 
 impl<T, U: From<T>> From<Page<T>> for List<U> {
@@ -78,7 +97,40 @@ impl<T, U: From<T>> From<Page<T>> for List<U> {
         List {
             items: page.items.into_iter().map(U::from).collect(),
             next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
+            damaged: page.damaged.into_iter().map(DamagedBody::from).collect(),
         }
+    }
+}
+
+impl<U> List<U> {
+    /// A list of no rows yet, after this page.
+    fn after<T>(page: &Page<T>) -> Self {
+        List {
+            items: Vec::new(),
+            next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
+            damaged: page
+                .damaged
+                .iter()
+                .cloned()
+                .map(DamagedBody::from)
+                .collect(),
+        }
+    }
+
+    /// Takes in what a row answers. One that is damaged stands beside the others.
+    ///
+    /// # Errors
+    /// What went wrong besides.
+    fn take(&mut self, id: i64, answer: Result<U, LabError>) -> Result<(), ApiError> {
+        match answer {
+            Ok(item) => self.items.push(item),
+            Err(error @ (LabError::Store(StoreError::BadRow { .. }) | LabError::Series(_))) => {
+                let detail = error.to_string();
+                self.damaged.push(DamagedBody { id, detail });
+            }
+            Err(error) => return Err(error.into()),
+        }
+        Ok(())
     }
 }
 

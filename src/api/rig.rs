@@ -33,7 +33,8 @@ pub struct RigBody {
     time_scale: f64,
     /// The two axes.
     axes: AxesBody,
-    /// idle, moving, homing, scanning, or paused: a scan that is paused holds the rig.
+    /// idle, moving, homing, scanning, paused (a scan that is paused holds the rig), or not-connected: nothing is under
+    /// way, and the stages do not answer.
     activity: &'static str,
     /// Scan that holds the rig.
     scan_id: Option<i64>,
@@ -163,6 +164,7 @@ impl From<RigView> for RigBody {
             },
             activity: match view.activity {
                 RigActivity::Idle | RigActivity::Stopped => "idle",
+                RigActivity::NotConnected => "not-connected",
                 RigActivity::Moving => "moving",
                 RigActivity::Homing => "homing",
                 RigActivity::Scanning if scan_state == Some(ScanState::Paused) => "paused",

@@ -12,7 +12,7 @@ use super::asked::ScanAsked;
 use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, Params, from_json, page};
 use super::{App, Begun, List};
-use crate::lab::{Lab, ScanRequest};
+use crate::lab::{Lab, LabError, ScanRequest};
 use crate::scan::event::OperatorStep;
 use crate::scan::runner::Order;
 use crate::scan::{OperatorAction, Plan, Progress, ScanState};
@@ -125,7 +125,7 @@ pub struct ScanCameraBody {
     saturation_dn: f64,
 }
 
-pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, ApiError> {
+pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
     let store = app.lab.store();
     let progress = store.last_progress(scan.id).await?;
     let plan = match scan.plan.clone() {
@@ -197,14 +197,11 @@ pub(super) async fn list(
     };
     let page = page(params.limit, params.cursor.as_deref())?;
     let found = app.lab.store().scans(filter, page).await?;
-    let mut items = Vec::with_capacity(found.items.len());
+    let mut list = List::after(&found);
     for scan in found.items {
-        items.push(body(&app, scan).await?);
+        list.take(scan.id, body(&app, scan).await)?;
     }
-    Ok(Json(List {
-        items,
-        next_cursor: found.next_cursor.map(|c| c.to_string()),
-    }))
+    Ok(Json(list))
 }
 
 /// Begin a scan.

@@ -67,7 +67,9 @@ pub enum LineError {
         discarded: u64,
     },
     /// The line is gone.
-    #[error("the line to {port} is gone ({reason}): plug it in again, then connect again")]
+    #[error(
+        "the line to {port} is gone ({reason}): look at its cable and at the power of the controller"
+    )]
     Disconnected {
         /// The port.
         port: String,

@@ -181,6 +181,16 @@ impl Client {
         read(self.send(path, body).map_err(unreachable)?)
     }
 
+    /// The same for what is answered only once it is done, however long it takes.
+    ///
+    /// # Errors
+    /// As [`Client::get`].
+    pub fn post_patiently(&self, path: &str, body: &Value) -> Result<Value, CliError> {
+        let request = self.agent.post(format!("{}/api/v1{path}", self.url));
+        let request = request.config().timeout_global(None).build();
+        read(request.send_json(body).map_err(unreachable)?)
+    }
+
     /// The same for what may have come too late: `None` where it is not allowed any more.
     ///
     /// # Errors
@@ -237,4 +247,40 @@ fn read(mut answer: Response) -> Result<Value, CliError> {
         true => CliError::NoResult(error),
         false => CliError::BadInput(error),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::{Read as _, Write as _};
+    use std::net::TcpListener;
+
+    #[test]
+    fn an_import_is_waited_for_however_long_it_takes() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let url = format!("http://{}", listener.local_addr().unwrap());
+        std::thread::spawn(move || {
+            for stream in listener.incoming().flatten() {
+                let mut stream = stream;
+                // All that was asked, and longer than the client waits for anything else.
+                stream
+                    .set_read_timeout(Some(Duration::from_millis(600)))
+                    .ok();
+                stream.read_to_end(&mut Vec::new()).ok();
+                let answer = "HTTP/1.1 201 Created\r\nContent-Type: application/json\r\nContent-Length: 2\r\n\r\n{}";
+                stream.write_all(answer.as_bytes()).ok();
+            }
+        });
+        let timeout = Some(Duration::from_millis(100));
+        let client = Client {
+            agent: ureq::Agent::config_builder()
+                .timeout_global(timeout)
+                .build()
+                .into(),
+            url,
+        };
+        let body = serde_json::json!({});
+        assert!(client.post("/imports", Some(&body)).is_err());
+        assert_eq!(client.post_patiently("/imports", &body).unwrap(), body);
+    }
 }

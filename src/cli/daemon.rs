@@ -18,7 +18,7 @@ use crate::clock::{Clock, SystemClock, WallWatch};
 use crate::config::{Config, ConfigError};
 use crate::lab::{Lab, LabError, RigParts, RigSettings, StoredSeries};
 use crate::scan::runner::RunnerSettings;
-use crate::scan::visit::{FrameRules, LookedAt};
+use crate::scan::visit::{CappedLimit, FrameRules, LookedAt};
 use crate::scan::{Event, OperatorAction, Rig, StageLink};
 use crate::series::CameraFacts;
 use crate::store::disk::RealDisk;
@@ -40,7 +40,7 @@ pub fn runner_settings(
     camera: &CameraFacts,
     attempts_max: u32,
     reserve_mb: u64,
-    capped_mean_dn_max: f64,
+    capped: CappedLimit,
 ) -> RunnerSettings {
     let pixels = u64::from(camera.width_px) * u64::from(camera.height_px);
     RunnerSettings {
@@ -56,8 +56,18 @@ pub fn runner_settings(
             dark_sigmas: 10.0,
             saturation_dn: camera.full_count(),
             looked_at: LookedAt::default(),
-            capped_mean_dn_max,
+            capped,
         },
+    }
+}
+
+/// What the settings allow a frame under the cap.
+#[must_use]
+pub fn capped_limit(config: &Config) -> CappedLimit {
+    let camera = &config.camera;
+    CappedLimit {
+        mean_dn_max: config.scan.capped_mean_dn_max,
+        dark_dn_per_s: camera.dark_current_electrons_per_s * camera.gain_dn_per_electron,
     }
 }
 
@@ -100,7 +110,7 @@ pub fn real_rig(config: &Config, clock: &Arc<dyn Clock>) -> Result<Option<RigPar
             &camera_facts,
             scan.attempts_max,
             config.store.reserve_mb,
-            scan.capped_mean_dn_max,
+            capped_limit(config),
         ),
         camera: camera_facts,
         dark_valid: hours(config.dark.valid_h),
@@ -254,7 +264,8 @@ impl Daemon {
         /// A client that does not read its answer must not hold the daemon.
         const DRAIN: Duration = Duration::from_secs(3);
         std::fs::remove_file(&self.notice).ok();
-        self.lab.rest().await;
+        // Stages that could not be stopped are in the log.
+        self.lab.rest().await.ok();
         self.ending.cancel();
         let abort = self.server.abort_handle();
         if tokio::time::timeout(DRAIN, self.server).await.is_err() {

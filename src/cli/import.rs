@@ -16,6 +16,7 @@ use super::daemon;
 use super::interrupt;
 use super::progress::Bar;
 use crate::lab::ImportOptions;
+use crate::wording::differences;
 
 /// Takes a recorded series into the store, frames bit for bit.
 #[derive(Debug, clap::Args)]
@@ -45,7 +46,12 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let cancel = interrupt::flag()?;
     let answer = match Client::find(&args.data)? {
         Some(client) => {
-            let folder = args.dir.canonicalize().unwrap_or_else(|_| args.dir.clone());
+            // A folder that is not there has a place all the same, and is refused by it.
+            let folder = args
+                .dir
+                .canonicalize()
+                .or_else(|_| std::path::absolute(&args.dir))
+                .unwrap_or_else(|_| args.dir.clone());
             let body = json!({ "folder": folder, "skip_unreadable": args.skip_unreadable });
             by_daemon(client, body, &cancel)?
         }
@@ -58,6 +64,18 @@ pub fn run(args: Args) -> Result<(), CliError> {
     }
     if let Some(same) = answer["same_as_scan_id"].as_i64() {
         tracing::warn!("scan {same} holds the same series: it is in the store twice now");
+    }
+    if let Some(like) = answer["like_scan_id"].as_i64() {
+        let all = answer["differences"].as_array();
+        let told: Vec<&str> = all
+            .into_iter()
+            .flatten()
+            .filter_map(Value::as_str)
+            .collect();
+        tracing::warn!(
+            "scan {like} holds the same frames with other facts: {}; both are kept, and a fit of this one goes by the new",
+            differences::in_words(&told)
+        );
     }
     let text = match args.json {
         true => format!("{answer:#}\n"),
@@ -75,7 +93,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
 /// Waits for the daemon's answer as long as nobody presses Ctrl-C.
 fn by_daemon(client: Client, body: Value, cancel: &AtomicBool) -> Result<Value, CliError> {
     let (tell, told) = mpsc::channel();
-    std::thread::spawn(move || tell.send(client.post("/imports", Some(&body))));
+    std::thread::spawn(move || tell.send(client.post_patiently("/imports", &body)));
     loop {
         match told.recv_timeout(Duration::from_millis(50)) {
             Ok(answer) => return answer,
@@ -116,5 +134,7 @@ async fn import(args: &Args, cancel: Arc<AtomicBool>) -> Result<Value, CliError>
         "n_frames": imported.n_frames,
         "skipped": imported.skipped,
         "same_as_scan_id": imported.same_as,
+        "like_scan_id": imported.like.as_ref().map(|like| like.scan_id),
+        "differences": imported.like.map_or_else(Vec::new, |like| like.differences),
     }))
 }

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use anyhow::anyhow;
+
 use super::fit::{Variant, foretell, watched};
 use super::limits::FitLimits;
 use super::{CliError, answer, daemon, interrupt};
@@ -11,7 +13,7 @@ use crate::fit::traced::TracingOptions;
 use crate::judge::{Judgement, Specification, VerdictReport};
 use crate::reduction::FrameSource;
 use crate::series::Series;
-use crate::wording::{decimals, significant, stated};
+use crate::wording::{decimals, significant, stated, toml_text};
 
 /// Measures a series and judges it against a specification: pass, fail or cannot tell.
 #[derive(Debug, clap::Args)]
@@ -50,6 +52,14 @@ pub struct Args {
     pub json: bool,
 }
 
+/// The specification that a file states.
+fn specified(text: &str, file: &str) -> Result<Specification, CliError> {
+    // First its form, which is told as that of all files is: line, key and what is wanted.
+    toml_text::read::<Specification>(text)
+        .map_err(|refused| CliError::bad_input(anyhow!("{file}, {refused}")))?;
+    Specification::from_toml(text, file).map_err(CliError::bad_input)
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -62,7 +72,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             "{file} cannot be read; give a specification such as docs/example-specification.toml"
         )))
     })?;
-    let specification = Specification::from_toml(&text, &file).map_err(CliError::bad_input)?;
+    let specification = specified(&text, &file)?;
     args.limits.check(args.variant == Variant::Traced)?;
     let mut options = AnalysisOptions {
         region: args.region.clone(),
@@ -155,4 +165,37 @@ fn table(judgement: &Judgement) -> String {
         text.push_str(&format!("warning: {warning}\n"));
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_specification_is_refused_by_line_and_key() {
+        let limits = "name = \"part 7\"\n[limits]\ntheta_r_deg = { lower = 9.5, upper = 10.5 }\n";
+        assert!(specified(limits, "spec.toml").is_ok());
+        for (from, to, words) in [
+            (
+                "9.5",
+                "\"x\"",
+                "spec.toml, line 3: limits.theta_r_deg.lower: \"x\" stands where a number",
+            ),
+            (
+                "lower",
+                "least",
+                "spec.toml, line 3: limits.theta_r_deg.least: there is no field `least`",
+            ),
+            ("10.5", "1.0", "theta_r_deg"),
+        ] {
+            let Err(CliError::BadInput(error)) = specified(&limits.replace(from, to), "spec.toml")
+            else {
+                panic!("{to} is refused");
+            };
+            assert!(
+                error.to_string().contains(words),
+                "{words} is not in: {error}"
+            );
+        }
+    }
 }

@@ -36,7 +36,7 @@ pub mod told;
 pub mod trace;
 pub mod wear;
 
-use std::io::Write as _;
+use std::io::{IsTerminal as _, Write as _};
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -125,8 +125,55 @@ impl CliError {
 /// The command line as its words make it; help, and what is wrong with them, end the program.
 #[must_use]
 pub fn parse() -> Cli {
-    let matches = with_negative_numbers(Cli::command()).get_matches();
-    Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
+    let matches = with_negative_numbers(Cli::command()).try_get_matches();
+    let parsed = matches.and_then(|matches| Cli::from_arg_matches(&matches));
+    parsed.unwrap_or_else(|error| {
+        if !error.use_stderr() {
+            error.exit();
+        }
+        let said = error.render();
+        let said = match std::io::stderr().is_terminal() {
+            true => said.ansi().to_string(),
+            false => said.to_string(),
+        };
+        let _ = write!(std::io::stderr(), "{}", in_plain_words(&said));
+        std::process::exit(error.exit_code())
+    })
+}
+
+/// What the parsers of numbers say, in words for those who wrote the number.
+fn in_plain_words(said: &str) -> String {
+    const WORDS: [(&str, &str); 8] = [
+        ("invalid float literal", "it is not a number"),
+        (
+            "invalid digit found in string",
+            "it is not a whole number from 0 on",
+        ),
+        (
+            "cannot parse float from empty string",
+            "it is empty, not a number",
+        ),
+        (
+            "cannot parse integer from empty string",
+            "it is empty, not a number",
+        ),
+        (
+            "number too large to fit in target type",
+            "it is too large a number",
+        ),
+        (
+            "number too small to fit in target type",
+            "it is too small a number",
+        ),
+        (
+            "provided string was not `true` or `false`",
+            "it is neither true nor false",
+        ),
+        ("..=", " to "),
+    ];
+    WORDS.iter().fold(said.to_owned(), |said, (words, plain)| {
+        said.replace(words, plain)
+    })
 }
 
 /// A negative number is a value, and refused as one where it is out of range, not an option that there is none of.
@@ -219,7 +266,7 @@ fn parsed<A: clap::Args>(words: &[&str]) -> A {
 mod tests {
     use anyhow::{Context as _, anyhow};
 
-    use super::{Cli, once, with_negative_numbers};
+    use super::{Cli, in_plain_words, once, with_negative_numbers};
     use crate::series::SeriesError;
 
     use clap::CommandFactory as _;
@@ -248,6 +295,29 @@ mod tests {
             said.contains("is not in 20..=100000") && !said.contains("unexpected"),
             "{said}"
         );
+    }
+
+    #[test]
+    fn what_is_no_number_is_said_in_plain_words() {
+        let said = |words: &[&str]| {
+            let line = with_negative_numbers(Cli::command());
+            let refused = line.try_get_matches_from([&["ridged"], words].concat());
+            in_plain_words(&refused.unwrap_err().to_string())
+        };
+        for (words, wanted) in [
+            (
+                &["scan", "--preset", "full", "--sample", "s", "--eta", "x"][..],
+                "it is not a number",
+            ),
+            (
+                &["fit", "series", "--bootstrap", "5"],
+                "5 is not in 20 to 100000",
+            ),
+            (&["serve", "--seed", "1.5"], "it is not a whole number"),
+        ] {
+            let said = said(words);
+            assert!(said.contains(wanted), "{wanted} is not in: {said}");
+        }
     }
 
     #[test]

@@ -15,7 +15,7 @@ use super::daemon;
 use super::people::People;
 use super::progress::Bar;
 use super::simulated::{self, SimulatedRig, Simulation, TRACED_SAMPLE};
-use crate::lab::{Lab, ScanRequest};
+use crate::lab::{Lab, LabError, ScanRequest};
 use crate::material::{Material, tables};
 use crate::scan::plan::Preset;
 use crate::scan::runner::{Order, RunEnd};
@@ -131,8 +131,7 @@ fn read_plan(args: &Args) -> Result<PlanRequest, CliError> {
         .with_context(|| format!("the plan {} cannot be read", path.display()))
         .map_err(CliError::BadInput)?;
     PlanRequest::from_toml(&text)
-        .with_context(|| format!("the plan {} cannot be understood", path.display()))
-        .map_err(CliError::BadInput)
+        .map_err(|refused| CliError::bad_input(anyhow!("the plan {}, {refused}", path.display())))
 }
 
 /// Time over ideal, in words.
@@ -180,6 +179,7 @@ async fn by_itself(args: &Args, plan: PlanRequest) -> Result<Value, CliError> {
         (None, parts, clock)
     };
     let lab = daemon::open_lab(&args.data, clock, Some(parts)).await?;
+    let begun = std::cell::Cell::new(None);
     let done = async {
         let hands = match &simulator {
             None => None,
@@ -198,6 +198,7 @@ async fn by_itself(args: &Args, plan: PlanRequest) -> Result<Value, CliError> {
             .map_err(|e| daemon::lab_error(e.into()))?;
         let request = ScanRequest { sample_id, plan };
         let scan = lab.start_scan(&request).await.map_err(daemon::lab_error)?;
+        begun.set(Some(scan.id));
         let people = match hands {
             Some(_) => None,
             None => Some(People::at_the_terminal()),
@@ -217,7 +218,24 @@ async fn by_itself(args: &Args, plan: PlanRequest) -> Result<Value, CliError> {
             Err(error) => Err(error),
         },
     };
-    lab.shut_down().await;
+    let stopped = lab.rest().await;
+    let left = match (&outcome, begun.get()) {
+        (Err(_), Some(scan_id)) => Some(how_left(&lab, scan_id, args).await),
+        _ => None,
+    };
+    lab.store().close().await;
+    if let Some(left) = left {
+        eprintln!("{left}");
+        let stopped = stopped.map_err(|source| LabError::NotStopped { source });
+        match (stopped, &outcome) {
+            (Ok(()), _) => {
+                eprintln!("the stages stand; the lamp is as it was: ridged does not switch it");
+            }
+            // Nothing is safe then, whatever Ctrl-C usually means.
+            (Err(error), Err(CliError::Interrupted)) => return Err(daemon::lab_error(error)),
+            (Err(error), _) => eprintln!("{error}"),
+        }
+    }
     let (state, answer) = outcome?;
     match state {
         ScanState::Completed => Ok(answer),
@@ -225,6 +243,31 @@ async fn by_itself(args: &Args, plan: PlanRequest) -> Result<Value, CliError> {
             "scan {} is {other}; what it committed is kept",
             answer["id"]
         ))),
+    }
+}
+
+/// How a scan that was cut off is left, and the way to go on with it.
+async fn how_left(lab: &Lab, scan_id: i64, args: &Args) -> String {
+    let Ok(scan) = lab.store().scan(scan_id).await else {
+        return format!("scan {scan_id} was cut off; what it committed is kept");
+    };
+    let progress = lab.store().last_progress(scan_id).await.unwrap_or_default();
+    let kept = format!(
+        "scan {scan_id} is {}, {} of {} frames are kept",
+        scan.state, progress.frames_done, progress.frames_total
+    );
+    let rig = match (&args.config, args.simulated_rig) {
+        (_, true) => " --simulated-rig".to_owned(),
+        (Some(file), _) => format!(" --config {}", file.display()),
+        (None, false) => String::new(),
+    };
+    match scan.state {
+        ScanState::Interrupted => format!(
+            "{kept}; to go on with it start `ridged serve{rig} --data {}` and resume it on the page, or by POST \
+             /api/v1/scans/{scan_id}/resume",
+            args.data.display()
+        ),
+        _ => kept,
     }
 }
 
@@ -372,7 +415,7 @@ pub async fn follow(
         if let Some(reason) = paused {
             bar.clear();
             return Err(CliError::no_result(anyhow!(
-                "scan {scan_id} is paused: {reason} (its points are kept; resume it by `ridged serve`)"
+                "scan {scan_id} was paused and needs a person: {reason}"
             )));
         }
         if scan.state.is_end() || scan.state == ScanState::Interrupted {
@@ -389,7 +432,7 @@ pub async fn follow(
         }
         if let (Some(action), Some(people)) = (step, &mut people) {
             people.ask(&bar, action);
-            if !people.done().await {
+            if !people.done(&bar).await {
                 return Err(CliError::no_result(anyhow!(
                     "the scan needs a person ({}), but nobody is at the terminal; run it by `ridged serve` and the page",
                     action.message()
@@ -497,7 +540,7 @@ fn by_daemon(client: &Client, args: &Args, plan: &PlanRequest) -> Result<Value, 
                     people.ask(&bar, action);
                     asked = Some(action);
                 }
-                match people.done_by_now() {
+                match people.done_by_now(&bar) {
                     // Ctrl-C came first.
                     _ if stopped.load(Ordering::Relaxed) => {}
                     None => {}

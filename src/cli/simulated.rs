@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::CliError;
-use super::daemon::{runner_settings, watch_scan_steps};
+use super::daemon::{capped_limit, runner_settings, watch_scan_steps};
 use crate::bench::Camera;
 use crate::bench::stage::{NoFaults, PortAddress, StageSettings};
 use crate::clock::{Clock, ScaledClock};
@@ -108,7 +108,7 @@ impl SimulatedRig {
             if !angle.is_finite() || angle.abs() > Angle::from_deg(max_deg) {
                 return Err(CliError::bad_input(anyhow::anyhow!(
                     "{name} {} is not within −{max_deg} to {max_deg}",
-                    angle.deg()
+                    angle.deg_for_tables()
                 )));
             }
         }
@@ -282,7 +282,7 @@ pub fn obey(settings: &mut RigSettings, config: &Config) {
         &settings.camera,
         scan.attempts_max,
         store.reserve_mb,
-        scan.capped_mean_dn_max,
+        capped_limit(config),
     );
     settings.dark_valid = hours(dark.valid_h);
     settings.flat_valid = hours(flat.valid_h);
@@ -314,7 +314,7 @@ fn settings(camera: &SimulatedCamera, simulation: Simulation) -> RigSettings {
             dark_repeats: 4,
             flat_repeats: 1,
         },
-        runner: runner_settings(&manifest.camera, 3, 200, 100.0),
+        runner: runner_settings(&manifest.camera, 3, 200, capped_limit(&Config::default())),
         rig: manifest.rig,
         camera: manifest.camera,
         flat: manifest

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::bench::stage::{PortAddress, StageError, StageSettings};
 use crate::scan::plan::{EXPOSURE_S_MAX, EXPOSURE_S_MIN, PlanDefaults};
 use crate::series::{CameraFacts, FlatFacts, RigFacts};
+use crate::wording::toml_text::{self, Refused};
 
 pub use sections::{
     CameraSettings, DarkSettings, FlatSettings, RigSettings, ScanSettings, ServerSettings,
@@ -59,9 +60,9 @@ pub enum ConfigError {
     /// The text is no TOML, a key is unknown or a value has the wrong type.
     #[error("{origin}: {detail}; ridged.example.toml shows every key")]
     Malformed {
-        /// File or variable.
+        /// File and line, or variable.
         origin: String,
-        /// The reader's words, with line, column and the keys allowed.
+        /// The key, what is wrong with it and what is allowed.
         detail: String,
     },
     /// A value is out of its range.
@@ -108,11 +109,19 @@ impl Config {
         environment: impl IntoIterator<Item = (String, String)>,
     ) -> Result<Config, ConfigError> {
         // First by itself, so that a mistake in the file is told with its line.
-        toml::from_str::<Config>(text).map_err(|error| ConfigError::Malformed {
-            origin: origin.into(),
-            detail: error.to_string(),
-        })?;
-        let mut table: toml::Table = toml::from_str(text).unwrap_or_default();
+        let malformed = |origin: &str, refused: Refused| ConfigError::Malformed {
+            origin: match refused.line {
+                Some(line) => format!("{origin}, line {line}"),
+                None => origin.into(),
+            },
+            detail: Refused {
+                line: None,
+                ..refused
+            }
+            .to_string(),
+        };
+        toml_text::read::<Config>(text).map_err(|refused| malformed(origin, refused))?;
+        let mut table: toml::Table = toml_text::read(text).unwrap_or_default();
         let mut variables = Vec::new();
         for (name, value) in environment {
             let Some(path) = name.strip_prefix("RIDGED_").filter(|p| p.contains("__")) else {
@@ -121,21 +130,12 @@ impl Config {
             let path = path.to_lowercase();
             set(&mut table, &path, &value);
             // One after the other, so that the variable at fault is named.
-            toml::Value::Table(table.clone())
-                .try_into::<Config>()
-                .map_err(|error| ConfigError::Malformed {
-                    origin: format!("environment variable {name}"),
-                    detail: error.to_string(),
-                })?;
+            toml_text::of_table::<Config>(table.clone())
+                .map_err(|refused| malformed(&format!("environment variable {name}"), refused))?;
             variables.push((path.replace("__", "."), name));
         }
         let config: Config =
-            toml::Value::Table(table)
-                .try_into()
-                .map_err(|error: toml::de::Error| ConfigError::Malformed {
-                    origin: origin.into(),
-                    detail: error.to_string(),
-                })?;
+            toml_text::of_table(table).map_err(|refused| malformed(origin, refused))?;
         config.check(|key| {
             if let Some((_, name)) = variables.iter().find(|(path, _)| path == key) {
                 return format!("environment variable {name}");
@@ -152,6 +152,7 @@ impl Config {
         let checked = self
             .check_numbers()
             .and_then(|()| self.check_exposures())
+            .and_then(|()| self.check_camera())
             .and_then(|()| self.check_stage());
         checked.map_err(|wrong| ConfigError::OutOfRange {
             origin: origin_of(&wrong.key),
@@ -181,6 +182,36 @@ impl Config {
             if list.is_empty() || !list.iter().all(fine) {
                 let allowed = format!("one or more of {EXPOSURE_S_MIN} to {EXPOSURE_S_MAX} s");
                 return Err(Wrong::new(key, format!("{list:?}"), allowed));
+            }
+        }
+        Ok(())
+    }
+
+    /// What belongs together fits together.
+    fn check_camera(&self) -> Result<(), Wrong> {
+        if let Some(found) = self.camera_facts().contradiction() {
+            let key = format!("camera.{}", found.key);
+            return Err(Wrong::new(key, found.value.to_string(), found.allowed));
+        }
+        let rig = &self.rig;
+        let (lamp, lens) = (rig.light_angular_radius_deg, rig.lens_angular_radius_deg);
+        for (key, radius_mm, distance, spans) in [
+            (
+                "rig.light_radius_mm",
+                rig.light_radius_mm,
+                "light_distance_mm",
+                rig.light_distance_mm.or(lamp),
+            ),
+            (
+                "rig.lens_radius_mm",
+                rig.lens_radius_mm,
+                "camera_distance_mm",
+                rig.camera_distance_mm.or(lens),
+            ),
+        ] {
+            if let (Some(radius_mm), None) = (radius_mm, spans) {
+                let allowed = format!("only beside {distance}, without which it spans no angle");
+                return Err(Wrong::new(key, radius_mm.to_string(), allowed));
             }
         }
         Ok(())
@@ -400,6 +431,48 @@ mod tests {
     }
 
     #[test]
+    fn settings_that_contradict_each_other_are_refused_with_both() {
+        for (text, words) in [
+            (
+                "[camera]\nbit_depth = 12\nsaturation_dn = 65535.0\n",
+                [
+                    "line 3",
+                    "camera.saturation_dn is 65535",
+                    "at most 4095",
+                    "bit_depth = 12",
+                ],
+            ),
+            (
+                "[camera]\nbit_depth = 8\nblack_level_dn = 300.0\n",
+                [
+                    "line 3",
+                    "camera.black_level_dn is 300",
+                    "below 255",
+                    "full",
+                ],
+            ),
+            (
+                "[rig]\nlight_radius_mm = 3.0\n",
+                [
+                    "line 2",
+                    "rig.light_radius_mm is 3",
+                    "light_distance_mm",
+                    "angle",
+                ],
+            ),
+        ] {
+            let error = read(text, &[]).unwrap_err().to_string();
+            for part in words {
+                assert!(error.contains(part), "{part} is not in: {error}");
+            }
+        }
+        // Which of the two came from elsewhere does not matter.
+        let variable = ("RIDGED_CAMERA__BIT_DEPTH", "10");
+        let error = read("[camera]\nsaturation_dn = 4095.0\n", &[variable]);
+        assert!(error.unwrap_err().to_string().contains("bit_depth = 10"));
+    }
+
+    #[test]
     fn a_wrong_type_and_a_garbled_file_are_named_with_their_line() {
         for (text, line) in [
             ("[camera]\nwidth_px = \"wide\"\n", "line 2"),
@@ -408,7 +481,13 @@ mod tests {
         ] {
             let error = read(text, &[]).unwrap_err().to_string();
             assert!(error.contains(line), "{line} is not in: {error}");
+            for word in ["u32", "f64", "expected struct", "invalid type"] {
+                assert!(!error.contains(word), "{word} is in: {error}");
+            }
         }
+        let error = read("", &[("RIDGED_CAMERA__WIDTH_PX", "wide")]).unwrap_err();
+        let words = "environment variable RIDGED_CAMERA__WIDTH_PX: camera.width_px: \"wide\" stands where a whole number";
+        assert!(error.to_string().starts_with(words), "{error}");
     }
 
     #[test]

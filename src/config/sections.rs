@@ -125,6 +125,8 @@ pub struct CameraSettings {
     pub black_level_dn: f64,
     /// Read noise. Default 2, 0 to 65535.
     pub read_noise_electrons_rms: f64,
+    /// Dark current, which a frame under the cap may show beside `scan.capped_mean_dn_max`. Default 0, 0 to 1e6.
+    pub dark_current_electrons_per_s: f64,
     /// Exposures of a sample. Default 0.02, 0.06, 0.18; each 1e-6 to 3600.
     pub exposures_s: Vec<f64>,
 }
@@ -145,6 +147,7 @@ impl Default for CameraSettings {
             gain_dn_per_electron: 1.0,
             black_level_dn: 0.0,
             read_noise_electrons_rms: 2.0,
+            dark_current_electrons_per_s: 0.0,
             exposures_s: vec![0.02, 0.06, 0.18],
         }
     }
@@ -204,7 +207,7 @@ impl Default for DarkSettings {
 pub struct ScanSettings {
     /// Visits to one point before the scan pauses for a person. Default 3, 1 to 100.
     pub attempts_max: u32,
-    /// Counts above the black level that a frame under the cap may show. Default 100, 0 to 65535.
+    /// Counts above the black level that a frame under the cap may show, its camera's dark current apart. Default 100, 0 to 65535.
     pub capped_mean_dn_max: f64,
 }
 

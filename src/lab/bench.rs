@@ -59,6 +59,8 @@ pub(super) struct ScanWork {
     pub plan: Plan,
     /// Points that are durable already.
     pub done: BTreeSet<u32>,
+    /// Those of the sample among them that fill the camera.
+    pub full: BTreeSet<u32>,
     /// Time that was spent on them.
     pub elapsed_s: f64,
     /// Who waits to hear what became of the scan's first state.
@@ -450,6 +452,7 @@ impl Owner {
         let job = Job {
             steps,
             done: work.done,
+            full: work.full,
             last_frames,
             elapsed_s: work.elapsed_s,
             settings: self.settings.runner.clone(),

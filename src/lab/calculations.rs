@@ -420,14 +420,18 @@ fn specified(value: &serde_json::Value) -> Result<Specification, LabError> {
         field,
         problem: plain(problem.trim_start_matches("specification: ")),
     };
+    let field = |path: String| match path.as_str() {
+        "." => "specification".to_owned(),
+        path => format!("specification.{path}"),
+    };
+    // First by itself, so that a value of another kind is told with its place.
+    serde_path_to_error::deserialize::<_, Specification>(value)
+        .map_err(|e| invalid(field(e.path().to_string()), &e.inner().to_string()))?;
     let specification = Specification::from_json(value)
         .map_err(|e| invalid("specification".into(), &e.to_string()))?;
     objects::check::<Specification>(value).map_err(|refusal| {
-        let field = match refusal.path().to_string().as_str() {
-            "." => "specification".to_owned(),
-            path => format!("specification.{path}"),
-        };
-        invalid(field, &refusal.into_inner().to_string())
+        let path = refusal.path().to_string();
+        invalid(field(path), &refusal.into_inner().to_string())
     })?;
     Ok(specification)
 }

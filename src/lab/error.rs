@@ -107,10 +107,12 @@ pub enum LabError {
         problem: &'static str,
     },
     /// The scan is not this rig's to run.
-    #[error("scan {scan_id} was made with another rig or is an import: it cannot be resumed here")]
+    #[error("scan {scan_id} cannot be resumed here: {why}")]
     NotOfThisRig {
         /// Which scan.
         scan_id: i64,
+        /// What is another rig's about it, with both values, and the way out.
+        why: String,
     },
     /// The plan cannot run.
     #[error(transparent)]

@@ -6,6 +6,7 @@
 //! log show comes from the store and from [`Lab::events`]; nobody asks the runner. The lab knows no
 //! HTTP and no simulator.
 
+mod again;
 mod along;
 mod attached;
 mod bench;
@@ -45,6 +46,7 @@ use crate::store::scans::Scan;
 use crate::store::{Recovery, Store, StoreError};
 
 pub use crate::bench::stage::AxisName;
+pub use again::Alike;
 pub use calculations::{CalculationRequest, ContrastRequest, MapRequest, VerdictRequest};
 pub use curves::{Curve, FitCurves};
 pub use error::{Holder, LabError};
@@ -276,7 +278,8 @@ impl Lab {
             let stage = side.stage.borrow().clone();
             match stage {
                 Some(stage) => stage.stop().await?,
-                None => self.stop_quietly(side).await,
+                // The abort is recorded, whatever the stages do; the log says what they do not.
+                None => drop(self.stop_quietly(side).await),
             }
         }
         let answer = match sent {
@@ -378,7 +381,11 @@ impl Lab {
 
     /// Stops the rig, leaves a running scan interrupted and cancels fits and calculations; the store stays open for
     /// those who still look.
-    pub async fn rest(&self) {
+    ///
+    /// # Errors
+    /// The stages could not be reached, and may be moving; all else is done.
+    pub async fn rest(&self) -> Result<(), StageError> {
+        let mut stopped = Ok(());
         if let Some(side) = &self.inner.rig {
             let orders = side.occupation.borrow().orders.clone();
             if let Some(orders) = orders {
@@ -389,11 +396,11 @@ impl Lab {
                 };
                 if orders.send(slip).await.is_ok() {
                     // Homing and connecting do not listen to orders; the stage does.
-                    self.stop_quietly(side).await;
+                    self.stop_quietly(side).await.ok();
                     answer.await.ok();
                 }
             }
-            self.stop_quietly(side).await;
+            stopped = self.stop_quietly(side).await;
             self.request(bench::Work::End).await.ok();
             let owner = side
                 .owner
@@ -406,22 +413,29 @@ impl Lab {
         }
         self.inner.fits.cancel_all().await;
         self.inner.calculations.cancel_all().await;
+        stopped
     }
 
     /// [`Lab::rest`], then closes the store.
     pub async fn shut_down(&self) {
-        self.rest().await;
+        // Stages that could not be stopped are in the log.
+        self.rest().await.ok();
         self.inner.store.close().await;
     }
 
-    async fn stop_quietly(&self, side: &RigSide) {
+    /// Tells the log what it does not reach.
+    async fn stop_quietly(&self, side: &RigSide) -> Result<(), StageError> {
         let connected = side.stage.borrow().is_some();
         // What moved when the link was lost may move still. A port that was never opened is left alone.
-        if (connected || side.reach.is_lost())
-            && let Err(error) = side.reach.stop().await
-            && !matches!(error, StageError::Stopped)
-        {
-            tracing::error!(%error, "the stages could not be stopped: {error}; look at the rig");
+        if !connected && !side.reach.is_lost() {
+            return Ok(());
+        }
+        match side.reach.stop().await {
+            Ok(()) | Err(StageError::Stopped) => Ok(()),
+            Err(error) => {
+                tracing::error!(%error, "the stages could not be stopped: {error}; look at the rig");
+                Err(error)
+            }
         }
     }
 }

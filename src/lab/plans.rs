@@ -18,6 +18,7 @@ use crate::series::{DarkFacts, FlatFacts, Manifest, SCHEMA, SampleFacts, SampleK
 use crate::store::samples::Sample;
 use crate::store::scans::{NewScan, Scan};
 use crate::store::{StoreError, utc_text};
+use crate::wording::differences::{self, Difference};
 
 /// How far ahead a calibration may be dated. Clocks are put right by less all the time; one from further ahead was
 /// dated by a clock that was wrong, and nobody knows how old it is.
@@ -203,6 +204,7 @@ impl Lab {
             scan_id: scan.id,
             plan,
             done: Default::default(),
+            full: Default::default(),
             elapsed_s: 0.0,
             first_state: None,
         };
@@ -227,27 +229,58 @@ impl Lab {
     /// Takes an interrupted scan up again: points that are committed stay, the others are taken.
     pub(super) async fn resume(&self, scan: &Scan) -> Result<ScanState, LabError> {
         let side = self.side()?;
-        let not_here = LabError::NotOfThisRig { scan_id: scan.id };
-        let Some(plan) = scan.plan.clone() else {
-            return Err(not_here);
+        let (Some(plan), Some(rig_id)) = (scan.plan.clone(), scan.rig_id) else {
+            return Err(LabError::NotOfThisRig {
+                scan_id: scan.id,
+                why: "it is an import, and has all the frames that it ever had".into(),
+            });
         };
-        if scan.rig_id != Some(side.id) {
-            return Err(not_here);
+        if rig_id != side.id {
+            return Err(LabError::NotOfThisRig {
+                scan_id: scan.id,
+                why: self.other_rig(rig_id, side.id).await?,
+            });
         }
         plan.check(&self.limits()?)?;
         self.request(Work::Connect).await?;
         let done = self.store().shots_done(scan.id).await?;
+        let full = self.store().shots_full(scan.id).await?;
         // It is interrupted until the runner says otherwise; a runner that cannot even say that tells no event.
         let (first_state, told) = oneshot::channel();
         let work = ScanWork {
             scan_id: scan.id,
             plan,
             done: done.into_iter().collect(),
+            full: full.into_iter().collect(),
             elapsed_s: self.store().last_progress(scan.id).await?.elapsed_s,
             first_state: Some(first_state),
         };
         self.request(Work::Scan(Box::new(work))).await?;
         Ok(told.await.map_err(|_| LabError::Stopping)??)
+    }
+
+    /// What is another setting now than when a scan was begun: half of its frames would be of one rig and half of another.
+    async fn other_rig(&self, then: i64, now: i64) -> Result<String, LabError> {
+        let settings = async |id| {
+            let text = self.store().rig_settings(id).await?;
+            let settings = serde_json::from_str::<serde_json::Value>(&text);
+            settings.map_err(|e| LabError::from(StoreError::bad_row("rigs", e)))
+        };
+        let differences = differences::between(&settings(then).await?, &settings(now).await?);
+        let as_in_the_file = |mut difference: Difference| {
+            // Sections are named as the settings name them.
+            difference.key = match difference.key.as_str() {
+                "camera_is" => "the camera".into(),
+                "label" => "the simulated rig".into(),
+                key => key.replacen("stages.", "stage.", 1),
+            };
+            difference
+        };
+        let differences: Vec<Difference> = differences.into_iter().map(as_in_the_file).collect();
+        Ok(format!(
+            "the rig's settings are others than when it was begun ({}); put them back and start again, or plan a new scan",
+            differences::in_words(&differences)
+        ))
     }
 
     /// The manifest that a reduction of the scan will read.

@@ -129,7 +129,11 @@ impl Lab {
             camera_facts: side.settings.camera.clone(),
             rig_facts: side.settings.rig.clone(),
             axes,
-            activity: occupation.activity.unwrap_or(RigActivity::Idle),
+            activity: match (occupation.activity, &status) {
+                (Some(activity), _) => activity,
+                (None, Some(_)) => RigActivity::Idle,
+                (None, None) => RigActivity::NotConnected,
+            },
             scan_id: occupation.scan_id,
             scan_state,
         })

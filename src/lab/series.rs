@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use super::again::Alike;
 use super::{Lab, LabError};
 use crate::frame::{Frame, FrameKind, UnknownKind};
 use crate::material::Material;
@@ -187,6 +188,8 @@ pub struct Imported {
     pub skipped: Vec<String>,
     /// The newest scan that holds the same series already.
     pub same_as: Option<i64>,
+    /// Where none does: the one that holds the same frames and differs least, and what the series says otherwise of them.
+    pub like: Option<Alike>,
 }
 
 impl Lab {
@@ -309,7 +312,7 @@ impl Lab {
             frames_csv: skipped.is_empty().then_some(given.frames_csv),
             calibration_ids: vec![],
         };
-        let same_as = self.store().import_of(&new.manifest, frames).await?;
+        let before = self.imported_before(series.manifest(), frames).await?;
         let (scan_id, event) = self.store().import_scan(&new, frames).await?;
         self.tell(event);
         Ok(Imported {
@@ -317,7 +320,11 @@ impl Lab {
             sample_id,
             n_frames: frames.len(),
             skipped,
-            same_as,
+            same_as: match &before {
+                Some(before) if before.differences.is_empty() => Some(before.scan_id),
+                _ => None,
+            },
+            like: before.filter(|before| !before.differences.is_empty()),
         })
     }
 

@@ -290,12 +290,28 @@ fn scatter(sums: &Sums, pixel: usize) -> (f64, f64) {
     (about.max(0.0), n - 1.0)
 }
 
+/// Counts of dark current in the shortest exposure, as the levels of longer ones show it; 0 where there is no other.
+fn dark_current_dn(sums: &[(f64, Sums)], exposure_s: f64) -> f64 {
+    let level = |sums: &Sums| {
+        let n = f64::from(sums.frames);
+        let mut levels: Vec<f64> = sums.dn.iter().map(|dn| f64::from(*dn) / n).collect();
+        median(&mut levels)
+    };
+    match (sums.first(), sums.last()) {
+        (Some((short_s, short)), Some((long_s, long))) if long_s > short_s => {
+            let per_s = (level(long) - level(short)) / (long_s - short_s);
+            per_s.max(0.0) * exposure_s
+        }
+        _ => 0.0,
+    }
+}
+
 /// Compares the scatter between repeats with the manifest's read noise and believes the repeats.
 fn check_read_noise(sums: &[(f64, Sums)], sensor: &mut Sensor, journal: &mut Journal) {
     let mut ratios = Vec::new();
     let pixels = sensor.pixels();
     // The shortest exposure has the least dark current in it.
-    let Some((_, shortest)) = sums.iter().find(|(_, s)| s.frames > 1) else {
+    let Some((exposure_s, shortest)) = sums.iter().find(|(_, s)| s.frames > 1) else {
         return;
     };
     for pixel in 0..pixels {
@@ -307,15 +323,18 @@ fn check_read_noise(sums: &[(f64, Sums)], sensor: &mut Sensor, journal: &mut Jou
     let kept = &ratios[..ratios.len() - ratios.len() / 100];
     let measured = kept.iter().sum::<f64>() / kept.len() as f64;
     let freedom = f64::from(shortest.frames - 1) * kept.len() as f64;
-    let expected = sensor.variance_dn2(0.0);
+    // Electrons of dark current are counted as those of light are, and the more, the longer it is exposed.
+    let dark_dn = dark_current_dn(sums, *exposure_s);
+    let expected = sensor.variance_dn2(dark_dn);
     let certain = (2.0 / freedom).sqrt() < 0.05;
     if certain && (measured > 1.5 * expected || measured < expected / 1.7) {
         journal.warn(format!(
-            "repeated dark frames scatter by {:.2} DN where the manifest's gain and read noise say {:.2} DN: the measured noise is used; check gain_dn_per_electron and read_noise_electrons_rms",
+            "repeated dark frames of {exposure_s} s scatter by {:.2} DN where the manifest's gain and read noise, with the shot noise of {dark_dn:.1} DN of dark current (which grows with the exposure), say {:.2} DN: the measured noise is used; check gain_dn_per_electron and read_noise_electrons_rms",
             measured.sqrt(),
             expected.sqrt()
         ));
-        sensor.read_dn = (measured - 1.0 / 12.0).max(0.0).sqrt();
+        let read_dn2 = measured - sensor.gain_dn * dark_dn - 1.0 / 12.0;
+        sensor.read_dn = read_dn2.max(0.0).sqrt();
     }
 }
 

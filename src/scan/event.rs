@@ -158,6 +158,8 @@ pub enum RigActivity {
     Scanning,
     /// Stopped by somebody.
     Stopped,
+    /// Out of reach: nobody knows what it does.
+    NotConnected,
 }
 
 /// Fitted ridge angle in short.

@@ -11,6 +11,7 @@ pub mod reach;
 pub mod recorder;
 pub mod rig;
 pub mod runner;
+mod seen;
 pub mod state;
 pub mod visit;
 

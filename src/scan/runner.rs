@@ -5,7 +5,7 @@
 //! never a success. What goes wrong at the rig pauses the scan, so that a person can put it right
 //! and resume; what contradicts the plan fails it.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -15,11 +15,12 @@ use super::event::{OperatorAction, Progress};
 use super::plan::{Shot, Step};
 use super::recorder::{RecordError, Recorder, Visit};
 use super::rig::Rig;
+use super::seen::{Looked, Seen};
 use super::state::ScanState;
-use super::visit::{self, Looked, Seen, Trouble};
+use super::visit::{self, Trouble};
 use crate::bench::stage::Stage;
 use crate::clock::Clock;
-use crate::frame::{Frame, FrameKind};
+use crate::frame::Frame;
 use crate::geometry::Pose;
 
 /// What a person or the daemon asks of a running scan.
@@ -79,6 +80,8 @@ pub struct Job {
     pub steps: Vec<Step>,
     /// Points that are durable from an earlier run.
     pub done: BTreeSet<u32>,
+    /// Those of the sample among them that fill the camera.
+    pub full: BTreeSet<u32>,
     /// Frames of the last of these; empty where it is the first run.
     pub last_frames: Vec<Frame>,
     /// Time that earlier runs spent.
@@ -143,9 +146,9 @@ struct Runner<'a> {
     stage: Option<Stage>,
     /// Predicted time of all points.
     predicted_total_s: f64,
-    /// Poses of the sample in the plan.
-    sample_poses: usize,
-    /// What this run has seen.
+    /// The share of each in it: one that is taken out of turn has a longer way, and no more of the plan in it.
+    in_turn_s: BTreeMap<u32, f64>,
+    /// What the visits have shown.
     seen: Seen,
     ledger: Ledger,
 }
@@ -169,6 +172,9 @@ impl<'a> Runner<'a> {
         recorder: &'a mut dyn Recorder,
         orders: &'a mut mpsc::Receiver<OrderSlip>,
     ) -> Self {
+        let rules = &job.settings.frame;
+        let seen =
+            Seen::of(&job.steps).after(&job.last_frames, &job.steps, &job.done, &job.full, rules);
         let mut runner = Runner {
             rig,
             recorder,
@@ -176,8 +182,8 @@ impl<'a> Runner<'a> {
             state: ScanState::Planned,
             stage: None,
             predicted_total_s: 0.0,
-            sample_poses: 0,
-            seen: Seen::after(&job.last_frames, &job.settings.frame),
+            in_turn_s: BTreeMap::new(),
+            seen,
             ledger: Ledger::default(),
             job,
         };
@@ -190,16 +196,15 @@ impl<'a> Runner<'a> {
         let mut ledger = Ledger::default();
         ledger.progress.elapsed_s = self.job.elapsed_s;
         self.predicted_total_s = 0.0;
-        self.sample_poses = 0;
         let mut at = None;
         for step in &self.job.steps {
             let Step::Shot(shot) = step else { continue };
-            self.sample_poses += usize::from(shot.kind == FrameKind::Sample);
             ledger.progress.shots_total += 1;
             ledger.progress.frames_total += shot.n_frames();
             let predicted = self.predict(at, shot);
             at = shot.target.or(at);
             self.predicted_total_s += predicted;
+            self.in_turn_s.insert(shot.index, predicted);
             if self.job.done.contains(&shot.index) {
                 ledger.progress.shots_done += 1;
                 ledger.progress.frames_done += shot.n_frames();
@@ -244,6 +249,7 @@ impl<'a> Runner<'a> {
                         }
                         self.ledger.progress.phase = Some(shot.kind);
                         self.take(shot).await?;
+                        self.decide(&steps).await?;
                     }
                     // An earlier run may have taken the last one and ended before it said so.
                     let more = steps[i + 1..]
@@ -254,6 +260,19 @@ impl<'a> Runner<'a> {
                     }
                 }
             }
+        }
+        Ok(())
+    }
+
+    /// Takes the poses that tell a lobe from a series that is too bright before their turn, where it may be either.
+    async fn decide(&mut self, steps: &[Step]) -> Result<(), Ending> {
+        while let Some(index) = self.seen.undecided(&self.job.settings.frame) {
+            let pose = steps.iter().find_map(|step| match step {
+                Step::Shot(shot) if shot.index == index => Some(shot),
+                Step::Shot(_) | Step::Operator(_) => None,
+            });
+            let Some(pose) = pose else { return Ok(()) };
+            self.take(pose).await?;
         }
         Ok(())
     }
@@ -310,7 +329,7 @@ impl<'a> Runner<'a> {
                     let rules = &self.job.settings.frame;
                     let looked = Looked::at(&visit, rules);
                     if visit.rejected.is_none() {
-                        visit.rejected = self.seen.fault(&looked, self.sample_poses, rules);
+                        visit.rejected = self.seen.fault(&looked, rules);
                     }
                     let rejected = visit.rejected.clone();
                     self.count(shot, rejected.is_none());
@@ -329,6 +348,7 @@ impl<'a> Runner<'a> {
                     match rejected {
                         None => {
                             self.seen.remember(looked);
+                            self.job.done.insert(shot.index);
                             return self.pause_if_asked().await;
                         }
                         Some(why) => Trouble::Frames(why),
@@ -374,7 +394,9 @@ impl<'a> Runner<'a> {
         let progress = &mut ledger.progress;
         progress.shots_done += 1;
         progress.frames_done += shot.n_frames();
-        ledger.predicted_done_s = (ledger.predicted_done_s + predicted).min(self.predicted_total_s);
+        let in_turn_s = self.in_turn_s.get(&shot.index).copied();
+        let done_s = ledger.predicted_done_s + in_turn_s.unwrap_or(predicted);
+        ledger.predicted_done_s = done_s.min(self.predicted_total_s);
         if self.predicted_total_s > 0.0 {
             progress.fraction = ledger.predicted_done_s / self.predicted_total_s;
         }
@@ -488,7 +510,14 @@ impl<'a> Runner<'a> {
 
     async fn hold(&mut self, trouble: &Trouble) -> Result<(), Ending> {
         let code = trouble.code();
-        self.hold_with(&trouble.to_string(), code, None).await
+        let reason = match trouble {
+            // What stages and camera say of themselves knows of no scan that waits.
+            Trouble::Stage(_) | Trouble::Camera(_) if code.is_some() => {
+                format!("{trouble}; put it right, then resume")
+            }
+            _ => trouble.to_string(),
+        };
+        self.hold_with(&reason, code, None).await
     }
 
     /// Pauses for a reason, raises the alarm if it has a code, and waits to be resumed.

@@ -24,8 +24,24 @@ pub struct FrameRules {
     pub saturation_dn: u16,
     /// What counts because a person has looked.
     pub looked_at: LookedAt,
-    /// How many counts above the black level the mean of a capped frame may be.
-    pub capped_mean_dn_max: f64,
+    /// How far above the black level the mean of a capped frame may be.
+    pub capped: CappedLimit,
+}
+
+/// How far above the black level the mean of a frame under the cap may be: dark current grows with the exposure.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CappedLimit {
+    /// Counts at any exposure.
+    pub mean_dn_max: f64,
+    /// Counts of dark current in a second.
+    pub dark_dn_per_s: f64,
+}
+
+impl CappedLimit {
+    /// Counts above the black level at an exposure.
+    fn at(&self, exposure_s: f64) -> f64 {
+        self.mean_dn_max + self.dark_dn_per_s * exposure_s
+    }
 }
 
 /// What may be as it should, and may be a fault: a person looks once, and who resumes then says that it counts.
@@ -69,14 +85,17 @@ pub enum Rejected {
     /// The sample shows no light. It may be so, once somebody has looked.
     #[error("{}", BLACK)]
     BlackSample,
-    /// The sample fills the camera at one pose after the other. It may be so, once somebody has looked.
+    /// The sample fills the camera over the whole plan. It may be so, once somebody has looked.
     #[error(
-        "full: at {poses} poses in a row most pixels are full in the shortest exposure; look at lamp and camera, or \
-         plan a new scan of shorter exposures (this one takes no pose again that it has)"
+        "full: at {poses} of the plan's {of} poses, most of them or those furthest apart, most pixels are full in the \
+         shortest exposure; look at lamp and camera, or plan a new scan of shorter exposures (this one takes no pose \
+         again that it has)"
     )]
     FullSample {
-        /// How many.
+        /// How many so far.
         poses: usize,
+        /// How many there are.
+        of: usize,
     },
     /// The camera gave a picture that it had given before.
     #[error(
@@ -277,13 +296,20 @@ fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<R
         FrameKind::Sample if rules.looked_at.black_sample => None,
         FrameKind::Dark => frames
             .iter()
-            .map(|taken| mean_dn(&taken.captured.frame) - rules.black_level_dn)
-            .find(|above| *above > rules.capped_mean_dn_max)
-            .map(|above| {
+            .map(|taken| {
+                let above = mean_dn(&taken.captured.frame) - rules.black_level_dn;
+                (above, taken.exposure_s)
+            })
+            .find(|(above, exposure_s)| *above > rules.capped.at(*exposure_s))
+            .map(|(above, exposure_s)| {
                 Rejected::Otherwise(format!(
-                    "not dark: {above:.0} DN above the black level, and scan.capped_mean_dn_max is {}; is the cap on \
-                     the lens? If it is, this is dark current: raise that setting, or plan shorter exposures",
-                    rules.capped_mean_dn_max
+                    "not dark: {above:.0} DN above the black level in {exposure_s} s, and at most {:.0} DN are allowed \
+                     (scan.capped_mean_dn_max, {} DN, and what camera.dark_current_electrons_per_s makes in that time, \
+                     {:.0} DN); is the cap on the lens? If it is, this is dark current, which grows with the exposure: \
+                     state the camera's, or plan shorter exposures",
+                    rules.capped.at(exposure_s),
+                    rules.capped.mean_dn_max,
+                    rules.capped.dark_dn_per_s * exposure_s,
                 ))
             }),
         FrameKind::Flat | FrameKind::Sample => {
@@ -298,154 +324,7 @@ fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<R
     }
 }
 
-/// Poses in a row that fill the camera before any pose did not: the whole series would be lost.
-const FULL_AT_FIRST: usize = 3;
-/// The same after a pose that did not. A lobe fills some: at one tilt perhaps all azimuths.
-const FULL_LATER: usize = 24;
-/// Share of a picture's pixels that defects may be.
-const DEFECTS: f64 = 0.02;
-/// Pixels in noise, beyond that share, of which not all are the same in two pictures by chance.
-const IN_NOISE: f64 = 64.0;
-
-/// What no visit shows by itself: frames that come again, and one full pose after the other.
-#[derive(Debug, Default)]
-pub(super) struct Seen {
-    last: Option<Looked>,
-    full_in_a_row: usize,
-    some_not_full: bool,
-}
-
-/// What is remembered of a visit.
-#[derive(Debug)]
-pub(super) struct Looked {
-    kind: FrameKind,
-    target: Option<Pose>,
-    /// Fingerprints of the frames that noise makes unlike all others.
-    prints: Vec<u64>,
-    /// Whether most pixels of the shortest exposure are full.
-    full: bool,
-}
-
-impl Looked {
-    pub fn at(visit: &Visit, rules: &FrameRules) -> Looked {
-        let full = |frame: &Frame| share(frame, |dn| dn >= rules.saturation_dn);
-        let frames = || {
-            let all = visit.frames.iter();
-            all.map(|taken| (taken.exposure_s, &taken.captured.frame))
-        };
-        let shortest = frames().min_by(|a, b| a.0.total_cmp(&b.0));
-        Looked {
-            kind: visit.shot.kind,
-            target: visit.shot.target,
-            prints: frames()
-                .filter_map(|(_, frame)| print(frame, rules))
-                .collect(),
-            full: shortest.is_some_and(|(_, frame)| full(frame) > 0.5),
-        }
-    }
-}
-
-impl Seen {
-    /// What a scan that is taken up again remembers: the frames of its last point.
-    pub fn after(last: &[Frame], rules: &FrameRules) -> Seen {
-        let last = (!last.is_empty()).then(|| Looked {
-            kind: FrameKind::Sample,
-            // Unlike any that is still to come.
-            target: None,
-            prints: last
-                .iter()
-                .filter_map(|frame| print(frame, rules))
-                .collect(),
-            full: false,
-        });
-        Seen {
-            last,
-            ..Seen::default()
-        }
-    }
-
-    /// What is wrong with a visit after those that were remembered; `poses` of the sample are in the plan.
-    pub fn fault(&self, looked: &Looked, poses: usize, rules: &FrameRules) -> Option<Rejected> {
-        if looked.kind == FrameKind::Dark {
-            return None;
-        }
-        // Noise makes every picture another one.
-        let noisy = rules.read_noise_dn > 0.0;
-        if noisy && self.shows_again(looked) {
-            return Some(Rejected::SameFrame);
-        }
-        if !looked.full {
-            return None;
-        }
-        if looked.kind == FrameKind::Flat {
-            return Some(Rejected::Otherwise(FULL_FLAT.into()));
-        }
-        let bound = match self.some_not_full {
-            true => FULL_LATER,
-            false => FULL_AT_FIRST.min(poses),
-        };
-        let in_a_row = self.full_in_a_row + 1;
-        (in_a_row >= bound && !rules.looked_at.full_sample)
-            .then_some(Rejected::FullSample { poses: in_a_row })
-    }
-
-    fn shows_again(&self, looked: &Looked) -> bool {
-        let elsewhere = self
-            .last
-            .as_ref()
-            .filter(|last| (last.kind, last.target) != (looked.kind, looked.target));
-        let before = elsewhere.map_or(&[][..], |last| &last.prints);
-        let prints = &looked.prints;
-        let again = prints.iter().any(|print| before.contains(print));
-        let twice = (1..prints.len()).any(|i| prints[..i].contains(&prints[i]));
-        again || twice
-    }
-
-    /// Remembers a visit that counts.
-    pub fn remember(&mut self, looked: Looked) {
-        if looked.kind == FrameKind::Sample {
-            self.some_not_full |= !looked.full;
-            self.full_in_a_row = match looked.full {
-                true => self.full_in_a_row + 1,
-                false => 0,
-            };
-        }
-        self.last = Some(looked);
-    }
-}
-
-const FULL_FLAT: &str = "full: most pixels of the white reference are full in the shortest exposure; look at lamp and \
-     camera, or plan shorter exposures";
-
-/// Fingerprint of a picture; `None` where it shows no light, or too few pixels are in noise: full ones, those cut off at
-/// 0 and defects are alike in all pictures, and so are all pixels where the counts are coarser than the noise.
-fn print(frame: &Frame, rules: &FrameRules) -> Option<u64> {
-    use std::hash::{DefaultHasher, Hash, Hasher};
-    if shows_no_light(frame, rules) {
-        return None;
-    }
-    let pixels = frame.pixels_dn();
-    let mut often = vec![0_u32; usize::from(u16::MAX) + 1];
-    for dn in pixels {
-        often[usize::from(*dn)] += 1;
-    }
-    let between = &often[1..usize::from(rules.saturation_dn).clamp(1, often.len())];
-    let most = between.iter().copied().max().unwrap_or(0);
-    let in_noise: u32 = between.iter().sum::<u32>() - most;
-    if f64::from(in_noise) < IN_NOISE + DEFECTS * pixels.len() as f64 {
-        return None;
-    }
-    let mut hasher = DefaultHasher::new();
-    pixels.hash(&mut hasher);
-    Some(hasher.finish())
-}
-
-fn share(frame: &Frame, is: impl Fn(u16) -> bool) -> f64 {
-    let pixels = frame.pixels_dn();
-    pixels.iter().filter(|dn| is(**dn)).count() as f64 / pixels.len() as f64
-}
-
-fn shows_no_light(frame: &Frame, rules: &FrameRules) -> bool {
+pub(super) fn shows_no_light(frame: &Frame, rules: &FrameRules) -> bool {
     let above = mean_dn(frame) - rules.black_level_dn;
     let sigma = rules.read_noise_dn.max(0.3) / (frame.pixels_dn().len() as f64).sqrt();
     above < rules.dark_sigmas * sigma
@@ -457,12 +336,12 @@ fn mean_dn(frame: &Frame) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::bench::Captured;
     use std::time::Duration;
 
-    fn rules() -> FrameRules {
+    pub fn rules() -> FrameRules {
         FrameRules {
             size_px: (16, 16),
             black_level_dn: 200.0,
@@ -470,12 +349,15 @@ mod tests {
             dark_sigmas: 10.0,
             saturation_dn: 4000,
             looked_at: LookedAt::default(),
-            capped_mean_dn_max: 50.0,
+            capped: CappedLimit {
+                mean_dn_max: 50.0,
+                dark_dn_per_s: 0.0,
+            },
         }
     }
 
     /// As bright all over, but for noise that is drawn from the number.
-    fn taken(dn: u16, exposure_s: f64) -> TakenFrame {
+    pub fn taken(dn: u16, exposure_s: f64) -> TakenFrame {
         let mut state = u32::from(dn);
         let noise = std::iter::repeat_with(|| {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -491,7 +373,7 @@ mod tests {
         shown(pixels, exposure_s)
     }
 
-    fn shown(dn: &[u16], exposure_s: f64) -> TakenFrame {
+    pub fn shown(dn: &[u16], exposure_s: f64) -> TakenFrame {
         TakenFrame {
             captured: Captured {
                 frame: Frame::new(16, 16, dn.to_vec()).unwrap(),
@@ -519,133 +401,28 @@ mod tests {
     }
 
     #[test]
+    fn dark_current_is_allowed_as_long_as_the_exposure_and_light_is_not() {
+        let mut rules = rules();
+        rules.capped.dark_dn_per_s = 100.0;
+        let fault = |dn, exposure_s| fault(&[taken(dn, exposure_s)], FrameKind::Dark, &rules);
+        assert_eq!(fault(200 + 440, 4.0), None);
+        assert_eq!(fault(200 + 40, 0.01), None);
+        // The same count in less time is light.
+        let words = fault(200 + 440, 0.5).unwrap().to_string();
+        for part in [
+            "in 0.5 s",
+            "at most 100 DN",
+            "dark_current_electrons_per_s",
+            "50 DN)",
+        ] {
+            assert!(words.contains(part), "{part}: {words}");
+        }
+    }
+
+    #[test]
     fn a_short_exposure_may_be_black_if_the_long_one_is_not() {
         let frames = [taken(200, 0.001), taken(900, 0.1)];
         assert_eq!(fault(&frames, FrameKind::Sample, &rules()), None);
-    }
-
-    fn looked(kind: FrameKind, phi_s_deg: f64, frames: &[(u16, f64)]) -> Looked {
-        let frames = frames.iter().map(|(dn, s)| taken(*dn, *s));
-        looked_at(kind, phi_s_deg, frames.collect())
-    }
-
-    fn looked_at(kind: FrameKind, phi_s_deg: f64, frames: Vec<TakenFrame>) -> Looked {
-        let pose = Pose::from_deg(0.0, phi_s_deg);
-        let visit = Visit {
-            shot: Shot {
-                index: 0,
-                kind,
-                pose: Some(pose),
-                target: Some(pose),
-                exposures_s: Vec::new(),
-                repeats: 1,
-            },
-            attempt: 0,
-            pose,
-            frames,
-            rejected: None,
-            taken_at: time::macros::datetime!(2026-01-01 00:00 UTC),
-        };
-        Looked::at(&visit, &rules())
-    }
-
-    #[test]
-    fn a_picture_that_comes_again_is_no_picture() {
-        let mut seen = Seen::default();
-        let at = |phi_s_deg, dn| looked(FrameKind::Sample, phi_s_deg, &[(dn, 0.1)]);
-        let fault = |seen: &Seen, looked: &Looked, rules: &FrameRules| seen.fault(looked, 9, rules);
-        seen.remember(at(0.0, 900));
-        // A retake at the same pose is no other pose; black and full pictures are all alike.
-        assert_eq!(fault(&seen, &at(0.0, 900), &rules()), None);
-        assert_eq!(fault(&seen, &at(30.0, 901), &rules()), None);
-        assert_eq!(
-            fault(&seen, &at(30.0, 900), &rules()),
-            Some(Rejected::SameFrame)
-        );
-        // Who resumes has not mended the camera by it.
-        let (mut silent, mut looked_at) = (rules(), rules());
-        silent.read_noise_dn = 0.0;
-        looked_at.looked_at.note(&Rejected::SameFrame);
-        assert_eq!(fault(&seen, &at(30.0, 900), &silent), None);
-        let again = fault(&seen, &at(30.0, 900), &looked_at);
-        assert_eq!(again, Some(Rejected::SameFrame));
-        for dn in [200, 4095] {
-            seen.remember(at(0.0, dn));
-            assert_eq!(fault(&seen, &at(30.0, dn), &rules()), None, "{dn}");
-        }
-        // Neither at two exposures nor at two repeats.
-        for other_s in [0.01, 0.1] {
-            let twice = looked(FrameKind::Sample, 60.0, &[(900, other_s), (900, 0.1)]);
-            assert_eq!(fault(&seen, &twice, &rules()), Some(Rejected::SameFrame));
-        }
-        // Nor after another start of the program.
-        let seen = Seen::after(&[taken(900, 0.1).captured.frame], &rules());
-        let again = fault(&seen, &at(0.0, 900), &rules());
-        assert_eq!(again, Some(Rejected::SameFrame));
-        assert_eq!(fault(&seen, &at(0.0, 901), &rules()), None);
-    }
-
-    #[test]
-    fn defects_and_the_ends_of_the_scale_are_alike_in_all_pictures() {
-        // A dead pixel among full ones, hot ones over darkness that is cut off, both, and one count all over.
-        let pictures = [
-            [vec![3; 1], vec![4095; 255]].concat(),
-            [vec![3000; 3], vec![0; 253]].concat(),
-            [vec![3; 1], vec![3000; 3], vec![4095; 200], vec![0; 52]].concat(),
-            [vec![2; 250], vec![3; 6]].concat(),
-        ];
-        for dn in pictures {
-            let at = |phi_s_deg| {
-                let both = vec![shown(&dn, 0.01), shown(&dn, 0.1)];
-                looked_at(FrameKind::Sample, phi_s_deg, both)
-            };
-            let mut rules = rules();
-            rules.black_level_dn = 0.0;
-            let mut seen = Seen::default();
-            seen.remember(at(0.0));
-            assert_ne!(
-                seen.fault(&at(30.0), 9, &rules),
-                Some(Rejected::SameFrame),
-                "{dn:?}"
-            );
-        }
-    }
-
-    #[test]
-    fn a_lobe_may_fill_the_camera_and_a_series_may_not() {
-        let pose = |full: bool| {
-            let short = if full { 4095 } else { 900 };
-            looked(FrameKind::Sample, 0.0, &[(short, 0.01), (4095, 0.1)])
-        };
-        let run = |seen: &mut Seen, full: bool, poses| {
-            let looked = pose(full);
-            let fault = seen.fault(&looked, poses, &rules());
-            seen.remember(looked);
-            fault
-        };
-        let mut seen = Seen::default();
-        assert_eq!(run(&mut seen, true, 9), None);
-        assert_eq!(run(&mut seen, true, 9), None);
-        let full = Some(Rejected::FullSample { poses: 3 });
-        assert_eq!(run(&mut seen, true, 9), full);
-        assert_eq!(
-            run(&mut Seen::default(), true, 1),
-            Some(Rejected::FullSample { poses: 1 })
-        );
-        // After one that was not full there may be twelve azimuths that are.
-        let mut seen = Seen::default();
-        run(&mut seen, false, 9);
-        for _ in 0..12 {
-            assert_eq!(run(&mut seen, true, 9), None);
-        }
-        let later = (0..24).find_map(|_| run(&mut seen, true, 9));
-        assert_eq!(later, Some(Rejected::FullSample { poses: 24 }));
-        let white = looked(FrameKind::Flat, 0.0, &[(4095, 0.01)]);
-        let words = seen.fault(&white, 9, &rules()).unwrap().to_string();
-        assert!(words.starts_with("full"), "{words}");
-        let mut rules = rules();
-        rules.looked_at.note(&Rejected::FullSample { poses: 3 });
-        assert_eq!(Seen::default().fault(&pose(true), 1, &rules), None);
     }
 
     #[test]

@@ -4,6 +4,7 @@ use super::SeriesError;
 use super::manifest::Manifest;
 use super::text::{line_of, meant};
 use super::values;
+use crate::wording::refusals::plain;
 
 /// Known keys per section: what a misspelt key may have meant.
 const KEYS: [(&str, &[&str]); 6] = [
@@ -95,7 +96,7 @@ impl Manifest {
         slips(&table, text, file)?;
         let manifest: Manifest = toml::from_str(text).map_err(|error| {
             let line = error.span().map(|span| line_at(text, span.start));
-            let message = one_line(error.message()).replace("f64", "a number");
+            let message = one_line(error.message());
             // A type error points at the value; a missing key only at its section.
             let key = line
                 .filter(|_| !message.starts_with("missing"))
@@ -106,17 +107,22 @@ impl Manifest {
                 file: file.to_owned(),
                 line,
                 key,
-                cause: message,
+                cause: plain(&message),
                 remedy: "docs/series.md lists every key".to_owned(),
             }
         })?;
-        values::check(&manifest).map_err(|problem| SeriesError::Invalid {
-            file: file.to_owned(),
-            line: line_of(text, problem.section, problem.key),
-            key: format!("{}: ", problem.path()),
-            cause: problem.cause,
-            remedy: problem.remedy.to_owned(),
-        })?;
+        values::check(&manifest).map_err(|problem| problem.told(text, file))?;
+        Ok(manifest)
+    }
+
+    /// The same of a series that comes from outside, where whoever wrote it can still correct it: its values also fit
+    /// each other.
+    ///
+    /// # Errors
+    /// As [`Manifest::from_toml`].
+    pub fn from_outside(text: &str, file: &str) -> Result<Self, SeriesError> {
+        let manifest = Manifest::from_toml(text, file)?;
+        values::check_camera(&manifest).map_err(|problem| problem.told(text, file))?;
         Ok(manifest)
     }
 }
@@ -131,6 +137,16 @@ pub(super) struct Problem {
 }
 
 impl Problem {
+    fn told(self, text: &str, file: &str) -> SeriesError {
+        SeriesError::Invalid {
+            file: file.to_owned(),
+            line: line_of(text, self.section, self.key),
+            key: format!("{}: ", self.path()),
+            cause: self.cause,
+            remedy: self.remedy.to_owned(),
+        }
+    }
+
     fn path(&self) -> String {
         if self.section.is_empty() {
             self.key.to_owned()
@@ -271,6 +287,23 @@ mod tests {
                 assert!(said.contains(word), "{to}: `{word}` is not in: {said}");
             }
         }
+    }
+
+    #[test]
+    fn a_camera_that_contradicts_itself_is_refused_where_it_can_be_corrected() {
+        let broken = CHECKER.replacen("bit_depth = 16", "bit_depth = 12", 1);
+        let refused = Manifest::from_outside(&broken, "manifest.toml").unwrap_err();
+        let said = refused.to_string();
+        for word in [
+            "line 34",
+            "camera.saturation_dn",
+            "at most 4095",
+            "bit_depth = 12",
+        ] {
+            assert!(said.contains(word), "`{word}` is not in: {said}");
+        }
+        assert!(Manifest::from_toml(&broken, "manifest.toml").is_ok());
+        assert!(Manifest::from_outside(CHECKER, "manifest.toml").is_ok());
     }
 
     #[test]

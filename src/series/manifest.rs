@@ -392,6 +392,17 @@ impl Manifest {
     }
 }
 
+/// A value of a camera that does not fit the others.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Contradiction {
+    /// Its key.
+    pub key: &'static str,
+    /// What it is.
+    pub value: f64,
+    /// What the others allow.
+    pub allowed: String,
+}
+
 impl CameraFacts {
     /// Count at which a pixel is full: what is stated, or else what the bits allow.
     #[must_use]
@@ -399,6 +410,45 @@ impl CameraFacts {
         let of_bits = |bits: u32| f64::from((1_u32 << bits.min(16)) - 1);
         let most = || self.bit_depth.map_or(f64::from(u16::MAX), of_bits);
         self.saturation_dn.unwrap_or_else(most)
+    }
+
+    /// The first value that the others leave no room for.
+    #[must_use]
+    pub fn contradiction(&self) -> Option<Contradiction> {
+        let of_bits = |bits: u32| f64::from((1_u32 << bits.min(16)) - 1);
+        let full_dn = self.full_dn();
+        let black_dn = self.black_level_dn.unwrap_or(0.0);
+        let noise_dn = self.read_noise_electrons_rms.unwrap_or(0.0) * self.gain_dn_per_electron;
+        let found = |key, value, allowed| {
+            Some(Contradiction {
+                key,
+                value,
+                allowed,
+            })
+        };
+        match (self.bit_depth, self.saturation_dn) {
+            (Some(bits), Some(full)) if full > of_bits(bits) => {
+                let most = of_bits(bits);
+                let allowed = format!("at most {most}, the largest count of bit_depth = {bits}");
+                return found("saturation_dn", full, allowed);
+            }
+            _ => {}
+        }
+        if black_dn >= full_dn {
+            let allowed = format!("below {full_dn}, the count at which a pixel is full");
+            return found("black_level_dn", black_dn, allowed);
+        }
+        if noise_dn >= full_dn - black_dn {
+            let allowed = format!(
+                "less than what a pixel takes, which with gain_dn_per_electron = {} from black_level_dn = {black_dn} to \
+                 {full_dn} counts is {:.4} electrons",
+                self.gain_dn_per_electron,
+                (full_dn - black_dn) / self.gain_dn_per_electron
+            );
+            let noise = self.read_noise_electrons_rms.unwrap_or(0.0);
+            return found("read_noise_electrons_rms", noise, allowed);
+        }
+        None
     }
 
     /// The same as a count that a frame can have.
@@ -465,6 +515,32 @@ mod tests {
         assert!((layout.lean_azimuth(true).deg() - 90.0).abs() < 1e-12);
         assert_eq!(degrees_after_phi_s("v at phi_s - 45.5 deg"), Some(-45.5));
         assert_eq!(degrees_after_phi_s("anywhere"), None);
+    }
+
+    #[test]
+    fn values_of_a_camera_that_do_not_fit_each_other_are_named() {
+        let camera = Manifest::from_toml(STEEL, "").unwrap().camera;
+        assert_eq!(camera.contradiction(), None);
+        let with = |change: fn(&mut CameraFacts)| {
+            let mut camera = camera.clone();
+            change(&mut camera);
+            camera
+                .contradiction()
+                .map(|wrong| (wrong.key, wrong.allowed))
+        };
+        let (key, allowed) = with(|c| c.saturation_dn = Some(65535.0)).unwrap();
+        assert_eq!(key, "saturation_dn");
+        assert!(
+            allowed.contains("4095") && allowed.contains("bit_depth = 12"),
+            "{allowed}"
+        );
+        let (key, allowed) = with(|c| c.black_level_dn = Some(4095.0)).unwrap();
+        assert_eq!((key, allowed.contains("4095")), ("black_level_dn", true));
+        let (key, _) = with(|c| c.read_noise_electrons_rms = Some(60000.0)).unwrap();
+        assert_eq!(key, "read_noise_electrons_rms");
+        // A converter of more bits than are used is none.
+        assert_eq!(with(|c| c.bit_depth = Some(16)), None);
+        assert_eq!(with(|c| c.bit_depth = None), None);
     }
 
     #[test]

@@ -14,8 +14,8 @@ mod values;
 mod write;
 
 pub use manifest::{
-    CameraFacts, DarkFacts, FlatFacts, INDEX_STD, LayoutFacts, Manifest, Notes, RigFacts, SCHEMA,
-    SampleFacts, SampleKind,
+    CameraFacts, Contradiction, DarkFacts, FlatFacts, INDEX_STD, LayoutFacts, Manifest, Notes,
+    RigFacts, SCHEMA, SampleFacts, SampleKind,
 };
 pub use rows::FrameRow;
 pub use write::{WriteError, write};
@@ -143,7 +143,7 @@ impl Series {
             "manifest.toml",
             "the README says what to write into it",
         )?;
-        let manifest = Manifest::from_toml(&text, "manifest.toml")?;
+        let manifest = Manifest::from_outside(&text, "manifest.toml")?;
         let list = read_text(
             &folder,
             &manifest.frames,

@@ -182,6 +182,27 @@ fn camera(manifest: &Manifest) -> Result<(), Problem> {
     Ok(())
 }
 
+/// A camera whose values do not fit each other. It is no part of [`check`]: what is in a store already cannot be
+/// corrected any more, and is read as it was taken.
+///
+/// # Errors
+/// The first that the others leave no room for.
+pub(super) fn check_camera(manifest: &Manifest) -> Result<(), Problem> {
+    match manifest.camera.contradiction() {
+        None => Ok(()),
+        Some(found) => wrong(
+            "camera",
+            found.key,
+            format!(
+                "{} does not fit: allowed is {}",
+                short(found.value),
+                found.allowed
+            ),
+            "correct the one that is wrong",
+        ),
+    }
+}
+
 fn material(manifest: &Manifest) -> Result<(), Problem> {
     let sample = &manifest.sample;
     if let Some(Err(cause)) = manifest.metal() {

@@ -141,7 +141,7 @@ impl Store {
     /// Calibrations, newest first.
     ///
     /// # Errors
-    /// What the database says.
+    /// What the database says; a row that cannot be read is told of beside the others.
     pub async fn calibrations(
         &self,
         filter: &CalibrationFilter,
@@ -160,11 +160,7 @@ impl Store {
         .bind(page.limit + 1)
         .fetch_all(self.readers())
         .await?;
-        let rows = rows
-            .into_iter()
-            .map(Calibration::try_from)
-            .collect::<Result<_, _>>()?;
-        Ok(Page::cut(rows, page.limit, |c: &Calibration| c.id))
+        Ok(Page::read(rows, page.limit, |row: &Row| row.id))
     }
 
     /// One calibration.

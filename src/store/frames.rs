@@ -283,35 +283,18 @@ impl Store {
         .await?)
     }
 
-    /// The newest imported scan with this manifest and these frames, in the same order.
+    /// Imported scans that hold a frame, newest first.
     ///
     /// # Errors
     /// What the database says.
-    pub async fn import_of(
-        &self,
-        manifest: &str,
-        frames: &[ImportedFrame],
-    ) -> Result<Option<i64>, StoreError> {
-        let scans: Vec<i64> = sqlx::query_scalar(
-            "SELECT id FROM scans WHERE origin = 'import' AND manifest = ? ORDER BY id DESC",
+    pub async fn imports_with(&self, sha256: &str) -> Result<Vec<i64>, StoreError> {
+        Ok(sqlx::query_scalar(
+            "SELECT DISTINCT f.scan_id FROM frames f JOIN scans s ON s.id = f.scan_id
+             WHERE f.sha256 = ? AND s.origin = 'import' ORDER BY f.scan_id DESC",
         )
-        .bind(manifest)
+        .bind(sha256)
         .fetch_all(self.readers())
-        .await?;
-        for scan_id in scans {
-            let kept: Vec<(String, String)> =
-                sqlx::query_as("SELECT name, sha256 FROM frames WHERE scan_id = ? ORDER BY id")
-                    .bind(scan_id)
-                    .fetch_all(self.readers())
-                    .await?;
-            let same = |((name, sha256), frame): (&(String, String), &ImportedFrame)| {
-                *name == frame.name && *sha256 == frame.file.sha256
-            };
-            if kept.len() == frames.len() && kept.iter().zip(frames).all(same) {
-                return Ok(Some(scan_id));
-            }
-        }
-        Ok(None)
+        .await?)
     }
 
     /// Places of the plan that have an accepted shot.
@@ -321,6 +304,24 @@ impl Store {
     pub async fn shots_done(&self, scan_id: i64) -> Result<Vec<u32>, StoreError> {
         Ok(sqlx::query_scalar(
             "SELECT DISTINCT plan_index FROM shots WHERE scan_id = ? AND accepted = 1 ORDER BY plan_index",
+        )
+        .bind(scan_id)
+        .fetch_all(self.readers())
+        .await?)
+    }
+
+    /// Places of the plan whose accepted shot shows the sample and is full: most pixels of its first frame of the
+    /// shortest exposure.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn shots_full(&self, scan_id: i64) -> Result<Vec<u32>, StoreError> {
+        Ok(sqlx::query_scalar(
+            "SELECT DISTINCT s.plan_index FROM shots s JOIN frames f ON f.shot_id = s.id
+             WHERE s.scan_id = ? AND s.accepted = 1 AND s.kind = 'sample' AND f.repeat = 0
+               AND f.exposure_s = (SELECT MIN(exposure_s) FROM frames WHERE shot_id = s.id)
+               AND 2 * f.saturated_px > f.width_px * f.height_px
+             ORDER BY s.plan_index",
         )
         .bind(scan_id)
         .fetch_all(self.readers())

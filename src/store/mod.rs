@@ -88,6 +88,17 @@ pub struct Page<T> {
     pub items: Vec<T>,
     /// Hand it back to get the rows after these; `None` at the end.
     pub next_cursor: Option<i64>,
+    /// Rows between these that cannot be read.
+    pub damaged: Vec<DamagedRow>,
+}
+
+/// A row that does not hold what this program wrote into it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DamagedRow {
+    /// Its number.
+    pub id: i64,
+    /// What is wrong with it.
+    pub detail: String,
 }
 
 impl<T> Page<T> {
@@ -99,7 +110,32 @@ impl<T> Page<T> {
         Page {
             items: rows,
             next_cursor,
+            damaged: Vec::new(),
         }
+    }
+
+    /// The same of rows as the database has them: one that is damaged hides no other.
+    fn read<R>(rows: Vec<R>, limit: u32, id_of: impl Fn(&R) -> i64) -> Self
+    where
+        T: TryFrom<R, Error = StoreError>,
+    {
+        let cut = Page::cut(rows, limit, &id_of);
+        let mut page = Page {
+            items: Vec::with_capacity(cut.items.len()),
+            next_cursor: cut.next_cursor,
+            damaged: Vec::new(),
+        };
+        for row in cut.items {
+            let id = id_of(&row);
+            match T::try_from(row) {
+                Ok(item) => page.items.push(item),
+                Err(error) => page.damaged.push(DamagedRow {
+                    id,
+                    detail: error.to_string(),
+                }),
+            }
+        }
+        page
     }
 }
 
@@ -463,6 +499,29 @@ pub(crate) mod tests {
 
     pub(crate) async fn open(folder: &Path) -> Result<(Store, Recovery), StoreError> {
         Store::open(folder, Arc::new(RealDisk), Arc::new(SteppedClock::new())).await
+    }
+
+    /// Changes a row as nobody may who does not take the database's own guard away.
+    pub(crate) async fn damage(store: &Store, table: &str, set: &str, id: i64) {
+        let guards: Vec<(String, String)> = sqlx::query_as(
+            "SELECT name, sql FROM sqlite_master WHERE type = 'trigger' AND tbl_name = ?",
+        )
+        .bind(table)
+        .fetch_all(store.writer())
+        .await
+        .unwrap();
+        let mut statements: Vec<String> = Vec::new();
+        statements.extend(
+            guards
+                .iter()
+                .map(|(name, _)| format!("DROP TRIGGER {name}")),
+        );
+        statements.push(format!("UPDATE {table} SET {set} WHERE id = {id}"));
+        statements.extend(guards.into_iter().map(|(_, sql)| sql));
+        for statement in statements {
+            let done = sqlx::query(sqlx::AssertSqlSafe(statement));
+            done.execute(store.writer()).await.unwrap();
+        }
     }
 
     #[tokio::test]

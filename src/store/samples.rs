@@ -177,7 +177,7 @@ impl Store {
     /// Samples, newest first.
     ///
     /// # Errors
-    /// What the database says.
+    /// What the database says; a row that cannot be read is told of beside the others.
     pub async fn samples(&self, page: PageRequest) -> Result<Page<Sample>, StoreError> {
         let rows = sqlx::query_as::<_, Row>(
             "SELECT * FROM samples WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2",
@@ -186,18 +186,14 @@ impl Store {
         .bind(page.limit + 1)
         .fetch_all(self.readers())
         .await?;
-        let samples = rows
-            .into_iter()
-            .map(Sample::try_from)
-            .collect::<Result<_, _>>()?;
-        Ok(Page::cut(samples, page.limit, |s: &Sample| s.id))
+        Ok(Page::read(rows, page.limit, |row: &Row| row.id))
     }
 }
 
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::store::tests::open;
+    use crate::store::tests::{damage, open};
 
     pub(crate) async fn polymer(store: &Store) -> Sample {
         store
@@ -212,6 +208,33 @@ pub(crate) mod tests {
             })
             .await
             .unwrap()
+    }
+
+    #[tokio::test]
+    async fn a_damaged_row_hides_no_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        for _ in 0..3 {
+            polymer(&store).await;
+        }
+        damage(&store, "samples", "material = '{\"kind\": \"dielec'", 2).await;
+        let page = store.samples(PageRequest::default()).await.unwrap();
+        let ids: Vec<i64> = page.items.iter().map(|s| s.id).collect();
+        assert_eq!(ids, [3, 1]);
+        assert_eq!(page.damaged.len(), 1);
+        assert_eq!(page.damaged[0].id, 2);
+        assert!(page.damaged[0].detail.contains("row of samples"));
+        // By itself it is what it is, and a page of which it is the last goes on after it.
+        assert!(matches!(
+            store.sample(2).await,
+            Err(StoreError::BadRow { .. })
+        ));
+        let first = PageRequest {
+            limit: 2,
+            cursor: None,
+        };
+        let first = store.samples(first).await.unwrap();
+        assert_eq!((first.items.len(), first.next_cursor), (1, Some(2)));
     }
 
     #[tokio::test]

@@ -172,6 +172,18 @@ impl Store {
         Ok(id)
     }
 
+    /// Settings of a rig, as [`Store::rig`] was given them.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], or what the database says.
+    pub async fn rig_settings(&self, id: i64) -> Result<String, StoreError> {
+        sqlx::query_scalar("SELECT settings FROM rigs WHERE id = ?")
+            .bind(id)
+            .fetch_optional(self.readers())
+            .await?
+            .ok_or(StoreError::NotFound { noun: "rig", id })
+    }
+
     /// Adds a scan in state planned.
     ///
     /// # Errors
@@ -326,7 +338,7 @@ impl Store {
     /// Scans, newest first.
     ///
     /// # Errors
-    /// What the database says.
+    /// What the database says; a row that cannot be read is told of beside the others.
     pub async fn scans(
         &self,
         filter: ScanFilter,
@@ -342,11 +354,7 @@ impl Store {
         .bind(page.limit + 1)
         .fetch_all(self.readers())
         .await?;
-        let scans = rows
-            .into_iter()
-            .map(Scan::try_from)
-            .collect::<Result<_, _>>()?;
-        Ok(Page::cut(scans, page.limit, |s: &Scan| s.id))
+        Ok(Page::read(rows, page.limit, |row: &Row| row.id))
     }
 
     /// `manifest.toml` of a scan, as a reduction reads it.

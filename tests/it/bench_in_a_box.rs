@@ -2,10 +2,11 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 use ridged::cli::simulated::{SimulatedRig, Simulation};
 use ridged::clock::{Clock, SteppedClock};
-use ridged::lab::{Lab, ScanRequest};
+use ridged::lab::{Lab, RigParts, ScanRequest};
 use ridged::scan::plan::{DarkRequest, FlatRequest, Values};
 use ridged::scan::{PlanRequest, ScanState};
 use ridged::store::disk::{Disk, RealDisk};
@@ -33,8 +34,21 @@ impl BenchInABox {
     }
 
     pub async fn open(folder: &Path, disk: Arc<dyn Disk>, hands: bool) -> Self {
+        BenchInABox::open_as(folder, disk, hands, Duration::ZERO, |parts| parts).await
+    }
+
+    /// The same so much later, and with another rig or other settings.
+    pub async fn open_as(
+        folder: &Path,
+        disk: Arc<dyn Disk>,
+        hands: bool,
+        later: Duration,
+        change: impl FnOnce(RigParts) -> RigParts,
+    ) -> Self {
         let clock: Arc<dyn Clock> = Arc::new(SteppedClock::new());
+        clock.sleep(later).await;
         let (rig, parts) = SimulatedRig::with_clock(Simulation::default(), clock).unwrap();
+        let parts = change(parts);
         let (lab, _) = Lab::open(folder, disk, Arc::clone(&rig.clock), Some(parts))
             .await
             .unwrap();

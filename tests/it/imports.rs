@@ -155,7 +155,7 @@ const RULES: &[(&str, &[&str])] = &[
     (
         "scan",
         &[
-            "units", "geometry", "frame", "clock", "series", "bench", "forecast",
+            "units", "geometry", "frame", "clock", "series", "bench", "forecast", "wording",
         ],
     ),
     (
@@ -233,7 +233,7 @@ const RULES: &[(&str, &[&str])] = &[
     (
         "config",
         &[
-            "units", "geometry", "material", "limits", "series", "bench", "scan",
+            "units", "geometry", "material", "limits", "series", "bench", "scan", "wording",
         ],
     ),
     ("cli", &["*"]),

@@ -102,6 +102,8 @@ struct Notebook {
     states: Vec<ScanState>,
     alarms: Vec<String>,
     accepted: Vec<u32>,
+    /// How far the fraction told is ahead of the share of the points, at each that counts.
+    ahead: Vec<f64>,
     phases: Vec<FrameKind>,
 }
 
@@ -124,9 +126,15 @@ impl Recorder for Notebook {
         })
     }
 
-    fn visit(&mut self, visit: Visit, _: Progress) -> BoxFuture<'_, Result<(), RecordError>> {
+    fn visit(
+        &mut self,
+        visit: Visit,
+        progress: Progress,
+    ) -> BoxFuture<'_, Result<(), RecordError>> {
         if visit.rejected.is_none() {
             self.accepted.push(visit.shot.index);
+            let share = f64::from(progress.shots_done) / f64::from(progress.shots_total);
+            self.ahead.push(progress.fraction - share);
         }
         Box::pin(std::future::ready(Ok(())))
     }
@@ -195,11 +203,13 @@ async fn run(
         states: Vec::new(),
         alarms: Vec::new(),
         accepted: Vec::new(),
+        ahead: Vec::new(),
         phases: Vec::new(),
     };
     let job = Job {
         steps,
         done: done.iter().copied().collect::<BTreeSet<u32>>(),
+        full: BTreeSet::new(),
         last_frames: Vec::new(),
         elapsed_s: 0.0,
         settings: settings.runner,
@@ -226,6 +236,52 @@ async fn a_blinded_camera_pauses_the_scan_until_somebody_has_looked() {
     assert_eq!(end.state, ScanState::Completed);
     assert_eq!(told.alarms, ["frames-rejected"]);
     assert_eq!(told.accepted, [0, 1, 2]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scan_that_is_too_bright_is_found_out_at_the_poses_furthest_apart() {
+    let grid = |backwards: bool| {
+        let at = |index: u32| {
+            let pose = Pose::from_deg(f64::from(index / 8) * 2.0, f64::from(index % 8) * 5.0);
+            Step::Shot(Shot {
+                index,
+                kind: FrameKind::Sample,
+                pose: Some(pose),
+                target: Some(pose),
+                exposures_s: vec![0.02],
+                repeats: 1,
+            })
+        };
+        let mut steps: Vec<Step> = (0..64).map(at).collect();
+        if backwards {
+            steps.reverse();
+        }
+        steps
+    };
+    for backwards in [false, true] {
+        let (end, told) = run(grid(backwards), &[], [(1, Cue::Full)], |_| u64::MAX).await;
+        assert_eq!(end.state, ScanState::Completed);
+        // Told long before all are taken, and each is taken once.
+        assert_eq!(told.alarms, ["frames-rejected"]);
+        let mut all = told.accepted.clone();
+        all.sort_unstable();
+        assert_eq!(all, (0..64).collect::<Vec<u32>>());
+        let ends = [0, 56].map(|i| told.accepted.iter().position(|a| *a == i).unwrap());
+        assert!(ends.iter().all(|at| *at < 20), "{ends:?}");
+        // All points are alike: the way to one that is out of turn is no more of the plan.
+        assert!(
+            told.ahead.iter().all(|ahead| ahead.abs() < 0.1),
+            "{:?}",
+            told.ahead
+        );
+        // A lamp that is too bright from the middle on has left others as they should be.
+        let (_, told) = run(grid(backwards), &[], [(32, Cue::Full)], |_| u64::MAX).await;
+        assert!(
+            told.accepted.is_sorted() || backwards,
+            "{:?}",
+            told.accepted
+        );
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -280,7 +280,7 @@ fn beside_a_scan_that_has_no_daemon_the_stop_names_who_drives_the_rig() {
         .env("RIDGED_LOG", "off")
         .stdin(Stdio::null())
         .stdout(Stdio::null())
-        .stderr(Stdio::null())
+        .stderr(Stdio::piped())
         .spawn()
         .unwrap();
     let number = format!("process {}", scan.id());
@@ -301,7 +301,18 @@ fn beside_a_scan_that_has_no_daemon_the_stop_names_who_drives_the_rig() {
         std::thread::sleep(Duration::from_millis(10));
     }
     kill_process(Pid::from_child(&scan), Signal::INT).unwrap();
-    assert_eq!(scan.wait().unwrap().code(), Some(130));
+    // It says how it leaves the scan and the rig, and how to go on.
+    let left = scan.wait_with_output().unwrap();
+    let said = String::from_utf8(left.stderr).unwrap();
+    assert_eq!(left.status.code(), Some(130), "{said}");
+    for words in [
+        "scan 1 is interrupted, ",
+        " frames are kept; to go on with it start `ridged serve --simulated-rig --data data`",
+        "the stages stand",
+        "everything is safe",
+    ] {
+        assert!(said.contains(words), "{words} is not in: {said}");
+    }
 }
 
 #[test]

@@ -111,6 +111,31 @@ fn a_wrong_noise_figure_is_noticed_in_the_repeats() {
 }
 
 #[test]
+fn shot_noise_of_dark_current_is_no_wrong_read_noise() {
+    let made = Made {
+        dark_electrons_s: 3000.0,
+        ..Made::default()
+    };
+    let series = made.series(&TILTS[..3], &AZIMUTHS, &[0.02, 0.06], lobe);
+    let set = reduced(&series, None);
+    let told = |w: &String| w.contains("scatter");
+    assert!(!set.warnings.iter().any(told), "{:?}", set.warnings);
+    // What is wrong beside it is told, with its share.
+    let made = Made {
+        read_electrons: 12.0,
+        ..made
+    };
+    let mut series = made.series(&TILTS[..3], &AZIMUTHS, &[0.02, 0.06], lobe);
+    series.manifest.camera.read_noise_electrons_rms = Some(2.0);
+    let set = reduced(&series, None);
+    let warning = set.warnings.iter().find(|w| told(w)).expect("it is told");
+    assert!(
+        warning.contains("of 0.02 s") && warning.contains("grows with the exposure"),
+        "{warning}"
+    );
+}
+
+#[test]
 fn a_pose_without_light_amid_bright_ones_is_black_and_a_dark_sample_is_not() {
     let made = Made::default();
     let off = |tilt: f64, azimuth: f64| {

@@ -9,6 +9,8 @@ mod order;
 
 use serde::{Deserialize, Serialize};
 
+use crate::wording::toml_text::{self, Refused};
+
 pub use check::{PlanError, PlanProblem, TravelLimits};
 pub use order::{Estimate, MoveTime, Shot, Step, estimate};
 
@@ -209,9 +211,9 @@ impl PlanRequest {
     /// Reads a plan file.
     ///
     /// # Errors
-    /// The TOML reader's message with line, column and the keys that are allowed.
-    pub fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
-        toml::from_str(text)
+    /// The first thing that is wrong with it: line, key and what is allowed.
+    pub fn from_toml(text: &str) -> Result<Self, Refused> {
+        toml_text::read(text)
     }
 
     /// A request that only names a preset.
@@ -486,6 +488,27 @@ mod tests {
         let error = PlanRequest::from_toml("preset = \"paper\"\nexposure_s = [1.0]").unwrap_err();
         assert!(error.to_string().contains("exposure_s"), "{error}");
         assert!(error.to_string().contains("exposures_s"), "{error}");
+        for (text, words) in [
+            (
+                "preset = \"papr\"",
+                "line 1: preset: there is no `papr`, only `paper` or `full`",
+            ),
+            (
+                "repeats = 1.5",
+                "line 1: repeats: 1.5 stands where a whole number",
+            ),
+            (
+                "\n[dark]\nrepeats = -1",
+                "line 3: dark.repeats: -1 stands where a whole number",
+            ),
+            (
+                "theta_c_deg = 5",
+                "theta_c_deg: a list of numbers, or an object of from, to and step",
+            ),
+        ] {
+            let error = PlanRequest::from_toml(text).unwrap_err().to_string();
+            assert!(error.contains(words), "{words} is not in: {error}");
+        }
     }
 
     #[test]

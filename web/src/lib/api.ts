@@ -170,7 +170,7 @@ export const api = {
   observationsCsvUrl: (id: number): string => `${PREFIX}/scans/${id}/observations?format=csv`,
 
   /** A recorded series in a folder of the daemon's machine. */
-  importSeries: (folder: string, skip_unreadable: boolean): Promise<{ readonly scan_id: number; readonly n_frames: number; readonly skipped: readonly string[]; /** A scan that holds the very same series already. */ readonly same_as_scan_id?: number | null }> =>
+  importSeries: (folder: string, skip_unreadable: boolean): Promise<{ readonly scan_id: number; readonly n_frames: number; readonly skipped: readonly string[]; /** A scan that holds the very same series already. */ readonly same_as_scan_id?: number | null; /** A scan that holds the same frames, of which the series says something else. */ readonly like_scan_id?: number | null; readonly differences?: readonly string[] }> =>
     post('/imports', { folder, skip_unreadable }),
 
   fits: (): Promise<Fit[]> => getAll('/fits'),

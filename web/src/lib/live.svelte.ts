@@ -278,7 +278,8 @@ class Live {
       return;
     }
     const axes = this.rig?.axes;
-    const busy = this.rig?.activity !== 'idle' || axes?.theta_c.moving === true || axes?.phi_s.moving === true || this.fits.some((fit) => fit.state === 'running');
+    const resting = this.rig?.activity === 'idle' || this.rig?.activity === 'not-connected';
+    const busy = !resting || axes?.theta_c.moving === true || axes?.phi_s.moving === true || this.fits.some((fit) => fit.state === 'running');
     this.#rigTimer = setTimeout(() => void this.#pollRig(), busy && this.link === 'live' ? RIG_BUSY_MS : RIG_IDLE_MS);
   }
 }

@@ -28,7 +28,7 @@ export interface Rig {
   } | null;
   readonly time_scale: number;
   readonly axes: Readonly<Record<AxisName, Axis>>;
-  readonly activity: 'idle' | 'moving' | 'homing' | 'scanning' | 'paused';
+  readonly activity: 'idle' | 'moving' | 'homing' | 'scanning' | 'paused' | 'not-connected';
   readonly scan_id: number | null;
   readonly scan_state: ScanState | null;
   readonly scan_reason: string | null;

@@ -1,0 +1,128 @@
+//! A series that was imported before: the same, or with other facts.
+//!
+//! Frames are told by their content. What manifest and list of frames say of them decides what a fit makes of them, so a
+//! series of the same frames and other facts is another one: both are kept, and what differs is named.
+
+use std::collections::HashMap;
+
+use super::{Lab, LabError};
+use crate::series::Manifest;
+use crate::store::StoreError;
+use crate::store::frames::{FrameRecord, ImportedFrame};
+use crate::wording::counted;
+use crate::wording::differences::{self, Difference};
+
+/// A scan that holds the same frames.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alike {
+    /// Which.
+    pub scan_id: i64,
+    /// What it says of them, and what the new series says, in words; empty where that is the same.
+    pub differences: Vec<String>,
+}
+
+impl Lab {
+    /// The newest import that is the same as this series, or else the one of the same frames that differs least.
+    pub(super) async fn imported_before(
+        &self,
+        manifest: &Manifest,
+        frames: &[ImportedFrame],
+    ) -> Result<Option<Alike>, LabError> {
+        let Some(first) = frames.first() else {
+            return Ok(None);
+        };
+        let mut alike: Option<Alike> = None;
+        for scan_id in self.store().imports_with(&first.file.sha256).await? {
+            let mut kept = self.store().frames_for_reduction(scan_id).await?;
+            kept.retain(|frame| frame.scan_id == scan_id);
+            let Some(mut differences) = of_frames(&kept, frames) else {
+                continue;
+            };
+            differences.extend(of_manifests(&self.manifest(scan_id).await?, manifest)?);
+            let found = Alike {
+                scan_id,
+                differences,
+            };
+            if found.differences.is_empty() {
+                return Ok(Some(found));
+            }
+            // The one that it is a correction of, most likely; the newest of equals.
+            let n = found.differences.len();
+            if alike.as_ref().is_none_or(|best| n < best.differences.len()) {
+                alike = Some(found);
+            }
+        }
+        Ok(alike)
+    }
+}
+
+/// What two manifests say otherwise.
+fn of_manifests(before: &Manifest, now: &Manifest) -> Result<Vec<String>, StoreError> {
+    let value = |manifest: &Manifest| {
+        serde_json::to_value(manifest).map_err(|e| StoreError::bad_row("scans", e))
+    };
+    let differences = differences::between(&value(before)?, &value(now)?);
+    Ok(differences.iter().map(Difference::to_string).collect())
+}
+
+/// What two lists say otherwise of the same frames, by column; `None` where the frames are others.
+fn of_frames(before: &[FrameRecord], now: &[ImportedFrame]) -> Option<Vec<String>> {
+    if before.len() != now.len() {
+        return None;
+    }
+    let by_name: HashMap<&str, &FrameRecord> = before
+        .iter()
+        .map(|kept| (kept.name.as_str(), kept))
+        .collect();
+    let find = |frame: &ImportedFrame| {
+        let kept = by_name.get(frame.name.as_str()).copied()?;
+        (kept.sha256 == frame.file.sha256).then_some(kept)
+    };
+    let pairs: Vec<(&FrameRecord, &ImportedFrame)> = now
+        .iter()
+        .map(|frame| Some((find(frame)?, frame)))
+        .collect::<Option<_>>()?;
+    type Column = (
+        &'static str,
+        fn(&FrameRecord) -> String,
+        fn(&ImportedFrame) -> String,
+    );
+    let columns: [Column; 6] = [
+        ("kind", |f| f.kind.clone(), |f| f.kind.as_str().to_owned()),
+        (
+            "theta_c_deg",
+            |f| f.theta_c_deg.to_string(),
+            |f| f.theta_c_deg.to_string(),
+        ),
+        (
+            "phi_s_deg",
+            |f| f.phi_s_deg.to_string(),
+            |f| f.phi_s_deg.to_string(),
+        ),
+        (
+            "exposure_s",
+            |f| f.exposure_s.to_string(),
+            |f| f.exposure_s.to_string(),
+        ),
+        ("repeat", |f| f.repeat.to_string(), |f| f.repeat.to_string()),
+        (
+            "timestamp",
+            |f| f.timestamp.clone(),
+            |f| f.timestamp.clone(),
+        ),
+    ];
+    let mut differences = Vec::new();
+    for (column, was, is) in columns {
+        let other: Vec<_> = pairs.iter().filter(|(f, g)| was(f) != is(g)).collect();
+        if let Some((kept, frame)) = other.first() {
+            differences.push(format!(
+                "{column} of {}, first {}, was {} and is {}",
+                counted(other.len(), "frame"),
+                frame.name,
+                was(kept),
+                is(frame)
+            ));
+        }
+    }
+    Some(differences)
+}

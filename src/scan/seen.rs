@@ -1,0 +1,486 @@
+//! What no visit shows by itself: pictures that come again, and a series that fills the camera.
+//!
+//! [`Seen::fault`] judges a visit after those that [`Seen::remember`] was told of. Whether a series is too bright is
+//! judged by which of its poses are full, never by how many came one after the other: the order of the visits depends on
+//! where the stages stood. [`Seen::undecided`] names the poses that decide it soonest.
+
+use std::collections::BTreeSet;
+
+use super::plan::{Shot, Step};
+use super::recorder::Visit;
+use super::visit::{FrameRules, Rejected, shows_no_light};
+use crate::frame::{Frame, FrameKind};
+use crate::geometry::Pose;
+
+/// Full poses, and none that is not, before those furthest apart are looked at: a lobe fills some.
+const SUSPICIOUS: usize = 3;
+/// Share of a picture's pixels that defects may be.
+const DEFECTS: f64 = 0.02;
+/// Pixels in noise, beyond that share, of which not all are the same in two pictures by chance.
+const IN_NOISE: f64 = 64.0;
+
+/// What the visits of a scan have shown so far.
+#[derive(Debug, Default)]
+pub(super) struct Seen {
+    last: Option<Looked>,
+    /// Poses of the sample in the plan.
+    poses: usize,
+    /// Those of them that lie furthest apart: no lobe fills them all.
+    apart: Vec<u32>,
+    /// Poses that count and are full, and how many count and are not; both from earlier runs too.
+    full: BTreeSet<u32>,
+    not_full: usize,
+}
+
+/// What is remembered of a visit.
+#[derive(Debug)]
+pub(super) struct Looked {
+    index: u32,
+    kind: FrameKind,
+    target: Option<Pose>,
+    /// Fingerprints of the frames that noise makes unlike all others.
+    prints: Vec<u64>,
+    /// Whether most pixels of the shortest exposure are full.
+    full: bool,
+}
+
+impl Looked {
+    pub fn at(visit: &Visit, rules: &FrameRules) -> Looked {
+        let full = |frame: &Frame| share(frame, |dn| dn >= rules.saturation_dn);
+        let frames = || {
+            let all = visit.frames.iter();
+            all.map(|taken| (taken.exposure_s, &taken.captured.frame))
+        };
+        let shortest = frames().min_by(|a, b| a.0.total_cmp(&b.0));
+        Looked {
+            index: visit.shot.index,
+            kind: visit.shot.kind,
+            target: visit.shot.target,
+            prints: frames()
+                .filter_map(|(_, frame)| print(frame, rules))
+                .collect(),
+            full: shortest.is_some_and(|(_, frame)| full(frame) > 0.5),
+        }
+    }
+}
+
+impl Seen {
+    /// Nothing yet of a plan.
+    pub fn of(steps: &[Step]) -> Seen {
+        let shots = || steps.iter().filter_map(sample_of);
+        Seen {
+            poses: shots().count(),
+            apart: furthest_apart(shots()),
+            ..Seen::default()
+        }
+    }
+
+    /// The same for a scan that is taken up again: the frames of its last point, the points that count, and those of
+    /// them that are full.
+    pub fn after(
+        mut self,
+        last: &[Frame],
+        steps: &[Step],
+        done: &BTreeSet<u32>,
+        full: &BTreeSet<u32>,
+        rules: &FrameRules,
+    ) -> Seen {
+        self.last = (!last.is_empty()).then(|| Looked {
+            index: 0,
+            kind: FrameKind::Sample,
+            // Unlike any that is still to come.
+            target: None,
+            prints: last
+                .iter()
+                .filter_map(|frame| print(frame, rules))
+                .collect(),
+            full: false,
+        });
+        let shots = steps.iter().filter_map(sample_of);
+        for shot in shots.filter(|shot| done.contains(&shot.index)) {
+            self.count(shot.index, full.contains(&shot.index));
+        }
+        self
+    }
+
+    fn count(&mut self, index: u32, full: bool) {
+        match full {
+            true => drop(self.full.insert(index)),
+            false => self.not_full += 1,
+        }
+    }
+
+    /// What is wrong with a visit after those that were remembered.
+    pub fn fault(&self, looked: &Looked, rules: &FrameRules) -> Option<Rejected> {
+        if looked.kind == FrameKind::Dark {
+            return None;
+        }
+        // Noise makes every picture another one.
+        let noisy = rules.read_noise_dn > 0.0;
+        if noisy && self.shows_again(looked) {
+            return Some(Rejected::SameFrame);
+        }
+        if !looked.full {
+            return None;
+        }
+        if looked.kind == FrameKind::Flat {
+            return Some(Rejected::Otherwise(FULL_FLAT.into()));
+        }
+        let full = |index: &u32| *index == looked.index || self.full.contains(index);
+        let poses = self.full.len() + usize::from(!self.full.contains(&looked.index));
+        let too_bright = 2 * poses > self.poses || self.apart.iter().all(full);
+        (too_bright && !rules.looked_at.full_sample).then_some(Rejected::FullSample {
+            poses,
+            of: self.poses,
+        })
+    }
+
+    /// The next pose to visit, out of turn, where all so far were full: it tells a lobe from a series that is too bright.
+    pub fn undecided(&self, rules: &FrameRules) -> Option<u32> {
+        let suspicious = self.not_full == 0 && self.full.len() >= SUSPICIOUS;
+        if !suspicious || rules.looked_at.full_sample {
+            return None;
+        }
+        let mut apart = self.apart.iter();
+        apart.find(|index| !self.full.contains(index)).copied()
+    }
+
+    fn shows_again(&self, looked: &Looked) -> bool {
+        let elsewhere = self
+            .last
+            .as_ref()
+            .filter(|last| (last.kind, last.target) != (looked.kind, looked.target));
+        let before = elsewhere.map_or(&[][..], |last| &last.prints);
+        let prints = &looked.prints;
+        let again = prints.iter().any(|print| before.contains(print));
+        let twice = (1..prints.len()).any(|i| prints[..i].contains(&prints[i]));
+        again || twice
+    }
+
+    /// Remembers a visit that counts.
+    pub fn remember(&mut self, looked: Looked) {
+        if looked.kind == FrameKind::Sample {
+            self.count(looked.index, looked.full);
+        }
+        self.last = Some(looked);
+    }
+}
+
+const FULL_FLAT: &str = "full: most pixels of the white reference are full in the shortest exposure; look at lamp and \
+     camera, or plan shorter exposures";
+
+fn sample_of(step: &Step) -> Option<&Shot> {
+    match step {
+        Step::Shot(shot) if shot.kind == FrameKind::Sample => Some(shot),
+        Step::Shot(_) | Step::Operator(_) => None,
+    }
+}
+
+/// The poses at the ends and in the middle of the tilts, each at azimuths a quarter of the list apart. A lobe may fill all
+/// azimuths of a tilt or all tilts of an azimuth, and not both.
+fn furthest_apart<'a>(shots: impl Iterator<Item = &'a Shot>) -> Vec<u32> {
+    let poses: Vec<(u32, f64, f64)> = shots
+        .filter_map(|shot| {
+            let pose = shot.pose?;
+            Some((shot.index, pose.theta_c.deg(), pose.phi_s.deg()))
+        })
+        .collect();
+    let values = |of: fn(&(u32, f64, f64)) -> f64| {
+        let mut all: Vec<f64> = poses.iter().map(of).collect();
+        all.sort_by(f64::total_cmp);
+        all.dedup();
+        all
+    };
+    let (tilts, azimuths) = (values(|p| p.1), values(|p| p.2));
+    let at = |all: &[f64], places: &[usize]| -> Vec<f64> {
+        places.iter().filter_map(|i| all.get(*i).copied()).collect()
+    };
+    let (n, last) = (azimuths.len(), tilts.len().saturating_sub(1));
+    let tilts = at(&tilts, &[0, last, last / 2]);
+    let azimuths = at(&azimuths, &[0, n / 2, n / 4, 3 * n / 4]);
+    let mut apart: Vec<u32> = Vec::new();
+    for phi in &azimuths {
+        for theta in &tilts {
+            let there = poses.iter().find(|p| p.1 == *theta && p.2 == *phi);
+            if let Some((index, ..)) = there
+                && !apart.contains(index)
+            {
+                apart.push(*index);
+            }
+        }
+    }
+    apart
+}
+
+/// Fingerprint of a picture; `None` where it shows no light, or too few pixels are in noise: full ones, those cut off at
+/// 0 and defects are alike in all pictures, and so are all pixels where the counts are coarser than the noise.
+fn print(frame: &Frame, rules: &FrameRules) -> Option<u64> {
+    use std::hash::{DefaultHasher, Hash, Hasher};
+    if shows_no_light(frame, rules) {
+        return None;
+    }
+    let pixels = frame.pixels_dn();
+    let mut often = vec![0_u32; usize::from(u16::MAX) + 1];
+    for dn in pixels {
+        often[usize::from(*dn)] += 1;
+    }
+    let between = &often[1..usize::from(rules.saturation_dn).clamp(1, often.len())];
+    let most = between.iter().copied().max().unwrap_or(0);
+    let in_noise: u32 = between.iter().sum::<u32>() - most;
+    if f64::from(in_noise) < IN_NOISE + DEFECTS * pixels.len() as f64 {
+        return None;
+    }
+    let mut hasher = DefaultHasher::new();
+    pixels.hash(&mut hasher);
+    Some(hasher.finish())
+}
+
+fn share(frame: &Frame, is: impl Fn(u16) -> bool) -> f64 {
+    let pixels = frame.pixels_dn();
+    pixels.iter().filter(|dn| is(**dn)).count() as f64 / pixels.len() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::recorder::TakenFrame;
+    use crate::scan::visit::tests::{rules, shown, taken};
+
+    fn looked(kind: FrameKind, phi_s_deg: f64, frames: &[(u16, f64)]) -> Looked {
+        let frames = frames.iter().map(|(dn, s)| taken(*dn, *s));
+        looked_at(kind, phi_s_deg, frames.collect())
+    }
+
+    fn looked_at(kind: FrameKind, phi_s_deg: f64, frames: Vec<TakenFrame>) -> Looked {
+        let pose = Pose::from_deg(0.0, phi_s_deg);
+        let visit = Visit {
+            shot: Shot {
+                index: 0,
+                kind,
+                pose: Some(pose),
+                target: Some(pose),
+                exposures_s: Vec::new(),
+                repeats: 1,
+            },
+            attempt: 0,
+            pose,
+            frames,
+            rejected: None,
+            taken_at: time::macros::datetime!(2026-01-01 00:00 UTC),
+        };
+        Looked::at(&visit, &rules())
+    }
+
+    #[test]
+    fn a_picture_that_comes_again_is_no_picture() {
+        let mut seen = Seen::of(&plan(3, 3));
+        let at = |phi_s_deg, dn| looked(FrameKind::Sample, phi_s_deg, &[(dn, 0.1)]);
+        let fault = |seen: &Seen, looked: &Looked, rules: &FrameRules| seen.fault(looked, rules);
+        seen.remember(at(0.0, 900));
+        // A retake at the same pose is no other pose; black and full pictures are all alike.
+        assert_eq!(fault(&seen, &at(0.0, 900), &rules()), None);
+        assert_eq!(fault(&seen, &at(30.0, 901), &rules()), None);
+        assert_eq!(
+            fault(&seen, &at(30.0, 900), &rules()),
+            Some(Rejected::SameFrame)
+        );
+        // Who resumes has not mended the camera by it.
+        let (mut silent, mut looked_at) = (rules(), rules());
+        silent.read_noise_dn = 0.0;
+        looked_at.looked_at.note(&Rejected::SameFrame);
+        assert_eq!(fault(&seen, &at(30.0, 900), &silent), None);
+        let again = fault(&seen, &at(30.0, 900), &looked_at);
+        assert_eq!(again, Some(Rejected::SameFrame));
+        for dn in [200, 4095] {
+            seen.remember(at(0.0, dn));
+            assert_eq!(fault(&seen, &at(30.0, dn), &rules()), None, "{dn}");
+        }
+        // Neither at two exposures nor at two repeats.
+        for other_s in [0.01, 0.1] {
+            let twice = looked(FrameKind::Sample, 60.0, &[(900, other_s), (900, 0.1)]);
+            assert_eq!(fault(&seen, &twice, &rules()), Some(Rejected::SameFrame));
+        }
+        // Nor after another start of the program.
+        let (last, none) = ([taken(900, 0.1).captured.frame], BTreeSet::new());
+        let seen = Seen::default().after(&last, &[], &none, &none, &rules());
+        let again = fault(&seen, &at(0.0, 900), &rules());
+        assert_eq!(again, Some(Rejected::SameFrame));
+        assert_eq!(fault(&seen, &at(0.0, 901), &rules()), None);
+    }
+
+    #[test]
+    fn defects_and_the_ends_of_the_scale_are_alike_in_all_pictures() {
+        // A dead pixel among full ones, hot ones over darkness that is cut off, both, and one count all over.
+        let pictures = [
+            [vec![3; 1], vec![4095; 255]].concat(),
+            [vec![3000; 3], vec![0; 253]].concat(),
+            [vec![3; 1], vec![3000; 3], vec![4095; 200], vec![0; 52]].concat(),
+            [vec![2; 250], vec![3; 6]].concat(),
+        ];
+        for dn in pictures {
+            let at = |phi_s_deg| {
+                let both = vec![shown(&dn, 0.01), shown(&dn, 0.1)];
+                looked_at(FrameKind::Sample, phi_s_deg, both)
+            };
+            let mut rules = rules();
+            rules.black_level_dn = 0.0;
+            let mut seen = Seen::default();
+            seen.remember(at(0.0));
+            assert_ne!(
+                seen.fault(&at(30.0), &rules),
+                Some(Rejected::SameFrame),
+                "{dn:?}"
+            );
+        }
+    }
+
+    /// A plan of tilts and azimuths 10° and 30° apart.
+    fn plan(tilts: u32, azimuths: u32) -> Vec<Step> {
+        let pose = |index: u32| {
+            let (theta, phi) = (index / azimuths, index % azimuths);
+            Pose::from_deg(10.0 * f64::from(theta), 30.0 * f64::from(phi))
+        };
+        let shot = |index| Shot {
+            index,
+            kind: FrameKind::Sample,
+            pose: Some(pose(index)),
+            target: Some(pose(index)),
+            exposures_s: vec![0.01],
+            repeats: 1,
+        };
+        (0..tilts * azimuths)
+            .map(|index| Step::Shot(shot(index)))
+            .collect()
+    }
+
+    fn visited(index: u32, full: bool) -> Looked {
+        Looked {
+            index,
+            kind: FrameKind::Sample,
+            target: None,
+            prints: Vec::new(),
+            full,
+        }
+    }
+
+    /// Whether a scan comes to the verdict in this order of visits, and after how many.
+    fn verdict(plan: &[Step], order: &[u32], is_full: impl Fn(u32) -> bool) -> Option<usize> {
+        let rules = rules();
+        let mut seen = Seen::of(plan);
+        let mut left: Vec<u32> = order.to_vec();
+        let mut visits = 0;
+        while !left.is_empty() {
+            let next = seen.undecided(&rules).unwrap_or(left[0]);
+            left.retain(|index| *index != next);
+            visits += 1;
+            let looked = visited(next, is_full(next));
+            if let Some(fault) = seen.fault(&looked, &rules) {
+                assert!(matches!(fault, Rejected::FullSample { .. }), "{fault}");
+                return Some(visits);
+            }
+            seen.remember(looked);
+        }
+        None
+    }
+
+    /// The lists from either end, either axis outside, and by leaps.
+    fn orders(tilts: u32, azimuths: u32) -> Vec<Vec<u32>> {
+        let n = tilts * azimuths;
+        let there: Vec<u32> = (0..n).collect();
+        let back: Vec<u32> = (0..n).rev().collect();
+        let across: Vec<u32> = (0..n).map(|i| (i % tilts) * azimuths + i / tilts).collect();
+        let leap = (2..n).find(|k| {
+            (1..=*k)
+                .filter(|d| k.is_multiple_of(*d) && n.is_multiple_of(*d))
+                .count()
+                == 1
+        });
+        let leap = leap.unwrap_or(1);
+        let leaps: Vec<u32> = (0..n).map(|i| i * leap % n).collect();
+        vec![there, back, across, leaps]
+    }
+
+    #[test]
+    fn whether_a_series_is_too_bright_does_not_depend_on_where_it_begins() {
+        for (tilts, azimuths) in [(5, 3), (9, 12), (1, 9), (4, 1), (1, 1), (1, 2)] {
+            let plan = plan(tilts, azimuths);
+            let all = |is_full: &dyn Fn(u32) -> bool| -> Vec<Option<usize>> {
+                let orders = orders(tilts, azimuths);
+                orders
+                    .iter()
+                    .map(|order| verdict(&plan, order, is_full))
+                    .collect()
+            };
+            let bright = all(&|_| true);
+            let most = SUSPICIOUS + 12;
+            assert!(
+                bright.iter().all(|v| v.is_some_and(|n| n <= most)),
+                "{bright:?}"
+            );
+            assert!(all(&|_| false).iter().all(Option::is_none));
+            // Poses full by chance: found in all orders, or in none.
+            for seed in 0..200u32 {
+                let is_full = |index: u32| {
+                    let mixed = (index + 1)
+                        .wrapping_mul(2_654_435_761)
+                        .wrapping_add(seed * 97);
+                    mixed.wrapping_mul(2_246_822_519) >> 30 <= seed % 4
+                };
+                let found = all(&is_full);
+                let agree = found.iter().all(|v| v.is_some() == found[0].is_some());
+                assert!(agree, "{tilts} × {azimuths}, {seed}: {found:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_lobe_may_fill_the_camera_wherever_a_scan_begins() {
+        let (tilts, azimuths) = (9, 12);
+        let plan = plan(tilts, azimuths);
+        // Two tilts at all azimuths, and three azimuths at all tilts.
+        let tilt = |index: u32| index / azimuths < 2;
+        let azimuth = |index: u32| index % azimuths < 3;
+        for order in orders(tilts, azimuths) {
+            assert_eq!(verdict(&plan, &order, tilt), None);
+            assert_eq!(verdict(&plan, &order, azimuth), None);
+        }
+    }
+
+    #[test]
+    fn a_scan_that_is_taken_up_again_knows_what_was_full() {
+        let plan = plan(5, 3);
+        let (done, full) = (BTreeSet::from([0, 1, 2, 3]), BTreeSet::from([1, 2, 3]));
+        let none = BTreeSet::new();
+        let again = |full| Seen::of(&plan).after(&[], &plan, &done, full, &rules());
+        // One was not full: no reason to go anywhere else first.
+        assert_eq!(again(&full).undecided(&rules()), None);
+        assert!(again(&done).undecided(&rules()).is_some());
+        assert_eq!(again(&none).undecided(&rules()), None);
+        let mut seen = again(&full);
+        for index in 4..8 {
+            let looked = visited(index, true);
+            assert_eq!(seen.fault(&looked, &rules()), None, "{index}");
+            seen.remember(looked);
+        }
+        let told = seen.fault(&visited(8, true), &rules());
+        assert_eq!(told, Some(Rejected::FullSample { poses: 8, of: 15 }));
+        let mut looked_at = rules();
+        looked_at
+            .looked_at
+            .note(&Rejected::FullSample { poses: 8, of: 15 });
+        assert_eq!(seen.fault(&visited(8, true), &looked_at), None);
+    }
+
+    #[test]
+    fn a_white_reference_is_never_full() {
+        let white = looked(FrameKind::Flat, 0.0, &[(4095, 0.01)]);
+        let words = Seen::of(&plan(3, 3))
+            .fault(&white, &rules())
+            .unwrap()
+            .to_string();
+        assert!(words.starts_with("full"), "{words}");
+        // The longer exposure may be.
+        let white = looked(FrameKind::Flat, 0.0, &[(900, 0.01), (4095, 0.1)]);
+        assert_eq!(Seen::of(&plan(3, 3)).fault(&white, &rules()), None);
+    }
+}
