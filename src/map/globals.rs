@@ -207,6 +207,7 @@ pub(super) fn rows_of(run: &Run<'_>, pixel: usize, p: &Parameters) -> impl Itera
     let n = run.batch.observations;
     let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
     run.read(pixel, &mut signal, &mut weight);
+    run.bring_to_centre(pixel, p, None, &mut signal);
     let (mut offset, mut basis) = (vec![0.0; n], vec![0.0; n]);
     run.dear.write(p, &mut offset, &mut basis);
     let (lamp, amplitude) = (run.dear.lamp(), run.dear.is_amplitude());

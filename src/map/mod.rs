@@ -14,6 +14,7 @@
 //! Nobody tells it how the sample is laid out: each pixel finds its own lean direction. It does not
 //! know about scans, fits of whole regions, or the command line.
 
+mod beside;
 pub mod colour;
 mod dear;
 pub mod defects;
@@ -416,11 +417,18 @@ fn what_is_left_out(
         ));
     }
     if included(Decision::PerPixelGeometry) {
-        list.push(LeftOut::new(
-            "each pixel's own directions in light that went between the facets",
-            "they vary slowly: those of the field's centre stand for all",
-            settled.centre_for_all,
-        ));
+        list.push(match &settled.beside {
+            Some(beside) => LeftOut::new(
+                "each pixel's own surface in what its own directions change of light that went between the facets",
+                "it is small and smooth: that of the surfaces that most pixels look like stands for all",
+                Some(beside.left),
+            ),
+            None => LeftOut::new(
+                "each pixel's own directions in light that went between the facets",
+                "they vary slowly: those of the field's centre stand for all",
+                settled.centre_for_all,
+            ),
+        });
     }
     if pixels_left_out > 0 {
         list.push(LeftOut::new(

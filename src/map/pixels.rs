@@ -121,6 +121,7 @@ impl PixelFitter {
             dear: &self.dear,
             view: &self.view,
             poses: &self.poses,
+            beside: None,
         };
         run.fit_on(instructions.arch(), &batch.pixels, starts, refreshes)
             .iter()

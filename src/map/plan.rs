@@ -5,13 +5,14 @@
 //! integration, which take most of the time of settling, have the first say, each pixel's own directions the rest. What
 //! no map computes otherwise, whatever the tolerance, is told with its cost.
 
+use super::beside::Anywhere;
 use super::dear::Dear;
 use super::integrated::Integrated;
-use super::kernel::{Geometry, Parameters, single};
+use super::kernel::{Geometry, Parameters};
 use super::observe;
 use super::view::View;
 use crate::geometry::Pose;
-use crate::model::{Optics, Surface, Variant, left_out, radiance};
+use crate::model::{Surface, left_out};
 use crate::plan::series::{SURFACES, layers, polarisation};
 use crate::plan::{Basis, Choice, Decision, Plan, TOLERANCE};
 use crate::reduction::FrameSource;
@@ -198,16 +199,6 @@ fn own_directions(
     }
 }
 
-/// Light of an observation by the ways that a map treats apart.
-struct Light {
-    /// Reflected once.
-    once: f64,
-    /// All that goes with ρd.
-    diffuse: f64,
-    rest: f64,
-    geometry: Geometry,
-}
-
 /// What the border of the field changes, as shares of the brightest radiance.
 struct OffCentre {
     /// Of what follows each pixel's directions: single reflections and the facets' diffuse light.
@@ -217,33 +208,7 @@ struct OffCentre {
 }
 
 fn off_centre(dear: &Dear, view: &View, p: &Parameters) -> OffCentre {
-    let surface = dear.surface(p);
-    let (eta, k) = view.index();
-    let optics = Optics {
-        eta,
-        k,
-        theta_l: view.rig.theta_l.rad(),
-        cones: view.rig.cones,
-    };
-    let share = surface.amplitude;
-    let lobes = Surface {
-        rho_d: 0.0,
-        ..surface
-    };
-    // At a place and a pose of the sample, for an irradiance of 1.
-    let at = |pose: &Pose, place: [f64; 2]| {
-        let geometry = view.geometry(*pose, place);
-        let once = share * single(&geometry, p, dear.lamp()).0;
-        let directions = geometry.directions(p[1]);
-        let whole = radiance(Variant::Sawtooth, &directions, &surface, &optics);
-        let diffuse = whole - radiance(Variant::Sawtooth, &directions, &lobes, &optics);
-        Light {
-            once,
-            diffuse,
-            rest: whole - diffuse - once,
-            geometry,
-        }
-    };
+    let anywhere = Anywhere::new(dear, view, p);
     let (width, height) = (view.width, view.height);
     let border = [
         0,
@@ -258,16 +223,15 @@ fn off_centre(dear: &Dear, view: &View, p: &Parameters) -> OffCentre {
     let mut peak = f64::MIN_POSITIVE;
     let (mut off_followed, mut off_rest) = (0.0f64, 0.0f64);
     for pose in dear.poses() {
-        let centre = at(pose, [0.0; 2]);
+        let centre = anywhere.light(pose, [0.0; 2]);
         peak = peak.max(centre.once + centre.diffuse + centre.rest);
         for pixel in border {
-            let there = at(pose, view.place_mm(pixel));
-            let facing = there.geometry.facing_beside(&centre.geometry, p);
-            let brought = centre.diffuse * facing;
+            let there = anywhere.light(pose, view.place_mm(pixel));
+            let brought = anywhere.brought(&centre, &there);
             off_followed = off_followed
                 .max((there.once - centre.once).abs())
                 .max((brought - centre.diffuse).abs());
-            off_rest = off_rest.max(((there.diffuse - brought) + (there.rest - centre.rest)).abs());
+            off_rest = off_rest.max(anywhere.lacks(&centre, &there).abs());
         }
     }
     OffCentre {

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use super::beside::Beside;
 use super::dear::{Dear, Met, Size};
 use super::globals::Globals;
 use super::kernel::{Geometry, Parameters};
@@ -121,6 +122,8 @@ pub(super) struct Run<'a> {
     pub(super) view: &'a View,
     /// True poses at the shared tilt zero.
     pub(super) poses: &'a [Pose],
+    /// What pixels beside a near field's centre have more, once that is known.
+    pub(super) beside: Option<&'a Beside>,
 }
 
 impl Run<'_> {
@@ -150,6 +153,23 @@ impl Run<'_> {
                 let irradiance = self.irradiance(index, j);
                 *signal /= irradiance;
                 *weight *= irradiance;
+            }
+        }
+    }
+
+    /// Takes off the signals of a pixel that looks like `p` what it has more for lying beside the centre of a near field.
+    /// `picked` are the observations that there are, all of them without.
+    pub(super) fn bring_to_centre(
+        &self,
+        index: usize,
+        p: &Parameters,
+        picked: Option<&[usize]>,
+        signal: &mut [f64],
+    ) {
+        if let Some(beside) = self.beside {
+            let more = beside.at(p, self.view.place_mm(self.batch.pixels[index]));
+            for (at, signal) in signal.iter_mut().enumerate() {
+                *signal -= more(picked.map_or(at, |picked| picked[at]));
             }
         }
     }
@@ -356,6 +376,7 @@ impl Pixels for Chosen<'_> {
         geometry: &mut [Geometry],
     ) -> Parameters {
         let index = self.chosen[pixel];
+        let start = self.starts[pixel];
         match self.picked {
             None => {
                 self.run.read(index, signal, weight);
@@ -375,7 +396,8 @@ impl Pixels for Chosen<'_> {
                 }
             }
         }
-        self.starts[pixel]
+        self.run.bring_to_centre(index, &start, self.picked, signal);
+        start
     }
 
     fn dear(

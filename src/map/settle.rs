@@ -3,6 +3,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use super::beside::Beside;
 use super::dear::Dear;
 use super::globals::{Globals, Second, shared_effects};
 use super::integrated::Integrated;
@@ -53,8 +54,11 @@ pub(super) struct Settled {
     pub(super) view: View,
     /// What was decided on the surfaces that most pixels look like.
     pub(super) plan: Plan,
-    /// What the centre's directions cost in light that went between the facets, where camera or lamp are near.
+    /// What the centre's directions cost in light that went between the facets, where camera or lamp are near and
+    /// nothing brings it from there to the pixels.
     pub(super) centre_for_all: Option<f64>,
+    /// What pixels beside the centre have more.
+    pub(super) beside: Option<Beside>,
 }
 
 /// What the camera's references say.
@@ -145,6 +149,7 @@ struct Settling<'a> {
     good: Vec<(usize, PixelFit)>,
     /// The plan, and what the centre's directions cost.
     decided: Option<(Plan, Option<f64>)>,
+    beside: Option<Beside>,
     polarised: bool,
 }
 
@@ -176,6 +181,7 @@ impl<'a> Settling<'a> {
             birge: 1.0,
             good: Vec::new(),
             decided: None,
+            beside: None,
             polarised: true,
         };
         if settling.is_relative() {
@@ -212,6 +218,7 @@ impl<'a> Settling<'a> {
             dear,
             view: &self.view,
             poses: &self.poses,
+            beside: self.beside.as_ref(),
         }
     }
 
@@ -366,6 +373,9 @@ impl<'a> Settling<'a> {
         let integrate = included(Decision::Bounces);
         let own = included(Decision::PerPixelGeometry);
         self.view = self.view.clone().with_own_directions(own);
+        if near && own {
+            self.beside = Beside::new(&self.dear, &self.view, surfaces);
+        }
         self.decided = Some((plan, cost));
         integrate
     }
@@ -395,6 +405,7 @@ impl<'a> Settling<'a> {
             view: self.view,
             plan: plan::with_polarisation(plan, self.polarised),
             centre_for_all,
+            beside: self.beside,
         }
     }
 

@@ -74,6 +74,7 @@ pub(super) fn fit_tiles(
                 dear: &settled.dear,
                 view,
                 poses: &settled.poses,
+                beside: settled.beside.as_ref(),
             };
             let (answers, spent) = fit_batch(&run, settled);
             let mut answered = answered.lock().expect("no holder of this lock panics");

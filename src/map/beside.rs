@@ -1,0 +1,190 @@
+//! What light that went between the facets is beside the centre of a near field.
+//!
+//! The costly terms are those of the field's centre ([`super::dear`]). Where camera or lamp are near, a pixel's own
+//! directions change them by as much as a percent of the peak. That change is smooth over the field and small, so it is
+//! worked out on the surfaces that most pixels look like, on a grid, and a polynomial of third degree in the
+//! pixel's place brings it everywhere: pose by pose it comes off the signals before a pixel is fitted.
+//!
+//! *Conditioning.* Places are in half-widths of the field, so the polynomial's normal equations have a condition below 1e3; the
+//! change is 1e-2 of the signal, and no digit of the signal depends on the polynomial.
+
+use nalgebra::{SMatrix, SVector};
+
+use super::dear::Dear;
+use super::kernel::{Geometry, Parameters, single};
+use super::view::View;
+use crate::geometry::Pose;
+use crate::model::{Optics, Surface, Variant, radiance};
+
+/// Places along an edge of the field.
+const GRID: usize = 7;
+/// Terms of a polynomial of third degree in two coordinates.
+const TERMS: usize = 10;
+/// Differences that make two surfaces as different as can be: rad, rad, logarithms, ρd.
+const APART: [f64; 5] = [0.1, 0.3, 0.7, 0.7, 0.3];
+
+/// Light of an observation by the ways that a map treats apart.
+pub(super) struct Light {
+    /// Reflected once.
+    pub(super) once: f64,
+    /// All that goes with ρd.
+    pub(super) diffuse: f64,
+    pub(super) rest: f64,
+    pub(super) geometry: Geometry,
+}
+
+/// One surface anywhere in a field.
+pub(super) struct Anywhere<'v> {
+    view: &'v View,
+    p: Parameters,
+    lamp: f64,
+    surface: Surface,
+    optics: Optics,
+}
+
+impl<'v> Anywhere<'v> {
+    pub(super) fn new(dear: &Dear, view: &'v View, p: &Parameters) -> Self {
+        let (eta, k) = view.index();
+        Anywhere {
+            view,
+            p: *p,
+            lamp: dear.lamp(),
+            surface: dear.surface(p),
+            optics: Optics {
+                eta,
+                k,
+                theta_l: view.rig.theta_l.rad(),
+                cones: view.rig.cones,
+            },
+        }
+    }
+
+    /// At a pose and a place of the sample, for an irradiance of 1.
+    pub(super) fn light(&self, pose: &Pose, place_mm: [f64; 2]) -> Light {
+        let geometry = self.view.geometry(*pose, place_mm);
+        let once = self.surface.amplitude * single(&geometry, &self.p, self.lamp).0;
+        let directions = geometry.directions(self.p[1]);
+        let lobes = Surface {
+            rho_d: 0.0,
+            ..self.surface
+        };
+        let of =
+            |surface: &Surface| radiance(Variant::Sawtooth, &directions, surface, &self.optics);
+        let whole = of(&self.surface);
+        let diffuse = whole - of(&lobes);
+        Light {
+            once,
+            diffuse,
+            rest: whole - diffuse - once,
+            geometry,
+        }
+    }
+
+    /// Diffuse light as it is brought from the centre to a place.
+    pub(super) fn brought(&self, centre: &Light, there: &Light) -> f64 {
+        centre.diffuse * there.geometry.facing_beside(&centre.geometry, &self.p)
+    }
+
+    /// What the centre's light lacks at a place, single reflections apart.
+    pub(super) fn lacks(&self, centre: &Light, there: &Light) -> f64 {
+        (there.diffuse - self.brought(centre, there)) + (there.rest - centre.rest)
+    }
+}
+
+/// One surface, and its polynomials by pose.
+type Known = (Parameters, Vec<[f64; TERMS]>);
+
+/// What pixels beside the centre have more than the centre.
+#[derive(Debug, Clone)]
+pub(super) struct Beside {
+    half_mm: [f64; 2],
+    middle_mm: [f64; 2],
+    surfaces: Vec<Known>,
+    /// What the polynomials leave, at most, as a share of the brightest radiance.
+    pub(super) left: f64,
+}
+
+impl Beside {
+    /// On the surfaces that most pixels look like; `None` without any.
+    pub(super) fn new(dear: &Dear, view: &View, surfaces: &[Parameters]) -> Option<Self> {
+        let last = view.pixels().checked_sub(1)?;
+        let (a, b) = (view.place_mm(0), view.place_mm(last));
+        let middle_mm = [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])];
+        let half = |k: usize| (0.5 * (b[k] - a[k])).abs().max(f64::MIN_POSITIVE);
+        let half_mm = [half(0), half(1)];
+        let at = |k: usize| 2.0 * k as f64 / (GRID - 1) as f64 - 1.0;
+        let grid: Vec<[f64; 2]> = (0..GRID * GRID)
+            .map(|k| [at(k % GRID), at(k / GRID)])
+            .collect();
+        let normal = grid.iter().fold(SMatrix::zeros(), |sum, place| {
+            let t = SVector::<f64, TERMS>::from(terms(*place));
+            sum + t * t.transpose()
+        });
+        let normal = SMatrix::<f64, TERMS, TERMS>::cholesky(normal)?;
+        let (mut left, mut peak) = (0.0_f64, f64::MIN_POSITIVE);
+        let known = |p: &Parameters| -> Known {
+            let anywhere = Anywhere::new(dear, view, p);
+            let of_pose = |pose: &Pose| {
+                let centre = anywhere.light(pose, [0.0; 2]);
+                peak = peak.max(centre.once + centre.diffuse + centre.rest);
+                let lacks = grid.iter().map(|[x, y]| {
+                    let place = [middle_mm[0] + x * half_mm[0], middle_mm[1] + y * half_mm[1]];
+                    anywhere.lacks(&centre, &anywhere.light(pose, place))
+                });
+                let lacks: Vec<f64> = lacks.collect();
+                let right = grid
+                    .iter()
+                    .zip(&lacks)
+                    .fold(SVector::zeros(), |sum, (place, y)| {
+                        sum + SVector::<f64, TERMS>::from(terms(*place)) * *y
+                    });
+                let polynomial: [f64; TERMS] = normal.solve(&right).into();
+                for (place, y) in grid.iter().zip(&lacks) {
+                    left = left.max((y - value(&polynomial, *place)).abs());
+                }
+                polynomial
+            };
+            (*p, dear.poses().iter().map(of_pose).collect())
+        };
+        let surfaces: Vec<Known> = surfaces.iter().map(known).collect();
+        let finite = |(_, all): &Known| all.iter().flatten().all(|c| c.is_finite());
+        (!surfaces.is_empty() && surfaces.iter().all(finite)).then_some(Beside {
+            half_mm,
+            middle_mm,
+            surfaces,
+            left: left / peak,
+        })
+    }
+
+    /// For a pixel at a place that looks like `p`: what its observation `j` has more.
+    pub(super) fn at(&self, p: &Parameters, place_mm: [f64; 2]) -> impl Fn(usize) -> f64 {
+        let turn = |from: f64| {
+            (from + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
+        };
+        let away = |known: &Known| -> f64 {
+            let apart = |k: usize| match k {
+                1 => turn(p[1] - known.0[1]),
+                _ => p[k] - known.0[k],
+            };
+            (0..APART.len())
+                .map(|k| (apart(k) / APART[k]).powi(2))
+                .sum()
+        };
+        let nearest = self
+            .surfaces
+            .iter()
+            .min_by(|a, b| away(a).total_cmp(&away(b)));
+        let place = [0, 1].map(|k| (place_mm[k] - self.middle_mm[k]) / self.half_mm[k]);
+        move |j| nearest.map_or(0.0, |(_, polynomials)| value(&polynomials[j], place))
+    }
+}
+
+fn terms([x, y]: [f64; 2]) -> [f64; TERMS] {
+    let (x2, y2) = (x * x, y * y);
+    [1.0, x, y, x2, x * y, y2, x2 * x, x2 * y, x * y2, y2 * y]
+}
+
+fn value(polynomial: &[f64; TERMS], place: [f64; 2]) -> f64 {
+    let pairs = polynomial.iter().zip(terms(place));
+    pairs.map(|(c, t)| c * t).sum()
+}
