@@ -11,7 +11,10 @@ export interface GridChoice {
 
 /** Fills in the form of a new scan. */
 export async function fillScan(page: Page, choice: GridChoice): Promise<void> {
-  await page.getByRole('combobox', { name: 'Sample' }).selectOption({ label: choice.sample });
+  const samples = page.getByRole('combobox', { name: 'Sample' });
+  // Its index stands behind its name.
+  const label = (await samples.locator('option').allInnerTexts()).find((words) => words.startsWith(`${choice.sample} (`));
+  await samples.selectOption({ label: label ?? choice.sample });
   await page.locator('.grids').getByText(choice.grid, { exact: true }).click();
   if (choice.tilts !== undefined) await page.getByLabel(/Camera tilts/).fill(choice.tilts);
   if (choice.azimuths !== undefined) await page.getByLabel(/Sample azimuths/).fill(choice.azimuths);

@@ -1,19 +1,20 @@
 // The page's only way to the daemon: typed requests, and every failure as a sentence.
 
 import type { FitOptions } from './fitoptions';
+import type { SampleRequest } from './sample';
 import type { ShapeRequest } from './shape';
 import type {
   Accuracy,
   AxisName,
   Calculation,
   CalculationKind,
+  Calibration,
   Certainty,
   Curves,
   CurvePoint,
   Estimate,
   Fit,
   FrameRow,
-  Material,
   OperatorStep,
   Page,
   Rig,
@@ -151,10 +152,11 @@ export const api = {
   rig: (): Promise<Rig> => get('/rig'),
   move: (axis: AxisName, position_deg: number): Promise<unknown> => post(`/rig/axes/${axis}/move`, { position_deg }),
   home: (axis: AxisName): Promise<unknown> => post(`/rig/axes/${axis}/home`),
+  /** Makes a lost link first; nothing begins to move. */
   stop: (): Promise<unknown> => post('/rig/stop'),
 
   samples: (): Promise<Sample[]> => getAll('/samples'),
-  addSample: (name: string, material: Material): Promise<Sample> => post('/samples', { name, material }),
+  addSample: (request: SampleRequest): Promise<Sample> => post('/samples', request),
 
   scans: (): Promise<Scan[]> => getAll('/scans'),
   scan: (id: number): Promise<Scan> => get(`/scans/${id}`),
@@ -163,11 +165,12 @@ export const api = {
   command: (id: number, verb: 'pause' | 'resume' | 'abort'): Promise<unknown> => post(`/scans/${id}/${verb}`),
   /** Says which step is done: where another page or terminal was faster, the scan waits for another one. */
   proceed: (id: number, action: OperatorStep['action']): Promise<unknown> => post(`/scans/${id}/continue`, { action }),
+  calibration: (id: number, signal?: AbortSignal): Promise<Calibration> => get(`/calibrations/${id}`, signal),
   frames: (id: number, signal?: AbortSignal): Promise<FrameRow[]> => getAll(`/scans/${id}/frames`, signal),
-  observations: (id: number, signal?: AbortSignal): Promise<Omit<CurvePoint, 'predicted' | 'residual'>[]> =>
-    getAll(`/scans/${id}/observations`, signal),
+  observations: (id: number, region: string | null, signal?: AbortSignal): Promise<Omit<CurvePoint, 'predicted' | 'residual'>[]> =>
+    getAll(`/scans/${id}/observations${region === null ? '' : `?region=${encodeURIComponent(region)}`}`, signal),
   certainties: (id: number, signal?: AbortSignal): Promise<Certainty[]> => getAll(`/scans/${id}/uncertainty`, signal),
-  observationsCsvUrl: (id: number): string => `${PREFIX}/scans/${id}/observations?format=csv`,
+  observationsCsvUrl: (id: number, region: string | null): string => `${PREFIX}/scans/${id}/observations?format=csv${region === null ? '' : `&region=${encodeURIComponent(region)}`}`,
 
   /** A recorded series in a folder of the daemon's machine. */
   importSeries: (folder: string, skip_unreadable: boolean): Promise<{ readonly scan_id: number; readonly n_frames: number; readonly skipped: readonly string[]; /** A scan that holds the very same series already. */ readonly same_as_scan_id?: number | null }> =>

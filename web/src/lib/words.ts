@@ -1,6 +1,6 @@
 // What codes, flags and names mean, in words.
 
-import { significant } from './format';
+import { plain, significant } from './format';
 import type { Fit, Parameter, Scan, ScanState } from './types';
 
 export interface ParameterWords {
@@ -72,6 +72,22 @@ export function budgetSentence(budget: Readonly<Record<string, number>>, unit: s
     .join(', ');
 }
 
+/** What the daemon has against a plan, as the form calls it: no keys, exposures in its milliseconds. */
+export function planWords(said: string): string {
+  const named: Readonly<Record<string, string>> = { theta_c_deg: 'Camera tilt', phi_s_deg: 'Sample azimuth', exposures_s: 'Exposure', repeats: 'Repeats' };
+  return said
+    .replace(/^The plan cannot run: (?=plan\.)/i, '')
+    .replace(/; (?=plan\.)/g, '. ')
+    .replace(/plan\.(?:(dark|flat)\.)?(\w+)(?:\[\d+\])?: /g, (_, of: string | undefined, field: string) => `${{ dark: 'Dark frames, ', flat: 'White reference, ' }[of ?? ''] ?? ''}${named[field] ?? field}: `)
+    .replace(/(-?[\d.e-]+) s is not between ([\d.e-]+) and ([\d.e-]+) s/g, (_, ...s: string[]) => `${ms(s[0])} ms is not between ${ms(s[1])} and ${ms(s[2])} ms`)
+    .replace(/of theta_c\b/g, 'of the camera tilt')
+    .replace(/of phi_s\b/g, 'of the sample azimuth')
+    .replace(/(\d\.\d*?)0+(?=°)/g, (_, digits: string) => digits.replace(/\.$/, ''))
+    .replace(/(^|[\s:])-(?=\d)/g, '$1−');
+}
+
+const ms = (s: string | undefined): string => plain(1000 * Number(s), 6);
+
 /** Whether the data determine a parameter, in words. */
 export function identifiability(parameter: Parameter): { word: string; tone: 'good' | 'plain' | 'bad'; detail: string } {
   const detail = parameter.note ?? parameter.reason ?? '';
@@ -101,6 +117,15 @@ export const SCAN_STATES: Readonly<Record<ScanState, { word: string; tone: 'busy
 /** A scan that holds the rig. */
 export function isActive(scan: Scan): boolean {
   return ['planned', 'waiting-for-operator', 'running', 'pausing', 'paused'].includes(scan.state);
+}
+
+/** Frames of the sample that a scan has so far: the calibration frames come first, and the plan knows the rest. */
+export function sampleFrames(scan: Scan): number {
+  const { plan, progress } = scan;
+  if (!progress) return scan.origin === 'import' ? 1 : 0;
+  if (scan.origin === 'import' || progress.phase === 'done') return progress.frames_done;
+  const planned = plan.theta_c_deg.length * plan.phi_s_deg.length * plan.exposures_s.length * plan.repeats;
+  return Math.max(0, progress.frames_done - (progress.frames_total - planned));
 }
 
 export const FIT_STATUS: Readonly<Record<string, { word: string; tone: 'good' | 'warn' | 'bad' }>> = {
