@@ -1,6 +1,7 @@
 // The page's only way to the daemon: typed requests, and every failure as a sentence.
 
 import type { FitOptions } from './fitoptions';
+import { pageWords } from './pagewords';
 import type { SampleRequest } from './sample';
 import type { ShapeRequest } from './shape';
 import type {
@@ -48,7 +49,7 @@ const ON_THE_PAGE: readonly (readonly [RegExp, string])[] = [
 
 /** First letter large, a full stop at the end; what to do is said as the page calls it. */
 export function sentence(text: string): string {
-  const trimmed = ON_THE_PAGE.reduce((said, [theirs, ours]) => said.replace(theirs, ours), text.trim());
+  const trimmed = pageWords(ON_THE_PAGE.reduce((said, [theirs, ours]) => said.replace(theirs, ours), text.trim()));
   if (trimmed === '') return '';
   const head = trimmed.charAt(0).toUpperCase() + trimmed.slice(1);
   return /[.!?…]$/.test(head) ? head : `${head}.`;
@@ -199,7 +200,11 @@ export const api = {
   traceBytes: async (id: number, name: string, signal?: AbortSignal): Promise<ArrayBuffer> =>
     (await ask(`${PREFIX}/traces/${id}/files/${name}`, signal ? { signal } : undefined)).arrayBuffer(),
 
-  accuracy: (signal?: AbortSignal): Promise<Accuracy> => get('/accuracy', signal),
+  /** Null where nothing was measured. */
+  accuracy: async (signal?: AbortSignal): Promise<Accuracy | null> => {
+    const response = await ask(`${PREFIX}/accuracy`, signal ? { signal } : undefined);
+    return response.status === 204 ? null : ((await response.json()) as Accuracy);
+  },
   accuracyUrl: (): string => `${PREFIX}/accuracy`,
 
   /** The bytes of a frame's file. */

@@ -80,8 +80,6 @@ export function planWords(said: string): string {
     .replace(/; (?=plan\.)/g, '. ')
     .replace(/plan\.(?:(dark|flat)\.)?(\w+)(?:\[\d+\])?: /g, (_, of: string | undefined, field: string) => `${{ dark: 'Dark frames, ', flat: 'White reference, ' }[of ?? ''] ?? ''}${named[field] ?? field}: `)
     .replace(/(-?[\d.e-]+) s is not between ([\d.e-]+) and ([\d.e-]+) s/g, (_, ...s: string[]) => `${ms(s[0])} ms is not between ${ms(s[1])} and ${ms(s[2])} ms`)
-    .replace(/of theta_c\b/g, 'of the camera tilt')
-    .replace(/of phi_s\b/g, 'of the sample azimuth')
     .replace(/(\d\.\d*?)0+(?=°)/g, (_, digits: string) => digits.replace(/\.$/, ''))
     .replace(/(^|[\s:])-(?=\d)/g, '$1−');
 }
@@ -91,6 +89,7 @@ const ms = (s: string | undefined): string => plain(1000 * Number(s), 6);
 /** Whether the data determine a parameter, in words. */
 export function identifiability(parameter: Parameter): { word: string; tone: 'good' | 'plain' | 'bad'; detail: string } {
   const detail = parameter.note ?? parameter.reason ?? '';
+  if (parameter.value === null && /^a metal\b/i.test(detail)) return { word: 'none: a metal', tone: 'plain', detail };
   // What was held as somebody stated it has its value, and was not asked of the data.
   const held = parameter.value !== null && detail.startsWith('held');
   if (!held && (!parameter.identifiable || parameter.value === null)) {
