@@ -27,6 +27,9 @@ import type {
 
 const PREFIX = '/api/v1';
 
+/** A fit has some 20 kB: a store of thousands is read page by page. */
+const FITS_PER_PAGE = 100;
+
 /** A refused or failed request; `message` is a sentence for people, `code` is stable for programs. */
 export class Problem extends Error {
   readonly status: number;
@@ -65,7 +68,7 @@ export function problemSentence(body: unknown, fallback: string): string {
   if (Array.isArray(errors)) {
     for (const entry of errors as { field?: unknown; message?: unknown }[]) {
       const message = typeof entry.message === 'string' ? entry.message : '';
-      if (message !== '' && !parts.some((part) => part.includes(message))) parts.push(sentence(message));
+      if (message !== '' && !parts.some((part) => part.includes(pageWords(message)))) parts.push(sentence(message));
     }
   }
   return parts.length > 0 ? parts.join(' ') : sentence(fallback);
@@ -177,7 +180,9 @@ export const api = {
   importSeries: (folder: string, skip_unreadable: boolean): Promise<{ readonly scan_id: number; readonly n_frames: number; readonly skipped: readonly string[]; /** A scan that holds the very same series already. */ readonly same_as_scan_id?: number | null }> =>
     post('/imports', { folder, skip_unreadable }),
 
-  fits: (): Promise<Fit[]> => getAll('/fits'),
+  /** A page of fits, newest first; of one scan, or of all. */
+  fits: (of: { readonly scan_id?: number; readonly cursor?: string } = {}): Promise<Page<Fit>> =>
+    get(`/fits?limit=${FITS_PER_PAGE}${of.scan_id === undefined ? '' : `&scan_id=${of.scan_id}`}${of.cursor === undefined ? '' : `&cursor=${encodeURIComponent(of.cursor)}`}`),
   fit: (id: number): Promise<Fit> => get(`/fits/${id}`),
   startFit: (request: FitRequest): Promise<{ id: number }> => post('/fits', request),
   cancelFit: (id: number): Promise<unknown> => post(`/fits/${id}/cancel`),

@@ -46,7 +46,9 @@ class Selection {
   get missing(): 'scan' | 'fit' | null {
     if (!live.loaded) return null;
     if (this.scanId !== null && this.scan === null) return 'scan';
-    return this.fitId !== null && this.fit === null ? 'fit' : null;
+    // An older fit may not have been read yet.
+    const all = !live.moreFits || live.fitsOfScan === this.scanId;
+    return all && this.fitId !== null && this.fit === null ? 'fit' : null;
   }
 }
 

@@ -75,9 +75,17 @@ export function budgetSentence(budget: Readonly<Record<string, number>>, unit: s
 /** What the daemon has against a plan, as the form calls it: no keys, exposures in its milliseconds. */
 export function planWords(said: string): string {
   const named: Readonly<Record<string, string>> = { theta_c_deg: 'Camera tilt', phi_s_deg: 'Sample azimuth', exposures_s: 'Exposure', repeats: 'Repeats' };
-  return said
-    .replace(/^The plan cannot run: (?=plan\.)/i, '')
-    .replace(/; (?=plan\.)/g, '. ')
+  const [first = '', ...rest] = said.replace(/^The plan cannot run: (?=plan\.)/i, '').split(/; (?=plan\.)/);
+  // Many values may share one fault: it is said once.
+  const faults: string[] = [];
+  for (const fault of [first, ...rest]) {
+    const [, field, value, tail] = /^(plan\.[\w.]+)\[\d+\]: (-?[\d.e-]+\S*)( is outside .*?)\.?$/.exec(fault) ?? [];
+    const same = faults.findIndex((f) => field !== undefined && f.startsWith(`${field}: `) && f.endsWith(tail ?? ''));
+    if (same >= 0) faults[same] = (faults[same] ?? '').replace(/ is outside /, `, ${value} is outside `);
+    else faults.push(field === undefined ? fault : `${field}: ${value}${tail}`);
+  }
+  const all = faults.join('. ');
+  return (/[.!?]$/.test(all) ? all : `${all}.`)
     .replace(/plan\.(?:(dark|flat)\.)?(\w+)(?:\[\d+\])?: /g, (_, of: string | undefined, field: string) => `${{ dark: 'Dark frames, ', flat: 'White reference, ' }[of ?? ''] ?? ''}${named[field] ?? field}: `)
     .replace(/(-?[\d.e-]+) s is not between ([\d.e-]+) and ([\d.e-]+) s/g, (_, ...s: string[]) => `${ms(s[0])} ms is not between ${ms(s[1])} and ${ms(s[2])} ms`)
     .replace(/(\d\.\d*?)0+(?=°)/g, (_, digits: string) => digits.replace(/\.$/, ''))

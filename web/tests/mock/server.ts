@@ -52,6 +52,8 @@ export class MockDaemon {
   connected = true;
   /** Whether the stages are there to be connected to. */
   plugged = true;
+  /** What the fit that runs along said, of any scan. */
+  readonly certainties: Json[] = [];
   /** Calibrations of earlier scans that a new one may use. */
   readonly calibrations: Json[] = [];
   /** Of the sample of every scan. */
@@ -418,7 +420,7 @@ export class MockDaemon {
       const verb = scanMatch[2];
       if (verb === undefined) return send(200, scan.body);
       if (verb === 'frames') return list(scan.frames);
-      if (verb === 'uncertainty') return list([]);
+      if (verb === 'uncertainty') return list(this.certainties);
       if (verb === 'observations') {
         if (!scan.frames.some((f) => f['kind'] === 'sample')) return problem(422, 'no-observations', 'no observation is left');
         if (this.regions.length > 0 && !url.searchParams.has('region')) return problem(422, 'invalid-value', 'the sample has several regions: name one of them');
@@ -457,7 +459,13 @@ export class MockDaemon {
       if (this.fitMs !== null) this.#after(this.fitMs, () => this.#finishFit(id, String(body['variant']), body['shape'] !== undefined));
       return send(202, { id, state: 'running' });
     }
-    if (path === '/fits') return list(this.fits);
+    if (path === '/fits') {
+      const [limit, from, of] = [url.searchParams.get('limit'), url.searchParams.get('cursor'), url.searchParams.get('scan_id')];
+      const rows = this.fits.filter((f) => of === null || f['scan_id'] === Number(of));
+      const begin = Number(from ?? 0);
+      const end = begin + Number(limit ?? 100);
+      return send(200, { items: rows.slice(begin, end), next_cursor: end < rows.length ? String(end) : null });
+    }
     const fitMatch = /^\/fits\/(\d+)(\/curve)?$/.exec(path);
     const cancelled = /^\/fits\/(\d+)\/cancel$/.exec(path);
     if (cancelled) {
@@ -466,7 +474,8 @@ export class MockDaemon {
     }
     if (fitMatch) {
       const id = Number(fitMatch[1]);
-      return send(200, fitMatch[2] ? this.#curve(id) : this.fits.find((f) => f['id'] === id));
+      const fit = this.fits.find((f) => f['id'] === id);
+      return fit ? send(200, fitMatch[2] ? this.#curve(id) : fit) : problem(404, 'not-found', `there is no fit ${id}`);
     }
     if (path === '/traces' && method === 'POST') {
       const id = this.traces.length + 1;

@@ -299,7 +299,7 @@ describe('the form of a new scan', () => {
     await sample.selectOption({ label: 'New sample …' });
     await form.getByLabel('Name', { exact: true }).fill('die 4');
     await form.getByLabel('Material').selectOption('metal');
-    await form.getByLabel('Metal').selectOption('Cu');
+    await form.getByRole('combobox', { name: 'Metal', exact: true }).selectOption('Cu');
     await form.getByRole('button', { name: 'Add sample' }).click();
     await expect.poll(sent).toEqual({ name: 'die 4', metal: { name: 'Cu' } });
     await expect.poll(() => sample.locator('option:checked').innerText()).toBe('die 4 (n 3.12, k 3.33)');
@@ -419,7 +419,36 @@ describe('a frame', () => {
   });
 });
 
+describe('the map of poses', () => {
+  it('is one stop of the Tab key, is crossed by arrow keys, and says what its colours are', async () => {
+    daemon.addScan(1, 'full');
+    await page.goto(url);
+    const poses = page.getByTestId('poses');
+    await poses.waitFor();
+    expect(await poses.locator('button[tabindex="0"]').count()).toBe(1);
+    expect(await poses.locator('button').count()).toBe(108);
+    await poses.locator('button[tabindex="0"]').focus();
+    const before = await poses.locator('button[aria-current]').getAttribute('data-at');
+    await page.keyboard.press('ArrowDown');
+    await page.keyboard.press('ArrowLeft');
+    const [row, column] = (before ?? '').split(' ').map(Number);
+    expect(await poses.locator('button[aria-current]').getAttribute('data-at')).toBe(`${(row ?? 0) + 1} ${(column ?? 0) - 1}`);
+    expect(await poses.locator('button:focus').getAttribute('tabindex')).toBe('0');
+    expect(await text('[data-testid=pose-scale]')).toMatch(/^0 [\d ]+ DN\/s$/);
+  });
+});
+
 describe('a fit', () => {
+  it('is asked for with the model of its own scan, not of the one before', async () => {
+    daemon.addScan(1, 'paper');
+    const other = daemon.addScan(2, 'paper');
+    await page.goto(`${url}/#/scan/1`);
+    const model = page.getByTestId('fit-form').getByLabel('Model');
+    await model.selectOption('traced');
+    await page.goto(`${url}/#/scan/${other}`);
+    await expect.poll(() => model.inputValue()).toBe('auto');
+  });
+
   it('says which parameter the data cannot tell, and what an uncertainty is made of', async () => {
     const scan = daemon.addScan(1, 'full');
     daemon.addFit(scan, 'paper');
@@ -441,6 +470,57 @@ describe('a fit', () => {
     await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('10.61 ± 0.42°');
     expect(await page.getByTestId('curves').locator('figure').count()).toBe(9);
     expect(new URL(page.url()).hash).toBe('#/scan/1/fit/1');
+  });
+});
+
+describe('a store of many fits', () => {
+  it('is read page by page, and shows the fit of the address however old it is', async () => {
+    daemon.addFit(daemon.addScan(2, 'paper'));
+    const scan = daemon.addScan(1, 'paper');
+    for (let i = 0; i < 230; i++) daemon.addFit(scan);
+    await page.goto(`${url}/#/scan/1/fit/1`);
+    await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('15.031 ± 0.085°');
+    expect(await page.getByTestId('missing').count()).toBe(0);
+    const rows = page.getByTestId('fits').locator('tbody tr');
+    expect(await rows.count()).toBe(50);
+    expect(await page.getByTestId('fits-count').innerText()).toBe('101 newest fits');
+    const older = page.getByRole('button', { name: 'Older fits' });
+    for (const n of [100, 150, 200, 231]) {
+      await older.click();
+      await expect.poll(() => rows.count()).toBe(n);
+    }
+    expect(await older.count()).toBe(0);
+    expect(await page.getByTestId('fits-count').innerText()).toBe('231 fits');
+    // Three pages of all, and one of the scan that is looked at.
+    expect(daemon.reads.filter((path) => path.startsWith('/fits?'))).toHaveLength(4);
+  });
+});
+
+describe('the fit of a metal', () => {
+  it('has no diffuse reflectance, and nothing is wrong with that', async () => {
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    const parameters = daemon.fits[0]?.['parameters'] as Record<string, unknown>;
+    parameters['rho_d'] = { value: null, std: null, expanded: null, coverage_factor: null, identifiable: false, budget: null, note: 'a metal sends no light back from below its surface: there is no ρd to measure' };
+    await page.goto(url);
+    const place = page.locator('[data-parameter=rho_d] span');
+    await place.waitFor();
+    expect(await place.innerText()).toBe('none: a metal');
+    expect(await place.getAttribute('class')).not.toContain('bad');
+  });
+});
+
+describe('the uncertainty along a scan', () => {
+  const row = (id: number) => ({ id, elapsed_s: 9 * id, n_observations: id, n_frames_used: id, variant: 'sawtooth', status: 'converged', parameters: { theta_r_deg: { value: 10, std: 0.3 / id } } });
+
+  it.each([[1, 0], [2, 1]])('of %i fits and the last one is drawn as %i plots, in words always', async (fits, plots) => {
+    for (let id = 1; id <= fits; id++) daemon.certainties.push(row(id));
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    await page.goto(url);
+    const card = page.getByTestId('certainty');
+    await card.waitFor();
+    expect(await card.locator('[data-line=theta_r_deg]').innerText()).toMatch(/10\.031°, u = 0\.043°/);
+    await expect.poll(() => card.locator('canvas').count()).toBe(plots);
+    expect(await card.innerText()).toMatch(/After \d+(\.\d+)? s: 15 poses/);
   });
 });
 
@@ -479,6 +559,7 @@ describe('error against run time', () => {
     await view.waitFor();
     await expect.poll(() => view.locator('g[data-method]').count()).toBe(3);
     expect(await view.locator('g[data-method=split] circle').count()).toBe(3);
+    expect(await view.locator('text[data-axis=y]').textContent()).toBe('relative error');
     const words = await view.innerText();
     for (const part of ['slope −0.50', 'levels off', 'exact (flat layers)', '1 of 1 within', 'factor of 2: 1 of 2', 'ridged, two threads']) expect(words).toContain(part);
     await view.locator('summary').click();
@@ -634,6 +715,7 @@ describe('a fit on the sample’s own shape', () => {
     await form.getByLabel('Samples apart, µm').waitFor();
     await page.goto(`${url}/#/scan/${other}`);
     await form.getByLabel('Samples apart, µm').waitFor({ state: 'detached' });
+    await form.getByLabel('Model').selectOption('traced');
     expect(await form.getByLabel('File of heights').inputValue()).toBe('');
   });
 });
@@ -661,6 +743,18 @@ describe('the virtual ellipsometer', () => {
     await form.getByRole('button', { name: 'Trace' }).click();
     await form.getByRole('alert').filter({ hasText: 'hills.tif has 7.0 MB' }).waitFor();
     expect(posts()).toEqual([]);
+  });
+
+  it('says under each field why nothing can be traced', async () => {
+    await page.goto(url);
+    const form = page.getByTestId('trace-form');
+    await form.getByLabel('Photons').fill('1,5e5');
+    await form.getByText('A whole number above 0, such as 200000 or 2e5.').waitFor();
+    await form.getByLabel('Seconds at most').fill('0');
+    await form.getByText('A number of seconds above 0').waitFor();
+    await form.getByLabel('Surfaces, drawn anew').fill('5000');
+    await form.getByText('A whole number from 2 to 1000').waitFor();
+    expect(await form.getByRole('button', { name: 'Trace' }).isDisabled()).toBe(true);
   });
 
   it('says what is wrong with a scene beside it and selects its line', async () => {

@@ -10,7 +10,7 @@ describe('the page’s own words', () => {
     expect(pageWords('what the model misses is in the uncertainties as `model`')).toBe('what the model misses is in the uncertainties as “model”');
     expect(pageWords('uncertainty of theta_l')).toBe('uncertainty of the angle between lamp and camera');
     expect(sentence('theta_c has no reference position: home it first')).toBe('The camera tilt has no reference position: home it first.');
-    expect(pageWords('a wedge cannot show; state rig.sample_wedge_std_deg, or remount')).toBe('a wedge cannot show; state how well it is known in the rig’s settings (sample_wedge_std_deg), or remount');
+    expect(pageWords('a wedge cannot show; state rig.sample_wedge_std_deg, or remount')).toBe('a wedge cannot show; state it in the rig’s settings (sample_wedge_std_deg), or remount');
   });
 
   it('leave alone what a scene’s keys are called, and name parameters in results', () => {

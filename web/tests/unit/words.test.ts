@@ -68,6 +68,9 @@ describe('planWords', () => {
   it('says a plan’s faults as the form calls them, exposures in ms', () => {
     const said = 'The plan cannot run: plan.theta_c_deg[0]: -90° is outside the travel of the camera tilt, -60.000° to 60.000°; plan.exposures_s[0]: -0.004 s is not between 0.000001 and 3600 s.';
     expect(planWords(said)).toBe('Camera tilt: −90° is outside the travel of the camera tilt, −60° to 60°. Exposure: −4 ms is not between 0.001 and 3600000 ms.');
+    const many = 'The plan cannot run: plan.theta_c_deg[0]: -90° is outside the travel, -60° to 60°; plan.theta_c_deg[1]: -80° is outside the travel, -60° to 60°.';
+    expect(planWords(many)).toBe('Camera tilt: −90°, −80° is outside the travel, −60° to 60°.');
+    expect(planWords('The disk is full.')).toBe('The disk is full.');
   });
 });
 
