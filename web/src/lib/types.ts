@@ -316,7 +316,10 @@ interface Spread {
 
 /** The object of `ridged map --json`. */
 export interface MapResult extends Calculation {
+  /** That were fitted. */
   readonly pixels: number;
+  /** That were not reached within the time allowed. */
+  readonly pixels_left_out?: number;
   readonly pixels_with_value: number;
   readonly parameters: Readonly<Record<string, Spread>>;
   readonly lean_directions: readonly { readonly azimuth_deg: number; readonly share: number }[];

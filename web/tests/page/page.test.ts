@@ -141,7 +141,7 @@ describe('faults', () => {
     expect(await tilt.getByLabel('camera tilt: move to, degrees').isDisabled()).toBe(true);
     const again = page.getByRole('button', { name: 'Connect again' });
     await again.click();
-    await page.locator('.message').filter({ hasText: 'The serial port /dev/ttyUSB0 does not exist' }).waitFor();
+    await page.getByText('Still not connected.').waitFor();
     daemon.plugged = true;
     await again.click();
     await page.getByText('at rest').waitFor();
@@ -349,6 +349,7 @@ describe('observations', () => {
     await expect.poll(() => page.getByTestId('curves').locator('figure').count()).toBe(5);
     await page.getByTestId('fit-form').getByLabel('Region').selectOption('right half');
     await expect.poll(asked).toContainEqual(expect.stringContaining('region=right%20half'));
+    expect(await page.getByRole('link', { name: 'Observations as CSV' }).getAttribute('href')).toContain('region=right%20half');
   });
 });
 
