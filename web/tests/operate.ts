@@ -13,8 +13,9 @@ export interface GridChoice {
 export async function fillScan(page: Page, choice: GridChoice): Promise<void> {
   const samples = page.getByRole('combobox', { name: 'Sample' });
   // Its index stands behind its name.
-  const label = (await samples.locator('option').allInnerTexts()).find((words) => words.startsWith(`${choice.sample} (`));
-  await samples.selectOption({ label: label ?? choice.sample });
+  const option = samples.locator('option', { hasText: `${choice.sample} (` }).first();
+  await option.waitFor({ state: 'attached' });
+  await samples.selectOption({ label: await option.innerText() });
   await page.locator('.grids').getByText(choice.grid, { exact: true }).click();
   if (choice.tilts !== undefined) await page.getByLabel(/Camera tilts/).fill(choice.tilts);
   if (choice.azimuths !== undefined) await page.getByLabel(/Sample azimuths/).fill(choice.azimuths);
