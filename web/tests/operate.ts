@@ -11,7 +11,11 @@ export interface GridChoice {
 
 /** Fills in the form of a new scan. */
 export async function fillScan(page: Page, choice: GridChoice): Promise<void> {
-  await page.getByRole('combobox', { name: 'Sample' }).selectOption({ label: choice.sample });
+  const samples = page.getByRole('combobox', { name: 'Sample' });
+  // Its index stands behind its name.
+  const option = samples.locator('option', { hasText: `${choice.sample} (` }).first();
+  await option.waitFor({ state: 'attached' });
+  await samples.selectOption({ label: await option.innerText() });
   await page.locator('.grids').getByText(choice.grid, { exact: true }).click();
   if (choice.tilts !== undefined) await page.getByLabel(/Camera tilts/).fill(choice.tilts);
   if (choice.azimuths !== undefined) await page.getByLabel(/Sample azimuths/).fill(choice.azimuths);

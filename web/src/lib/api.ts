@@ -1,19 +1,21 @@
 // The page's only way to the daemon: typed requests, and every failure as a sentence.
 
 import type { FitOptions } from './fitoptions';
+import { pageWords } from './pagewords';
+import type { SampleRequest } from './sample';
 import type { ShapeRequest } from './shape';
 import type {
   Accuracy,
   AxisName,
   Calculation,
   CalculationKind,
+  Calibration,
   Certainty,
   Curves,
   CurvePoint,
   Estimate,
   Fit,
   FrameRow,
-  Material,
   OperatorStep,
   Page,
   Rig,
@@ -24,6 +26,9 @@ import type {
 } from './types';
 
 const PREFIX = '/api/v1';
+
+/** A fit has some 20 kB: a store of thousands is read page by page. */
+const FITS_PER_PAGE = 100;
 
 /** A refused or failed request; `message` is a sentence for people, `code` is stable for programs. */
 export class Problem extends Error {
@@ -47,7 +52,7 @@ const ON_THE_PAGE: readonly (readonly [RegExp, string])[] = [
 
 /** First letter large, a full stop at the end; what to do is said as the page calls it. */
 export function sentence(text: string): string {
-  const trimmed = ON_THE_PAGE.reduce((said, [theirs, ours]) => said.replace(theirs, ours), text.trim());
+  const trimmed = pageWords(ON_THE_PAGE.reduce((said, [theirs, ours]) => said.replace(theirs, ours), text.trim()));
   if (trimmed === '') return '';
   const head = trimmed.charAt(0).toUpperCase() + trimmed.slice(1);
   return /[.!?…]$/.test(head) ? head : `${head}.`;
@@ -63,7 +68,7 @@ export function problemSentence(body: unknown, fallback: string): string {
   if (Array.isArray(errors)) {
     for (const entry of errors as { field?: unknown; message?: unknown }[]) {
       const message = typeof entry.message === 'string' ? entry.message : '';
-      if (message !== '' && !parts.some((part) => part.includes(message))) parts.push(sentence(message));
+      if (message !== '' && !parts.some((part) => part.includes(pageWords(message)))) parts.push(sentence(message));
     }
   }
   return parts.length > 0 ? parts.join(' ') : sentence(fallback);
@@ -151,10 +156,11 @@ export const api = {
   rig: (): Promise<Rig> => get('/rig'),
   move: (axis: AxisName, position_deg: number): Promise<unknown> => post(`/rig/axes/${axis}/move`, { position_deg }),
   home: (axis: AxisName): Promise<unknown> => post(`/rig/axes/${axis}/home`),
+  /** Makes a lost link first; nothing begins to move. */
   stop: (): Promise<unknown> => post('/rig/stop'),
 
   samples: (): Promise<Sample[]> => getAll('/samples'),
-  addSample: (name: string, material: Material): Promise<Sample> => post('/samples', { name, material }),
+  addSample: (request: SampleRequest): Promise<Sample> => post('/samples', request),
 
   scans: (): Promise<Scan[]> => getAll('/scans'),
   scan: (id: number): Promise<Scan> => get(`/scans/${id}`),
@@ -163,17 +169,20 @@ export const api = {
   command: (id: number, verb: 'pause' | 'resume' | 'abort'): Promise<unknown> => post(`/scans/${id}/${verb}`),
   /** Says which step is done: where another page or terminal was faster, the scan waits for another one. */
   proceed: (id: number, action: OperatorStep['action']): Promise<unknown> => post(`/scans/${id}/continue`, { action }),
+  calibration: (id: number, signal?: AbortSignal): Promise<Calibration> => get(`/calibrations/${id}`, signal),
   frames: (id: number, signal?: AbortSignal): Promise<FrameRow[]> => getAll(`/scans/${id}/frames`, signal),
-  observations: (id: number, signal?: AbortSignal): Promise<Omit<CurvePoint, 'predicted' | 'residual'>[]> =>
-    getAll(`/scans/${id}/observations`, signal),
+  observations: (id: number, region: string | null, signal?: AbortSignal): Promise<Omit<CurvePoint, 'predicted' | 'residual'>[]> =>
+    getAll(`/scans/${id}/observations${region === null ? '' : `?region=${encodeURIComponent(region)}`}`, signal),
   certainties: (id: number, signal?: AbortSignal): Promise<Certainty[]> => getAll(`/scans/${id}/uncertainty`, signal),
-  observationsCsvUrl: (id: number): string => `${PREFIX}/scans/${id}/observations?format=csv`,
+  observationsCsvUrl: (id: number, region: string | null): string => `${PREFIX}/scans/${id}/observations?format=csv${region === null ? '' : `&region=${encodeURIComponent(region)}`}`,
 
   /** A recorded series in a folder of the daemon's machine. */
   importSeries: (folder: string, skip_unreadable: boolean): Promise<{ readonly scan_id: number; readonly n_frames: number; readonly skipped: readonly string[]; /** A scan that holds the very same series already. */ readonly same_as_scan_id?: number | null; /** A scan that holds the same frames, of which the series says something else. */ readonly like_scan_id?: number | null; readonly differences?: readonly string[] }> =>
     post('/imports', { folder, skip_unreadable }),
 
-  fits: (): Promise<Fit[]> => getAll('/fits'),
+  /** A page of fits, newest first; of one scan, or of all. */
+  fits: (of: { readonly scan_id?: number; readonly cursor?: string } = {}): Promise<Page<Fit>> =>
+    get(`/fits?limit=${FITS_PER_PAGE}${of.scan_id === undefined ? '' : `&scan_id=${of.scan_id}`}${of.cursor === undefined ? '' : `&cursor=${encodeURIComponent(of.cursor)}`}`),
   fit: (id: number): Promise<Fit> => get(`/fits/${id}`),
   startFit: (request: FitRequest): Promise<{ id: number }> => post('/fits', request),
   cancelFit: (id: number): Promise<unknown> => post(`/fits/${id}/cancel`),
@@ -196,7 +205,11 @@ export const api = {
   traceBytes: async (id: number, name: string, signal?: AbortSignal): Promise<ArrayBuffer> =>
     (await ask(`${PREFIX}/traces/${id}/files/${name}`, signal ? { signal } : undefined)).arrayBuffer(),
 
-  accuracy: (signal?: AbortSignal): Promise<Accuracy> => get('/accuracy', signal),
+  /** Null where nothing was measured. */
+  accuracy: async (signal?: AbortSignal): Promise<Accuracy | null> => {
+    const response = await ask(`${PREFIX}/accuracy`, signal ? { signal } : undefined);
+    return response.status === 204 ? null : ((await response.json()) as Accuracy);
+  },
   accuracyUrl: (): string => `${PREFIX}/accuracy`,
 
   /** The bytes of a frame's file. */

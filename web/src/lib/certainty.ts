@@ -53,3 +53,25 @@ export function logarithmic(lines: readonly FallingLine[]): LogarithmicScale {
   const powers = marks.filter((x) => x.toExponential(0).startsWith('1e') && Math.round(Math.log10(x)) % step === 0);
   return { low, high, marks: powers };
 }
+
+export interface TimeScale {
+  readonly unit: 's' | 'min';
+  /** Of one unit. */
+  readonly seconds: number;
+  /** Right end, in units. */
+  readonly high: number;
+  readonly marks: readonly number[];
+}
+
+/** Below this the rig's time is told in seconds, s. */
+const SECONDS_BELOW = 120;
+const TIME_MARKS_MAX = 8;
+
+/** A scale of the rig's time from 0 to the newest row, with at most eight round marks. */
+export function timeScale(latestS: number): TimeScale {
+  const seconds = latestS < SECONDS_BELOW ? 1 : 60;
+  const high = (Math.max(latestS, 1) / seconds) * 1.03;
+  const steps = [-1, 0, 1, 2, 3, 4].flatMap((e) => [1, 2, 5].map((m) => Number(`${m}e${e}`)));
+  const step = steps.find((s) => Math.floor(high / s) + 1 <= TIME_MARKS_MAX) ?? high;
+  return { unit: seconds === 1 ? 's' : 'min', seconds, high, marks: Array.from({ length: Math.floor(high / step) + 1 }, (_, i) => Number((i * step).toPrecision(9))) };
+}

@@ -75,3 +75,10 @@ export function aligned(columns: readonly { readonly xs: readonly number[]; read
     }),
   };
 }
+
+/** Round azimuths within a range, degrees: quarters of a turn, or smaller steps where few of those would lie in it. */
+export function azimuthMarks(low: number, high: number): number[] {
+  const step = [90, 30, 10, 5, 1].find((s) => (high - low) / s >= 2.1) ?? 0.5;
+  const first = Math.ceil(low / step - 1e-9);
+  return Array.from({ length: Math.max(0, Math.floor(high / step + 1e-9) - first + 1) }, (_, i) => (first + i) * step || 0);
+}

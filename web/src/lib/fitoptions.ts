@@ -57,7 +57,8 @@ export function refusedWords(said: string): string {
   const named = said.replace(/^(fix|priors)(\.\w+)?: /i, (_, _list: string, field?: string) => (field === undefined ? '' : `The ${KNOWABLE[field.slice(1)]?.name ?? field.slice(1)}: `));
   // A single letter may be a word of the sentence.
   const names = Object.entries(KNOWABLE).filter(([key]) => key.length > 1);
-  return sentence(names.reduce((text, [key, { name }]) => text.replace(new RegExp(`\\b${key}\\b`, 'g'), key === 'scale' ? key : name), named));
+  const told = names.reduce((text, [key, { name }]) => text.replace(new RegExp(`\\b${key}\\b`, 'g'), key === 'scale' ? key : name), named);
+  return sentence(told.replace(/^The ([^:]+): \1 /, 'The $1 '));
 }
 
 export function optionsOf(choices: FitChoices): FitOptions {

@@ -21,6 +21,13 @@ export function decimalsFor(uncertainty: number): number {
   return Math.min(9, Math.max(0, digits));
 }
 
+/** Decimals that write every multiple of a step as it is: 0.025 needs three. */
+export function decimalsOfStep(step: number): number {
+  const whole = (x: number): boolean => Math.abs(x - Math.round(x)) < 1e-6 * Math.max(1, Math.abs(x)) && Math.round(x) !== 0;
+  for (let decimals = 0; decimals < 9; decimals++) if (whole(Math.abs(step) * 10 ** decimals)) return decimals;
+  return 9;
+}
+
 /** Value and uncertainty rounded alike, the uncertainty to two significant digits. */
 export function withUncertainty(value: number, uncertainty: number): { value: string; uncertainty: string } {
   const decimals = decimalsFor(uncertainty);

@@ -5,14 +5,19 @@ export type ListOutcome = { readonly ok: true; readonly values: number[] } | { r
 /** More values than this are surely a slip of the keyboard. */
 const VALUES_MAX = 2000;
 
+/** A comma between two digits is a decimal one for one half of the world and parts two values for the other. */
+const EITHER_COMMA = /\d,\d/;
+
 /**
- * Numbers separated by commas, blanks or semicolons; `first:step:last` is a range with both ends.
+ * Numbers separated by blanks, semicolons or commas with a blank; `first:step:last` is a range with both ends.
  * `-20:10:20, 35` gives −20, −10, 0, 10, 20, 35. Repeated values are kept once.
  */
 export function parseList(text: string): ListOutcome {
   const values: number[] = [];
   const words = text.replaceAll('−', '-').split(/[\s,;]+/).filter((word) => word !== '');
   if (words.length === 0) return { ok: false, reason: 'Give at least one value.' };
+  const either = text.split(/[\s;]+/).find((part) => EITHER_COMMA.test(part));
+  if (either !== undefined) return { ok: false, reason: `“${either}” can be read in two ways: write a decimal point, and a blank after a comma between values.` };
   for (const word of words) {
     const numbers = word.split(':').map((part) => (part === '' ? Number.NaN : Number(part)));
     const [first = Number.NaN, step = Number.NaN, last = Number.NaN] = numbers;
@@ -23,7 +28,8 @@ export function parseList(text: string): ListOutcome {
       values.push(first);
       continue;
     }
-    const steps = (last - first) / step;
+    if (step === 0 && last !== first) return { ok: false, reason: `The range ${word} has steps of 0.` };
+    const steps = last === first ? 0 : (last - first) / step;
     if (!(steps >= 0)) return { ok: false, reason: `The range ${word} never gets from ${first} to ${last}.` };
     if (steps > VALUES_MAX) return { ok: false, reason: `The range ${word} has more than ${VALUES_MAX} values.` };
     // A count, not a running sum: 0.1 added ten times is not 1. The small excess forgives rounding of the last step.
@@ -39,3 +45,12 @@ export function printList(values: readonly number[]): string {
   const even = values.length > 2 && values.every((v, i) => Math.abs(v - (first + i * step)) < 1e-9 * Math.max(1, Math.abs(v)));
   return even ? `${first}:${step}:${values[values.length - 1]}` : values.join(', ');
 }
+
+/** What was read, as `2 exposures: 2 ms, 5 ms`; of many values the first ones and the last. */
+export function readWords(values: readonly number[], noun: string, print: (x: number) => string): string {
+  const named = values.length <= LISTED ? values.map(print).join(', ') : `${values.slice(0, LISTED - 2).map(print).join(', ')} … ${print(values.at(-1) ?? 0)}`;
+  return `${values.length} ${noun}${values.length === 1 ? '' : 's'}: ${named}`;
+}
+
+/** As many values stand on one line. */
+const LISTED = 6;

@@ -117,9 +117,11 @@ export function differenceFields(bytes: ArrayBuffer): Record<'mean' | 'adm' | 'm
 /** How values become colours. */
 export interface Scale {
   readonly kind: 'log' | 'linear';
-  /** Values are shown from −top to top, from 0 to top, or round from −top to top. */
+  /** Values are shown from −top to top, from 0 (logarithmic: bottom) to top, or round from −top to top. */
   readonly palette: Palette;
   readonly top: number;
+  /** Of a logarithmic scale without a sign. */
+  readonly bottom?: number;
 }
 
 /** Powers of ten on either side of zero that a logarithmic scale tells apart. */
@@ -128,7 +130,10 @@ const DECADES = 3;
 /** Place of a value on a scale, 0 to 1 and beyond where it is too large. */
 export function placeOn(scale: Scale, x: number): number {
   const share = x / scale.top;
-  if (scale.palette === 'sequential') return share;
+  if (scale.palette === 'sequential') {
+    const { bottom = 0 } = scale;
+    return scale.kind === 'log' && bottom > 0 ? Math.log(Math.max(x, bottom) / bottom) / Math.log(scale.top / bottom) : share;
+  }
   if (scale.kind === 'linear') return 0.5 + 0.5 * share;
   // Linear about zero, logarithmic beyond a thousandth of the top.
   const grown = Math.asinh(Math.abs(share) * 0.5 * 10 ** DECADES) / Math.asinh(0.5 * 10 ** DECADES);
@@ -138,6 +143,10 @@ export function placeOn(scale: Scale, x: number): number {
 /** Values that get a mark on the colour bar. */
 export function marksOf(scale: Scale): number[] {
   const { top } = scale;
+  if (scale.palette === 'sequential' && scale.kind === 'log' && scale.bottom !== undefined) {
+    const decades = Math.round(Math.log10(top / scale.bottom));
+    return Array.from({ length: decades + 1 }, (_, i) => Number((top / 10 ** i).toPrecision(6))).reverse();
+  }
   if (scale.palette === 'sequential') return [0, 0.5 * top, top];
   if (scale.palette === 'cyclic') return [-90, -45, 0, 45, 90];
   if (scale.kind === 'linear') return [-top, -0.5 * top, 0, 0.5 * top, top];
@@ -164,6 +173,24 @@ export function greatest(field: Field): number {
   });
   return most;
 }
+
+/** A scale for what is never negative, from the lowest decade that is lit to the greatest value; at most as many as a bar has room for. */
+export function brightnessScale(fields: readonly Field[], kind: Scale['kind']): Scale {
+  const most = Math.max(...fields.map(greatest));
+  if (kind === 'linear') return { kind, palette: 'sequential', top: roundAbove(most) };
+  const top = decadeAbove(most);
+  let least = top;
+  for (const field of fields) {
+    field.values.forEach((x, bin) => {
+      if (x > 2 * (field.stds[bin] ?? 0)) least = Math.min(least, x);
+    });
+  }
+  const bottom = Math.max(decadeAbove(least) / (decadeAbove(least) > least ? 10 : 1), top / 10 ** BRIGHTNESS_DECADES);
+  return { kind, palette: 'sequential', top, bottom: Math.min(bottom, top / 10) };
+}
+
+/** Decades of brightness that are told apart. */
+const BRIGHTNESS_DECADES = 6;
 
 /** The bin at a place of the unit disc, y upwards; null beyond its rim. */
 export function binAt(x: number, y: number, nTheta: number, nPhi: number): number | null {

@@ -28,6 +28,8 @@ const RIG_EVENT_MS = 200;
 /** Frames that come faster than this are shown together: a fast rig is not to hold up the buttons. */
 const FRAMES_MS = 250;
 const RECONNECT_MS_MAX = 8000;
+/** So many running fits are asked how far they are; of the others their events tell. */
+const POLLED_MAX = 6;
 
 export interface Notice {
   readonly id: number;
@@ -43,6 +45,10 @@ class Live {
   samples = $state.raw<readonly Sample[]>([]);
   scans = $state.raw<readonly Scan[]>([]);
   fits = $state.raw<readonly Fit[]>([]);
+  /** Whether the store has older fits than those that were read. */
+  moreFits = $state(false);
+  /** The scan whose fits were read beyond the newest of all. */
+  fitsOfScan = $state<number | null>(null);
   alarms = $state.raw<readonly Alarm[]>([]);
   /** Frames that came by event since the page was opened, by scan. */
   freshFrames = $state.raw<readonly FrameRow[]>([]);
@@ -69,6 +75,9 @@ class Live {
   #framesTimer: ReturnType<typeof setTimeout> | undefined;
   #framesShown = 0;
   #stopped = false;
+  #fitsCursor: string | null = null;
+  /** What is looked at: its fits are there whatever their age. */
+  #looked: { readonly scan: number | null; readonly fit: number | null } = { scan: null, fit: null };
 
   /** The scan that holds the rig, if any. */
   get activeScan(): Scan | null {
@@ -128,9 +137,13 @@ class Live {
   async refresh(): Promise<void> {
     const before = new Map(this.#scanEvents);
     const [samples, scans, fits] = await Promise.all([api.samples(), api.scans(), api.fits()]);
+    const asked = fits.next_cursor === null ? [] : await this.#fitsLookedAt();
     this.samples = samples;
     this.scans = scans;
-    this.fits = fits;
+    this.#takeFits(fits.items, asked);
+    this.#fitsCursor = fits.next_cursor;
+    this.moreFits = fits.next_cursor !== null;
+    this.fitsOfScan = this.#looked.scan;
     this.loaded = true;
     // An event that came while the answer was on its way may be newer than the answer.
     for (const [id, n] of this.#scanEvents) if (before.get(id) !== n) await this.reloadScan(id);
@@ -156,6 +169,45 @@ class Live {
     if (known && known.state !== 'running' && fit.state === 'running') return;
     const merged = { ...known, ...fit };
     this.fits = known ? this.fits.map((f) => (f.id === id ? merged : f)) : [merged, ...this.fits];
+  }
+
+  /** Says which scan and fit are looked at: where the store has more fits than were read, theirs are read too. */
+  async look(scan: number | null, fit: number | null): Promise<void> {
+    if (this.#looked.scan === scan && this.#looked.fit === fit) return;
+    this.#looked = { scan, fit };
+    if (!this.loaded || !this.moreFits) return;
+    try {
+      const asked = await this.#fitsLookedAt();
+      if (this.#looked.scan !== scan || this.#looked.fit !== fit) return;
+      this.#takeFits(this.fits, asked);
+    } catch {
+      // Those that are there stay.
+    }
+    this.fitsOfScan = scan;
+  }
+
+  /** Reads the next page of older fits. */
+  async olderFits(): Promise<void> {
+    if (this.#fitsCursor === null) return;
+    const page = await api.fits({ cursor: this.#fitsCursor });
+    this.#takeFits(this.fits, page.items);
+    this.#fitsCursor = page.next_cursor;
+    this.moreFits = page.next_cursor !== null;
+  }
+
+  async #fitsLookedAt(): Promise<readonly Fit[]> {
+    const { scan, fit } = this.#looked;
+    if (scan === null) return [];
+    const { items } = await api.fits({ scan_id: scan });
+    if (fit === null || items.some((f) => f.id === fit)) return items;
+    const one = await api.fit(fit).catch(() => null);
+    return one === null ? items : [...items, one];
+  }
+
+  /** Each once, newest first; of two the second is the newer. */
+  #takeFits(some: readonly Fit[], others: readonly Fit[]): void {
+    const all = new Map([...some, ...others].map((f) => [f.id, f]));
+    this.fits = [...all.values()].sort((a, b) => b.id - a.id);
   }
 
   async reloadSamples(): Promise<void> {
@@ -262,7 +314,7 @@ class Live {
     }
     this.#rigAsked = true;
     // An event may be lost on the way; a fit that is over must not look as if it ran.
-    for (const fit of this.fits) if (fit.state === 'running') void this.reloadFit(fit.id).catch(() => undefined);
+    for (const fit of this.fits.filter((f) => f.state === 'running').slice(0, POLLED_MAX)) void this.reloadFit(fit.id).catch(() => undefined);
     this.#rigAgain = false;
     try {
       this.rig = await api.rig();

@@ -19,7 +19,7 @@ function colourAt(palette: Palette, fraction: number, dark: boolean): Rgb {
   if (palette === 'sequential') return inGamut(0.24 + 0.69 * fraction, 0.17, 295 - 190 * fraction);
   const signed = 2 * fraction - 1;
   const strength = Math.abs(signed);
-  const lightness = dark ? 0.27 + 0.53 * strength : 0.98 - 0.56 * strength;
+  const lightness = dark ? 0.36 + 0.46 * strength : 0.98 - 0.56 * strength;
   return inGamut(lightness, (dark ? 0.17 : 0.19) * strength, signed < 0 ? 255 : 28);
 }
 

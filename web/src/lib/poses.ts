@@ -1,5 +1,6 @@
 // Frames of a scan, sorted into a grid of poses: tilts as rows, azimuths as columns.
 
+import { colourMap, type ColourMapName } from './colourmap';
 import type { FrameRow } from './types';
 
 export interface PoseGrid {
@@ -61,4 +62,29 @@ export function isSaturated(frame: FrameRow): boolean {
 export function bestExposure(frames: readonly FrameRow[]): FrameRow | null {
   const fine = frames.filter((f) => f.accepted && !isSaturated(f));
   return fine.at(-1) ?? frames[0] ?? null;
+}
+
+/** Mean counts per second of a frame, DN/s; 0 without one. */
+export function rateOf(frame: FrameRow | null): number {
+  return frame ? (frame.mean_dn ?? 0) / frame.exposure_s : 0;
+}
+
+/** Colour of a pose in the map: counts per second of its best frame, over those of the brightest pose. */
+export function poseColour(frames: readonly FrameRow[], name: ColourMapName, top: number): string {
+  const at = 3 * Math.round(255 * Math.min(1, rateOf(bestExposure(frames)) / top));
+  const table = colourMap(name);
+  return `rgb(${table[at] ?? 0} ${table[at + 1] ?? 0} ${table[at + 2] ?? 0})`;
+}
+
+/** The next pose with frames that an arrow key leads to from another; null where there is none. */
+export function stepTo(grid: PoseGrid, key: string, row: number, column: number): { readonly row: number; readonly column: number } | null {
+  const move = { ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowUp: [-1, 0], ArrowDown: [1, 0] }[key];
+  if (!move) return null;
+  const [down = 0, right = 0] = move;
+  let [i, j] = [row + down, column + right];
+  while (grid.cells[i]?.[j] !== undefined) {
+    if ((grid.cells[i]?.[j]?.length ?? 0) > 0) return { row: i, column: j };
+    [i, j] = [i + down, j + right];
+  }
+  return null;
 }

@@ -44,6 +44,19 @@ export function typedCount(text: string): number | null {
   return Number.isInteger(x) && x > 0 ? x : Number.NaN;
 }
 
+/** Numbers of the form of a trace as they were read: null where nothing is written, NaN where it is none. */
+export type TraceField = 'count' | 'limit' | 'target' | 'others';
+
+/** What is wrong with them, field by field. */
+export function traceFaults(read: Readonly<Record<TraceField, number | null>>): Partial<Record<TraceField, string>> {
+  const found: Partial<Record<TraceField, string>> = {};
+  if (read.count !== null && !(read.count > 0)) found.count = 'A whole number above 0, such as 200000 or 2e5.';
+  if (read.limit !== null && !(read.limit > 0)) found.limit = 'A number of seconds above 0, or nothing for no limit.';
+  if (read.target !== null && !(read.target > 0)) found.target = 'A number of per cent above 0, or nothing for no target.';
+  if (read.others !== null && !(read.others >= 2 && read.others <= 1000)) found.others = 'A whole number from 2 to 1000, or nothing.';
+  return found;
+}
+
 /** Whether a scene has ridges, whose effective angle means something. */
 export function hasRidges(scene: unknown): boolean {
   return /shape"?\s*[=:]\s*["'](ridges|profile|file)["']/.test(typeof scene === 'string' ? scene : JSON.stringify(scene ?? null));

@@ -6,6 +6,8 @@ import type { Fit, Scan } from './types';
 class Selection {
   scanId = $state<number | null>(null);
   fitId = $state<number | null>(null);
+  /** Region of the shown scan's sample, where that has several: one choice for curves, fits and what follows from them. */
+  region = $state<string | null>(null);
 
   start(): () => void {
     const read = (): void => {
@@ -22,10 +24,10 @@ class Selection {
     location.hash = `#/scan/${scanId}${fitId === null ? '' : `/fit/${fitId}`}`;
   }
 
-  /** The chosen scan, else the one that runs, else the newest. */
+  /** The chosen scan, else the one that runs, else the newest. A chosen one that is not there is none: no other stands in for it. */
   get scan(): Scan | null {
-    const chosen = this.scanId === null ? undefined : live.scans.find((s) => s.id === this.scanId);
-    return chosen ?? live.activeScan ?? live.scans[0] ?? null;
+    if (this.scanId !== null) return live.scans.find((s) => s.id === this.scanId) ?? null;
+    return live.activeScan ?? live.scans[0] ?? null;
   }
 
   /** Fits of the shown scan, newest first. */
@@ -36,7 +38,17 @@ class Selection {
 
   /** The chosen fit of the shown scan, else its newest. */
   get fit(): Fit | null {
-    return this.fits.find((f) => f.id === this.fitId) ?? this.fits[0] ?? null;
+    if (this.fitId !== null) return this.fits.find((f) => f.id === this.fitId) ?? null;
+    return this.fits[0] ?? null;
+  }
+
+  /** What the address names and the store has not. */
+  get missing(): 'scan' | 'fit' | null {
+    if (!live.loaded) return null;
+    if (this.scanId !== null && this.scan === null) return 'scan';
+    // An older fit may not have been read yet.
+    const all = !live.moreFits || live.fitsOfScan === this.scanId;
+    return all && this.fitId !== null && this.fit === null ? 'fit' : null;
   }
 }
 

@@ -29,6 +29,7 @@ export interface Rig {
   readonly time_scale: number;
   readonly axes: Readonly<Record<AxisName, Axis>>;
   readonly activity: 'idle' | 'moving' | 'homing' | 'scanning' | 'paused' | 'not-connected';
+  readonly geometry?: { readonly wavelength_nm: number | null };
   readonly scan_id: number | null;
   readonly scan_state: ScanState | null;
   readonly scan_reason: string | null;
@@ -91,6 +92,8 @@ export interface Scan {
   readonly frames_rejected?: number;
   /** Regions of a sample with a layout; a fit is of one of them. */
   readonly regions?: readonly string[];
+  /** Calibrations that it uses, its own included. */
+  readonly calibration_ids?: readonly number[];
   readonly created_at: string;
   readonly started_at: string | null;
   readonly ended_at: string | null;
@@ -103,7 +106,18 @@ export interface Estimate {
   readonly disk_bytes: number;
   readonly disk_free_bytes: number | null;
   readonly operator_steps: readonly OperatorStep[];
+  /** Calibrations of earlier scans that it would use. */
+  readonly calibration_ids?: readonly number[];
   readonly plan: Plan;
+}
+
+/** Dark or white-reference frames that scans after it may use. */
+export interface Calibration {
+  readonly id: number;
+  readonly kind: 'dark' | 'flat';
+  /** The scan that took them. */
+  readonly scan_id: number;
+  readonly created_at: string;
 }
 
 export interface FrameRow {
@@ -302,7 +316,10 @@ interface Spread {
 
 /** The object of `ridged map --json`. */
 export interface MapResult extends Calculation {
+  /** That were fitted. */
   readonly pixels: number;
+  /** That were not reached within the time allowed. */
+  readonly pixels_left_out?: number;
   readonly pixels_with_value: number;
   readonly parameters: Readonly<Record<string, Spread>>;
   readonly lean_directions: readonly { readonly azimuth_deg: number; readonly share: number }[];

@@ -1,6 +1,6 @@
 // What codes, flags and names mean, in words.
 
-import { significant } from './format';
+import { plain, significant } from './format';
 import type { Fit, Parameter, Scan, ScanState } from './types';
 
 export interface ParameterWords {
@@ -72,9 +72,32 @@ export function budgetSentence(budget: Readonly<Record<string, number>>, unit: s
     .join(', ');
 }
 
+/** What the daemon has against a plan, as the form calls it: no keys, exposures in its milliseconds. */
+export function planWords(said: string): string {
+  const named: Readonly<Record<string, string>> = { theta_c_deg: 'Camera tilt', phi_s_deg: 'Sample azimuth', exposures_s: 'Exposure', repeats: 'Repeats' };
+  const [first = '', ...rest] = said.replace(/^The plan cannot run: (?=plan\.)/i, '').split(/; (?=plan\.)/);
+  // Many values may share one fault: it is said once.
+  const faults: string[] = [];
+  for (const fault of [first, ...rest]) {
+    const [, field, value, tail] = /^(plan\.[\w.]+)\[\d+\]: (-?[\d.e-]+\S*)( is outside .*?)\.?$/.exec(fault) ?? [];
+    const same = faults.findIndex((f) => field !== undefined && f.startsWith(`${field}: `) && f.endsWith(tail ?? ''));
+    if (same >= 0) faults[same] = (faults[same] ?? '').replace(/ is outside /, `, ${value} is outside `);
+    else faults.push(field === undefined ? fault : `${field}: ${value}${tail}`);
+  }
+  const all = faults.join('. ');
+  return (/[.!?]$/.test(all) ? all : `${all}.`)
+    .replace(/plan\.(?:(dark|flat)\.)?(\w+)(?:\[\d+\])?: /g, (_, of: string | undefined, field: string) => `${{ dark: 'Dark frames, ', flat: 'White reference, ' }[of ?? ''] ?? ''}${named[field] ?? field}: `)
+    .replace(/(-?[\d.e-]+) s is not between ([\d.e-]+) and ([\d.e-]+) s/g, (_, ...s: string[]) => `${ms(s[0])} ms is not between ${ms(s[1])} and ${ms(s[2])} ms`)
+    .replace(/(\d\.\d*?)0+(?=°)/g, (_, digits: string) => digits.replace(/\.$/, ''))
+    .replace(/(^|[\s:])-(?=\d)/g, '$1−');
+}
+
+const ms = (s: string | undefined): string => plain(1000 * Number(s), 6);
+
 /** Whether the data determine a parameter, in words. */
 export function identifiability(parameter: Parameter): { word: string; tone: 'good' | 'plain' | 'bad'; detail: string } {
   const detail = parameter.note ?? parameter.reason ?? '';
+  if (parameter.value === null && /^a metal\b/i.test(detail)) return { word: 'none: a metal', tone: 'plain', detail };
   // What was held as somebody stated it has its value, and was not asked of the data.
   const held = parameter.value !== null && detail.startsWith('held');
   if (!held && (!parameter.identifiable || parameter.value === null)) {
@@ -101,6 +124,15 @@ export const SCAN_STATES: Readonly<Record<ScanState, { word: string; tone: 'busy
 /** A scan that holds the rig. */
 export function isActive(scan: Scan): boolean {
   return ['planned', 'waiting-for-operator', 'running', 'pausing', 'paused'].includes(scan.state);
+}
+
+/** Frames of the sample that a scan has so far: the calibration frames come first, and the plan knows the rest. */
+export function sampleFrames(scan: Scan): number {
+  const { plan, progress } = scan;
+  if (!progress) return scan.origin === 'import' ? 1 : 0;
+  if (scan.origin === 'import' || progress.phase === 'done') return progress.frames_done;
+  const planned = plan.theta_c_deg.length * plan.phi_s_deg.length * plan.exposures_s.length * plan.repeats;
+  return Math.max(0, progress.frames_done - (progress.frames_total - planned));
 }
 
 export const FIT_STATUS: Readonly<Record<string, { word: string; tone: 'good' | 'warn' | 'bad' }>> = {

@@ -152,7 +152,7 @@ describe('a lab’s day', () => {
     await startScan();
     const line = page.getByTestId('certainty').locator('[data-line=theta_r_deg]');
     /** Its standard uncertainty as the page shows it; NaN before there is one. */
-    const std = async (): Promise<number> => ((await line.count()) === 0 ? Number.NaN : Number.parseFloat((await line.innerText()).split('±')[1] ?? ''));
+    const std = async (): Promise<number> => ((await line.count()) === 0 ? Number.NaN : Number.parseFloat((await line.innerText()).split('u =')[1] ?? ''));
     // A pause gives the fit that runs along the time that a debug binary needs.
     await doSteps(page, () => pausedAt(0.1), SCAN_MS_MAX);
     await expect.poll(std, { timeout: 90_000 }).toBeGreaterThan(0);
@@ -236,6 +236,27 @@ describe('a lab’s day', () => {
     await page.getByLabel('camera tilt: move to, degrees').fill('7.5');
     await axis.getByRole('button', { name: 'Move' }).click();
     await expect.poll(async () => Number.parseFloat((await axis.locator('output').innerText()).replace('−', '-')), { timeout: 20_000 }).toBeCloseTo(7.5, 1);
+  });
+
+  it('adds a metal by its name, and names the calibrations of earlier scans until new ones are wanted', async () => {
+    const samples = page.getByRole('combobox', { name: 'Sample' });
+    await samples.selectOption({ label: 'New sample …' });
+    const form = page.getByTestId('sample-form');
+    await form.getByLabel('Name', { exact: true }).fill('die 4');
+    await form.getByLabel('Material').selectOption('metal');
+    await form.getByRole('button', { name: 'Add sample' }).click();
+    // Chromium at the lamp's wavelength, by the daemon's own tables.
+    await expect.poll(() => samples.locator('option:checked').innerText()).toMatch(/^die 4 \(n [23]\.\d+, k [2345]\.\d+\)$/);
+    const calibrations = page.getByTestId('calibrations');
+    await calibrations.getByText(/^Used again: white reference of scan \d+ \(.*\), dark frames of scan \d+ \(.*\)\.$/).waitFor();
+    await calibrations.getByLabel('take new dark frames').check();
+    await page.getByText('Waits for your hands: lens cap, white reference, sample.').waitFor();
+  });
+
+  it('shows nothing in place of a scan that is not there', async () => {
+    await page.goto(`${daemon.url}/#/scan/999`);
+    await page.getByText('Scan 999 is not in this store.').waitFor();
+    expect(await page.locator('#answer-title').count()).toBe(0);
   });
 
   it('says as a sentence why a plan cannot run', async () => {

@@ -44,10 +44,20 @@ export interface MockSettings {
 }
 
 export class MockDaemon {
+  /** Every path that was read, with its query. */
+  readonly reads: string[] = [];
   readonly requests: { method: string; path: string; body: unknown }[] = [];
   /** Paths that answer with a problem, e.g. `POST /fits`. */
   readonly refusals = new Map<string, { status: number; body: Json }>();
   connected = true;
+  /** Whether the stages are there to be connected to. */
+  plugged = true;
+  /** What the fit that runs along said, of any scan. */
+  readonly certainties: Json[] = [];
+  /** Calibrations of earlier scans that a new one may use. */
+  readonly calibrations: Json[] = [];
+  /** Of the sample of every scan. */
+  regions: string[] = [];
   frameMs: number;
   readonly axes = {
     theta_c: { position_deg: 0, moving: false, homed: true, warnings: [] as string[], serial: '90001', limit_min_deg: -60, limit_max_deg: 60 },
@@ -150,7 +160,7 @@ export class MockDaemon {
     const id = this.scans.length + 1;
     const scan: MockScan = {
       body: {
-        id, sample_id: sampleId, sample_name: this.#scanName(sampleId), state: 'planned', reason: null, origin: 'rig', operator: null, plan,
+        id, sample_id: sampleId, regions: this.regions, calibration_ids: [], sample_name: this.#scanName(sampleId), state: 'planned', reason: null, origin: 'rig', operator: null, plan,
         progress: null, frames_rejected: 0, created_at: new Date().toISOString(), started_at: new Date().toISOString(), ended_at: null,
       },
       frames: [],
@@ -312,7 +322,7 @@ export class MockDaemon {
     const axes = this.connected ? this.axes : { theta_c: unheard(this.axes.theta_c), phi_s: unheard(this.axes.phi_s) };
     return {
       connected: this.connected, problem: this.connected ? null : { code: 'port-missing', detail: 'the serial port /dev/ttyUSB0 does not exist: plug the stage in or correct [bench] port' },
-      simulated: true, description: 'Zaber ASCII on /dev/pts/3', time_scale: 20,
+      simulated: true, description: 'Zaber ASCII on /dev/pts/3', time_scale: 20, geometry: { wavelength_nm: 550 },
       camera: { description: 'simulated camera, 96 × 96, 16 bit', width_px: SIZE_PX, height_px: SIZE_PX, bit_depth: 16, saturation_dn: 65535, exposures_s: [0.02, 0.06, 0.18] },
       axes, activity: holder?.body.state === 'running' ? 'scanning' : holder?.body.state === 'paused' ? 'paused' : moving ? 'moving' : 'idle', scan_id: holder?.body.id ?? null,
       scan_state: holder?.body.state ?? null, scan_reason: holder?.body.reason ?? null,
@@ -328,6 +338,7 @@ export class MockDaemon {
     for await (const part of request) text += String(part);
     const body = (text === '' ? {} : JSON.parse(text)) as Json;
     if (method === 'POST') this.requests.push({ method, path, body });
+    else this.reads.push(url.pathname.slice('/api/v1'.length) + url.search);
 
     const send = (status: number, answer: unknown, type = 'application/json'): void => {
       response.writeHead(status, { 'content-type': type });
@@ -346,6 +357,11 @@ export class MockDaemon {
     }
     const list = (items: unknown[]): void => send(200, { items, next_cursor: null });
     if (path === '/rig') return send(200, this.#rig());
+    // Stop and home make a lost link anew, where the stages are there.
+    if (method === 'POST' && path.startsWith('/rig/') && !this.connected) {
+      if (!this.plugged) return problem(503, 'port-missing', 'the serial port /dev/ttyUSB0 does not exist: plug the stage in or correct [bench] port');
+      this.connected = true;
+    }
     if (path === '/rig/stop') {
       for (const axis of Object.values(this.axes)) axis.moving = false;
       for (const scan of this.scans) {
@@ -372,7 +388,12 @@ export class MockDaemon {
       });
       return send(202, { id: null, state: 'moving' });
     }
-    if (path === '/samples' && method === 'POST') return send(201, this.samples.find((s) => s['id'] === this.addSample(String(body['name']), { theta_r_deg: 12, alpha_u: 0.1, alpha_v: 0.1, rho_d: 0.2 })));
+    if (path === '/samples' && method === 'POST') {
+      const id = this.addSample(String(body['name']), { theta_r_deg: 12, alpha_u: 0.1, alpha_v: 0.1, rho_d: 0.2 });
+      const sample = this.samples.find((s) => s['id'] === id);
+      if (sample) sample['material'] = body['material'] ?? { kind: 'conductor', eta: 3.12, k: 3.33, eta_std: 0.1, k_std: 0.1 };
+      return send(201, sample);
+    }
     if (path === '/samples') return list(this.samples);
     if ((path === '/scans' && method === 'POST') || path === '/scans/estimate') {
       const asked = body['plan'] as Json;
@@ -383,7 +404,7 @@ export class MockDaemon {
       }
       if (path === '/scans/estimate') {
         const n = 3 + plan.theta_c_deg.length + plan.theta_c_deg.length * plan.phi_s_deg.length * plan.exposures_s.length * plan.repeats;
-        return send(200, { n_frames: n, n_shots: n, duration_s: 0.8 * n, disk_bytes: 25000 * n, disk_free_bytes: 61e9, operator_steps: Object.entries(MESSAGES).map(([action, message]) => ({ action, message })), plan });
+        return send(200, { n_frames: n, n_shots: n, duration_s: 0.8 * n, disk_bytes: 25000 * n, disk_free_bytes: 61e9, operator_steps: Object.entries(MESSAGES).map(([action, message]) => ({ action, message })), plan, calibration_ids: asked['reuse_calibrations'] === false ? [] : this.calibrations.map((c) => c['id']) });
       }
       const scan = this.#newScan(Number(body['sample_id']), plan);
       scan.body.state = 'running';
@@ -399,8 +420,10 @@ export class MockDaemon {
       const verb = scanMatch[2];
       if (verb === undefined) return send(200, scan.body);
       if (verb === 'frames') return list(scan.frames);
-      if (verb === 'uncertainty') return list([]);
+      if (verb === 'uncertainty') return list(this.certainties);
       if (verb === 'observations') {
+        if (!scan.frames.some((f) => f['kind'] === 'sample')) return problem(422, 'no-observations', 'no observation is left');
+        if (this.regions.length > 0 && !url.searchParams.has('region')) return problem(422, 'invalid-value', 'the sample has several regions: name one of them');
         const surface = this.surfaces.get(scan.body.sample_id);
         const poses = new Map(scan.frames.filter((f) => f['kind'] === 'sample').map((f) => [`${String(f['theta_c_deg'])} ${String(f['phi_s_deg'])}`, f]));
         return list([...poses.values()].map((f) => {
@@ -421,6 +444,8 @@ export class MockDaemon {
       if (scan.body.state === 'running') this.#after(5, () => this.#run(scan));
       return send(202, { id: scan.body.id, state: scan.body.state });
     }
+    const calibration = /^\/calibrations\/(\d+)$/.exec(path);
+    if (calibration) return send(200, this.calibrations.find((c) => c['id'] === Number(calibration[1])));
     const imageMatch = /^\/frames\/(\d+)\/image\.png$/.exec(path);
     if (imageMatch) return send(200, this.#image(Number(imageMatch[1])), 'image/png');
     if (path === '/imports' && method === 'POST') {
@@ -434,7 +459,13 @@ export class MockDaemon {
       if (this.fitMs !== null) this.#after(this.fitMs, () => this.#finishFit(id, String(body['variant']), body['shape'] !== undefined));
       return send(202, { id, state: 'running' });
     }
-    if (path === '/fits') return list(this.fits);
+    if (path === '/fits') {
+      const [limit, from, of] = [url.searchParams.get('limit'), url.searchParams.get('cursor'), url.searchParams.get('scan_id')];
+      const rows = this.fits.filter((f) => of === null || f['scan_id'] === Number(of));
+      const begin = Number(from ?? 0);
+      const end = begin + Number(limit ?? 100);
+      return send(200, { items: rows.slice(begin, end), next_cursor: end < rows.length ? String(end) : null });
+    }
     const fitMatch = /^\/fits\/(\d+)(\/curve)?$/.exec(path);
     const cancelled = /^\/fits\/(\d+)\/cancel$/.exec(path);
     if (cancelled) {
@@ -443,7 +474,8 @@ export class MockDaemon {
     }
     if (fitMatch) {
       const id = Number(fitMatch[1]);
-      return send(200, fitMatch[2] ? this.#curve(id) : this.fits.find((f) => f['id'] === id));
+      const fit = this.fits.find((f) => f['id'] === id);
+      return fit ? send(200, fitMatch[2] ? this.#curve(id) : fit) : problem(404, 'not-found', `there is no fit ${id}`);
     }
     if (path === '/traces' && method === 'POST') {
       const id = this.traces.length + 1;

@@ -129,14 +129,33 @@ describe('faults', () => {
     await expect.poll(() => text('[data-axis=theta_c] .warning')).toBe('WR no reference position; home the axis');
   });
 
-  it('names the port that is missing and locks what needs it', async () => {
+  it('names the port that is missing, and is on again by its own button, by homing or by a start', async () => {
     daemon.connected = false;
+    daemon.plugged = false;
     await page.goto(url);
     await page.getByText('The serial port /dev/ttyUSB0 does not exist').waitFor();
-    expect(await page.getByRole('button', { name: 'Start scan' }).isDisabled()).toBe(true);
     expect(await page.getByRole('button', { name: /STOP/ }).isEnabled()).toBe(true);
-    // What nobody hears may be moving.
+    // What nobody hears may be moving, and is nowhere to be moved from.
     expect(await page.locator('[data-axis] .chip').allInnerTexts()).toEqual(['not known', 'not known']);
+    const tilt = page.locator('[data-axis=theta_c]');
+    expect(await tilt.getByLabel('camera tilt: move to, degrees').isDisabled()).toBe(true);
+    const again = page.getByRole('button', { name: 'Connect again' });
+    await again.click();
+    await page.getByText('Still not connected.').waitFor();
+    daemon.plugged = true;
+    await again.click();
+    await page.getByText('at rest').waitFor();
+    expect(await again.count()).toBe(0);
+    expect(posts()).toEqual(['/rig/stop', '/rig/stop']);
+    for (const press of [tilt.getByRole('button', { name: 'Home' }), page.getByRole('button', { name: 'Start scan' })]) {
+      daemon.connected = false;
+      daemon.event('rig', {});
+      await page.getByText('stages not connected').waitFor();
+      await press.click();
+      daemon.connected = true;
+      await page.getByText('stages not connected').waitFor({ state: 'detached' });
+    }
+    expect(posts().slice(2)).toEqual(['/rig/axes/theta_c/home', '/scans']);
   });
 
   it('shows an alarm until it is seen', async () => {
@@ -167,7 +186,7 @@ describe('faults', () => {
 describe('a scan', () => {
   it('asks for its steps, counts its frames and is fitted', async () => {
     await page.goto(url);
-    await page.getByRole('combobox', { name: 'Sample' }).selectOption({ label: 'model 15°' });
+    await page.getByRole('combobox', { name: 'Sample' }).selectOption({ label: 'model 15° (n 1.54)' });
     await page.getByRole('button', { name: 'Start scan' }).click();
     for (const step of ['Cap the lens', 'Place the white reference', 'Place the sample model 15°']) {
       await page.getByRole('heading', { name: step }).waitFor();
@@ -229,6 +248,142 @@ describe('a scan', () => {
   });
 });
 
+describe('the form of a new scan', () => {
+  const plan = (): unknown => (daemon.requests.findLast((r) => r.path === '/scans')?.body as { plan?: unknown } | undefined)?.plan;
+  const start = () => page.getByRole('button', { name: 'Start scan' });
+
+  it('takes no decimal comma for something else, and says what it read', async () => {
+    await page.goto(url);
+    await page.getByText('53 frames').waitFor();
+    await page.getByLabel('Repeats').fill('1,5');
+    await page.getByText('Repeats: a whole number from 1 to 100.').waitFor();
+    expect(await start().isDisabled()).toBe(true);
+    await page.getByLabel('Repeats').fill('2');
+    await page.getByLabel('Exposures, ms').fill('2,5');
+    await page.getByText('“2,5” can be read in two ways').waitFor();
+    expect(await start().isDisabled()).toBe(true);
+    await page.getByLabel('Exposures, ms').fill('2, 5');
+    await expect.poll(() => text('[data-testid=readings]')).toBe('2 exposures: 2 ms, 5 ms');
+    await start().click();
+    await expect.poll(plan).toEqual({ preset: 'paper', repeats: 2, exposures_s: [0.002, 0.005] });
+  });
+
+  it('names what it would use again, and takes it anew where that is wished', async () => {
+    daemon.calibrations.push({ id: 8, kind: 'flat', scan_id: 1, created_at: new Date(2026, 0, 2, 17, 34).toISOString() }, { id: 7, kind: 'dark', scan_id: 1, created_at: new Date(2026, 0, 2, 17, 31).toISOString() });
+    await page.goto(url);
+    const card = page.getByTestId('calibrations');
+    await card.getByText('Used again: white reference of scan 1 (2026-01-02 17:34), dark frames of scan 1 (2026-01-02 17:31).').waitFor();
+    await card.getByLabel('take new dark frames').check();
+    await card.getByText('Used again').waitFor({ state: 'detached' });
+    await start().click();
+    await expect.poll(plan).toEqual({ preset: 'paper', repeats: 1, reuse_calibrations: false });
+  });
+
+  it('adds a plastic with its uncertainty and a metal by its name, and says beside a field what is wrong', async () => {
+    const sent = (): unknown => daemon.requests.findLast((r) => r.path === '/samples')?.body;
+    await page.goto(url);
+    const sample = page.getByRole('combobox', { name: 'Sample' });
+    await sample.selectOption({ label: 'New sample …' });
+    const form = page.getByTestId('sample-form');
+    await form.getByLabel('Name', { exact: true }).fill('model 15°');
+    await form.getByText('There is a sample of this name already, no. 2.').waitFor();
+    await form.getByLabel('Index n', { exact: true }).fill('abc');
+    await form.getByText('“abc” is not a number.').waitFor();
+    await form.getByRole('button', { name: 'Add sample' }).click();
+    expect(posts()).toEqual([]);
+    await form.getByLabel('Index n', { exact: true }).fill('1,49');
+    await form.getByLabel('Standard uncertainty of n').fill('0,02');
+    await form.getByRole('button', { name: 'Add sample' }).click();
+    await expect.poll(sent).toEqual({ name: 'model 15°', material: { kind: 'dielectric', eta: 1.49, eta_std: 0.02 } });
+    await expect.poll(() => sample.locator('option:checked').innerText()).toBe('model 15° (n 1.49)');
+    await sample.selectOption({ label: 'New sample …' });
+    await form.getByLabel('Name', { exact: true }).fill('die 4');
+    await form.getByLabel('Material').selectOption('metal');
+    await form.getByRole('combobox', { name: 'Metal', exact: true }).selectOption('Cu');
+    await form.getByRole('button', { name: 'Add sample' }).click();
+    await expect.poll(sent).toEqual({ name: 'die 4', metal: { name: 'Cu' } });
+    await expect.poll(() => sample.locator('option:checked').innerText()).toBe('die 4 (n 3.12, k 3.33)');
+  });
+});
+
+describe('an address of something that is not there', () => {
+  it('shows nothing else in its place, and the way to what is there', async () => {
+    const scan = daemon.addScan(1, 'paper');
+    daemon.addFit(scan);
+    await page.goto(`${url}/#/scan/999`);
+    const card = page.getByTestId('missing');
+    await expect.poll(() => card.innerText()).toBe('Scan 999 is not in this store. The newest is scan 1, traced polymer.');
+    expect(await page.locator('#answer-title').count()).toBe(0);
+    await card.getByRole('link').click();
+    await page.locator('#answer-title').waitFor();
+    expect(await card.count()).toBe(0);
+    await page.goto(`${url}/#/scan/1/fit/999`);
+    await expect.poll(() => card.innerText()).toBe('Fit 999 is not one of scan 1. Its newest is fit 1.');
+    expect(await page.locator('[data-parameter]').count()).toBe(0);
+  });
+});
+
+describe('observations', () => {
+  const asked = (): string[] => daemon.reads.filter((path) => path.includes('/observations'));
+
+  it('are not asked for before a frame of the sample is in, and again when the scan ends before its time', async () => {
+    daemon.frameMs = 40;
+    await page.goto(url);
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    for (let i = 0; i < 2; i++) await page.getByRole('button', { name: 'Continue' }).click();
+    await page.getByRole('heading', { name: 'Place the sample' }).waitFor();
+    expect(asked()).toEqual([]);
+    await page.getByRole('button', { name: 'Continue' }).click();
+    await page.locator('.kinds').getByText(/^sample [1-9]/).waitFor();
+    await page.getByRole('button', { name: 'Abort …' }).click();
+    await page.getByRole('button', { name: 'Abort for good' }).click();
+    await page.getByText('aborted').first().waitFor();
+    await page.getByTestId('curves').waitFor();
+  });
+
+  it('are shown where a fit kept none, and of a sample of several regions those of the chosen one', async () => {
+    daemon.regions = ['left', 'right half'];
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    daemon.refusals.set('GET /fits/1/curve', { status: 200, body: { peak: 0, observations: [], curves: [] } });
+    await page.goto(url);
+    await expect.poll(() => page.getByTestId('curves').locator('figure').count()).toBe(5);
+    await page.getByTestId('fit-form').getByLabel('Region').selectOption('right half');
+    await expect.poll(asked).toContainEqual(expect.stringContaining('region=right%20half'));
+    expect(await page.getByRole('link', { name: 'Observations as CSV' }).getAttribute('href')).toContain('region=right%20half');
+  });
+});
+
+describe('a map', () => {
+  it('is not begun with a time that is none', async () => {
+    daemon.addScan(1, 'paper');
+    await page.goto(url);
+    const limit = page.getByLabel('Seconds that the map may take');
+    const begin = page.getByRole('button', { name: 'Map every pixel' });
+    for (const wrong of ['-5', 'abc', '0']) {
+      await limit.fill(wrong);
+      await page.getByText('At most: a number of seconds above 0').waitFor();
+      expect(await begin.isDisabled()).toBe(true);
+    }
+    await limit.fill('0,5');
+    await begin.click();
+    await expect.poll(() => daemon.requests.find((r) => r.path === '/maps')?.body).toEqual({ scan_id: 1, max_seconds: 0.5 });
+  });
+});
+
+describe('a step that waits', () => {
+  it.each([1280, 400])('stays in view however far one scrolls, %i pixels wide, and leaves the page room', async (width) => {
+    daemon.addFit(daemon.addScan(1, 'full'));
+    await page.setViewportSize({ width, height: 700 });
+    await page.goto(url);
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    await page.locator('header').getByText('waits for you: cap the lens').waitFor();
+    await page.evaluate(() => scrollTo(0, document.body.scrollHeight));
+    const box = await page.getByRole('button', { name: 'Continue' }).boundingBox();
+    expect(box?.y ?? -1).toBeGreaterThanOrEqual(0);
+    expect((box?.y ?? 1e9) + (box?.height ?? 0)).toBeLessThan(350);
+  });
+});
+
 describe('a frame', () => {
   it('tells the full 16-bit count of the pixel under the cursor, by pointer and by keys', async () => {
     daemon.addScan(1, 'paper');
@@ -265,7 +420,36 @@ describe('a frame', () => {
   });
 });
 
+describe('the map of poses', () => {
+  it('is one stop of the Tab key, is crossed by arrow keys, and says what its colours are', async () => {
+    daemon.addScan(1, 'full');
+    await page.goto(url);
+    const poses = page.getByTestId('poses');
+    await poses.waitFor();
+    expect(await poses.locator('button[tabindex="0"]').count()).toBe(1);
+    expect(await poses.locator('button').count()).toBe(108);
+    await poses.locator('button[tabindex="0"]').focus();
+    const before = await poses.locator('button[aria-current]').getAttribute('data-at');
+    await page.keyboard.press('ArrowDown');
+    await page.keyboard.press('ArrowLeft');
+    const [row, column] = (before ?? '').split(' ').map(Number);
+    expect(await poses.locator('button[aria-current]').getAttribute('data-at')).toBe(`${(row ?? 0) + 1} ${(column ?? 0) - 1}`);
+    expect(await poses.locator('button:focus').getAttribute('tabindex')).toBe('0');
+    expect(await text('[data-testid=pose-scale]')).toMatch(/^0 [\d ]+ DN\/s$/);
+  });
+});
+
 describe('a fit', () => {
+  it('is asked for with the model of its own scan, not of the one before', async () => {
+    daemon.addScan(1, 'paper');
+    const other = daemon.addScan(2, 'paper');
+    await page.goto(`${url}/#/scan/1`);
+    const model = page.getByTestId('fit-form').getByLabel('Model');
+    await model.selectOption('traced');
+    await page.goto(`${url}/#/scan/${other}`);
+    await expect.poll(() => model.inputValue()).toBe('auto');
+  });
+
   it('says which parameter the data cannot tell, and what an uncertainty is made of', async () => {
     const scan = daemon.addScan(1, 'full');
     daemon.addFit(scan, 'paper');
@@ -287,6 +471,57 @@ describe('a fit', () => {
     await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('10.61 ± 0.42°');
     expect(await page.getByTestId('curves').locator('figure').count()).toBe(9);
     expect(new URL(page.url()).hash).toBe('#/scan/1/fit/1');
+  });
+});
+
+describe('a store of many fits', () => {
+  it('is read page by page, and shows the fit of the address however old it is', async () => {
+    daemon.addFit(daemon.addScan(2, 'paper'));
+    const scan = daemon.addScan(1, 'paper');
+    for (let i = 0; i < 230; i++) daemon.addFit(scan);
+    await page.goto(`${url}/#/scan/1/fit/1`);
+    await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('15.031 ± 0.085°');
+    expect(await page.getByTestId('missing').count()).toBe(0);
+    const rows = page.getByTestId('fits').locator('tbody tr');
+    expect(await rows.count()).toBe(50);
+    expect(await page.getByTestId('fits-count').innerText()).toBe('101 newest fits');
+    const older = page.getByRole('button', { name: 'Older fits' });
+    for (const n of [100, 150, 200, 231]) {
+      await older.click();
+      await expect.poll(() => rows.count()).toBe(n);
+    }
+    expect(await older.count()).toBe(0);
+    expect(await page.getByTestId('fits-count').innerText()).toBe('231 fits');
+    // Three pages of all, and one of the scan that is looked at.
+    expect(daemon.reads.filter((path) => path.startsWith('/fits?'))).toHaveLength(4);
+  });
+});
+
+describe('the fit of a metal', () => {
+  it('has no diffuse reflectance, and nothing is wrong with that', async () => {
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    const parameters = daemon.fits[0]?.['parameters'] as Record<string, unknown>;
+    parameters['rho_d'] = { value: null, std: null, expanded: null, coverage_factor: null, identifiable: false, budget: null, note: 'a metal sends no light back from below its surface: there is no ρd to measure' };
+    await page.goto(url);
+    const place = page.locator('[data-parameter=rho_d] span');
+    await place.waitFor();
+    expect(await place.innerText()).toBe('none: a metal');
+    expect(await place.getAttribute('class')).not.toContain('bad');
+  });
+});
+
+describe('the uncertainty along a scan', () => {
+  const row = (id: number) => ({ id, elapsed_s: 9 * id, n_observations: id, n_frames_used: id, variant: 'sawtooth', status: 'converged', parameters: { theta_r_deg: { value: 10, std: 0.3 / id } } });
+
+  it.each([[1, 0], [2, 1]])('of %i fits and the last one is drawn as %i plots, in words always', async (fits, plots) => {
+    for (let id = 1; id <= fits; id++) daemon.certainties.push(row(id));
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    await page.goto(url);
+    const card = page.getByTestId('certainty');
+    await card.waitFor();
+    expect(await card.locator('[data-line=theta_r_deg]').innerText()).toMatch(/10\.031°, u = 0\.043°/);
+    await expect.poll(() => card.locator('canvas').count()).toBe(plots);
+    expect(await card.innerText()).toMatch(/After \d+(\.\d+)? s: 15 poses/);
   });
 });
 
@@ -325,6 +560,7 @@ describe('error against run time', () => {
     await view.waitFor();
     await expect.poll(() => view.locator('g[data-method]').count()).toBe(3);
     expect(await view.locator('g[data-method=split] circle').count()).toBe(3);
+    expect(await view.locator('text[data-axis=y]').textContent()).toBe('relative error');
     const words = await view.innerText();
     for (const part of ['slope −0.50', 'levels off', 'exact (flat layers)', '1 of 1 within', 'factor of 2: 1 of 2', 'ridged, two threads']) expect(words).toContain(part);
     await view.locator('summary').click();
@@ -480,6 +716,7 @@ describe('a fit on the sample’s own shape', () => {
     await form.getByLabel('Samples apart, µm').waitFor();
     await page.goto(`${url}/#/scan/${other}`);
     await form.getByLabel('Samples apart, µm').waitFor({ state: 'detached' });
+    await form.getByLabel('Model').selectOption('traced');
     expect(await form.getByLabel('File of heights').inputValue()).toBe('');
   });
 });
@@ -507,6 +744,18 @@ describe('the virtual ellipsometer', () => {
     await form.getByRole('button', { name: 'Trace' }).click();
     await form.getByRole('alert').filter({ hasText: 'hills.tif has 7.0 MB' }).waitFor();
     expect(posts()).toEqual([]);
+  });
+
+  it('says under each field why nothing can be traced', async () => {
+    await page.goto(url);
+    const form = page.getByTestId('trace-form');
+    await form.getByLabel('Photons').fill('1,5e5');
+    await form.getByText('A whole number above 0, such as 200000 or 2e5.').waitFor();
+    await form.getByLabel('Seconds at most').fill('0');
+    await form.getByText('A number of seconds above 0').waitFor();
+    await form.getByLabel('Surfaces, drawn anew').fill('5000');
+    await form.getByText('A whole number from 2 to 1000').waitFor();
+    expect(await form.getByRole('button', { name: 'Trace' }).isDisabled()).toBe(true);
   });
 
   it('says what is wrong with a scene beside it and selects its line', async () => {

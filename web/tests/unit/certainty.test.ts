@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { fallingLines, logarithmic, merged } from '../../src/lib/certainty';
+import { fallingLines, logarithmic, merged, timeScale } from '../../src/lib/certainty';
 import type { Certainty } from '../../src/lib/types';
 
 const row = (id: number, elapsed_s: number, parameters: Certainty['parameters']): Certainty => ({
@@ -35,6 +35,20 @@ describe('the fit that runs along', () => {
       expect(marks.length).toBeGreaterThanOrEqual(2);
       expect(marks.length).toBeLessThanOrEqual(8);
       expect(marks.every((m, i) => m >= low && m <= high && (i === 0 || m > (marks[i - 1] ?? m)))).toBe(true);
+    }
+  });
+});
+
+describe('the rig’s time', () => {
+  it('is told in seconds while it is short, with at most eight round marks', () => {
+    expect(timeScale(26.1)).toMatchObject({ unit: 's', marks: [0, 5, 10, 15, 20, 25] });
+    expect(timeScale(119).unit).toBe('s');
+    expect(timeScale(180)).toMatchObject({ unit: 'min', marks: [0, 0.5, 1, 1.5, 2, 2.5, 3] });
+    for (let s = 0.1; s < 1e6; s *= 1.3) {
+      const { marks, high } = timeScale(s);
+      expect(marks.length).toBeLessThanOrEqual(8);
+      expect(marks.length).toBeGreaterThanOrEqual(2);
+      expect(marks.at(-1) ?? 1e9).toBeLessThanOrEqual(high);
     }
   });
 });

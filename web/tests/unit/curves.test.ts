@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { aligned, inadequacyShape, panels, variantsOf } from '../../src/lib/curves';
+import { aligned, azimuthMarks, inadequacyShape, panels, variantsOf } from '../../src/lib/curves';
 import { bestExposure, poseGrid } from '../../src/lib/poses';
 import type { Curves, FrameRow } from '../../src/lib/types';
 
@@ -62,5 +62,14 @@ describe('poseGrid', () => {
     expect(bestExposure(cell)?.id).toBe(2);
     expect(bestExposure([frame(4, 0, 0, 0.02, { saturated_px: 9000 })])?.id).toBe(4);
     expect(bestExposure([])).toBeNull();
+  });
+});
+
+describe('azimuthMarks', () => {
+  it('are quarters of a turn, and finer where the range is smaller', () => {
+    expect(azimuthMarks(-11, 371)).toEqual([0, 90, 180, 270, 360]);
+    expect(azimuthMarks(-4, 94)).toEqual([0, 30, 60, 90]);
+    expect(azimuthMarks(-4, 34)).toEqual([0, 10, 20, 30]);
+    expect(azimuthMarks(-4, 4).length).toBeGreaterThan(2);
   });
 });

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { angle, between, bytes, count, counted, decade, decimalsFor, duration, exposure, fixed, foretold, percent, plain, significant, timeLeft, when, withUncertainty } from '../../src/lib/format';
+import { angle, between, bytes, count, counted, decade, decimalsFor, decimalsOfStep, duration, exposure, fixed, foretold, percent, plain, significant, timeLeft, when, withUncertainty } from '../../src/lib/format';
 
 describe('withUncertainty', () => {
   it('rounds value and uncertainty to the same place, two digits of the uncertainty', () => {
@@ -101,5 +101,13 @@ describe('a forecast', () => {
     const told = foretold({ ...all, at_limit: { count: 40_000, error: 0.05 } });
     expect(told).toMatch(/photons \(about 40\D?000 by the limit\)/);
     expect(told).toMatch(/about 1\.0\D*% \(5\.0\D*% by the limit\)/);
+  });
+});
+
+describe('decimalsOfStep', () => {
+  it('are as many as tell every mark of a scale as it is', () => {
+    expect([0.025, 0.05, 0.5, 1, 20, 2.5, 0.1, 1e-4, 2.5e-4].map(decimalsOfStep)).toEqual([3, 2, 1, 0, 0, 1, 1, 4, 5]);
+    expect(decimalsOfStep(-0.025)).toBe(3);
+    expect(decimalsOfStep(0.075 - 0.05)).toBe(3);
   });
 });

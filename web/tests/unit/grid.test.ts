@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { parseList, printList } from '../../src/lib/grid';
+import { parseList, printList, readWords } from '../../src/lib/grid';
 
 function values(text: string): number[] {
   const outcome = parseList(text);
@@ -11,6 +11,7 @@ function values(text: string): number[] {
 describe('parseList', () => {
   it('reads lists and ranges, both ends included', () => {
     expect(values('-20:10:20, 35')).toEqual([-20, -10, 0, 10, 20, 35]);
+    expect(values('4:0:4')).toEqual([4]);
     expect(values('−20; 0 5.5')).toEqual([-20, 0, 5.5]);
     expect(values('20:-10:0')).toEqual([20, 10, 0]);
   });
@@ -28,6 +29,25 @@ describe('parseList', () => {
     const outcome = parseList(text);
     expect(outcome.ok).toBe(false);
     if (!outcome.ok) expect(outcome.reason).not.toBe('');
+  });
+
+  it('does not guess whether a comma is a decimal one', () => {
+    for (const text of ['12,5', '2,5, 6', '0,90,180', '-20,5:5:20']) {
+      const outcome = parseList(text);
+      expect(outcome.ok ? outcome.values : outcome.reason).toMatch(/can be read in two ways/);
+    }
+    expect(values('-20,-10, 0')).toEqual([-20, -10, 0]);
+  });
+
+  it('says of a range without steps that it has none', () => {
+    const outcome = parseList('1:0:5');
+    expect(outcome.ok ? '' : outcome.reason).toBe('The range 1:0:5 has steps of 0.');
+  });
+
+  it('says what was read, shortly where it is much', () => {
+    expect(readWords([2, 5], 'exposure', (x) => `${x} ms`)).toBe('2 exposures: 2 ms, 5 ms');
+    expect(readWords([0], 'tilt', (x) => `${x}°`)).toBe('1 tilt: 0°');
+    expect(readWords([0, 1, 2, 3, 4, 5, 6], 'tilt', (x) => `${x}°`)).toBe('7 tilts: 0°, 1°, 2°, 3° … 6°');
   });
 
   it('reads back what is printed', () => {

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { aopField, binAt, Bins, decadeAbove, differenceFields, dolpField, greatest, marksOf, middleOf, placeOf, placeOn, ratioField, roundAbove, stokesField, type Field, type Scale } from '../../src/lib/hemisphere';
+import { aopField, binAt, Bins, brightnessScale, decadeAbove, differenceFields, dolpField, greatest, marksOf, middleOf, placeOf, placeOn, ratioField, roundAbove, stokesField, type Field, type Scale } from '../../src/lib/hemisphere';
 
 const NAMES = Array.from({ length: 16 }, (_, i) => `m${Math.floor(i / 4)}${i % 4}`);
 /** Two by two bins, one side; element i of every lit bin is (i + 1)/16 ± 0.01, bin 3 is dark. */
@@ -69,6 +69,17 @@ describe('a scale', () => {
     const [a, b, c] = [10, 1, 0.1].map((x) => placeOn(log, x));
     expect((a ?? 0) - (b ?? 0)).toBeCloseTo((b ?? 0) - (c ?? 0), 2);
     expect(marksOf(log)).toEqual([-10, -1, -0.1, 0, 0.1, 1, 10]);
+  });
+
+  it('of a brightness has no sign: from the lowest lit decade to the top, few enough for a bar', () => {
+    const scale = brightnessScale([field([3, 0.02, 0, Number.NaN])], 'log');
+    expect(scale).toEqual({ kind: 'log', palette: 'sequential', top: 10, bottom: 0.01 });
+    expect(marksOf(scale)).toEqual([0.01, 0.1, 1, 10]);
+    expect([0, 0.01, 1, 10].map((x) => Number(placeOn(scale, x).toFixed(6)))).toEqual([0, 0, 0.666667, 1]);
+    expect(brightnessScale([field([3, 0.02])], 'linear')).toEqual({ kind: 'linear', palette: 'sequential', top: 3 });
+    expect(brightnessScale([field([1, 1e-12])], 'log').bottom).toBeCloseTo(1e-6, 12);
+    expect(brightnessScale([field([0.5])], 'log')).toEqual({ kind: 'log', palette: 'sequential', top: 1, bottom: 0.1 });
+    expect(brightnessScale([field([0])], 'log').bottom).toBe(0.1);
   });
 
   it('ends at a round value above the greatest that is no noise', () => {

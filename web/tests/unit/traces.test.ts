@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 
 import { panelsOf, strokes } from '../../src/lib/plane';
-import { EXAMPLES, hasRidges, ordersOf, titleOf, typedCount, withoutCommands } from '../../src/lib/scenes';
+import { traceFaults, EXAMPLES, hasRidges, ordersOf, titleOf, typedCount, withoutCommands } from '../../src/lib/scenes';
 import type { TracePlane } from '../../src/lib/types';
 
 describe('an example', () => {
@@ -79,5 +79,14 @@ describe('the plane of incidence', () => {
     const points = [[0, 80], [2, 89], [4, -88], [10, -80]].map(([x, y]) => ({ x: x ?? 0, y: y ?? 0, half: 0 }));
     expect(strokes(points, 3, 180).map((s) => s.length)).toEqual([2, 1, 1]);
     expect(strokes(points, 3, null).map((s) => s.length)).toEqual([3, 1]);
+  });
+});
+
+describe('the numbers of a trace', () => {
+  it('have a sentence each where they are none', () => {
+    expect(traceFaults({ count: null, limit: 60, target: null, others: null })).toEqual({});
+    const faults = traceFaults({ count: Number.NaN, limit: 0, target: -1, others: 5000 });
+    expect(Object.keys(faults)).toEqual(['count', 'limit', 'target', 'others']);
+    expect(faults.others).toContain('from 2 to 1000');
   });
 });

@@ -1,8 +1,8 @@
 import { describe, expect, it } from 'vitest';
 
 import { problemSentence, sentence } from '../../src/lib/api';
-import type { Parameter } from '../../src/lib/types';
-import { identifiability, varianceShares, warningWords } from '../../src/lib/words';
+import type { Parameter, Scan } from '../../src/lib/types';
+import { identifiability, planWords, sampleFrames, varianceShares, warningWords } from '../../src/lib/words';
 
 describe('problemSentence', () => {
   it('says the detail and every field’s fault, once each', () => {
@@ -61,5 +61,23 @@ describe('warningWords', () => {
     expect(warningWords('WR: no reference position; home the axis')).toEqual({ code: 'WR', text: 'no reference position; home the axis', serious: false });
     expect(warningWords('XY')).toEqual({ code: 'XY', text: '', serious: false });
     expect(warningWords('the cable is loose')).toEqual({ code: '', text: 'the cable is loose', serious: false });
+  });
+});
+
+describe('planWords', () => {
+  it('says a plan’s faults as the form calls them, exposures in ms', () => {
+    const said = 'The plan cannot run: plan.theta_c_deg[0]: -90° is outside the travel of the camera tilt, -60.000° to 60.000°; plan.exposures_s[0]: -0.004 s is not between 0.000001 and 3600 s.';
+    expect(planWords(said)).toBe('Camera tilt: −90° is outside the travel of the camera tilt, −60° to 60°. Exposure: −4 ms is not between 0.001 and 3600000 ms.');
+    const many = 'The plan cannot run: plan.theta_c_deg[0]: -90° is outside the travel, -60° to 60°; plan.theta_c_deg[1]: -80° is outside the travel, -60° to 60°.';
+    expect(planWords(many)).toBe('Camera tilt: −90°, −80° is outside the travel, −60° to 60°.');
+    expect(planWords('The disk is full.')).toBe('The disk is full.');
+  });
+});
+
+describe('sampleFrames', () => {
+  const scan = (progress: Partial<Scan['progress']>): Scan =>
+    ({ origin: 'rig', plan: { theta_c_deg: [0, 1], phi_s_deg: [0, 90], exposures_s: [0.02], repeats: 2 }, progress: { phase: 'flat', frames_done: 0, frames_total: 12, ...progress } }) as unknown as Scan;
+  it('counts none while the calibration is taken, and then all beyond it', () => {
+    expect([0, 4, 5, 12].map((frames_done) => sampleFrames(scan({ frames_done })))).toEqual([0, 0, 1, 8]);
   });
 });

@@ -1,0 +1,92 @@
+// A sample as a person describes it: name and material, what is wrong with either, and the words of its index.
+
+import { plain } from './format';
+import { typed } from './limits';
+import type { Material, Sample } from './types';
+
+export const MATERIALS = {
+  dielectric: 'plastic, glass (index n)',
+  metal: 'metal, by name',
+  conductor: 'metal, by n and k',
+} as const;
+export type MaterialChoice = keyof typeof MATERIALS;
+
+/** Metals that the daemon has tables of. */
+export const METALS: Readonly<Record<string, string>> = { Ag: 'silver', Al: 'aluminium', Au: 'gold', Cr: 'chromium', Cu: 'copper', W: 'tungsten' };
+
+/** Fields as they are typed; those that the chosen material lacks count for nothing. */
+export interface SampleFields {
+  readonly name: string;
+  readonly material: MaterialChoice;
+  readonly eta: string;
+  readonly etaStd: string;
+  readonly k: string;
+  readonly kStd: string;
+  readonly metal: string;
+  readonly wavelength: string;
+}
+export type FieldName = 'name' | 'eta' | 'k' | 'metal' | 'wavelength';
+
+/** The body of `POST /samples`. */
+export interface SampleRequest {
+  readonly name: string;
+  readonly material?: Material;
+  readonly metal?: { readonly name: string; readonly wavelength_nm?: number };
+}
+
+const NAME_MAX = 200;
+/** The daemon's own bounds of an index (n of a plastic, n and k of a metal) and of a wavelength, nm. */
+const BOUNDS = { dielectric: [1.0001, 10], conductor: [0.01, 100], k: [0, 50], wavelength: [100, 1e5] } as const;
+
+/** What is wrong with a value and its standard uncertainty, or null. */
+function pairProblem(value: string, std: string, [low, high]: readonly [number, number]): string | null {
+  const [x, u] = [typed(value), typed(std)];
+  if (x === null) return 'give a number';
+  if (Number.isNaN(x)) return `“${value.trim()}” is not a number`;
+  if (x < low || x > high) return `from ${low} to ${high}`;
+  if (u === null) return 'give its standard uncertainty, 0 if it is exact';
+  if (Number.isNaN(u)) return `“${std.trim()}” is not a number`;
+  return u < 0 || u > BOUNDS.k[1] ? `its standard uncertainty is from 0 to ${BOUNDS.k[1]}` : null;
+}
+
+/** What stands in the way of adding the sample, by field; empty where nothing does. */
+export function sampleProblems(fields: SampleFields): Partial<Record<FieldName, string>> {
+  const found: Partial<Record<FieldName, string>> = {};
+  const name = fields.name.trim();
+  if (name === '') found.name = 'give a name';
+  else if ([...name].length > NAME_MAX) found.name = `at most ${NAME_MAX} characters`;
+  if (fields.material === 'metal') {
+    const nm = typed(fields.wavelength);
+    const [low, high] = BOUNDS.wavelength;
+    if (nm !== null && !(nm >= low && nm <= high)) found.wavelength = `from ${low} to ${high} nm, or nothing for the lamp’s own`;
+    return found;
+  }
+  const eta = pairProblem(fields.eta, fields.etaStd, BOUNDS[fields.material]);
+  if (eta !== null) found.eta = eta;
+  const k = fields.material === 'conductor' ? pairProblem(fields.k, fields.kStd, BOUNDS.k) : null;
+  if (k !== null) found.k = k;
+  return found;
+}
+
+/** The sample that the fields describe; to be asked for where they have no problem. */
+export function sampleRequest(fields: SampleFields): SampleRequest {
+  const number = (text: string): number => typed(text) ?? Number.NaN;
+  const name = fields.name.trim();
+  const [eta, eta_std] = [number(fields.eta), number(fields.etaStd)];
+  if (fields.material === 'dielectric') return { name, material: { kind: 'dielectric', eta, eta_std } };
+  if (fields.material === 'conductor') return { name, material: { kind: 'conductor', eta, eta_std, k: number(fields.k), k_std: number(fields.kStd) } };
+  const nm = typed(fields.wavelength);
+  return { name, metal: { name: fields.metal, ...(nm === null ? {} : { wavelength_nm: nm }) } };
+}
+
+/** `n 1.54`, `n 3.12, k 3.33`. */
+export function indexWords(material: Material): string {
+  return `n ${plain(material.eta, 4)}${material.kind === 'conductor' ? `, k ${plain(material.k, 4)}` : ''}`;
+}
+
+/** A sample in a list of them; two of one name and index are told apart by their numbers. */
+export function sampleWords(sample: Sample, all: readonly Sample[]): string {
+  const words = `${sample.name} (${indexWords(sample.material)})`;
+  const alike = all.some((s) => s.id !== sample.id && s.name === sample.name && indexWords(s.material) === indexWords(sample.material));
+  return alike ? `${words}, no. ${sample.id}` : words;
+}
