@@ -375,7 +375,8 @@ fn looked_for<'s>(
 ///
 /// A robust loss forgives whole groups of observations, so a surface that passes through half of them and misses the rest
 /// by far is a minimum too. What such a surface cannot do is pass near more of them than half and the free
-/// parameters: the least sum of so many squares decides (least trimmed squares, Rousseeuw 1984).
+/// parameters: where the sum of so many least squares is far smaller, that decides (least trimmed squares, Rousseeuw 1984);
+/// else the loss itself does, with the larger misfit of the two.
 fn of_most_observations<'a>(
     settled: Settled<'a>,
     variant: Variant,
@@ -399,20 +400,35 @@ fn of_most_observations<'a>(
     other.settle_from(&guide.minimum.parameters, weighing);
     let observations = set.observations.len();
     let most = ((observations + settled.problem.free().len()).div_ceil(2)).min(observations);
-    let discrepancy = settled.discrepancy.min(other.discrepancy);
-    let sigma = weighing.sigma(discrepancy);
-    let trimmed = |s: &Settled<'_>| -> f64 {
+    let residuals = |s: &Settled<'_>, discrepancy: f64| -> Vec<f64> {
         let predicted = s
             .problem
             .predicted(&s.problem.unpack(&s.minimum.parameters));
-        let rows = predicted.iter().zip(&set.observations).zip(&sigma);
-        let mut squares: Vec<f64> = rows
-            .map(|((p, o), s)| ((p - o.signal) / s).powi(2))
-            .collect();
+        let rows = predicted
+            .iter()
+            .zip(&set.observations)
+            .zip(weighing.sigma(discrepancy));
+        rows.map(|((p, o), s)| (p - o.signal) / s).collect()
+    };
+    let least = settled.discrepancy.min(other.discrepancy);
+    let trimmed = |s: &Settled<'_>| -> f64 {
+        let mut squares: Vec<f64> = residuals(s, least).iter().map(|r| r * r).collect();
         squares.sort_by(f64::total_cmp);
         squares[..most].iter().sum()
     };
-    match usable(&other.minimum) && trimmed(&other) < trimmed(&settled) {
+    let largest = settled.discrepancy.max(other.discrepancy);
+    let lost = |s: &Settled<'_>| -> f64 {
+        let loss = weighing.options.loss;
+        let bent = residuals(s, largest).into_iter().map(|r| loss.bent(r).0);
+        bent.map(|b| b * b).sum()
+    };
+    let (mine, its) = (trimmed(&settled), trimmed(&other));
+    let better = if mine > FAR_LESS * its || its > FAR_LESS * mine {
+        its < mine
+    } else {
+        lost(&other) < lost(&settled)
+    };
+    match usable(&other.minimum) && better {
         true => other,
         false => settled,
     }
