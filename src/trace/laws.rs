@@ -1,6 +1,7 @@
 //! Laws that the tracer as a whole must keep: energy, reciprocity, errors that are true, the same bits.
 //! Beside them, what it is compared with ([`references`]) and what it refuses ([`refusals`]).
 
+mod absorbing;
 mod analog;
 mod references;
 mod refusals;

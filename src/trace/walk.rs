@@ -365,10 +365,14 @@ impl Walk<'_> {
         let interface = &self.stack.interfaces[state.interface];
         let boundary = interface.boundary(state.side);
         let cos = -state.side.sign() * dot(&state.k, m);
-        if !boundary.is_transparent() || cos <= 0.0 {
+        if boundary.is_metal() || cos <= 0.0 {
             return self.meet_smooth(state, interface, m, random, batch);
         }
         let split = boundary.at(cos);
+        // Total reflection off an absorbing layer's inside takes a part of the light.
+        if split.cos_refracted <= 0.0 && !boundary.is_transparent() {
+            return self.meet_smooth(state, interface, m, random, batch);
+        }
         if state.interactions > 0 {
             // The frame of the hit is not set yet: what unpolarised light does is near enough.
             let weight = state.light.weight();
@@ -394,7 +398,7 @@ impl Walk<'_> {
                 m,
                 state.side,
                 cos,
-                boundary.snell_ratio(),
+                split.ratio,
                 split.cos_refracted,
             );
             other.side = state.side.across();
@@ -446,7 +450,7 @@ impl Walk<'_> {
                     m,
                     state.side,
                     cos,
-                    boundary.snell_ratio(),
+                    split.ratio,
                     split.cos_refracted,
                 );
                 state.side = state.side.across();
