@@ -15,6 +15,7 @@
 
 mod bow;
 mod error;
+mod lobe;
 mod rays;
 
 use super::vec3::V3;
@@ -64,6 +65,8 @@ pub struct Profile {
     lowest: f64,
     highest: f64,
     turned: bool,
+    /// Standard uncertainty of the angle that light follows, rad.
+    lobe_error: f64,
 }
 
 /// Corners nearer to each other than this share of the period are one.
@@ -172,6 +175,7 @@ impl Profile {
             highest: heights.fold(f64::NEG_INFINITY, f64::max),
             pieces,
             turned: false,
+            lobe_error: 0.0,
         }
     }
 
@@ -240,6 +244,7 @@ impl Profile {
         });
         Profile {
             turned: !self.turned,
+            lobe_error: self.lobe_error,
             ..Profile::with_bows(&corners.collect::<Vec<_>>(), self.period)
         }
     }
@@ -309,6 +314,7 @@ impl Profile {
             });
             scaled = Profile::with_bows(&corners.collect::<Vec<_>>(), self.period);
             scaled.turned = self.turned;
+            scaled.lobe_error = self.lobe_error;
         }
         Some(scaled)
     }
