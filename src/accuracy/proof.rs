@@ -307,8 +307,7 @@ mod tests {
 
     #[test]
     fn it_is_the_printed_plan_that_is_proved() {
-        let text = "[[interface]]\nshape = \"smith\"\nalpha_u = 0.1\nalpha_v = 0.1\nbelow = { n = 1.5 }\n\
-                    [run]\nphotons = 2000\n";
+        let text = "[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n[run]\nphotons = 2000\n";
         let scene = Scene::parse(text).unwrap();
         let ready = |s: &Scene| s.prepare(&|_| Err(String::new())).ok();
         let of = |printed: Option<&Plan>| {

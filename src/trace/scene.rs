@@ -22,7 +22,7 @@ use crate::model::polarisation::Boundary;
 use crate::wording::refusals::plain;
 
 use error::{positive, value};
-use media::{Optics, index};
+use media::{Optics, Step, index};
 use prepared::REGISTRATION;
 
 pub use error::SceneError;
@@ -190,9 +190,8 @@ impl Scene {
         let (polarised, stokes, optics) = self.checked()?;
         let mut interfaces = Vec::new();
         let mut layers = Vec::new();
-        for ((relief, roughness), (above, below, depth, rho_d)) in
-            shapes.reliefs.iter().zip(optics.media)
-        {
+        for ((relief, roughness), step) in shapes.reliefs.iter().zip(optics.steps) {
+            let Step { above, below, .. } = step;
             // What absorbs below the last interface is a metal.
             let enters = interfaces.len() + 1 < self.interface.len();
             interfaces.push(Interface {
@@ -200,10 +199,12 @@ impl Scene {
                 from_above: Boundary::between(above, below, enters),
                 from_below: Boundary::between(below, above, true),
                 roughness: *roughness,
-                diffuse: rho_d.map(|r| Diffuse::new(r, below.re / above.re, 1.0, 1.0)),
+                diffuse: step
+                    .rho_d
+                    .map(|r| Diffuse::new(r, below.re / above.re, 1.0, 1.0)),
             });
             layers.push(Layer {
-                optical_depth: depth,
+                optical_depth: step.optical_depth,
                 index: below,
             });
         }

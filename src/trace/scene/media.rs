@@ -12,10 +12,21 @@ use crate::model::polarisation::{Boundary, excess, slant};
 
 /// What the media of a scene do to its light.
 pub(super) struct Optics {
-    /// Above and below each interface, top first: the indices of both media, optical depth of the layer below, and
-    /// what comes back from a diffuse body.
-    pub(super) media: Vec<(Complex<f64>, Complex<f64>, f64, Option<f64>)>,
+    /// Of each interface, top first.
+    pub(super) steps: Vec<Step>,
     pub(super) left_out: Vec<LeftOut>,
+}
+
+/// From one medium to the next.
+pub(super) struct Step {
+    /// n + ik above.
+    pub(super) above: Complex<f64>,
+    /// n + ik below.
+    pub(super) below: Complex<f64>,
+    /// Of the layer below, straight through.
+    pub(super) optical_depth: f64,
+    /// What comes back from a diffuse body.
+    pub(super) rho_d: Option<f64>,
 }
 
 struct Medium {
@@ -27,7 +38,7 @@ impl Scene {
     /// The media of all interfaces, from above.
     pub(super) fn optics(&self) -> Result<Optics, SceneError> {
         let mut optics = Optics {
-            media: Vec::new(),
+            steps: Vec::new(),
             left_out: Vec::new(),
         };
         let mut above = Complex::new(self.n_top, 0.0);
@@ -39,10 +50,13 @@ impl Scene {
                 return Err(SceneError::Unreachable { number });
             }
             let left_out = &mut optics.left_out;
-            let depth = self.layer(shape, number, above, &medium, last, left_out)?;
-            optics
-                .media
-                .push((above, medium.index, depth, medium.rho_d));
+            let optical_depth = self.layer(shape, number, above, &medium, last, left_out)?;
+            optics.steps.push(Step {
+                above,
+                below: medium.index,
+                optical_depth,
+                rho_d: medium.rho_d,
+            });
             above = medium.index;
         }
         Ok(optics)
