@@ -306,6 +306,37 @@ mod tests {
     }
 
     #[test]
+    fn it_is_the_printed_plan_that_is_proved() {
+        let text = "[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n[run]\nphotons = 2000\n";
+        let scene = Scene::parse(text).unwrap();
+        let ready = |s: &Scene| s.prepare(&|_| Err(String::new())).ok();
+        let of = |printed: Option<&Plan>| {
+            let proof = of_scene(
+                "glass",
+                &scene,
+                &ready,
+                0.1,
+                printed,
+                &AtomicBool::new(false),
+            );
+            proof.unwrap().parts
+        };
+        // Asked for Mueller matrices the plan keeps polarisation; for energies alone it would not.
+        let wish = Wish {
+            mueller: true,
+            tolerance: 0.1,
+            photons: None,
+        };
+        let printed = plan(&scene, &ready(&scene).unwrap(), &wish);
+        let told: Vec<Decision> = printed.left_out().map(|c| c.decision).collect();
+        let proved: Vec<Decision> = of(Some(&printed)).iter().map(|p| p.decision).collect();
+        assert_eq!(told, proved);
+        assert!(!told.contains(&Decision::Polarisation));
+        let other = of(None);
+        assert!(other.iter().any(|p| p.decision == Decision::Polarisation));
+    }
+
+    #[test]
     fn photons_are_those_for_the_error_asked_for() {
         // 1 % after 10,000 is 2 % after 2,500.
         assert_eq!(photons_for([0.5, 0.005], 10_000, 0.02), 2_500);

@@ -105,8 +105,8 @@ pub struct Tracing {
     /// Standard error of the traced radiances in the signals' unit, one per observation.
     pub sigma: Vec<f64>,
     /// How far the `sawtooth` estimate with its integrated second bounce lies from this one in each
-    /// free parameter (solver's units): two full models of one sample that should agree. 0 where a
-    /// measured profile makes them different samples.
+    /// free parameter (solver's units): two full models of one sample that should agree. Where a measured
+    /// profile makes them different samples, how far its measurement may move the ridge angle instead.
     pub apart: Vec<f64>,
     /// How far the last pass moved each free parameter (solver's units).
     pub last_step: Vec<f64>,
@@ -348,7 +348,14 @@ impl<'a> Run<'a> {
             estimate.traced = Some(Tracing {
                 sigma: traced.sigma,
                 apart: match task.profile {
-                    Some(_) => vec![0.0; before.len()],
+                    // The budget takes what lies apart as a limit, of which √⅓ is the standard uncertainty.
+                    Some(profile) => {
+                        let off = |q: &Quantity| match q {
+                            Quantity::ThetaR => 3f64.sqrt() * profile.lobe_error(),
+                            _ => 0.0,
+                        };
+                        settled.problem.free().iter().map(off).collect()
+                    }
                     None => settled
                         .minimum
                         .parameters

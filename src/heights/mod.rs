@@ -107,7 +107,7 @@ fn table(content: &[u8]) -> Result<HeightMap, String> {
         let count = map.heights.len() - before;
         if map.rows > 0 && count != map.columns {
             return Err(format!(
-                "line {} has {count} heights, the lines before it {}",
+                "line {} has another number of heights than the lines before it: {count}, not {}",
                 n + 1,
                 map.columns
             ));

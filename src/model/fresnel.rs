@@ -202,7 +202,7 @@ fn inverse(z: Complex<f64>) -> Complex<f64> {
 /// The root with non-negative real and imaginary part of a number whose imaginary part is ≥ 0.
 /// The larger of the two parts is taken from the modulus, the smaller from the product, so that
 /// neither cancels.
-fn principal_sqrt(z: Complex<f64>) -> Complex<f64> {
+pub(super) fn principal_sqrt(z: Complex<f64>) -> Complex<f64> {
     let modulus = z.norm_sqr().sqrt();
     if modulus == 0.0 {
         return Complex::new(0.0, 0.0);

@@ -24,11 +24,15 @@
 //! product. The refracted cosine is a root of a sum (k = 0) and 0 beyond the critical angle, at which it has half of the digits,
 //! as the root of what is left: an angle of refraction there is ill-conditioned itself.
 
+mod absorbing;
 mod lanes;
 
 use nalgebra::{Complex, Matrix4, Vector4};
 
+pub use absorbing::{excess, slant};
+
 use super::fresnel::{refracted, refracted_squared, sin_squared};
+use absorbing::Media;
 
 /// A Stokes vector (I, Q, U, V) in its beam's frame (s, p).
 pub type Stokes = Vector4<f64>;
@@ -159,7 +163,7 @@ impl Channel {
     }
 }
 
-/// A smooth boundary seen from one side: light comes from a transparent medium.
+/// A smooth boundary seen from one side.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Boundary {
     /// Relative index N = N_beyond / n_here.
@@ -168,7 +172,10 @@ pub struct Boundary {
     squared: Complex<f64>,
     /// N² − 1, formed without cancellation.
     lift: Complex<f64>,
+    /// Both media are transparent.
     transparent: bool,
+    /// One of them is an absorbing layer.
+    absorbing: Option<Media>,
 }
 
 /// What a hit on a [`Boundary`] gives.
@@ -180,6 +187,8 @@ pub struct Split<T = f64> {
     pub refracted: Channel<T>,
     /// Cosine of the angle of refraction; 0 under total reflection and into a metal.
     pub cos_refracted: T,
+    /// Sine of the angle of refraction over that of incidence, where light is refracted.
+    pub ratio: T,
 }
 
 impl Boundary {
@@ -195,19 +204,35 @@ impl Boundary {
                 2.0 * rn * rk,
             ),
             transparent: k == 0.0,
+            absorbing: None,
         }
     }
 
-    /// Whether light can go on beyond.
+    /// The same where either medium may be an absorbing layer: from `here`, where light is, onto `beyond`, which light goes on
+    /// in if it `enters`; else what absorbs beyond is a metal.
+    #[must_use]
+    pub fn between(here: Complex<f64>, beyond: Complex<f64>, enters: bool) -> Self {
+        let plain = Boundary::new(here.re, beyond.re, beyond.im);
+        if here.im == 0.0 && (beyond.im == 0.0 || !enters) {
+            return plain;
+        }
+        Boundary {
+            transparent: false,
+            absorbing: Some(Media::new(here, beyond, enters)),
+            ..plain
+        }
+    }
+
+    /// Whether nothing is lost at it: what is not reflected goes on.
     #[must_use]
     pub fn is_transparent(&self) -> bool {
         self.transparent
     }
 
-    /// Index of the medium here over that beyond, n_here / n_beyond, as Snell's law wants it.
+    /// Whether light cannot go on beyond, at any angle.
     #[must_use]
-    pub fn snell_ratio(&self) -> f64 {
-        1.0 / self.relative.re
+    pub fn is_metal(&self) -> bool {
+        !self.transparent && self.absorbing.is_none_or(|media| !media.enters())
     }
 
     /// Shares (s, p) of the power that do not come back at cos θ = `cos`: 1 − R without the cancellation
@@ -237,6 +262,7 @@ impl Boundary {
                     reflected: self.total(cos, q2),
                     refracted: Channel::NONE,
                     cos_refracted: 0.0,
+                    ratio: 1.0 / n,
                 };
             }
             let q = q2.sqrt();
@@ -260,7 +286,11 @@ impl Boundary {
                     im: 0.0,
                 },
                 cos_refracted: q / n,
+                ratio: 1.0 / n,
             };
+        }
+        if let Some(media) = &self.absorbing {
+            return media.at(cos);
         }
         let q = refracted(cos, self.squared, self.lift);
         let over_s = inverse(q + cos);
@@ -278,6 +308,7 @@ impl Boundary {
             },
             refracted: Channel::NONE,
             cos_refracted: 0.0,
+            ratio: 1.0 / self.relative.re,
         }
     }
 

@@ -5,6 +5,7 @@
 use std::fmt::Write as _;
 
 use super::ellipsometer::{aop_deg, dolp};
+use super::grid::Layout;
 use super::height_field::Side;
 use super::tally::Totals;
 
@@ -19,6 +20,7 @@ pub fn csv(
     mut of_row: impl FnMut(Side, usize) -> String,
 ) -> String {
     let grid = totals.grid();
+    debug_assert_eq!(grid.layout, Layout::Polar, "rows have limits in angles");
     let mut text = String::from("side,theta_lo_deg,theta_hi_deg,phi_lo_deg,phi_hi_deg");
     for suffix in ["", "_std"] {
         for i in 0..16 {
@@ -26,23 +28,43 @@ pub fn csv(
         }
     }
     let _ = writeln!(text, ",hits,dolp,aop_deg{also}");
+    // Of a million bins most are dark, and what their rows have is known before.
+    let dark = {
+        let each: String = (0..16)
+            .map(|i| if i < totals.elements() { ",0" } else { "," })
+            .collect();
+        format!("{each}{each},0,,")
+    };
+    let azimuths: Vec<String> = (0..grid.n_phi)
+        .map(|column| {
+            let [_, _, p0, p1] = grid.limits_deg(column);
+            format!("{p0},{p1}")
+        })
+        .collect();
+    let mut row = String::new();
     for side in sides(totals) {
         let name = match side {
             Side::Above => "R",
             Side::Below => "T",
         };
         for bin in 0..grid.per_side() {
-            let [t0, t1, p0, p1] = grid.limits_deg(bin);
-            let _ = write!(text, "{name},{t0},{t1},{p0},{p1}");
+            let [t0, t1, _, _] = grid.limits_deg(bin);
+            if bin % grid.n_phi == 0 {
+                row = format!("{name},{t0},{t1},");
+            }
+            text.push_str(&row);
+            text.push_str(&azimuths[bin % grid.n_phi]);
             let empty = totals.is_empty(side, bin);
+            if empty {
+                text.push_str(&dark);
+                text.push_str(&of_row(side, bin));
+                text.push('\n');
+                continue;
+            }
             for of_std in [false, true] {
                 for i in 0..16 {
                     if i >= totals.elements() {
                         text.push(',');
-                        continue;
-                    }
-                    if empty {
-                        text.push_str(",0");
                         continue;
                     }
                     let e = totals.element(side, bin, i);
@@ -51,7 +73,7 @@ pub fn csv(
                 }
             }
             let _ = write!(text, ",{}", totals.hits(side, bin));
-            if empty || totals.elements() < 16 {
+            if totals.elements() < 16 {
                 text.push_str(",,");
             } else {
                 let seen: [f64; 4] = std::array::from_fn(|i| {

@@ -28,7 +28,22 @@ pub(super) fn from_fixed(x: i128) -> f64 {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Wide([u64; 3]);
 
+/// A [`Wide`] at rest: many of them that are 0 take no time and no memory, since a machine has zeroed pages at hand.
+pub(super) type Resting = [u64; 3];
+
 impl Wide {
+    /// Back from rest.
+    #[inline]
+    pub fn of(words: Resting) -> Self {
+        Wide(words)
+    }
+
+    /// At rest.
+    #[inline]
+    pub fn resting(self) -> Resting {
+        self.0
+    }
+
     /// Adds a number, rounded towards zero.
     #[inline]
     pub fn add(&mut self, x: f64) {
@@ -90,7 +105,7 @@ impl Text {
     }
 
     /// Wide sums.
-    pub fn wide<'a>(mut self, numbers: impl Iterator<Item = &'a Wide>) -> Self {
+    pub fn wide<'a>(mut self, numbers: impl IntoIterator<Item = &'a Wide>) -> Self {
         for sum in numbers {
             let (negative, Wide([low, middle, high])) = sum.magnitude();
             let sign = if negative { "-" } else { "" };

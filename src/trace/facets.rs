@@ -148,7 +148,7 @@ impl Facets {
         } else {
             (none(simd), s)
         };
-        let ratio = Lane::splat(simd, boundary.snell_ratio());
+        let ratio = split.ratio;
         let along = ratio * cos - split.cos_refracted;
         let reflected = combine(&k, two * cos, &m);
         let refracted = combine(&k.map(|x| ratio * x), along, &m);
@@ -405,7 +405,8 @@ mod tests {
 
     #[test]
     fn every_lane_has_the_bits_of_a_facet_alone() {
-        for below in ["{ n = 1.5 }", "{ n = 0.7 }", "{ n = 0.35, k = 2.7 }"] {
+        let stain = "{ n = 0.9, k = 0.02 }\nthickness_um = 3.0\n[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }";
+        for below in ["{ n = 1.5 }", "{ n = 0.7 }", "{ n = 0.35, k = 2.7 }", stain] {
             for azimuth_deg in [0.0, 205.0] {
                 same_as_alone::<Polarised>(below, azimuth_deg);
                 same_as_alone::<Stokes>(below, azimuth_deg);

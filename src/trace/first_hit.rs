@@ -98,7 +98,7 @@ impl<'a> Incidence<'a> {
     /// Direction of the refracted light, where there is any.
     #[inline(always)]
     fn refracted(&self) -> V3 {
-        let ratio = self.boundary.snell_ratio();
+        let ratio = self.split.ratio;
         let along = ratio * self.cos - self.split.cos_refracted;
         combine(ratio, &self.walk.k, along, &self.m)
     }
@@ -148,7 +148,7 @@ impl<'a> Incidence<'a> {
     #[inline(always)]
     #[must_use]
     pub fn absorbs(&self) -> bool {
-        !self.boundary.is_transparent()
+        self.boundary.is_metal()
     }
 
     /// The way on to a side, of `factor` times what its channel lets pass.

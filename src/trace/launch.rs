@@ -111,7 +111,7 @@ impl<'a> FirstHits<'a> {
             to_lamp: scaled(-1.0, &walk.k),
             single: walk.stack.interfaces.len() == 1,
             smooth: interface.roughness.is_none() && interface.diffuse.is_none(),
-            absorbs: !interface.from_above.is_transparent(),
+            absorbs: interface.from_above.is_metal(),
             thorough: walk.method == Method::Split || photons / WORTH_A_LOOK >= 2 * cells as u64,
         };
         let known = Mutex::new(Known::new(grid, L::ELEMENTS));

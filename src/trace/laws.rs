@@ -1,6 +1,7 @@
 //! Laws that the tracer as a whole must keep: energy, reciprocity, errors that are true, the same bits.
 //! Beside them, what it is compared with ([`references`]) and what it refuses ([`refusals`]).
 
+mod absorbing;
 mod analog;
 mod references;
 mod refusals;
@@ -71,6 +72,26 @@ fn energy_adds_up_to_rounding() {
             assert!(e.absorbed.value > 0.05 && e.truncated.value < 1e-3);
         }
     }
+}
+
+#[test]
+fn light_that_crosses_walls_by_the_hundred_is_split_a_few_times_and_none_is_lost_or_made() {
+    let shape = "shape = \"beckmann\"\nalpha_u = 8.0\nalpha_v = 8.0\ncells = 32\nseed = 2";
+    let run = |method: &str, photons: u32| {
+        let run =
+            format!("photons = {photons}\nmethod = \"{method}\"\ntheta_bins = 3\nphi_bins = 4");
+        single(40.0, shape, "{ n = 2.4 }", &run).energies()
+    };
+    let (a, b) = (run("analog", 40_000), run("split", 4000));
+    for (x, y) in [
+        (a.reflected_all, b.reflected_all),
+        (a.transmitted_all, b.transmitted_all),
+        (a.reflected[1], b.reflected[1]),
+    ] {
+        let z = (x.value - y.value) / x.std.hypot(y.std);
+        assert!(x.std > 0.0 && z.abs() < 4.5, "{x:?} {y:?}");
+    }
+    assert!(b.reflected_all.value > 2e-3 && b.truncated.value < 1e-3);
 }
 
 #[test]

@@ -212,12 +212,17 @@ mod tests {
     #[test]
     fn photons_that_take_as_long_as_thousands_are_stopped_on_their_way() {
         // Needles: light goes from one to the next for millions of cells.
-        let scene = "[light]\ntheta_i_deg = 45.0\n[[interface]]\nshape = \"beckmann\"\nalpha_u = 1000.0\n\
-                     alpha_v = 1000.0\ncells = 32\nbelow = { n = 1.5 }\n[run]\nphotons = 100000\n";
-        let needles = Scene::parse(scene)
-            .unwrap()
-            .prepare(&|_| Err(String::new()))
-            .unwrap();
+        let needles = |alpha: f64| {
+            let scene = format!(
+                "[light]\ntheta_i_deg = 45.0\n[[interface]]\nshape = \"beckmann\"\nalpha_u = {alpha:?}\nalpha_v = {alpha:?}\n\
+                 cells = 32\nbelow = {{ n = 1.5 }}\n[run]\nphotons = 100000\n"
+            );
+            let scene = Scene::parse(&scene).unwrap();
+            scene.prepare(&|_| Err(String::new())).unwrap()
+        };
+        // Split at every needle without end, photons would take too long here already.
+        assert_eq!(pilot(&needles(1e3), 500, 0).unwrap().photons, 500);
+        let needles = needles(1e7);
         assert_eq!(pilot(&needles, 500, 0), None);
         let stopped = trace(&needles, Shard::WHOLE, &|p| p.look.is_some());
         assert_eq!(stopped.photons(), 0);

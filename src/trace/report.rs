@@ -92,7 +92,7 @@ impl About {
                 .stack
                 .interfaces
                 .last()
-                .is_some_and(|last| last.from_above.is_transparent() && last.diffuse.is_none()),
+                .is_some_and(|last| !last.from_above.is_metal() && last.diffuse.is_none()),
         }
     }
 }

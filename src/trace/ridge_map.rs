@@ -49,6 +49,10 @@ pub struct RidgeFacts {
     pub explained: f64,
     /// Effective ridge angle: the median inclination, by area, of what leans to the facets' side.
     pub theta_r_deg: f64,
+    /// How far the angle that light follows may be off at that angle: samples have a width, and heights noise (standard
+    /// uncertainty).
+    #[serde(default)]
+    pub lobe_error_deg: f64,
     /// Share of the heights that the instrument did not see: they were filled from their neighbours.
     #[serde(default)]
     pub filled_share: f64,

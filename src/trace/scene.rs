@@ -14,7 +14,7 @@ use serde::Deserialize;
 use super::facet::{Diffuse, Roughness};
 use super::grid::Grid;
 use super::rng::{Purpose, Stream};
-use super::surface::{Interface, Relief, Stack};
+use super::surface::{Interface, Layer, Relief, Stack};
 use super::walk::Method;
 use crate::material::tables;
 pub use crate::model::LeftOut;
@@ -22,7 +22,7 @@ use crate::model::polarisation::Boundary;
 use crate::wording::refusals::plain;
 
 use error::{positive, value};
-use media::{Optics, index};
+use media::{Optics, Step, index};
 use prepared::REGISTRATION;
 
 pub use error::SceneError;
@@ -189,19 +189,24 @@ impl Scene {
         );
         let (polarised, stokes, optics) = self.checked()?;
         let mut interfaces = Vec::new();
-        let mut optical_depth = Vec::new();
-        for ((relief, roughness), (above, below, depth, rho_d)) in
-            shapes.reliefs.iter().zip(optics.media)
-        {
-            let (n, k) = (below.re, below.im);
+        let mut layers = Vec::new();
+        for ((relief, roughness), step) in shapes.reliefs.iter().zip(optics.steps) {
+            let Step { above, below, .. } = step;
+            // What absorbs below the last interface is a metal.
+            let enters = interfaces.len() + 1 < self.interface.len();
             interfaces.push(Interface {
                 relief: relief.clone(),
-                from_above: Boundary::new(above, n, k),
-                from_below: Boundary::new(n, above, 0.0),
+                from_above: Boundary::between(above, below, enters),
+                from_below: Boundary::between(below, above, true),
                 roughness: *roughness,
-                diffuse: rho_d.map(|r| Diffuse::new(r, n / above, 1.0, 1.0)),
+                diffuse: step
+                    .rho_d
+                    .map(|r| Diffuse::new(r, below.re / above.re, 1.0, 1.0)),
             });
-            optical_depth.push(depth);
+            layers.push(Layer {
+                optical_depth: step.optical_depth,
+                index: below,
+            });
         }
         let mut left_out = vec![wave_optics()];
         left_out.extend(optics.left_out);
@@ -217,10 +222,7 @@ impl Scene {
         let (sin, cos) = self.light.theta_i_deg.to_radians().sin_cos();
         let (sin_phi, cos_phi) = self.light.phi_i_deg.to_radians().sin_cos();
         Ok(Prepared {
-            stack: Stack {
-                interfaces,
-                optical_depth,
-            },
+            stack: Stack { interfaces, layers },
             method: self.run.method,
             stokes,
             k: [-sin * cos_phi, -sin * sin_phi, -cos],

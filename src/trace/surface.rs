@@ -6,12 +6,14 @@
 
 use std::sync::Arc;
 
+use nalgebra::Complex;
+
 use super::facet::{Diffuse, Roughness};
 use super::height_field::{Flight, HeightField, Side, Spot};
 use super::profile::{Profile, ProfileFlight, ProfileSpot};
 use super::rng::Stream;
 use super::vec3::{UP, V3};
-use crate::model::polarisation::Boundary;
+use crate::model::polarisation::{Boundary, slant};
 
 /// The shape of an interface.
 #[derive(Debug, Clone)]
@@ -166,8 +168,17 @@ impl Interface {
 pub struct Stack {
     /// At least one.
     pub interfaces: Vec<Interface>,
-    /// For the layer below each interface but the last: 4πkd/λ, the optical depth straight through.
-    pub optical_depth: Vec<f64>,
+    /// What is below each interface.
+    pub layers: Vec<Layer>,
+}
+
+/// A medium between two interfaces, or below the last.
+#[derive(Debug, Clone, Copy)]
+pub struct Layer {
+    /// 4πkd/λ, the optical depth straight through; 0 below the last interface.
+    pub optical_depth: f64,
+    /// n + ik.
+    pub index: Complex<f64>,
 }
 
 impl Stack {
@@ -186,11 +197,14 @@ impl Stack {
     #[inline]
     #[must_use]
     pub fn kept_in_layer(&self, interface: usize, cos: f64) -> f64 {
-        let depth = self.optical_depth[interface];
-        if depth == 0.0 {
+        let Layer {
+            optical_depth,
+            index,
+        } = self.layers[interface];
+        if optical_depth == 0.0 {
             1.0
         } else {
-            (-depth / cos).exp()
+            (-optical_depth * slant(index, cos)).exp()
         }
     }
 

@@ -46,6 +46,9 @@ const SPLIT_ROUGH_MAX: usize = 5;
 const SPLIT_FLAT_MAX: usize = 16;
 /// Ways of one photon that wait at most; beyond it one way is drawn.
 const WAITING: usize = 12;
+/// Times that a photon is split on rough interfaces; beyond it one way is drawn. On ordinary roughness a photon splits
+/// a few times; between walls that light crosses by the hundred its parts would be as many, each with a long way to go.
+const SPLITS_MAX: u32 = 16;
 /// Between smooth planes nothing but the draw itself makes noise, and each further reflection is
 /// fainter: a way drawn as seldom as its share says (two per cent, then two per cent of those) would be
 /// missed altogether by many a run, whose standard error then knows nothing of it. So neither way is drawn more
@@ -63,6 +66,8 @@ const INTERACTION: u64 = 16;
 pub struct Waiting<L> {
     states: [Option<State<L>>; WAITING],
     count: usize,
+    /// Times that the photon was split so far.
+    splits: u32,
 }
 
 impl<L: Light> Waiting<L> {
@@ -72,6 +77,7 @@ impl<L: Light> Waiting<L> {
         Waiting {
             states: [const { None }; WAITING],
             count: 0,
+            splits: 0,
         }
     }
 
@@ -177,6 +183,7 @@ impl Walk<'_> {
             place,
             interactions: 0,
         };
+        waiting.splits = 0;
         self.follow(&mut state, waiting, random, batch);
         self.follow_waiting(waiting, random, batch);
     }
@@ -201,6 +208,7 @@ impl Walk<'_> {
             place,
             interactions: 1,
         };
+        waiting.splits = 0;
         if let Event::Goes = self.advance(&mut state, random, batch) {
             self.follow(&mut state, waiting, random, batch);
         }
@@ -365,10 +373,14 @@ impl Walk<'_> {
         let interface = &self.stack.interfaces[state.interface];
         let boundary = interface.boundary(state.side);
         let cos = -state.side.sign() * dot(&state.k, m);
-        if !boundary.is_transparent() || cos <= 0.0 {
+        if boundary.is_metal() || cos <= 0.0 {
             return self.meet_smooth(state, interface, m, random, batch);
         }
         let split = boundary.at(cos);
+        // Total reflection off an absorbing layer's inside takes a part of the light.
+        if split.cos_refracted <= 0.0 && !boundary.is_transparent() {
+            return self.meet_smooth(state, interface, m, random, batch);
+        }
         if state.interactions > 0 {
             // The frame of the hit is not set yet: what unpolarised light does is near enough.
             let weight = state.light.weight();
@@ -380,7 +392,8 @@ impl Walk<'_> {
             let deep = interfaces > 1
                 && state.interactions as usize >= interfaces
                 && !self.stack.is_flat();
-            if deep || weaker * weight < self.worth_splitting {
+            let spent = waiting.splits >= SPLITS_MAX && !self.stack.is_flat();
+            if spent || deep || weaker * weight < self.worth_splitting {
                 return self.meet_smooth(state, interface, m, random, batch);
             }
         }
@@ -394,11 +407,12 @@ impl Walk<'_> {
                 m,
                 state.side,
                 cos,
-                boundary.snell_ratio(),
+                split.ratio,
                 split.cos_refracted,
             );
             other.side = state.side.across();
             waiting.push(other);
+            waiting.splits += 1;
         }
         state.light.pass(&split.reflected, 1.0);
         reflect(&mut state.k, m, state.side, cos);
@@ -446,7 +460,7 @@ impl Walk<'_> {
                     m,
                     state.side,
                     cos,
-                    boundary.snell_ratio(),
+                    split.ratio,
                     split.cos_refracted,
                 );
                 state.side = state.side.across();

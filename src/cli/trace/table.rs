@@ -37,6 +37,9 @@ pub(super) struct Part {
     pub n_phi: usize,
     /// 16 or 1 numbers per bin.
     pub elements: usize,
+    /// Rows of the file; files of older programs do not tell.
+    #[serde(default)]
+    pub rows: Option<usize>,
     /// Exact sums of the energies.
     pub energies: String,
     /// Bins of the directions that the column `plane` is of.
@@ -69,6 +72,7 @@ impl Part {
             n_theta: totals.grid().n_theta,
             n_phi: totals.grid().n_phi,
             elements: totals.elements(),
+            rows: Some(bins::sides(totals).len() * totals.grid().per_side()),
             energies: totals.exact_energies(),
             plane: totals.directions(),
             stokes,
@@ -243,6 +247,7 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
     // Files of older programs have none.
     let plane = find("plane");
     let mut found: Option<(Part, Totals)> = None;
+    let mut rows = 0;
     for (row, record) in reader.records().enumerate() {
         let record = record
             .with_context(|| format!("cannot read {}", file.display()))
@@ -272,6 +277,7 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
         let Some((_, totals)) = &mut found else {
             return Err(wrong(not_a_shard));
         };
+        rows = row + 1;
         let (side, bin) = if row < totals.grid().per_side() {
             (Side::Above, row)
         } else {
@@ -288,7 +294,20 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
                 .ok_or_else(|| wrong(&format!("row {} is damaged", row + 2)))?;
         }
     }
-    found.ok_or_else(|| wrong("the file has no rows"))
+    let (part, totals) = found.ok_or_else(|| wrong("the file has no rows"))?;
+    // A file that was cut off between two rows has all its energies and a part of its bins.
+    let side = totals.grid().per_side();
+    let whole = match part.rows {
+        Some(told) => rows == told,
+        None => rows == side || rows == 2 * side,
+    };
+    if whole {
+        Ok((part, totals))
+    } else {
+        Err(wrong(&format!(
+            "the file has {rows} rows of bins, not all or not only its own: copy it again, or trace this part again"
+        )))
+    }
 }
 
 #[cfg(test)]
@@ -332,6 +351,7 @@ mod tests {
                 n_theta: 9,
                 n_phi: 12,
                 elements: 16,
+                rows: None,
                 energies: totals.exact_energies(),
                 plane: totals.directions(),
                 stokes: lamp,
@@ -362,6 +382,44 @@ mod tests {
             vec![whole],
         ] {
             assert!(matches!(merge(&bad), Err(CliError::BadInput(_))));
+        }
+    }
+
+    #[test]
+    fn a_shards_file_without_some_of_its_rows_is_refused_wherever_it_was_cut_off() {
+        let prepared = rough_glass();
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str| folder.path().join(name);
+        for number in [1, 2] {
+            let shard = Shard { number, of: 2 };
+            let done = resume(&prepared, shard, None, Ending::AtLast, &|_| true);
+            let lamp = [1.0, 0.0, 0.0, 0.0];
+            let part = Part::of(
+                "r".to_owned(),
+                shard,
+                &done,
+                true,
+                lamp,
+                About::of(&prepared),
+            );
+            let name = file(&format!("{number}.csv"));
+            write(&name, &done.totals, &lamp, Some(&part)).unwrap();
+        }
+        assert!(merge(&[file("1.csv"), file("2.csv")]).is_ok());
+        let text = std::fs::read_to_string(file("2.csv")).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        // Both sides of glass: one row too many, a few less, and exactly the upper side.
+        let twice = [&lines[..], &lines[5..6]].concat();
+        for some in [&twice[..], &lines[..lines.len() - 3], &lines[..1 + 9 * 12]] {
+            std::fs::write(file("cut.csv"), some.join("\n")).unwrap();
+            let Err(CliError::BadInput(error)) = merge(&[file("1.csv"), file("cut.csv")]) else {
+                panic!("{} rows", some.len())
+            };
+            let text = error.to_string();
+            assert!(
+                text.contains("rows of bins") || text.contains("is damaged"),
+                "{text}"
+            );
         }
     }
 

@@ -10,6 +10,9 @@ use super::{Boundary, Channel, Split};
 use crate::model::fresnel::RARE;
 use crate::model::lanes::Lane;
 
+/// Numbers that the widest register has.
+const WIDEST: usize = 8;
+
 /// A complex number per lane.
 #[derive(Clone, Copy)]
 struct Pair<S: Simd> {
@@ -98,8 +101,48 @@ impl Boundary {
     pub(crate) fn at_each<S: Simd>(&self, simd: S, cos: Lane<S>) -> Split<Lane<S>> {
         if self.transparent {
             self.divides(simd, cos)
+        } else if self.absorbing.is_some() {
+            self.each_alone(simd, cos)
         } else {
             self.reflects(simd, cos)
+        }
+    }
+
+    /// Absorbing layers are rare, and their many roots gain little by a register.
+    fn each_alone<S: Simd>(&self, simd: S, cos: Lane<S>) -> Split<Lane<S>> {
+        let mut rooms = [[0.0; WIDEST]; 10];
+        cos.store(&mut rooms[0], 0);
+        for lane in 0..Lane::<S>::WIDTH {
+            let split = self.at(rooms[0][lane]);
+            let (r, t) = (split.reflected, split.refracted);
+            let numbers = [
+                r.s,
+                r.p,
+                r.re,
+                r.im,
+                t.s,
+                t.p,
+                t.re,
+                t.im,
+                split.cos_refracted,
+                split.ratio,
+            ];
+            for (room, x) in rooms.iter_mut().zip(numbers) {
+                room[lane] = x;
+            }
+        }
+        let row = |n: usize| Lane::load(simd, &rooms[n], 0);
+        let channel = |n: usize| Channel {
+            s: row(n),
+            p: row(n + 1),
+            re: row(n + 2),
+            im: row(n + 3),
+        };
+        Split {
+            reflected: channel(0),
+            refracted: channel(4),
+            cos_refracted: row(8),
+            ratio: row(9),
         }
     }
 
@@ -153,6 +196,7 @@ impl Boundary {
                 im: zero,
             },
             cos_refracted: passes.select(q / k!(n), zero),
+            ratio: k!(1.0 / n),
         }
     }
 
@@ -205,6 +249,7 @@ impl Boundary {
                 im: zero,
             },
             cos_refracted: zero,
+            ratio: Lane::splat(simd, 1.0 / self.relative.re),
         }
     }
 }
@@ -217,11 +262,11 @@ mod tests {
     struct All<'a>(&'a Boundary, &'a [f64]);
 
     impl WithSimd for All<'_> {
-        type Output = Vec<[f64; 9]>;
+        type Output = Vec<[f64; 10]>;
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
             let width = Lane::<S>::WIDTH;
-            let mut room = vec![0.0; 9 * width];
+            let mut room = vec![0.0; 10 * width];
             let mut all = Vec::new();
             for at in 0..self.1.len() / width {
                 let split = self.0.at_each(simd, Lane::load(simd, self.1, at));
@@ -236,6 +281,7 @@ mod tests {
                     t.re,
                     t.im,
                     split.cos_refracted,
+                    split.ratio,
                 ];
                 for (n, lane) in lanes.into_iter().enumerate() {
                     lane.store(&mut room, n);
@@ -259,7 +305,9 @@ mod tests {
             0.5,
             0.5,
         ]);
-        for (here, n, k) in [
+        let real = |n: f64| Complex::new(n, 0.0);
+        let layer = Complex::new(1.3, 0.01);
+        let plain = [
             (1.0, 1.5, 0.0),
             (1.5, 1.0, 0.0),
             (2.4, 1.0, 0.0),
@@ -269,8 +317,14 @@ mod tests {
             (1.0, 2.9, 3.1),
             (1.0, 0.3, 1e-3),
             (1.5, 0.05, 0.2),
-        ] {
-            let boundary = Boundary::new(here, n, k);
+        ];
+        let plain = plain.map(|(here, n, k)| Boundary::new(here, n, k));
+        let absorbing = [
+            Boundary::between(real(1.5), layer, true),
+            Boundary::between(layer, real(1.0), true),
+            Boundary::between(layer, Complex::new(0.35, 2.7), false),
+        ];
+        for boundary in plain.into_iter().chain(absorbing) {
             let found = Arch::new().dispatch(All(&boundary, &cosines));
             assert_eq!(found.len(), cosines.len());
             for (cos, found) in cosines.iter().zip(found) {
@@ -286,8 +340,9 @@ mod tests {
                     t.re,
                     t.im,
                     split.cos_refracted,
+                    split.ratio,
                 ];
-                assert_eq!(found, expected, "{here} {n} {k} at {cos}");
+                assert_eq!(found, expected, "{boundary:?} at {cos}");
             }
         }
     }

@@ -7,7 +7,7 @@ use crate::model::flat_stack::FlatStack;
 use crate::model::single_bounce::{Scattering, mueller_brdf};
 
 /// An element summed over all directions of reflection (a mirror direction may fall on the edge of bins).
-fn all_reflected(totals: &Totals, i: usize) -> Estimate {
+pub(super) fn all_reflected(totals: &Totals, i: usize) -> Estimate {
     let mut sum = Estimate {
         value: 0.0,
         std: 0.0,
@@ -24,7 +24,7 @@ fn all_reflected(totals: &Totals, i: usize) -> Estimate {
 }
 
 /// Standard errors between an estimate and a value known to 1e-12.
-fn deviation(estimate: &Estimate, expected: f64) -> f64 {
+pub(super) fn deviation(estimate: &Estimate, expected: f64) -> f64 {
     let difference = (estimate.value - expected).abs();
     if difference < 1e-12 {
         0.0

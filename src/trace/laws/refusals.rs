@@ -79,6 +79,17 @@ fn bad_scenes_get_a_message_that_names_the_key() {
             ),
             "has no key pitch_um",
         ),
+        (
+            scene(
+                45.0,
+                &interface(
+                    "shape = \"smith\"\nalpha_u = inf\nalpha_v = 0.1",
+                    "{ n = 1.5 }",
+                ),
+                "",
+            ),
+            "alpha_u = inf: must be a finite number",
+        ),
         (scene(45.0, &flat, "photons = 0"), "photons"),
         (scene(45.0, &flat, "photons = -5"), "photons"),
         (

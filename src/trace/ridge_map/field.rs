@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::super::rng::{Purpose, Stream};
-use super::lines::Lines;
+use super::lines::{Line, Lines};
 
 /// Pixels along a side of a window whose waves are looked at.
 const WINDOW: usize = 96;
@@ -310,12 +310,14 @@ impl Field<'_> {
         } else {
             0.0
         };
-        let mut counts: Vec<f64> = sums.iter().filter(|s| kept(s)).map(|s| s[0]).collect();
-        counts.sort_by(f64::total_cmp);
-        let lines: Vec<(f64, f64)> = sums
+        let lines: Vec<Line> = sums
             .iter()
             .filter(|sum| kept(sum))
-            .map(|sum| (sum[1] / sum[0], mean(sum)))
+            .map(|sum| Line {
+                v: sum[1] / sum[0],
+                z: mean(sum),
+                count: sum[0],
+            })
             .collect();
         // A mean takes its own share of the noise with it.
         let freedom = (used - lines.len() as f64).max(1.0);
@@ -333,7 +335,6 @@ impl Field<'_> {
             width,
             explained: 1.0 - rest * used / squares[0],
             unevenness,
-            noise: unevenness / counts.get(counts.len() / 2).map_or(1.0, |n| n.sqrt()),
             lines,
         }
     }

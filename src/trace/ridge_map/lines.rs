@@ -9,9 +9,10 @@ const LEAN_MIN: f64 = 0.05;
 /// Standard errors by which a line may be off a straight facet.
 const NOISE: f64 = 3.0;
 /// Share of the ridges' height below which a deviation does not count as their shape.
-const LEAST: f64 = 1e-3;
+const LEAST: f64 = 2e-4;
 
 /// Means along the ridges, by their place across.
+#[derive(Debug, Clone)]
 pub(super) struct Lines {
     /// How wide a line is, µm.
     pub width: f64,
@@ -19,10 +20,19 @@ pub(super) struct Lines {
     pub explained: f64,
     /// Root mean square of what is left along a line, of the median line, µm.
     pub unevenness: f64,
-    /// Standard error of the mean of the median line, µm.
-    pub noise: f64,
-    /// Place across and mean height, µm, by rising place.
-    pub lines: Vec<(f64, f64)>,
+    /// By rising place.
+    pub lines: Vec<Line>,
+}
+
+/// The mean of the heights along a line.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Line {
+    /// Place across, µm.
+    pub v: f64,
+    /// Mean height, µm.
+    pub z: f64,
+    /// How many heights it is the mean of.
+    pub count: f64,
 }
 
 impl Lines {
@@ -63,21 +73,24 @@ impl Lines {
         }
         let period = self.sharpened(period);
         self.level(period);
-        self.straighten();
-        let share = self.leaning();
+        let share = self.straight().leaning();
         let turned = share < 0.5;
         if turned {
-            self.lines = self.lines.iter().rev().map(|(v, z)| (-v, *z)).collect();
+            for line in &mut self.lines {
+                line.v = -line.v;
+            }
+            self.lines.reverse();
         }
         let share = share.max(1.0 - share);
         if share < 0.5 + LEAN_MIN {
             return Err(RidgeMapError::BothSides { share });
         }
-        let rows = self.whole_periods(period);
-        let profile = Profile::measured(&rows)?;
+        let profile = self.straightened(period)?;
         let theta_r = profile
             .effective_ridge_angle()
             .ok_or(ProfileError::LeansNowhere)?;
+        let lobe_error = self.lobe_error(&profile, period);
+        let profile = profile.with_lobe_error(lobe_error);
         let (low, high) = profile.range();
         let lean = across.to_degrees() + if turned { 180.0 } else { 0.0 };
         Ok(RidgeMap {
@@ -90,6 +103,7 @@ impl Lines {
                 unevenness_um: wide.unevenness,
                 explained: wide.explained,
                 theta_r_deg: theta_r.to_degrees(),
+                lobe_error_deg: lobe_error.to_degrees(),
                 filled_share: 0.0,
             },
             profile,
@@ -98,32 +112,32 @@ impl Lines {
 
     fn length(&self) -> f64 {
         match (self.lines.first(), self.lines.last()) {
-            (Some(first), Some(last)) => last.0 - first.0,
+            (Some(first), Some(last)) => last.v - first.v,
             _ => 0.0,
         }
     }
 
     /// Height at a place, between the lines beside it.
     fn at(&self, v: f64) -> f64 {
-        let n = self.lines.partition_point(|l| l.0 < v);
+        let n = self.lines.partition_point(|l| l.v < v);
         let (a, b) = (
             self.lines[n.saturating_sub(1)],
             self.lines[n.min(self.lines.len() - 1)],
         );
-        if b.0 > a.0 {
-            a.1 + (b.1 - a.1) * (v - a.0) / (b.0 - a.0)
+        if b.v > a.v {
+            a.z + (b.z - a.z) * (v - a.v) / (b.v - a.v)
         } else {
-            a.1
+            a.z
         }
     }
 
     /// Pairs of heights that are so far apart.
     fn pairs(&self, distance: f64) -> impl Iterator<Item = (f64, f64)> {
-        let end = self.lines.last().map_or(0.0, |l| l.0);
+        let end = self.lines.last().map_or(0.0, |l| l.v);
         self.lines
             .iter()
-            .filter(move |(v, _)| v + distance <= end)
-            .map(move |(v, z)| (*z, self.at(v + distance)))
+            .filter(move |l| l.v + distance <= end)
+            .map(move |l| (l.z, self.at(l.v + distance)))
     }
 
     /// Correlation of the profile with itself a distance on.
@@ -172,50 +186,133 @@ impl Lines {
             n += 1.0;
         }
         let slope = if n > 0.0 { rise / (n * apart) } else { 0.0 };
-        for (v, z) in &mut self.lines {
-            *z -= slope * *v;
+        for line in &mut self.lines {
+            line.z -= slope * line.v;
         }
     }
 
-    /// Leaves out lines that lie on the straight way between others within their noise (Ramer 1972, Douglas and Peucker
-    /// 1973): facets become straight, corners stay where they are.
-    fn straighten(&mut self) {
-        let heights = self.lines.iter().map(|l| l.1);
+    /// What is left when facets are straight.
+    fn straight(&self) -> Lines {
+        let mut lines = self.clone();
+        lines.settle(&self.corners());
+        lines
+    }
+
+    /// Whole periods of that.
+    fn straightened(&self, period: f64) -> Result<Profile, ProfileError> {
+        Profile::measured(&self.straight().whole_periods(period))
+    }
+
+    /// The ends of straight pieces that all lines lie on within their noise (Ramer 1972, Douglas and Peucker 1973).
+    fn corners(&self) -> Vec<usize> {
+        let heights = self.lines.iter().map(|l| l.z);
         let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| {
             (l.min(z), h.max(z))
         });
-        let within = (NOISE * self.noise).max(LEAST * (high - low));
+        let least = LEAST * (high - low);
         let last = self.lines.len().saturating_sub(1);
         let mut kept = vec![false; self.lines.len()];
         let mut pieces = vec![(0, last)];
         while let Some((from, to)) = pieces.pop() {
             (kept[from], kept[to]) = (true, true);
             let (a, b) = (self.lines[from], self.lines[to]);
-            let (dx, dz) = (b.0 - a.0, b.1 - a.1);
+            let (dx, dz) = (b.v - a.v, b.z - a.z);
+            // In units of what each line may be off.
             let off = |n: usize| {
-                let (v, z) = self.lines[n];
-                ((v - a.0) * dz - (z - a.1) * dx).abs() / dx.hypot(dz)
+                let line = self.lines[n];
+                let noise = NOISE * self.unevenness / line.count.sqrt();
+                let far = ((line.v - a.v) * dz - (line.z - a.z) * dx).abs() / dx.hypot(dz);
+                far / noise.max(least)
             };
             let worst = (from + 1..to).map(|n| (n, off(n)));
             if let Some((n, far)) = worst.max_by(|x, y| x.1.total_cmp(&y.1))
-                && far > within
+                && far > 1.0
             {
                 pieces.extend([(from, n), (n, to)]);
             }
         }
-        let mut number = 0;
-        self.lines.retain(|_| {
-            number += 1;
-            kept[number - 1]
-        });
+        (0..=last).filter(|n| kept[*n]).collect()
+    }
+
+    /// Leaves out all lines but these, whose heights become those of the straight pieces between them that fit all lines best:
+    /// a corner is chosen for being far off, so its own height is a biased one.
+    fn settle(&mut self, kept: &[usize]) {
+        // Heights at the corners by least squares: each line lies between two of them.
+        let count = kept.len();
+        let (mut diagonal, mut beside, mut right) =
+            (vec![0.0; count], vec![0.0; count], vec![0.0; count]);
+        for (n, ends) in kept.windows(2).enumerate() {
+            let (a, b) = (self.lines[ends[0]].v, self.lines[ends[1]].v);
+            // The last line of all belongs to the last piece.
+            let until = ends[1] + usize::from(n + 2 == count);
+            for line in &self.lines[ends[0]..until] {
+                let t = (line.v - a) / (b - a);
+                let (w, s) = (line.count, 1.0 - t);
+                diagonal[n] += w * s * s;
+                diagonal[n + 1] += w * t * t;
+                beside[n] += w * s * t;
+                right[n] += w * s * line.z;
+                right[n + 1] += w * t * line.z;
+            }
+        }
+        // Positive definite and tridiagonal: elimination without pivots.
+        for n in 1..count {
+            let factor = beside[n - 1] / diagonal[n - 1];
+            diagonal[n] -= factor * beside[n - 1];
+            right[n] -= factor * right[n - 1];
+        }
+        for n in (0..count).rev() {
+            let next = right.get(n + 1).map_or(0.0, |z| beside[n] * z);
+            right[n] = (right[n] - next) / diagonal[n];
+        }
+        self.lines = kept
+            .iter()
+            .zip(right)
+            .map(|(n, z)| Line {
+                z,
+                ..self.lines[*n]
+            })
+            .collect();
+    }
+
+    /// How far the angle that light follows may be off at the effective ridge angle of the profile (rad, standard
+    /// uncertainty): of every second line alone, or every fourth, a profile has samples that are wider and heights that are
+    /// fewer. What such profiles have in common is the samples' width, in which they differ is noise.
+    fn lobe_error(&self, profile: &Profile, period: f64) -> f64 {
+        let Some(whole) = profile.lobe_offsets() else {
+            return 0.0;
+        };
+        let thinned = |first: usize, step: usize| {
+            let lines = self.lines.iter().skip(first).step_by(step);
+            let part = Lines {
+                lines: lines.copied().collect(),
+                ..*self
+            };
+            part.straightened(period).ok()?.lobe_offsets()
+        };
+        let mut most = 0.0f64;
+        for step in [2, 4] {
+            let parts: Option<Vec<_>> = (0..step).map(|first| thinned(first, step)).collect();
+            // Too few lines to do without some: what two of them say is all there is.
+            let Some(parts) = parts else { continue };
+            let (count, further) = (step as f64, step as f64 - 1.0);
+            for (n, whole) in whole.iter().enumerate() {
+                let mean = parts.iter().map(|part| part[n]).sum::<f64>() / count;
+                let squares = parts.iter().map(|part| (part[n] - mean).powi(2));
+                let noise = (squares.sum::<f64>() / count / further).sqrt();
+                // The width's share grows with it.
+                most = most.max(noise.hypot((mean - whole) / further));
+            }
+        }
+        most
     }
 
     /// Share of the length that leans to +v.
     fn leaning(&self) -> f64 {
         let pairs = self.lines.windows(2);
         let down: f64 = pairs
-            .filter(|pair| pair[1].1 < pair[0].1)
-            .map(|pair| pair[1].0 - pair[0].0)
+            .filter(|pair| pair[1].z < pair[0].z)
+            .map(|pair| pair[1].v - pair[0].v)
             .sum();
         down / self.length()
     }
@@ -223,9 +320,9 @@ impl Lines {
     /// As many whole periods as there are, from the middle of a flank where both ends meet best; the last row closes them.
     fn whole_periods(&self, period: f64) -> Vec<(f64, f64)> {
         let length = (self.length() / period).floor() * period;
-        let end = self.lines.last().map_or(0.0, |l| l.0);
+        let end = self.lines.last().map_or(0.0, |l| l.v);
         let flanks = self.lines.windows(2);
-        let middles = flanks.map(|l| (l[1].0 - l[0].0, 0.5 * (l[0].0 + l[1].0)));
+        let middles = flanks.map(|l| (l[1].v - l[0].v, 0.5 * (l[0].v + l[1].v)));
         let within: Vec<(f64, f64)> = middles.filter(|(_, v)| v + length <= end).collect();
         let longest = within.iter().fold(0.0f64, |a, b| a.max(b.0));
         let v0 = within
@@ -233,13 +330,14 @@ impl Lines {
             .filter(|(flank, _)| *flank >= 0.5 * longest)
             .map(|(_, v)| (*v, (self.at(*v) - self.at(v + length)).abs()))
             .min_by(|a, b| a.1.total_cmp(&b.1))
-            .or(self.lines.first().map(|l| (l.0, 0.0)))
+            .or(self.lines.first().map(|l| (l.v, 0.0)))
             .map_or(0.0, |(v, _)| v);
         // A row beside the ends may all but touch them.
         let near = 0.25 * self.width;
         let between = |v: f64| v > v0 + near && v < v0 + length - near;
         let mut rows = vec![(v0, self.at(v0))];
-        rows.extend(self.lines.iter().filter(|(v, _)| between(*v)));
+        let inner = self.lines.iter().filter(|l| between(l.v));
+        rows.extend(inner.map(|l| (l.v, l.z)));
         rows.push((v0 + length, self.at(v0)));
         rows
     }

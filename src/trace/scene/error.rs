@@ -95,6 +95,8 @@ pub(super) fn value(
 pub(super) fn positive(key: &str, x: f64) -> Result<(), SceneError> {
     if x > 0.0 && x.is_finite() {
         Ok(())
+    } else if x == f64::INFINITY {
+        Err(value(key, x, "must be a finite number"))
     } else {
         Err(value(key, x, "must be greater than 0"))
     }

@@ -8,14 +8,25 @@ use super::error::{positive, value};
 use super::{LeftOut, Scene, SceneError, Shape};
 use crate::material::tables;
 use crate::model::fresnel;
-use crate::model::polarisation::Boundary;
+use crate::model::polarisation::{Boundary, excess, slant};
 
 /// What the media of a scene do to its light.
 pub(super) struct Optics {
-    /// Above and below each interface, top first: n above, n and k below, optical depth of the layer below, and
-    /// what comes back from a diffuse body.
-    pub(super) media: Vec<(f64, Complex<f64>, f64, Option<f64>)>,
+    /// Of each interface, top first.
+    pub(super) steps: Vec<Step>,
     pub(super) left_out: Vec<LeftOut>,
+}
+
+/// From one medium to the next.
+pub(super) struct Step {
+    /// n + ik above.
+    pub(super) above: Complex<f64>,
+    /// n + ik below.
+    pub(super) below: Complex<f64>,
+    /// Of the layer below, straight through.
+    pub(super) optical_depth: f64,
+    /// What comes back from a diffuse body.
+    pub(super) rho_d: Option<f64>,
 }
 
 struct Medium {
@@ -27,22 +38,26 @@ impl Scene {
     /// The media of all interfaces, from above.
     pub(super) fn optics(&self) -> Result<Optics, SceneError> {
         let mut optics = Optics {
-            media: Vec::new(),
+            steps: Vec::new(),
             left_out: Vec::new(),
         };
-        let mut above = self.n_top;
+        let mut above = Complex::new(self.n_top, 0.0);
         for (i, shape) in self.interface.iter().enumerate() {
             let number = i + 1;
             let last = number == self.interface.len();
-            let medium = self.medium(shape, number, above)?;
+            let medium = self.medium(shape, number, above.re)?;
             if medium.rho_d.is_some() && !last {
                 return Err(SceneError::Unreachable { number });
             }
             let left_out = &mut optics.left_out;
-            let (depth, k) = self.layer(shape, number, above, &medium, last, left_out)?;
-            let below = Complex::new(medium.index.re, k);
-            optics.media.push((above, below, depth, medium.rho_d));
-            above = below.re;
+            let optical_depth = self.layer(shape, number, above, &medium, last, left_out)?;
+            optics.steps.push(Step {
+                above,
+                below: medium.index,
+                optical_depth,
+                rho_d: medium.rho_d,
+            });
+            above = medium.index;
         }
         Ok(optics)
     }
@@ -106,16 +121,16 @@ impl Scene {
         }
     }
 
-    /// Optical depth of the layer below, and the k that its boundary reflects with.
+    /// Optical depth of the layer below.
     fn layer(
         &self,
         shape: &Shape,
         number: usize,
-        above: f64,
+        above: Complex<f64>,
         medium: &Medium,
         last: bool,
         left_out: &mut Vec<LeftOut>,
-    ) -> Result<(f64, f64), SceneError> {
+    ) -> Result<f64, SceneError> {
         if let Some(thickness) = shape.thickness_um {
             positive(&format!("interface {number}: thickness_um"), thickness)?;
         }
@@ -129,7 +144,7 @@ impl Scene {
             });
         }
         if last || k == 0.0 {
-            return Ok((0.0, k));
+            return Ok(0.0);
         }
         // Beyond this the layer is opaque within a wavelength: not a layer but a substrate.
         if k > 0.1 * medium.index.re {
@@ -148,34 +163,31 @@ impl Scene {
             why: "a layer absorbs over its thickness between mean planes".to_owned(),
             cost: None,
         });
-        let (cost, theta) = without_k(above, medium.index);
+        let (cost, theta) = interference(above.re, medium.index, depth);
         left_out.push(LeftOut {
-            what: format!("the absorption of layer {number} in its Fresnel amplitudes"),
+            what: format!("interference next to the boundary within layer {number}"),
             why: format!(
-                "a layer that light crosses has k much smaller than n; the cost is the change of its boundary's \
-                 reflectance at the worst angle, θ = {:.1}° from above",
+                "of light in an absorbing layer the boundary's two ways together would carry a little more than all of it; \
+                 the cost is what that brings back to the medium above at the worst angle, θ = {:.1}° there",
                 theta.to_degrees()
             ),
             cost: Some(cost),
         });
-        Ok((depth, 0.0))
+        Ok(depth)
     }
 }
 
-/// The greatest change of a boundary's unpolarised reflectance where the k beyond it is left out, and the angle (rad) of
-/// that. Near total reflection and where both n are alike it is of first order in k.
-fn without_k(above: f64, below: Complex<f64>) -> (f64, f64) {
+/// The greatest share of the light above an absorbing layer that [`excess`] would add to it after both ways through the
+/// layer, were all of it mirrored below, and the angle (rad) of that above it.
+fn interference(above: f64, layer: Complex<f64>, depth: f64) -> (f64, f64) {
     const ANGLES: u32 = 2000;
-    let (with, without) = (
-        Boundary::new(above, below.re, below.im),
-        Boundary::new(above, below.re, 0.0),
-    );
-    // The critical angle, next to which the change is greatest, is one of them.
-    let critical = (below.re / above).min(1.0).asin();
+    // Next to the critical angle it is greatest.
+    let critical = (layer.re / above).min(1.0).asin();
     let evenly = (0..ANGLES).map(|j| f64::from(j) / f64::from(ANGLES) * FRAC_PI_2);
+    let boundary = Boundary::between(Complex::new(above, 0.0), layer, true);
     let at = |theta: f64| {
-        let share = |b: &Boundary| b.at(theta.cos()).reflected.unpolarised();
-        (share(&with) - share(&without)).abs()
+        let cos_below = boundary.at(theta.cos()).cos_refracted;
+        excess(above, layer, theta.cos()) * (-2.0 * depth * slant(layer, cos_below)).exp()
     };
     evenly
         .chain([critical * (1.0 - f64::EPSILON)])
@@ -204,16 +216,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_layers_k_costs_most_where_light_is_totally_reflected_without_it() {
-        // Attenuated total reflection: of the light at 61° two fifths go into the layer.
-        let (cost, theta) = without_k(1.5, Complex::new(1.3, 0.013));
-        assert!(
-            cost > 0.4 && (theta.to_degrees() - 60.5).abs() < 1.0,
-            "{cost} {theta}"
-        );
-        let (cost, _) = without_k(1.0, Complex::new(1.0, 0.01));
-        assert!(cost > 0.7, "{cost}");
-        let (cost, _) = without_k(1.0, Complex::new(1.5, 1e-4));
-        assert!(cost < 1e-6, "{cost}");
+    fn what_an_absorbing_layer_goes_without_is_little_where_it_is_thicker_than_a_wavelength() {
+        let cost = |above: f64, layer: Complex<f64>, thickness_um: f64| {
+            let depth = 4e3 * std::f64::consts::PI * layer.im * thickness_um / 550.0;
+            interference(above, layer, depth).0
+        };
+        // Attenuated total reflection, stained glass, and a wavelength of ink.
+        assert!(cost(1.5, Complex::new(1.3, 0.013), 5.0) < 3e-5);
+        assert!(cost(1.0, Complex::new(1.5, 1e-3), 10.0) < 1e-6);
+        let ink = cost(1.0, Complex::new(1.5, 0.1), 0.5);
+        assert!((1e-5..1e-3).contains(&ink), "{ink}");
+        assert!(cost(1.0, Complex::new(1.0, 0.01), 5.0) < 3e-2);
     }
 }

@@ -79,7 +79,7 @@ impl Prepared {
             !is_idle(number)
         });
         number = 0;
-        self.stack.optical_depth.retain(|_| {
+        self.stack.layers.retain(|_| {
             number += 1;
             !is_idle(number)
         });

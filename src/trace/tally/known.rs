@@ -10,6 +10,8 @@ use crate::trace::grid::Grid;
 pub struct Known {
     pub(super) stride: usize,
     pub(super) bins: Vec<i128>,
+    /// Which bins have any of it.
+    pub(super) lit: Vec<bool>,
     pub(super) energies: Energies<i128>,
 }
 
@@ -20,6 +22,7 @@ impl Known {
         Known {
             stride: elements,
             bins: vec![0; 2 * grid.per_side() * elements],
+            lit: vec![false; 2 * grid.per_side()],
             energies: Energies::filled(0),
         }
     }
@@ -28,6 +31,7 @@ impl Known {
     pub fn take(&mut self, batch: &mut Batch) {
         for &bin in &batch.touched {
             let bin = bin as usize;
+            self.lit[bin] = true;
             let range = bin * self.stride..(bin + 1) * self.stride;
             for (known, x) in self.bins[range.clone()].iter_mut().zip(&batch.bins[range]) {
                 *known += to_fixed(*x);

@@ -1,7 +1,7 @@
 //! Totals as text and back, to the last bit: what a shard's file has of them.
 
 use super::Totals;
-use crate::trace::exact::{Text, Words};
+use crate::trace::exact::{Text, Wide, Words};
 use crate::trace::height_field::Side;
 
 impl Totals {
@@ -13,9 +13,13 @@ impl Totals {
             return None;
         }
         let range = index * self.stride..(index + 1) * self.stride;
+        let wide: Vec<Wide> = self.squares[range.clone()]
+            .iter()
+            .map(|w| Wide::of(*w))
+            .collect();
         let text = Text::of(self.hits[index])
             .sums(self.bins[range.clone()].iter())
-            .wide(self.squares[range.clone()].iter())
+            .wide(&wide)
             .sums(self.known[range].iter());
         Some(text.finish())
     }
@@ -54,7 +58,10 @@ impl Totals {
         }
         let range = index * n..(index + 1) * n;
         self.bins[range.clone()].copy_from_slice(&sums);
-        self.squares[range.clone()].copy_from_slice(&squares);
+        for (resting, sum) in self.squares[range.clone()].iter_mut().zip(squares) {
+            *resting = sum.resting();
+        }
+        self.lit[index] = known.iter().any(|x| *x != 0);
         self.known[range].copy_from_slice(&known);
         self.hits[index] = hits;
         Some(())

@@ -1,0 +1,150 @@
+//! Absorbing layers against the exact recursion of flat ones, by the complex indices on both sides of each boundary.
+
+use nalgebra::Complex;
+
+use super::references::{all_reflected, deviation};
+use super::{interface, scene, traced};
+use crate::trace::run::{Shard, trace};
+
+type C = Complex<f64>;
+
+/// Powers of s and p and the factor z that a stack reflects: the coherent answer averaged over the phase of each layer.
+/// Layers are (index, thickness in µm), the last one the substrate.
+fn recursion(above: f64, layers: &[(C, f64)], theta_deg: f64) -> (f64, f64, C) {
+    let along = above * theta_deg.to_radians().sin();
+    let media: Vec<C> = std::iter::once(C::new(above, 0.0))
+        .chain(layers.iter().map(|l| l.0))
+        .collect();
+    let across: Vec<C> = media
+        .iter()
+        .map(|n| (n * n - along * along).sqrt())
+        .collect();
+    let [mut s, mut p, mut z] = [C::new(0.0, 0.0); 3];
+    for j in (0..layers.len()).rev() {
+        let (a, b, qa, qb) = (media[j], media[j + 1], across[j], across[j + 1]);
+        let r_s = (qa - qb) / (qa + qb);
+        let r_p = (b * b * qa - a * a * qb) / (b * b * qa + a * a * qb);
+        // Both ways through the layer below, as powers.
+        let fades = if j + 1 < layers.len() {
+            let phase = 2.0 * std::f64::consts::TAU / 0.55 * layers[j].1;
+            (-2.0 * phase * qb.im).exp()
+        } else {
+            0.0
+        };
+        let under = |x: C, y: C, below: C| {
+            let (r, t) = (x * y.conj(), (1.0 - x * x) * (1.0 - y * y).conj());
+            r + t * below * fades / (1.0 - r * below * fades)
+        };
+        (s, p, z) = (under(r_s, r_s, s), under(r_p, r_p, p), under(r_s, r_p, z));
+    }
+    (s.re, p.re, z)
+}
+
+#[test]
+fn absorbing_layers_agree_with_the_exact_recursion_up_to_what_the_scene_says_of_them() {
+    let n = C::new;
+    let gold = (n(0.3504, 2.7141), 0.0);
+    let mut deviations = Vec::new();
+    for (above, layers) in [
+        (1.0, vec![(n(1.5, 2e-3), 8.0), gold]),
+        (1.0, vec![(n(1.5, 0.05), 1.0), gold]),
+        // Attenuated total reflection: without k all light beyond 60.07° would come back.
+        (1.5, vec![(n(1.3, 0.013), 5.0), gold]),
+        // Nothing but k differs.
+        (1.0, vec![(n(1.0, 0.01), 5.0), gold]),
+        (
+            1.0,
+            vec![
+                (n(1.3, 1e-3), 9.0),
+                (n(1.6, 0.02), 2.0),
+                (n(2.4, 0.0), 1.0),
+                gold,
+            ],
+        ),
+        (1.0, vec![(n(1.7, 1e-3), 9.0), (n(1.5, 0.0), 0.0)]),
+    ] {
+        for theta_deg in [0.0, 30.0, 58.0, 61.0, 75.0, 88.0] {
+            let last = layers.len() - 1;
+            let interfaces: String = layers
+                .iter()
+                .enumerate()
+                .map(|(j, (index, thickness_um))| {
+                    let thick = if j < last {
+                        format!("\nthickness_um = {thickness_um:?}")
+                    } else {
+                        String::new()
+                    };
+                    let below = format!("{{ n = {:?}, k = {:?} }}", index.re, index.im);
+                    interface(&format!("shape = \"flat\"{thick}"), &below)
+                })
+                .collect();
+            let run = "photons = 8192\ntheta_bins = 9\nphi_bins = 12";
+            let text = format!("n_top = {above:?}\n{}", scene(theta_deg, &interfaces, run));
+            let totals = traced(&text);
+            let prepared = super::prepared(&text);
+            let told: f64 = prepared
+                .left_out
+                .iter()
+                .filter(|l| l.what.contains("interference next to"))
+                .filter_map(|l| l.cost)
+                .sum();
+            let (s, p, z) = recursion(above, &layers, theta_deg);
+            for (i, expected) in [
+                (0, 0.5 * (s + p)),
+                (1, 0.5 * (s - p)),
+                (10, z.re),
+                (11, z.im),
+            ] {
+                let found = all_reflected(&totals, i);
+                let off = (found.value - expected).abs();
+                let beyond = deviation(&found, expected);
+                assert!(
+                    off < told || beyond < 5.0,
+                    "{above} {layers:?} {theta_deg}° m{i}: {found:?}, not {expected}; {told} was told"
+                );
+                deviations.push(off);
+            }
+            let e = totals.energies();
+            let parts = [e.reflected_all, e.transmitted_all, e.absorbed, e.truncated];
+            assert!((parts.iter().map(|p| p.value).sum::<f64>() - 1.0).abs() < 1e-13);
+        }
+    }
+    // Real indices at the boundaries miss by up to 0.4 at 61° in glass, and by all of it where only k differs.
+    let worst = deviations.iter().copied().fold(0.0, f64::max);
+    assert!(worst < 5e-3, "{worst}");
+}
+
+#[test]
+fn light_within_rough_absorbing_layers_is_neither_lost_nor_made_by_chance() {
+    // Light under total reflection from inside, steep facets, thin layers: analog and split photons agree.
+    let layers = interface(
+        "shape = \"beckmann\"\nalpha_u = 0.5\nalpha_v = 0.5\ncells = 64\nthickness_um = 0.3",
+        "{ n = 1.6, k = 0.02 }",
+    ) + &interface(
+        "shape = \"beckmann\"\nalpha_u = 0.6\nalpha_v = 0.3\ncells = 64\nthickness_um = 2.0",
+        "{ n = 1.2, k = 0.005 }",
+    ) + &interface(
+        "shape = \"smith\"\nalpha_u = 0.4\nalpha_v = 0.4",
+        "\"Au550\"",
+    );
+    let run = |method: &str| {
+        let run = format!("photons = 40000\nmethod = \"{method}\"\ntheta_bins = 9\nphi_bins = 12");
+        let prepared = super::prepared(&scene(50.0, &layers, &run));
+        trace(&prepared, Shard::WHOLE, &|_| true).energies()
+    };
+    let (a, b) = (run("analog"), run("split"));
+    for (x, y) in [
+        (a.reflected_all, b.reflected_all),
+        (a.absorbed, b.absorbed),
+        (a.reflected[0], b.reflected[0]),
+        (a.reflected[2], b.reflected[2]),
+        (a.reflected[4], b.reflected[4]),
+    ] {
+        let z = (x.value - y.value) / x.std.hypot(y.std);
+        assert!(z.abs() < 4.5, "{x:?} {y:?}");
+    }
+    for e in [a, b] {
+        let sum = e.reflected_all.value + e.absorbed.value + e.truncated.value;
+        assert!((sum - 1.0).abs() < 1e-13 && e.truncated.value < 1e-3);
+    }
+}
