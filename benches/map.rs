@@ -198,7 +198,7 @@ fn kernels(criterion: &mut Criterion<CpuTime>) {
         ("scalar", Instructions::Scalar),
     ] {
         for refreshes in [0, 3] {
-            let id = BenchmarkId::new(name, format!("{refreshes} refreshes of the dear terms"));
+            let id = BenchmarkId::new(name, format!("{refreshes} refreshes of the costly terms"));
             group.bench_with_input(id, &refreshes, |bencher, refreshes| {
                 let own = || (p.signal.clone(), p.sigma.clone());
                 bencher.iter_batched(

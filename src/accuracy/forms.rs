@@ -348,7 +348,7 @@ fn proof_of(name: &str, ready: &Ready, effort: Effort) -> Proof {
             Decision::ConeAverage => Some(full_s / seconds(false, true, true)),
             Decision::Polarisation => Some(full_s / seconds(true, false, true)),
             Decision::PerPixelGeometry => Some(full_s / seconds(true, true, false)),
-            Decision::Bounces | Decision::Layers | Decision::DearTerms => None,
+            Decision::Bounces | Decision::Layers | Decision::CostlyTerms => None,
         },
     });
     let parts = parts.collect();

@@ -267,7 +267,7 @@ fn changes_the_run(choice: &Choice, alone: &Plan) -> bool {
         Decision::Polarisation => true,
         Decision::Bounces => alone.interactions_max.is_some(),
         Decision::Layers => !alone.idle_interfaces.is_empty(),
-        Decision::ConeAverage | Decision::PerPixelGeometry | Decision::DearTerms => false,
+        Decision::ConeAverage | Decision::PerPixelGeometry | Decision::CostlyTerms => false,
     }
 }
 

@@ -233,7 +233,7 @@ fn of_slow_start(
         return None;
     }
     let little = few(prepared, asked, FEW.0, patience)?;
-    // Photons so dear that a few take as long as there is patience say enough.
+    // Photons so costly that a few take as long as there is patience say enough.
     let more = few(prepared, asked, FEW.1, patience).unwrap_or(little);
     let per_photon = more.pace_beyond(&little);
     Some(told(prepared, asked, &more, start_s, per_photon))

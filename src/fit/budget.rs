@@ -19,7 +19,7 @@
 //!   the residuals taken as independent would understate them: whole tilts and whole azimuths are
 //!   left out in turn (a grouped jackknife, which keeps the correlation within a group; of what a group
 //!   alone can tell its halves are left out, and so on); both, the independent part and a share of what
-//!   the dearer tier changed combine in quadrature;
+//!   the costlier tier changed combine in quadrature;
 //! - *tracer*: the standard errors of traced radiances, independent. With the tracer nothing of the
 //!   geometry is left out: instead of a share of a tier's shift the last step of the passes stands in
 //!   `model`, and the distance from the `sawtooth` estimate, since light under rough facets is

@@ -50,7 +50,7 @@ pub struct Estimate<'a> {
     pub rms_residual: f64,
     /// Free parameters without those that only move within a stated uncertainty.
     pub fitted: usize,
-    /// How far the dear tier moved each free parameter (solver's units); zero without it.
+    /// How far the costly tier moved each free parameter (solver's units); zero without it.
     pub tier_shift: Vec<f64>,
     /// Whether the data do not tell the tier from the closed form without it.
     pub tier_undecided: bool,
@@ -65,7 +65,7 @@ pub struct Estimate<'a> {
     pub rivals: Vec<Minimum>,
     /// What the ray tracer did, where the estimate hangs on it.
     pub traced: Option<Tracing>,
-    /// Where the tolerance allowed to leave the dear tier out: what it changes, as a share of the peak.
+    /// Where the tolerance allowed to leave the costly tier out: what it changes, as a share of the peak.
     pub tier_left_out: Option<f64>,
     /// Whether time was over before other explanations of the data had been looked for.
     pub cut_short: bool,
@@ -74,7 +74,7 @@ pub struct Estimate<'a> {
 }
 
 impl Estimate<'_> {
-    /// Whether the dear tier's corrections are in use.
+    /// Whether the costly tier's corrections are in use.
     pub(super) fn takes_tier(&self) -> bool {
         self.tier_shift.iter().any(|s| *s != 0.0)
     }
@@ -142,7 +142,7 @@ fn from_flats(set: &ObservationSet) -> (f64, f64) {
     }
 }
 
-/// A dearer tier of the model: radiances to add to the closed form's at given values, one per
+/// A costlier tier of the model: radiances to add to the closed form's at given values, one per
 /// observation; `None` where it has nothing to say.
 pub type Tier<'t> = &'t (dyn Fn(&Problem<'_>, &Values) -> Option<Vec<f64>> + Sync);
 
@@ -371,12 +371,8 @@ fn looked_for<'s>(
 }
 
 /// Of the end under a robust loss and the one that its descent comes to from the fit without: the one that describes most
-/// observations better.
-///
-/// A robust loss forgives whole groups of observations, so a surface that passes through half of them and misses the rest
-/// by far is a minimum too. What such a surface cannot do is pass near more of them than half and the free
-/// parameters: where the sum of so many least squares is far smaller, that decides (least trimmed squares, Rousseeuw 1984);
-/// else the loss itself does, with the larger misfit of the two.
+/// observations better. A robust loss forgives whole groups of observations, so a surface that passes through half of them
+/// and misses the rest by far is a minimum too.
 fn of_most_observations<'a>(
     settled: Settled<'a>,
     variant: Variant,
@@ -389,46 +385,20 @@ fn of_most_observations<'a>(
         ..weighing.options.clone()
     };
     let opening = Opening::new(set, variant, &plain);
-    let search = looked_for(&opening, &plain, late, weighing.cancel);
+    let mut search = looked_for(&opening, &plain, late, weighing.cancel);
     let Some(best) = search.best() else {
         return settled;
     };
     let mut guide = opening.settling(best.clone(), &plain);
-    guide.settle(&opening.weighing(&plain, weighing.cancel));
+    let without_loss = opening.weighing(&plain, weighing.cancel);
+    guide.settle(&without_loss);
+    if plain.misfit {
+        guide = with_less_misfit(guide, &mut search, &without_loss);
+    }
     let mut other = settled.clone();
     other.problem = other.problem.with_sigma(weighing.sigma(guide.discrepancy));
     other.settle_from(&guide.minimum.parameters, weighing);
-    let observations = set.observations.len();
-    let most = ((observations + settled.problem.free().len()).div_ceil(2)).min(observations);
-    let residuals = |s: &Settled<'_>, discrepancy: f64| -> Vec<f64> {
-        let predicted = s
-            .problem
-            .predicted(&s.problem.unpack(&s.minimum.parameters));
-        let rows = predicted
-            .iter()
-            .zip(&set.observations)
-            .zip(weighing.sigma(discrepancy));
-        rows.map(|((p, o), s)| (p - o.signal) / s).collect()
-    };
-    let least = settled.discrepancy.min(other.discrepancy);
-    let trimmed = |s: &Settled<'_>| -> f64 {
-        let mut squares: Vec<f64> = residuals(s, least).iter().map(|r| r * r).collect();
-        squares.sort_by(f64::total_cmp);
-        squares[..most].iter().sum()
-    };
-    let largest = settled.discrepancy.max(other.discrepancy);
-    let lost = |s: &Settled<'_>| -> f64 {
-        let loss = weighing.options.loss;
-        let bent = residuals(s, largest).into_iter().map(|r| loss.bent(r).0);
-        bent.map(|b| b * b).sum()
-    };
-    let (mine, its) = (trimmed(&settled), trimmed(&other));
-    let better = if mine > FAR_LESS * its || its > FAR_LESS * mine {
-        its < mine
-    } else {
-        lost(&other) < lost(&settled)
-    };
-    match usable(&other.minimum) && better {
+    match usable(&other.minimum) && other.of_more_observations(&settled, weighing) {
         true => other,
         false => settled,
     }

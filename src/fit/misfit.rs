@@ -23,6 +23,8 @@ pub(super) const LOUD: f64 = 0.03;
 pub(super) const ROUNDS: usize = 6;
 /// Median of χ² with one degree of freedom.
 const MEDIAN_OF_CHI2: f64 = 0.454_936;
+/// Variance of a normal sample's variance over that of its estimate by the median of squares.
+const EFFICIENCY_OF_MEDIAN: f64 = 0.37;
 /// Weight that stands for none, so that every residual stays finite.
 pub(super) const LEAST_WEIGHT: f64 = 1e-12;
 /// Normal quantile that one in four passes: a χ² above it is looked at once more.
@@ -105,7 +107,12 @@ pub(super) fn discrepancy_of(
         squares.sort_by(f64::total_cmp);
         squares[squares.len() / 2] / MEDIAN_OF_CHI2 * squares.len() as f64
     };
-    if chi2(0.0) <= freedom * chance(freedom, LIKELY) {
+    // A median scatters like a mean of fewer squares.
+    let told_by = match loss {
+        Loss::Linear => freedom,
+        Loss::Huber | Loss::Tukey => EFFICIENCY_OF_MEDIAN * freedom,
+    };
+    if chi2(0.0) <= freedom * chance(told_by, LIKELY) {
         return 0.0;
     }
     let (mut low, mut high) = (0.0, 1e-6);

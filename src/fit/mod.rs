@@ -10,7 +10,7 @@
 //! observation model, with what is `known` before · [`loss`] how residuals count · [`start`] where to begin and [`search`] how far
 //! to look (`crew`: all starts at once, on the form of `lean`; `candidates`: from where else;
 //! `projection`: amplitudes solved for) · [`estimate`] one variant (`opening`: what it begins with) · [`thin`] of very many observations ·
-//! `misfit` how far it misses and `settle` its weights · [`tier`] the dearer model as an offset · [`traced`] the ray tracer
+//! `misfit` how far it misses and `settle` its weights · [`tier`] the costlier model as an offset · [`traced`] the ray tracer
 //! in its place · [`covariance`] and [`budget`] how sure (`drift`: of the lamp) · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice · [`reporting`] the report ·
 //! [`joint`] several scans · [`trail`] against time · [`outlook`] how long beforehand · [`report`] the answer's form. It knows neither frames nor files nor the clock.
 

@@ -11,7 +11,7 @@
 //! stages. B always has a prior: left to the sample alone it is nearly collinear with the diffuse
 //! term. The index is fitted within its uncertainty, so that data which cannot tell it from the
 //! diffuse term get no weight in it; the white reference's certificate is taken as it stands. The
-//! corrections are fixed numbers per observation: what a dearer tier of the model makes of the closed
+//! corrections are fixed numbers per observation: what a costlier tier of the model makes of the closed
 //! form, as a factor and as radiance added.
 //!
 //! Inside, θr is signed and the roughnesses are logarithms: the fit may pass through θr = 0 and
@@ -443,7 +443,7 @@ impl<'a> Problem<'a> {
         g
     }
 
-    /// [`Problem::gradient`] with what a dearer tier makes of it: factor and correction.
+    /// [`Problem::gradient`] with what a costlier tier makes of it: factor and correction.
     #[must_use]
     pub fn corrected(&self, index: usize, ready: &Ready) -> Gradient {
         let mut g = Gradient::ZERO;

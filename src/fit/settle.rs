@@ -1,4 +1,4 @@
-//! A minimum, the size of the model's misfit that its weights stand on, and the dear tier on top.
+//! A minimum, the size of the model's misfit that its weights stand on, and the costly tier on top.
 //!
 //! The one function to call is [`with_tier`]. It does not search: it is handed the ends of a search.
 //! The closed form may rank them wrongly where it misses most, on steep and rough ridges: a surface
@@ -10,7 +10,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-use super::FitOptions;
 use super::estimate::Tier;
 use super::misfit::{ROUNDS, discrepancy_of};
 use super::problem::Problem;
@@ -18,6 +17,7 @@ use super::search::{FINE, Search, determined};
 use super::solver::{Ending, Minimum, Settings};
 use super::start::distance;
 use super::thin::minimise;
+use super::{FitOptions, Loss};
 use crate::material::Material;
 
 /// Discrepancy above which the fit with the tier is doubted: on traced ideal ridges up to 30° it
@@ -36,6 +36,8 @@ const AS_GOOD: f64 = 1.25;
 const SAME: f64 = 0.05;
 /// How many times smaller the misfit of another end of a narrow lobe has to be.
 const CLEAR_GAIN: f64 = 2.0;
+/// How many times larger the trimmed squares of one end are that make another one the better.
+const FAR_MORE: f64 = 4.0;
 /// Passes of tier and refit at most.
 const PASSES: usize = 5;
 /// Difference of χ² below which data do not tell the closed form from the tier: three standard deviations.
@@ -121,7 +123,7 @@ impl Settled<'_> {
         self.settle_by(&Settings::default(), weighing);
     }
 
-    /// The same where every look at the observations is dear: until the weights stay, descents only come near.
+    /// The same where every look at the observations is costly: until the weights stay, descents only come near.
     pub(super) fn settle_sparingly(&mut self, weighing: &Weighing<'_>) {
         self.settle_by(&NEAR, weighing);
         self.minimum = self.again(&self.minimum.parameters, weighing.cancel);
@@ -183,15 +185,15 @@ impl Settled<'_> {
     /// The same with the tier's corrections at its own values; `None` where the tier has nothing to
     /// say.
     fn corrected(&self, tier: Tier<'_>, weighing: &Weighing<'_>) -> Option<Self> {
-        let mut dear = self.clone();
+        let mut costly = self.clone();
         for pass in 0..PASSES {
-            let values = dear.problem.unpack(&dear.minimum.parameters);
-            let Some(correction) = tier(&dear.problem, &values) else {
-                return (pass > 0).then_some(dear);
+            let values = costly.problem.unpack(&costly.minimum.parameters);
+            let Some(correction) = tier(&costly.problem, &values) else {
+                return (pass > 0).then_some(costly);
             };
-            dear.problem = dear.problem.with_correction(correction);
-            dear.settle(weighing);
-            let now = dear.problem.unpack(&dear.minimum.parameters);
+            costly.problem = costly.problem.with_correction(correction);
+            costly.settle(weighing);
+            let now = costly.problem.unpack(&costly.minimum.parameters);
             let moved = [
                 now.theta_r - values.theta_r,
                 (now.alpha_u / values.alpha_u).ln(),
@@ -201,7 +203,7 @@ impl Settled<'_> {
                 break;
             }
         }
-        Some(dear)
+        Some(costly)
     }
 
     /// Whether the data do not tell this from `other`: noise makes as much of a difference.
@@ -209,9 +211,44 @@ impl Settled<'_> {
         (self.misses(weighing) - other.misses(weighing)).abs() < TOLD_APART
     }
 
+    /// Whether under a robust loss this describes most observations better than `other`.
+    ///
+    /// What a surface that passes through half of the observations and misses the rest cannot do is pass near more of them
+    /// than half and the free parameters: where the sum of so many least squares is far smaller, that decides (least
+    /// trimmed squares, Rousseeuw 1984); else the loss itself does, with the larger misfit of the two.
+    pub(super) fn of_more_observations(&self, other: &Self, weighing: &Weighing<'_>) -> bool {
+        let observations = &self.problem.set().observations;
+        let most = (observations.len() + self.problem.free().len()).div_ceil(2);
+        let residuals = |s: &Self, discrepancy: f64| -> Vec<f64> {
+            let values = s.problem.unpack(&s.minimum.parameters);
+            let rows = s.problem.predicted(&values).into_iter().zip(observations);
+            let weighed = rows.zip(weighing.sigma(discrepancy));
+            weighed.map(|((p, o), s)| (p - o.signal) / s).collect()
+        };
+        let trimmed = |s: &Self| -> f64 {
+            let least = self.discrepancy.min(other.discrepancy);
+            let mut squares: Vec<f64> = residuals(s, least).iter().map(|r| r * r).collect();
+            squares.sort_by(f64::total_cmp);
+            squares.iter().take(most).sum()
+        };
+        let lost = |s: &Self| -> f64 {
+            let largest = self.discrepancy.max(other.discrepancy);
+            let bent = residuals(s, largest).into_iter();
+            bent.map(|r| weighing.options.loss.bent(r).0.powi(2)).sum()
+        };
+        let (mine, its) = (trimmed(self), trimmed(other));
+        if mine > FAR_MORE * its || its > FAR_MORE * mine {
+            mine < its
+        } else {
+            lost(self) < lost(other)
+        }
+    }
+
     /// Whether this describes the data better than `other`.
     fn better_than(&self, other: &Self, weighing: &Weighing<'_>) -> bool {
-        if self.discrepancy == 0.0 && other.discrepancy == 0.0 {
+        if weighing.options.loss != Loss::Linear {
+            self.of_more_observations(other, weighing)
+        } else if self.discrepancy == 0.0 && other.discrepancy == 0.0 {
             self.misses(weighing) <= other.misses(weighing)
         } else {
             self.discrepancy < other.discrepancy
@@ -240,8 +277,8 @@ fn as_light_is<'a>(
     weighing: &Weighing<'_>,
 ) -> (Settled<'a>, Option<Settled<'a>>) {
     if !matches!(closed.problem.set().material, Material::Dielectric { .. }) {
-        let dear = closed.corrected(tier, weighing);
-        return (closed, dear);
+        let costly = closed.corrected(tier, weighing);
+        return (closed, costly);
     }
     let mut scalar = closed.clone();
     scalar.problem = scalar.problem.with_polarisation(false);
@@ -273,7 +310,7 @@ pub(super) fn with_tier<'a>(
         let pairs = to.minimum.parameters.iter().zip(&from.minimum.parameters);
         pairs.map(|(a, b)| a - b).collect()
     };
-    let (closed, dear) = as_light_is(closed, tier, weighing);
+    let (closed, costly) = as_light_is(closed, tier, weighing);
     let mut best = Corrected {
         shift: vec![0.0; closed.minimum.parameters.len()],
         settled: closed.clone(),
@@ -281,12 +318,12 @@ pub(super) fn with_tier<'a>(
         elsewhere: false,
         rivals: Vec::new(),
     };
-    if let Some(dear) = dear {
-        let undecided = dear.alike(&closed, weighing);
-        if undecided || dear.better_than(&closed, weighing) {
-            best.shift = step(&closed, &dear);
+    if let Some(costly) = costly {
+        let undecided = costly.alike(&closed, weighing);
+        if undecided || costly.better_than(&closed, weighing) {
+            best.shift = step(&closed, &costly);
             best.undecided = undecided;
-            best.settled = dear;
+            best.settled = costly;
         }
     }
     let doubtful = best.settled.discrepancy > DOUBTFUL;
@@ -307,23 +344,23 @@ pub(super) fn with_tier<'a>(
             let mut trial = closed.clone();
             trial.minimum = trial.again(&end.parameters, weighing.cancel);
             trial.settle(weighing);
-            let dear = trial.corrected(tier, weighing)?;
-            (dear.minimum.ending != Ending::NotFinite).then_some((trial, dear))
+            let costly = trial.corrected(tier, weighing)?;
+            (costly.minimum.ending != Ending::NotFinite).then_some((trial, costly))
         })
         .collect();
     if weighing.cancel.load(Ordering::Relaxed) {
         return best;
     }
-    for (trial, dear) in tried.into_iter().flatten() {
+    for (trial, costly) in tried.into_iter().flatten() {
         // The few poses of a narrow lobe are fitted too well by some surface or other.
-        let clearly = doubtful || CLEAR_GAIN * dear.discrepancy < best.settled.discrepancy;
-        if clearly && dear.better_than(&best.settled, weighing) {
-            best.shift = step(&trial, &dear);
+        let clearly = doubtful || CLEAR_GAIN * costly.discrepancy < best.settled.discrepancy;
+        if clearly && costly.better_than(&best.settled, weighing) {
+            best.shift = step(&trial, &costly);
             best.undecided = false;
             best.elsewhere = true;
-            others.push(std::mem::replace(&mut best.settled, dear));
+            others.push(std::mem::replace(&mut best.settled, costly));
         } else {
-            others.push(dear);
+            others.push(costly);
         }
     }
     let discrepancy = best.settled.discrepancy;

@@ -5,12 +5,12 @@
 //!
 //! - repeats of one pose become one observation, their weighted mean ([`merged`]): for least squares
 //!   that is exact, and what they scatter among each other is kept for χ²;
-//! - where the lobe is, which minima there are and whether the dearer tier helps is found out on
+//! - where the lobe is, which minima there are and whether the costlier tier helps is found out on
 //!   [`SPREAD`] observations spread over the poses and the brightest of each neighbourhood;
 //! - the last descent, the weights and the uncertainties are of all, block by block: each block of rows
 //!   of the derivatives is reduced to a triangle, so that no copy of the whole is made and the solver
 //!   sees a problem of a few rows with the same cost, gradient and steps;
-//! - the dearer tier is integrated on a grid of poses and interpolated, on a finer one until it agrees
+//! - the costlier tier is integrated on a grid of poses and interpolated, on a finer one until it agrees
 //!   with poses in between.
 //!
 //! The one function to call is [`estimate`]; what it does without stands in [`Thinned`].
@@ -61,7 +61,7 @@ const AMBIGUOUS_RISE: f64 = 4.0;
 pub struct Thinned {
     /// Observations that the search saw, as places in the set.
     pub kept: Vec<usize>,
-    /// Poses at which the dearer tier was integrated, and the error of interpolating between them (root
+    /// Poses at which the costlier tier was integrated, and the error of interpolating between them (root
     /// mean square over poses in between, as a share of the peak); `None` where no tier is in use or it
     /// was integrated at every pose.
     pub interpolated: Option<(usize, f64)>,

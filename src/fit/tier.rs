@@ -1,4 +1,4 @@
-//! The dearer tier of the model as a fixed offset: two bounces integrated instead of approximated.
+//! The costlier tier of the model as a fixed offset: two bounces integrated instead of approximated.
 //!
 //! The quadrature has no derivatives and costs a thousand closed forms, so the fit never sees it:
 //! its difference from the closed form at the fitted values is added to every observation and the

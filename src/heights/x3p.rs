@@ -21,7 +21,7 @@ const XML_MAX: (u64, u64) = (1 << 16, 4);
 /// Reads an X3P file; heights come in metres, which [`HeightMap::units`] tells.
 pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let mut archive = zip::ZipArchive::new(std::io::Cursor::new(content))
-        .map_err(|e| format!("an X3P file is a zip archive, this is none: {e}"))?;
+        .map_err(|e| format!("an X3P file is a zip archive, and this is not one: {e}"))?;
     let xml = member(
         &mut archive,
         "main.xml",

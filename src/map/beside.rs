@@ -1,6 +1,6 @@
 //! What light that went between the facets is beside the centre of a near field.
 //!
-//! The costly terms are those of the field's centre ([`super::dear`]). Where camera or lamp are near, a pixel's own
+//! The costly terms are those of the field's centre ([`super::costly`]). Where camera or lamp are near, a pixel's own
 //! directions change them by as much as a percent of the peak. That change is smooth over the field and small, so it is
 //! worked out on the surfaces that most pixels look like, on a grid, and a polynomial of third degree in the
 //! pixel's place brings it everywhere: pose by pose it comes off the signals before a pixel is fitted.
@@ -10,7 +10,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::dear::Dear;
+use super::costly::Costly;
 use super::kernel::{Geometry, Parameters, single};
 use super::view::View;
 use crate::geometry::Pose;
@@ -43,13 +43,13 @@ pub(super) struct Anywhere<'v> {
 }
 
 impl<'v> Anywhere<'v> {
-    pub(super) fn new(dear: &Dear, view: &'v View, p: &Parameters) -> Self {
+    pub(super) fn new(costly: &Costly, view: &'v View, p: &Parameters) -> Self {
         let (eta, k) = view.index();
         Anywhere {
             view,
             p: *p,
-            lamp: dear.lamp(),
-            surface: dear.surface(p),
+            lamp: costly.lamp(),
+            surface: costly.surface(p),
             optics: Optics {
                 eta,
                 k,
@@ -106,7 +106,7 @@ pub(super) struct Beside {
 
 impl Beside {
     /// On the surfaces that most pixels look like; `None` without any.
-    pub(super) fn new(dear: &Dear, view: &View, surfaces: &[Parameters]) -> Option<Self> {
+    pub(super) fn new(costly: &Costly, view: &View, surfaces: &[Parameters]) -> Option<Self> {
         let last = view.pixels().checked_sub(1)?;
         let (a, b) = (view.place_mm(0), view.place_mm(last));
         let middle_mm = [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])];
@@ -123,7 +123,7 @@ impl Beside {
         let normal = SMatrix::<f64, TERMS, TERMS>::cholesky(normal)?;
         let (mut left, mut peak) = (0.0_f64, f64::MIN_POSITIVE);
         let known = |p: &Parameters| -> Known {
-            let anywhere = Anywhere::new(dear, view, p);
+            let anywhere = Anywhere::new(costly, view, p);
             let of_pose = |pose: &Pose| {
                 let centre = anywhere.light(pose, [0.0; 2]);
                 peak = peak.max(centre.once + centre.diffuse + centre.rest);
@@ -144,7 +144,7 @@ impl Beside {
                 }
                 polynomial
             };
-            (*p, dear.poses().iter().map(of_pose).collect())
+            (*p, costly.poses().iter().map(of_pose).collect())
         };
         let surfaces: Vec<Known> = surfaces.iter().map(known).collect();
         let finite = |(_, all): &Known| all.iter().flatten().all(|c| c.is_finite());
@@ -187,4 +187,58 @@ fn terms([x, y]: [f64; 2]) -> [f64; TERMS] {
 fn value(polynomial: &[f64; TERMS], place: [f64; 2]) -> f64 {
     let pairs = polynomial.iter().zip(terms(place));
     pairs.map(|(c, t)| c * t).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::integrated::Integrated;
+    use crate::series::Series;
+
+    #[test]
+    fn what_pixels_beside_the_centre_lack_is_brought_to_them_and_to_the_surface_that_they_look_like()
+     {
+        let series = Series::open("tests/data/series/checker".as_ref()).unwrap();
+        let near = View::new(series.manifest()).brought_to(300.0, 50.0);
+        let tilts = [-20.0, -10.0, 5.0, 20.0];
+        let poses: Vec<Pose> = (0..12)
+            .flat_map(|turn| tilts.map(|tilt| Pose::from_deg(tilt, 30.0 * f64::from(turn))))
+            .collect();
+        let geometry: Vec<Geometry> = poses.iter().map(|p| near.geometry(*p, [0.0; 2])).collect();
+        let (material, none) = (series.manifest().material(), Integrated::default());
+        let costly = Costly::new(near.rig, material, poses.clone(), geometry, 1.0, none);
+        let surfaces = [0.0, 1.9].map(|lean| [0.2, lean, 0.1f64.ln(), 0.15f64.ln(), 0.3]);
+        let beside = Beside::new(&costly, &near, &surfaces).unwrap();
+        assert!(Beside::new(&costly, &near, &[]).is_none());
+        let (mut lacking, mut left, mut peak) = (0.0_f64, 0.0_f64, 0.0_f64);
+        for p in &surfaces {
+            let anywhere = Anywhere::new(&costly, &near, p);
+            // A pixel of about that surface, its lean counted from a turn further.
+            let like = [
+                p[0] + 0.01,
+                p[1] + std::f64::consts::TAU,
+                p[2],
+                p[3] + 0.1,
+                p[4],
+            ];
+            for pixel in (0..near.pixels()).step_by(near.pixels() / 97) {
+                let place = near.place_mm(pixel);
+                let more = beside.at(&like, place);
+                for (j, pose) in poses.iter().enumerate() {
+                    let centre = anywhere.light(pose, [0.0; 2]);
+                    let lacks = anywhere.lacks(&centre, &anywhere.light(pose, place));
+                    peak = peak.max(centre.once + centre.diffuse + centre.rest);
+                    lacking = lacking.max(lacks.abs());
+                    left = left.max((lacks - more(j)).abs());
+                }
+            }
+        }
+        assert!(left < 0.2 * lacking, "{left} of {lacking}");
+        // Between the places of the grid it is no worse than three times what it is there.
+        assert!(
+            left < 3.0 * beside.left * peak,
+            "{left} {}",
+            beside.left * peak
+        );
+    }
 }

@@ -209,11 +209,11 @@ pub(super) fn rows_of(run: &Run<'_>, pixel: usize, p: &Parameters) -> impl Itera
     run.read(pixel, &mut signal, &mut weight);
     run.bring_to_centre(pixel, p, None, &mut signal);
     let (mut offset, mut basis) = (vec![0.0; n], vec![0.0; n]);
-    run.dear.write(p, &mut offset, &mut basis);
-    let (lamp, amplitude) = (run.dear.lamp(), run.dear.is_amplitude());
+    run.costly.write(p, &mut offset, &mut basis);
+    let (lamp, amplitude) = (run.costly.lamp(), run.costly.is_amplitude());
     let geometry = run.geometry_of(pixel);
     if !run.view.shares_directions() {
-        let centres = run.dear.geometry();
+        let centres = run.costly.geometry();
         for ((basis, own), centre) in basis.iter_mut().zip(geometry.iter()).zip(centres) {
             *basis *= own.facing_beside(centre, p);
         }
@@ -248,7 +248,7 @@ impl Pulls {
         reason = "matrix indices are the notation"
     )]
     fn of(run: &Run<'_>, pixel: usize, p: &Parameters, second: Second) -> Pulls {
-        let cell = run.dear.cell(p);
+        let cell = run.costly.cell(p);
         let mut pulls = Pulls {
             own: [[0.0; 2]; 2],
             residual: [0.0; 2],

@@ -1,4 +1,4 @@
-//! The dearest term: two reflections integrated instead of approximated.
+//! The costliest term: two reflections integrated instead of approximated.
 //!
 //! On metal much of the light has met both walls of a valley, and the closed form's share of it is
 //! good to some percent only. The quadrature costs a thousand closed forms, so it is taken at the

@@ -2,8 +2,8 @@
 //!
 //! What is computed here is the light that the facets reflect once, term (a) of the `sawtooth`
 //! closed form without the riser's share, times an amplitude, plus ρd times a number B that is
-//! handed in. Everything dearer (riser, mirror hops, exchange, retro lobe) reaches the fit through
-//! B and as an offset on the signal, see `dear`.
+//! handed in. Everything costlier (riser, mirror hops, exchange, retro lobe) reaches the fit through
+//! B and as an offset on the signal, see `costly`.
 //!
 //! With the facets' normal m = cos θ n + sin θ v, e = cos θ v − sin θ n, the half vector h = i + o
 //! and the larger of the two slopes t = max(0, i_e/i_m, o_e/o_m):

@@ -67,7 +67,7 @@ pub(super) fn shared_misfit(run: &Run<'_>, good: &[(usize, PixelFit)]) -> Option
 
 fn alike(a: &Parameters, b: &Parameters, run: &Run<'_>) -> bool {
     (0..FREE).all(|k| {
-        let scale = if k == 4 && run.dear.is_amplitude() {
+        let scale = if k == 4 && run.costly.is_amplitude() {
             b[4].abs()
         } else {
             1.0

@@ -4,7 +4,7 @@
 //! Call [`map`]. It reads darks and flats, turns and stretches every sample frame back into the
 //! sample's frame (`observe`, `view`), settles on a sample of pixels what all of them share
 //! (`settle`, `globals`), fits every pixel with the `sawtooth` closed form, several pixels per
-//! vector register and tiles in parallel (`kernel`, `solve`, `dear`, `integrated`), marks borders and
+//! vector register and tiles in parallel (`kernel`, `solve`, `costly`, `integrated`), marks borders and
 //! defects (`defects`), and sums up. [`write::write`] makes the files; [`folder::map_into`] does both. Time grows with pixels ×
 //! observations; memory is bounded by [`MapOptions::memory_bytes_max`], beyond which planes go to a
 //! scratch file.
@@ -16,7 +16,7 @@
 
 mod beside;
 pub mod colour;
-mod dear;
+mod costly;
 pub mod defects;
 pub mod folder;
 mod globals;
@@ -59,7 +59,7 @@ use crate::plan::Decision;
 use crate::reduction::{FrameSource, ReductionError, calibrate};
 use crate::units::Angle;
 
-/// How often the dear terms are taken anew within a pixel's descent, at most.
+/// How often the costly terms are taken anew within a pixel's descent, at most.
 const REFRESHES: u8 = 3;
 
 /// Common uncertainty of the ridge angle above which the map says so aloud.
@@ -488,7 +488,7 @@ fn doubts(settled: &Settled, view: &View) -> Vec<String> {
             settled.birge
         ));
     }
-    if settled.dear.is_amplitude() {
+    if settled.costly.is_amplitude() {
         doubts.push(
             "on metal much light comes back from two reflections, which this map takes from the surfaces that most pixels look like: pixels unlike them, or with few observations in the lobe, may be off by several of their standard uncertainties; `ridged fit` has the whole"
                 .to_owned(),

@@ -3,7 +3,7 @@
 //! Call [`PixelFitter::new`] for a rig, a material and poses, then [`PixelFitter::fit`] for as many
 //! pixels as there are. Camera and lamp are far, gain is 1 and there is no stray light.
 
-use super::dear::Dear;
+use super::costly::Costly;
 use super::globals::Globals;
 use super::integrated::Integrated;
 use super::run::{Batch, Run};
@@ -57,7 +57,7 @@ pub struct PixelParameters {
 pub struct PixelFitter {
     view: View,
     poses: Vec<Pose>,
-    dear: Dear,
+    costly: Costly,
     globals: Globals,
 }
 
@@ -68,7 +68,7 @@ impl PixelFitter {
         let view = View::far(rig, &material);
         let geometry = poses.iter().map(|p| view.geometry(*p, [0.0; 2])).collect();
         PixelFitter {
-            dear: Dear::new(
+            costly: Costly::new(
                 rig,
                 material,
                 poses.clone(),
@@ -88,18 +88,18 @@ impl PixelFitter {
     /// Radiances of the full closed form at a pixel's parameters, one per pose.
     #[must_use]
     pub fn radiances(&self, values: &[f64; FREE]) -> Vec<f64> {
-        self.dear.full(values)
+        self.costly.full(values)
     }
 
     /// What the closed form lacks of integrated double reflections at a pixel's parameters, one radiance per pose:
-    /// the dearest step of settling a map.
+    /// the costliest step of settling a map.
     #[must_use]
     pub fn lacking(&self, values: &[f64; FREE]) -> Vec<f64> {
-        self.dear.lacking(values, true)
+        self.costly.lacking(values, true)
     }
 
     /// Fits pixels from `starts`, one each. `signal` and `sigma` are `[pixel][pose]`, σ = 0 masks;
-    /// the dear terms are taken anew `refreshes` times within a descent, and besides where the few of many
+    /// the costly terms are taken anew `refreshes` times within a descent, and besides where the few of many
     /// observations that show the way have shown it.
     ///
     /// # Panics
@@ -118,7 +118,7 @@ impl PixelFitter {
         let run = Run {
             batch: &batch,
             globals: &self.globals,
-            dear: &self.dear,
+            costly: &self.costly,
             view: &self.view,
             poses: &self.poses,
             beside: None,
@@ -155,7 +155,7 @@ mod tests {
         PixelFitter::new(RigGeometry::IN_PLANE, material, poses)
     }
 
-    /// The kernel has only a part of the closed form: with the dear terms refreshed the fit must
+    /// The kernel has only a part of the closed form: with the costly terms refreshed the fit must
     /// end at the parameters of the whole.
     #[test]
     fn the_full_closed_form_is_what_is_fitted() {
@@ -172,7 +172,7 @@ mod tests {
         ] {
             let fitter = fitter(material, tilts, azimuths);
             assert_eq!(
-                fitter.dear.few().is_empty(),
+                fitter.costly.few().is_empty(),
                 tilts * azimuths < 72,
                 "{tilts} {azimuths}"
             );
@@ -206,7 +206,7 @@ mod tests {
             let (with, without) = (error(3), error(0));
             assert!(with < 0.5, "{material:?}: {with} {without}");
             // At the end of a way that was shown they are taken anew in any case.
-            let shown = !fitter.dear.few().is_empty();
+            let shown = !fitter.costly.few().is_empty();
             assert!(shown || with < without, "{material:?}: {with} {without}");
         }
     }

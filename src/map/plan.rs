@@ -6,7 +6,7 @@
 //! no map computes otherwise, whatever the tolerance, is told with its cost.
 
 use super::beside::Anywhere;
-use super::dear::Dear;
+use super::costly::Costly;
 use super::integrated::Integrated;
 use super::kernel::{Geometry, Parameters};
 use super::observe;
@@ -32,7 +32,7 @@ pub fn plan(source: &dyn FrameSource, target_error: Option<f64>) -> Plan {
     let poses: Vec<Pose> = all.iter().step_by(every).map(|group| group.pose).collect();
     let centre = |pose: &Pose| view.geometry(*pose, [0.0; 2]);
     let geometry: Vec<Geometry> = poses.iter().map(centre).collect();
-    let dear = Dear::new(
+    let costly = Costly::new(
         view.rig,
         material,
         poses,
@@ -40,29 +40,29 @@ pub fn plan(source: &dyn FrameSource, target_error: Option<f64>) -> Plan {
         1.0,
         Integrated::default(),
     );
-    let fifth = if dear.is_amplitude() { 1.0 } else { 0.35 };
+    let fifth = if costly.is_amplitude() { 1.0 } else { 0.35 };
     let surfaces = SURFACES.map(|(theta_r_deg, alpha)| {
         let theta_r = Angle::from_deg(theta_r_deg).rad();
         [theta_r, 0.0, alpha.ln(), alpha.ln(), fifth]
     });
-    decide(&dear, &view, &surfaces, target_error)
+    decide(&costly, &view, &surfaces, target_error)
 }
 
 /// Decides on given surfaces.
 pub(super) fn decide(
-    dear: &Dear,
+    costly: &Costly,
     view: &View,
     surfaces: &[Parameters],
     target_error: Option<f64>,
 ) -> Plan {
     let tolerance = target_error.unwrap_or(TOLERANCE);
-    let found: Vec<Surface> = surfaces.iter().map(|p| dear.surface(p)).collect();
+    let found: Vec<Surface> = surfaces.iter().map(|p| costly.surface(p)).collect();
     let (eta, k) = view.index();
     let turned: Vec<Pose> = match surfaces.first() {
-        Some(p) => dear.turned_poses(p).collect(),
+        Some(p) => costly.turned_poses(p).collect(),
         None => Vec::new(),
     };
-    let double = double_reflections(dear, surfaces, target_error);
+    let double = double_reflections(costly, surfaces, target_error);
     let spent = if double.included { None } else { double.cost };
     let rest = target_error.map(|all| (all - spent.unwrap_or(0.0)).max(0.0));
     Plan {
@@ -73,8 +73,8 @@ pub(super) fn decide(
             double,
             layers(),
             cone(view, &found, tolerance),
-            own_directions(dear, view, surfaces, rest),
-            dear_terms(dear, surfaces),
+            own_directions(costly, view, surfaces, rest),
+            costly_terms(costly, surfaces),
         ],
         interactions_max: None,
         idle_interfaces: Vec::new(),
@@ -113,7 +113,11 @@ fn largest(costs: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Light reflected twice: integrated on the surfaces that pixels look like, or the closed form's.
-fn double_reflections(dear: &Dear, surfaces: &[Parameters], target_error: Option<f64>) -> Choice {
+fn double_reflections(
+    costly: &Costly,
+    surfaces: &[Parameters],
+    target_error: Option<f64>,
+) -> Choice {
     let choice = |included: bool, what: &str, why: &str, cost: Option<f64>| Choice {
         decision: Decision::Bounces,
         included,
@@ -126,7 +130,7 @@ fn double_reflections(dear: &Dear, surfaces: &[Parameters], target_error: Option
     let Some(target) = target_error else {
         return choice(true, WHAT, "no target error was stated", None);
     };
-    let cost = largest(surfaces.iter().map(|p| dear.share_lacking(p)));
+    let cost = largest(surfaces.iter().map(|p| costly.share_lacking(p)));
     if cost <= target {
         let why = "on the surfaces that pixels look like they change less than the target error";
         choice(false, WHAT, why, Some(cost))
@@ -165,7 +169,7 @@ fn cone(view: &View, surfaces: &[Surface], tolerance: f64) -> Choice {
 
 /// Directions of each pixel where camera or lamp are near.
 fn own_directions(
-    dear: &Dear,
+    costly: &Costly,
     view: &View,
     surfaces: &[Parameters],
     allowed: Option<f64>,
@@ -182,7 +186,11 @@ fn own_directions(
         let why = "camera and lamp are far: all pixels have the same directions";
         return choice(false, why, Some(0.0), Basis::Exact);
     }
-    let cost = largest(surfaces.iter().map(|p| off_centre(dear, view, p).followed));
+    let cost = largest(
+        surfaces
+            .iter()
+            .map(|p| off_centre(costly, view, p).followed),
+    );
     match allowed {
         None => {
             let why = "camera or lamp are near, and no target error was stated";
@@ -207,8 +215,8 @@ struct OffCentre {
     rest: f64,
 }
 
-fn off_centre(dear: &Dear, view: &View, p: &Parameters) -> OffCentre {
-    let anywhere = Anywhere::new(dear, view, p);
+fn off_centre(costly: &Costly, view: &View, p: &Parameters) -> OffCentre {
+    let anywhere = Anywhere::new(costly, view, p);
     let (width, height) = (view.width, view.height);
     let border = [
         0,
@@ -222,7 +230,7 @@ fn off_centre(dear: &Dear, view: &View, p: &Parameters) -> OffCentre {
     ];
     let mut peak = f64::MIN_POSITIVE;
     let (mut off_followed, mut off_rest) = (0.0f64, 0.0f64);
-    for pose in dear.poses() {
+    for pose in costly.poses() {
         let centre = anywhere.light(pose, [0.0; 2]);
         peak = peak.max(centre.once + centre.diffuse + centre.rest);
         for pixel in border {
@@ -240,22 +248,22 @@ fn off_centre(dear: &Dear, view: &View, p: &Parameters) -> OffCentre {
     }
 }
 
-/// What the centre's directions cost in light that went between the facets; see [`super::dear`].
-pub(super) fn centre_for_all(dear: &Dear, view: &View, surfaces: &[Parameters]) -> f64 {
-    largest(surfaces.iter().map(|p| off_centre(dear, view, p).rest))
+/// What the centre's directions cost in light that went between the facets; see [`super::costly`].
+pub(super) fn centre_for_all(costly: &Costly, view: &View, surfaces: &[Parameters]) -> f64 {
+    largest(surfaces.iter().map(|p| off_centre(costly, view, p).rest))
 }
 
 /// Expansions for everything but single reflections. How often they are taken anew is not for a plan: each pixel's
 /// descent does so while it still moves by a part of its own uncertainty.
-fn dear_terms(dear: &Dear, surfaces: &[Parameters]) -> Choice {
+fn costly_terms(costly: &Costly, surfaces: &[Parameters]) -> Choice {
     Choice {
-        decision: Decision::DearTerms,
+        decision: Decision::CostlyTerms,
         included: false,
         what: "the whole closed form at every step of a pixel".to_owned(),
         why: "but for single reflections it is expanded about nearby surfaces, anew for as long as a pixel's own \
               descent still moves"
             .to_owned(),
-        cost: Some(largest(surfaces.iter().map(|p| dear.share_expanded(p)))),
+        cost: Some(largest(surfaces.iter().map(|p| costly.share_expanded(p)))),
         basis: Basis::Estimate,
     }
 }
@@ -298,9 +306,9 @@ mod tests {
             let geometry = poses.iter().map(|p| near.geometry(*p, [0.0; 2])).collect();
             let material = series.manifest().material();
             let none = Integrated::default();
-            let dear = Dear::new(near.rig, material, poses, geometry, 1.0, none);
+            let costly = Costly::new(near.rig, material, poses, geometry, 1.0, none);
             let p = [0.2, 0.0, 0.1f64.ln(), 0.1f64.ln(), 0.3];
-            let plan = decide(&dear, &near, &[p], target);
+            let plan = decide(&costly, &near, &[p], target);
             let choice = plan.on(Decision::PerPixelGeometry).unwrap();
             (choice.included, choice.cost.unwrap())
         };
@@ -322,10 +330,10 @@ mod tests {
             .collect();
         let geometry: Vec<Geometry> = poses.iter().map(|p| near.geometry(*p, [0.0; 2])).collect();
         let (material, none) = (series.manifest().material(), Integrated::default());
-        let dear = Dear::new(near.rig, material, poses, geometry, 1.0, none);
+        let costly = Costly::new(near.rig, material, poses, geometry, 1.0, none);
         for lean in [0.0, 1.9] {
             let p = [0.2, lean, 0.1f64.ln(), 0.15f64.ln(), 0.3];
-            let off = off_centre(&dear, &near, &p);
+            let off = off_centre(&costly, &near, &p);
             // Light that went between the facets is a few percent of the peak, and half of it may change over a
             // field as wide as a tenth of a radian each way.
             assert!(off.followed > 0.1, "{}", off.followed);

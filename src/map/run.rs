@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use super::beside::Beside;
-use super::dear::{Dear, Met, Size};
+use super::costly::{Costly, Met, Size};
 use super::globals::Globals;
 use super::kernel::{Geometry, Parameters};
 use super::planes::Planes;
@@ -118,7 +118,7 @@ const ASKED_MAX: usize = 500;
 pub(super) struct Run<'a> {
     pub(super) batch: &'a Batch,
     pub(super) globals: &'a Globals,
-    pub(super) dear: &'a Dear,
+    pub(super) costly: &'a Costly,
     pub(super) view: &'a View,
     /// True poses at the shared tilt zero.
     pub(super) poses: &'a [Pose],
@@ -210,7 +210,7 @@ impl Run<'_> {
     /// A pixel's geometry: shared, or its own where camera or lamp are near.
     pub(super) fn geometry_of(&self, index: usize) -> Cow<'_, [Geometry]> {
         if self.view.shares_directions() {
-            return Cow::Borrowed(self.dear.geometry());
+            return Cow::Borrowed(self.costly.geometry());
         }
         let place = self.view.place_mm(self.batch.pixels[index]);
         Cow::Owned(
@@ -241,11 +241,11 @@ impl Run<'_> {
         starts: &[Parameters],
         refreshes: u8,
     ) -> Vec<PixelFit> {
-        let few = self.dear.few();
+        let few = self.costly.few();
         let walk = |way: Way, starts: &[Parameters]| {
             let (observations, geometry) = match way {
-                Way::There => (few.len(), self.dear.few_geometry()),
-                Way::Whole | Way::Rest => (self.batch.observations, self.dear.geometry()),
+                Way::There => (few.len(), self.costly.few_geometry()),
+                Way::Whole | Way::Rest => (self.batch.observations, self.costly.geometry()),
             };
             let pixels = Chosen {
                 run: self,
@@ -255,8 +255,8 @@ impl Run<'_> {
             };
             let job = Job {
                 observations,
-                lamp: self.dear.lamp(),
-                amplitude: self.dear.is_amplitude(),
+                lamp: self.costly.lamp(),
+                amplitude: self.costly.is_amplitude(),
                 geometry,
                 own_geometry: !self.view.shares_directions(),
                 refreshes,
@@ -400,7 +400,7 @@ impl Pixels for Chosen<'_> {
         start
     }
 
-    fn dear(
+    fn costly(
         &self,
         p: &Parameters,
         size: Size,
@@ -408,7 +408,7 @@ impl Pixels for Chosen<'_> {
         offset: &mut [f64],
         basis: &mut [f64],
     ) {
-        self.run.dear.write_from(p, size, met, offset, basis);
+        self.run.costly.write_from(p, size, met, offset, basis);
     }
 }
 

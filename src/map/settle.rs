@@ -4,7 +4,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::beside::Beside;
-use super::dear::Dear;
+use super::costly::Costly;
 use super::globals::{Globals, Second, shared_effects};
 use super::integrated::Integrated;
 use super::kernel::Parameters;
@@ -38,7 +38,7 @@ const COARSENESS_MAX: f64 = 3.0;
 pub(super) struct Settled {
     pub(super) globals: Globals,
     pub(super) poses: Vec<Pose>,
-    pub(super) dear: Dear,
+    pub(super) costly: Costly,
     pub(super) leaders: Leaders,
     pub(super) templates: Templates,
     /// Lambert's term per observation.
@@ -143,7 +143,7 @@ struct Settling<'a> {
     globals: Globals,
     poses: Vec<Pose>,
     integrated: Integrated,
-    dear: Dear,
+    costly: Costly,
     birge: f64,
     /// Sampled pixels with a usual fit, by index in the batch.
     good: Vec<(usize, PixelFit)>,
@@ -165,7 +165,7 @@ impl<'a> Settling<'a> {
         let first = Globals::first(1.0, largest);
         let poses = poses_at(&first, given.recorded);
         let integrated = Integrated::default();
-        let dear = dear_at(view, given.material, &poses, 1.0, &integrated);
+        let costly = costly_at(view, given.material, &poses, 1.0, &integrated);
         let mut settling = Settling {
             batch,
             given,
@@ -177,7 +177,7 @@ impl<'a> Settling<'a> {
             globals: first,
             poses,
             integrated,
-            dear,
+            costly,
             birge: 1.0,
             good: Vec::new(),
             decided: None,
@@ -208,27 +208,27 @@ impl<'a> Settling<'a> {
     }
 
     fn run(&self) -> Run<'_> {
-        self.run_with(&self.dear)
+        self.run_with(&self.costly)
     }
 
-    fn run_with<'b>(&'b self, dear: &'b Dear) -> Run<'b> {
+    fn run_with<'b>(&'b self, costly: &'b Costly) -> Run<'b> {
         Run {
             batch: self.batch,
             globals: &self.globals,
-            dear,
+            costly,
             view: &self.view,
             poses: &self.poses,
             beside: self.beside.as_ref(),
         }
     }
 
-    fn dear_with(&self, coarseness: f64, integrated: &Integrated) -> Dear {
+    fn costly_with(&self, coarseness: f64, integrated: &Integrated) -> Costly {
         let material = self.given.material;
-        dear_at(self.stand, material, &self.poses, coarseness, integrated)
+        costly_at(self.stand, material, &self.poses, coarseness, integrated)
     }
 
     fn templates(&self) -> Templates {
-        Templates::new(self.dear.geometry(), self.dear.lamp(), self.amplitude)
+        Templates::new(self.costly.geometry(), self.costly.lamp(), self.amplitude)
     }
 
     /// Sampled pixels with more observations than unknowns.
@@ -249,7 +249,7 @@ impl<'a> Settling<'a> {
 
     /// Pixels that show a lobe at all; a mount has nothing to say here.
     fn lobed(&self) -> Result<Vec<usize>, MapError> {
-        let (run, lambert) = (self.run(), lambert(self.dear.geometry()));
+        let (run, lambert) = (self.run(), lambert(self.costly.geometry()));
         let shows = |index: &usize| {
             let dof = self.batch.used(*index) as f64 - 1.0;
             run.lambert_chi2(*index, &lambert) > dof + LOBE_SIGNIFICANCE
@@ -327,7 +327,7 @@ impl<'a> Settling<'a> {
             self.globals.stray_std = next.stray_std;
         }
         self.poses = poses_at(&self.globals, self.given.recorded);
-        self.dear = self.dear_with(1.0, &self.integrated);
+        self.costly = self.costly_with(1.0, &self.integrated);
         step
     }
 
@@ -341,7 +341,7 @@ impl<'a> Settling<'a> {
         }
         let at = |polarised: bool| {
             Integrated::at(centres.clone(), self.amplitude, |p| {
-                self.dear.lacking(p, polarised)
+                self.costly.lacking(p, polarised)
             })
         };
         let mut integrated = at(true);
@@ -350,8 +350,8 @@ impl<'a> Settling<'a> {
             // where light meets plastic. The pixels tell.
             let without = at(false);
             let misses = |integrated: &Integrated| {
-                let dear = self.dear_with(1.0, integrated);
-                self.run_with(&dear).misses(&self.good)
+                let costly = self.costly_with(1.0, integrated);
+                self.run_with(&costly).misses(&self.good)
             };
             let polarised = misses(&integrated) <= misses(&without);
             if !polarised {
@@ -360,43 +360,43 @@ impl<'a> Settling<'a> {
             self.polarised = polarised;
         }
         self.integrated = integrated;
-        self.dear = self.dear_with(1.0, &self.integrated);
+        self.costly = self.costly_with(1.0, &self.integrated);
         true
     }
 
     /// Decides what is left out, on some surfaces; returns whether double reflections are integrated.
     fn decide(&mut self, surfaces: &[Parameters]) -> bool {
-        let plan = plan::decide(&self.dear, &self.view, surfaces, self.given.target_error);
+        let plan = plan::decide(&self.costly, &self.view, surfaces, self.given.target_error);
         let near = !self.view.is_telecentric();
-        let cost = near.then(|| plan::centre_for_all(&self.dear, &self.view, surfaces));
+        let cost = near.then(|| plan::centre_for_all(&self.costly, &self.view, surfaces));
         let included = |decision| plan.on(decision).is_none_or(|choice| choice.included);
         let integrate = included(Decision::Bounces);
         let own = included(Decision::PerPixelGeometry);
         self.view = self.view.clone().with_own_directions(own);
         if near && own {
-            self.beside = Beside::new(&self.dear, &self.view, surfaces);
+            self.beside = Beside::new(&self.costly, &self.view, surfaces);
         }
         self.decided = Some((plan, cost));
         integrate
     }
 
     fn finish(mut self) -> Settled {
-        self.dear = self.dear_with(self.coarseness(), &self.integrated);
+        self.costly = self.costly_with(self.coarseness(), &self.integrated);
         let mut leaders = Leaders::gather(&self.found());
-        leaders.predict(|p| self.dear.full(p));
+        leaders.predict(|p| self.costly.full(p));
         let shared_std = self.shared_std();
         let templates = self.templates();
-        let lambert = lambert(self.dear.geometry());
+        let lambert = lambert(self.costly.geometry());
         let target_error = self.given.target_error;
         let (plan, centre_for_all) = self.decided.unwrap_or_else(|| {
-            let plan = plan::decide(&self.dear, &self.view, &[], target_error);
+            let plan = plan::decide(&self.costly, &self.view, &[], target_error);
             (plan, None)
         });
         Settled {
             sampled: self.good.len(),
             globals: self.globals,
             poses: self.poses,
-            dear: self.dear,
+            costly: self.costly,
             leaders,
             templates,
             lambert,
@@ -409,11 +409,11 @@ impl<'a> Settling<'a> {
         }
     }
 
-    /// How coarse the cells of the dear terms may be: as coarse as fits are uncertain.
+    /// How coarse the cells of the costly terms may be: as coarse as fits are uncertain.
     fn coarseness(&self) -> f64 {
         let of_cells = self.good.iter().filter_map(|(_, f)| {
             let covariance = f.covariance.as_ref()?;
-            Some(2.0 * covariance[0].sqrt() / super::dear::CELL[0])
+            Some(2.0 * covariance[0].sqrt() / super::costly::CELL[0])
         });
         median(of_cells).unwrap_or(1.0).clamp(1.0, COARSENESS_MAX)
     }
@@ -440,16 +440,16 @@ fn poses_at(globals: &Globals, recorded: &[Pose]) -> Vec<Pose> {
     shifted.collect()
 }
 
-fn dear_at(
+fn costly_at(
     stand: &View,
     material: &Material,
     poses: &[Pose],
     coarseness: f64,
     integrated: &Integrated,
-) -> Dear {
+) -> Costly {
     let centre = [0.0, 0.0];
     let geometry = poses.iter().map(|pose| stand.geometry(*pose, centre));
-    Dear::new(
+    Costly::new(
         stand.rig,
         *material,
         poses.to_vec(),

@@ -14,7 +14,7 @@ mod step;
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::dear::{Met, Size};
+use super::costly::{Met, Size};
 use super::inverse::invert;
 use super::kernel::{GEOMETRY, Geometry, Parameters};
 use crate::model::lanes::{Lane, Numbers};
@@ -28,16 +28,16 @@ pub(super) const PACKED: usize = FREE * (FREE + 1) / 2;
 const ROW: usize = 3;
 /// A descent is over where the step after the next would lower the cost by less than this share of 1 + cost.
 const CONVERGED: f64 = 1e-6;
-/// The same where the dear terms are taken anew since the minimum is near.
+/// The same where the costly terms are taken anew since the minimum is near.
 const NEAR: f64 = 1e-2;
 /// The same on metal.
 const NEAR_ON_METAL: f64 = 1e-3;
 /// The same for few observations: they know the minimum of all no better than to some standard deviations.
 const OPEN: f64 = 0.1;
-/// First steps at whose ends the dear terms are taken anew, so that not the kernel's minimum is
+/// First steps at whose ends the costly terms are taken anew, so that not the kernel's minimum is
 /// walked to first.
 const EARLY: u16 = 2;
-/// Squared distance, in standard deviations, from where the dear terms were taken beyond which a
+/// Squared distance, in standard deviations, from where the costly terms were taken beyond which a
 /// descent does not end: they change by a few percent of what the signal does.
 const STALE2: f64 = 1.0;
 /// Evaluations after which a pixel is given up.
@@ -108,7 +108,7 @@ pub(super) trait Pixels: Sync {
         geometry: &mut [Geometry],
     ) -> Parameters;
     /// Writes what the kernel leaves out at parameters `p`, and B.
-    fn dear(
+    fn costly(
         &self,
         p: &Parameters,
         size: Size,
@@ -137,11 +137,11 @@ pub(super) struct Job<'a> {
     pub(super) lamp: f64,
     /// The fifth parameter is the amplitude (conductors) instead of ρd.
     pub(super) amplitude: bool,
-    /// Geometry at the centre of the field, for which the dear terms are.
+    /// Geometry at the centre of the field, for which the costly terms are.
     pub(super) geometry: &'a [Geometry],
     /// Whether [`Pixels::load`] writes each pixel's own; else all share the centre's.
     pub(super) own_geometry: bool,
-    /// How often the dear terms are taken anew before the last descent.
+    /// How often the costly terms are taken anew before the last descent.
     pub(super) refreshes: u8,
     pub(super) way: Way,
     pub(super) pixels: &'a dyn Pixels,
@@ -187,7 +187,7 @@ struct Slot {
     /// Cost at the last accepted point, and what an undamped step from there would have gained.
     cost: f64,
     gain: f64,
-    /// Where the dear terms were taken.
+    /// Where the costly terms were taken.
     taken_at: Parameters,
 }
 
@@ -310,10 +310,12 @@ impl<'a> Table<'a> {
         self.begin_at(lane, &[0.1, 0.0, -2.0, -2.0, 0.1]);
     }
 
-    /// Takes the dear terms at `p`.
+    /// Takes the costly terms at `p`.
     fn refresh(&mut self, lane: usize, p: &Parameters, size: Size) {
         let (offset, basis) = (&mut self.offset, &mut self.column);
-        self.job.pixels.dear(p, size, &mut self.met, offset, basis);
+        self.job
+            .pixels
+            .costly(p, size, &mut self.met, offset, basis);
         let width = self.width;
         if self.job.own_geometry {
             for (j, (basis, centre)) in basis.iter_mut().zip(self.job.geometry).enumerate() {
@@ -375,7 +377,7 @@ impl<'a> Table<'a> {
         sum
     }
 
-    /// Looks at a lane after a step was proposed: goes on, refreshes the dear terms, or answers.
+    /// Looks at a lane after a step was proposed: goes on, refreshes the costly terms, or answers.
     fn look(&mut self, lane: usize, fits: &mut [PixelFit]) {
         let Some(mut slot) = self.slots[lane] else {
             return;
@@ -399,7 +401,7 @@ impl<'a> Table<'a> {
         self.slots[lane] = Some(slot);
         let converged = cost.is_finite() && next_gain <= CONVERGED * (1.0 + cost);
         let stalled = lambda > 1e7 || !cost.is_finite() || slot.evaluations >= EVALUATIONS_MAX;
-        // On metal the dear terms are no small part of the light: there the way to the kernel's own
+        // On metal the costly terms are no small part of the light: there the way to the kernel's own
         // minimum is the safe one, and every round of new terms is asked for.
         let careful = self.job.amplitude;
         if self.job.way == Way::There {

@@ -54,7 +54,7 @@ pub(super) fn fit_tiles(
     cancel: &AtomicBool,
 ) -> Result<Tiles, MapError> {
     let view = &settled.view;
-    let amplitude = settled.dear.is_amplitude();
+    let amplitude = settled.costly.is_amplitude();
     let answered = Mutex::new((Layers::new(view.width, view.height, amplitude), 0.0));
     let done = AtomicUsize::new(0);
     spread_out(planes.tiles())
@@ -71,7 +71,7 @@ pub(super) fn fit_tiles(
             let run = Run {
                 batch: &batch,
                 globals: &settled.globals,
-                dear: &settled.dear,
+                costly: &settled.costly,
                 view,
                 poses: &settled.poses,
                 beside: settled.beside.as_ref(),
@@ -114,7 +114,7 @@ pub(super) fn spread_out(count: usize) -> Vec<usize> {
 /// Fits the pixels of a batch that show a lobe; those that the leaders do not serve start again
 /// from templates. Returns the answers and the evaluations spent.
 fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, f64) {
-    let amplitude = settled.dear.is_amplitude();
+    let amplitude = settled.costly.is_amplitude();
     let birge = settled.birge;
     let n = run.batch.observations;
     let mut answers: Vec<Answer> = Vec::with_capacity(run.batch.pixels.len());

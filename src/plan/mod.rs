@@ -28,7 +28,7 @@ pub enum Decision {
     /// Directions of each pixel instead of the centre's.
     PerPixelGeometry,
     /// Everything but single reflections, at every step of each pixel's fit (maps alone).
-    DearTerms,
+    CostlyTerms,
 }
 
 impl Decision {
@@ -41,7 +41,7 @@ impl Decision {
             Decision::Layers => "layers",
             Decision::ConeAverage => "cone average",
             Decision::PerPixelGeometry => "per-pixel geometry",
-            Decision::DearTerms => "dear terms",
+            Decision::CostlyTerms => "costly terms",
         }
     }
 }

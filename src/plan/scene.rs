@@ -60,13 +60,13 @@ pub fn plan(scene: &Scene, prepared: &Prepared, wish: &Wish) -> Plan {
     };
     let look = || {
         let most = |share: u64| (effort(prepared) / share).clamp(PILOT_PHOTONS.0, PILOT_PHOTONS.1);
-        let (usual, dear) = (most(PILOT_SHARE), most(LIKELY_SHARE));
+        let (usual, costly) = (most(PILOT_SHARE), most(LIKELY_SHARE));
         let mut seen = pilot(prepared, PILOT_PHOTONS.0.min(prepared.photons), 0)?;
         for number in 1.. {
             let tolerance = tolerance_of(wish, Some(&seen), prepared.method());
-            let likely = open && may_turn_out(&seen, tolerance, dear, LIKELY);
+            let likely = open && may_turn_out(&seen, tolerance, costly, LIKELY);
             let hopeful = likely || open && may_turn_out(&seen, tolerance, usual, 0.0);
-            let most = if likely { dear } else { usual };
+            let most = if likely { costly } else { usual };
             let more = ((PILOT_GROWTH - 1) * seen.photons).min(most.saturating_sub(seen.photons));
             if more == 0 || !(hopeful || stated && blind(&seen, tolerance)) {
                 break;

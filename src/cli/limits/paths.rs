@@ -130,8 +130,8 @@ impl PathLimits {
             self.affords(work.surfaces, little.all_s() * turns as f64)?;
         }
         let spent_s = || started.elapsed().as_secs_f64();
-        let dear = |limit: f64| spent_s() > SECOND_PILOT * limit;
-        let more = if work.may_miss_some && self.max_seconds.is_some_and(dear) {
+        let costly = |limit: f64| spent_s() > SECOND_PILOT * limit;
+        let more = if work.may_miss_some && self.max_seconds.is_some_and(costly) {
             // What is spent on pilots is missing at the end.
             None
         } else {
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn where_surfaces_may_be_missing_no_limit_is_refused_and_a_dear_pilot_is_the_last() {
+    fn where_surfaces_may_be_missing_no_limit_is_refused_and_a_costly_pilot_is_the_last() {
         let limits = PathLimits {
             max_seconds: Some(1e-3),
             target_error: None,

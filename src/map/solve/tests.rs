@@ -10,7 +10,7 @@ fn solve(job: &Job<'_>) -> Vec<PixelFit> {
     solve_on(Arch::new(), job)
 }
 
-/// Pixels with the kernel's own radiances and a Lambert term, and no dear terms.
+/// Pixels with the kernel's own radiances and a Lambert term, and no costly terms.
 pub(in crate::map) struct Synthetic {
     pub(in crate::map) geometry: Vec<Geometry>,
     pub(in crate::map) basis: Vec<f64>,
@@ -106,7 +106,7 @@ impl Pixels for Synthetic {
         [p[0] + 0.05, p[1] + 0.3, p[2] + 0.3, p[3] - 0.3, p[4] * 0.7]
     }
 
-    fn dear(&self, _: &Parameters, _: Size, _: &mut Met, offset: &mut [f64], basis: &mut [f64]) {
+    fn costly(&self, _: &Parameters, _: Size, _: &mut Met, offset: &mut [f64], basis: &mut [f64]) {
         offset.fill(0.0);
         basis.copy_from_slice(&self.basis);
     }
@@ -158,7 +158,7 @@ impl Pixels for Beside {
         start
     }
 
-    fn dear(
+    fn costly(
         &self,
         p: &Parameters,
         size: Size,
@@ -166,7 +166,7 @@ impl Pixels for Beside {
         offset: &mut [f64],
         basis: &mut [f64],
     ) {
-        self.centre.dear(p, size, met, offset, basis);
+        self.centre.costly(p, size, met, offset, basis);
     }
 }
 
@@ -254,7 +254,7 @@ fn a_masked_observation_has_no_say_and_too_few_are_named() {
             }
             start
         }
-        fn dear(
+        fn costly(
             &self,
             p: &Parameters,
             size: Size,
@@ -262,7 +262,7 @@ fn a_masked_observation_has_no_say_and_too_few_are_named() {
             offset: &mut [f64],
             basis: &mut [f64],
         ) {
-            self.0.dear(p, size, met, offset, basis);
+            self.0.costly(p, size, met, offset, basis);
         }
     }
     let masked = Masked(Synthetic::new(9, 0.0), 5);

@@ -1,4 +1,4 @@
-//! The dear terms: what the full closed form has and the kernel has not.
+//! The costly terms: what the full closed form has and the kernel has not.
 //!
 //! At a point of parameter space the full `sawtooth` form gives L and its exact gradient. What is
 //! left after the kernel's single reflection and after ρd · B, B = ∂L/∂ρd, is a small offset with a
@@ -124,12 +124,12 @@ fn add_scaled(to: &mut [f64], factor: f64, what: &[f64]) {
 pub(super) enum Size {
     /// For a minimum: what is left out does not show in a pixel.
     Usual,
-    /// For the way there, and of its few observations only; see [`Dear::few`].
+    /// For the way there, and of its few observations only; see [`Costly::few`].
     Large,
 }
 
 /// The rig and the matter that pixels share.
-pub(super) struct Dear {
+pub(super) struct Costly {
     rig: RigGeometry,
     table: OpticsTable,
     /// True poses: recorded, plus the tilt's zero.
@@ -220,7 +220,7 @@ pub(super) struct Met {
     large: Cells,
 }
 
-impl Dear {
+impl Costly {
     pub(super) fn new(
         rig: RigGeometry,
         material: Material,
@@ -231,13 +231,13 @@ impl Dear {
     ) -> Self {
         let lamp = rig.cones.widening();
         let amplitude = super::view::View::fits_amplitude(&material);
-        // On metal the whole way needs the dear terms of all observations.
+        // On metal the whole way needs the costly terms of all observations.
         let few = if amplitude {
             Vec::new()
         } else {
             few_of(poses.len())
         };
-        Dear {
+        Costly {
             table: OpticsTable::new(&Optics::new(&rig, &material)),
             amplitude,
             few_geometry: few.iter().map(|j| geometry[*j]).collect(),
@@ -271,7 +271,7 @@ impl Dear {
         &self.few
     }
 
-    /// Geometry of [`Dear::few`].
+    /// Geometry of [`Costly::few`].
     pub(super) fn few_geometry(&self) -> &[Geometry] {
         &self.few_geometry
     }
@@ -358,7 +358,7 @@ impl Dear {
         self.write_from(p, Size::Usual, &mut Met::default(), offset, basis);
     }
 
-    /// As [`Dear::write`], from a cell of a size, for a thread that keeps the cells it has met.
+    /// As [`Costly::write`], from a cell of a size, for a thread that keeps the cells it has met.
     pub(super) fn write_from(
         &self,
         p: &Parameters,
