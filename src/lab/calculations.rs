@@ -257,16 +257,7 @@ impl Lab {
             }
             CalculationRequest::Trace(request) => {
                 let wanted = request.clone();
-                let ready = blocking(move || wanted.prepare())
-                    .await
-                    .unwrap_or_else(|_| {
-                        Err(LabError::Invalid {
-                            field: "scene".into(),
-                            problem:
-                                "this scene cannot be prepared; the daemon's log has the details"
-                                    .into(),
-                        })
-                    })?;
+                let ready = blocking(move || wanted.prepare()).await??;
                 Work::Trace(Box::new(ready))
             }
         })
@@ -413,7 +404,6 @@ impl Work {
     }
 }
 
-/// Work that leaves files: made in a folder that is kept once all is done, and removed otherwise.
 /// A request's specification, each part of it by its name.
 fn specified(value: &serde_json::Value) -> Result<Specification, LabError> {
     let invalid = |field: String, problem: &str| LabError::Invalid {
@@ -436,6 +426,7 @@ fn specified(value: &serde_json::Value) -> Result<Specification, LabError> {
     Ok(specification)
 }
 
+/// Work that leaves files: made in a folder that is kept once all is done, and removed otherwise.
 fn kept(
     store: &Store,
     kind: CalculationKind,

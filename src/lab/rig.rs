@@ -3,7 +3,7 @@
 use tokio::sync::oneshot;
 
 use super::bench;
-use super::{AxisName, Holder, Lab, LabError, RigSettings};
+use super::{AxisName, Holder, Lab, LabError};
 use crate::bench::stage::Stage;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::runner::{Order, OrderSlip};
@@ -61,14 +61,6 @@ pub struct AxisView {
 }
 
 impl Lab {
-    /// Facts about the rig.
-    ///
-    /// # Errors
-    /// [`LabError::NoRig`].
-    pub fn rig_settings(&self) -> Result<&RigSettings, LabError> {
-        Ok(&self.side()?.settings)
-    }
-
     /// Where the rig stands now, asked of the stages. A rig that is not connected and not in use is
     /// connected by this.
     ///

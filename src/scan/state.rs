@@ -135,12 +135,6 @@ impl ScanState {
         self.next().is_empty()
     }
 
-    /// Whether the scan holds the rig in this state.
-    #[must_use]
-    pub fn holds_the_rig(self) -> bool {
-        !self.is_end() && self != Interrupted
-    }
-
     /// The word used in files, requests and the database.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
