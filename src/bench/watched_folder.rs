@@ -151,7 +151,7 @@ impl WatchedFolder {
         let before = if named {
             HashMap::new()
         } else {
-            listed(&self.settings.folder).await?
+            listing(&self.settings.folder)?
         };
         let started_at = self.clock.now();
         let started_utc = self.clock.utc();
@@ -169,7 +169,7 @@ impl WatchedFolder {
             let candidate = if named {
                 stamp_of(&file).map(|stamp| (file.clone(), stamp))
             } else {
-                newest(listed(&self.settings.folder).await?, &before)
+                newest(&self.settings.folder, &before)?
             };
             if let Some((path, stamp)) = candidate {
                 let unchanged = looked
@@ -312,24 +312,16 @@ fn listing(folder: &Path) -> Result<HashMap<PathBuf, Stamp>, CameraError> {
     Ok(files)
 }
 
-/// The same off the runtime's own threads: a folder may hold many files, or lie on a slow share.
-async fn listed(folder: &Path) -> Result<HashMap<PathBuf, Stamp>, CameraError> {
-    let folder = folder.to_owned();
-    tokio::task::spawn_blocking(move || listing(&folder))
-        .await
-        .map_err(|error| {
-            CameraError::Failed(format!("listing the folder was interrupted: {error}"))
-        })?
-}
-
 /// The newest PNG that is new or changed since `before`.
 fn newest(
-    now: HashMap<PathBuf, Stamp>,
+    folder: &Path,
     before: &HashMap<PathBuf, Stamp>,
-) -> Option<(PathBuf, Stamp)> {
-    now.into_iter()
+) -> Result<Option<(PathBuf, Stamp)>, CameraError> {
+    let now = listing(folder)?;
+    Ok(now
+        .into_iter()
         .filter(|(path, stamp)| before.get(path) != Some(stamp))
-        .max_by(|a, b| (a.1.1, &a.0).cmp(&(b.1.1, &b.0)))
+        .max_by(|a, b| (a.1.1, &a.0).cmp(&(b.1.1, &b.0))))
 }
 
 /// Reads and decodes off the runtime's own threads. A file that vanished is an unreadable one.

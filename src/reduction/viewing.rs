@@ -175,14 +175,7 @@ impl Viewing {
     /// segments are in it.
     pub(super) fn views(&self, segments: &Segments, pose: Pose, used: &[bool]) -> Vec<View> {
         let theta_c = pose.theta_c;
-        let mut views = Vec::new();
-        let mut push = |point: [f64; 2], share: f64| {
-            let (directions, irradiance) = self.at(point, theta_c);
-            views.push(View {
-                directions,
-                weight: share * irradiance,
-            });
-        };
+        let mut places = Vec::new();
         match segments {
             Segments::Whole => {
                 let place = |[a, b]: [f64; 2]| {
@@ -191,22 +184,43 @@ impl Viewing {
                     self.point(column, row, theta_c)
                 };
                 let pieces = self.pieces(&place, theta_c, SIX_REACH);
-                for (at, share) in nodes(&SIX, pieces) {
-                    push(place(at), share);
-                }
+                let nodes = nodes(&SIX, pieces);
+                places.extend(nodes.map(|(at, share)| (place(at), share)));
             }
             Segments::Patches { board, patches } => {
                 let kept: Vec<_> = patches.iter().zip(used).filter(|(_, u)| **u).collect();
                 for ((i, j), _) in &kept {
                     let place = |at| Self::on_board(board, pose, (*i, *j), at);
                     let pieces = self.pieces(&place, theta_c, TWO_REACH);
-                    for (at, share) in nodes(&TWO, pieces) {
-                        push(place(at), share / kept.len() as f64);
-                    }
+                    places.extend(nodes(&TWO, pieces).map(|(at, share)| {
+                        let point = place(at);
+                        // Levels are means over pixels, and what is nearer has more of them.
+                        (point, share * self.pixels_per_area(point, theta_c))
+                    }));
                 }
             }
         }
-        views
+        let all: f64 = places.iter().map(|(_, share)| share).sum();
+        let view = |(point, share): &([f64; 2], f64)| {
+            let (directions, irradiance) = self.at(*point, theta_c);
+            View {
+                directions,
+                weight: share / all * irradiance,
+            }
+        };
+        places.iter().map(view).collect()
+    }
+
+    /// Pixels per area of the sample at a point, relative to other points: the solid angle of the area, and the
+    /// stretch of a plane sensor away from its middle.
+    fn pixels_per_area(&self, point: [f64; 2], theta_c: Angle) -> f64 {
+        let Some(distance) = self.camera_mm else {
+            return 1.0;
+        };
+        let axis = self.rig.rig_directions(theta_c).outgoing;
+        let ray = axis * distance - Vector3::new(point[0], point[1], 0.0);
+        let length = ray.norm();
+        ray.z / length.powi(3) / (axis.dot(&ray) / length).powi(3)
     }
 
     /// Pieces along both axes of a part of the field, its places given from −1 to 1, none of which turns the half vector
@@ -280,6 +294,31 @@ mod tests {
             camera_mm,
             light_mm,
         }
+    }
+
+    #[test]
+    fn pixels_lie_as_densely_on_the_sample_as_their_corners_say() {
+        let near = viewing(Some(250.0), None);
+        let theta_c = Angle::from_deg(20.0);
+        let share = |column: f64, row: f64| {
+            let step = 1e-3;
+            let at = |c: f64, r: f64| near.point(column + c, row + r, theta_c);
+            let ([ax, ay], [bx, by]) = (at(-step, 0.0), at(step, 0.0));
+            let ([cx, cy], [dx, dy]) = (at(0.0, -step), at(0.0, step));
+            let area = ((bx - ax) * (dy - cy) - (by - ay) * (dx - cx)).abs();
+            area * near.pixels_per_area(near.point(column, row, theta_c), theta_c)
+        };
+        let middle = share(64.0, 50.0);
+        for (column, row) in [(0.0, 0.0), (128.0, 0.0), (10.0, 90.0), (128.0, 100.0)] {
+            let there = share(column, row);
+            assert!(
+                (there / middle - 1.0).abs() < 1e-6,
+                "{column} {row} {there} {middle}"
+            );
+        }
+        // And not because it is even.
+        let density = |at: [f64; 2]| near.pixels_per_area(at, theta_c);
+        assert!((density([20.0, 0.0]) / density([-20.0, 0.0]) - 1.0).abs() > 0.05);
     }
 
     #[test]
