@@ -15,6 +15,7 @@ use super::kernel::{Geometry, Parameters, single};
 use super::view::View;
 use crate::geometry::Pose;
 use crate::model::{Optics, Surface, Variant, radiance};
+use crate::units::Angle;
 
 /// Places along an edge of the field.
 const GRID: usize = 7;
@@ -158,12 +159,9 @@ impl Beside {
 
     /// For a pixel at a place that looks like `p`: what its observation `j` has more.
     pub(super) fn at(&self, p: &Parameters, place_mm: [f64; 2]) -> impl Fn(usize) -> f64 {
-        let turn = |from: f64| {
-            (from + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
-        };
         let away = |known: &Known| -> f64 {
             let apart = |k: usize| match k {
-                1 => turn(p[1] - known.0[1]),
+                1 => Angle::from_rad(p[1] - known.0[1]).wrapped().rad(),
                 _ => p[k] - known.0[k],
             };
             (0..APART.len())
@@ -192,27 +190,21 @@ fn value(polynomial: &[f64; TERMS], place: [f64; 2]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::integrated::Integrated;
-    use crate::series::Series;
+    use crate::map::costly::near;
 
     #[test]
     fn what_pixels_beside_the_centre_lack_is_brought_to_them_and_to_the_surface_that_they_look_like()
      {
-        let series = Series::open("tests/data/series/checker".as_ref()).unwrap();
-        let near = View::new(series.manifest()).brought_to(300.0, 50.0);
-        let tilts = [-20.0, -10.0, 5.0, 20.0];
-        let poses: Vec<Pose> = (0..12)
-            .flat_map(|turn| tilts.map(|tilt| Pose::from_deg(tilt, 30.0 * f64::from(turn))))
-            .collect();
-        let geometry: Vec<Geometry> = poses.iter().map(|p| near.geometry(*p, [0.0; 2])).collect();
-        let (material, none) = (series.manifest().material(), Integrated::default());
-        let costly = Costly::new(near.rig, material, poses.clone(), geometry, 1.0, none);
+        let board = near::board(50.0);
+        let poses = near::poses();
+        let costly = near::costly(&board, poses.clone());
+        let near = &board.1;
         let surfaces = [0.0, 1.9].map(|lean| [0.2, lean, 0.1f64.ln(), 0.15f64.ln(), 0.3]);
-        let beside = Beside::new(&costly, &near, &surfaces).unwrap();
-        assert!(Beside::new(&costly, &near, &[]).is_none());
+        let beside = Beside::new(&costly, near, &surfaces).unwrap();
+        assert!(Beside::new(&costly, near, &[]).is_none());
         let (mut lacking, mut left, mut peak) = (0.0_f64, 0.0_f64, 0.0_f64);
         for p in &surfaces {
-            let anywhere = Anywhere::new(&costly, &near, p);
+            let anywhere = Anywhere::new(&costly, near, p);
             // A pixel of about that surface, its lean counted from a turn further.
             let like = [
                 p[0] + 0.01,

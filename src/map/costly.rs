@@ -502,6 +502,42 @@ impl Costly {
     }
 }
 
+/// The recorded checkerboard brought near the camera, for the tests of what a near field changes.
+#[cfg(test)]
+pub(super) mod near {
+    use super::*;
+    use crate::map::view::View;
+    use crate::series::Series;
+
+    /// Between camera and field, mm.
+    const DISTANCE_MM: f64 = 300.0;
+
+    /// The board as a camera sees it whose field is so wide.
+    pub(in crate::map) fn board(field_mm: f64) -> (Material, View) {
+        let series = Series::open("tests/data/series/checker".as_ref()).unwrap();
+        let manifest = series.manifest();
+        (
+            manifest.material(),
+            View::new(manifest).brought_to(DISTANCE_MM, field_mm),
+        )
+    }
+
+    /// Four tilts at each of twelve azimuths.
+    pub(in crate::map) fn poses() -> Vec<Pose> {
+        let tilts = [-20.0, -10.0, 5.0, 20.0];
+        (0..12)
+            .flat_map(|turn| tilts.map(|tilt| Pose::from_deg(tilt, 30.0 * f64::from(turn))))
+            .collect()
+    }
+
+    /// The costly terms at the centre of its field.
+    pub(in crate::map) fn costly((material, view): &(Material, View), poses: Vec<Pose>) -> Costly {
+        let geometry = poses.iter().map(|p| view.geometry(*p, [0.0; 2])).collect();
+        let none = Integrated::default();
+        Costly::new(view.rig, *material, poses, geometry, 1.0, none)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

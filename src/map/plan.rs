@@ -271,6 +271,7 @@ fn costly_terms(costly: &Costly, surfaces: &[Parameters]) -> Choice {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::map::costly::near;
     use crate::series::Series;
 
     fn checker() -> Series {
@@ -298,17 +299,12 @@ mod tests {
 
     #[test]
     fn a_near_camera_keeps_its_pixels_directions_until_the_field_is_small() {
-        let series = checker();
-        let view = View::new(series.manifest());
         let decided = |field: f64, target: Option<f64>| {
-            let near = view.clone().brought_to(300.0, field);
+            let board = near::board(field);
             let poses = vec![Pose::from_deg(-10.0, 0.0), Pose::from_deg(5.0, 40.0)];
-            let geometry = poses.iter().map(|p| near.geometry(*p, [0.0; 2])).collect();
-            let material = series.manifest().material();
-            let none = Integrated::default();
-            let costly = Costly::new(near.rig, material, poses, geometry, 1.0, none);
+            let costly = near::costly(&board, poses);
             let p = [0.2, 0.0, 0.1f64.ln(), 0.1f64.ln(), 0.3];
-            let plan = decide(&costly, &near, &[p], target);
+            let plan = decide(&costly, &board.1, &[p], target);
             let choice = plan.on(Decision::PerPixelGeometry).unwrap();
             (choice.included, choice.cost.unwrap())
         };
@@ -322,18 +318,11 @@ mod tests {
 
     #[test]
     fn what_is_brought_from_the_centre_of_a_near_field_is_nearly_what_is_there() {
-        let series = checker();
-        let near = View::new(series.manifest()).brought_to(300.0, 50.0);
-        let tilts = [-20.0, -10.0, 5.0, 20.0];
-        let poses: Vec<Pose> = (0..12)
-            .flat_map(|turn| tilts.map(|tilt| Pose::from_deg(tilt, 30.0 * f64::from(turn))))
-            .collect();
-        let geometry: Vec<Geometry> = poses.iter().map(|p| near.geometry(*p, [0.0; 2])).collect();
-        let (material, none) = (series.manifest().material(), Integrated::default());
-        let costly = Costly::new(near.rig, material, poses, geometry, 1.0, none);
+        let board = near::board(50.0);
+        let costly = near::costly(&board, near::poses());
         for lean in [0.0, 1.9] {
             let p = [0.2, lean, 0.1f64.ln(), 0.15f64.ln(), 0.3];
-            let off = off_centre(&costly, &near, &p);
+            let off = off_centre(&costly, &board.1, &p);
             // Light that went between the facets is a few percent of the peak, and half of it may change over a
             // field as wide as a tenth of a radian each way.
             assert!(off.followed > 0.1, "{}", off.followed);

@@ -191,6 +191,26 @@ pub struct Split<T = f64> {
     pub ratio: T,
 }
 
+impl<T> Split<T> {
+    /// All ten in the order of the fields, to lay them out in lanes.
+    #[inline(always)]
+    fn numbers(self) -> [T; 10] {
+        let (r, t) = (self.reflected, self.refracted);
+        [
+            r.s,
+            r.p,
+            r.re,
+            r.im,
+            t.s,
+            t.p,
+            t.re,
+            t.im,
+            self.cos_refracted,
+            self.ratio,
+        ]
+    }
+}
+
 impl Boundary {
     /// From a medium of real index `here` onto one of index `n + ik`, exp(−iωt), k ≥ 0.
     #[must_use]

@@ -114,20 +114,7 @@ impl Boundary {
         cos.store(&mut rooms[0], 0);
         for lane in 0..Lane::<S>::WIDTH {
             let split = self.at(rooms[0][lane]);
-            let (r, t) = (split.reflected, split.refracted);
-            let numbers = [
-                r.s,
-                r.p,
-                r.re,
-                r.im,
-                t.s,
-                t.p,
-                t.re,
-                t.im,
-                split.cos_refracted,
-                split.ratio,
-            ];
-            for (room, x) in rooms.iter_mut().zip(numbers) {
+            for (room, x) in rooms.iter_mut().zip(split.numbers()) {
                 room[lane] = x;
             }
         }
@@ -270,20 +257,7 @@ mod tests {
             let mut all = Vec::new();
             for at in 0..self.1.len() / width {
                 let split = self.0.at_each(simd, Lane::load(simd, self.1, at));
-                let (r, t) = (split.reflected, split.refracted);
-                let lanes = [
-                    r.s,
-                    r.p,
-                    r.re,
-                    r.im,
-                    t.s,
-                    t.p,
-                    t.re,
-                    t.im,
-                    split.cos_refracted,
-                    split.ratio,
-                ];
-                for (n, lane) in lanes.into_iter().enumerate() {
+                for (n, lane) in split.numbers().into_iter().enumerate() {
                     lane.store(&mut room, n);
                 }
                 all.extend((0..width).map(|l| std::array::from_fn(|n| room[n * width + l])));

@@ -1,0 +1,271 @@
+// The page alone: fits, their options, and what stands beside them.
+
+import { beforeEach, describe, expect, it } from 'vitest';
+
+import { daemon, page, posts, text, url } from './stage';
+
+describe('a fit', () => {
+  it('is asked for with the model of its own scan, not of the one before', async () => {
+    daemon.addScan(1, 'paper');
+    const other = daemon.addScan(2, 'paper');
+    await page.goto(`${url}/#/scan/1`);
+    const model = page.getByTestId('fit-form').getByLabel('Model');
+    await model.selectOption('traced');
+    await page.goto(`${url}/#/scan/${other}`);
+    await expect.poll(() => model.inputValue()).toBe('auto');
+  });
+
+  it('says which parameter the data cannot tell, and what an uncertainty is made of', async () => {
+    const scan = daemon.addScan(1, 'full');
+    daemon.addFit(scan, 'paper');
+    await page.goto(url);
+    const tilt = page.locator('[data-row=tilt_offset_deg]');
+    await tilt.waitFor();
+    expect(await tilt.innerText()).toContain('not determined by these data');
+    expect(await tilt.innerText()).toContain('three azimuths cannot tell it');
+    await page.locator('[data-row=theta_r_deg]').getByRole('button').click();
+    expect(await text('#budget-theta_r_deg')).toContain('angles 0.021° · 0.99 % of the variance');
+  });
+
+  it('is compared with others, and another one is shown by its link', async () => {
+    daemon.addFit(daemon.addScan(1, 'full'), 'paper');
+    daemon.addFit(daemon.addScan(2, 'paper'));
+    await page.goto(url);
+    await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('15.031 ± 0.085°');
+    await page.getByTestId('fits').getByRole('link', { name: '1', exact: true }).click();
+    await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('10.61 ± 0.42°');
+    expect(await page.getByTestId('curves').locator('figure').count()).toBe(9);
+    expect(new URL(page.url()).hash).toBe('#/scan/1/fit/1');
+  });
+});
+
+describe('a store of many fits', () => {
+  it('is read page by page, and shows the fit of the address however old it is', async () => {
+    daemon.addFit(daemon.addScan(2, 'paper'));
+    const scan = daemon.addScan(1, 'paper');
+    for (let i = 0; i < 230; i++) daemon.addFit(scan);
+    await page.goto(`${url}/#/scan/1/fit/1`);
+    await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('15.031 ± 0.085°');
+    expect(await page.getByTestId('missing').count()).toBe(0);
+    const rows = page.getByTestId('fits').locator('tbody tr');
+    expect(await rows.count()).toBe(50);
+    expect(await page.getByTestId('fits-count').innerText()).toBe('101 newest fits');
+    const older = page.getByRole('button', { name: 'Older fits' });
+    for (const n of [100, 150, 200, 231]) {
+      await older.click();
+      await expect.poll(() => rows.count()).toBe(n);
+    }
+    expect(await older.count()).toBe(0);
+    expect(await page.getByTestId('fits-count').innerText()).toBe('231 fits');
+    // Three pages of all, and one of the scan that is looked at.
+    expect(daemon.reads.filter((path) => path.startsWith('/fits?'))).toHaveLength(4);
+  });
+});
+
+describe('the fit of a metal', () => {
+  it('has no diffuse reflectance, and nothing is wrong with that', async () => {
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    const parameters = daemon.fits[0]?.['parameters'] as Record<string, unknown>;
+    parameters['rho_d'] = { value: null, std: null, expanded: null, coverage_factor: null, identifiable: false, budget: null, note: 'a metal sends no light back from below its surface: there is no ρd to measure' };
+    await page.goto(url);
+    const place = page.locator('[data-parameter=rho_d] span');
+    await place.waitFor();
+    expect(await place.innerText()).toBe('none: a metal');
+    expect(await place.getAttribute('class')).not.toContain('bad');
+  });
+});
+
+describe('the uncertainty along a scan', () => {
+  const row = (id: number) => ({ id, elapsed_s: 9 * id, n_observations: id, n_frames_used: id, variant: 'sawtooth', status: 'converged', parameters: { theta_r_deg: { value: 10, std: 0.3 / id } } });
+
+  it.each([[1, 0], [2, 1]])('of %i fits and the last one is drawn as %i plots, in words always', async (fits, plots) => {
+    for (let id = 1; id <= fits; id++) daemon.certainties.push(row(id));
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    await page.goto(url);
+    const card = page.getByTestId('certainty');
+    await card.waitFor();
+    expect(await card.locator('[data-line=theta_r_deg]').innerText()).toMatch(/10\.031°, u = 0\.043°/);
+    await expect.poll(() => card.locator('canvas').count()).toBe(plots);
+    expect(await card.innerText()).toMatch(/After \d+(\.\d+)? s: 15 poses/);
+  });
+});
+
+describe('error against run time', () => {
+  const point = (method: string, seconds: number, error: number, scene = 'flat 1.5/2.4 at 60°') => ({
+    scene, method, seconds, error, quantity: 'relative error of the reflected energy', reference: 'exact (flat layers)',
+  });
+
+  it('is shown where it was measured: a line per method, its slope, the reference and what plans leave out', async () => {
+    daemon.accuracy = {
+      machine: 'ridged, two threads', written_at: '2026-01-02T03:04:05Z',
+      points: [point('split', 0.01, 1e-2), point('split', 0.1, 3.16e-3), point('split', 1, 1e-3), point('analog', 0.1, 2e-2), point('scalar', 0.01, 1.5e-2), point('scalar', 0.1, 1.6e-2), point('scalar', 1, 1.7e-2), point('quadrature', 0.2, 1e-4, 'series')],
+      forecasts: [{ scene: 'flat', forecast_s: 1, taken_s: 1.5 }, { scene: 'rough', forecast_s: 1, taken_s: 3 }],
+      proofs: [{ scene: 'flat', off: 0.002, allowed: 0.011, holds: true, full_s: 0.3, planned_s: 0.1, parts: [{ what: 'polarisation of light', speed_up: 2.9 }] }],
+    };
+    await page.goto(url);
+    const view = page.getByTestId('accuracy');
+    await view.waitFor();
+    await expect.poll(() => view.locator('g[data-method]').count()).toBe(3);
+    expect(await view.locator('g[data-method=split] circle').count()).toBe(3);
+    expect(await view.locator('text[data-axis=y]').textContent()).toBe('relative error');
+    const words = await view.innerText();
+    for (const part of ['slope −0.50', 'levels off', 'exact (flat layers)', '1 of 1 within', 'factor of 2: 1 of 2', 'ridged, two threads']) expect(words).toContain(part);
+    await view.locator('summary').click();
+    expect(await view.getByTestId('proofs').innerText()).toContain('polarisation of light');
+    await view.getByRole('combobox', { name: 'Scene' }).selectOption('series');
+    await expect.poll(() => view.locator('g[data-method]').count()).toBe(1);
+  });
+
+  it('is not shown where nothing was measured', async () => {
+    await page.goto(url);
+    await page.getByRole('button', { name: 'Start scan' }).waitFor();
+    expect(await page.getByTestId('accuracy').count()).toBe(0);
+  });
+});
+
+describe('the options of a fit', () => {
+  const sent = (): unknown => daemon.requests.findLast((r) => r.path === '/fits' && r.method === 'POST')?.body;
+
+  it('are sent as they are chosen, and the result says what was asked', async () => {
+    daemon.addScan(1, 'paper');
+    await page.goto(url);
+    const form = page.getByTestId('fit-form');
+    const fit = form.getByRole('button', { name: 'Fit', exact: true });
+    await form.getByRole('button', { name: 'Options' }).click();
+    await form.getByLabel('Profile intervals').check();
+    await form.getByLabel('Outliers').selectOption('huber');
+    const known = form.getByRole('button', { name: 'Something is known beforehand' });
+    await known.click();
+    await known.click();
+    await form.getByLabel('Known beforehand: parameter').first().selectOption('rho_d');
+    await form.getByLabel('Known beforehand: parameter').nth(1).selectOption('theta_r_deg');
+    await form.getByLabel('Known beforehand: value').first().fill('0,3');
+    await form.getByLabel('Known beforehand: value').nth(1).fill('ten');
+    await form.getByRole('alert').filter({ hasText: 'The ridge angle: give its value as a number.' }).waitFor();
+    expect(await fit.isDisabled()).toBe(true);
+    await form.getByLabel('Known beforehand: value').nth(1).fill('10');
+    await form.getByLabel('Known beforehand: standard uncertainty').nth(1).fill('0.5');
+    await fit.click();
+    await expect.poll(sent).toEqual({ scan_id: 1, variant: 'auto', loss: 'huber', profile: true, fix: { rho_d: 0.3 }, priors: { theta_r_deg: { value: 10, std: 0.5 } } });
+    await expect.poll(() => text('[data-testid=asked]')).toBe('model best, outliers count less (Huber), ρd held at 0.3, θr known as 10 ± 0.5°, profile intervals');
+  });
+
+  it('are refused beside themselves', async () => {
+    daemon.addScan(1, 'paper');
+    daemon.refusals.set('POST /fits', { status: 422, body: { code: 'invalid-value', title: 'a value makes no sense', detail: 'fix.rho_d: lies between 0 and 1' } });
+    await page.goto(url);
+    const form = page.getByTestId('fit-form');
+    await form.getByRole('button', { name: 'Options' }).click();
+    await form.getByRole('button', { name: 'Something is known beforehand' }).click();
+    await form.getByLabel('Known beforehand: parameter').selectOption('rho_d');
+    await form.getByLabel('Known beforehand: value').fill('3');
+    await form.getByRole('button', { name: 'Fit', exact: true }).click();
+    await form.getByRole('alert').filter({ hasText: 'The diffuse reflectance: lies between 0 and 1.' }).waitFor();
+  });
+});
+
+describe('a series recorded elsewhere', () => {
+  it('is imported from its folder and shown', async () => {
+    await page.goto(url);
+    await page.getByText('Bring in a recorded series').click();
+    await page.getByLabel('Its folder on the daemon’s machine').fill('/data/seven');
+    await page.getByRole('button', { name: 'Import' }).click();
+    await page.getByText('Scan 1 with 48 frames; left out: frames/7.png.').waitFor();
+    expect(daemon.requests.find((r) => r.path === '/imports')?.body).toEqual({ folder: '/data/seven', skip_unreadable: false });
+    await page.locator('#answer-title').waitFor();
+  });
+
+  it('says beside the folder what is wrong with it, and what to tick', async () => {
+    daemon.refusals.set('POST /imports', { status: 422, body: { code: 'unreadable', title: 'unreadable', detail: 'frames/7.png is torn; nothing was imported: restore the file, or pass --skip-unreadable to leave it out' } });
+    await page.goto(url);
+    await page.getByText('Bring in a recorded series').click();
+    await page.getByLabel('Its folder on the daemon’s machine').fill('/data/seven');
+    await page.getByRole('button', { name: 'Import' }).click();
+    await page.getByRole('alert').filter({ hasText: 'or tick “leave out frames that cannot be read”.' }).waitFor();
+  });
+});
+
+describe('a fit on the sample’s own shape', () => {
+  const heights = Buffer.from('0,1,2\n0,1,2\n');
+  const map = { name: 'map.csv', mimeType: 'text/csv', buffer: heights };
+  const sent = (): unknown => daemon.requests.findLast((r) => r.path === '/fits' && r.method === 'POST')?.body;
+
+  beforeEach(async () => {
+    daemon.addScan(1, 'paper');
+    await page.goto(url);
+    await page.getByTestId('fit-form').getByLabel('Model').selectOption('traced');
+  });
+
+  it('sends the file with its units, and the result says what it was traced on', async () => {
+    const form = page.getByTestId('fit-form');
+    await form.getByLabel('File of heights').setInputFiles(map);
+    await form.getByLabel('Samples apart, µm').fill('0,5');
+    await form.getByLabel('µm per unit of height').fill('0,001');
+    await form.getByRole('button', { name: 'Fit', exact: true }).click();
+    await expect.poll(sent).toEqual({ scan_id: 1, variant: 'traced', shape: { name: 'map.csv', content: heights.toString('base64'), pitch_um: 0.5, height_unit_um: 0.001 } });
+    await expect.poll(() => text('[data-testid=traced-on]')).toBe('a height map of 6 ridges, 102 µm apart, θr 9.998° by its heights');
+  });
+
+  it('says beside the file what the daemon has against it, and fits without it', async () => {
+    daemon.refusals.set('POST /fits', { status: 422, body: { code: 'invalid-value', title: 'a value makes no sense', detail: 'shape: map.csv: the file does not say how far its samples are apart: add --pitch-um (pitch_um)' } });
+    const form = page.getByTestId('fit-form');
+    await form.getByLabel('File of heights').setInputFiles(map);
+    await form.getByRole('button', { name: 'Fit', exact: true }).click();
+    await form.getByRole('alert').filter({ hasText: 'map.csv: the file does not say how far its samples are apart' }).waitFor();
+    daemon.refusals.clear();
+    await form.getByRole('button', { name: 'Without' }).click();
+    expect(await form.getByRole('alert').count()).toBe(0);
+    await form.getByRole('button', { name: 'Fit', exact: true }).click();
+    await expect.poll(sent).toEqual({ scan_id: 1, variant: 'traced' });
+    await expect.poll(() => text('[data-testid=traced-on]')).toBe('an ideal sawtooth');
+  });
+
+  it('does not send what is too large, of another kind or without sense, nor a shape with another model', async () => {
+    const form = page.getByTestId('fit-form');
+    const fit = form.getByRole('button', { name: 'Fit', exact: true });
+    const file = form.getByLabel('File of heights');
+    await file.setInputFiles({ ...map, name: 'map.tif', buffer: Buffer.alloc(7_000_000) });
+    await form.getByRole('alert').filter({ hasText: 'map.tif has 7.0 MB, and a request takes 6.2 MB' }).waitFor();
+    expect(await fit.isDisabled()).toBe(true);
+    await file.setInputFiles({ ...map, name: 'map.docx' });
+    await form.getByRole('alert').filter({ hasText: 'heights are read from .csv' }).waitFor();
+    await file.setInputFiles(map);
+    await form.getByLabel('Samples apart, µm').fill('0');
+    await form.getByText('a length above 0').waitFor();
+    expect(await fit.isDisabled()).toBe(true);
+    expect(posts()).toEqual([]);
+    await form.getByLabel('Model').selectOption('auto');
+    expect(await file.count()).toBe(0);
+    await fit.click();
+    await expect.poll(sent).toEqual({ scan_id: 1, variant: 'auto' });
+  });
+
+  it('does not carry the shape of one sample over to another', async () => {
+    const other = daemon.addScan(2, 'paper');
+    await page.goto(`${url}/#/scan/1`);
+    await page.reload();
+    const form = page.getByTestId('fit-form');
+    await form.getByLabel('Model').selectOption('traced');
+    await form.getByLabel('File of heights').setInputFiles(map);
+    await form.getByLabel('Samples apart, µm').waitFor();
+    await page.goto(`${url}/#/scan/${other}`);
+    await form.getByLabel('Samples apart, µm').waitFor({ state: 'detached' });
+    await form.getByLabel('Model').selectOption('traced');
+    expect(await form.getByLabel('File of heights').inputValue()).toBe('');
+  });
+});
+
+describe('a fit that runs', () => {
+  it('tells its stage and the time left, and can be cancelled', async () => {
+    daemon.addScan(1, 'paper');
+    daemon.fitMs = null;
+    await page.goto(url);
+    await page.getByRole('button', { name: 'Fit', exact: true }).click();
+    await page.getByText('Fit 1: tracing, 42 s left').waitFor();
+    await page.getByText('Forecast: about 50 s for 108 poses').waitFor();
+    await page.getByRole('button', { name: 'Cancel' }).click();
+    await page.getByText('Fit 1 was cancelled: it has no result.').waitFor();
+    expect(daemon.requests.map((r) => r.path)).toContain('/fits/1/cancel');
+    expect(await page.getByTestId('fit-form').getByRole('button', { name: 'Fit again' }).isEnabled()).toBe(true);
+  });
+});

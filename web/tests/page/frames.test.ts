@@ -1,0 +1,107 @@
+// The page alone: frames, poses, curves and maps of a scan.
+
+import { describe, expect, it } from 'vitest';
+
+import { daemon, page, text, url } from './stage';
+
+describe('observations', () => {
+  const asked = (): string[] => daemon.reads.filter((path) => path.includes('/observations'));
+
+  it('are not asked for before a frame of the sample is in, and again when the scan ends before its time', async () => {
+    daemon.frameMs = 40;
+    await page.goto(url);
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    for (let i = 0; i < 2; i++) await page.getByRole('button', { name: 'Continue' }).click();
+    await page.getByRole('heading', { name: 'Place the sample' }).waitFor();
+    expect(asked()).toEqual([]);
+    await page.getByRole('button', { name: 'Continue' }).click();
+    await page.locator('.kinds').getByText(/^sample [1-9]/).waitFor();
+    await page.getByRole('button', { name: 'Abort …' }).click();
+    await page.getByRole('button', { name: 'Abort for good' }).click();
+    await page.getByText('aborted').first().waitFor();
+    await page.getByTestId('curves').waitFor();
+  });
+
+  it('are shown where a fit kept none, and of a sample of several regions those of the chosen one', async () => {
+    daemon.regions = ['left', 'right half'];
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    daemon.refusals.set('GET /fits/1/curve', { status: 200, body: { peak: 0, observations: [], curves: [] } });
+    await page.goto(url);
+    await expect.poll(() => page.getByTestId('curves').locator('figure').count()).toBe(5);
+    await page.getByTestId('fit-form').getByLabel('Region').selectOption('right half');
+    await expect.poll(asked).toContainEqual(expect.stringContaining('region=right%20half'));
+    expect(await page.getByRole('link', { name: 'Observations as CSV' }).getAttribute('href')).toContain('region=right%20half');
+  });
+});
+
+describe('a map', () => {
+  it('is not begun with a time that is none', async () => {
+    daemon.addScan(1, 'paper');
+    await page.goto(url);
+    const limit = page.getByLabel('Seconds that the map may take');
+    const begin = page.getByRole('button', { name: 'Map every pixel' });
+    for (const wrong of ['-5', 'abc', '0']) {
+      await limit.fill(wrong);
+      await page.getByText('At most: a number of seconds above 0').waitFor();
+      expect(await begin.isDisabled()).toBe(true);
+    }
+    await limit.fill('0,5');
+    await begin.click();
+    await expect.poll(() => daemon.requests.find((r) => r.path === '/maps')?.body).toEqual({ scan_id: 1, max_seconds: 0.5 });
+  });
+});
+
+describe('a frame', () => {
+  it('tells the full 16-bit count of the pixel under the cursor, by pointer and by keys', async () => {
+    daemon.addScan(1, 'paper');
+    await page.goto(url);
+    const canvas = page.getByTestId('frame');
+    await canvas.waitFor();
+    await expect.poll(() => canvas.evaluate((c) => (c as HTMLCanvasElement).width)).toBe(96);
+    await canvas.scrollIntoViewIfNeeded();
+    const box = await canvas.boundingBox();
+    if (!box) throw new Error('the frame is not shown');
+    await canvas.hover({ position: { x: ((5 + 0.5) / 96) * box.width, y: ((3 + 0.5) / 96) * box.height } });
+    await expect.poll(() => text('[data-testid=pixel]')).toBe('column 5, row 3: 12 345 DN');
+    await page.locator('.stage').focus();
+    await page.keyboard.press('ArrowRight');
+    await expect.poll(() => text('[data-testid=pixel]')).toMatch(/^column 6, row 3: /);
+  });
+
+  it('paints saturated pixels in a colour of their own, and only when asked to', async () => {
+    daemon.addScan(1, 'full');
+    await page.goto(url);
+    await page.getByRole('button', { name: 'θc −15°, φs 180°', exact: false }).click();
+    await page.getByRole('button', { name: '0.18 s' }).click();
+    const red = (): Promise<number> =>
+      page.getByTestId('frame').evaluate((c) => {
+        const canvas = c as HTMLCanvasElement;
+        const rgba = canvas.getContext('2d')?.getImageData(0, 0, canvas.width, canvas.height).data ?? [];
+        let n = 0;
+        for (let i = 0; i < rgba.length; i += 4) if (rgba[i] === 255 && rgba[i + 1] === 45 && rgba[i + 2] === 85) n += 1;
+        return n;
+      });
+    await expect.poll(red).toBeGreaterThan(100);
+    await page.getByLabel('mark saturated').uncheck();
+    await expect.poll(red).toBe(0);
+  });
+});
+
+describe('the map of poses', () => {
+  it('is one stop of the Tab key, is crossed by arrow keys, and says what its colours are', async () => {
+    daemon.addScan(1, 'full');
+    await page.goto(url);
+    const poses = page.getByTestId('poses');
+    await poses.waitFor();
+    expect(await poses.locator('button[tabindex="0"]').count()).toBe(1);
+    expect(await poses.locator('button').count()).toBe(108);
+    await poses.locator('button[tabindex="0"]').focus();
+    const before = await poses.locator('button[aria-current]').getAttribute('data-at');
+    await page.keyboard.press('ArrowDown');
+    await page.keyboard.press('ArrowLeft');
+    const [row, column] = (before ?? '').split(' ').map(Number);
+    expect(await poses.locator('button[aria-current]').getAttribute('data-at')).toBe(`${(row ?? 0) + 1} ${(column ?? 0) - 1}`);
+    expect(await poses.locator('button:focus').getAttribute('tabindex')).toBe('0');
+    expect(await text('[data-testid=pose-scale]')).toMatch(/^0 [\d ]+ DN\/s$/);
+  });
+});
