@@ -18,6 +18,9 @@ pub enum FrameKind {
 }
 
 impl FrameKind {
+    /// All kinds.
+    pub const ALL: [FrameKind; 3] = [FrameKind::Sample, FrameKind::Dark, FrameKind::Flat];
+
     /// The word used in files, requests and the database.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
@@ -26,6 +29,20 @@ impl FrameKind {
             FrameKind::Dark => "dark",
             FrameKind::Flat => "flat",
         }
+    }
+}
+
+impl std::fmt::Display for FrameKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+impl TryFrom<String> for FrameKind {
+    type Error = UnknownKind;
+
+    fn try_from(word: String) -> Result<FrameKind, UnknownKind> {
+        word.parse()
     }
 }
 
@@ -38,7 +55,7 @@ impl FromStr for FrameKind {
     type Err = UnknownKind;
 
     fn from_str(word: &str) -> Result<FrameKind, UnknownKind> {
-        [FrameKind::Sample, FrameKind::Dark, FrameKind::Flat]
+        FrameKind::ALL
             .into_iter()
             .find(|kind| kind.as_str() == word)
             .ok_or_else(|| UnknownKind(word.to_owned()))

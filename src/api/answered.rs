@@ -6,7 +6,8 @@
 use serde_json::Value;
 use utoipa::ToSchema;
 
-use super::asked::FitAsked;
+use super::asked::{FitAsked, VariantAsked};
+use super::words::{FitStatus, FitVariantName, TaskState};
 
 /// A fit: what was asked for and how it stands; from `status` on the report, once there is one.
 #[derive(ToSchema)]
@@ -20,8 +21,8 @@ pub struct FitAnswered {
     sample_id: i64,
     /// Name of the sample.
     sample_name: String,
-    /// running, completed, failed, cancelled or interrupted.
-    state: String,
+    /// Where it stands.
+    state: TaskState,
     /// What was asked for.
     request: FitAsked,
     /// RFC 3339 UTC.
@@ -36,11 +37,11 @@ pub struct FitAnswered {
     /// Why it has no report.
     error: Option<FitError>,
     /// The variant that the parameters hang on; the one asked for while there is no report.
-    variant: String,
+    variant: VariantAsked,
     /// Region of interest, where the sample has several.
     region: Option<String>,
-    /// converged, at-bound, rank-deficient, stalled, not-finite, too-few-observations or cancelled.
-    status: Option<String>,
+    /// How the fit ended.
+    status: Option<FitStatus>,
     /// Observations fitted.
     n_observations: Option<u64>,
     /// Frames used, darks and flats included.
@@ -174,9 +175,9 @@ pub struct FrameRejected {
 #[derive(ToSchema)]
 pub struct FitVariant {
     /// Which.
-    variant: String,
+    variant: FitVariantName,
     /// How its fit ended.
-    status: String,
+    status: FitStatus,
     /// Root mean square residual, as a share of the largest observation.
     rms_residual: f64,
     /// χ² per degree of freedom with counting noise alone.

@@ -9,11 +9,11 @@ use serde_json::{Value, json};
 
 use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, IdAndName, Params, page, since};
-use super::{App, Begun, List};
+use super::{App, Begun, List, words};
 use crate::lab::{
     CalculationRequest, ContrastRequest, LabError, MapRequest, TraceRequest, VerdictRequest,
 };
-use crate::scan::event::CalculationKind;
+use crate::scan::event::{CalculationKind, TaskState};
 use crate::store::StoreError;
 use crate::store::calculations::{Calculation, CalculationFilter};
 
@@ -55,7 +55,8 @@ pub struct CalculationParams {
     sample_id: Option<i64>,
     /// Of this scan.
     scan_id: Option<i64>,
-    /// In this state: running, completed, failed, cancelled or interrupted.
+    /// In this state.
+    #[param(value_type = Option<words::TaskState>)]
     state: Option<String>,
     /// Begun at or after, RFC 3339.
     since: Option<String>,
@@ -72,19 +73,17 @@ async fn list(
     params: CalculationParams,
 ) -> Result<Json<List<Value>>, ApiError> {
     let page = page(params.limit, params.cursor.as_deref())?;
-    const STATES: [&str; 5] = ["running", "completed", "failed", "cancelled", "interrupted"];
-    if params
-        .state
-        .as_deref()
-        .is_some_and(|state| !STATES.contains(&state))
-    {
-        let allowed = format!("must be one of {}", STATES.join(", "));
-        return Err(ApiError::invalid("state", &allowed));
-    }
+    let state = match params.state.as_deref() {
+        Some(word) => Some(TaskState::from_word(word).ok_or_else(|| {
+            let known = TaskState::ALL.map(TaskState::as_str).join(", ");
+            ApiError::invalid("state", format!("`{word}` is none of {known}"))
+        })?),
+        None => None,
+    };
     let filter = CalculationFilter {
         sample_id: params.sample_id,
         scan_id: params.scan_id,
-        state: params.state,
+        state,
         since: since(params.since)?,
     };
     let found = app.lab.store().calculations(kind, &filter, page).await?;
@@ -104,7 +103,7 @@ async fn begin(
     let id = app.lab.start_calculation(&request).await?;
     let body = Begun {
         id: Some(id),
-        state: "running".into(),
+        state: TaskState::Running.to_string(),
     };
     let location = [(header::LOCATION, format!("/api/v1/{route}/{id}"))];
     Ok((StatusCode::ACCEPTED, location, Json(body)))
@@ -151,7 +150,7 @@ async fn cancel(
     app.lab.cancel_calculation(kind, id).await?;
     let body = Begun {
         id: Some(id),
-        state: "cancelled".into(),
+        state: TaskState::Cancelled.to_string(),
     };
     Ok((StatusCode::ACCEPTED, Json(body)))
 }
@@ -211,7 +210,7 @@ pub(super) async fn cancel_map(
     ("name" = String, Path, description = "One of its `files`, such as theta_r_deg.png"),
 ), responses(
     (status = 200, description = "The file",
-        content((Vec<u8> = "image/tiff"), (Vec<u8> = "image/png"), (String = "text/csv"), (Object = "application/json"))),
+        content((words::Binary = "image/tiff"), (words::Binary = "image/png"), (String = "text/csv"), (Object = "application/json"))),
     (status = 404, description = "There is no such map", body = Problem),
     (status = 409, description = "The map has no files (yet)", body = Problem),
     (status = 422, description = "The map has no such file", body = Problem),
@@ -379,7 +378,7 @@ pub(super) async fn cancel_trace(
     ("name" = String, Path, description = "One of its `files`, such as bins.csv"),
 ), responses(
     (status = 200, description = "The file",
-        content((String = "text/csv"), (Object = "application/json"), (Vec<u8> = "application/octet-stream"))),
+        content((String = "text/csv"), (Object = "application/json"), (words::Binary = "application/octet-stream"))),
     (status = 404, description = "There is no such trace", body = Problem),
     (status = 409, description = "The trace has no files (yet)", body = Problem),
     (status = 422, description = "The trace has no such file", body = Problem),

@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 
 use super::error::{ApiError, Problem};
 use super::extract::{Id, Params, page, since};
-use super::{App, List};
+use super::{App, List, words};
 use crate::frame::FrameKind;
 use crate::lab::LabError;
 use crate::store::calibrations::{Calibration, CalibrationFilter};
@@ -18,8 +18,9 @@ use crate::store::utc_text;
 pub struct CalibrationBody {
     /// Number of the calibration.
     id: i64,
-    /// Kind of frames: dark or flat.
-    kind: String,
+    /// What its frames show, dark or flat.
+    #[schema(value_type = words::FrameKind)]
+    kind: FrameKind,
     /// Number of the scan that took the frames.
     scan_id: i64,
     /// Exposure times, s.
@@ -43,7 +44,8 @@ pub struct CalibrationBody {
 pub struct CalibrationParams {
     /// Taken or used by this scan.
     scan_id: Option<i64>,
-    /// Kind of frames: dark or flat.
+    /// Calibrations whose frames show this, dark or flat.
+    #[param(value_type = Option<words::FrameKind>)]
     kind: Option<String>,
     /// Made at or after, RFC 3339.
     since: Option<String>,
@@ -57,7 +59,7 @@ pub struct CalibrationParams {
 fn body(app: &App, kept: Calibration) -> Result<CalibrationBody, LabError> {
     let (until, valid) = app
         .lab
-        .calibration_valid_until(&kept.kind, &kept.created_at)?;
+        .calibration_valid_until(kept.kind, &kept.created_at)?;
     Ok(CalibrationBody {
         id: kept.id,
         kind: kept.kind,

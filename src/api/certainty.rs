@@ -9,6 +9,7 @@ use utoipa::ToSchema;
 
 use super::error::{ApiError, Problem};
 use super::extract::{Id, PageParams, Params, page};
+use super::words::{FitStatus, FitVariantName};
 use super::{App, List};
 use crate::scan::event::Certainty;
 use crate::scan::{Event, RecordedEvent};
@@ -37,8 +38,10 @@ pub struct CertaintyBody {
     /// Number of frames used, dark frames and flats included.
     n_frames_used: u32,
     /// Variant of the model that the values are based on.
+    #[schema(value_type = FitVariantName)]
     variant: String,
-    /// How the fit ended: too-few-observations, rank-deficient, …, converged.
+    /// How the fit ended.
+    #[schema(value_type = FitStatus)]
     status: String,
     /// By name; parameters that the frames so far do not determine are missing.
     parameters: BTreeMap<String, UncertainBody>,

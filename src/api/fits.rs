@@ -13,9 +13,10 @@ use super::answered::FitAnswered;
 use super::asked::FitAsked;
 use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, Params, finite, page, since};
-use super::{App, Begun, List};
+use super::{App, Begun, List, words};
 use crate::fit::report::{Status, VariantName};
 use crate::lab::{FitRequest, LabError};
+use crate::scan::event::TaskState;
 use crate::store::StoreError;
 use crate::store::fits::{Fit, FitFilter};
 use crate::wording::refusals::plain;
@@ -72,8 +73,10 @@ pub struct FitParams {
     /// Of this scan.
     scan_id: Option<i64>,
     /// Of this variant.
+    #[param(value_type = Option<words::FitVariantName>)]
     variant: Option<String>,
     /// With this status; `cancelled` finds fits in that state.
+    #[param(value_type = Option<words::FitStatus>)]
     status: Option<String>,
     /// Begun at or after, RFC 3339.
     since: Option<String>,
@@ -141,7 +144,7 @@ pub(super) async fn begin(
     let id = app.lab.start_fit(&request).await?;
     let body = Begun {
         id: Some(id),
-        state: "running".into(),
+        state: TaskState::Running.to_string(),
     };
     let location = [(header::LOCATION, format!("/api/v1/fits/{id}"))];
     Ok((StatusCode::ACCEPTED, location, Json(body)))
@@ -170,7 +173,7 @@ pub(super) async fn cancel(
     app.lab.cancel_fit(id).await?;
     let body = Begun {
         id: Some(id),
-        state: "cancelled".into(),
+        state: TaskState::Cancelled.to_string(),
     };
     Ok((StatusCode::ACCEPTED, Json(body)))
 }
@@ -218,6 +221,7 @@ pub struct PointBody {
 #[derive(Debug, Serialize, ToSchema)]
 pub struct CurveBody {
     /// Variant of the model that predicts it.
+    #[schema(value_type = words::FitVariantName)]
     variant: String,
     /// Camera tilt θc as recorded, degrees.
     theta_c_deg: f64,

@@ -12,7 +12,7 @@ use utoipa::ToSchema;
 use super::caching::Caching;
 use super::error::{ApiError, Problem};
 use super::extract::{Id, Params, page};
-use super::{App, List};
+use super::{App, List, words};
 use crate::frame::{Frame, FrameKind};
 use crate::store::StoreError;
 use crate::store::frames::FrameRecord;
@@ -26,8 +26,9 @@ pub struct FrameBody {
     scan_id: i64,
     /// File name in an export.
     file: String,
-    /// Kind of frame: sample, dark or flat.
-    kind: String,
+    /// What it shows.
+    #[schema(value_type = words::FrameKind)]
+    kind: FrameKind,
     /// Camera tilt θc read back from the stage, degrees.
     theta_c_deg: f64,
     /// Sample azimuth φs read back from the stage, degrees.
@@ -96,7 +97,8 @@ pub(super) fn image_of(id: i64) -> String {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct FrameParams {
-    /// Kind of frame: sample, dark or flat.
+    /// Frames that show this.
+    #[param(value_type = Option<words::FrameKind>)]
     kind: Option<String>,
     /// Rows at most, 1 to 1000; 100 if not given.
     #[param(minimum = 1, maximum = 1000)]
@@ -134,7 +136,7 @@ pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<Frame
 
 /// The 16-bit grey PNG as it was kept; it never changes.
 #[utoipa::path(get, path = "/api/v1/frames/{id}/image.png", tag = "frames", params(("id" = i64, Path, description = "Number of the frame")), responses(
-    (status = 200, description = "The file, bit for bit", content_type = "image/png", body = Vec<u8>),
+    (status = 200, description = "The file, bit for bit", content_type = "image/png", body = words::Binary),
     (status = 304, description = "The client has it"),
     (status = 404, description = "There is no such frame", body = Problem),
 ))]
@@ -159,7 +161,7 @@ pub(super) async fn image(
 
 /// The counts alone, for browsers, which cut a 16-bit PNG to 8 bits.
 #[utoipa::path(get, path = "/api/v1/frames/{id}/pixels", tag = "frames", params(("id" = i64, Path, description = "Number of the frame")), responses(
-    (status = 200, description = "Little-endian u16, row by row from the top left; size in x-width-px and x-height-px", content_type = "application/octet-stream", body = Vec<u8>),
+    (status = 200, description = "Little-endian u16, row by row from the top left; size in x-width-px and x-height-px", content_type = "application/octet-stream", body = words::Binary),
     (status = 304, description = "The client has it"),
     (status = 404, description = "There is no such frame", body = Problem),
 ))]

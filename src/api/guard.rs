@@ -282,6 +282,17 @@ async fn keyed(app: &App, key: &str, request: Request, next: Next) -> Result<Res
     Ok(Response::from_parts(parts, Body::from(body)))
 }
 
+/// A method as it is counted: whatever a client invents is one.
+fn counted(method: &Method) -> &'static str {
+    match *method {
+        Method::GET => "GET",
+        Method::HEAD => "HEAD",
+        Method::POST => "POST",
+        Method::OPTIONS => "OPTIONS",
+        _ => "other",
+    }
+}
+
 /// Counts and times requests, and logs each at debug.
 pub(super) async fn measure(request: Request, next: Next) -> Response {
     let started = Instant::now();
@@ -290,7 +301,7 @@ pub(super) async fn measure(request: Request, next: Next) -> Response {
     let mut response = next.run(request).await;
     let status = response.status().as_u16();
     let took_s = started.elapsed().as_secs_f64();
-    metrics::counter!("ridged_http_requests_total", "method" => method.to_string(), "status" => status.to_string())
+    metrics::counter!("ridged_http_requests_total", "method" => counted(&method), "status" => status.to_string())
         .increment(1);
     metrics::histogram!("ridged_http_request_seconds").record(took_s);
     tracing::debug!(%method, path, status, took_s, "{method} {path}: {status} in {took_s:.4} s");

@@ -67,7 +67,44 @@ pub(super) async fn readyz(State(app): State<App>) -> impl IntoResponse {
     (status, Json(body))
 }
 
-/// Counters and timings for Prometheus.
+/// Says what each metric is, in the text that monitors read.
+pub(super) fn describe_metrics() {
+    use ::metrics::{Unit, describe_counter, describe_gauge, describe_histogram};
+    describe_counter!(
+        "ridged_scan_states_total",
+        "States that scans came to, by state"
+    );
+    describe_counter!(
+        "ridged_frames_total",
+        "Frames kept, by whether they are used"
+    );
+    describe_counter!(
+        "ridged_task_states_total",
+        "States that fits, maps, contrasts, verdicts and traces came to, by task and state"
+    );
+    describe_counter!("ridged_alarms_total", "Alarms, by code");
+    describe_counter!(
+        "ridged_stage_line_total",
+        "Exchanges with the stages, and what went wrong on the line: timeout, garbled, stray or alert"
+    );
+    describe_counter!(
+        "ridged_http_requests_total",
+        "Requests answered, by method and status"
+    );
+    describe_histogram!(
+        "ridged_http_request_seconds",
+        Unit::Seconds,
+        "Time to answer a request"
+    );
+    describe_gauge!(
+        "ridged_disk_free_bytes",
+        Unit::Bytes,
+        "Space left where the data folder is"
+    );
+}
+
+/// Counters and timings for Prometheus: scans and other work by the states they came to, frames, alarms, the line to the
+/// stages, requests, space left. Each `# HELP` line says what a metric is.
 #[utoipa::path(get, path = "/metrics", tag = "health", responses((status = 200, description = "Prometheus text", content_type = "text/plain", body = String)))]
 pub(super) async fn metrics(State(app): State<App>) -> impl IntoResponse {
     if let Ok(free) = app.lab.store().free_bytes() {

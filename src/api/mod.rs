@@ -30,6 +30,7 @@ mod rig;
 mod samples;
 mod scans;
 pub mod server;
+mod words;
 
 use std::sync::Arc;
 
@@ -229,6 +230,7 @@ pub fn openapi_json() -> String {
 
 /// The whole HTTP interface of a lab. `ending` is cancelled when the server shall end.
 pub fn router(lab: Lab, render_metrics: RenderMetrics, ending: CancellationToken) -> Router {
+    health::describe_metrics();
     let app = App {
         lab,
         render_metrics,

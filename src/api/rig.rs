@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 
 use super::error::{ApiError, Problem};
 use super::extract::Body;
-use super::{App, Begun};
+use super::{App, Begun, words};
 use crate::lab::{AxisView, RigView};
 use crate::scan::ScanState;
 use crate::units::Angle;
@@ -39,7 +39,7 @@ pub struct RigBody {
     /// Scan that holds the rig.
     scan_id: Option<i64>,
     /// State of that scan.
-    #[schema(value_type = Option<String>)]
+    #[schema(value_type = Option<words::ScanState>)]
     scan_state: Option<ScanState>,
     /// Why it is in that state, where it says so.
     scan_reason: Option<String>,

@@ -11,7 +11,7 @@ use utoipa::ToSchema;
 use super::asked::ScanAsked;
 use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, Params, from_json, page};
-use super::{App, Begun, List};
+use super::{App, Begun, List, words};
 use crate::lab::{Lab, LabError, ScanRequest};
 use crate::scan::event::OperatorStep;
 use crate::scan::runner::Order;
@@ -60,7 +60,8 @@ impl ProgressBody {
 /// What a person has to do.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct OperatorBody {
-    /// cap-lens, place-white-reference or place-sample.
+    /// What to do.
+    #[schema(value_type = words::OperatorAction)]
     action: &'static str,
     /// The same in words.
     message: &'static str,
@@ -84,8 +85,8 @@ pub struct ScanBody {
     sample_id: i64,
     /// The sample's name.
     sample_name: String,
-    /// planned, waiting-for-operator, running, pausing, paused, interrupted, completed, aborted or failed.
-    #[schema(value_type = String)]
+    /// Where it stands.
+    #[schema(value_type = words::ScanState)]
     state: ScanState,
     /// Why it stands there, where it is not the plan's own course.
     reason: Option<String>,
@@ -167,7 +168,8 @@ pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
 pub struct ScanParams {
     /// Of this sample.
     sample_id: Option<i64>,
-    /// Scans in this state: planned, waiting-for-operator, running, pausing, paused, interrupted, completed, aborted or failed.
+    /// Scans in this state.
+    #[param(value_type = Option<words::ScanState>)]
     state: Option<String>,
     /// Rows at most, 1 to 1000; 100 if not given.
     #[param(minimum = 1, maximum = 1000)]
@@ -287,8 +289,8 @@ pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<ScanB
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ContinueBody {
-    /// cap-lens, place-white-reference or place-sample, as `operator.action` of the scan said; the step waited for if not given.
-    #[schema(value_type = Option<String>)]
+    /// What was done, as `operator.action` of the scan asked for it; the step waited for if not given.
+    #[schema(value_type = Option<words::OperatorAction>)]
     action: Option<OperatorAction>,
 }
 

@@ -404,7 +404,7 @@ impl Owner {
                 if outcome.is_err() {
                     let until = Instant::now() + REPLY_LATE_MAX;
                     self.in_doubt.insert(id, until);
-                    add(&self.shared.counters.timeouts);
+                    add(&self.shared.counters.timeouts, "timeout");
                 }
                 outcome.map_err(Failure::Silence)
             }
@@ -452,7 +452,7 @@ impl Owner {
             Ok(port) => port,
             Err(reason) => return Err(io::Error::other(reason.clone())),
         };
-        add(&self.shared.counters.exchanges);
+        add(&self.shared.counters.exchanges, "exchange");
         for _ in 0..DISCARDED_READS_MAX {
             let n = port.read(&mut buffer, Duration::ZERO)?;
             if n == 0 {
@@ -498,17 +498,19 @@ impl Shared {
     fn put_aside(&self, line: &[u8]) {
         let counters = &self.counters;
         match decode_message(line).map(|message| message.body) {
-            Err(_) => add(&counters.garbled),
-            Ok(Body::Alert(_)) => add(&counters.alerts),
+            Err(_) => add(&counters.garbled, "garbled"),
+            Ok(Body::Alert(_)) => add(&counters.alerts, "alert"),
             Ok(Body::Info(_)) => {}
-            Ok(Body::Reply(_)) => add(&counters.strays),
+            Ok(Body::Reply(_)) => add(&counters.strays, "stray"),
         }
         debug!(port = %self.port, "answers no question: {}", line.escape_ascii());
     }
 }
 
-fn add(counter: &AtomicU64) {
+/// Counts one on this line, and in the whole program for monitors.
+fn add(counter: &AtomicU64, what: &'static str) {
     counter.fetch_add(1, Ordering::Relaxed);
+    metrics::counter!("ridged_stage_line_total", "what" => what).increment(1);
 }
 
 /// Replies to one question as they come in.
@@ -527,7 +529,7 @@ impl Gathering<'_> {
             return false;
         };
         if !message.checked && shared.checksum_required.load(Ordering::Relaxed) {
-            add(&shared.counters.garbled);
+            add(&shared.counters.garbled, "garbled");
             return true;
         }
         match message.body {

@@ -15,6 +15,7 @@ use super::serve::listen_error;
 use super::simulated::{SimulatedRig, Simulation, TRACED_SAMPLE};
 use crate::api::server::{self, ListenError};
 use crate::lab::{FitRequest, Lab, ScanRequest};
+use crate::scan::event::TaskState;
 use crate::scan::plan::Preset;
 use crate::scan::{Event, PlanRequest, ScanState};
 use crate::sim::sample::{Sample, Truth};
@@ -207,17 +208,17 @@ async fn fitted(lab: &Lab, scan_id: i64) -> Result<Value, CliError> {
             .fit(fit_id)
             .await
             .map_err(|e| daemon::lab_error(e.into()))?;
-        match (&fit.report, fit.state.as_str()) {
+        match (&fit.report, fit.state) {
             (Some(report), _) => {
                 return serde_json::from_str(report).map_err(CliError::no_result);
             }
-            (None, "running") => {
+            (None, TaskState::Running) => {
                 // Whatever wakes this, the store has the whole story.
                 let told = tokio::time::timeout(Duration::from_secs(5), events.recv()).await;
                 if let Ok(Ok(event)) = told
                     && let Event::Fit { fit_id, state, .. } = &event.event
                 {
-                    tracing::debug!(fit_id, state, "fit {fit_id} is {state}");
+                    tracing::debug!(fit_id, %state, "fit {fit_id} is {state}");
                 }
             }
             (None, state) => {

@@ -356,6 +356,9 @@ fn looked_for<'s>(
         search.images(problem);
         rounds += 1;
     }
+    if opening.rounds(&search, options) == 0 && !search.over() {
+        search.mirror_image(problem);
+    }
     while rounds < opening.rounds(&search, options) && !search.over() {
         search.thorough(problem);
         search.rescan(problem);
@@ -364,7 +367,12 @@ fn looked_for<'s>(
         rounds += 1;
     }
     if !options.misfit && !search.over() {
-        search.persist(problem);
+        let before = search.best().map(|m| m.cost);
+        search.persist(problem, opening.likely());
+        // What is found late has images, too.
+        if search.best().map(|m| m.cost) != before && !search.over() {
+            search.images(problem);
+        }
     }
     search.follow(problem);
     search
@@ -450,7 +458,8 @@ fn with_less_misfit<'a>(
         && !search.over()
     {
         search.noise_alone(&settled);
-        search.persist(&settled.problem);
+        // Without a misfit no cost is suspicious.
+        search.persist(&settled.problem, f64::INFINITY);
         settled.minimum = search.best().cloned().unwrap_or(settled.minimum);
     }
     settled

@@ -29,6 +29,8 @@ const EFFICIENCY_OF_MEDIAN: f64 = 0.37;
 pub(super) const LEAST_WEIGHT: f64 = 1e-12;
 /// Normal quantile that one in four passes: a χ² above it is looked at once more.
 pub(super) const LIKELY: f64 = 0.674;
+/// Normal quantile that one in twenty passes.
+pub(super) const SELDOM: f64 = 1.645;
 /// Normal quantile that one in a thousand passes.
 pub(super) const RARE: f64 = 3.09;
 

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::estimate::free_quantities;
 use super::known::certified;
-use super::misfit::{LIKELY, RARE, chance, flat_sigma, misfit_scale};
+use super::misfit::{LIKELY, RARE, SELDOM, chance, flat_sigma, misfit_scale};
 use super::problem::{Problem, Quantity, Values};
 use super::search::{Effort, Search};
 use super::settle::{Settled, Weighing, sigma_at};
@@ -150,6 +150,12 @@ impl<'a> Opening<'a> {
         } else {
             cost <= freedom * chance(freedom, RARE)
         }
+    }
+
+    /// Cost of an end at the observations' own weights above which there may well be a deeper one.
+    pub(super) fn likely(&self) -> f64 {
+        let (_, freedom) = self.counts();
+        freedom * chance(freedom, SELDOM)
     }
 
     /// Observations, and degrees of freedom.

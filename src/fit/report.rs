@@ -33,6 +33,19 @@ pub enum Status {
     Cancelled,
 }
 
+impl Status {
+    /// All of them.
+    pub const ALL: [Status; 7] = [
+        Status::Converged,
+        Status::AtBound,
+        Status::RankDeficient,
+        Status::Stalled,
+        Status::NotFinite,
+        Status::TooFewObservations,
+        Status::Cancelled,
+    ];
+}
+
 /// The names that the forms use for the variants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -43,6 +56,15 @@ pub enum VariantName {
     Sawtooth,
     /// The sawtooth corrected by the ray tracer.
     Traced,
+}
+
+impl VariantName {
+    /// All of them.
+    pub const ALL: [VariantName; 3] = [
+        VariantName::Paper,
+        VariantName::Sawtooth,
+        VariantName::Traced,
+    ];
 }
 
 impl std::fmt::Display for VariantName {

@@ -88,7 +88,7 @@ fn of_frames(before: &[FrameRecord], now: &[ImportedFrame]) -> Option<Vec<String
         fn(&ImportedFrame) -> String,
     );
     let columns: [Column; 6] = [
-        ("kind", |f| f.kind.clone(), |f| f.kind.as_str().to_owned()),
+        ("kind", |f| f.kind.to_string(), |f| f.kind.to_string()),
         (
             "theta_c_deg",
             |f| f.theta_c_deg.to_string(),

@@ -328,7 +328,7 @@ impl Lab {
     /// An unknown one, or one that has ended.
     pub async fn cancel_calculation(&self, kind: CalculationKind, id: i64) -> Result<(), LabError> {
         let state = self.store().calculation(kind, id).await?.state;
-        self.inner.calculations.cancel(id, &kind, &state)
+        self.inner.calculations.cancel(id, &kind, state)
     }
 
     /// Path of a file of a finished map or trace.

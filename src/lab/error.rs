@@ -6,6 +6,7 @@ use std::sync::Arc;
 use crate::analysis::AnalysisError;
 use crate::bench::CameraError;
 use crate::bench::stage::StageError;
+use crate::scan::event::TaskState;
 use crate::scan::visit::stage_code;
 use crate::scan::{OperatorAction, PlanError, ScanState};
 use crate::series::{FrameReadError, SeriesError};
@@ -102,7 +103,7 @@ pub enum LabError {
         /// Which one.
         number: i64,
         /// Where it stands.
-        state: String,
+        state: TaskState,
         /// What is not possible, or not there.
         problem: &'static str,
     },

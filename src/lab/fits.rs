@@ -371,7 +371,7 @@ impl Lab {
     /// An unknown fit, or one that has ended.
     pub async fn cancel_fit(&self, fit_id: i64) -> Result<(), LabError> {
         let state = self.store().fit(fit_id).await?.state;
-        self.inner.fits.cancel(fit_id, &"fit", &state)
+        self.inner.fits.cancel(fit_id, &"fit", state)
     }
 
     /// A completed fit beside its observations, with curves every `step_deg` of φs.

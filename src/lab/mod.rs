@@ -25,6 +25,7 @@ mod series;
 mod tasks;
 mod traces;
 mod under_way;
+mod watched;
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -451,66 +452,8 @@ fn asked(order: Order) -> &'static str {
 }
 
 fn tell(events: &broadcast::Sender<Arc<RecordedEvent>>, event: RecordedEvent) {
-    log(&event);
+    watched::log(&event);
+    watched::count(&event.event);
     // Nobody listening is fine: the store has it.
     events.send(Arc::new(event)).ok();
-}
-
-/// The log sees the same events as everybody else.
-fn log(event: &RecordedEvent) {
-    let id = event.id;
-    match &event.event {
-        Event::Rig { activity, .. } => tracing::debug!(id, "rig: {activity:?}"),
-        Event::Scan {
-            scan_id,
-            state,
-            reason,
-            ..
-        } => {
-            let reason = reason
-                .as_ref()
-                .map_or_else(String::new, |r| format!(" ({r})"));
-            tracing::info!(id, scan_id, %state, "scan {scan_id} is {state}{reason}");
-        }
-        Event::Frame {
-            scan_id,
-            frame_id,
-            theta_c_deg,
-            phi_s_deg,
-            ..
-        } => tracing::debug!(
-            id,
-            scan_id,
-            frame_id,
-            "scan {scan_id}: frame {frame_id} at θc {theta_c_deg:.3}°, φs {phi_s_deg:.3}°"
-        ),
-        Event::Fit { fit_id, state, .. } => {
-            tracing::info!(id, fit_id, "fit {fit_id} is {state}");
-        }
-        Event::Uncertainty { scan_id, certainty } => tracing::debug!(
-            id,
-            scan_id,
-            "scan {scan_id}: {} after {} poses and {:.0} s",
-            certainty.status,
-            certainty.n_observations,
-            certainty.elapsed_s
-        ),
-        Event::Calculation {
-            kind,
-            calculation_id,
-            state,
-            ..
-        } => tracing::info!(id, calculation_id, "{kind} {calculation_id} is {state}"),
-        Event::Forecast {
-            of,
-            number,
-            forecast,
-            ..
-        } => tracing::info!(id, of, number, "{of} {number} will take {forecast}"),
-        Event::Alarm {
-            code,
-            message,
-            scan_id,
-        } => tracing::warn!(id, code, scan_id, "{code}: {message}"),
-    }
 }

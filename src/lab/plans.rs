@@ -346,14 +346,14 @@ impl Lab {
     /// A time that cannot be read.
     pub fn calibration_valid_until(
         &self,
-        kind: &str,
+        kind: FrameKind,
         created_at: &str,
     ) -> Result<(OffsetDateTime, bool), LabError> {
         let created = crate::store::utc_of(created_at)
             .ok_or_else(|| StoreError::bad_row("calibrations", created_at))?;
         let valid = match &self.inner.rig {
             None => Duration::ZERO,
-            Some(side) if kind == "dark" => side.settings.dark_valid,
+            Some(side) if kind == FrameKind::Dark => side.settings.dark_valid,
             Some(side) => side.settings.flat_valid,
         };
         let (now, until) = (self.clock().utc(), created + valid);

@@ -82,7 +82,6 @@ impl LabRecorder {
             .buffered(FRAMES_AT_ONCE)
             .try_collect()
             .await?;
-        metrics::counter!("ridged_frames_total").increment(frames.len() as u64);
         for event in store.commit_shot(&shot, &frames, progress).await? {
             tell(&self.told.events, event);
         }
@@ -160,7 +159,6 @@ impl Recorder for LabRecorder {
 
     fn alarm<'a>(&'a mut self, code: &'a str, message: &'a str) -> BoxFuture<'a, ()> {
         Box::pin(async move {
-            metrics::counter!("ridged_alarms_total", "code" => code.to_owned()).increment(1);
             let event = Event::Alarm {
                 code: code.into(),
                 message: message.into(),

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::again::Alike;
 use super::{Lab, LabError};
-use crate::frame::{Frame, FrameKind, UnknownKind};
+use crate::frame::{Frame, FrameKind};
 use crate::material::Material;
 use crate::reduction::{FrameReadError, FrameSource};
 use crate::scan::plan::{DarkPlan, FlatPlan};
@@ -44,7 +44,7 @@ impl StoredSeries {
         let mut rows = Vec::with_capacity(records.len());
         let mut sha256 = Vec::with_capacity(records.len());
         for record in records {
-            rows.push(row(&record, imported)?);
+            rows.push(row(&record, imported));
             sha256.push(record.sha256);
         }
         Ok(StoredSeries {
@@ -83,25 +83,21 @@ impl StoredSeries {
     }
 }
 
-fn row(record: &FrameRecord, imported: bool) -> Result<FrameRow, StoreError> {
-    let kind = record
-        .kind
-        .parse()
-        .map_err(|UnknownKind(other)| StoreError::bad_row("frames", format!("kind `{other}`")))?;
+fn row(record: &FrameRecord, imported: bool) -> FrameRow {
     // The form says that dark frames carry 0, 0; where the stages stood is in the store.
-    let (theta_c_deg, phi_s_deg) = match kind {
+    let (theta_c_deg, phi_s_deg) = match record.kind {
         FrameKind::Dark if !imported => (0.0, 0.0),
         _ => (record.theta_c_deg, record.phi_s_deg),
     };
-    Ok(FrameRow {
+    FrameRow {
         file: record.name.clone(),
-        kind,
+        kind: record.kind,
         theta_c_deg,
         phi_s_deg,
         exposure_s: record.exposure_s,
         repeat: record.repeat,
         timestamp: record.timestamp.clone(),
-    })
+    }
 }
 
 impl FrameSource for StoredSeries {
@@ -542,21 +538,21 @@ impl Lab {
     /// What the store says.
     pub async fn plan_of_import(&self, scan_id: i64) -> Result<Plan, LabError> {
         let frames = self.store().frames_for_reduction(scan_id).await?;
-        let values = |kind: &str, of: &dyn Fn(&FrameRecord) -> f64| {
+        let values = |kind: FrameKind, of: &dyn Fn(&FrameRecord) -> f64| {
             let mut all: Vec<f64> = frames.iter().filter(|f| f.kind == kind).map(of).collect();
             all.sort_by(f64::total_cmp);
             // A recorded stage never stands twice at the very same angle.
             all.dedup_by(|a, b| (*a - *b).abs() < 0.005);
             all
         };
-        let repeats = |kind: &str| {
+        let repeats = |kind: FrameKind| {
             let last = frames
                 .iter()
                 .filter(|f| f.kind == kind)
                 .map(|f| f.repeat + 1);
             last.max().unwrap_or(0)
         };
-        let exposures = |kind: &str| {
+        let exposures = |kind: FrameKind| {
             let mut all: Vec<f64> = frames
                 .iter()
                 .filter(|f| f.kind == kind)
@@ -567,17 +563,17 @@ impl Lab {
             all
         };
         Ok(Plan {
-            theta_c_deg: values("sample", &|f| f.theta_c_deg),
-            phi_s_deg: values("sample", &|f| f.phi_s_deg),
-            exposures_s: exposures("sample"),
-            repeats: repeats("sample"),
+            theta_c_deg: values(FrameKind::Sample, &|f| f.theta_c_deg),
+            phi_s_deg: values(FrameKind::Sample, &|f| f.phi_s_deg),
+            exposures_s: exposures(FrameKind::Sample),
+            repeats: repeats(FrameKind::Sample),
             dark: DarkPlan {
-                repeats: repeats("dark"),
+                repeats: repeats(FrameKind::Dark),
             },
             flat: FlatPlan {
-                theta_c_deg: values("flat", &|f| f.theta_c_deg),
-                exposures_s: exposures("flat"),
-                repeats: repeats("flat"),
+                theta_c_deg: values(FrameKind::Flat, &|f| f.theta_c_deg),
+                exposures_s: exposures(FrameKind::Flat),
+                repeats: repeats(FrameKind::Flat),
             },
             reuse_calibrations: false,
         })

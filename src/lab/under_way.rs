@@ -11,6 +11,7 @@ use tokio::task::JoinHandle;
 
 use super::LabError;
 use super::headway::Headway;
+use crate::scan::event::TaskState;
 
 struct UnderWay {
     cancel: Arc<AtomicBool>,
@@ -60,7 +61,7 @@ impl AllUnderWay {
         &self,
         number: i64,
         what: &dyn std::fmt::Display,
-        state: &dyn std::fmt::Display,
+        state: TaskState,
     ) -> Result<(), LabError> {
         match self.lock().get(&number) {
             Some(work) => {
@@ -70,7 +71,7 @@ impl AllUnderWay {
             None => Err(LabError::NotThere {
                 what: what.to_string(),
                 number,
-                state: state.to_string(),
+                state,
                 problem: "there is nothing to cancel",
             }),
         }

@@ -23,6 +23,13 @@ pub enum OperatorAction {
 }
 
 impl OperatorAction {
+    /// All of them, in the order in which a scan asks for them.
+    pub const ALL: [OperatorAction; 3] = [
+        OperatorAction::CapLens,
+        OperatorAction::PlaceWhiteReference,
+        OperatorAction::PlaceSample,
+    ];
+
     /// The word used in files, requests and the database.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
@@ -36,13 +43,7 @@ impl OperatorAction {
     /// The action of a word, if it is one.
     #[must_use]
     pub fn from_word(word: &str) -> Option<Self> {
-        [
-            OperatorAction::CapLens,
-            OperatorAction::PlaceWhiteReference,
-            OperatorAction::PlaceSample,
-        ]
-        .into_iter()
-        .find(|action| action.as_str() == word)
+        Self::ALL.into_iter().find(|action| action.as_str() == word)
     }
 
     /// What to tell the person.
@@ -243,6 +244,66 @@ impl std::fmt::Display for CalculationKind {
     }
 }
 
+/// Where a fit, map, contrast, verdict or trace stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TaskState {
+    /// Under way.
+    Running,
+    /// There is a result, whatever it says.
+    Completed,
+    /// There is none.
+    Failed,
+    /// A person ended it.
+    Cancelled,
+    /// The daemon ended while it ran.
+    Interrupted,
+}
+
+impl TaskState {
+    /// All states.
+    pub const ALL: [TaskState; 5] = [
+        TaskState::Running,
+        TaskState::Completed,
+        TaskState::Failed,
+        TaskState::Cancelled,
+        TaskState::Interrupted,
+    ];
+
+    /// The word used in requests and the database.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            TaskState::Running => "running",
+            TaskState::Completed => "completed",
+            TaskState::Failed => "failed",
+            TaskState::Cancelled => "cancelled",
+            TaskState::Interrupted => "interrupted",
+        }
+    }
+
+    /// The state of a word, if it is one.
+    #[must_use]
+    pub fn from_word(word: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|state| state.as_str() == word)
+    }
+}
+
+impl TryFrom<String> for TaskState {
+    type Error = String;
+
+    fn try_from(word: String) -> Result<Self, String> {
+        TaskState::from_word(&word)
+            .ok_or_else(|| format!("`{word}` is no state of a fit or another calculation"))
+    }
+}
+
+impl std::fmt::Display for TaskState {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
 /// Something that happened.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "lowercase")]
@@ -306,8 +367,8 @@ pub enum Event {
         fit_id: i64,
         /// Scan it is of.
         scan_id: i64,
-        /// running, completed, failed, cancelled or interrupted.
-        state: String,
+        /// Where it stands now.
+        state: TaskState,
         /// Variant asked for or found.
         variant: String,
         /// How the fit ended.
@@ -331,8 +392,8 @@ pub enum Event {
         calculation_id: i64,
         /// Scan it is of.
         scan_id: Option<i64>,
-        /// running, completed, failed, cancelled or interrupted.
-        state: String,
+        /// Where it stands now.
+        state: TaskState,
     },
     /// It is known how long something that runs will take.
     Forecast {

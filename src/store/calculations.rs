@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use sqlx::FromRow;
 
 use super::{PROGRAM, Page, PageRequest, Store, StoreError};
-use crate::scan::event::CalculationKind;
+use crate::scan::event::{CalculationKind, TaskState};
 use crate::scan::{Event, RecordedEvent};
 
 /// How a calculation ended.
@@ -34,8 +34,9 @@ pub struct Calculation {
     pub scan_id: Option<i64>,
     /// JSON of what was asked for.
     pub request: String,
-    /// running, completed, failed, cancelled or interrupted.
-    pub state: String,
+    /// Where it stands.
+    #[sqlx(try_from = "String")]
+    pub state: TaskState,
     /// JSON of the result.
     pub result: Option<String>,
     /// Why there is none.
@@ -56,7 +57,7 @@ pub struct CalculationFilter {
     /// Of this scan.
     pub scan_id: Option<i64>,
     /// In this state.
-    pub state: Option<String>,
+    pub state: Option<TaskState>,
     /// Begun at or after, RFC 3339 UTC.
     pub since: Option<String>,
 }
@@ -96,7 +97,7 @@ impl Store {
             kind,
             calculation_id: id,
             scan_id,
-            state: "running".into(),
+            state: TaskState::Running,
         };
         let event = self.record_in(&mut transaction, event).await?;
         transaction.commit().await?;
@@ -114,21 +115,24 @@ impl Store {
     ) -> Result<RecordedEvent, StoreError> {
         match end {
             CalculationEnd::Completed(result) => {
-                self.insert_end_of(id, "completed", Some(result), None)
+                self.insert_end_of(id, TaskState::Completed, Some(result), None)
                     .await
             }
             CalculationEnd::Failed { code, detail } => {
-                self.insert_end_of(id, "failed", None, Some((code, detail)))
+                self.insert_end_of(id, TaskState::Failed, None, Some((code, detail)))
                     .await
             }
-            CalculationEnd::Cancelled => self.insert_end_of(id, "cancelled", None, None).await,
+            CalculationEnd::Cancelled => {
+                self.insert_end_of(id, TaskState::Cancelled, None, None)
+                    .await
+            }
         }
     }
 
     async fn insert_end_of(
         &self,
         id: i64,
-        state: &str,
+        state: TaskState,
         result: Option<&str>,
         error: Option<(&str, &str)>,
     ) -> Result<RecordedEvent, StoreError> {
@@ -149,7 +153,7 @@ impl Store {
              VALUES (?, ?, ?, ?, ?, ?)",
         )
         .bind(id)
-        .bind(state)
+        .bind(state.as_str())
         .bind(result)
         .bind(error.map(|e| e.0))
         .bind(error.map(|e| e.1))
@@ -160,7 +164,7 @@ impl Store {
             kind,
             calculation_id: id,
             scan_id,
-            state: state.into(),
+            state,
         };
         let event = self.record_in(&mut transaction, event).await?;
         transaction.commit().await?;
@@ -178,7 +182,10 @@ impl Store {
         .await?;
         let mut events = Vec::new();
         for id in &ids {
-            events.push(self.insert_end_of(*id, "interrupted", None, None).await?);
+            events.push(
+                self.insert_end_of(*id, TaskState::Interrupted, None, None)
+                    .await?,
+            );
             for kind in [CalculationKind::Map, CalculationKind::Trace] {
                 fs::remove_dir_all(self.part_folder(kind, *id)).ok();
             }
@@ -227,7 +234,7 @@ impl Store {
         .bind(kind.as_str())
         .bind(page.cursor)
         .bind(filter.scan_id)
-        .bind(&filter.state)
+        .bind(filter.state.map(TaskState::as_str))
         .bind(filter.sample_id)
         .bind(&filter.since)
         .bind(page.limit + 1)
@@ -301,11 +308,11 @@ mod tests {
             .calculation(CalculationKind::Contrast, id)
             .await
             .unwrap();
-        assert_eq!(kept.state, "completed");
+        assert_eq!(kept.state, TaskState::Completed);
         assert!(store.calculation(CalculationKind::Map, id).await.is_err());
-        let found = async |kind, state: &str| {
+        let found = async |kind, state: TaskState| {
             let filter = CalculationFilter {
-                state: Some(state.into()),
+                state: Some(state),
                 ..CalculationFilter::default()
             };
             let page = PageRequest::default();
@@ -316,9 +323,15 @@ mod tests {
                 .items
                 .len()
         };
-        assert_eq!(found(CalculationKind::Contrast, "completed").await, 1);
-        assert_eq!(found(CalculationKind::Contrast, "running").await, 0);
-        assert_eq!(found(CalculationKind::Map, "completed").await, 0);
+        assert_eq!(
+            found(CalculationKind::Contrast, TaskState::Completed).await,
+            1
+        );
+        assert_eq!(
+            found(CalculationKind::Contrast, TaskState::Running).await,
+            0
+        );
+        assert_eq!(found(CalculationKind::Map, TaskState::Completed).await, 0);
         let of = async |sample_id, since: &str| {
             let filter = CalculationFilter {
                 sample_id: Some(sample_id),
@@ -353,6 +366,6 @@ mod tests {
         assert_eq!(found.interrupted_calculations, [id]);
         assert!(!part.exists());
         let kept = store.calculation(CalculationKind::Map, id).await.unwrap();
-        assert_eq!(kept.state, "interrupted");
+        assert_eq!(kept.state, TaskState::Interrupted);
     }
 }

@@ -27,8 +27,8 @@ pub struct NewCalibration {
 pub struct Calibration {
     /// Its number.
     pub id: i64,
-    /// `dark` or `flat`.
-    pub kind: String,
+    /// What its frames show, dark or flat.
+    pub kind: FrameKind,
     /// Scan that took the frames.
     pub scan_id: i64,
     /// Rig and camera settings they hold for.
@@ -46,7 +46,8 @@ pub struct Calibration {
 #[derive(FromRow)]
 struct Row {
     id: i64,
-    kind: String,
+    #[sqlx(try_from = "String")]
+    kind: FrameKind,
     scan_id: i64,
     rig_id: i64,
     exposures_s: String,

@@ -3,7 +3,7 @@
 use sqlx::FromRow;
 
 use super::{PROGRAM, Page, PageRequest, Store, StoreError};
-use crate::scan::event::ShortValue;
+use crate::scan::event::{ShortValue, TaskState};
 use crate::scan::{Event, RecordedEvent};
 
 /// A fit to be begun.
@@ -63,8 +63,9 @@ pub struct Fit {
     pub region: Option<String>,
     /// JSON of all options, and of what was asked for (`request`).
     pub options: String,
-    /// running, completed, failed, cancelled or interrupted.
-    pub state: String,
+    /// Where it stands.
+    #[sqlx(try_from = "String")]
+    pub state: TaskState,
     /// Observations it was made of.
     pub set_id: Option<i64>,
     /// JSON as `fit --json` prints it.
@@ -127,7 +128,7 @@ impl Store {
         let event = Event::Fit {
             fit_id: id,
             scan_id: new.scan_id,
-            state: "running".into(),
+            state: TaskState::Running,
             variant: new.variant.clone(),
             status: None,
             theta_r_deg: None,
@@ -151,40 +152,32 @@ impl Store {
                 theta_r_deg,
             } => {
                 let row = EndRow {
-                    state: "completed",
                     set_id: Some(*set_id),
                     report: Some(report),
                     variant: Some(variant),
                     status: Some(status),
                     theta_r_deg: *theta_r_deg,
-                    ..EndRow::default()
+                    ..EndRow::of(TaskState::Completed)
                 };
                 self.insert_end(fit_id, row).await
             }
             FitEnd::Failed { code, detail } => {
                 let row = EndRow {
-                    state: "failed",
                     error: Some((code, detail)),
-                    ..EndRow::default()
+                    ..EndRow::of(TaskState::Failed)
                 };
                 self.insert_end(fit_id, row).await
             }
             FitEnd::Cancelled => {
-                let row = EndRow {
-                    state: "cancelled",
-                    ..EndRow::default()
-                };
-                self.insert_end(fit_id, row).await
+                self.insert_end(fit_id, EndRow::of(TaskState::Cancelled))
+                    .await
             }
         }
     }
 
     pub(super) async fn interrupt_fit(&self, fit_id: i64) -> Result<RecordedEvent, StoreError> {
-        let row = EndRow {
-            state: "interrupted",
-            ..EndRow::default()
-        };
-        self.insert_end(fit_id, row).await
+        self.insert_end(fit_id, EndRow::of(TaskState::Interrupted))
+            .await
     }
 
     async fn insert_end(&self, fit_id: i64, row: EndRow<'_>) -> Result<RecordedEvent, StoreError> {
@@ -203,7 +196,7 @@ impl Store {
              VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         )
         .bind(fit_id)
-        .bind(row.state)
+        .bind(row.state.as_str())
         .bind(row.set_id)
         .bind(row.report)
         .bind(row.variant)
@@ -217,7 +210,7 @@ impl Store {
         let event = Event::Fit {
             fit_id,
             scan_id,
-            state: row.state.into(),
+            state: row.state,
             variant: row.variant.unwrap_or(&asked).into(),
             status: row.status.map(Into::into),
             theta_r_deg: row.theta_r_deg,
@@ -278,15 +271,29 @@ impl Store {
     }
 }
 
-#[derive(Default)]
 struct EndRow<'a> {
-    state: &'a str,
+    state: TaskState,
     set_id: Option<i64>,
     report: Option<&'a str>,
     variant: Option<&'a str>,
     status: Option<&'a str>,
     theta_r_deg: Option<ShortValue>,
     error: Option<(&'a str, &'a str)>,
+}
+
+impl EndRow<'_> {
+    /// One that says nothing but the state.
+    fn of(state: TaskState) -> Self {
+        EndRow {
+            state,
+            set_id: None,
+            report: None,
+            variant: None,
+            status: None,
+            theta_r_deg: None,
+            error: None,
+        }
+    }
 }
 
 #[cfg(test)]
@@ -312,7 +319,7 @@ mod tests {
         let scan = planned(&store).await;
         let set_id = store.add_empty_set(scan.id).await;
         let id = begun(&store, scan.id).await;
-        assert_eq!(store.fit(id).await.unwrap().state, "running");
+        assert_eq!(store.fit(id).await.unwrap().state, TaskState::Running);
         let end = FitEnd::Completed {
             set_id,
             report: "{}".into(),
@@ -361,6 +368,6 @@ mod tests {
         drop(store);
         let (store, found) = open(folder.path()).await.unwrap();
         assert_eq!(found.interrupted_fits, [id]);
-        assert_eq!(store.fit(id).await.unwrap().state, "interrupted");
+        assert_eq!(store.fit(id).await.unwrap().state, TaskState::Interrupted);
     }
 }

@@ -80,8 +80,9 @@ pub struct FrameRecord {
     pub scan_id: i64,
     /// File name in a series.
     pub name: String,
-    /// What it shows: sample, dark or flat.
-    pub kind: String,
+    /// What it shows.
+    #[sqlx(try_from = "String")]
+    pub kind: FrameKind,
     /// Tilt read back.
     pub theta_c_deg: f64,
     /// Azimuth read back.

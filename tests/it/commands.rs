@@ -315,6 +315,65 @@ fn a_kill_in_mid_scan_leaves_every_committed_frame_and_the_scan_interrupted() {
     assert!(daemon.terminate().success());
 }
 
+#[test]
+fn monitors_see_scans_frames_the_line_and_requests_by_a_few_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut daemon = Daemon::start(folder.path(), &["--simulated-rig", "--time-scale", "50"]);
+    let begun = daemon.post("/scans", r#"{"sample_id": 2, "plan": {"preset": "paper"}}"#);
+    assert_eq!(begun.0, 202, "{}", begun.1);
+    // Orders that come when the scan has ended are refused, which does not matter here.
+    daemon.follow(|daemon, event| match event["type"].as_str() {
+        Some("scan") if event["state"] == "waiting-for-operator" => {
+            daemon.post("/scans/1/continue", "");
+            true
+        }
+        Some("frame") => {
+            daemon.post("/scans/1/abort", "");
+            true
+        }
+        _ => event["state"] != "aborted",
+    });
+    let host = daemon.url.strip_prefix("http://").unwrap().to_owned();
+    for method in ["BREW", "WHISK"] {
+        let mut stream = TcpStream::connect(&host).unwrap();
+        write!(
+            stream,
+            "{method} /healthz HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n"
+        )
+        .unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        assert!(answer.starts_with("HTTP/1.1 405"), "{answer}");
+    }
+    let (status, text) = daemon.bytes("/metrics");
+    assert_eq!(status, 200);
+    let text = String::from_utf8(text).unwrap();
+    let value = |name: &str| -> f64 {
+        let line = text.lines().find(|line| line.starts_with(name));
+        let line = line.unwrap_or_else(|| panic!("no {name} in\n{text}"));
+        line.rsplit(' ').next().unwrap().parse().unwrap()
+    };
+    assert_eq!(value("ridged_scan_states_total{state=\"aborted\"}"), 1.0);
+    assert!(value("ridged_frames_total{accepted=\"true\"}") >= 1.0);
+    assert!(value("ridged_stage_line_total{what=\"exchange\"}") > 10.0);
+    assert_eq!(
+        value("ridged_http_requests_total{method=\"other\",status=\"405\"}"),
+        2.0
+    );
+    assert!(!text.contains("BREW"));
+    // Every metric says what it is.
+    let kinds = text
+        .lines()
+        .filter(|line| line.starts_with("# TYPE"))
+        .count();
+    let helps = text
+        .lines()
+        .filter(|line| line.starts_with("# HELP"))
+        .count();
+    assert_eq!(kinds, helps, "{text}");
+    assert!(daemon.terminate().success());
+}
+
 /// A daemon as a process of its own.
 pub(crate) struct Daemon {
     child: Child,

@@ -11,6 +11,7 @@ use ridged::lab::{
     FitRequest, ImportOptions, LabError, ScanRequest, StoredSeries, export, export_readable,
 };
 use ridged::reduction::FrameSource;
+use ridged::scan::event::TaskState;
 use ridged::scan::plan::Preset;
 use ridged::scan::runner::Order;
 use ridged::scan::{Event, OperatorAction, PlanRequest, ScanState};
@@ -95,12 +96,12 @@ async fn a_scan_is_planned_run_kept_told_and_fitted() {
     let mut events = lab.events();
     let fit = loop {
         let fit = lab.store().fit(fit_id).await.unwrap();
-        if fit.state != "running" {
+        if fit.state != TaskState::Running {
             break fit;
         }
         events.recv().await.unwrap();
     };
-    assert_eq!(fit.state, "completed", "{:?}", fit.error_detail);
+    assert_eq!(fit.state, TaskState::Completed, "{:?}", fit.error_detail);
     let report = fit.report.unwrap();
     // What the HTTP interface says of a report is what it is.
     let whole: serde_json::Value = serde_json::from_str(&report).unwrap();
@@ -228,7 +229,7 @@ async fn calibrations_from_the_future_are_taken_anew() {
     for kept in kept.unwrap().items {
         let (_, valid) = bench
             .lab
-            .calibration_valid_until(&kept.kind, &kept.created_at)
+            .calibration_valid_until(kept.kind, &kept.created_at)
             .unwrap();
         assert!(!valid, "{}", kept.created_at);
     }

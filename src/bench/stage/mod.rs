@@ -23,7 +23,7 @@ pub use super::AxisName;
 pub use super::port::{NoFaults, PortAddress, PortSeam};
 
 use self::axis::Axis;
-use super::line::{Line, LineCounts, LineSettings};
+use super::line::{Line, LineSettings};
 use super::wire::zaber::Activity;
 use super::wire::zaber_flags::{Flag, FlagClass};
 use crate::clock::Clock;
@@ -399,12 +399,6 @@ impl Stage {
             theta_c: of(&self.inner.theta_c),
             phi_s: of(&self.inner.phi_s),
         }
-    }
-
-    /// What has been seen on the line that answered no question: for metrics.
-    #[must_use]
-    pub fn line_counts(&self) -> LineCounts {
-        self.inner.line.counts()
     }
 }
 

@@ -106,15 +106,17 @@ impl Search<'_> {
         self.runs.extend(ends);
     }
 
-    /// Rounds on end where the data leave the surface open: there minima are many, and the deepest is found
-    /// by looking on until [`CALM`] rounds in a row find none deeper.
-    pub(in crate::fit) fn persist(&mut self, problem: &Problem<'_>) {
+    /// Rounds on end where the data leave the surface open, or the best end costs more than is `likely`: there minima are
+    /// many, and the deepest is found by looking on until [`CALM`] rounds in a row find none deeper.
+    pub(in crate::fit) fn persist(&mut self, problem: &Problem<'_>, likely: f64) {
         let mut calm = 0;
         for round in 0..PERSISTENT_ROUNDS {
             let Some(before) = self.best() else {
                 return;
             };
-            let open = many_minima(problem, before) || self.rivalled(problem, before);
+            let open = before.cost > likely
+                || many_minima(problem, before)
+                || self.rivalled(problem, before);
             // A minimum that one start alone came to is no sign that none is deeper.
             let alone = !self.confirmed(2);
             let patience = if alone { 2 * CALM } else { CALM };
@@ -138,6 +140,18 @@ impl Search<'_> {
     /// mirrored and quarter-turned azimuths, αu and αv exchanged with a quarter turn; and from what facets and risers
     /// make when they change places, half a turn on.
     pub(in crate::fit) fn images(&mut self, problem: &Problem<'_>) {
+        self.descend_images(problem, 1..16);
+    }
+
+    /// The least of it, for a search whose quick look was enough: mirrored azimuths, which a lobe on
+    /// one side of the tilt plane nearly allows; where noise alone tells minima apart, all images.
+    pub(in crate::fit) fn mirror_image(&mut self, problem: &Problem<'_>) {
+        let most = if self.effort == Effort::NOISE { 16 } else { 2 };
+        self.descend_images(problem, 1..most);
+    }
+
+    /// Bit 0 of an image: mirrored; bit 1: exchanged; above: quarter turns.
+    fn descend_images(&mut self, problem: &Problem<'_>, images: std::ops::Range<u8>) {
         let Some(best) = self.best() else {
             return;
         };
@@ -150,7 +164,7 @@ impl Search<'_> {
             ..Settings::default()
         };
         let cancel = self.cancel;
-        let ends: Vec<Minimum> = (1..16)
+        let ends: Vec<Minimum> = images
             .into_par_iter()
             .map(|image| {
                 let (mirrored, exchanged, quarters) = (image & 1 == 1, image & 2 == 2, image >> 2);

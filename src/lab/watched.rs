@@ -1,0 +1,89 @@
+//! What watches a lab from outside: the log and the counters for monitors see the same events as everybody else.
+
+use metrics::counter;
+
+use crate::scan::{Event, RecordedEvent};
+
+/// Counts what monitors want to know of. States are counted as they are entered.
+pub(super) fn count(event: &Event) {
+    match event {
+        Event::Scan { state, .. } => {
+            counter!("ridged_scan_states_total", "state" => state.as_str()).increment(1);
+        }
+        Event::Frame { accepted, .. } => {
+            let accepted = if *accepted { "true" } else { "false" };
+            counter!("ridged_frames_total", "accepted" => accepted).increment(1);
+        }
+        Event::Fit { state, .. } => {
+            counter!("ridged_task_states_total", "task" => "fit", "state" => state.as_str())
+                .increment(1);
+        }
+        Event::Calculation { kind, state, .. } => {
+            let (task, state) = (kind.as_str(), state.as_str());
+            counter!("ridged_task_states_total", "task" => task, "state" => state).increment(1);
+        }
+        Event::Alarm { code, .. } => {
+            counter!("ridged_alarms_total", "code" => code.clone()).increment(1);
+        }
+        Event::Rig { .. } | Event::Uncertainty { .. } | Event::Forecast { .. } => {}
+    }
+}
+
+/// Writes an event to the log.
+pub(super) fn log(event: &RecordedEvent) {
+    let id = event.id;
+    match &event.event {
+        Event::Rig { activity, .. } => tracing::debug!(id, "rig: {activity:?}"),
+        Event::Scan {
+            scan_id,
+            state,
+            reason,
+            ..
+        } => {
+            let reason = reason
+                .as_ref()
+                .map_or_else(String::new, |r| format!(" ({r})"));
+            tracing::info!(id, scan_id, %state, "scan {scan_id} is {state}{reason}");
+        }
+        Event::Frame {
+            scan_id,
+            frame_id,
+            theta_c_deg,
+            phi_s_deg,
+            ..
+        } => tracing::debug!(
+            id,
+            scan_id,
+            frame_id,
+            "scan {scan_id}: frame {frame_id} at θc {theta_c_deg:.3}°, φs {phi_s_deg:.3}°"
+        ),
+        Event::Fit { fit_id, state, .. } => {
+            tracing::info!(id, fit_id, "fit {fit_id} is {state}");
+        }
+        Event::Uncertainty { scan_id, certainty } => tracing::debug!(
+            id,
+            scan_id,
+            "scan {scan_id}: {} after {} poses and {:.0} s",
+            certainty.status,
+            certainty.n_observations,
+            certainty.elapsed_s
+        ),
+        Event::Calculation {
+            kind,
+            calculation_id,
+            state,
+            ..
+        } => tracing::info!(id, calculation_id, "{kind} {calculation_id} is {state}"),
+        Event::Forecast {
+            of,
+            number,
+            forecast,
+            ..
+        } => tracing::info!(id, of, number, "{of} {number} will take {forecast}"),
+        Event::Alarm {
+            code,
+            message,
+            scan_id,
+        } => tracing::warn!(id, code, scan_id, "{code}: {message}"),
+    }
+}
