@@ -285,19 +285,24 @@ impl Lab {
             number: id,
             scan_id: request.scan_id(),
         };
-        let lab = self.clone();
+        let (lab, kind) = (self.clone(), request.kind());
         self.inner.calculations.begin(id, |flag, told| async move {
             let store = lab.store().clone();
             let broken_off = |error: LabError| CalculationEnd::Failed {
                 code: error.code().into(),
                 detail: error.to_string(),
             };
-            let work = lab.foretell(what, work, Work::forecast, &told, &flag);
-            let end = match work.await {
-                Ok(work) => blocking(move || work.run(&store, id, &told, &flag))
-                    .await
-                    .unwrap_or_else(broken_off),
-                Err(error) => broken_off(error),
+            let end = match lab.inner.turns.of(kind).mine(&told, &flag).await {
+                None => CalculationEnd::Cancelled,
+                Some(_turn) => {
+                    let work = lab.foretell(what, work, Work::forecast, &told, &flag);
+                    match work.await {
+                        Ok(work) => blocking(move || work.run(&store, id, &told, &flag))
+                            .await
+                            .unwrap_or_else(broken_off),
+                        Err(error) => broken_off(error),
+                    }
+                }
             };
             match lab.store().end_calculation(id, &end).await {
                 Ok(event) => lab.tell(event),

@@ -288,12 +288,15 @@ impl Lab {
                 of_analysis(series, options, cancel)
             };
             let work = (series, options);
-            let end = match lab.foretell(what, work, make, &told, &flag).await {
-                Ok((series, options)) => {
-                    lab.fit_to_its_end(scan_id, series, options, &told, &flag)
-                        .await
-                }
-                Err(error) => broken_off(&error),
+            let end = match lab.inner.turns.fits.mine(&told, &flag).await {
+                None => FitEnd::Cancelled,
+                Some(_turn) => match lab.foretell(what, work, make, &told, &flag).await {
+                    Ok((series, options)) => {
+                        lab.fit_to_its_end(scan_id, series, options, &told, &flag)
+                            .await
+                    }
+                    Err(error) => broken_off(&error),
+                },
             };
             match lab.store().end_fit(fit_id, &end).await {
                 Ok(event) => lab.tell(event),

@@ -3,7 +3,7 @@
 //! Make a [`Headway`], hand it to the work, and call [`Headway::now`] and [`Headway::forecast`]. It does not
 //! know what is calculated.
 
-use std::sync::{Mutex, MutexGuard};
+use std::sync::{Mutex, MutexGuard, OnceLock};
 use std::time::Instant;
 
 use serde::Serialize;
@@ -28,6 +28,8 @@ pub struct Progress {
 #[derive(Debug)]
 pub(super) struct Headway {
     begun: Instant,
+    /// When its turn came.
+    started: OnceLock<Instant>,
     stage: Mutex<Option<Reached>>,
     forecast: Mutex<Option<Foretold>>,
 }
@@ -50,9 +52,15 @@ impl Headway {
     pub(super) fn new() -> Self {
         Headway {
             begun: Instant::now(),
+            started: OnceLock::new(),
             stage: Mutex::new(None),
             forecast: Mutex::new(None),
         }
+    }
+
+    /// Its turn has come: what it waited is no time that it takes.
+    pub(super) fn start(&self) {
+        self.started.get_or_init(Instant::now);
     }
 
     /// What it will take, told once before the work starts.
@@ -76,9 +84,10 @@ impl Headway {
         (left > 0.0).then_some(left)
     }
 
-    /// Seconds since it began.
+    /// Seconds since it began, or while it waits for its turn, since it was asked for.
     pub(super) fn elapsed_s(&self) -> f64 {
-        self.begun.elapsed().as_secs_f64()
+        let since = self.started.get().unwrap_or(&self.begun);
+        since.elapsed().as_secs_f64()
     }
 
     fn lock_forecast(&self) -> MutexGuard<'_, Option<Foretold>> {

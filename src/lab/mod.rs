@@ -24,6 +24,7 @@ mod rig;
 mod series;
 mod tasks;
 mod traces;
+mod turns;
 mod under_way;
 mod watched;
 
@@ -58,6 +59,7 @@ pub use plans::{Estimated, ScanRequest};
 pub use rig::{AxisView, RigView};
 pub use series::{Exported, ImportOptions, Imported, StoredSeries, export, export_readable};
 pub use traces::TraceRequest;
+use turns::AllTurns;
 use under_way::AllUnderWay;
 
 /// Space that imports leave alone where nobody says how much.
@@ -107,6 +109,7 @@ struct Inner {
     rig: Option<RigSide>,
     fits: AllUnderWay,
     calculations: AllUnderWay,
+    turns: AllTurns,
     /// Reductions for who only looks at observations.
     reductions: Reductions,
     /// Space that imports leave alone.
@@ -196,6 +199,7 @@ impl Lab {
                 rig,
                 fits: AllUnderWay::default(),
                 calculations: AllUnderWay::default(),
+                turns: AllTurns::default(),
                 reductions: Reductions::default(),
                 reserve_bytes: AtomicU64::new(reserve_bytes),
                 ends,

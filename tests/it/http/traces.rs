@@ -119,6 +119,34 @@ async fn a_scene_is_traced_compared_and_looked_at() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_third_trace_waits_for_its_turn_and_is_cancelled_while_it_waits() {
+    let (bench, router) = opened().await;
+    let rough = json!({ "shape": "beckmann", "alpha_u": 0.4, "alpha_v": 0.4, "cells": 32, "below": { "n": 1.5 } });
+    let endless = json!({
+        "scene": { "light": { "theta_i_deg": 45.0 }, "interface": [rough], "run": { "photons": 4_000_000_000u64 } },
+    });
+    let mut begun = Vec::new();
+    for _ in 0..3 {
+        begun.push(post(&router, "/api/v1/traces", &endless.to_string()).await);
+    }
+    let location = |k: usize| begun[k].location.clone().unwrap();
+    let waiting = loop {
+        let trace = get(&router, &location(2)).await.body;
+        match trace["progress"]["stage"].as_str() {
+            Some(stage) => break stage.to_owned(),
+            None => tokio::task::yield_now().await,
+        }
+    };
+    assert_eq!(waiting, "waiting for its turn");
+    for k in [2, 0, 1] {
+        let cancel = format!("{}/cancel", location(k));
+        assert_eq!(post(&router, &cancel, "").await.status, 202);
+        assert_eq!(ended(&router, &begun[k]).await["state"], "cancelled");
+    }
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_scene_brings_its_files() {
     let (bench, router) = opened().await;
     // Hills of one period on 8 × 8 samples.
