@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::error::{ApiError, Problem};
-use super::extract::{Body, Id, PageParams, Params, page};
+use super::extract::{Body, Id, Params, page};
 use super::{App, List};
 use crate::material::{Material, tables};
 use crate::series::INDEX_STD;
@@ -159,16 +159,31 @@ impl From<Sample> for SampleBody {
     }
 }
 
+/// Which samples.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct SampleParams {
+    /// Of exactly this name.
+    name: Option<String>,
+    /// Rows at most, 1 to 1000; 100 if not given.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
 /// Samples, newest first.
-#[utoipa::path(get, path = "/api/v1/samples", tag = "samples", params(PageParams), responses(
+#[utoipa::path(get, path = "/api/v1/samples", tag = "samples", params(SampleParams), responses(
     (status = 200, description = "A page of samples", body = List<SampleBody>),
 ))]
 pub(super) async fn list(
     State(app): State<App>,
-    Params(params): Params<PageParams>,
+    Params(params): Params<SampleParams>,
 ) -> Result<Json<List<SampleBody>>, ApiError> {
     let page = page(params.limit, params.cursor.as_deref())?;
-    Ok(Json(app.lab.store().samples(page).await?.into()))
+    let found = app.lab.store().samples(params.name.as_deref(), page);
+    Ok(Json(found.await?.into()))
 }
 
 /// Add a sample.

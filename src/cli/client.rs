@@ -165,9 +165,18 @@ impl Client {
     /// # Errors
     /// The daemon's problem, with exit code 2 where the input is to blame.
     pub fn get(&self, path: &str) -> Result<Value, CliError> {
+        self.search(path, &[])
+    }
+
+    /// Asks for a path below `/api/v1` with parameters, whatever their values have in them.
+    ///
+    /// # Errors
+    /// As [`Client::get`].
+    pub fn search(&self, path: &str, query: &[(&str, &str)]) -> Result<Value, CliError> {
         let answer = self
             .agent
             .get(format!("{}/api/v1{path}", self.url))
+            .query_pairs(query.iter().copied())
             .call()
             .map_err(unreachable)?;
         read(answer)

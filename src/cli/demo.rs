@@ -19,7 +19,6 @@ use crate::scan::event::TaskState;
 use crate::scan::plan::Preset;
 use crate::scan::{Event, PlanRequest, ScanState};
 use crate::sim::sample::{Sample, Truth};
-use crate::store::PageRequest;
 use crate::units::Angle;
 
 /// A simulated rig on a pseudo-terminal scans a sample; the fit is printed beside the truth.
@@ -172,19 +171,10 @@ async fn show(daemon: &Daemon, args: &Args) -> Result<Value, CliError> {
 }
 
 async fn traced_sample(lab: &Lab) -> Result<i64, CliError> {
-    let page = PageRequest {
-        limit: 1000,
-        cursor: None,
-    };
-    let samples = lab
-        .store()
-        .samples(page)
+    lab.store()
+        .newest_sample(Some(TRACED_SAMPLE), |_| true)
         .await
-        .map_err(|e| daemon::lab_error(e.into()))?;
-    samples
-        .items
-        .iter()
-        .find(|s| s.name == TRACED_SAMPLE)
+        .map_err(|e| daemon::lab_error(e.into()))?
         .map(|s| s.id)
         .ok_or_else(|| {
             CliError::bad_input(anyhow!(

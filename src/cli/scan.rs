@@ -20,7 +20,6 @@ use crate::material::{Material, tables};
 use crate::scan::plan::Preset;
 use crate::scan::runner::{Order, RunEnd};
 use crate::scan::{Event, OperatorAction, PlanRequest, ScanState};
-use crate::store::PageRequest;
 use crate::store::samples::NewSample;
 
 /// How often a daemon is asked where its scan stands: a prompt outlives its step by no longer.
@@ -278,27 +277,9 @@ async fn sample_for(lab: &Lab, args: &Args) -> Result<i64, CliError> {
         (None, true) => Some(TRACED_SAMPLE),
         (None, false) => None,
     };
-    let mut page = PageRequest {
-        limit: 1000,
-        cursor: None,
-    };
-    loop {
-        let samples = lab
-            .store()
-            .samples(page)
-            .await
-            .map_err(|e| daemon::lab_error(e.into()))?;
-        let found = samples
-            .items
-            .iter()
-            .find(|s| wanted.is_none_or(|name| s.name == name));
-        if let Some(sample) = found {
-            return Ok(sample.id);
-        }
-        match samples.next_cursor {
-            Some(cursor) => page.cursor = Some(cursor),
-            None => break,
-        }
+    let found = lab.store().newest_sample(wanted, |_| true).await;
+    if let Some(sample) = found.map_err(|e| daemon::lab_error(e.into()))? {
+        return Ok(sample.id);
     }
     let Some(material) = material(args)? else {
         return Err(no_sample(wanted));
@@ -652,13 +633,9 @@ fn paused(client: &Client, id: i64) -> Result<(), CliError> {
 
 fn daemons_sample(client: &Client, args: &Args) -> Result<i64, CliError> {
     let wanted = args.sample.as_deref();
-    let samples = client.get("/samples?limit=1000")?;
-    let items = samples["items"].as_array().cloned().unwrap_or_default();
-    let found = items
-        .iter()
-        .find(|s| wanted.is_none_or(|name| s["name"] == name))
-        .and_then(|s| s["id"].as_i64());
-    if let Some(id) = found {
+    let query: Vec<_> = wanted.map(|name| ("name", name)).into_iter().collect();
+    let samples = client.search("/samples", &query)?;
+    if let Some(id) = samples["items"][0]["id"].as_i64() {
         return Ok(id);
     }
     let Some(material) = material(args)? else {

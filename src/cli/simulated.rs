@@ -22,7 +22,6 @@ use crate::sim::camera::{SampleHandle, SimulatedCamera, SimulatedCameraSettings}
 use crate::sim::sample::Sample;
 use crate::sim::server::{PtyServer, serve_pty};
 use crate::sim::world::{Mounting, OnTable, World, WorldSettings};
-use crate::store::PageRequest;
 use crate::store::samples::{NewSample, SimulatedSurface};
 use crate::units::Angle;
 
@@ -165,11 +164,7 @@ impl SimulatedRig {
     /// # Errors
     /// What the store says.
     pub async fn stock(&self, lab: &Lab) -> Result<(), LabError> {
-        let any = PageRequest {
-            limit: 1,
-            cursor: None,
-        };
-        if !lab.store().samples(any).await?.items.is_empty() {
+        if lab.store().newest_sample(None, |_| true).await?.is_some() {
             return Ok(());
         }
         let model = SimulatedSurface::Model {

@@ -15,7 +15,7 @@ use crate::series::{self, FrameRow, Manifest, Series, SeriesError, WriteError};
 use crate::store::frames::{FrameRecord, ImportedFrame};
 use crate::store::samples::NewSample;
 use crate::store::scans::{NewScan, Origin};
-use crate::store::{PageRequest, Store, StoreError};
+use crate::store::{Store, StoreError};
 
 /// A scan of the store in the form of a recorded series, its calibrations among its frames.
 #[derive(Debug, Clone)]
@@ -326,21 +326,10 @@ impl Lab {
 
     /// The newest sample of this name and material, or a new one.
     async fn sample_named(&self, name: &str, material: Material) -> Result<i64, LabError> {
-        let mut page = PageRequest {
-            limit: 1000,
-            cursor: None,
-        };
-        loop {
-            let samples = self.store().samples(page).await?;
-            let same =
-                |s: &&crate::store::samples::Sample| s.name == name && s.material == material;
-            if let Some(sample) = samples.items.iter().find(same) {
-                return Ok(sample.id);
-            }
-            match samples.next_cursor {
-                Some(cursor) => page.cursor = Some(cursor),
-                None => break,
-            }
+        let store = self.store();
+        let same = store.newest_sample(Some(name), |s| s.material == material);
+        if let Some(sample) = same.await? {
+            return Ok(sample.id);
         }
         let new = NewSample {
             name: name.into(),

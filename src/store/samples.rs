@@ -174,19 +174,46 @@ impl Store {
             .try_into()
     }
 
-    /// Samples, newest first.
+    /// Samples, newest first; those of a name where one is given.
     ///
     /// # Errors
     /// What the database says; a row that cannot be read is told of beside the others.
-    pub async fn samples(&self, page: PageRequest) -> Result<Page<Sample>, StoreError> {
+    pub async fn samples(
+        &self,
+        name: Option<&str>,
+        page: PageRequest,
+    ) -> Result<Page<Sample>, StoreError> {
         let rows = sqlx::query_as::<_, Row>(
-            "SELECT * FROM samples WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2",
+            "SELECT * FROM samples WHERE (?1 IS NULL OR id < ?1) AND (?2 IS NULL OR name = ?2) ORDER BY id DESC LIMIT ?3",
         )
         .bind(page.cursor)
+        .bind(name)
         .bind(page.limit + 1)
         .fetch_all(self.readers())
         .await?;
         Ok(Page::read(rows, page.limit, |row: &Row| row.id))
+    }
+
+    /// The newest sample that is `like` what is wanted, of a name where one is given.
+    ///
+    /// # Errors
+    /// What the database says; rows that cannot be read are passed over.
+    pub async fn newest_sample(
+        &self,
+        name: Option<&str>,
+        like: impl Fn(&Sample) -> bool,
+    ) -> Result<Option<Sample>, StoreError> {
+        let mut page = PageRequest::default();
+        loop {
+            let found = self.samples(name, page).await?;
+            if let Some(sample) = found.items.into_iter().find(&like) {
+                return Ok(Some(sample));
+            }
+            match found.next_cursor {
+                Some(cursor) => page.cursor = Some(cursor),
+                None => return Ok(None),
+            }
+        }
     }
 }
 
@@ -218,7 +245,7 @@ pub(crate) mod tests {
             polymer(&store).await;
         }
         damage(&store, "samples", "material = '{\"kind\": \"dielec'", 2).await;
-        let page = store.samples(PageRequest::default()).await.unwrap();
+        let page = store.samples(None, PageRequest::default()).await.unwrap();
         let ids: Vec<i64> = page.items.iter().map(|s| s.id).collect();
         assert_eq!(ids, [3, 1]);
         assert_eq!(page.damaged.len(), 1);
@@ -233,7 +260,7 @@ pub(crate) mod tests {
             limit: 2,
             cursor: None,
         };
-        let first = store.samples(first).await.unwrap();
+        let first = store.samples(None, first).await.unwrap();
         assert_eq!((first.items.len(), first.next_cursor), (1, Some(2)));
     }
 
@@ -248,7 +275,7 @@ pub(crate) mod tests {
         let mut cursor = None;
         loop {
             let page = store
-                .samples(PageRequest { limit: 2, cursor })
+                .samples(None, PageRequest { limit: 2, cursor })
                 .await
                 .unwrap();
             ids.extend(page.items.iter().map(|s| s.id));

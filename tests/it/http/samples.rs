@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::{opened, post};
+use super::{get, opened, post};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_sample_without_a_material_says_what_was_assumed() {
@@ -40,6 +40,16 @@ async fn a_sample_may_name_its_metal() {
     assert!(added.body["material"]["k"].as_f64().expect("k") > 5.0);
     // Without a wavelength it is the lamp's.
     assert_eq!(add(r#"{"name": "Al"}"#).await.status, 201);
+    // Both are found by the name that they share, whatever else it has in it; others are not.
+    let other = post(&router, "/api/v1/samples", r#"{"name": "part 18 & 19"}"#).await;
+    assert_eq!(other.status, 201);
+    let count = async |query: &str| {
+        let found = get(&router, &format!("/api/v1/samples?name={query}")).await;
+        found.body["items"].as_array().map(Vec::len)
+    };
+    assert_eq!(count("part%2018").await, Some(2));
+    assert_eq!(count("part+18+%26+19").await, Some(1));
+    assert_eq!(count("part").await, Some(0));
     let unknown = add(r#"{"name": "Mithril"}"#).await;
     assert_eq!(unknown.status, 422);
     let detail = unknown.detail();
