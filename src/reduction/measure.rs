@@ -41,6 +41,8 @@ pub(super) struct Level {
     pub(super) variance_texture: f64,
     /// How it slopes over the field.
     pub(super) slope: Slope,
+    /// Mean column and row of its pixels, of near rigs; whole numbers are corners.
+    pub(super) middle_px: [f64; 2],
 }
 
 /// A frame that passed every check it can pass alone.
@@ -303,9 +305,13 @@ impl Ground<'_> {
         let value = |pixel: usize| tamed.as_ref().map_or_else(|| own(pixel), |v| v[pixel]);
         let mut cells = vec![Cell::default(); segments * CELLS * CELLS];
         let mut inverse = vec![0.0; segments];
+        let mut places = vec![[0.0; 2]; segments];
         for pixel in (0..labels.len()).filter(|p| counts(*p)) {
+            let segment = labels[pixel] as usize;
             cells[at(pixel)].add(value(pixel), response(pixel));
-            inverse[labels[pixel] as usize] += response(pixel).powi(-2);
+            inverse[segment] += response(pixel).powi(-2);
+            places[segment][0] += (pixel % width) as f64 + 0.5;
+            places[segment][1] += (pixel / width) as f64 + 0.5;
         }
         if self.far {
             let reach = reach_of(&cells);
@@ -323,6 +329,7 @@ impl Ground<'_> {
                 let mut level = Level::of(cells, inverse[segment], exposure_s);
                 if !self.far {
                     level.variance_texture = 0.0;
+                    level.middle_px = places[segment].map(|sum| sum / level.n.max(1.0));
                 }
                 level
             })
@@ -476,6 +483,7 @@ impl Level {
             inverse_response2: inverse_response2 / n,
             variance_pixels: within / scale,
             variance_texture: texture / scale,
+            middle_px: [0.0; 2],
         }
     }
 }

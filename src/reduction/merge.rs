@@ -32,6 +32,8 @@ pub(super) struct Merged {
     pub(super) n: f64,
     pub(super) rate_dn_s: f64,
     pub(super) variance: f64,
+    /// Mean column and row of the pixels, of near rigs.
+    pub(super) middle_px: [f64; 2],
 }
 
 /// One pose with its merged levels, by segment.
@@ -491,6 +493,7 @@ fn merged(ground: &Ground<'_>, group: &Group, lamp_scatter: f64) -> PoseLevels {
             let rate = rate / weight;
             Merged {
                 n: frames[0].levels[s].n,
+                middle_px: frames[0].levels[s].middle_px,
                 rate_dn_s: rate,
                 variance: own / (weight * weight)
                     + texture / weight

@@ -40,7 +40,7 @@ use self::measure::{Ground, Measured};
 use self::merge::{Merged, PoseLevels};
 use self::region::{Board, Region, Segments};
 use self::sensor::median;
-use self::viewing::Viewing;
+use self::viewing::{Part, Viewing};
 use crate::frame::{Frame, FrameKind};
 use crate::observation::{Observation, ObservationSet, Prior, SharedErrors};
 use crate::series::{FrameRow, Manifest, Series};
@@ -277,8 +277,15 @@ pub fn reduce(
         levels
             .iter()
             .map(|(pose, _)| {
-                let used: Vec<bool> = pose.segments.iter().map(|s| s.n > 0.0).collect();
-                viewing.views(&segments, pose.pose, &used)
+                let parts: Vec<Part> = pose
+                    .segments
+                    .iter()
+                    .map(|s| Part {
+                        pixels: s.n,
+                        middle_px: s.middle_px,
+                    })
+                    .collect();
+                viewing.views(&segments, pose.pose, &parts)
             })
             .collect()
     };
@@ -475,6 +482,7 @@ fn over_segments(pose: &PoseLevels, alike: bool) -> Merged {
         n,
         rate_dn_s: rate,
         variance: own.max(between),
+        ..Merged::default()
     }
 }
 

@@ -35,6 +35,15 @@ const TWO_REACH: f64 = 0.03;
 /// Pieces along one axis at most.
 const PIECES_MAX: usize = 6;
 
+/// The pixels of a segment that an observation is the mean of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Part {
+    /// How many; none where the segment is left out.
+    pub(super) pixels: f64,
+    /// Their mean column and row; whole numbers are corners.
+    pub(super) middle_px: [f64; 2],
+}
+
 /// The rig as the pixels see it.
 #[derive(Debug, Clone)]
 pub(super) struct Viewing {
@@ -171,9 +180,8 @@ impl Viewing {
         camera.settle_unit(&self.rig);
     }
 
-    /// The directions over which an observation at a recorded pose averages; `used` tells which
-    /// segments are in it.
-    pub(super) fn views(&self, segments: &Segments, pose: Pose, used: &[bool]) -> Vec<View> {
+    /// The directions over which an observation at a recorded pose averages; `parts` are its segments.
+    pub(super) fn views(&self, segments: &Segments, pose: Pose, parts: &[Part]) -> Vec<View> {
         let theta_c = pose.theta_c;
         let mut places = Vec::new();
         match segments {
@@ -188,15 +196,20 @@ impl Viewing {
                 places.extend(nodes.map(|(at, share)| (place(at), share)));
             }
             Segments::Patches { board, patches } => {
-                let kept: Vec<_> = patches.iter().zip(used).filter(|(_, u)| **u).collect();
-                for ((i, j), _) in &kept {
+                for ((i, j), part) in patches.iter().zip(parts).filter(|(_, p)| p.pixels > 0.0) {
                     let place = |at| Self::on_board(board, pose, (*i, *j), at);
                     let pieces = self.pieces(&place, theta_c, TWO_REACH);
-                    places.extend(nodes(&TWO, pieces).map(|(at, share)| {
-                        let point = place(at);
-                        // Levels are means over pixels, and what is nearer has more of them.
-                        (point, share * self.pixels_per_area(point, theta_c))
-                    }));
+                    // Levels are means over pixels, and what is nearer has more of them.
+                    let mut patch: Vec<([f64; 2], f64)> = nodes(&TWO, pieces)
+                        .map(|(at, share)| {
+                            let point = place(at);
+                            (point, share * self.pixels_per_area(point, theta_c))
+                        })
+                        .collect();
+                    let shift = board.placement.axis_px;
+                    let [column, row] = [0, 1].map(|k| part.middle_px[k] - shift[k]);
+                    weigh(&mut patch, part.pixels, self.point(column, row, theta_c));
+                    places.extend(patch);
                 }
             }
         }
@@ -262,6 +275,19 @@ impl Viewing {
     }
 }
 
+/// Gives a patch's nodes the weight of its pixels and moves them to where those have their middle: a row of pixels more or
+/// less along an edge moves that by half a pixel, in many patches alike.
+fn weigh(patch: &mut [([f64; 2], f64)], pixels: f64, middle: [f64; 2]) {
+    let all: f64 = patch.iter().map(|(_, share)| share).sum();
+    let mean = [0, 1].map(|k| patch.iter().map(|(p, share)| share * p[k]).sum::<f64>() / all);
+    for (point, share) in patch {
+        for k in 0..2 {
+            point[k] += middle[k] - mean[k];
+        }
+        *share *= pixels / all;
+    }
+}
+
 /// Places from −1 to 1 along both axes, cut into pieces with nodes each, and their shares.
 fn nodes(rule: &[(f64, f64)], pieces: [usize; 2]) -> impl Iterator<Item = ([f64; 2], f64)> {
     let along = |pieces: usize| -> Vec<(f64, f64)> {
@@ -282,6 +308,7 @@ fn nodes(rule: &[(f64, f64)], pieces: [usize; 2]) -> impl Iterator<Item = ([f64;
 
 #[cfg(test)]
 mod tests {
+    use super::super::region::Region;
     use super::*;
 
     fn viewing(camera_mm: Option<f64>, light_mm: Option<f64>) -> Viewing {
@@ -335,7 +362,7 @@ mod tests {
             theta_c,
             phi_s: Angle::ZERO,
         };
-        let views = near.views(&Segments::Whole, pose, &[true]);
+        let views = near.views(&Segments::Whole, pose, &[]);
         let by_views: f64 = views.iter().map(|v| v.weight * seen(&v.directions)).sum();
         let per_pixel = 4;
         let (columns, rows) = (near.width * per_pixel, near.height * per_pixel);
@@ -355,7 +382,7 @@ mod tests {
             "{by_views} {by_pixels}"
         );
         let far = viewing(Some(1000.0), Some(1000.0));
-        assert_eq!(far.views(&Segments::Whole, pose, &[true]).len(), 36);
+        assert_eq!(far.views(&Segments::Whole, pose, &[]).len(), 36);
     }
 
     #[test]
@@ -438,7 +465,7 @@ mod tests {
         let near = viewing(Some(300.0), Some(250.0));
         let pose = Pose::from_deg(10.0, 0.0);
         let light = |d: &Directions| (-((d.incident.x - 0.3) / 0.08).powi(2)).exp() + d.outgoing.y;
-        let views = near.views(&Segments::Whole, pose, &[true]);
+        let views = near.views(&Segments::Whole, pose, &[]);
         let seen: f64 = views.iter().map(|v| v.weight * light(&v.directions)).sum();
         let mut sum = 0.0;
         for pixel in 0..128 * 100 {
@@ -447,5 +474,59 @@ mod tests {
             sum += e * light(&d) / 12_800.0;
         }
         assert!((seen / sum - 1.0).abs() < 2e-4, "{seen} {sum}");
+    }
+
+    #[test]
+    fn views_of_a_coarse_board_are_those_of_the_pixels_that_its_patches_have() {
+        use super::super::region::NOWHERE;
+        let text = include_str!("../../tests/data/series/checker/manifest.toml")
+            .replace("\"infinity\"", "\"finite\"")
+            .replace(
+                "[rig]",
+                "[rig]\nlight_distance_mm = 250.0\nlight_radius_mm = 5.0\ncamera_distance_mm = 300.0",
+            )
+            .replace("light_angular_radius_deg = 1.0", "")
+            .replace("orthographic", "perspective")
+            .replace("_px = 256", "_px = 120")
+            .replace("[128.0, 128.0]", "[60.0, 60.0]");
+        let manifest = Manifest::from_toml(&text, "").unwrap();
+        let near = Viewing::new(&manifest).unwrap();
+        let board = Board::new(&manifest, manifest.sample.layout.as_ref().unwrap());
+        let segments = Segments::of_region(board, Region::Even);
+        for pose in [Pose::from_deg(-10.0, 180.0), Pose::from_deg(20.0, 0.0)] {
+            let light = |d: &Directions| {
+                let h = (d.incident + d.outgoing).normalize();
+                (-((h.x / h.z - pose.theta_c.rad() - 0.1) / 0.12).powi(2)).exp()
+            };
+            let labels = segments.labels(pose, &[true; 120 * 120]);
+            let mut parts = vec![
+                Part {
+                    pixels: 0.0,
+                    middle_px: [0.0; 2],
+                };
+                segments.len()
+            ];
+            let mut sum = 0.0;
+            for (pixel, label) in labels.iter().enumerate().filter(|(_, l)| **l != NOWHERE) {
+                let at = [(pixel % 120) as f64 + 0.5, (pixel / 120) as f64 + 0.5];
+                let (d, e) = near.at(near.point(at[0], at[1], pose.theta_c), pose.theta_c);
+                sum += e * light(&d);
+                let part = &mut parts[*label as usize];
+                part.pixels += 1.0;
+                for k in 0..2 {
+                    part.middle_px[k] += at[k];
+                }
+            }
+            for part in &mut parts {
+                part.middle_px = part.middle_px.map(|sum| sum / part.pixels);
+            }
+            let of_views = |parts: &[Part]| -> f64 {
+                let views = near.views(&segments, pose, parts);
+                views.iter().map(|v| v.weight * light(&v.directions)).sum()
+            };
+            let seen = sum / parts.iter().map(|p| p.pixels).sum::<f64>();
+            let off = of_views(&parts) / seen - 1.0;
+            assert!(off.abs() < 5e-4, "{off}");
+        }
     }
 }
