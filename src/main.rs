@@ -13,6 +13,8 @@ fn main() -> ExitCode {
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
+        // It would be told on the very stderr that cannot be written, and that panics.
+        .log_internal_errors(false)
         .init();
     cli::run(cli::parse())
 }

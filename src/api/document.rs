@@ -13,6 +13,11 @@ use super::rig::STOP;
 pub(super) fn complete(document: &mut OpenApi) {
     close_kinds(document, "MaterialBody");
     for (path, item) in &mut document.paths.paths {
+        for (method, operation) in [("get", &mut item.get), ("post", &mut item.post)] {
+            if let Some(operation) = operation {
+                operation.operation_id = Some(operation_id(method, path));
+            }
+        }
         let begins = item.post.is_some() && path != STOP;
         if begins && let Some(operation) = &mut item.post {
             operation.parameters.get_or_insert_default().push(key());
@@ -57,6 +62,24 @@ pub(super) fn complete(document: &mut OpenApi) {
             }
         }
     }
+}
+
+/// A name that no other operation has, for the programs that clients are made by: the method and the path's words.
+fn operation_id(method: &str, path: &str) -> String {
+    let words = path
+        .strip_prefix("/api/v1")
+        .unwrap_or(path)
+        .split(['/', '.']);
+    let words = words.map(|word| match word.strip_prefix('{') {
+        Some(parameter) => format!("by_{}", parameter.trim_end_matches('}')),
+        None => word.to_owned(),
+    });
+    let words = words.filter(|word| !word.is_empty());
+    [method.to_owned()]
+        .into_iter()
+        .chain(words)
+        .collect::<Vec<_>>()
+        .join("_")
 }
 
 /// Problems are announced as what they are.

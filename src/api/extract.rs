@@ -155,15 +155,16 @@ impl<S: Send + Sync> FromRequestParts<S> for IdAndName {
     }
 }
 
+/// What is wrong with an id, which is not repeated: it may be of any length.
+pub const NO_ID: &str = "the id in the path is no whole number, or has more than 19 digits";
+
 async fn in_path<T: DeserializeOwned + Send, S: Send + Sync>(
     parts: &mut Parts,
     state: &S,
 ) -> Result<T, ApiError> {
     match Path::from_request_parts(parts, state).await {
         Ok(Path(value)) => Ok(value),
-        Err(PathRejection::FailedToDeserializePathParams(_)) => Err(ApiError::bad_request(
-            format!("`{}`: the id is a whole number", parts.uri.path()),
-        )),
+        Err(PathRejection::FailedToDeserializePathParams(_)) => Err(ApiError::bad_request(NO_ID)),
         Err(other) => Err(ApiError::bad_request(other.body_text())),
     }
 }

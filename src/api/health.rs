@@ -49,18 +49,21 @@ pub(super) async fn readyz(State(app): State<App>) -> impl IntoResponse {
         Err(crate::lab::LabError::NoRig) => (true, None),
         Err(error) => (false, Some(error.to_string())),
     };
-    let ready = store.is_ok() && rig;
+    let adrift = app.lab.adrift().into_iter().next();
+    let kept = store.is_ok() && adrift.is_none();
+    let ready = kept && rig;
     let status = match ready {
         true => StatusCode::OK,
         false => StatusCode::SERVICE_UNAVAILABLE,
     };
-    let problem = match &store {
-        Err(error) => Some(error.to_string()),
-        Ok(_) => problem,
+    let problem = match (&store, adrift) {
+        (Err(error), _) => Some(error.to_string()),
+        (Ok(()), Some((scan, why))) => Some(format!("scan {scan} cannot be recorded: {why}")),
+        (Ok(()), None) => problem,
     };
     let body = ReadyBody {
         ready,
-        store: store.is_ok(),
+        store: kept,
         rig,
         problem,
     };

@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 
 use super::asked::ScanAsked;
 use super::error::{ApiError, Problem};
-use super::extract::{Body, Id, Params, from_json, page};
+use super::extract::{Body, Id, NO_ID, Params, from_json, page};
 use super::{App, Begun, List, words};
 use crate::lab::{Lab, LabError, ScanRequest};
 use crate::scan::event::OperatorStep;
@@ -127,6 +127,7 @@ pub struct ScanCameraBody {
 }
 
 pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
+    let scan = app.lab.as_it_stands(scan);
     let store = app.lab.store();
     let progress = store.last_progress(scan.id).await?;
     let plan = match scan.plan.clone() {
@@ -285,6 +286,11 @@ pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<ScanB
     Ok(Json(body(&app, scan).await?))
 }
 
+/// What an order says that needs no more than its name.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct NothingBody {}
+
 /// Which of the operator's steps is done.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -298,9 +304,9 @@ pub struct ContinueBody {
 #[utoipa::path(post, path = "/api/v1/scans/{id}/{order}", tag = "scans", params(
     ("id" = i64, Path, description = "Number of the scan"),
     ("order" = String, Path, description = "pause, resume, abort or continue; resume also takes an interrupted scan up again"),
-), request_body(content = Option<ContinueBody>, description = "With continue, the step that is done; else it is not looked at"), responses(
+), request_body(content = Option<ContinueBody>, description = "With continue, the step that is done; else empty"), responses(
     (status = 202, description = "The state that the scan came to", body = Begun),
-    (status = 400, description = "The id is not a whole number, or the body of continue cannot be understood", body = Problem),
+    (status = 400, description = "The id is not a whole number, or the body cannot be understood", body = Problem),
     (status = 404, description = "There is no such scan or order", body = Problem),
     (status = 409, description = "Not allowed in this state of the scan, or it waits for another step (`other-step`)", body = Problem),
     (status = 422, description = "There is no such step, or the Idempotency-Key was used for another request", body = Problem),
@@ -312,13 +318,20 @@ pub(super) async fn command(
     Path((id, order)): Path<(String, String)>,
     body: Bytes,
 ) -> Result<impl IntoResponse, ApiError> {
-    let id: i64 = id
-        .parse()
-        .map_err(|_| ApiError::bad_request(format!("`{id}`: the id is a whole number")))?;
+    let id: i64 = id.parse().map_err(|_| ApiError::bad_request(NO_ID))?;
+    let nothing = || match body.is_empty() {
+        true => Ok(()),
+        false => from_json::<NothingBody>(&body).map(|NothingBody {}| ()),
+    };
     let order = match order.as_str() {
-        "pause" => Order::Pause,
-        "resume" => Order::Resume,
-        "abort" => Order::Abort,
+        "pause" | "resume" | "abort" => {
+            nothing()?;
+            match order.as_str() {
+                "pause" => Order::Pause,
+                "resume" => Order::Resume,
+                _ => Order::Abort,
+            }
+        }
         "continue" => {
             let done: Option<ContinueBody> = match body.is_empty() {
                 true => None,

@@ -58,7 +58,10 @@ pub fn run(args: Args) -> Result<(), CliError> {
         if terminal {
             let passed = started.elapsed().as_secs_f64();
             let left = passed / (done.max(1) as f64) * (total - done) as f64;
-            eprintln!("{} of {total}: {name} ({left:.0} s left)", done + 1);
+            super::say(&format_args!(
+                "{} of {total}: {name} ({left:.0} s left)",
+                done + 1
+            ));
         }
     });
     let seconds = started.elapsed().as_secs_f64();

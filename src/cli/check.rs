@@ -54,7 +54,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let rows = check::run(effort, &cancel, &mut |name, done, of| {
         begun.push((name.to_owned(), Instant::now()));
         if terminal {
-            eprintln!("{} of {of}: {name}", done + 1);
+            super::say(&format_args!("{} of {of}: {name}", done + 1));
         }
     });
     let ends = begun.iter().skip(1).map(|(_, at)| *at);

@@ -94,7 +94,10 @@ async fn demo(args: Args) -> Result<(), CliError> {
         if args.once {
             Ok(())
         } else {
-            eprintln!("page and HTTP interface on {} until Ctrl-C", daemon.url);
+            super::say(&format_args!(
+                "page and HTTP interface on {} until Ctrl-C",
+                daemon.url
+            ));
             std::future::pending().await
         }
     };

@@ -119,12 +119,12 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let started = Instant::now();
     let (rows, refused) = evaluate(&args.kind.table(), &args.cases, &args.out)?;
     // The table's form is fixed, so what it took and does without is told beside it.
-    eprintln!(
+    super::say(&format_args!(
         "{rows} rows in {:.2} s, {refused} refused (column `refused`); right to the last digits that a row's condition \
          leaves; left out: {}",
         started.elapsed().as_secs_f64(),
         args.kind.left_out()
-    );
+    ));
     Ok(())
 }
 

@@ -137,7 +137,7 @@ pub fn foretell(
     }
     let told = told?;
     if limited || long {
-        eprintln!("forecast: {told}");
+        super::say(&format_args!("forecast: {told}"));
     }
     terminal.then_some(told.seconds)
 }

@@ -83,7 +83,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     if (args.max_seconds.is_some() || args.target_error.is_some())
         && let Some(told) = of_map(source.as_ref(), &options, &cancel)
     {
-        eprintln!("forecast: {told}");
+        super::say(&format_args!("forecast: {told}"));
     }
     let summary = map_into(
         source.as_ref(),

@@ -41,6 +41,8 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
+use crate::wording::numbers::readable;
+
 /// Measures the ridge angle of micro-structured surfaces, says how sure it is, and why.
 #[derive(Debug, Parser)]
 #[command(name = "ridged", version, about, max_term_width = 100)]
@@ -232,8 +234,9 @@ pub fn run(cli: Cli) -> ExitCode {
     }
 }
 
-/// A line on stderr; where nobody listens there, the exit code still says how it ended.
-fn say(line: &str) {
+/// A line on stderr. Where nobody listens there (a terminal that was closed, a full disk behind it), the work goes on and
+/// the exit code still says how it ended.
+fn say(line: &(impl std::fmt::Display + ?Sized)) {
     let _ = writeln!(std::io::stderr(), "{line}");
 }
 
@@ -248,7 +251,7 @@ fn once(error: &anyhow::Error) -> String {
             said = format!("{said}: {cause}");
         }
     }
-    said
+    readable(&said)
 }
 
 /// The arguments that the words of a command line make, for tests of the subcommands.

@@ -150,7 +150,7 @@ fn cells(
             may_miss_some: true,
         };
         if let Some(told) = args.limits.plan(&work, &pilot)? {
-            eprintln!("forecast: {}", told.forecast);
+            super::say(&format_args!("forecast: {}", told.forecast));
             paths = told.paths;
         }
     }

@@ -93,7 +93,7 @@ impl Bar {
     pub fn say(&self, line: &str) {
         match self.bar.get() {
             Some(bar) => bar.println(line),
-            None => eprintln!("{line}"),
+            None => super::say(&line),
         }
     }
 

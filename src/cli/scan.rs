@@ -224,15 +224,17 @@ async fn by_itself(args: &Args, plan: PlanRequest) -> Result<Value, CliError> {
     };
     lab.store().close().await;
     if let Some(left) = left {
-        eprintln!("{left}");
+        super::say(&left);
         let stopped = stopped.map_err(|source| LabError::NotStopped { source });
         match (stopped, &outcome) {
             (Ok(()), _) => {
-                eprintln!("the stages stand; the lamp is as it was: ridged does not switch it");
+                super::say(&format_args!(
+                    "the stages stand; the lamp is as it was: ridged does not switch it"
+                ));
             }
             // Nothing is safe then, whatever Ctrl-C usually means.
             (Err(error), Err(CliError::Interrupted)) => return Err(daemon::lab_error(error)),
-            (Err(error), _) => eprintln!("{error}"),
+            (Err(error), _) => super::say(&error),
         }
     }
     let (state, answer) = outcome?;
@@ -402,7 +404,7 @@ pub async fn follow(
         if scan.state.is_end() || scan.state == ScanState::Interrupted {
             bar.clear();
             if let Some(sure) = sure {
-                eprintln!("fitted along with the scan: {sure}");
+                super::say(&format_args!("fitted along with the scan: {sure}"));
             }
             if let (ScanState::Failed, Some(reason)) = (scan.state, &scan.reason) {
                 return Err(CliError::no_result(anyhow!(
@@ -544,7 +546,7 @@ fn by_daemon(client: &Client, args: &Args, plan: &PlanRequest) -> Result<Value, 
     };
     bar.clear();
     if let Some(sure) = newest_words(client, id) {
-        eprintln!("fitted along with the scan: {sure}");
+        super::say(&format_args!("fitted along with the scan: {sure}"));
     }
     let state = scan["state"].as_str().unwrap_or_default();
     if state != "completed" {
@@ -594,14 +596,16 @@ fn paused(client: &Client, id: i64) -> Result<(), CliError> {
         let state = state_of(&scan);
         match state {
             Some(ScanState::Paused) => {
-                eprintln!(
+                super::say(&format_args!(
                     "scan {id} is paused, {} of {} frames are kept; resume or abort it on {}",
                     scan["progress"]["frames_done"], scan["progress"]["frames_total"], client.url
-                );
+                ));
                 return Ok(());
             }
             Some(state) if state.is_end() || state == ScanState::Interrupted => {
-                eprintln!("scan {id} is {state}; what it committed is kept");
+                super::say(&format_args!(
+                    "scan {id} is {state}; what it committed is kept"
+                ));
                 return Ok(());
             }
             _ if begun.elapsed() > PATIENCE => {
@@ -615,7 +619,9 @@ fn paused(client: &Client, id: i64) -> Result<(), CliError> {
         }
         // Somebody who is waited for has no point under way.
         if !told && state != Some(ScanState::WaitingForOperator) {
-            eprintln!("scan {id} pauses after this point (Ctrl-C again leaves at once)");
+            super::say(&format_args!(
+                "scan {id} pauses after this point (Ctrl-C again leaves at once)"
+            ));
             told = true;
         }
         if matches!(

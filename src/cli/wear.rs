@@ -254,7 +254,7 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
         };
         let told = args.limits.plan(&work, &pilot)?;
         if let Some(told) = told {
-            eprintln!("forecast: {}", told.forecast);
+            super::say(&format_args!("forecast: {}", told.forecast));
             paths = told.paths;
         }
     }

@@ -224,11 +224,11 @@ impl Config {
         }
         match self.stage.as_ref().map(StageSettings::validate) {
             None | Some(Ok(())) => Ok(()),
-            Some(Err(StageError::BadSetting { key, reason })) => {
-                let allowed = reason.strip_prefix("it must be ").unwrap_or(&reason);
-                let key = format!("stage.{key}");
-                Err(Wrong::new(key, "what it cannot be", allowed))
-            }
+            Some(Err(StageError::BadSetting {
+                key,
+                found,
+                allowed,
+            })) => Err(Wrong::new(format!("stage.{key}"), found, allowed)),
             Some(Err(other)) => Err(Wrong::new(
                 "stage",
                 other.to_string(),

@@ -102,6 +102,11 @@ impl Adrift {
         self.scans.lock().expect("no holder of this lock panics")
     }
 
+    /// Those that are adrift now, and why.
+    pub(super) fn now(&self) -> HashMap<i64, String> {
+        self.all().clone()
+    }
+
     pub(super) fn has(&self, scan_id: i64) -> bool {
         self.all().contains_key(&scan_id)
     }

@@ -172,7 +172,7 @@ pub enum LabError {
     Series(#[from] SeriesError),
     /// A frame of a series cannot be imported.
     #[error(
-        "{reason}; nothing was imported: restore the file, or pass --skip-unreadable to leave it out"
+        "{reason}; nothing was imported: restore the file, or leave it out (--skip-unreadable, over HTTP \"skip_unreadable\": true)"
     )]
     Frame {
         /// What is wrong with it.

@@ -223,6 +223,26 @@ impl Lab {
         &self.inner.store
     }
 
+    /// A kept scan as it stands: one that can be recorded no more is interrupted, whatever the store could keep of it.
+    #[must_use]
+    pub fn as_it_stands(&self, mut scan: Scan) -> Scan {
+        if let Some(why) = self.adrift().remove(&scan.id)
+            && !scan.state.is_end()
+        {
+            scan.state = ScanState::Interrupted;
+            scan.reason = Some(format!("it cannot be recorded: {why}"));
+            scan.operator = None;
+        }
+        scan
+    }
+
+    /// Scans that can be recorded no more, and why.
+    #[must_use]
+    pub fn adrift(&self) -> HashMap<i64, String> {
+        let side = self.inner.rig.as_ref();
+        side.map_or_else(HashMap::new, |side| side.told.adrift.now())
+    }
+
     /// Every event from now on; a listener that is too slow is told how many it missed and reads
     /// them from the store.
     #[must_use]

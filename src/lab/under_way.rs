@@ -64,11 +64,12 @@ impl AllUnderWay {
         state: TaskState,
     ) -> Result<(), LabError> {
         match self.lock().get(&number) {
-            Some(work) => {
+            // Between its last row and the moment when it is forgotten it has ended, too.
+            Some(work) if state == TaskState::Running => {
                 work.cancel.store(true, Ordering::Relaxed);
                 Ok(())
             }
-            None => Err(LabError::NotThere {
+            _ => Err(LabError::NotThere {
                 what: what.to_string(),
                 number,
                 state,

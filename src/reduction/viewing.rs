@@ -513,9 +513,7 @@ mod tests {
                 sum += e * light(&d);
                 let part = &mut parts[*label as usize];
                 part.pixels += 1.0;
-                for k in 0..2 {
-                    part.middle_px[k] += at[k];
-                }
+                part.middle_px = [part.middle_px[0] + at[0], part.middle_px[1] + at[1]];
             }
             for part in &mut parts {
                 part.middle_px = part.middle_px.map(|sum| sum / part.pixels);

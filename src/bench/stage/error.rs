@@ -13,12 +13,14 @@ pub enum StageError {
     #[error(transparent)]
     Port(#[from] PortError),
     /// A setting that cannot be meant.
-    #[error("the stage setting {key} is wrong: {reason}")]
+    #[error("the stage setting {key} is {found}, allowed is {allowed}")]
     BadSetting {
         /// Which one.
         key: String,
+        /// What it is.
+        found: String,
         /// What it may be.
-        reason: String,
+        allowed: String,
     },
     /// The device does not answer.
     #[error("{0}")]

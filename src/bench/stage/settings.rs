@@ -1,5 +1,6 @@
 //! What a lab tells about its stage, and what follows from it without any hardware.
 
+use std::fmt::Display;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -163,31 +164,36 @@ impl StageSettings {
     /// # Errors
     /// [`StageError::BadSetting`] names the first key that is wrong, and what it may be.
     pub fn validate(&self) -> Result<(), StageError> {
-        let bad = |key: &str, reason: &str| {
+        let bad = |key: &str, found: &dyn Display, allowed: &str| {
             Err(StageError::BadSetting {
                 key: key.to_owned(),
-                reason: reason.to_owned(),
+                found: found.to_string(),
+                allowed: allowed.to_owned(),
             })
         };
         if !(300..=4_000_000).contains(&self.baud) {
-            return bad("baud", "it must be 300 to 4000000");
+            return bad("baud", &self.baud, "300 to 4 000 000");
         }
         if !(10..=10_000).contains(&self.reply_timeout_ms) {
-            return bad("reply_timeout_ms", "it must be 10 to 10000");
+            return bad("reply_timeout_ms", &self.reply_timeout_ms, "10 to 10 000");
         }
         if !(1..=10).contains(&self.attempts) {
-            return bad("attempts", "it must be 1 to 10");
+            return bad("attempts", &self.attempts, "1 to 10");
         }
         for name in AxisName::ALL {
-            if let Err((key, reason)) = self.axis(name).check() {
-                return bad(&format!("{name}.{key}"), reason);
+            if let Err((key, found, allowed)) = self.axis(name).check() {
+                return bad(&format!("{name}.{key}"), &found, &allowed);
             }
         }
         if self.theta_c.address == self.phi_s.address {
-            return bad("phi_s.address", "both axes have the same address");
+            let allowed = "another address than that of theta_c";
+            return bad("phi_s.address", &self.phi_s.address, allowed);
         }
-        if self.theta_c.serial.is_some() && self.theta_c.serial == self.phi_s.serial {
-            return bad("phi_s.serial", "both axes have the same serial number");
+        if let (Some(one), Some(other)) = (self.theta_c.serial, self.phi_s.serial)
+            && one == other
+        {
+            let allowed = "another serial number than that of theta_c";
+            return bad("phi_s.serial", &other, allowed);
         }
         Ok(())
     }
@@ -238,9 +244,13 @@ impl StageSettings {
 }
 
 impl AxisSettings {
-    fn check(&self) -> Result<(), (&'static str, &'static str)> {
+    /// The first key that is wrong, what it is and what it may be.
+    fn check(&self) -> Result<(), (&'static str, String, String)> {
+        let bad = |key: &'static str, found: &dyn Display, allowed: &str| {
+            Err((key, found.to_string(), allowed.to_owned()))
+        };
         if !(1..=99).contains(&self.address) {
-            return Err(("address", "it must be 1 to 99"));
+            return bad("address", &self.address, "1 to 99");
         }
         for (key, angle) in [
             ("limit_min_deg", self.limit_min),
@@ -250,29 +260,41 @@ impl AxisSettings {
             ("tolerance_deg", self.tolerance),
         ] {
             if !angle.is_finite() || angle.abs() > Angle::from_deg(36_000.0) {
-                return Err((key, "it must be a number of degrees, at most 36000"));
+                return bad(
+                    key,
+                    &in_degrees(angle),
+                    "a number of degrees, at most 36 000",
+                );
             }
         }
+        let (min, max) = (in_degrees(self.limit_min), in_degrees(self.limit_max));
         if self.limit_min >= self.limit_max {
-            return Err(("limit_min_deg", "it must be below limit_max_deg"));
+            let allowed = format!("below limit_max_deg, which is {max}");
+            return bad("limit_min_deg", &min, &allowed);
         }
         if self.backlash < Angle::ZERO || self.backlash > Angle::from_deg(10.0) {
-            return Err(("backlash_deg", "it must be 0 to 10"));
+            return bad("backlash_deg", &in_degrees(self.backlash), "0 to 10");
         }
         if self.tolerance <= Angle::ZERO || self.tolerance > Angle::from_deg(1.0) {
-            return Err(("tolerance_deg", "it must be above 0 and at most 1"));
+            let found = in_degrees(self.tolerance);
+            return bad("tolerance_deg", &found, "above 0, and at most 1");
         }
         if self.settle_ms > 60_000 {
-            return Err(("settle_ms", "it must be at most 60000"));
+            return bad("settle_ms", &self.settle_ms, "at most 60 000");
         }
-        for (key, value, max) in [
-            ("counts_per_turn", self.counts_per_turn, 1e9),
-            ("max_speed_deg_s", self.max_speed_deg_s, 1e4),
-            ("acceleration_deg_s2", self.acceleration_deg_s2, 1e6),
-            ("home_timeout_s", Some(self.home_timeout_s), 3600.0),
+        for (key, value, max, told) in [
+            ("counts_per_turn", self.counts_per_turn, 1e9, "1e9"),
+            ("max_speed_deg_s", self.max_speed_deg_s, 1e4, "10 000"),
+            (
+                "acceleration_deg_s2",
+                self.acceleration_deg_s2,
+                1e6,
+                "1 000 000",
+            ),
+            ("home_timeout_s", Some(self.home_timeout_s), 3600.0, "3600"),
         ] {
-            if value.is_some_and(|v| !(v > 0.0 && v <= max)) {
-                return Err((key, "it must be a number above 0, within reason"));
+            if let Some(value) = value.filter(|v| !(*v > 0.0 && *v <= max)) {
+                return bad(key, &value, &format!("above 0, and at most {told}"));
             }
         }
         Ok(())
@@ -284,6 +306,13 @@ impl AxisSettings {
         let direct = (engaged && target >= from) || target - from >= self.backlash;
         !direct && self.backlash > Angle::ZERO
     }
+}
+
+/// Degrees as they were written: what went through radians may be off in its last digits.
+fn in_degrees(angle: Angle) -> f64 {
+    let deg = angle.deg();
+    let rounded = (deg * 1e9).round() / 1e9;
+    if rounded.is_finite() { rounded } else { deg }
 }
 
 /// How fast an axis goes.

@@ -64,7 +64,7 @@ impl PredictionLimits {
             .within(self.max_seconds);
         let asked = *self != PredictionLimits::default();
         if asked || (told.seconds > 1.0 && std::io::stderr().is_terminal()) {
-            eprintln!("forecast: {told}");
+            super::super::say(&format_args!("forecast: {told}"));
         }
     }
 }

@@ -154,7 +154,9 @@ pub(super) fn each(
         .max_seconds
         .filter(|_| watch.is_late() && traced < all)
     {
-        eprintln!("stopped after {limit} s: {traced} of {all} photons were traced");
+        super::super::say(&format_args!(
+            "stopped after {limit} s: {traced} of {all} photons were traced"
+        ));
     }
     Ok(done)
 }
@@ -168,9 +170,9 @@ fn foretell(runs: &Runs<'_>, cancel: &AtomicBool) {
     let patience = Patience::usual(runs.limits.max_seconds, cancel);
     let make = |n: usize| (runs.make)(n).ok();
     if let Some(forecast) = of_runs(runs.count, &make, asked, patience) {
-        eprintln!(
+        super::super::say(&format_args!(
             "forecast: {}",
             forecast.drawn_within(runs.limits.max_seconds)
-        );
+        ));
     }
 }

@@ -135,7 +135,10 @@ impl<'a> Task<'a> {
         let patience = Patience::usual(args.max_seconds, &self.cancel);
         if let Some(told) = of_run(&self.prepared, asked, patience) {
             let forecast = told.times(args.surfaces.unwrap_or(1));
-            eprintln!("forecast: {}", forecast.drawn_within(args.max_seconds));
+            super::super::say(&format_args!(
+                "forecast: {}",
+                forecast.drawn_within(args.max_seconds)
+            ));
         }
     }
 
@@ -192,7 +195,10 @@ impl<'a> Task<'a> {
             table::write(out, totals, &stokes, part.as_ref())?;
         }
         if !done.complete {
-            eprintln!("{}", how_to_go_on(self.path, out, args.shard));
+            super::super::say(&format_args!(
+                "{}",
+                how_to_go_on(self.path, out, args.shard)
+            ));
         }
         if totals.photons() == 0 && !self.is_cancelled() {
             return Err(CliError::no_result(anyhow!(
