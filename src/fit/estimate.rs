@@ -12,9 +12,12 @@ use super::edges;
 use super::misfit::{explained, lightened, loss_weights, peak};
 use super::opening::{Opening, THOROUGH_ROUNDS};
 use super::problem::{Problem, Quantity, Values};
-use super::search::{AMBIGUOUS_RISE, Late, Search, StartReport, many_minima, same, usable};
+use super::search::{
+    AMBIGUOUS_RISE, Late, ONE_SURFACE, Search, StartReport, many_minima, same, usable,
+};
 use super::settle::{Settled, Weighing, with_tier};
 use super::solver::{Ending, Minimum, Settings};
+use super::start::distance;
 use super::thin::{self, Thinned};
 use super::traced::Tracing;
 use super::{FitOptions, Loss, Told};
@@ -275,7 +278,7 @@ pub(super) fn whole<'a>(
         settled = of_most_observations(settled, variant, &weighing, late);
     }
     let starts = search.report();
-    let candidates = search.rivals(RIVAL_RISE);
+    let candidates = search.rivals(&settled.problem, RIVAL_RISE);
     let mut narrow: Vec<Minimum> = Vec::new();
     if options.misfit && tier.is_some() && settled.narrow() && !search.over() {
         narrow = search.look_again(&settled.problem, &settled.minimum);
@@ -312,9 +315,11 @@ pub(super) fn whole<'a>(
             *rival = settled.again(&rival.parameters, cancel);
         }
     }
+    let surface = |m: &Minimum| settled.problem.unpack(&m.parameters).folded();
+    let here = surface(&settled.minimum);
     rivals.retain(|m| {
-        let (cost, rise) = (settled.minimum.cost, m.cost - settled.minimum.cost);
-        m.cost.is_finite() && rise < AMBIGUOUS_RISE && rise > 1e-6 * cost.max(1.0)
+        let rise = m.cost - settled.minimum.cost;
+        m.cost.is_finite() && rise < AMBIGUOUS_RISE && distance(&surface(m), &here) > ONE_SURFACE
     });
     let mut shift = vec![0.0; settled.minimum.parameters.len()];
     let mut undecided = false;

@@ -42,7 +42,7 @@ const SHARED: [Quantity; 6] = [
 /// Why the common report has no gain, stray light or offsets.
 pub(crate) const EACH_ITS_OWN: &str = "each scan has its own: see scans";
 /// Passes of tier and refit.
-const TIER_PASSES: usize = 2;
+const TIER_PASSES: usize = 4;
 
 /// One scan with a name for the report.
 #[derive(Debug, Clone, Copy)]
@@ -364,14 +364,13 @@ impl<'e, 'a> Joint<'e, 'a> {
         pairs.map(|(p, o)| p - o.signal).collect()
     }
 
-    /// The tier's corrections at the common surface, for the scans that it describes better.
+    /// The tier's corrections at the common surface: one surface has one model, so all scans take them where one does.
     fn correct(&mut self, tier: Tier<'_>) {
-        let takes: Vec<bool> = self.alone.iter().map(Estimate::takes_tier).collect();
-        if !takes.contains(&true) {
+        if !self.alone.iter().any(Estimate::takes_tier) {
             return;
         }
         for _ in 0..TIER_PASSES {
-            for scan in (0..takes.len()).filter(|s| takes[*s]) {
+            for scan in 0..self.alone.len() {
                 if let Some(correction) = tier(&self.problems[scan], &self.values(scan)) {
                     let problem = self.problems[scan].clone();
                     self.problems[scan] = problem.with_correction(correction);

@@ -33,6 +33,8 @@ pub(super) const REFINED: usize = 4;
 const APART: f64 = 0.3;
 /// How near to each other two rough ends are that lead to one minimum (see [`distance`]).
 const SAME_SPOT: f64 = 0.05;
+/// How far apart two ends are at least to be two surfaces that a report tells apart: 0.05°, 0.7 % of α (see [`distance`]).
+pub(super) const ONE_SURFACE: f64 = 0.01;
 /// Different ends of a thorough round that are refined.
 pub(super) const REFINED_THOROUGHLY: usize = 12;
 /// Ends whose valleys are followed.
@@ -298,20 +300,30 @@ impl<'p> Search<'p> {
         self.runs.push(settled.minimum.clone());
     }
 
-    /// Different ends within `rise` of the best cost, that one left out.
-    pub(super) fn rivals(&self, rise: f64) -> Vec<Minimum> {
+    /// Different ends within `rise` of the best cost, that one left out. Two surfaces may cost the same to the last digit
+    /// (mirror images on a scan that is symmetric); where the data leave the surface open, the ends of one cost are one
+    /// valley's.
+    pub(super) fn rivals(&self, problem: &Problem<'_>, rise: f64) -> Vec<Minimum> {
         let Some(best) = self.best() else {
             return Vec::new();
         };
+        let twins = determined(problem, best);
+        let surface = |m: &Minimum| problem.unpack(&m.parameters).folded();
         let mut near: Vec<&Minimum> = self
             .runs
             .iter()
-            .filter(|m| usable(m) && !same(m.cost, best.cost) && m.cost <= best.cost + rise)
+            .filter(|m| usable(m) && m.cost <= best.cost + rise)
             .collect();
         near.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        let mut known = vec![(best.cost, surface(best))];
         let mut chosen: Vec<Minimum> = Vec::new();
         for m in near {
-            if chosen.len() < RIVALS && chosen.last().is_none_or(|c| !same(m.cost, c.cost)) {
+            let here = surface(m);
+            let is_known = |(cost, other): &(f64, Values)| {
+                same(m.cost, *cost) && (!twins || distance(&here, other) < ONE_SURFACE)
+            };
+            if chosen.len() < RIVALS && !known.iter().any(is_known) {
+                known.push((m.cost, here));
                 chosen.push(m.clone());
             }
         }
@@ -322,7 +334,7 @@ impl<'p> Search<'p> {
     pub(super) fn rivalled(&self, problem: &Problem<'_>, best: &Minimum) -> bool {
         let surface = |m: &Minimum| problem.unpack(&m.parameters).folded();
         let here = surface(best);
-        let rivals = self.rivals(AMBIGUOUS_RISE);
+        let rivals = self.rivals(problem, AMBIGUOUS_RISE);
         rivals.iter().any(|m| distance(&surface(m), &here) > APART)
     }
 

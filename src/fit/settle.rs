@@ -34,7 +34,8 @@ pub(super) const NARROW_TRIALS: usize = 3;
 const AS_GOOD: f64 = 1.25;
 /// How far apart two ends are at least to be two surfaces (see [`distance`]).
 const SAME: f64 = 0.05;
-/// How many times smaller the misfit of another end of a narrow lobe has to be.
+/// How many times smaller the misfit of another end of a narrow lobe has to be, and that of the closed form where it
+/// stands against the tier: what it leaves out is there, and the misfits of few poses scatter.
 const CLEAR_GAIN: f64 = 2.0;
 /// How many times larger the trimmed squares of one end are that make another one the better.
 const FAR_MORE: f64 = 4.0;
@@ -244,6 +245,12 @@ impl Settled<'_> {
         }
     }
 
+    /// Whether this describes the data so much better than `other` that its misfit cannot be an accident of few poses.
+    fn far_better_than(&self, other: &Self, weighing: &Weighing<'_>) -> bool {
+        CLEAR_GAIN * self.discrepancy < other.discrepancy
+            || self.discrepancy == 0.0 && self.better_than(other, weighing)
+    }
+
     /// Whether this describes the data better than `other`.
     fn better_than(&self, other: &Self, weighing: &Weighing<'_>) -> bool {
         if weighing.options.loss != Loss::Linear {
@@ -265,7 +272,7 @@ pub(super) struct Corrected<'a> {
     pub undecided: bool,
     /// Whether another end than the search's best is the answer now.
     pub elsewhere: bool,
-    /// Other ends that describe the data no worse, where none describes them well.
+    /// Other ends that describe the data no worse.
     pub rivals: Vec<Minimum>,
 }
 
@@ -319,8 +326,12 @@ pub(super) fn with_tier<'a>(
         rivals: Vec::new(),
     };
     if let Some(costly) = costly {
-        let undecided = costly.alike(&closed, weighing);
-        if undecided || costly.better_than(&closed, weighing) {
+        // Of what the misfit and the counted squares say, either is enough for what nature has.
+        let better = costly.better_than(&closed, weighing)
+            || costly.misses(weighing) < closed.misses(weighing);
+        let far_worse = closed.far_better_than(&costly, weighing);
+        let undecided = costly.alike(&closed, weighing) || !(better || far_worse);
+        if undecided || better && !far_worse {
             best.shift = step(&closed, &costly);
             best.undecided = undecided;
             best.settled = costly;
@@ -364,7 +375,7 @@ pub(super) fn with_tier<'a>(
         }
     }
     let discrepancy = best.settled.discrepancy;
-    if discrepancy > DOUBTFUL {
+    if discrepancy > 0.0 {
         let near = others.into_iter();
         let near = near.filter(|o| o.discrepancy <= AS_GOOD * discrepancy);
         let near = near.map(|o| o.minimum);
