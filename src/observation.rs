@@ -134,6 +134,8 @@ pub struct ObservationSet {
     pub wedge_std: Option<Angle>,
     /// Standard uncertainty of the angle θl between lamp and camera; `None` where nobody states it.
     pub theta_l_std: Option<Angle>,
+    /// Standard uncertainty that the dark frames' own noise gives all signals alike, in their unit.
+    pub dark_std: f64,
     /// Region of interest, where the sample has several.
     pub region: Option<String>,
     /// Where this region's lean direction stands relative to the rig's azimuth zero (90° for the odd
@@ -168,6 +170,7 @@ impl ObservationSet {
             background,
             wedge_std: None,
             theta_l_std: None,
+            dark_std: 0.0,
             region: None,
             region_azimuth: Angle::ZERO,
             rejected_frames: Vec::new(),

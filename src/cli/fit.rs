@@ -233,7 +233,8 @@ pub fn run(args: Args) -> Result<(), CliError> {
 /// Reads a shape from a file.
 fn shape_in(path: &Path, units: &Units) -> Result<(Profile, Option<RidgeFacts>), CliError> {
     let name = path.display().to_string();
-    let content = std::fs::read(path)
+    let content = heights::bytes_of(path)
+        .map_err(anyhow::Error::msg)
         .with_context(|| format!("cannot read {name}"))
         .map_err(CliError::bad_input)?;
     heights::read(&name, &content)

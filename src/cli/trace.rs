@@ -154,7 +154,7 @@ pub(super) fn ready(path: &Path, scene: &Scene) -> Result<Prepared, CliError> {
 fn beside(path: &Path) -> impl Fn(&str) -> Result<HeightMap, String> {
     let folder = path.parent().unwrap_or(Path::new("."));
     |file| {
-        let content = std::fs::read(folder.join(file)).map_err(|e| e.to_string())?;
+        let content = heights::bytes_of(&folder.join(file))?;
         heights::read(file, &content)
     }
 }
@@ -173,7 +173,7 @@ fn prepare(path: &Path) -> Result<(Scene, Prepared, Sha256), CliError> {
     let bytes = std::cell::RefCell::new(&mut fingerprint);
     let prepared = scene
         .prepare(&|file| {
-            let content = std::fs::read(folder.join(file)).map_err(|e| e.to_string())?;
+            let content = heights::bytes_of(&folder.join(file))?;
             bytes.borrow_mut().update(&content);
             heights::read(file, &content)
         })

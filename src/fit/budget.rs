@@ -14,7 +14,8 @@
 //! - *wedge*: how the sample's mean plane is inclined to the turntable, where that is stated;
 //! - *drift*: the lamp between white reference and sample, and while the poses were taken where the residuals show it
 //!   (see `drift`);
-//! - *background*: what the prior leaves open of the stray light;
+//! - *background*: what the prior leaves open of the stray light, and for itself the dark frames' noise, which all
+//!   observations share;
 //! - *model*: what the closed form misses. Its errors are smooth over the poses, so the scatter of
 //!   the residuals taken as independent would understate them: whole tilts and whole azimuths are
 //!   left out in turn (a grouped jackknife, which keeps the correlation within a group; of what a group
@@ -276,6 +277,10 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                     all.add(through(change));
                 }
                 if let Some((local, quantity)) = own {
+                    if quantity == Quantity::Background {
+                        // What all signals have too much or too little of is stray light to the fit, and nothing else.
+                        squares.background += set.dark_std.powi(2);
+                    }
                     wedge = wedge.max(through_wedge(set, quantity, &estimate.values));
                     if quantity == Quantity::Background && set.white_reference.is_some() {
                         // Stray light is stated in radiance, on the scale that the reference gives.

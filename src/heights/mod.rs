@@ -16,6 +16,27 @@ use crate::trace::scene::HeightMap;
 /// More heights than this are refused before they are read.
 const HEIGHTS_MAX: usize = 1 << 26;
 
+/// Bytes of a file of heights at most.
+const BYTES_MAX: u64 = 1 << 32;
+
+/// What a file of heights holds; a device or a pipe that never ends is no such file.
+///
+/// # Errors
+/// The file cannot be read, is none, or is too large.
+pub fn bytes_of(path: &std::path::Path) -> Result<Vec<u8>, String> {
+    let facts = std::fs::metadata(path).map_err(|e| e.to_string())?;
+    if !facts.is_file() {
+        return Err("it is no regular file".to_owned());
+    }
+    if facts.len() > BYTES_MAX {
+        let gigabytes = facts.len() as f64 / 1e9;
+        return Err(format!(
+            "it has {gigabytes:.1} GB, and at most 4.3 are read"
+        ));
+    }
+    std::fs::read(path).map_err(|e| e.to_string())
+}
+
 /// Reads a file's content by the ending of its name.
 ///
 /// # Errors
@@ -191,6 +212,15 @@ fn png(content: &[u8], most: usize) -> Result<HeightMap, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_never_ends_is_no_file_of_heights() {
+        for path in ["/dev/zero", "/dev"] {
+            let refused = bytes_of(path.as_ref()).unwrap_err();
+            assert!(refused.contains("no regular file"), "{refused}");
+        }
+        assert!(bytes_of("/nowhere.csv".as_ref()).is_err());
+    }
 
     #[test]
     fn a_table_is_read_with_or_without_names_and_a_ragged_one_refused_by_line() {

@@ -96,6 +96,12 @@ impl Ground<'_> {
         per_pixel / (level.n.max(1.0) * exposure_s * exposure_s)
     }
 
+    /// Standard uncertainty of a segment's mean rate from the dark frames' noise: the same in every frame of an exposure.
+    pub(super) fn dark_std(&self, level: &Level, exposure_s: f64) -> f64 {
+        let per_pixel = self.darks.at(exposure_s).variance_dn2 * level.inverse_response2.max(1.0);
+        (per_pixel / level.n.max(1.0)).sqrt() / exposure_s
+    }
+
     /// Reads and measures frame `index`.
     pub(super) fn measure(&self, index: usize) -> Result<Measured, Rejection> {
         let row = &self.calls.source.rows()[index];

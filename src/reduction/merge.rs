@@ -34,6 +34,8 @@ pub(super) struct Merged {
     pub(super) variance: f64,
     /// Mean column and row of the pixels, of near rigs.
     pub(super) middle_px: [f64; 2],
+    /// Part of the rate's standard uncertainty that the dark frames' noise has, which other poses share.
+    pub(super) dark_std_dn_s: f64,
 }
 
 /// One pose with its merged levels, by segment.
@@ -478,6 +480,7 @@ fn merged(ground: &Ground<'_>, group: &Group, lamp_scatter: f64) -> PoseLevels {
                 .sum::<f64>()
                 / time;
             let (mut weight, mut rate, mut own, mut texture) = (0.0, 0.0, 0.0, 0.0);
+            let mut dark = 0.0;
             for m in frames.iter().filter(|m| m.levels[s].n > 0.0) {
                 let level = &m.levels[s];
                 let model = ground.variance_model(level, common, m.exposure_s);
@@ -486,6 +489,7 @@ fn merged(ground: &Ground<'_>, group: &Group, lamp_scatter: f64) -> PoseLevels {
                 rate += w * level.rate_dn_s;
                 own += w * w * model.max(level.variance_pixels);
                 texture += w * level.variance_texture;
+                dark += w * ground.dark_std(level, m.exposure_s);
             }
             if weight <= 0.0 {
                 return Merged::default();
@@ -494,6 +498,7 @@ fn merged(ground: &Ground<'_>, group: &Group, lamp_scatter: f64) -> PoseLevels {
             Merged {
                 n: frames[0].levels[s].n,
                 middle_px: frames[0].levels[s].middle_px,
+                dark_std_dn_s: dark / weight,
                 rate_dn_s: rate,
                 variance: own / (weight * weight)
                     + texture / weight

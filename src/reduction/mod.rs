@@ -269,6 +269,8 @@ pub fn reduce(
             }
         })
         .collect();
+    let dark = levels.iter().map(|(_, level)| level.dark_std_dn_s / unit);
+    let dark_std = dark.sum::<f64>() / levels.len() as f64;
     let used: u32 = observations.iter().map(|o| o.n_frames).sum();
     let (rejected_frames, warnings) = journal.close(source.rows());
     let views = if viewing.is_far() {
@@ -301,6 +303,7 @@ pub fn reduce(
         },
         wedge_std: manifest.rig.sample_wedge_std_deg.map(Angle::from_deg),
         theta_l_std: manifest.rig.theta_l_std_deg.map(Angle::from_deg),
+        dark_std,
         region: region.map(str::to_owned),
         region_azimuth: match (chosen, &manifest.sample.layout) {
             (Some(chosen), Some(layout)) => layout.lean_azimuth(chosen.is_odd()),
@@ -482,6 +485,11 @@ fn over_segments(pose: &PoseLevels, alike: bool) -> Merged {
         n,
         rate_dn_s: rate,
         variance: own.max(between),
+        dark_std_dn_s: used
+            .iter()
+            .map(|s| (s.n / n * s.dark_std_dn_s).powi(2))
+            .sum::<f64>()
+            .sqrt(),
         ..Merged::default()
     }
 }

@@ -38,6 +38,8 @@ struct Context {
     wedge_std_deg: Option<f64>,
     #[serde(default)]
     theta_l_std_deg: Option<f64>,
+    #[serde(default)]
+    dark_std: f64,
     region_azimuth_deg: f64,
     n_frames_used: u32,
     rejected_frames: Vec<RejectedFrame>,
@@ -92,6 +94,7 @@ impl Store {
             background: (set.background.mean, set.background.std),
             wedge_std_deg: set.wedge_std.map(Angle::deg),
             theta_l_std_deg: set.theta_l_std.map(Angle::deg),
+            dark_std: set.dark_std,
             region_azimuth_deg: set.region_azimuth.deg(),
             n_frames_used: set.n_frames_used,
             rejected_frames: set.rejected_frames.clone(),
@@ -225,6 +228,7 @@ impl Store {
             },
             wedge_std: context.wedge_std_deg.map(Angle::from_deg),
             theta_l_std: context.theta_l_std_deg.map(Angle::from_deg),
+            dark_std: context.dark_std,
             region,
             region_azimuth: Angle::from_deg(context.region_azimuth_deg),
             n_frames_used: context.n_frames_used,
@@ -311,6 +315,7 @@ mod tests {
             }],
             wedge_std: Some(Angle::from_deg(0.1)),
             theta_l_std: Some(Angle::from_deg(0.2)),
+            dark_std: 1e-6,
             white_reference: Some(WhiteReference {
                 reflectance: 0.99,
                 reflectance_std: 0.005,

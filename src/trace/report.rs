@@ -106,7 +106,7 @@ fn notes(totals: &Totals, e: &Energies<Estimate>) -> Vec<String> {
     let mut notes = Vec::new();
     if totals.batches() < 2 {
         notes.push("a single replicate gives no error: launch more photons".to_owned());
-    } else if all.iter().all(|x| x.std == 0.0) {
+    } else if all.iter().all(|x| x.std == 0.0) && e.truncated.value < MUCH_TRUNCATED {
         notes.push(
             "nothing was left to chance: where all light goes is known from the surface, so the standard errors \
              are 0 but for rounding"

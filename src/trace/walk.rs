@@ -162,7 +162,11 @@ impl Walk<'_> {
         let relief = &self.stack.interfaces[0].relief;
         let place = match relief.enter(Side::Above, &self.k, x, y, &mut batch.work) {
             Way::Hit(place) => place,
-            Way::Free | Way::Lost => return batch.truncate(1.0),
+            Way::Free | Way::Lost => {
+                // Light that falls all but level is long on its way and meets nothing.
+                batch.given_up |= batch.take_due() && !(self.go_on)(batch.work);
+                return batch.truncate(1.0);
+            }
         };
         self.photon_at(place, random, waiting, batch);
     }

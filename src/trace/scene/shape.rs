@@ -354,6 +354,9 @@ struct Keys<'a> {
     number: usize,
 }
 
+/// Facets stand at 89.9° then: what is steeper is a forest of needles in which all light is lost.
+const ALPHA_MAX: f64 = 1000.0;
+
 impl Keys<'_> {
     fn name(&self, key: &str) -> String {
         format!("interface {}: {key}", self.number)
@@ -374,9 +377,13 @@ impl Keys<'_> {
     }
 
     fn roughness(&self) -> Result<Roughness, SceneError> {
+        let alpha = |key: &'static str, x: Option<f64>| match self.need(key, x)? {
+            alpha if alpha <= ALPHA_MAX => Ok(alpha),
+            alpha => Err(value(&self.name(key), alpha, "must be at most 1000")),
+        };
         Ok(Roughness {
-            alpha_u: self.need("alpha_u", self.shape.alpha_u)?,
-            alpha_v: self.need("alpha_v", self.shape.alpha_v)?,
+            alpha_u: alpha("alpha_u", self.shape.alpha_u)?,
+            alpha_v: alpha("alpha_v", self.shape.alpha_v)?,
         })
     }
 
