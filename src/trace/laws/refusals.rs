@@ -22,6 +22,10 @@ fn bad_scenes_get_a_message_that_names_the_key() {
             scene(45.0, &beckmann("alpha_u = -0.1\nalpha_v = 0.1"), ""),
             "alpha_u",
         ),
+        (
+            scene(45.0, &beckmann("alpha_u = 1e154\nalpha_v = 0.1"), ""),
+            "at most 1e8",
+        ),
         (scene(45.0, &beckmann("alpha_u = 0.1"), ""), "alpha_v"),
         (
             scene(45.0, &interface("shape = \"flat\"", "{ n = 0 }"), ""),

@@ -354,8 +354,8 @@ struct Keys<'a> {
     number: usize,
 }
 
-/// Facets stand at 89.9° then: what is steeper is a forest of needles in which all light is lost.
-const ALPHA_MAX: f64 = 1000.0;
+/// Light goes from needle to needle of such a surface until it is given up; squares of slopes far above are no numbers.
+const ALPHA_MAX: f64 = 1e8;
 
 impl Keys<'_> {
     fn name(&self, key: &str) -> String {
@@ -379,7 +379,7 @@ impl Keys<'_> {
     fn roughness(&self) -> Result<Roughness, SceneError> {
         let alpha = |key: &'static str, x: Option<f64>| match self.need(key, x)? {
             alpha if alpha <= ALPHA_MAX => Ok(alpha),
-            alpha => Err(value(&self.name(key), alpha, "must be at most 1000")),
+            alpha => Err(value(&self.name(key), alpha, "must be at most 1e8")),
         };
         Ok(Roughness {
             alpha_u: alpha("alpha_u", self.shape.alpha_u)?,
