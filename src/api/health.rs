@@ -37,7 +37,10 @@ pub struct ReadyBody {
     problem: Option<String>,
 }
 
-/// Whether it can work: store and stages answer.
+/// Less than this, and the database's next pages do not fit.
+const ROOM_TO_WRITE_BYTES: u64 = 1 << 19;
+
+/// Whether it can work: store and stages answer, and the disk has room.
 #[utoipa::path(get, path = "/readyz", tag = "health", responses(
     (status = 200, description = "Ready to serve requests", body = ReadyBody),
     (status = 503, description = "It cannot; `problem` says why", body = ReadyBody),
@@ -50,7 +53,9 @@ pub(super) async fn readyz(State(app): State<App>) -> impl IntoResponse {
         Err(error) => (false, Some(error.to_string())),
     };
     let adrift = app.lab.adrift().into_iter().next();
-    let kept = store.is_ok() && adrift.is_none();
+    let free = app.lab.store().free_bytes().ok();
+    let no_room = free.filter(|bytes| *bytes < ROOM_TO_WRITE_BYTES);
+    let kept = store.is_ok() && adrift.is_none() && no_room.is_none();
     let ready = kept && rig;
     let status = match ready {
         true => StatusCode::OK,
@@ -59,7 +64,12 @@ pub(super) async fn readyz(State(app): State<App>) -> impl IntoResponse {
     let problem = match (&store, adrift) {
         (Err(error), _) => Some(error.to_string()),
         (Ok(()), Some((scan, why))) => Some(format!("scan {scan} cannot be recorded: {why}")),
-        (Ok(()), None) => problem,
+        (Ok(()), None) => match no_room {
+            Some(bytes) => Some(format!(
+                "the disk of the data folder has {bytes} bytes left: nothing more can be kept; make room"
+            )),
+            None => problem,
+        },
     };
     let body = ReadyBody {
         ready,

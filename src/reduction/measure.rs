@@ -375,15 +375,18 @@ impl Ground<'_> {
                 shaded.unwrap_or_else(|| due.get(*label as usize).copied().unwrap_or(0.0))
             })
             .collect();
+        // The response's noise goes with the light: of segments the brightest, under a steep lobe the mean of the squares.
         let brightest = due.iter().fold(0.0_f32, |a, b| a.max(b.abs()));
+        let lit = || light.iter().zip(labels).filter(|(_, l)| **l != NOWHERE);
+        let squares: f64 = lit().map(|(x, _)| f64::from(*x).powi(2)).sum();
+        let square = (squares / lit().count().max(1) as f64).max(f64::from(brightest).powi(2));
         let verdict = compare(
             frame.pixels_dn(),
             &Expected {
                 dark_dn: &dark.level_dn,
                 response: &self.response.pixels,
                 light_dn: &light,
-                variance_dn2: dark.variance_dn2
-                    + f64::from(brightest).powi(2) * self.response.variance,
+                variance_dn2: dark.variance_dn2 + square * self.response.variance,
                 labels,
                 width: self.sensor.width,
                 differences: match self.far {

@@ -237,7 +237,10 @@ pub fn reduce(
                     "left out: {}, the first being {} ({})",
                     counted(rejected.len(), "frame"),
                     first.file,
-                    first.reason
+                    match first.detail.as_str() {
+                        "" => first.reason.clone(),
+                        detail => format!("{}: {detail}", first.reason),
+                    }
                 ),
                 None => "the list holds no sample frame with light".to_owned(),
             },

@@ -36,7 +36,7 @@ use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use sqlx::Connection;
 use sqlx::migrate::Migrator;
@@ -278,13 +278,25 @@ async fn is_out_of_transactions(connection: &mut SqliteConnection) -> Result<boo
     // A rollback that waits its turn has had it once this is answered.
     connection.ping().await?;
     let is_out = !connection.is_in_transaction();
-    if !is_out {
+    if !is_out && told_again() {
         tracing::warn!(
             "a write could neither be committed nor rolled back (a full disk does that); \
              the database is opened anew"
         );
     }
     Ok(is_out)
+}
+
+/// Whether a minute has passed since this was told: on a full disk it happens several times a second.
+fn told_again() -> bool {
+    const QUIET: Duration = Duration::from_secs(60);
+    static TOLD: Mutex<Option<Instant>> = Mutex::new(None);
+    let mut told = TOLD.lock().expect("no holder of this lock panics");
+    let again = told.is_none_or(|at| at.elapsed() > QUIET);
+    if again {
+        *told = Some(Instant::now());
+    }
+    again
 }
 
 const DATABASE: &str = "ridged.sqlite";

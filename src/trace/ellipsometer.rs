@@ -7,6 +7,8 @@
 //! behind the lamp's filter and before the camera's, its angle that of the fast axis. A setting of the camera lets through
 //! the state that the lamp's of the same name makes: linear-0 (I + Q)/2, left (I + V)/2, with V = I_left − I_right.
 
+use std::f64::consts::{FRAC_1_SQRT_2, PI};
+
 use nalgebra::{RowVector4, Vector4};
 use serde::Serialize;
 
@@ -111,9 +113,6 @@ pub struct Reading {
     pub aop_std_deg: f64,
 }
 
-/// Standard error of an angle of polarisation of which nothing is known: any of half a turn is as likely.
-const ANY_ANGLE_STD_DEG: f64 = 51.961_524_227_066_32;
-
 /// One direction in the plane of incidence.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Point {
@@ -176,6 +175,33 @@ pub fn curve_of(
     Some(directions.into_iter().map(point).collect())
 }
 
+/// Standard deviation (rad) of the angle of a vector that stands so many standard errors out of its own noise: 1/r of one that
+/// stands far out, π/√3 of one that may point anywhere.
+fn angle_std(r: f64) -> f64 {
+    const FAR: f64 = 30.0;
+    const STEPS: usize = 256;
+    if r.is_nan() {
+        return angle_std(0.0);
+    }
+    if r > FAR {
+        return 1.0 / r;
+    }
+    // The density of the angle φ of (r + n₁, n₂), n normal; the middle of each step of (0, π).
+    let density = |phi: f64| {
+        let along = r * phi.cos();
+        let tail = 0.5 * libm::erfc(-along * FRAC_1_SQRT_2);
+        let lobe = (2.0 * PI).sqrt() * along * (-0.5 * (r * phi.sin()).powi(2)).exp() * tail;
+        (-0.5 * r * r).exp() + lobe
+    };
+    let step = PI / STEPS as f64;
+    let angles = (0..STEPS).map(|k| (k as f64 + 0.5) * step);
+    let (all, squares) = angles.fold((0.0, 0.0), |(all, squares), phi| {
+        let p = density(phi);
+        (all + p, squares + p * phi * phi)
+    });
+    (squares / all).sqrt()
+}
+
 fn reading(
     input: &'static str,
     lamp: &Stokes,
@@ -200,11 +226,14 @@ fn reading(
         let turn = std_of([0.0, across[0], across[1], 0.0]);
         (
             std_of([-dolp / i, along[0] / i, along[1] / i, 0.0]),
-            (0.5 * turn / linear).to_degrees(),
+            (0.5 * angle_std(linear / turn)).to_degrees(),
         )
     } else {
         // Unpolarised to the last bit: no slope, but the noise of both.
-        (stokes_std[1].hypot(stokes_std[2]) / i, ANY_ANGLE_STD_DEG)
+        (
+            stokes_std[1].hypot(stokes_std[2]) / i,
+            (0.5 * angle_std(0.0)).to_degrees(),
+        )
     };
     let seen = Vector4::from(stokes);
     Reading {
@@ -214,7 +243,7 @@ fn reading(
         dolp,
         dolp_std,
         aop_deg,
-        aop_std_deg: aop_std_deg.min(ANY_ANGLE_STD_DEG),
+        aop_std_deg,
         stokes,
         stokes_std,
     }
@@ -278,6 +307,30 @@ mod tests {
         for u in [0.0, -0.0] {
             assert_eq!(aop_deg(&[1.0, -0.5, u, 0.0]), 90.0);
             assert!(aop_deg(&[1.0, 0.5, u, 0.0]).is_sign_positive());
+        }
+    }
+
+    #[test]
+    fn the_angle_of_a_vector_within_its_noise_is_any_angle() {
+        assert!((angle_std(0.0) - PI / 3f64.sqrt()).abs() < 1e-4);
+        assert_eq!(angle_std(f64::NAN), angle_std(0.0));
+        // Continuous where the formula changes, and never below the slope's.
+        assert!((angle_std(30.0) * 30.0 - 1.0).abs() < 2e-3);
+        for r in [0.1, 0.5, 1.0, 3.0, 10.0, 29.0] {
+            assert!(angle_std(r) > angle_std(r + 0.5), "{r}");
+            assert!(angle_std(r) < PI / 3f64.sqrt());
+        }
+        let mut stream = crate::trace::rng::Stream::new(7, crate::trace::rng::Purpose::Batch, 0);
+        for r in [1.0, 3.0] {
+            let squares: f64 = (0..200_000)
+                .map(|_| {
+                    let length = (-2.0 * (1.0 - stream.uniform()).ln()).sqrt();
+                    let (s, c) = (2.0 * PI * stream.uniform()).sin_cos();
+                    (length * s).atan2(r + length * c).powi(2)
+                })
+                .sum();
+            let drawn = (squares / 200_000.0).sqrt();
+            assert!((angle_std(r) / drawn - 1.0).abs() < 0.01, "{r} {drawn}");
         }
     }
 

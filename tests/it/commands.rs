@@ -273,6 +273,29 @@ fn a_terminal_that_is_closed_ends_a_daemon_as_ctrl_c_does() {
 }
 
 #[test]
+fn a_log_that_cannot_be_written_ends_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut shell = Command::new("sh");
+    let program = env!("CARGO_BIN_EXE_ridged");
+    // As a disk does that is full, and a terminal that was closed.
+    shell.args([
+        "-c",
+        r#"RIDGED_LOG=debug exec "$0" "$@" 2>/dev/full"#,
+        program,
+    ]);
+    let mut daemon = Daemon::start_by(shell, folder.path(), &["--simulated-rig"]);
+    let added = daemon.post("/samples", r#"{"name": "part 17"}"#);
+    assert_eq!(added.0, 201, "{}", added.1);
+    let homing = daemon.post("/rig/axes/phi_s/home", "");
+    assert_eq!(homing.0, 202, "{}", homing.1);
+    let stopped = daemon.post("/rig/stop", "");
+    assert_eq!(stopped.0, 200, "{}", stopped.1);
+    let ended = daemon.terminate();
+    assert!(ended.success(), "{ended}");
+    assert!(!folder.path().join("data/daemon.json").exists());
+}
+
+#[test]
 fn a_kill_in_mid_scan_leaves_every_committed_frame_and_the_scan_interrupted() {
     let folder = tempfile::tempdir().unwrap();
     let args = ["--simulated-rig", "--time-scale", "20"];
