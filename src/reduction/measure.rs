@@ -329,17 +329,52 @@ impl Ground<'_> {
                 }
             }
         }
+        let noise = match self.far {
+            true => Vec::new(),
+            false => self.noise_on_slopes(labels, &counts, &value),
+        };
         (0..segments)
             .map(|segment| {
                 let cells = &cells[segment * CELLS * CELLS..(segment + 1) * CELLS * CELLS];
                 let mut level = Level::of(cells, inverse[segment], exposure_s);
                 if !self.far {
                     level.variance_texture = 0.0;
+                    if let Some(per_pixel) = noise[segment] {
+                        level.variance_pixels =
+                            per_pixel / (level.n.max(1.0) * exposure_s * exposure_s);
+                    }
                     level.middle_px = places[segment].map(|sum| sum / level.n.max(1.0));
                 }
                 level
             })
             .collect()
+    }
+
+    /// Variance of a pixel of each segment about light that slopes over the field, as it does near a lamp or a camera: second
+    /// differences along the rows have no slope, and six times a pixel's variance. None of a segment with few of them.
+    fn noise_on_slopes(
+        &self,
+        labels: &[u16],
+        counts: &impl Fn(usize) -> bool,
+        value: &impl Fn(usize) -> f64,
+    ) -> Vec<Option<f64>> {
+        const FEW: f64 = 32.0;
+        let width = self.sensor.width;
+        let mut sums = vec![(0.0, 0.0); self.segments.len()];
+        for middle in
+            (1..labels.len().saturating_sub(1)).filter(|p| (1..width - 1).contains(&(p % width)))
+        {
+            let label = labels[middle];
+            let near = middle - 1..=middle + 1;
+            if label != NOWHERE && near.clone().all(|p| labels[p] == label && counts(p)) {
+                let second = value(middle - 1) - 2.0 * value(middle) + value(middle + 1);
+                let sum: &mut (f64, f64) = &mut sums[label as usize];
+                sum.0 += 1.0;
+                sum.1 += second * second;
+            }
+        }
+        let variance = |(n, squares): (f64, f64)| (n >= FEW).then(|| squares / (6.0 * n));
+        sums.into_iter().map(variance).collect()
     }
 
     fn shading(&self, frame: &Frame, dark: &Dark, labels: &[u16]) -> Shading {
