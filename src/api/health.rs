@@ -9,6 +9,7 @@ use utoipa::ToSchema;
 
 use super::App;
 use super::error::ApiError;
+use crate::store::ROOM_TO_OPEN_KB;
 
 /// Where it is asked whether the daemon lives.
 pub(super) const HEALTHZ: &str = "/healthz";
@@ -37,9 +38,6 @@ pub struct ReadyBody {
     problem: Option<String>,
 }
 
-/// Less than this, and the database's next pages do not fit.
-const ROOM_TO_WRITE_BYTES: u64 = 1 << 19;
-
 /// Whether it can work: store and stages answer, and the disk has room.
 #[utoipa::path(get, path = "/readyz", tag = "health", responses(
     (status = 200, description = "Ready to serve requests", body = ReadyBody),
@@ -54,7 +52,7 @@ pub(super) async fn readyz(State(app): State<App>) -> impl IntoResponse {
     };
     let adrift = app.lab.adrift().into_iter().next();
     let free = app.lab.store().free_bytes().ok();
-    let no_room = free.filter(|bytes| *bytes < ROOM_TO_WRITE_BYTES);
+    let no_room = free.filter(|bytes| *bytes < 1024 * ROOM_TO_OPEN_KB);
     let kept = store.is_ok() && adrift.is_none() && no_room.is_none();
     let ready = kept && rig;
     let status = match ready {

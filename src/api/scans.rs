@@ -319,19 +319,10 @@ pub(super) async fn command(
     body: Bytes,
 ) -> Result<impl IntoResponse, ApiError> {
     let id: i64 = id.parse().map_err(|_| ApiError::bad_request(NO_ID))?;
-    let nothing = || match body.is_empty() {
-        true => Ok(()),
-        false => from_json::<NothingBody>(&body).map(|NothingBody {}| ()),
-    };
     let order = match order.as_str() {
-        "pause" | "resume" | "abort" => {
-            nothing()?;
-            match order.as_str() {
-                "pause" => Order::Pause,
-                "resume" => Order::Resume,
-                _ => Order::Abort,
-            }
-        }
+        "pause" => Order::Pause,
+        "resume" => Order::Resume,
+        "abort" => Order::Abort,
         "continue" => {
             let done: Option<ContinueBody> = match body.is_empty() {
                 true => None,
@@ -346,6 +337,10 @@ pub(super) async fn command(
             )));
         }
     };
+    let takes_a_step = matches!(order, Order::Continue | Order::Done(_));
+    if !takes_a_step && !body.is_empty() {
+        let NothingBody {} = from_json(&body)?;
+    }
     let state = app.lab.order(id, order).await?;
     Ok(begun(id, state))
 }

@@ -277,16 +277,16 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                     all.add(through(change));
                 }
                 if let Some((local, quantity)) = own {
+                    wedge = wedge.max(through_wedge(set, quantity, &estimate.values));
                     if quantity == Quantity::Background {
                         // What all signals have too much or too little of is stray light to the fit, and nothing else.
                         squares.background += set.dark_std.powi(2);
-                    }
-                    wedge = wedge.max(through_wedge(set, quantity, &estimate.values));
-                    if quantity == Quantity::Background && set.white_reference.is_some() {
-                        // Stray light is stated in radiance, on the scale that the reference gives.
-                        let scale = estimate.values.background;
-                        squares.reference += (scale * reference_std(set)).powi(2);
-                        squares.drift += (scale * drift_std(set)).powi(2);
+                        if set.white_reference.is_some() {
+                            // It is stated in radiance, on the scale that the reference gives.
+                            let scale = estimate.values.background;
+                            squares.reference += (scale * reference_std(set)).powi(2);
+                            squares.drift += (scale * drift_std(set)).powi(2);
+                        }
                     }
                     tier = tier.max(match &estimate.traced {
                         Some(traced) => traced.last_step[local]

@@ -318,11 +318,14 @@ impl<'p> Search<'p> {
         let mut known = vec![(best.cost, surface(best))];
         let mut chosen: Vec<Minimum> = Vec::new();
         for m in near {
+            if chosen.len() == RIVALS {
+                break;
+            }
             let here = surface(m);
             let is_known = |(cost, other): &(f64, Values)| {
                 same(m.cost, *cost) && (!twins || distance(&here, other) < ONE_SURFACE)
             };
-            if chosen.len() < RIVALS && !known.iter().any(is_known) {
+            if !known.iter().any(is_known) {
                 known.push((m.cost, here));
                 chosen.push(m.clone());
             }

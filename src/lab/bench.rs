@@ -107,6 +107,11 @@ impl Adrift {
         self.all().clone()
     }
 
+    /// Why a scan is adrift; none where it is not.
+    pub(super) fn why(&self, scan_id: i64) -> Option<String> {
+        self.all().get(&scan_id).cloned()
+    }
+
     pub(super) fn has(&self, scan_id: i64) -> bool {
         self.all().contains_key(&scan_id)
     }
@@ -503,7 +508,7 @@ impl Told {
     /// Marks a scan that is adrift as interrupted, so that it can be resumed or aborted; nothing where it is not.
     pub(super) async fn bring_in(&self, scan_id: i64) -> Result<(), StoreError> {
         let _turn = self.adrift.turn.lock().await;
-        let Some(reason) = self.adrift.all().get(&scan_id).cloned() else {
+        let Some(reason) = self.adrift.why(scan_id) else {
             return Ok(());
         };
         let state = ScanState::Interrupted;

@@ -226,7 +226,11 @@ impl Lab {
     /// A kept scan as it stands: one that can be recorded no more is interrupted, whatever the store could keep of it.
     #[must_use]
     pub fn as_it_stands(&self, mut scan: Scan) -> Scan {
-        if let Some(why) = self.adrift().remove(&scan.id)
+        if let Some(why) = self
+            .inner
+            .rig
+            .as_ref()
+            .and_then(|side| side.told.adrift.why(scan.id))
             && !scan.state.is_end()
         {
             scan.state = ScanState::Interrupted;

@@ -96,7 +96,7 @@ mod tests {
     use std::sync::Arc;
 
     #[tokio::test]
-    async fn what_waits_has_its_turn_in_the_order_it_came_and_can_be_cancelled() {
+    async fn what_waits_has_its_turn_once_one_is_over_and_can_be_cancelled() {
         let turns = Arc::new(Turns::new(1));
         let (first, never) = (Headway::new(), AtomicBool::new(false));
         let held = turns.mine(&first, &never).await.unwrap();

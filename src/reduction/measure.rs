@@ -316,8 +316,10 @@ impl Ground<'_> {
             let segment = labels[pixel] as usize;
             cells[at(pixel)].add(value(pixel), response(pixel));
             inverse[segment] += response(pixel).powi(-2);
-            places[segment][0] += (pixel % width) as f64 + 0.5;
-            places[segment][1] += (pixel / width) as f64 + 0.5;
+            if !self.far {
+                places[segment][0] += (pixel % width) as f64 + 0.5;
+                places[segment][1] += (pixel / width) as f64 + 0.5;
+            }
         }
         if self.far {
             let reach = reach_of(&cells);
@@ -350,8 +352,8 @@ impl Ground<'_> {
             .collect()
     }
 
-    /// Variance of a pixel of each segment about light that slopes over the field, as it does near a lamp or a camera: second
-    /// differences along the rows have no slope, and six times a pixel's variance. None of a segment with few of them.
+    /// Variance of a pixel of each segment about light that slopes over the field, as it does near a lamp or a camera: by
+    /// second differences along the rows, which have no slope. None of a segment with few of them.
     fn noise_on_slopes(
         &self,
         labels: &[u16],
@@ -359,21 +361,22 @@ impl Ground<'_> {
         value: &impl Fn(usize) -> f64,
     ) -> Vec<Option<f64>> {
         const FEW: f64 = 32.0;
+        const SECOND: Differences = Differences::Second;
         let width = self.sensor.width;
         let mut sums = vec![(0.0, 0.0); self.segments.len()];
-        for middle in
-            (1..labels.len().saturating_sub(1)).filter(|p| (1..width - 1).contains(&(p % width)))
-        {
-            let label = labels[middle];
-            let near = middle - 1..=middle + 1;
-            if label != NOWHERE && near.clone().all(|p| labels[p] == label && counts(p)) {
-                let second = value(middle - 1) - 2.0 * value(middle) + value(middle + 1);
-                let sum: &mut (f64, f64) = &mut sums[label as usize];
-                sum.0 += 1.0;
-                sum.1 += second * second;
+        for (row, labels) in labels.chunks_exact(width).enumerate() {
+            let counts = |column: usize| counts(row * width + column);
+            for column in 2..width {
+                let second = SECOND.at(column, labels, |k| value(row * width + k));
+                if let Some(second) = second.filter(|_| (column - 2..=column).all(counts)) {
+                    let sum: &mut (f64, f64) = &mut sums[labels[column] as usize];
+                    sum.0 += 1.0;
+                    sum.1 += second * second;
+                }
             }
         }
-        let variance = |(n, squares): (f64, f64)| (n >= FEW).then(|| squares / (6.0 * n));
+        let variance =
+            |(n, squares): (f64, f64)| (n >= FEW).then(|| squares / (SECOND.variance() * n));
         sums.into_iter().map(variance).collect()
     }
 

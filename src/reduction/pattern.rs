@@ -52,7 +52,12 @@ pub(super) enum Differences {
 
 impl Differences {
     /// The difference that ends at a pixel of a row, where all its pixels may be compared.
-    fn at(self, column: usize, labels: &[u16], value: impl Fn(usize) -> f64) -> Option<f64> {
+    pub(super) fn at(
+        self,
+        column: usize,
+        labels: &[u16],
+        value: impl Fn(usize) -> f64,
+    ) -> Option<f64> {
         let pixels = match self {
             Differences::First => 2,
             Differences::Second => 3,
@@ -69,7 +74,7 @@ impl Differences {
     }
 
     /// Variance of a difference of values that have one each.
-    fn variance(self) -> f64 {
+    pub(super) fn variance(self) -> f64 {
         match self {
             Differences::First => 2.0,
             Differences::Second => 6.0,

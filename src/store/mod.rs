@@ -301,7 +301,7 @@ fn told_again() -> bool {
 
 const DATABASE: &str = "ridged.sqlite";
 /// The database's log and its index, and room for the rows of a start.
-const ROOM_TO_OPEN_KB: u64 = 512;
+pub const ROOM_TO_OPEN_KB: u64 = 512;
 
 fn writing(folder: &Path) -> SqliteConnectOptions {
     SqliteConnectOptions::new()

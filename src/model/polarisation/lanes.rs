@@ -302,20 +302,7 @@ mod tests {
             let found = Arch::new().dispatch(All(&boundary, &cosines));
             assert_eq!(found.len(), cosines.len());
             for (cos, found) in cosines.iter().zip(found) {
-                let split = boundary.at(*cos);
-                let (r, t) = (split.reflected, split.refracted);
-                let expected = [
-                    r.s,
-                    r.p,
-                    r.re,
-                    r.im,
-                    t.s,
-                    t.p,
-                    t.re,
-                    t.im,
-                    split.cos_refracted,
-                    split.ratio,
-                ];
+                let expected = boundary.at(*cos).numbers();
                 assert_eq!(found, expected, "{boundary:?} at {cos}");
             }
         }

@@ -197,14 +197,16 @@ async fn an_imported_series_is_there_as_scan_frames_and_observations() {
     let bytes = to_bytes(response.into_body(), usize::MAX).await.unwrap();
     let file = std::fs::read(polymer().join(frame["file"].as_str().unwrap())).unwrap();
     assert!(bytes == file);
-    let cached = request("GET", image)
-        .header("if-none-match", etag)
-        .body(Body::empty())
-        .unwrap();
-    assert_eq!(
-        send(&router, cached).await.status,
-        StatusCode::NOT_MODIFIED.as_u16()
-    );
+    for method in ["GET", "HEAD"] {
+        let cached = request(method, image)
+            .header("if-none-match", &etag)
+            .body(Body::empty())
+            .unwrap();
+        let response = router.clone().oneshot(cached).await.unwrap();
+        assert_eq!(response.status(), StatusCode::NOT_MODIFIED, "{method}");
+        // It would be that of the file, which the client has.
+        assert_eq!(response.headers().get(header::CONTENT_LENGTH), None);
+    }
     // Observations, whole and by pose, as JSON and as CSV.
     let all = get(&router, "/api/v1/scans/1/observations").await.body;
     assert_eq!(all["items"].as_array().unwrap().len(), 108);
