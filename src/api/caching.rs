@@ -26,9 +26,11 @@ impl Caching {
         }
     }
 
-    /// The answer where the client has the file.
-    pub fn not_modified(&self) -> Option<Response> {
-        let answer = (StatusCode::NOT_MODIFIED, self.headers.clone());
+    /// The answer where the client has the file of so many bytes. The length is that of the file (RFC 9110, 8.6); unsaid,
+    /// axum would say that of the empty answer.
+    pub fn not_modified(&self, bytes: u64) -> Option<Response> {
+        let length = [(header::CONTENT_LENGTH, bytes)];
+        let answer = (StatusCode::NOT_MODIFIED, self.headers.clone(), length);
         self.known.then(|| answer.into_response())
     }
 
@@ -59,12 +61,13 @@ mod tests {
                 asked.append(header::IF_NONE_MATCH, list.parse().unwrap());
             }
             let caching = Caching::new(&asked, "a1", "no-cache");
-            let answer = caching.not_modified();
+            let answer = caching.not_modified(7);
             assert_eq!(answer.is_some(), known, "{sent:?}");
             if let Some(answer) = answer {
                 assert_eq!(answer.status(), StatusCode::NOT_MODIFIED);
                 assert_eq!(answer.headers()[header::ETAG], "\"a1\"");
                 assert_eq!(answer.headers()[header::CACHE_CONTROL], "no-cache");
+                assert_eq!(answer.headers()[header::CONTENT_LENGTH], "7");
             }
         }
     }

@@ -147,7 +147,7 @@ pub(super) async fn image(
 ) -> Result<Response, ApiError> {
     let frame = app.lab.store().frame(id).await?;
     let caching = Caching::new(&headers, &frame.sha256, NEVER_CHANGES);
-    if let Some(answer) = caching.not_modified() {
+    if let Some(answer) = caching.not_modified(frame.bytes.unsigned_abs()) {
         return Ok(answer);
     }
     let png = read(&app, &frame).await?;
@@ -172,7 +172,8 @@ pub(super) async fn pixels(
 ) -> Result<Response, ApiError> {
     let frame = app.lab.store().frame(id).await?;
     let caching = Caching::new(&headers, &frame.sha256, NEVER_CHANGES);
-    if let Some(answer) = caching.not_modified() {
+    let count = u64::from(frame.width_px) * u64::from(frame.height_px);
+    if let Some(answer) = caching.not_modified(size_of::<u16>() as u64 * count) {
         return Ok(answer);
     }
     let png = read(&app, &frame).await?;

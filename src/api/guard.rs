@@ -306,10 +306,6 @@ pub(super) async fn measure(request: Request, next: Next) -> Response {
     metrics::histogram!("ridged_http_request_seconds").record(took_s);
     tracing::debug!(%method, path, status, took_s, "{method} {path}: {status} in {took_s:.4} s");
     let headers = response.headers_mut();
-    if status == StatusCode::NOT_MODIFIED.as_u16() {
-        // The length would be that of the file that the client has (RFC 9110, 8.6), not of this empty answer.
-        headers.remove(header::CONTENT_LENGTH);
-    }
     for (name, value) in [
         ("x-content-type-options", "nosniff"),
         ("x-frame-options", "DENY"),

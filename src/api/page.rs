@@ -64,7 +64,7 @@ fn answer(path: &str, file: &rust_embed::EmbeddedFile, headers: &HeaderMap) -> R
     };
     let tag = hex(&file.metadata.sha256_hash()[..16]);
     let caching = Caching::new(headers, &tag, cache);
-    if let Some(answer) = caching.not_modified() {
+    if let Some(answer) = caching.not_modified(file.data.len() as u64) {
         return answer;
     }
     let kind = [(header::CONTENT_TYPE, file.metadata.mimetype().to_owned())];

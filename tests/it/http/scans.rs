@@ -198,14 +198,20 @@ async fn an_imported_series_is_there_as_scan_frames_and_observations() {
     let file = std::fs::read(polymer().join(frame["file"].as_str().unwrap())).unwrap();
     assert!(bytes == file);
     for method in ["GET", "HEAD"] {
-        let cached = request(method, image)
-            .header("if-none-match", &etag)
-            .body(Body::empty())
-            .unwrap();
-        let response = router.clone().oneshot(cached).await.unwrap();
-        assert_eq!(response.status(), StatusCode::NOT_MODIFIED, "{method}");
-        // It would be that of the file, which the client has.
-        assert_eq!(response.headers().get(header::CONTENT_LENGTH), None);
+        for (path, length) in [
+            (image, bytes.len()),
+            ("/api/v1/frames/1/pixels", 2 * 128 * 128),
+        ] {
+            let cached = request(method, path)
+                .header("if-none-match", "*")
+                .body(Body::empty())
+                .unwrap();
+            let response = router.clone().oneshot(cached).await.unwrap();
+            assert_eq!(response.status(), StatusCode::NOT_MODIFIED, "{method}");
+            // Not that of this empty answer.
+            let said = response.headers()[header::CONTENT_LENGTH].to_str().unwrap();
+            assert_eq!(said, length.to_string(), "{method} {path}");
+        }
     }
     // Observations, whole and by pose, as JSON and as CSV.
     let all = get(&router, "/api/v1/scans/1/observations").await.body;
