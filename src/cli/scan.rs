@@ -31,10 +31,10 @@ const LOOKS_PER_QUESTION: u32 = 16;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   ridged scan --preset paper --simulated-rig --data /tmp/try
-  ridged scan plan.toml --config rig.toml --sample \"batch 7\"
+  ridged scan docs/example-plan.toml --config rig.toml --sample \"batch 7\"
 If a daemon is running on the data folder, it does the scan.")]
 pub struct Args {
-    /// Plan (TOML): theta_c_deg, phi_s_deg, exposures_s, repeats, [dark], [flat].
+    /// Plan (TOML); docs/example-plan.toml shows all keys.
     #[arg(
         value_name = "PLAN.toml",
         required_unless_present = "preset",

@@ -368,6 +368,25 @@ mod tests {
     }
 
     #[test]
+    fn the_example_in_the_docs_is_a_plan_with_every_key_but_the_preset() {
+        let text = include_str!("../../../docs/example-plan.toml");
+        let request = PlanRequest::from_toml(text).unwrap();
+        let stated = serde_json::to_value(&request).unwrap();
+        let open = |object: &serde_json::Value| -> Vec<String> {
+            let keys = object.as_object().unwrap().iter();
+            keys.filter(|(_, value)| value.is_null())
+                .map(|(key, _)| key.clone())
+                .collect()
+        };
+        assert_eq!(open(&stated), ["preset"]);
+        assert!(open(&stated["dark"]).is_empty() && open(&stated["flat"]).is_empty());
+        let plan = request.resolve(&defaults()).unwrap();
+        plan.check(&limits()).unwrap();
+        // 9 × 7 poses × 2 exposures × 2, 5 tilts × 1 exposure, 2 exposures × 4
+        assert_eq!(plan.n_frames(), 252 + 5 + 8);
+    }
+
+    #[test]
     fn the_full_preset_has_the_frames_of_the_recorded_series() {
         let plan = PlanRequest::preset(Preset::Full)
             .resolve(&defaults())
