@@ -1,0 +1,253 @@
+//! A scan by the daemon that runs on the data folder: this process asks, follows, and hands on what its operator does.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use anyhow::anyhow;
+use serde_json::{Value, json};
+
+use super::{Args, material, no_sample, sure_words};
+use crate::cli::client::Client;
+use crate::cli::people::People;
+use crate::cli::progress::Bar;
+use crate::cli::{CliError, interrupt, say};
+use crate::scan::{OperatorAction, PlanRequest, ScanState};
+
+/// How often a daemon is asked where its scan stands: a prompt outlives its step by no longer.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+/// A daemon is asked how sure its fit is once in so many looks at its scan.
+const LOOKS_PER_QUESTION: u32 = 16;
+
+/// The newest row of what the fit along with a daemon's scan says.
+fn newest_words(client: &Client, id: i64) -> Option<String> {
+    let rows = client
+        .get(&format!("/scans/{id}/uncertainty?limit=1000"))
+        .ok()?;
+    let row = rows["items"].as_array()?.last()?.clone();
+    let theta_r = &row["parameters"]["theta_r_deg"];
+    let (value, std) = (theta_r["value"].as_f64()?, theta_r["std"].as_f64()?);
+    Some(sure_words(value, std, row["elapsed_s"].as_f64()?))
+}
+
+/// The scan from its plan to its end, on the daemon's rig.
+///
+/// # Errors
+/// Bad input for a rig of one's own; no result where the scan does not complete; interrupted on Ctrl-C.
+pub(super) fn scan(client: &Client, args: &Args, plan: &PlanRequest) -> Result<Value, CliError> {
+    if args.config.is_some() || args.simulated_rig {
+        return Err(CliError::bad_input(anyhow!(
+            "a daemon runs on {} ({}): it has its own rig; leave out --config and --simulated-rig, or take another --data",
+            args.data.display(),
+            client.url
+        )));
+    }
+    let rig = client.get("/rig")?;
+    if let Some(problem) = rig["problem"]["detail"].as_str() {
+        return Err(CliError::no_result(anyhow!("{problem}")));
+    }
+    let simulated = rig["simulated"] == true;
+    let sample_id = daemons_sample(client, args)?;
+    let body = json!({ "sample_id": sample_id, "plan": plan });
+    // Before the rig may move.
+    let stopped = interrupt::flag()?;
+    let begun = client.post("/scans", Some(&body))?;
+    let id = begun["id"].as_i64().unwrap_or_default();
+    let people = (!simulated).then(People::at_the_terminal);
+    let scan = followed(client, id, people, &stopped)?;
+    if let Some(sure) = newest_words(client, id) {
+        say(&format_args!("fitted along with the scan: {sure}"));
+    }
+    let state = scan["state"].as_str().unwrap_or_default();
+    if state != "completed" {
+        let why = match scan["reason"].as_str() {
+            Some(reason) => format!(" ({reason})"),
+            None => String::new(),
+        };
+        return Err(CliError::no_result(anyhow!(
+            "scan {id} is {state}{why}; what it committed is kept"
+        )));
+    }
+    Ok(json!({ "id": id, "scan_id": id, "state": state }))
+}
+
+/// Follows a scan to its end, and hands on what the operator at this terminal does.
+///
+/// # Errors
+/// No result where it pauses or waits for a person who is not there; interrupted where it was paused on Ctrl-C.
+fn followed(
+    client: &Client,
+    id: i64,
+    mut people: Option<People>,
+    stopped: &AtomicBool,
+) -> Result<Value, CliError> {
+    let bar = Bar::new("frames");
+    let mut sure: Option<String> = None;
+    let mut looks = 0u32;
+    // The step that stands on the terminal: Enter is for that one.
+    let mut asked: Option<OperatorAction> = None;
+    loop {
+        if stopped.load(Ordering::Relaxed) {
+            bar.clear();
+            return Err(match paused(client, id) {
+                Ok(()) => CliError::Interrupted,
+                Err(error) => error,
+            });
+        }
+        if looks % LOOKS_PER_QUESTION == LOOKS_PER_QUESTION - 1 {
+            sure = newest_words(client, id).or(sure);
+        }
+        looks = looks.wrapping_add(1);
+        let scan = client.get(&format!("/scans/{id}"))?;
+        let state = state_of(&scan);
+        let progress = &scan["progress"];
+        let number = |key: &str| progress[key].as_u64().unwrap_or(0);
+        let word = sure
+            .as_deref()
+            .unwrap_or(state.map_or("", ScanState::as_str));
+        bar.show(number("frames_done"), number("frames_total"), word);
+        let waits_for = scan["operator"]["action"]
+            .as_str()
+            .and_then(OperatorAction::from_word);
+        if asked.is_some() && asked != waits_for {
+            asked = None;
+            if matches!(
+                state,
+                Some(ScanState::Running | ScanState::WaitingForOperator)
+            ) {
+                bar.say("Somebody else has continued the scan: that step is done.");
+            }
+        }
+        match (state, waits_for, &mut people) {
+            (Some(state), ..) if state.is_end() || state == ScanState::Interrupted => {
+                bar.clear();
+                return Ok(scan);
+            }
+            (Some(ScanState::Paused), ..) => {
+                bar.clear();
+                let reason = scan["reason"].as_str().unwrap_or("by somebody");
+                return Err(CliError::no_result(anyhow!(
+                    "scan {id} is paused: {reason}; resume it on {}",
+                    client.url
+                )));
+            }
+            (_, Some(action), None) => {
+                continued(client, id, action)?;
+            }
+            (_, Some(action), Some(people)) => {
+                if asked.is_none() {
+                    people.ask(&bar, action);
+                    asked = Some(action);
+                }
+                match people.done_by_now(&bar) {
+                    // Ctrl-C came first.
+                    _ if stopped.load(Ordering::Relaxed) => {}
+                    None => {}
+                    // Said too late, it was for a step that is over, and the next look shows what is.
+                    Some(true) if !continued(client, id, action)? => {}
+                    Some(true) => asked = None,
+                    Some(false) => {
+                        bar.clear();
+                        return Err(CliError::no_result(anyhow!(
+                            "scan {id} waits for a person ({}), but nobody is at this terminal; go on with it on {}",
+                            action.message(),
+                            client.url
+                        )));
+                    }
+                }
+            }
+            _ => {}
+        }
+        std::thread::sleep(LOOK_EVERY);
+    }
+}
+
+fn state_of(scan: &Value) -> Option<ScanState> {
+    scan["state"].as_str().and_then(ScanState::from_word)
+}
+
+/// Says that a step is done; false where the scan waits for it no more.
+fn continued(client: &Client, id: i64, action: OperatorAction) -> Result<bool, CliError> {
+    let done = json!({ "action": action });
+    let answer = client.post_in_time(&format!("/scans/{id}/continue"), Some(&done))?;
+    Ok(answer.is_some())
+}
+
+/// Pauses a daemon's scan, waits until nothing moves for it, and says how it is left.
+///
+/// # Errors
+/// No result where that cannot be known: the stages may be moving.
+fn paused(client: &Client, id: i64) -> Result<(), CliError> {
+    /// Longer than most points take.
+    const PATIENCE: Duration = Duration::from_secs(60);
+    let unsure = |why: String| {
+        CliError::no_result(anyhow!(
+            "scan {id} was to pause, but {why}; it may be moving the stages: `ridged rig stop` stops them, or look at {}",
+            client.url
+        ))
+    };
+    let lost = |error: CliError| match error {
+        CliError::BadInput(why) | CliError::NoResult(why) => unsure(why.to_string()),
+        CliError::Interrupted => CliError::Interrupted,
+    };
+    let begun = Instant::now();
+    let mut told = false;
+    loop {
+        let scan = client.get(&format!("/scans/{id}")).map_err(lost)?;
+        let state = state_of(&scan);
+        match state {
+            Some(ScanState::Paused) => {
+                say(&format_args!(
+                    "scan {id} is paused, {} of {} frames are kept; resume or abort it on {}",
+                    scan["progress"]["frames_done"], scan["progress"]["frames_total"], client.url
+                ));
+                return Ok(());
+            }
+            Some(state) if state.is_end() || state == ScanState::Interrupted => {
+                say(&format_args!(
+                    "scan {id} is {state}; what it committed is kept"
+                ));
+                return Ok(());
+            }
+            _ if begun.elapsed() > PATIENCE => {
+                return Err(unsure(format!(
+                    "it is {} after {} s",
+                    scan["state"].as_str().unwrap_or("in no known state"),
+                    PATIENCE.as_secs()
+                )));
+            }
+            _ => {}
+        }
+        // Somebody who is waited for has no point under way.
+        if !told && state != Some(ScanState::WaitingForOperator) {
+            say(&format_args!(
+                "scan {id} pauses after this point (Ctrl-C again leaves at once)"
+            ));
+            told = true;
+        }
+        if matches!(
+            state,
+            Some(ScanState::Running | ScanState::WaitingForOperator)
+        ) {
+            // Not allowed any more only if it has come to another state meanwhile.
+            client
+                .post_in_time(&format!("/scans/{id}/pause"), None)
+                .map_err(lost)?;
+        }
+        std::thread::sleep(LOOK_EVERY);
+    }
+}
+
+fn daemons_sample(client: &Client, args: &Args) -> Result<i64, CliError> {
+    let wanted = args.sample.as_deref();
+    let query: Vec<_> = wanted.map(|name| ("name", name)).into_iter().collect();
+    let samples = client.search("/samples", &query)?;
+    if let Some(id) = samples["items"][0]["id"].as_i64() {
+        return Ok(id);
+    }
+    let Some(material) = material(args)? else {
+        return Err(no_sample(wanted));
+    };
+    let body = json!({ "name": wanted.unwrap_or("sample"), "material": material });
+    let added = client.post("/samples", Some(&body))?;
+    Ok(added["id"].as_i64().unwrap_or_default())
+}
