@@ -34,7 +34,7 @@ pub struct PlanAsked {
     phi_s_deg: Option<ValuesAsked>,
     /// Exposure times of the sample, s; the rig's if not given.
     exposures_s: Option<Vec<f64>>,
-    /// Frames per pose and exposure; 1 if not given.
+    /// Frames per pose and exposure; 1 if not given. 0: dark and white-reference frames alone, new ones, for scans to come.
     repeats: Option<u32>,
     /// Dark frames.
     #[schema(required = false)]
@@ -42,7 +42,7 @@ pub struct PlanAsked {
     /// White-reference frames.
     #[schema(required = false)]
     flat: FlatAsked,
-    /// Whether valid calibration frames save their operator steps; true if not given.
+    /// Whether valid calibration frames save their operator steps; true if not given and there is a sample.
     reuse_calibrations: Option<bool>,
 }
 

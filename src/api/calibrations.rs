@@ -2,14 +2,17 @@
 
 use axum::Json;
 use axum::extract::State;
+use axum::response::IntoResponse;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::asked::ScanAsked;
 use super::error::{ApiError, Problem};
-use super::extract::{Id, Params, page, since};
-use super::{App, List, words};
+use super::extract::{Body, Id, Params, page, since};
+use super::scans::begun;
+use super::{App, Begun, List, words};
 use crate::frame::FrameKind;
-use crate::lab::LabError;
+use crate::lab::{LabError, ScanRequest};
 use crate::store::calibrations::{Calibration, CalibrationFilter};
 use crate::store::utc_text;
 
@@ -100,6 +103,34 @@ pub(super) async fn list(
         list.take(kept.id, body(&app, kept))?;
     }
     Ok(Json(list))
+}
+
+/// Take dark and white-reference frames alone, for scans to come: the scan that is answered takes them, and
+/// `?scan_id=` lists what they are when it is done.
+#[utoipa::path(post, path = "/api/v1/calibrations", tag = "calibrations", request_body(content = ScanAsked,
+        description = "As for a scan; of the plan's angles only tilts are needed, and none for dark frames alone"),
+    responses(
+    (status = 202, description = "The scan that takes them is planned and about to run", body = Begun, headers(("Location" = String, description = "That scan"))),
+    (status = 400, description = "The body cannot be understood", body = Problem),
+    (status = 404, description = "There is no such sample", body = Problem),
+    (status = 409, description = "The rig is busy", body = Problem),
+    (status = 422, description = "The plan cannot run; `errors` names everything that is wrong", body = Problem),
+    (status = 503, description = "The stages cannot be had", body = Problem),
+    (status = 507, description = "The disk has no room for it", body = Problem),
+))]
+pub(super) async fn take(
+    State(app): State<App>,
+    Body(mut request): Body<ScanRequest>,
+) -> Result<impl IntoResponse, ApiError> {
+    if request.plan.repeats.is_some_and(|repeats| repeats > 0) {
+        return Err(ApiError::invalid(
+            "plan.repeats",
+            "must be 0 or left out: calibrations show no sample; `dark.repeats` and `flat.repeats` say how many frames",
+        ));
+    }
+    request.plan.repeats = Some(0);
+    let scan = app.lab.start_scan(&request).await?;
+    Ok(begun(scan.id, scan.state))
 }
 
 /// One calibration; its frames are those of that kind of the scan that took them.

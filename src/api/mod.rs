@@ -209,7 +209,7 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(calculations::trace))
         .routes(routes!(calculations::cancel_trace))
         .routes(routes!(calculations::trace_file))
-        .routes(routes!(calibrations::list))
+        .routes(routes!(calibrations::list, calibrations::take))
         .routes(routes!(calibrations::get))
         .routes(routes!(accuracy::get))
         .routes(routes!(events::stream))

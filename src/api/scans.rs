@@ -345,7 +345,8 @@ pub(super) async fn command(
     Ok(begun(id, state))
 }
 
-fn begun(id: i64, state: ScanState) -> impl IntoResponse + use<> {
+/// The answer that names the scan and where it is.
+pub(super) fn begun(id: i64, state: ScanState) -> impl IntoResponse + use<> {
     let body = Begun {
         id: Some(id),
         state: state.to_string(),

@@ -23,6 +23,7 @@ pub use by_itself::follow;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   ridged scan --preset paper --simulated-rig --data /tmp/try
+  ridged scan --preset full --calibrate --config rig.toml
   ridged scan docs/example-plan.toml --config rig.toml --sample \"batch 7\"
 If a daemon is running on the data folder, it does the scan.")]
 pub struct Args {
@@ -36,6 +37,10 @@ pub struct Args {
     /// A named plan instead of a file.
     #[arg(long, value_parser = preset, value_name = "paper|full")]
     pub preset: Option<Preset>,
+    /// Take the plan's dark and white-reference frames alone, new ones: scans to come use them, and need no hands but for
+    /// the sample.
+    #[arg(long)]
+    pub calibrate: bool,
     /// Name of the sample [default: the newest one].
     #[arg(long, value_name = "NAME")]
     pub sample: Option<String>,
@@ -90,7 +95,11 @@ fn preset(word: &str) -> Result<Preset, String> {
 /// Bad input for a plan that cannot run; no result where the rig refuses or pauses; interrupted on
 /// Ctrl-C.
 pub fn run(args: Args) -> Result<(), CliError> {
-    let plan = read_plan(&args)?;
+    let mut plan = read_plan(&args)?;
+    if args.calibrate {
+        plan.repeats = Some(0);
+        plan.reuse_calibrations = None;
+    }
     let answer = match Client::find(&args.data)? {
         Some(client) => by_daemon::scan(&client, &args, &plan)?,
         None => daemon::block_on(by_itself::scan(&args, plan))?,

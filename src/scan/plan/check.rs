@@ -82,8 +82,15 @@ impl Plan {
     /// [`PlanError`] with one entry per problem.
     pub fn check(&self, limits: &TravelLimits) -> Result<(), PlanError> {
         let mut problems = Vec::new();
-        check_list("plan.theta_c_deg", &self.theta_c_deg, &mut problems);
-        check_list("plan.phi_s_deg", &self.phi_s_deg, &mut problems);
+        // Without a sample only what is stated has to make sense.
+        for (field, values) in [
+            ("plan.theta_c_deg", &self.theta_c_deg),
+            ("plan.phi_s_deg", &self.phi_s_deg),
+        ] {
+            if self.repeats > 0 || !values.is_empty() {
+                check_list(field, values, &mut problems);
+            }
+        }
         check_tilts("plan.theta_c_deg", &self.theta_c_deg, limits, &mut problems);
         for (i, deg) in self.phi_s_deg.iter().enumerate() {
             if deg.is_finite() && limits.reachable_phi_s(Angle::from_deg(*deg)).is_none() {
@@ -97,8 +104,11 @@ impl Plan {
             }
         }
         check_exposures("plan.exposures_s", &self.exposures_s, &mut problems);
-        if self.repeats == 0 {
-            problems.push(PlanProblem::new("plan.repeats", "must be at least 1"));
+        if self.repeats == 0 && self.dark.repeats == 0 && self.flat.repeats == 0 {
+            problems.push(PlanProblem::new(
+                "plan.repeats",
+                "must be at least 1 where neither dark frames nor a white reference are taken",
+            ));
         }
         if self.flat.repeats > 0 {
             // Tilts that were taken over from the sample are judged there.

@@ -145,7 +145,8 @@ pub struct PlanRequest {
     pub phi_s_deg: Option<Values>,
     /// Exposures of the sample; the rig's if not given.
     pub exposures_s: Option<Vec<f64>>,
-    /// Frames per pose and exposure; 1 if not given.
+    /// Frames per pose and exposure; 1 if not given. 0 leaves the sample out: dark and white-reference frames alone, new
+    /// ones, for scans to come.
     pub repeats: Option<u32>,
     /// Dark frames.
     #[serde(default)]
@@ -153,7 +154,7 @@ pub struct PlanRequest {
     /// White-reference frames.
     #[serde(default)]
     pub flat: FlatRequest,
-    /// Whether valid calibration frames save their operator steps; true if not given.
+    /// Whether valid calibration frames save their operator steps; true if not given and there is a sample.
     pub reuse_calibrations: Option<bool>,
 }
 
@@ -179,7 +180,7 @@ pub struct Plan {
     pub phi_s_deg: Vec<f64>,
     /// Exposures of the sample.
     pub exposures_s: Vec<f64>,
-    /// Frames per pose and exposure.
+    /// Frames per pose and exposure; 0 for none of the sample.
     pub repeats: u32,
     /// Dark frames, taken at every exposure used.
     pub dark: DarkPlan,
@@ -232,26 +233,45 @@ impl PlanRequest {
     pub fn resolve(&self, defaults: &PlanDefaults) -> Result<Plan, PlanError> {
         let mut problems = Vec::new();
         let preset = self.preset.map(Preset::angles_deg);
-        let mut angles =
-            |given: &Option<Values>, preset: Option<Vec<f64>>, field: &str| match (given, preset) {
-                (Some(values), _) => values.expand(field, &mut problems),
-                (None, Some(values)) => values,
-                (None, None) => {
-                    problems.push(PlanProblem::new(
-                        field,
-                        "missing: give a list, a grid {from, to, step}, or a preset (paper, full)",
-                    ));
-                    Vec::new()
-                }
-            };
+        let repeats = self.repeats.unwrap_or(1);
+        let flat_repeats = self.flat.repeats.unwrap_or(defaults.flat_repeats);
+        let of_the_sample = repeats > 0;
+        let of_tilts = of_the_sample || (flat_repeats > 0 && self.flat.theta_c_deg.is_none());
+        let mut angles = |given: &Option<Values>,
+                          preset: Option<Vec<f64>>,
+                          needed: bool,
+                          field: &str| match (given, preset) {
+            (Some(values), _) => values.expand(field, &mut problems),
+            (None, Some(values)) => values,
+            (None, None) if !needed => Vec::new(),
+            (None, None) => {
+                problems.push(PlanProblem::new(
+                    field,
+                    "missing: give a list, a grid {from, to, step}, or a preset (paper, full)",
+                ));
+                Vec::new()
+            }
+        };
         let (preset_theta, preset_phi) = preset.unzip();
-        let theta_c_deg = angles(&self.theta_c_deg, preset_theta, "plan.theta_c_deg");
-        let phi_s_deg = angles(&self.phi_s_deg, preset_phi, "plan.phi_s_deg");
+        let theta_c_deg = angles(
+            &self.theta_c_deg,
+            preset_theta,
+            of_tilts,
+            "plan.theta_c_deg",
+        );
+        let phi_s_deg = angles(&self.phi_s_deg, preset_phi, of_the_sample, "plan.phi_s_deg");
         let flat_theta_c_deg = angles(
             &self.flat.theta_c_deg,
             Some(theta_c_deg.clone()),
+            true,
             "plan.flat.theta_c_deg",
         );
+        if !of_the_sample && self.reuse_calibrations == Some(true) {
+            problems.push(PlanProblem::new(
+                "plan.reuse_calibrations",
+                "must not be true where repeats is 0: such frames are taken to be new",
+            ));
+        }
         if !problems.is_empty() {
             return Err(PlanError { problems });
         }
@@ -262,7 +282,7 @@ impl PlanRequest {
                 .exposures_s
                 .clone()
                 .unwrap_or_else(|| defaults.exposures_s.clone()),
-            repeats: self.repeats.unwrap_or(1),
+            repeats,
             dark: DarkPlan {
                 repeats: self.dark.repeats.unwrap_or(defaults.dark_repeats),
             },
@@ -273,9 +293,9 @@ impl PlanRequest {
                     .exposures_s
                     .clone()
                     .unwrap_or_else(|| defaults.flat_exposures_s.clone()),
-                repeats: self.flat.repeats.unwrap_or(defaults.flat_repeats),
+                repeats: flat_repeats,
             },
-            reuse_calibrations: self.reuse_calibrations.unwrap_or(true),
+            reuse_calibrations: self.reuse_calibrations.unwrap_or(of_the_sample),
         })
     }
 }
@@ -468,7 +488,8 @@ mod tests {
         plan.theta_c_deg = vec![f64::NAN, 75.0, 10.0, 10.0];
         plan.phi_s_deg = vec![];
         plan.exposures_s = vec![-1.0, 0.1, 0.1];
-        plan.repeats = 0;
+        plan.flat.theta_c_deg = vec![0.0, 75.0];
+        plan.flat.exposures_s = vec![];
         let error = plan.check(&limits()).unwrap_err();
         let fields: Vec<&str> = error.problems.iter().map(|p| p.field.as_str()).collect();
         for field in [
@@ -478,9 +499,58 @@ mod tests {
             "plan.phi_s_deg",
             "plan.exposures_s[0]",
             "plan.exposures_s[2]",
-            "plan.repeats",
+            "plan.flat.theta_c_deg[1]",
+            "plan.flat.exposures_s",
         ] {
             assert!(fields.contains(&field), "{field} is not in {fields:?}");
+        }
+    }
+
+    #[test]
+    fn no_repeats_of_the_sample_leave_the_calibrations() {
+        let plan_of = |text: &str| {
+            let plan = PlanRequest::from_toml(text).unwrap().resolve(&defaults())?;
+            plan.check(&limits())?;
+            Ok::<_, PlanError>(plan)
+        };
+        let kinds = |plan: &Plan| -> Vec<(FrameKind, Option<Pose>)> {
+            let steps = plan.steps(&limits(), Pose::from_deg(3.0, 40.0), &move_time);
+            let shots = shots(&steps).into_iter();
+            shots.map(|shot| (shot.kind, shot.target)).collect()
+        };
+        // The azimuth plays no part: the turntable stays where it is.
+        let both = plan_of("theta_c_deg = [5.0]\nrepeats = 0").unwrap();
+        assert_eq!(
+            kinds(&both),
+            [
+                (FrameKind::Dark, None),
+                (FrameKind::Flat, Some(Pose::from_deg(5.0, 40.0)))
+            ]
+        );
+        assert!(!both.reuse_calibrations);
+        assert_eq!(both.n_frames(), 3 * 4 + 2);
+        // Dark frames need no angle at all.
+        let dark = plan_of("repeats = 0\nflat.repeats = 0").unwrap();
+        assert_eq!(kinds(&dark), [(FrameKind::Dark, None)]);
+        let preset = plan_of("preset = \"paper\"\nrepeats = 0").unwrap();
+        assert_eq!(kinds(&preset).len(), 1 + 5);
+        for (text, field) in [
+            ("repeats = 0", "plan.theta_c_deg"),
+            (
+                "repeats = 0\nflat.repeats = 0\ndark.repeats = 0",
+                "plan.repeats",
+            ),
+            (
+                "preset = \"full\"\nrepeats = 0\nreuse_calibrations = true",
+                "plan.reuse_calibrations",
+            ),
+            (
+                "theta_c_deg = [5.0]\nrepeats = 0\nphi_s_deg = [nan]",
+                "plan.phi_s_deg[0]",
+            ),
+        ] {
+            let error = plan_of(text).unwrap_err();
+            assert_eq!(error.problems[0].field, field, "{error}");
         }
     }
 

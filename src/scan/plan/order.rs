@@ -91,7 +91,11 @@ impl Plan {
         if self.flat.repeats > 0 {
             steps.push(Step::Operator(OperatorAction::PlaceWhiteReference));
             // The white reference looks the same from every azimuth: φs stays where it is needed next.
-            let phi_s = self.phi_s_deg.iter().copied().fold(f64::INFINITY, f64::min);
+            let first = self.phi_s_deg.iter().copied().min_by(f64::total_cmp);
+            let phi_s = first.unwrap_or_else(|| {
+                let here = limits.reachable_phi_s(start.phi_s);
+                here.unwrap_or(limits.phi_s.0).deg()
+            });
             let order = quickest_order(&self.flat.theta_c_deg, &[phi_s], limits, at, move_time);
             for visit in order {
                 at = visit.target;
@@ -104,6 +108,9 @@ impl Plan {
                     repeats: self.flat.repeats,
                 }));
             }
+        }
+        if self.repeats == 0 {
+            return steps;
         }
         steps.push(Step::Operator(OperatorAction::PlaceSample));
         let first = 1 + self.flat.theta_c_deg.len() as u32;

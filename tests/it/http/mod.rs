@@ -1,6 +1,7 @@
 //! The HTTP interface, called directly: one room per topic, and here how each of them asks.
 
 mod calculations;
+mod calibrations;
 pub(crate) mod document;
 mod refusals;
 mod samples;

@@ -165,10 +165,13 @@ export const api = {
   scans: (): Promise<Scan[]> => getAll('/scans'),
   scan: (id: number): Promise<Scan> => get(`/scans/${id}`),
   startScan: (request: ScanRequest): Promise<{ id: number }> => post('/scans', request),
+  /** Dark and white-reference frames alone; the scan that takes them. */
+  takeCalibrations: (request: ScanRequest): Promise<{ id: number }> => post('/calibrations', request),
   estimate: (request: ScanRequest): Promise<Estimate> => post('/scans/estimate', request),
   command: (id: number, verb: 'pause' | 'resume' | 'abort'): Promise<unknown> => post(`/scans/${id}/${verb}`),
   /** Says which step is done: where another page or terminal was faster, the scan waits for another one. */
   proceed: (id: number, action: OperatorStep['action']): Promise<unknown> => post(`/scans/${id}/continue`, { action }),
+  calibrationsOf: async (scanId: number, signal?: AbortSignal): Promise<readonly Calibration[]> => (await get<Page<Calibration>>(`/calibrations?scan_id=${scanId}`, signal)).items,
   calibration: (id: number, signal?: AbortSignal): Promise<Calibration> => get(`/calibrations/${id}`, signal),
   frames: (id: number, signal?: AbortSignal): Promise<FrameRow[]> => getAll(`/scans/${id}/frames`, signal),
   observations: (id: number, region: string | null, signal?: AbortSignal): Promise<Omit<CurvePoint, 'predicted' | 'residual'>[]> =>

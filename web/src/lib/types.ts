@@ -117,7 +117,13 @@ export interface Calibration {
   readonly kind: 'dark' | 'flat';
   /** The scan that took them. */
   readonly scan_id: number;
+  readonly exposures_s: readonly number[];
+  /** Empty for dark frames. */
+  readonly theta_c_deg: readonly number[];
+  readonly n_frames: number;
   readonly created_at: string;
+  readonly valid_until: string;
+  readonly valid: boolean;
 }
 
 export interface FrameRow {

@@ -253,6 +253,26 @@ describe('a lab’s day', () => {
     await page.getByText('Waits for your hands: lens cap, white reference, sample.').waitFor();
   });
 
+  it('takes calibrations alone, says how long they serve, and leaves the next scan the sample only', async () => {
+    await fillScan(page, { sample: 'model 15°', grid: 'custom', tilts: '1, 2', azimuths: '0, 90' });
+    await page.getByText('Waits for your hands: white reference, sample.').waitFor();
+    await page.getByRole('button', { name: 'Calibrate only' }).click();
+    await page.getByRole('heading', { level: 1, name: 'Calibration' }).waitFor();
+    const { scan_id: id } = (await get('/rig')) as { scan_id: number };
+    const steps = await doSteps(page, completed(page), SCAN_MS_MAX);
+    expect(steps).toEqual(['Cap the lens', 'Place the white reference']);
+    const taken = page.getByTestId('taken').locator('li');
+    await expect.poll(() => taken.allInnerTexts()).toEqual([
+      expect.stringMatching(/^dark frames, \d+ frames at .* ms: scans of this rig use them until /),
+      expect.stringMatching(/^white reference, \d+ frames at .* ms, camera tilts 1°, 2°: scans of this rig use them until /),
+    ]);
+    await page.getByText('Waits for your hands: sample.').waitFor();
+    await expect.poll(() => page.getByTestId('calibrations').innerText(), { timeout: 20_000 }).toContain(`white reference of scan ${id} (`);
+    expect(await page.locator(`a[href="#/scan/${id}"]`).innerText()).toContain('Calibration');
+    // Nothing of a fit is offered for it.
+    expect(await page.getByRole('button', { name: 'Fit', exact: true }).count()).toBe(0);
+  });
+
   it('shows nothing in place of a scan that is not there', async () => {
     await page.goto(`${daemon.url}/#/scan/999`);
     await page.getByText('Scan 999 is not in this store.').waitFor();
