@@ -66,6 +66,8 @@ pub(super) const PLAIN: u32 = 256;
 pub(super) const PROMISING_EVERY: usize = 2;
 /// Standard uncertainty of an angle (rad) or a ln α above which the data leave the surface open.
 const OPEN: f64 = 0.1;
+/// Observations, in effect, up to which it is one alone that says where a lobe is.
+const ONE_OBSERVATION: f64 = 1.5;
 /// χ² that a constant leaves of the signals, below which they are faint.
 const FAINT: f64 = 400.0;
 /// Rise of the cost up to which a minimum is as good as the best one: the square of the report's
@@ -481,9 +483,34 @@ pub(super) fn over_shapes(
 }
 
 /// Whether there may be deeper minima far from an end that leaves no misfit: the data do not determine the surface there,
-/// or hardly anything stands out of their noise.
+/// hardly anything stands out of their noise, or one pose alone meets the lobe.
 pub(super) fn many_minima(problem: &Problem<'_>, end: &Minimum) -> bool {
-    !determined(problem, end) || faint(problem)
+    !determined(problem, end) || faint(problem) || met_once(problem, end)
+}
+
+/// Whether one observation alone says where the lobe is: then another lobe, narrow as well, may meet it in another place.
+fn met_once(problem: &Problem<'_>, end: &Minimum) -> bool {
+    let (free, rows) = (problem.free(), problem.residual_count());
+    if end.jacobian.len() != rows * free.len() {
+        return false;
+    }
+    let of_the_lobe = [
+        Quantity::ThetaR,
+        Quantity::TiltOffset,
+        Quantity::AzimuthOffset,
+    ];
+    let columns = end.jacobian.chunks_exact(rows.max(1)).zip(free);
+    columns
+        .filter(|(_, quantity)| of_the_lobe.contains(quantity))
+        .any(|(slopes, _)| hangs_on_one(slopes))
+}
+
+/// Whether one of the slopes outweighs all others: (Σ s²)²/Σ s⁴, the number of equal ones that would weigh as much, is
+/// near to 1.
+fn hangs_on_one(slopes: &[f64]) -> bool {
+    let squares = slopes.iter().map(|slope| slope * slope);
+    let (sum, of_squares) = squares.fold((0.0, 0.0), |(s, q), x| (s + x, q + x * x));
+    sum * sum < ONE_OBSERVATION * of_squares
 }
 
 /// Whether the signals differ from each other by so little that noise makes minima as deep as light does.
@@ -530,4 +557,19 @@ pub(super) fn usable(m: &Minimum) -> bool {
 /// Whether a cost is that of the best end, or below.
 pub(super) fn same(cost: f64, best: f64) -> bool {
     cost <= best + SAME * best.max(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lobe_hangs_on_one_observation_where_its_slope_outweighs_all_others() {
+        assert!(hangs_on_one(&[0.0, -30.0, 4.0, 2.0, 1.0]));
+        assert!(!hangs_on_one(&[0.0, -30.0, 20.0, 2.0, 1.0]));
+        assert!(!hangs_on_one(&[1.0; 5]));
+        // Nothing says where it is: that is another matter.
+        assert!(!hangs_on_one(&[0.0; 5]));
+        assert!(!hangs_on_one(&[f64::NAN; 5]));
+    }
 }
