@@ -445,6 +445,7 @@ export class MockDaemon {
       return send(202, { id: scan.body.id, state: scan.body.state });
     }
     const calibration = /^\/calibrations\/(\d+)$/.exec(path);
+    if (path === '/calibrations') return list(this.calibrations.filter((c) => c['scan_id'] === Number(url.searchParams.get('scan_id'))));
     if (calibration) return send(200, this.calibrations.find((c) => c['id'] === Number(calibration[1])));
     const imageMatch = /^\/frames\/(\d+)\/image\.png$/.exec(path);
     if (imageMatch) return send(200, this.#image(Number(imageMatch[1])), 'image/png');

@@ -240,6 +240,18 @@ describe('the form of a new scan', () => {
     await expect.poll(plan).toEqual({ preset: 'paper', repeats: 1, reuse_calibrations: false });
   });
 
+  it('says of calibrations that were cut off why, and takes them up again', async () => {
+    const id = daemon.addScan(1, 'paper');
+    const scan = daemon.scans.find((s) => s.body.id === id);
+    Object.assign(scan?.body ?? {}, { state: 'interrupted', reason: 'the daemon was stopped; resume it to go on', plan: { ...scan?.body.plan, repeats: 0 } });
+    await page.goto(url);
+    await page.getByRole('heading', { level: 1, name: 'Calibration' }).waitFor();
+    await page.getByText('the daemon was stopped; resume it to go on').first().waitFor();
+    await page.getByText('Neither dark frames nor white reference are complete: no scan uses them.').waitFor();
+    await page.getByRole('button', { name: 'Resume scan' }).click();
+    await expect.poll(posts).toContain(`/scans/${id}/resume`);
+  });
+
   it('adds a plastic with its uncertainty and a metal by its name, and says beside a field what is wrong', async () => {
     const sent = (): unknown => daemon.requests.findLast((r) => r.path === '/samples')?.body;
     await page.goto(url);
