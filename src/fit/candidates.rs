@@ -8,7 +8,8 @@
 //! the place inside the lobe. Other lobes no pose meets at all; then the diffuse light alone tells
 //! where the ridges lean, and any lobe out of sight will do.
 //!
-//! The one function to call is [`starts`]; [`rougher`] looks again at the roughnesses of an end.
+//! The function to call is [`starts`]; [`rougher`] looks again at the roughnesses of an end. Where that does not help because
+//! noise makes the minima, [`plain`] and [`rim`] recommend nothing, and [`bred`] puts together what was found.
 //! Every shape is judged with its best amplitudes ([`settle`]).
 
 use std::f64::consts::PI;
@@ -17,7 +18,9 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use sobol_burley::sample;
 
-use super::problem::{ALPHA_MIN, Problem, Quantity, Values};
+use super::problem::{
+    ALPHA_MAX, ALPHA_MIN, Problem, Quantity, THETA_R_MAX, TILT_OFFSET_MAX, Values,
+};
 use super::projection::settle;
 use super::start::{distance, spread};
 use crate::observation::ObservationSet;
@@ -29,6 +32,16 @@ pub(super) const POOL: u32 = 512;
 pub(super) const SCAN: u32 = 8;
 /// Bright poses that facets are turned to.
 const ANCHORS: usize = 16;
+/// Smoothest of the facets that are rough all over; how far the azimuth is off for those that are not (rad).
+const RIM_SMOOTHEST: f64 = 0.1;
+const RIM_TURN: f64 = 30.0 * PI / 180.0;
+/// Share of a child's parts that are from its other parent, and from anywhere.
+const FROM_OTHER: f64 = 0.25;
+const FROM_ANYWHERE: f64 = 0.2;
+/// How near the rest is to the first parent's: tilts, azimuth (rad), logarithm of the roughnesses.
+const NEAR_LEAN: f64 = 0.01;
+const NEAR_TURN: f64 = 0.02;
+const NEAR_ROUGHNESS: f64 = 0.1;
 /// Half-widths of the lobe within which a bright pose may lie off its top.
 const OFF_TOP: f64 = 1.2;
 
@@ -84,10 +97,7 @@ pub(super) fn plain(
     count: u32,
     seed: u32,
 ) -> Vec<Values> {
-    // Over the stray light, which no gain multiplies.
-    let over = |sum: f64| sum - fallback.background * problem.set().observations.len() as f64;
-    let signal = over(problem.set().observations.iter().map(|o| o.signal).sum());
-    let free = |quantity| problem.free().contains(&quantity);
+    let evened = Evened::new(problem, fallback);
     let shape = |k: u32| {
         let at = |dimension| f64::from(sample(k, dimension, seed));
         let mut v = anywhere(fallback, k, &at);
@@ -97,18 +107,114 @@ pub(super) fn plain(
             v.azimuth_offset = span(1, 11.0);
         }
         v.tilt_offset = span(2, 11.0);
+        evened.with_amplitudes(v, at(5))
+    };
+    (0..count).map(shape).collect()
+}
+
+/// The same from the rim of the box: facets as steep and as rough as a fit considers, and zeros that are off by as much. A
+/// lobe so broad that it fills the rig has its minima there.
+pub(super) fn rim(problem: &Problem<'_>, fallback: &Values, count: u32, seed: u32) -> Vec<Values> {
+    let evened = Evened::new(problem, fallback);
+    let shape = |k: u32| {
+        let at = |dimension| f64::from(sample(k, dimension, seed));
+        // Halves of a Sobol set are even in all dimensions; every second of it is not.
+        let (smoothest, turn): (f64, f64) = if k < count / 2 {
+            (RIM_SMOOTHEST, PI)
+        } else {
+            (ALPHA_MIN, RIM_TURN)
+        };
+        let alpha = |share: f64| smoothest * (ALPHA_MAX / smoothest).powf(share);
+        let v = Values {
+            theta_r: at(0) * THETA_R_MAX,
+            azimuth_offset: both_ways(at(1)) * turn,
+            tilt_offset: both_ways(at(2)) * TILT_OFFSET_MAX,
+            alpha_u: alpha(at(3)),
+            alpha_v: alpha(at(4)),
+            ..*fallback
+        };
+        evened.with_amplitudes(v, at(5))
+    };
+    (0..count).map(shape).collect()
+}
+
+/// Children of ends, the best of which come first and have most of them: each takes its shape from one end, some of it from
+/// another, and some of it from anywhere. Deep minima of few observations resemble each other in part: where one has the
+/// roughness and the tilt that suit an observation, another has the azimuth that suits the next.
+pub(super) fn bred(parents: &[Values], count: u32, seed: u32) -> Vec<Values> {
+    let child = |k: u32| -> Option<Values> {
+        let at = |dimension| f64::from(sample(k, dimension, seed));
+        let parent = |share: f64| parents.get((share * share * parents.len() as f64) as usize);
+        let (one, other) = (parent(at(0))?, parent(at(1))?);
+        // A number says whom a part is from; what is left of it is as even as it was itself.
+        let part = |dimension, of: &dyn Fn(&Values) -> f64, range: (f64, f64), near: f64| {
+            let left = at(dimension);
+            if left < FROM_OTHER {
+                return of(other);
+            }
+            let left = left - FROM_OTHER;
+            if left < FROM_ANYWHERE {
+                return range.0 + (range.1 - range.0) * left / FROM_ANYWHERE;
+            }
+            let share = (left - FROM_ANYWHERE) / (1.0 - FROM_OTHER - FROM_ANYWHERE);
+            of(one) + near * both_ways(share)
+        };
+        let rough = (ALPHA_MIN.ln(), ALPHA_MAX.ln());
+        let tilts = (-TILT_OFFSET_MAX, TILT_OFFSET_MAX);
+        Some(Values {
+            theta_r: part(2, &|v| v.theta_r, (0.0, THETA_R_MAX), NEAR_LEAN),
+            alpha_u: part(3, &|v| v.alpha_u.ln(), rough, NEAR_ROUGHNESS).exp(),
+            alpha_v: part(4, &|v| v.alpha_v.ln(), rough, NEAR_ROUGHNESS).exp(),
+            azimuth_offset: part(5, &|v| v.azimuth_offset, (-PI, PI), NEAR_TURN),
+            tilt_offset: part(6, &|v| v.tilt_offset, tilts, NEAR_LEAN),
+            ..*one
+        })
+    };
+    (0..count).filter_map(child).collect()
+}
+
+/// From −1 to 1.
+fn both_ways(share: f64) -> f64 {
+    2.0 * share - 1.0
+}
+
+/// What gives shapes that nothing recommends amplitudes that are right on average.
+struct Evened<'p, 'a> {
+    problem: &'p Problem<'a>,
+    background: f64,
+    signal: f64,
+}
+
+impl<'p, 'a> Evened<'p, 'a> {
+    fn new(problem: &'p Problem<'a>, fallback: &Values) -> Self {
+        let signal = problem.set().observations.iter().map(|o| o.signal).sum();
+        let evened = Evened {
+            problem,
+            background: fallback.background,
+            signal: 0.0,
+        };
+        let signal = evened.over(signal);
+        Evened { signal, ..evened }
+    }
+
+    /// Over the stray light, which no gain multiplies.
+    fn over(&self, sum: f64) -> f64 {
+        sum - self.background * self.problem.set().observations.len() as f64
+    }
+
+    fn with_amplitudes(&self, mut v: Values, share: f64) -> Values {
+        let free = |quantity| self.problem.free().contains(&quantity);
         if free(Quantity::RhoD) {
-            v.rho_d = 0.8 * at(5);
+            v.rho_d = 0.8 * share;
         }
         if free(Quantity::Scale) {
-            let factor = signal / over(problem.predicted(&v).iter().sum());
+            let factor = self.signal / self.over(self.problem.predicted(&v).iter().sum());
             if factor.is_finite() && factor > 0.0 {
                 v.scale *= factor;
             }
         }
         v
-    };
-    (0..count).map(shape).collect()
+    }
 }
 
 /// Other roughnesses for the shape of an end, up to `count`, the most promising first.

@@ -184,3 +184,65 @@ fn what_nothing_recommends_is_as_bright_as_the_signals_and_from_all_over_the_box
     let turned = starts.iter().filter(beside).count();
     assert!((30..=43).contains(&turned), "{turned}");
 }
+
+#[test]
+fn the_rim_is_as_steep_as_rough_and_as_far_off_as_a_fit_considers() {
+    let set = painted();
+    let (free, fixed) = free_quantities(&set, Variant::Sawtooth);
+    let problem = Problem::new(&set, Variant::Sawtooth, free, fixed);
+    let starts = rim(&problem, &fixed, 256, 7);
+    let share = |is: fn(&Values) -> bool| starts.iter().filter(|v| is(v)).count();
+    assert!(share(|v| v.theta_r > 0.9 * THETA_R_MAX) > 20);
+    assert!(share(|v| v.tilt_offset.abs() > 0.9 * TILT_OFFSET_MAX) > 20);
+    assert!(share(|v| v.alpha_u > 1.0 && v.alpha_v > 0.3) > 20);
+    assert!(share(|v| v.azimuth_offset.abs() > 90f64.to_radians()) > 50);
+    assert!(share(|v| v.alpha_u < 0.01) > 20);
+    let bounds = problem.bounds();
+    for v in &starts {
+        let x = problem.pack(v);
+        let within = x.iter().zip(&bounds.lower).zip(&bounds.upper);
+        assert!(
+            within.into_iter().all(|((x, l), u)| l <= x && x <= u),
+            "{v:?}"
+        );
+    }
+}
+
+#[test]
+fn a_child_has_parts_of_its_parents_and_some_that_neither_has() {
+    let other = Values {
+        theta_r: 0.9,
+        alpha_u: 0.5,
+        alpha_v: 0.001,
+        azimuth_offset: -1.5,
+        tilt_offset: -0.2,
+        ..TRUTH
+    };
+    let children = bred(&[TRUTH, other], 256, 7);
+    assert_eq!(children.len(), 256);
+    type Part = fn(&Values) -> f64;
+    let parts: [(Part, f64); 5] = [
+        (|v| v.theta_r, NEAR_LEAN),
+        (|v| v.alpha_u.ln(), NEAR_ROUGHNESS),
+        (|v| v.alpha_v.ln(), NEAR_ROUGHNESS),
+        (|v| v.azimuth_offset, NEAR_TURN),
+        (|v| v.tilt_offset, NEAR_LEAN),
+    ];
+    for (of, near) in parts {
+        let from = |p: &Values| {
+            let theirs = |v: &&Values| (of(v) - of(p)).abs() <= 1.001 * near;
+            children.iter().filter(theirs).count()
+        };
+        let (one, its) = (from(&TRUTH), from(&other));
+        let neither = children.len() - one - its;
+        // The better one has more of them; a fifth is new.
+        assert!(one > its && its > 45, "{one}, {its}");
+        assert!((35..=65).contains(&neither), "{neither}");
+    }
+    let mixed = |v: &Values| {
+        (v.theta_r - other.theta_r).abs() < 1e-12
+            && (v.tilt_offset - TRUTH.tilt_offset).abs() < 0.02
+    };
+    assert!(children.iter().any(mixed));
+    assert!(bred(&[], 8, 7).is_empty());
+}

@@ -18,8 +18,8 @@ use super::problem::{Problem, Values};
 use super::profile::{bootstrap, profile};
 use super::report::COVERAGE_FACTOR;
 use super::search::{
-    CALM, CROWD_REFINED, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PATIENT, PLAIN,
-    PROMISING_EVERY, REFINED, REFINED_THOROUGHLY, RIVALS, ROUGH, many_minima, over_shapes, usable,
+    CALM, DESCENDED_IN_ROUND, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PATIENT, PROMISING_EVERY,
+    REFINED, REFINED_IN_ROUND, REFINED_THOROUGHLY, RIVALS, ROUGH, many_minima, over_shapes, usable,
 };
 use super::settle::{DOUBTFUL, NARROW_TRIALS, Settled, TRIALS};
 use super::solver::{Minimum, minimise};
@@ -162,9 +162,10 @@ impl Look<'_> {
                 seconds += costs.thorough(later);
             }
             if persists {
-                let plain = f64::from(PLAIN) * costs.plain_s;
+                let patient = f64::from(DESCENDED_IN_ROUND) * costs.plain_s;
                 let promising = costs.round(Effort::NOISE) / PROMISING_EVERY as f64;
-                let each = promising + plain + (FOLLOWED + CROWD_REFINED) as f64 * costs.fine_s;
+                let fine = (FOLLOWED + REFINED_IN_ROUND) as f64 * costs.fine_s;
+                let each = promising + patient + fine;
                 seconds += (CALM + BEFORE_CALM) as f64 * each;
             }
         }

@@ -42,6 +42,8 @@ const GAIN: (f64, f64) = (1e-12, 1e24);
 pub const THETA_R_MAX: f64 = 75.0 * PI / 180.0;
 /// Smoothest facet that a fit considers.
 pub const ALPHA_MIN: f64 = 1e-4;
+/// Largest zero of the tilt that a fit considers.
+pub const TILT_OFFSET_MAX: f64 = 15.0 * PI / 180.0;
 /// Roughest facet that a fit considers.
 pub const ALPHA_MAX: f64 = 2.0;
 
@@ -340,7 +342,7 @@ impl<'a> Problem<'a> {
             Quantity::Background | Quantity::AzimuthOffset => (f64::NEG_INFINITY, f64::INFINITY),
             Quantity::Eta => (0.01, f64::INFINITY),
             Quantity::K => (0.0, f64::INFINITY),
-            Quantity::TiltOffset => (-15f64.to_radians(), 15f64.to_radians()),
+            Quantity::TiltOffset => (-TILT_OFFSET_MAX, TILT_OFFSET_MAX),
         };
         let (lower, upper) = self.free.iter().map(range).unzip();
         Bounds { lower, upper }

@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-pub(super) use self::rounds::CROWD_REFINED;
+pub(super) use self::rounds::{DESCENDED_IN_ROUND, REFINED_IN_ROUND};
 use super::FitOptions;
 use super::candidates::{self, Wanted};
 use super::covariance::{Scaling, covariance};
@@ -61,7 +61,7 @@ pub(super) const FINE: Settings = Settings {
 /// Rounds without a deeper minimum after which nobody expects one.
 pub(super) const CALM: usize = 5;
 /// Starts of such a round that nothing recommends.
-pub(super) const PLAIN: u32 = 256;
+const PLAIN: u32 = 128;
 /// Of so many such rounds one looks at promising starts as well.
 pub(super) const PROMISING_EVERY: usize = 2;
 /// Standard uncertainty of an angle (rad) or a ln α above which the data leave the surface open.
@@ -187,12 +187,17 @@ impl<'p> Search<'p> {
         self
     }
 
+    fn next_seed(&mut self) -> u32 {
+        let seed = self.seed;
+        self.seed = seed.wrapping_add(1);
+        seed
+    }
+
     /// `count` starts on the lean form, the different ends refined on `problem`. An end counts as
     /// often as starts came to it.
     pub(super) fn quick(&mut self, problem: &Problem<'_>, count: usize) {
         let lean = problem.clone().with_lean(true);
-        let found = starts(&lean, self.fallback, count, self.seed);
-        self.seed = self.seed.wrapping_add(1);
+        let found = starts(&lean, self.fallback, count, self.next_seed());
         self.descend(problem, &lean, &found);
     }
 
@@ -264,11 +269,10 @@ impl<'p> Search<'p> {
         let wanted = Wanted {
             scanned: self.effort.scanned,
             starts: self.effort.starts(problem.residual_count()),
-            seed: self.seed,
+            seed: self.next_seed(),
         };
         // The full form judges: on steep ridges the lean one misses most of the light.
         let starts = candidates::starts(problem, self.fallback, centre.as_ref(), wanted);
-        self.seed = self.seed.wrapping_add(1);
         let bounds = problem.bounds();
         let cancel = self.cancel;
         let ends: Vec<Minimum> = starts

@@ -1,5 +1,5 @@
-//! What a thorough search does round by round: starts from anywhere, other roughnesses, valleys followed to their bottom,
-//! mirror images, and how long it goes on.
+//! What a thorough search does round by round: starts from anywhere, children of what was found, other roughnesses, valleys
+//! followed to their bottom, mirror images, and how long it goes on.
 
 use std::f64::consts::PI;
 
@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::super::candidates;
 use super::super::crew::{End, descend_together};
 use super::super::problem::{Problem, Values};
+use super::super::projection::settle;
 use super::super::solver::{Minimum, Settings, minimise};
 use super::{
     CALM, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PATIENT, PLAIN, PROMISING_EVERY, REFINED,
@@ -22,32 +23,36 @@ const FOLLOW: Settings = Settings {
 /// Rounds at most.
 const PERSISTENT_ROUNDS: usize = 24;
 
+/// Starts from the rim of the box beside the plain ones.
+const RIM: u32 = 128;
+/// Different ends that have children, children at a time, and how often in a round: the second time those of the first
+/// have children too.
+const PARENTS: usize = 24;
+const CHILDREN: u32 = 128;
+const GENERATIONS: u32 = 2;
+/// Patient descents of a round, and how many of their ends are refined at most.
+pub(in crate::fit) const DESCENDED_IN_ROUND: u32 = PLAIN + RIM + GENERATIONS * CHILDREN;
+pub(in crate::fit) const REFINED_IN_ROUND: usize =
+    (1 + GENERATIONS as usize) * REFINED_THOROUGHLY + CROWD_REFINED;
 /// Starts of a crowd in lanes, those that descend in one go, and its different ends that are refined.
 const CROWD: u32 = 4096;
 const CROWD_CHUNK: usize = 128;
-pub(in crate::fit) const CROWD_REFINED: usize = 24;
+const CROWD_REFINED: usize = 24;
 
 impl Search<'_> {
-    /// Descents from shapes all over the box, none of them judged before: where noise makes the minima, what looks
-    /// promising at its start says little of where a descent ends.
+    /// Descents from shapes all over the box and from its rim, none of them judged before: where noise makes the minima,
+    /// what looks promising at its start says little of where a descent ends.
     fn anywhere(&mut self, problem: &Problem<'_>) {
-        let starts = candidates::plain(problem, self.fallback, PLAIN, self.seed);
-        self.seed = self.seed.wrapping_add(1);
-        let (bounds, cancel) = (problem.bounds(), self.cancel);
-        let ends: Vec<Minimum> = starts
-            .par_iter()
-            .filter(|_| !self.over())
-            .map(|v| minimise(problem, &problem.pack(v), &bounds, &PATIENT, cancel))
-            .filter(usable)
-            .collect();
-        self.refine(problem, ends, REFINED_THOROUGHLY, 1e-4);
+        let mut starts = candidates::plain(problem, self.fallback, PLAIN, self.next_seed());
+        let rim = candidates::rim(problem, self.fallback, RIM, self.next_seed());
+        starts.extend(rim);
+        self.descend_patiently(problem, &starts);
     }
 
     /// Very many such descents as lanes of registers, on the lean form; the different deepest ends are refined. Nothing where
     /// lanes do not know the problem.
     fn crowd(&mut self, problem: &Problem<'_>) {
-        let starts = candidates::plain(problem, self.fallback, CROWD, self.seed);
-        self.seed = self.seed.wrapping_add(1);
+        let starts = candidates::plain(problem, self.fallback, CROWD, self.next_seed());
         let cancel = self.cancel;
         let ends: Option<Vec<Vec<End>>> = starts
             .par_chunks(CROWD_CHUNK)
@@ -56,6 +61,39 @@ impl Search<'_> {
             .collect();
         let ends = ends.into_iter().flatten().flatten().map(Minimum::from);
         self.refine(problem, ends.filter(usable).collect(), CROWD_REFINED, 1e-4);
+    }
+
+    /// Descents from children of the different ends so far (a memetic search: Moscato 1989). Of the minima that no start
+    /// comes to by chance most share some of their shape with others that many starts come to.
+    fn breed(&mut self, problem: &Problem<'_>) {
+        let Some(best) = self.best() else {
+            return;
+        };
+        let mut parents = vec![best.clone()];
+        parents.extend(self.distinct(problem, &best.parameters, PARENTS - 1));
+        let surfaces: Vec<Values> = parents
+            .iter()
+            .map(|m| problem.unpack(&m.parameters).folded())
+            .collect();
+        let children = candidates::bred(&surfaces, CHILDREN, self.next_seed());
+        let settled: Vec<Values> = children
+            .par_iter()
+            .map(|v| settle(problem, v))
+            .filter(|(cost, _)| cost.is_finite())
+            .map(|(_, v)| v)
+            .collect();
+        self.descend_patiently(problem, &settled);
+    }
+
+    fn descend_patiently(&mut self, problem: &Problem<'_>, starts: &[Values]) {
+        let (bounds, cancel) = (problem.bounds(), self.cancel);
+        let ends: Vec<Minimum> = starts
+            .par_iter()
+            .filter(|_| !self.over())
+            .map(|v| minimise(problem, &problem.pack(v), &bounds, &PATIENT, cancel))
+            .filter(usable)
+            .collect();
+        self.refine(problem, ends, REFINED_THOROUGHLY, 1e-4);
     }
 
     /// Looks at the different ends' roughnesses again: a lobe that few poses meet has several.
@@ -126,6 +164,9 @@ impl Search<'_> {
             let before = before.cost;
             self.anywhere(problem);
             self.crowd(problem);
+            for _ in 0..GENERATIONS {
+                self.breed(problem);
+            }
             if round.is_multiple_of(PROMISING_EVERY) {
                 self.thorough(problem);
                 self.rescan(problem);
