@@ -18,8 +18,9 @@ use super::problem::{Problem, Values};
 use super::profile::{bootstrap, profile};
 use super::report::COVERAGE_FACTOR;
 use super::search::{
-    CALM, DESCENDED_IN_ROUND, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PATIENT, PROMISING_EVERY,
-    REFINED, REFINED_IN_ROUND, REFINED_THOROUGHLY, RIVALS, ROUGH, many_minima, over_shapes, usable,
+    CALM, DESCENDED_IN_ROUND, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PROMISING_EVERY, REFINED,
+    REFINED_IN_ROUND, REFINED_THOROUGHLY, RIVALS, ROUGH, many_minima, over_shapes, patiently,
+    usable,
 };
 use super::settle::{DOUBTFUL, NARROW_TRIALS, Settled, TRIALS};
 use super::solver::{Minimum, minimise};
@@ -211,11 +212,7 @@ impl Look<'_> {
         });
         let bounds = problem.bounds();
         let plain = candidates::plain(problem, fallback, TRIED as u32, self.options.seed);
-        let (_, plain_s) = self.timed(|| {
-            let patient =
-                |v: &Values| minimise(problem, &problem.pack(v), &bounds, &PATIENT, cancel);
-            plain.par_iter().map(patient).collect::<Vec<Minimum>>()
-        });
+        let (_, plain_s) = self.timed(|| patiently(problem, &plain, &|| false, cancel));
         let (_, refined_s) = self.timed(|| {
             let fine = |m: &Minimum| minimise(problem, &m.parameters, &bounds, &FINE, cancel);
             ends.par_iter().map(fine).collect::<Vec<Minimum>>()
@@ -279,7 +276,7 @@ struct Costs {
     judged_s: f64,
     /// A descent that only has to come near.
     rough_s: f64,
-    /// The same from a start that nothing recommends.
+    /// The same from a start that nothing recommends, where the deepest of them go on.
     plain_s: f64,
     /// One whose end counts.
     fine_s: f64,

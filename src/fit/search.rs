@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-pub(super) use self::rounds::{DESCENDED_IN_ROUND, REFINED_IN_ROUND};
+pub(super) use self::rounds::{DESCENDED_IN_ROUND, REFINED_IN_ROUND, patiently};
 use super::FitOptions;
 use super::candidates::{self, Wanted};
 use super::covariance::{Scaling, covariance};
@@ -49,7 +49,7 @@ pub(super) const ROUGH: Settings = Settings {
     ..Settings::DEFAULT
 };
 /// The same from a start that is nowhere near.
-pub(super) const PATIENT: Settings = Settings {
+const PATIENT: Settings = Settings {
     max_iterations: 200,
     ..ROUGH
 };

@@ -152,16 +152,18 @@ fn viewing(manifest: &Manifest) -> Result<Viewing, ReductionError> {
 /// [`ReductionError`].
 pub fn check(source: &dyn FrameSource) -> Result<(), ReductionError> {
     viewing(source.manifest())?;
-    match source
-        .rows()
-        .iter()
-        .any(|row| row.kind == FrameKind::Sample)
-    {
-        true => Ok(()),
-        false => Err(ReductionError::NoObservations {
-            why: "the list holds no sample frame".to_owned(),
-        }),
+    let of = |kind: FrameKind| source.rows().iter().filter(|row| row.kind == kind).count();
+    if of(FrameKind::Sample) > 0 {
+        return Ok(());
     }
+    let why = match of(FrameKind::Dark) + of(FrameKind::Flat) {
+        0 => "the list holds no sample frame".to_owned(),
+        calibration => format!(
+            "the list holds no sample frame, only {} (dark or white reference), which scans of a sample use: fit one of those",
+            counted(calibration, "calibration frame")
+        ),
+    };
+    Err(ReductionError::NoObservations { why })
 }
 
 /// Reduces the frames of a series to observations of the sample, or of one `region` of it.
@@ -174,6 +176,7 @@ pub fn reduce(
     region: Option<&str>,
     cancel: &AtomicBool,
 ) -> Result<ObservationSet, ReductionError> {
+    check(source)?;
     let manifest = source.manifest();
     let calls = Calls { source, cancel };
     let mut journal = Journal::default();

@@ -2,6 +2,7 @@
 //! followed to their bottom, mirror images, and how long it goes on.
 
 use std::f64::consts::PI;
+use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 
@@ -9,10 +10,10 @@ use super::super::candidates;
 use super::super::crew::{End, descend_together};
 use super::super::problem::{Problem, Values};
 use super::super::projection::settle;
-use super::super::solver::{Minimum, Settings, minimise};
+use super::super::solver::{Ending, Minimum, Settings, minimise};
 use super::{
-    CALM, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PATIENT, PLAIN, PROMISING_EVERY, REFINED,
-    REFINED_THOROUGHLY, ROUGH, Search, many_minima, over_shapes, same, usable,
+    CALM, Effort, FINE, FOLLOWED, Late, OTHER_ROUGHNESSES, PATIENT, PLAIN, PROMISING_EVERY,
+    REFINED, REFINED_THOROUGHLY, ROUGH, Search, many_minima, over_shapes, same, usable,
 };
 
 /// A descent along a valley.
@@ -23,6 +24,8 @@ const FOLLOW: Settings = Settings {
 /// Rounds at most.
 const PERSISTENT_ROUNDS: usize = 24;
 
+/// One of so many descents goes on when all have come near.
+const GOING_ON: usize = 6;
 /// Starts from the rim of the box beside the plain ones.
 const RIM: u32 = 128;
 /// Different ends that have children, children at a time, and how often in a round: the second time those of the first
@@ -86,13 +89,7 @@ impl Search<'_> {
     }
 
     fn descend_patiently(&mut self, problem: &Problem<'_>, starts: &[Values]) {
-        let (bounds, cancel) = (problem.bounds(), self.cancel);
-        let ends: Vec<Minimum> = starts
-            .par_iter()
-            .filter(|_| !self.over())
-            .map(|v| minimise(problem, &problem.pack(v), &bounds, &PATIENT, cancel))
-            .filter(usable)
-            .collect();
+        let ends = patiently(problem, starts, &|| self.over(), self.cancel);
         self.refine(problem, ends, REFINED_THOROUGHLY, 1e-4);
     }
 
@@ -226,4 +223,29 @@ impl Search<'_> {
             .collect();
         self.runs.extend(ends.into_iter().filter(usable));
     }
+}
+
+/// Descents that come near, of which the deepest go on: what ends deepest is among them early.
+pub(in crate::fit) fn patiently(
+    problem: &Problem<'_>,
+    starts: &[Values],
+    late: Late<'_>,
+    cancel: &AtomicBool,
+) -> Vec<Minimum> {
+    let bounds = problem.bounds();
+    let down = |x: &[f64], settings| minimise(problem, x, &bounds, settings, cancel);
+    let mut ends: Vec<Minimum> = starts
+        .par_iter()
+        .filter(|_| !late())
+        .map(|v| down(&problem.pack(v), &ROUGH))
+        .filter(usable)
+        .collect();
+    ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    let going_on = ends.len().div_ceil(GOING_ON);
+    ends[..going_on]
+        .par_iter_mut()
+        .filter(|m| m.ending == Ending::MaxIterations && !late())
+        .for_each(|m| *m = down(&m.parameters, &PATIENT));
+    ends.retain(usable);
+    ends
 }

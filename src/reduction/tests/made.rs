@@ -230,3 +230,29 @@ fn a_series_of_nothing_but_black_frames_gives_no_observation() {
         "{said}"
     );
 }
+
+#[test]
+fn a_series_of_calibration_alone_says_so() {
+    let made = Made::default();
+    let mut series = made.series(&TILTS[..2], &AZIMUTHS[..2], &[0.02], |_, _| 0.0);
+    let calibration = series
+        .rows
+        .iter()
+        .filter(|r| r.kind != FrameKind::Sample)
+        .count();
+    let kept = |kind| kind != FrameKind::Sample;
+    let rows = std::mem::take(&mut series.rows);
+    let frames = std::mem::take(&mut series.frames);
+    (series.rows, series.frames) = rows
+        .into_iter()
+        .zip(frames)
+        .filter(|(r, _)| kept(r.kind))
+        .unzip();
+    let said = reduce(&series, None, &AtomicBool::new(false))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        said.contains(&format!("only {calibration} calibration frames")),
+        "{said}"
+    );
+}
