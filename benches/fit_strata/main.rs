@@ -367,7 +367,7 @@ fn one(stratum: Stratum, seed: u64, args: &Args) -> Outcome {
     };
     let truth = judge::values(&case.truth);
     let story = format!(
-        "{:?} m {} absolute {} metal {} peak/σ {:.1}\n    truth {} χ² {:.2}\n    best  {} χ² {:.4}\n    ours  {} χ² {:.4} {:?} bound {:?} starts {:?}",
+        "{:?} m {} absolute {} metal {} peak/σ {:.1}\n    truth {} χ² {:.2}\n    best  {} χ² {:.4}\n    ours  {} χ² {:.4} ({:.4} by the fit) {:?} bound {:?} starts {:?}",
         case.variant,
         case.set.observations.len(),
         case.set.white_reference.is_some(),
@@ -383,6 +383,7 @@ fn one(stratum: Stratum, seed: u64, args: &Args) -> Outcome {
         best,
         show(&e.values.folded()),
         chi2,
+        e.minimum.cost,
         e.minimum.ending,
         e.minimum.at_bound,
         e.starts,

@@ -170,7 +170,8 @@ pub fn uncertainty(estimate: &Estimate<'_>) -> Uncertainty {
     } = &estimate.minimum;
     let mut of = of_parts(&[Part { estimate, columns }], jacobian, residuals);
     for j in 0..of.budgets.len() {
-        of.budgets[j].shape = to_rivals(estimate, j).hypot(bent(estimate, &of.covariance, j));
+        let own = of.budgets[j].combined();
+        of.budgets[j].shape = to_rivals(estimate, j, own).hypot(bent(estimate, &of.covariance, j));
     }
     of
 }
@@ -372,8 +373,9 @@ pub fn judged(estimate: &Estimate<'_>, traced: &Estimate<'_>) -> Uncertainty {
     of
 }
 
-/// Half the way to the farthest minimum that the data do not exclude.
-fn to_rivals(estimate: &Estimate<'_>, j: usize) -> f64 {
+/// What takes the expanded uncertainty as far as that of the farthest minimum that the data do not exclude, of which the
+/// standard uncertainty is about this one's `own`: U = d + k u, of which (U/k)² − u² is to be added.
+fn to_rivals(estimate: &Estimate<'_>, j: usize, own: f64) -> f64 {
     let quantity = estimate.problem.free()[j];
     let here = estimate.values.folded().inner(quantity);
     let distance = |m: &Minimum| {
@@ -389,7 +391,11 @@ fn to_rivals(estimate: &Estimate<'_>, j: usize) -> f64 {
         }
     };
     let farthest = estimate.rivals.iter().map(distance).fold(0.0, f64::max);
-    farthest / COVERAGE_FACTOR
+    let way = farthest / COVERAGE_FACTOR;
+    match own.is_finite() {
+        true => (way * (way + 2.0 * own)).sqrt(),
+        false => way,
+    }
 }
 
 /// What the profile interval of a badly determined parameter adds to the straight one.

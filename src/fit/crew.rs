@@ -1,9 +1,8 @@
-//! The starts of a search as lanes of one register: all descend together on the lean form.
+//! The starts of a search as lanes of one register: all descend together.
 //!
-//! The form is that of `lean`. Its ends are only where the true descents begin, so the damping is
-//! Marquardt's on the normal equations, in doubles.
-//!
-//! The one function to call is [`descend_together`].
+//! On the lean form ([`descend_together`]), where a few starts are to come near the lobe soon, or on the full one
+//! ([`descend_in_full`]), where what a descent ends at is to be compared with what others ended at. Ends are only where
+//! the true descents begin, so the damping is Marquardt's on the normal equations, in doubles.
 //!
 //! *Conditioning.* Normal equations of up to eight columns in doubles lose half of the digits; that leaves seven, and a start is
 //! good if it lies in the right basin. Marquardt's damping scales with the diagonal, so units do not matter; a lane whose factors are
@@ -14,9 +13,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::lean::{self, COLUMNS, N, Optics, ROW, SHAPE};
+use super::full::{Full, Printed, Sawtooth};
+use super::lean::{self, COLUMNS, N, Optics, ROW, Row};
 use super::problem::{Problem, Values};
 use super::solver::Bounds;
+use crate::model::Variant;
 use crate::model::lanes::{Lane, Numbers};
 
 const PACKED: usize = N * (N + 1) / 2;
@@ -29,27 +30,80 @@ const SMALL_GAIN: f64 = 1e-7;
 /// Longest steps: rad, logarithms, ρd, a share of scale (see [`limit`]).
 const STEP_MAX: [f64; N] = [0.15, 0.7, 0.7, 0.5, 1.0, f64::INFINITY, 0.5, 0.1];
 
+/// A form of the model for a register of surfaces.
+pub(super) trait Form: Copy + Sync {
+    /// Numbers that describe a surface, up to [`MOST`].
+    const SHAPE: usize;
+    /// Writes them for a surface, from its values by [`COLUMNS`].
+    fn shape(&self, x: &[f64; N], to: &mut [f64; MOST]);
+    /// One observation of one surface per lane.
+    fn row<S: Simd>(&self, simd: S, pose: &[Lane<S>; ROW], shape: &[Lane<S>; MOST]) -> Row<S>;
+}
+
+/// Most numbers that describe a surface.
+pub(super) const MOST: usize = 32;
+
+impl Form for Optics {
+    const SHAPE: usize = lean::SHAPE;
+
+    fn shape(&self, x: &[f64; N], to: &mut [f64; MOST]) {
+        to[..lean::SHAPE].copy_from_slice(&Optics::shape(self, x));
+    }
+
+    #[inline(always)]
+    fn row<S: Simd>(&self, simd: S, pose: &[Lane<S>; ROW], shape: &[Lane<S>; MOST]) -> Row<S> {
+        let shape: &[Lane<S>; lean::SHAPE] = shape.first_chunk().expect("fewer than the most");
+        lean::row(simd, self, pose, shape)
+    }
+}
+
 /// Where a lane ended.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct End {
     /// The problem's vector.
     pub parameters: Vec<f64>,
-    /// Cost of the lean form there.
+    /// Cost of the form there.
     pub cost: f64,
 }
 
-/// Descends from every start; `None` where the lanes do not know the problem (another variant, a near
+/// Descends from every start on the lean form; `None` where the lanes do not know the problem (another variant, a near
 /// rig, a robust loss, corrections, a free index).
 pub(super) fn descend_together(
     problem: &Problem<'_>,
     starts: &[Values],
     cancel: &AtomicBool,
 ) -> Option<Vec<End>> {
-    let columns = lean::columns(problem)?;
-    if !problem.is_plain() {
+    if problem.variant() != Variant::Sawtooth {
         return None;
     }
-    let table = Table::new(problem, columns);
+    descend(problem, Optics::new(problem), starts, cancel)
+}
+
+/// The same on the full form of either variant.
+pub(super) fn descend_in_full(
+    problem: &Problem<'_>,
+    starts: &[Values],
+    cancel: &AtomicBool,
+) -> Option<Vec<End>> {
+    match problem.variant() {
+        Variant::Sawtooth => descend(problem, Full::<Sawtooth>::new(problem), starts, cancel),
+        Variant::Paper => descend(problem, Full::<Printed>::new(problem), starts, cancel),
+    }
+}
+
+/// Whether lanes know the full form of a problem.
+pub(super) fn knows(problem: &Problem<'_>) -> bool {
+    problem.is_plain() && lean::columns(problem).is_some()
+}
+
+fn descend<F: Form>(
+    problem: &Problem<'_>,
+    form: F,
+    starts: &[Values],
+    cancel: &AtomicBool,
+) -> Option<Vec<End>> {
+    let columns = lean::columns(problem).filter(|_| problem.is_plain())?;
+    let table = Table::new(problem, form, columns);
     let run = Run {
         table: &table,
         starts,
@@ -59,34 +113,34 @@ pub(super) fn descend_together(
 }
 
 /// What no lane changes.
-struct Table<'p, 'a> {
+struct Table<'p, 'a, F> {
     problem: &'p Problem<'a>,
     /// Column of each free quantity.
     columns: Vec<usize>,
     rows: Vec<[f64; ROW]>,
     bounds: Bounds,
-    optics: Optics,
+    form: F,
 }
 
-impl<'p, 'a> Table<'p, 'a> {
-    fn new(problem: &'p Problem<'a>, columns: Vec<usize>) -> Self {
+impl<'p, 'a, F> Table<'p, 'a, F> {
+    fn new(problem: &'p Problem<'a>, form: F, columns: Vec<usize>) -> Self {
         Table {
             problem,
             columns,
             rows: lean::rows(problem).collect(),
             bounds: problem.bounds(),
-            optics: Optics::new(problem),
+            form,
         }
     }
 }
 
-struct Run<'r, 'p, 'a> {
-    table: &'r Table<'p, 'a>,
+struct Run<'r, 'p, 'a, F> {
+    table: &'r Table<'p, 'a, F>,
     starts: &'r [Values],
     cancel: &'r AtomicBool,
 }
 
-impl WithSimd for Run<'_, '_, '_> {
+impl<F: Form> WithSimd for Run<'_, '_, '_, F> {
     type Output = Vec<End>;
 
     #[inline(always)]
@@ -139,7 +193,7 @@ const fn packed(a: usize, b: usize) -> usize {
 }
 
 impl State {
-    fn new(table: &Table<'_, '_>, start: &Values) -> Self {
+    fn new<F>(table: &Table<'_, '_, F>, start: &Values) -> Self {
         let free = table.problem.free();
         let mut x = COLUMNS.map(|q| start.inner(q));
         for (k, _) in free.iter().enumerate() {
@@ -166,7 +220,7 @@ impl State {
         values
     }
 
-    fn end(&self, table: &Table<'_, '_>) -> End {
+    fn end<F>(&self, table: &Table<'_, '_, F>) -> End {
         End {
             parameters: table.columns.iter().map(|c| self.x[*c]).collect(),
             cost: self.cost,
@@ -174,7 +228,7 @@ impl State {
     }
 
     /// Takes or refuses the trial and proposes the next one. `sums` has this lane first.
-    fn look(&mut self, table: &Table<'_, '_>, sums: &[f64], width: usize) {
+    fn look<F>(&mut self, table: &Table<'_, '_, F>, sums: &[f64], width: usize) {
         let mut gradient: [f64; N] = std::array::from_fn(|a| sums[(1 + a) * width]);
         let mut normal: [f64; PACKED] = std::array::from_fn(|k| sums[(1 + N + k) * width]);
         let extra = rest(table, &self.at(&self.trial), &mut gradient, &mut normal);
@@ -205,7 +259,7 @@ impl State {
     }
 
     /// −(H + λ diag H)⁻¹ g over what is free and not pushed against its bound.
-    fn step(&self, table: &Table<'_, '_>) -> [f64; N] {
+    fn step<F>(&self, table: &Table<'_, '_, F>) -> [f64; N] {
         let mut moving = [0; N];
         let mut n = 0;
         for k in 0..table.columns.len() {
@@ -255,8 +309,8 @@ fn limit(step: &[f64; N], scale: f64) -> f64 {
 }
 
 /// What flats and priors add to gradient and normal matrix; returns their cost.
-fn rest(
-    table: &Table<'_, '_>,
+fn rest<F>(
+    table: &Table<'_, '_, F>,
     values: &Values,
     gradient: &mut [f64; N],
     normal: &mut [f64; PACKED],
@@ -322,7 +376,12 @@ impl Block {
     clippy::needless_range_loop,
     reason = "matrix indices are the notation, and iterators with closures are not inlined here"
 )]
-fn evaluate<S: Simd>(simd: S, table: &Table<'_, '_>, lanes: &[State], sums: &mut [f64]) {
+fn evaluate<S: Simd, F: Form>(
+    simd: S,
+    table: &Table<'_, '_, F>,
+    lanes: &[State],
+    sums: &mut [f64],
+) {
     macro_rules! k {
         ($x:expr) => {
             Lane::splat(simd, $x)
@@ -330,17 +389,18 @@ fn evaluate<S: Simd>(simd: S, table: &Table<'_, '_>, lanes: &[State], sums: &mut
     }
     let width = Lane::<S>::WIDTH;
     let mut block = Block::new();
-    let mut shape = [0.0; SHAPE * WIDEST];
+    let mut shape = [0.0; MOST * WIDEST];
+    let mut numbers = [0.0; MOST];
     for (lane, state) in lanes.iter().enumerate() {
-        let numbers = table.optics.shape(&state.trial);
-        for (n, value) in numbers.into_iter().enumerate() {
-            shape[n * width + lane] = value;
+        table.form.shape(&state.trial, &mut numbers);
+        for n in 0..F::SHAPE {
+            shape[n * width + lane] = numbers[n];
         }
     }
     let zero = k!(0.0);
-    let mut at = [zero; SHAPE];
-    for n in 0..SHAPE {
-        at[n] = Lane::load(simd, &shape[..SHAPE * width], n);
+    let mut at = [zero; MOST];
+    for n in 0..F::SHAPE {
+        at[n] = Lane::load(simd, &shape[..F::SHAPE * width], n);
     }
     let mut cost = zero;
     let mut gradient = [zero; N];
@@ -352,7 +412,7 @@ fn evaluate<S: Simd>(simd: S, table: &Table<'_, '_>, lanes: &[State], sums: &mut
             for n in 0..ROW {
                 pose[n] = k!(row[n]);
             }
-            let found = lean::row(simd, &table.optics, &pose, &at);
+            let found = table.form.row(simd, &pose, &at);
             for a in 0..N {
                 found.slopes[a].store(&mut block.0, i * (N + 1) + a);
             }

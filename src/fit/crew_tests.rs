@@ -83,50 +83,87 @@ fn points(problem: &Problem<'_>) -> Vec<Values> {
     points
 }
 
+/// What an e⁻⁶⁰th of a lobe may add to a sum.
+const DARK: f64 = 1e-8;
+
+/// Holds a lane's cost, gradient and normal matrix against those of the scalar problem.
+fn assert_same<F: Form>(problem: &Problem<'_>, form: F, v: &Values, tolerance: f64) {
+    let (n, m) = (problem.free().len(), problem.residual_count());
+    let columns = lean::columns(problem).expect("no index is free");
+    let table = Table::new(problem, form, columns.clone());
+    let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * n]);
+    LeastSquares::evaluate(&problem, &problem.pack(v), &mut r, &mut j);
+    let state = State::new(&table, v);
+    let mut sums = vec![0.0; 1 + N + PACKED];
+    evaluate(Scalar::new(), &table, &[state], &mut sums);
+    let mut gradient: [f64; N] = std::array::from_fn(|a| sums[1 + a]);
+    let mut normal: [f64; PACKED] = std::array::from_fn(|k| sums[1 + N + k]);
+    let cost = sums[0] + rest(&table, v, &mut gradient, &mut normal);
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+    let column = |k: usize| &j[k * m..(k + 1) * m];
+    // A sum of products counts as the size of its largest terms; a lobe beyond e⁻⁶⁰ of its peak as none.
+    let close = |a: f64, b: f64, size: f64| (a - b).abs() <= tolerance * size.max(DARK);
+    assert!(
+        close(cost, dot(&r, &r), cost),
+        "{v:?}: {cost} {}",
+        dot(&r, &r)
+    );
+    for (k, c) in columns.iter().enumerate() {
+        let size = (dot(column(k), column(k)) * dot(&r, &r)).sqrt();
+        let found = gradient[*c];
+        assert!(
+            close(found, dot(column(k), &r), size),
+            "{v:?} {:?}: {found} {}",
+            problem.free()[k],
+            dot(column(k), &r)
+        );
+        for (l, d) in columns.iter().enumerate() {
+            let found = normal[packed(*c.max(d), *c.min(d))];
+            let size = (dot(column(k), column(k)) * dot(column(l), column(l))).sqrt();
+            assert!(close(found, dot(column(k), column(l)), size), "{v:?}");
+        }
+    }
+}
+
 #[test]
 fn a_lane_has_cost_gradient_and_normal_matrix_of_the_lean_problem() {
     for (metal, beside) in [(false, false), (true, true), (false, true)] {
         let set = set(metal, beside);
         let problem = problem(&set);
-        let (n, m) = (problem.free().len(), problem.residual_count());
-        let columns: Vec<usize> = problem
-            .free()
-            .iter()
-            .map(|q| {
-                COLUMNS
-                    .iter()
-                    .position(|c| c == q)
-                    .expect("no index is free")
-            })
-            .collect();
-        let table = Table::new(&problem, columns.clone());
         for v in points(&problem) {
-            let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * n]);
-            (&problem).evaluate(&problem.pack(&v), &mut r, &mut j);
-            let state = State::new(&table, &v);
-            let mut sums = vec![0.0; 1 + N + PACKED];
-            evaluate(Scalar::new(), &table, &[state], &mut sums);
-            let mut gradient: [f64; N] = std::array::from_fn(|a| sums[1 + a]);
-            let mut normal: [f64; PACKED] = std::array::from_fn(|k| sums[1 + N + k]);
-            let cost = sums[0] + rest(&table, &v, &mut gradient, &mut normal);
-            let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
-            let column = |k: usize| &j[k * m..(k + 1) * m];
-            // The exponential keeps ten digits; a sum of products the size of its largest terms.
-            let close = |a: f64, b: f64, size: f64| (a - b).abs() <= 1e-9 * size;
-            assert!(close(cost, dot(&r, &r), cost), "{cost} {}", dot(&r, &r));
-            for (k, c) in columns.iter().enumerate() {
-                let size = (dot(column(k), column(k)) * dot(&r, &r)).sqrt();
-                let found = gradient[*c];
-                assert!(
-                    close(found, dot(column(k), &r), size),
-                    "{metal} {:?}: {found} {}",
-                    problem.free()[k],
-                    dot(column(k), &r)
-                );
-                for (l, d) in columns.iter().enumerate() {
-                    let found = normal[packed(*c.max(d), *c.min(d))];
-                    let size = (dot(column(k), column(k)) * dot(column(l), column(l))).sqrt();
-                    assert!(close(found, dot(column(k), column(l)), size));
+            assert_same(&problem, Optics::new(&problem), &v, 1e-9);
+        }
+    }
+}
+
+#[test]
+fn a_lane_has_cost_gradient_and_normal_matrix_of_the_full_problem() {
+    for (metal, beside) in [(false, false), (true, true), (false, true), (true, false)] {
+        let set = set(metal, beside);
+        for variant in [Variant::Sawtooth, Variant::Paper] {
+            let (free, fixed) = free_quantities(&set, variant);
+            let problem = Problem::new(&set, variant, free, fixed);
+            // From a flat look to walls that send each other's light back, smooth and rough, on both sides of θr = 0.
+            for k in 0..400u32 {
+                let at = |dimension| f64::from(sobol_burley::sample(k, dimension, 5));
+                let v = Values {
+                    theta_r: 2.0 * (at(0) - 0.5) * 65f64.to_radians(),
+                    alpha_u: 0.01f64.powf(at(1)),
+                    alpha_v: 0.01f64.powf(at(2)),
+                    rho_d: if metal { 0.0 } else { at(3) },
+                    scale: 0.3 + at(4),
+                    background: 0.01 * at(5),
+                    azimuth_offset: 6.0 * (at(6) - 0.5),
+                    tilt_offset: 0.5 * (at(7) - 0.5),
+                    ..fixed
+                };
+                match variant {
+                    Variant::Sawtooth => {
+                        assert_same(&problem, Full::<Sawtooth>::new(&problem), &v, 2e-6);
+                    }
+                    Variant::Paper => {
+                        assert_same(&problem, Full::<Printed>::new(&problem), &v, 1e-8);
+                    }
                 }
             }
         }
@@ -188,6 +225,8 @@ fn what_lanes_do_not_know_is_left_to_the_scalar_way() {
     let (free, fixed) = free_quantities(&set, Variant::Paper);
     let paper = Problem::new(&set, Variant::Paper, free, fixed);
     assert_eq!(descend_together(&paper, &start, &never), None);
+    assert!(descend_in_full(&paper, &start, &never).is_some());
+    assert_eq!(descend_in_full(&corrected, &start, &never), None);
 }
 
 /// Residuals and slopes of the samples by the scalar lean form, which has the riser's share too.

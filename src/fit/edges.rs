@@ -4,10 +4,12 @@
 //! fade with the cosine (`docs/sawtooth.md`, (a)). χ² has a step there, at which a descent ends although a deeper minimum
 //! may begin right behind it. Few fits come near one: a wide lobe has to be seen along a wall.
 //!
-//! Call [`beyond`] with a minimum; it gives places to descend from, behind the edges that are within reach.
+//! Call [`beyond`] with a minimum; it gives places to descend from, behind the edges that are within reach. Where the
+//! deepest place is an edge itself, [`cleared`] keeps the answer off it.
 
 use nalgebra::{DMatrix, DVector};
 
+use super::least_squares::{LeastSquares, sum_of_squares};
 use super::problem::{Problem, Quantity, Ready};
 use super::solver::Minimum;
 
@@ -21,6 +23,13 @@ const WALLS: usize = 6;
 const STEP: f64 = 1e-6;
 /// Share of the normal matrix's diagonal that is added to it: null directions cost little, not nothing.
 const DAMPING: f64 = 1e-9;
+
+/// Cosine to a wall below which a place lies on its edge: ten thousand roundings of a direction.
+const CLEAR: f64 = 1e-12;
+/// Rise of χ², as a share of it, that keeping off an edge may cost.
+const CLEARED_FOR: f64 = 1e-7;
+/// Singular value below which nothing turns a wall.
+const NO_SLOPE: f64 = 1e-6;
 
 /// Places just behind the edges that a minimum is near: an observation there may pay for the way with its whole
 /// residual.
@@ -41,11 +50,7 @@ pub(super) fn beyond(problem: &Problem<'_>, at: &Minimum) -> Vec<Vec<f64>> {
     let x = &at.parameters;
     let ready = |x: &[f64]| problem.ready(&problem.unpack(x));
     let here = ready(x);
-    let turns: Vec<(usize, [Ready; 2])> = problem
-        .free()
-        .iter()
-        .enumerate()
-        .filter(|(_, quantity)| turns_walls(**quantity))
+    let turns: Vec<(usize, [Ready; 2])> = turning(problem)
         .map(|(k, _)| {
             let moved = |step: f64| {
                 let mut x = x.clone();
@@ -86,6 +91,77 @@ pub(super) fn beyond(problem: &Problem<'_>, at: &Minimum) -> Vec<Vec<f64>> {
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
     found.truncate(EDGES_MAX);
     found.into_iter().map(|(_, start)| start).collect()
+}
+
+/// The same minimum, kept off the edges that it lies on, each on the side that it is on now. On an edge the last bit of an
+/// angle decides over a whole residual: who adds up the angles in another order would not find there what the descent found.
+pub(super) fn cleared(problem: &Problem<'_>, at: Minimum) -> Minimum {
+    let (rows, columns) = (problem.residual_count(), problem.free().len());
+    if at.residuals.len() != rows || !at.cost.is_finite() {
+        return at;
+    }
+    let ready = |x: &[f64]| problem.ready(&problem.unpack(x));
+    let cosines = |x: &[f64]| -> Vec<f64> {
+        let ready = ready(x);
+        (0..problem.set().observations.len())
+            .flat_map(|index| problem.wall_cosines(index, &ready))
+            .collect()
+    };
+    let here = cosines(&at.parameters);
+    let on: Vec<usize> = (0..here.len()).filter(|k| here[*k].abs() < CLEAR).collect();
+    if on.is_empty() {
+        return at;
+    }
+    let mut slopes = DMatrix::zeros(on.len(), columns);
+    for (k, _) in turning(problem) {
+        let beside = |step: f64| {
+            let mut x = at.parameters.clone();
+            x[k] += step;
+            cosines(&x)
+        };
+        let (less, more) = (beside(-STEP), beside(STEP));
+        for (row, edge) in on.iter().enumerate() {
+            slopes[(row, k)] = (more[*edge] - less[*edge]) / (2.0 * STEP);
+        }
+    }
+    // Edge-on counts as facing away.
+    let side = |cosine: f64| if cosine > 0.0 { 1.0 } else { -1.0 };
+    let away = DVector::from_iterator(
+        on.len(),
+        on.iter().map(|k| side(here[*k]) * 2.0 * CLEAR - here[*k]),
+    );
+    let Ok(step) = slopes.svd(true, true).solve(&away, NO_SLOPE) else {
+        return at;
+    };
+    let mut parameters: Vec<f64> = at
+        .parameters
+        .iter()
+        .zip(&step)
+        .map(|(x, s)| x + s)
+        .collect();
+    problem.bounds().clamp(&mut parameters);
+    let there = cosines(&parameters);
+    let kept = on.iter().all(|k| there[*k] * side(here[*k]) >= CLEAR);
+    let (mut residuals, mut jacobian) = (vec![0.0; rows], vec![0.0; rows * columns]);
+    LeastSquares::evaluate(&problem, &parameters, &mut residuals, &mut jacobian);
+    let cost = sum_of_squares(&residuals);
+    if kept && cost <= at.cost + CLEARED_FOR * at.cost.max(1.0) {
+        Minimum {
+            parameters,
+            residuals,
+            jacobian,
+            cost,
+            ..at
+        }
+    } else {
+        at
+    }
+}
+
+/// The free quantities that turn walls, by their place.
+fn turning<'p>(problem: &'p Problem<'_>) -> impl Iterator<Item = (usize, &'p Quantity)> {
+    let all = problem.free().iter().enumerate();
+    all.filter(|(_, quantity)| turns_walls(**quantity))
 }
 
 fn turns_walls(quantity: Quantity) -> bool {
@@ -134,10 +210,11 @@ mod tests {
     use crate::fit::FitOptions;
     use crate::fit::estimate::{estimate, free_quantities};
     use crate::fit::painted::{TRUTH, painted};
-    use crate::fit::solver::{Settings, minimise};
+    use crate::fit::problem::Values;
+    use crate::fit::solver::{Ending, Settings, minimise};
     use crate::geometry::{Cones, Pose, RigGeometry};
     use crate::material::Material;
-    use crate::model::Variant;
+    use crate::model::{Variant, radiance};
     use crate::observation::{Observation, ObservationSet, Prior};
     use crate::units::Angle;
 
@@ -179,6 +256,97 @@ mod tests {
         // The best of 256 descents from around the truth has 33.14; before the edge none gets below 42.
         let cost = fitted.minimum.cost;
         assert!(cost < 34.0, "{cost}");
+    }
+
+    /// χ² of the samples by the plain closed form, the offsets added to the recorded angles.
+    fn plainly(problem: &Problem<'_>, x: &[f64]) -> f64 {
+        let (set, v) = (problem.set(), problem.unpack(x));
+        let optics = crate::model::Optics::new(&set.rig, &set.material);
+        let residuals = set.observations.iter().map(|o| {
+            let pose = Pose {
+                theta_c: o.pose.theta_c + Angle::from_rad(v.tilt_offset),
+                phi_s: o.pose.phi_s + Angle::from_rad(v.azimuth_offset),
+            };
+            let seen = set.rig.directions(pose);
+            let radiance = radiance(problem.variant(), &seen, &v.surface(), &optics);
+            (v.scale * radiance + v.background - o.signal) / o.sigma
+        });
+        residuals.map(|r| r * r).sum()
+    }
+
+    #[test]
+    fn a_minimum_on_an_edge_is_kept_off_it_on_its_own_side() {
+        let set = series();
+        let (free, fixed) = free_quantities(&set, Variant::Sawtooth);
+        let problem = Problem::new(&set, Variant::Sawtooth, free, fixed);
+        let rough = Values {
+            theta_r: 0.7,
+            alpha_u: 0.5,
+            alpha_v: 0.8,
+            scale: 1.0,
+            azimuth_offset: 0.1,
+            ..fixed
+        };
+        let tilted = |tilt_offset: f64| {
+            problem.pack(&Values {
+                tilt_offset,
+                ..rough
+            })
+        };
+        let cosines = |tilt: f64| -> Vec<f64> {
+            let ready = problem.ready(&problem.unpack(&tilted(tilt)));
+            let all = 0..problem.set().observations.len();
+            all.flat_map(|index| problem.wall_cosines(index, &ready))
+                .collect()
+        };
+        let mut jumps = 0;
+        let (low, high) = (cosines(-0.2), cosines(0.2));
+        for wall in (0..low.len()).filter(|k| low[*k] * high[*k] < 0.0) {
+            // To the two neighbouring numbers between which the wall comes into sight.
+            let (mut one, mut other) = (-0.2_f64, 0.2_f64);
+            while one.next_up() < other {
+                let middle = 0.5 * (one + other);
+                let middle = if middle > one && middle < other {
+                    middle
+                } else {
+                    one.next_up()
+                };
+                match (cosines(middle)[wall] > 0.0) == (low[wall] > 0.0) {
+                    true => one = middle,
+                    false => other = middle,
+                }
+            }
+            let at = |tilt: f64| {
+                let parameters = tilted(tilt);
+                let (rows, columns) = (problem.residual_count(), parameters.len());
+                let (mut residuals, mut jacobian) = (vec![0.0; rows], vec![0.0; rows * columns]);
+                LeastSquares::evaluate(&&problem, &parameters, &mut residuals, &mut jacobian);
+                Minimum {
+                    cost: sum_of_squares(&residuals),
+                    parameters,
+                    residuals,
+                    jacobian,
+                    ending: Ending::Stalled,
+                    at_bound: Vec::new(),
+                    evaluations: 1,
+                }
+            };
+            let sides = [one, other].map(at);
+            let jump = (sides[0].cost - sides[1].cost).abs();
+            jumps += usize::from(jump > 1.0);
+            for side in sides {
+                let prior = side.residuals.last().unwrap().powi(2);
+                let before = side.cost;
+                let after = cleared(&problem, side);
+                assert!((after.cost - before).abs() < 1e-6 * before);
+                let said = plainly(&problem, &after.parameters) + prior;
+                assert!(
+                    (said - before).abs() < 1e-6 * before,
+                    "{said} {before} {jump}"
+                );
+            }
+        }
+        assert!(jumps > 3, "{jumps}");
     }
 
     #[test]

@@ -278,7 +278,7 @@ pub(super) fn whole<'a>(
         settled = of_most_observations(settled, variant, &weighing, late);
     }
     let starts = search.report();
-    let candidates = search.rivals(&settled.problem, RIVAL_RISE);
+    let candidates = search.rivals(&settled.problem, &settled.minimum, RIVAL_RISE);
     let mut narrow: Vec<Minimum> = Vec::new();
     if options.misfit && tier.is_some() && settled.narrow() && !search.over() {
         narrow = search.look_again(&settled.problem, &settled.minimum);
@@ -510,6 +510,7 @@ pub(super) fn conclude<'a>(
         discrepancy,
     } = settled;
     let set = problem.set();
+    minimum = edges::cleared(&problem, minimum);
     let values = problem.unpack(&minimum.parameters);
     let predicted = problem.predicted(&values);
     let loss_weights = loss_weights(&problem, &values, options.loss);

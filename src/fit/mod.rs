@@ -8,7 +8,7 @@
 //! The one function to call is [`fit`]. Rooms within: [`least_squares`] what a problem is ·
 //! [`solver`] bounded Levenberg–Marquardt · [`quantity`] what can be looked for · [`problem`] the
 //! observation model, with what is `known` before · [`loss`] how residuals count · [`start`] where to begin and [`search`] how far
-//! to look (`crew`: all starts at once, on the form of `lean`; `candidates`: from where else;
+//! to look (`crew`: all starts at once, on the form of `lean` or on the `full` one; `candidates`: from where else;
 //! `projection`: amplitudes solved for) · [`estimate`] one variant (`opening`: what it begins with) · [`thin`] of very many observations ·
 //! `misfit` how far it misses and `settle` its weights · [`tier`] the costlier model as an offset · [`traced`] the ray tracer
 //! in its place · [`covariance`] and [`budget`] how sure (`drift`: of the lamp) · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice · [`reporting`] the report ·
@@ -29,6 +29,7 @@ mod descent;
 mod drift;
 mod edges;
 pub mod estimate;
+mod full;
 pub mod intervals;
 pub mod joint;
 mod known;
@@ -57,6 +58,8 @@ pub mod trail;
 mod trust_region;
 pub mod variants;
 
+#[cfg(test)]
+mod elsewhere_tests;
 #[cfg(test)]
 mod extreme_tests;
 #[cfg(test)]

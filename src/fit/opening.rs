@@ -5,7 +5,7 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::estimate::free_quantities;
+use super::estimate::{few_directions, free_quantities};
 use super::known::certified;
 use super::misfit::{LIKELY, RARE, SELDOM, chance, flat_sigma, misfit_scale};
 use super::problem::{Problem, Quantity, Values};
@@ -20,6 +20,8 @@ use crate::observation::{ObservationSet, Prior};
 const FIRST_DISCREPANCY: f64 = 0.03;
 /// χ² per observation at the first weights above which more starts are worth their time.
 const SUSPICIOUS: f64 = 0.1;
+/// χ² per observation at the first weights that no surface far from the right one comes to: a misfit of 0.3 %.
+const WELL_MET: f64 = 0.01;
 /// Rounds of a thorough search.
 pub(super) const THOROUGH_ROUNDS: usize = 3;
 /// The same where no end describes the data.
@@ -108,8 +110,19 @@ impl<'a> Opening<'a> {
         let effort = Effort::first(options);
         let mut search = Search::new(&self.fixed, options.seed, effort, cancel);
         search.quick(&self.first, options.starts);
+        if options.misfit && self.may_be_elsewhere(&search) {
+            search.glance(&self.first);
+        }
         search.carry_over(&self.first, &self.problem);
         search
+    }
+
+    /// Whether the best end misses by so much, or poses look from so few directions, that another surface may do better: a
+    /// broad lobe in the wrong place comes within a per cent of the peak to what steep ridges send back.
+    fn may_be_elsewhere(&self, search: &Search<'_>) -> bool {
+        let cost = search.best().map_or(f64::INFINITY, |m| m.cost);
+        let (observations, _) = self.counts();
+        few_directions(self.problem.set()) || cost > WELL_MET * observations
     }
 
     /// Thorough rounds that a search is to have in all, as far as its ends so far tell.

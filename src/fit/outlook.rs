@@ -18,8 +18,8 @@ use super::problem::{Problem, Values};
 use super::profile::{bootstrap, profile};
 use super::report::COVERAGE_FACTOR;
 use super::search::{
-    CALM, DESCENDED_IN_ROUND, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PROMISING_EVERY, REFINED,
-    REFINED_IN_ROUND, REFINED_THOROUGHLY, RIVALS, ROUGH, many_minima, over_shapes, patiently,
+    CALM, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PROMISING_EVERY, REFINED, REFINED_IN_ROUND,
+    REFINED_THOROUGHLY, RIVALS, ROUGH, descend, descended_in_round, many_minima, over_shapes,
     usable,
 };
 use super::settle::{DOUBTFUL, NARROW_TRIALS, Settled, TRIALS};
@@ -35,6 +35,8 @@ use crate::observation::{Observation, ObservationSet};
 /// Candidates that are descended to tell what one costs, and shapes whose roughnesses are looked at.
 const TRIED: usize = 8;
 const SCANNED: usize = 2;
+/// One of so many starts of a round that nothing recommends is descended for it.
+const PLAIN_TRIED: u32 = 24;
 /// Descents of a thorough round for each of its starts: every third is descended twice.
 const DESCENTS: f64 = 4.0 / 3.0;
 /// Ends that a round's images lead to.
@@ -163,10 +165,10 @@ impl Look<'_> {
                 seconds += costs.thorough(later);
             }
             if persists {
-                let patient = f64::from(DESCENDED_IN_ROUND) * costs.plain_s;
+                let plain = f64::from(descended_in_round(&opening.problem)) * costs.plain_s;
                 let promising = costs.round(Effort::NOISE) / PROMISING_EVERY as f64;
                 let fine = (FOLLOWED + REFINED_IN_ROUND) as f64 * costs.fine_s;
-                let each = promising + patient + fine;
+                let each = promising + plain + fine;
                 seconds += (CALM + BEFORE_CALM) as f64 * each;
             }
         }
@@ -211,8 +213,10 @@ impl Look<'_> {
             ends.filter(usable).collect::<Vec<Minimum>>()
         });
         let bounds = problem.bounds();
-        let plain = candidates::plain(problem, fallback, TRIED as u32, self.options.seed);
-        let (_, plain_s) = self.timed(|| patiently(problem, &plain, &|| false, cancel));
+        // Enough for all lanes of all processors.
+        let count = (descended_in_round(problem) / PLAIN_TRIED).max(TRIED as u32);
+        let plain = candidates::plain(problem, fallback, count, self.options.seed);
+        let (_, plain_s) = self.timed(|| descend(problem, &plain, &|| false, cancel));
         let (_, refined_s) = self.timed(|| {
             let fine = |m: &Minimum| minimise(problem, &m.parameters, &bounds, &FINE, cancel);
             ends.par_iter().map(fine).collect::<Vec<Minimum>>()
@@ -276,7 +280,7 @@ struct Costs {
     judged_s: f64,
     /// A descent that only has to come near.
     rough_s: f64,
-    /// The same from a start that nothing recommends, where the deepest of them go on.
+    /// The same from a start that nothing recommends, one of very many.
     plain_s: f64,
     /// One whose end counts.
     fine_s: f64,

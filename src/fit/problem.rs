@@ -283,6 +283,11 @@ impl<'a> Problem<'a> {
         &self.told
     }
 
+    /// The optics at the nominal index.
+    pub(super) fn nominal_optics(&self) -> &OpticsTable {
+        &self.optics
+    }
+
     /// The optics at given values, as the model wants them.
     #[must_use]
     pub fn optics(&self, values: &Values) -> OpticsTable {
@@ -506,10 +511,9 @@ impl<'a> Problem<'a> {
         values.scale * self.reflectance() / PI * cosine + values.background
     }
 
-    /// Whether this is the full sawtooth of a far rig by least squares, without corrections.
+    /// Whether this is a far rig's by least squares, without corrections.
     pub(super) fn is_plain(&self) -> bool {
-        self.variant == Variant::Sawtooth
-            && self.set.views.is_empty()
+        self.set.views.is_empty()
             && self.loss == Loss::Linear
             && !self.logarithmic
             && self.factor.iter().all(|f| *f == 1.0)

@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-pub(super) use self::rounds::{DESCENDED_IN_ROUND, REFINED_IN_ROUND, patiently};
+pub(super) use self::rounds::{REFINED_IN_ROUND, descend, descended_in_round};
 use super::FitOptions;
 use super::candidates::{self, Wanted};
 use super::covariance::{Scaling, covariance};
@@ -60,8 +60,6 @@ pub(super) const FINE: Settings = Settings {
 };
 /// Rounds without a deeper minimum after which nobody expects one.
 pub(super) const CALM: usize = 5;
-/// Starts of such a round that nothing recommends.
-const PLAIN: u32 = 128;
 /// Of so many such rounds one looks at promising starts as well.
 pub(super) const PROMISING_EVERY: usize = 2;
 /// Standard uncertainty of an angle (rad) or a ln α above which the data leave the surface open.
@@ -308,12 +306,12 @@ impl<'p> Search<'p> {
 
     /// Different ends within `rise` of the best cost, that one left out. Two surfaces may cost the same to the last digit
     /// (mirror images on a scan that is symmetric); where the data leave the surface open, the ends of one cost are one
-    /// valley's.
-    pub(super) fn rivals(&self, problem: &Problem<'_>, rise: f64) -> Vec<Minimum> {
+    /// valley's. That is judged `at` a minimum, with the weights that it stands on.
+    pub(super) fn rivals(&self, problem: &Problem<'_>, at: &Minimum, rise: f64) -> Vec<Minimum> {
         let Some(best) = self.best() else {
             return Vec::new();
         };
-        let twins = determined(problem, best);
+        let twins = determined(problem, at);
         let surface = |m: &Minimum| problem.unpack(&m.parameters).folded();
         let mut near: Vec<&Minimum> = self
             .runs
@@ -343,7 +341,7 @@ impl<'p> Search<'p> {
     pub(super) fn rivalled(&self, problem: &Problem<'_>, best: &Minimum) -> bool {
         let surface = |m: &Minimum| problem.unpack(&m.parameters).folded();
         let here = surface(best);
-        let rivals = self.rivals(problem, AMBIGUOUS_RISE);
+        let rivals = self.rivals(problem, best, AMBIGUOUS_RISE);
         rivals.iter().any(|m| distance(&surface(m), &here) > APART)
     }
 

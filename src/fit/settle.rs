@@ -11,9 +11,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 
 use super::estimate::Tier;
+use super::least_squares::sum_of_squares;
 use super::misfit::{ROUNDS, discrepancy_of};
 use super::problem::Problem;
-use super::search::{FINE, Search, determined};
+use super::search::{AMBIGUOUS_RISE, FINE, Search, determined};
 use super::solver::{Ending, Minimum, Settings};
 use super::start::distance;
 use super::thin::minimise;
@@ -174,6 +175,13 @@ impl Settled<'_> {
         let predicted = self.problem.predicted(&values);
         let pairs = predicted.iter().zip(&self.problem.set().observations);
         pairs.map(|(p, o)| p - o.signal).collect()
+    }
+
+    /// χ² of flats and of what is known beforehand.
+    fn beside_the_sample(&self) -> f64 {
+        let residuals = &self.minimum.residuals;
+        let samples = self.problem.set().observations.len();
+        sum_of_squares(residuals.get(samples..).unwrap_or_default())
     }
 
     /// χ² of a linear loss, the loss itself of another.
@@ -378,6 +386,9 @@ pub(super) fn with_tier<'a>(
     if discrepancy > 0.0 {
         let near = others.into_iter();
         let near = near.filter(|o| o.discrepancy <= AS_GOOD * discrepancy);
+        // No misfit of the model excuses what misses the flats or what is known beforehand.
+        let known = best.settled.beside_the_sample();
+        let near = near.filter(|o| o.beside_the_sample() <= known + AMBIGUOUS_RISE);
         let near = near.map(|o| o.minimum);
         let surface = |m: &Minimum| best.settled.problem.unpack(&m.parameters).folded();
         let here = surface(&best.settled.minimum);

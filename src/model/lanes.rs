@@ -4,11 +4,37 @@
 //! into the function that `pulp` compiles once per instruction set; that is what makes the choice
 //! at run time free.
 
-use std::f64::consts::LOG2_E;
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, LOG2_E};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use pulp::Simd;
 use pulp::bytemuck::cast;
+
+mod fresnel;
+pub(crate) mod paper;
+pub(crate) mod sawtooth;
+
+/// What divisors are held above in forms for a register of surfaces.
+const TINY: f64 = 1e-9;
+
+/// A radiance per lane with its slopes.
+#[derive(Clone, Copy)]
+pub(crate) struct Slopes<S: Simd> {
+    /// The radiance.
+    pub(crate) value: Lane<S>,
+    /// To θr.
+    pub(crate) theta_r: Lane<S>,
+    /// To ln αu.
+    pub(crate) ln_alpha_u: Lane<S>,
+    /// To ln αv.
+    pub(crate) ln_alpha_v: Lane<S>,
+    /// To ρd.
+    pub(crate) rho_d: Lane<S>,
+    /// To the components of the lamp's direction along u, v, n, |h| held.
+    pub(crate) incident: [Lane<S>; 3],
+    /// To those of the camera's.
+    pub(crate) outgoing: [Lane<S>; 3],
+}
 
 /// One number per pixel.
 #[derive(Clone, Copy)]
@@ -115,6 +141,47 @@ impl<S: Simd> Lane<S> {
         e
     }
 
+    /// atan2(self, x) of two numbers ≥ 0, to 3e-9.
+    #[inline(always)]
+    pub(crate) fn angle_to(self, x: Self) -> Self {
+        macro_rules! k {
+            ($x:expr) => {
+                Self::splat(self.0, $x)
+            };
+        }
+        let steep = x.less(self);
+        let tan = self.min(x) / self.max(x).max(k!(f64::MIN_POSITIVE));
+        // Beyond 22.5° from 45° on.
+        let wide = k!(FRAC_PI_8_TAN).less(tan);
+        let t = wide.select((tan - k!(1.0)) / (tan + k!(1.0)), tan);
+        let minus = -(t * t);
+        let mut series = k!(1.0 / 17.0);
+        for n in (0..8).rev() {
+            series = series.mul_add(minus, k!(1.0 / (2.0 * f64::from(n) + 1.0)));
+        }
+        let angle = wide.select(series.mul_add(t, k!(FRAC_PI_4)), series * t);
+        steep.select(k!(FRAC_PI_2) - angle, angle)
+    }
+
+    /// The normal distribution's share below `self`, to 2e-7 (Abramowitz and Stegun 1964, 26.2.17), and its density there.
+    #[inline(always)]
+    pub(crate) fn normal_share(self) -> (Self, Self) {
+        macro_rules! k {
+            ($x:expr) => {
+                Self::splat(self.0, $x)
+            };
+        }
+        let bell = (k!(0.5) * self * self).exp_neg() * k!(FRAC_1_SQRT_TAU);
+        let t = k!(1.0) / self.abs().mul_add(k!(0.231_641_9), k!(1.0));
+        let mut series = k!(1.330_274_429);
+        for c in [-1.821_255_978, 1.781_477_937, -0.356_563_782, 0.319_381_530] {
+            series = series.mul_add(t, k!(c));
+        }
+        let beyond = bell * series * t;
+        let below = self.less(k!(0.0)).select(beyond, k!(1.0) - beyond);
+        (below, bell)
+    }
+
     /// sin x and cos x for |x| ≤ 0.7 by their series; 0.7¹⁴/14! = 8e-14 is left out.
     #[inline(always)]
     pub(crate) fn sin_cos_small(self) -> (Self, Self) {
@@ -171,6 +238,10 @@ impl std::ops::DerefMut for Numbers {
     }
 }
 
+/// tan 22.5°.
+const FRAC_PI_8_TAN: f64 = 0.414_213_562_373_095_03;
+/// 1/√(2π).
+const FRAC_1_SQRT_TAU: f64 = 0.398_942_280_401_432_7;
 /// 1.5 · 2²⁰ + 1023: numbers of this size have their ones in the lowest bit of the high half.
 const ROUND: f64 = 1_572_864.0 + 1023.0;
 /// 2^f on |f| ≤ 1/2 to 3e-16 of its value: interpolated at the zeros of Chebyshev's T₁₁.
@@ -209,6 +280,12 @@ impl<S: Simd> Mask<S> {
     #[inline(always)]
     pub(crate) fn select(self, yes: Lane<S>, no: Lane<S>) -> Lane<S> {
         Lane(self.0, self.0.select_f64s(self.1, yes.1, no.1))
+    }
+
+    /// Whether it is yes in any lane.
+    #[inline(always)]
+    pub(crate) fn any(self) -> bool {
+        self.0.first_true_m64s(self.1) < S::F64_LANES
     }
 
     #[inline(always)]
@@ -294,5 +371,22 @@ mod tests {
             let x = f64::from(i) * 0.01;
             assert!((lane(x).exp_small().1 / x.exp() - 1.0).abs() < 2e-14);
         }
+    }
+
+    #[test]
+    fn angles_and_shares_of_the_normal_distribution_are_good_to_their_stated_digits() {
+        for step in 0..=900 {
+            let (y, x) = (0.1 * f64::from(step)).to_radians().sin_cos();
+            let x = x.max(0.0);
+            let angle = lane(3.0 * y).angle_to(lane(3.0 * x)).1;
+            assert!((angle - y.atan2(x)).abs() < 3e-9, "{step}");
+            let z = 0.01 * f64::from(step - 450);
+            let (share, density) = lane(z).normal_share();
+            let exact = 0.5 * libm::erfc(-z * std::f64::consts::FRAC_1_SQRT_2);
+            assert!((share.1 - exact).abs() < 2e-7, "{z}");
+            let bell = (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt();
+            assert!((density.1 - bell).abs() < 1e-15, "{z}");
+        }
+        assert_eq!(lane(0.0).angle_to(lane(0.0)).1, 0.0);
     }
 }

@@ -7,6 +7,7 @@ use crate::fit::lean;
 use crate::fit::least_squares::LeastSquares;
 use crate::fit::loss::Loss;
 use crate::fit::quantity::{Quantity, Values};
+use crate::model::Variant;
 use crate::units::Angle;
 
 /// One over the relative error that counts as one on the logarithmic scale.
@@ -27,6 +28,7 @@ impl LeastSquares for &Problem<'_> {
         let m = self.n_residuals();
         let samples = self.set.observations.len();
         let known = self.lean
+            && self.variant == Variant::Sawtooth
             && self.is_plain()
             && self.optics(&values) == self.optics
             && lean::evaluate(self, &values, residuals, jacobian, m);

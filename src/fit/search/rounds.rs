@@ -7,13 +7,16 @@ use std::sync::atomic::AtomicBool;
 use rayon::prelude::*;
 
 use super::super::candidates;
-use super::super::crew::{End, descend_together};
+use super::super::crew;
+use super::super::estimate::few_directions;
 use super::super::problem::{Problem, Values};
 use super::super::projection::settle;
 use super::super::solver::{Ending, Minimum, Settings, minimise};
+use crate::observation::ObservationSet;
+
 use super::{
-    CALM, Effort, FINE, FOLLOWED, Late, OTHER_ROUGHNESSES, PATIENT, PLAIN, PROMISING_EVERY,
-    REFINED, REFINED_THOROUGHLY, ROUGH, Search, many_minima, over_shapes, same, usable,
+    CALM, Effort, FINE, FOLLOWED, Late, OTHER_ROUGHNESSES, PATIENT, PROMISING_EVERY, REFINED,
+    REFINED_THOROUGHLY, ROUGH, Search, many_minima, over_shapes, same, usable,
 };
 
 /// A descent along a valley.
@@ -26,44 +29,67 @@ const PERSISTENT_ROUNDS: usize = 24;
 
 /// One of so many descents goes on when all have come near.
 const GOING_ON: usize = 6;
-/// Starts from the rim of the box beside the plain ones.
-const RIM: u32 = 128;
-/// Different ends that have children, children at a time, and how often in a round: the second time those of the first
-/// have children too.
-const PARENTS: usize = 24;
-const CHILDREN: u32 = 128;
+/// Starts of a round: from all over the box, from its rim, and children of what was found, in each of the generations (the
+/// later ones are children of the earlier ones too).
+const PLAIN: u32 = 2048;
+const RIM: u32 = 2048;
+const CHILDREN: u32 = 1024;
 const GENERATIONS: u32 = 2;
-/// Patient descents of a round, and how many of their ends are refined at most.
-pub(in crate::fit) const DESCENDED_IN_ROUND: u32 = PLAIN + RIM + GENERATIONS * CHILDREN;
+/// One of so many starts is left where they descend one by one, not as lanes of registers.
+const ONE_BY_ONE: u32 = 16;
+/// Starts of a first glance, half of them from the rim: where directions are many, and where they are few.
+const GLANCE: u32 = 128;
+const GLANCE_OF_FEW: u32 = 2048;
+/// Different ends that have children.
+const PARENTS: usize = 24;
+/// Lanes that descend in one go.
+const CHUNK: usize = 128;
+/// Different ends of starts from anywhere that are refined.
+const PLAIN_REFINED: usize = 24;
+/// Ends of a round that are refined at most.
 pub(in crate::fit) const REFINED_IN_ROUND: usize =
-    (1 + GENERATIONS as usize) * REFINED_THOROUGHLY + CROWD_REFINED;
-/// Starts of a crowd in lanes, those that descend in one go, and its different ends that are refined.
-const CROWD: u32 = 4096;
-const CROWD_CHUNK: usize = 128;
-const CROWD_REFINED: usize = 24;
+    PLAIN_REFINED + GENERATIONS as usize * REFINED_THOROUGHLY;
+
+/// Descents of a round.
+pub(in crate::fit) fn descended_in_round(problem: &Problem<'_>) -> u32 {
+    share(problem, PLAIN) + share(problem, RIM) + GENERATIONS * share(problem, CHILDREN)
+}
+
+/// Of a number of starts those for which there is time.
+fn share(problem: &Problem<'_>, starts: u32) -> u32 {
+    match crew::knows(problem) {
+        true => starts,
+        false => starts / ONE_BY_ONE,
+    }
+}
 
 impl Search<'_> {
     /// Descents from shapes all over the box and from its rim, none of them judged before: where noise makes the minima,
     /// what looks promising at its start says little of where a descent ends.
-    fn anywhere(&mut self, problem: &Problem<'_>) {
-        let mut starts = candidates::plain(problem, self.fallback, PLAIN, self.next_seed());
-        let rim = candidates::rim(problem, self.fallback, RIM, self.next_seed());
-        starts.extend(rim);
-        self.descend_patiently(problem, &starts);
+    fn anywhere(&mut self, problem: &Problem<'_>, [plain, rim]: [u32; 2], refined: usize) {
+        let (plain, rim) = (share(problem, plain), share(problem, rim));
+        let mut starts = candidates::plain(problem, self.fallback, plain, self.next_seed());
+        starts.extend(candidates::rim(
+            problem,
+            self.fallback,
+            rim,
+            self.next_seed(),
+        ));
+        let ends = descend(problem, &starts, &|| self.over(), self.cancel);
+        self.refine(problem, ends, refined, 1e-4);
     }
 
-    /// Very many such descents as lanes of registers, on the lean form; the different deepest ends are refined. Nothing where
-    /// lanes do not know the problem.
-    fn crowd(&mut self, problem: &Problem<'_>) {
-        let starts = candidates::plain(problem, self.fallback, CROWD, self.next_seed());
-        let cancel = self.cancel;
-        let ends: Option<Vec<Vec<End>>> = starts
-            .par_chunks(CROWD_CHUNK)
-            .filter(|_| !self.over())
-            .map(|chunk| descend_together(problem, chunk, cancel))
-            .collect();
-        let ends = ends.into_iter().flatten().flatten().map(Minimum::from);
-        self.refine(problem, ends.filter(usable).collect(), CROWD_REFINED, 1e-4);
+    /// A first look from starts that nothing recommends, where lanes make it cheap; from more of them where few directions
+    /// let near minima be.
+    pub(in crate::fit) fn glance(&mut self, problem: &Problem<'_>) {
+        if !crew::knows(problem) || self.over() {
+            return;
+        }
+        let starts = match few_directions(problem.set()) {
+            true => GLANCE_OF_FEW,
+            false => GLANCE,
+        };
+        self.anywhere(problem, [starts / 2; 2], REFINED);
     }
 
     /// Descents from children of the different ends so far (a memetic search: Moscato 1989). Of the minima that no start
@@ -78,18 +104,15 @@ impl Search<'_> {
             .iter()
             .map(|m| problem.unpack(&m.parameters).folded())
             .collect();
-        let children = candidates::bred(&surfaces, CHILDREN, self.next_seed());
+        let children = share(problem, CHILDREN);
+        let children = candidates::bred(&surfaces, children, self.next_seed());
         let settled: Vec<Values> = children
             .par_iter()
             .map(|v| settle(problem, v))
             .filter(|(cost, _)| cost.is_finite())
             .map(|(_, v)| v)
             .collect();
-        self.descend_patiently(problem, &settled);
-    }
-
-    fn descend_patiently(&mut self, problem: &Problem<'_>, starts: &[Values]) {
-        let ends = patiently(problem, starts, &|| self.over(), self.cancel);
+        let ends = descend(problem, &settled, &|| self.over(), self.cancel);
         self.refine(problem, ends, REFINED_THOROUGHLY, 1e-4);
     }
 
@@ -144,6 +167,9 @@ impl Search<'_> {
     /// Rounds on end where the data leave the surface open, or the best end costs more than is `likely`: there minima are
     /// many, and the deepest is found by looking on until [`CALM`] rounds in a row find none deeper.
     pub(in crate::fit) fn persist(&mut self, problem: &Problem<'_>, likely: f64) {
+        if few_directions(problem.set()) {
+            self.glance(problem);
+        }
         let mut calm = 0;
         for round in 0..PERSISTENT_ROUNDS {
             let Some(before) = self.best() else {
@@ -159,8 +185,7 @@ impl Search<'_> {
                 return;
             }
             let before = before.cost;
-            self.anywhere(problem);
-            self.crowd(problem);
+            self.anywhere(problem, [PLAIN, RIM], PLAIN_REFINED);
             for _ in 0..GENERATIONS {
                 self.breed(problem);
             }
@@ -188,45 +213,98 @@ impl Search<'_> {
         self.descend_images(problem, 1..most);
     }
 
-    /// Bit 0 of an image: mirrored; bit 1: exchanged; above: quarter turns.
+    /// Bit 0 of an image: mirrored; bit 1: exchanged; above: quarter turns. Mirrored about every line of azimuths, where
+    /// they are few.
     fn descend_images(&mut self, problem: &Problem<'_>, images: std::ops::Range<u8>) {
         let Some(best) = self.best() else {
             return;
         };
         let found = problem.unpack(&best.parameters).folded();
         let zero = problem.set().rig.azimuth_zero.rad() + problem.set().region_azimuth.rad();
+        let lines = azimuth_lines(problem.set());
         let bounds = problem.bounds();
         let fine = Settings {
             polish_steps: 20,
             max_iterations: 200,
             ..Settings::default()
         };
-        let cancel = self.cancel;
-        let ends: Vec<Minimum> = images
-            .into_par_iter()
-            .map(|image| {
-                let (mirrored, exchanged, quarters) = (image & 1 == 1, image & 2 == 2, image >> 2);
-                let mut v = found;
-                if exchanged {
-                    v.theta_r = 0.5 * PI - v.theta_r;
-                    v.azimuth_offset += PI;
-                }
-                if mirrored {
-                    v.azimuth_offset = -v.azimuth_offset - 2.0 * zero;
-                }
-                v.azimuth_offset += f64::from(quarters) * 0.5 * PI;
-                if quarters & 1 == 1 {
-                    std::mem::swap(&mut v.alpha_u, &mut v.alpha_v);
-                }
-                minimise(problem, &problem.pack(&v), &bounds, &fine, cancel)
+        let image = |image: u8, line: f64| {
+            let (mirrored, exchanged, quarters) = (image & 1 == 1, image & 2 == 2, image >> 2);
+            let mut v = found;
+            if exchanged {
+                v.theta_r = 0.5 * PI - v.theta_r;
+                v.azimuth_offset += PI;
+            }
+            if mirrored {
+                v.azimuth_offset = -v.azimuth_offset - 2.0 * (zero + line);
+            }
+            v.azimuth_offset += f64::from(quarters) * 0.5 * PI;
+            if quarters & 1 == 1 {
+                std::mem::swap(&mut v.alpha_u, &mut v.alpha_v);
+            }
+            problem.pack(&v)
+        };
+        let starts: Vec<Vec<f64>> = images
+            .flat_map(|k| {
+                let lines = if k & 1 == 1 { &lines[..] } else { &[0.0] };
+                lines.iter().map(move |line| (k, *line))
             })
+            .map(|(k, line)| image(k, line))
+            .collect();
+        let cancel = self.cancel;
+        let ends: Vec<Minimum> = starts
+            .par_iter()
+            .map(|x| minimise(problem, x, &bounds, &fine, cancel))
             .collect();
         self.runs.extend(ends.into_iter().filter(usable));
     }
 }
 
+/// Most lines of azimuths about which a surface is mirrored.
+const LINES: usize = 3;
+
+/// The lines on which the recorded azimuths lie, to both sides of the axis, rad: about the tilt plane a scan along one of them
+/// is its own mirror image. That of 0 alone where they are many, which a turn by quarters nearly has too.
+fn azimuth_lines(set: &ObservationSet) -> Vec<f64> {
+    let mut lines: Vec<f64> = Vec::new();
+    for o in &set.observations {
+        let line = o.pose.phi_s.rad().rem_euclid(PI);
+        let beside = |other: &f64| {
+            let apart = (line - other).rem_euclid(PI);
+            apart.min(PI - apart) < 1e-3
+        };
+        if !lines.iter().any(beside) {
+            lines.push(line);
+        }
+        if lines.len() > LINES {
+            return vec![0.0];
+        }
+    }
+    lines
+}
+
+/// Descents that come near: as lanes of registers, or one by one where lanes do not know the problem.
+pub(in crate::fit) fn descend(
+    problem: &Problem<'_>,
+    starts: &[Values],
+    late: Late<'_>,
+    cancel: &AtomicBool,
+) -> Vec<Minimum> {
+    if !crew::knows(problem) {
+        return patiently(problem, starts, late, cancel);
+    }
+    starts
+        .par_chunks(CHUNK)
+        .filter(|_| !late())
+        .filter_map(|chunk| crew::descend_in_full(problem, chunk, cancel))
+        .flatten_iter()
+        .map(Minimum::from)
+        .filter(usable)
+        .collect()
+}
+
 /// Descents that come near, of which the deepest go on: what ends deepest is among them early.
-pub(in crate::fit) fn patiently(
+fn patiently(
     problem: &Problem<'_>,
     starts: &[Values],
     late: Late<'_>,

@@ -1,0 +1,73 @@
+//! Surfaces that a first look does not see: broad lobes pass for steep ridges, and scans that are their own mirror images.
+
+use std::sync::atomic::AtomicBool;
+
+use super::FitOptions;
+use super::estimate::estimate;
+use super::painted::{TRUTH, painted};
+use super::problem::Values;
+use crate::geometry::Pose;
+use crate::model::Variant;
+use crate::units::Angle;
+
+fn poses(tilts: i32, step_deg: f64, azimuths_deg: &[f64]) -> impl Iterator<Item = Pose> {
+    let first = -0.5 * step_deg * f64::from(tilts - 1);
+    (0..tilts).flat_map(move |t| {
+        let tilt = first + step_deg * f64::from(t);
+        azimuths_deg.iter().map(move |a| Pose::from_deg(tilt, *a))
+    })
+}
+
+#[test]
+fn steep_ridges_without_a_white_reference_are_no_broad_lobe() {
+    let azimuths: Vec<f64> = (0..12).map(|k| 30.0 * f64::from(k)).collect();
+    for (theta_r_deg, alpha_u, alpha_v) in [
+        (35.0f64, 0.15, 0.1),
+        (40.0, 0.08, 0.144),
+        (44.0, 0.25, 0.066),
+    ] {
+        let truth = Values {
+            theta_r: theta_r_deg.to_radians(),
+            alpha_u,
+            alpha_v,
+            azimuth_offset: 0.05,
+            tilt_offset: -0.01,
+            ..TRUTH
+        };
+        let mut set = painted(poses(9, 5.0, &azimuths), &truth, 5e-4, 3);
+        set.white_reference = None;
+        let cancel = AtomicBool::new(false);
+        let options = FitOptions::default();
+        let e = estimate(&set, Variant::Sawtooth, &options, None, &cancel).unwrap();
+        let found = e.values.folded();
+        assert!((found.theta_r - truth.theta_r).abs() < 0.01, "{found:?}");
+        assert!((found.alpha_v / alpha_v).ln().abs() < 0.1, "{found:?}");
+    }
+}
+
+#[test]
+fn a_scan_along_one_line_of_azimuths_tells_of_its_mirror_image() {
+    for line_deg in [30.0, 60.0, 135.0] {
+        let truth = Values {
+            theta_r: 0.2,
+            azimuth_offset: 0.07,
+            ..TRUTH
+        };
+        let set = painted(
+            poses(9, 5.0, &[line_deg, line_deg + 180.0]),
+            &truth,
+            2e-3,
+            5,
+        );
+        let cancel = AtomicBool::new(false);
+        let options = FitOptions::default();
+        let e = estimate(&set, Variant::Sawtooth, &options, None, &cancel).unwrap();
+        let found = e.values.folded().azimuth_offset;
+        let image = -found - 2.0 * line_deg.to_radians();
+        let told = e.rivals.iter().any(|rival| {
+            let there = e.problem.unpack(&rival.parameters).folded().azimuth_offset;
+            Angle::from_rad(there - image).wrapped().rad().abs() < 0.02
+        });
+        assert!(told, "{line_deg}: {found}, {} others", e.rivals.len());
+    }
+}

@@ -1,0 +1,210 @@
+//! The full forms of one observation with their slopes, for a register of surfaces.
+//!
+//! The directions are those of a far rig, turned by the offsets; the forms themselves are `model::lanes`'. `crew` descends on
+//! them.
+
+use pulp::Simd;
+
+use super::crew::{Form, MOST};
+use super::lean::{N, ROW, Row};
+use super::problem::Problem;
+use crate::model::fresnel::reflectance;
+use crate::model::lanes::{Lane, Slopes, paper, sawtooth};
+use crate::model::prepared::{OpticsTable, Prepared};
+use crate::model::{Surface, Variant};
+
+/// Numbers that place a surface and its signals: sine and cosine of tilt and azimuth offset, gain, background.
+const PLACED: usize = 6;
+
+/// The sawtooth in full.
+#[derive(Clone, Copy)]
+pub(super) struct Sawtooth(sawtooth::Optics);
+/// The printed lobe.
+#[derive(Clone, Copy)]
+pub(super) struct Printed;
+
+/// A variant of the model for a register of surfaces.
+pub(super) trait Kind: Copy + Sync {
+    const VARIANT: Variant;
+    /// Numbers that describe a surface.
+    const NUMBERS: usize;
+    fn new(prepared: &Prepared) -> Self;
+    fn numbers(prepared: &Prepared, f: f64, h2: f64, to: &mut [f64]);
+    fn partials<S: Simd>(
+        &self,
+        simd: S,
+        shape: &[Lane<S>; MOST],
+        incident: &[Lane<S>; 3],
+        outgoing: &[Lane<S>; 3],
+    ) -> Slopes<S>;
+}
+
+impl Kind for Sawtooth {
+    const VARIANT: Variant = Variant::Sawtooth;
+    const NUMBERS: usize = sawtooth::SHAPE;
+
+    fn new(prepared: &Prepared) -> Self {
+        Sawtooth(sawtooth::Optics::of(prepared))
+    }
+
+    fn numbers(prepared: &Prepared, f: f64, h2: f64, to: &mut [f64]) {
+        to.copy_from_slice(&sawtooth::shape(prepared, f, h2));
+    }
+
+    #[inline(always)]
+    fn partials<S: Simd>(
+        &self,
+        simd: S,
+        shape: &[Lane<S>; MOST],
+        incident: &[Lane<S>; 3],
+        outgoing: &[Lane<S>; 3],
+    ) -> Slopes<S> {
+        let shape = shape.first_chunk().expect("fewer than the most");
+        sawtooth::partials(simd, &self.0, shape, incident, outgoing)
+    }
+}
+
+impl Kind for Printed {
+    const VARIANT: Variant = Variant::Paper;
+    const NUMBERS: usize = paper::SHAPE;
+
+    fn new(_: &Prepared) -> Self {
+        Printed
+    }
+
+    fn numbers(prepared: &Prepared, f: f64, h2: f64, to: &mut [f64]) {
+        to.copy_from_slice(&paper::shape(prepared, f, h2));
+    }
+
+    #[inline(always)]
+    fn partials<S: Simd>(
+        &self,
+        simd: S,
+        shape: &[Lane<S>; MOST],
+        incident: &[Lane<S>; 3],
+        outgoing: &[Lane<S>; 3],
+    ) -> Slopes<S> {
+        let shape = shape.first_chunk().expect("fewer than the most");
+        paper::partials(simd, shape, incident, outgoing)
+    }
+}
+
+/// A variant's full form on a far rig.
+#[derive(Clone, Copy)]
+pub(super) struct Full<K> {
+    kind: K,
+    table: OpticsTable,
+    /// Lamp along the camera's direction, in the tilt plane across it, and beside it.
+    lamp: [f64; 3],
+    /// Reflectance at the half angle, and |h|².
+    f: f64,
+    h2: f64,
+}
+
+impl<K: Kind> Full<K> {
+    pub(super) fn new(problem: &Problem<'_>) -> Self {
+        let rig = &problem.set().rig;
+        let (sl, cl) = rig.theta_l.sin_cos();
+        let (sa, ca) = rig.light_azimuth.sin_cos();
+        let table = *problem.nominal_optics();
+        let (eta, k) = (table.optics.eta, table.optics.k);
+        let h2 = 2.0 + 2.0 * cl;
+        let flat = Surface {
+            theta_r: 0.0,
+            alpha_u: 1.0,
+            alpha_v: 1.0,
+            rho_d: 0.0,
+            amplitude: 1.0,
+        };
+        Full {
+            kind: K::new(&Prepared::new(K::VARIANT, &flat, &table)),
+            table,
+            lamp: [cl, sl * ca, sl * sa],
+            f: reflectance(0.5 * h2.sqrt(), eta, k),
+            h2,
+        }
+    }
+}
+
+impl<K: Kind> Form for Full<K> {
+    const SHAPE: usize = K::NUMBERS + PLACED;
+
+    fn shape(&self, x: &[f64; N], to: &mut [f64; MOST]) {
+        let [
+            theta_r,
+            ln_alpha_u,
+            ln_alpha_v,
+            rho_d,
+            scale,
+            background,
+            turn,
+            tilt,
+        ] = *x;
+        let surface = Surface {
+            theta_r,
+            alpha_u: ln_alpha_u.exp(),
+            alpha_v: ln_alpha_v.exp(),
+            rho_d,
+            amplitude: 1.0,
+        };
+        let prepared = Prepared::new(K::VARIANT, &surface, &self.table);
+        K::numbers(&prepared, self.f, self.h2, &mut to[..K::NUMBERS]);
+        // θr < 0 is the surface turned by half a turn.
+        let side = if theta_r < 0.0 { -1.0 } else { 1.0 };
+        let (so, co) = tilt.sin_cos();
+        let (sp, cp) = turn.sin_cos();
+        let placed = [so, co, side * sp, side * cp, scale, background];
+        to[K::NUMBERS..Self::SHAPE].copy_from_slice(&placed);
+    }
+
+    #[inline(always)]
+    fn row<S: Simd>(&self, simd: S, pose: &[Lane<S>; ROW], shape: &[Lane<S>; MOST]) -> Row<S> {
+        let [st, ct, sr, cr, signal, weight] = *pose;
+        let placed: &[Lane<S>; PLACED] = shape[K::NUMBERS..Self::SHAPE]
+            .first_chunk()
+            .expect("as many as are placed");
+        let [so, co, sp0, cp0, scale, background] = *placed;
+        let [along, inside, beside] = self.lamp.map(|x| Lane::splat(simd, x));
+        let (sin, cos) = (st.mul_add(co, ct * so), ct.mul_add(co, -(st * so)));
+        let (sp, cp) = (sr.mul_add(cp0, cr * sp0), cr.mul_add(cp0, -(sr * sp0)));
+        // Rig frame x, y, z; the camera's y is 0.
+        let (ix, iz) = (
+            along.mul_add(sin, inside * cos),
+            along.mul_add(cos, -(inside * sin)),
+        );
+        let i = [
+            ix.mul_add(sp, -(beside * cp)),
+            ix.mul_add(cp, beside * sp),
+            iz,
+        ];
+        let o = [sin * sp, sin * cp, cos];
+        let g = self.kind.partials(simd, shape, &i, &o);
+        // Tilting turns a rig direction (x, y, z) about +y at the rate (z, 0, −x); turning the sample turns (u, v) at the
+        // rate (v, −u).
+        macro_rules! turned {
+            ($w:expr, $g:expr, $x:expr) => {
+                (
+                    $w[1] * $g[0] - $w[0] * $g[1],
+                    $w[2] * ($g[0] * sp + $g[1] * cp) - $x * $g[2],
+                )
+            };
+        }
+        let (turn_i, tilt_i) = turned!(i, g.incident, ix);
+        let (turn_o, tilt_o) = turned!(o, g.outgoing, sin);
+        let gain = weight * scale;
+        Row {
+            residual: weight * (scale.mul_add(g.value, background) - signal),
+            slopes: [
+                gain * g.theta_r,
+                gain * g.ln_alpha_u,
+                gain * g.ln_alpha_v,
+                gain * g.rho_d,
+                weight * g.value,
+                weight,
+                gain * (turn_i + turn_o),
+                gain * (tilt_i + tilt_o),
+            ],
+            riser: Lane::splat(simd, 0.0),
+        }
+    }
+}
