@@ -24,7 +24,7 @@ impl<S: Simd> Wall<S> {
     }
 
     #[inline(always)]
-    pub(super) fn to_f(&self, simd: S) -> Lane<S> {
+    pub(super) fn slope(&self, simd: S) -> Lane<S> {
         Lane::splat(simd, 0.5) * (self.to_s + self.to_p)
     }
 }

@@ -269,10 +269,10 @@ impl<S: Simd> Ray<S> {
         g.m = under.mul_add(c, g.m);
         g.e = under.mul_add(self.y, g.e);
         let riser_f = g.riser_f - g.b * self.rho;
-        let to_rho = g.riser_cos + g.b * (one - walls.riser_f) + riser_f * walls.riser.to_f(simd);
+        let to_rho = g.riser_cos + g.b * (one - walls.riser_f) + riser_f * walls.riser.slope(simd);
         g.e = g.e - self.on_riser.select(to_rho, zero);
         let facet_f = g.facet_f - g.a * self.up;
-        let to_m = g.facet_cos + g.a * (one - walls.facet_f) + facet_f * walls.facet.to_f(simd);
+        let to_m = g.facet_cos + g.a * (one - walls.facet_f) + facet_f * walls.facet.slope(simd);
         g.m = g.m + self.on_facet.select(to_m, zero);
     }
 }
