@@ -10,6 +10,8 @@ mod mueller;
 mod stack;
 mod visibility;
 
+use std::borrow::Cow;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -157,9 +159,7 @@ fn evaluate(table: &Table, cases: &Path, out: &Path) -> Result<(usize, usize), C
             })
         })
         .collect::<Result<Vec<_>, _>>()?;
-    // Rows are read while answers are written.
-    let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
-    if same(cases, out) {
+    if same_file(cases, out) {
         return Err(CliError::bad_input(anyhow!(
             "--out is the file of the cases, {}: choose another name for the answers",
             cases.display()
@@ -179,24 +179,33 @@ fn evaluate(table: &Table, cases: &Path, out: &Path) -> Result<(usize, usize), C
         CliError::no_result(anyhow!(e).context(format!("cannot write {}", out.display())))
     };
     writer.write_record(&head).map_err(unwritten)?;
-    for record in reader.records() {
+    for record in reader.byte_records() {
         let record = record
             .with_context(|| format!("cannot read a row of {}", cases.display()))
             .map_err(CliError::bad_input)?;
-        let answer = if record.len() == headers.len() {
-            (table.compute)(&Row {
-                names: table.inputs,
-                fields: columns.iter().map(|&i| &record[i]).collect(),
-            })
-        } else {
+        let texts: Vec<Cow<'_, str>> = record.iter().map(String::from_utf8_lossy).collect();
+        // Text that is UTF-8 is borrowed as it is.
+        let garbled = texts.iter().position(|t| matches!(t, Cow::Owned(_)));
+        let answer = if texts.len() != headers.len() {
             Err(format!(
                 "the row has {} fields, the header {}",
-                record.len(),
+                texts.len(),
                 headers.len()
             ))
+        } else if let Some(column) = garbled {
+            Err(format!(
+                "{} = {:?} is not UTF-8 text",
+                headers[column].trim(),
+                texts[column]
+            ))
+        } else {
+            (table.compute)(&Row {
+                names: table.inputs,
+                fields: columns.iter().map(|&i| &*texts[i]).collect(),
+            })
         };
         let mut fields: Vec<String> = (0..headers.len())
-            .map(|i| record.get(i).unwrap_or_default().to_owned())
+            .map(|i| texts.get(i).map_or_else(String::new, |t| t.to_string()))
             .collect();
         let reason = match answer {
             Ok(values) if values.iter().all(|v| v.is_finite()) => {
@@ -219,11 +228,17 @@ fn evaluate(table: &Table, cases: &Path, out: &Path) -> Result<(usize, usize), C
     Ok((rows, refused))
 }
 
+/// Whether two names are of one file, by whatever links: rows are read while answers are written.
+fn same_file(a: &Path, b: &Path) -> bool {
+    let identity = |path: &Path| path.metadata().map(|m| (m.dev(), m.ino()));
+    matches!((identity(a), identity(b)), (Ok(a), Ok(b)) if a == b)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn run_on(kind: Kind, input: &str) -> Vec<csv::StringRecord> {
+    fn run_on(kind: Kind, input: impl AsRef<[u8]>) -> Vec<csv::StringRecord> {
         let folder = tempfile::tempdir().unwrap();
         let (cases, out) = (folder.path().join("in.csv"), folder.path().join("out.csv"));
         std::fs::write(&cases, input).unwrap();
@@ -300,15 +315,42 @@ mod tests {
     }
 
     #[test]
+    fn a_row_that_is_no_text_is_refused_and_the_others_are_answered() {
+        let rows = run_on(
+            Kind::Stack,
+            b"id,stack,theta_deg\na,1.5,1\xff0\nb\xe9,1.5,10\nc,1.5,10\n",
+        );
+        assert_eq!(rows.len(), 4);
+        assert_eq!(
+            (&rows[1][2], &rows[2][0]),
+            ("1\u{fffd}0", "b\u{fffd}"),
+            "what can be shown of the input is"
+        );
+        let (last, answered) = (rows[0].len() - 1, &rows[3]);
+        assert_eq!(
+            &rows[1][last],
+            "theta_deg = \"1\u{fffd}0\" is not UTF-8 text"
+        );
+        assert_eq!(&rows[2][last], "id = \"b\u{fffd}\" is not UTF-8 text");
+        assert_eq!((&rows[2][3], &answered[last]), ("", ""));
+        answered[3].parse::<f64>().unwrap();
+    }
+
+    #[test]
     fn the_cases_are_not_written_over() {
         let folder = tempfile::tempdir().unwrap();
         let cases = folder.path().join("in.csv");
-        let text = "stack,theta_i_deg\n1.5,30\n";
+        let text = "stack,theta_deg\n1.5,30\n";
         std::fs::write(&cases, text).unwrap();
         let again = folder.path().join(".").join("in.csv");
-        let outcome = evaluate(&stack::TABLE, &cases, &again);
-        assert!(matches!(outcome, Err(CliError::BadInput(_))));
-        assert_eq!(std::fs::read_to_string(&cases).unwrap(), text);
+        let (soft, hard) = (folder.path().join("soft.csv"), folder.path().join("h.csv"));
+        std::os::unix::fs::symlink(&cases, &soft).unwrap();
+        std::fs::hard_link(&cases, &hard).unwrap();
+        for again in [again, soft, hard] {
+            let outcome = evaluate(&stack::TABLE, &cases, &again);
+            assert!(matches!(outcome, Err(CliError::BadInput(_))));
+            assert_eq!(std::fs::read_to_string(&cases).unwrap(), text, "{again:?}");
+        }
     }
 
     #[test]
