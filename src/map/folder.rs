@@ -78,7 +78,12 @@ pub fn map_into(
     })?;
     let mut timing = stages.timing();
     let started = Instant::now();
-    let mut files = write(&mapped, folder)?;
+    // An older map's summary does not outlive its files; the new one comes last.
+    std::fs::remove_file(folder.join(SUMMARY)).ok();
+    let mut files = write(&mapped, folder, cancel).map_err(|error| match error {
+        WriteError::Cancelled => FolderError::Map(MapError::Cancelled),
+        error => error.into(),
+    })?;
     files.push(SUMMARY.to_owned());
     timing.write = started.elapsed().as_secs_f64();
     let summary = summary(&mapped, timing, files);
@@ -132,5 +137,36 @@ impl StageTimes {
             mean: (now - averaging).as_secs_f64(),
             write: 0.0,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::Ordering;
+
+    use super::*;
+    use crate::series::Series;
+
+    #[test]
+    fn a_map_cancelled_after_its_last_pixel_is_no_map_and_has_no_files() {
+        let series = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/checker");
+        let series = Series::open(&series).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let cancel = AtomicBool::new(false);
+        let tell = |p: Progress| {
+            if p.stage == Stage::Fitting && p.done == p.total {
+                cancel.store(true, Ordering::Relaxed);
+            }
+        };
+        let options = MapOptions {
+            scratch: folder.path().to_owned(),
+            ..MapOptions::default()
+        };
+        let outcome = map_into(&series, &options, folder.path(), &tell, &cancel);
+        assert!(matches!(
+            outcome,
+            Err(FolderError::Map(MapError::Cancelled))
+        ));
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 }

@@ -40,7 +40,7 @@ mod view;
 pub mod write;
 
 use std::path::PathBuf;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 pub use self::globals::Globals;
 use self::kernel::Parameters;
@@ -358,6 +358,10 @@ pub fn map_until(
             "the sample leans in several directions, and the manifest states no layout".to_owned(),
         ),
     };
+    // A mean that was cancelled is none that has no answer.
+    if cancel.load(Ordering::Relaxed) {
+        return Err(MapError::Cancelled);
+    }
     let mut globals = settled.globals;
     match &mean {
         Ok(mean) => mean.raise(&mut globals),

@@ -4,6 +4,8 @@
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -38,6 +40,9 @@ pub enum WriteError {
         /// The encoder's reason.
         cause: String,
     },
+    /// The cancel flag was raised; what was written is taken back.
+    #[error("the map was cancelled while its files were written")]
+    Cancelled,
 }
 
 /// Median and percentiles of a parameter over the pixels that have a value.
@@ -241,15 +246,62 @@ enum Sheetful<'a> {
     Png(Box<dyn Fn() -> Picture + Sync + Send + 'a>),
 }
 
-/// Writes all files of a map into `folder`, which is made if need be; returns their names.
+/// Writes all files of a map into `folder`, which is made if need be; returns their names. Between two files it looks
+/// whether it is cancelled: then no file of the map stays.
 ///
 /// # Errors
 /// [`WriteError`] names the file.
-pub fn write(map: &Map, folder: &Path) -> Result<Vec<String>, WriteError> {
+pub fn write(map: &Map, folder: &Path, cancel: &AtomicBool) -> Result<Vec<String>, WriteError> {
     std::fs::create_dir_all(folder).map_err(|source| WriteError::File {
         file: folder.display().to_string(),
         source,
     })?;
+    let begun = Begun {
+        folder,
+        cancel,
+        files: Mutex::default(),
+    };
+    let outcome = write_all(map, &begun);
+    if matches!(outcome, Err(WriteError::Cancelled)) {
+        begun.take_back();
+    }
+    outcome
+}
+
+/// The files that were begun, so that a part of a map is not left to be taken for one.
+struct Begun<'a> {
+    folder: &'a Path,
+    cancel: &'a AtomicBool,
+    files: Mutex<Vec<String>>,
+}
+
+impl Begun<'_> {
+    /// Lets `make` write one file, to its end, unless cancelled; returns its name.
+    fn file(
+        &self,
+        name: &str,
+        make: impl FnOnce(&Path) -> Result<(), WriteError>,
+    ) -> Result<String, WriteError> {
+        if self.cancel.load(Ordering::Relaxed) {
+            return Err(WriteError::Cancelled);
+        }
+        let mut files = self.files.lock().expect("no holder of this lock panics");
+        files.push(name.to_owned());
+        drop(files);
+        make(&self.folder.join(name))?;
+        Ok(name.to_owned())
+    }
+
+    fn take_back(self) {
+        let files = self.files.into_inner();
+        for name in files.expect("no holder of this lock panics") {
+            // Best effort: whoever cancelled is not told of files that cannot be removed.
+            std::fs::remove_file(self.folder.join(name)).ok();
+        }
+    }
+}
+
+fn write_all(map: &Map, begun: &Begun<'_>) -> Result<Vec<String>, WriteError> {
     let layers = &map.layers;
     let sheet = Sheet {
         width: layers.width,
@@ -310,18 +362,14 @@ pub fn write(map: &Map, folder: &Path) -> Result<Vec<String>, WriteError> {
     let mut files = sheets
         .par_iter()
         .map(|(name, content)| {
-            let path = folder.join(name);
-            match content {
-                Sheetful::Tiff(values) => write_tiff(&path, values, layers.width, layers.height),
-                Sheetful::Png(draw) => write_png(&path, &draw()),
-            }?;
-            Ok(name.clone())
+            begun.file(name, |path| match content {
+                Sheetful::Tiff(values) => write_tiff(path, values, layers.width, layers.height),
+                Sheetful::Png(draw) => write_png(path, &draw()),
+            })
         })
         .collect::<Result<Vec<String>, WriteError>>()?;
-    write_flags(&folder.join("flags.tif"), map)?;
-    files.push("flags.tif".to_owned());
-    write_defects(&folder.join("defects.csv"), &map.defects)?;
-    files.push("defects.csv".to_owned());
+    files.push(begun.file("flags.tif", |path| write_flags(path, map))?);
+    files.push(begun.file("defects.csv", |path| write_defects(path, &map.defects))?);
     Ok(files)
 }
 
@@ -544,6 +592,32 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_map_cancelled_between_two_files_leaves_none() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("notes.txt"), "not the map's").unwrap();
+        let cancel = AtomicBool::new(false);
+        let begun = Begun {
+            folder: folder.path(),
+            cancel: &cancel,
+            files: Mutex::default(),
+        };
+        let make = |path: &Path| std::fs::write(path, "whole").map_err(failed(path));
+        begun.file("a.tif", make).unwrap();
+        let raise = |path: &Path| {
+            cancel.store(true, Ordering::Relaxed);
+            make(path)
+        };
+        // The file at which it is cancelled is written to its end, and no other is begun.
+        begun.file("b.tif", raise).unwrap();
+        let refused = begun.file("c.tif", |_| panic!("it is cancelled"));
+        assert!(matches!(refused, Err(WriteError::Cancelled)));
+        begun.take_back();
+        let left = std::fs::read_dir(folder.path()).unwrap();
+        let left: Vec<_> = left.map(|file| file.unwrap().file_name()).collect();
+        assert_eq!(left, ["notes.txt"]);
     }
 
     #[test]
