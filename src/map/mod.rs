@@ -4,7 +4,8 @@
 //! Call [`map`]. It reads darks and flats, turns and stretches every sample frame back into the
 //! sample's frame (`observe`, `view`), settles on a sample of pixels what all of them share
 //! (`settle`, `globals`), fits every pixel with the `sawtooth` closed form, several pixels per
-//! vector register and tiles in parallel (`kernel`, `solve`, `costly`, `integrated`), marks borders and
+//! vector register and tiles in parallel (`kernel`, `solve`, `costly`, `integrated`), looks again at those that may have
+//! ended beside their deepest minimum (`doubt`), marks borders and
 //! defects (`defects`), and sums up. [`write::write`] makes the files; [`folder::map_into`] does both. Time grows with pixels ×
 //! observations; memory is bounded by [`MapOptions::memory_bytes_max`], beyond which planes go to a
 //! scratch file.
@@ -18,6 +19,7 @@ mod beside;
 pub mod colour;
 mod costly;
 pub mod defects;
+mod doubt;
 pub mod folder;
 mod globals;
 mod integrated;
@@ -507,6 +509,8 @@ fn doubts(settled: &Settled, view: &View) -> Vec<String> {
     doubts
 }
 
+#[cfg(test)]
+mod doubles_tests;
 #[cfg(test)]
 mod extreme_tests;
 #[cfg(test)]

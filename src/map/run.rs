@@ -420,8 +420,13 @@ pub(super) fn freedom(fit: &PixelFit) -> f64 {
 /// χ² per degree of freedom that good data pass once in 300,000: the normal quantile 4.5 after
 /// Wilson and Hilferty (1931), since χ² of few degrees of freedom has a long tail.
 pub(super) fn usual_chi2_max(freedom: f64) -> f64 {
+    chi2_max(freedom, 4.5)
+}
+
+/// The same at another quantile of the normal distribution.
+pub(super) fn chi2_max(freedom: f64, quantile: f64) -> f64 {
     let k = 2.0 / (9.0 * freedom);
-    (1.0 - k + 4.5 * k.sqrt()).powi(3)
+    (1.0 - k + quantile * k.sqrt()).powi(3)
 }
 
 #[cfg(test)]

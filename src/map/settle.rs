@@ -24,6 +24,8 @@ use crate::robust;
 const ROUNDS: usize = 6;
 /// How often the rounds are gone through; before each but the first, integrals are taken anew.
 const PASSES: usize = 3;
+/// A search is outdated where the usual χ² has fallen to this share of what it left.
+const OUTDATED: f64 = 0.9;
 /// Surfaces on which it is looked whether double reflections have to be integrated.
 const PROBED: usize = 2;
 /// A lobe has to lower χ² by this many usual χ² units.
@@ -97,6 +99,8 @@ pub(super) fn settle(
     let mut settling = Settling::new(batch, view, given)?;
     let lobed = settling.lobed()?;
     let (mut passes_left, mut rounds_left) = (PASSES, ROUNDS);
+    // The usual χ² that the last search left.
+    let mut searched = f64::INFINITY;
     for round in 0..ROUNDS * PASSES {
         if cancel.load(Ordering::Relaxed) {
             return Err(MapError::Cancelled);
@@ -106,19 +110,31 @@ pub(super) fn settle(
             done: round,
             total: ROUNDS * PASSES,
         });
-        // The first round and the last search everywhere; between them fits follow the globals.
-        let fits = match round == 0 || settling.good.is_empty() {
+        // The first round searches everywhere; after it fits follow the globals. Which minimum of a pixel is the deepest
+        // depends on these, so a pass searches again where they explain pixels better than they did.
+        let searching = rounds_left == ROUNDS && settling.birge < OUTDATED * searched;
+        let fits = match searching || settling.good.is_empty() {
             true => settling.search(&lobed),
             false => settling.follow(),
         };
         settling.keep_the_usual(fits)?;
+        if searching {
+            searched = settling.birge;
+        }
         let step = settling.step();
         rounds_left -= 1;
         let settled = rounds_left + 1 < ROUNDS && step[0].abs() < 2e-5 && step[1].abs() < 1e-4;
         if settled || rounds_left == 0 {
             passes_left -= 1;
-            if passes_left == 0 || !settling.integrate() {
+            if passes_left == 0 {
                 break;
+            }
+            if !settling.integrate() {
+                // Nothing but the search may be new in another pass.
+                if settling.birge >= OUTDATED * searched {
+                    break;
+                }
+                passes_left = 1;
             }
             rounds_left = ROUNDS;
         }
@@ -382,7 +398,9 @@ impl<'a> Settling<'a> {
 
     fn finish(mut self) -> Settled {
         self.costly = self.costly_with(self.coarseness(), &self.integrated);
-        let mut leaders = Leaders::gather(&self.found());
+        let found = self.found();
+        let mut leaders = Leaders::gather(&found);
+        leaders.points = leaders.centres(&found);
         leaders.predict(|p| self.costly.full(p));
         let shared_std = self.shared_std();
         let templates = self.templates();

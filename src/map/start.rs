@@ -16,6 +16,8 @@ const LEANS: usize = 16;
 pub(super) const QUARTERS: usize = 4;
 /// Leaders that every pixel is compared with.
 pub(super) const LEADERS_MAX: usize = 8;
+/// Least share of the fits that makes a group large.
+const LARGE: f64 = 0.05;
 /// Two fits further apart than this (rad, rad, logarithms) have different leaders.
 const APART: [f64; 4] = [0.06, 0.4, 0.45, 0.45];
 
@@ -165,6 +167,8 @@ pub(super) fn lambert_chi2(signal: &[f64], weight: &[f64], lambert: &[f64]) -> f
 #[derive(Debug, Clone, Default)]
 pub(super) struct Leaders {
     pub(super) points: Vec<Parameters>,
+    /// Whether a leader's own group is large enough to be no accident.
+    large: Vec<bool>,
     /// Full radiances per leader and observation, without the share of ρd, and B.
     predicted: Vec<Vec<f64>>,
 }
@@ -181,7 +185,9 @@ impl Leaders {
         }
         groups.sort_by_key(|(_, n)| std::cmp::Reverse(*n));
         groups.truncate(LEADERS_MAX);
+        let large = |(_, n): &(Parameters, usize)| *n as f64 >= LARGE * fits.len() as f64;
         Leaders {
+            large: groups.iter().map(large).collect(),
             points: groups.into_iter().map(|(p, _)| p).collect(),
             predicted: Vec::new(),
         }
@@ -211,13 +217,30 @@ impl Leaders {
         self.predicted = self.points.iter().map(full).collect();
     }
 
+    /// Whether the leader of many looks like this fit.
+    pub(super) fn many_like(&self, p: &Parameters) -> bool {
+        let mut leaders = self.points.iter().zip(&self.large);
+        leaders.any(|(leader, large)| *large && near(leader, p))
+    }
+
     /// The leader that fits best, with its χ² once a common factor is fitted.
     pub(super) fn best(&self, signal: &[f64], weight: &[f64]) -> Option<(Parameters, f64)> {
+        self.best_of(signal, weight, |_| true)
+    }
+
+    /// The same of some leaders.
+    pub(super) fn best_of(
+        &self,
+        signal: &[f64],
+        weight: &[f64],
+        asked: impl Fn(&Parameters) -> bool,
+    ) -> Option<(Parameters, f64)> {
         let mut best: Option<(Parameters, f64)> = None;
         let seen: Vec<f64> = signal.iter().zip(weight).map(|(y, w)| y * w).collect();
         let (_, yy) = dots(&seen, &seen);
         let mut expected = vec![0.0; seen.len()];
-        for (p, predicted) in self.points.iter().zip(&self.predicted) {
+        let leaders = self.points.iter().zip(&self.predicted);
+        for (p, predicted) in leaders.filter(|(p, _)| asked(p)) {
             for ((x, m), w) in expected.iter_mut().zip(predicted).zip(weight) {
                 *x = m * w;
             }
@@ -231,7 +254,8 @@ impl Leaders {
     }
 }
 
-fn near(a: &Parameters, b: &Parameters) -> bool {
+/// Whether two fits have one leader.
+pub(super) fn near(a: &Parameters, b: &Parameters) -> bool {
     let turn = std::f64::consts::TAU;
     (0..FREE - 1).all(|k| {
         let mut d = a[k] - b[k];

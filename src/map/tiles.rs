@@ -13,7 +13,7 @@ use super::run::{Batch, Run, better, freedom, usual_chi2_max};
 use super::settle::{LOBE_SIGNIFICANCE, Settled};
 use super::solve::{End, FREE};
 use super::start::{self, lambert_chi2};
-use super::{MapError, Progress, REFRESHES, Stage};
+use super::{MapError, Progress, REFRESHES, Stage, doubt};
 
 /// Tiles and pixels per tile from which the shared quantities are settled.
 const SAMPLED_TILES: usize = 32;
@@ -163,6 +163,7 @@ fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, f64) {
             }
         }
     }
+    spent += doubt::look_again(run, settled, &chosen, &starts, &mut fits);
     for ((index, fit), matte) in chosen.iter().zip(&fits).zip(mattes) {
         let mut answer = Answer::of(fit, birge, n, amplitude);
         if matte - fit.chi2 < birge * LOBE_SIGNIFICANCE {
