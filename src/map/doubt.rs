@@ -2,13 +2,13 @@
 //!
 //! Where poses are few, a lobe has a double: another angle, width and lean that explain the same pixel not much worse,
 //! with an uncertainty as small as the right one's. χ² alone tells a single pixel little of that; that few others look
-//! like its end tells more. Such pixels descend again from elsewhere, the most promising first, for as long as that
+//! like its end tells more. Such pixels descend again from another leader, the most promising first, for as long as that
 //! pays: on a map whose model misses much everywhere, most doubts come to nothing and would cost as much as the map.
 
 use super::run::{Run, better, chi2_max, freedom, usual_chi2_max};
 use super::settle::Settled;
 use super::solve::{End, PixelFit};
-use super::start::{self, near};
+use super::start::near;
 use super::{REFRESHES, kernel::Parameters};
 
 /// Normal quantile of χ² from which a pixel is doubted although many look like it.
@@ -24,8 +24,10 @@ const DEEPER: f64 = 4.0;
 struct Doubt {
     /// Its place among the fits.
     at: usize,
-    /// The best of the leaders that it neither came from nor looks like, and its χ² before any descent.
-    other: Option<(Parameters, f64)>,
+    /// The best of the leaders that it neither came from nor looks like.
+    other: Parameters,
+    /// By how much that explains it worse than its end does, before any descent.
+    worse: f64,
 }
 
 /// Lets doubtful ones of these fits descend again; returns the evaluations spent. `starts` are where they came from.
@@ -43,7 +45,10 @@ pub(super) fn look_again(
         let now;
         (now, left) = left.split_at(count.min(left.len()));
         let mut deeper = 0;
-        for (at, again) in from_elsewhere(run, settled, chosen, now) {
+        let pixels: Vec<usize> = now.iter().map(|doubt| chosen[doubt.at]).collect();
+        let others: Vec<Parameters> = now.iter().map(|doubt| doubt.other).collect();
+        let found = run.fit(&pixels, &others, REFRESHES);
+        for (at, again) in now.iter().map(|doubt| doubt.at).zip(found) {
             spent += f64::from(again.evaluations);
             let gain = fits[at].chi2 - again.chi2;
             deeper += usize::from(again.end == End::Converged && gain > DEEPER * settled.birge);
@@ -80,37 +85,12 @@ fn doubts(
         }
         run.read(chosen[at], &mut signal, &mut weight);
         let other = |p: &Parameters| *p != starts[at] && !near(p, &fit.p);
-        let other = settled.leaders.best_of(&signal, &weight, other);
-        doubts.push(Doubt { at, other });
+        // Without one it is left at that: descents from templates made maps of metal half as dear again for little.
+        if let Some((other, chi2)) = settled.leaders.best_of(&signal, &weight, other) {
+            let worse = chi2 - fit.chi2;
+            doubts.push(Doubt { at, other, worse });
+        }
     }
-    let worse = |doubt: &Doubt| match doubt.other {
-        Some((_, chi2)) => chi2 - fits[doubt.at].chi2,
-        None => f64::INFINITY,
-    };
-    doubts.sort_by(|a, b| worse(a).total_cmp(&worse(b)));
+    doubts.sort_by(|a, b| a.worse.total_cmp(&b.worse));
     doubts
-}
-
-/// Fits from the other leader, or from every quarter's template where there is none, by their place.
-fn from_elsewhere(
-    run: &Run<'_>,
-    settled: &Settled,
-    chosen: &[usize],
-    doubts: &[Doubt],
-) -> Vec<(usize, PixelFit)> {
-    let (led, alone): (Vec<&Doubt>, Vec<&Doubt>) = doubts.iter().partition(|d| d.other.is_some());
-    let pixels =
-        |doubts: &[&Doubt]| -> Vec<usize> { doubts.iter().map(|d| chosen[d.at]).collect() };
-    let others = led.iter().filter_map(|d| d.other);
-    let others: Vec<Parameters> = others.map(|(leader, _)| leader).collect();
-    let mut fits = run.fit(&pixels(&led), &others, REFRESHES);
-    if !alone.is_empty() {
-        let found = run.fit_from_templates(&pixels(&alone), &settled.templates);
-        fits.extend(found.into_iter().map(|fit| PixelFit {
-            evaluations: fit.evaluations * start::QUARTERS as f32,
-            ..fit
-        }));
-    }
-    let places = led.iter().chain(&alone).map(|d| d.at);
-    places.zip(fits).collect()
 }
