@@ -3,7 +3,8 @@
 //!
 //! `cargo bench --bench fit_strata -- --stratum ordinary|stiff|paper|both --cases N --seed S`; the whole
 //! proof is `--stratum both --cases 10000`, most of a day on two cores (it tells the time left); runs with other seeds under
-//! `--max-seconds` add up to it. `--identifiable --crowd 1` looks at coverage alone. It ends with one line per requirement and fails (exit 1) where one is not met.
+//! `--max-seconds` add up to it. `--identifiable --crowd 1` looks at coverage alone. It ends with one line per requirement
+//! and fails (exit 1) where one is not met.
 //!
 //! The series are painted by the closed form that is fitted, so the model is exact and the
 //! observations' own uncertainties are the whole truth.

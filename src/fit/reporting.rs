@@ -15,7 +15,6 @@ use super::report::{
     FitReport, FittedObservation, Freedom, LeftOut, Parameter, Parameters, Starts, Status, Timing,
     VariantName, VariantSummary,
 };
-use super::search::AMBIGUOUS_RISE;
 use super::solver::Minimum;
 use crate::material::Material;
 use crate::model::left_out;
@@ -301,19 +300,10 @@ fn unfinished(e: &Estimate<'_>, u: &Uncertainty, status: Status) -> Option<Strin
 /// Tells of a minimum that the data do not exclude.
 fn ambiguity(e: &Estimate<'_>, rival: &Minimum) -> String {
     let v = e.problem.unpack(&rival.parameters).folded();
-    let rise = (rival.cost - e.minimum.cost).max(0.0);
-    // Where the model misses, what it misses from pose to pose is not independent, and χ² excludes less.
-    let how = match rise < AMBIGUOUS_RISE {
-        true => format!("fits as well (χ² higher by {rise:.2})"),
-        false => format!(
-            "is missed by the model hardly more than this one (χ² higher by {rise:.0}, which is no proof where the model \
-             itself misses the data by {:.2} %)",
-            100.0 * e.discrepancy
-        ),
-    };
     format!(
-        "another surface {how}: θr {:.2}°, αu {:.4}, αv {:.4}, azimuth \
+        "another surface fits as well (χ² higher by {:.2}): θr {:.2}°, αu {:.4}, αv {:.4}, azimuth \
          offset {:.2}°; the uncertainties cover both; more azimuths or tilts would distinguish them",
+        (rival.cost - e.minimum.cost).max(0.0),
         v.theta_r.to_degrees(),
         v.alpha_u,
         v.alpha_v,

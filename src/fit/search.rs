@@ -1,7 +1,8 @@
 //! From many starts to the few minima that count.
 //!
-//! Two ways of looking. [`Search::quick`] runs a handful of starts on broad weights with the lean
-//! form and refines the different ends: enough wherever the lobe is seen. [`Search::thorough`] is
+//! Three ways of looking. [`Search::quick`] runs a handful of starts on broad weights with the lean
+//! form and refines the different ends: enough wherever the lobe is seen. [`Search::glance`] descends from very many on the
+//! full form, as lanes of registers, where that leaves a doubt. [`Search::thorough`] is
 //! for what it leaves unexplained (narrow lobes that few poses meet, steep ridges, tilts that are
 //! off by many degrees): candidates from all over the box, judged by the lean form, descended first
 //! on a logarithmic scale, on which a lobe is a paraboloid however far away its top is, and then on

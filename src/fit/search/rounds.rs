@@ -263,8 +263,8 @@ impl Search<'_> {
 /// Most lines of azimuths about which a surface is mirrored.
 const LINES: usize = 3;
 
-/// The lines on which the recorded azimuths lie, to both sides of the axis, rad: about the tilt plane a scan along one of them
-/// is its own mirror image. That of 0 alone where they are many, which a turn by quarters nearly has too.
+/// The lines on which the recorded azimuths lie, to both sides of the axis, rad: a scan along one of them is its own mirror
+/// image about the tilt plane. Where they are many no image is exact, and that about 0 stands for all.
 fn azimuth_lines(set: &ObservationSet) -> Vec<f64> {
     let mut lines: Vec<f64> = Vec::new();
     for o in &set.observations {
