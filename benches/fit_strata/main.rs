@@ -19,7 +19,6 @@ mod draw;
 mod judge;
 
 use std::collections::BTreeMap;
-use std::f64::consts::PI;
 use std::process::ExitCode;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -302,15 +301,9 @@ fn one(stratum: Stratum, seed: u64, args: &Args) -> Outcome {
         .into_iter()
         .filter(|q| named(*q).is_some_and(|(_, p, _)| p.std.is_some()))
         .collect();
-    let (mut pulls, mut withheld) = (Vec::new(), Vec::new());
-    // (θr, φ) ≡ (−θr, φ + 180°): the truth in the form nearest to the answer.
-    let turned = {
-        let v = e.values.folded();
-        let mut difference = v.azimuth_offset - case.truth.azimuth_offset;
-        difference -= (difference / (2.0 * PI)).round() * 2.0 * PI;
-        difference.abs() > 0.5 * PI
-    };
-    if linear.identifiable {
+    // (θr, φ) ≡ (−θr, φ + 180°): the truth in either form.
+    let judged = |turned: bool| {
+        let (mut pulls, mut withheld) = (Vec::new(), Vec::new());
         for (q, std) in e.problem.free().iter().zip(&linear.std) {
             let Some((name, p, unit)) = named(*q) else {
                 continue;
@@ -352,7 +345,25 @@ fn one(stratum: Stratum, seed: u64, args: &Args) -> Outcome {
                 _ => withheld.push(name),
             }
         }
-    }
+        (pulls, withheld)
+    };
+    // The nearer one: that whose ridge angle and azimuth lie less far outside.
+    let outside = |pulls: &[(&str, f64)]| {
+        let both = pulls
+            .iter()
+            .filter(|p| ["theta_r_deg", "azimuth_offset_deg"].contains(&p.0));
+        both.map(|p| p.1.abs()).fold(0.0, f64::max)
+    };
+    let (pulls, withheld) = if linear.identifiable {
+        let (as_it_is, turned) = (judged(false), judged(true));
+        if outside(&turned.0) < outside(&as_it_is.0) {
+            turned
+        } else {
+            as_it_is
+        }
+    } else {
+        Default::default()
+    };
     let show = |v: &ridged::fit::problem::Values| {
         format!(
             "θr {:.3} αu {:.5} αv {:.5} ρd {:.4} s {:.4} b {:.3e} daz {:.3} dt {:.3}",
