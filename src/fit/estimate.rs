@@ -29,6 +29,8 @@ use crate::observation::{ObservationSet, Prior};
 const RIVAL_RISE: f64 = 25.0;
 /// Edges of the closed form that are crossed one after the other.
 const EDGES_CROSSED: usize = 8;
+/// How often a search goes on from what its last steps came to.
+const DEEPER_STILL: usize = 3;
 /// How many times smaller a misfit is that makes another end of the search the better one.
 const FAR_LESS: f64 = 4.0;
 
@@ -371,15 +373,26 @@ fn looked_for<'s>(
         search.images(problem);
         rounds += 1;
     }
-    if !options.misfit && !search.over() {
-        let before = search.best().map(|m| m.cost);
+    if options.misfit {
+        search.follow(problem);
+        return search;
+    }
+    for _ in 0..DEEPER_STILL {
+        let cost = |search: &Search<'_>| search.best().map_or(f64::INFINITY, |m| m.cost);
+        let before = cost(&search);
+        if search.over() {
+            break;
+        }
         search.persist(problem, opening.likely());
-        // What is found late has images, too.
-        if search.best().map(|m| m.cost) != before && !search.over() {
+        // What is found late has images, too, and what they lead to is looked around again.
+        if !same(before, cost(&search)) && !search.over() {
             search.images(problem);
         }
+        search.follow(problem);
+        if same(before, cost(&search)) {
+            break;
+        }
     }
-    search.follow(problem);
     search
 }
 
