@@ -22,11 +22,13 @@ use crate::model::lanes::{Lane, Numbers};
 
 const PACKED: usize = N * (N + 1) / 2;
 /// Most lanes of any register.
-const WIDEST: usize = 8;
-/// Evaluations after which a lane is left where it is.
-const EVALUATIONS_MAX: usize = 60;
+pub(super) const WIDEST: usize = 8;
+/// Evaluations after which a lane that only has to come near is left where it is.
+pub(super) const EVALUATIONS: usize = 60;
 /// Gain, as a share of the cost, below which a lane is done.
 const SMALL_GAIN: f64 = 1e-7;
+/// Damping up to which a step is as good as Gauss's and Newton's.
+const HARDLY_DAMPED: f64 = 1e-3;
 /// Longest steps: rad, logarithms, ρd, a share of scale (see [`limit`]).
 const STEP_MAX: [f64; N] = [0.15, 0.7, 0.7, 0.5, 1.0, f64::INFINITY, 0.5, 0.1];
 
@@ -64,6 +66,8 @@ pub(super) struct End {
     pub parameters: Vec<f64>,
     /// Cost of the form there.
     pub cost: f64,
+    /// Whether a step that hardly anything damps would gain next to nothing, so that it is a minimum.
+    pub settled: bool,
 }
 
 /// Descends from every start on the lean form; `None` where the lanes do not know the problem (another variant, a near
@@ -76,18 +80,26 @@ pub(super) fn descend_together(
     if problem.variant() != Variant::Sawtooth {
         return None;
     }
-    descend(problem, Optics::new(problem), starts, cancel)
+    let form = Optics::new(problem);
+    descend(problem, form, starts, EVALUATIONS, cancel)
 }
 
-/// The same on the full form of either variant.
+/// The same on the full form of either variant, with up to so many `evaluations` from each start.
 pub(super) fn descend_in_full(
     problem: &Problem<'_>,
     starts: &[Values],
+    evaluations: usize,
     cancel: &AtomicBool,
 ) -> Option<Vec<End>> {
     match problem.variant() {
-        Variant::Sawtooth => descend(problem, Full::<Sawtooth>::new(problem), starts, cancel),
-        Variant::Paper => descend(problem, Full::<Printed>::new(problem), starts, cancel),
+        Variant::Sawtooth => {
+            let form = Full::<Sawtooth>::new(problem);
+            descend(problem, form, starts, evaluations, cancel)
+        }
+        Variant::Paper => {
+            let form = Full::<Printed>::new(problem);
+            descend(problem, form, starts, evaluations, cancel)
+        }
     }
 }
 
@@ -100,6 +112,7 @@ fn descend<F: Form>(
     problem: &Problem<'_>,
     form: F,
     starts: &[Values],
+    evaluations: usize,
     cancel: &AtomicBool,
 ) -> Option<Vec<End>> {
     let columns = lean::columns(problem).filter(|_| problem.is_plain())?;
@@ -107,6 +120,7 @@ fn descend<F: Form>(
     let run = Run {
         table: &table,
         starts,
+        evaluations,
         cancel,
     };
     Some(Arch::new().dispatch(run))
@@ -137,6 +151,8 @@ impl<'p, 'a, F> Table<'p, 'a, F> {
 struct Run<'r, 'p, 'a, F> {
     table: &'r Table<'p, 'a, F>,
     starts: &'r [Values],
+    /// Evaluations after which a lane is left where it is.
+    evaluations: usize,
     cancel: &'r AtomicBool,
 }
 
@@ -146,31 +162,39 @@ impl<F: Form> WithSimd for Run<'_, '_, '_, F> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Vec<End> {
         let width = Lane::<S>::WIDTH.min(WIDEST);
-        let mut ends = Vec::with_capacity(self.starts.len());
-        for batch in self.starts.chunks(width) {
-            // An empty lane repeats the last start.
-            let mut lanes: Vec<State> = (0..width)
-                .map(|lane| State::new(self.table, &batch[lane.min(batch.len() - 1)]))
-                .collect();
-            for lane in &mut lanes[batch.len()..] {
-                lane.done = true;
-            }
-            let mut sums = Numbers::zeros((1 + N + PACKED) * width);
-            for _ in 0..EVALUATIONS_MAX {
-                evaluate(simd, self.table, &lanes, &mut sums);
-                for (lane, state) in lanes.iter_mut().enumerate() {
-                    if !state.done {
-                        state.look(self.table, &sums[lane..], width);
+        let table = self.table;
+        let mut ends: Vec<Option<End>> = vec![None; self.starts.len()];
+        let mut waiting = self.starts.iter().enumerate();
+        // An empty lane repeats the first start.
+        let Some(first) = self.starts.first() else {
+            return Vec::new();
+        };
+        let mut lanes: Vec<State> = (0..width)
+            .map(|_| match waiting.next() {
+                Some((index, start)) => State::new(table, start, Some(index)),
+                None => State::new(table, first, None),
+            })
+            .collect();
+        let mut sums = Numbers::zeros((1 + N + PACKED) * width);
+        while lanes.iter().any(|l| l.start.is_some()) {
+            evaluate(simd, table, &lanes, &mut sums);
+            let cancelled = self.cancel.load(Ordering::Relaxed);
+            for (lane, state) in lanes.iter_mut().enumerate() {
+                let Some(index) = state.start else {
+                    continue;
+                };
+                let done = state.look(table, &sums[lane..], width);
+                if done || state.evaluations >= self.evaluations || cancelled {
+                    ends[index] = Some(state.end(table));
+                    // A lane that is done takes the next start, so that none waits for its neighbours.
+                    match waiting.next().filter(|_| !cancelled) {
+                        Some((index, start)) => *state = State::new(table, start, Some(index)),
+                        None => state.start = None,
                     }
                 }
-                if lanes.iter().all(|l| l.done) || self.cancel.load(Ordering::Relaxed) {
-                    break;
-                }
             }
-            let found = lanes[..batch.len()].iter();
-            ends.extend(found.map(|l| l.end(self.table)));
         }
-        ends
+        ends.into_iter().flatten().collect()
     }
 }
 
@@ -184,7 +208,10 @@ struct State {
     gradient: [f64; N],
     normal: [f64; PACKED],
     damping: f64,
-    done: bool,
+    evaluations: usize,
+    settled: bool,
+    /// Which of the starts it came from; none where the lane is empty.
+    start: Option<usize>,
 }
 
 const fn packed(a: usize, b: usize) -> usize {
@@ -193,22 +220,24 @@ const fn packed(a: usize, b: usize) -> usize {
 }
 
 impl State {
-    fn new<F>(table: &Table<'_, '_, F>, start: &Values) -> Self {
+    fn new<F>(table: &Table<'_, '_, F>, values: &Values, start: Option<usize>) -> Self {
         let free = table.problem.free();
-        let mut x = COLUMNS.map(|q| start.inner(q));
+        let mut x = COLUMNS.map(|q| values.inner(q));
         for (k, _) in free.iter().enumerate() {
             let c = table.columns[k];
             x[c] = x[c].clamp(table.bounds.lower[k], table.bounds.upper[k]);
         }
         State {
-            values: *start,
+            values: *values,
             x,
             trial: x,
             cost: f64::INFINITY,
             gradient: [0.0; N],
             normal: [0.0; PACKED],
             damping: 1e-2,
-            done: false,
+            evaluations: 0,
+            settled: false,
+            start,
         }
     }
 
@@ -224,15 +253,17 @@ impl State {
         End {
             parameters: table.columns.iter().map(|c| self.x[*c]).collect(),
             cost: self.cost,
+            settled: self.settled,
         }
     }
 
-    /// Takes or refuses the trial and proposes the next one. `sums` has this lane first.
-    fn look<F>(&mut self, table: &Table<'_, '_, F>, sums: &[f64], width: usize) {
+    /// Takes or refuses the trial and proposes the next one; whether there is none. `sums` has this lane first.
+    fn look<F>(&mut self, table: &Table<'_, '_, F>, sums: &[f64], width: usize) -> bool {
         let mut gradient: [f64; N] = std::array::from_fn(|a| sums[(1 + a) * width]);
         let mut normal: [f64; PACKED] = std::array::from_fn(|k| sums[(1 + N + k) * width]);
         let extra = rest(table, &self.at(&self.trial), &mut gradient, &mut normal);
         let cost = sums[0] + extra;
+        self.evaluations += 1;
         if cost < self.cost {
             self.x = self.trial;
             self.cost = cost;
@@ -246,8 +277,8 @@ impl State {
         let gain: f64 = step.iter().zip(&self.gradient).map(|(s, g)| -s * g).sum();
         let small = gain <= SMALL_GAIN * self.cost;
         if !self.cost.is_finite() || !gain.is_finite() || small || self.damping > 1e9 {
-            self.done = true;
-            return;
+            self.settled = small && self.damping <= HARDLY_DAMPED;
+            return true;
         }
         self.trial = self.x;
         let longest = limit(&step, self.x[4]);
@@ -256,6 +287,7 @@ impl State {
             let next = self.x[c] + longest * step[c];
             self.trial[c] = next.clamp(table.bounds.lower[k], table.bounds.upper[k]);
         }
+        false
     }
 
     /// −(H + λ diag H)⁻¹ g over what is free and not pushed against its bound.

@@ -95,7 +95,7 @@ fn assert_same<F: Form>(problem: &Problem<'_>, form: F, v: &Values, tolerance: f
     let table = Table::new(problem, form, columns.clone());
     let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * n]);
     LeastSquares::evaluate(&problem, &problem.pack(v), &mut r, &mut j);
-    let state = State::new(&table, v);
+    let state = State::new(&table, v, None);
     let mut sums = vec![0.0; 1 + N + PACKED];
     evaluate(Scalar::new(), &table, &[state], &mut sums);
     let mut gradient: [f64; N] = std::array::from_fn(|a| sums[1 + a]);
@@ -219,6 +219,53 @@ fn lanes_end_where_the_scalar_descent_ends() {
 }
 
 #[test]
+fn where_a_lane_ends_does_not_hang_on_its_neighbours_and_settled_means_at_a_minimum() {
+    let never = AtomicBool::new(false);
+    let mut set = set(false, false);
+    let blank = problem(&set).with_lean(false);
+    let painted = blank.predicted(&points(&blank)[0]);
+    drop(blank);
+    for (k, (o, clean)) in set.observations.iter_mut().zip(&painted).enumerate() {
+        o.signal = clean + 0.005 * ((k % 5) as f64 - 2.0);
+    }
+    let problem = problem(&set).with_lean(false);
+    // More starts than lanes, and not a multiple of them.
+    let starts: Vec<Values> = (0..21)
+        .map(|k| {
+            let mut v = points(&problem)[0];
+            v.theta_r += 0.02 * f64::from(k % 7);
+            v.alpha_u *= 1.0 + 0.2 * f64::from(k / 7);
+            v
+        })
+        .collect();
+    let down = |starts: &[Values], evaluations| {
+        descend_in_full(&problem, starts, evaluations, &never).expect("a plain problem")
+    };
+    let together = down(&starts, 400);
+    for (start, end) in starts.iter().zip(&together) {
+        assert_eq!(&down(std::slice::from_ref(start), 400)[0], end);
+    }
+    assert!(together.iter().any(|end| end.settled));
+    for end in together.iter().filter(|end| end.settled) {
+        let bounds = problem.bounds();
+        let settings = Settings::default();
+        let fine = minimise(&problem, &end.parameters, &bounds, &settings, &never);
+        assert!(
+            end.cost - fine.cost <= 1e-6 * end.cost,
+            "{end:?} {:?} {} {:?}",
+            fine.parameters,
+            fine.cost,
+            fine.ending
+        );
+    }
+    // Where a few steps do not lead, nothing is settled, and cost falls on.
+    let soon = down(&starts, 3);
+    assert!(soon.iter().all(|end| !end.settled));
+    let falls = soon.iter().zip(&together).all(|(a, b)| b.cost <= a.cost);
+    assert!(falls);
+}
+
+#[test]
 fn what_lanes_do_not_know_is_left_to_the_scalar_way() {
     let set = set(false, false);
     let never = AtomicBool::new(false);
@@ -235,8 +282,11 @@ fn what_lanes_do_not_know_is_left_to_the_scalar_way() {
     let (free, fixed) = free_quantities(&set, Variant::Paper);
     let paper = Problem::new(&set, Variant::Paper, free, fixed);
     assert_eq!(descend_together(&paper, &start, &never), None);
-    assert!(descend_in_full(&paper, &start, &never).is_some());
-    assert_eq!(descend_in_full(&corrected, &start, &never), None);
+    assert!(descend_in_full(&paper, &start, EVALUATIONS, &never).is_some());
+    assert_eq!(
+        descend_in_full(&corrected, &start, EVALUATIONS, &never),
+        None
+    );
 }
 
 /// Residuals and slopes of the samples by the scalar lean form, which has the riser's share too.

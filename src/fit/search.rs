@@ -18,7 +18,7 @@ pub(super) use self::rounds::{REFINED_IN_ROUND, descend, descended_in_round};
 use super::FitOptions;
 use super::candidates::{self, Wanted};
 use super::covariance::{Scaling, covariance};
-use super::crew::{End, descend_together};
+use super::crew::{self, End, descend_together};
 use super::problem::{Problem, Values};
 use super::projection::Projected;
 use super::quantity::Quantity;
@@ -30,6 +30,10 @@ use super::start::{distance, starts};
 const SAME: f64 = 1e-6;
 /// Different ends of the quick look that are refined.
 pub(super) const REFINED: usize = 4;
+/// Share of its cost by which an end differs from another one beside it that leads to the same minimum.
+const NEAR: f64 = 1e-4;
+/// Evaluations of a lane that goes on from where another one stopped.
+const EVALUATIONS_ON: usize = 240;
 /// How different ends are that count as other surfaces (see [`distance`]).
 const APART: f64 = 0.3;
 /// How near to each other two rough ends are that lead to one minimum (see [`distance`]).
@@ -62,7 +66,7 @@ pub(super) const FINE: Settings = Settings {
 /// Rounds without a deeper minimum after which nobody expects one.
 pub(super) const CALM: usize = 5;
 /// Of so many such rounds one looks at promising starts as well.
-pub(super) const PROMISING_EVERY: usize = 2;
+pub(super) const PROMISING_EVERY: usize = 4;
 /// Standard uncertainty of an angle (rad) or a ln α above which the data leave the surface open.
 const OPEN: f64 = 0.1;
 /// Observations, in effect, up to which it is one alone that says where a lobe is.
@@ -159,6 +163,31 @@ pub(super) struct Search<'p> {
     late: Late<'p>,
     /// Whether something was left because it was late.
     cut_short: AtomicBool,
+    /// Where rough descents ended and led to.
+    known: Vec<Known>,
+    /// What the ends cost whose valleys were followed.
+    followed: Vec<f64>,
+}
+
+/// Where a rough descent ended, and the minimum that it led to.
+struct Known {
+    cost: f64,
+    surface: Values,
+    minimum: Minimum,
+}
+
+impl Known {
+    /// Whether another end, rough as well, leads to the same minimum.
+    fn is_end_of(&self, (cost, surface, _): &(f64, Values, Minimum)) -> bool {
+        let minimum = self.minimum.cost;
+        let there = (cost - minimum).abs() <= SAME * minimum.max(1.0);
+        let beside = || {
+            *cost >= minimum
+                && *cost <= self.cost + NEAR * self.cost.max(1.0)
+                && distance(surface, &self.surface) < SAME_SPOT
+        };
+        there || beside()
+    }
 }
 
 impl<'p> Search<'p> {
@@ -177,6 +206,8 @@ impl<'p> Search<'p> {
             around_best: false,
             late: &|| false,
             cut_short: AtomicBool::new(false),
+            known: Vec::new(),
+            followed: Vec::new(),
         }
     }
 
@@ -211,7 +242,14 @@ impl<'p> Search<'p> {
         let bounds = problem.bounds();
         let cancel = self.cancel;
         let mut ends: Vec<Minimum> = match descend_together(problem, starts, cancel) {
-            Some(ends) => ends.into_iter().map(Minimum::from).collect(),
+            Some(ends) => {
+                // The lean form's minimum is none of the full one.
+                let rough = |end| End {
+                    settled: false,
+                    ..end
+                };
+                ends.into_iter().map(rough).map(Minimum::from).collect()
+            }
             None => starts
                 .par_iter()
                 .map(|v| minimise(lean, &lean.pack(v), &bounds, &rough, cancel))
@@ -240,22 +278,73 @@ impl<'p> Search<'p> {
                 })
             }));
         }
-        let bounds = problem.bounds();
-        let cancel = self.cancel;
-        let fine = |m: &mut Minimum| *m = minimise(problem, &m.parameters, &bounds, &FINE, cancel);
-        match &mut different[..] {
-            [(_, _, only)] => fine(only),
-            several => several.par_iter_mut().for_each(|(_, _, m)| fine(m)),
-        }
+        self.go_on(problem, &mut different);
+        let mut in_full = vec![false; different.len()];
         for (mut end, to) in ends.into_iter().zip(leads_to) {
             if let Some(k) = to {
-                self.runs.push(different[k].2.clone());
+                let minimum = &different[k].2;
+                self.runs
+                    .push(match std::mem::replace(&mut in_full[k], true) {
+                        true => in_short(minimum),
+                        false => minimum.clone(),
+                    });
             } else {
                 end.ending = Ending::MaxIterations;
                 end.cost = f64::INFINITY;
                 self.runs.push(end);
             }
         }
+    }
+
+    /// Ends of rough descents at their minima: those that came there before are known; of the others many go on as lanes
+    /// first, and what these leave unsettled, or as deep as the best, is refined one by one.
+    fn go_on(&mut self, problem: &Problem<'_>, ends: &mut [(f64, Values, Minimum)]) {
+        let mut unknown: Vec<&mut (f64, Values, Minimum)> = Vec::new();
+        for end in ends {
+            match self.known.iter().find(|known| known.is_end_of(end)) {
+                Some(known) => end.2 = known.minimum.clone(),
+                None => unknown.push(end),
+            }
+        }
+        let (bounds, cancel) = (problem.bounds(), self.cancel);
+        let mut open: Vec<&mut Minimum> = unknown
+            .iter_mut()
+            .map(|(_, _, m)| m)
+            .filter(|m| m.ending == Ending::MaxIterations)
+            .collect();
+        if open.len() > REFINED && crew::knows(problem) {
+            open.par_chunks_mut(crew::WIDEST).for_each(|some| {
+                let from: Vec<Values> =
+                    some.iter().map(|m| problem.unpack(&m.parameters)).collect();
+                let on = crew::descend_in_full(problem, &from, EVALUATIONS_ON, cancel);
+                let on = on.unwrap_or_default();
+                // Fewer only where the search is cancelled.
+                for (m, end) in some.iter_mut().zip(on) {
+                    if end.cost <= m.cost {
+                        **m = Minimum::from(end);
+                    }
+                }
+            });
+        }
+        let costs = unknown.iter().map(|(_, _, m)| m.cost);
+        let best = costs.chain(self.best().map(|m| m.cost));
+        let best = best.fold(f64::INFINITY, f64::min);
+        let fine = |m: &mut Minimum| {
+            let settled_lane = m.ending == Ending::ConvergedByGradient && m.residuals.is_empty();
+            if !settled_lane || same(m.cost, best) {
+                *m = minimise(problem, &m.parameters, &bounds, &FINE, cancel);
+            }
+        };
+        match &mut unknown[..] {
+            [(_, _, only)] => fine(only),
+            several => several.par_iter_mut().for_each(|(_, _, m)| fine(m)),
+        }
+        let known = unknown.into_iter().map(|(cost, surface, m)| Known {
+            cost: *cost,
+            surface: *surface,
+            minimum: in_short(m),
+        });
+        self.known.extend(known);
     }
 
     /// One round of candidates: from all over the box, then, by turns, from around the best end.
@@ -349,10 +438,12 @@ impl<'p> Search<'p> {
     /// Looks around an end with other weights; the different ends that it finds, the best first.
     pub(super) fn look_again(&mut self, problem: &Problem<'_>, around: &Minimum) -> Vec<Minimum> {
         let before = std::mem::replace(&mut self.runs, vec![around.clone()]);
+        self.forget();
         self.around_best = true;
         self.thorough(problem);
         let found = self.distinct(problem, &around.parameters, RIVALS);
         self.runs = before;
+        self.forget();
         found
     }
 
@@ -378,6 +469,12 @@ impl<'p> Search<'p> {
         chosen
     }
 
+    /// Drops what is known of ends, where weights or ends are others from here on.
+    fn forget(&mut self) {
+        self.known.clear();
+        self.followed.clear();
+    }
+
     /// Refines all different ends on a problem with other weights or more free parameters; their
     /// counts stay.
     pub(super) fn carry_over(&mut self, from: &Problem<'_>, to: &Problem<'_>) {
@@ -388,6 +485,7 @@ impl<'p> Search<'p> {
         };
         let bounds = to.bounds();
         let mut known: Vec<(f64, Minimum)> = Vec::new();
+        self.forget();
         let mut runs = std::mem::take(&mut self.runs);
         runs.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         for run in runs {
@@ -455,6 +553,17 @@ impl<'p> Search<'p> {
     }
 }
 
+/// Another start's end at a minimum whose residuals and slopes are kept already.
+fn in_short(m: &Minimum) -> Minimum {
+    Minimum {
+        residuals: Vec::new(),
+        jacobian: Vec::new(),
+        parameters: m.parameters.clone(),
+        at_bound: m.at_bound.clone(),
+        ..*m
+    }
+}
+
 impl From<End> for Minimum {
     fn from(end: End) -> Self {
         Minimum {
@@ -462,7 +571,10 @@ impl From<End> for Minimum {
             residuals: Vec::new(),
             jacobian: Vec::new(),
             cost: end.cost,
-            ending: Ending::ConvergedByCost,
+            ending: match end.settled {
+                true => Ending::ConvergedByGradient,
+                false => Ending::MaxIterations,
+            },
             at_bound: Vec::new(),
             evaluations: 0,
         }

@@ -31,8 +31,8 @@ const PERSISTENT_ROUNDS: usize = 24;
 const GOING_ON: usize = 6;
 /// Starts of a round: from all over the box, from its rim, and children of what was found, in each of the generations (the
 /// later ones are children of the earlier ones too).
-const PLAIN: u32 = 2048;
-const RIM: u32 = 2048;
+const PLAIN: u32 = 1536;
+const RIM: u32 = 1536;
 const CHILDREN: u32 = 1024;
 const GENERATIONS: u32 = 2;
 /// One of so many starts is left where they descend one by one, not as lanes of registers.
@@ -43,7 +43,10 @@ const GLANCE_OF_FEW: u32 = 2048;
 /// Different ends that have children.
 const PARENTS: usize = 24;
 /// Lanes that descend in one go.
-const CHUNK: usize = 128;
+const CHUNK: usize = 256;
+/// Evaluations after which one of so many lanes goes on.
+const EVALUATIONS_FIRST: usize = 20;
+const LANES_GOING_ON: usize = 4;
 /// Different ends of starts from anywhere that are refined.
 const PLAIN_REFINED: usize = 24;
 /// Ends of a round that are refined at most.
@@ -151,6 +154,8 @@ impl Search<'_> {
         if self.effort == Effort::MISFIT {
             ends.retain(|m| !m.ending.is_success());
         }
+        ends.retain(|m| !self.followed.contains(&m.cost));
+        self.followed.extend(ends.iter().map(|m| m.cost));
         let cancel = self.cancel;
         let bounds = problem.bounds();
         let ends: Vec<Minimum> = ends
@@ -189,7 +194,7 @@ impl Search<'_> {
             for _ in 0..GENERATIONS {
                 self.breed(problem);
             }
-            if round.is_multiple_of(PROMISING_EVERY) {
+            if round % PROMISING_EVERY == 1 {
                 self.thorough(problem);
                 self.rescan(problem);
             }
@@ -283,7 +288,8 @@ fn azimuth_lines(set: &ObservationSet) -> Vec<f64> {
     lines
 }
 
-/// Descents that come near: as lanes of registers, or one by one where lanes do not know the problem.
+/// Descents that come near: as lanes of registers, of which the deepest go on after some steps, or one by one where lanes do
+/// not know the problem.
 pub(in crate::fit) fn descend(
     problem: &Problem<'_>,
     starts: &[Values],
@@ -293,14 +299,26 @@ pub(in crate::fit) fn descend(
     if !crew::knows(problem) {
         return patiently(problem, starts, late, cancel);
     }
-    starts
-        .par_chunks(CHUNK)
-        .filter(|_| !late())
-        .filter_map(|chunk| crew::descend_in_full(problem, chunk, cancel))
-        .flatten_iter()
-        .map(Minimum::from)
-        .filter(usable)
-        .collect()
+    let down = |starts: &[Values], evaluations: usize| -> Vec<Minimum> {
+        let chunks = starts.par_chunks(CHUNK).filter(|_| !late());
+        chunks
+            .filter_map(|chunk| crew::descend_in_full(problem, chunk, evaluations, cancel))
+            .flatten_iter()
+            .map(Minimum::from)
+            .filter(usable)
+            .collect()
+    };
+    let mut ends = down(starts, EVALUATIONS_FIRST);
+    ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    let unsettled = |m: &&Minimum| m.ending == Ending::MaxIterations;
+    let deepest = ends[..ends.len().div_ceil(LANES_GOING_ON)].iter();
+    let on: Vec<Values> = deepest
+        .filter(unsettled)
+        .map(|m| problem.unpack(&m.parameters))
+        .collect();
+    ends.retain(|m| !unsettled(&m));
+    ends.extend(down(&on, crew::EVALUATIONS - EVALUATIONS_FIRST));
+    ends
 }
 
 /// Descents that come near, of which the deepest go on: what ends deepest is among them early.
