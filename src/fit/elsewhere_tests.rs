@@ -3,9 +3,10 @@
 use std::sync::atomic::AtomicBool;
 
 use super::FitOptions;
+use super::budget::uncertainty;
 use super::estimate::estimate;
 use super::painted::{TRUTH, painted};
-use super::problem::Values;
+use super::problem::{Quantity, Values};
 use crate::geometry::Pose;
 use crate::model::Variant;
 use crate::units::Angle;
@@ -70,4 +71,31 @@ fn a_scan_along_one_line_of_azimuths_tells_of_its_mirror_image() {
         });
         assert!(told, "{line_deg}: {found}, {} others", e.rivals.len());
     }
+}
+
+#[test]
+fn an_expanded_uncertainty_reaches_as_far_as_that_of_another_surface() {
+    let azimuths: Vec<f64> = (0..12).map(|k| 30.0 * f64::from(k)).collect();
+    let set = painted(poses(9, 5.0, &azimuths), &TRUTH, 1e-3, 7);
+    let cancel = AtomicBool::new(false);
+    let options = FitOptions::default();
+    let mut e = estimate(&set, Variant::Sawtooth, &options, None, &cancel).unwrap();
+    let lean = e.problem.free().iter().position(|q| *q == Quantity::ThetaR);
+    let lean = lean.unwrap();
+    assert!(e.rivals.is_empty());
+    let own = uncertainty(&e).budgets[lean].combined();
+    let away = 0.02;
+    let mut rival = e.minimum.clone();
+    let here = e.values.folded();
+    rival.parameters = e.problem.pack(&Values {
+        theta_r: here.theta_r - away,
+        ..here
+    });
+    e.rivals.push(rival);
+    let k = 2.0;
+    let expanded = k * uncertainty(&e).budgets[lean].combined();
+    assert!(
+        (expanded - (away + k * own)).abs() < 1e-3 * away,
+        "{expanded} {own}"
+    );
 }

@@ -166,6 +166,19 @@ pub fn check(source: &dyn FrameSource) -> Result<(), ReductionError> {
     Err(ReductionError::NoObservations { why })
 }
 
+/// Without the times of all frames nothing tells of a lamp that drifts.
+fn warn_of_unread_times(rows: &[FrameRow], journal: &mut Journal) {
+    let unread = |row: &&FrameRow| !row.timestamp.trim().is_empty() && row.taken_s().is_none();
+    if let Some(first) = rows.iter().find(unread) {
+        journal.warn(format!(
+            "the timestamp of {} cannot be read ({:?} on {} is no time like 2026-01-31T12:00:00Z): a lamp that drifts may not be noticed",
+            counted(rows.iter().filter(unread).count(), "frame"),
+            first.timestamp,
+            first.file,
+        ));
+    }
+}
+
 /// Reduces the frames of a series to observations of the sample, or of one `region` of it.
 /// `cancel` is looked at between frames.
 ///
@@ -180,6 +193,7 @@ pub fn reduce(
     let manifest = source.manifest();
     let calls = Calls { source, cancel };
     let mut journal = Journal::default();
+    warn_of_unread_times(source.rows(), &mut journal);
     let (mut segments, chosen) = segments(manifest, region)?;
     let viewing = viewing(manifest)?;
     let rig = manifest.rig_geometry();

@@ -374,6 +374,25 @@ fn the_order_of_the_list_does_not_matter() {
 }
 
 #[test]
+fn times_that_cannot_be_read_are_told_and_missing_ones_are_not() {
+    let warned = |timestamp: &str| {
+        let mut series = polymer().clone();
+        series.rows[3].timestamp = timestamp.to_owned();
+        series.rows[5].timestamp = timestamp.to_owned();
+        let file = series.rows[3].file.clone();
+        let all = reduced(&series, None).warnings;
+        let of_times = all.into_iter().filter(move |w| w.contains(&file));
+        of_times.collect::<Vec<String>>()
+    };
+    let told = warned("yesterday");
+    assert!(
+        told.len() == 1 && told[0].contains("2 frames") && told[0].contains("yesterday"),
+        "{told:?}"
+    );
+    assert!(warned("").is_empty());
+}
+
+#[test]
 fn without_a_white_reference_the_scale_is_relative() {
     let mut bare = polymer().clone();
     let keep: Vec<bool> = bare
