@@ -339,7 +339,9 @@ impl<'p> Search<'p> {
             [(_, _, only)] => fine(only),
             several => several.par_iter_mut().for_each(|(_, _, m)| fine(m)),
         }
-        let known = unknown.into_iter().map(|(cost, surface, m)| Known {
+        // What came to nothing would be within any share of infinity of every end.
+        let found = unknown.into_iter().filter(|(_, _, m)| usable(m));
+        let known = found.map(|(cost, surface, m)| Known {
             cost: *cost,
             surface: *surface,
             minimum: in_short(m),
