@@ -9,7 +9,7 @@ use super::budget::{Budget, Uncertainty, tied, uncertainty};
 use super::drift::drift;
 use super::estimate::{Denial, Estimate, denials};
 use super::known::{drift_std, reference_std};
-use super::misfit::{LOUD, peak};
+use super::misfit::{LOUD, few, peak};
 use super::problem::{Quantity, Values};
 use super::report::{
     FitReport, FittedObservation, Freedom, LeftOut, Parameter, Parameters, Starts, Status, Timing,
@@ -19,7 +19,7 @@ use super::solver::Minimum;
 use crate::material::Material;
 use crate::model::left_out;
 use crate::observation::ObservationSet;
-use crate::wording::{percent, significant};
+use crate::wording::{counted, percent, significant};
 
 /// Standard uncertainty beyond which an angle is as good as unknown, rad.
 const HOPELESS_ANGLE: f64 = 0.35;
@@ -198,6 +198,15 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
              described three times better, so this is another surface or another minimum; do not \
              trust the parameters before {way_out} confirms them",
             100.0 * e.discrepancy
+        ));
+    }
+    let over = e.loss_weights.len().saturating_sub(e.fitted).max(1);
+    if e.discrepancy > 0.0 && few(over as f64) && variant == VariantName::Sawtooth {
+        warnings.push(format!(
+            "{} for {} free parameters hardly tell how far the model misses: what it usually misses on \
+             ridges is in the uncertainties as `model`; poses at a second azimuth make them smaller",
+            counted(e.loss_weights.len(), "observation"),
+            e.fitted
         ));
     }
     let light = e.loss_weights.iter().filter(|w| **w < 0.1).count();

@@ -326,19 +326,26 @@ impl<'p> Search<'p> {
                 }
             });
         }
-        let costs = unknown.iter().map(|(_, _, m)| m.cost);
+        let fine = |m: &mut Minimum| *m = minimise(problem, &m.parameters, &bounds, &FINE, cancel);
+        let by_lane =
+            |m: &Minimum| m.ending == Ending::ConvergedByGradient && m.residuals.is_empty();
+        each(&mut unknown, &|m| {
+            if !by_lane(m) {
+                fine(m);
+            }
+        });
+        // What a lane says is deepest is looked at again: with gains of powers of ten its rounding makes minima.
+        let costs = unknown.iter().filter(|(_, _, m)| !by_lane(m));
+        let costs = costs
+            .map(|(_, _, m)| m.cost)
+            .filter(|cost| cost.is_finite());
         let best = costs.chain(self.best().map(|m| m.cost));
         let best = best.fold(f64::INFINITY, f64::min);
-        let fine = |m: &mut Minimum| {
-            let settled_lane = m.ending == Ending::ConvergedByGradient && m.residuals.is_empty();
-            if !settled_lane || same(m.cost, best) {
-                *m = minimise(problem, &m.parameters, &bounds, &FINE, cancel);
+        each(&mut unknown, &|m| {
+            if by_lane(m) && same(m.cost, best) {
+                fine(m);
             }
-        };
-        match &mut unknown[..] {
-            [(_, _, only)] => fine(only),
-            several => several.par_iter_mut().for_each(|(_, _, m)| fine(m)),
-        }
+        });
         // What came to nothing would be within any share of infinity of every end.
         let found = unknown.into_iter().filter(|(_, _, m)| usable(m));
         let known = found.map(|(cost, surface, m)| Known {
@@ -552,6 +559,14 @@ impl<'p> Search<'p> {
             elsewhere,
             not_converged: self.runs.len() - at_minimum - elsewhere,
         }
+    }
+}
+
+/// Does something with each of the ends, on as many processors as there are ends to share.
+fn each(ends: &mut [&mut (f64, Values, Minimum)], what: &(dyn Fn(&mut Minimum) + Sync)) {
+    match ends {
+        [(_, _, only)] => what(only),
+        several => several.par_iter_mut().for_each(|(_, _, m)| what(m)),
     }
 }
 

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::estimate::Tier;
 use super::least_squares::sum_of_squares;
-use super::misfit::{ROUNDS, discrepancy_of};
+use super::misfit::{ROUNDS, discrepancy_of, discrepancy_of_few};
 use super::problem::Problem;
 use super::search::{AMBIGUOUS_RISE, FINE, Search, determined};
 use super::solver::{Ending, Minimum, Settings};
@@ -160,6 +160,23 @@ impl Settled<'_> {
             if settled || weighing.cancel.load(Ordering::Relaxed) {
                 break;
             }
+        }
+        if weighing.options.misfit && weighing.options.misfit_most.is_none() {
+            self.allow_for_few_poses(settings, weighing);
+        }
+    }
+
+    /// A larger discrepancy where the poses are too few to tell it.
+    fn allow_for_few_poses(&mut self, settings: &Settings, weighing: &Weighing<'_>) {
+        let (own, scale, loss) = (weighing.own, weighing.scale, weighing.options.loss);
+        let (told, residuals) = (self.discrepancy, self.residuals());
+        let to_go_by = discrepancy_of_few(told, &residuals, own, scale, weighing.fitted, loss);
+        if to_go_by > told {
+            let bounds = self.problem.bounds();
+            self.discrepancy = to_go_by;
+            self.problem = self.problem.clone().with_sigma(weighing.sigma(to_go_by));
+            let from = &self.minimum.parameters;
+            self.minimum = minimise(&self.problem, from, &bounds, settings, weighing.cancel);
         }
     }
 

@@ -249,6 +249,35 @@ fn few_poses_do_not_talk_the_second_bounce_away() {
     }
 }
 
+/// Scans along one azimuth: nine poses, and surfaces far from the true one pass through all of them to some 1e-5 of the
+/// peak.
+#[test]
+fn what_a_single_azimuth_says_is_within_its_uncertainty_and_what_it_cannot_say_is_not_said() {
+    for (name, azimuths) in [("steel-15", [60, 90]), ("polymer-10", [0, 90])] {
+        let bench = Bench {
+            stray_light: 0.0,
+            white_reference: true,
+            seed: 8,
+        };
+        for azimuth in azimuths {
+            let mut set = observations(name, bench);
+            let along = |o: &Observation| o.pose.phi_s.deg().round() as i64 == azimuth;
+            set.observations.retain(along);
+            assert_eq!(set.observations.len(), 9);
+            let report = fit(&set, &FitOptions::default(), &AtomicBool::new(false));
+            for (key, true_value) in truth(name, bench) {
+                let p = parameter(&report, key);
+                if let (Some(value), Some(expanded)) = (p.value, p.expanded) {
+                    assert!(
+                        (value - true_value).abs() <= expanded,
+                        "{name} {azimuth}° {key}: {value} ± {expanded}, truth {true_value}"
+                    );
+                }
+            }
+        }
+    }
+}
+
 /// Two azimuths half a turn apart with the lamp in the tilt plane: turned to the left and to the right by as much, the
 /// ridges look the same to the last bit.
 #[test]

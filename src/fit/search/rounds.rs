@@ -47,15 +47,27 @@ const CHUNK: usize = 256;
 /// Evaluations after which one of so many lanes goes on.
 const EVALUATIONS_FIRST: usize = 20;
 const LANES_GOING_ON: usize = 4;
+/// Starts from all over the box, and as many from its rim, that descend to their ends, in one of so many rounds; how many
+/// go in one, and their evaluations at most.
+const CREEPING: u32 = 64;
+const CREEPING_EVERY: usize = 2;
+const CHUNK_CREEPING: usize = 32;
+const EVALUATIONS_CREEPING: usize = 400;
 /// Different ends of starts from anywhere that are refined.
 const PLAIN_REFINED: usize = 24;
 /// Ends of a round that are refined at most.
 pub(in crate::fit) const REFINED_IN_ROUND: usize =
     PLAIN_REFINED + GENERATIONS as usize * REFINED_THOROUGHLY;
 
-/// Descents of a round.
+/// Descents of a round; those that go on to their ends, in one round of several, count by their evaluations.
 pub(in crate::fit) fn descended_in_round(problem: &Problem<'_>) -> u32 {
-    share(problem, PLAIN) + share(problem, RIM) + GENERATIONS * share(problem, CHILDREN)
+    let short =
+        share(problem, PLAIN) + share(problem, RIM) + GENERATIONS * share(problem, CHILDREN);
+    let creeping = 2 * CREEPING * (EVALUATIONS_CREEPING / crew::EVALUATIONS) as u32;
+    match crew::knows(problem) {
+        true => short + creeping / CREEPING_EVERY as u32,
+        false => short,
+    }
 }
 
 /// Of a number of starts those for which there is time.
@@ -93,6 +105,31 @@ impl Search<'_> {
             false => GLANCE,
         };
         self.anywhere(problem, [starts / 2; 2], REFINED);
+    }
+
+    /// Fewer descents from anywhere, each of them to its end: some minima lie at the end of valleys along which gain and
+    /// roughness make up for each other over powers of ten, and no short descent tells that it is on the way there.
+    fn creep(&mut self, problem: &Problem<'_>) {
+        if !crew::knows(problem) {
+            return;
+        }
+        let mut starts = candidates::plain(problem, self.fallback, CREEPING, self.next_seed());
+        starts.extend(candidates::rim(
+            problem,
+            self.fallback,
+            CREEPING,
+            self.next_seed(),
+        ));
+        let chunks = starts.par_chunks(CHUNK_CREEPING).filter(|_| !self.over());
+        let ends: Vec<Minimum> = chunks
+            .filter_map(|chunk| {
+                crew::descend_in_full(problem, chunk, EVALUATIONS_CREEPING, self.cancel)
+            })
+            .flatten_iter()
+            .map(Minimum::from)
+            .filter(usable)
+            .collect();
+        self.refine(problem, ends, PLAIN_REFINED, 1e-4);
     }
 
     /// Descents from children of the different ends so far (a memetic search: Moscato 1989). Of the minima that no start
@@ -172,9 +209,7 @@ impl Search<'_> {
     /// Rounds on end where the data leave the surface open, or the best end costs more than is `likely`: there minima are
     /// many, and the deepest is found by looking on until [`CALM`] rounds in a row find none deeper.
     pub(in crate::fit) fn persist(&mut self, problem: &Problem<'_>, likely: f64) {
-        if few_directions(problem.set()) {
-            self.glance(problem);
-        }
+        self.glance(problem);
         let mut calm = 0;
         for round in 0..PERSISTENT_ROUNDS {
             let Some(before) = self.best() else {
@@ -193,6 +228,9 @@ impl Search<'_> {
             self.anywhere(problem, [PLAIN, RIM], PLAIN_REFINED);
             for _ in 0..GENERATIONS {
                 self.breed(problem);
+            }
+            if round % CREEPING_EVERY == 0 {
+                self.creep(problem);
             }
             if round % PROMISING_EVERY == 1 {
                 self.thorough(problem);
