@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::covariance::{Scaling, covariance};
 use super::edges;
-use super::misfit::{explained, lightened, loss_weights, peak};
+use super::misfit::{explained, freedom, lightened, loss_weights, peak};
 use super::opening::{Opening, THOROUGH_ROUNDS};
 use super::problem::{Problem, Quantity, Values};
 use super::search::{
@@ -542,7 +542,7 @@ pub(super) fn conclude<'a>(
             .sum()
     };
     let count = set.observations.len();
-    let freedom = count.saturating_sub(fitted).max(1) as f64;
+    let freedom = freedom(count, fitted);
     let explained = explained(variant, options, discrepancy, minimum.cost, freedom);
     let peak = peak(set);
     Estimate {

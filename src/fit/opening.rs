@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::estimate::{few_directions, free_quantities};
 use super::known::certified;
-use super::misfit::{LIKELY, RARE, SELDOM, chance, flat_sigma, misfit_scale};
+use super::misfit::{LIKELY, RARE, SELDOM, chance, flat_sigma, freedom, misfit_scale};
 use super::problem::{Problem, Quantity, Values};
 use super::search::{Effort, Search};
 use super::settle::{Settled, Weighing, sigma_at};
@@ -174,8 +174,7 @@ impl<'a> Opening<'a> {
     /// Observations, and degrees of freedom.
     fn counts(&self) -> (f64, f64) {
         let observations = self.own.len();
-        let freedom = observations.saturating_sub(self.fitted).max(1);
-        (observations as f64, freedom as f64)
+        (observations as f64, freedom(observations, self.fitted))
     }
 
     /// The best end of a search with the weights that it is to be settled on.

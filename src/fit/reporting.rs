@@ -9,7 +9,7 @@ use super::budget::{Budget, Uncertainty, tied, uncertainty};
 use super::drift::drift;
 use super::estimate::{Denial, Estimate, denials};
 use super::known::{drift_std, reference_std};
-use super::misfit::{LOUD, few, peak};
+use super::misfit::{self, LOUD, few, peak};
 use super::problem::{Quantity, Values};
 use super::report::{
     FitReport, FittedObservation, Freedom, LeftOut, Parameter, Parameters, Starts, Status, Timing,
@@ -200,12 +200,13 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
             100.0 * e.discrepancy
         ));
     }
-    let over = e.loss_weights.len().saturating_sub(e.fitted).max(1);
-    if e.discrepancy > 0.0 && few(over as f64) && variant == VariantName::Sawtooth {
+    let observations = e.loss_weights.len();
+    let untold = e.discrepancy > 0.0 && few(misfit::freedom(observations, e.fitted));
+    if untold && variant == VariantName::Sawtooth {
         warnings.push(format!(
             "{} for {} free parameters hardly tell how far the model misses: what it usually misses on \
-             ridges is in the uncertainties as `model`; poses at a second azimuth make them smaller",
-            counted(e.loss_weights.len(), "observation"),
+             ridges is in the uncertainties as `model`; more azimuths or tilts make them smaller",
+            counted(observations, "observation"),
             e.fitted
         ));
     }

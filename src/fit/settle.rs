@@ -161,7 +161,7 @@ impl Settled<'_> {
                 break;
             }
         }
-        if weighing.options.misfit && weighing.options.misfit_most.is_none() {
+        if weighing.options.misfit {
             self.allow_for_few_poses(settings, weighing);
         }
     }
@@ -170,7 +170,8 @@ impl Settled<'_> {
     fn allow_for_few_poses(&mut self, settings: &Settings, weighing: &Weighing<'_>) {
         let (own, scale, loss) = (weighing.own, weighing.scale, weighing.options.loss);
         let (told, residuals) = (self.discrepancy, self.residuals());
-        let to_go_by = discrepancy_of_few(told, &residuals, own, scale, weighing.fitted, loss);
+        let few = discrepancy_of_few(told, &residuals, own, scale, weighing.fitted, loss);
+        let to_go_by = few.min(weighing.options.misfit_most.unwrap_or(f64::INFINITY));
         if to_go_by > told {
             let bounds = self.problem.bounds();
             self.discrepancy = to_go_by;

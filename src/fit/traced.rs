@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use super::budget::{Uncertainty, uncertainty};
 use super::estimate::Estimate;
-use super::misfit::{LEAST_WEIGHT, ROUNDS, discrepancy_of, misfit_scale, peak};
+use super::misfit::{LEAST_WEIGHT, ROUNDS, discrepancy_of, freedom, misfit_scale, peak};
 use super::problem::{Problem, Quantity, Values};
 use super::solver::{Minimum, Settings, minimise};
 use super::{FitOptions, Loss};
@@ -286,7 +286,7 @@ impl<'a> Settled<'a> {
                 .sum()
         };
         let count = residuals.len();
-        let freedom = count.saturating_sub(sawtooth.fitted).max(1) as f64;
+        let freedom = freedom(count, sawtooth.fitted);
         let peak = peak(self.problem.set());
         Estimate {
             chi2_reduced_without_model: squares(&|i| 1.0 / scatter.own[i]) / freedom,

@@ -63,7 +63,8 @@ pub(in crate::fit) const REFINED_IN_ROUND: usize =
 pub(in crate::fit) fn descended_in_round(problem: &Problem<'_>) -> u32 {
     let short =
         share(problem, PLAIN) + share(problem, RIM) + GENERATIONS * share(problem, CHILDREN);
-    let creeping = 2 * CREEPING * (EVALUATIONS_CREEPING / crew::EVALUATIONS) as u32;
+    let short_ones = EVALUATIONS_FIRST + (crew::EVALUATIONS - EVALUATIONS_FIRST) / LANES_GOING_ON;
+    let creeping = 2 * CREEPING * (EVALUATIONS_CREEPING / short_ones) as u32;
     match crew::knows(problem) {
         true => short + creeping / CREEPING_EVERY as u32,
         false => short,
@@ -82,16 +83,16 @@ impl Search<'_> {
     /// Descents from shapes all over the box and from its rim, none of them judged before: where noise makes the minima,
     /// what looks promising at its start says little of where a descent ends.
     fn anywhere(&mut self, problem: &Problem<'_>, [plain, rim]: [u32; 2], refined: usize) {
-        let (plain, rim) = (share(problem, plain), share(problem, rim));
-        let mut starts = candidates::plain(problem, self.fallback, plain, self.next_seed());
-        starts.extend(candidates::rim(
-            problem,
-            self.fallback,
-            rim,
-            self.next_seed(),
-        ));
+        let starts = self.starts(problem, [share(problem, plain), share(problem, rim)]);
         let ends = descend(problem, &starts, &|| self.over(), self.cancel);
         self.refine(problem, ends, refined, 1e-4);
+    }
+
+    fn starts(&mut self, problem: &Problem<'_>, [plain, rim]: [u32; 2]) -> Vec<Values> {
+        let mut starts = candidates::plain(problem, self.fallback, plain, self.next_seed());
+        let rim = candidates::rim(problem, self.fallback, rim, self.next_seed());
+        starts.extend(rim);
+        starts
     }
 
     /// A first look from starts that nothing recommends, where lanes make it cheap; from more of them where few directions
@@ -113,22 +114,10 @@ impl Search<'_> {
         if !crew::knows(problem) {
             return;
         }
-        let mut starts = candidates::plain(problem, self.fallback, CREEPING, self.next_seed());
-        starts.extend(candidates::rim(
-            problem,
-            self.fallback,
-            CREEPING,
-            self.next_seed(),
-        ));
-        let chunks = starts.par_chunks(CHUNK_CREEPING).filter(|_| !self.over());
-        let ends: Vec<Minimum> = chunks
-            .filter_map(|chunk| {
-                crew::descend_in_full(problem, chunk, EVALUATIONS_CREEPING, self.cancel)
-            })
-            .flatten_iter()
-            .map(Minimum::from)
-            .filter(usable)
-            .collect();
+        let starts = self.starts(problem, [CREEPING; 2]);
+        let (chunk, evaluations) = (CHUNK_CREEPING, EVALUATIONS_CREEPING);
+        let late = || self.over();
+        let ends = as_lanes(problem, &starts, chunk, evaluations, &late, self.cancel);
         self.refine(problem, ends, PLAIN_REFINED, 1e-4);
     }
 
@@ -337,14 +326,8 @@ pub(in crate::fit) fn descend(
     if !crew::knows(problem) {
         return patiently(problem, starts, late, cancel);
     }
-    let down = |starts: &[Values], evaluations: usize| -> Vec<Minimum> {
-        let chunks = starts.par_chunks(CHUNK).filter(|_| !late());
-        chunks
-            .filter_map(|chunk| crew::descend_in_full(problem, chunk, evaluations, cancel))
-            .flatten_iter()
-            .map(Minimum::from)
-            .filter(usable)
-            .collect()
+    let down = |starts: &[Values], evaluations: usize| {
+        as_lanes(problem, starts, CHUNK, evaluations, late, cancel)
     };
     let mut ends = down(starts, EVALUATIONS_FIRST);
     ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
@@ -357,6 +340,24 @@ pub(in crate::fit) fn descend(
     ends.retain(|m| !unsettled(&m));
     ends.extend(down(&on, crew::EVALUATIONS - EVALUATIONS_FIRST));
     ends
+}
+
+/// Descents as lanes, so many starts of a `chunk` on one processor.
+fn as_lanes(
+    problem: &Problem<'_>,
+    starts: &[Values],
+    chunk: usize,
+    evaluations: usize,
+    late: Late<'_>,
+    cancel: &AtomicBool,
+) -> Vec<Minimum> {
+    let begun = starts.par_chunks(chunk).filter(|_| !late());
+    begun
+        .filter_map(|chunk| crew::descend_in_full(problem, chunk, evaluations, cancel))
+        .flatten_iter()
+        .map(Minimum::from)
+        .filter(usable)
+        .collect()
 }
 
 /// Descents that come near, of which the deepest go on: what ends deepest is among them early.
