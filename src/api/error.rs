@@ -198,7 +198,7 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         }
         LabError::Stage(_) if code == "stopped" => (StatusCode::CONFLICT, "a stop came first"),
         LabError::Stage(_) => (StatusCode::SERVICE_UNAVAILABLE, "the stages cannot be had"),
-        LabError::NotStopped { .. } => (
+        LabError::NotStopped { .. } | LabError::AbortedInMotion { .. } => (
             StatusCode::SERVICE_UNAVAILABLE,
             "the stages could not be stopped",
         ),

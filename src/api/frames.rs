@@ -176,13 +176,16 @@ pub(super) async fn pixels(
     if let Some(answer) = caching.not_modified(size_of::<u16>() as u64 * count) {
         return Ok(answer);
     }
-    let png = read(&app, &frame).await?;
-    let counts = Frame::from_png(&png).map_err(StoreError::Frame)?;
-    let bytes: Vec<u8> = counts
-        .pixels_dn()
-        .iter()
-        .flat_map(|dn| dn.to_le_bytes())
-        .collect();
+    let store = app.lab.store().clone();
+    // Also to decode it: the threads of the runtime are for who must not wait, such as a stop.
+    let read = tokio::task::spawn_blocking(move || {
+        let png = store.read_png(&frame.sha256)?;
+        let counts = Frame::from_png(&png).map_err(StoreError::Frame)?;
+        let bytes = counts.pixels_dn().iter().flat_map(|dn| dn.to_le_bytes());
+        let bytes: Vec<u8> = bytes.collect();
+        Ok::<_, StoreError>((counts, bytes))
+    });
+    let (counts, bytes) = read.await.expect("decoding a file does not panic")?;
     let size = [
         (
             HeaderName::from_static("x-width-px"),

@@ -310,7 +310,7 @@ pub struct ContinueBody {
     (status = 404, description = "There is no such scan or order", body = Problem),
     (status = 409, description = "Not allowed in this state of the scan, or it waits for another step (`other-step`)", body = Problem),
     (status = 422, description = "There is no such step, or the Idempotency-Key was used for another request", body = Problem),
-    (status = 503, description = "The stages cannot be had", body = Problem),
+    (status = 503, description = "The stages cannot be had; of an abort: the scan is aborted, the stop did not reach the stages, and they may be moving", body = Problem),
     (status = 507, description = "The disk has no room for it", body = Problem),
 ))]
 pub(super) async fn command(

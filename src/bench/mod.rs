@@ -23,7 +23,7 @@ use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
 
 /// The two axes of a rig, by the names that people, files and requests use.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AxisName {
     /// Tilt of the camera, θc.

@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::net::{SocketAddr, ToSocketAddrs};
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use anyhow::{Context, anyhow};
@@ -9,6 +10,7 @@ use serde_json::{Value, json};
 
 use super::CliError;
 use super::interrupt;
+use super::simulated::check_time_scale;
 use crate::bench::AxisName;
 use crate::clock::{Clock, ScaledClock};
 use crate::sim::server::{serve_pty, serve_tcp};
@@ -38,15 +40,15 @@ pub struct Args {
     pub describe: bool,
 }
 
+/// How much faster than life the controller alone may be: it only answers.
+const TIME_SCALES_ALONE: RangeInclusive<f64> = 1e-3..=1e6;
+
 /// Serves until Ctrl-C, SIGTERM or SIGHUP.
 ///
 /// # Errors
 /// Bad input for a time scale or address that is none; no result if the line cannot be had.
 pub fn run(args: Args) -> Result<(), CliError> {
-    if !(args.time_scale.is_finite() && args.time_scale > 0.0) {
-        let error = anyhow!("--time-scale is {}; it must be above 0", args.time_scale);
-        return Err(CliError::bad_input(error));
-    }
+    check_time_scale(args.time_scale, TIME_SCALES_ALONE)?;
     let clock: Arc<dyn Clock> = Arc::new(ScaledClock::new(args.time_scale));
     let world = Arc::new(World::new(clock, WorldSettings::default()));
     let runtime = tokio::runtime::Builder::new_current_thread()

@@ -3,6 +3,7 @@
 //!
 //! The daemon reaches the stages through the pseudo-terminal and the protocol alone, as on a bench.
 
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -24,6 +25,26 @@ use crate::sim::server::{PtyServer, serve_pty};
 use crate::sim::world::{Mounting, OnTable, World, WorldSettings};
 use crate::store::samples::{NewSample, SimulatedSurface};
 use crate::units::Angle;
+
+/// How much faster than life a rig may be simulated: a scan sleeps and polls, and needs to keep up.
+const TIME_SCALES: RangeInclusive<f64> = 0.01..=1000.0;
+
+/// Refuses what is no scale of time.
+///
+/// # Errors
+/// Bad input, with what is allowed.
+pub(super) fn check_time_scale(
+    time_scale: f64,
+    allowed: RangeInclusive<f64>,
+) -> Result<(), CliError> {
+    if allowed.contains(&time_scale) {
+        return Ok(());
+    }
+    let (least, most) = allowed.into_inner();
+    Err(CliError::bad_input(anyhow::anyhow!(
+        "--time-scale is {time_scale}; it must be within {least} to {most}"
+    )))
+}
 
 /// What may be different about a simulated rig.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,11 +116,7 @@ impl SimulatedRig {
             azimuth_offset,
             tilt_offset,
         } = simulation;
-        if !(0.01..=1000.0).contains(&time_scale) {
-            return Err(CliError::bad_input(anyhow::anyhow!(
-                "--time-scale {time_scale} is not within 0.01 to 1000"
-            )));
-        }
+        check_time_scale(time_scale, TIME_SCALES)?;
         for (name, angle, max_deg) in [
             ("--azimuth-offset-deg", azimuth_offset, 180.0),
             ("--tilt-offset-deg", tilt_offset, 5.0),

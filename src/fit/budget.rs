@@ -6,7 +6,8 @@
 //!
 //! - *counting*: the observations' own uncertainties, independent;
 //! - *reference*: the white reference's certificate, one number for all;
-//! - *angles*: the stages beyond the offsets that the fit solves for: their zeros; a tilt whose error grows over its
+//! - *angles*: the stages beyond the offsets that the fit solves for: their zeros, no further than the user's word of an
+//!   offset leaves them open; a tilt whose error grows over its
 //!   range (a scale that is off by one standard uncertainty at the ends), which no zero takes up and θr follows; and
 //!   an axis of rotation beside the middle of its scale, whose error goes round once with φs; and the angle between lamp
 //!   and camera, where its uncertainty is stated;
@@ -216,10 +217,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
     let covariance = covariance(jacobian, m, residuals, Scaling::Absolute);
     let k = pseudo_inverse(jacobian, &covariance, m, n);
     let drifts: Vec<Option<Drift>> = parts.iter().map(|p| drift(p.estimate)).collect();
-    let shared: Vec<Shared> = parts
-        .iter()
-        .map(|p| Shared::new(&p.estimate.problem, &p.estimate.values))
-        .collect();
+    let shared: Vec<Shared> = parts.iter().map(|p| Shared::new(p.estimate)).collect();
     let (by_group, model_freedom) = jackknife::by_groups(&groups(parts), jacobian, residuals);
     let sets = || parts.iter().map(|p| p.estimate.problem.set());
     let alike = |same: &dyn Fn(&ObservationSet, &ObservationSet) -> bool| -> bool {
@@ -447,8 +445,14 @@ const ANGLE_ERRORS: usize = 6;
 const LAMP_STEP: f64 = 1e-6;
 
 impl Shared {
-    fn new(problem: &Problem<'_>, values: &Values) -> Self {
+    fn new(estimate: &Estimate<'_>) -> Self {
+        let (problem, values) = (&estimate.problem, &estimate.values);
         let set = problem.set();
+        // A zero is known as well as what the user tells of the offset that goes with it.
+        let (tilt_zero, turn_zero) = (
+            known_within(estimate, Quantity::TiltOffset),
+            known_within(estimate, Quantity::AzimuthOffset),
+        );
         let samples = set.observations.len();
         let none = vec![0.0; problem.residual_count()];
         let mut gain = none.clone();
@@ -467,15 +471,16 @@ impl Shared {
             let g = problem.corrected(i, &ready);
             let weight = values.scale / problem.sigma()[i];
             gain[i] = weight * g.value;
-            let tilt = weight * g.theta_c * o.shared.theta_c_zero.rad();
-            let turn = weight * g.phi_s * o.shared.phi_s_zero.rad();
+            let by_tilt = |std: f64| weight * g.theta_c * std;
+            let by_turn = |std: f64| weight * g.phi_s * std;
+            let (tilt, turn) = (o.shared.theta_c_zero.rad(), o.shared.phi_s_zero.rad());
             let (sin, cos) = o.pose.phi_s.sin_cos();
             let changes = [
-                tilt,
-                tilt * along(o.pose.theta_c),
-                turn,
-                turn * sin,
-                turn * cos,
+                by_tilt(tilt.min(tilt_zero)),
+                by_tilt(tilt) * along(o.pose.theta_c),
+                by_turn(turn.min(turn_zero)),
+                by_turn(turn) * sin,
+                by_turn(turn) * cos,
             ];
             for (angle, change) in angles.iter_mut().zip(changes) {
                 angle[i] = change;
@@ -487,15 +492,26 @@ impl Shared {
         for (index, flat) in set.flats.iter().enumerate() {
             let slope = problem.flat_cosine(index, values).1;
             let weight = values.scale * albedo / problem.flat_sigma()[index];
-            let change = weight * slope * zero;
-            angles[0][samples + index] = change;
-            angles[1][samples + index] = change * along(flat.theta_c);
+            let change = weight * slope;
+            angles[0][samples + index] = change * zero.min(tilt_zero);
+            angles[1][samples + index] = change * zero * along(flat.theta_c);
         }
         if let Some(std) = set.theta_l_std {
             angles[5] = by_lamp(problem, values, std);
         }
         Shared { gain, angles }
     }
+}
+
+/// Standard uncertainty that the user's word leaves to an offset (rad): none where it is held, boundless without a word.
+fn known_within(estimate: &Estimate<'_>, offset: Quantity) -> f64 {
+    if estimate.held.contains(&offset) {
+        return 0.0;
+    }
+    let told = estimate.problem.priors().iter();
+    let told = told.filter(|(quantity, _)| *quantity == offset);
+    told.map(|(_, prior)| prior.std)
+        .fold(f64::INFINITY, f64::min)
 }
 
 /// By how much one standard uncertainty of the lamp's angle from the camera changes the weighted residuals.

@@ -207,6 +207,48 @@ fn a_prior_pulls_by_its_weight_and_stands_in_the_budget() {
 }
 
 #[test]
+fn what_is_told_of_an_offset_is_told_of_the_zero_of_its_stage() {
+    let mut set = series(4);
+    for o in &mut set.observations {
+        o.shared.theta_c_zero = Angle::from_deg(0.02);
+        o.shared.phi_s_zero = Angle::from_deg(0.02);
+    }
+    let told = |std: f64| FitOptions {
+        told: vec![Told {
+            quantity: Quantity::TiltOffset,
+            value: TRUTH.tilt_offset,
+            std,
+        }],
+        ..options()
+    };
+    let std = |options: &FitOptions, quantity: Quantity| -> f64 {
+        let e = run(&set, options);
+        let j = e.problem.free().iter().position(|q| *q == quantity);
+        uncertainty(&e).budgets[j.expect("it is free")].combined()
+    };
+    let known = Angle::from_deg(0.001).rad();
+    for other in [Quantity::ThetaR, Quantity::AzimuthOffset] {
+        let before = std(&options(), other);
+        for std_told in [known, 0.0] {
+            let after = std(&told(std_told), other);
+            // A little more for want of a zero that evens out a stage whose scale errs; not several times as much.
+            assert!(
+                after <= 1.05 * before,
+                "{other:?}: {before} before, {after} knowing more"
+            );
+        }
+    }
+    let tilt = std(&told(known), Quantity::TiltOffset);
+    assert!(tilt <= 1.5 * known, "{tilt} for {known}");
+    // A word that says less than the stage's own certificate takes nothing from it.
+    let (before, after) = (
+        std(&options(), Quantity::TiltOffset),
+        std(&told(0.5), Quantity::TiltOffset),
+    );
+    assert!((after / before - 1.0).abs() < 0.01, "{before} {after}");
+}
+
+#[test]
 fn where_the_model_is_straight_profile_and_bootstrap_agree_with_the_budget() {
     let set = series(5);
     let asked = FitOptions {

@@ -21,6 +21,7 @@ use crate::geometry::Pose;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::runner::{self, Job, OrderSlip, RunEnd};
 use crate::scan::{Event, Plan, Reach, RecordedEvent, Rig, ScanState, TravelLimits};
+use crate::store::scans::{NewScan, Scan};
 use crate::store::{Store, StoreError};
 use crate::units::Angle;
 
@@ -55,7 +56,7 @@ impl Work {
 
 /// A scan to be run.
 pub(super) struct ScanWork {
-    pub scan_id: i64,
+    pub row: ScanRow,
     pub plan: Plan,
     /// Points that are durable already.
     pub done: BTreeSet<u32>,
@@ -65,6 +66,14 @@ pub(super) struct ScanWork {
     pub elapsed_s: f64,
     /// Who waits to hear what became of the scan's first state.
     pub first_state: Option<FirstState>,
+}
+
+/// The row of a scan.
+pub(super) enum ScanRow {
+    /// Not written yet: only who has the rig plans a scan on it. Told to who asked, together with why it could not be.
+    New(Box<NewScan>, oneshot::Sender<Result<Scan, StoreError>>),
+    /// That of a scan that was interrupted.
+    Kept(i64),
 }
 
 /// Answered with the first state that a run came to, or why not even that could be recorded.
@@ -166,6 +175,13 @@ pub(super) async fn take(parts: RigParts, told: Told) -> Result<RigSide, StoreEr
     Ok(side)
 }
 
+/// What a piece of work gives back.
+struct Done {
+    rig: Rig,
+    /// Why the stages could not be had for it.
+    out_of_reach: Option<Arc<LabError>>,
+}
+
 #[derive(Clone)]
 struct Owner {
     rig_id: i64,
@@ -178,11 +194,11 @@ struct Owner {
 impl Owner {
     async fn run(self, rig: Rig, mut inbox: mpsc::Receiver<Request>) {
         let mut free = Some(rig);
-        let mut current: Option<BoxFuture<'static, Rig>> = None;
+        let mut current: Option<BoxFuture<'static, Done>> = None;
         // What is in hand: something that others may wait for, or one axis alone, which a stop ends; and after how many
         // stops it was asked for.
         let (mut connecting, mut one_axis, mut asked_after) = (false, false, 0);
-        let mut waiting = VecDeque::new();
+        let mut waiting: VecDeque<Request> = VecDeque::new();
         loop {
             let next = match free.is_some() {
                 true => waiting.pop_front(),
@@ -195,15 +211,25 @@ impl Owner {
                         Some(request) => request,
                         None => break,
                     },
-                    rig = async { current.as_mut().expect("guarded by the branch").await },
+                    done = async { current.as_mut().expect("guarded by the branch").await },
                         if current.is_some() =>
                     {
                         current = None;
-                        free = Some(rig);
+                        free = Some(done.rig);
+                        // Stages that were just asked for in vain are not asked for again by each of those who waited.
+                        if let Some(why) = done.out_of_reach {
+                            for request in waiting.drain(..) {
+                                request.reply.send(Err(LabError::Shared(Arc::clone(&why)))).ok();
+                            }
+                        }
                         continue;
                     }
                 },
             };
+            // Nothing begins that nobody waits for any more.
+            if request.reply.is_closed() {
+                continue;
+            }
             if matches!(request.work, Work::End) {
                 if let Some(work) = current.take() {
                     work.await;
@@ -241,6 +267,7 @@ impl Owner {
                 state: None,
             },
             (None, Some(RigActivity::Homing)) => Holder::Homing,
+            (None, Some(RigActivity::Scanning)) => Holder::Beginning,
             (None, _) => Holder::Moving,
         }
     }
@@ -257,19 +284,34 @@ impl Owner {
     }
 
     /// Does one piece of work and gives the rig back.
-    async fn work(self, mut rig: Rig, request: Request) -> Rig {
-        let Request { work, stops, reply } = request;
+    async fn work(self, mut rig: Rig, request: Request) -> Done {
         let stage = match self.connect(&mut rig).await {
             Ok(stage) => stage,
             Err(error) => {
-                reply.send(Err(error.into())).ok();
-                return rig;
+                let why = Arc::new(LabError::from(error));
+                let refused = Err(LabError::Shared(Arc::clone(&why)));
+                request.reply.send(refused).ok();
+                return Done {
+                    rig,
+                    out_of_reach: Some(why),
+                };
             }
         };
+        Done {
+            rig: self.work_with(stage, rig, request).await,
+            out_of_reach: None,
+        }
+    }
+
+    async fn work_with(self, stage: Stage, mut rig: Rig, request: Request) -> Rig {
+        let Request { work, stops, reply } = request;
         // Taken first: a stop from here on overtakes what is begun with it, one before shows in the owner's count.
         let stops_of_stage = stage.stops();
         if work.is_of_one_axis() && self.reach.stops() != stops {
             reply.send(Err(StageError::Stopped.into())).ok();
+            return rig;
+        }
+        if work.is_of_one_axis() && reply.is_closed() {
             return rig;
         }
         match work {
@@ -295,7 +337,11 @@ impl Owner {
                 reply.send(Ok(())).ok();
                 self.tell_axis(RigActivity::Homing, axis, AxisEvent::UNKNOWN)
                     .await;
-                let homed = stage.home_since(axis, stops_of_stage).await;
+                let homed = async {
+                    stage.enable_driver(axis).await?;
+                    stage.home_since(axis, stops_of_stage).await
+                };
+                let homed = homed.await;
                 self.settled(&mut rig, &stage, homed).await;
             }
             Work::Scan(work) => {
@@ -421,11 +467,26 @@ impl Owner {
         work: ScanWork,
         reply: oneshot::Sender<Result<(), LabError>>,
     ) {
-        let scan_id = work.scan_id;
+        self.occupy(Some(RigActivity::Scanning), None);
+        let scan_id = match work.row {
+            ScanRow::Kept(scan_id) => scan_id,
+            ScanRow::New(new, told) => match self.told.store.add_scan(&new).await {
+                Ok((scan, event)) => {
+                    tell(&self.told.events, event);
+                    let scan_id = scan.id;
+                    told.send(Ok(scan)).ok();
+                    scan_id
+                }
+                Err(error) => {
+                    self.occupy(None, None);
+                    told.send(Err(error)).ok();
+                    reply.send(Ok(())).ok();
+                    return;
+                }
+            },
+        };
         let (book, mut orders) = mpsc::channel::<OrderSlip>(16);
         self.occupation.send_modify(|now| {
-            now.activity = Some(RigActivity::Scanning);
-            now.failure = None;
             now.scan_id = Some(scan_id);
             now.orders = Some(book);
         });
@@ -436,17 +497,22 @@ impl Owner {
             None => None,
         };
         let start = start.unwrap_or(Pose::from_deg(0.0, 0.0));
-        let stages = rig.link().settings.clone();
-        let move_time = |from, to| match &stage {
-            Some(stage) => stage.predicted_move(from, to),
-            None => stages.predicted_move(from, to),
+        let (stages, plan) = (rig.link().settings.clone(), work.plan.clone());
+        // A large plan takes seconds to be put in order.
+        let in_order = move || {
+            let move_time = |from, to| match &stage {
+                Some(stage) => stage.predicted_move(from, to),
+                None => stages.predicted_move(from, to),
+            };
+            let limits = TravelLimits {
+                theta_c: (stages.theta_c.limit_min, stages.theta_c.limit_max),
+                phi_s: (stages.phi_s.limit_min, stages.phi_s.limit_max),
+            };
+            plan.steps(&limits, start, &move_time)
         };
-        let limits = TravelLimits {
-            theta_c: (stages.theta_c.limit_min, stages.theta_c.limit_max),
-            phi_s: (stages.phi_s.limit_min, stages.phi_s.limit_max),
-        };
-        let steps = work.plan.steps(&limits, start, &move_time);
-        drop(stage);
+        let steps = tokio::task::spawn_blocking(in_order)
+            .await
+            .expect("putting poses in order does not panic");
         let mut recorder = LabRecorder {
             told: self.told.clone(),
             scan_id,
@@ -477,6 +543,8 @@ impl Owner {
             }),
             Err(error) => {
                 tracing::error!(scan_id, %error, "scan {scan_id} cannot be recorded any more: {error}");
+                // The runner may have left off in the middle of a move; the log says where the stop did not arrive.
+                rig.reach().stop_what_may_move().await.ok();
                 self.told.adrift.all().insert(scan_id, error.to_string());
                 tokio::spawn(interrupt_when_possible(self.told.clone(), scan_id));
             }

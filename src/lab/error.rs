@@ -28,6 +28,8 @@ pub enum Holder {
     Moving,
     /// The stages are being connected.
     Connecting,
+    /// A scan that is about to begin.
+    Beginning,
 }
 
 impl fmt::Display for Holder {
@@ -38,6 +40,9 @@ impl fmt::Display for Holder {
             Holder::Moving => return f.write_str("an axis is moving; wait until it stands"),
             Holder::Connecting => {
                 return f.write_str("the stages are being connected; ask again in a moment");
+            }
+            Holder::Beginning => {
+                return f.write_str("a scan is about to begin; ask again in a moment");
             }
             Holder::Scan { scan_id, state } => (scan_id, state),
         };
@@ -156,6 +161,17 @@ pub enum LabError {
         /// Why not.
         source: StageError,
     },
+    /// The stop that goes with an abort did not reach the stages.
+    #[error(
+        "scan {scan_id} is aborted, but the stop did not reach the stages, which may be moving: use the hardware \
+         emergency switch ({source})"
+    )]
+    AbortedInMotion {
+        /// Which scan.
+        scan_id: i64,
+        /// Why the stop did not reach them.
+        source: StageError,
+    },
     /// The camera.
     #[error(transparent)]
     Camera(#[from] CameraError),
@@ -217,7 +233,9 @@ impl LabError {
             LabError::Plan(_) => "plan-invalid",
             LabError::NoRoom { .. } | LabError::NoRoomToImport { .. } => "disk-full",
             LabError::BrokenOff => "broken-off",
-            LabError::Stage(error) | LabError::NotStopped { source: error } => stage_code(error),
+            LabError::Stage(error)
+            | LabError::NotStopped { source: error }
+            | LabError::AbortedInMotion { source: error, .. } => stage_code(error),
             LabError::Camera(_) => "camera-failed",
             LabError::Store(error) => store_code(error),
             LabError::NothingMeasured => "not-found",

@@ -110,6 +110,8 @@ struct Inner {
     fits: AllUnderWay,
     calculations: AllUnderWay,
     turns: AllTurns,
+    /// Whoever estimates a scan does so alone: a large plan keeps a processor busy for seconds, and the stop needs one.
+    estimating: Arc<tokio::sync::Mutex<()>>,
     /// Reductions for who only looks at observations.
     reductions: Reductions,
     /// Space that imports leave alone.
@@ -200,6 +202,7 @@ impl Lab {
                 fits: AllUnderWay::default(),
                 calculations: AllUnderWay::default(),
                 turns: AllTurns::default(),
+                estimating: Arc::default(),
                 reductions: Reductions::default(),
                 reserve_bytes: AtomicU64::new(reserve_bytes),
                 ends,
@@ -271,7 +274,8 @@ impl Lab {
     /// Gives an order to a running scan, or resumes an interrupted one.
     ///
     /// # Errors
-    /// [`LabError::NotNow`] if the scan cannot do that where it stands, or what the store says.
+    /// [`LabError::NotNow`] if the scan cannot do that where it stands, [`LabError::AbortedInMotion`], or what the store
+    /// says.
     pub async fn order(&self, scan_id: i64, order: Order) -> Result<ScanState, LabError> {
         let scan = self.inner.store.scan(scan_id).await?;
         let not_now = |state| LabError::NotNow {
@@ -297,36 +301,38 @@ impl Lab {
             Order::Abort | Order::Stop | Order::ShutDown => true,
         };
         if !permitted {
-            return Err(not_now(scan.state));
+            return Err(not_now(match scan.state {
+                // Somebody has just taken it up, and its row does not say so yet.
+                ScanState::Interrupted => ScanState::Running,
+                state => state,
+            }));
         }
         let (reply, answer) = oneshot::channel();
         let sent = orders.send(OrderSlip { order, reply }).await;
         let side = self.side()?;
-        if order == Order::Abort {
+        let stopped = match order {
             // Homing and connecting do not listen to orders; the stage does.
-            let stage = side.stage.borrow().clone();
-            match stage {
-                Some(stage) => stage.stop().await?,
-                // The abort is recorded, whatever the stages do; the log says what they do not.
-                None => drop(self.stop_quietly(side).await),
-            }
-        }
+            Order::Abort => side.reach.stop_what_may_move().await,
+            _ => Ok(()),
+        };
         let answer = match sent {
             Ok(()) => answer.await.ok(),
             Err(_) => None,
         };
-        match answer {
-            Some(Ok(state)) => Ok(state),
-            Some(Err(state)) => match (order, self.inner.store.scan(scan_id).await?.operator) {
-                (Order::Done(done), Some(waits_for)) if done != waits_for => {
-                    Err(LabError::OtherStep {
-                        scan_id,
-                        done,
-                        waits_for,
-                    })
-                }
-                _ => Err(not_now(state)),
-            },
+        let state = match answer {
+            Some(Ok(state)) => state,
+            Some(Err(state)) => {
+                return match (order, self.inner.store.scan(scan_id).await?.operator) {
+                    (Order::Done(done), Some(waits_for)) if done != waits_for => {
+                        Err(LabError::OtherStep {
+                            scan_id,
+                            done,
+                            waits_for,
+                        })
+                    }
+                    _ => Err(not_now(state)),
+                };
+            }
             // The scan ended before the order was read, or because what it led to could not be written.
             None => {
                 let mut occupation = side.occupation.clone();
@@ -337,12 +343,15 @@ impl Lab {
                     return self.order_unheld(scan_id, order).await;
                 }
                 let state = self.inner.store.scan(scan_id).await?.state;
-                if order == Order::Abort && state == ScanState::Aborted {
-                    Ok(state)
-                } else {
-                    Err(not_now(state))
+                if order != Order::Abort || state != ScanState::Aborted {
+                    return Err(not_now(state));
                 }
+                state
             }
+        };
+        match stopped {
+            Ok(()) => Ok(state),
+            Err(source) => Err(LabError::AbortedInMotion { scan_id, source }),
         }
     }
 
@@ -425,17 +434,18 @@ impl Lab {
                 };
                 if orders.send(slip).await.is_ok() {
                     // Homing and connecting do not listen to orders; the stage does.
-                    self.stop_quietly(side).await.ok();
+                    side.reach.stop_what_may_move().await.ok();
                     answer.await.ok();
                 }
             }
-            stopped = self.stop_quietly(side).await;
-            self.request(bench::Work::End).await.ok();
+            stopped = side.reach.stop_what_may_move().await;
+            // First: an owner that is still held here when it ends has broken off.
             let owner = side
                 .owner
                 .lock()
                 .expect("no holder of this lock panics")
                 .take();
+            self.request(bench::Work::End).await.ok();
             if let Some(owner) = owner {
                 owner.await.ok();
             }
@@ -450,22 +460,6 @@ impl Lab {
         // Stages that could not be stopped are in the log.
         self.rest().await.ok();
         self.inner.store.close().await;
-    }
-
-    /// Tells the log what it does not reach.
-    async fn stop_quietly(&self, side: &RigSide) -> Result<(), StageError> {
-        let connected = side.stage.borrow().is_some();
-        // What moved when the link was lost may move still. A port that was never opened is left alone.
-        if !connected && !side.reach.is_lost() {
-            return Ok(());
-        }
-        match side.reach.stop().await {
-            Ok(()) | Err(StageError::Stopped) => Ok(()),
-            Err(error) => {
-                tracing::error!(%error, "the stages could not be stopped: {error}; look at the rig");
-                Err(error)
-            }
-        }
     }
 }
 

@@ -1,19 +1,20 @@
 //! From a request to a running scan: plan, calibrations, room, rig.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 use tokio::sync::oneshot;
 
-use super::bench::{ScanWork, Work};
-use super::tasks::to_the_end;
+use super::bench::{ScanRow, ScanWork, Work};
+use super::tasks::{blocking, to_the_end};
 use super::{Lab, LabError};
 use crate::frame::FrameKind;
 use crate::geometry::Pose;
 use crate::material::Material;
 use crate::scan::plan::{self, Estimate};
-use crate::scan::{OperatorAction, Plan, PlanRequest, Progress, ScanState, Step};
+use crate::scan::{OperatorAction, Plan, PlanRequest, ScanState, Step};
 use crate::series::{DarkFacts, FlatFacts, Manifest, SCHEMA, SampleFacts, SampleKind};
 use crate::store::samples::Sample;
 use crate::store::scans::{NewScan, Scan};
@@ -60,31 +61,36 @@ impl Lab {
         let limits = self.limits()?;
         let mut plan = request.plan.resolve(&side.settings.defaults)?;
         plan.check(&limits)?;
+        plan.check_points(side.settings.runner.frame_bytes_max)?;
         let calibration_ids = match plan.reuse_calibrations {
             true => self.reuse(&mut plan).await?,
             false => Vec::new(),
         };
         let start = self.last_pose().await;
-        let stage = side.stage.borrow().clone();
-        let move_time = |from, to| match &stage {
-            Some(stage) => stage.predicted_move(from, to),
-            None => side.stage_settings.predicted_move(from, to),
-        };
-        let steps = plan.steps(&limits, start, &move_time);
+        let (stage, settings) = (side.stage.borrow().clone(), side.stage_settings.clone());
         let frame_bytes_max = side.settings.runner.frame_bytes_max;
-        Ok(Estimated {
-            estimate: plan::estimate(&steps, start, &move_time, frame_bytes_max),
-            free_bytes: self.store().free_bytes()?,
-            operator_steps: steps
-                .iter()
-                .filter_map(|step| match step {
-                    Step::Operator(action) => Some(*action),
-                    Step::Shot(_) => None,
-                })
-                .collect(),
-            calibration_ids,
-            plan,
+        let alone = Arc::clone(&self.inner.estimating).lock_owned().await;
+        let free_bytes = self.store().free_bytes()?;
+        blocking(move || {
+            let _alone = alone;
+            let move_time = |from, to| match &stage {
+                Some(stage) => stage.predicted_move(from, to),
+                None => settings.predicted_move(from, to),
+            };
+            let steps = plan.steps(&limits, start, &move_time);
+            let of_a_person = |step: &Step| match step {
+                Step::Operator(action) => Some(*action),
+                Step::Shot(_) => None,
+            };
+            Estimated {
+                estimate: plan::estimate(&steps, start, &move_time, frame_bytes_max),
+                free_bytes,
+                operator_steps: steps.iter().filter_map(of_a_person).collect(),
+                calibration_ids,
+                plan,
+            }
         })
+        .await
     }
 
     /// Takes out of a plan what valid calibrations save, and numbers those.
@@ -198,32 +204,17 @@ impl Lab {
             frames_csv: None,
             calibration_ids: estimated.calibration_ids,
         };
-        let (scan, event) = self.store().add_scan(&new).await?;
-        self.tell(event);
+        let (told, row) = oneshot::channel();
         let work = ScanWork {
-            scan_id: scan.id,
+            row: ScanRow::New(Box::new(new), told),
             plan,
             done: Default::default(),
             full: Default::default(),
             elapsed_s: 0.0,
             first_state: None,
         };
-        if let Err(error) = self.request(Work::Scan(Box::new(work))).await {
-            let reason = error.to_string();
-            let event = self
-                .store()
-                .change_state(
-                    scan.id,
-                    ScanState::Failed,
-                    Some(&reason),
-                    None,
-                    Progress::default(),
-                )
-                .await?;
-            self.tell(event);
-            return Err(error);
-        }
-        Ok(scan)
+        self.request(Work::Scan(Box::new(work))).await?;
+        Ok(row.await.map_err(|_| LabError::Stopping)??)
     }
 
     /// Takes an interrupted scan up again: points that are committed stay, the others are taken.
@@ -248,7 +239,7 @@ impl Lab {
         // It is interrupted until the runner says otherwise; a runner that cannot even say that tells no event.
         let (first_state, told) = oneshot::channel();
         let work = ScanWork {
-            scan_id: scan.id,
+            row: ScanRow::Kept(scan.id),
             plan,
             done: done.into_iter().collect(),
             full: full.into_iter().collect(),

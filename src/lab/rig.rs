@@ -3,7 +3,7 @@
 use tokio::sync::oneshot;
 
 use super::bench;
-use super::{AxisName, Holder, Lab, LabError};
+use super::{AxisName, Holder, Lab, LabError, RigSide};
 use crate::bench::stage::Stage;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::runner::{Order, OrderSlip};
@@ -60,6 +60,17 @@ pub struct AxisView {
     pub limit_max: Angle,
 }
 
+impl RigSide {
+    /// Why the rig's owner does not answer: the daemon ends, or the owner has broken off before that.
+    fn gone(&self) -> LabError {
+        let owner = self.owner.lock().expect("no holder of this lock panics");
+        match owner.as_ref() {
+            Some(_) => LabError::Panicked,
+            None => LabError::Stopping,
+        }
+    }
+}
+
 impl Lab {
     /// Where the rig stands now, asked of the stages. A rig that is not connected and not in use is
     /// connected by this.
@@ -68,6 +79,9 @@ impl Lab {
     /// [`LabError::NoRig`]; a stage that does not answer is part of the view.
     pub async fn rig(&self) -> Result<RigView, LabError> {
         let side = self.side()?;
+        if side.requests.is_closed() {
+            return Err(side.gone());
+        }
         let stage = side.stage.borrow().clone();
         let stage = match stage {
             Some(stage) => Ok(stage),
@@ -150,8 +164,8 @@ impl Lab {
         side.requests
             .send(bench::Request { work, stops, reply })
             .await
-            .map_err(|_| LabError::Stopping)?;
-        let answer = answer.await.map_err(|_| LabError::Stopping)?;
+            .map_err(|_| side.gone())?;
+        let answer = answer.await.map_err(|_| side.gone())?;
         match answer {
             Err(LabError::Busy {
                 with: Holder::Scan { scan_id, .. },

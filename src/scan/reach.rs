@@ -139,4 +139,22 @@ impl Reach {
         // Somebody else may have been the one who connected, and gone on to move.
         stage.stop().await
     }
+
+    /// The same where there ever was a link: what moved when it was lost may move still, and a port that was never
+    /// opened is left alone. Tells the log what it does not reach.
+    ///
+    /// # Errors
+    /// As [`Reach::stop`].
+    pub async fn stop_what_may_move(&self) -> Result<(), StageError> {
+        if self.stage().is_none() && !self.is_lost() {
+            return Ok(());
+        }
+        match self.stop().await {
+            Ok(()) | Err(StageError::Stopped) => Ok(()),
+            Err(error) => {
+                tracing::error!(%error, "the stages could not be stopped: {error}; look at the rig");
+                Err(error)
+            }
+        }
+    }
 }

@@ -3,12 +3,13 @@
 //! Whoever has the [`Rig`] may move and take frames; it cannot be had twice. Others only get its
 //! [`Reach`], to ask where the stages are and to stop them.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::reach::Reach;
-use crate::bench::Camera;
 use crate::bench::port::PortSeam;
 use crate::bench::stage::{PortAddress, Stage, StageError, StageSettings};
+use crate::bench::{AxisName, Camera};
 use crate::clock::Clock;
 
 /// How to reach the stages.
@@ -61,12 +62,17 @@ impl Rig {
         self.reach.connect().await
     }
 
-    /// A stage that answers and knows its reference: connects and homes as needed.
+    /// A stage that answers and knows its reference: connects, and homes what has none and what is `doubted`. Drivers
+    /// that are off are switched on only where a person has just asked for motion (`by_a_person`).
     ///
     /// # Errors
     /// What connecting or homing says; a lost link is let go, so that the next call connects anew.
     /// [`StageError::Stopped`], and nothing is homed, after a stop since it was called.
-    pub async fn make_ready(&mut self) -> Result<Stage, StageError> {
+    pub async fn make_ready(
+        &mut self,
+        doubted: &BTreeSet<AxisName>,
+        by_a_person: bool,
+    ) -> Result<Stage, StageError> {
         let asked_after = self.reach.stops();
         let stage = self.connect().await?;
         // Taken first: a stop from here on overtakes the homing, one before shows in the count.
@@ -75,8 +81,16 @@ impl Rig {
             if self.reach.stops() != asked_after {
                 return Err(StageError::Stopped);
             }
+            if by_a_person {
+                for axis in AxisName::ALL {
+                    stage.enable_driver(axis).await?;
+                }
+            }
             if !stage.status().await?.all_homed() {
-                stage.home_all_since(stops_of_stage).await?;
+                return stage.home_all_since(stops_of_stage).await;
+            }
+            for axis in doubted {
+                stage.home_since(*axis, stops_of_stage).await?;
             }
             Ok(())
         };

@@ -18,7 +18,8 @@ use super::rig::Rig;
 use super::seen::{Looked, Seen};
 use super::state::ScanState;
 use super::visit::{self, Trouble};
-use crate::bench::stage::Stage;
+use crate::bench::AxisName;
+use crate::bench::stage::{Stage, StageError};
 use crate::clock::Clock;
 use crate::frame::Frame;
 use crate::geometry::Pose;
@@ -150,6 +151,8 @@ struct Runner<'a> {
     in_turn_s: BTreeMap<u32, f64>,
     /// What the visits have shown.
     seen: Seen,
+    /// Axes that are not to be trusted until they are homed: something blocked them, or lost their place.
+    doubted: BTreeSet<AxisName>,
     ledger: Ledger,
 }
 
@@ -184,6 +187,7 @@ impl<'a> Runner<'a> {
             predicted_total_s: 0.0,
             in_turn_s: BTreeMap::new(),
             seen,
+            doubted: BTreeSet::new(),
             ledger: Ledger::default(),
             job,
         };
@@ -227,7 +231,7 @@ impl<'a> Runner<'a> {
 
     async fn drive(&mut self) -> Result<(), Ending> {
         self.enter(ScanState::Running, None).await?;
-        self.make_ready().await?;
+        self.make_ready(true).await?;
         // Now that the speeds are known.
         let at = self.ledger.at;
         self.ledger = self.count_what_is_left();
@@ -292,22 +296,28 @@ impl<'a> Runner<'a> {
         Ok(())
     }
 
-    /// Connects and homes; a rig that cannot be had pauses the scan until it is resumed.
-    async fn make_ready(&mut self) -> Result<(), Ending> {
+    /// Connects and homes; a rig that cannot be had pauses the scan until it is resumed. `by_a_person`: whether somebody
+    /// has just asked for motion, and stands clear of the stages.
+    async fn make_ready(&mut self, mut by_a_person: bool) -> Result<(), Ending> {
         loop {
-            let rig = &mut *self.rig;
+            let (rig, doubted) = (&mut *self.rig, &self.doubted);
             let ready = async {
-                let stage = rig.make_ready().await?;
+                let stage = rig.make_ready(doubted, by_a_person).await?;
                 let status = stage.status().await?;
-                Ok((stage, status))
+                Ok::<_, StageError>((stage, status))
             };
             match ready.await {
                 Ok((stage, status)) => {
+                    self.doubted.clear();
                     self.stage = Some(stage);
                     self.ledger.at = Some(status.pose());
                     return Ok(());
                 }
-                Err(error) => self.hold(&Trouble::Stage(error)).await?,
+                Err(error) => {
+                    self.doubted.extend(error.axis_to_home());
+                    self.hold(&Trouble::Stage(error)).await?;
+                    by_a_person = true;
+                }
             }
         }
     }
@@ -357,6 +367,7 @@ impl<'a> Runner<'a> {
                 Err(trouble) => trouble,
             };
             if let Trouble::Stage(error) = &trouble {
+                self.doubted.extend(error.axis_to_home());
                 // A handle that is kept keeps the port, and nobody could connect or stop anew.
                 if error.is_disconnect() {
                     self.stage = None;
@@ -368,7 +379,8 @@ impl<'a> Runner<'a> {
                 self.enter(ScanState::Failed, Some(&why)).await?;
                 return Err(Ending::Recorded(ScanState::Failed));
             }
-            if !trouble.may_be_retried() || attempt >= self.job.settings.attempts_max {
+            let ask = !trouble.may_be_retried() || attempt >= self.job.settings.attempts_max;
+            if ask {
                 self.hold(&trouble).await?;
                 attempt = 0;
                 // Somebody has looked at a black sample and says to go on: some are. Who resumes after any
@@ -378,7 +390,7 @@ impl<'a> Runner<'a> {
                 }
             }
             if matches!(trouble, Trouble::Stage(_)) {
-                self.make_ready().await?;
+                self.make_ready(ask).await?;
             }
         }
     }
@@ -461,7 +473,7 @@ impl<'a> Runner<'a> {
         match cut.order {
             Order::Stop => {
                 self.hold_with(Trouble::STOPPED, None, Some(cut)).await?;
-                self.make_ready().await?;
+                self.make_ready(true).await?;
                 Ok(None)
             }
             order => self.end_by(order, cut).await,
@@ -512,6 +524,9 @@ impl<'a> Runner<'a> {
         let code = trouble.code();
         let reason = match trouble {
             // What stages and camera say of themselves knows of no scan that waits.
+            Trouble::Stage(error) if error.axis_to_home().is_some() => {
+                format!("{trouble}; put it right, then resume: the scan homes it first")
+            }
             Trouble::Stage(_) | Trouble::Camera(_) if code.is_some() => {
                 format!("{trouble}; put it right, then resume")
             }

@@ -235,6 +235,8 @@ impl Camera for SimulatedCamera {
             }
             let radiance = radiance / f64::from(GLANCES + 1);
             self.captures += 1;
+            // Exposures shorter than painting takes would leave everybody else no turn.
+            tokio::task::yield_now().await;
             let frame = paint(
                 &self.settings,
                 &self.pixels,

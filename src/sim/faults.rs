@@ -29,6 +29,8 @@ pub enum LineFault {
     DoubleReply,
     /// These bytes come ahead of the reply.
     Before(Vec<u8>),
+    /// The last word of the reply is this one, and no checksum tells of it.
+    Says(String),
     /// The plug is pulled before the reply comes.
     Unplug,
 }
@@ -141,6 +143,12 @@ impl FaultyPort {
             Some(LineFault::LateReply) => self.late.append(&mut line),
             Some(LineFault::DoubleReply) => line.extend_from_within(..),
             Some(LineFault::Before(bytes)) => self.ready.extend(bytes),
+            Some(LineFault::Says(word)) => {
+                let last = line.iter().rposition(|byte| *byte == b' ');
+                line.truncate(last.map_or(0, |space| space + 1));
+                line.extend(word.as_bytes());
+                line.extend(b"\r\n");
+            }
             Some(LineFault::Unplug) => self.gone = true,
         }
         self.ready.extend(line);

@@ -81,7 +81,7 @@ impl Store {
         scan_id: Option<i64>,
         request: &str,
     ) -> Result<(i64, RecordedEvent), StoreError> {
-        let mut transaction = self.writer().begin().await?;
+        let mut transaction = self.writing().await?;
         let id = sqlx::query(
             "INSERT INTO calculations (kind, scan_id, request, program, created_at) VALUES (?, ?, ?, ?, ?)",
         )
@@ -136,7 +136,7 @@ impl Store {
         result: Option<&str>,
         error: Option<(&str, &str)>,
     ) -> Result<RecordedEvent, StoreError> {
-        let mut transaction = self.writer().begin().await?;
+        let mut transaction = self.writing().await?;
         let (kind, scan_id): (String, Option<i64>) =
             sqlx::query_as("SELECT kind, scan_id FROM calculations WHERE id = ?")
                 .bind(id)

@@ -99,7 +99,7 @@ impl Store {
             values.sort_by(f64::total_cmp);
             serde_json::to_string(&values).map_err(|e| StoreError::bad_row("calibrations", e))
         };
-        let mut transaction = self.writer().begin().await?;
+        let mut transaction = self.writing().await?;
         let kept: Option<i64> =
             sqlx::query_scalar("SELECT id FROM calibrations WHERE scan_id = ? AND kind = ?")
                 .bind(new.scan_id)

@@ -30,7 +30,7 @@ impl Store {
     /// # Errors
     /// What the database says.
     pub async fn record(&self, event: Event) -> Result<RecordedEvent, StoreError> {
-        let mut transaction = self.writer().begin().await?;
+        let mut transaction = self.writing().await?;
         let recorded = self.record_in(&mut transaction, event).await?;
         transaction.commit().await?;
         Ok(recorded)

@@ -112,7 +112,7 @@ impl Store {
     /// # Errors
     /// What the database says.
     pub async fn begin_fit(&self, new: &NewFit) -> Result<(i64, RecordedEvent), StoreError> {
-        let mut transaction = self.writer().begin().await?;
+        let mut transaction = self.writing().await?;
         let id = sqlx::query(
             "INSERT INTO fits (scan_id, variant, region, options, program, created_at) VALUES (?, ?, ?, ?, ?, ?)",
         )
@@ -181,7 +181,7 @@ impl Store {
     }
 
     async fn insert_end(&self, fit_id: i64, row: EndRow<'_>) -> Result<RecordedEvent, StoreError> {
-        let mut transaction = self.writer().begin().await?;
+        let mut transaction = self.writing().await?;
         let (scan_id, asked): (i64, String) =
             sqlx::query_as("SELECT scan_id, variant FROM fits WHERE id = ?")
                 .bind(fit_id)

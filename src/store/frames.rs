@@ -128,7 +128,7 @@ impl Store {
         frames: &[NewFrame],
         progress: Progress,
     ) -> Result<Vec<RecordedEvent>, StoreError> {
-        let mut transaction = self.writer().begin().await?;
+        let mut transaction = self.writing().await?;
         let accepted = shot.rejected.is_none();
         let shot_id = sqlx::query(
             "INSERT INTO shots (scan_id, plan_index, attempt, kind, asked_theta_c_deg, asked_phi_s_deg,
@@ -204,7 +204,7 @@ impl Store {
         new: &NewScan,
         frames: &[ImportedFrame],
     ) -> Result<(i64, RecordedEvent), StoreError> {
-        let mut transaction = self.writer().begin().await?;
+        let mut transaction = self.writing().await?;
         let scan_id = self
             .insert_scan(&mut transaction, new, Origin::Import, ScanState::Completed)
             .await?;

@@ -38,12 +38,12 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use sqlx::Connection;
 use sqlx::migrate::Migrator;
 use sqlx::sqlite::{
     SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions,
     SqliteSynchronous,
 };
+use sqlx::{Connection, Sqlite, Transaction};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
@@ -249,6 +249,12 @@ impl Store {
     /// Whether [`Store::close`] was called.
     pub(crate) fn is_closed(&self) -> bool {
         self.inner.writer.is_closed()
+    }
+
+    /// A transaction that is the only writer from its beginning. One that reads first and writes then is refused at once
+    /// where another program writes in between, however long it is ready to wait.
+    async fn writing(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
+        Ok(self.writer().begin_with("BEGIN IMMEDIATE").await?)
     }
 
     fn writer(&self) -> &SqlitePool {

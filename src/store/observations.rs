@@ -102,7 +102,7 @@ impl Store {
         };
         let context = serde_json::to_string(&context)
             .map_err(|e| StoreError::bad_row("observation_sets", e))?;
-        let mut transaction = self.writer().begin().await?;
+        let mut transaction = self.writing().await?;
         let id = sqlx::query(
             "INSERT INTO observation_sets (scan_id, region, context, last_frame_id, program, created_at)
              VALUES (?, ?, ?, ?, ?, ?)",

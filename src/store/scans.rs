@@ -158,7 +158,7 @@ impl Store {
     /// # Errors
     /// What the database says.
     pub async fn rig(&self, settings: &str) -> Result<i64, StoreError> {
-        let mut transaction = self.writer().begin().await?;
+        let mut transaction = self.writing().await?;
         sqlx::query("INSERT OR IGNORE INTO rigs (settings, created_at) VALUES (?, ?)")
             .bind(settings)
             .bind(self.now_text())
@@ -189,7 +189,7 @@ impl Store {
     /// # Errors
     /// What the database says.
     pub async fn add_scan(&self, new: &NewScan) -> Result<(Scan, RecordedEvent), StoreError> {
-        let mut transaction = self.writer().begin().await?;
+        let mut transaction = self.writing().await?;
         let id = self
             .insert_scan(&mut transaction, new, Origin::Rig, ScanState::Planned)
             .await?;
@@ -284,7 +284,7 @@ impl Store {
         operator: Option<OperatorAction>,
         progress: Progress,
     ) -> Result<RecordedEvent, StoreError> {
-        let mut transaction = self.writer().begin().await?;
+        let mut transaction = self.writing().await?;
         let current: String = sqlx::query_scalar(
             "SELECT state FROM scan_states WHERE scan_id = ? ORDER BY id DESC LIMIT 1",
         )

@@ -40,7 +40,7 @@ pub async fn gone_after<T>(looks: u32, request: impl Future<Output = T>) -> Opti
 }
 
 /// Changes the database as no program does, beside the store that is open.
-async fn by_hand(folder: &Path, statement: &'static str) {
+pub async fn by_hand(folder: &Path, statement: &'static str) {
     let options = sqlx::sqlite::SqliteConnectOptions::new().filename(folder.join("ridged.sqlite"));
     let mut connection = options.connect().await.unwrap();
     sqlx::query(statement)
@@ -131,6 +131,52 @@ async fn a_scan_whose_client_went_away_is_planned_and_begun_all_the_same() {
     let page = PageRequest::default();
     let scans = bench.lab.store().scans(Default::default(), page).await;
     assert_eq!(scans.unwrap().items.len(), 1);
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn of_two_scans_begun_at_once_one_is_refused_and_leaves_no_row() {
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let request = ScanRequest {
+        sample_id: 2,
+        plan: small(&[0.0], &[0.0]),
+    };
+    let both = futures::join!(
+        bench.lab.start_scan(&request),
+        bench.lab.start_scan(&request)
+    );
+    let (begun, refused): (Vec<_>, Vec<_>) = [both.0, both.1]
+        .into_iter()
+        .partition(|begun| begun.is_ok());
+    assert_eq!((begun.len(), refused.len()), (1, 1));
+    let refused = refused.into_iter().next().unwrap().unwrap_err();
+    assert_eq!(refused.code(), "busy", "{refused}");
+    let page = PageRequest::default();
+    let scans = bench.lab.store().scans(Default::default(), page).await;
+    assert_eq!(scans.unwrap().items.len(), 1);
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_database_that_another_program_writes_to_for_a_moment_is_waited_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let bench = BenchInABox::open(folder.path(), Arc::new(RealDisk), false).await;
+    let scan = bench.start(small(&[0.0], &[0.0])).await;
+    bench.until(scan.id, ScanState::WaitingForOperator).await;
+    let options =
+        sqlx::sqlite::SqliteConnectOptions::new().filename(folder.path().join("ridged.sqlite"));
+    let mut other = options.connect().await.unwrap();
+    sqlx::query("BEGIN IMMEDIATE")
+        .execute(&mut other)
+        .await
+        .unwrap();
+    let for_a_moment = async {
+        tokio::time::sleep(Duration::from_millis(300)).await;
+        sqlx::query("COMMIT").execute(&mut other).await.unwrap();
+    };
+    let (paused, ()) = futures::join!(bench.lab.order(scan.id, Order::Pause), for_a_moment);
+    assert_eq!(paused.unwrap(), ScanState::Paused);
+    other.close().await.unwrap();
     bench.end().await;
 }
 

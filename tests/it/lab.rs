@@ -7,6 +7,7 @@ use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 
 use ridged::analysis;
+use ridged::bench::AxisName;
 use ridged::lab::{
     FitRequest, ImportOptions, LabError, ScanRequest, StoredSeries, export, export_readable,
 };
@@ -15,8 +16,10 @@ use ridged::scan::event::TaskState;
 use ridged::scan::plan::Preset;
 use ridged::scan::runner::Order;
 use ridged::scan::{Event, OperatorAction, PlanRequest, ScanState};
+use ridged::sim::world::Mishap;
 use ridged::store::PageRequest;
 use ridged::store::disk::{Disk, RealDisk};
+use ridged::units::Angle;
 
 use crate::bench_in_a_box::{BenchInABox, small};
 
@@ -264,9 +267,7 @@ async fn a_scan_waits_for_its_operator_pauses_and_goes_on() {
     let scan = bench.start(small(&[0.0], &[0.0, 90.0])).await;
     bench.until(scan.id, ScanState::WaitingForOperator).await;
     // Nobody else gets the rig meanwhile, but everybody may stop it.
-    let refused = lab
-        .move_axis(ridged::lab::AxisName::ThetaC, ridged::units::Angle::ZERO)
-        .await;
+    let refused = lab.move_axis(AxisName::ThetaC, Angle::ZERO).await;
     assert!(matches!(refused, Err(LabError::Busy { .. })), "{refused:?}");
     assert!(lab.order(scan.id, Order::Resume).await.is_err());
     assert_eq!(
@@ -279,6 +280,35 @@ async fn a_scan_waits_for_its_operator_pauses_and_goes_on() {
     assert_eq!(bench.finish(scan.id).await.state, ScanState::Completed);
     hands.abort();
     bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_was_put_right_is_homed_and_the_scan_goes_on() {
+    for (mishap, code) in [
+        (Mishap::Stall, "stalled"),
+        (Mishap::LimitSensor, "limit sensor"),
+        (Mishap::EmergencyStop, "emergency stop"),
+    ] {
+        let bench = BenchInABox::new().await;
+        bench
+            .rig
+            .world
+            .arm(AxisName::ThetaC, Angle::from_deg(5.0), mishap);
+        let scan = bench.start(small(&[0.0, 10.0], &[0.0, 90.0])).await;
+        bench.until(scan.id, ScanState::Paused).await;
+        let reason = bench.lab.store().scan(scan.id).await.unwrap().reason;
+        let reason = reason.unwrap();
+        assert!(
+            reason.contains(code) && reason.contains("the scan homes it first"),
+            "{reason}"
+        );
+        bench.lab.order(scan.id, Order::Resume).await.unwrap();
+        let goes_on = bench.until(scan.id, ScanState::Completed);
+        tokio::time::timeout(Duration::from_secs(60), goes_on)
+            .await
+            .expect("it does not pause again");
+        bench.end().await;
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

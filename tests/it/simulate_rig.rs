@@ -16,8 +16,9 @@ fn bad_usage_is_two_and_an_address_in_use_is_one() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
     for (arguments, code, says) in [
-        (&["--pty", "--time-scale", "0"][..], 2, "above 0"),
-        (&["--pty", "--time-scale", "NaN"], 2, "above 0"),
+        (&["--pty", "--time-scale", "0"][..], 2, "0.001 to"),
+        (&["--pty", "--time-scale", "NaN"], 2, "0.001 to"),
+        (&["--pty", "--time-scale", "1e308"], 2, "0.001 to"),
         (&["--tcp", "nowhere"], 2, "is not an address"),
         (&["--pty", "--tcp", "127.0.0.1:0"], 2, "cannot be used with"),
         (&[], 2, "required"),

@@ -317,6 +317,43 @@ async fn a_lost_move_command_is_sent_again() {
 }
 
 #[tokio::test]
+async fn a_device_that_never_hears_a_command_has_not_done_it() {
+    let rig = Rig::new();
+    let stage = rig.homed().await;
+    // It has had a reference all along, and stands still without a flag: as after a homing.
+    rig.faults.on(" home", LineFault::LoseCommand, 1000);
+    let error = stage.home(ThetaC).await.unwrap_err();
+    assert!(matches!(error, StageError::NoReply(_)), "{error:?}");
+    rig.faults.on(" move abs", LineFault::LoseCommand, 1000);
+    let error = stage
+        .move_to(ThetaC, Angle::from_deg(20.0))
+        .await
+        .unwrap_err();
+    assert!(matches!(error, StageError::NoReply(_)), "{error:?}");
+}
+
+#[tokio::test]
+async fn infinity_is_no_limit_and_no_speed() {
+    for (asked, word) in [
+        ("get limit.max", "inf"),
+        ("get limit.min", "-inf"),
+        ("get maxspeed", "NaN"),
+        ("get limit.cycle.dist", "inf"),
+    ] {
+        let rig = Rig::new();
+        rig.faults.on(asked, LineFault::Says(word.into()), 1);
+        // A device that does not tell its microsteps may be told them by the settings.
+        let error = rig.connect_with(settings()).await.err().unwrap();
+        let unreadable = matches!(&error, StageError::Unreadable { answer, .. } if answer == word);
+        let no_scale = matches!(&error, StageError::NoScale { .. });
+        assert!(
+            unreadable && asked != "get limit.cycle.dist" || no_scale,
+            "{asked}: {error:?}"
+        );
+    }
+}
+
+#[tokio::test]
 async fn lost_and_garbled_polls_are_asked_again() {
     arrives_in_spite_of("get pos", LineFault::LoseReply, 2).await;
     arrives_in_spite_of("get pos", LineFault::GarbleReply, 3).await;
@@ -570,7 +607,7 @@ async fn a_stop_in_mid_homing_leaves_the_axis_without_reference() {
         matches!(error, StageError::NotReferenced { .. }),
         "{error:?}"
     );
-    assert!(error.needs_homing());
+    assert_eq!(error.axis_to_home(), Some(ThetaC));
 }
 
 #[tokio::test]

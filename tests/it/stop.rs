@@ -1,28 +1,39 @@
 //! The stop, where it is hardest: without a link, beside keys, with bodies that are none.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use axum::body::Body;
-use ridged::bench::AxisName::PhiS;
+use futures::FutureExt;
+use ridged::bench::AxisName::{PhiS, ThetaC};
+use ridged::bench::port::{Port, PortSeam};
 use ridged::cli::simulated::{SimulatedRig, Simulation};
-use ridged::clock::{Clock, SteppedClock};
-use ridged::lab::{Lab, LabError};
+use ridged::clock::{Clock, ScaledClock, SteppedClock};
+use ridged::lab::{Lab, LabError, ScanRequest};
 use ridged::scan::event::RigActivity;
+use ridged::scan::plan::{DarkRequest, FlatRequest};
 use ridged::scan::runner::Order;
-use ridged::scan::{Event, Rig, ScanState, StageLink};
+use ridged::scan::{Event, PlanRequest, Rig, ScanState, StageLink};
 use ridged::sim::faults::{LineFault, ScriptedFaults};
 use ridged::store::disk::RealDisk;
 use ridged::units::Angle;
 use tower::ServiceExt;
 
 use crate::bench_in_a_box::{BenchInABox, small};
+use crate::cut_short::by_hand;
 use crate::http::{is_problem, opened, request, send};
 
 /// A lab whose line to the stages can be disturbed. Time stands still while nobody waits, so what moves goes on moving.
 async fn disturbed(change: impl FnOnce(&mut StageLink)) -> (Lab, SimulatedRig, tempfile::TempDir) {
+    disturbed_on(Arc::new(SteppedClock::new()), change).await
+}
+
+async fn disturbed_on(
+    clock: Arc<dyn Clock>,
+    change: impl FnOnce(&mut StageLink),
+) -> (Lab, SimulatedRig, tempfile::TempDir) {
     let folder = tempfile::tempdir().unwrap();
-    let clock: Arc<dyn Clock> = Arc::new(SteppedClock::new());
     let (rig, mut parts) = SimulatedRig::with_clock(Simulation::default(), clock).unwrap();
     let mut link = parts.rig.link().clone();
     change(&mut link);
@@ -145,6 +156,112 @@ async fn a_scan_that_lost_its_stage_leaves_the_port_to_the_stop() {
     bench.lab.stop().await.unwrap();
     hands.abort();
     bench.end().await;
+}
+
+/// Counts how often a port is opened.
+#[derive(Default)]
+struct Openings(AtomicUsize);
+
+impl PortSeam for Openings {
+    fn wrap(&self, port: Box<dyn Port>) -> Box<dyn Port> {
+        self.0.fetch_add(1, Ordering::SeqCst);
+        port
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_silent_controller_is_asked_once_for_all_who_wait() {
+    let openings = Arc::new(Openings::default());
+    let seam = Arc::clone(&openings);
+    let (lab, rig, _folder) = disturbed(|link| link.seam = seam).await;
+    for axis in [ThetaC, PhiS] {
+        rig.world.set_powered(axis, false);
+    }
+    let views = futures::future::join_all((0..12).map(|_| lab.rig())).await;
+    for view in views {
+        let (code, why) = view.unwrap().problem.unwrap();
+        assert_eq!(code, "stage-silent", "{why}");
+    }
+    // The first one's, and at most one more for those who came as it was given up.
+    let opened = openings.0.load(Ordering::SeqCst);
+    assert!(opened <= 2, "opened {opened} times");
+    lab.shut_down().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_motion_that_nobody_waits_for_any_more_does_not_begin() {
+    let (lab, rig, _folder) = disturbed(|_| {}).await;
+    for axis in [ThetaC, PhiS] {
+        rig.world.set_powered(axis, false);
+    }
+    // The client gives up while the controller is silent, and the controller comes on a moment later.
+    assert!(lab.home(ThetaC).now_or_never().is_none());
+    for axis in [ThetaC, PhiS] {
+        rig.world.set_powered(axis, true);
+    }
+    let view = lab.rig().await.unwrap();
+    assert!(view.connected, "{:?}", view.problem);
+    assert_eq!(view.activity, RigActivity::Idle);
+    assert!(!view.axes[0].1.homed && !rig.world.is_moving());
+    lab.shut_down().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_abort_that_does_not_reach_the_stages_says_so() {
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let scan = bench.start(small(&[0.0, 10.0], &[0.0])).await;
+    bench.until(scan.id, ScanState::WaitingForOperator).await;
+    for axis in [ThetaC, PhiS] {
+        bench.rig.world.set_powered(axis, false);
+    }
+    let told = bench.lab.order(scan.id, Order::Abort).await.unwrap_err();
+    assert!(matches!(told, LabError::AbortedInMotion { .. }), "{told}");
+    let told = told.to_string();
+    assert!(
+        told.contains("is aborted") && told.contains("emergency switch"),
+        "{told}"
+    );
+    let scan = bench.lab.store().scan(scan.id).await.unwrap();
+    assert_eq!(scan.state, ScanState::Aborted);
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scan_that_cannot_be_recorded_leaves_nothing_moving() {
+    // Slowly enough that somebody can come in the middle of a move.
+    let clock: Arc<dyn Clock> = Arc::new(ScaledClock::new(2.0));
+    let (lab, rig, folder) = disturbed_on(clock, |_| {}).await;
+    rig.stock(&lab).await.unwrap();
+    let plan = PlanRequest {
+        dark: DarkRequest { repeats: Some(0) },
+        flat: FlatRequest {
+            repeats: Some(0),
+            ..FlatRequest::default()
+        },
+        ..small(&[-55.0, 55.0], &[0.0])
+    };
+    let mut events = lab.events();
+    let request = ScanRequest { sample_id: 2, plan };
+    let scan = lab.start_scan(&request).await.unwrap();
+    let hands = rig.hands(&lab, true);
+    loop {
+        if let Event::Frame { .. } = events.recv().await.unwrap().event {
+            break;
+        }
+    }
+    by_hand(
+        folder.path(),
+        "CREATE TRIGGER full BEFORE INSERT ON scan_states BEGIN SELECT RAISE(ABORT, 'full'); END",
+    )
+    .await;
+    while !rig.world.is_moving() {
+        tokio::task::yield_now().await;
+    }
+    let refused = lab.order(scan.id, Order::Pause).await.unwrap_err();
+    assert_eq!(refused.code(), "store-failed", "{refused}");
+    assert!(!rig.world.is_moving());
+    hands.abort();
+    lab.shut_down().await;
 }
 
 #[tokio::test(flavor = "multi_thread")]

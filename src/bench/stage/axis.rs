@@ -136,7 +136,7 @@ impl Axis {
     }
 
     async fn learn_scale(&mut self) -> Result<(), StageError> {
-        let told: Option<f64> = match self.get_number(1, "limit.cycle.dist").await {
+        let told: Option<f64> = match self.get_finite(1, "limit.cycle.dist").await {
             Ok(counts) => Some(counts).filter(|c| *c > 0.0),
             Err(StageError::Refused { .. } | StageError::Unreadable { .. }) => None,
             Err(error) => return Err(error),
@@ -164,8 +164,8 @@ impl Axis {
         );
         let (low, high) = (self.counts(needed.0), self.counts(needed.1));
         let (low, high) = (low.min(high), low.max(high));
-        let min: f64 = self.get_number(1, "limit.min").await?;
-        let max: f64 = self.get_number(1, "limit.max").await?;
+        let min = self.get_finite(1, "limit.min").await?;
+        let max = self.get_finite(1, "limit.max").await?;
         if min <= low as f64 && max >= high as f64 {
             return Ok(());
         }
@@ -195,7 +195,7 @@ impl Axis {
             if let Some(wanted) = wanted {
                 self.ask(1, &format!("set {name} {wanted:.0}")).await?;
             }
-            let found: f64 = self.get_number(1, name).await?;
+            let found = self.get_finite(1, name).await?;
             if let Some(expected) = wanted
                 && (found - expected).abs() > 1.0
             {
@@ -273,14 +273,30 @@ impl Axis {
         self.number(&command, &reply.data)
     }
 
+    /// The same of a quantity that is finite: `inf` and `nan` are words to a parser, and no answer.
+    async fn get_finite(&self, axis: u8, name: &str) -> Result<f64, StageError> {
+        let command = format!("get {name}");
+        let reply = self.ask(axis, &command).await?;
+        let value: f64 = self.number(&command, &reply.data)?;
+        match value.is_finite() {
+            true => Ok(value),
+            false => Err(self.unreadable(&command, reply.data)),
+        }
+    }
+
     fn number<N: std::str::FromStr>(&self, command: &str, data: &str) -> Result<N, StageError> {
         // A device scope gives one value per axis; the first is ours.
         let word = data.split_ascii_whitespace().next().unwrap_or_default();
-        word.parse().map_err(|_| StageError::Unreadable {
+        word.parse()
+            .map_err(|_| self.unreadable(command, data.to_owned()))
+    }
+
+    fn unreadable(&self, command: &str, answer: String) -> StageError {
+        StageError::Unreadable {
             axis: self.name,
             command: command.to_owned(),
-            answer: data.to_owned(),
-        })
+            answer,
+        }
     }
 
     /// Position, activity and highest flag in one exchange.
@@ -296,11 +312,7 @@ impl Axis {
     /// All flags that are up.
     pub async fn flags(&self) -> Result<Vec<Flag>, StageError> {
         let reply = self.ask(1, "warnings").await?;
-        decode_warnings(&reply.data).map_err(|_| StageError::Unreadable {
-            axis: self.name,
-            command: "warnings".to_owned(),
-            answer: reply.data,
-        })
+        decode_warnings(&reply.data).map_err(|_| self.unreadable("warnings", reply.data))
     }
 
     /// Notices a restart of the device: its uptime falls.
@@ -529,17 +541,30 @@ impl Axis {
             attempt += 1;
             match self.line.command_once(&self.command(1, words), stops).await {
                 Ok(reply) => return self.accepted(words, reply).map(|_| ()),
-                Err(LineError::NoReply { .. }) => {}
+                Err(error @ LineError::NoReply { .. }) => {
+                    let look = self.look().await?;
+                    self.check_stop(stops)?;
+                    let under_way = look.activity == Activity::Busy;
+                    let there = goal.is_some_and(|goal| self.is_there(&look, goal));
+                    if under_way || there {
+                        return Ok(());
+                    }
+                    // It answers what it is asked, and does not do what it is told.
+                    if attempt == ATTEMPTS {
+                        return Err(error.into());
+                    }
+                }
                 Err(error) => return Err(error.into()),
             }
-            let look = self.look().await?;
-            self.check_stop(stops)?;
-            let under_way = look.activity == Activity::Busy;
-            let there = goal.is_some_and(|goal| self.is_there(&look, goal));
-            if under_way || there || attempt == ATTEMPTS {
-                return Ok(());
-            }
         }
+    }
+
+    /// Switches the motor's driver on where the flags say that it is off. Nothing moves by that.
+    pub async fn enable_driver(&self) -> Result<(), StageError> {
+        if self.flags().await?.into_iter().any(Flag::is_driver_off) {
+            self.ask(1, "driver enable").await?;
+        }
+        Ok(())
     }
 
     /// Brings an axis to rest that moves without our doing: a move whose future was dropped, or a

@@ -234,18 +234,18 @@ impl StageError {
         )
     }
 
-    /// Whether the axis has to be homed before it can move again.
+    /// The axis that has to be homed before its position can be trusted again.
     #[must_use]
-    pub fn needs_homing(&self) -> bool {
-        matches!(
-            self,
-            StageError::NotReferenced { .. }
-                | StageError::PowerCycled { .. }
-                | StageError::Stalled { .. }
-                | StageError::HomingFailed { .. }
-                | StageError::Fault { .. }
-                | StageError::Missed { .. }
-        )
+    pub fn axis_to_home(&self) -> Option<AxisName> {
+        match *self {
+            StageError::NotReferenced { axis }
+            | StageError::PowerCycled { axis }
+            | StageError::Stalled { axis, .. }
+            | StageError::HomingFailed { axis, .. }
+            | StageError::Fault { axis, .. }
+            | StageError::Missed { axis, .. } => Some(axis),
+            _ => None,
+        }
     }
 }
 

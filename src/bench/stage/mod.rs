@@ -213,6 +213,15 @@ impl Stage {
         })
     }
 
+    /// Switches the motor driver of an axis on where its flags say that it is off (an emergency stop, a power
+    /// failure). Moves nothing. For who was asked by a person: a driver that is off may protect somebody's hands.
+    ///
+    /// # Errors
+    /// [`StageError::Refused`] while the cause is still there, or a device that does not answer.
+    pub async fn enable_driver(&self, axis: AxisName) -> Result<(), StageError> {
+        self.axis(axis).enable_driver().await
+    }
+
     /// Lets an axis find its reference position. It moves to the end of its travel.
     ///
     /// # Errors

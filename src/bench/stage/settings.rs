@@ -14,6 +14,8 @@ use crate::units::Angle;
 const SPEED_GUESS_DEG_S: f64 = 20.0;
 /// Acceleration assumed likewise.
 const ACCELERATION_GUESS_DEG_S2: f64 = 60.0;
+/// No motion is predicted to take longer, whatever speed a device says it has.
+const LONGEST_S: f64 = 1e9;
 
 /// Both axes and the line to them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -331,7 +333,8 @@ impl Rates {
         } else {
             2.0 * (d / a).sqrt()
         };
-        Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)
+        // Also where that is no number; sums and multiples of it do not overflow.
+        Duration::from_secs_f64(seconds.min(LONGEST_S))
     }
 }
 

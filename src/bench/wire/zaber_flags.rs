@@ -76,6 +76,22 @@ macro_rules! flags {
     };
 }
 
+impl Flag {
+    /// Whether it says that the motor's driver is off and stays off until it is enabled.
+    #[must_use]
+    pub fn is_driver_off(self) -> bool {
+        matches!(
+            self,
+            Flag::EmergencyStop
+                | Flag::SupplyVoltage
+                | Flag::DriverOff
+                | Flag::InrushCurrent
+                | Flag::MotorTemperature
+                | Flag::DriverDisabled
+        )
+    }
+}
+
 flags! {
     CriticalSystemError = "FF", Fault, "critical system error; the controller needs service";
     PeripheralNotSupported = "FN", Fault, "the stage plugged in is not supported by this controller";

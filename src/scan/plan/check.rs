@@ -8,6 +8,9 @@ use crate::units::Angle;
 /// Two angles closer than this are the same point.
 const SAME_ANGLE_DEG: f64 = 1e-6;
 
+/// Memory that the frames of one point may take.
+const POINT_BYTES_MAX: u64 = 4_000_000_000;
+
 /// One thing that is wrong with a plan.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PlanProblem {
@@ -133,11 +136,51 @@ impl Plan {
                 format!("{frames} frames are more than the {FRAMES_MAX} that one scan may have"),
             ));
         }
-        if problems.is_empty() {
-            Ok(())
-        } else {
-            Err(PlanError { problems })
-        }
+        none_of(problems)
+    }
+
+    /// Lists the points that have more frames than memory should hold: a point counts as a whole, and until its last
+    /// frame is taken none is written. `frame_bytes` is what one takes.
+    ///
+    /// # Errors
+    /// [`PlanError`] with one entry per kind of frame.
+    pub fn check_points(&self, frame_bytes: u64) -> Result<(), PlanError> {
+        let most = (POINT_BYTES_MAX / frame_bytes.max(1)).max(1);
+        let points = [
+            ("plan.repeats", self.exposures_s.len(), self.repeats),
+            (
+                "plan.dark.repeats",
+                self.all_exposures_s().len(),
+                self.dark.repeats,
+            ),
+            (
+                "plan.flat.repeats",
+                self.flat.exposures_s.len(),
+                self.flat.repeats,
+            ),
+        ];
+        let too_many = points.into_iter().filter_map(|(field, exposures, repeats)| {
+            let frames = exposures as u64 * u64::from(repeats);
+            (frames > most).then(|| {
+                PlanProblem::new(
+                    field,
+                    format!(
+                        "{exposures} exposures × {repeats} repeats are {frames} frames at one point, which is kept as a \
+                         whole; of this camera's, at most {most} ({} GB) are allowed: repeat less, or scan several times",
+                        POINT_BYTES_MAX / 1_000_000_000
+                    ),
+                )
+            })
+        });
+        none_of(too_many.collect())
+    }
+}
+
+fn none_of(problems: Vec<PlanProblem>) -> Result<(), PlanError> {
+    if problems.is_empty() {
+        Ok(())
+    } else {
+        Err(PlanError { problems })
     }
 }
 

@@ -421,6 +421,22 @@ mod tests {
     }
 
     #[test]
+    fn a_point_has_no_more_frames_than_memory_should_hold() {
+        let frame_bytes = 50_000_000;
+        let mut plan = paper();
+        plan.check_points(frame_bytes).unwrap();
+        plan.exposures_s = vec![0.01, 0.02];
+        plan.repeats = 40;
+        plan.check_points(frame_bytes).unwrap();
+        plan.repeats = 41;
+        plan.dark.repeats = 300_000;
+        let error = plan.check_points(frame_bytes).unwrap_err();
+        let fields: Vec<&str> = error.problems.iter().map(|p| p.field.as_str()).collect();
+        assert_eq!(fields, ["plan.repeats", "plan.dark.repeats"]);
+        assert!(error.to_string().contains("82 frames"), "{error}");
+    }
+
+    #[test]
     fn the_order_visits_every_pose_once_and_beats_the_order_of_the_lists() {
         let plan = paper();
         let start = Pose::from_deg(0.0, 0.0);
