@@ -5,24 +5,22 @@
 //! [`crate::model::contrast::predict`] gives. Source: Luongo et al. 2017, section 4 and Fig. 8.
 //! Knows neither frames nor files.
 
+mod scan;
+mod slopes;
 mod stray;
+mod turns;
 
 use serde_json::{Value, json};
 
-use crate::geometry::alike;
 use crate::model::LeftOut;
-use crate::model::contrast::{
-    Contrast, Exposure, Findings, Mean, PAIRS, PAPER_AZIMUTHS_DEG, Table,
-};
-use crate::observation::{Observation, ObservationSet};
+use crate::model::contrast::{Contrast, Findings, Mean, PAIRS, Table};
+use crate::observation::ObservationSet;
 use crate::units::Angle;
 use crate::wording::counted;
+pub use scan::{Kind, Known, Pair, Scan};
+pub use slopes::{Slope, Slopes};
 pub use stray::{Radiances, Stray};
-
-/// Standard uncertainties by which a pair must be brighter than nothing.
-const COVERAGE_FACTOR: f64 = 2.0;
-/// How far a recorded angle may be from the paper's and still count as it.
-const SNAP_DEG: f64 = 0.5;
+pub use turns::{Complete, Turns, lost};
 
 /// No tilt has frames at all three of the paper's azimuths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -34,13 +32,13 @@ pub struct NoContrast;
 /// # Errors
 /// [`NoContrast`] where no tilt was seen at φs = 0°, 90° and 180°.
 pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
-    let stray = Stray::of_flats(set);
-    let (table, stds) = of_observations(set, &stray);
+    let scan = Scan::of(set);
+    let table = Table::of(&scan.exposures());
     if table.lines.is_empty() {
         return Err(NoContrast);
     }
-    let table = table.without_dark(|line, pair| stds[line][pair].michelson.is_nan());
-    let mut report = as_json(&table, Some(&stds));
+    let table = table.without_dark(|line, pair| !scan.is_lit((line, pair)));
+    let mut report = as_json(&table, Some(&scan));
     report["mode"] = json!("measured");
     report["region"] = json!(set.region);
     report["scale"] = json!(if set.white_reference.is_some() {
@@ -48,7 +46,7 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
     } else {
         "arbitrary"
     });
-    report["stray_light"] = json!({"radiance": stray.radiance, "std": stray.std});
+    report["stray_light"] = json!({"radiance": scan.stray.radiance, "std": scan.stray.std});
     let mut warnings = set.warnings.clone();
     if set.white_reference.is_none() {
         warnings.push(
@@ -56,9 +54,10 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
                 .to_owned(),
         );
     }
-    warnings.extend(incomplete(set));
-    let dark = stds.iter().flatten().filter(|std| std.michelson.is_nan());
-    let dark = dark.count();
+    warnings.extend(scan.turns.left_out());
+    warnings.extend(scan.turns.snapped(&scan::poses(set)));
+    let pairs = scan.pairs();
+    let dark = pairs.iter().filter(|pair| !scan.is_lit(**pair)).count();
     if dark > 0 {
         warnings.push(format!(
             "{} no brighter than the stray light is known: no Michelson contrast",
@@ -67,148 +66,61 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
     }
     report["warnings"] = json!(warnings);
     // How wrong: the largest standard uncertainty of a contrast beside the largest contrast.
-    let largest = |all: &mut dyn Iterator<Item = f64>| all.fold(0.0, f64::max);
-    let brightest = largest(
-        &mut table
-            .lines
-            .iter()
-            .flat_map(|l| l.contrast.map(|c| c.absolute)),
-    );
-    let std = largest(&mut stds.iter().flatten().map(|std| std.absolute));
+    let known: Vec<Known> = pairs
+        .iter()
+        .map(|pair| scan.mean(Kind::Absolute, &[*pair]))
+        .collect();
+    let largest = |of: fn(&Known) -> f64| known.iter().map(of).fold(0.0, f64::max);
+    let brightest = largest(|k| k.value);
     report["error"] = json!((brightest > 0.0).then(|| json!({
-        "value": std / brightest,
+        "value": largest(|k| k.std) / brightest,
         "of": "a contrast, of the largest",
     })));
-    report["left_out"] = json!([LeftOut::new(
-        "directions of single pixels",
-        "the region's mean counts as seen from its centre, as in the paper",
-        None,
-    )]);
+    let mut left_out = vec![
+        LeftOut::new(
+            "directions of single pixels",
+            "the region's mean counts as seen from its centre, as in the paper",
+            None,
+        ),
+        LeftOut::new(
+            "lobes narrower than the poses are apart",
+            "what an error of the stages does is told by the radiances of neighbouring poses",
+            None,
+        ),
+    ];
+    left_out.extend(angles_left_out(&known, brightest));
+    report["left_out"] = json!(left_out);
     Ok((table, report))
 }
 
-/// Tilts that are no part of the table since one of the paper's azimuths is missing there, though other tilts have it.
-fn incomplete(set: &ObservationSet) -> Option<String> {
-    let places = places(&set.observations);
-    let mut tilts: Vec<(usize, Angle, [bool; 3])> = Vec::new();
-    for (place, o) in places.iter().zip(&set.observations) {
-        let Some((tilt, azimuth)) = place else {
-            continue;
-        };
-        let at = tilts.iter().position(|t| t.0 == *tilt).unwrap_or_else(|| {
-            tilts.push((*tilt, o.pose.theta_c, [false; 3]));
-            tilts.len() - 1
-        });
-        tilts[at].2[*azimuth] = true;
-    }
-    let left: Vec<String> = tilts
-        .iter()
-        .filter(|(_, _, has)| has.contains(&false))
-        .map(|(_, theta_c, has)| {
-            let missing = has.iter().zip(PAPER_AZIMUTHS_DEG).filter(|(has, _)| !**has);
-            let missing: Vec<String> = missing.map(|(_, deg)| format!("{deg}°")).collect();
-            format!("θc {theta_c} (no signal at φs {})", missing.join(", "))
-        })
-        .collect();
-    (!left.is_empty()).then(|| {
-        format!(
-            "left out of the table and of its means: {}",
-            left.join("; ")
+/// Errors of the stages that are in no uncertainty since no neighbour tells what they do.
+#[must_use]
+pub fn angles_left_out(known: &[Known], largest: f64) -> Option<LeftOut> {
+    let most = known.iter().map(|k| k.may_cost).fold(0.0, f64::max);
+    (most > 0.0).then(|| {
+        LeftOut::new(
+            "errors of the stages where poses have no neighbours",
+            "how the radiance changes with the angle is not known there",
+            (most.is_finite() && largest > 0.0).then(|| most / largest),
         )
     })
 }
 
-/// Standard uncertainties of a pair's contrasts; that of the Michelson contrast is no number where the pair is dark.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Stds {
-    /// Of the absolute contrast.
-    pub absolute: f64,
-    /// Of the Michelson contrast.
-    pub michelson: f64,
-}
-
-/// Tilts within this of each other are one.
-const SAME_TILT: Angle = Angle::from_deg(0.1);
-
-/// Where an observation stands in the paper's table: the number of its tilt and that of its azimuth in
-/// [`PAPER_AZIMUTHS_DEG`]; none for other azimuths. Where several stand at one place, the first counts.
+/// A table as an object; with the `scan` that it was measured in, contrasts and their means have standard uncertainties
+/// (the absolute ones as radiance for a lamp irradiance of 1).
 #[must_use]
-pub fn places(observations: &[Observation]) -> Vec<Option<(usize, usize)>> {
-    let tilts: Vec<Angle> = observations.iter().map(|o| o.pose.theta_c).collect();
-    let tilts = alike(&tilts, SAME_TILT);
-    let mut taken = std::collections::HashSet::new();
-    observations
-        .iter()
-        .zip(tilts)
-        .map(|(o, tilt)| {
-            let azimuth = PAPER_AZIMUTHS_DEG.iter().position(|a| {
-                let off = (o.pose.phi_s - Angle::from_deg(*a)).wrapped();
-                off.abs().deg() <= SNAP_DEG
-            })?;
-            taken.insert((tilt, azimuth)).then_some((tilt, azimuth))
-        })
-        .collect()
-}
-
-/// The contrast table of reduced observations and the standard uncertainty of every contrast: own noise of both, and
-/// what white reference, lamp drift and stray light do to their difference.
-fn of_observations(set: &ObservationSet, stray: &Stray) -> (Table, Vec<[Stds; 2]>) {
-    let radiances = Radiances::of(set, stray);
-    let places = places(&set.observations);
-    let at = |place: (usize, usize)| places.iter().position(|p| *p == Some(place));
-    let tilts = places.iter().flatten().map(|p| p.0).max();
-    let mut exposures: Vec<Exposure> = Vec::new();
-    let mut stds = Vec::new();
-    for tilt in 0..tilts.map_or(0, |last| last + 1) {
-        let [Some(a), Some(b), Some(c)] = [0, 1, 2].map(|azimuth| at((tilt, azimuth))) else {
-            continue;
-        };
-        let three = [a, b, c];
-        let mean: f64 = three
-            .iter()
-            .map(|n| set.observations[*n].pose.theta_c.deg() / 3.0)
-            .sum();
-        let theta_c = Angle::from_deg((mean * 100.0).round() / 100.0);
-        for (n, azimuth) in three.iter().zip(PAPER_AZIMUTHS_DEG) {
-            exposures.push(Exposure {
-                theta_r: Angle::ZERO,
-                theta_c,
-                phi_s: Angle::from_deg(azimuth),
-                radiance: radiances.values[*n],
-            });
-        }
-        stds.push(PAIRS.map(|(_, j, k)| {
-            let (j, k) = (three[j], three[k]);
-            let (a, b) = (&set.observations[j], &set.observations[k]);
-            let white = a.shared.white_reference - b.shared.white_reference;
-            // As in a fit the lamp drifts between the white reference and the sample: one factor for all.
-            let drift = a.shared.led_drift - b.shared.led_drift;
-            let haze = (radiances.per_stray[j] - radiances.per_stray[k]) * stray.std;
-            let signals = a.sigma.hypot(b.sigma).hypot(white).hypot(drift);
-            let (x, y) = (radiances.values[j], radiances.values[k]);
-            let sum = x + y;
-            let hazes = (radiances.per_stray[j] + radiances.per_stray[k]) * stray.std;
-            let of_sum = (a.sigma.hypot(b.sigma) / radiances.gain).hypot(hazes);
-            // ∂/∂x (x − y)/(x + y) = 2y/(x + y)², ∂/∂y = −2x/(x + y)².
-            let own = (y * a.sigma).hypot(x * b.sigma) / radiances.gain;
-            let hazed = (y * radiances.per_stray[j] - x * radiances.per_stray[k]) * stray.std;
-            Stds {
-                absolute: (signals / radiances.gain).hypot(haze),
-                michelson: match sum > COVERAGE_FACTOR * of_sum {
-                    true => 2.0 * own.hypot(hazed) / (sum * sum),
-                    false => f64::NAN,
-                },
+pub fn as_json(table: &Table, scan: Option<&Scan<'_>>) -> Value {
+    let measured = scan.is_some();
+    let uncertain = |entry: &mut Value, pairs: &[Pair]| {
+        if let Some(scan) = scan {
+            for (key, kind) in [
+                ("absolute_std", Kind::Absolute),
+                ("michelson_std", Kind::Michelson),
+            ] {
+                entry[key] = json!(scan.mean(kind, pairs).std);
             }
-        }));
-    }
-    (Table::of(&exposures), stds)
-}
-
-/// A table as an object; `stds` are the standard uncertainties of its contrasts (the absolute ones as radiance
-/// for a lamp irradiance of 1; lines × pairs) where it was measured.
-#[must_use]
-pub fn as_json(table: &Table, stds: Option<&[[Stds; 2]]>) -> Value {
-    let measured = stds.is_some();
+        }
+    };
     let lines: Vec<Value> = table
         .lines
         .iter()
@@ -217,10 +129,7 @@ pub fn as_json(table: &Table, stds: Option<&[[Stds; 2]]>) -> Value {
             let mut contrast = serde_json::Map::new();
             for (pair, (name, ..)) in PAIRS.iter().enumerate() {
                 let mut entry = contrast_json(&line.contrast[pair]);
-                if let Some(stds) = stds {
-                    entry["absolute_std"] = json!(stds[n][pair].absolute);
-                    entry["michelson_std"] = json!(stds[n][pair].michelson);
-                }
+                uncertain(&mut entry, &[(n, pair)]);
                 contrast.insert((*name).to_owned(), entry);
             }
             let mut entry = json!({
@@ -234,11 +143,13 @@ pub fn as_json(table: &Table, stds: Option<&[[Stds; 2]]>) -> Value {
             entry
         })
         .collect();
-    let means = |name: &str, means: &[Mean]| {
+    let means = |name: &str, means: &[Mean], of: &dyn Fn(usize) -> Vec<Pair>| {
         means
             .iter()
-            .map(|m| {
+            .enumerate()
+            .map(|(n, m)| {
                 let mut entry = contrast_json(&m.contrast);
+                uncertain(&mut entry, &of(n));
                 entry[name] = m
                     .setting
                     .parse::<f64>()
@@ -247,12 +158,24 @@ pub fn as_json(table: &Table, stds: Option<&[[Stds; 2]]>) -> Value {
             })
             .collect::<Vec<_>>()
     };
+    let tilt = |n: usize| (0..PAIRS.len()).map(|pair| (n, pair)).collect();
+    let turn = |pair: usize| (0..table.lines.len()).map(|n| (n, pair)).collect();
     let mut mean = json!({
-        "by_theta_c": means("theta_c_deg", &table.by_theta_c),
-        "by_phi_s": means("phi_s_deg", &table.by_phi_s),
+        "by_theta_c": means("theta_c_deg", &table.by_theta_c, &tilt),
+        "by_phi_s": means("phi_s_deg", &table.by_phi_s, &turn),
     });
-    if !measured {
-        mean["by_theta_r"] = json!(means("theta_r_deg", &table.by_theta_r));
+    match scan {
+        Some(scan) => {
+            let pairs = scan.pairs();
+            let of = |kind| scan.mean(kind, &pairs).value;
+            mean["all"] = contrast_json(&Contrast {
+                absolute: of(Kind::Absolute),
+                michelson: of(Kind::Michelson),
+            });
+            uncertain(&mut mean["all"], &pairs);
+            mean["all"]["theta_c_deg"] = json!(scan.turns.theta_c_deg());
+        }
+        None => mean["by_theta_r"] = json!(means("theta_r_deg", &table.by_theta_r, &tilt)),
     }
     json!({
         "lines": lines,
@@ -287,7 +210,8 @@ mod tests {
     use super::*;
     use crate::geometry::{Pose, RigGeometry};
     use crate::material::Material;
-    use crate::observation::Prior;
+    use crate::model::contrast::PAPER_AZIMUTHS_DEG;
+    use crate::observation::{Observation, Prior, SharedErrors};
 
     /// One tilt at the paper's azimuths; the signals are radiances.
     fn seen(signals: [f64; 3], sigma: f64, stray_std: f64) -> Value {
@@ -329,5 +253,123 @@ mod tests {
         let lit = line["90-180"]["michelson"].as_f64().unwrap();
         // Nor a part in a mean.
         assert_eq!(report["mean"]["by_theta_c"][0]["michelson"], lit);
+    }
+
+    fn lobe(tilt_rad: f64, azimuth_rad: f64) -> f64 {
+        let lean = tilt_rad - 0.12 * (azimuth_rad - 0.3).cos();
+        0.1 + 0.3 * (-(lean / 0.2).powi(2)).exp()
+    }
+
+    /// That lobe every 2° and 15°, by stages whose angles are known to `zero_deg`.
+    fn lobes(zero_deg: f64) -> ObservationSet {
+        let zero = Angle::from_deg(zero_deg);
+        let at = |(tilt_deg, azimuth_deg): (f64, f64)| Observation {
+            shared: SharedErrors {
+                theta_c_zero: zero,
+                phi_s_zero: zero,
+                ..SharedErrors::default()
+            },
+            ..Observation::new(
+                Pose::from_deg(tilt_deg, azimuth_deg),
+                lobe(tilt_deg.to_radians(), azimuth_deg.to_radians()),
+                1e-9,
+            )
+        };
+        let tilts = (-6..=6).map(|n| 2.0 * f64::from(n));
+        let poses = tilts.flat_map(|tilt| (0..24).map(move |n| (tilt, 15.0 * f64::from(n))));
+        ObservationSet::bare(
+            RigGeometry::IN_PLANE,
+            Material::exactly(1.54, 0.0),
+            poses.map(at).collect(),
+            Prior {
+                mean: 0.0,
+                std: 0.0,
+            },
+        )
+    }
+
+    /// What is added to the recorded θc and φs at a pose (rad).
+    type AngleError<'a> = &'a dyn Fn(&Pose) -> [f64; 2];
+
+    #[test]
+    fn errors_of_the_stages_are_common_to_all_poses_and_do_not_average_out() {
+        let set = lobes(0.02);
+        let scan = Scan::of(&set);
+        let zero = 0.02_f64.to_radians();
+        // Source by source: the tilt's zero and its range, the rotation's zero and its eccentricity.
+        let sources: [AngleError<'_>; 5] = [
+            &|_| [zero, 0.0],
+            &|p| [zero * p.theta_c.deg() / 12.0, 0.0],
+            &|_| [0.0, zero],
+            &|p| [0.0, zero * p.phi_s.rad().sin()],
+            &|p| [0.0, zero * p.phi_s.rad().cos()],
+        ];
+        let moved = sources.map(|source| {
+            let mut moved = set.clone();
+            for o in &mut moved.observations {
+                let [tilt, turn] = source(&o.pose);
+                o.signal = lobe(o.pose.theta_c.rad() + tilt, o.pose.phi_s.rad() + turn);
+            }
+            moved
+        });
+        let all = scan.pairs();
+        let single = all.iter().map(|pair| vec![*pair]);
+        for pairs in single.chain([all.clone()]) {
+            for kind in [Kind::Absolute, Kind::Michelson] {
+                let known = scan.mean(kind, &pairs);
+                let change =
+                    |moved: &ObservationSet| Scan::of(moved).mean(kind, &pairs).value - known.value;
+                let expected = moved.iter().map(change).fold(0.0, f64::hypot);
+                assert!(expected > 1e-6, "{pairs:?} {expected}");
+                // Neighbours tell slopes to some parts in a hundred, one-sided ones at the ends of the tilts worse.
+                let ratio = known.std / expected;
+                let (least, most) = match pairs.len() {
+                    1 => (0.85, 1.3),
+                    _ => (0.95, 1.1),
+                };
+                assert!(ratio > least && ratio < most, "{pairs:?} {kind:?}: {ratio}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_no_neighbour_tells_is_left_out_and_not_counted_as_nothing() {
+        let set = lobes(0.02);
+        let kept = |keep: fn(&Pose) -> bool| {
+            let mut few = set.clone();
+            few.observations.retain(|o| keep(&o.pose));
+            measure(&few).unwrap().1
+        };
+        let named = |report: &Value| {
+            let list = report["left_out"].as_array().unwrap().clone();
+            list.into_iter()
+                .find(|l| l["what"] == "errors of the stages where poses have no neighbours")
+        };
+        assert_eq!(named(&kept(|_| true)), None);
+        // The paper's azimuths alone: tilts bound what a turn can do.
+        let paper = kept(|p| (p.phi_s.deg() / 90.0).fract() == 0.0);
+        let cost = named(&paper).unwrap()["cost"].as_f64().unwrap();
+        assert!(cost > 0.0 && cost < 0.05, "{cost}");
+        // A single tilt: nobody knows.
+        let one = kept(|p| p.theta_c == Angle::ZERO);
+        assert!(named(&one).unwrap()["cost"].is_null());
+    }
+
+    #[test]
+    fn an_azimuth_that_stands_for_another_is_named_and_costs_what_it_changes() {
+        let exact = measure(&lobes(0.0)).unwrap().1;
+        let mut beside = lobes(0.0);
+        for o in &mut beside.observations {
+            o.pose.phi_s = o.pose.phi_s - Angle::from_deg(0.4);
+        }
+        let off = measure(&beside).unwrap().1;
+        let said = |report: &Value| report["warnings"].to_string();
+        assert!(!said(&exact).contains("stand for"), "{}", said(&exact));
+        assert!(said(&off).contains("φs 89.600° for 90°"), "{}", said(&off));
+        let std = |report: &Value| report["mean"]["all"]["absolute_std"].as_f64().unwrap();
+        let value = |report: &Value| report["mean"]["all"]["absolute"].as_f64().unwrap();
+        assert!(std(&exact) < 1e-8, "{}", std(&exact));
+        assert!(std(&off) > 1e-5, "{}", std(&off));
+        assert_eq!(value(&off), value(&exact));
     }
 }

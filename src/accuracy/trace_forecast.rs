@@ -141,6 +141,9 @@ fn few(prepared: &Prepared, asked: Asked, photons: u64, patience: Patience<'_>) 
 
 /// Forecasts a run of the scene's photons, or of as many as the target error needs (no more than those).
 ///
+/// Where patience ends within the look at the surface it is a bound: the pace of the beginning of a look, and of photons
+/// without one, are those of the costliest.
+///
 /// Two short runs part what a run costs at its start (shapes, first hits) from what a photon costs; the
 /// error falls with the root of the photons once the bins that matter have been hit. Where patience ends
 /// early the forecast is of the runs by then, and none where not even the first came to anything.
@@ -195,7 +198,11 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
     };
     let Some(little) = better(small) else {
         let spent_s = begun.elapsed().as_secs_f64();
-        return of_slow_start(prepared, looked.whole_s(spent_s), asked, patience);
+        let told = of_slow_start(prepared, looked.whole_s(spent_s), asked, patience)?;
+        return Some(Forecast {
+            at_most: true,
+            ..told
+        });
     };
     let more = better(large).filter(|more| more.photons > little.photons);
     let known = more.unwrap_or(little);
@@ -305,12 +312,17 @@ pub fn of_runs(
             ..told
         });
     }
+    let at_most = found.iter().any(|f| f.at_most);
     let share = count as f64 / found.len() as f64;
     let seconds = share * found.iter().map(|f| f.seconds).sum::<f64>();
     let counted = found.iter().filter_map(|f| f.amount.as_ref());
     let photons = share * counted.map(|a| a.count as f64).sum::<f64>();
     let first = found.into_iter().next()?;
-    let forecast = Forecast { seconds, ..first };
+    let forecast = Forecast {
+        seconds,
+        at_most,
+        ..first
+    };
     Some(forecast.for_work(photons as u64, "photons"))
 }
 
@@ -361,6 +373,25 @@ mod tests {
         let forecast = told(f64::INFINITY, false).unwrap();
         assert_eq!(forecast.amount.as_ref().unwrap().count, 40_000);
         assert!(!forecast.at_most && forecast.seconds > 0.0, "{forecast:?}");
+    }
+
+    #[test]
+    fn a_run_whose_look_at_its_surface_outlasts_all_patience_is_bounded_not_estimated() {
+        let text = "[light]\ntheta_i_deg = 60.0\n[[interface]]\nshape = \"beckmann\"\nalpha_u = 0.3\nalpha_v = 0.3\n\
+                    cells = 400\nbelow = { n = 1.5 }\n[run]\nphotons = 4_000_000\n";
+        let scene = crate::trace::scene::Scene::parse(text).unwrap();
+        let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
+        let cancel = &AtomicBool::new(false);
+        // A look at 320,000 triangles takes many times this; the first photons do not.
+        let told = |seconds| of_run(&prepared, Asked::ALL, Patience { seconds, cancel });
+        let told: Vec<Forecast> = [0.001, 0.003].into_iter().filter_map(told).collect();
+        assert!(!told.is_empty());
+        for told in told {
+            assert!(
+                told.at_most && told.to_string().starts_with("at most"),
+                "{told}"
+            );
+        }
     }
 
     #[test]

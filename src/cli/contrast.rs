@@ -16,7 +16,7 @@ use compare::Comparison;
 
 use super::limits::{PredictionLimits, Stopwatch};
 use super::prediction::{Model, Scene};
-use super::{CliError, answer, daemon, interrupt, place};
+use super::{CliError, answer, daemon, inputs, interrupt, place};
 use crate::contrast::{as_json, measure, rounded_deg};
 use crate::forecast::Expected;
 use crate::model::LeftOut;
@@ -93,11 +93,17 @@ fn of_predictions(arg: clap::Arg) -> clap::Arg {
 /// result where the series has no pose at the paper's azimuths or a file cannot be written.
 pub fn run(args: Args) -> Result<(), CliError> {
     args.svg.as_deref().map_or(Ok(()), place::for_file)?;
+    if let (Some(svg), Some(compared)) = (&args.svg, &args.compare) {
+        inputs::not_the_input(svg, compared)?;
+    }
     let started = Instant::now();
     let region = args.region.as_deref();
     let (table, mut report) = match (&args.dir, args.scan) {
         (Some(dir), _) => {
             let series = Series::open(dir).map_err(CliError::bad_input)?;
+            if let Some(svg) = &args.svg {
+                inputs::no_file_of_series(svg, &series)?;
+            }
             measured(&series, region)?
         }
         (None, Some(scan)) => measured(&daemon::stored_series(&args.data, scan)?, region)?,
@@ -287,6 +293,18 @@ fn as_text(table: &Table, report: &Value, compared: Option<&Comparison>) -> Stri
             })
             .collect();
         let _ = writeln!(text, "mean by {name}: {}", list.join("   "));
+    }
+    if !predicted {
+        let all = &report["mean"]["all"];
+        let of = |key: &str| all[key].as_f64().unwrap_or(f64::NAN);
+        let _ = writeln!(
+            text,
+            "mean of all: {:.4} ± {:.1e} ({} ± {:.1e}), as judge has it",
+            of("absolute"),
+            of("absolute_std"),
+            michelson(of("michelson")),
+            of("michelson_std"),
+        );
     }
     if let Some(f) = table.findings() {
         let word = |b: bool| if b { "yes" } else { "no" };

@@ -11,13 +11,13 @@ mod stack;
 mod visibility;
 
 use std::borrow::Cow;
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, anyhow};
 
 use super::CliError;
+use super::inputs::same_file;
 use crate::wording::refusals::other_separator;
 
 /// Evaluates closed forms over a table.
@@ -226,12 +226,6 @@ fn evaluate(table: &Table, cases: &Path, out: &Path) -> Result<(usize, usize), C
         .with_context(|| format!("cannot write {}", out.display()))
         .map_err(CliError::no_result)?;
     Ok((rows, refused))
-}
-
-/// Whether two names are of one file, by whatever links: rows are read while answers are written.
-fn same_file(a: &Path, b: &Path) -> bool {
-    let identity = |path: &Path| path.metadata().map(|m| (m.dev(), m.ino()));
-    matches!((identity(a), identity(b)), (Ok(a), Ok(b)) if a == b)
 }
 
 #[cfg(test)]

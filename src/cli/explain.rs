@@ -15,8 +15,9 @@ use crate::accuracy::proof::{Proof, of_scene as of_scene_proof};
 use crate::accuracy::trace_forecast::{Asked, Patience, of_run};
 use crate::forecast::Forecast;
 use crate::map;
+use crate::material::Material;
 use crate::model::LeftOut;
-use crate::plan::{self, Basis, Plan};
+use crate::plan::{self, Basis, Decision, Plan};
 use crate::reduction::{self, ReductionError};
 use crate::series::Series;
 use crate::trace::scene::Scene;
@@ -125,7 +126,8 @@ fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
     let started = Instant::now();
     let series = Series::open(folder).map_err(CliError::bad_input)?;
     reducible(&series)?;
-    let plan = plan::series::plan(series.manifest(), series.rows(), tolerance);
+    let mut plan = plan::series::plan(series.manifest(), series.rows(), tolerance);
+    leave_to_the_data(&mut plan, &series.manifest().material());
     let frames = series.rows().len();
     let cancel = super::interrupt::flag()?;
     Ok(Explanation {
@@ -145,6 +147,21 @@ fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
         proof: None,
         program: program(),
     })
+}
+
+/// Before a frame is read nobody knows whether double reflections on plastic were polarised when the frames were made: a fit
+/// tries both.
+fn leave_to_the_data(plan: &mut Plan, material: &Material) {
+    let plastic = matches!(material, Material::Dielectric { .. });
+    let polarisation = |d: Decision| plastic && d == Decision::Polarisation;
+    for choice in &mut plan.decisions {
+        if polarisation(choice.decision) && choice.included {
+            choice.why.push_str(
+                ", unless the data are explained better without it (as those of a renderer that knows no polarisation): then \
+                 the fit lists it under what was left out",
+            );
+        }
+    }
 }
 
 fn of_map(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
@@ -286,5 +303,23 @@ fn print(e: &Explanation, out: &mut dyn Write) -> std::io::Result<()> {
     match &e.proof {
         Some(proof) => super::accuracy::print_proofs(std::slice::from_ref(proof), out),
         None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn polarisation_on_plastic_is_planned_with_what_a_fit_may_say_of_it() {
+        let of = |name: &str, tolerance: f64| {
+            let folder = Path::new("tests/data/series").join(name);
+            let explanation = of_series(&folder, tolerance).unwrap();
+            let choice = explanation.plan.on(Decision::Polarisation).unwrap();
+            (choice.included, choice.why.contains("unless the data"))
+        };
+        assert_eq!(of("paper-rig-full", 1e-3), (true, true));
+        assert_eq!(of("paper-rig-full", 0.5), (false, false));
+        assert_eq!(of("steel-15", 1e-3), (true, false));
     }
 }

@@ -10,9 +10,10 @@ use super::{CliError, answer, daemon, interrupt};
 use crate::analysis::AnalysisOptions;
 use crate::fit::FitOptions;
 use crate::fit::traced::TracingOptions;
-use crate::judge::{Judgement, Specification, VerdictReport};
+use crate::frame::FrameKind;
+use crate::judge::{Specification, VerdictReport};
 use crate::reduction::FrameSource;
-use crate::series::Series;
+use crate::series::{FrameRow, Series};
 use crate::wording::{decimals, significant, stated, toml_text};
 
 /// Measures a series and judges it against a specification: pass, fail or cannot tell.
@@ -92,8 +93,18 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let cancel = interrupt::flag()?;
     let expected_s = foretell(source.as_ref(), &mut options, &cancel);
     let analysis = watched(source.as_ref(), &options, expected_s, &cancel)?;
-    let verdict = VerdictReport::new(&specification, &analysis.report, &analysis.observations);
-    answer::put(args.json, &verdict, || table(&verdict.judgement))
+    let samples = source
+        .rows()
+        .iter()
+        .filter(|row| row.kind == FrameKind::Sample);
+    let planned: Vec<_> = samples.map(FrameRow::pose).collect();
+    let verdict = VerdictReport::new(
+        &specification,
+        &analysis.report,
+        &analysis.observations,
+        &planned,
+    );
+    answer::put(args.json, &verdict, || table(&verdict))
 }
 
 /// Columns as wide as what stands in them; numbers to the right, words to the left, nothing after the last.
@@ -118,7 +129,8 @@ fn columns<const N: usize>(rows: &[[String; N]]) -> String {
     text
 }
 
-fn table(judgement: &Judgement) -> String {
+fn table(verdict: &VerdictReport) -> String {
+    let judgement = &verdict.judgement;
     let none = || "–".to_owned();
     let mut rows = vec![
         [
@@ -161,6 +173,13 @@ fn table(judgement: &Judgement) -> String {
         judgement.specification, judgement.verdict, judgement.decision_rule
     );
     text.push_str(&columns(&rows));
+    if let Some(tilts) = &verdict.contrast_theta_c_deg {
+        let tilts: Vec<String> = tilts.iter().map(|deg| format!("{deg}°")).collect();
+        text.push_str(&format!(
+            "contrasts are means over θc {}\n",
+            tilts.join(", ")
+        ));
+    }
     for warning in &judgement.warnings {
         text.push_str(&format!("warning: {warning}\n"));
     }

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::inputs;
 use super::{CliError, answer, daemon, interrupt, limits, place};
 use crate::accuracy::map_forecast::of_map;
 use crate::map::folder::{FolderError, map_into};
@@ -23,10 +24,22 @@ Example:
   ridged map tests/data/series/checker --out checker-map --json
 
 Pixels are those of the frames, in the sample's own axes at phi_s = 0 (row 0 at the top, +y up).
-lean_azimuth_deg is the direction in which the facets lean, counter-clockwise from +x. Values are
-not a number where a pixel shows no lobe or cannot be fitted; flags.tif holds the reasons as bits.
+lean_azimuth_deg is the direction in which the facets lean, counter-clockwise from +x, -180 to 180.
+Values are not a number where a pixel shows no lobe or cannot be fitted; flags.tif holds the reasons,
+as a sum of bits (flag_bits in the summary):
+    1 not_converged      the descent did not end at a minimum; no value
+    2 at_bound           a parameter ended on its bound
+    4 not_identifiable   no lobe, or an uncertainty beyond use; no value
+    8 misfit             no single ridged surface explains the pixel
+   16 few_observations   too few are left after masking; no value
+   32 partly_masked      some observations were full, defect or out of the field
+   64 border             next to another lean direction or to the sample's edge
+  128 defect             belongs to a defect of the table
 The uncertainties of the pixels are their own noise; what all pixels share is std_shared in the
-summary.")]
+summary.
+
+Files take their names when all of them are written: Ctrl-C before leaves the folder as it was
+(exit 130), Ctrl-C after leaves a whole map (exit 0).")]
 pub struct Args {
     /// Folder of a recorded series (manifest.toml, frames.csv, frames/).
     #[arg(required_unless_present = "scan", conflicts_with = "scan")]
@@ -63,7 +76,11 @@ pub struct Args {
 /// lobe or files cannot be written; interrupted after Ctrl-C.
 pub fn run(args: Args) -> Result<(), CliError> {
     let source: Box<dyn FrameSource> = match (&args.dir, args.scan) {
-        (Some(dir), _) => Box::new(Series::open(dir).map_err(CliError::bad_input)?),
+        (Some(dir), _) => {
+            let series = Series::open(dir).map_err(CliError::bad_input)?;
+            inputs::no_folder_of_frames(&args.out, &series)?;
+            Box::new(series)
+        }
         (None, scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
     };
     limits::check(&[
@@ -230,4 +247,23 @@ fn table(summary: &Summary, args: &Args) -> String {
         args.out.display()
     ));
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::layers::flag_bits;
+    use clap::Args as _;
+
+    #[test]
+    fn the_help_lists_every_flag_with_its_bit() {
+        let mut command = Args::augment_args(clap::Command::new("map"));
+        let help = command.render_long_help().to_string();
+        for (name, bit) in flag_bits() {
+            assert!(
+                help.contains(&format!("{bit} {name} ")),
+                "{bit} {name}: {help}"
+            );
+        }
+    }
 }

@@ -16,6 +16,7 @@ pub mod explain;
 pub mod export;
 pub mod fit;
 pub mod import;
+mod inputs;
 pub mod interrupt;
 pub mod judge;
 mod limits;

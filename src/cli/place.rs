@@ -10,20 +10,20 @@ use super::CliError;
 /// A file that can be made or written over. What is in it stays as it is.
 ///
 /// # Errors
-/// No result, with the system's reason, where it cannot.
+/// Bad input, with the system's reason, where it cannot.
 pub fn for_file(path: &Path) -> Result<(), CliError> {
     let new = !path.exists();
     let opened = OpenOptions::new().create(true).append(true).open(path);
     opened
         .and_then(|_| if new { fs::remove_file(path) } else { Ok(()) })
         .with_context(|| format!("cannot write {}", path.display()))
-        .map_err(CliError::no_result)
+        .map_err(CliError::bad_input)
 }
 
 /// A folder that takes files; it is made where it is not there.
 ///
 /// # Errors
-/// Bad input for a file in its place; no result, with the system's reason, where it takes none.
+/// Bad input for a file in its place, and, with the system's reason, where it takes none.
 pub fn for_files(folder: &Path) -> Result<(), CliError> {
     if folder.is_file() {
         return Err(CliError::bad_input(anyhow!(
@@ -36,7 +36,7 @@ pub fn for_files(folder: &Path) -> Result<(), CliError> {
         .and_then(|()| fs::write(&probe, []))
         .and_then(|()| fs::remove_file(&probe))
         .with_context(|| format!("cannot write into {}", folder.display()))
-        .map_err(CliError::no_result)
+        .map_err(CliError::bad_input)
 }
 
 #[cfg(test)]
@@ -68,7 +68,7 @@ mod tests {
             for_files(&file.join("below")),
         ];
         for answer in refused {
-            let Err(CliError::NoResult(error)) = answer else {
+            let Err(CliError::BadInput(error)) = answer else {
                 panic!("{answer:?}");
             };
             assert!(format!("{error:#}").contains("cannot write"), "{error:#}");

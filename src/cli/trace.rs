@@ -20,6 +20,7 @@ use task::Task;
 
 use super::limits::Stopwatch;
 use super::{CliError, interrupt};
+use crate::forecast::Forecast;
 use crate::heights;
 use crate::trace::report::Report;
 use crate::trace::run::Shard;
@@ -139,6 +140,20 @@ fn unreached(target: f64, reached: Option<f64>, photons: u64) -> anyhow::Error {
         None => anyhow!(
             "the target error {target} cannot be reached: no light was reflected, or no more than its own noise"
         ),
+    }
+}
+
+/// Says what a run will take. What is only bounded may be far less, so nobody knows if a limit cuts it.
+fn say_forecast(forecast: Forecast, max_seconds: Option<f64>) {
+    if forecast.at_most {
+        super::say(&format_args!(
+            "forecast: {forecast}; likely far less, which shows once it is known where the light falls"
+        ));
+    } else {
+        super::say(&format_args!(
+            "forecast: {}",
+            forecast.drawn_within(max_seconds)
+        ));
     }
 }
 

@@ -9,13 +9,12 @@ mod figure;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
 
 use anyhow::{Context, anyhow};
 use rayon::prelude::*;
 use serde_json::json;
 
-use super::limits::{PathLimits, Trial, Work};
+use super::limits::{PathLimits, Stopwatch, Trial, Work};
 use super::prediction::Scene;
 use super::progress::Bar;
 use super::{CliError, answer, interrupt, place};
@@ -28,6 +27,7 @@ use crate::trace::ridged::{RadianceOptions, RidgedSurface};
 use crate::trace::ridges::Ridges;
 use crate::trace::rng::{Purpose, Stream};
 use crate::trace::tally::Estimate;
+use crate::wording::{counted, significant};
 
 /// Contrast of rounded and burred ridges over the ridge angle, traced: CSV and figure.
 ///
@@ -93,6 +93,19 @@ pub(super) struct Sweep {
     pub points: Vec<Point>,
     /// The paper's ridge angles within the bounds that are none of those.
     pub between: Vec<Point>,
+    /// Steps for which no time was left.
+    pub missing: usize,
+}
+
+/// All wears, and what is to be told of them.
+#[derive(Debug)]
+struct Swept {
+    sweeps: Vec<Sweep>,
+    left_out: Vec<LeftOut>,
+    /// Paths per radiance.
+    paths: u64,
+    /// Whether time decided how many surfaces or paths there are.
+    cut_short: bool,
 }
 
 /// One surface.
@@ -106,10 +119,24 @@ pub(super) struct Point {
     pub contrast: Estimate,
 }
 
+impl Wear {
+    fn name(self) -> String {
+        match self {
+            Wear::Round(0.0) => "none".to_owned(),
+            Wear::Round(x) => format!("edges of radius {x} p"),
+            Wear::Burr(x) => format!("burrs of mean height {x} p"),
+        }
+    }
+}
+
 impl Sweep {
     /// Ridge angle of greatest contrast: the vertex of a parabola through the best point and its
     /// neighbours, and its standard uncertainty from the points' errors.
+    /// `None` where steps are missing: the best may be one of them.
     pub fn optimum(&self) -> Option<Estimate> {
+        if self.missing > 0 {
+            return None;
+        }
         let value = |p: &Point| p.contrast.value;
         let best = (0..self.points.len())
             .max_by(|&a, &b| value(&self.points[a]).total_cmp(&value(&self.points[b])))?;
@@ -160,20 +187,28 @@ impl Sweep {
 pub fn run(args: Args) -> Result<(), CliError> {
     args.out.as_deref().map_or(Ok(()), place::for_files)?;
     let cancel = interrupt::flag()?;
-    let started = Instant::now();
-    let sweeps = sweep(&args, &cancel)?;
+    let watch = Stopwatch::start(args.limits.max_seconds);
+    let swept = sweep(&args, &watch, &cancel)?;
+    let sweeps = &swept.sweeps;
     if let Some(out) = &args.out {
         std::fs::create_dir_all(out)
-            .and_then(|()| std::fs::write(out.join("wear.csv"), csv(&sweeps)))
-            .and_then(|()| std::fs::write(out.join("wear.svg"), figure::draw(&sweeps)))
+            .and_then(|()| std::fs::write(out.join("wear.csv"), csv(sweeps)))
+            .and_then(|()| std::fs::write(out.join("wear.svg"), figure::draw(sweeps)))
             .with_context(|| format!("cannot write to {}", out.display()))
             .map_err(CliError::no_result)?;
     }
-    let seconds = started.elapsed().as_secs_f64();
-    answer::put(args.json, &report(&sweeps, seconds), || table(&sweeps))
+    let seconds = watch.seconds();
+    answer::put(args.json, &report(&swept, seconds), || {
+        let mut text = table(sweeps) + "\n" + &errors_table(sweeps);
+        for left in &swept.left_out {
+            let _ = writeln!(text, "\nleft out: {} ({})", left.what, left.why);
+        }
+        text
+    })?;
+    swept.verdict(args.limits.target_error)
 }
 
-fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
+fn sweep(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Swept, CliError> {
     let bad = |what: String| Err(CliError::bad_input(anyhow!(what)));
     let (low, high, step) = (
         args.theta_r_min_deg,
@@ -217,26 +252,32 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
         alpha_v: surface.alpha_v,
     };
     args.limits.check()?;
-    let surface_of = |n: usize, paths: u64| -> Option<Point> {
-        let theta_r_deg = angles[n % angles.len()];
+    let stopped = || cancel.load(Ordering::Relaxed) || watch.is_late();
+    let ridges_of = |theta_r_deg: f64, wear: Wear| {
         let mut ridges = Ridges::ideal(theta_r_deg.to_radians(), 1.0);
         ridges.seed = args.seed;
-        match wears[n / angles.len()] {
+        match wear {
             Wear::Round(round) => ridges.round = round,
             Wear::Burr(burr) => ridges.burr = burr,
         }
-        let profile = ridges.profile().ok()?;
+        ridges
+    };
+    let surface_of = |n: usize, paths: u64| -> Option<Point> {
+        let theta_r_deg = angles[n % angles.len()];
+        let profile = ridges_of(theta_r_deg, wears[n / angles.len()])
+            .profile()
+            .ok()?;
         let effective = profile.effective_ridge_angle()?.to_degrees();
         let body = (optics.k == 0.0 && surface.rho_d > 0.0).then_some(body);
         let worn = RidgedSurface::new(profile, roughness, [optics.eta, optics.k], body);
         Some(Point {
             theta_r_deg,
             effective_deg: effective,
-            contrast: contrast(&worn, &rig, args, paths),
+            contrast: contrast(&worn, &rig, args, paths, &stopped)?,
         })
     };
     let surfaces = wears.len() * angles.len();
-    let mut paths = args.paths;
+    let (mut paths, mut cut_short) = (args.paths, false);
     if args.limits.is_any() {
         let pilot = |paths: u64| {
             let c = surface_of(surfaces / 2, paths)?.contrast;
@@ -255,7 +296,7 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
         let told = args.limits.plan(&work, &pilot)?;
         if let Some(told) = told {
             super::say(&format_args!("forecast: {}", told.forecast));
-            paths = told.paths;
+            (paths, cut_short) = (told.paths, told.forecast.cut_short);
         }
     }
     let bar = Bar::new("surfaces");
@@ -263,7 +304,7 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
     let points: Vec<Option<Point>> = (0..surfaces)
         .into_par_iter()
         .map(|n| {
-            if cancel.load(Ordering::Relaxed) {
+            if stopped() {
                 return None;
             }
             let point = surface_of(n, paths)?;
@@ -274,25 +315,114 @@ fn sweep(args: &Args, cancel: &AtomicBool) -> Result<Vec<Sweep>, CliError> {
     if cancel.load(Ordering::Relaxed) {
         return Err(CliError::Interrupted);
     }
-    Ok(wears
-        .iter()
-        .zip(points.chunks(angles.len()))
-        .map(|(wear, own)| {
-            let of = |points: &[Option<Point>]| points.iter().flatten().copied().collect();
-            Sweep {
-                wear: *wear,
-                points: of(&own[..count]),
-                between: of(&own[count..]),
-            }
-        })
-        .collect())
+    let late = points.iter().filter(|p| p.is_none()).count();
+    let late = if watch.is_late() { late } else { 0 };
+    if late == surfaces {
+        return Err(CliError::no_result(anyhow!(
+            "no surface was finished in time: allow more seconds"
+        )));
+    }
+    let sweeps = wears.iter().zip(points.chunks(angles.len()));
+    let sweeps = sweeps.map(|(wear, own)| {
+        let of = |points: &[Option<Point>]| points.iter().flatten().copied().collect();
+        let points: Vec<Point> = of(&own[..count]);
+        Sweep {
+            wear: *wear,
+            missing: if late > 0 { count - points.len() } else { 0 },
+            points,
+            between: of(&own[count..]),
+        }
+    });
+    let burrs = wears.iter().filter(|wear| matches!(wear, Wear::Burr(_)));
+    let cuts = burrs.filter_map(|wear| {
+        let all = angles
+            .iter()
+            .map(|theta_r_deg| ridges_of(*theta_r_deg, *wear));
+        let cut = all.filter_map(|r| r.burr_cut().map(|(most, mean)| (r.burr, most, mean)));
+        cut.min_by(|a, b| a.2.total_cmp(&b.2))
+    });
+    Ok(Swept {
+        sweeps: sweeps.collect(),
+        left_out: left_out(late, surfaces, cuts),
+        paths,
+        cut_short: cut_short || late > 0,
+    })
 }
 
-/// Mean absolute contrast over the tilts; every surface sees the same random numbers.
-fn contrast(surface: &RidgedSurface, rig: &RigGeometry, args: &Args, paths: u64) -> Estimate {
+/// What the surfaces do not have, and those for which no time was left. Of burrs that are cut: their mean height as asked
+/// for, that of the cut and the mean that is left, in facet lengths.
+fn left_out(
+    late: usize,
+    surfaces: usize,
+    cuts: impl Iterator<Item = (f64, f64, f64)>,
+) -> Vec<LeftOut> {
+    let mut list = vec![LeftOut::new(
+        "bounces among the facets' own roughness",
+        "below the profile light meets one microfacet per hit, with Smith's masking",
+        None,
+    )];
+    list.extend(cuts.map(|(burr, most, mean)| {
+        LeftOut::new(
+            format!("the tops of burrs of mean height {burr} p"),
+            format!(
+                "a burr leaves room on its facet: those of more than {} p are cut there, so their mean height is {} p",
+                significant(most),
+                significant(mean)
+            ),
+            None,
+        )
+    }));
+    if late > 0 {
+        list.push(LeftOut::new(
+            format!("{late} of {}", counted(surfaces, "surface")),
+            "time was over",
+            None,
+        ));
+    }
+    list
+}
+
+impl Swept {
+    /// The greatest relative standard error of a contrast.
+    fn error(&self) -> f64 {
+        let points = self.sweeps.iter().flat_map(Sweep::all);
+        let relative = points.map(|p| p.contrast.std / p.contrast.value);
+        relative.filter(|e| e.is_finite()).fold(0.0, f64::max)
+    }
+
+    /// Whether what was asked for was reached, where time did not decide.
+    fn verdict(&self, target: Option<f64>) -> Result<(), CliError> {
+        let error = self.error();
+        match target {
+            Some(target) if error > target && !self.cut_short => {
+                let needed = (self.paths as f64 * (error / target).powi(2)).ceil();
+                Err(CliError::no_result(anyhow!(
+                    "the target error {target} was not reached by every contrast: {} paths gave {} at worst; about {} would be \
+                     needed for that (--paths)",
+                    self.paths,
+                    significant(error),
+                    significant(needed)
+                )))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Mean absolute contrast over the tilts; every surface sees the same random numbers. `None` once it is to stop.
+fn contrast(
+    surface: &RidgedSurface,
+    rig: &RigGeometry,
+    args: &Args,
+    paths: u64,
+    stopped: &(dyn Fn() -> bool + Sync),
+) -> Option<Estimate> {
     let tilts = &args.scene.theta_c_deg;
     let (mut sum, mut variance) = (0.0, 0.0);
     for (t, tilt) in tilts.iter().enumerate() {
+        if stopped() {
+            return None;
+        }
         let radiance = [0, 1, 2].map(|a| {
             let index = (3 * t + a) as u64;
             let options = RadianceOptions {
@@ -316,10 +446,10 @@ fn contrast(surface: &RidgedSurface, rig: &RigGeometry, args: &Args, paths: u64)
         variance += parts.map(|(w, e)| (w * e.std).powi(2)).sum::<f64>();
     }
     let n = 2.0 * tilts.len() as f64;
-    Estimate {
+    Some(Estimate {
         value: sum / n,
         std: variance.sqrt() / n,
-    }
+    })
 }
 
 fn csv(sweeps: &[Sweep]) -> String {
@@ -343,11 +473,9 @@ fn csv(sweeps: &[Sweep]) -> String {
     text
 }
 
-fn report(sweeps: &[Sweep], seconds: f64) -> serde_json::Value {
-    let points = sweeps.iter().flat_map(Sweep::all);
-    let relative = points.map(|p| p.contrast.std / p.contrast.value);
-    let error = relative.filter(|e| e.is_finite()).fold(0.0, f64::max);
-    let rows: Vec<serde_json::Value> = sweeps
+fn report(swept: &Swept, seconds: f64) -> serde_json::Value {
+    let rows: Vec<serde_json::Value> = swept
+        .sweeps
         .iter()
         .map(|s| {
             let (round, burr) = match s.wear {
@@ -375,15 +503,12 @@ fn report(sweeps: &[Sweep], seconds: f64) -> serde_json::Value {
         "paper_ridges_deg": PAPER_RIDGES_DEG,
         "sweeps": rows,
         "error": Expected {
-            value: error,
+            value: swept.error(),
             of: "a contrast, at worst".to_owned(),
         },
+        "paths": swept.paths,
         "seconds": seconds,
-        "left_out": [LeftOut::new(
-            "bounces among the facets' own roughness",
-            "below the profile light meets one microfacet per hit, with Smith's masking",
-            None,
-        )],
+        "left_out": swept.left_out,
         "program": concat!("ridged ", env!("CARGO_PKG_VERSION")),
     })
 }
@@ -395,11 +520,7 @@ fn table(sweeps: &[Sweep]) -> String {
          | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
     );
     for sweep in sweeps {
-        let wear = match sweep.wear {
-            Wear::Round(0.0) => "none".to_owned(),
-            Wear::Round(x) => format!("edges of radius {x} p"),
-            Wear::Burr(x) => format!("burrs of mean height {x} p"),
-        };
+        let wear = sweep.wear.name();
         let number = |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{x:.4}"));
         let degrees = |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{x:.1}°"));
         let optimum = match sweep.optimum() {
@@ -423,14 +544,98 @@ fn table(sweeps: &[Sweep]) -> String {
     text
 }
 
+/// Standard errors of the contrasts in [`table`].
+fn errors_table(sweeps: &[Sweep]) -> String {
+    let mut text = String::from(
+        "| standard error of the contrast | at 5° | 10° | 15° | 20° |\n| --- | --- | --- | --- | --- |\n",
+    );
+    for sweep in sweeps {
+        let _ = write!(text, "| {} |", sweep.wear.name());
+        for t in PAPER_RIDGES_DEG {
+            let std = sweep.at(t).map(|p| p.contrast.std);
+            let std = std.map_or("–".to_owned(), |std| format!("{std:.5}"));
+            let _ = write!(text, " {std} |");
+        }
+        text.push('\n');
+    }
+    text
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::cli::parsed;
 
-    fn swept(words: &[&str]) -> Result<Vec<Sweep>, CliError> {
+    fn all_of(words: &[&str]) -> Result<Swept, CliError> {
         let args: Args = parsed(words);
-        sweep(&args, &AtomicBool::new(false))
+        let watch = Stopwatch::start(args.limits.max_seconds);
+        sweep(&args, &watch, &AtomicBool::new(false))
+    }
+
+    fn swept(words: &[&str]) -> Result<Vec<Sweep>, CliError> {
+        all_of(words).map(|swept| swept.sweeps)
+    }
+
+    /// Few surfaces of few paths.
+    const SMALL: &str = "--rounds 0 --burrs --theta-c-deg 0 --theta-r-min-deg 8 --theta-r-max-deg 10 --theta-r-step-deg 1 \
+                         --paths 64";
+
+    #[test]
+    fn surfaces_end_with_the_time_allowed_and_those_not_reached_are_told() {
+        let args: Args = parsed(&SMALL.split(' ').collect::<Vec<_>>());
+        let late = sweep(
+            &args,
+            &Stopwatch::start(Some(1e-9)),
+            &AtomicBool::new(false),
+        );
+        let Err(CliError::NoResult(why)) = late else {
+            panic!("{late:?}");
+        };
+        assert!(why.to_string().contains("in time"), "{why}");
+        let told = left_out(2, 3, std::iter::empty());
+        assert_eq!(told[1].what, "2 of 3 surfaces");
+        // Of steps that are missing the best may be one.
+        let mut whole = swept(&SMALL.split(' ').collect::<Vec<_>>())
+            .unwrap()
+            .remove(0);
+        assert!(whole.missing == 0 && whole.optimum().is_some());
+        (whole.missing, whole.points) = (1, whole.points[..2].to_vec());
+        assert!(whole.optimum().is_none());
+    }
+
+    #[test]
+    fn an_error_that_was_asked_for_and_not_reached_is_no_result_unless_time_was_over() {
+        let mut few = all_of(&SMALL.split(' ').collect::<Vec<_>>()).unwrap();
+        let error = few.error();
+        assert!(error > 0.0 && few.verdict(None).is_ok() && few.verdict(Some(2.0 * error)).is_ok());
+        let Err(CliError::NoResult(why)) = few.verdict(Some(0.5 * error)) else {
+            panic!("{error}");
+        };
+        let why = why.to_string();
+        assert!(
+            why.contains("not reached") && why.contains("about 256"),
+            "{why}"
+        );
+        few.cut_short = true;
+        assert!(few.verdict(Some(0.5 * error)).is_ok());
+        assert_eq!(report(&few, 1.0)["paths"], 64);
+        assert_eq!(errors_table(&few.sweeps).lines().count(), 2 + 1);
+    }
+
+    #[test]
+    fn burrs_that_are_cut_are_told_with_the_height_that_is_left() {
+        let words = SMALL.replace("--burrs", "--burrs 0.02 0.2");
+        let told = all_of(&words.split(' ').collect::<Vec<_>>())
+            .unwrap()
+            .left_out;
+        let [_, cut] = &told[..] else {
+            panic!("{told:?}")
+        };
+        // 0.2 (1 − exp(−0.4/0.2)).
+        assert!(
+            cut.what.contains("0.2 p") && cut.why.contains("0.173 p"),
+            "{cut:?}"
+        );
     }
 
     #[test]
@@ -479,7 +684,15 @@ mod tests {
             assert_eq!((a.contrast, a.effective_deg), (b.contrast, b.effective_deg));
         }
         assert!(coarse.at(20.0).is_none() && fine.between.is_empty());
-        let told = report(&[coarse], 0.0);
+        let told = report(
+            &Swept {
+                sweeps: vec![coarse],
+                left_out: Vec::new(),
+                paths: 64,
+                cut_short: false,
+            },
+            0.0,
+        );
         let effective = &told["sweeps"][0]["effective_deg_at_paper_ridges"];
         assert!(
             (effective[1].as_f64().unwrap() - 10.0).abs() < 0.1 && effective[3].is_null(),

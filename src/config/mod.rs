@@ -261,6 +261,9 @@ impl Config {
             lens_radius_mm: rig.lens_radius_mm,
             sample_wedge_std_deg: rig.sample_wedge_std_deg,
             theta_l_std_deg: rig.theta_l_std_deg,
+            theta_c_std_deg: rig.theta_c_std_deg,
+            phi_s_std_deg: rig.phi_s_std_deg,
+            lamp_drift_std: rig.lamp_drift_std,
             notes: Default::default(),
         }
     }
@@ -470,6 +473,21 @@ mod tests {
         let variable = ("RIDGED_CAMERA__BIT_DEPTH", "10");
         let error = read("[camera]\nsaturation_dn = 4095.0\n", &[variable]);
         assert!(error.unwrap_err().to_string().contains("bit_depth = 10"));
+    }
+
+    #[test]
+    fn how_well_the_stages_and_the_lamp_are_known_goes_into_the_manifests() {
+        let text = "[rig]\ntheta_c_std_deg = 0.1\nphi_s_std_deg = 0.05\nlamp_drift_std = 0.002\n";
+        let rig = read(text, &[]).unwrap().rig_facts();
+        assert_eq!(rig.theta_c_std_deg, Some(0.1));
+        assert_eq!(rig.phi_s_std_deg, Some(0.05));
+        assert_eq!(rig.lamp_drift_std, Some(0.002));
+        assert_eq!(read("", &[]).unwrap().rig_facts().lamp_drift_std, None);
+        let error = read("[rig]\nphi_s_std_deg = 11.0\n", &[]).unwrap_err();
+        let error = error.to_string();
+        for part in ["line 2", "rig.phi_s_std_deg is 11", "0 to 10"] {
+            assert!(error.contains(part), "{part} is not in: {error}");
+        }
     }
 
     #[test]

@@ -72,6 +72,14 @@ pub struct RigSettings {
     pub sample_wedge_std_deg: Option<f64>,
     /// Standard uncertainty of `theta_l_deg`. Default: not stated (and told as left out), 0 to 10.
     pub theta_l_std_deg: Option<f64>,
+    /// Standard uncertainty of the tilt's angle beyond the offset that a fit finds. Default: not stated (0.02 is assumed, and
+    /// told), 0 to 10.
+    pub theta_c_std_deg: Option<f64>,
+    /// The same of the sample's rotation.
+    pub phi_s_std_deg: Option<f64>,
+    /// Relative standard uncertainty of the lamp's drift between white reference and sample. Default: not stated (0.001 is
+    /// assumed, and told), 0 to 1.
+    pub lamp_drift_std: Option<f64>,
 }
 
 impl Default for RigSettings {
@@ -90,6 +98,9 @@ impl Default for RigSettings {
             lens_radius_mm: None,
             sample_wedge_std_deg: None,
             theta_l_std_deg: None,
+            theta_c_std_deg: None,
+            phi_s_std_deg: None,
+            lamp_drift_std: None,
         }
     }
 }

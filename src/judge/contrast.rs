@@ -2,196 +2,163 @@
 //!
 //! After Luongo et al. 2017, section 4: for each tilt the absolute difference of the signals at φs =
 //! 0° and 90°, and at 90° and 180°, and the mean of all of these; the Michelson contrast beside it
-//! is free of the scale. Uncertainties: the observations' own noise through the exact derivative
-//! of the mean (an observation that two pairs share counts once), the white reference and the lamp's
-//! drift as factors on the absolute contrast, the stray light on both: it is in the flats, too.
+//! is free of the scale. Values are those of [`crate::contrast`], which `ridged contrast` shows: tilts with all three
+//! azimuths, less the stray light that the flats tell. The fit's would do as well, but hangs on the model; of the fit only
+//! the slopes are taken, by which errors of the stages move the radiances.
 
 use super::{Measured, Quantity};
-use crate::contrast::{Radiances, Stray, places};
-use crate::fit::report::{COVERAGE_FACTOR, Parameter};
-use crate::model::contrast::PAIRS;
-use crate::observation::{Observation, ObservationSet};
+use crate::contrast::{Kind, Known, Scan, Slope, Slopes, angles_left_out, lost};
+use crate::fit::problem::{Problem, Values};
+use crate::fit::report::{COVERAGE_FACTOR, FitReport, LeftOut, Status, VariantName};
+use crate::geometry::Pose;
+use crate::model::Variant;
+use crate::observation::ObservationSet;
 
 /// Mean absolute contrast, in radiance for a lamp irradiance of 1.
 pub const CONTRAST_MEAN: &str = "contrast_mean";
 /// Mean Michelson contrast.
 pub const CONTRAST_MICHELSON_MEAN: &str = "contrast_michelson_mean";
 
-/// Both mean contrasts; `background` is the fit's stray light.
+/// Both mean contrasts and what is to be said of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Contrasts {
+    /// [`CONTRAST_MEAN`] and [`CONTRAST_MICHELSON_MEAN`].
+    pub quantities: Vec<Quantity>,
+    /// Tilts that the means are over, degrees.
+    pub theta_c_deg: Vec<f64>,
+    /// Sentences for the user.
+    pub warnings: Vec<String>,
+    /// What no uncertainty holds.
+    pub left_out: Option<LeftOut>,
+}
+
+/// Both mean contrasts; `planned` are the poses of the scan's frames, whether they could be used or not.
 #[must_use]
-pub fn contrasts(set: &ObservationSet, background: &Parameter) -> Vec<Quantity> {
-    // Stray light is in both signals and lowers the contrast; where the fit does not know it, the flats may.
-    let stray = match (background.value, background.std) {
-        (Some(radiance), Some(std)) => Stray { radiance, std },
-        _ => Stray::of_flats(set),
+pub fn contrasts(set: &ObservationSet, planned: &[Pose], report: &FitReport) -> Contrasts {
+    let scan = Scan::of(set);
+    let slopes = fitted_slopes(set, report, scan.gain());
+    let scan = match slopes {
+        Some(slopes) => scan.with_slopes(slopes),
+        None => scan,
     };
-    let radiances = Radiances::of(set, &stray);
-    let seen = Seen {
-        set,
-        radiances,
-        stray,
-        pairs: pairs(&set.observations),
+    let poses: Vec<Pose> = set.observations.iter().map(|o| o.pose).collect();
+    let pairs = scan.pairs();
+    let lost = lost(planned, &poses);
+    let reason = if !lost.is_empty() {
+        Some(format!(
+            "no frame could be used at {}: the mean of what is left is not the quantity that is specified; take that pose again",
+            lost.join("; ")
+        ))
+    } else if pairs.is_empty() {
+        Some("the scan has no tilt with all of the azimuths 0°, 90° and 180°".to_owned())
+    } else {
+        None
     };
-    let reason = match seen.pairs.is_empty() {
-        true => Some("the scan has no tilt with azimuths 0° and 90° or 90° and 180°".to_owned()),
-        false => lost(set),
+    let mean = |kind| scan.mean(kind, &pairs);
+    let (absolute, michelson) = (mean(Kind::Absolute), mean(Kind::Michelson));
+    let told = |known: &Known, refused: Option<&str>| {
+        match (&reason, refused) {
+        (Some(reason), _) => Err(reason.clone()),
+        (None, Some(refused)) => Err(refused.to_owned()),
+        (None, None) if known.may_cost.is_infinite() => Err(
+            "how the radiance changes with the stages' angles is not known, so nor is what their errors do; add poses beside these"
+                .to_owned(),
+        ),
+        (None, None) => Ok(Measured {
+            value: known.value,
+            std: known.std,
+            coverage_factor: COVERAGE_FACTOR,
+            degrees_of_freedom: None,
+            may_cost: known.may_cost,
+        }),
+    }
     };
-    let (absolute, michelson) = match reason {
-        Some(reason) => (Err(reason.clone()), Err(reason)),
-        None => (seen.absolute(), seen.michelson()),
-    };
-    vec![
-        Quantity {
-            name: CONTRAST_MEAN.to_owned(),
-            measured: absolute,
-        },
-        Quantity {
-            name: CONTRAST_MICHELSON_MEAN.to_owned(),
-            measured: michelson,
-        },
-    ]
+    let unscaled = set.white_reference.is_none().then_some(
+        "without a white reference the absolute contrast is known up to a factor; specify contrast_michelson_mean",
+    );
+    let dark = michelson
+        .value
+        .is_nan()
+        .then_some("no pair of azimuths is brighter than the stray light is known");
+    let turns = &scan.turns;
+    Contrasts {
+        quantities: vec![
+            Quantity {
+                name: CONTRAST_MEAN.to_owned(),
+                measured: told(&absolute, unscaled),
+            },
+            Quantity {
+                name: CONTRAST_MICHELSON_MEAN.to_owned(),
+                measured: told(&michelson, dark),
+            },
+        ],
+        theta_c_deg: turns.theta_c_deg(),
+        warnings: turns
+            .left_out()
+            .into_iter()
+            .chain(turns.snapped(&poses))
+            .collect(),
+        left_out: angles_left_out(&[absolute], absolute.value),
+    }
 }
 
-/// Indices of the observations that are compared.
-fn pairs(observations: &[Observation]) -> Vec<(usize, usize)> {
-    let places = places(observations);
-    let at = |place: (usize, usize)| places.iter().position(|p| *p == Some(place));
-    let last = places.iter().flatten().map(|place| place.0).max();
-    (0..last.map_or(0, |last| last + 1))
-        .flat_map(|tilt| PAIRS.map(|(_, a, b)| Some((at((tilt, a))?, at((tilt, b))?))))
-        .flatten()
-        .collect()
-}
-
-/// Why the mean over the pairs would be another quantity than the one specified: frames were left out, and a tilt lacks
-/// a pair that others have.
-fn lost(set: &ObservationSet) -> Option<String> {
-    if set.rejected_frames.is_empty() {
+/// Slopes of the fitted radiances, in the unit of radiances of this gain; none without an answer of the fit.
+fn fitted_slopes(set: &ObservationSet, report: &FitReport, gain: f64) -> Option<Slopes> {
+    if !matches!(
+        report.status,
+        Status::Converged | Status::AtBound | Status::RankDeficient
+    ) {
         return None;
     }
-    let observations = &set.observations;
-    let places = places(observations);
-    let tilt_of = |tilt| {
-        places
-            .iter()
-            .position(|p| matches!(p, Some((t, _)) if *t == tilt))
+    let p = &report.parameters;
+    let (eta, k) = set.material.index();
+    let offset = |deg: Option<f64>| deg.unwrap_or(0.0).to_radians();
+    let values = Values {
+        theta_r: p.theta_r_deg.value?.to_radians(),
+        alpha_u: p.alpha_u.value?,
+        alpha_v: p.alpha_v.value?,
+        rho_d: p.rho_d.value?,
+        scale: p.scale.value?,
+        background: p.background.value.unwrap_or(0.0),
+        azimuth_offset: offset(p.azimuth_offset_deg.value),
+        tilt_offset: offset(p.tilt_offset_deg.value),
+        eta,
+        k,
     };
-    let at = |place: (usize, usize)| places.contains(&Some(place));
-    let last = places.iter().flatten().map(|place| place.0).max()?;
-    PAIRS.iter().find_map(|(name, a, b)| {
-        let has = |tilt: &usize| at((*tilt, *a)) && at((*tilt, *b));
-        let any = (0..=last).any(|tilt| has(&tilt));
-        let lacking = (0..=last).find(|tilt| any && !has(tilt))?;
-        let theta_c = observations[tilt_of(lacking)?].pose.theta_c;
-        Some(format!(
-            "frames were left out, and θc {theta_c} lacks the pair {name}° that other tilts have: the mean of what is left is \
-             not the quantity that is specified; take that pose again"
-        ))
+    // What the ray tracer corrects is little beside what the closed form says of slopes.
+    let variant = match report.variant {
+        VariantName::Paper => Variant::Paper,
+        VariantName::Sawtooth | VariantName::Traced => Variant::Sawtooth,
+    };
+    let problem = Problem::new(set, variant, Vec::new(), values);
+    let ready = problem.ready(&values);
+    let gradients: Vec<_> = (0..set.observations.len())
+        .map(|n| problem.gradient(n, &ready))
+        .collect();
+    let slope = |per_rad: f64| {
+        let value = per_rad * values.scale / gain;
+        value.is_finite().then_some(Slope { value, std: 0.0 })
+    };
+    Some(Slopes {
+        theta_c: gradients.iter().map(|g| slope(g.theta_c)).collect(),
+        phi_s: gradients.iter().map(|g| slope(g.phi_s)).collect(),
     })
-}
-
-/// What is compared.
-struct Seen<'a> {
-    set: &'a ObservationSet,
-    radiances: Radiances,
-    stray: Stray,
-    pairs: Vec<(usize, usize)>,
-}
-
-impl Seen<'_> {
-    fn absolute(&self) -> Result<Measured, String> {
-        let Some(white) = &self.set.white_reference else {
-            return Err(
-                "without a white reference the absolute contrast is known up to a factor; specify contrast_michelson_mean"
-                    .to_owned(),
-            );
-        };
-        let n = self.pairs.len() as f64;
-        let l = &self.radiances.values;
-        let mut slopes = vec![0.0; l.len()];
-        let mut mean = 0.0;
-        for (a, b) in &self.pairs {
-            let sign = (l[*a] - l[*b]).signum();
-            mean += (l[*a] - l[*b]).abs() / n;
-            slopes[*a] += sign / n;
-            slopes[*b] -= sign / n;
-        }
-        let drift: f64 = slopes
-            .iter()
-            .zip(&self.set.observations)
-            .map(|(slope, o)| slope * o.shared.led_drift / self.radiances.gain)
-            .sum();
-        let reference = mean * white.reflectance_std / white.reflectance;
-        let parts = [self.own(&slopes), drift, reference, self.by_stray(&slopes)];
-        Ok(measured(mean, &parts))
-    }
-
-    fn michelson(&self) -> Result<Measured, String> {
-        let l = &self.radiances.values;
-        // Two that are dark once the stray light is off have no contrast: neither 0 nor any other.
-        let lit: Vec<(usize, usize)> = self
-            .pairs
-            .iter()
-            .copied()
-            .filter(|(a, b)| l[*a] + l[*b] > 0.0)
-            .collect();
-        if lit.is_empty() {
-            return Err("no pair of azimuths is brighter than the stray light".to_owned());
-        }
-        let n = lit.len() as f64;
-        let mut slopes = vec![0.0; l.len()];
-        let mut mean = 0.0;
-        for (a, b) in lit {
-            let (x, y) = (l[a], l[b]);
-            let sum = x + y;
-            let sign = (x - y).signum();
-            mean += (x - y).abs() / sum / n;
-            // ∂/∂x (x − y)/(x + y) = 2y/(x + y)², ∂/∂y = −2x/(x + y)².
-            slopes[a] += 2.0 * sign * y / (sum * sum) / n;
-            slopes[b] += -2.0 * sign * x / (sum * sum) / n;
-        }
-        Ok(measured(mean, &[self.own(&slopes), self.by_stray(&slopes)]))
-    }
-
-    /// The observations' own noise, through slopes per radiance.
-    fn own(&self, slopes: &[f64]) -> f64 {
-        slopes
-            .iter()
-            .zip(&self.set.observations)
-            .map(|(slope, o)| (slope * o.sigma / self.radiances.gain).powi(2))
-            .sum::<f64>()
-            .sqrt()
-    }
-
-    fn by_stray(&self, slopes: &[f64]) -> f64 {
-        let moved: f64 = slopes
-            .iter()
-            .zip(&self.radiances.per_stray)
-            .map(|(slope, per_stray)| slope * per_stray)
-            .sum();
-        moved * self.stray.std
-    }
-}
-
-fn measured(value: f64, parts: &[f64]) -> Measured {
-    Measured {
-        value,
-        std: parts.iter().map(|p| p * p).sum::<f64>().sqrt(),
-        coverage_factor: COVERAGE_FACTOR,
-        degrees_of_freedom: None,
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Pose, RigGeometry};
+    use crate::fit::{FitOptions, fit};
+    use crate::geometry::RigGeometry;
     use crate::material::Material;
-    use crate::observation::{Prior, RejectedFrame, SharedErrors, WhiteReference};
+    use crate::observation::{Observation, Prior, RejectedFrame, SharedErrors, WhiteReference};
+    use crate::units::Angle;
+    use std::sync::atomic::AtomicBool;
 
     fn set() -> ObservationSet {
         let at = |tilt: f64, azimuth: f64, signal: f64| Observation {
             shared: SharedErrors {
+                white_reference: 0.01 * signal,
                 led_drift: 0.01 * signal,
                 ..SharedErrors::default()
             },
@@ -222,14 +189,29 @@ mod tests {
         }
     }
 
+    fn poses(set: &ObservationSet) -> Vec<Pose> {
+        set.observations.iter().map(|o| o.pose).collect()
+    }
+
+    /// Of a scan without an answer of a fit.
+    fn alone(set: &ObservationSet) -> Vec<Quantity> {
+        contrasts(set, &poses(set), &no_answer(set)).quantities
+    }
+
+    fn no_answer(set: &ObservationSet) -> FitReport {
+        fit(set, &FitOptions::default(), &AtomicBool::new(true))
+    }
+
     #[test]
     fn the_mean_is_over_the_papers_pairs_and_shared_observations_count_once() {
-        let list = contrasts(&set(), &Parameter::unknown("free"));
-        let mean = list[0].measured.clone().unwrap();
-        // |0.3 − 0.1|, |0.1 − 0.2|, |0.5 − 0.1| over three.
-        assert!((mean.value - 0.7 / 3.0).abs() < 1e-12);
-        // 0.1 at tilt 0 has slope −2/3, the other four ±1/3; drift and reference are factors of 1 %.
-        let own = 0.001 * (4.0_f64 / 9.0 + 4.0 / 9.0).sqrt();
+        let found = contrasts(&set(), &poses(&set()), &no_answer(&set()));
+        assert_eq!(found.theta_c_deg, [0.0]);
+        assert!(found.warnings[0].contains("θc 10.000° (nothing at φs 180°)"));
+        let mean = found.quantities[0].measured.clone().unwrap();
+        // |0.3 − 0.1|, |0.1 − 0.2| over two.
+        assert!((mean.value - 0.15).abs() < 1e-12);
+        // 0.1 has slope −1, the other two 1/2; drift and reference are factors of 1 %.
+        let own = 0.001 * 1.5_f64.sqrt();
         let expected = (own * own + 2.0 * (0.01 * mean.value).powi(2)).sqrt();
         assert!(
             (mean.std - expected).abs() < 1e-12,
@@ -240,38 +222,53 @@ mod tests {
 
     #[test]
     fn the_michelson_contrast_is_free_of_the_scale_and_feels_stray_light() {
-        let list = contrasts(&set(), &Parameter::unknown("free"));
-        let mean = list[1].measured.clone().unwrap();
-        assert!((mean.value - (0.5 + 1.0 / 3.0 + 2.0 / 3.0) / 3.0).abs() < 1e-12);
+        let mean = alone(&set())[1].measured.clone().unwrap();
+        assert!((mean.value - (0.5 + 1.0 / 3.0) / 2.0).abs() < 1e-12);
         let mut brighter = set();
         for o in &mut brighter.observations {
             o.signal *= 7.0;
         }
-        let again = contrasts(&brighter, &Parameter::unknown("free"));
-        assert!((again[1].measured.clone().unwrap().value - mean.value).abs() < 1e-12);
+        let again = alone(&brighter)[1].measured.clone().unwrap();
+        assert!((again.value - mean.value).abs() < 1e-12);
         let mut hazy = set();
         hazy.background.mean = 0.05;
-        let clearer = contrasts(&hazy, &Parameter::unknown("free"));
-        assert!(clearer[1].measured.clone().unwrap().value > mean.value);
+        let clearer = alone(&hazy)[1].measured.clone().unwrap();
+        assert!(clearer.value > mean.value);
     }
 
     #[test]
-    fn a_pair_that_was_lost_leaves_no_mean_and_one_that_was_not_planned_does() {
+    fn it_is_the_contrast_that_the_table_of_contrasts_has() {
+        let (_, table) = crate::contrast::measure(&set()).unwrap();
+        let all = &table["mean"]["all"];
+        for (quantity, key) in alone(&set()).iter().zip(["absolute", "michelson"]) {
+            let mean = quantity.measured.clone().unwrap();
+            assert_eq!(all[key].as_f64(), Some(mean.value));
+            assert_eq!(all[format!("{key}_std")].as_f64(), Some(mean.std));
+        }
+        assert_eq!(all["theta_c_deg"].as_array().unwrap().len(), 1);
+    }
+
+    #[test]
+    fn only_a_lost_pose_that_a_pair_needs_leaves_no_mean() {
         let mut damaged = set();
-        assert!(
-            contrasts(&damaged, &Parameter::unknown("free"))[0]
-                .measured
-                .is_ok()
-        );
         damaged.rejected_frames = vec![RejectedFrame {
             file: "a.png".to_owned(),
             reason: "unreadable".to_owned(),
             detail: String::new(),
         }];
-        for quantity in contrasts(&damaged, &Parameter::unknown("free")) {
+        let report = no_answer(&damaged);
+        let with = |more: (f64, f64)| {
+            let mut planned = poses(&damaged);
+            planned.push(Pose::from_deg(more.0, more.1));
+            contrasts(&damaged, &planned, &report).quantities
+        };
+        // An azimuth that no pair uses, and one of a tilt that could not be whole.
+        assert!(with((0.0, 30.0))[0].measured.is_ok());
+        assert!(with((20.0, 0.0))[0].measured.is_ok());
+        for quantity in with((10.0, 180.0)) {
             let why = quantity.measured.unwrap_err();
             assert!(
-                why.contains("θc 10") && why.contains("90–180") || why.contains("90-180"),
+                why.contains("no frame could be used at θc 10.000°, φs 180.000°"),
                 "{why}"
             );
         }
@@ -281,7 +278,7 @@ mod tests {
     fn without_reference_or_pairs_there_is_a_reason() {
         let mut relative = set();
         relative.white_reference = None;
-        let list = contrasts(&relative, &Parameter::unknown("free"));
+        let list = alone(&relative);
         assert!(
             list[0]
                 .measured
@@ -290,9 +287,83 @@ mod tests {
                 .contains("white reference")
         );
         assert!(list[1].measured.is_ok());
-        let mut alone = set();
-        alone.observations.truncate(1);
-        let list = contrasts(&alone, &Parameter::unknown("free"));
+        let mut single = set();
+        single.observations.truncate(1);
+        let list = alone(&single);
         assert!(list[1].measured.clone().unwrap_err().contains("azimuths"));
+    }
+
+    /// A sample as the model has it, seen at all the paper's azimuths at one tilt alone.
+    fn fitted(zero: Angle, turn: Angle) -> ObservationSet {
+        let tilts = (-6..=6).map(|n| 5.0 * f64::from(n));
+        let azimuths = (0..12).map(|n| 30.0 * f64::from(n));
+        let poses = tilts.flat_map(|tilt| {
+            let azimuths = azimuths
+                .clone()
+                .filter(move |azimuth| tilt == 0.0 || *azimuth != 90.0);
+            azimuths.map(move |azimuth| Pose::from_deg(tilt, azimuth))
+        });
+        let observation = |pose| Observation {
+            shared: SharedErrors {
+                theta_c_zero: Angle::from_deg(0.02),
+                phi_s_zero: Angle::from_deg(0.02),
+                ..SharedErrors::default()
+            },
+            ..Observation::new(pose, 0.0, 1e-5)
+        };
+        let mut set = ObservationSet {
+            white_reference: Some(WhiteReference {
+                reflectance: 0.99,
+                reflectance_std: 0.0,
+            }),
+            ..ObservationSet::bare(
+                RigGeometry::IN_PLANE,
+                Material::exactly(1.54, 0.0),
+                poses.map(observation).collect(),
+                Prior {
+                    mean: 0.0,
+                    std: 1e-6,
+                },
+            )
+        };
+        let values = Values {
+            theta_r: 10.0_f64.to_radians(),
+            alpha_u: 0.12,
+            alpha_v: 0.12,
+            rho_d: 0.34,
+            scale: 1.0,
+            background: 0.0,
+            azimuth_offset: turn.rad(),
+            tilt_offset: zero.rad(),
+            eta: 1.54,
+            k: 0.0,
+        };
+        let signals = Problem::new(&set, Variant::Sawtooth, Vec::new(), values).predicted(&values);
+        for (o, signal) in set.observations.iter_mut().zip(signals) {
+            o.signal = signal;
+        }
+        set
+    }
+
+    #[test]
+    fn a_stage_that_is_off_moves_the_means_by_what_their_uncertainties_say() {
+        let zero = Angle::from_deg(0.02);
+        let right = fitted(Angle::ZERO, Angle::ZERO);
+        let report = fit(&right, &FitOptions::default(), &AtomicBool::new(false));
+        let mean = |set: &ObservationSet, n: usize| {
+            let list = contrasts(set, &poses(set), &report).quantities;
+            list[n].measured.clone().unwrap()
+        };
+        for n in [0, 1] {
+            let known = mean(&right, n);
+            let tilted = mean(&fitted(zero, Angle::ZERO), n).value - known.value;
+            let turned = mean(&fitted(Angle::ZERO, zero), n).value - known.value;
+            let zeros = tilted.hypot(turned);
+            assert!(zeros > 1e-4, "{zeros}");
+            // The tilt's range adds nothing in its middle, the eccentricity as much as the rotation's zero.
+            let ratio = known.std / zeros;
+            assert!(ratio > 0.97 && ratio < 1.1, "{} {zeros}", known.std);
+            assert_eq!(known.may_cost, 0.0);
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! Conformity: measured parameters and contrast against a specification, with guard bands.
 //!
 //! Call [`judge`] with a [`Specification`] and the quantities measured ([`Quantity`], for instance
-//! from [`quantities`]). Each limit is decided after JCGM 106:2012: with the measured value y, its
+//! from [`parameters`] and [`contrasts`]). Each limit is decided after JCGM 106:2012: with the measured value y, its
 //! standard uncertainty u and effective degrees of freedom ν, the probability that the true value
 //! conforms is p = F((TU − y)/u) − F((TL − y)/u), F the t distribution (JCGM 106, 7.3 and 9).
 //!
@@ -17,13 +17,14 @@
 mod contrast;
 mod specification;
 
-pub use contrast::{CONTRAST_MEAN, CONTRAST_MICHELSON_MEAN, contrasts};
+pub use contrast::{CONTRAST_MEAN, CONTRAST_MICHELSON_MEAN, Contrasts, contrasts};
 pub use specification::{Decision, Limits, Specification, SpecificationError};
 
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use crate::fit::report::{FitReport, LeftOut, Status, Timing, VariantName};
+use crate::geometry::Pose;
 use crate::observation::ObservationSet;
 
 /// A measured number, or why there is none.
@@ -46,6 +47,8 @@ pub struct Measured {
     pub coverage_factor: f64,
     /// Effective degrees of freedom; `None` where practically infinite.
     pub degrees_of_freedom: Option<f64>,
+    /// How far the value may be off by what no uncertainty holds.
+    pub may_cost: f64,
 }
 
 /// What is said of one limit or of all.
@@ -134,6 +137,9 @@ pub struct VerdictReport {
     pub status: Status,
     /// Region of the sample.
     pub region: Option<String>,
+    /// Tilts that mean contrasts are over, degrees; null where none is limited.
+    #[serde(default)]
+    pub contrast_theta_c_deg: Option<Vec<f64>>,
     /// What the fit left out, why, and what that may cost.
     #[serde(default)]
     pub left_out: Vec<LeftOut>,
@@ -145,21 +151,38 @@ pub struct VerdictReport {
 }
 
 impl VerdictReport {
-    /// Judges what a fit and its observations say.
+    /// Judges what a fit and its observations say; `planned` are the poses of the sample's frames, whether they could be
+    /// used or not.
     #[must_use]
     pub fn new(
         specification: &Specification,
         report: &FitReport,
         observations: &ObservationSet,
+        planned: &[Pose],
     ) -> Self {
-        let mut judgement = judge(specification, &quantities(report, observations));
-        judgement.warnings.extend(report.warnings.iter().cloned());
+        let mut quantities = parameters(report);
+        let mut left_out = report.left_out.clone();
+        let mut warnings = report.warnings.clone();
+        let limited = [CONTRAST_MEAN, CONTRAST_MICHELSON_MEAN];
+        let limited = limited
+            .iter()
+            .any(|q| specification.limits.contains_key(*q));
+        let contrasts = limited.then(|| contrasts(observations, planned, report));
+        let contrast_theta_c_deg = contrasts.map(|contrasts| {
+            quantities.extend(contrasts.quantities);
+            warnings.extend(contrasts.warnings);
+            left_out.extend(contrasts.left_out);
+            contrasts.theta_c_deg
+        });
+        let mut judgement = judge(specification, &quantities);
+        judgement.warnings.extend(warnings);
         VerdictReport {
             judgement,
+            contrast_theta_c_deg,
             variant: report.variant,
             status: report.status,
             region: report.region.clone(),
-            left_out: report.left_out.clone(),
+            left_out,
             timing_s: report.timing_s,
             program: report.program.clone(),
         }
@@ -227,7 +250,23 @@ fn unknown(name: &str, limits: &Limits, reason: String) -> Item {
     }
 }
 
+/// Decides one limit. Where a value may be off by more than its uncertainty holds, both ends have to say the same.
 fn decide(name: &str, limits: &Limits, m: &Measured, decision: &Decision) -> Item {
+    let mut item = decide_as_known(name, limits, m, decision);
+    let at = |value| decide_as_known(name, limits, &Measured { value, ..*m }, decision).verdict;
+    let holds = [m.value - m.may_cost, m.value + m.may_cost].map(|end| at(end) == item.verdict);
+    if holds != [true; 2] {
+        item.verdict = Verdict::CannotTell;
+        item.conformance_probability = None;
+        item.reason = format!(
+            "errors of the stages may change it by {}, which is not in its uncertainty and reaches the limit",
+            number(m.may_cost)
+        );
+    }
+    item
+}
+
+fn decide_as_known(name: &str, limits: &Limits, m: &Measured, decision: &Decision) -> Item {
     if !(m.value.is_finite() && m.std.is_finite() && m.std >= 0.0) {
         return unknown(
             name,
@@ -302,6 +341,17 @@ fn decide(name: &str, limits: &Limits, m: &Measured, decision: &Decision) -> Ite
         conformance_probability: Some(conforms),
         verdict,
         reason,
+    }
+}
+
+/// Two digits of a number.
+fn number(value: f64) -> String {
+    match (1e-3..1e4).contains(&value) {
+        true => {
+            let decimals = (1.0 - value.log10().floor()).max(0.0) as usize;
+            format!("{value:.decimals$}")
+        }
+        false => format!("{value:.1e}"),
     }
 }
 
@@ -399,16 +449,16 @@ impl Deviation {
     }
 }
 
-/// What a fit and its observations say, by the names that a specification uses.
+/// What a fit says, by the names that a specification uses.
 #[must_use]
-pub fn quantities(report: &FitReport, observations: &ObservationSet) -> Vec<Quantity> {
+pub fn parameters(report: &FitReport) -> Vec<Quantity> {
     let no_answer = match report.status {
         Status::Converged | Status::AtBound | Status::RankDeficient => None,
         Status::Stalled | Status::NotFinite | Status::TooFewObservations | Status::Cancelled => {
             Some("the fit has no answer; its status and warnings say why")
         }
     };
-    let mut list: Vec<Quantity> = report
+    report
         .parameters
         .named()
         .into_iter()
@@ -422,6 +472,7 @@ pub fn quantities(report: &FitReport, observations: &ObservationSet) -> Vec<Quan
                         .coverage_factor
                         .unwrap_or(crate::fit::report::COVERAGE_FACTOR),
                     degrees_of_freedom: parameter.degrees_of_freedom,
+                    may_cost: 0.0,
                 }),
                 _ => Err(parameter.note.as_ref().map_or_else(
                     || "the data cannot determine it on this rig".to_owned(),
@@ -433,9 +484,7 @@ pub fn quantities(report: &FitReport, observations: &ObservationSet) -> Vec<Quan
                 measured,
             }
         })
-        .collect();
-    list.extend(contrasts(observations, &report.parameters.background));
-    list
+        .collect()
 }
 
 #[cfg(test)]
@@ -448,6 +497,7 @@ mod tests {
             std,
             coverage_factor: 2.0,
             degrees_of_freedom: None,
+            may_cost: 0.0,
         }
     }
 
@@ -568,6 +618,29 @@ mod tests {
         );
         // t(0.95; 4) = 2.131847.
         assert!((item.guard_band.unwrap() - 0.213_184_7).abs() < 1e-6);
+    }
+
+    #[test]
+    fn what_no_uncertainty_holds_leaves_a_limit_open_only_within_its_reach() {
+        let spec = specification(ONE_SIDED);
+        let with = |value, may_cost| {
+            let m = Measured {
+                may_cost,
+                ..measured(value, 0.1)
+            };
+            decide(
+                "theta_r_deg",
+                &spec.limits["theta_r_deg"],
+                &m,
+                &spec.decision,
+            )
+        };
+        assert_eq!(with(10.0, 0.3).verdict, Verdict::Pass);
+        assert_eq!(with(12.0, 0.3).verdict, Verdict::Fail);
+        let open = with(10.0, 0.4);
+        assert_eq!(open.verdict, Verdict::CannotTell);
+        assert_eq!(open.conformance_probability, None);
+        assert!(open.reason.contains("by 0.40"), "{}", open.reason);
     }
 
     #[test]

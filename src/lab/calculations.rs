@@ -19,11 +19,13 @@ use crate::contrast;
 use crate::fit::traced::TracingOptions;
 use crate::fit::{FitOptions, VariantChoice};
 use crate::forecast::Forecast;
+use crate::frame::FrameKind;
 use crate::judge::{Specification, VerdictReport};
 use crate::map::folder::{FolderError, map_into};
 use crate::map::{self, MapError, MapOptions};
-use crate::reduction::{self, ReductionError};
+use crate::reduction::{self, FrameSource, ReductionError};
 use crate::scan::event::CalculationKind;
+use crate::series::FrameRow;
 use crate::store::calculations::CalculationEnd;
 use crate::store::{Store, StoreError};
 use crate::wording::objects;
@@ -505,7 +507,17 @@ fn verdict_of(
     cancel: &AtomicBool,
 ) -> Result<String, Failure> {
     let analysed = analysis::analyse(series, options, &|p| tell_analysis(told, p), cancel)?;
-    let verdict = VerdictReport::new(specification, &analysed.report, &analysed.observations);
+    let samples = series
+        .rows()
+        .iter()
+        .filter(|row| row.kind == FrameKind::Sample);
+    let planned: Vec<_> = samples.map(FrameRow::pose).collect();
+    let verdict = VerdictReport::new(
+        specification,
+        &analysed.report,
+        &analysed.observations,
+        &planned,
+    );
     serde_json::to_string(&verdict).map_err(Failure::internal)
 }
 

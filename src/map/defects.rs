@@ -86,7 +86,7 @@ pub fn leans(layers: &Layers) -> Vec<Lean> {
     let mut histogram = [0.0_f64; BINS];
     let bin_deg = 360.0 / BINS as f64;
     for azimuth in &directions {
-        histogram[(azimuth / bin_deg) as usize % BINS] += 1.0;
+        histogram[(azimuth.rem_euclid(360.0) / bin_deg) as usize % BINS] += 1.0;
     }
     let smooth: Vec<f64> = (0..BINS)
         .map(|b| {
@@ -335,15 +335,30 @@ fn describe(
             worst
         },
         deviations,
-        lean_azimuth_deg: of_area(1),
+        lean_azimuth_deg: median_direction(
+            area.iter()
+                .map(|p| f64::from(layers.parameters[1].values[*p])),
+        ),
     }
+}
+
+/// Median of azimuths in degrees, counted from their mean direction.
+fn median_direction(azimuths: impl Iterator<Item = f64> + Clone) -> Option<f64> {
+    let finite = azimuths.filter(|a| a.is_finite());
+    let (sin, cos) = finite.clone().fold((0.0, 0.0), |(sin, cos), azimuth| {
+        let (s, c) = azimuth.to_radians().sin_cos();
+        (sin + s, cos + c)
+    });
+    let mean = f64::atan2(sin, cos).to_degrees();
+    let off = median(finite.map(|azimuth| apart_deg(azimuth, mean)))?;
+    Some(apart_deg(mean + off, 0.0))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// 60 × 40 pixels: left half leans to 359.5°, right half to 90°, with one patch of 4° at (45, 20).
+    /// 60 × 40 pixels: left half leans to 179.9°, right half to 90°, with one patch of 4° at (45, 20).
     fn two_halves() -> Layers {
         let mut layers = Layers::new(60, 40, false);
         for pixel in 0..60 * 40 {
@@ -353,7 +368,7 @@ mod tests {
             layers.flags[pixel] = 0;
             let theta = if patch { 4.0 } else { 10.0 } + 0.2 * wobble;
             let lean = if column < 30 {
-                (359.5 + wobble).rem_euclid(360.0)
+                apart_deg(179.9 + f64::from(wobble), 0.0) as f32
             } else {
                 90.0 + wobble
             };
@@ -381,7 +396,7 @@ mod tests {
         azimuths.sort_by(f64::total_cmp);
         // Means of ± 0.5° wobble.
         assert!(
-            (azimuths[0] + 0.5).abs() < 0.1 && (azimuths[1] - 90.0).abs() < 0.1,
+            (azimuths[0] - 90.0).abs() < 0.1 && (azimuths[1] - 179.9).abs() < 0.1,
             "{azimuths:?}"
         );
 
@@ -400,6 +415,16 @@ mod tests {
         assert!((worn.width_mm - 2.0).abs() < 1e-9 && (worn.area_mm2 - 4.0).abs() < 1e-9);
         let theta = &worn.deviations[0];
         assert!((theta.value.unwrap() - 4.0).abs() < 0.1 && (theta.usual - 10.0).abs() < 0.1);
+    }
+
+    #[test]
+    fn directions_either_side_of_half_a_turn_have_their_median_there() {
+        let around = |middle: f64| [-3.0, -0.2, 0.1, 0.3].map(|off| apart_deg(middle + off, 0.0));
+        for (middle, said) in [(180.0, 179.95), (0.0, -0.05), (-90.0, -90.05)] {
+            let found = median_direction(around(middle).into_iter().chain([f64::NAN])).unwrap();
+            assert!((found - said).abs() < 1e-9, "{middle}: {found}");
+        }
+        assert_eq!(median_direction([f64::NAN].into_iter()), None);
     }
 
     #[test]

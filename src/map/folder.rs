@@ -38,6 +38,7 @@ pub enum FolderError {
 
 /// Maps a series and writes all files of the map and its summary into `folder`, which is made if
 /// need be. Once `options.max_seconds` are over no further tile is begun; what is fitted by then is written.
+/// Cancelled before the last file is written it leaves the folder as it was; later it is a whole map and no error.
 /// `progress` may be called from several threads at once.
 ///
 /// # Errors
@@ -78,12 +79,12 @@ pub fn map_into(
     })?;
     let mut timing = stages.timing();
     let started = Instant::now();
-    // An older map's summary does not outlive its files; the new one comes last.
-    std::fs::remove_file(folder.join(SUMMARY)).ok();
-    let mut files = write(&mapped, folder, cancel).map_err(|error| match error {
+    let not_written = |error| match error {
         WriteError::Cancelled => FolderError::Map(MapError::Cancelled),
         error => error.into(),
-    })?;
+    };
+    let drafts = write(&mapped, folder, cancel).map_err(not_written)?;
+    let mut files = drafts.names();
     files.push(SUMMARY.to_owned());
     timing.write = started.elapsed().as_secs_f64();
     let summary = summary(&mapped, timing, files);
@@ -93,7 +94,10 @@ pub fn map_into(
     };
     let mut json = serde_json::to_string_pretty(&summary).map_err(|e| failed(e.into()))?;
     json.push('\n');
-    std::fs::write(folder.join(SUMMARY), json).map_err(failed)?;
+    let put = |path: &Path| std::fs::write(path, json).map_err(failed);
+    drafts.file(SUMMARY, cancel, put).map_err(not_written)?;
+    // From here on it is a map, whoever cancels.
+    drafts.keep(SUMMARY)?;
     Ok(summary)
 }
 
@@ -168,5 +172,51 @@ mod tests {
             Err(FolderError::Map(MapError::Cancelled))
         ));
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_folder_holds_whole_maps_only_and_their_summary_says_what_flags_mean() {
+        let series = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/checker");
+        let series = Series::open(&series).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let options = MapOptions {
+            scratch: folder.path().to_owned(),
+            ..MapOptions::default()
+        };
+        let into = |cancel: &AtomicBool, tell: &(dyn Fn(Progress) + Sync)| {
+            map_into(&series, &options, folder.path(), tell, cancel)
+        };
+        let summary = into(&AtomicBool::new(false), &|_| {}).unwrap();
+        let there = || {
+            let files = std::fs::read_dir(folder.path()).unwrap();
+            let mut names: Vec<String> = files
+                .map(|file| file.unwrap().file_name().into_string().unwrap())
+                .collect();
+            names.sort_unstable();
+            names
+        };
+        let mut named = summary.files.clone();
+        named.sort_unstable();
+        assert_eq!(there(), named);
+        assert_eq!(summary.flag_bits["not_identifiable"], 4);
+        // Directions as everywhere else.
+        let path = folder.path().join("lean_azimuth_deg.tif");
+        let file = io::BufReader::new(std::fs::File::open(path).unwrap());
+        let mut decoder = tiff::decoder::Decoder::new(file).unwrap();
+        let tiff::decoder::DecodingResult::F32(leans) = decoder.read_image().unwrap() else {
+            panic!("they are floats");
+        };
+        let leans = leans.into_iter().filter(|x| x.is_finite());
+        assert!(leans.clone().count() > 100);
+        assert!(leans.clone().all(|x| x > -180.0 && x <= 180.0));
+        // Cancelled when all pixels are fitted, a second one leaves the first as it was.
+        let cancel = AtomicBool::new(false);
+        let tell = |p: Progress| {
+            if p.stage == Stage::Averaging {
+                cancel.store(true, Ordering::Relaxed);
+            }
+        };
+        assert!(into(&cancel, &tell).is_err());
+        assert_eq!(there(), named);
     }
 }

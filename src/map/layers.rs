@@ -2,6 +2,7 @@
 
 use super::settle::identifiable;
 use super::solve::{End, FREE, PixelFit, packed};
+use crate::units::Angle;
 
 /// The descent did not end at a minimum.
 pub const NOT_CONVERGED: u8 = 1;
@@ -35,6 +36,14 @@ pub const FLAG_NAMES: [&str; 8] = [
     "defect",
 ];
 
+/// Names of the flags with the bit of each.
+pub fn flag_bits() -> impl Iterator<Item = (&'static str, u8)> {
+    FLAG_NAMES
+        .iter()
+        .enumerate()
+        .map(|(n, name)| (*name, 1 << n))
+}
+
 /// One quantity over the map.
 #[derive(Debug, Clone)]
 pub struct Layer {
@@ -48,7 +57,7 @@ pub struct Layer {
     pub values: Vec<f32>,
     /// Standard uncertainties: the pixel's own noise, scaled by the usual misfit.
     pub std: Vec<f32>,
-    /// The quantity is a direction: 0° and 360° are the same.
+    /// The quantity is a direction, in (−180°, 180°]: −179.9° and 180° are neighbours.
     pub cyclic: bool,
 }
 
@@ -189,7 +198,7 @@ impl Answer {
         let std: [f64; FREE] =
             std::array::from_fn(|k| (scale * covariance[packed(k, k)]).max(0.0).sqrt());
         let (au, av) = (fit.p[2].exp(), fit.p[3].exp());
-        let lean = fit.p[1].to_degrees().rem_euclid(360.0);
+        let lean = Angle::from_rad(fit.p[1]).wrapped().deg();
         answer.values = [fit.p[0].to_degrees(), lean, au, av, fit.p[4]].map(|x| x as f32);
         answer.std = [
             std[0].to_degrees(),
@@ -199,10 +208,33 @@ impl Answer {
             std[4],
         ]
         .map(|x| x as f32);
-        // 360 − 1e-9 rounds to 360 as an f32.
-        if answer.values[1] >= 360.0 {
-            answer.values[1] = 0.0;
+        // −180 + 1e-9 rounds to −180 as an f32.
+        if answer.values[1] <= -180.0 {
+            answer.values[1] = 180.0;
         }
         answer
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_flag_has_its_own_bit_under_its_name() {
+        let bit = |wanted: &str| flag_bits().find(|(name, _)| *name == wanted).map(|f| f.1);
+        for (name, value) in [
+            ("not_converged", NOT_CONVERGED),
+            ("at_bound", AT_BOUND),
+            ("not_identifiable", NOT_IDENTIFIABLE),
+            ("misfit", MISFIT),
+            ("few_observations", FEW_OBSERVATIONS),
+            ("partly_masked", PARTLY_MASKED),
+            ("border", BORDER),
+            ("defect", DEFECT),
+        ] {
+            assert_eq!(bit(name), Some(value), "{name}");
+        }
+        assert_eq!(flag_bits().map(|f| f.1).fold(0, |all, bit| all | bit), 255);
     }
 }

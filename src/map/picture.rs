@@ -77,7 +77,7 @@ impl Scale {
     fn ends(self) -> (f64, f64) {
         match self {
             Scale::Range(low, high) => (low, high),
-            Scale::Directions => (0.0, 360.0),
+            Scale::Directions => (-180.0, 180.0),
         }
     }
 
@@ -89,7 +89,7 @@ impl Scale {
                 let last = (high / step).floor() as i64;
                 (first..=last).map(|n| n as f64 * step).collect()
             }
-            Scale::Directions => (0..=4).map(|n| 90.0 * f64::from(n)).collect(),
+            Scale::Directions => (-2..=2).map(|n| 90.0 * f64::from(n)).collect(),
         }
     }
 }

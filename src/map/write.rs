@@ -3,7 +3,7 @@
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -12,6 +12,7 @@ use serde::Serialize;
 use tiff::TiffError;
 use tiff::encoder::colortype::{self, ColorType};
 use tiff::encoder::{Compression, TiffEncoder, TiffValue};
+use tiff::tags::Tag;
 
 use super::Map;
 use super::colour::Rgb;
@@ -40,7 +41,7 @@ pub enum WriteError {
         /// The encoder's reason.
         cause: String,
     },
-    /// The cancel flag was raised; what was written is taken back.
+    /// The cancel flag was raised; nothing of the map is left, and an older one is as it was.
     #[error("the map was cancelled while its files were written")]
     Cancelled,
 }
@@ -119,6 +120,8 @@ pub struct Summary {
     pub defects: Vec<Defect>,
     /// Pixels per flag.
     pub flags: std::collections::BTreeMap<&'static str, usize>,
+    /// The bit by which `flags.tif` tells each flag; a pixel's value is the sum of its flags' bits.
+    pub flag_bits: std::collections::BTreeMap<&'static str, u8>,
     /// Files written, relative to the output folder.
     pub files: Vec<String>,
     /// Frames left out.
@@ -192,6 +195,7 @@ pub fn summary(map: &Map, timing: Timing, files: Vec<String>) -> Summary {
         lean_directions: map.leans.clone(),
         defects: map.defects.clone(),
         flags,
+        flag_bits: layers::flag_bits().collect(),
         files,
         rejected_frames: map.rejected_frames.clone(),
         warnings: map.warnings.clone(),
@@ -246,62 +250,93 @@ enum Sheetful<'a> {
     Png(Box<dyn Fn() -> Picture + Sync + Send + 'a>),
 }
 
-/// Writes all files of a map into `folder`, which is made if need be; returns their names. Between two files it looks
-/// whether it is cancelled: then no file of the map stays.
+/// Writes all files of a map but its summary into `folder`, which is made if need be, as drafts. Between two files it
+/// looks whether it is cancelled: then no draft stays.
 ///
 /// # Errors
 /// [`WriteError`] names the file.
-pub fn write(map: &Map, folder: &Path, cancel: &AtomicBool) -> Result<Vec<String>, WriteError> {
+pub fn write<'f>(
+    map: &Map,
+    folder: &'f Path,
+    cancel: &AtomicBool,
+) -> Result<Drafts<'f>, WriteError> {
     std::fs::create_dir_all(folder).map_err(|source| WriteError::File {
         file: folder.display().to_string(),
         source,
     })?;
-    let begun = Begun {
+    let drafts = Drafts {
         folder,
-        cancel,
         files: Mutex::default(),
     };
-    let outcome = write_all(map, &begun);
-    if matches!(outcome, Err(WriteError::Cancelled)) {
-        begun.take_back();
-    }
-    outcome
+    write_all(map, &drafts, cancel)?;
+    Ok(drafts)
 }
 
-/// The files that were begun, so that a part of a map is not left to be taken for one.
-struct Begun<'a> {
-    folder: &'a Path,
-    cancel: &'a AtomicBool,
+/// Files under passing names, so that neither a part of a map is taken for one nor an older map loses a file before the
+/// new one has all of its own. Those that are not kept go.
+pub struct Drafts<'f> {
+    folder: &'f Path,
+    /// Names without the marks of a draft, in the order in which they were begun.
     files: Mutex<Vec<String>>,
 }
 
-impl Begun<'_> {
-    /// Lets `make` write one file, to its end, unless cancelled; returns its name.
-    fn file(
+impl Drafts<'_> {
+    /// Lets `make` write one file, to its end, unless cancelled.
+    pub(super) fn file(
         &self,
         name: &str,
+        cancel: &AtomicBool,
         make: impl FnOnce(&Path) -> Result<(), WriteError>,
-    ) -> Result<String, WriteError> {
-        if self.cancel.load(Ordering::Relaxed) {
+    ) -> Result<(), WriteError> {
+        if cancel.load(Ordering::Relaxed) {
             return Err(WriteError::Cancelled);
         }
         let mut files = self.files.lock().expect("no holder of this lock panics");
         files.push(name.to_owned());
         drop(files);
-        make(&self.folder.join(name))?;
-        Ok(name.to_owned())
+        make(&self.draft(name))
     }
 
-    fn take_back(self) {
-        let files = self.files.into_inner();
-        for name in files.expect("no holder of this lock panics") {
-            // Best effort: whoever cancelled is not told of files that cannot be removed.
-            std::fs::remove_file(self.folder.join(name)).ok();
+    /// Names of the files, in alphabetical order.
+    #[must_use]
+    pub fn names(&self) -> Vec<String> {
+        let files = self.files.lock().expect("no holder of this lock panics");
+        let mut names = files.clone();
+        names.sort_unstable();
+        names
+    }
+
+    /// Gives all files their names, `last` at the very end: where it is, the others are.
+    ///
+    /// # Errors
+    /// [`WriteError`] names the file; those after it keep no draft.
+    pub(super) fn keep(self, last: &str) -> Result<(), WriteError> {
+        // An older map's does not outlive its files.
+        std::fs::remove_file(self.folder.join(last)).ok();
+        let others = self.names().into_iter().filter(|name| name != last);
+        for name in others.chain([last.to_owned()]) {
+            let path = self.folder.join(&name);
+            std::fs::rename(self.draft(&name), &path).map_err(failed(&path))?;
+        }
+        Ok(())
+    }
+
+    fn draft(&self, name: &str) -> PathBuf {
+        let of_this_run = std::process::id();
+        self.folder.join(format!(".{name}.{of_this_run}.part"))
+    }
+}
+
+impl Drop for Drafts<'_> {
+    fn drop(&mut self) {
+        for name in self.names() {
+            // Best effort: whoever cancelled is not told of files that cannot be removed; kept ones are no drafts.
+            std::fs::remove_file(self.draft(&name)).ok();
         }
     }
 }
 
-fn write_all(map: &Map, begun: &Begun<'_>) -> Result<Vec<String>, WriteError> {
+fn write_all(map: &Map, drafts: &Drafts<'_>, cancel: &AtomicBool) -> Result<(), WriteError> {
     let layers = &map.layers;
     let sheet = Sheet {
         width: layers.width,
@@ -359,18 +394,16 @@ fn write_all(map: &Map, begun: &Begun<'_>) -> Result<Vec<String>, WriteError> {
         "flags.png".to_owned(),
         Sheetful::Png(Box::new(move || flags_picture(map, &sheet))),
     ));
-    let mut files = sheets
-        .par_iter()
-        .map(|(name, content)| {
-            begun.file(name, |path| match content {
-                Sheetful::Tiff(values) => write_tiff(path, values, layers.width, layers.height),
-                Sheetful::Png(draw) => write_png(path, &draw()),
-            })
+    sheets.par_iter().try_for_each(|(name, content)| {
+        drafts.file(name, cancel, |path| match content {
+            Sheetful::Tiff(values) => write_tiff(path, values, layers.width, layers.height),
+            Sheetful::Png(draw) => write_png(path, &draw()),
         })
-        .collect::<Result<Vec<String>, WriteError>>()?;
-    files.push(begun.file("flags.tif", |path| write_flags(path, map))?);
-    files.push(begun.file("defects.csv", |path| write_defects(path, &map.defects))?);
-    Ok(files)
+    })?;
+    drafts.file("flags.tif", cancel, |path| write_flags(path, map))?;
+    drafts.file("defects.csv", cancel, |path| {
+        write_defects(path, &map.defects)
+    })
 }
 
 /// Seconds that one thread takes to draw and compress a sheet of a series' size, on a smooth field with noise:
@@ -426,14 +459,19 @@ fn create(path: &Path) -> Result<File, WriteError> {
 
 fn write_tiff(path: &Path, values: &[f32], width: usize, height: usize) -> Result<(), WriteError> {
     write_whole(path, create(path)?, |file| {
-        encode_tiff::<colortype::Gray32Float>(file, values, width, height)
+        encode_tiff::<colortype::Gray32Float>(file, values, width, height, None)
     })
 }
 
 fn write_flags(path: &Path, map: &Map) -> Result<(), WriteError> {
     let layers = &map.layers;
+    let bits: Vec<String> = layers::flag_bits()
+        .map(|(name, bit)| format!("{bit} {name}"))
+        .collect();
+    let meaning = format!("sum of: {}", bits.join(", "));
     write_whole(path, create(path)?, |file| {
-        encode_tiff::<colortype::Gray8>(file, &layers.flags, layers.width, layers.height)
+        let (width, height) = (layers.width, layers.height);
+        encode_tiff::<colortype::Gray8>(file, &layers.flags, width, height, Some(&meaning))
     })
 }
 
@@ -442,13 +480,18 @@ fn encode_tiff<C: ColorType>(
     values: &[C::Inner],
     width: usize,
     height: usize,
+    description: Option<&str>,
 ) -> Result<(), TiffError>
 where
     [C::Inner]: TiffValue,
 {
-    TiffEncoder::new(into)?
-        .with_compression(Compression::Deflate(Default::default()))
-        .write_image::<C>(width as u32, height as u32, values)
+    let mut encoder =
+        TiffEncoder::new(into)?.with_compression(Compression::Deflate(Default::default()));
+    let mut image = encoder.new_image::<C>(width as u32, height as u32)?;
+    if let Some(text) = description {
+        image.encoder().write_tag(Tag::ImageDescription, text)?;
+    }
+    image.write_data(values)
 }
 
 fn write_png(path: &Path, picture: &Picture) -> Result<(), WriteError> {
@@ -582,7 +625,7 @@ mod tests {
                 let written = match png {
                     true => write_whole(path, file, |into| encode_png(into, &picture())),
                     false => write_whole(path, file, |into| {
-                        encode_tiff::<colortype::Gray32Float>(into, &values, 64, 64)
+                        encode_tiff::<colortype::Gray32Float>(into, &values, 64, 64, None)
                     }),
                 };
                 assert_eq!(written.is_err(), refused.get(), "{writes_left} writes");
@@ -594,30 +637,74 @@ mod tests {
         }
     }
 
+    fn names_in(folder: &Path) -> Vec<String> {
+        let files = std::fs::read_dir(folder).unwrap();
+        let name = |file: io::Result<std::fs::DirEntry>| file.unwrap().file_name();
+        let mut names: Vec<String> = files.map(|f| name(f).into_string().unwrap()).collect();
+        names.sort_unstable();
+        names
+    }
+
     #[test]
-    fn a_map_cancelled_between_two_files_leaves_none() {
+    fn a_map_cancelled_between_two_files_leaves_none_and_an_older_one_as_it_was() {
         let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("notes.txt"), "not the map's").unwrap();
+        let older = folder.path().join("a.tif");
+        std::fs::write(&older, "older").unwrap();
         let cancel = AtomicBool::new(false);
-        let begun = Begun {
+        let drafts = Drafts {
             folder: folder.path(),
-            cancel: &cancel,
             files: Mutex::default(),
         };
         let make = |path: &Path| std::fs::write(path, "whole").map_err(failed(path));
-        begun.file("a.tif", make).unwrap();
+        drafts.file("a.tif", &cancel, make).unwrap();
         let raise = |path: &Path| {
             cancel.store(true, Ordering::Relaxed);
             make(path)
         };
         // The file at which it is cancelled is written to its end, and no other is begun.
-        begun.file("b.tif", raise).unwrap();
-        let refused = begun.file("c.tif", |_| panic!("it is cancelled"));
+        drafts.file("b.tif", &cancel, raise).unwrap();
+        let refused = drafts.file("c.tif", &cancel, |_| panic!("it is cancelled"));
         assert!(matches!(refused, Err(WriteError::Cancelled)));
-        begun.take_back();
-        let left = std::fs::read_dir(folder.path()).unwrap();
-        let left: Vec<_> = left.map(|file| file.unwrap().file_name()).collect();
-        assert_eq!(left, ["notes.txt"]);
+        drop(drafts);
+        assert_eq!(names_in(folder.path()), ["a.tif"]);
+        assert_eq!(std::fs::read_to_string(&older).unwrap(), "older");
+    }
+
+    #[test]
+    fn files_that_are_kept_take_the_place_of_an_older_map_s() {
+        let folder = tempfile::tempdir().unwrap();
+        let (a, last) = (folder.path().join("a.tif"), folder.path().join("last"));
+        std::fs::write(&a, "older").unwrap();
+        std::fs::write(&last, "older").unwrap();
+        let drafts = Drafts {
+            folder: folder.path(),
+            files: Mutex::default(),
+        };
+        let never = AtomicBool::new(false);
+        let make = |path: &Path| std::fs::write(path, "whole").map_err(failed(path));
+        drafts.file("last", &never, make).unwrap();
+        drafts.file("a.tif", &never, make).unwrap();
+        assert_eq!(std::fs::read_to_string(&a).unwrap(), "older");
+        drafts.keep("last").unwrap();
+        assert_eq!(names_in(folder.path()), ["a.tif", "last"]);
+        for file in [a, last] {
+            assert_eq!(std::fs::read_to_string(file).unwrap(), "whole");
+        }
+    }
+
+    #[test]
+    fn a_tiff_says_what_its_values_mean() {
+        let mut file = io::Cursor::new(Vec::new());
+        let meaning = Some("sum of: 1 not_converged");
+        encode_tiff::<colortype::Gray8>(&mut file, &[1, 0, 4, 64], 2, 2, meaning).unwrap();
+        file.set_position(0);
+        let mut decoder = tiff::decoder::Decoder::new(file).unwrap();
+        let said = decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap();
+        assert_eq!(Some(said.as_str()), meaning);
+        let tiff::decoder::DecodingResult::U8(values) = decoder.read_image().unwrap() else {
+            panic!("they are bytes");
+        };
+        assert_eq!(values, [1, 0, 4, 64]);
     }
 
     #[test]

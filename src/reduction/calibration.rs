@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use super::darks::Darks;
 use super::flats::{Flats, Scene};
 use super::journal::Journal;
-use super::load::{Calls, load};
+use super::load::{Calls, load, refuse_impossible};
 use super::sensor::Sensor;
 use super::{FrameSource, ReductionError};
 use crate::frame::{Frame, FrameKind};
@@ -40,10 +40,12 @@ pub(super) fn prepare(
     let rig = manifest.rig_geometry();
     let mut sensor = Sensor::new(manifest);
     let darks = Darks::read(calls, &mut sensor, journal)?;
+    refuse_impossible(calls, FrameKind::Dark, journal)?;
     warn_of_missing_darks(calls, &darks, journal);
     let far = super::viewing(manifest)?.is_far();
     let scene = Scene { uniform, far };
     let flats = Flats::read(calls, &sensor, &darks, &rig, scene, journal)?;
+    refuse_impossible(calls, FrameKind::Flat, journal)?;
     let reference = white_reference(manifest, &flats, journal);
     let unit_dn_s = reference.map(|white| unit(&white, &flats, &rig));
     Ok(Prepared {
@@ -102,6 +104,7 @@ pub struct CameraCalibration {
 ///
 /// # Errors
 /// [`ReductionError::FieldUnknown`] where a near lamp or camera is stated without its distance or the field's size,
+/// [`ReductionError::ImpossibleCounts`] where most darks or most flats count more than the stated bits allow,
 /// [`ReductionError::Cancelled`] when `cancel` is raised, [`ReductionError::Vanished`] when frames
 /// go away meanwhile.
 pub fn calibrate(

@@ -93,6 +93,8 @@ proptest! {
     fn any_frames_give_finite_observations_or_are_refused_by_name(series in series()) {
         match reduce(&series, None, &AtomicBool::new(false)) {
             Ok(set) => {
+                let named = set.n_frames_used as usize + set.rejected_frames.len();
+                prop_assert_eq!(named, series.rows.len(), "every frame is used or named");
                 for o in &set.observations {
                     let numbers = [o.signal, o.sigma, o.shared.white_reference, o.shared.led_drift];
                     prop_assert!(numbers.iter().all(|x| x.is_finite()), "{o:?}");

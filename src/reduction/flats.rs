@@ -66,8 +66,8 @@ pub(super) struct Flats {
     pub(super) response: Response,
     /// By tilt; empty without flats.
     pub(super) levels: Vec<FlatLevel>,
-    /// Relative scatter of the lamp from frame to frame, as the flats show it.
-    pub(super) lamp_scatter: f64,
+    /// Relative scatter of the lamp from frame to frame, as the flats show it; `None` where they are too few to tell.
+    pub(super) lamp_scatter: Option<f64>,
     /// Flat frames used.
     pub(super) n_frames: u32,
 }
@@ -113,7 +113,7 @@ impl Flats {
             return Ok(Flats {
                 response,
                 levels: Vec::new(),
-                lamp_scatter: LAMP_SCATTER_DEFAULT,
+                lamp_scatter: None,
                 n_frames: 0,
             });
         }
@@ -155,7 +155,7 @@ impl Flats {
         let n_frames = rates.len() as u32;
         Ok(Flats {
             response,
-            levels: by_tilt(rates, lamp_scatter),
+            levels: by_tilt(rates, lamp_scatter.unwrap_or(LAMP_SCATTER_DEFAULT)),
             lamp_scatter,
             n_frames,
         })
@@ -487,12 +487,12 @@ fn rate_of(
     (total / scale, variance / (scale * scale))
 }
 
-/// Relative scatter of the flats about K (cos θi + a sin θi + s), counting noise taken out; the
-/// default where there are too few to tell.
-fn lamp_scatter(rates: &[(Flat, f64, f64)], rig: &RigGeometry) -> f64 {
+/// Relative scatter of the flats about K (cos θi + a sin θi + s), counting noise taken out; `None`
+/// where there are too few to tell.
+fn lamp_scatter(rates: &[(Flat, f64, f64)], rig: &RigGeometry) -> Option<f64> {
     const FREEDOM_MIN: usize = 3;
     if rates.len() < 3 + FREEDOM_MIN {
-        return LAMP_SCATTER_DEFAULT;
+        return None;
     }
     let mean = rates.iter().map(|(_, rate, _)| rate).sum::<f64>() / rates.len() as f64;
     let basis = |flat: &Flat| {
@@ -509,13 +509,11 @@ fn lamp_scatter(rates: &[(Flat, f64, f64)], rig: &RigGeometry) -> f64 {
     let svd = matrix.clone().svd(true, true);
     let tolerance = 1e-9 * svd.singular_values.max();
     let rank = svd.rank(tolerance);
-    let Ok(solution) = svd.solve(&seen, tolerance) else {
-        return LAMP_SCATTER_DEFAULT;
-    };
+    let solution = svd.solve(&seen, tolerance).ok()?;
     let left = (matrix * solution - seen).norm_squared() / (rows - rank) as f64;
     let noise =
         rates.iter().map(|(_, _, variance)| variance).sum::<f64>() / (rows as f64 * mean * mean);
-    (left - noise).max(0.0).sqrt()
+    Some((left - noise).max(0.0).sqrt())
 }
 
 /// Flats of one tilt averaged with their weights.

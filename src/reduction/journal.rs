@@ -40,6 +40,14 @@ impl Journal {
         self.rejected.iter().any(|(i, _)| *i == index)
     }
 
+    /// Frames that were left out for one reason, in the order in which they came up.
+    pub(super) fn rejected_for(&self, reason: &str) -> impl Iterator<Item = (usize, &Rejection)> {
+        let rejected = self.rejected.iter();
+        rejected
+            .filter(move |(_, rejection)| rejection.reason == reason)
+            .map(|(index, rejection)| (*index, rejection))
+    }
+
     pub(super) fn warn(&mut self, sentence: String) {
         if !self.warnings.contains(&sentence) {
             self.warnings.push(sentence);

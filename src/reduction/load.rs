@@ -3,7 +3,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::journal::Rejection;
+use super::journal::{Journal, Rejection};
 use super::sensor::Sensor;
 use super::{FrameSource, ReductionError};
 use crate::frame::{Frame, FrameKind};
@@ -34,7 +34,37 @@ impl Calls<'_> {
     }
 }
 
-/// Frame `index`, if it can be read and has the size that the manifest states.
+/// Reason of a frame whose counts are more than the stated converter gives.
+const IMPOSSIBLE: &str = "impossible counts";
+
+/// Refuses a series of which most frames of one kind hold counts that the stated converter cannot give: then the counts lie
+/// otherwise in their files than is assumed, or the bits are wrong, and the other frames are not to be trusted either.
+pub(super) fn refuse_impossible(
+    calls: &Calls<'_>,
+    kind: FrameKind,
+    journal: &Journal,
+) -> Result<(), ReductionError> {
+    let rows = calls.source.rows();
+    let of = calls.rows_of(kind).len();
+    let impossible: Vec<(usize, &Rejection)> = journal
+        .rejected_for(IMPOSSIBLE)
+        .filter(|(index, _)| rows[*index].kind == kind)
+        .collect();
+    match impossible.first() {
+        Some((index, rejection)) if impossible.len() * 2 > of => {
+            Err(ReductionError::ImpossibleCounts {
+                kind: kind.as_str(),
+                frames: impossible.len(),
+                of,
+                first: rows[*index].file.clone(),
+                detail: rejection.detail.clone(),
+            })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Frame `index`, if it can be read, has the size that the manifest states, and no count that the converter cannot give.
 pub(super) fn load(calls: &Calls<'_>, index: usize, sensor: &Sensor) -> Result<Frame, Rejection> {
     let frame = calls.source.read(index).map_err(|error| {
         let reason = match error {
@@ -53,5 +83,27 @@ pub(super) fn load(calls: &Calls<'_>, index: usize, sensor: &Sensor) -> Result<F
             ),
         ));
     }
+    possible(&frame, sensor)?;
     Ok(frame)
+}
+
+/// Left-aligned counts would pass for full pixels.
+fn possible(frame: &Frame, sensor: &Sensor) -> Result<(), Rejection> {
+    let (above, highest) = frame
+        .pixels_dn()
+        .iter()
+        .filter(|dn| **dn > sensor.count_max)
+        .fold((0_usize, 0), |(n, high), dn| (n + 1, high.max(*dn)));
+    match sensor.bit_depth {
+        Some(bits) if above > 0 => Err(Rejection::new(
+            IMPOSSIBLE,
+            format!(
+                "{above} of {} pixels count above {} (up to {highest}), the most that camera.bit_depth = {bits} allows: \
+                 right-align the counts, or correct bit_depth",
+                frame.pixels_dn().len(),
+                sensor.count_max
+            ),
+        )),
+        _ => Ok(()),
+    }
 }

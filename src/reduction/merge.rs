@@ -43,7 +43,8 @@ pub(super) struct Merged {
 pub(super) struct PoseLevels {
     pub(super) pose: Pose,
     pub(super) segments: Vec<Merged>,
-    pub(super) n_frames: u32,
+    /// Its frames in the list.
+    pub(super) frames: Vec<usize>,
     /// Mean time of its frames (s since 1970), where all bear one.
     pub(super) taken_s: Option<f64>,
 }
@@ -509,7 +510,7 @@ fn merged(ground: &Ground<'_>, group: &Group, lamp_scatter: f64) -> PoseLevels {
     PoseLevels {
         pose,
         segments,
-        n_frames: frames.len() as u32,
+        frames: frames.iter().map(|m| m.index).collect(),
         taken_s: mean_time(frames.iter().map(|m| &rows[m.index])),
     }
 }

@@ -43,14 +43,15 @@ use self::sensor::median;
 use self::viewing::{Part, Viewing};
 use crate::frame::{Frame, FrameKind};
 use crate::observation::{Observation, ObservationSet, Prior, SharedErrors};
-use crate::series::{FrameRow, Manifest, Series};
+use crate::series::{FrameRow, Manifest, RigFacts, Series};
 use crate::units::Angle;
 use crate::wording::counted;
 
 /// Standard uncertainty of a stage beyond what a fit solves for: of its zero, and of its error at the ends of the range of
-/// tilts or once round, as good rotation stages have it.
-const ANGLE_ZERO_STD_DEG: f64 = 0.02;
-/// Relative drift of the lamp between white reference and sample, where nothing measured says more.
+/// tilts or once round, as good rotation stages have it. Where the manifest states none.
+const ANGLE_STD_DEFAULT_DEG: f64 = 0.02;
+/// Relative drift of the lamp between white reference and sample, where the manifest states none and nothing measured says
+/// more.
 const LAMP_DRIFT_DEFAULT: f64 = 1e-3;
 /// Standard uncertainty of the stray light before the flats are looked at, as a share of the
 /// largest signal: what a blackened mount leaves.
@@ -117,6 +118,22 @@ pub enum ReductionError {
         /// What became of the frames.
         why: String,
     },
+    /// Most frames of a kind hold counts that the stated converter cannot give.
+    #[error(
+        "{frames} of {of} {kind} frames hold counts that the camera cannot give; of {first} {detail}"
+    )]
+    ImpossibleCounts {
+        /// Kind of the frames.
+        kind: &'static str,
+        /// How many of them.
+        frames: usize,
+        /// How many there are.
+        of: usize,
+        /// File of the first.
+        first: String,
+        /// Its counts, and the remedy.
+        detail: String,
+    },
     /// Frames that could be read a moment ago cannot be read any more.
     #[error("{what} went away while they were read; is the folder being changed?")]
     Vanished {
@@ -132,17 +149,21 @@ pub enum ReductionError {
 fn viewing(manifest: &Manifest) -> Result<Viewing, ReductionError> {
     Viewing::new(manifest)
         .filter(|viewing| manifest.is_telecentric() || !viewing.is_far())
-        .ok_or_else(|| ReductionError::FieldUnknown {
-            what: format!(
-                "projection \"{}\", light at {}, camera at {}",
-                manifest.camera.projection,
-                manifest.rig.light_distance.as_deref().unwrap_or("infinity"),
-                manifest
-                    .rig
-                    .camera_distance
-                    .as_deref()
-                    .unwrap_or("infinity"),
-            ),
+        .ok_or_else(|| {
+            let rig = &manifest.rig;
+            let told = |word: &Option<String>, mm: Option<f64>| match (word.as_deref(), mm) {
+                (Some("infinity"), _) | (None, None) => "infinity".to_owned(),
+                (_, Some(mm)) => format!("{mm} mm"),
+                (Some(word), None) => word.to_owned(),
+            };
+            ReductionError::FieldUnknown {
+                what: format!(
+                    "projection \"{}\", light at {}, camera at {}",
+                    manifest.camera.projection,
+                    told(&rig.light_distance, rig.light_distance_mm),
+                    told(&rig.camera_distance, manifest.camera_distance_mm()),
+                ),
+            }
         })
 }
 
@@ -213,6 +234,7 @@ pub fn reduce(
         far: viewing.is_far(),
     };
     let measured = measure_all(&ground, &mut journal)?;
+    load::refuse_impossible(&calls, FrameKind::Sample, &journal)?;
     if uniform {
         sloping::warn(&measured, &mut journal);
     }
@@ -226,19 +248,17 @@ pub fn reduce(
     let reference = camera.reference;
     // A pose of which no pixel is left (all of them full or wild), or whose numbers left the range of doubles, is
     // none: an observation of 0 ± 0 would outweigh all others.
-    let told = |l: &Merged| {
-        l.n > 0.0 && l.rate_dn_s.is_finite() && l.variance > 0.0 && l.variance.is_finite()
-    };
     let levels: Vec<(&PoseLevels, Merged)> = poses
         .iter()
         .map(|p| (p, over_segments(p, viewing.is_far())))
-        .filter(|(_, level)| told(level))
+        .filter(|(_, level)| is_level(level))
         .collect();
     if levels.len() < poses.len() {
         journal.warn(format!(
-            "{} left out: no usable pixel",
+            "{} left out: no usable pixel, or no finite level",
             counted(poses.len() - levels.len(), "pose")
         ));
+        leave_out_levelless(source.rows(), &poses, viewing.is_far(), &mut journal);
     }
     let largest = levels
         .iter()
@@ -263,8 +283,12 @@ pub fn reduce(
             },
         });
     }
-    let drift = LAMP_DRIFT_DEFAULT.max(flats.lamp_scatter).max(lamp_scatter);
-    let zero = Angle::from_deg(ANGLE_ZERO_STD_DEG);
+    let seen = flats.lamp_scatter.unwrap_or(0.0).max(lamp_scatter);
+    let facts = &manifest.rig;
+    tell_what_is_assumed(facts, seen, &mut journal);
+    let drift = facts.lamp_drift_std.unwrap_or(LAMP_DRIFT_DEFAULT).max(seen);
+    let zero = |stated: Option<f64>| Angle::from_deg(stated.unwrap_or(ANGLE_STD_DEFAULT_DEG));
+    let (tilts_zero, turns_zero) = (zero(facts.theta_c_std_deg), zero(facts.phi_s_std_deg));
     let began_s = zero_of_time(source.rows(), &poses);
     let observations: Vec<Observation> = levels
         .iter()
@@ -278,10 +302,10 @@ pub fn reduce(
                     white_reference: reference
                         .map_or(0.0, |w| signal * w.reflectance_std / w.reflectance),
                     led_drift: signal * drift,
-                    theta_c_zero: zero,
-                    phi_s_zero: zero,
+                    theta_c_zero: tilts_zero,
+                    phi_s_zero: turns_zero,
                 },
-                n_frames: pose.n_frames,
+                n_frames: pose.frames.len() as u32,
                 taken_s: pose
                     .taken_s
                     .zip(began_s)
@@ -334,6 +358,54 @@ pub fn reduce(
         rejected_frames,
         warnings,
     })
+}
+
+/// Says in one sentence which parts of the budget rest on no statement and no measurement; `seen` is the lamp's relative
+/// scatter as the frames show it.
+fn tell_what_is_assumed(rig: &RigFacts, seen: f64, journal: &mut Journal) {
+    let stages = [
+        ("theta_c_std_deg", rig.theta_c_std_deg),
+        ("phi_s_std_deg", rig.phi_s_std_deg),
+    ];
+    let unstated = stages.iter().filter(|(_, std)| std.is_none());
+    let mut keys: Vec<&str> = unstated.map(|(key, _)| *key).collect();
+    let mut assumed: Vec<String> = Vec::new();
+    if !keys.is_empty() {
+        assumed.push(format!(
+            "{ANGLE_STD_DEFAULT_DEG}° for a stage's angle, its zero as well as its error over the range"
+        ));
+    }
+    if rig.lamp_drift_std.is_none() && seen < LAMP_DRIFT_DEFAULT {
+        keys.push("lamp_drift_std");
+        assumed.push(format!("{LAMP_DRIFT_DEFAULT} for the lamp"));
+    }
+    if !keys.is_empty() {
+        journal.warn(format!(
+            "the manifest states no [rig] {}: standard uncertainties of {} are assumed",
+            keys.join(", "),
+            assumed.join(", and of ")
+        ));
+    }
+}
+
+/// Names the frames of the poses that give no level.
+fn leave_out_levelless(rows: &[FrameRow], poses: &[PoseLevels], far: bool, journal: &mut Journal) {
+    let without = |pose: &&PoseLevels| !is_level(&over_segments(pose, far));
+    for index in poses.iter().filter(without).flat_map(|pose| &pose.frames) {
+        let exposure_s = rows[*index].exposure_s;
+        let detail = format!(
+            "all pixels of its pose are full, wild or left out, or {exposure_s:?} s of exposure give no finite level"
+        );
+        journal.reject(*index, Rejection::new("no level", detail));
+    }
+}
+
+/// Whether a level is one: its pose has a usable pixel, and numbers within the range of doubles.
+fn is_level(level: &Merged) -> bool {
+    level.n > 0.0
+        && level.rate_dn_s.is_finite()
+        && level.variance > 0.0
+        && level.variance.is_finite()
 }
 
 /// When the white reference was seen (s since 1970), or the sample where no flat bears a time.

@@ -22,6 +22,10 @@ pub(super) struct Sensor {
     pub(super) black_dn: f64,
     /// A pixel at this count or above is full.
     pub(super) saturation_dn: f64,
+    /// Bits of the converter, where they are stated.
+    pub(super) bit_depth: Option<u32>,
+    /// Largest count that they allow, or that a file can hold.
+    pub(super) count_max: u16,
 }
 
 impl Sensor {
@@ -34,6 +38,8 @@ impl Sensor {
             read_dn: camera.gain_dn_per_electron * camera.read_noise_electrons_rms.unwrap_or(0.0),
             black_dn: camera.black_level_dn.unwrap_or(0.0),
             saturation_dn: manifest.saturation_dn(),
+            bit_depth: camera.bit_depth,
+            count_max: camera.count_max().map_or(u16::MAX, |most| most as u16),
         }
     }
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::sync::atomic::Ordering;
 
-use super::synthetic::Memory;
+use super::synthetic::{Made, Memory};
 use super::*;
 
 mod board;
@@ -177,7 +177,12 @@ fn a_worn_patch_is_left_out_by_name_and_the_others_are_not() {
     assert!(named[0].starts_with("patch-1-2 "));
     assert!((odd.region_azimuth.deg() - 90.0).abs() < 1e-12);
     let even = reduced(checker(), Some("even"));
-    assert!(even.warnings.is_empty(), "{:?}", even.warnings);
+    // But for what is assumed of the rig.
+    assert!(
+        even.warnings.iter().all(|w| w.contains("states no [rig]")),
+        "{:?}",
+        even.warnings
+    );
     assert!(even.region_azimuth.deg().abs() < 1e-12);
 }
 
@@ -431,6 +436,146 @@ fn a_raised_flag_ends_the_reduction() {
         reduce(polymer(), None, &flag),
         Err(ReductionError::Cancelled)
     ));
+}
+
+#[test]
+fn what_is_assumed_of_stages_and_lamp_is_told_and_can_be_stated() {
+    let told = |set: &ObservationSet| -> Vec<String> {
+        let warnings = set.warnings.iter();
+        warnings
+            .filter(|w| w.contains("assumed"))
+            .cloned()
+            .collect()
+    };
+    let silent = reduced(polymer_part(), None);
+    let shared = |set: &ObservationSet| {
+        let o = set.observations[0];
+        let drift = o.shared.led_drift / o.signal;
+        (
+            o.shared.theta_c_zero.deg(),
+            o.shared.phi_s_zero.deg(),
+            drift,
+        )
+    };
+    let near = |found: (f64, f64, f64), due: (f64, f64, f64)| {
+        let off = [found.0 - due.0, found.1 - due.1, found.2 - due.2];
+        assert!(off.iter().all(|x| x.abs() < 1e-12), "{found:?}");
+    };
+    near(shared(&silent), (0.02, 0.02, 1e-3));
+    let words = told(&silent).concat();
+    for word in [
+        "theta_c_std_deg",
+        "phi_s_std_deg",
+        "lamp_drift_std",
+        "0.02°",
+        "0.001",
+    ] {
+        assert!(words.contains(word), "{word}: {words}");
+    }
+    assert_eq!(told(&silent).len(), 1);
+
+    let mut stated = polymer_part().clone();
+    let rig = &mut stated.manifest.rig;
+    rig.theta_c_std_deg = Some(0.1);
+    rig.phi_s_std_deg = Some(0.05);
+    rig.lamp_drift_std = Some(0.004);
+    let set = reduced(&stated, None);
+    near(shared(&set), (0.1, 0.05, 0.004));
+    assert_eq!(told(&set), Vec::<String>::new());
+
+    stated.manifest.rig.phi_s_std_deg = None;
+    let words = told(&reduced(&stated, None)).concat();
+    assert!(
+        words.contains("[rig] phi_s_std_deg: ") && !words.contains("lamp"),
+        "{words}"
+    );
+}
+
+#[test]
+fn counts_that_the_converter_cannot_give_are_no_full_pixels() {
+    let made = Made {
+        saturation_dn: 4095,
+        gain_dn: 0.4,
+        read_electrons: 3.0,
+        black_dn: 64.0,
+        electrons_per_radiance_second: 3e5,
+        ..Made::default()
+    };
+    let mut series = made.series(
+        &[-10.0, 0.0, 10.0],
+        &[0.0, 90.0, 180.0],
+        &[0.02, 0.06],
+        |_, _| 0.1,
+    );
+    series.manifest.camera.bit_depth = Some(12);
+    let before = reduced(&series, None);
+    assert!(
+        before.rejected_frames.is_empty(),
+        "{:?}",
+        before.rejected_frames
+    );
+
+    // One frame with a few: it is left out by name.
+    let mut spoilt = series.clone();
+    let file = "sample_0_90_0.06_0";
+    spoilt.edit(file, |p| p[40..43].fill(40_000));
+    let after = reduced(&spoilt, None);
+    assert_eq!(after.rejected_frames.len(), 1);
+    let rejected = &after.rejected_frames[0];
+    assert!(rejected.file.contains(file) && rejected.reason == "impossible counts");
+    for word in [
+        "3 of 9216 pixels",
+        "above 4095",
+        "40000",
+        "camera.bit_depth = 12",
+    ] {
+        assert!(
+            rejected.detail.contains(word),
+            "{word}: {}",
+            rejected.detail
+        );
+    }
+
+    // All of them: no frame is what it seems.
+    for kind in [FrameKind::Flat, FrameKind::Sample] {
+        let mut shifted = series.clone();
+        for (row, frame) in shifted.rows.iter().zip(&mut shifted.frames) {
+            let of = frame.take().unwrap();
+            let shift = if row.kind == kind { 4 } else { 0 };
+            let pixels = of.pixels_dn().iter().map(|dn| dn << shift).collect();
+            *frame = Some(Frame::new(of.width_px(), of.height_px(), pixels).unwrap());
+        }
+        let said = reduce(&shifted, None, &AtomicBool::new(false))
+            .unwrap_err()
+            .to_string();
+        for word in [
+            kind.as_str(),
+            "frames/",
+            "above 4095",
+            "camera.bit_depth = 12",
+            "right-align the counts, or correct bit_depth",
+        ] {
+            assert!(said.contains(word), "{word}: {said}");
+        }
+    }
+}
+
+#[test]
+fn frames_of_a_pose_without_a_level_are_named() {
+    let made = Made::default();
+    let mut series = made.series(&[-10.0, 0.0, 10.0], &[0.0, 90.0], &[0.02], |_, _| 0.1);
+    let file = "sample_0_90_0.02_0";
+    let at = series.index_of(file);
+    // So short that no double holds the counts per second.
+    series.rows[at].exposure_s = 1e-308;
+    let set = reduced(&series, None);
+    assert_eq!(set.observations.len(), 5);
+    let named: Vec<_> = set.rejected_frames.iter().collect();
+    assert!(
+        named.len() == 1 && named[0].file.contains(file) && named[0].detail.contains("1e-308 s"),
+        "{named:?}"
+    );
+    assert_eq!(set.n_frames_used as usize + 1, series.rows.len());
 }
 
 #[test]

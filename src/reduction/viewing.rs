@@ -63,12 +63,7 @@ impl Viewing {
         let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
         let far = manifest.is_telecentric();
         let near = |distance: Option<f64>| distance.filter(|_| !far);
-        let camera_mm = near(
-            manifest
-                .rig
-                .camera_distance_mm
-                .or(camera.camera_distance_mm),
-        );
+        let camera_mm = near(manifest.camera_distance_mm());
         let light_mm = near(manifest.rig.light_distance_mm);
         let column_mm = match camera.field_width_mm {
             Some(field) => field / width,

@@ -96,6 +96,8 @@ mod tests {
             read_dn: 4.0,
             black_dn: 0.0,
             saturation_dn: 65535.0,
+            bit_depth: None,
+            count_max: u16::MAX,
         }
     }
 

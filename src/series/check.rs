@@ -2,7 +2,7 @@
 
 use super::SeriesError;
 use super::manifest::Manifest;
-use super::text::{line_of, meant};
+use super::text::{line_of, meant, path_of};
 use super::values;
 use crate::wording::refusals::plain;
 
@@ -30,6 +30,9 @@ const KEYS: [(&str, &[&str]); 6] = [
             "light_radius_mm",
             "sample_wedge_std_deg",
             "theta_l_std_deg",
+            "theta_c_std_deg",
+            "phi_s_std_deg",
+            "lamp_drift_std",
             "camera_distance_mm",
             "lens_radius_mm",
         ],
@@ -79,12 +82,33 @@ const KEYS: [(&str, &[&str]); 6] = [
     ),
 ];
 
+/// Keys of one section that another one may have as well: as a second place, or as a note that says something else (the
+/// exposures of the flats, a certificate's coverage factor k).
+const AT_HOME_TOO: [(&str, &str); 3] = [
+    ("camera", "camera_distance_mm"),
+    ("flat", "exposures_s"),
+    ("flat", "k"),
+];
+
 impl Manifest {
     /// Reads the text of a manifest and checks every value; `file` names it in errors.
     ///
     /// # Errors
     /// [`SeriesError::Invalid`] with line, key, cause and remedy of the first thing that is wrong.
     pub fn from_toml(text: &str, file: &str) -> Result<Self, SeriesError> {
+        Manifest::read(text, file, false)
+    }
+
+    /// The same of a series that comes from outside, where whoever wrote it can still correct it: every key also stands
+    /// where it is read, and the values fit each other. What is in a store already is read as it was taken.
+    ///
+    /// # Errors
+    /// As [`Manifest::from_toml`].
+    pub fn from_outside(text: &str, file: &str) -> Result<Self, SeriesError> {
+        Manifest::read(text, file, true)
+    }
+
+    fn read(text: &str, file: &str, from_outside: bool) -> Result<Self, SeriesError> {
         let text = text.trim_start_matches('\u{feff}');
         let table: toml::Table = toml::from_str(text).map_err(|error| SeriesError::Invalid {
             file: file.to_owned(),
@@ -93,6 +117,9 @@ impl Manifest {
             cause: format!("this is not TOML: {}", one_line(error.message())),
             remedy: "repair the line".to_owned(),
         })?;
+        if from_outside && let Some(stray) = stray(&table, "", &table) {
+            return Err(stray.told(text, file));
+        }
         slips(&table, text, file)?;
         let manifest: Manifest = toml::from_str(text).map_err(|error| {
             let line = error.span().map(|span| line_at(text, span.start));
@@ -111,18 +138,11 @@ impl Manifest {
                 remedy: "docs/series.md lists every key".to_owned(),
             }
         })?;
-        values::check(&manifest).map_err(|problem| problem.told(text, file))?;
-        Ok(manifest)
-    }
-
-    /// The same of a series that comes from outside, where whoever wrote it can still correct it: its values also fit
-    /// each other.
-    ///
-    /// # Errors
-    /// As [`Manifest::from_toml`].
-    pub fn from_outside(text: &str, file: &str) -> Result<Self, SeriesError> {
-        let manifest = Manifest::from_toml(text, file)?;
-        values::check_camera(&manifest).map_err(|problem| problem.told(text, file))?;
+        let checked = values::check(&manifest).and_then(|()| match from_outside {
+            true => values::check_fit(&manifest),
+            false => Ok(()),
+        });
+        checked.map_err(|problem| problem.told(text, file))?;
         Ok(manifest)
     }
 }
@@ -141,19 +161,84 @@ impl Problem {
         SeriesError::Invalid {
             file: file.to_owned(),
             line: line_of(text, self.section, self.key),
-            key: format!("{}: ", self.path()),
+            key: format!("{}: ", path_of(self.section, self.key)),
             cause: self.cause,
             remedy: self.remedy.to_owned(),
         }
     }
+}
 
-    fn path(&self) -> String {
-        if self.section.is_empty() {
-            self.key.to_owned()
-        } else {
-            format!("{}.{}", self.section, self.key)
+/// A known key where nothing reads it.
+struct Stray {
+    section: String,
+    key: String,
+    /// Where it is read.
+    home: &'static str,
+}
+
+impl Stray {
+    fn told(self, text: &str, file: &str) -> SeriesError {
+        let Stray { section, key, home } = self;
+        // An inline table has no header: its own line then.
+        let (outer, name) = section.rsplit_once('.').unwrap_or(("", &section));
+        let line = line_of(text, &section, &key).or_else(|| line_of(text, outer, name));
+        let here = match section.as_str() {
+            "" => "above the sections".to_owned(),
+            section => format!("in [{section}]"),
+        };
+        SeriesError::Invalid {
+            file: file.to_owned(),
+            line,
+            key: String::new(),
+            cause: format!("key `{key}` belongs in [{home}]; {here} nothing reads it"),
+            remedy: "move it there, or into a section [notes] if it is only a note".to_owned(),
         }
     }
+}
+
+/// The first key in `table`, which is `[section]` of the `whole`, that would be read in another section and here counts as a
+/// note. `[dark]` and sections called notes are for notes alone.
+fn stray(table: &toml::Table, section: &str, whole: &toml::Table) -> Option<Stray> {
+    let own = KEYS.iter().find(|(name, _)| *name == section);
+    let own: &[&str] = own.map_or(&[], |(_, keys)| keys);
+    for (key, value) in table {
+        if !own.contains(&key.as_str())
+            && !is_at_home_too(section, key, whole)
+            && let Some(home) = home_of(key, value)
+        {
+            return Some(Stray {
+                section: section.to_owned(),
+                key: key.clone(),
+                home,
+            });
+        }
+        let inner = path_of(section, key);
+        let found = value
+            .as_table()
+            .filter(|_| inner != "dark" && key != "notes")
+            .and_then(|table| stray(table, &inner, whole));
+        if found.is_some() {
+            return found;
+        }
+    }
+    None
+}
+
+/// The section that reads a key. Of what anything may have (a name, a kind), none.
+fn home_of(key: &str, value: &toml::Value) -> Option<&'static str> {
+    if key == "kind" || (key == "layout" && !value.is_table()) {
+        return None;
+    }
+    let sections = KEYS.iter().filter(|(name, _)| !name.is_empty());
+    let mut homes = sections.filter(|(_, keys)| keys.contains(&key));
+    homes.next().map(|(name, _)| *name)
+}
+
+fn is_at_home_too(section: &str, key: &str, whole: &toml::Table) -> bool {
+    // A sample's index is that at a wavelength; the rig states which one shines.
+    let rig = |key: &str| whole.get("rig").is_some_and(|rig| rig.get(key).is_some());
+    AT_HOME_TOO.contains(&(section, key))
+        || ((section, key) == ("sample", "wavelength_nm") && rig("wavelength_nm"))
 }
 
 /// Refuses a key that is one or two letters away from a known one which is missing.
@@ -204,6 +289,7 @@ mod tests {
     use crate::material::tables;
 
     const CHECKER: &str = include_str!("../../tests/data/series/checker/manifest.toml");
+    const POLYMER: &str = include_str!("../../tests/data/series/polymer-10/manifest.toml");
 
     fn refusal(text: &str) -> String {
         Manifest::from_toml(text, "manifest.toml")
@@ -304,6 +390,271 @@ mod tests {
         }
         assert!(Manifest::from_toml(&broken, "manifest.toml").is_ok());
         assert!(Manifest::from_outside(CHECKER, "manifest.toml").is_ok());
+    }
+
+    fn refusal_from_outside(text: &str) -> String {
+        Manifest::from_outside(text, "manifest.toml")
+            .unwrap_err()
+            .to_string()
+    }
+
+    #[test]
+    fn a_known_key_in_another_section_is_refused_with_its_own() {
+        for (from, to, words) in [
+            (
+                "[sample]\n",
+                "[sample]\nsample_wedge_std_deg = 0.2\n",
+                [
+                    "line 52",
+                    "`sample_wedge_std_deg` belongs in [rig]",
+                    "in [sample]",
+                ],
+            ),
+            (
+                "[camera]\n",
+                "[camera]\nazimuth_zero_deg = 90\n",
+                [
+                    "line 26",
+                    "`azimuth_zero_deg` belongs in [rig]",
+                    "in [camera]",
+                ],
+            ),
+            (
+                "name = \"checker\"\n",
+                "name = \"checker\"\nlight_azimuth_deg = 90.0\n",
+                [
+                    "line 3",
+                    "`light_azimuth_deg` belongs in [rig]",
+                    "above the sections",
+                ],
+            ),
+            (
+                "[camera]\n",
+                "[light]\nlight_angular_radius_deg = 2.0\n[camera]\n",
+                [
+                    "line 26",
+                    "`light_angular_radius_deg` belongs in [rig]",
+                    "[light]",
+                ],
+            ),
+            (
+                "[camera]\n",
+                "[rig.lamp]\nwavelength_nm = 633.0\n[camera]\n",
+                ["line 26", "`wavelength_nm` belongs in [rig]", "[rig.lamp]"],
+            ),
+            (
+                "transport =",
+                "light = { light_azimuth_deg = 90.0 }\ntransport =",
+                [
+                    "line 6",
+                    "`light_azimuth_deg` belongs in [rig]",
+                    "in [light]",
+                ],
+            ),
+            (
+                "[flat]\n",
+                "[flat]\nbit_depth = 12\n",
+                ["line 42", "`bit_depth` belongs in [camera]", "in [flat]"],
+            ),
+            (
+                "[sample]\n",
+                "[sample]\npatch_size_mm = 9.0\n",
+                [
+                    "line 52",
+                    "belongs in [sample.layout]",
+                    "section [notes] if",
+                ],
+            ),
+            // It is read there by nobody who names a metal.
+            (
+                "rotation = \"phi_s about +z, counter-clockwise seen from +z\"\nwavelength_nm = 550.0\n",
+                "",
+                ["`wavelength_nm` belongs in [rig]", "in [sample]", "line"],
+            ),
+        ] {
+            let text = CHECKER.replacen(from, to, 1);
+            assert_ne!(text, CHECKER, "{from} is not in the manifest");
+            let said = refusal_from_outside(&text);
+            for word in words {
+                assert!(said.contains(word), "{to}: `{word}` is not in: {said}");
+            }
+        }
+    }
+
+    #[test]
+    fn notes_stay_notes_whatever_they_are_called() {
+        for (from, to) in [
+            ("[camera]\n", "[notes]\ntheta_l_deg = 11.0\n[camera]\n"),
+            ("[camera]\n", "[rig.notes]\nbit_depth = 12\n[camera]\n"),
+            ("[dark]\n", "[dark]\nblack_level_dn = 201.3\n"),
+            (
+                "[flat]\n",
+                "[flat]\nkind = \"sintered\"\nname = \"R 7\"\nk = 2\n",
+            ),
+            (
+                "[rig]\n",
+                "[rig]\ncamera = \"U3-3080\"\nlayout = \"rig.png\"\n",
+            ),
+        ] {
+            let text = CHECKER.replacen(from, to, 1);
+            assert_ne!(text, CHECKER, "{from} is not in the manifest");
+            let manifest = Manifest::from_outside(&text, "manifest.toml").unwrap();
+            assert_eq!(manifest.rig.theta_l_deg, 10.0);
+        }
+        // What is in a store already is read as it was taken.
+        let stored = CHECKER.replacen("[sample]\n", "[sample]\nsample_wedge_std_deg = 0.2\n", 1);
+        assert!(Manifest::from_toml(&stored, "manifest.toml").is_ok());
+    }
+
+    #[test]
+    fn a_stated_distance_is_finite_without_the_word() {
+        let stated = "light_distance_mm = 100.0\ncamera_distance_mm = 100.0";
+        let near = CHECKER
+            .replacen("light_distance = \"infinity\"", stated, 1)
+            .replacen("camera_distance = \"infinity\"", "", 1);
+        let manifest = Manifest::from_outside(&near, "manifest.toml").unwrap();
+        assert!(!manifest.is_telecentric());
+        assert!(
+            Manifest::from_outside(CHECKER, "")
+                .unwrap()
+                .is_telecentric()
+        );
+        for (text, words) in [
+            (
+                POLYMER
+                    .replacen(
+                        "light_distance = \"infinity\"",
+                        "light_distance_mm = 100.0",
+                        1,
+                    )
+                    .replacen("field_width_mm = 51.2\n", "", 1),
+                [
+                    "line 25: camera.field_width_mm",
+                    "rig.light_distance_mm",
+                    "missing",
+                ],
+            ),
+            (
+                near.replacen("[camera]\n", "[camera]\ncamera_distance_mm = 120.0\n", 1),
+                [
+                    "line 27: camera.camera_distance_mm",
+                    "120",
+                    "rig.camera_distance_mm = 100",
+                ],
+            ),
+            (
+                CHECKER.replacen(
+                    "light_distance = \"infinity\"",
+                    "light_distance = \"infinity\"\nlight_distance_mm = 100.0",
+                    1,
+                ),
+                [
+                    "line 12: rig.light_distance_mm",
+                    "light_distance = \"infinity\"",
+                    "leave",
+                ],
+            ),
+            (
+                CHECKER.replacen("[camera]\n", "[camera]\ncamera_distance_mm = 450.0\n", 1),
+                [
+                    "line 26: camera.camera_distance_mm",
+                    "camera_distance = \"infinity\"",
+                    "leave",
+                ],
+            ),
+            (
+                near.replacen("orthographic", "perspective", 1).replacen(
+                    "camera_distance_mm = 100.0\n",
+                    "",
+                    1,
+                ),
+                ["line 8: rig.camera_distance_mm", "perspective", "missing"],
+            ),
+        ] {
+            let said = refusal_from_outside(&text);
+            for word in words {
+                assert!(said.contains(word), "`{word}` is not in: {said}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_lean_direction_that_cannot_be_read_is_refused() {
+        let words = "\"(i+j) even: lean direction v at phi_s (ridges run along u = v x n)\"";
+        let with = |told: &str| CHECKER.replacen(words, &format!("\"{told}\""), 1);
+        for told in [
+            "leans left",
+            "v at phi_s + ninety deg",
+            "v at phi_s plus 90 deg",
+            "v at phi_s turned by 90 deg",
+            "v at phi_s 90 deg",
+            "v at phi_s + 1,5 deg",
+            "v at phi_s + 1.5.2 deg",
+            "v at phi_s + 9e1 deg",
+            "v at phi_s + 1.5708 rad",
+            "v at phi_s_recorded",
+        ] {
+            let said = refusal_from_outside(&with(told));
+            for word in ["sample.layout.even_patches", told, "phi_s + 90 deg"] {
+                assert!(said.contains(word), "`{word}` is not in: {said}");
+            }
+            let line = with(told).lines().position(|l| l.contains(told)).unwrap() + 1;
+            assert!(said.contains(&format!("line {line}:")), "{said}");
+        }
+        for told in [
+            "v at phi_s",
+            "v at phi_s, as on the drawing of 2024",
+            "v at phi_s as recorded",
+            "v at phi_s+90",
+            "v at phi_s - 45.5°",
+            "v at phi_s − 45.5 deg (ridges along u)",
+            "v at phi_s + 90, measured",
+        ] {
+            assert!(Manifest::from_outside(&with(told), "").is_ok(), "{told}");
+        }
+    }
+
+    #[test]
+    fn how_well_the_stages_and_the_lamp_are_known_is_a_number_in_its_range() {
+        let with = |told: &str| CHECKER.replacen("[rig]\n", &format!("[rig]\n{told}\n"), 1);
+        let stated = with("theta_c_std_deg = 0.05\nphi_s_std_deg = 1\nlamp_drift_std = 0.0");
+        let manifest = Manifest::from_outside(&stated, "").unwrap();
+        let of = |m: &Manifest| {
+            let rig = &m.rig;
+            (rig.theta_c_std_deg, rig.phi_s_std_deg, rig.lamp_drift_std)
+        };
+        assert_eq!(of(&manifest), (Some(0.05), Some(1.0), Some(0.0)));
+        let again = Manifest::from_toml(&manifest.to_toml(), "").unwrap();
+        assert_eq!(of(&again), of(&manifest));
+        let silent = Manifest::from_outside(CHECKER, "").unwrap();
+        assert_eq!(of(&silent), (None, None, None));
+        for (told, words) in [
+            (
+                "theta_c_std_deg = -0.1",
+                ["line 9: rig.theta_c_std_deg", "out of range"],
+            ),
+            (
+                "phi_s_std_deg = 11.0",
+                ["line 9: rig.phi_s_std_deg", "at most 10"],
+            ),
+            (
+                "phi_s_std_deg = nan",
+                ["line 9: rig.phi_s_std_deg", "out of range"],
+            ),
+            (
+                "lamp_drift_std = 2.0",
+                ["line 9: rig.lamp_drift_std", "not per cent"],
+            ),
+            (
+                "lamp_drift_std = \"1 %\"",
+                ["line 9: rig.lamp_drift_std", "number"],
+            ),
+        ] {
+            let said = refusal(&with(told));
+            for word in words {
+                assert!(said.contains(word), "`{word}` is not in: {said}");
+            }
+        }
     }
 
     #[test]

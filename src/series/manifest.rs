@@ -101,6 +101,16 @@ pub struct RigFacts {
     /// Radius of the lens's pupil, where its distance is finite.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lens_radius_mm: Option<f64>,
+    /// Standard uncertainty of the recorded θc that is left once a fit knows the tilt's offset: of the stage's zero, and of
+    /// its error at the ends of the range of tilts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub theta_c_std_deg: Option<f64>,
+    /// The same of the recorded φs: of the stage's zero, and of its error once round.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub phi_s_std_deg: Option<f64>,
+    /// Relative standard uncertainty that the lamp's drift between white reference and sample gives the signals.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lamp_drift_std: Option<f64>,
     /// Further keys.
     #[serde(flatten)]
     pub notes: Notes,
@@ -263,6 +273,35 @@ impl LayoutFacts {
     }
 }
 
+/// Whether words say a lean direction in the form that [`LayoutFacts::lean_azimuth`] reads: `phi_s`, then nothing up to the
+/// next mark, or an angle in degrees with its sign.
+pub(super) fn is_lean(words: &str) -> bool {
+    let Some((_, rest)) = words.split_once("phi_s") else {
+        return false;
+    };
+    if rest.starts_with(|c: char| c.is_alphanumeric() || c == '_') {
+        return false;
+    }
+    let clause = rest.split(['(', ')', ';']).next().unwrap_or(rest).trim();
+    let Some(turn) = clause.strip_prefix(['+', '-', '−']) else {
+        // Words, but none that may mean an angle.
+        let clause = clause.split(',').next().unwrap_or(clause);
+        let signs = |word: &str| ["plus", "minus"].contains(&word);
+        return !clause.contains(|c: char| c.is_ascii_digit() || "+-−*/".contains(c))
+            && !clause.split_whitespace().any(signs);
+    };
+    let turn = turn.trim_start();
+    let end = turn.find(|c: char| !(c.is_ascii_digit() || c == '.'));
+    let (number, unit) = turn.split_at(end.unwrap_or(turn.len()));
+    let unit = unit.trim_start();
+    // A comma ends the clause, unless it is a decimal one.
+    let ends = unit
+        .strip_prefix(',')
+        .is_some_and(|after| !after.trim_start().starts_with(|c: char| c.is_ascii_digit()));
+    number.parse::<f64>().is_ok()
+        && (unit.is_empty() || ends || unit.starts_with("deg") || unit.starts_with('°'))
+}
+
 /// 90 from `… v at phi_s + 90 deg …`, 0 from `… v at phi_s (…`, none without `phi_s`.
 fn degrees_after_phi_s(words: &str) -> Option<f64> {
     let rest = words.split_once("phi_s")?.1.trim_start();
@@ -311,7 +350,7 @@ impl Manifest {
                 lens: cone(
                     rig.lens_angular_radius_deg,
                     rig.lens_radius_mm,
-                    rig.camera_distance_mm.or(self.camera.camera_distance_mm),
+                    self.camera_distance_mm(),
                 ),
             },
         }
@@ -376,13 +415,25 @@ impl Manifest {
         }
     }
 
-    /// Whether lamp and camera are so far away that every pixel has the same directions.
+    /// From the centre of tilt to the camera's pupil, wherever it is stated.
+    #[must_use]
+    pub fn camera_distance_mm(&self) -> Option<f64> {
+        self.rig
+            .camera_distance_mm
+            .or(self.camera.camera_distance_mm)
+    }
+
+    /// Whether lamp and camera are so far away that every pixel has the same directions. A distance in millimetres is
+    /// finite, with the word or without it.
     #[must_use]
     pub fn is_telecentric(&self) -> bool {
-        let finite = |d: &Option<String>| d.as_deref() == Some("finite");
+        let finite = |word: &Option<String>, mm: Option<f64>| match word.as_deref() {
+            Some(word) => word == "finite",
+            None => mm.is_some(),
+        };
         self.camera.projection == "orthographic"
-            && !finite(&self.rig.light_distance)
-            && !finite(&self.rig.camera_distance)
+            && !finite(&self.rig.light_distance, self.rig.light_distance_mm)
+            && !finite(&self.rig.camera_distance, self.camera_distance_mm())
     }
 
     /// Count at which a pixel is full.
@@ -404,18 +455,23 @@ pub struct Contradiction {
 }
 
 impl CameraFacts {
+    /// Largest count that the bits allow, where they are stated.
+    #[must_use]
+    pub fn count_max(&self) -> Option<f64> {
+        let of_bits = |bits: u32| f64::from((1_u32 << bits.min(16)) - 1);
+        self.bit_depth.map(of_bits)
+    }
+
     /// Count at which a pixel is full: what is stated, or else what the bits allow.
     #[must_use]
     pub fn full_dn(&self) -> f64 {
-        let of_bits = |bits: u32| f64::from((1_u32 << bits.min(16)) - 1);
-        let most = || self.bit_depth.map_or(f64::from(u16::MAX), of_bits);
+        let most = || self.count_max().unwrap_or(f64::from(u16::MAX));
         self.saturation_dn.unwrap_or_else(most)
     }
 
     /// The first value that the others leave no room for.
     #[must_use]
     pub fn contradiction(&self) -> Option<Contradiction> {
-        let of_bits = |bits: u32| f64::from((1_u32 << bits.min(16)) - 1);
         let full_dn = self.full_dn();
         let black_dn = self.black_level_dn.unwrap_or(0.0);
         let noise_dn = self.read_noise_electrons_rms.unwrap_or(0.0) * self.gain_dn_per_electron;
@@ -426,9 +482,8 @@ impl CameraFacts {
                 allowed,
             })
         };
-        match (self.bit_depth, self.saturation_dn) {
-            (Some(bits), Some(full)) if full > of_bits(bits) => {
-                let most = of_bits(bits);
+        match (self.bit_depth, self.count_max(), self.saturation_dn) {
+            (Some(bits), Some(most), Some(full)) if full > most => {
                 let allowed = format!("at most {most}, the largest count of bit_depth = {bits}");
                 return found("saturation_dn", full, allowed);
             }

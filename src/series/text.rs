@@ -1,8 +1,17 @@
 //! Where in a text a key stands, and which known word a misspelt one was meant to be.
 
-/// Line (from 1) on which `key` of `[section]` is set; the section's own line if the key is not
-/// there. `section` is empty for the top.
+/// A key with the section that it stands in; the top has none.
+pub(super) fn path_of(section: &str, key: &str) -> String {
+    match section {
+        "" => key.to_owned(),
+        section => format!("{section}.{key}"),
+    }
+}
+
+/// Line (from 1) on which `key` of `[section]` is set, as `section.key` further up as well; the section's own line if the
+/// key is not there. `section` is empty for the top.
 pub(super) fn line_of(text: &str, section: &str, key: &str) -> Option<usize> {
+    let wanted = path_of(section, key);
     let mut current = "";
     let mut header = section.is_empty().then_some(1);
     for (index, line) in text.lines().enumerate() {
@@ -12,11 +21,10 @@ pub(super) fn line_of(text: &str, section: &str, key: &str) -> Option<usize> {
             if current == section {
                 header = Some(index + 1);
             }
-        } else if current == section
-            && line
-                .split('=')
-                .next()
-                .is_some_and(|k| k.trim().trim_matches(['"', '\'']) == key)
+        } else if line
+            .split('=')
+            .next()
+            .is_some_and(|k| path_of(current, k.trim().trim_matches(['"', '\''])) == wanted)
         {
             return Some(index + 1);
         }
@@ -91,6 +99,7 @@ mod tests {
         assert_eq!(line_of(text, "camera", "a"), Some(6));
         assert_eq!(line_of(text, "camera", "b"), Some(5));
         assert_eq!(line_of(text, "sample", "b"), None);
+        assert_eq!(line_of("x = 1\nrig.a = 2\n", "rig", "a"), Some(2));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! What the values of a manifest may be: each in its range, then what belongs together.
 
 use super::check::Problem;
-use super::manifest::{Manifest, SCHEMA, SampleKind};
+use super::manifest::{Manifest, SCHEMA, SampleKind, is_lean};
 use super::rows::path_problem;
 use crate::limits::{self, Limit};
 
@@ -76,6 +76,9 @@ const BOUNDED: &[Bounded] = &[
     ("rig", "light_radius_mm", limits::RADIUS_MM, |m| m.rig.light_radius_mm),
     ("rig", "lens_radius_mm", limits::RADIUS_MM, |m| m.rig.lens_radius_mm),
     ("rig", "theta_l_std_deg", limits::THETA_L_STD_DEG, |m| m.rig.theta_l_std_deg),
+    ("rig", "theta_c_std_deg", limits::THETA_L_STD_DEG, |m| m.rig.theta_c_std_deg),
+    ("rig", "phi_s_std_deg", limits::THETA_L_STD_DEG, |m| m.rig.phi_s_std_deg),
+    ("rig", "lamp_drift_std", limits::FLAT_REFLECTANCE_STD, |m| m.rig.lamp_drift_std),
     ("rig", "sample_wedge_std_deg", limits::SAMPLE_WEDGE_STD_DEG, |m| m.rig.sample_wedge_std_deg),
     ("camera", "width_px", limits::SIZE_PX, |m| Some(f64::from(m.camera.width_px))),
     ("camera", "height_px", limits::SIZE_PX, |m| Some(f64::from(m.camera.height_px))),
@@ -115,14 +118,11 @@ fn ranges(manifest: &Manifest) -> Result<(), Problem> {
 
 /// A finite distance is stated, and a lens has one that its angle follows from.
 fn distances(manifest: &Manifest) -> Result<(), Problem> {
-    let (rig, camera) = (&manifest.rig, &manifest.camera);
+    let rig = &manifest.rig;
+    let pupil = manifest.camera_distance_mm();
     for (key, distance, distance_mm) in [
         ("light_distance", &rig.light_distance, rig.light_distance_mm),
-        (
-            "camera_distance",
-            &rig.camera_distance,
-            rig.camera_distance_mm.or(camera.camera_distance_mm),
-        ),
+        ("camera_distance", &rig.camera_distance, pupil),
     ] {
         match distance.as_deref() {
             None | Some("infinity") => {}
@@ -145,7 +145,6 @@ fn distances(manifest: &Manifest) -> Result<(), Problem> {
             }
         }
     }
-    let pupil = rig.camera_distance_mm.or(camera.camera_distance_mm);
     if rig.lens_radius_mm.is_some() && pupil.is_none() && rig.lens_angular_radius_deg.is_none() {
         return wrong(
             "rig",
@@ -182,12 +181,120 @@ fn camera(manifest: &Manifest) -> Result<(), Problem> {
     Ok(())
 }
 
-/// A camera whose values do not fit each other. It is no part of [`check`]: what is in a store already cannot be
-/// corrected any more, and is read as it was taken.
+/// Values that do not fit each other, or words that say nothing. It is no part of [`check`]: what is in a store already
+/// cannot be corrected any more, and is read as it was taken.
 ///
 /// # Errors
 /// The first that the others leave no room for.
-pub(super) fn check_camera(manifest: &Manifest) -> Result<(), Problem> {
+pub(super) fn check_fit(manifest: &Manifest) -> Result<(), Problem> {
+    one_distance(manifest)?;
+    near(manifest)?;
+    camera_fits(manifest)?;
+    leans(manifest)
+}
+
+/// A distance is stated once, or twice the same.
+fn one_distance(manifest: &Manifest) -> Result<(), Problem> {
+    let (rig, camera) = (&manifest.rig, &manifest.camera);
+    let endless = |word: &Option<String>| word.as_deref() == Some("infinity");
+    let (light, lens) = (endless(&rig.light_distance), endless(&rig.camera_distance));
+    for (section, key, word, beside) in [
+        (
+            "rig",
+            "light_distance_mm",
+            "light_distance",
+            light && rig.light_distance_mm.is_some(),
+        ),
+        (
+            "rig",
+            "camera_distance_mm",
+            "camera_distance",
+            lens && rig.camera_distance_mm.is_some(),
+        ),
+        (
+            "camera",
+            "camera_distance_mm",
+            "camera_distance",
+            lens && camera.camera_distance_mm.is_some(),
+        ),
+    ] {
+        if beside {
+            return wrong(
+                section,
+                key,
+                format!("rig.{word} = \"infinity\" says otherwise"),
+                "leave out the one that is wrong",
+            );
+        }
+    }
+    match (rig.camera_distance_mm, camera.camera_distance_mm) {
+        (Some(of_rig), Some(of_camera)) if of_rig != of_camera => wrong(
+            "camera",
+            "camera_distance_mm",
+            format!(
+                "{} contradicts rig.camera_distance_mm = {}",
+                short(of_camera),
+                short(of_rig)
+            ),
+            "leave out the one that is wrong",
+        ),
+        _ => Ok(()),
+    }
+}
+
+/// What directions of single pixels need is stated.
+fn near(manifest: &Manifest) -> Result<(), Problem> {
+    let (rig, camera) = (&manifest.rig, &manifest.camera);
+    let pupil = manifest.camera_distance_mm();
+    let why = match (rig.light_distance_mm, pupil) {
+        (Some(_), _) => "rig.light_distance_mm",
+        (None, Some(_)) => "camera_distance_mm",
+        (None, None) => "projection = \"perspective\"",
+    };
+    if camera.projection == "perspective" && pupil.is_none() && rig.camera_distance.is_none() {
+        return wrong(
+            "rig",
+            "camera_distance_mm",
+            "a camera with projection = \"perspective\" needs it and it is missing".into(),
+            "write the distance of its pupil from the centre of tilt in millimetres, or projection = \"orthographic\" for a \
+             telecentric lens",
+        );
+    }
+    if !manifest.is_telecentric() && camera.field_width_mm.is_none() {
+        return wrong(
+            "camera",
+            "field_width_mm",
+            format!(
+                "every pixel has its own directions for {why}, which needs it, and it is missing"
+            ),
+            "write the width of the field in millimetres, in the plane through the centre of tilt",
+        );
+    }
+    Ok(())
+}
+
+/// A lean direction that is stated can be read.
+fn leans(manifest: &Manifest) -> Result<(), Problem> {
+    let Some(layout) = &manifest.sample.layout else {
+        return Ok(());
+    };
+    for (key, words) in [
+        ("even_patches", &layout.even_patches),
+        ("odd_patches", &layout.odd_patches),
+    ] {
+        if let Some(words) = words.as_deref().filter(|words| !is_lean(words)) {
+            return wrong(
+                "sample.layout",
+                key,
+                format!("no lean direction can be read from \"{words}\""),
+                "write \"lean direction v at phi_s\", with an angle where there is one: \"v at phi_s + 90 deg\"",
+            );
+        }
+    }
+    Ok(())
+}
+
+fn camera_fits(manifest: &Manifest) -> Result<(), Problem> {
     match manifest.camera.contradiction() {
         None => Ok(()),
         Some(found) => wrong(

@@ -5,7 +5,7 @@
 use std::fmt::Write as _;
 
 use super::ellipsometer::{aop_deg, dolp};
-use super::grid::Layout;
+use super::grid::{Grid, Layout};
 use super::height_field::Side;
 use super::tally::Totals;
 
@@ -35,25 +35,13 @@ pub fn csv(
             .collect();
         format!("{each}{each},0,,")
     };
-    let azimuths: Vec<String> = (0..grid.n_phi)
-        .map(|column| {
-            let [_, _, p0, p1] = grid.limits_deg(column);
-            format!("{p0},{p1}")
-        })
-        .collect();
-    let mut row = String::new();
+    let places = Places::of(grid);
     for side in sides(totals) {
-        let name = match side {
-            Side::Above => "R",
-            Side::Below => "T",
-        };
         for bin in 0..grid.per_side() {
-            let [t0, t1, _, _] = grid.limits_deg(bin);
-            if bin % grid.n_phi == 0 {
-                row = format!("{name},{t0},{t1},");
+            for (n, part) in places.of_bin(side, bin).enumerate() {
+                text.push_str(if n == 0 { "" } else { "," });
+                text.push_str(part);
             }
-            text.push_str(&row);
-            text.push_str(&azimuths[bin % grid.n_phi]);
             let empty = totals.is_empty(side, bin);
             if empty {
                 text.push_str(&dark);
@@ -88,6 +76,43 @@ pub fn csv(
         }
     }
     text
+}
+
+/// What the first five columns of a table say of each bin.
+pub struct Places {
+    polar: Vec<[String; 2]>,
+    azimuths: Vec<[String; 2]>,
+}
+
+impl Places {
+    /// Of these bins.
+    #[must_use]
+    pub fn of(grid: Grid) -> Self {
+        let limits = |bin: usize| grid.limits_deg(bin).map(|limit| limit.to_string());
+        let rows = (0..grid.n_theta).map(|row| {
+            let [t0, t1, _, _] = limits(row * grid.n_phi);
+            [t0, t1]
+        });
+        let columns = (0..grid.n_phi).map(|column| {
+            let [_, _, p0, p1] = limits(column);
+            [p0, p1]
+        });
+        Places {
+            polar: rows.collect(),
+            azimuths: columns.collect(),
+        }
+    }
+
+    /// Side and limits of a bin, as they are written.
+    pub fn of_bin(&self, side: Side, bin: usize) -> impl Iterator<Item = &str> {
+        let name = match side {
+            Side::Above => "R",
+            Side::Below => "T",
+        };
+        let (row, column) = (bin / self.azimuths.len(), bin % self.azimuths.len());
+        let limits = self.polar[row].iter().chain(&self.azimuths[column]);
+        std::iter::once(name).chain(limits.map(String::as_str))
+    }
 }
 
 /// The upper side, and the lower one where light reached it.

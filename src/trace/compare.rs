@@ -4,7 +4,8 @@
 //! same bins. As Wang et al. 2017 (Sec. 5) have it, per direction d = (I_pol − I_scalar)/I_scalar of an
 //! unpolarised lamp; ADM is the mean of |d| over the wavelengths, MDM the greatest. Directions
 //! darker than the mean of the lit ones over a divisor are left out, and so are those that the run has
-//! not settled. Bin size and mask move the numbers: a result is told with both.
+//! not settled: whose d has a large standard error, or which light from within layers reached in too few of its replicates
+//! to tell one. Bin size and mask move the numbers: a result is told with both.
 
 use serde::Serialize;
 
@@ -37,6 +38,10 @@ pub struct Mask {
     /// So are those whose relative difference has a standard error above this.
     pub error_max: f64,
 }
+
+/// Replicates with a difference in a direction above layers that tell it with an error: light that is reflected once has
+/// none, and where nothing else was met yet d = 0 ± 0 is no result.
+const DIFFERING_MIN: u32 = 5;
 
 impl Default for Mask {
     /// The mean over 10, as Wang et al. 2017 take it for dielectrics, and 2 %.
@@ -113,6 +118,15 @@ impl Difference {
                 lit.map(|r| scalar(r, bin)).sum::<f64>() / runs.len() as f64
             })
             .collect();
+        // Where polarisation makes no difference at all there is none to be met.
+        let differ = |r: &Totals| {
+            (0..grid.per_side()).any(|bin| r.differing(bin).is_some_and(|batches| batches > 0))
+        };
+        let differing: Vec<&Totals> = runs.iter().filter(|r| differ(r)).collect();
+        let met = |bin: usize| {
+            let of = differing.iter().filter_map(|r| r.differing(bin));
+            of.min().is_none_or(|batches| batches >= DIFFERING_MIN)
+        };
         let lit = brightness.iter().filter(|b| **b > 0.0).count();
         let limit = brightness.iter().sum::<f64>() / (lit.max(1) as f64 * mask.divisor);
         let (mut directions, mut too_dark, mut not_settled) = (Vec::new(), 0, 0);
@@ -128,7 +142,7 @@ impl Difference {
             let n = of.len() as f64;
             let std = of.iter().map(|d| d.std * d.std).sum::<f64>().sqrt() / n;
             // A bin that one photon alone reached has no error to speak of.
-            if of.iter().all(|d| d.std <= mask.error_max) {
+            if met(bin) && of.iter().all(|d| d.std <= mask.error_max) {
                 let [t0, t1, p0, p1] = grid.limits_deg(bin);
                 directions.push(Direction {
                     bin,
@@ -267,11 +281,35 @@ mod tests {
     }
 
     #[test]
+    fn a_direction_that_light_from_within_the_layers_hardly_met_is_not_settled() {
+        // The glass is bright all over and the layer below it dark, so most directions are lit from the glass alone.
+        let layers = "[[interface]]\nshape = \"smith\"\nalpha_u = 0.3\nalpha_v = 0.3\nbelow = { n = 1.5 }\n\
+                      [[interface]]\nshape = \"smith\"\nalpha_u = 0.3\nalpha_v = 0.3\nbelow = { n = 1.49 }";
+        let wide = Mask {
+            divisor: 1e3,
+            error_max: 0.02,
+        };
+        let run = traced(65.0, layers, 2_000);
+        let difference = Difference::of(std::slice::from_ref(&run), &wide).unwrap();
+        let unmet = |bin: usize| run.differing(bin).unwrap() < DIFFERING_MIN;
+        let lit = (0..256).filter(|bin| !run.is_empty(Side::Above, *bin));
+        assert!(lit.filter(|bin| unmet(*bin)).count() > 10);
+        assert!(difference.directions.iter().all(|d| !unmet(d.bin)));
+        assert!(difference.not_settled > 0);
+        // A facet alone has nothing below it to wait for.
+        let facet = layers.split_once("\n[[").unwrap().0;
+        let alone = traced(65.0, facet, 2_000);
+        assert_eq!(alone.differing(0), None);
+        let settled = Difference::of(&[alone], &wide).unwrap().directions;
+        assert!(!settled.is_empty());
+    }
+
+    #[test]
     fn means_over_wavelengths_scatter_over_seeds_as_their_errors_say() {
         const SEEDS: u64 = 20;
         let text = "[light]\ntheta_i_deg = 50.0\n[[interface]]\nshape = \"smith\"\nalpha_u = 0.3\nalpha_v = 0.3\n\
                     below = { n = 1.5 }\n[[interface]]\nshape = \"smith\"\nalpha_u = 0.3\nalpha_v = 0.3\n\
-                    below = { n = 2.4 }\n[run]\nphotons = 3000\n";
+                    below = { n = 2.4 }\n[run]\nphotons = 30000\n";
         let prepared = Scene::parse(text).unwrap().prepare(&|_| Err(String::new()));
         let prepared = prepared.unwrap().with_grid(Grid::disc(8));
         let mask = Mask {

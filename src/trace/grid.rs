@@ -28,6 +28,8 @@ pub struct Grid {
     pub n_theta: usize,
     /// Columns: over 0 to 360° of azimuth, or along u.
     pub n_phi: usize,
+    /// Column of light along ±n, which has no azimuth ([`Grid::straight_at`]).
+    pub straight: usize,
 }
 
 impl Grid {
@@ -38,7 +40,19 @@ impl Grid {
             layout: Layout::Polar,
             n_theta,
             n_phi,
+            straight: 0,
         }
+    }
+
+    /// The same with light along ±n counted at an azimuth, such as that of the lamp: it is in every plane of incidence.
+    #[must_use]
+    pub fn straight_at(self, phi_deg: f64) -> Self {
+        let turn = (phi_deg / 360.0).rem_euclid(1.0);
+        let straight = match self.layout {
+            Layout::Polar => step(turn * self.n_phi as f64) % self.n_phi,
+            Layout::Disc => 0,
+        };
+        Grid { straight, ..self }
     }
 
     /// `n` × `n` pixels over the direction cosines.
@@ -48,6 +62,7 @@ impl Grid {
             layout: Layout::Disc,
             n_theta: n,
             n_phi: n,
+            straight: 0,
         }
     }
 
@@ -65,16 +80,17 @@ impl Grid {
             Layout::Polar => {
                 let sin = (k[0] * k[0] + k[1] * k[1]).sqrt();
                 let theta = sin.atan2(k[2].abs());
-                // What is left of an azimuth along ±n is the sign of a zero.
-                let turn = if sin < STRAIGHT {
-                    0.0
-                } else {
-                    k[1].atan2(k[0]) * (0.5 * std::f64::consts::FRAC_1_PI)
-                };
+                let turn = k[1].atan2(k[0]) * (0.5 * std::f64::consts::FRAC_1_PI);
                 let turn = if turn < 0.0 { turn + 1.0 } else { turn };
+                // What is left of an azimuth along ±n is the sign of a zero.
+                let column = if sin < STRAIGHT {
+                    self.straight
+                } else {
+                    step(turn * self.n_phi as f64) % self.n_phi
+                };
                 (
                     step(theta * std::f64::consts::FRAC_2_PI * self.n_theta as f64),
-                    step(turn * self.n_phi as f64) % self.n_phi,
+                    column,
                 )
             }
             Layout::Disc => (

@@ -85,8 +85,28 @@ fn beside(n_phi: usize, phi_deg: f64) -> impl Iterator<Item = usize> {
 mod tests {
     use super::super::grid::Grid;
     use super::super::light::{Light, Scalar};
+    use super::super::run::{Shard, trace};
+    use super::super::scene::Scene;
     use super::super::tally::Batch;
     use super::*;
+
+    #[test]
+    fn a_mirror_under_the_lamp_sends_its_light_into_the_plane_of_incidence_wherever_that_stands() {
+        for (phi_i_deg, phi_bins) in [(0.0, 8), (90.0, 8), (90.0, 7), (200.0, 180), (-17.0, 9)] {
+            let text = format!(
+                "[light]\nphi_i_deg = {phi_i_deg:?}\n[[interface]]\nshape = \"flat\"\nbelow = \"Au550\"\n\
+                 [run]\nphotons = 64\ntheta_bins = 9\nphi_bins = {phi_bins}\n"
+            );
+            let scene = Scene::parse(&text).unwrap();
+            let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
+            let totals = trace(&prepared, Shard::WHOLE, &|_| true);
+            let lit = plane(&totals, phi_i_deg).unwrap();
+            let [only] = &lit[..] else {
+                panic!("{phi_i_deg} {phi_bins}: {lit:?}")
+            };
+            assert!((only.theta_s_deg.abs() - 5.0).abs() < 1e-9 && only.numbers[0].value > 0.0);
+        }
+    }
 
     #[test]
     fn on_a_border_a_bin_without_light_counts_as_dark() {

@@ -200,10 +200,7 @@ impl Profile {
         if rows.len() < 3 {
             return Err(ProfileError::TooShort { rows: rows.len() });
         }
-        let heights = rows.iter().map(|r| r.1);
-        let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| {
-            (l.min(z), h.max(z))
-        });
+        let (low, high) = lowest_and_highest(rows.iter().map(|r| r.1));
         if (last.1 - first.1).abs() > 0.1 * (high - low) {
             return Err(ProfileError::Open {
                 first: first.1,
@@ -219,7 +216,10 @@ impl Profile {
                 v: last.0,
             });
         }
-        let profile = Profile::of_corners(&rows[..rows.len() - 1], period);
+        // Heights are counted from their middle, whatever their file counts them from: rays keep their digits.
+        let middle = 0.5 * (low + high);
+        let corners = rows[..rows.len() - 1].iter().map(|(v, z)| (*v, z - middle));
+        let profile = Profile::of_corners(&corners.collect::<Vec<_>>(), period);
         match profile.effective_ridge_angle() {
             Some(_) => Ok(profile),
             None => Err(ProfileError::LeansNowhere),
@@ -318,6 +318,13 @@ impl Profile {
         }
         Some(scaled)
     }
+}
+
+/// The lowest and the highest of some heights.
+pub(super) fn lowest_and_highest(heights: impl Iterator<Item = f64>) -> (f64, f64) {
+    heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), h| {
+        (low.min(h), high.max(h))
+    })
 }
 
 impl Corner {

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize, Serializer};
 
 use super::scene::{LeftOut, Prepared, RidgeAngle};
 use super::spread::Surfaces;
+use super::surface::Interface;
 use super::tally::{Energies, Estimate, ORDERS, Totals};
 use crate::wording::{percent, significant};
 
@@ -78,13 +79,21 @@ pub struct About {
     /// Whether light can come out below.
     #[serde(default)]
     pub is_open_below: bool,
+    /// Whether the media are alike all the way, so that nothing is reflected anywhere.
+    #[serde(default)]
+    pub is_clear: bool,
 }
 
 impl About {
     /// Of a scene that is ready to trace.
     #[must_use]
     pub fn of(prepared: &Prepared) -> Self {
+        let clear = |interface: &Interface| {
+            let back = interface.from_above.at(0.5).reflected;
+            back.s + back.p < NOTHING && interface.diffuse.is_none()
+        };
         About {
+            is_clear: prepared.stack.interfaces.iter().all(clear),
             left_out: prepared.left_out.clone(),
             ridge_angles: prepared.ridge_angles.clone(),
             is_drawn: prepared.is_drawn,
@@ -127,6 +136,19 @@ fn unmet(photons: u64, what: &str, other: &str) -> String {
          smaller; more photons would show it",
         significant(UNMET / photons.max(1) as f64)
     )
+}
+
+/// Relative error up to which nothing was left to chance: that of rounding is 4e-9 and less.
+const DECIDED: f64 = 1e-7;
+
+/// A reflectance that is rounding.
+const NOTHING: f64 = 1e-30;
+
+/// Whether anything was left to chance: light by its interactions, since where all goes the same way the sum is certain
+/// even if other ways are open.
+fn is_chance(energy: &Energy) -> bool {
+    let mut all = energy.by_interactions.iter();
+    all.any(|(_, x)| x.std > DECIDED * x.value)
 }
 
 /// What to know of light that was given up, where that is much.
@@ -209,11 +231,13 @@ impl Report {
             );
         }
         let (up, down) = (self.energy.reflected, self.energy.transmitted);
-        if up.value == 0.0 && down.std > 0.0 {
+        let is_chance = is_chance(&self.energy);
+        // Equal media, Brewster's angle and total reflection leave nothing to be met.
+        if up.value == 0.0 && down.value > 0.0 && is_chance && !scene.is_clear {
             self.notes
                 .push(unmet(self.photons, "reflected", "transmitted"));
         }
-        if scene.is_open_below && down.value == 0.0 && up.std > 0.0 {
+        if scene.is_open_below && down.value == 0.0 && up.value > 0.0 && is_chance {
             self.notes
                 .push(unmet(self.photons, "transmitted", "reflected"));
         }
@@ -250,6 +274,35 @@ mod tests {
         assert!(unmet);
         // Nothing comes out under a metal.
         assert!(!told("{ n = 0.2, k = 3.0 }").0);
+    }
+
+    #[test]
+    fn a_boundary_that_decides_where_all_light_goes_leaves_nothing_unmet() {
+        let told = |n_top: f64, theta_i_deg: f64, stokes: &str, method: &str, shape: &str| {
+            let scene = format!(
+                "n_top = {n_top:?}\n[light]\ntheta_i_deg = {theta_i_deg:?}\nstokes = {stokes}\n[[interface]]\n{shape}\n\
+                 below = {{ n = 1.0 }}\n[run]\nphotons = 1000\nmethod = \"{method}\"\n"
+            );
+            let scene = Scene::parse(&scene).unwrap();
+            let ready = scene.prepare(&|_| Err(String::new())).unwrap();
+            Report::of(&ready, &trace(&ready, Shard::WHOLE, &|_| true))
+        };
+        let flat = "shape = \"flat\"";
+        let smith = "shape = \"smith\"\nalpha_u = 0.1\nalpha_v = 0.1";
+        let brewster = (1.0f64 / 1.5).atan().to_degrees();
+        let (all, along_p) = ("[1.0, 0.0, 0.0, 0.0]", "[1.0, -1.0, 0.0, 0.0]");
+        for method in ["split", "analog"] {
+            for (n_top, theta, stokes, shape) in [
+                (1.5, 60.0, all, flat),
+                (1.0, 30.0, all, flat),
+                (1.0, 30.0, all, smith),
+                (1.5, brewster, along_p, flat),
+            ] {
+                let report = told(n_top, theta, stokes, method, shape);
+                let unmet = report.notes.iter().any(|n| n.starts_with("no photon"));
+                assert!(!unmet, "{n_top} {theta} {method}: {report:?}");
+            }
+        }
     }
 
     #[test]

@@ -38,8 +38,10 @@ const SAMPLES_MAX: usize = 1 << 16;
 /// Height, as a share of the period, by which the disc must lift a sample to count: far below a
 /// wavelength on any ridge that rays can describe.
 const TOUCHES: f64 = 1e-5;
-/// A burr covers no more of its facet than this.
+/// A burr covers no more of its facet than this: taller ones are cut.
 const BURR_SHARE_MAX: f64 = 0.4;
+/// Share of the burrs' mean height that the cut may take untold.
+const CUT_TOLD: f64 = 1e-3;
 
 impl Ridges {
     /// The ideal sawtooth.
@@ -65,7 +67,7 @@ impl Ridges {
         if riser_lean >= 89f64.to_radians() {
             return Err(ProfileError::TooFlat {
                 draft_deg: self.draft.to_degrees(),
-                largest_deg: 89.0 - self.theta_r.to_degrees(),
+                limit_deg: 89.0 - self.theta_r.to_degrees(),
             });
         }
         let edges = Edges::of(self);
@@ -89,17 +91,26 @@ impl Ridges {
         }
     }
 
+    /// Where burrs are cut, and their mean height with that, where it is told: less than [`Ridges::burr`] by more than a
+    /// thousandth.
+    #[must_use]
+    pub fn burr_cut(&self) -> Option<(f64, f64)> {
+        let most = Edges::of(self).burr_max();
+        // Of exponentially distributed heights exp(−most/mean) are taller.
+        let share = (-most / self.burr).exp();
+        (self.burr > 0.0 && share > CUT_TOLD).then_some((most, self.burr * (1.0 - share)))
+    }
+
     /// Many ridges, each crest with a burr of its own: the riser goes on beyond the crest, and the
     /// burr falls back to the facet at half a right angle.
     fn burred(&self, edges: &Edges) -> Profile {
         let mut corners = Vec::new();
         let mut random = Stream::new(self.seed, Purpose::Surface, 0);
-        // The flank must come down beyond the tip.
-        let slant = (1.05 * edges.up.0 / edges.down.0).max(1.0);
+        let slant = edges.slant();
         for ridge in 0..BURRED_RIDGES {
             let from = (ridge as f64 * edges.period, 0.0);
             let height = -self.burr * (1.0 - random.uniform()).ln();
-            let height = height.min(BURR_SHARE_MAX * self.pitch / slant);
+            let height = height.min(edges.burr_max());
             let width = slant * height;
             corners.push(Corner::sharp(plus(from, height, edges.up)));
             corners.push(Corner::sharp(plus(from, width, edges.down)));
@@ -220,6 +231,16 @@ impl Edges {
             turn,
             largest_round,
         }
+    }
+
+    /// Width of a burr over its height: its flank must come down beyond the tip.
+    fn slant(&self) -> f64 {
+        (1.05 * self.up.0 / self.down.0).max(1.0)
+    }
+
+    /// The tallest burr that leaves room on its facet.
+    fn burr_max(&self) -> f64 {
+        BURR_SHARE_MAX * self.pitch / self.slant()
     }
 
     fn foot(&self) -> (f64, f64) {

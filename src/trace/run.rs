@@ -474,7 +474,9 @@ struct Task<'a> {
 impl Task<'_> {
     /// Where nothing is counted yet.
     fn empty(&self, elements: usize) -> Totals {
-        Totals::new(self.grid, elements).with_directions(self.plane.clone())
+        Totals::new(self.grid, elements)
+            .with_directions(self.plane.clone())
+            .of_layers(self.walk.stack.interfaces.len() > 1)
     }
 
     fn trace<L: Light>(&self, part: Part, asked: &Asked<'_>) -> SoFar {

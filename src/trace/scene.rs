@@ -124,15 +124,31 @@ impl Scene {
     /// # Errors
     /// Text that is not TOML, unknown keys, values of the wrong type.
     pub fn parse(text: &str) -> Result<Self, SceneError> {
-        toml::from_str(text).map_err(|e: toml::de::Error| {
-            // Only what stands there and what is wanted is put in other words, not where, nor which keys there are.
-            let (told, said) = (e.to_string(), e.message());
-            let told = match said.starts_with("invalid ") {
-                true => told.replace(said, &plain(said)),
-                false => told,
-            };
-            SceneError::Text(told.trim().to_owned())
-        })
+        toml::from_str(text)
+            .map_err(|e: toml::de::Error| {
+                // Only what stands there and what is wanted is put in other words, not where, nor which keys there are.
+                let (told, said) = (e.to_string(), e.message());
+                let told = match said.starts_with("invalid ") {
+                    true => told.replace(said, &in_plain_words(said)),
+                    false => told,
+                };
+                SceneError::Text(told.trim().to_owned())
+            })
+            .and_then(Scene::with_seeds_in_range)
+    }
+
+    /// Refuses seeds that TOML has no whole numbers for, which other programs do not read.
+    fn with_seeds_in_range(self) -> Result<Self, SceneError> {
+        let shapes = self.interface.iter().enumerate();
+        let shapes = shapes.map(|(i, shape)| (format!("interface {}: seed", i + 1), shape.seed));
+        let run = ("run.seed".to_owned(), Some(self.run.seed));
+        for (key, seed) in shapes.chain([run]) {
+            if let Some(seed) = seed.filter(|seed| *seed > WHOLE_MAX) {
+                let expected = "must be from 0 to 9223372036854775807 (2^63 − 1)";
+                return Err(value(&key, seed, expected));
+            }
+        }
+        Ok(self)
     }
 
     /// Checks everything and builds the surfaces. `load` reads a file of heights.
@@ -228,7 +244,8 @@ impl Scene {
             k: [-sin * cos_phi, -sin * sin_phi, -cos],
             s: [sin_phi, -cos_phi, 0.0],
             interactions_max: self.run.interactions_max,
-            grid: Grid::polar(self.run.theta_bins, self.run.phi_bins),
+            grid: Grid::polar(self.run.theta_bins, self.run.phi_bins)
+                .straight_at(self.light.phi_i_deg),
             seed: self.run.seed,
             plane: true,
             photons: self.run.photons,
@@ -336,6 +353,24 @@ impl Scene {
             ));
         }
         Ok([1.0, q / i, u / i, v / i])
+    }
+}
+
+/// The largest whole number that TOML has.
+const WHOLE_MAX: u64 = i64::MAX as u64;
+
+/// Says a message of the parser in plain words; of a number that is too large it tells the type that would hold it.
+fn in_plain_words(said: &str) -> String {
+    let large = said.split_once("integer `").and_then(|(_, rest)| {
+        let (number, rest) = rest.split_once('`')?;
+        let is_large = rest.starts_with(" as u128") || rest.starts_with(" as i128");
+        is_large.then_some(number)
+    });
+    match large {
+        Some(number) => {
+            format!("{number} stands where a whole number up to {WHOLE_MAX} is expected")
+        }
+        None => plain(said),
     }
 }
 

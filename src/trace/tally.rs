@@ -1,6 +1,6 @@
 //! Counting light in bins and energies, with standard errors that hold for any sampling.
 //!
-//! A [`Batch`] counts the photons of one independent replicate; the spread of the batches' sums is the
+//! A [`Batch`] counts the photons of one independent replicate; the spread of the batches' sums per photon is the
 //! standard error, so stratified starts, splitting and roulette need no theory of their own.
 //! [`Totals`] add up batches in fixed-point integers, whose sum does not depend on the order: threads, shards and
 //! stops give the same bits.
@@ -18,14 +18,20 @@ mod text;
 use super::exact::{Resting, Wide, from_fixed, to_fixed};
 use super::grid::Grid;
 use super::height_field::Side;
+use super::paired::{DIFFERENCE, SCALAR};
 pub use batch::Batch;
 pub use energies::{Energies, ORDERS};
 pub use known::Known;
-use products::Products;
+use products::{Counted, Products};
 pub use products::{Covariance, NUMBERS};
 
+/// Photons of a full batch: squares of a bin are kept over their batch's photons, in units of this, since batches differ in
+/// size and what one counts more for its size is no noise.
+const FULL: f64 = (1u64 << 20) as f64;
 /// Brightness squared that is left of noise by rounding: differences of thousands of bins, each to some 1e-16.
 const ROUNDING: f64 = 1e-10;
+/// A difference below this share of the light is rounding.
+const NO_DIFFERENCE: f64 = 1e-12;
 
 /// Sums over any number of batches; adding is exact, so its order does not matter.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,9 +40,11 @@ pub struct Totals {
     stride: usize,
     /// Per bin: `stride` sums,
     bins: Vec<i128>,
-    /// and as many sums of squares.
+    /// and as many sums of squares, each times [`FULL`] over its batch's photons.
     squares: Vec<Resting>,
     hits: Vec<u64>,
+    /// Per bin of layers that are followed both ways: in how many batches polarisation made a difference.
+    differing: Option<Vec<u32>>,
     /// Of some directions: what their numbers have in common.
     products: Option<Products>,
     /// Per bin: what is known without sampling, times the photons,
@@ -72,6 +80,7 @@ impl Totals {
             bins: vec![0; bins * elements],
             squares: vec![[0; 3]; bins * elements],
             hits: vec![0; bins],
+            differing: None,
             lit: vec![false; bins],
             products: None,
             known: vec![0; bins * elements],
@@ -97,6 +106,21 @@ impl Totals {
     #[must_use]
     pub fn directions(&self) -> Option<Vec<Vec<usize>>> {
         self.products.as_ref().map(Products::directions)
+    }
+
+    /// Keeps what [`Totals::differing`] needs, of light that is followed both ways through layers.
+    #[must_use]
+    pub fn of_layers(mut self, layered: bool) -> Self {
+        let bins = self.hits.len();
+        self.differing = (layered && self.stride > DIFFERENCE).then(|| vec![0; bins]);
+        self
+    }
+
+    /// In how many batches light above came to a bin with another brightness than without polarisation; `None` where
+    /// that was not kept.
+    #[must_use]
+    pub fn differing(&self, bin: usize) -> Option<u32> {
+        self.differing.as_ref().map(|all| all[bin])
     }
 
     /// Adds what is known per photon, for `photons` of those counted.
@@ -127,21 +151,27 @@ impl Totals {
     /// The same of a batch that goes on. Totals of one element count m00 alone, whatever the batch has.
     pub fn count(&mut self, batch: &Batch, photons: u64) {
         let n = self.stride;
+        let per_photon = FULL / photons.max(1) as f64;
         for &bin in &batch.touched {
             let bin = bin as usize;
             self.hits[bin] += u64::from(batch.hits[bin]);
             let range = bin * n..(bin + 1) * n;
             let sums = self.bins[range.clone()].iter_mut();
             let values = &batch.bins[bin * batch.stride..(bin + 1) * batch.stride];
+            if let Some(differing) = &mut self.differing
+                && values[DIFFERENCE].abs() > NO_DIFFERENCE * values[SCALAR].abs()
+            {
+                differing[bin] += 1;
+            }
             for ((sum, square), x) in sums.zip(&mut self.squares[range]).zip(values) {
                 *sum += to_fixed(*x);
                 let mut wide = Wide::of(*square);
-                wide.add(x * x);
+                wide.add(x * x * per_photon);
                 *square = wide.resting();
             }
         }
         if let Some(products) = &mut self.products {
-            products.count(batch);
+            products.count(batch, per_photon);
         }
         let all = batch.energies.total();
         let sums = self.energy_sums.all_mut();
@@ -183,6 +213,11 @@ impl Totals {
                 for i in numbers {
                     self.known[i] += other.known[i];
                 }
+            }
+        }
+        if let (Some(own), Some(other)) = (&mut self.differing, &other.differing) {
+            for (own, other) in own.iter_mut().zip(other) {
+                *own += other;
             }
         }
         if self.batches == 0 {
@@ -251,14 +286,14 @@ impl Totals {
     }
 
     fn estimate(&self, sum: i128, square: Wide, known: i128, norm: f64) -> Estimate {
-        let (s, q) = (from_fixed(sum), square.value());
-        let b = self.batches as f64;
-        // Variance of the sum of B independent batches: B/(B−1) (Σ x² − (Σ x)²/B). Both terms are rounded to
-        // an f64, so their difference says nothing below that: what is certain but for rounding
+        let (s, q) = (from_fixed(sum), square.value() / FULL);
+        let (b, photons) = (self.batches as f64, self.photons as f64);
+        // Variance of the sum of B independent batches of n of all N photons: N/(B−1) (Σ x²/n − (Σ x)²/N). Both terms
+        // are rounded to an f64, so their difference says nothing below that: what is certain but for rounding
         // (Brewster's angle takes the chance out of m22) has an error of 4e-9 of itself, not none.
         let variance = if self.batches > 1 {
-            let mean_square = s * s / b;
-            ((q - mean_square) * b / (b - 1.0)).max(4.0 * f64::EPSILON * mean_square)
+            let left = (q - s * s / photons) * photons / (b - 1.0);
+            left.max(4.0 * f64::EPSILON * s * s / b)
         } else {
             f64::NAN
         };
@@ -281,7 +316,7 @@ impl Totals {
     /// of the [`Totals::with_directions`].
     #[must_use]
     pub fn covariance(&self, bins: &[usize]) -> Option<Covariance> {
-        let products = self.products.as_ref()?.sums(bins)?;
+        let (products, lit) = self.products.as_ref()?.sums(bins)?;
         let first = *bins.first()?;
         let sums: [f64; NUMBERS] = std::array::from_fn(|i| {
             let sum = bins.iter().map(|bin| self.bins[bin * self.stride + i]);
@@ -290,7 +325,12 @@ impl Totals {
         // Bins of a direction lie in one row: they are of one size.
         let solid_angle = self.grid.projected_solid_angle(first);
         let norm = bins.len() as f64 * solid_angle * self.photons as f64;
-        Some(Covariance::new(&products, &sums, self.batches as f64, norm))
+        let counted = Counted {
+            batches: self.batches,
+            photons: self.photons,
+            lit,
+        };
+        Some(Covariance::new(&products, &sums, counted, norm))
     }
 
     /// Root mean square error of m00 over its own root mean square, both over the reflected bins and by
@@ -374,6 +414,41 @@ mod tests {
         }
         assert_eq!(back, totals);
         assert!(back.set_exact_bin(Side::Above, 0, "nonsense").is_none());
+    }
+
+    #[test]
+    fn batches_that_differ_in_size_alone_are_no_noise() {
+        let k = unit(&[0.1, 0.1, 1.0]);
+        // As 65 and 1000 photons are dealt out to 64 batches.
+        for (few, larger) in [(1u32, 1), (15, 40)] {
+            let mut totals = Totals::new(GRID, 1);
+            for n in 0..64 {
+                let photons = if n < larger { few + 1 } else { few };
+                let mut batch = Batch::new::<Scalar>(GRID);
+                for _ in 0..photons {
+                    batch.exit(&Scalar::launch(&k), 1.0, Side::Above, &k, 1);
+                }
+                totals.take(&mut batch, u64::from(photons));
+            }
+            let told = totals.relative_error().unwrap();
+            assert!(told < 1e-7, "{few}: {told}");
+        }
+        // One photon in four comes back, in batches of one and of two: the error is that of counting.
+        let mut totals = Totals::new(GRID, 1);
+        let mut random = Stream::new(5, Purpose::Photon, 0);
+        for n in 0..40_000u64 {
+            let mut batch = Batch::new::<Scalar>(GRID);
+            for _ in 0..=n % 2 {
+                if random.uniform() < 0.25 {
+                    batch.exit(&Scalar::launch(&k), 1.0, Side::Above, &k, 1);
+                }
+            }
+            totals.take(&mut batch, 1 + n % 2);
+        }
+        let expected = (0.75f64 / 0.25 / 60_000.0).sqrt();
+        let told = totals.relative_error().unwrap();
+        // A variance of 40,000 such batches is known to 1 %.
+        assert!((told / expected - 1.0).abs() < 0.03, "{told} {expected}");
     }
 
     #[test]

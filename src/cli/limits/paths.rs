@@ -68,12 +68,29 @@ impl Cost {
     fn all_s(&self) -> f64 {
         self.paths_s + self.apart_s
     }
+
+    /// Whether it took so much longer than one of fewer paths that the difference is the paths'.
+    fn is_clearly_beyond(&self, fewer: &Cost) -> bool {
+        self.paths_s > CLEARLY * fewer.paths_s
+    }
 }
 
-/// Share of a limit that a first pilot may take so that a second one follows.
+/// Share of a limit that pilots may take so that another one follows.
 const SECOND_PILOT: f64 = 0.1;
+/// The same where nothing limits the run, s.
+const PILOTS_S: f64 = 2.0;
 /// Paths of the two pilots.
 const PILOTS: [u64; 2] = [64, 512];
+/// Shorter pilots are repeated, so many times at most: a few milliseconds say little on a machine that does other things.
+const REPEATED_S: f64 = 0.05;
+const REPEATS: usize = 5;
+/// Longer pilots have so many times the paths,
+const LONGER: u64 = 8;
+/// and follow until the larger one takes so many times as long as the smaller: a smaller difference is other work on the
+/// machine.
+const CLEARLY: f64 = 1.5;
+/// Paths that no pilot passes.
+const PILOT_MAX: u64 = 1 << 15;
 /// A pilot's forecast may be off by so much: a limit that is missed by less is tried.
 const MISS: f64 = 1.3;
 /// Fewest and most paths of a run.
@@ -108,7 +125,10 @@ impl PathLimits {
         pilot: &dyn Fn(u64) -> Option<Trial>,
     ) -> Result<Option<Planned>, CliError> {
         let started = Instant::now();
-        let timed = |paths: u64| {
+        let spent_s = || started.elapsed().as_secs_f64();
+        let costly = |limit: f64| spent_s() > SECOND_PILOT * limit;
+        let is_costly = || self.max_seconds.map_or(spent_s() > PILOTS_S, costly);
+        let once = |paths: u64| {
             let started = Instant::now();
             let trial = pilot(paths)?;
             let (each, all_s) = (
@@ -122,6 +142,21 @@ impl PathLimits {
                 error: trial.error,
             })
         };
+        let timed = |paths: u64| {
+            let begun = Instant::now();
+            let mut best: Cost = once(paths)?;
+            for _ in 1..REPEATS {
+                if begun.elapsed().as_secs_f64() > REPEATED_S || is_costly() {
+                    break;
+                }
+                let again = once(paths)?;
+                // Other work on the machine only ever adds.
+                if again.all_s() < best.all_s() {
+                    best = again;
+                }
+            }
+            Some(best)
+        };
         let turns = work.surfaces.div_ceil(work.abreast.max(1));
         let Some(little) = timed(PILOTS[0]) else {
             return Ok(None);
@@ -129,15 +164,20 @@ impl PathLimits {
         if !work.may_miss_some {
             self.affords(work.surfaces, little.all_s() * turns as f64)?;
         }
-        let spent_s = || started.elapsed().as_secs_f64();
-        let costly = |limit: f64| spent_s() > SECOND_PILOT * limit;
         let more = if work.may_miss_some && self.max_seconds.is_some_and(costly) {
             // What is spent on pilots is missing at the end.
             None
         } else {
-            let Some(more) = timed(PILOTS[1]) else {
+            let Some(mut more) = timed(PILOTS[1]) else {
                 return Ok(None);
             };
+            // Where the surface takes most of both, more paths tell what one takes.
+            while !more.is_clearly_beyond(&little) && more.paths < PILOT_MAX && !is_costly() {
+                let Some(longer) = timed(LONGER * more.paths) else {
+                    return Ok(None);
+                };
+                more = longer;
+            }
             Some(more)
         };
         Ok(Some(self.told_by(
@@ -173,8 +213,11 @@ impl PathLimits {
     ) -> Planned {
         let known = more.unwrap_or(little);
         let per_path = match more {
-            Some(more) => (more.paths_s - little.paths_s) / (more.paths - little.paths) as f64,
-            None => little.paths_s / little.paths as f64,
+            Some(more) if more.is_clearly_beyond(&little) => {
+                (more.paths_s - little.paths_s) / (more.paths - little.paths) as f64
+            }
+            // At most what all of them took.
+            _ => known.paths_s / known.paths as f64,
         };
         let per_path = per_path.max(1e-12);
         let start = known.apart_s + (known.paths_s - per_path * known.paths as f64).max(0.0);
@@ -254,6 +297,56 @@ mod tests {
             assert!(told.paths.abs_diff(1000) <= 1, "{told:?}");
             assert!((told.forecast.seconds - 20.0).abs() < 0.1, "{told:?}");
         }
+    }
+
+    #[test]
+    fn pilots_that_took_alike_do_not_make_paths_free() {
+        let cost = |paths, paths_s| Cost {
+            paths,
+            paths_s,
+            apart_s: 0.0,
+            error: 0.02,
+        };
+        let limits = PathLimits {
+            max_seconds: Some(10.0),
+            target_error: None,
+        };
+        for more_s in [0.004, 0.005, 0.006] {
+            let (little, more) = (cost(PILOTS[0], 0.005), cost(PILOTS[1], more_s));
+            let told = limits.told_by(little, Some(more), 100, 1_000_000, 0.0);
+            // 0.1 s for each turn, of paths of some 10 µs at most.
+            assert!(told.forecast.cut_short, "{told:?}");
+            assert!((8_000..14_000).contains(&told.paths), "{told:?}");
+        }
+    }
+
+    #[test]
+    fn pilots_go_on_until_a_path_can_be_told_from_its_surface() {
+        let asked = std::cell::RefCell::new(Vec::new());
+        let pilot = |paths: u64| {
+            asked.borrow_mut().push(paths);
+            let nanoseconds = 60_000_000 + 20_000 * paths;
+            std::thread::sleep(std::time::Duration::from_nanos(nanoseconds));
+            Some(Trial {
+                surfaces: 1,
+                error: 0.1,
+                apart_s: 0.0,
+            })
+        };
+        let limits = PathLimits {
+            max_seconds: Some(60.0),
+            target_error: None,
+        };
+        let work = Work {
+            surfaces: 10,
+            abreast: 1,
+            paths: 1_000_000,
+            may_miss_some: false,
+        };
+        let told = limits.plan(&work, &pilot).unwrap().unwrap();
+        assert_eq!(asked.borrow()[..3], [64, 512, 4096]);
+        // 6 s a turn, less what the surface takes, at 20 µs; other work on the machine makes them longer.
+        assert!((100_000..350_000).contains(&told.paths), "{told:?}");
     }
 
     #[test]

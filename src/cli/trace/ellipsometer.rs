@@ -12,7 +12,7 @@ use super::{CliError, Source};
 use crate::cli::limits::Stopwatch;
 use crate::cli::place;
 use crate::model::LeftOut;
-use crate::trace::ellipsometer::{Point, SETTINGS, curve};
+use crate::trace::ellipsometer::{ERROR_UNKNOWN, Point, SETTINGS, curve};
 use crate::trace::run::Follow;
 
 /// Six states of the lamp's light, six settings of the camera's filter and compensator, over the plane
@@ -50,6 +50,8 @@ struct Report {
     photons: u64,
     angles: Vec<Angle>,
     seconds: f64,
+    /// What the standard errors are not.
+    notes: Vec<&'static str>,
     left_out: Vec<LeftOut>,
     program: String,
 }
@@ -89,6 +91,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         photons: source.scene.run.photons,
         angles: Vec::new(),
         seconds: 0.0,
+        notes: Vec::new(),
         left_out: Vec::new(),
         program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
     };
@@ -114,6 +117,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         Ok(())
     })?;
     report.seconds = done.seconds;
+    report.notes = notes(&report.angles);
     if let Some(out) = &args.out {
         std::fs::write(out, report.csv())
             .with_context(|| format!("cannot write {}", out.display()))
@@ -128,6 +132,14 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     }
     super::print(args.json, &report, |out| report.table(out))?;
     done.verdict()
+}
+
+/// What to know of the errors.
+fn notes(angles: &[Angle]) -> Vec<&'static str> {
+    let readings = angles.iter().flat_map(|a| &a.points);
+    let mut readings = readings.flat_map(|p| &p.readings);
+    let unknown = readings.any(|r| !r.has_errors());
+    unknown.then_some(ERROR_UNKNOWN).into_iter().collect()
 }
 
 /// DOLP and AOP for the six states of the lamp; directions are `step_deg` apart.
@@ -150,8 +162,10 @@ pub(super) fn write_curves(
                     } else {
                         (r.aop_deg, r.aop_std_deg)
                     };
-                    let settled = if dolp { std < 0.25 } else { std < 15.0 };
-                    (p.theta_s_deg, if settled { value } else { f64::NAN }, std)
+                    let most = if dolp { 0.25 } else { 15.0 };
+                    let settled = std.filter(|std| *std < most);
+                    let value = settled.map_or(f64::NAN, |_| value);
+                    (p.theta_s_deg, value, settled.unwrap_or(0.0))
                 })
                 .collect();
             sheet.push(Panel {
@@ -254,11 +268,11 @@ impl Report {
                     for x in numbers.chain(&reading.stokes_std) {
                         let _ = write!(text, ",{x:e}");
                     }
-                    let _ = write!(
-                        text,
-                        ",{:e},{:e},{:e},{:e}",
-                        reading.dolp, reading.aop_deg, reading.dolp_std, reading.aop_std_deg
-                    );
+                    let _ = write!(text, ",{:e},{:e}", reading.dolp, reading.aop_deg);
+                    for std in [reading.dolp_std, reading.aop_std_deg] {
+                        let std = std.map_or(String::new(), |std| format!("{std:e}"));
+                        let _ = write!(text, ",{std}");
+                    }
                     for x in &reading.camera_std {
                         let _ = write!(text, ",{x:e}");
                     }
@@ -294,6 +308,9 @@ impl Report {
                 }
             }
         }
+        for note in &self.notes {
+            writeln!(out, "note: {note}")?;
+        }
         Ok(())
     }
 }
@@ -318,6 +335,7 @@ mod tests {
                 }],
             }],
             seconds: 0.0,
+            notes: Vec::new(),
             left_out: Vec::new(),
             program: String::new(),
         }
@@ -331,9 +349,9 @@ mod tests {
             camera: [2.0; 6],
             camera_std: [0.25, 0.5, 0.75, 1.0, 1.25, 1.5],
             dolp: 0.5,
-            dolp_std: 0.1,
+            dolp_std: Some(0.1),
             aop_deg,
-            aop_std_deg: 1.0,
+            aop_std_deg: Some(1.0),
         }
     }
 
@@ -347,6 +365,29 @@ mod tests {
         assert_eq!(rows[1][at("camera_linear_0_std")], "2.5e-1");
         assert_eq!(rows[1][at("camera_right_std")], "1.5e0");
         assert_eq!(at("camera_right_std"), rows[0].len() - 1);
+    }
+
+    #[test]
+    fn an_error_that_nobody_knows_is_an_empty_field_null_and_a_note() {
+        let mut unknown = reading(10.0);
+        (unknown.dolp_std, unknown.aop_std_deg) = (None, None);
+        let mut report = report(vec![reading(10.0), unknown]);
+        report.notes = notes(&report.angles);
+        let text = report.csv();
+        let rows: Vec<Vec<&str>> = text.lines().map(|l| l.split(',').collect()).collect();
+        for name in ["dolp_std", "aop_std_deg"] {
+            let at = rows[0].iter().position(|n| *n == name).unwrap();
+            assert!(!rows[1][at].is_empty() && rows[2][at].is_empty());
+        }
+        let json = serde_json::to_value(&report).unwrap();
+        assert!(json["angles"][0]["points"][0]["readings"][1]["dolp_std"].is_null());
+        let mut out = Vec::new();
+        report.table(&mut out).unwrap();
+        assert!(
+            String::from_utf8(out)
+                .unwrap()
+                .contains("no standard error")
+        );
     }
 
     #[test]

@@ -170,9 +170,6 @@ fn foretell(runs: &Runs<'_>, cancel: &AtomicBool) {
     let patience = Patience::usual(runs.limits.max_seconds, cancel);
     let make = |n: usize| (runs.make)(n).ok();
     if let Some(forecast) = of_runs(runs.count, &make, asked, patience) {
-        super::super::say(&format_args!(
-            "forecast: {}",
-            forecast.drawn_within(runs.limits.max_seconds)
-        ));
+        super::say_forecast(forecast, runs.limits.max_seconds);
     }
 }

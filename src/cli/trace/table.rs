@@ -2,21 +2,24 @@
 //!
 //! The file of a shard, or of a run that was stopped, has three columns more: `exact`, the bin's sums as
 //! hexadecimal integers, which add up without rounding; `plane`, likewise what the numbers of a direction in the plane of
-//! incidence have in common, at the first of its bins; and `run`, in its first row, what it is part of.
+//! incidence have in common, at the first of its bins; and `run`, in its first row, what it is part of and the SHA-256 of
+//! all of that. A file that was sorted, edited or copied wrongly is refused: its sums would be nobody's.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 
 use crate::cli::CliError;
-use crate::trace::bins;
+use crate::trace::bins::{self, Places};
 use crate::trace::grid::Grid;
 use crate::trace::height_field::Side;
 use crate::trace::report::About;
 use crate::trace::run::{Shard, SoFar};
 use crate::trace::tally::Totals;
+use crate::wording::hex;
 
 /// What the file of a shard or of a stopped run is part of.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -35,16 +38,23 @@ pub(super) struct Part {
     pub n_theta: usize,
     /// Bins over the azimuth.
     pub n_phi: usize,
+    /// Column of light along ±n.
+    #[serde(default)]
+    pub straight: usize,
     /// 16 or 1 numbers per bin.
     pub elements: usize,
-    /// Rows of the file; files of older programs do not tell.
+    /// Rows of the file.
     #[serde(default)]
-    pub rows: Option<usize>,
+    pub rows: usize,
     /// Exact sums of the energies.
     pub energies: String,
     /// Bins of the directions that the column `plane` is of.
     #[serde(default)]
     pub plane: Option<Vec<Vec<usize>>>,
+    /// SHA-256 of what is above and of the columns `exact` and `plane`; files of older programs, whose squares count
+    /// otherwise, have none.
+    #[serde(default)]
+    pub sums: Option<String>,
     /// The lamp's Stokes vector.
     pub stokes: [f64; 4],
     /// What the report of the whole tells of the scene.
@@ -63,7 +73,7 @@ impl Part {
         scene: About,
     ) -> Self {
         let totals = &done.totals;
-        Part {
+        let mut part = Part {
             run,
             shard: shard.number,
             of: shard.of,
@@ -71,13 +81,49 @@ impl Part {
             batches: ranges(&done.batches),
             n_theta: totals.grid().n_theta,
             n_phi: totals.grid().n_phi,
+            straight: totals.grid().straight,
             elements: totals.elements(),
-            rows: Some(bins::sides(totals).len() * totals.grid().per_side()),
+            rows: bins::sides(totals).len() * totals.grid().per_side(),
             energies: totals.exact_energies(),
             plane: totals.directions(),
+            sums: None,
             stokes,
             scene,
+        };
+        let mut sums = part.begun();
+        for side in bins::sides(totals) {
+            for bin in 0..totals.grid().per_side() {
+                let (exact, plane) = exact_of(totals, side, bin);
+                add(&mut sums, &exact, &plane);
+            }
         }
+        part.sums = Some(hex(&sums.finalize()));
+        part
+    }
+
+    /// Its SHA-256 before the first row of sums.
+    fn begun(&self) -> Sha256 {
+        let of_run = (&self.run, self.shard, self.of, self.complete, &self.batches);
+        let of_bins = (self.n_theta, self.n_phi, self.straight, self.elements);
+        let of_file = (self.rows, &self.energies, &self.plane);
+        Sha256::new().chain_update(format!("{of_run:?} {of_bins:?} {of_file:?}"))
+    }
+}
+
+/// What the columns `exact` and `plane` say of a bin.
+fn exact_of(totals: &Totals, side: Side, bin: usize) -> (String, String) {
+    let above = (side == Side::Above).then(|| totals.exact_direction(bin));
+    let exact = totals.exact_bin(side, bin);
+    (
+        exact.unwrap_or_default(),
+        above.flatten().unwrap_or_default(),
+    )
+}
+
+/// Adds a row to the SHA-256.
+fn add(sums: &mut Sha256, exact: &str, plane: &str) {
+    for text in [exact, ",", plane, "\n"] {
+        sums.update(text);
     }
 }
 
@@ -159,9 +205,8 @@ fn text(totals: &Totals, stokes: &[f64; 4], part: Option<&Part>) -> String {
     };
     let mut first = true;
     bins::csv(totals, stokes, ",exact,plane,run", |side, bin| {
-        let sums = totals.exact_bin(side, bin).unwrap_or_default();
-        let above = (side == Side::Above).then(|| totals.exact_direction(bin));
-        let sums = format!("{sums},{}", above.flatten().unwrap_or_default());
+        let (exact, plane) = exact_of(totals, side, bin);
+        let sums = format!("{exact},{plane}");
         if std::mem::take(&mut first) {
             let json = serde_json::to_string(part).unwrap_or_default();
             format!(",{sums},\"{}\"", json.replace('"', "\"\""))
@@ -244,9 +289,11 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
     let (Some(exact), Some(run)) = (find("exact"), find("run")) else {
         return Err(wrong(not_a_shard));
     };
-    // Files of older programs have none.
-    let plane = find("plane");
-    let mut found: Option<(Part, Totals)> = None;
+    let older = "an earlier version of ridged wrote this, and its sums of squares count otherwise: trace this part again";
+    let Some(plane) = find("plane") else {
+        return Err(wrong(older));
+    };
+    let mut found: Option<Found> = None;
     let mut rows = 0;
     for (row, record) in reader.records().enumerate() {
         let record = record
@@ -259,55 +306,95 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
                 && (1..=1440).contains(&part.n_phi)
                 && [1, 16].contains(&part.elements)
                 && (1..=part.of).contains(&part.shard);
-            if !sane {
+            if !sane || part.straight >= part.n_phi {
                 return Err(wrong("the column run is damaged"));
             }
-            let grid = Grid::polar(part.n_theta, part.n_phi);
+            if part.sums.is_none() {
+                return Err(wrong(older));
+            }
+            let grid = Grid {
+                straight: part.straight,
+                ..Grid::polar(part.n_theta, part.n_phi)
+            };
             let known = |bin: &usize| *bin < grid.per_side();
             if !part.plane.iter().flatten().flatten().all(known) {
                 return Err(wrong("the column run is damaged"));
             }
-            let directions = part.plane.clone().filter(|_| plane.is_some());
+            let directions = part.plane.clone();
             let mut totals = Totals::new(grid, part.elements).with_directions(directions);
             totals
                 .set_exact_energies(&part.energies)
                 .ok_or_else(|| wrong("the column run is damaged"))?;
-            found = Some((part, totals));
+            found = Some(Found {
+                sums: part.begun(),
+                places: Places::of(grid),
+                part,
+                totals,
+            });
         }
-        let Some((_, totals)) = &mut found else {
+        let Some(Found {
+            totals,
+            sums,
+            places,
+            ..
+        }) = &mut found
+        else {
             return Err(wrong(not_a_shard));
         };
         rows = row + 1;
-        let (side, bin) = if row < totals.grid().per_side() {
+        let per_side = totals.grid().per_side();
+        // What comes after both sides is counted and refused at the end.
+        if row >= 2 * per_side {
+            continue;
+        }
+        let (side, bin) = if row < per_side {
             (Side::Above, row)
         } else {
-            (Side::Below, row - totals.grid().per_side())
+            (Side::Below, row - per_side)
         };
+        if !places.of_bin(side, bin).eq(record.iter().take(5)) {
+            return Err(wrong(&format!(
+                "row {} is of another bin than this place of the file: its rows were sorted or changed; copy it again, or \
+                 trace this part again",
+                row + 2
+            )));
+        }
+        add(sums, &record[exact], &record[plane]);
         if !record[exact].is_empty() {
             totals
                 .set_exact_bin(side, bin, &record[exact])
                 .ok_or_else(|| wrong(&format!("row {} is damaged", row + 2)))?;
         }
-        if let Some(products) = plane.map(|at| &record[at]).filter(|text| !text.is_empty()) {
+        if !record[plane].is_empty() {
             totals
-                .set_exact_direction(bin, products)
+                .set_exact_direction(bin, &record[plane])
                 .ok_or_else(|| wrong(&format!("row {} is damaged", row + 2)))?;
         }
     }
-    let (part, totals) = found.ok_or_else(|| wrong("the file has no rows"))?;
+    let found = found.ok_or_else(|| wrong("the file has no rows"))?;
+    let Found {
+        part, totals, sums, ..
+    } = found;
     // A file that was cut off between two rows has all its energies and a part of its bins.
-    let side = totals.grid().per_side();
-    let whole = match part.rows {
-        Some(told) => rows == told,
-        None => rows == side || rows == 2 * side,
-    };
-    if whole {
-        Ok((part, totals))
-    } else {
-        Err(wrong(&format!(
+    if rows != part.rows {
+        return Err(wrong(&format!(
             "the file has {rows} rows of bins, not all or not only its own: copy it again, or trace this part again"
-        )))
+        )));
     }
+    if part.sums.as_deref() != Some(&hex(&sums.finalize())) {
+        return Err(wrong(
+            "its columns exact, plane or run are not as they were written: copy it again, or trace this part again",
+        ));
+    }
+    Ok((part, totals))
+}
+
+/// What was read of a file so far.
+struct Found {
+    part: Part,
+    totals: Totals,
+    sums: Sha256,
+    places: Places,
 }
 
 #[cfg(test)]
@@ -340,24 +427,11 @@ mod tests {
         write(&whole, &traced(&prepared, Shard::WHOLE), &lamp, None).unwrap();
         let part = |number, complete| {
             let shard = Shard { number, of: 3 };
-            let totals = traced(&prepared, shard);
+            let done = resume(&prepared, shard, None, Ending::AtLast, &|_| true);
             let file = folder.path().join(format!("{number}{complete}.csv"));
-            let part = Part {
-                run: "r".to_owned(),
-                shard: number,
-                of: 3,
-                complete,
-                batches: Vec::new(),
-                n_theta: 9,
-                n_phi: 12,
-                elements: 16,
-                rows: None,
-                energies: totals.exact_energies(),
-                plane: totals.directions(),
-                stokes: lamp,
-                scene: About::of(&prepared),
-            };
-            write(&file, &totals, &lamp, Some(&part)).unwrap();
+            let about = About::of(&prepared);
+            let part = Part::of("r".to_owned(), shard, &done, complete, lamp, about);
+            write(&file, &done.totals, &lamp, Some(&part)).unwrap();
             file
         };
         let files = [part(3, true), part(1, true), part(2, true)];
@@ -420,6 +494,62 @@ mod tests {
                 text.contains("rows of bins") || text.contains("is damaged"),
                 "{text}"
             );
+        }
+    }
+
+    #[test]
+    fn a_shards_file_whose_rows_or_digits_were_changed_is_refused() {
+        let prepared = rough_glass();
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("1.csv");
+        let done = resume(&prepared, Shard::WHOLE, None, Ending::AtLast, &|_| true);
+        let (lamp, about) = ([1.0, 0.0, 0.0, 0.0], About::of(&prepared));
+        let part = Part::of("r".to_owned(), Shard::WHOLE, &done, true, lamp, about);
+        write(&file, &done.totals, &lamp, Some(&part)).unwrap();
+        let text = std::fs::read_to_string(&file).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        let exact = lines[0]
+            .split(',')
+            .position(|name| name == "exact")
+            .unwrap();
+        let refused = |lines: &[String], says: &str| {
+            std::fs::write(&file, lines.join("\n")).unwrap();
+            let Err(CliError::BadInput(error)) = merge(std::slice::from_ref(&file)) else {
+                panic!("{says}")
+            };
+            assert!(error.to_string().contains(says), "{error}");
+        };
+        let own: Vec<String> = lines.iter().map(|line| (*line).to_owned()).collect();
+        std::fs::write(&file, own.join("\n")).unwrap();
+        assert!(merge(std::slice::from_ref(&file)).is_ok());
+        let mut swapped = own.clone();
+        swapped.swap(20, 21);
+        refused(&swapped, "row 21 is of another bin");
+        // The last digit of a sum: nothing else in its row tells.
+        let lit = (2..own.len()).find(|n| own[*n].split(',').nth(exact) != Some(""));
+        let mut flipped = own;
+        let line = &mut flipped[lit.unwrap()];
+        let mut words: Vec<String> = line.split(',').map(str::to_owned).collect();
+        let last = words[exact].pop().unwrap();
+        words[exact].push(if last == '0' { '1' } else { '0' });
+        *line = words.join(",");
+        refused(&flipped, "not as they were written");
+        // What the file says of itself, and a file that does not say it yet.
+        for (part, says) in [
+            (
+                Part {
+                    straight: 3,
+                    ..part.clone()
+                },
+                "not as they were written",
+            ),
+            (Part { sums: None, ..part }, "earlier version"),
+        ] {
+            write(&file, &done.totals, &lamp, Some(&part)).unwrap();
+            let Err(CliError::BadInput(error)) = merge(std::slice::from_ref(&file)) else {
+                panic!("{says}")
+            };
+            assert!(error.to_string().contains(says), "{error}");
         }
     }
 

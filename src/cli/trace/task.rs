@@ -135,10 +135,7 @@ impl<'a> Task<'a> {
         let patience = Patience::usual(args.max_seconds, &self.cancel);
         if let Some(told) = of_run(&self.prepared, asked, patience) {
             let forecast = told.times(args.surfaces.unwrap_or(1));
-            super::super::say(&format_args!(
-                "forecast: {}",
-                forecast.drawn_within(args.max_seconds)
-            ));
+            super::say_forecast(forecast, args.max_seconds);
         }
     }
 

@@ -78,6 +78,44 @@ fn bad_scenes_get_a_message_that_names_the_key() {
         (
             scene(
                 45.0,
+                &(interface(
+                    "shape = \"flat\"\nthickness_um = 1.0",
+                    "{ n = 1.5, k = 0.16 }",
+                ) + &flat),
+                "",
+            ),
+            "below.k = 0.16 is more than a tenth of n = 1.5",
+        ),
+        (
+            scene(
+                45.0,
+                &interface(
+                    "shape = \"ridges\"\ntheta_r_deg = 80.0\npitch_um = 50.0\ndraft_deg = 9.0",
+                    "{ n = 1.5 }",
+                ),
+                "",
+            ),
+            "must be below 9.0",
+        ),
+        (
+            scene(45.0, &flat, "seed = 9223372036854775808"),
+            "run.seed = 9223372036854775808: must be from 0 to 9223372036854775807",
+        ),
+        (
+            scene(45.0, &flat, "seed = 18446744073709551616"),
+            "stands where a whole number up to 9223372036854775807",
+        ),
+        (
+            scene(
+                45.0,
+                &beckmann("alpha_u = 0.1\nalpha_v = 0.1\nseed = 18446744073709551615"),
+                "",
+            ),
+            "interface 1: seed = 18446744073709551615",
+        ),
+        (
+            scene(
+                45.0,
                 &interface("shape = \"flat\"\npitch_um = 2.0", "{ n = 1.5 }"),
                 "",
             ),
@@ -188,6 +226,27 @@ fn every_key_that_the_parser_knows_stands_in_the_document() {
             assert!(document.contains(&format!("`{word}`")), "{word}");
         }
     }
+}
+
+#[test]
+fn burrs_that_are_cut_are_told_with_the_height_that_is_left() {
+    let told = |burr_um: f64| {
+        let keys =
+            format!("shape = \"ridges\"\ntheta_r_deg = 10.0\npitch_um = 50.0\nburr_um = {burr_um}");
+        let text = scene(45.0, &interface(&keys, "\"Au550\""), "");
+        let ready = Scene::parse(&text)
+            .unwrap()
+            .prepare(&|_| Err(String::new()));
+        let mut notes = ready.unwrap().left_out.into_iter();
+        notes.find(|l| l.what.contains("tall burrs")).map(|l| l.why)
+    };
+    assert_eq!((told(0.0), told(2.0)), (None, None));
+    // Of a mean of 10 µm, cut at 20 µm: 10 (1 − e⁻²).
+    let why = told(10.0).unwrap();
+    assert!(
+        why.contains("is 8.65 µm") && why.contains("the 10 µm"),
+        "{why}"
+    );
 }
 
 #[test]

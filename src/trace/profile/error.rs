@@ -62,12 +62,12 @@ pub enum ProfileError {
     LeansNowhere,
     /// The riser would not rise.
     #[error(
-        "draft_deg = {draft_deg} is too large: the riser would lie flat (largest: {largest_deg:.1})"
+        "draft_deg = {draft_deg} is too large: the riser would lie flat (it must be below {limit_deg:.1})"
     )]
     TooFlat {
         /// What was asked.
         draft_deg: f64,
-        /// What would still go.
-        largest_deg: f64,
+        /// What it must be below.
+        limit_deg: f64,
     },
 }

@@ -2,6 +2,7 @@
 
 use crate::material::tables::MediaError;
 use crate::trace::profile::ProfileError;
+use crate::wording::significant;
 
 /// Why a scene cannot be traced.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -67,6 +68,22 @@ pub enum SceneError {
         path: String,
         /// Why it cannot be used.
         reason: String,
+    },
+    /// A layer that lets nothing through.
+    #[error(
+        "interface {number}: below.k = {k} is more than a tenth of n = {n}: a layer keeps k to {} (0.1 n) at most, and a medium that \
+         is opaque within a wavelength must be the last",
+        significant(*.limit)
+    )]
+    Opaque {
+        /// 1 for the topmost.
+        number: usize,
+        /// Real part of its index.
+        n: f64,
+        /// Imaginary part.
+        k: f64,
+        /// The largest imaginary part of a layer.
+        limit: f64,
     },
     /// Layers below a metal are never reached.
     #[error(

@@ -147,8 +147,18 @@ impl Scene {
             return Ok(0.0);
         }
         // Beyond this the layer is opaque within a wavelength: not a layer but a substrate.
-        if k > 0.1 * medium.index.re {
-            return Err(SceneError::Unreachable { number });
+        let (n, limit) = (medium.index.re, 0.1 * medium.index.re);
+        if k > limit {
+            let named = matches!(shape.below, toml::Value::String(_));
+            return Err(match named {
+                true => SceneError::Unreachable { number },
+                false => SceneError::Opaque {
+                    number,
+                    n,
+                    k,
+                    limit,
+                },
+            });
         }
         let Some(thickness) = shape.thickness_um else {
             return Err(SceneError::Missing {

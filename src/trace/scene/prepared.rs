@@ -103,7 +103,7 @@ impl Prepared {
     /// The same scene, counted in other direction bins.
     #[must_use]
     pub fn with_grid(mut self, grid: Grid) -> Self {
-        self.grid = grid;
+        self.grid = grid.straight_at(self.phi_i_deg());
         self
     }
 }

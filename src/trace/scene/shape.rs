@@ -11,12 +11,13 @@ use super::super::beckmann::{self, beckmann};
 use super::super::crystals::{self, crystals};
 use super::super::facet::Roughness;
 use super::super::height_field::HeightField;
-use super::super::profile::{Profile, ProfileError};
+use super::super::profile::{Profile, ProfileError, lowest_and_highest};
 use super::super::ridge_map::gaps;
 use super::super::ridges::Ridges;
 use super::super::rng::{Purpose, Stream};
 use super::super::surface::Relief;
 use super::{LeftOut, Scene, SceneError, positive, value};
+use crate::wording::significant;
 
 /// One interface as written; which keys it may have depends on `shape`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -121,8 +122,8 @@ impl Scene {
             "smith" => smith(&keys),
             "beckmann" => self.beckmann(&keys, left_out),
             "crystals" => self.crystals(&keys, left_out),
-            "ridges" => self.ridges(&keys),
-            "profile" => profile(&keys, load),
+            "ridges" => self.ridges(&keys, left_out),
+            "profile" => profile(&keys, load, left_out),
             "file" => file(&keys, load, left_out),
             other => Err(value(
                 &keys.name("shape"),
@@ -169,7 +170,7 @@ impl Scene {
     }
 
     /// A sawtooth, worn or burred.
-    fn ridges(&self, keys: &Keys<'_>) -> Result<Made, SceneError> {
+    fn ridges(&self, keys: &Keys<'_>, left_out: &mut Vec<LeftOut>) -> Result<Made, SceneError> {
         keys.only(&[
             "theta_r_deg",
             "pitch_um",
@@ -220,6 +221,16 @@ impl Scene {
             number: keys.number,
             source,
         })?;
+        left_out.extend(ridges.burr_cut().map(|(most, mean)| LeftOut {
+            what: format!("the tops of tall burrs of interface {}", keys.number),
+            why: format!(
+                "a burr leaves room on its facet: those of more than {} µm are cut there, so their mean height is {} µm, not \
+                 the {burr} µm of burr_um",
+                significant(most),
+                significant(mean)
+            ),
+            cost: None,
+        }));
         Ok((
             Relief::Profile(Arc::new(profile)),
             keys.optional_roughness()?,
@@ -237,6 +248,7 @@ fn smith(keys: &Keys<'_>) -> Result<Made, SceneError> {
 fn profile(
     keys: &Keys<'_>,
     load: &dyn Fn(&str) -> Result<HeightMap, String>,
+    left_out: &mut Vec<LeftOut>,
 ) -> Result<Made, SceneError> {
     keys.only(&["path", "alpha_u", "alpha_v"])?;
     let path = keys
@@ -251,6 +263,10 @@ fn profile(
     };
     let map = load(path).map_err(failed)?;
     let profile = map.profile().map_err(|e| failed(e.to_string()))?;
+    let unit = map.units.map_or(1.0, |units| units.height_unit_um);
+    let steps = profile.pieces().iter().map(|p| p.to - p.from);
+    let finest = steps.fold(f64::INFINITY, f64::min);
+    left_out.extend(lost_digits(unit * map.last_digit(), finest, keys.number));
     Ok((
         Relief::Profile(Arc::new(profile)),
         keys.optional_roughness()?,
@@ -286,6 +302,13 @@ fn file(
         _ => keys.need("height_unit_um", keys.shape.height_unit_um)?,
     };
     let field = field_of(&map, pitch, unit).map_err(|r| failed(r.to_owned()))?;
+    let (low, high) = field.range();
+    let stored = f64::from(f32::EPSILON) * low.abs().max(high.abs());
+    left_out.extend(lost_digits(
+        stored.max(unit * map.last_digit()),
+        pitch[0].min(pitch[1]),
+        keys.number,
+    ));
     let share = map.filled as f64 / map.heights.len() as f64;
     left_out.extend(gaps(share));
     left_out.push(LeftOut {
@@ -296,7 +319,37 @@ fn file(
     Ok((Relief::Field(Arc::new(field)), keys.optional_roughness()?))
 }
 
+/// Slope that heights may have of their last digits alone, untold: six thousandths of a degree.
+const LOST_SLOPE: f64 = 1e-4;
+
+/// What is told where heights are known to `digit_um` only, which is a slope between samples `step_um` apart.
+fn lost_digits(digit_um: f64, step_um: f64, number: usize) -> Option<LeftOut> {
+    let slope = digit_um / step_um;
+    (slope > LOST_SLOPE).then(|| LeftOut {
+        what: format!("the last digits of the heights of interface {number}"),
+        why: format!(
+            "they are {} µm in numbers so large, which between two samples is a slope of up to {}°: take a constant off the \
+             heights, or cut off what stands far above or below the rest",
+            significant(digit_um),
+            significant(slope.atan().to_degrees())
+        ),
+        cost: None,
+    })
+}
+
 impl HeightMap {
+    /// The last digit of its largest height, in the file's own unit.
+    fn last_digit(&self) -> f64 {
+        let largest = |all: &mut dyn Iterator<Item = &f64>| all.fold(0.0f64, |a, h| a.max(h.abs()));
+        // Of two columns without units the first is a place.
+        let profile = self.units.is_none() && self.columns == 2;
+        f64::EPSILON
+            * match profile {
+                true => largest(&mut self.heights.iter().skip(1).step_by(2)),
+                false => largest(&mut self.heights.iter()),
+            }
+    }
+
     /// The profile whose corners are the rows: v and height in one unit, the last row closing the
     /// period. Of a single row with units of its own, as instruments measure profiles, the samples are the corners, µm.
     ///
@@ -336,9 +389,12 @@ fn field_of(map: &HeightMap, pitch: [f64; 2], unit: f64) -> Result<HeightField, 
     if !map.heights.iter().all(|h| (h * unit).abs() < 1e12) {
         return Err("the map holds a height beyond 1e12 in the scene's unit");
     }
+    // A field keeps seven digits: those are the relief's, wherever its file counts heights from.
+    let (low, high) = lowest_and_highest(map.heights.iter().copied());
+    let middle = 0.5 * (low + high);
     let mut heights = vec![0.0; columns * rows];
     for (n, h) in map.heights.iter().enumerate() {
-        heights[(n % columns) * rows + n / columns] = h * unit;
+        heights[(n % columns) * rows + n / columns] = (h - middle) * unit;
     }
     Ok(HeightField::new(
         columns, rows, pitch[0], pitch[1], &heights,
@@ -429,6 +485,71 @@ impl Keys<'_> {
                 key,
             }),
             None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ridges of 20 steps of 1 µm that fall by 10°, in µm from wherever they are counted.
+    fn sawtooth(offset_um: f64) -> Vec<f64> {
+        let fall = 10f64.to_radians().tan();
+        let ridge = (0..20).map(|n| offset_um - fall * f64::from(n));
+        ridge.collect()
+    }
+
+    fn prepared(shape: &str, map: &HeightMap) -> (f64, Vec<LeftOut>) {
+        let text = format!("[[interface]]\n{shape}\npath = \"a.csv\"\nbelow = \"Au550\"\n");
+        let scene = Scene::parse(&text).unwrap();
+        let ready = scene.prepare(&|_| Ok(map.clone())).unwrap();
+        let lost = ready.left_out.into_iter();
+        let lost = lost.filter(|l| l.what.starts_with("the last digits"));
+        (ready.ridge_angles[0].theta_r_deg, lost.collect())
+    }
+
+    #[test]
+    fn what_a_file_counts_its_heights_from_does_not_matter_until_its_digits_run_out() {
+        let field = |offset_um: f64, tower_um: f64| {
+            let mut heights: Vec<f64> = sawtooth(offset_um).repeat(5);
+            heights[0] += tower_um;
+            let map = HeightMap {
+                columns: 1,
+                rows: heights.len(),
+                heights,
+                units: None,
+                filled: 0,
+            };
+            prepared(
+                "shape = \"file\"\npitch_um = 1.0\nheight_unit_um = 1.0",
+                &map,
+            )
+        };
+        let profile = |offset_um: f64| {
+            let mut rows: Vec<f64> = Vec::new();
+            for (v, z) in (0..).map(f64::from).zip(sawtooth(offset_um)) {
+                rows.extend([v, z]);
+            }
+            rows.extend([20.0, offset_um]);
+            let map = HeightMap {
+                columns: 2,
+                rows: rows.len() / 2,
+                heights: rows,
+                units: None,
+                filled: 0,
+            };
+            prepared("shape = \"profile\"", &map)
+        };
+        for offset_um in [0.0, 25e3, 1e6, -1e8] {
+            for (angle_deg, lost) in [field(offset_um, 0.0), profile(offset_um)] {
+                assert!((angle_deg - 10.0).abs() < 2e-3, "{offset_um}: {angle_deg}");
+                assert!(lost.is_empty(), "{offset_um}: {lost:?}");
+            }
+        }
+        // 9e11 has steps of 1e-4 µm; a tower of 10 mm leaves the field's seven digits 5e-4 µm.
+        for (_, lost) in [field(9e11, 0.0), profile(9e11), field(0.0, 1e4)] {
+            assert_eq!(lost.len(), 1);
         }
     }
 }

@@ -4,7 +4,7 @@
 //! of such sums: errors of single elements do not tell theirs. [`Products`] are kept of some directions alone, since
 //! sixteen numbers have 136 of them.
 
-use super::Batch;
+use super::{Batch, FULL};
 use crate::trace::exact::{Text, Wide, Words};
 
 /// Numbers of a direction whose products are kept: a Mueller matrix, row by row.
@@ -25,8 +25,10 @@ pub(super) struct Products(Vec<Direction>);
 #[derive(Debug, Clone, PartialEq)]
 struct Direction {
     bins: Vec<usize>,
-    /// None before light arrives.
+    /// Each product times [`FULL`] over its batch's photons; none before light arrives.
     sums: Vec<Wide>,
+    /// Batches that brought light.
+    lit: u64,
 }
 
 impl Products {
@@ -39,14 +41,15 @@ impl Products {
                 all.push(Direction {
                     bins,
                     sums: Vec::new(),
+                    lit: 0,
                 });
             }
         }
         Products(all)
     }
 
-    /// Takes what a batch counted.
-    pub fn count(&mut self, batch: &Batch) {
+    /// Takes what a batch counted, `per_photon` of which is [`FULL`] over its photons.
+    pub fn count(&mut self, batch: &Batch, per_photon: f64) {
         for direction in &mut self.0 {
             let lit = direction.bins.iter().filter(|bin| batch.hits[**bin] > 0);
             let mut numbers = [0.0; NUMBERS];
@@ -61,11 +64,12 @@ impl Products {
             if !any {
                 continue;
             }
+            direction.lit += 1;
             direction.sums.resize(PAIRS, Wide::default());
             let mut sums = direction.sums.iter_mut();
             for i in 0..NUMBERS {
                 for (y, sum) in numbers[i..].iter().zip(sums.by_ref()) {
-                    sum.add(numbers[i] * y);
+                    sum.add(numbers[i] * y * per_photon);
                 }
             }
         }
@@ -82,6 +86,7 @@ impl Products {
             if !b.sums.is_empty() {
                 a.sums.resize(PAIRS, Wide::default());
             }
+            a.lit += b.lit;
             for (a, b) in a.sums.iter_mut().zip(&b.sums) {
                 a.join(b);
             }
@@ -98,52 +103,71 @@ impl Products {
         self.0.iter().find(|d| d.bins == bins)
     }
 
-    /// Sums of a direction, by [`place`]; `None` where it is none of those kept.
-    pub fn sums(&self, bins: &[usize]) -> Option<Vec<f64>> {
+    /// Sums of a direction over their batches' photons, by [`place`], and how many batches brought light; `None` where it
+    /// is none of those kept.
+    pub fn sums(&self, bins: &[usize]) -> Option<(Vec<f64>, u64)> {
         let direction = self.of(bins)?;
-        let mut values: Vec<f64> = direction.sums.iter().map(Wide::value).collect();
+        let mut values: Vec<f64> = direction.sums.iter().map(|x| x.value() / FULL).collect();
         values.resize(PAIRS, 0.0);
-        Some(values)
+        Some((values, direction.lit))
     }
 
     /// The exact sums of the direction that begins with a bin, for a shard's file.
     pub fn exact(&self, first: usize) -> Option<String> {
         let direction = self.0.iter().find(|d| d.bins.first() == Some(&first))?;
         let lit = !direction.sums.is_empty();
-        lit.then(|| Text::of(0).wide(direction.sums.iter()).finish())
+        lit.then(|| Text::of(direction.lit).wide(direction.sums.iter()).finish())
     }
 
     /// Reads back what [`Products::exact`] wrote.
     pub fn set_exact(&mut self, first: usize, text: &str) -> Option<()> {
         let mut directions = self.0.iter_mut();
         let direction = directions.find(|d| d.bins.first() == Some(&first))?;
-        let (_, mut words) = Words::of(text)?;
-        direction.sums = words.wide(PAIRS)?;
+        let (lit, mut words) = Words::of(text)?;
+        (direction.lit, direction.sums) = (lit, words.wide(PAIRS)?);
         words.end()
     }
+}
+
+/// What sums are of.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Counted {
+    pub batches: u64,
+    pub photons: u64,
+    /// Batches that brought light to the direction.
+    pub lit: u64,
 }
 
 /// How the numbers of a direction scatter together, sr⁻².
 #[derive(Debug, Clone, PartialEq)]
 pub struct Covariance {
     pairs: Vec<f64>,
+    /// Independent replicates that brought light; `None` where nobody counted them.
+    pub replicates: Option<u64>,
     /// Below `floor` times the square of these sizes a variance is rounding.
     sizes: [f64; NUMBERS],
     floor: f64,
 }
 
 impl Covariance {
-    /// Of `batches` sums: `products` over batches and sums, in photons; `norm` makes them sr⁻¹.
-    pub(super) fn new(products: &[f64], sums: &[f64; NUMBERS], batches: f64, norm: f64) -> Self {
-        let scale = batches / (batches - 1.0) / (norm * norm);
+    /// Of the sums over batches: `products` over their batches' photons and sums, in photons; `norm` makes them sr⁻¹.
+    pub(super) fn new(
+        products: &[f64],
+        sums: &[f64; NUMBERS],
+        counted: Counted,
+        norm: f64,
+    ) -> Self {
+        let (batches, photons) = (counted.batches as f64, counted.photons as f64);
+        let scale = photons / (batches - 1.0) / (norm * norm);
         let mut pairs = Vec::with_capacity(PAIRS);
         for i in 0..NUMBERS {
             for j in i..NUMBERS {
-                pairs.push((products[place(i, j)] - sums[i] * sums[j] / batches) * scale);
+                pairs.push((products[place(i, j)] - sums[i] * sums[j] / photons) * scale);
             }
         }
         Covariance {
             pairs,
+            replicates: Some(counted.lit),
             sizes: sums.map(|s| s.abs() / norm),
             floor: 4.0 * f64::EPSILON / batches,
         }
@@ -158,6 +182,7 @@ impl Covariance {
         }
         Covariance {
             pairs,
+            replicates: None,
             sizes: [0.0; NUMBERS],
             floor: 0.0,
         }
@@ -212,7 +237,12 @@ mod tests {
             products[place(0, 1)] += a * b;
             products[place(1, 1)] += b * b;
         }
-        let covariance = Covariance::new(&products, &numbers, 2.0, 1.0);
+        let counted = Counted {
+            batches: 2,
+            photons: 2,
+            lit: 2,
+        };
+        let covariance = Covariance::new(&products, &numbers, counted, 1.0);
         let std = |a, b| {
             let mut weights = [0.0; NUMBERS];
             (weights[0], weights[1]) = (a, b);

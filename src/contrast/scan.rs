@@ -1,0 +1,337 @@
+//! Contrasts of a scan, single or as means, with their uncertainties.
+//!
+//! A contrast is a function of the radiances; its slopes with respect to them turn every source of error into one of the
+//! contrast. Noise is each observation's own. White reference, lamp drift, stray light and the stages' errors are common
+//! to all poses, so their parts are added with their signs before they are squared: in a mean they do not average out.
+//!
+//! The stages err as in the budget of a fit: a zero of the tilt and an error along its range, a zero of the rotation and
+//! an eccentricity. What the tilt's zero does to the white reference is left out: below 1e-4 of the scale, whose
+//! certificate is a hundred times worse.
+
+use super::Radiances;
+use super::slopes::{Slope, Slopes, beyond_the_same};
+use super::stray::Stray;
+use super::turns::{Turns, off};
+use crate::geometry::Pose;
+use crate::model::contrast::{Contrast, Exposure, PAIRS, PAPER_AZIMUTHS_DEG};
+use crate::observation::ObservationSet;
+use crate::units::Angle;
+
+/// Standard uncertainties by which a pair must be brighter than nothing.
+const COVERAGE_FACTOR: f64 = 2.0;
+
+/// A contrast and how well it is known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Known {
+    /// The contrast, or the mean of several; no number where all of them are dark.
+    pub value: f64,
+    /// Its standard uncertainty.
+    pub std: f64,
+    /// What the stages' errors may change beyond that, where the slope of a radiance is not known; infinite where not even
+    /// a bound is.
+    pub may_cost: f64,
+}
+
+/// Which contrast of two radiances.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// |a − b|.
+    Absolute,
+    /// |a − b|/(a + b).
+    Michelson,
+}
+
+/// One pair of azimuths at one tilt: the number of the tilt in [`Turns::complete`] and that in [`PAIRS`].
+pub type Pair = (usize, usize);
+
+/// The observations of a scan as they are compared.
+#[derive(Debug, Clone)]
+pub struct Scan<'a> {
+    set: &'a ObservationSet,
+    /// What comes with every signal.
+    pub stray: Stray,
+    radiances: Radiances,
+    slopes: Slopes,
+    /// Which of them are compared.
+    pub turns: Turns,
+}
+
+impl<'a> Scan<'a> {
+    /// With the stray light as the flats tell it and slopes as neighbouring poses do.
+    #[must_use]
+    pub fn of(set: &'a ObservationSet) -> Self {
+        let stray = Stray::of_flats(set);
+        let radiances = Radiances::of(set, &stray);
+        let poses = poses(set);
+        Scan {
+            slopes: Slopes::of_neighbours(&poses, &radiances.values),
+            turns: Turns::of(&poses),
+            set,
+            stray,
+            radiances,
+        }
+    }
+
+    /// With slopes from elsewhere, in the unit of the radiances: that of the signals over [`Scan::gain`].
+    #[must_use]
+    pub fn with_slopes(mut self, slopes: Slopes) -> Self {
+        self.slopes = slopes;
+        self
+    }
+
+    /// Signal per radiance.
+    #[must_use]
+    pub fn gain(&self) -> f64 {
+        self.radiances.gain
+    }
+
+    /// All pairs that are compared.
+    #[must_use]
+    pub fn pairs(&self) -> Vec<Pair> {
+        let tilts = 0..self.turns.complete.len();
+        tilts
+            .flat_map(|tilt| (0..PAIRS.len()).map(move |pair| (tilt, pair)))
+            .collect()
+    }
+
+    /// The radiances that are compared, at the paper's azimuths.
+    pub(super) fn exposures(&self) -> Vec<Exposure> {
+        let of = |complete: &super::Complete| {
+            let three = complete.three.into_iter().zip(PAPER_AZIMUTHS_DEG);
+            let theta_c = complete.theta_c;
+            three.map(move |(n, azimuth_deg)| Exposure {
+                theta_r: Angle::ZERO,
+                theta_c,
+                phi_s: Angle::from_deg(azimuth_deg),
+                radiance: self.radiances.values[n],
+            })
+        };
+        self.turns.complete.iter().flat_map(of).collect()
+    }
+
+    /// Whether a pair is brighter than the stray light is known: else it has no Michelson contrast, neither 0 nor any.
+    #[must_use]
+    pub fn is_lit(&self, pair: Pair) -> bool {
+        let (j, k) = self.two(pair);
+        let sum = self.radiances.values[j] + self.radiances.values[k];
+        let own = |n: usize| self.set.observations[n].sigma / self.radiances.gain;
+        let haze = (self.radiances.per_stray[j] + self.radiances.per_stray[k]) * self.stray.std;
+        sum > COVERAGE_FACTOR * own(j).hypot(own(k)).hypot(haze)
+    }
+
+    /// The mean contrast of pairs, dark ones left out of a Michelson contrast.
+    #[must_use]
+    pub fn mean(&self, kind: Kind, pairs: &[Pair]) -> Known {
+        let counts = |pair: &&Pair| kind == Kind::Absolute || self.is_lit(**pair);
+        let pairs: Vec<Pair> = pairs.iter().filter(counts).copied().collect();
+        if pairs.is_empty() {
+            return Known {
+                value: f64::NAN,
+                std: f64::NAN,
+                may_cost: 0.0,
+            };
+        }
+        let n = pairs.len() as f64;
+        let mut slopes = vec![0.0; self.radiances.values.len()];
+        let mut value = 0.0;
+        for pair in pairs {
+            let (j, k) = self.two(pair);
+            let (x, y) = (self.radiances.values[j], self.radiances.values[k]);
+            let contrast = Contrast::between(x, y);
+            let sign = (x - y).signum() / n;
+            let (of, by_x, by_y) = match kind {
+                Kind::Absolute => (contrast.absolute, 1.0, -1.0),
+                // ∂/∂x (x − y)/(x + y) = 2y/(x + y)², ∂/∂y = −2x/(x + y)².
+                Kind::Michelson => {
+                    let sum = x + y;
+                    (
+                        contrast.michelson,
+                        2.0 * y / sum / sum,
+                        -2.0 * x / sum / sum,
+                    )
+                }
+            };
+            value += of / n;
+            slopes[j] += sign * by_x;
+            slopes[k] += sign * by_y;
+        }
+        let (std, may_cost) = self.errors(&slopes);
+        Known {
+            value,
+            std,
+            may_cost,
+        }
+    }
+
+    /// Standard uncertainty of what has these slopes with respect to the radiances, and what it may miss.
+    fn errors(&self, slopes: &[f64]) -> (f64, f64) {
+        let observations = &self.set.observations;
+        let steepest = self.steepest_tilt();
+        let ends = self.tilts();
+        let mut sources = Sources::default();
+        for (n, (slope, o)) in slopes.iter().zip(observations).enumerate() {
+            if *slope == 0.0 {
+                continue;
+            }
+            let of_signal = slope / self.radiances.gain;
+            sources.own(of_signal * o.sigma);
+            sources.common[WHITE] += of_signal * o.shared.white_reference;
+            // As in a fit the lamp drifts between the white reference and the sample: one factor for all.
+            sources.common[DRIFT] += of_signal * o.shared.led_drift;
+            sources.common[STRAY] += slope * self.radiances.per_stray[n] * self.stray.std;
+            let [tilt_off, turn_off] = self.off(n);
+            let along = ends.along(o.pose.theta_c);
+            let tilt = Moved {
+                by: o.shared.theta_c_zero.rad(),
+                modes: &[(TILT_ZERO, 1.0), (TILT_SCALE, along)],
+                off: tilt_off.rad(),
+            };
+            let (sin, cos) = o.pose.phi_s.sin_cos();
+            let turn = Moved {
+                by: o.shared.phi_s_zero.rad(),
+                modes: &[(TURN_ZERO, 1.0), (TURN_SIN, sin), (TURN_COS, cos)],
+                off: turn_off.rad(),
+            };
+            sources.moved(*slope, self.slopes.theta_c[n], &tilt, steepest);
+            // A turn moves directions by the sine of their angle from the normal, a tilt one to one.
+            let bound = steepest * self.sine_from_normal(o.pose.theta_c);
+            sources.moved(*slope, self.slopes.phi_s[n], &turn, bound);
+        }
+        (sources.std(), sources.may_cost)
+    }
+
+    /// The two observations of a pair.
+    fn two(&self, (tilt, pair): Pair) -> (usize, usize) {
+        let three = self.turns.complete[tilt].three;
+        let (_, j, k) = PAIRS[pair];
+        (three[j], three[k])
+    }
+
+    /// By how much the recorded tilt and azimuth of an observation are not those that it stands for.
+    fn off(&self, n: usize) -> [Angle; 2] {
+        let pose = self.set.observations[n].pose;
+        let tilts = self.turns.complete.iter();
+        let found = tilts
+            .filter_map(|c| Some((c, c.three.iter().position(|m| *m == n)?)))
+            .next();
+        found.map_or([Angle::ZERO; 2], |(complete, azimuth)| {
+            [
+                beyond_the_same(pose.theta_c - complete.theta_c),
+                beyond_the_same(off(pose.phi_s, PAPER_AZIMUTHS_DEG[azimuth])),
+            ]
+        })
+    }
+
+    /// The largest slope with respect to the tilt; infinite where none is known.
+    fn steepest_tilt(&self) -> f64 {
+        let known = self.slopes.theta_c.iter().flatten();
+        known
+            .map(|s| s.value.abs() + s.std)
+            .reduce(f64::max)
+            .unwrap_or(f64::INFINITY)
+    }
+
+    /// Sine of the larger angle that lamp and camera have from the sample's normal.
+    fn sine_from_normal(&self, theta_c: Angle) -> f64 {
+        let directions = self.set.rig.rig_directions(theta_c);
+        let cosine = directions.incident.z.min(directions.outgoing.z);
+        (1.0 - cosine * cosine).max(0.0).sqrt()
+    }
+
+    fn tilts(&self) -> Ends {
+        let tilts = self.set.observations.iter().map(|o| o.pose.theta_c.rad());
+        tilts.fold(
+            Ends {
+                low: f64::INFINITY,
+                high: f64::NEG_INFINITY,
+            },
+            |ends, tilt| Ends {
+                low: ends.low.min(tilt),
+                high: ends.high.max(tilt),
+            },
+        )
+    }
+}
+
+/// Poses of the observations.
+pub(super) fn poses(set: &ObservationSet) -> Vec<Pose> {
+    set.observations.iter().map(|o| o.pose).collect()
+}
+
+/// The range of tilts, rad.
+struct Ends {
+    low: f64,
+    high: f64,
+}
+
+impl Ends {
+    /// From −1 at one end to 1 at the other; one tilt has no range.
+    fn along(&self, tilt: Angle) -> f64 {
+        match self.high > self.low {
+            true => (2.0 * tilt.rad() - self.low - self.high) / (self.high - self.low),
+            false => 0.0,
+        }
+    }
+}
+
+const WHITE: usize = 0;
+const DRIFT: usize = 1;
+const STRAY: usize = 2;
+const TILT_ZERO: usize = 3;
+const TILT_SCALE: usize = 4;
+const TURN_ZERO: usize = 5;
+const TURN_SIN: usize = 6;
+const TURN_COS: usize = 7;
+/// Angles that are recorded, but not those that they stand for.
+const RECORDED: usize = 8;
+const COMMON: usize = 9;
+
+/// How an angle of one observation may be off.
+struct Moved<'m> {
+    /// Standard uncertainty of the angle, rad.
+    by: f64,
+    /// Sources in [`Sources::common`], with the share of it that each moves.
+    modes: &'m [(usize, f64)],
+    /// Recorded less nominal, rad.
+    off: f64,
+}
+
+/// Parts of an uncertainty.
+#[derive(Default)]
+struct Sources {
+    /// Sum of squares of what is each observation's own.
+    own: f64,
+    /// Sums of what is common to all.
+    common: [f64; COMMON],
+    may_cost: f64,
+}
+
+impl Sources {
+    fn own(&mut self, change: f64) {
+        self.own += change * change;
+    }
+
+    /// An angle that is off, through the slope of the radiance; `bound` stands for an unknown one.
+    fn moved(&mut self, weight: f64, slope: Option<Slope>, moved: &Moved<'_>, bound: f64) {
+        let squares = moved.modes.iter().map(|(_, share)| share * share);
+        let total = squares.sum::<f64>();
+        let reach = (moved.by * total.sqrt()).hypot(moved.off);
+        let Some(slope) = slope else {
+            // Where nothing moves, not even the unbounded costs.
+            if reach > 0.0 && bound > 0.0 {
+                self.may_cost += (weight * bound * reach).abs();
+            }
+            return;
+        };
+        for (mode, share) in moved.modes {
+            self.common[*mode] += weight * slope.value * share * moved.by;
+        }
+        self.common[RECORDED] += weight * slope.value * moved.off;
+        self.own(weight * slope.std * reach);
+    }
+
+    fn std(&self) -> f64 {
+        let common = self.common.iter().map(|part| part * part).sum::<f64>();
+        (self.own + common).sqrt()
+    }
+}
