@@ -647,7 +647,7 @@ mod tests {
             ),
             (
                 "lamp_drift_std = \"1 %\"",
-                ["line 9: rig.lamp_drift_std", "number"],
+                ["line 9: lamp_drift_std", "number"],
             ),
         ] {
             let said = refusal(&with(told));
