@@ -61,6 +61,9 @@ struct Args {
     /// tenth of the time.
     #[arg(long)]
     identifiable: bool,
+    /// Of those only the series that tell ρd too, as a third of the stiff ones do.
+    #[arg(long, requires = "identifiable")]
+    tells_rho_d: bool,
     /// Only these cases, by their own seeds as `--verbose` tells them.
     #[arg(long, value_delimiter = ',')]
     only: Vec<u64>,
@@ -130,7 +133,12 @@ fn run(stratum: Stratum, args: &Args) -> bool {
         let identifiable = |seed: &u64| {
             let case = draw::case(stratum, *seed);
             let (free, _) = free_quantities(&case.set, case.variant);
-            judge::linear(&case, &free).identifiable
+            let linear = judge::linear(&case, &free);
+            let tells = |q: Quantity| {
+                let std = free.iter().zip(&linear.std).find(|(f, _)| **f == q);
+                std.is_some_and(|(_, std)| enough(q, *std))
+            };
+            linear.identifiable && (!args.tells_rho_d || tells(Quantity::RhoD))
         };
         seeds.into_par_iter().filter(identifiable).collect()
     } else {
@@ -242,6 +250,15 @@ impl Outcome {
     }
 }
 
+/// Whether an identifiable series tells this quantity as well, by its linear standard uncertainty at the truth.
+fn enough(quantity: Quantity, std: f64) -> bool {
+    match quantity {
+        Quantity::AzimuthOffset | Quantity::TiltOffset => std < 2f64.to_radians(),
+        Quantity::RhoD => std < 0.1,
+        _ => true,
+    }
+}
+
 fn one(stratum: Stratum, seed: u64, args: &Args) -> Outcome {
     let case = draw::case(stratum, seed);
     let cancel = AtomicBool::new(false);
@@ -308,12 +325,7 @@ fn one(stratum: Stratum, seed: u64, args: &Args) -> Outcome {
             let Some((name, p, unit)) = named(*q) else {
                 continue;
             };
-            let enough = match q {
-                Quantity::AzimuthOffset | Quantity::TiltOffset => *std < 2f64.to_radians(),
-                Quantity::RhoD => *std < 0.1,
-                _ => true,
-            };
-            if !enough {
+            if !enough(*q, *std) {
                 continue;
             }
             let mut t = judge::true_value(&case.truth, *q);
