@@ -89,6 +89,13 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
         ),
     ];
     left_out.extend(angles_left_out(&known, brightest));
+    if set.theta_l_std.is_none() {
+        left_out.push(LeftOut::new(
+            "uncertainty of theta_l",
+            "an error of the angle between lamp and camera moves every half vector by half of it; state rig.theta_l_std_deg",
+            None,
+        ));
+    }
     report["left_out"] = json!(left_out);
     Ok((table, report))
 }
@@ -330,6 +337,98 @@ mod tests {
                 assert!(ratio > least && ratio < most, "{pairs:?} {kind:?}: {ratio}");
             }
         }
+    }
+
+    /// Signals of a lobe about a facet that leans along v, as a rig of an angle between lamp and camera sees it.
+    fn facet(rig: RigGeometry, pose: Pose, theta_l: Angle) -> f64 {
+        let d = RigGeometry { theta_l, ..rig }.directions(pose);
+        let h = d.incident + d.outgoing;
+        let (along_u, along_v) = (h.x / h.z, h.y / h.z - 0.12);
+        0.1 + 0.3 * (-(along_u / 0.25).powi(2) - (along_v / 0.2).powi(2)).exp()
+    }
+
+    #[test]
+    fn an_error_of_the_lamp_s_angle_is_told_by_tilts_and_turns() {
+        let off = Angle::from_deg(0.2);
+        for rig in [RigGeometry::IN_PLANE, RigGeometry::BESIDE] {
+            let mut set = lobes(0.0);
+            set.rig = rig;
+            set.theta_l_std = Some(off);
+            let seen = |theta_l: Angle| {
+                let mut seen = set.clone();
+                for o in &mut seen.observations {
+                    o.signal = facet(rig, o.pose, theta_l);
+                }
+                seen
+            };
+            let set = seen(rig.theta_l);
+            let (less, more) = (seen(rig.theta_l - off), seen(rig.theta_l + off));
+            let by = |tilt: f64, turn: f64| {
+                let at = |o: &Observation, sign: f64| {
+                    let angle = |by: f64| Angle::from_rad(sign * by);
+                    let pose = Pose {
+                        theta_c: o.pose.theta_c + angle(tilt),
+                        phi_s: o.pose.phi_s + angle(turn),
+                    };
+                    facet(rig, pose, rig.theta_l)
+                };
+                let slope = |o: &Observation| {
+                    let value = (at(o, 1.0) - at(o, -1.0)) / (2.0 * tilt.max(turn));
+                    Some(Slope { value, std: 0.0 })
+                };
+                set.observations.iter().map(slope).collect()
+            };
+            let exact = Slopes {
+                theta_c: by(1e-5, 0.0),
+                phi_s: by(0.0, 1e-5),
+            };
+            let by_neighbours = Scan::of(&set);
+            let by_slopes = by_neighbours.clone().with_slopes(exact);
+            let (less, more) = (Scan::of(&less), Scan::of(&more));
+            for pairs in [by_slopes.pairs(), vec![(2, 0)], vec![(9, 1)]] {
+                for kind in [Kind::Absolute, Kind::Michelson] {
+                    let known = by_slopes.mean(kind, &pairs);
+                    let change = more.mean(kind, &pairs).value - less.mean(kind, &pairs).value;
+                    let expected = 0.5 * change.abs();
+                    assert!(expected > 1e-6, "{pairs:?} {expected}");
+                    let ratio = known.std / expected;
+                    assert!((ratio - 1.0).abs() < 0.03, "{pairs:?} {kind:?}: {ratio}");
+                    // Neighbours 2° and 15° away tell slopes less well; in the mean of all, little is left of them.
+                    let ratio = by_neighbours.mean(kind, &pairs).std / expected;
+                    let single = pairs.len() == 1;
+                    assert!(
+                        !single || ratio > 0.7 && ratio < 1.5,
+                        "{pairs:?} {kind:?}: {ratio}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_dark_level_in_common_changes_michelson_contrast_alone() {
+        let known = |dark_std: f64| {
+            let mut set = lobes(0.0);
+            set.dark_std = dark_std;
+            let scan = Scan::of(&set);
+            let pairs = scan.pairs();
+            [Kind::Absolute, Kind::Michelson].map(|kind| scan.mean(kind, &pairs).std)
+        };
+        let (none, some) = (known(0.0), known(1e-3));
+        assert!(some[0] < 1.01 * none[0], "{some:?} {none:?}");
+        let raised = |by: f64| {
+            let mut set = lobes(0.0);
+            for o in &mut set.observations {
+                o.signal += by;
+            }
+            let scan = Scan::of(&set);
+            scan.mean(Kind::Michelson, &scan.pairs()).value
+        };
+        let expected = (raised(1e-3) - raised(0.0)).abs();
+        assert!(
+            (some[1] / expected - 1.0).abs() < 0.02,
+            "{some:?} {expected}"
+        );
     }
 
     #[test]

@@ -10,10 +10,9 @@ use super::{CliError, answer, daemon, interrupt};
 use crate::analysis::AnalysisOptions;
 use crate::fit::FitOptions;
 use crate::fit::traced::TracingOptions;
-use crate::frame::FrameKind;
 use crate::judge::{Specification, VerdictReport};
 use crate::reduction::FrameSource;
-use crate::series::{FrameRow, Series};
+use crate::series::Series;
 use crate::wording::{decimals, significant, stated, toml_text};
 
 /// Measures a series and judges it against a specification: pass, fail or cannot tell.
@@ -93,16 +92,11 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let cancel = interrupt::flag()?;
     let expected_s = foretell(source.as_ref(), &mut options, &cancel);
     let analysis = watched(source.as_ref(), &options, expected_s, &cancel)?;
-    let samples = source
-        .rows()
-        .iter()
-        .filter(|row| row.kind == FrameKind::Sample);
-    let planned: Vec<_> = samples.map(FrameRow::pose).collect();
     let verdict = VerdictReport::new(
         &specification,
         &analysis.report,
         &analysis.observations,
-        &planned,
+        &source.sample_poses(),
     );
     answer::put(args.json, &verdict, || table(&verdict))
 }

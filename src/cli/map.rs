@@ -11,7 +11,7 @@ use super::inputs;
 use super::{CliError, answer, daemon, interrupt, limits, place};
 use crate::accuracy::map_forecast::of_map;
 use crate::map::folder::{FolderError, map_into};
-use crate::map::write::Summary;
+use crate::map::summary::Summary;
 use crate::map::{MapError, MapOptions, Progress, Stage};
 use crate::reduction::{FrameSource, ReductionError};
 use crate::series::Series;

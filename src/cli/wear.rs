@@ -5,6 +5,7 @@
 //! be the reason, and from which wear on.
 
 mod figure;
+mod told;
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -12,13 +13,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, anyhow};
 use rayon::prelude::*;
-use serde_json::json;
 
 use super::limits::{PathLimits, Stopwatch, Trial, Work};
 use super::prediction::Scene;
 use super::progress::Bar;
 use super::{CliError, answer, interrupt, place};
-use crate::forecast::Expected;
 use crate::geometry::{Pose, RigGeometry};
 use crate::model::LeftOut;
 use crate::model::contrast::{PAPER_AZIMUTHS_DEG, PAPER_RIDGES_DEG};
@@ -192,14 +191,14 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let sweeps = &swept.sweeps;
     if let Some(out) = &args.out {
         std::fs::create_dir_all(out)
-            .and_then(|()| std::fs::write(out.join("wear.csv"), csv(sweeps)))
+            .and_then(|()| std::fs::write(out.join("wear.csv"), told::csv(sweeps)))
             .and_then(|()| std::fs::write(out.join("wear.svg"), figure::draw(sweeps)))
             .with_context(|| format!("cannot write to {}", out.display()))
             .map_err(CliError::no_result)?;
     }
     let seconds = watch.seconds();
-    answer::put(args.json, &report(&swept, seconds), || {
-        let mut text = table(sweeps) + "\n" + &errors_table(sweeps);
+    answer::put(args.json, &told::report(&swept, seconds), || {
+        let mut text = told::table(sweeps) + "\n" + &told::errors_table(sweeps);
         for left in &swept.left_out {
             let _ = writeln!(text, "\nleft out: {} ({})", left.what, left.why);
         }
@@ -452,115 +451,6 @@ fn contrast(
     })
 }
 
-fn csv(sweeps: &[Sweep]) -> String {
-    let mut text =
-        String::from("round,burr,theta_r_deg,effective_theta_r_deg,contrast,contrast_std\n");
-    for sweep in sweeps {
-        let (round, burr) = match sweep.wear {
-            Wear::Round(x) => (x, 0.0),
-            Wear::Burr(x) => (0.0, x),
-        };
-        let mut all: Vec<&Point> = sweep.all().collect();
-        all.sort_by(|a, b| a.theta_r_deg.total_cmp(&b.theta_r_deg));
-        for p in all {
-            let _ = writeln!(
-                text,
-                "{round},{burr},{},{:.4},{:.7},{:.7}",
-                p.theta_r_deg, p.effective_deg, p.contrast.value, p.contrast.std
-            );
-        }
-    }
-    text
-}
-
-fn report(swept: &Swept, seconds: f64) -> serde_json::Value {
-    let rows: Vec<serde_json::Value> = swept
-        .sweeps
-        .iter()
-        .map(|s| {
-            let (round, burr) = match s.wear {
-                Wear::Round(x) => (x, 0.0),
-                Wear::Burr(x) => (0.0, x),
-            };
-            let optimum = s.optimum();
-            let at = |number: &dyn Fn(&Point) -> f64| -> Vec<Option<f64>> {
-                let points = PAPER_RIDGES_DEG.iter().map(|t| s.at(*t));
-                points.map(|p| p.map(number)).collect()
-            };
-            json!({
-                "round": round,
-                "burr": burr,
-                "optimum_deg": optimum.map(|o| o.value),
-                "optimum_std_deg": optimum.map(|o| o.std).filter(|s| s.is_finite()),
-                "contrast_at_paper_ridges": at(&|p| p.contrast.value),
-                "contrast_std_at_paper_ridges": at(&|p| p.contrast.std),
-                "effective_deg_at_paper_ridges": at(&|p| p.effective_deg),
-                "best_of_paper_ridges_deg": s.best_of_paper(),
-            })
-        })
-        .collect();
-    json!({
-        "paper_ridges_deg": PAPER_RIDGES_DEG,
-        "sweeps": rows,
-        "error": Expected {
-            value: swept.error(),
-            of: "a contrast, at worst".to_owned(),
-        },
-        "paths": swept.paths,
-        "seconds": seconds,
-        "left_out": swept.left_out,
-        "program": concat!("ridged ", env!("CARGO_PKG_VERSION")),
-    })
-}
-
-/// A table in Markdown.
-fn table(sweeps: &[Sweep]) -> String {
-    let mut text = String::from(
-        "| wear | optimum θr | contrast at 5° | 10° | 15° | 20° | best of these | effective angle of 5° | of 10° |\n\
-         | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
-    );
-    for sweep in sweeps {
-        let wear = sweep.wear.name();
-        let number = |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{x:.4}"));
-        let degrees = |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{x:.1}°"));
-        let optimum = match sweep.optimum() {
-            Some(o) if o.std.is_finite() => format!("{:.1}° ± {:.1}°", o.value, o.std),
-            Some(o) => format!("{:.1}° (bound)", o.value),
-            None => "–".to_owned(),
-        };
-        let effective = |t: f64| degrees(sweep.at(t).map(|p| p.effective_deg));
-        let _ = write!(text, "| {wear} | {optimum} |");
-        for t in PAPER_RIDGES_DEG {
-            let _ = write!(text, " {} |", number(sweep.at(t).map(|p| p.contrast.value)));
-        }
-        let _ = writeln!(
-            text,
-            " {} | {} | {} |",
-            degrees(sweep.best_of_paper()),
-            effective(5.0),
-            effective(10.0)
-        );
-    }
-    text
-}
-
-/// Standard errors of the contrasts in [`table`].
-fn errors_table(sweeps: &[Sweep]) -> String {
-    let mut text = String::from(
-        "| standard error of the contrast | at 5° | 10° | 15° | 20° |\n| --- | --- | --- | --- | --- |\n",
-    );
-    for sweep in sweeps {
-        let _ = write!(text, "| {} |", sweep.wear.name());
-        for t in PAPER_RIDGES_DEG {
-            let std = sweep.at(t).map(|p| p.contrast.std);
-            let std = std.map_or("–".to_owned(), |std| format!("{std:.5}"));
-            let _ = write!(text, " {std} |");
-        }
-        text.push('\n');
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -618,8 +508,8 @@ mod tests {
         );
         few.cut_short = true;
         assert!(few.verdict(Some(0.5 * error)).is_ok());
-        assert_eq!(report(&few, 1.0)["paths"], 64);
-        assert_eq!(errors_table(&few.sweeps).lines().count(), 2 + 1);
+        assert_eq!(told::report(&few, 1.0)["paths"], 64);
+        assert_eq!(told::errors_table(&few.sweeps).lines().count(), 2 + 1);
     }
 
     #[test]
@@ -663,8 +553,8 @@ mod tests {
         let ratio = |t: f64| contrast(&sweeps[1], t) / contrast(&sweeps[0], t);
         assert!(ratio(5.0) < 0.95, "{}", ratio(5.0));
         assert!(sweeps[1].points[0].effective_deg < 5.0);
-        assert_eq!(csv(&sweeps).lines().count(), 1 + 9);
-        assert!(table(&sweeps).lines().count() == 2 + 3);
+        assert_eq!(told::csv(&sweeps).lines().count(), 1 + 9);
+        assert!(told::table(&sweeps).lines().count() == 2 + 3);
         assert!(figure::draw(&sweeps).contains("</svg>"));
     }
 
@@ -684,7 +574,7 @@ mod tests {
             assert_eq!((a.contrast, a.effective_deg), (b.contrast, b.effective_deg));
         }
         assert!(coarse.at(20.0).is_none() && fine.between.is_empty());
-        let told = report(
+        let told = told::report(
             &Swept {
                 sweeps: vec![coarse],
                 left_out: Vec::new(),

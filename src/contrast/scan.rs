@@ -7,12 +7,17 @@
 //! The stages err as in the budget of a fit: a zero of the tilt and an error along its range, a zero of the rotation and
 //! an eccentricity. What the tilt's zero does to the white reference is left out: below 1e-4 of the scale, whose
 //! certificate is a hundred times worse.
+//!
+//! An error of the angle between lamp and camera moves the half vector, and so do tilt and turn: the slopes with respect to
+//! these tell what it does to a lobe. What it does beside that, to shadows and Fresnel's factor, is left out.
+
+use nalgebra::Vector3;
 
 use super::Radiances;
 use super::slopes::{Slope, Slopes, beyond_the_same};
 use super::stray::Stray;
 use super::turns::{Turns, off};
-use crate::geometry::Pose;
+use crate::geometry::{Pose, RigGeometry};
 use crate::model::contrast::{Contrast, Exposure, PAIRS, PAPER_AZIMUTHS_DEG};
 use crate::observation::ObservationSet;
 use crate::units::Angle;
@@ -179,6 +184,7 @@ impl<'a> Scan<'a> {
             // As in a fit the lamp drifts between the white reference and the sample: one factor for all.
             sources.common[DRIFT] += of_signal * o.shared.led_drift;
             sources.common[STRAY] += slope * self.radiances.per_stray[n] * self.stray.std;
+            sources.common[DARK] += of_signal * self.set.dark_std;
             let [tilt_off, turn_off] = self.off(n);
             let along = ends.along(o.pose.theta_c);
             let tilt = Moved {
@@ -196,6 +202,17 @@ impl<'a> Scan<'a> {
             // A turn moves directions by the sine of their angle from the normal, a tilt one to one.
             let bound = steepest * self.sine_from_normal(o.pose.theta_c);
             sources.moved(*slope, self.slopes.phi_s[n], &turn, bound);
+            if let Some(std) = self.set.theta_l_std {
+                let lamp = Moved {
+                    by: std.rad(),
+                    modes: &[(LAMP, 1.0)],
+                    off: 0.0,
+                };
+                let (by_lamp, bound) = self.by_lamp(n, steepest);
+                sources.moved(*slope, by_lamp, &lamp, bound);
+                // A lamp that lights the white reference better makes all else look darker.
+                sources.common[LAMP] -= of_signal * o.signal * self.reference_by_lamp() * std.rad();
+            }
         }
         (sources.std(), sources.may_cost)
     }
@@ -236,6 +253,68 @@ impl<'a> Scan<'a> {
         let directions = self.set.rig.rig_directions(theta_c);
         let cosine = directions.incident.z.min(directions.outgoing.z);
         (1.0 - cosine * cosine).max(0.0).sqrt()
+    }
+
+    /// How a radiance changes with the angle between lamp and camera, and a bound where that is not known.
+    fn by_lamp(&self, n: usize, steepest: f64) -> (Option<Slope>, f64) {
+        let theta_c = self.set.observations[n].pose.theta_c;
+        let directions = self.set.rig.rig_directions(theta_c);
+        let sum = directions.incident + directions.outgoing;
+        let half = sum.normalize();
+        let towards = self.lamp_moves(theta_c);
+        let moves = (towards - half * half.dot(&towards)) / sum.norm();
+        let bound = steepest * moves.norm();
+        // As that of a tilt, which moves (x, y, z) at the rate (z, 0, −x), and that of a turn, (y, −x, 0).
+        let turn = if moves.y == 0.0 {
+            0.0
+        } else {
+            -moves.y / half.x
+        };
+        let tilt = (moves.x - turn * half.y) / half.z;
+        let by_turn = match turn {
+            0.0 => Some(Slope {
+                value: 0.0,
+                std: 0.0,
+            }),
+            _ => self.slopes.phi_s[n],
+        };
+        let slope = self.slopes.theta_c[n]
+            .zip(by_turn)
+            .map(|(by_tilt, by_turn)| {
+                let std = (tilt * by_tilt.std).hypot(turn * by_turn.std);
+                // Near the normal a turn tells nothing, and the bound more.
+                if std < bound {
+                    Slope {
+                        value: tilt * by_tilt.value + turn * by_turn.value,
+                        std,
+                    }
+                } else {
+                    Slope {
+                        value: 0.0,
+                        std: bound,
+                    }
+                }
+            });
+        (slope, bound)
+    }
+
+    /// By how much the white reference looks brighter, relatively, per radian between lamp and camera.
+    fn reference_by_lamp(&self) -> f64 {
+        if self.set.white_reference.is_none() || self.set.flats.is_empty() {
+            return 0.0;
+        }
+        let of = |theta_c| self.lamp_moves(theta_c).z / self.set.rig.cos_incidence(theta_c);
+        let flats = self.set.flats.iter().map(|flat| of(flat.theta_c));
+        flats.sum::<f64>() / self.set.flats.len() as f64
+    }
+
+    /// How the direction towards the lamp moves per radian from the camera: on its circle, a quarter ahead.
+    fn lamp_moves(&self, theta_c: Angle) -> Vector3<f64> {
+        let ahead = RigGeometry {
+            theta_l: self.set.rig.theta_l + Angle::from_deg(90.0),
+            ..self.set.rig
+        };
+        ahead.rig_directions(theta_c).incident
     }
 
     fn tilts(&self) -> Ends {
@@ -284,7 +363,9 @@ const TURN_SIN: usize = 6;
 const TURN_COS: usize = 7;
 /// Angles that are recorded, but not those that they stand for.
 const RECORDED: usize = 8;
-const COMMON: usize = 9;
+const DARK: usize = 9;
+const LAMP: usize = 10;
+const COMMON: usize = 11;
 
 /// How an angle of one observation may be off.
 struct Moved<'m> {

@@ -289,6 +289,9 @@ pub(super) fn whole<'a>(
     let mut rivals: Vec<Minimum> = Vec::new();
     let mut weights_moved = false;
     for other in &candidates {
+        if search.over() {
+            break;
+        }
         let again = settled.again(&other.parameters, cancel);
         if again.cost < settled.minimum.cost && again.ending != Ending::NotFinite {
             rivals.push(std::mem::replace(&mut settled.minimum, again));
@@ -354,7 +357,7 @@ fn looked_for<'s>(
     late: Late<'s>,
     cancel: &'s AtomicBool,
 ) -> Search<'s> {
-    let mut search = opening.search(options, cancel).until(late);
+    let mut search = opening.search(options, late, cancel);
     let problem = &opening.problem;
     let mut rounds = 0;
     if few_directions(problem.set()) && !search.over() {

@@ -9,7 +9,7 @@ use super::estimate::{few_directions, free_quantities};
 use super::known::certified;
 use super::misfit::{LIKELY, RARE, SELDOM, chance, flat_sigma, freedom, misfit_scale};
 use super::problem::{Problem, Quantity, Values};
-use super::search::{Effort, Search};
+use super::search::{Effort, Late, Search};
 use super::settle::{Settled, Weighing, sigma_at};
 use super::solver::Minimum;
 use super::{FitOptions, Told};
@@ -105,10 +105,15 @@ impl<'a> Opening<'a> {
         }
     }
 
-    /// A search that has had its quick look.
-    pub(super) fn search<'s>(&'s self, options: &FitOptions, cancel: &'s AtomicBool) -> Search<'s> {
+    /// A search that has had its quick look, and is to end once it is late.
+    pub(super) fn search<'s>(
+        &'s self,
+        options: &FitOptions,
+        late: Late<'s>,
+        cancel: &'s AtomicBool,
+    ) -> Search<'s> {
         let effort = Effort::first(options);
-        let mut search = Search::new(&self.fixed, options.seed, effort, cancel);
+        let mut search = Search::new(&self.fixed, options.seed, effort, cancel).until(late);
         search.quick(&self.first, options.starts);
         if options.misfit && self.may_be_elsewhere(&search) {
             search.glance(&self.first);

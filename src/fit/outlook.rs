@@ -140,7 +140,7 @@ impl Look<'_> {
         let (options, cancel) = (self.options, self.cancel);
         let (opening, opened_s) = self.timed(|| Opening::new(set, variant, options));
         let weighing = opening.weighing(options, cancel);
-        let (search, looked_s) = self.timed(|| opening.search(options, cancel));
+        let (search, looked_s) = self.timed(|| opening.search(options, &|| false, cancel));
         let mut settled = opening.settling(search.best()?.clone(), options);
         let ((), settled_s) = self.timed(|| settled.settle(&weighing));
         let rounds = opening
@@ -319,7 +319,7 @@ pub fn likely(
         return None;
     }
     let opening = Opening::new(few, Variant::Sawtooth, options);
-    let search = opening.search(options, cancel);
+    let search = opening.search(options, &|| false, cancel);
     let mut settled = opening.settling(search.best()?.clone(), options);
     settled.settle(&opening.weighing(options, cancel));
     let values = settled.problem.unpack(&settled.minimum.parameters);

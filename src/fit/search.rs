@@ -326,7 +326,11 @@ impl<'p> Search<'p> {
                 }
             });
         }
-        let fine = |m: &mut Minimum| *m = minimise(problem, &m.parameters, &bounds, &FINE, cancel);
+        let fine = |m: &mut Minimum| {
+            if !self.over() {
+                *m = minimise(problem, &m.parameters, &bounds, &FINE, cancel);
+            }
+        };
         let by_lane =
             |m: &Minimum| m.ending == Ending::ConvergedByGradient && m.residuals.is_empty();
         each(&mut unknown, &|m| {
@@ -493,27 +497,36 @@ impl<'p> Search<'p> {
             ..Settings::default()
         };
         let bounds = to.bounds();
-        let mut known: Vec<(f64, Minimum)> = Vec::new();
         self.forget();
         let mut runs = std::mem::take(&mut self.runs);
         runs.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        for run in runs {
-            if let Some((_, m)) = known.iter().find(|(cost, _)| same(run.cost, *cost)) {
-                self.runs.push(m.clone());
-                continue;
-            }
-            if !run.cost.is_finite() || known.len() > REFINED {
-                self.runs.push(Minimum {
-                    cost: f64::INFINITY,
-                    ending: Ending::MaxIterations,
-                    ..run
-                });
-                continue;
-            }
-            let x = to.pack(&from.unpack(&run.parameters));
-            let m = minimise(to, &x, &bounds, &fine, self.cancel);
-            known.push((run.cost, m.clone()));
-            self.runs.push(m);
+        let mut different: Vec<&Minimum> = Vec::new();
+        let mut leads_to: Vec<Option<usize>> = Vec::new();
+        for run in &runs {
+            let known = different.iter().position(|m| same(run.cost, m.cost));
+            leads_to.push(known.or_else(|| {
+                (run.cost.is_finite() && different.len() <= REFINED).then(|| {
+                    different.push(run);
+                    different.len() - 1
+                })
+            }));
+        }
+        // Once it is late the best of them has to do.
+        let ends: Vec<Option<Minimum>> = different
+            .par_iter()
+            .enumerate()
+            .map(|(k, run)| {
+                let x = to.pack(&from.unpack(&run.parameters));
+                (k == 0 || !self.over()).then(|| minimise(to, &x, &bounds, &fine, self.cancel))
+            })
+            .collect();
+        for (run, to) in runs.iter().zip(leads_to) {
+            let end = to.and_then(|k| ends[k].clone());
+            self.runs.push(end.unwrap_or_else(|| Minimum {
+                cost: f64::INFINITY,
+                ending: Ending::MaxIterations,
+                ..run.clone()
+            }));
         }
     }
 

@@ -19,13 +19,11 @@ use crate::contrast;
 use crate::fit::traced::TracingOptions;
 use crate::fit::{FitOptions, VariantChoice};
 use crate::forecast::Forecast;
-use crate::frame::FrameKind;
 use crate::judge::{Specification, VerdictReport};
 use crate::map::folder::{FolderError, map_into};
 use crate::map::{self, MapError, MapOptions};
 use crate::reduction::{self, FrameSource, ReductionError};
 use crate::scan::event::CalculationKind;
-use crate::series::FrameRow;
 use crate::store::calculations::CalculationEnd;
 use crate::store::{Store, StoreError};
 use crate::wording::objects;
@@ -507,16 +505,11 @@ fn verdict_of(
     cancel: &AtomicBool,
 ) -> Result<String, Failure> {
     let analysed = analysis::analyse(series, options, &|p| tell_analysis(told, p), cancel)?;
-    let samples = series
-        .rows()
-        .iter()
-        .filter(|row| row.kind == FrameKind::Sample);
-    let planned: Vec<_> = samples.map(FrameRow::pose).collect();
     let verdict = VerdictReport::new(
         specification,
         &analysed.report,
         &analysed.observations,
-        &planned,
+        &series.sample_poses(),
     );
     serde_json::to_string(&verdict).map_err(Failure::internal)
 }

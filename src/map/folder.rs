@@ -6,7 +6,8 @@ use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use super::write::{Summary, Timing, WriteError, summary, write};
+use super::summary::{Summary, Timing, summary};
+use super::write::{WriteError, write};
 use super::{MapError, MapOptions, Progress, Stage, map_until};
 use crate::reduction::FrameSource;
 

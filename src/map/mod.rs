@@ -6,7 +6,7 @@
 //! (`settle`, `globals`), fits every pixel with the `sawtooth` closed form, several pixels per
 //! vector register and tiles in parallel (`kernel`, `solve`, `costly`, `integrated`), looks again at those that may have
 //! ended beside their deepest minimum (`doubt`), marks borders and
-//! defects (`defects`), and sums up. [`write::write`] makes the files; [`folder::map_into`] does both. Time grows with pixels ×
+//! defects (`defects`), and sums up ([`summary`]). [`write::write`] makes the files; [`folder::map_into`] does both. Time grows with pixels ×
 //! observations; memory is bounded by [`MapOptions::memory_bytes_max`], beyond which planes go to a
 //! scratch file.
 //!
@@ -36,6 +36,7 @@ mod run;
 mod settle;
 mod solve;
 mod start;
+pub mod summary;
 mod tiles;
 mod together;
 mod view;

@@ -42,6 +42,7 @@ use self::region::{Board, Region, Segments};
 use self::sensor::median;
 use self::viewing::{Part, Viewing};
 use crate::frame::{Frame, FrameKind};
+use crate::geometry::Pose;
 use crate::observation::{Observation, ObservationSet, Prior, SharedErrors};
 use crate::series::{FrameRow, Manifest, RigFacts, Series};
 use crate::units::Angle;
@@ -71,6 +72,15 @@ pub trait FrameSource: Sync {
     /// # Errors
     /// [`FrameReadError`] if it cannot be had; the reduction then goes on without it.
     fn read(&self, index: usize) -> Result<Frame, FrameReadError>;
+
+    /// Where the list says that the sample was seen, a pose per frame.
+    fn sample_poses(&self) -> Vec<Pose> {
+        let samples = self
+            .rows()
+            .iter()
+            .filter(|row| row.kind == FrameKind::Sample);
+        samples.map(FrameRow::pose).collect()
+    }
 }
 
 impl FrameSource for Series {

@@ -7,6 +7,7 @@
 //! a pixel.
 
 mod check;
+mod keys;
 mod manifest;
 mod rows;
 mod text;
