@@ -2,8 +2,8 @@
 //! truth, do its intervals cover (in the stiff stratum: the profiles)?
 //!
 //! `cargo bench --bench fit_strata -- --stratum ordinary|stiff|paper|both --cases N --seed S`; the whole
-//! proof is `--stratum both --cases 10000`, most of a day on two cores (it tells the time left); runs with other seeds under
-//! `--max-seconds` add up to it. `--identifiable --crowd 1` looks at coverage alone. It ends with one line per requirement
+//! proof is `--stratum both --cases 5000`, some hours on two cores, most of them stiff (it tells the time left); runs of fewer
+//! cases with other seeds add up to it. `--identifiable --crowd 1` looks at coverage alone. It ends with one line per requirement
 //! and fails (exit 1) where one is not met.
 //!
 //! The series are painted by the closed form that is fitted, so the model is exact and the

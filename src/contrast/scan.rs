@@ -14,7 +14,7 @@
 use nalgebra::Vector3;
 
 use super::Radiances;
-use super::slopes::{Slope, Slopes, beyond_the_same};
+use super::slopes::{SEPARATE, Slope, Slopes, TILT_REACH, beyond_the_same};
 use super::stray::Stray;
 use super::turns::{Turns, off};
 use crate::geometry::{Pose, RigGeometry};
@@ -22,6 +22,10 @@ use crate::model::contrast::{Contrast, Exposure, PAIRS, PAPER_AZIMUTHS_DEG};
 use crate::observation::ObservationSet;
 use crate::units::Angle;
 
+/// What rounding leaves beside the tilt plane of a lamp that moves within it (a unit vector's part).
+const IN_PLANE: f64 = 1e-12;
+/// Turns per move of the lamp from which on tilt and turn move the half vector alike, to within what slopes are worth.
+const SPANNED: f64 = 300.0;
 /// Standard uncertainties by which a pair must be brighter than nothing.
 const COVERAGE_FACTOR: f64 = 2.0;
 
@@ -257,45 +261,74 @@ impl<'a> Scan<'a> {
 
     /// How a radiance changes with the angle between lamp and camera, and a bound where that is not known.
     fn by_lamp(&self, n: usize, steepest: f64) -> (Option<Slope>, f64) {
+        let bound = steepest * self.moved_by_lamp(n).1.norm();
+        let told = |slope: &Slope| slope.std < bound;
+        let slope = self
+            .lamp_slope(n)
+            .filter(told)
+            .or_else(|| self.lamp_slope_between(n).filter(told))
+            .or_else(|| {
+                self.slopes.theta_c[n].map(|_| Slope {
+                    value: 0.0,
+                    std: bound,
+                })
+            });
+        (slope, bound)
+    }
+
+    /// The half vector, and how it moves with the angle between lamp and camera.
+    fn moved_by_lamp(&self, n: usize) -> (Vector3<f64>, Vector3<f64>) {
         let theta_c = self.set.observations[n].pose.theta_c;
         let directions = self.set.rig.rig_directions(theta_c);
         let sum = directions.incident + directions.outgoing;
         let half = sum.normalize();
         let towards = self.lamp_moves(theta_c);
-        let moves = (towards - half * half.dot(&towards)) / sum.norm();
-        let bound = steepest * moves.norm();
-        // As that of a tilt, which moves (x, y, z) at the rate (z, 0, −x), and that of a turn, (y, −x, 0).
-        let turn = if moves.y == 0.0 {
+        (half, (towards - half * half.dot(&towards)) / sum.norm())
+    }
+
+    /// That change from those with tilt and turn; `None` where these are not known, or move the half vector alike.
+    fn lamp_slope(&self, n: usize) -> Option<Slope> {
+        let (half, moves) = self.moved_by_lamp(n);
+        // A tilt moves (x, y, z) at the rate (z, 0, −x), a turn at (y, −x, 0).
+        let turn = if moves.y.abs() < IN_PLANE {
             0.0
         } else {
             -moves.y / half.x
         };
         let tilt = (moves.x - turn * half.y) / half.z;
-        let by_turn = match turn {
-            0.0 => Some(Slope {
-                value: 0.0,
-                std: 0.0,
-            }),
-            _ => self.slopes.phi_s[n],
-        };
-        let slope = self.slopes.theta_c[n]
-            .zip(by_turn)
-            .map(|(by_tilt, by_turn)| {
-                let std = (tilt * by_tilt.std).hypot(turn * by_turn.std);
-                // Near the normal a turn tells nothing, and the bound more.
-                if std < bound {
-                    Slope {
-                        value: tilt * by_tilt.value + turn * by_turn.value,
-                        std,
-                    }
-                } else {
-                    Slope {
-                        value: 0.0,
-                        std: bound,
-                    }
-                }
+        let by_tilt = self.slopes.theta_c[n]?;
+        if turn == 0.0 {
+            return Some(Slope {
+                value: tilt * by_tilt.value,
+                std: (tilt * by_tilt.std).abs(),
             });
-        (slope, bound)
+        }
+        let by_turn = self.slopes.phi_s[n]?;
+        (turn.abs() < SPANNED).then(|| Slope {
+            value: tilt * by_tilt.value + turn * by_turn.value,
+            std: (tilt * by_tilt.std).hypot(turn * by_turn.std),
+        })
+    }
+
+    /// The same read between the nearest tilts to either side at this azimuth.
+    fn lamp_slope_between(&self, n: usize) -> Option<Slope> {
+        let poses = |m: usize| self.set.observations[m].pose;
+        let nearest = |side: f64| {
+            let beside = (0..self.set.observations.len()).filter_map(|m| {
+                let away = (poses(m).theta_c - poses(n).theta_c).rad() * side;
+                let turned = (poses(m).phi_s - poses(n).phi_s).wrapped().abs();
+                let near = away > 0.0 && away <= TILT_REACH.rad() && turned <= SEPARATE;
+                Some((away, self.lamp_slope(m).filter(|_| near)?))
+            });
+            beside.min_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let ((below, one), (above, other)) = (nearest(-1.0)?, nearest(1.0)?);
+        let (of_one, of_other) = (above / (below + above), below / (below + above));
+        let own = (of_one * one.std).hypot(of_other * other.std);
+        Some(Slope {
+            value: of_one * one.value + of_other * other.value,
+            std: own.hypot(0.5 * (one.value - other.value)),
+        })
     }
 
     /// By how much the white reference looks brighter, relatively, per radian between lamp and camera.

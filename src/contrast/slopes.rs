@@ -12,11 +12,11 @@ use crate::geometry::{Pose, alike};
 use crate::units::Angle;
 
 /// Neighbours farther than this in tilt say nothing of a slope.
-const TILT_REACH: Angle = Angle::from_deg(15.0);
+pub(super) const TILT_REACH: Angle = Angle::from_deg(15.0);
 /// The same in azimuth, where a lobe is wider than in tilt by about 1/tan θr.
 const AZIMUTH_REACH: Angle = Angle::from_deg(45.0);
 /// Neighbours closer than this are the pose itself, read back again.
-const SEPARATE: Angle = Angle::from_deg(0.5);
+pub(super) const SEPARATE: Angle = Angle::from_deg(0.5);
 
 /// A derivative of a radiance, per radian.
 #[derive(Debug, Clone, Copy, PartialEq)]
