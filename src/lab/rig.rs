@@ -85,7 +85,7 @@ impl Lab {
         let stage = side.stage.borrow().clone();
         let stage = match stage {
             Some(stage) => Ok(stage),
-            None => self.connect().await,
+            None => self.connect_or_watch().await,
         };
         let status = match stage {
             Ok(stage) => stage.status().await.map_err(LabError::Stage),
@@ -184,6 +184,22 @@ impl Lab {
         stage.ok_or(LabError::Busy {
             with: Holder::Connecting,
         })
+    }
+
+    /// Connects the stages, or waits for whoever connects them for work of its own: until then nobody could say
+    /// why they are not there.
+    async fn connect_or_watch(&self) -> Result<Stage, LabError> {
+        let side = self.side()?;
+        let mut occupation = side.occupation.clone();
+        occupation.mark_unchanged();
+        match self.connect().await {
+            Err(busy @ LabError::Busy { .. }) if occupation.borrow().activity.is_none() => {
+                // Ends with the attempt, which tells its outcome; an owner that is gone has nothing to add.
+                occupation.changed().await.ok();
+                side.stage.borrow().clone().ok_or(busy)
+            }
+            other => other,
+        }
     }
 
     /// Connects the stages if they are not, and says why they cannot be had.

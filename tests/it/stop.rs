@@ -199,10 +199,29 @@ async fn a_motion_that_nobody_waits_for_any_more_does_not_begin() {
     for axis in [ThetaC, PhiS] {
         rig.world.set_powered(axis, true);
     }
-    let view = lab.rig().await.unwrap();
+    // The first question may have met the silence.
+    let mut view = lab.rig().await.unwrap();
+    for _ in 0..3 {
+        if !view.connected {
+            view = lab.rig().await.unwrap();
+        }
+    }
     assert!(view.connected, "{:?}", view.problem);
     assert_eq!(view.activity, RigActivity::Idle);
     assert!(!view.axes[0].1.homed && !rig.world.is_moving());
+    lab.shut_down().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_rig_says_why_it_is_not_there_while_a_motion_waits_for_it() {
+    let (lab, rig, _folder) = disturbed(|_| {}).await;
+    for axis in [ThetaC, PhiS] {
+        rig.world.set_powered(axis, false);
+    }
+    let (homed, view) = tokio::join!(lab.home(ThetaC), lab.rig());
+    assert_eq!(homed.unwrap_err().code(), "stage-silent");
+    let (code, why) = view.unwrap().problem.unwrap();
+    assert_eq!(code, "stage-silent", "{why}");
     lab.shut_down().await;
 }
 
