@@ -182,9 +182,11 @@ pub fn lab_error(error: LabError) -> CliError {
         | LabError::Frame { .. }
         | LabError::Export(_)
         | LabError::NoRig
-        | LabError::Store(StoreError::NotFound { .. } | StoreError::Missing { .. }) => {
-            CliError::bad_input(error)
-        }
+        | LabError::Store(
+            StoreError::NotFound { .. }
+            | StoreError::Missing { .. }
+            | StoreError::FolderName { .. },
+        ) => CliError::bad_input(error),
         LabError::BrokenOff => CliError::Interrupted,
         _ => CliError::no_result(error),
     }

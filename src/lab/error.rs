@@ -265,6 +265,7 @@ fn store_code(error: &StoreError) -> &'static str {
         | StoreError::RowsMissing { .. }
         | StoreError::UnreadLog { .. } => "store-damaged",
         StoreError::File { .. }
+        | StoreError::FolderName { .. }
         | StoreError::Migration(_)
         | StoreError::NotKept { .. }
         | StoreError::Frame(_)

@@ -29,6 +29,16 @@ pub enum StoreError {
         /// The folder.
         folder: PathBuf,
     },
+    /// SQLite takes names in UTF-8 alone.
+    #[error(
+        "the path of the data folder, {}, is not valid UTF-8, and the database takes no other; rename it, or give \
+         another folder with --data",
+        folder.display()
+    )]
+    FolderName {
+        /// The folder.
+        folder: PathBuf,
+    },
     /// The folder or a file in it cannot be used.
     #[error("{what} ({}) cannot be used: {why}", path.display())]
     File {

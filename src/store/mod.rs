@@ -88,7 +88,7 @@ impl Store {
     /// behind: half frames go to quarantine, scans, fits and calculations that were running become interrupted.
     ///
     /// # Errors
-    /// [`StoreError::InUse`] if another process has it, [`StoreError::Damaged`] if the database
+    /// [`StoreError::FolderName`], [`StoreError::InUse`] if another process has it, [`StoreError::Damaged`] if the database
     /// fails its check, [`StoreError::RowsMissing`] if there are frames and no database,
     /// [`StoreError::NoRoomToOpen`] on a full disk, else what the disk or the database says.
     pub async fn open(
@@ -96,6 +96,7 @@ impl Store {
         disk: Arc<dyn Disk>,
         clock: Arc<dyn Clock>,
     ) -> Result<(Store, Recovery), StoreError> {
+        check_name(folder)?;
         fs::create_dir_all(folder.join("frames"))
             .map_err(|e| StoreError::file("the data folder", folder, e))?;
         let lock = take_lock(folder)?;
@@ -143,6 +144,7 @@ impl Store {
         disk: Arc<dyn Disk>,
         clock: Arc<dyn Clock>,
     ) -> Result<Store, StoreError> {
+        check_name(folder)?;
         if !folder.join(DATABASE).is_file() {
             return Err(StoreError::Missing {
                 folder: folder.into(),
@@ -308,6 +310,15 @@ fn told_again() -> bool {
 const DATABASE: &str = "ridged.sqlite";
 /// The database's log and its index, and room for the rows of a start.
 pub const ROOM_TO_OPEN_KB: u64 = 512;
+
+fn check_name(folder: &Path) -> Result<(), StoreError> {
+    match folder.to_str() {
+        Some(_) => Ok(()),
+        None => Err(StoreError::FolderName {
+            folder: folder.into(),
+        }),
+    }
+}
 
 fn writing(folder: &Path) -> SqliteConnectOptions {
     SqliteConnectOptions::new()

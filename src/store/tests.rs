@@ -50,6 +50,18 @@ async fn a_second_process_is_refused_until_the_first_is_gone() {
 }
 
 #[tokio::test]
+async fn a_folder_whose_name_the_database_cannot_take_is_refused_before_anything_is_made() {
+    use std::os::unix::ffi::OsStrExt;
+    let parent = tempfile::tempdir().unwrap();
+    let folder = parent.path().join(std::ffi::OsStr::from_bytes(b"d\xff"));
+    let refused = open(&folder).await;
+    let Err(StoreError::FolderName { .. }) = &refused else {
+        panic!("{refused:?}");
+    };
+    assert!(!folder.exists());
+}
+
+#[tokio::test]
 async fn every_table_of_records_refuses_changes_and_deletions() {
     let folder = tempfile::tempdir().unwrap();
     let (store, _) = open(folder.path()).await.unwrap();
