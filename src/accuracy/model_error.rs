@@ -55,6 +55,8 @@ pub struct Cell {
     pub closed: Vec<f64>,
     /// The same with two bounces integrated.
     pub quadrature: Vec<f64>,
+    /// Paths per radiance that were traced.
+    pub paths: u64,
     /// Root mean square standard error of the tracer, as a share of the peak.
     pub noise: f64,
     /// The variants paper and sawtooth, fitted; `None` where a fit gave no number.
@@ -153,6 +155,7 @@ impl Comparison {
             alpha: self.wanted.alpha,
             closed: against(&|n| closed.partials(&directions[n]).value),
             quadrature: against(&|n| integrated[n].value),
+            paths,
             noise: (square / radiances.len() as f64).sqrt(),
             fitted,
         };

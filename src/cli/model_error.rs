@@ -50,46 +50,68 @@ pub struct Args {
     pub out: Option<PathBuf>,
 }
 
+/// Most paths per radiance.
+const MOST_PATHS: u64 = 10_000_000;
+/// Times that a surface is traced anew with more paths: the first errors, of few paths, may be too small.
+const RETRIES: usize = 4;
+
 /// Runs the command.
 ///
 /// # Errors
-/// Bad input for options out of range; no result where a file cannot be written; interrupted.
+/// Bad input for options out of range; no result where a file cannot be written or an error asked for was missed though
+/// time was left; interrupted.
 pub fn run(args: Args) -> Result<(), CliError> {
     args.out.as_deref().map_or(Ok(()), place::for_files)?;
     let cancel = interrupt::flag()?;
     let watch = Stopwatch::start(args.limits.max_seconds);
-    let (cells, missing) = cells(&args, &watch, &cancel)?;
-    let left_out = table::left_out(&missing);
+    let compared = cells(&args, &watch, &cancel)?;
+    let cells = &compared.cells;
+    let left_out = table::left_out(&compared.missing);
     let seconds = watch.seconds();
     if let Some(out) = &args.out {
         std::fs::create_dir_all(out)
-            .and_then(|()| std::fs::write(out.join("model-error.csv"), table::csv(&cells)))
+            .and_then(|()| std::fs::write(out.join("model-error.csv"), table::csv(cells)))
             .and_then(|()| {
-                std::fs::write(out.join("model-error-poses.csv"), table::poses_csv(&cells))
+                std::fs::write(out.join("model-error-poses.csv"), table::poses_csv(cells))
             })
-            .and_then(|()| std::fs::write(out.join("model-error.svg"), figure::draw(&cells)))
+            .and_then(|()| std::fs::write(out.join("model-error.svg"), figure::draw(cells)))
             .with_context(|| format!("cannot write to {}", out.display()))
             .map_err(CliError::no_result)?;
     }
-    answer::put(
-        args.json,
-        &table::report(&cells, &left_out, seconds),
-        || {
-            let mut text = table::table(&cells);
-            for left in &left_out {
-                let _ = writeln!(text, "\nleft out: {} ({})", left.what, left.why);
-            }
-            text
-        },
-    )
+    answer::put(args.json, &table::report(cells, &left_out, seconds), || {
+        let mut text = table::table(cells);
+        for left in &left_out {
+            let _ = writeln!(text, "\nleft out: {} ({})", left.what, left.why);
+        }
+        text
+    })?;
+    compared.verdict(&args.limits)
 }
 
-/// All surfaces, and those for which no time was left.
-fn cells(
-    args: &Args,
-    watch: &Stopwatch,
-    cancel: &AtomicBool,
-) -> Result<(Vec<Cell>, Vec<Wanted>), CliError> {
+/// What was compared.
+#[derive(Debug)]
+struct Compared {
+    cells: Vec<Cell>,
+    /// Surfaces for which no time was left.
+    missing: Vec<Wanted>,
+    /// Whether time allowed no more paths.
+    cut_short: bool,
+}
+
+impl Compared {
+    /// Whether what was asked for was reached, where time did not decide.
+    fn verdict(&self, limits: &PathLimits) -> Result<(), CliError> {
+        let worst = self.cells.iter().max_by(|a, b| a.noise.total_cmp(&b.noise));
+        match worst {
+            Some(worst) if !self.cut_short && self.missing.is_empty() => {
+                limits.verdict("surface", worst.paths, worst.noise)
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared, CliError> {
     let bad = |what: String| Err(CliError::bad_input(anyhow!(what)));
     if let Some(t) = args.theta_r_deg.iter().find(|t| !(0.1..=45.0).contains(*t)) {
         return bad(format!("--theta-r-deg {t}: give degrees from 0.1 to 45"));
@@ -100,7 +122,7 @@ fn cells(
     if !(0.0..=0.9).contains(&args.rho_d) {
         return bad(format!("--rho-d {}: give 0 to 0.9", args.rho_d));
     }
-    if !(64..=10_000_000).contains(&args.paths) {
+    if !(64..=MOST_PATHS).contains(&args.paths) {
         return bad(format!("--paths {}: give 64 to 10,000,000", args.paths));
     }
     let mut wanted = Vec::new();
@@ -120,7 +142,7 @@ fn cells(
     let wanted: Vec<Comparison> = wanted
         .collect::<Result<_, _>>()
         .map_err(CliError::bad_input)?;
-    let mut paths = args.paths;
+    let (mut paths, mut cut_short) = (args.paths, false);
     let stopped = || cancel.load(Ordering::Relaxed);
     let done = |wanted: &Comparison, paths: u64| {
         watch.flagging(cancel, |end| wanted.run(paths, args.seed, end))
@@ -151,22 +173,23 @@ fn cells(
         };
         if let Some(told) = args.limits.plan(&work, &pilot)? {
             super::say(&format_args!("forecast: {}", told.forecast));
-            paths = told.paths;
+            (paths, cut_short) = (told.paths, told.forecast.cut_short);
         }
     }
     let bar = Bar::new("surfaces");
     let (mut cells, mut missing) = (Vec::new(), Vec::new());
     for (n, next) in wanted.iter().enumerate() {
-        let found = if watch.is_late() {
-            None
-        } else {
-            done(next, paths)
+        let target = args.limits.target_error.filter(|_| !cut_short);
+        let trace = |paths| done(next, paths).map(|(cell, _)| cell);
+        let found = match watch.is_late() {
+            true => None,
+            false => traced(paths, target, &trace),
         };
         if stopped() {
             return Err(CliError::Interrupted);
         }
         match found {
-            Some((cell, _)) => cells.push(cell),
+            Some(cell) => cells.push(cell),
             None if watch.is_late() => missing.push(next.wanted()),
             None => {}
         }
@@ -178,7 +201,29 @@ fn cells(
             "no surface was finished in time: allow more seconds"
         )));
     }
-    Ok((cells, missing))
+    Ok(Compared {
+        cells,
+        missing,
+        cut_short: cut_short || watch.is_late(),
+    })
+}
+
+/// A surface traced with so many paths, and where it misses the error asked for again with those that it needs, some
+/// more than the root says: the pilots' surfaces stand for all, and some are noisier.
+fn traced(paths: u64, target: Option<f64>, trace: &dyn Fn(u64) -> Option<Cell>) -> Option<Cell> {
+    let mut found = trace(paths)?;
+    for _ in 0..RETRIES {
+        let ratio = target.map_or(0.0, |target| found.noise / target);
+        if ratio <= 1.0 || found.paths >= MOST_PATHS {
+            break;
+        }
+        let needed = (1.1 * found.paths as f64 * ratio.powi(2)).ceil() as u64;
+        match trace(needed.min(MOST_PATHS)) {
+            Some(next) => found = next,
+            None => break,
+        }
+    }
+    Some(found)
 }
 
 #[cfg(test)]
@@ -191,7 +236,7 @@ mod tests {
     fn found(words: &[&str]) -> Result<Vec<Cell>, CliError> {
         let args: Args = parsed(words);
         let watch = Stopwatch::start(args.limits.max_seconds);
-        cells(&args, &watch, &AtomicBool::new(false)).map(|found| found.0)
+        cells(&args, &watch, &AtomicBool::new(false)).map(|found| found.cells)
     }
 
     #[test]
@@ -240,6 +285,65 @@ mod tests {
         let last = &told["left_out"][2];
         assert_eq!(last["what"], "1 surface: steel of 10° and α 0.2");
         assert!(left_out(&[]).len() == 2);
+    }
+
+    #[test]
+    fn an_error_that_was_asked_for_and_not_reached_is_no_result_unless_time_was_over() {
+        let args: Args = parsed(&["--theta-r-deg", "5", "--alpha", "0.2", "--paths", "64"]);
+        let watch = Stopwatch::start(None);
+        let mut few = cells(&args, &watch, &AtomicBool::new(false)).unwrap();
+        let worst = few.cells.iter().map(|c| c.noise).fold(0.0, f64::max);
+        let asked = |target: f64| PathLimits {
+            max_seconds: None,
+            target_error: Some(target),
+        };
+        assert!(few.verdict(&asked(2.0 * worst)).is_ok());
+        let Err(CliError::NoResult(why)) = few.verdict(&asked(0.5 * worst)) else {
+            panic!("{worst}");
+        };
+        let why = why.to_string();
+        assert!(
+            why.contains("every surface") && why.contains("about 256"),
+            "{why}"
+        );
+        few.cut_short = true;
+        assert!(few.verdict(&asked(0.5 * worst)).is_ok());
+    }
+
+    #[test]
+    fn a_surface_that_misses_the_error_is_traced_again_with_the_paths_that_it_needs() {
+        let asked = std::cell::RefCell::new(Vec::new());
+        let trace = |paths: u64| {
+            asked.borrow_mut().push(paths);
+            Some(Cell {
+                material: 0,
+                theta_r_deg: 5.0,
+                alpha: 0.1,
+                closed: Vec::new(),
+                quadrature: Vec::new(),
+                paths,
+                noise: 0.8 / (paths as f64).sqrt(),
+                fitted: [None; 2],
+            })
+        };
+        let reached = |paths, target| traced(paths, target, &trace).unwrap().noise;
+        assert!(reached(64, None) == 0.1 && reached(64, Some(0.1)) == 0.1);
+        assert_eq!(asked.take(), [64, 64]);
+        assert!(reached(64, Some(0.05)) < 0.05);
+        assert_eq!(asked.take(), [64, 282]);
+        // What no number of paths reaches ends, and a second run that time ends leaves the first.
+        assert!(reached(64, Some(1e-9)) > 1e-9);
+        assert_eq!(asked.take(), [64, MOST_PATHS]);
+        // An error that falls more slowly takes more than two.
+        let slow = |paths: u64| {
+            let cell = trace(paths)?;
+            let noise = (paths as f64).powf(-0.45);
+            Some(Cell { noise, ..cell })
+        };
+        assert!(traced(64, Some(0.05), &slow).unwrap().noise < 0.05);
+        assert!(asked.take().len() > 2);
+        let once = |paths: u64| (paths == 64).then(|| trace(paths)).flatten();
+        assert_eq!(traced(64, Some(0.05), &once).unwrap().paths, 64);
     }
 
     #[test]

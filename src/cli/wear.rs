@@ -204,7 +204,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         }
         text
     })?;
-    swept.verdict(args.limits.target_error)
+    swept.verdict(&args.limits)
 }
 
 fn sweep(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Swept, CliError> {
@@ -390,20 +390,10 @@ impl Swept {
     }
 
     /// Whether what was asked for was reached, where time did not decide.
-    fn verdict(&self, target: Option<f64>) -> Result<(), CliError> {
-        let error = self.error();
-        match target {
-            Some(target) if error > target && !self.cut_short => {
-                let needed = (self.paths as f64 * (error / target).powi(2)).ceil();
-                Err(CliError::no_result(anyhow!(
-                    "the target error {target} was not reached by every contrast: {} paths gave {} at worst; about {} would be \
-                     needed for that (--paths)",
-                    self.paths,
-                    significant(error),
-                    significant(needed)
-                )))
-            }
-            _ => Ok(()),
+    fn verdict(&self, limits: &PathLimits) -> Result<(), CliError> {
+        match self.cut_short {
+            true => Ok(()),
+            false => limits.verdict("contrast", self.paths, self.error()),
         }
     }
 }
@@ -497,8 +487,13 @@ mod tests {
     fn an_error_that_was_asked_for_and_not_reached_is_no_result_unless_time_was_over() {
         let mut few = all_of(&SMALL.split(' ').collect::<Vec<_>>()).unwrap();
         let error = few.error();
-        assert!(error > 0.0 && few.verdict(None).is_ok() && few.verdict(Some(2.0 * error)).is_ok());
-        let Err(CliError::NoResult(why)) = few.verdict(Some(0.5 * error)) else {
+        let asked = |target: f64| PathLimits {
+            max_seconds: None,
+            target_error: Some(target),
+        };
+        assert!(error > 0.0 && few.verdict(&PathLimits::default()).is_ok());
+        assert!(few.verdict(&asked(2.0 * error)).is_ok());
+        let Err(CliError::NoResult(why)) = few.verdict(&asked(0.5 * error)) else {
             panic!("{error}");
         };
         let why = why.to_string();
@@ -507,7 +502,7 @@ mod tests {
             "{why}"
         );
         few.cut_short = true;
-        assert!(few.verdict(Some(0.5 * error)).is_ok());
+        assert!(few.verdict(&asked(0.5 * error)).is_ok());
         assert_eq!(told::report(&few, 1.0)["paths"], 64);
         assert_eq!(told::errors_table(&few.sweeps).lines().count(), 2 + 1);
     }

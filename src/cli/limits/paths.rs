@@ -203,6 +203,22 @@ impl PathLimits {
         }
     }
 
+    /// Refuses what ended with all its paths above the error asked for; `what` names one of those that the error is of.
+    ///
+    /// # Errors
+    /// No result, with the paths that would do.
+    pub fn verdict(&self, what: &str, paths: u64, error: f64) -> Result<(), CliError> {
+        match self.target_error {
+            Some(target) if error > target => Err(CliError::no_result(anyhow!(
+                "the target error {target} was not reached by every {what}: {paths} paths gave {} at worst; about {} would be \
+                 needed for that (--paths)",
+                significant(error),
+                significant((paths as f64 * (error / target).powi(2)).ceil())
+            ))),
+            _ => Ok(()),
+        }
+    }
+
     fn told_by(
         &self,
         little: Cost,

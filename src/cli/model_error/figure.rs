@@ -234,6 +234,7 @@ mod tests {
                 alpha: 0.1,
                 closed: vec![0.001; full_scan().poses().count()],
                 quadrature: vec![0.0; full_scan().poses().count()],
+                paths: 64,
                 noise: 0.0,
                 fitted: [None; 2],
             })

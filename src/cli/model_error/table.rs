@@ -60,6 +60,7 @@ pub(super) fn report(cells: &[Cell], left_out: &[LeftOut], seconds: f64) -> Valu
             "material": MATERIALS[cell.material].0,
             "theta_r_deg": cell.theta_r_deg,
             "alpha": cell.alpha,
+            "paths": cell.paths,
             "noise": cell.noise,
             "closed_worst": largest(&cell.closed),
             "quadrature_worst": largest(&cell.quadrature),
