@@ -16,7 +16,7 @@ use anyhow::anyhow;
 use super::CliError;
 
 pub use fit::FitLimits;
-pub use paths::{PathLimits, Trial, Work};
+pub use paths::{PATHS, PathLimits, Trial, Work, check_paths};
 pub use prediction::PredictionLimits;
 
 /// Refuses limits that are not greater than 0; those that nobody set are fine.

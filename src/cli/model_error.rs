@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, anyhow};
 
-use super::limits::{PathLimits, Stopwatch, Trial, Work};
+use super::limits::{PATHS, PathLimits, Stopwatch, Trial, Work, check_paths};
 use super::progress::Bar;
 use super::{CliError, answer, interrupt, place};
 use crate::accuracy::model_error::{Cell, Comparison, MATERIALS, Wanted};
@@ -50,8 +50,6 @@ pub struct Args {
     pub out: Option<PathBuf>,
 }
 
-/// Most paths per radiance.
-const MOST_PATHS: u64 = 10_000_000;
 /// Times that a surface is traced anew with more paths: the first errors, of few paths, may be too small.
 const RETRIES: usize = 4;
 
@@ -122,9 +120,7 @@ fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared
     if !(0.0..=0.9).contains(&args.rho_d) {
         return bad(format!("--rho-d {}: give 0 to 0.9", args.rho_d));
     }
-    if !(64..=MOST_PATHS).contains(&args.paths) {
-        return bad(format!("--paths {}: give 64 to 10,000,000", args.paths));
-    }
+    check_paths(args.paths)?;
     let mut wanted = Vec::new();
     for material in 0..MATERIALS.len() {
         for &theta_r_deg in &args.theta_r_deg {
@@ -214,11 +210,11 @@ fn traced(paths: u64, target: Option<f64>, trace: &dyn Fn(u64) -> Option<Cell>) 
     let mut found = trace(paths)?;
     for _ in 0..RETRIES {
         let ratio = target.map_or(0.0, |target| found.noise / target);
-        if ratio <= 1.0 || found.paths >= MOST_PATHS {
+        if ratio <= 1.0 || found.paths >= PATHS.1 {
             break;
         }
         let needed = (1.1 * found.paths as f64 * ratio.powi(2)).ceil() as u64;
-        match trace(needed.min(MOST_PATHS)) {
+        match trace(needed.min(PATHS.1)) {
             Some(next) => found = next,
             None => break,
         }
@@ -333,7 +329,7 @@ mod tests {
         assert_eq!(asked.take(), [64, 282]);
         // What no number of paths reaches ends, and a second run that time ends leaves the first.
         assert!(reached(64, Some(1e-9)) > 1e-9);
-        assert_eq!(asked.take(), [64, MOST_PATHS]);
+        assert_eq!(asked.take(), [64, PATHS.1]);
         // An error that falls more slowly takes more than two.
         let slow = |paths: u64| {
             let cell = trace(paths)?;

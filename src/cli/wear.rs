@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::{Context, anyhow};
 use rayon::prelude::*;
 
-use super::limits::{PathLimits, Stopwatch, Trial, Work};
+use super::limits::{PathLimits, Stopwatch, Trial, Work, check_paths};
 use super::prediction::Scene;
 use super::progress::Bar;
 use super::{CliError, answer, interrupt, place};
@@ -226,9 +226,7 @@ fn sweep(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Swept, C
             return bad(format!("{name} {x}: give facet lengths from 0 to 1"));
         }
     }
-    if !(64..=10_000_000).contains(&args.paths) {
-        return bad(format!("--paths {}: give 64 to 10,000,000", args.paths));
-    }
+    check_paths(args.paths)?;
     let wears = args.rounds.iter().copied().map(Wear::Round);
     let wears: Vec<Wear> = wears
         .chain(args.burrs.iter().copied().map(Wear::Burr))

@@ -216,6 +216,8 @@ impl Owner {
                     {
                         current = None;
                         free = Some(done.rig);
+                        // Who waits for the outcome of work sees its end, also where it was refused and changed nothing.
+                        self.occupation.send_modify(|_| {});
                         // Stages that were just asked for in vain are not asked for again by each of those who waited.
                         if let Some(why) = done.out_of_reach {
                             for request in waiting.drain(..) {

@@ -94,7 +94,20 @@ const PILOT_MAX: u64 = 1 << 15;
 /// A pilot's forecast may be off by so much: a limit that is missed by less is tried.
 const MISS: f64 = 1.3;
 /// Fewest and most paths of a run.
-const PATHS: (u64, u64) = (64, 10_000_000);
+pub const PATHS: (u64, u64) = (64, 10_000_000);
+
+/// Refuses a number of paths that no run takes.
+///
+/// # Errors
+/// Bad input, naming the option.
+pub fn check_paths(paths: u64) -> Result<(), CliError> {
+    match (PATHS.0..=PATHS.1).contains(&paths) {
+        true => Ok(()),
+        false => Err(CliError::bad_input(anyhow!(
+            "--paths {paths}: give 64 to 10,000,000"
+        ))),
+    }
+}
 
 impl PathLimits {
     /// Refuses limits that are not greater than 0.
