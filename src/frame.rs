@@ -1,4 +1,6 @@
-//! A camera frame: 16-bit grey counts, and the PNG that keeps them bit for bit.
+//! A camera frame: 16-bit grey counts, the PNG that keeps them bit for bit, and the TIFF that cameras' programs write.
+
+mod tiff;
 
 use std::io::Cursor;
 use std::str::FromStr;
@@ -73,14 +75,28 @@ pub struct Frame {
 /// Why bytes are not a frame.
 #[derive(Debug, thiserror::Error)]
 pub enum FrameError {
-    /// The file is no PNG, or a damaged or truncated one.
+    /// A damaged or truncated PNG.
     #[error("the file is not a readable PNG: {0}")]
     Unreadable(#[from] png::DecodingError),
-    /// A PNG, but not 16-bit grey.
-    #[error("the file is a {found} PNG; frames are 16-bit grey")]
+    /// A damaged or truncated TIFF, or one of a kind that is not read.
+    #[error("the file is not a readable TIFF: {0}")]
+    UnreadableTiff(String),
+    /// Neither PNG nor TIFF.
+    #[error(
+        "the file is {found}; frames are PNG or TIFF files of 16-bit grey: let the camera's program save them so, without \
+         scaling the counts"
+    )]
+    OtherFile {
+        /// What it seems to be, with its article.
+        found: &'static str,
+    },
+    /// PNG or TIFF, but not 16-bit grey.
+    #[error("the file is {found}; frames are 16-bit grey: {way_out}")]
     WrongFormat {
-        /// Colour type and depth found.
+        /// Colour type, depth and kind of file, with an article.
         found: String,
+        /// What to do.
+        way_out: &'static str,
     },
     /// Pixel count and size disagree, or the size is zero or beyond 2²⁸ pixels.
     #[error("{pixels} pixels do not make a frame of {width_px} × {height_px}")]
@@ -95,6 +111,71 @@ pub enum FrameError {
     /// The encoder failed.
     #[error("the frame could not be encoded as PNG: {0}")]
     Encoding(#[from] png::EncodingError),
+}
+
+/// What the first bytes of a file say that it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FileKind {
+    /// PNG.
+    Png,
+    /// TIFF, BigTIFF among them.
+    Tiff,
+    /// Something else, named with its article.
+    Other(&'static str),
+}
+
+impl FileKind {
+    /// Of a file's bytes; the first dozen is enough.
+    #[must_use]
+    pub fn of(bytes: &[u8]) -> FileKind {
+        const STARTS: [(&[u8], FileKind); 13] = [
+            (b"\x89PNG", FileKind::Png),
+            (b"II*\0", FileKind::Tiff),
+            (b"MM\0*", FileKind::Tiff),
+            (b"II+\0", FileKind::Tiff),
+            (b"MM\0+", FileKind::Tiff),
+            (
+                b"\xff\xd8\xff",
+                FileKind::Other("a JPEG, which does not keep counts"),
+            ),
+            (
+                b"BM",
+                FileKind::Other("a Windows bitmap (BMP), which has 8 bits"),
+            ),
+            (b"GIF8", FileKind::Other("a GIF, which has 8 bits")),
+            (b"SIMPLE  =", FileKind::Other("a FITS file")),
+            (b"P5", FileKind::Other("a PGM")),
+            (b"\x93NUMPY", FileKind::Other("a NumPy array")),
+            (b"\x89HDF", FileKind::Other("an HDF5 file")),
+            (b"PK\x03\x04", FileKind::Other("a ZIP archive")),
+        ];
+        if bytes.is_empty() {
+            return FileKind::Other("empty");
+        }
+        let known = STARTS.iter().find(|(start, _)| bytes.starts_with(start));
+        known.map_or(FileKind::Other("neither a PNG nor a TIFF"), |(_, kind)| {
+            *kind
+        })
+    }
+}
+
+/// The article of a number of bits.
+fn article(bits: u8) -> &'static str {
+    match bits {
+        8 => "an",
+        _ => "a",
+    }
+}
+
+/// What to do about a picture of another kind.
+fn way_out(coloured: bool) -> &'static str {
+    match coloured {
+        true => {
+            "let the camera's program save the raw counts of one grey channel; a picture in colours, with a palette or with \
+             transparency has been processed"
+        }
+        false => "let the camera's program save all its bits, right-aligned in 16",
+    }
 }
 
 /// Frames beyond this are refused before memory is taken for them.
@@ -139,6 +220,18 @@ impl Frame {
         &self.pixels_dn
     }
 
+    /// Reads a 16-bit grey PNG or TIFF, told apart by their first bytes. Untrusted input: anything else is an error.
+    ///
+    /// # Errors
+    /// [`FrameError`] says what is wrong with the bytes.
+    pub fn read(bytes: &[u8]) -> Result<Self, FrameError> {
+        match FileKind::of(bytes) {
+            FileKind::Png => Frame::from_png(bytes),
+            FileKind::Tiff => tiff::read(bytes),
+            FileKind::Other(found) => Err(FrameError::OtherFile { found }),
+        }
+    }
+
     /// Reads a 16-bit grey PNG. Untrusted input: a wrong or truncated file is an error.
     ///
     /// # Errors
@@ -153,8 +246,16 @@ impl Frame {
             (info.width, info.height, info.color_type, info.bit_depth)
         };
         if color != png::ColorType::Grayscale || depth != png::BitDepth::Sixteen {
+            let what = match color {
+                png::ColorType::Grayscale => "grey",
+                png::ColorType::GrayscaleAlpha => "grey, transparent",
+                png::ColorType::Indexed => "palette",
+                png::ColorType::Rgb | png::ColorType::Rgba => "colour",
+            };
+            let bits = depth as u8;
             return Err(FrameError::WrongFormat {
-                found: format!("{}-bit {color:?}", depth as u8),
+                found: format!("{} {bits}-bit {what} PNG", article(bits)),
+                way_out: way_out(color != png::ColorType::Grayscale),
             });
         }
         let pixels = u64::from(width_px) * u64::from(height_px);

@@ -1,12 +1,13 @@
 //! Numbers as people read them, in one form for every table and message: counts with their noun, and values with no
 //! more digits than mean something; what parsers refuse, in plain words ([`refusals`], [`toml_text`]), and what they should
 //! ([`objects`]); what differs between two settings ([`differences`]); numbers of any size
-//! ([`numbers`]).
+//! ([`numbers`]); tables as spreadsheets save them ([`sheet`]).
 
 pub mod differences;
 pub mod numbers;
 pub mod objects;
 pub mod refusals;
+pub mod sheet;
 pub mod toml_text;
 
 use std::ops::RangeInclusive;

@@ -57,6 +57,8 @@ pub struct FrameBody {
     accepted: bool,
     /// Why the frame is not used; null if it is.
     reason: Option<String>,
+    /// SHA-256 of the file that was imported, hexadecimal; null where it is the PNG itself.
+    original_sha256: Option<String>,
     /// Path of the PNG on this server.
     image: String,
 }
@@ -83,6 +85,7 @@ impl From<FrameRecord> for FrameBody {
             saturated_px: frame.saturated_px,
             accepted: frame.accepted,
             reason: frame.reason,
+            original_sha256: frame.original_sha256,
         }
     }
 }

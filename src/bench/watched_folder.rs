@@ -2,10 +2,10 @@
 //!
 //! For each frame the program is started from a command template, without a shell:
 //! `["vendor-snap", "--ms", "{exposure_ms}", "--out", "{file}"]`. With `{file}` in the template the
-//! frame is awaited under exactly that name, which no earlier frame has; without it the newest PNG
+//! frame is awaited under exactly that name, which no earlier frame has; without it the newest PNG or TIFF
 //! that was not in the folder before (or has changed since) counts, and with an empty template a
 //! person or another program is trusted to deliver. A frame is complete when it decodes as a whole
-//! 16-bit grey PNG; until then it is looked at again. The program has until the frame's time limit to end. Knows nothing of poses but to print them.
+//! 16-bit grey PNG, or as a TIFF that has not changed between two looks; until then it is looked at again. The program has until the frame's time limit to end. Knows nothing of poses but to print them.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use super::program::Program;
 use super::{Camera, CameraError, CaptureRequest, Captured};
 use crate::clock::Clock;
-use crate::frame::{Frame, FrameError};
+use crate::frame::{FileKind, Frame, FrameError};
 
 /// Between two looks into the folder.
 const LOOK_EVERY: Duration = Duration::from_millis(25);
@@ -160,6 +160,7 @@ impl WatchedFolder {
         let limit_s = request.exposure_s.max(0.0) + self.settings.timeout_s;
         let mut ended = program.is_none();
         let mut looked: Option<(PathBuf, Stamp, FrameError)> = None;
+        let mut last: Option<(PathBuf, Stamp)> = None;
         loop {
             if let Some(running) = program.as_mut()
                 && !ended
@@ -171,13 +172,17 @@ impl WatchedFolder {
             } else {
                 newest(&self.settings.folder, &before)?
             };
+            // A PNG tells its end by a checksum; a TIFF has none, and counts once it rests.
+            let rests = candidate.is_some() && candidate == last;
+            last.clone_from(&candidate);
             if let Some((path, stamp)) = candidate {
                 let unchanged = looked
                     .as_ref()
                     .is_some_and(|(p, s, _)| *p == path && *s == stamp);
                 if !unchanged {
                     match decoded(&path).await? {
-                        Ok(frame) => {
+                        Ok((_, FileKind::Tiff)) if !rests => {}
+                        Ok((frame, _)) => {
                             if let Some(program) = program {
                                 let limit =
                                     Duration::try_from_secs_f64(limit_s).unwrap_or_default();
@@ -217,12 +222,15 @@ impl WatchedFolder {
         let what = if named {
             format!("{} did not appear", file.display())
         } else {
-            format!("no new PNG appeared in {}", self.settings.folder.display())
+            format!(
+                "no new PNG or TIFF appeared in {}",
+                self.settings.folder.display()
+            )
         };
         match (self.settings.command.first(), ended) {
             (None, _) => format!("{what}; is the program that delivers frames running?"),
             (Some(program), true) => format!(
-                "{what} although `{program}` ended without an error; does it write 16-bit PNG to that place?"
+                "{what} although `{program}` ended without an error; does it write 16-bit PNG or TIFF to that place?"
             ),
             (Some(program), false) => {
                 format!("{what} and `{program}` was still running; is the camera connected?")
@@ -291,7 +299,7 @@ fn stamp_of(path: &Path) -> Option<Stamp> {
     meta.is_file().then(|| (meta.len(), meta.modified().ok()))
 }
 
-/// PNG files of a folder with their stamps.
+/// PNG and TIFF files of a folder with their stamps.
 fn listing(folder: &Path) -> Result<HashMap<PathBuf, Stamp>, CameraError> {
     let unreadable = |error: std::io::Error| {
         CameraError::Failed(format!(
@@ -302,17 +310,20 @@ fn listing(folder: &Path) -> Result<HashMap<PathBuf, Stamp>, CameraError> {
     let mut files = HashMap::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
         let path = entry.map_err(unreadable)?.path();
-        let is_png = path
-            .extension()
-            .is_some_and(|e| e.eq_ignore_ascii_case("png"));
-        if is_png && let Some(stamp) = stamp_of(&path) {
+        let ends_in = |ending: &&str| {
+            let own = path.extension();
+            own.is_some_and(|own| own.eq_ignore_ascii_case(ending))
+        };
+        if ["png", "tif", "tiff"].iter().any(ends_in)
+            && let Some(stamp) = stamp_of(&path)
+        {
             files.insert(path, stamp);
         }
     }
     Ok(files)
 }
 
-/// The newest PNG that is new or changed since `before`.
+/// The newest frame that is new or changed since `before`.
 fn newest(
     folder: &Path,
     before: &HashMap<PathBuf, Stamp>,
@@ -325,11 +336,12 @@ fn newest(
 }
 
 /// Reads and decodes off the runtime's own threads. A file that vanished is an unreadable one.
-async fn decoded(path: &Path) -> Result<Result<Frame, FrameError>, CameraError> {
+async fn decoded(path: &Path) -> Result<Result<(Frame, FileKind), FrameError>, CameraError> {
     let path = path.to_owned();
     tokio::task::spawn_blocking(move || {
         let bytes = std::fs::read(path).unwrap_or_default();
-        Frame::from_png(&bytes)
+        let frame = Frame::read(&bytes)?;
+        Ok((frame, FileKind::of(&bytes)))
     })
     .await
     .map_err(|error| CameraError::Failed(format!("reading the frame was interrupted: {error}")))
@@ -410,6 +422,32 @@ mod tests {
             camera.capture(&request()).await.unwrap().frame,
             picture(2000)
         );
+    }
+
+    #[tokio::test]
+    async fn a_program_may_write_tiff() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("box");
+        std::fs::create_dir(&folder).unwrap();
+        let counts = picture(2000);
+        let mut file = std::io::Cursor::new(Vec::new());
+        tiff::encoder::TiffEncoder::new(&mut file)
+            .unwrap()
+            .write_image::<tiff::encoder::colortype::Gray16>(
+                counts.width_px(),
+                counts.height_px(),
+                counts.pixels_dn(),
+            )
+            .unwrap();
+        let source = place.path().join("source.raw");
+        std::fs::write(&source, file.into_inner()).unwrap();
+        let source = source.display().to_string();
+        let named = folder.join("shot.TIF").display().to_string();
+        for target in [named.as_str(), "{file}"] {
+            let command = ["cp", &source, target];
+            let mut camera = camera(&folder, &command, Arc::new(SystemClock::new())).unwrap();
+            assert_eq!(camera.capture(&request()).await.unwrap().frame, counts);
+        }
     }
 
     #[tokio::test]

@@ -100,7 +100,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let region = args.region.as_deref();
     let (table, mut report) = match (&args.dir, args.scan) {
         (Some(dir), _) => {
-            let series = Series::open(dir).map_err(CliError::bad_input)?;
+            let series = Series::open_own(dir).map_err(CliError::bad_input)?;
             if let Some(svg) = &args.svg {
                 inputs::no_file_of_series(svg, &series)?;
             }

@@ -124,7 +124,7 @@ fn reducible(series: &Series) -> Result<(), CliError> {
 
 fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
     let started = Instant::now();
-    let series = Series::open(folder).map_err(CliError::bad_input)?;
+    let series = Series::open_own(folder).map_err(CliError::bad_input)?;
     reducible(&series)?;
     let mut plan = plan::series::plan(series.manifest(), series.rows(), tolerance);
     leave_to_the_data(&mut plan, &series.manifest().material());
@@ -166,7 +166,7 @@ fn leave_to_the_data(plan: &mut Plan, material: &Material) {
 
 fn of_map(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
     let started = Instant::now();
-    let series = Series::open(folder).map_err(CliError::bad_input)?;
+    let series = Series::open_own(folder).map_err(CliError::bad_input)?;
     reducible(&series)?;
     let plan = map::plan::plan(&series, Some(tolerance));
     let camera = &series.manifest().camera;

@@ -221,7 +221,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let cancel = interrupt::flag()?;
     let source: Box<dyn FrameSource> = match (&args.dirs[..], args.scan) {
         ([], scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
-        ([dir], _) => Box::new(Series::open(dir).map_err(CliError::bad_input)?),
+        ([dir], _) => Box::new(Series::open_own(dir).map_err(CliError::bad_input)?),
         (dirs, _) => return joint::run(dirs, &options, args.json, &cancel),
     };
     suits(&options.fit.told, &source.manifest().material())?;

@@ -18,7 +18,7 @@ use super::progress::Bar;
 use crate::lab::ImportOptions;
 use crate::wording::differences;
 
-/// Takes a recorded series into the store, frames bit for bit.
+/// Takes a recorded series into the store: PNG frames bit for bit, TIFF frames as PNG with the same counts.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  ridged import tests/data/series/polymer-10 && ridged fit --scan 1"
@@ -112,12 +112,13 @@ fn by_daemon(client: Client, body: Value, cancel: &AtomicBool) -> Result<Value, 
 async fn import(args: &Args, cancel: Arc<AtomicBool>) -> Result<Value, CliError> {
     let reserve_mb = daemon::read_config(None)?.store.reserve_mb;
     // Looked at first, so that a wrong folder does not leave an empty store behind.
-    crate::series::Series::open(&args.dir).map_err(CliError::bad_input)?;
+    crate::series::Series::open_own(&args.dir).map_err(CliError::bad_input)?;
     let lab = daemon::open_lab(&args.data, daemon::real_clock(), None).await?;
     lab.keep_free(reserve_mb * 1_000_000);
     let bar = Bar::new("frames");
     let options = ImportOptions {
         skip_unreadable: args.skip_unreadable,
+        follow_links: true,
         cancel,
     };
     let imported = lab

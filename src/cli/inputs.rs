@@ -45,9 +45,8 @@ pub fn not_the_input(out: &Path, input: &Path) -> Result<(), CliError> {
 pub fn no_folder_of_frames(out: &Path, series: &Series) -> Result<(), CliError> {
     let out_there = there(out);
     let mut folders: Vec<PathBuf> = series
-        .rows()
+        .paths()
         .iter()
-        .map(|row| series.folder().join(&row.file))
         .filter_map(|file| file.parent().map(Path::to_owned))
         .collect();
     folders.dedup();
@@ -69,10 +68,9 @@ pub fn no_folder_of_frames(out: &Path, series: &Series) -> Result<(), CliError> 
 
 /// The files that a series is read from.
 fn files(series: &Series) -> Vec<PathBuf> {
-    let frames = series.rows().iter().map(|row| row.file.as_str());
     let names = ["manifest.toml", series.manifest().frames.as_str()];
-    let names = names.into_iter().chain(frames);
-    names.map(|name| series.folder().join(name)).collect()
+    let texts = names.map(|name| series.folder().join(name));
+    texts.into_iter().chain(series.paths().to_vec()).collect()
 }
 
 /// An absolute path without links, as far as it is there.

@@ -86,7 +86,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         ..AnalysisOptions::default()
     };
     let source: Box<dyn FrameSource> = match (&args.dir, args.scan) {
-        (Some(dir), _) => Box::new(Series::open(dir).map_err(CliError::bad_input)?),
+        (Some(dir), _) => Box::new(Series::open_own(dir).map_err(CliError::bad_input)?),
         (None, scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
     };
     let cancel = interrupt::flag()?;

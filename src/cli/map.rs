@@ -77,7 +77,7 @@ pub struct Args {
 pub fn run(args: Args) -> Result<(), CliError> {
     let source: Box<dyn FrameSource> = match (&args.dir, args.scan) {
         (Some(dir), _) => {
-            let series = Series::open(dir).map_err(CliError::bad_input)?;
+            let series = Series::open_own(dir).map_err(CliError::bad_input)?;
             inputs::no_folder_of_frames(&args.out, &series)?;
             Box::new(series)
         }

@@ -130,6 +130,8 @@ impl FrameSource for StoredSeries {
 pub struct ImportOptions {
     /// Leave out frames that cannot be read, instead of refusing the series.
     pub skip_unreadable: bool,
+    /// Follow links out of the folder: it is the user's own, and no stranger names it.
+    pub follow_links: bool,
     /// Raised to break it off.
     pub cancel: Arc<AtomicBool>,
 }
@@ -139,28 +141,29 @@ struct Given {
     series: Arc<Series>,
     /// Sizes of the frames' files.
     bytes: Vec<u64>,
-    manifest_text: String,
-    frames_csv: String,
 }
 
 impl Given {
-    fn open(folder: &Path) -> Result<Given, LabError> {
-        let series = Series::open(folder)?;
-        let size_of = |row: &FrameRow| {
-            let file = series.folder().join(&row.file);
-            std::fs::metadata(file).map_or(0, |file| file.len())
+    fn open(folder: &Path, own: bool) -> Result<Given, LabError> {
+        let series = match own {
+            true => Series::open_own(folder)?,
+            false => Series::open(folder)?,
         };
-        let read = |file: &str| {
-            let path = series.folder().join(file);
-            std::fs::read_to_string(&path)
-                .map_err(|e| StoreError::file("the series' file", &path, e))
-        };
+        let size_of = |file: &PathBuf| std::fs::metadata(file).map_or(0, |file| file.len());
         Ok(Given {
-            bytes: series.rows().iter().map(size_of).collect(),
-            manifest_text: read("manifest.toml")?,
-            frames_csv: read(&series.manifest().frames)?,
+            bytes: series.paths().iter().map(size_of).collect(),
             series: Arc::new(series),
         })
+    }
+}
+
+/// The name in an export of a frame that was no PNG; no other line of the list has it.
+fn name_as_png(file: &str, rows: &[FrameRow]) -> String {
+    let renamed = Path::new(file).with_extension("png");
+    let same_but_ending = |row: &&FrameRow| Path::new(&row.file).with_extension("png") == renamed;
+    match rows.iter().filter(same_but_ending).count() {
+        1 => renamed.to_string_lossy().into_owned(),
+        _ => format!("{file}.png"),
     }
 }
 
@@ -189,7 +192,7 @@ pub struct Imported {
 }
 
 impl Lab {
-    /// Takes a recorded series into the store, frames bit for bit, as a completed scan.
+    /// Takes a recorded series into the store as a completed scan: PNG frames bit for bit, TIFF frames count for count.
     /// `progress` is told how many of how many frames are in.
     ///
     /// # Errors
@@ -238,7 +241,8 @@ impl Lab {
         progress: &(dyn Fn(usize, usize) + Sync),
     ) -> Result<Imported, LabError> {
         let from = folder.to_owned();
-        let given = reading(move || Given::open(&from)).await?;
+        let own = options.follow_links;
+        let given = reading(move || Given::open(&from, own)).await?;
         self.check_room(given.bytes.iter().sum())?;
         let series = &given.series;
         let saturation_dn = series.manifest().camera.full_count();
@@ -252,7 +256,7 @@ impl Lab {
             self.check_room(given.bytes[i])?;
             let source = Arc::clone(series);
             let kept = match reading(move || source.read_bytes(i)).await {
-                Ok(png) => match self.store().keep_png(png, saturation_dn).await {
+                Ok(file) => match self.store().keep_recorded(file, saturation_dn).await {
                     Err(StoreError::Frame(source)) => Err(FrameReadError::NotAFrame {
                         file: row.file.clone(),
                         source,
@@ -262,15 +266,19 @@ impl Lab {
                 Err(error) => Err(error),
             };
             match kept {
-                Ok(file) => frames.push(ImportedFrame {
+                Ok((file, original_sha256)) => frames.push(ImportedFrame {
                     file,
-                    name: row.file.clone(),
+                    name: match original_sha256 {
+                        Some(_) => name_as_png(&row.file, series.rows()),
+                        None => row.file.clone(),
+                    },
                     kind: row.kind,
                     theta_c_deg: row.theta_c_deg,
                     phi_s_deg: row.phi_s_deg,
                     exposure_s: row.exposure_s,
                     repeat: row.repeat,
                     timestamp: row.timestamp.clone(),
+                    original_sha256,
                 }),
                 Err(reason) if options.skip_unreadable => skipped.push(reason.to_string()),
                 Err(reason) => return Err(LabError::Frame { reason }),
@@ -298,14 +306,15 @@ impl Lab {
         let sample_id = self
             .sample_named(&name, series.manifest().material())
             .await?;
+        let own_list = skipped.is_empty() && frames.iter().all(|f| f.original_sha256.is_none());
         let new = NewScan {
             sample_id,
             rig_id: None,
             name,
             plan: None,
-            manifest: given.manifest_text,
-            // A list with lines left out is not the series' own any more.
-            frames_csv: skipped.is_empty().then_some(given.frames_csv),
+            manifest: series.manifest_text().to_owned(),
+            // A list with lines left out, or of files that have other names now, is not the series' own any more.
+            frames_csv: own_list.then(|| series.list_text().to_owned()),
             calibration_ids: vec![],
         };
         let before = self.imported_before(series.manifest(), frames).await?;

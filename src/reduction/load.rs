@@ -1,13 +1,17 @@
 //! How the reduction asks for frames: the source, the cancel flag, and the checks that every frame
 //! has to pass.
 
+mod byte_order;
+
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use self::byte_order::ByteOrder;
 use super::journal::{Journal, Rejection};
 use super::sensor::Sensor;
 use super::{FrameSource, ReductionError};
 use crate::frame::{Frame, FrameKind};
 use crate::series::FrameReadError;
+use crate::wording::significant;
 
 /// What every step of the reduction is handed.
 #[derive(Clone, Copy)]
@@ -36,30 +40,91 @@ impl Calls<'_> {
 
 /// Reason of a frame whose counts are more than the stated converter gives.
 const IMPOSSIBLE: &str = "impossible counts";
+/// Reason of a frame whose bytes stand the wrong way round.
+const SWAPPED: &str = "bytes swapped";
+/// Frames that are looked at again before counts are called impossible.
+const LOOKED_AT: usize = 16;
 
-/// Refuses a series of which most frames of one kind hold counts that the stated converter cannot give: then the counts lie
-/// otherwise in their files than is assumed, or the bits are wrong, and the other frames are not to be trusted either.
+/// Refuses a series of which most frames of one kind hold counts that the stated converter cannot give, or counts with their
+/// bytes swapped: then the counts lie otherwise in their files than is assumed, or the bits are wrong, and the other frames
+/// are not to be trusted either.
 pub(super) fn refuse_impossible(
     calls: &Calls<'_>,
     kind: FrameKind,
     journal: &Journal,
 ) -> Result<(), ReductionError> {
     let rows = calls.source.rows();
-    let of = calls.rows_of(kind).len();
-    let impossible: Vec<(usize, &Rejection)> = journal
-        .rejected_for(IMPOSSIBLE)
-        .filter(|(index, _)| rows[*index].kind == kind)
-        .collect();
+    let rejected_for = |reason| {
+        let rejected = journal.rejected_for(reason);
+        let of_kind = rejected.filter(|(index, _)| rows[*index].kind == kind);
+        of_kind.collect::<Vec<_>>()
+    };
+    let of = calls.rows_of(kind);
+    if !rejected_for(SWAPPED).is_empty() {
+        refuse_swapped(calls, kind, &of)?;
+    }
+    let impossible: Vec<(usize, &Rejection)> = rejected_for(IMPOSSIBLE);
     match impossible.first() {
-        Some((index, rejection)) if impossible.len() * 2 > of => {
+        Some((index, rejection)) if impossible.len() * 2 > of.len() => {
+            // Dark frames do not tell the order of their bytes; brighter ones do.
+            let rows = [FrameKind::Flat, FrameKind::Sample].map(|kind| (kind, calls.rows_of(kind)));
+            for (kind, of) in &rows {
+                let some = of.iter().step_by(of.len().div_ceil(LOOKED_AT).max(1));
+                refuse_swapped(calls, *kind, &some.copied().collect::<Vec<_>>())?;
+            }
             Err(ReductionError::ImpossibleCounts {
                 kind: kind.as_str(),
                 frames: impossible.len(),
-                of,
-                first: rows[*index].file.clone(),
+                of: of.len(),
+                first: calls.source.rows()[*index].file.clone(),
                 detail: rejection.detail.clone(),
             })
         }
+        _ => Ok(()),
+    }
+}
+
+fn told(stands: f64, swapped: f64) -> String {
+    format!(
+        "neighbouring pixels differ by {} counts, and by {} once swapped",
+        significant(stands),
+        significant(swapped)
+    )
+}
+
+/// Refuses frames of which more show swapped bytes than the right order.
+fn refuse_swapped(
+    calls: &Calls<'_>,
+    kind: FrameKind,
+    frames: &[usize],
+) -> Result<(), ReductionError> {
+    let (mut right, mut swapped, mut first) = (0, 0, None);
+    for index in frames {
+        calls.check_cancel()?;
+        let Ok(frame) = calls.source.read(*index) else {
+            continue;
+        };
+        match ByteOrder::of(&frame) {
+            ByteOrder::Right => right += 1,
+            ByteOrder::Unknown => {}
+            ByteOrder::Swapped { stands, swapped: s } => {
+                swapped += 1;
+                first.get_or_insert((*index, stands, s));
+            }
+        }
+    }
+    match first {
+        Some((index, stands, once)) if swapped > right => Err(ReductionError::ImpossibleCounts {
+            kind: kind.as_str(),
+            frames: swapped,
+            of: frames.len(),
+            first: calls.source.rows()[index].file.clone(),
+            detail: format!(
+                "the two bytes of each count are swapped ({}): write the frames anew in the byte order of their format, \
+                 most significant byte first in a PNG, as the header states in a TIFF",
+                told(stands, once)
+            ),
+        }),
         _ => Ok(()),
     }
 }
@@ -82,6 +147,9 @@ pub(super) fn load(calls: &Calls<'_>, index: usize, sensor: &Sensor) -> Result<F
                 sensor.width, sensor.height
             ),
         ));
+    }
+    if let ByteOrder::Swapped { stands, swapped } = ByteOrder::of(&frame) {
+        return Err(Rejection::new(SWAPPED, told(stands, swapped)));
     }
     possible(&frame, sensor)?;
     Ok(frame)

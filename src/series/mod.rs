@@ -1,5 +1,5 @@
-//! A recorded series (`gonio-series-1`): a folder with `manifest.toml`, `frames.csv` and 16-bit PNG
-//! frames.
+//! A recorded series (`gonio-series-1`): a folder with `manifest.toml`, `frames.csv` and frames of
+//! 16-bit grey, PNG or TIFF.
 //!
 //! [`Series::open`] reads and checks the two text files; frames are read one by one, so a series
 //! of any length needs the memory of one frame. [`write()`] makes such a folder, frames bit for
@@ -9,6 +9,7 @@
 mod check;
 mod keys;
 mod manifest;
+mod names;
 mod rows;
 mod text;
 mod values;
@@ -25,6 +26,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use crate::frame::{Frame, FrameError};
+use crate::wording::sheet::decoded;
 
 /// A file of more bytes than this is no frame list and no manifest.
 const TEXT_BYTES_MAX: u64 = 64 << 20;
@@ -49,7 +51,7 @@ pub enum SeriesError {
         remedy: String,
     },
     /// A file is there and cannot be read.
-    #[error("{file} cannot be read: {source}; check its permissions and that it is UTF-8 text")]
+    #[error("{file} cannot be read: {source}; check its permissions")]
     Unreadable {
         /// The file.
         file: String,
@@ -98,7 +100,9 @@ pub enum FrameReadError {
         source: FrameError,
     },
     /// A link leads out of the series' folder.
-    #[error("{file} leads out of the folder of its series; copy the file into it")]
+    #[error(
+        "{file} is a link out of the folder of its series, which a daemon does not follow; copy the file into the folder"
+    )]
     Outside {
         /// File as recorded.
         file: String,
@@ -119,15 +123,32 @@ pub struct Series {
     folder: PathBuf,
     manifest: Manifest,
     rows: Vec<FrameRow>,
+    /// The frames' files, in the order of the list.
+    paths: Vec<PathBuf>,
+    manifest_text: String,
+    list_text: String,
+    follows_links: bool,
 }
 
 impl Series {
     /// Opens the series in `folder`: reads and checks `manifest.toml` and the list of frames. The
-    /// frames themselves are not touched.
+    /// frames themselves are not touched, and none is read through a link that leads out of the folder.
     ///
     /// # Errors
     /// [`SeriesError`] names file, line, key, cause and remedy.
     pub fn open(folder: &Path) -> Result<Self, SeriesError> {
+        Series::opened(folder, false)
+    }
+
+    /// The same of a folder of the user's own, whose links are followed wherever they lead.
+    ///
+    /// # Errors
+    /// As [`Series::open`].
+    pub fn open_own(folder: &Path) -> Result<Self, SeriesError> {
+        Series::opened(folder, true)
+    }
+
+    fn opened(folder: &Path, follows_links: bool) -> Result<Self, SeriesError> {
         if !folder.is_dir() {
             return Err(SeriesError::NoFolder {
                 folder: folder.display().to_string(),
@@ -139,22 +160,27 @@ impl Series {
                 file: folder.display().to_string(),
                 source,
             })?;
-        let text = read_text(
+        let manifest_text = read_text(
             &folder,
             "manifest.toml",
             "the README says what to write into it",
         )?;
-        let manifest = Manifest::from_outside(&text, "manifest.toml")?;
-        let list = read_text(
+        let manifest = Manifest::from_outside(&manifest_text, "manifest.toml")?;
+        let list_text = read_text(
             &folder,
             &manifest.frames,
             "it lists the frames, one line each",
         )?;
-        let rows = FrameRow::read_all(&list, &manifest.frames)?;
+        let rows = FrameRow::read_all(&list_text, &manifest.frames)?;
+        let paths = names::paths(&folder, rows.iter().map(|row| row.file.as_str()));
         Ok(Series {
             folder,
             manifest,
             rows,
+            paths,
+            manifest_text,
+            list_text,
+            follows_links,
         })
     }
 
@@ -176,6 +202,24 @@ impl Series {
         &self.rows
     }
 
+    /// The manifest's text.
+    #[must_use]
+    pub fn manifest_text(&self) -> &str {
+        &self.manifest_text
+    }
+
+    /// The text of the list of frames.
+    #[must_use]
+    pub fn list_text(&self) -> &str {
+        &self.list_text
+    }
+
+    /// The frames' files, in the order of the list.
+    #[must_use]
+    pub fn paths(&self) -> &[PathBuf] {
+        &self.paths
+    }
+
     /// Bytes of frame `index`'s file.
     ///
     /// # Errors
@@ -193,8 +237,8 @@ impl Series {
             },
         };
         // The list was checked for `..`; a link could still lead elsewhere.
-        let path = self.folder.join(file).canonicalize().map_err(unreadable)?;
-        if !path.starts_with(&self.folder) {
+        let path = self.paths[index].canonicalize().map_err(unreadable)?;
+        if !self.follows_links && !path.starts_with(&self.folder) {
             return Err(FrameReadError::Outside { file: file.clone() });
         }
         of_a_file(&path)
@@ -205,13 +249,13 @@ impl Series {
     /// Frame `index`, decoded.
     ///
     /// # Errors
-    /// [`FrameReadError`] if the file cannot be read or is no 16-bit grey PNG.
+    /// [`FrameReadError`] if the file cannot be read or is no 16-bit grey PNG or TIFF.
     ///
     /// # Panics
     /// If `index` is not below `rows().len()`.
     pub fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
         let bytes = self.read_bytes(index)?;
-        Frame::from_png(&bytes).map_err(|source| FrameReadError::NotAFrame {
+        Frame::read(&bytes).map_err(|source| FrameReadError::NotAFrame {
             file: self.rows[index].file.clone(),
             source,
         })
@@ -239,12 +283,18 @@ fn read_text(folder: &Path, file: &str, remedy: &str) -> Result<String, SeriesEr
             source,
         },
     };
-    let mut text = String::new();
+    let mut bytes = Vec::new();
     of_a_file(&path)
         .and_then(|()| std::fs::File::open(&path))
-        .and_then(|f| f.take(TEXT_BYTES_MAX).read_to_string(&mut text))
+        .and_then(|f| f.take(TEXT_BYTES_MAX).read_to_end(&mut bytes))
         .map_err(unreadable)?;
-    Ok(text)
+    decoded(bytes).map_err(|(line, byte)| SeriesError::Invalid {
+        file: file.to_owned(),
+        line: Some(line),
+        key: String::new(),
+        cause: format!("the byte 0x{byte:02X} is no UTF-8 text"),
+        remedy: "save the file as UTF-8".to_owned(),
+    })
 }
 
 #[cfg(test)]
@@ -305,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn a_link_out_of_the_folder_is_not_followed() {
+    fn a_link_out_of_the_folder_is_followed_in_a_folder_of_the_users_own_alone() {
         let place = tempfile::tempdir().unwrap();
         let outside = place.path().join("secret.png");
         std::fs::write(&outside, b"x").unwrap();
@@ -322,6 +372,8 @@ mod tests {
         )
         .unwrap();
         std::os::unix::fs::symlink(&outside, folder.join("a.png")).unwrap();
+        let own = Series::open_own(&folder).unwrap();
+        assert_eq!(own.read_bytes(0).unwrap(), b"x");
         let series = Series::open(&folder).unwrap();
         assert!(matches!(
             series.read_bytes(0),

@@ -11,12 +11,13 @@ use super::SeriesError;
 use super::text::meant;
 use crate::frame::{FrameKind, UnknownKind};
 use crate::geometry::Pose;
-use crate::wording::refusals::other_separator;
+use crate::wording::counted;
+use crate::wording::sheet::Sheet;
 
 /// One line of the list of frames.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FrameRow {
-    /// Path of the PNG, relative to the series' folder, with `/`.
+    /// Path of the frame's file, relative to the series' folder, with `/`.
     pub file: String,
     /// What the frame shows.
     pub kind: FrameKind,
@@ -109,31 +110,33 @@ impl Wrong {
         Wrong { line, ..self }
     }
 
-    fn no_csv(error: &csv::Error) -> Wrong {
+    fn no_csv(error: &csv::Error, sheet: &Sheet<'_>) -> Wrong {
         let cause = match error.kind() {
             csv::ErrorKind::UnequalLengths {
                 expected_len, len, ..
-            } => format!("the line has {len} fields and the header {expected_len}"),
+            } => format!(
+                "the line has {}, the header {expected_len}",
+                counted(*len as usize, "field")
+            ),
             _ => format!("the line cannot be read as CSV: {error}"),
         };
-        let line = error.position().map(|p| p.line() as usize);
-        Wrong::new("", cause, "repair the line").at(line)
+        let remedy = "repair the line: with commas between the columns, decimals follow a point and text with a comma is quoted";
+        Wrong::new("", cause, remedy).at(sheet.line(error.position()))
     }
 }
 
 fn rows_of(text: &str) -> Result<Vec<FrameRow>, Wrong> {
-    let text = text.trim_start_matches('\u{feff}');
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_reader(text.as_bytes());
-    let headers = reader.headers().map_err(|e| Wrong::no_csv(&e))?;
-    let columns = Columns::find(headers).map_err(|wrong| wrong.at(Some(1)))?;
+    let mut sheet = Sheet::open(text);
+    let headers = sheet.headers().map_err(|e| Wrong::no_csv(&e, &sheet))?;
+    let columns = Columns::find(&headers).map_err(|wrong| wrong.at(Some(sheet.header_line())))?;
     let mut rows: Vec<FrameRow> = Vec::new();
     let mut seen = HashSet::new();
-    for record in reader.records() {
-        let record = record.map_err(|e| Wrong::no_csv(&e))?;
-        let line = record.position().map(|p| p.line() as usize);
-        let row = columns.row(&record).map_err(|wrong| wrong.at(line))?;
+    while let Some(record) = sheet.read() {
+        let record = record.map_err(|e| Wrong::no_csv(&e, &sheet))?;
+        let line = sheet.line(record.position());
+        let row = columns
+            .row(&record, &sheet)
+            .map_err(|wrong| wrong.at(line))?;
         if !seen.insert(row.file.clone()) {
             let cause = format!("`{}` is listed twice", row.file);
             return Err(Wrong::new("file", cause, "keep one of the two lines").at(line));
@@ -186,8 +189,13 @@ impl Columns {
         })
     }
 
-    fn row(&self, record: &csv::StringRecord) -> Result<FrameRow, Wrong> {
-        let file = record[self.file].to_owned();
+    fn row(&self, record: &csv::StringRecord, sheet: &Sheet<'_>) -> Result<FrameRow, Wrong> {
+        let number = |column: &'static str, field: &str, remedy: &str| {
+            let number = sheet.number(field);
+            number.map_err(|cause| Wrong::new(column, cause, remedy))
+        };
+        // As Windows writes it.
+        let file = record[self.file].replace('\\', "/");
         if let Some(cause) = path_problem(&file) {
             let remedy = "write the path of a file in the series' own folder, relative to it";
             return Err(Wrong::new("file", format!("`{file}` {cause}"), remedy));
@@ -241,10 +249,9 @@ impl Columns {
 /// What to do about a column that the header does not have: rename a slip of the pen, or add it.
 fn remedy_for_missing(name: &str, headers: &csv::StringRecord) -> String {
     let slip = headers.iter().find(|h| meant(h, &[name]).is_some());
-    match (slip, other_separator(headers)) {
-        (Some(slip), _) => format!("rename the column `{slip}`"),
-        (None, Some(way_out)) => way_out.to_owned(),
-        (None, None) => format!(
+    match slip {
+        Some(slip) => format!("rename the column `{slip}`"),
+        None => format!(
             "the header needs {}, and may have {}",
             REQUIRED.join(","),
             OPTIONAL.join(",")
@@ -252,18 +259,19 @@ fn remedy_for_missing(name: &str, headers: &csv::StringRecord) -> String {
     }
 }
 
-fn number(column: &'static str, field: &str, remedy: &str) -> Result<f64, Wrong> {
-    let finite = field.parse::<f64>().ok().filter(|x| x.is_finite());
-    finite.ok_or_else(|| Wrong::new(column, format!("`{field}` is not a finite number"), remedy))
-}
-
 /// Why a path may not name a frame.
 pub(super) fn path_problem(path: &str) -> Option<&'static str> {
     if path.is_empty() {
         return Some("is empty");
     }
-    if path.contains(['\\', '\0', ':']) {
-        return Some("holds a character that no frame's path has");
+    if path.contains('\\') {
+        return Some("holds a backslash: `/` parts folders");
+    }
+    if path.get(1..2) == Some(":") {
+        return Some("is an absolute path");
+    }
+    if path.contains(['\0', ':']) {
+        return Some("holds a colon or a null character, which no frame's path has");
     }
     for part in Path::new(path).components() {
         match part {
@@ -314,7 +322,9 @@ mod tests {
             ("b.png,sample,0,0,1,x,", "repeat", "x"),
             ("../b.png,sample,0,0,1,0,", "file", "out of the folder"),
             ("/etc/b.png,sample,0,0,1,0,", "file", "absolute"),
-            ("C:\\b.png,sample,0,0,1,0,", "file", "character"),
+            ("C:\\b.png,sample,0,0,1,0,", "file", "absolute"),
+            ("a:b.png,sample,0,0,1,0,", "file", "colon"),
+            ("..\\b.png,sample,0,0,1,0,", "file", "out of the folder"),
             ("a.png,sample,0,0,1,0,", "file", "twice"),
         ] {
             let said = refusal(line);
@@ -349,11 +359,42 @@ mod tests {
             said.contains("`theta_c_deg`") && said.contains("`theta_deg`"),
             "{said}"
         );
-        let other = HEADER.replace(',', ";");
-        let said = FrameRow::read_all(&other, "frames.csv")
-            .unwrap_err()
-            .to_string();
-        assert!(said.contains("by commas"), "{said}");
+    }
+
+    #[test]
+    fn a_list_is_the_same_whatever_spreadsheet_saved_it() {
+        let plain =
+            format!("{HEADER}frames/a.png,sample,-20.5,90,0.06,0,2026-03-02T09:00:07.080Z\n");
+        let rows = FrameRow::read_all(&plain, "frames.csv").unwrap();
+        let german = plain
+            .replace(',', ";")
+            .replace("-20.5", "-20,5")
+            .replace("0.06", "0,06");
+        for other in [
+            plain.replace("-20.5", "\u{2212}20.5"),
+            plain.replace("frames/", "frames\\"),
+            format!("sep=,\r\n{}", plain.replace('\n', "\r\n")),
+            format!("\u{feff}{german}"),
+            format!("sep=;\n{german}"),
+            german.replace(';', "\t"),
+        ] {
+            assert_eq!(
+                FrameRow::read_all(&other, "frames.csv").unwrap(),
+                rows,
+                "{other}"
+            );
+        }
+        let said = FrameRow::read_all(&german.replace("0,06", "x"), "frames.csv").unwrap_err();
+        assert!(
+            said.to_string().contains("line 2: column `exposure_s`"),
+            "{said}"
+        );
+        // A comma for both is not to be told apart.
+        let said = FrameRow::read_all(&german.replace(';', ","), "frames.csv").unwrap_err();
+        assert!(
+            said.to_string().contains("decimals follow a point"),
+            "{said}"
+        );
     }
 
     #[test]

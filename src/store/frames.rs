@@ -69,6 +69,8 @@ pub struct ImportedFrame {
     pub repeat: u32,
     /// As recorded.
     pub timestamp: String,
+    /// Content hash of the file as it came, where that is not the kept PNG.
+    pub original_sha256: Option<String>,
 }
 
 /// A frame as it is kept.
@@ -111,11 +113,14 @@ pub struct FrameRecord {
     pub accepted: bool,
     /// Why it does not.
     pub reason: Option<String>,
+    /// Content hash of the file as it came, where that was another than the kept PNG.
+    pub original_sha256: Option<String>,
 }
 
 const COLUMNS: &str =
     "id, scan_id, name, kind, theta_c_deg, phi_s_deg, exposure_s, repeat, timestamp,
-    sha256, bytes, width_px, height_px, mean_dn, max_dn, saturated_px, accepted, reason";
+    sha256, bytes, width_px, height_px, mean_dn, max_dn, saturated_px, accepted, reason,
+    original_sha256";
 
 impl Store {
     /// Commits a visit to a point: shot, frames and the events that tell of them, all or nothing.
@@ -170,6 +175,7 @@ impl Store {
                     exposure_s: frame.exposure_s,
                     repeat: frame.repeat,
                     timestamp: utc_text(frame.taken_at),
+                    original_sha256: None,
                 },
                 shot.rejected.as_deref(),
             )
@@ -352,8 +358,8 @@ async fn insert_frame(
 ) -> Result<i64, StoreError> {
     Ok(sqlx::query(
         "INSERT INTO frames (scan_id, shot_id, name, kind, theta_c_deg, phi_s_deg, exposure_s, repeat,
-           timestamp, sha256, bytes, width_px, height_px, mean_dn, max_dn, saturated_px, accepted, reason)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+           timestamp, sha256, bytes, width_px, height_px, mean_dn, max_dn, saturated_px, accepted, reason,
+           original_sha256) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(scan_id)
     .bind(shot_id)
@@ -373,6 +379,7 @@ async fn insert_frame(
     .bind(frame.file.saturated_px)
     .bind(rejected.is_none())
     .bind(rejected)
+    .bind(&frame.original_sha256)
     .execute(&mut **transaction)
     .await?
     .last_insert_rowid())

@@ -16,6 +16,7 @@ mod line;
 mod near;
 mod nist;
 mod radiances;
+mod recorded;
 mod runner;
 mod simulate_rig;
 mod stage;

@@ -33,7 +33,7 @@ pub(super) fn run(
     }
     let opened = dirs
         .iter()
-        .map(|dir| Series::open(dir))
+        .map(|dir| Series::open_own(dir))
         .collect::<Result<Vec<_>, _>>();
     let opened = opened.map_err(CliError::bad_input)?;
     no_twins(dirs, &opened)?;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
-use crate::frame::Frame;
+use crate::frame::{FileKind, Frame};
 use crate::store::holds::Hold;
 use crate::store::{Store, StoreError};
 use crate::wording::hex;
@@ -61,15 +61,24 @@ impl Store {
         .await
     }
 
-    /// Makes a PNG durable byte for byte after reading it as a frame.
+    /// Makes a recorded frame durable after reading it: a PNG byte for byte, a TIFF as the PNG of the same counts, with
+    /// the content hash of the TIFF beside it.
     ///
     /// # Errors
     /// [`StoreError::Frame`] if it is none, [`StoreError::DiskFull`], or what the disk says.
-    pub async fn keep_png(&self, png: Vec<u8>, saturation_dn: u16) -> Result<KeptFile, StoreError> {
+    pub async fn keep_recorded(
+        &self,
+        file: Vec<u8>,
+        saturation_dn: u16,
+    ) -> Result<(KeptFile, Option<String>), StoreError> {
         let store = self.clone();
         blocking(move || {
-            let frame = Frame::from_png(&png)?;
-            store.keep_file(&png, &frame, saturation_dn)
+            let frame = Frame::read(&file)?;
+            let (png, original) = match FileKind::of(&file) {
+                FileKind::Png => (file, None),
+                _ => (frame.to_png()?, Some(sha256_hex(&file))),
+            };
+            Ok((store.keep_file(&png, &frame, saturation_dn)?, original))
         })
         .await
     }
