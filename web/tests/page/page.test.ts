@@ -213,6 +213,22 @@ describe('the form of a new scan', () => {
   const plan = (): unknown => (daemon.requests.findLast((r) => r.path === '/scans')?.body as { plan?: unknown } | undefined)?.plan;
   const start = () => page.getByRole('button', { name: 'Start scan' });
 
+  it('can be started once the daemon has judged it: its answer would move the button away from under a press', async () => {
+    let answer = (): void => undefined;
+    const held = new Promise<void>((go) => (answer = () => go()));
+    await page.route('**/scans/estimate', async (route) => {
+      await held;
+      await route.continue();
+    });
+    await page.goto(url);
+    await start().waitFor();
+    expect(await start().isDisabled()).toBe(true);
+    answer();
+    // As slow as a person's.
+    await start().click({ delay: 150 });
+    await expect.poll(plan).toEqual({ preset: 'paper', repeats: 1 });
+  });
+
   it('takes no decimal comma for something else, and says what it read', async () => {
     await page.goto(url);
     await page.getByText('53 frames').waitFor();
