@@ -327,7 +327,7 @@ mod tests {
     #[test]
     fn every_recorded_series_opens_and_each_frame_has_the_manifests_size() {
         for (name, frames) in [
-            ("polymer-10", 354),
+            ("polymer-10", 210),
             ("steel-15", 354),
             ("checker", 31),
             ("paper-rig-full", 57),
