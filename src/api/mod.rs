@@ -174,6 +174,7 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(rig::get_rig))
         .routes(routes!(rig::move_axis))
         .routes(routes!(rig::home_axis))
+        .routes(routes!(rig::unpark_axis))
         .routes(routes!(rig::stop))
         .routes(routes!(samples::list, samples::add))
         .routes(routes!(samples::get))

@@ -33,7 +33,7 @@ pub struct RigBody {
     time_scale: f64,
     /// The two axes.
     axes: AxesBody,
-    /// idle, moving, homing, scanning, paused (a scan that is paused holds the rig), or not-connected: nothing is under
+    /// idle (an order is taken), moving, homing, scanning, paused (a scan that is paused holds the rig), or not-connected: nothing is under
     /// way, and the stages do not answer.
     activity: &'static str,
     /// Scan that holds the rig.
@@ -244,6 +244,24 @@ pub(super) async fn home_axis(
 ) -> Result<impl IntoResponse, ApiError> {
     app.lab.home(axis_of(&axis)?).await?;
     Ok(accepted("homing"))
+}
+
+/// Let an axis move again that another program parked. It keeps its position, and nothing moves by that; homing unparks too.
+#[utoipa::path(post, path = "/api/v1/rig/axes/{axis}/unpark", tag = "rig", params(("axis" = String, Path, description = "theta_c or phi_s")), responses(
+    (status = 200, description = "The axis is not parked any more", body = Begun),
+    (status = 404, description = "There is no such axis", body = Problem),
+    (status = 409, description = "The rig is busy", body = Problem),
+    (status = 503, description = "The stages cannot be had, or cannot be parked", body = Problem),
+))]
+pub(super) async fn unpark_axis(
+    State(app): State<App>,
+    Path(axis): Path<String>,
+) -> Result<Json<Begun>, ApiError> {
+    app.lab.unpark(axis_of(&axis)?).await?;
+    Ok(Json(Begun {
+        id: None,
+        state: "unparked".into(),
+    }))
 }
 
 /// Where the stop is asked for.

@@ -10,7 +10,7 @@ use serde_json::Value;
 use super::CliError;
 use super::client::Client;
 
-/// Looks at, homes or stops the rig of a running daemon.
+/// Looks at, homes, unparks or stops the rig of a running daemon.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  ridged rig stop        stops both axes at once, whoever moves them"
@@ -36,6 +36,9 @@ pub enum Action {
     /// Home both axes.
     #[command(after_help = "Example:\n  ridged rig home")]
     Home,
+    /// Let both axes move again where another program parked them; nothing moves by that.
+    #[command(after_help = "Example:\n  ridged rig unpark")]
+    Unpark,
     /// Stop both axes at once; never refused.
     #[command(after_help = "Example:\n  ridged rig stop --data /var/lib/ridged")]
     Stop,
@@ -54,6 +57,13 @@ pub fn run(args: Args) -> Result<(), CliError> {
             for axis in ["theta_c", "phi_s"] {
                 client.post(&format!("/rig/axes/{axis}/home"), None)?;
                 until_homed(&client, axis)?;
+            }
+            client.get("/rig")?
+        }
+        Action::Unpark => {
+            let client = Client::require(&args.data)?;
+            for axis in ["theta_c", "phi_s"] {
+                client.post(&format!("/rig/axes/{axis}/unpark"), None)?;
             }
             client.get("/rig")?
         }

@@ -13,13 +13,14 @@ use super::interrupt;
 use super::simulated::check_time_scale;
 use crate::bench::AxisName;
 use crate::clock::{Clock, ScaledClock};
+use crate::sim::controller::Controller;
 use crate::sim::server::{serve_pty, serve_tcp};
 use crate::sim::world::{World, WorldSettings};
 
 /// Serves the simulated two-axis controller (Zaber ASCII) until Ctrl-C.
 ///
-/// Address 1 turns theta_c, address 2 phi_s, one axis each. When ready it prints one line,
-/// "listening on PATH_OR_ADDR".
+/// Address 1 turns theta_c, address 2 phi_s, one axis each; with --one-controller address 1 turns both, as its axes 1
+/// and 2. When ready it prints one line, "listening on PATH_OR_ADDR".
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  \
     ridged simulate-rig --tcp 127.0.0.1:55550 --time-scale 20\n  \
@@ -35,6 +36,9 @@ pub struct Args {
     /// How many times faster than real time the rig runs.
     #[arg(long, value_name = "X", default_value_t = 1.0)]
     pub time_scale: f64,
+    /// Both stages on one controller, at address 1: axis 1 is theta_c, axis 2 phi_s.
+    #[arg(long)]
+    pub one_controller: bool,
     /// Describe the rig as JSON, after the line with its address.
     #[arg(long)]
     pub describe: bool,
@@ -51,6 +55,10 @@ pub fn run(args: Args) -> Result<(), CliError> {
     check_time_scale(args.time_scale, TIME_SCALES_ALONE)?;
     let clock: Arc<dyn Clock> = Arc::new(ScaledClock::new(args.time_scale));
     let world = Arc::new(World::new(clock, WorldSettings::default()));
+    let controller = match args.one_controller {
+        true => Controller::with_both_axes(&world),
+        false => Controller::new(&world),
+    };
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
@@ -61,14 +69,14 @@ pub fn run(args: Args) -> Result<(), CliError> {
         match &args.tcp {
             Some(address) => {
                 let address = parse_address(address)?;
-                let server = serve_tcp(Arc::clone(&world), address)
+                let server = serve_tcp(controller, address)
                     .with_context(|| format!("cannot listen on {address}; is it in use?"))
                     .map_err(CliError::no_result)?;
                 announce(&server.address().to_string(), &args, &world)?;
                 stop.await;
             }
             None => {
-                let server = serve_pty(Arc::clone(&world))
+                let server = serve_pty(controller)
                     .context("the system gives no pseudo-terminal")
                     .map_err(CliError::no_result)?;
                 announce(&server.path().display().to_string(), &args, &world)?;
@@ -93,7 +101,7 @@ fn announce(place: &str, args: &Args, world: &World) -> Result<(), CliError> {
     let mut out = std::io::stdout().lock();
     let mut text = format!("listening on {place}\n");
     if args.describe {
-        text.push_str(&format!("{:#}\n", describe(world, args.time_scale)));
+        text.push_str(&format!("{:#}\n", describe(world, args)));
     }
     out.write_all(text.as_bytes())
         .and_then(|()| out.flush())
@@ -102,13 +110,13 @@ fn announce(place: &str, args: &Args, world: &World) -> Result<(), CliError> {
 }
 
 /// What a client has to know about the rig.
-fn describe(world: &World, time_scale: f64) -> Value {
-    let axis = |name: AxisName, address: u8| {
+fn describe(world: &World, args: &Args) -> Value {
+    let axis = |name: AxisName, address: u8, axis: u8| {
         let m = world.mechanics(name);
         json!({
             "name": name,
             "address": address,
-            "axis": 1,
+            "axis": axis,
             "counts_per_turn": m.counts_per_turn,
             "zero_deg": m.zero.deg(),
             "travel_min_deg": m.travel_min.deg(),
@@ -118,10 +126,14 @@ fn describe(world: &World, time_scale: f64) -> Value {
             "backlash_deg": m.backlash.deg(),
         })
     };
+    let turn = match args.one_controller {
+        true => axis(AxisName::PhiS, 1, 2),
+        false => axis(AxisName::PhiS, 2, 1),
+    };
     json!({
         "protocol": "zaber-ascii, firmware 7",
         "baud": 115_200,
-        "time_scale": time_scale,
-        "axes": [axis(AxisName::ThetaC, 1), axis(AxisName::PhiS, 2)],
+        "time_scale": args.time_scale,
+        "axes": [axis(AxisName::ThetaC, 1, 1), turn],
     })
 }

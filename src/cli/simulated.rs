@@ -20,6 +20,7 @@ use crate::scan::plan::PlanDefaults;
 use crate::scan::runner::Order;
 use crate::scan::{OperatorAction, Rig, StageLink};
 use crate::sim::camera::{SampleHandle, SimulatedCamera, SimulatedCameraSettings};
+use crate::sim::controller::Controller;
 use crate::sim::sample::Sample;
 use crate::sim::server::{PtyServer, serve_pty};
 use crate::sim::world::{Mounting, OnTable, World, WorldSettings};
@@ -139,7 +140,7 @@ impl SimulatedRig {
                 ..WorldSettings::default()
             },
         ));
-        let controller = serve_pty(Arc::clone(&world)).map_err(|error| {
+        let controller = serve_pty(Controller::new(&world)).map_err(|error| {
             CliError::no_result(anyhow::anyhow!(
                 "the system gives no pseudo-terminal for the simulated rig: {error}"
             ))

@@ -1,8 +1,9 @@
 //! The one task that owns stages and camera.
 //!
-//! It takes one piece of work at a time and refuses the next at once; work in hand is a future that
-//! has the rig and gives it back. So nothing can move the stages twice, and nobody waits in a queue
-//! for a motion to end.
+//! It takes one piece of work at a time; work in hand is a future that has the rig and gives it back. So nothing can
+//! move the stages twice, and nobody waits in a queue for a motion to end: while the rig's state tells an activity the
+//! next order is refused at once. While it tells none an order is taken, if need be a moment later, when the stages are
+//! connected, a target is checked or the rig is given back.
 
 use std::collections::{BTreeSet, HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -38,6 +39,11 @@ pub(super) enum Work {
     },
     /// Find one axis' reference.
     Home {
+        /// Which.
+        axis: AxisName,
+    },
+    /// Let a parked axis move again. Nothing moves by that.
+    Unpark {
         /// Which.
         axis: AxisName,
     },
@@ -182,6 +188,13 @@ struct Done {
     out_of_reach: Option<Arc<LabError>>,
 }
 
+/// A motion of one axis alone, which a stop ends.
+#[derive(Clone, Copy)]
+struct Motion {
+    /// How many stops there had been when it was asked for.
+    asked_after: u64,
+}
+
 #[derive(Clone)]
 struct Owner {
     rig_id: i64,
@@ -195,10 +208,9 @@ impl Owner {
     async fn run(self, rig: Rig, mut inbox: mpsc::Receiver<Request>) {
         let mut free = Some(rig);
         let mut current: Option<BoxFuture<'static, Done>> = None;
-        // What is in hand: something that others may wait for, or one axis alone, which a stop ends; and after how many
-        // stops it was asked for.
-        let (mut connecting, mut one_axis, mut asked_after) = (false, false, 0);
+        let mut motion: Option<Motion> = None;
         let mut waiting: VecDeque<Request> = VecDeque::new();
+        let mut occupied = self.occupation.subscribe();
         loop {
             let next = match free.is_some() {
                 true => waiting.pop_front(),
@@ -216,13 +228,20 @@ impl Owner {
                     {
                         current = None;
                         free = Some(done.rig);
-                        // Who waits for the outcome of work sees its end, also where it was refused and changed nothing.
-                        self.occupation.send_modify(|_| {});
                         // Stages that were just asked for in vain are not asked for again by each of those who waited.
                         if let Some(why) = done.out_of_reach {
                             for request in waiting.drain(..) {
                                 request.reply.send(Err(LabError::Shared(Arc::clone(&why)))).ok();
                             }
+                        }
+                        continue;
+                    }
+                    // What they waited for has turned out to be work that takes its time.
+                    () = async { occupied.wait_for(|now| self.is_taken(now, motion)).await.ok(); },
+                        if !waiting.is_empty() =>
+                    {
+                        for request in waiting.drain(..) {
+                            self.refuse(request);
                         }
                         continue;
                     }
@@ -241,23 +260,26 @@ impl Owner {
             }
             match free.take() {
                 Some(rig) => {
-                    connecting = matches!(request.work, Work::Connect);
-                    one_axis = request.work.is_of_one_axis();
-                    asked_after = request.stops;
+                    let asked_after = request.stops;
+                    let of_one_axis = request.work.is_of_one_axis();
+                    motion = of_one_axis.then_some(Motion { asked_after });
                     current = Some(Box::pin(self.clone().work(rig, request)));
                 }
-                // Connecting takes a moment; it is no reason to refuse.
-                None if connecting => waiting.push_back(request),
-                // So is a motion that was told to stop and is about to end.
-                None if one_axis && self.reach.stops() != asked_after => {
-                    waiting.push_back(request);
-                }
-                None => {
-                    let with = self.held_by();
-                    request.reply.send(Err(LabError::Busy { with })).ok();
-                }
+                None if self.is_taken(&self.occupation.borrow(), motion) => self.refuse(request),
+                None => waiting.push_back(request),
             }
         }
+    }
+
+    /// Whether an order is refused beside the work in hand. One axis that was told to stop is about to stand.
+    fn is_taken(&self, now: &Occupation, motion: Option<Motion>) -> bool {
+        let stopped = motion.is_some_and(|motion| self.reach.stops() != motion.asked_after);
+        now.activity.is_some() && !stopped
+    }
+
+    fn refuse(&self, request: Request) {
+        let with = self.held_by();
+        request.reply.send(Err(LabError::Busy { with })).ok();
     }
 
     /// Where a scan stands is asked of the store by who tells it: the owner waits for no database.
@@ -320,6 +342,13 @@ impl Owner {
             Work::Connect | Work::End => {
                 reply.send(Ok(())).ok();
             }
+            Work::Unpark { axis } => {
+                let unparked = stage.unpark(axis).await;
+                if let Err(error) = &unparked {
+                    rig.let_go_if_lost(error);
+                }
+                reply.send(unparked.map_err(LabError::from)).ok();
+            }
             Work::Move { axis, target } => {
                 if let Err(error) = self.check_move(&stage, axis, target).await {
                     rig.let_go_if_lost(&error);
@@ -340,7 +369,7 @@ impl Owner {
                 self.tell_axis(RigActivity::Homing, axis, AxisEvent::UNKNOWN)
                     .await;
                 let homed = async {
-                    stage.enable_driver(axis).await?;
+                    stage.release(axis).await?;
                     stage.home_since(axis, stops_of_stage).await
                 };
                 let homed = homed.await;
@@ -424,7 +453,7 @@ impl Owner {
             .as_ref()
             .err()
             .map(|e| (crate::scan::visit::stage_code(e).to_owned(), e.to_string()));
-        // At once: whoever sees it idle again sees why.
+        // At once: whoever sees it idle again sees why, and is given the rig as soon as it is back.
         self.occupation.send_modify(|now| {
             now.activity = None;
             now.failure = failure;
@@ -522,6 +551,7 @@ impl Owner {
             saturation_dn: self.settings.camera.full_count(),
             plan: work.plan,
             first_state: work.first_state,
+            occupation: Arc::clone(&self.occupation),
         };
         let last_frames = match work.done.is_empty() {
             true => Vec::new(),

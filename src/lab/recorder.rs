@@ -1,10 +1,13 @@
 //! Makes durable what the runner tells: file, then row, then event.
 
+use std::sync::Arc;
+
 use futures::future::BoxFuture;
 use futures::{StreamExt, TryStreamExt};
+use tokio::sync::watch;
 
 use super::bench::{FirstState, Told};
-use super::tell;
+use super::{Occupation, tell};
 use crate::frame::FrameKind;
 use crate::scan::recorder::{RecordError, Recorder, Visit};
 use crate::scan::{Event, OperatorAction, Plan, Progress, ScanState};
@@ -23,6 +26,7 @@ pub(super) struct LabRecorder {
     pub saturation_dn: u16,
     pub plan: Plan,
     pub first_state: Option<FirstState>,
+    pub occupation: Arc<watch::Sender<Occupation>>,
 }
 
 impl From<&StoreError> for RecordError {
@@ -98,6 +102,10 @@ impl Recorder for LabRecorder {
         progress: Progress,
     ) -> BoxFuture<'a, Result<(), RecordError>> {
         Box::pin(async move {
+            // First: whoever sees that the scan has left the rig is given it.
+            if next.is_end() || next == ScanState::Interrupted {
+                self.occupation.send_modify(|now| now.activity = None);
+            }
             let written = self
                 .told
                 .store

@@ -85,14 +85,17 @@ impl Lab {
         let stage = side.stage.borrow().clone();
         let stage = match stage {
             Some(stage) => Ok(stage),
-            None => self.connect_or_watch().await,
+            None => self.connect().await,
         };
         let status = match stage {
             Ok(stage) => stage.status().await.map_err(LabError::Stage),
             Err(error) => Err(error),
         };
         let occupation = side.occupation.borrow().clone();
-        let scan = match occupation.scan_id {
+        // A scan that has ended has left the rig, and is about to give it back.
+        let holds = occupation.activity.is_some();
+        let scan_id = occupation.scan_id.filter(|_| holds);
+        let scan = match scan_id {
             Some(scan_id) => self.store().scan(scan_id).await.ok(),
             None => None,
         };
@@ -140,7 +143,7 @@ impl Lab {
                 (None, Some(_)) => RigActivity::Idle,
                 (None, None) => RigActivity::NotConnected,
             },
-            scan_id: occupation.scan_id,
+            scan_id,
             scan_state,
         })
     }
@@ -186,22 +189,6 @@ impl Lab {
         })
     }
 
-    /// Connects the stages, or waits for whoever connects them for work of its own: until then nobody could say
-    /// why they are not there.
-    async fn connect_or_watch(&self) -> Result<Stage, LabError> {
-        let side = self.side()?;
-        let mut occupation = side.occupation.clone();
-        occupation.mark_unchanged();
-        match self.connect().await {
-            Err(busy @ LabError::Busy { .. }) if occupation.borrow().activity.is_none() => {
-                // Ends with the attempt, which tells its outcome; an owner that is gone has nothing to add.
-                occupation.changed().await.ok();
-                side.stage.borrow().clone().ok_or(busy)
-            }
-            other => other,
-        }
-    }
-
     /// Connects the stages if they are not, and says why they cannot be had.
     ///
     /// # Errors
@@ -231,6 +218,14 @@ impl Lab {
     /// As [`Lab::move_axis`].
     pub async fn home(&self, axis: AxisName) -> Result<(), LabError> {
         self.request(bench::Work::Home { axis }).await
+    }
+
+    /// Lets an axis move again that another program parked; it keeps its position. Nothing moves by that.
+    ///
+    /// # Errors
+    /// [`LabError::Busy`], [`LabError::NoRig`], or what the stage says.
+    pub async fn unpark(&self, axis: AxisName) -> Result<(), LabError> {
+        self.request(bench::Work::Unpark { axis }).await
     }
 
     /// Stops both axes at once, whoever moves them; a scan pauses. Never refused; where the link is

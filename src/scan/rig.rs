@@ -63,7 +63,8 @@ impl Rig {
     }
 
     /// A stage that answers and knows its reference: connects, and homes what has none and what is `doubted`. Drivers
-    /// that are off are switched on only where a person has just asked for motion (`by_a_person`).
+    /// that are off are switched on, and parked axes unparked, only where a person has just asked for motion
+    /// (`by_a_person`).
     ///
     /// # Errors
     /// What connecting or homing says; a lost link is let go, so that the next call connects anew.
@@ -83,7 +84,7 @@ impl Rig {
             }
             if by_a_person {
                 for axis in AxisName::ALL {
-                    stage.enable_driver(axis).await?;
+                    stage.release(axis).await?;
                 }
             }
             if !stage.status().await?.all_homed() {

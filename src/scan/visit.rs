@@ -166,6 +166,8 @@ fn stage_may_be_retried(error: &StageError) -> bool {
         | StageError::Stalled { .. }
         | StageError::Fault { .. }
         | StageError::HomingFailed { .. }
+        | StageError::HomingTimedOut { .. }
+        | StageError::NoSuchAxis { .. }
         | StageError::Stopped
         | StageError::Busy { .. } => false,
     }
@@ -189,6 +191,7 @@ pub fn stage_code(error: &StageError) -> &'static str {
         StageError::WrongDevice { .. } => "stage-wrong-device",
         StageError::AddressConflict { .. } => "stage-address-conflict",
         StageError::NoScale { .. } => "stage-no-scale",
+        StageError::NoSuchAxis { .. } => "stage-no-such-axis",
         StageError::Disagreement { .. } | StageError::BeyondTravel { .. } => "stage-disagrees",
         StageError::NotANumber { .. } | StageError::OutsideLimits { .. } => "outside-limits",
         StageError::NotReferenced { .. } => "stage-not-referenced",
@@ -198,7 +201,7 @@ pub fn stage_code(error: &StageError) -> &'static str {
         StageError::Fault { .. } => "stage-fault",
         StageError::HomingFailed { .. } => "stage-homing-failed",
         StageError::Missed { .. } => "stage-missed",
-        StageError::TimedOut { .. } => "stage-timed-out",
+        StageError::TimedOut { .. } | StageError::HomingTimedOut { .. } => "stage-timed-out",
         StageError::Stopped => "stopped",
         StageError::Busy { .. } => "busy",
     }

@@ -1,13 +1,14 @@
-//! The chain of two simulated controllers: bytes in, bytes out.
+//! The chain of simulated controllers: bytes in, bytes out.
 //!
-//! Address 1 turns θc, address 2 φs, one axis each. [`Controller::receive`] is the one function to
-//! call; [`Controller::poll`] gives the alerts that are due. Both are pure but for the world's
+//! Address 1 turns θc, address 2 φs, one axis each; or address 1 turns both, as its axes 1 and 2.
+//! [`Controller::receive`] is the one function to call; [`Controller::poll`] gives the alerts that are due. Both are pure but for the world's
 //! clock. Knows no port.
 
 use std::sync::Arc;
 
-use super::device::{Answer, Device, Reject};
+use super::device::{Answer, Reject};
 use super::device_settings::COMMAND_PACKETS_MAX;
+use super::unit::Unit;
 use super::world::World;
 use crate::bench::AxisName;
 use crate::bench::wire::zaber::{
@@ -15,20 +16,31 @@ use crate::bench::wire::zaber::{
 };
 use crate::bench::wire::zaber_stream::{Assembled, CommandAssembler, Lines};
 
-/// Two controllers on one line.
+/// The controllers on one line.
 #[derive(Debug)]
 pub struct Controller {
-    devices: [Device; 2],
+    units: Vec<Unit>,
     lines: Lines,
     assembler: CommandAssembler,
 }
 
 impl Controller {
-    /// The controllers of a world, just powered up.
+    /// The two controllers of a world, just powered up.
     #[must_use]
     pub fn new(world: &Arc<World>) -> Self {
+        let units = AxisName::ALL.map(|axis| Unit::new(world, &[axis]));
+        Controller::of(units.into())
+    }
+
+    /// The same with both axes on one controller.
+    #[must_use]
+    pub fn with_both_axes(world: &Arc<World>) -> Self {
+        Controller::of(vec![Unit::new(world, &AxisName::ALL)])
+    }
+
+    fn of(units: Vec<Unit>) -> Self {
         Controller {
-            devices: AxisName::ALL.map(|axis| Device::new(Arc::clone(world), axis)),
+            units,
             lines: Lines::of_commands(),
             assembler: CommandAssembler::default(),
         }
@@ -61,17 +73,19 @@ impl Controller {
     /// Alerts that are due.
     pub fn poll(&mut self) -> Vec<u8> {
         let mut out = Vec::new();
-        for device in &mut self.devices {
-            let ended = device.refresh();
-            if ended && device.settings.alert && device.powered() {
+        for unit in &mut self.units {
+            for axis in unit.refresh() {
+                if !unit.alerts() {
+                    continue;
+                }
                 let alert = Alert {
-                    address: device.address(),
-                    axis: 1,
+                    address: unit.address(),
+                    axis,
                     activity: Activity::Idle,
-                    flag: device.flag(),
+                    flag: unit.flag(axis),
                     data: String::new(),
                 };
-                let line = alert.encode(device.settings.checksum);
+                let line = alert.encode(unit.checksum());
                 out.extend(line.expect("an alert of its own holds nothing reserved"));
             }
         }
@@ -81,8 +95,8 @@ impl Controller {
     /// Whether an alert may become due without a byte from the host.
     #[must_use]
     pub fn may_alert(&self) -> bool {
-        let due = |d: &Device| d.settings.alert && d.activity() == Activity::Busy;
-        self.devices.iter().any(due)
+        let due = |unit: &Unit| unit.alerts() && unit.activity(0) == Activity::Busy;
+        self.units.iter().any(due)
     }
 
     /// A new client is on the line: what the last one left unfinished is forgotten.
@@ -93,9 +107,9 @@ impl Controller {
 
     fn answer(&mut self, command: &Command, checked: bool, out: &mut Vec<u8>) {
         let renumbered = renumbering(command);
-        for (position, device) in self.devices.iter_mut().enumerate() {
-            let addressed = command.address == 0 || command.address == device.address();
-            if !addressed || !device.powered() {
+        for (position, unit) in self.units.iter_mut().enumerate() {
+            let addressed = command.address == 0 || command.address == unit.address();
+            if !addressed || !unit.powered() {
                 continue;
             }
             let answer = match renumbered {
@@ -105,22 +119,22 @@ impl Controller {
                     } else {
                         0
                     };
-                    device.settings.address = first + step;
+                    unit.set_address(first + step);
                     Ok("0".to_owned()).into()
                 }
                 Some(Err(reject)) => Err(reject).into(),
-                None => device.execute(command.axis, &command.words),
+                None => unit.execute(command.axis, &command.words),
             };
-            device.refresh();
-            reply(device, command, checked, answer, out);
+            unit.refresh();
+            reply(unit, command, checked, answer, out);
         }
     }
 
     fn refuse(&mut self, command: &Command, checked: bool, out: &mut Vec<u8>) {
-        for device in &self.devices {
-            let addressed = command.address == 0 || command.address == device.address();
-            if addressed && device.powered() {
-                reply(device, command, checked, Err(Reject::BadSplit).into(), out);
+        for unit in &self.units {
+            let addressed = command.address == 0 || command.address == unit.address();
+            if addressed && unit.powered() {
+                reply(unit, command, checked, Err(Reject::BadSplit).into(), out);
             }
         }
     }
@@ -142,20 +156,20 @@ fn renumbering(command: &Command) -> Option<Result<u8, Reject>> {
     Some(Ok(first))
 }
 
-fn reply(device: &Device, command: &Command, checked: bool, answer: Answer, out: &mut Vec<u8>) {
+fn reply(unit: &Unit, command: &Command, checked: bool, answer: Answer, out: &mut Vec<u8>) {
     // A host that sends checksums can read them.
-    let with_checksum = checked || device.settings.checksum;
+    let with_checksum = checked || unit.checksum();
     let (accepted, data) = match answer.data {
         Ok(data) => (true, data),
         Err(reject) => (false, reject.as_str().to_owned()),
     };
     let reply = Reply {
-        address: device.address(),
+        address: unit.address(),
         axis: command.axis.min(9),
         id: command.id,
         accepted,
-        activity: device.activity(),
-        flag: device.flag(),
+        activity: unit.activity(command.axis),
+        flag: unit.flag(command.axis),
         data,
     };
     let bytes = reply.encode(with_checksum);

@@ -24,6 +24,12 @@ impl Rig {
         }
     }
 
+    fn of_one_controller() -> Self {
+        let mut rig = Rig::new();
+        rig.controller = Controller::with_both_axes(&rig.world);
+        rig
+    }
+
     fn homed() -> Self {
         let mut rig = Rig::new();
         rig.ask("/0 0 home");
@@ -50,6 +56,50 @@ fn a_broadcast_is_answered_by_both_devices() {
         "@01 0 00 OK IDLE WR 0:BE|@02 0 00 OK IDLE WR 0:BD|"
     );
     assert_eq!(rig.ask("/"), "@01 0 OK IDLE WR 0|@02 0 OK IDLE WR 0|");
+}
+
+#[test]
+fn two_axes_of_one_controller_answer_each_for_itself_and_together() {
+    let mut rig = Rig::of_one_controller();
+    assert_eq!(rig.ask("/"), "@01 0 OK IDLE WR 0|");
+    assert_eq!(rig.ask("/1 get system.axiscount"), "@01 0 OK IDLE WR 2|");
+    assert_eq!(rig.ask("/1 2 home"), "@01 2 OK BUSY WR 0|");
+    assert_eq!(rig.ask("/1 1"), "@01 1 OK IDLE WR 0|");
+    assert_eq!(rig.ask("/1"), "@01 0 OK BUSY WR 0|");
+    rig.wait_s(60.0);
+    assert_eq!(rig.ask("/1 2"), "@01 2 OK IDLE -- 0|");
+    assert_eq!(rig.ask("/1 warnings"), "@01 0 OK IDLE WR 02 WR WH|");
+    assert_eq!(rig.ask("/1 2 warnings"), "@01 2 OK IDLE -- 00|");
+    rig.ask("/1 1 home");
+    rig.wait_s(60.0);
+    rig.ask("/1 2 move abs 5000");
+    rig.wait_s(60.0);
+    assert_eq!(rig.ask("/1 get pos"), "@01 0 OK IDLE -- 0 5000|");
+    assert_eq!(rig.ask("/1 get 2 pos 1 pos"), "@01 0 OK IDLE -- 5000; 0|");
+    // Settings of the controller are asked of it alone, those of an axis may differ.
+    assert_eq!(
+        rig.ask("/1 2 get system.serial"),
+        "@01 2 RJ IDLE -- DEVICEONLY|"
+    );
+    rig.ask("/1 2 set maxspeed 1000");
+    let speeds = rig.ask("/1 get maxspeed");
+    assert!(
+        speeds.ends_with(" 1000|") && speeds != "@01 0 OK IDLE -- 1000 1000|",
+        "{speeds}"
+    );
+    assert_eq!(rig.ask("/1 3 home"), "@01 3 RJ IDLE -- BADAXIS|");
+    // An alert names the axis whose motion has ended.
+    rig.ask("/1 set comm.alert 1");
+    rig.ask("/1 2 move abs 0");
+    rig.wait_s(60.0);
+    let alerts = String::from_utf8(rig.controller.poll()).unwrap();
+    assert_eq!(alerts, "!01 2 IDLE --\r\n");
+    // A controller restarts as a whole.
+    rig.world.cause(AxisName::PhiS, Mishap::PowerCycle);
+    rig.ask("/");
+    assert_eq!(rig.ask("/1 1"), "@01 1 OK IDLE WR 0|");
+    assert_eq!(rig.ask("/1 renumber 7"), "@07 0 OK IDLE WR 0|");
+    assert_eq!(rig.ask("/7 2"), "@07 2 OK IDLE WR 0|");
 }
 
 #[test]

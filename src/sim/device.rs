@@ -1,7 +1,9 @@
-//! One simulated Zaber controller with its one axis: commands, motion, reference and warning flags.
+//! One axis of a simulated Zaber controller, with what its controller keeps: commands, motion, reference and warning
+//! flags.
 //!
-//! [`Device::execute`] runs one command's words. What the device believes lives here (its counter,
-//! flags, settings); what really moves is the [`World`]'s. Knows no bytes, addresses only its own.
+//! [`Device::execute`] runs one command's words, [`Device::get`] reads a setting. What the device believes lives here
+//! (its counter, flags, settings); what really moves is the [`World`]'s. Knows no bytes, addresses only its own, and
+//! nothing of other axes: those of one controller are put together in `unit`.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -60,6 +62,15 @@ impl Reject {
     }
 }
 
+/// Whom a command is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scope {
+    /// The controller, with all its axes.
+    Device,
+    /// One axis.
+    Axis,
+}
+
 /// What a command's execution gives back.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Answer {
@@ -87,7 +98,7 @@ enum Motion {
     Home,
 }
 
-/// One controller with one axis.
+/// One axis and what its controller keeps.
 #[derive(Debug)]
 pub struct Device {
     pub(super) world: Arc<World>,
@@ -98,7 +109,7 @@ pub struct Device {
     pub(super) counter_offset: f64,
     flags: BTreeSet<Flag>,
     motion: Motion,
-    booted: Duration,
+    pub(super) booted: Duration,
 }
 
 impl Device {
@@ -121,12 +132,6 @@ impl Device {
         device
     }
 
-    /// Its address on the chain.
-    #[must_use]
-    pub fn address(&self) -> u8 {
-        self.settings.address
-    }
-
     /// Whether it has power; without, it neither hears nor speaks.
     #[must_use]
     pub fn powered(&self) -> bool {
@@ -143,10 +148,10 @@ impl Device {
         }
     }
 
-    /// The highest-priority flag that is up.
+    /// All flags that are up, the highest first.
     #[must_use]
-    pub fn flag(&self) -> Option<Flag> {
-        self.flags.first().copied()
+    pub fn flags(&self) -> &BTreeSet<Flag> {
+        &self.flags
     }
 
     /// Learns what happened since the last look. True if a motion has ended.
@@ -205,7 +210,8 @@ impl Device {
         }
     }
 
-    fn boot(&mut self, moment: Duration) {
+    /// Starts anew: the reference is lost, and whatever moved stands.
+    pub(super) fn boot(&mut self, moment: Duration) {
         self.booted = moment;
         self.counter_offset = -self.world.motor(self.axis).position.round();
         self.flags = BTreeSet::from([Flag::NoReference, Flag::NotHomed]);
@@ -229,29 +235,15 @@ impl Device {
         self.flags.remove(&Flag::NoReference);
     }
 
-    /// Runs the words of one command for the device (`axis` 0) or its axis (1).
-    pub fn execute(&mut self, axis: u8, words: &str) -> Answer {
-        if axis > 1 {
-            return Err(Reject::BadAxis).into();
-        }
-        let words: Vec<&str> = words.split_ascii_whitespace().collect();
-        if words
-            .iter()
-            .any(|w| w.len() > crate::bench::wire::zaber::WORD_BYTES_MAX)
-        {
-            return Err(Reject::LongWord).into();
-        }
+    /// Runs the words of one command, but for those that only ask: for the device or for its axis.
+    pub fn execute(&mut self, scope: Scope, words: &[&str]) -> Answer {
         let done = || Ok("0".to_owned());
-        match words.as_slice() {
+        match words {
             [] => done(),
-            ["get", name] => self.get(axis, name),
-            ["get", names @ ..] if !names.is_empty() => self.get_many(axis, names),
-            ["set", name, value] => self.set(axis, name, value).and_then(|()| done()),
-            ["warnings"] => Ok(self.warnings()),
+            ["set", name, value] => self.set(scope, name, value).and_then(|()| done()),
             ["warnings", "clear"] => {
-                let before = self.warnings();
                 self.flags.retain(|flag| !clears(*flag));
-                Ok(before)
+                done()
             }
             ["home"] => self.home().and_then(|()| done()),
             ["move", rest @ ..] => self.move_command(rest).and_then(|()| done()),
@@ -268,7 +260,7 @@ impl Device {
             ["tools", "echo", text @ ..] => Ok(text.join(" ")),
             ["io", "info"] => Ok("0 0 0 0".to_owned()),
             ["activate"] => done(),
-            ["system", "reset"] if axis == 0 => {
+            ["system", "reset"] if scope == Scope::Device => {
                 self.world.brake(self.axis, None);
                 self.boot(self.world.now());
                 done()
@@ -283,14 +275,6 @@ impl Device {
             _ => Err(Reject::BadCommand),
         }
         .into()
-    }
-
-    fn warnings(&self) -> String {
-        let mut list = format!("{:02}", self.flags.len());
-        for flag in &self.flags {
-            list.push_str(&format!(" {flag}"));
-        }
-        list
     }
 
     fn home(&mut self) -> Result<(), Reject> {

@@ -1,6 +1,6 @@
 //! The settings of a simulated controller: names, scopes, ranges.
 
-use super::device::{ACCELERATION_UNIT, Device, Reject, SPEED_UNIT};
+use super::device::{ACCELERATION_UNIT, Device, Reject, SPEED_UNIT, Scope};
 use super::world::Mechanics;
 use crate::bench::AxisName;
 use crate::bench::wire::zaber::{Activity, PACKET_BYTES_MAX, WORD_BYTES_MAX};
@@ -10,7 +10,7 @@ use crate::units::Angle;
 pub const COMMAND_PACKETS_MAX: u32 = 10;
 
 /// Settings that one `get` may ask for (`get.settings.max`).
-const GET_SETTINGS_MAX: usize = 10;
+pub(super) const GET_SETTINGS_MAX: usize = 10;
 
 /// What a controller keeps, also without power; in the units of the wire.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,7 +66,7 @@ impl Settings {
 }
 
 /// Which of the two a setting belongs to.
-fn is_of_the_axis(name: &str) -> bool {
+pub(super) fn is_of_the_axis(name: &str) -> bool {
     const AXIS: [&str; 13] = [
         "pos",
         "vel",
@@ -91,9 +91,8 @@ fn user_slot(name: &str) -> Option<usize> {
 }
 
 impl Device {
-    /// Reads a setting. A device setting is refused on the axis; an axis setting on the device gives
-    /// one value per axis, and there is one.
-    pub(super) fn get(&self, axis: u8, name: &str) -> Result<String, Reject> {
+    /// Reads a setting. A device setting is refused on the axis.
+    pub(super) fn get(&self, scope: Scope, name: &str) -> Result<String, Reject> {
         let settings = &self.settings;
         let mechanics = self.world.mechanics(self.axis);
         let motor = self.world.motor(self.axis);
@@ -102,7 +101,6 @@ impl Device {
             "system.serial" => settings.serial.to_string(),
             "version" => "7.38".to_owned(),
             "version.build" => "1412".to_owned(),
-            "system.axiscount" => "1".to_owned(),
             "system.voltage" => "48.1".to_owned(),
             "system.temperature" => "31.4".to_owned(),
             "system.uptime" => self.uptime_ms().to_string(),
@@ -148,34 +146,16 @@ impl Device {
                 None => return Err(Reject::BadCommand),
             },
         };
-        if axis != 0 && !is_of_the_axis(name) {
+        if scope == Scope::Axis && !is_of_the_axis(name) {
             return Err(Reject::DeviceOnly);
         }
         Ok(value)
     }
 
-    /// Reads several settings at one moment: `get [axis] name [[axis] name …]`. An axis number holds
-    /// for the names behind it; the values are separated by semicolons.
-    pub(super) fn get_many(&self, axis: u8, words: &[&str]) -> Result<String, Reject> {
-        let mut scope = axis;
-        let mut values = Vec::new();
-        for word in words {
-            match word.parse::<u8>() {
-                Ok(1) if axis == 0 => scope = 1,
-                Ok(_) => return Err(Reject::BadAxis),
-                Err(_) => values.push(self.get(scope, word)?),
-            }
-        }
-        if values.is_empty() || values.len() > GET_SETTINGS_MAX {
-            return Err(Reject::BadData);
-        }
-        Ok(values.join("; "))
-    }
-
     /// Writes a setting.
-    pub(super) fn set(&mut self, axis: u8, name: &str, value: &str) -> Result<(), Reject> {
+    pub(super) fn set(&mut self, scope: Scope, name: &str, value: &str) -> Result<(), Reject> {
         // Tells unknown names and wrong scopes from what can only be read.
-        self.get(axis, name)?;
+        self.get(scope, name)?;
         let value: i64 = value.parse().map_err(|_| Reject::BadData)?;
         let within = |range: std::ops::RangeInclusive<i64>| {
             if range.contains(&value) {

@@ -12,4 +12,5 @@ pub mod faults;
 pub mod motion;
 pub mod sample;
 pub mod server;
+mod unit;
 pub mod world;

@@ -8,14 +8,12 @@ use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::os::fd::{AsFd, OwnedFd};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::termios::{OptionalActions, ioctl_tiocnxcl, tcgetattr, tcsetattr};
 
 use super::controller::Controller;
-use super::world::World;
 
 /// While an alert may become due the controller is looked at this often.
 const ALERT_TICK: Timespec = Timespec {
@@ -83,11 +81,11 @@ impl Drop for ServerThread {
     }
 }
 
-/// Puts the controllers of a world on a new pseudo-terminal.
+/// Puts controllers on a new pseudo-terminal.
 ///
 /// # Errors
 /// If the system gives no pseudo-terminal or no thread.
-pub fn serve_pty(world: Arc<World>) -> io::Result<PtyServer> {
+pub fn serve_pty(mut controller: Controller) -> io::Result<PtyServer> {
     let master = rustix::pty::openpt(
         rustix::pty::OpenptFlags::RDWR
             | rustix::pty::OpenptFlags::NOCTTY
@@ -109,7 +107,6 @@ pub fn serve_pty(world: Arc<World>) -> io::Result<PtyServer> {
     // A client that does not read loses bytes, as on a real line, instead of stopping the controller.
     rustix::fs::fcntl_setfl(&master, rustix::fs::OFlags::NONBLOCK)?;
 
-    let mut controller = Controller::new(&world);
     let mut master = File::from(master);
     let thread = ServerThread::start("simulated-rig-pty", move |wake| {
         let mut buffer = [0; 1024];
@@ -136,14 +133,13 @@ pub fn serve_pty(world: Arc<World>) -> io::Result<PtyServer> {
     })
 }
 
-/// Puts the controllers of a world on a TCP port; clients are served one after the other.
+/// Puts controllers on a TCP port; clients are served one after the other.
 ///
 /// # Errors
 /// If the address cannot be bound or there is no thread.
-pub fn serve_tcp(world: Arc<World>, address: SocketAddr) -> io::Result<TcpServer> {
+pub fn serve_tcp(mut controller: Controller, address: SocketAddr) -> io::Result<TcpServer> {
     let listener = TcpListener::bind(address)?;
     let address = listener.local_addr()?;
-    let mut controller = Controller::new(&world);
     let thread = ServerThread::start("simulated-rig-tcp", move |wake| {
         loop {
             if let Ready::Stop = wait(&wake, &listener, false) {
@@ -216,12 +212,13 @@ fn send(line: &mut impl Write, bytes: &[u8]) {
 mod tests {
     use super::*;
     use crate::clock::SteppedClock;
-    use crate::sim::world::WorldSettings;
+    use crate::sim::world::{World, WorldSettings};
+    use std::sync::Arc;
     use std::time::Duration;
 
-    fn world() -> Arc<World> {
+    fn controller() -> Controller {
         let clock = Arc::new(SteppedClock::new());
-        Arc::new(World::new(clock, WorldSettings::default()))
+        Controller::new(&Arc::new(World::new(clock, WorldSettings::default())))
     }
 
     fn ask(line: &mut (impl Read + Write), command: &str, expected: &str) {
@@ -240,7 +237,7 @@ mod tests {
 
     #[test]
     fn the_pty_is_a_serial_port_and_outlives_its_clients() {
-        let server = serve_pty(world()).unwrap();
+        let server = serve_pty(controller()).unwrap();
         for _ in 0..3 {
             let mut port = open(server.path());
             ask(
@@ -253,7 +250,7 @@ mod tests {
 
     #[test]
     fn a_client_sees_the_line_gone_when_the_server_is_dropped() {
-        let server = serve_pty(world()).unwrap();
+        let server = serve_pty(controller()).unwrap();
         let mut port = open(server.path());
         ask(&mut port, "/1 1\n", "@01 1 OK IDLE WR 0\r\n");
         drop(server);
@@ -263,7 +260,7 @@ mod tests {
 
     #[test]
     fn tcp_serves_one_client_after_the_other() {
-        let server = serve_tcp(world(), "127.0.0.1:0".parse().unwrap()).unwrap();
+        let server = serve_tcp(controller(), "127.0.0.1:0".parse().unwrap()).unwrap();
         for _ in 0..3 {
             let mut client = TcpStream::connect(server.address()).unwrap();
             // Half a command left behind does not reach the next client.

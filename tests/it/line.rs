@@ -8,6 +8,7 @@ use ridged::bench::line::{Line, LineError, LineSettings};
 use ridged::bench::port::{NoFaults, PortAddress, PortError};
 use ridged::bench::wire::zaber::Command;
 use ridged::clock::SteppedClock;
+use ridged::sim::controller::Controller;
 use ridged::sim::faults::{LineFault, ScriptedFaults};
 use ridged::sim::server::{PtyServer, serve_pty, serve_tcp};
 use ridged::sim::world::{World, WorldSettings};
@@ -23,7 +24,7 @@ impl Rig {
         let clock = Arc::new(SteppedClock::new());
         let world = Arc::new(World::new(clock, WorldSettings::default()));
         Rig {
-            server: serve_pty(Arc::clone(&world)).unwrap(),
+            server: serve_pty(Controller::new(&world)).unwrap(),
             world,
             faults: ScriptedFaults::new(),
         }
@@ -210,7 +211,7 @@ async fn a_port_has_one_owner_until_its_last_handle_is_dropped() {
 async fn tcp_carries_the_same_bytes() {
     let clock = Arc::new(SteppedClock::new());
     let world = Arc::new(World::new(clock, WorldSettings::default()));
-    let server = serve_tcp(world, "127.0.0.1:0".parse().unwrap()).unwrap();
+    let server = serve_tcp(Controller::new(&world), "127.0.0.1:0".parse().unwrap()).unwrap();
     let address: PortAddress = format!("tcp://{}", server.address()).parse().unwrap();
     for _ in 0..2 {
         let line = Line::open(&address, 0, LineSettings::default(), &NoFaults).unwrap();

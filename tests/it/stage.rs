@@ -13,6 +13,7 @@ use ridged::bench::stage::{Stage, StageError, StageSettings};
 use ridged::bench::wire::zaber_flags::Flag;
 use ridged::clock::{Clock, SteppedClock};
 use ridged::geometry::Pose;
+use ridged::sim::controller::Controller;
 use ridged::sim::faults::{LineFault, ScriptedFaults};
 use ridged::sim::server::{PtyServer, serve_pty};
 use ridged::sim::world::{Mishap, World, WorldSettings};
@@ -69,10 +70,14 @@ struct Rig {
 
 impl Rig {
     fn new() -> Self {
+        Rig::with(Controller::new)
+    }
+
+    fn with(controller: fn(&Arc<World>) -> Controller) -> Self {
         let clock = Arc::new(HeldClock::default());
         let world = Arc::new(World::new(clock.clone(), WorldSettings::default()));
         Rig {
-            server: serve_pty(Arc::clone(&world)).unwrap(),
+            server: serve_pty(controller(&world)).unwrap(),
             clock,
             world,
             faults: ScriptedFaults::new(),
@@ -529,6 +534,129 @@ async fn a_move_that_takes_far_too_long_is_stopped() {
     // Judged after one and a half times the prediction and a second.
     assert!(waited_s > 1.5 * predicted_s + 1.0 && waited_s < 1.5 * predicted_s + 1.5);
     assert!(!rig.world.is_moving());
+}
+
+#[tokio::test]
+async fn homing_that_is_cut_off_names_its_key() {
+    let rig = Rig::new();
+    let mut settings = settings();
+    settings.phi_s.home_timeout_s = 2.0;
+    let stage = rig.connect_with(settings).await.unwrap();
+    // From recorded 0 to the home switch at 30 deg/s, as slow as that.
+    rig.foreign("/2 1 set maxspeed 5000");
+    let error = stage.home(PhiS).await.unwrap_err();
+    assert!(
+        matches!(error, StageError::HomingTimedOut { axis: PhiS, .. }),
+        "{error:?}"
+    );
+    assert_eq!(error.axis_to_home(), Some(PhiS));
+    let words = error.to_string();
+    for part in ["home_timeout_s in [stage.phi_s]", "after 2 s"] {
+        assert!(words.contains(part), "{part}: {words}");
+    }
+    assert!(!rig.world.is_moving());
+    // Nor does any other motion that is late: not even the shortest has taken no time.
+    let late = StageError::TimedOut {
+        axis: PhiS,
+        waited_s: 1.01,
+        predicted_s: 0.02,
+    };
+    assert!(!late.to_string().contains("0.0 s"), "{late}");
+}
+
+#[tokio::test]
+async fn a_parked_axis_says_what_unparks_it_and_keeps_its_position() {
+    let rig = Rig::new();
+    let stage = rig.homed().await;
+    stage.move_pose(Pose::from_deg(5.0, 10.0)).await.unwrap();
+    rig.foreign("/1 1 tools parking park");
+    stage.status().await.unwrap();
+    let refused = stage.move_to(ThetaC, Angle::ZERO).await.unwrap_err();
+    let words = refused.to_string();
+    assert!(words.contains("ridged rig unpark"), "{words}");
+    // Homing alone is an order to the stage, not a person's word that it may move again.
+    assert!(stage.home(ThetaC).await.is_err());
+    stage.unpark(ThetaC).await.unwrap();
+    assert!(!rig.world.is_moving());
+    let pose = stage.move_pose(Pose::from_deg(0.0, 10.0)).await.unwrap();
+    assert_at(pose, 0.0, 10.0);
+
+    rig.foreign("/1 1 tools parking park");
+    stage.status().await.unwrap();
+    stage.release(ThetaC).await.unwrap();
+    stage.home(ThetaC).await.unwrap();
+}
+
+/// Both stages on one controller, as the settings say it.
+fn on_one_controller() -> StageSettings {
+    let mut settings = settings();
+    let tilt = &settings.theta_c;
+    (settings.phi_s.address, settings.phi_s.serial) = (tilt.address, tilt.serial);
+    settings.phi_s.axis = 2;
+    settings
+}
+
+#[tokio::test]
+async fn two_axes_of_one_controller_move_stop_and_fail_each_on_its_own() {
+    let rig = Rig::with(Controller::with_both_axes);
+    let stage = rig.connect_with(on_one_controller()).await.unwrap();
+    assert_eq!(stage.identity().theta_c, stage.identity().phi_s);
+    stage.home(ThetaC).await.unwrap();
+    // The other one was not homed by that.
+    let status = stage.status().await.unwrap();
+    assert!(status.theta_c.homed && !status.phi_s.homed);
+    stage.home(PhiS).await.unwrap();
+    let pose = stage.move_pose(Pose::from_deg(20.0, 300.0)).await.unwrap();
+    assert_at(pose, 20.0, 300.0);
+    assert_at(rig.world.pose_now(), 20.0, 300.0);
+
+    // What befalls one is told of that one, and the other goes on.
+    rig.world.arm(PhiS, Angle::from_deg(200.0), Mishap::Stall);
+    let error = stage.move_to(PhiS, Angle::ZERO).await.unwrap_err();
+    assert!(
+        matches!(error, StageError::Stalled { axis: PhiS, .. }),
+        "{error:?}"
+    );
+    stage.move_to(ThetaC, Angle::ZERO).await.unwrap();
+    stage.home(PhiS).await.unwrap();
+
+    // A stop reaches both; it is answered once.
+    rig.clock.hold();
+    let moving = tokio::spawn({
+        let stage = stage.clone();
+        async move { stage.move_pose(Pose::from_deg(40.0, 300.0)).await }
+    });
+    rig.clock.somebody_sleeps.notified().await;
+    let stopped = async {
+        assert!(matches!(moving.await.unwrap(), Err(StageError::Stopped)));
+        rig.clock.let_go();
+    };
+    let (outcome, ()) = tokio::join!(stage.stop(), stopped);
+    outcome.unwrap();
+    assert!(!rig.world.is_moving());
+
+    // It has one power supply.
+    rig.world.cause(ThetaC, Mishap::PowerCycle);
+    let status = stage.status().await.unwrap();
+    assert!(!status.theta_c.homed && !status.phi_s.homed);
+    let error = stage.move_to(PhiS, Angle::ZERO).await.unwrap_err();
+    assert!(
+        matches!(error, StageError::PowerCycled { axis: PhiS }),
+        "{error:?}"
+    );
+}
+
+#[tokio::test]
+async fn an_axis_that_the_controller_does_not_have_is_named() {
+    let rig = Rig::with(Controller::with_both_axes);
+    let mut settings = on_one_controller();
+    settings.phi_s.axis = 3;
+    let error = rig.connect_with(settings).await.err().unwrap();
+    let words = error.to_string();
+    assert!(
+        words.contains("no axis 3") && words.contains("[stage.phi_s]"),
+        "{words}"
+    );
 }
 
 #[tokio::test]

@@ -57,6 +57,17 @@ pub(super) struct Look {
     pub flag: Option<Flag>,
 }
 
+/// What an axis is waited for to end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Motion {
+    /// A move that should take so long.
+    Move { predicted: Duration },
+    /// The way to the reference: how long that is, nobody knows before.
+    Homing,
+    /// The ramp of a stop of our own.
+    Stop,
+}
+
 #[derive(Debug, Default)]
 struct Memory {
     /// The last move ended going up: the play of the gear is taken up.
@@ -116,7 +127,7 @@ impl Axis {
     }
 
     async fn identify(&mut self) -> Result<(), StageError> {
-        let serial: u32 = self.get_number(0, "system.serial").await?;
+        let serial: u32 = self.get_number("system.serial").await?;
         if let Some(expected) = self.settings.serial
             && expected != serial
         {
@@ -129,15 +140,22 @@ impl Axis {
         }
         self.identity = Identity {
             serial,
-            device_id: self.get_number(0, "device.id").await?,
-            firmware: self.ask(0, "get version").await?.data,
+            device_id: self.get_number("device.id").await?,
+            firmware: self.ask_controller("get version").await?.data,
         };
         Ok(())
     }
 
     async fn learn_scale(&mut self) -> Result<(), StageError> {
-        let told: Option<f64> = match self.get_finite(1, "limit.cycle.dist").await {
+        let told: Option<f64> = match self.get_finite("limit.cycle.dist").await {
             Ok(counts) => Some(counts).filter(|c| *c > 0.0),
+            Err(StageError::Refused { code, .. }) if code == "BADAXIS" => {
+                return Err(StageError::NoSuchAxis {
+                    axis: self.name,
+                    address: self.settings.address,
+                    number: self.settings.axis,
+                });
+            }
             Err(StageError::Refused { .. } | StageError::Unreadable { .. }) => None,
             Err(error) => return Err(error),
         };
@@ -164,8 +182,8 @@ impl Axis {
         );
         let (low, high) = (self.counts(needed.0), self.counts(needed.1));
         let (low, high) = (low.min(high), low.max(high));
-        let min = self.get_finite(1, "limit.min").await?;
-        let max = self.get_finite(1, "limit.max").await?;
+        let min = self.get_finite("limit.min").await?;
+        let max = self.get_finite("limit.max").await?;
         if min <= low as f64 && max >= high as f64 {
             return Ok(());
         }
@@ -193,9 +211,9 @@ impl Axis {
             let to_data = counts_per_deg * unit;
             let wanted = wanted.map(|w| (w * to_data).round().max(1.0));
             if let Some(wanted) = wanted {
-                self.ask(1, &format!("set {name} {wanted:.0}")).await?;
+                self.ask(&format!("set {name} {wanted:.0}")).await?;
             }
-            let found = self.get_finite(1, name).await?;
+            let found = self.get_finite(name).await?;
             if let Some(expected) = wanted
                 && (found - expected).abs() > 1.0
             {
@@ -241,13 +259,20 @@ impl Axis {
         }
     }
 
-    fn command(&self, axis: u8, words: &str) -> Command {
-        Command::new(self.settings.address, axis, words)
+    fn command(&self, words: &str) -> Command {
+        Command::new(self.settings.address, self.settings.axis, words)
     }
 
-    /// Asks the device (`axis` 0) or its axis (1) something that may be asked twice.
-    pub async fn ask(&self, axis: u8, words: &str) -> Result<Reply, StageError> {
-        let reply = self.line.ask(&self.command(axis, words)).await?;
+    /// Asks the axis something that may be asked twice.
+    async fn ask(&self, words: &str) -> Result<Reply, StageError> {
+        let reply = self.line.ask(&self.command(words)).await?;
+        self.accepted(words, reply)
+    }
+
+    /// Asks the controller that the axis is plugged into, which may have others.
+    pub async fn ask_controller(&self, words: &str) -> Result<Reply, StageError> {
+        let command = Command::new(self.settings.address, 0, words);
+        let reply = self.line.ask(&command).await?;
         self.accepted(words, reply)
     }
 
@@ -263,20 +288,17 @@ impl Axis {
         })
     }
 
-    async fn get_number<N: std::str::FromStr>(
-        &self,
-        axis: u8,
-        name: &str,
-    ) -> Result<N, StageError> {
+    /// A number of the controller's.
+    async fn get_number<N: std::str::FromStr>(&self, name: &str) -> Result<N, StageError> {
         let command = format!("get {name}");
-        let reply = self.ask(axis, &command).await?;
+        let reply = self.ask_controller(&command).await?;
         self.number(&command, &reply.data)
     }
 
-    /// The same of a quantity that is finite: `inf` and `nan` are words to a parser, and no answer.
-    async fn get_finite(&self, axis: u8, name: &str) -> Result<f64, StageError> {
+    /// A number of the axis that is finite: `inf` and `nan` are words to a parser, and no answer.
+    async fn get_finite(&self, name: &str) -> Result<f64, StageError> {
         let command = format!("get {name}");
-        let reply = self.ask(axis, &command).await?;
+        let reply = self.ask(&command).await?;
         let value: f64 = self.number(&command, &reply.data)?;
         match value.is_finite() {
             true => Ok(value),
@@ -285,9 +307,8 @@ impl Axis {
     }
 
     fn number<N: std::str::FromStr>(&self, command: &str, data: &str) -> Result<N, StageError> {
-        // A device scope gives one value per axis; the first is ours.
-        let word = data.split_ascii_whitespace().next().unwrap_or_default();
-        word.parse()
+        data.trim()
+            .parse()
             .map_err(|_| self.unreadable(command, data.to_owned()))
     }
 
@@ -301,7 +322,7 @@ impl Axis {
 
     /// Position, activity and highest flag in one exchange.
     pub async fn look(&self) -> Result<Look, StageError> {
-        let reply = self.ask(1, "get pos").await?;
+        let reply = self.ask("get pos").await?;
         Ok(Look {
             counts: self.number("get pos", &reply.data)?,
             activity: reply.activity,
@@ -311,13 +332,13 @@ impl Axis {
 
     /// All flags that are up.
     pub async fn flags(&self) -> Result<Vec<Flag>, StageError> {
-        let reply = self.ask(1, "warnings").await?;
+        let reply = self.ask("warnings").await?;
         decode_warnings(&reply.data).map_err(|_| self.unreadable("warnings", reply.data))
     }
 
     /// Notices a restart of the device: its uptime falls.
     async fn check_uptime(&self) -> Result<(), StageError> {
-        let uptime: u64 = match self.get_number(0, "system.uptime").await {
+        let uptime: u64 = match self.get_number("system.uptime").await {
             Ok(uptime) => uptime,
             // A device that does not count still shows WR after a restart.
             Err(StageError::Refused { .. }) => return Ok(()),
@@ -352,33 +373,32 @@ impl Axis {
     }
 
     /// Looks until the axis is idle, or until a flag says that the motion was lost, unless it is a
-    /// stop of our own that did it. `predicted` and the deadline count from now, when the device has
-    /// taken the command.
-    async fn await_idle(
-        &self,
-        predicted: Duration,
-        deadline: Duration,
-        own_stop: bool,
-        stops: u64,
-    ) -> Result<Look, StageError> {
+    /// stop of our own that did it. Time counts from now, when the device has taken the command.
+    async fn await_idle(&self, motion: Motion, stops: u64) -> Result<Look, StageError> {
         let began = self.clock.now();
+        let (predicted, deadline) = match motion {
+            Motion::Move { predicted } => {
+                (predicted, predicted.mul_f64(1.5) + Duration::from_secs(1))
+            }
+            Motion::Homing => {
+                let allowed = Duration::from_secs_f64(self.settings.home_timeout_s);
+                (Duration::ZERO, allowed)
+            }
+            Motion::Stop => (Duration::ZERO, self.stopping_time()),
+        };
         loop {
             let waited = self.clock.now().saturating_sub(began);
             let look = self.look().await?;
             self.check_stop(stops)?;
             // A motion that is not ours any more need not be waited for.
-            let lost = !own_stop && look.flag.is_some_and(ends_a_motion);
+            let lost = motion != Motion::Stop && look.flag.is_some_and(ends_a_motion);
             if look.activity == Activity::Idle || lost {
                 return Ok(look);
             }
             // Judged by a look that began after the deadline, so that a slow line, or a fast clock,
             // does not make a good move a late one.
             if waited > deadline {
-                return Err(StageError::TimedOut {
-                    axis: self.name,
-                    waited_s: waited.as_secs_f64(),
-                    predicted_s: predicted.as_secs_f64(),
-                });
+                return Err(self.late(motion, waited));
             }
             let pause = if waited < predicted {
                 (predicted - waited).min(POLL_COARSE)
@@ -388,6 +408,26 @@ impl Axis {
                 POLL_COARSE
             };
             self.wait(pause, stops).await?;
+        }
+    }
+
+    fn late(&self, motion: Motion, waited: Duration) -> StageError {
+        let axis = self.name;
+        let predicted = match motion {
+            Motion::Homing => {
+                let home_timeout_s = self.settings.home_timeout_s;
+                return StageError::HomingTimedOut {
+                    axis,
+                    home_timeout_s,
+                };
+            }
+            Motion::Move { predicted } => predicted,
+            Motion::Stop => self.stopping_time(),
+        };
+        StageError::TimedOut {
+            axis,
+            waited_s: waited.as_secs_f64(),
+            predicted_s: predicted.as_secs_f64(),
         }
     }
 
@@ -428,12 +468,9 @@ impl Axis {
         let _turn = self.take_turn()?;
         self.memory().engaged = false;
         // Flags of an earlier failure would be taken for this motion's; the ones that matter stay up.
-        self.ask(1, "warnings clear").await?;
-        let timeout = Duration::from_secs_f64(self.settings.home_timeout_s);
+        self.ask("warnings clear").await?;
         self.start("home", None, stops).await?;
-        let look = self
-            .await_idle(Duration::ZERO, timeout, false, stops)
-            .await?;
+        let look = self.await_idle(Motion::Homing, stops).await?;
         if look.flag.is_some() {
             let axis = self.name;
             for flag in self.flags().await? {
@@ -529,8 +566,7 @@ impl Axis {
         let predicted = self.rates.duration(to - self.recorded(from.counts));
         let words = format!("move abs {counts}");
         self.start(&words, Some(counts), stops).await?;
-        let deadline = predicted.mul_f64(1.5) + Duration::from_secs(1);
-        self.await_idle(predicted, deadline, false, stops).await
+        self.await_idle(Motion::Move { predicted }, stops).await
     }
 
     /// Sends a motion command. If the reply is lost the axis is looked at before anything is sent
@@ -539,7 +575,7 @@ impl Axis {
         let mut attempt = 0;
         loop {
             attempt += 1;
-            match self.line.command_once(&self.command(1, words), stops).await {
+            match self.line.command_once(&self.command(words), stops).await {
                 Ok(reply) => return self.accepted(words, reply).map(|_| ()),
                 Err(error @ LineError::NoReply { .. }) => {
                     let look = self.look().await?;
@@ -559,23 +595,31 @@ impl Axis {
         }
     }
 
-    /// Switches the motor's driver on where the flags say that it is off. Nothing moves by that.
-    pub async fn enable_driver(&self) -> Result<(), StageError> {
+    /// Switches the motor's driver on where the flags say that it is off, and unparks a parked axis. Nothing moves by
+    /// that.
+    pub async fn release(&self) -> Result<(), StageError> {
         if self.flags().await?.into_iter().any(Flag::is_driver_off) {
-            self.ask(1, "driver enable").await?;
+            self.ask("driver enable").await?;
         }
-        Ok(())
+        match self.ask("get parking.state").await {
+            Ok(reply) if reply.data == "1" => self.unpark().await,
+            // A device that cannot be parked does not know the word.
+            Ok(_) | Err(StageError::Refused { .. }) => Ok(()),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Lets an axis move again that was parked. Nothing moves by that.
+    pub async fn unpark(&self) -> Result<(), StageError> {
+        self.ask("tools parking unpark").await.map(|_| ())
     }
 
     /// Brings an axis to rest that moves without our doing: a move whose future was dropped, or a
     /// foreign command.
     async fn quieten(&self, stops: u64) -> Result<Look, StageError> {
-        self.line
-            .command_once(&self.command(1, "stop"), stops)
-            .await?;
+        self.line.command_once(&self.command("stop"), stops).await?;
         self.memory().engaged = false;
-        self.await_idle(Duration::ZERO, self.stopping_time(), true, stops)
-            .await
+        self.await_idle(Motion::Stop, stops).await
     }
 
     /// The longest that a stop may take.
@@ -593,13 +637,8 @@ impl Axis {
             if self.look().await?.activity == Activity::Idle {
                 return Ok(());
             }
-            let limit = self.stopping_time();
-            if waited > limit {
-                return Err(StageError::TimedOut {
-                    axis: self.name,
-                    waited_s: waited.as_secs_f64(),
-                    predicted_s: limit.as_secs_f64(),
-                });
+            if waited > self.stopping_time() {
+                return Err(self.late(Motion::Stop, waited));
             }
             self.clock.sleep(POLL_FINE * 5).await;
         }

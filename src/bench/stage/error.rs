@@ -192,7 +192,8 @@ pub enum StageError {
     },
     /// The axis still moves when it should long have stopped; it has been stopped.
     #[error(
-        "{axis} still moved after {waited_s:.1} s (it should have taken {predicted_s:.1} s) and was stopped"
+        "{axis} still moved after {} (it should have taken {}) and was stopped",
+        in_seconds(*.waited_s), in_seconds(*.predicted_s)
     )]
     TimedOut {
         /// Which axis.
@@ -201,6 +202,30 @@ pub enum StageError {
         waited_s: f64,
         /// How long it should have taken.
         predicted_s: f64,
+    },
+    /// Homing took longer than the settings allow; the axis has been stopped.
+    #[error(
+        "homing {axis} had not ended after {home_timeout_s} s (home_timeout_s in [stage.{axis}]), and the axis was \
+         stopped: if it moved all the while, allow more time there; if not, look at its drive; then home it again"
+    )]
+    HomingTimedOut {
+        /// Which axis.
+        axis: AxisName,
+        /// How long it may take.
+        home_timeout_s: f64,
+    },
+    /// The controller at the address has no such axis.
+    #[error(
+        "the controller at address {address} has no axis {number}: set axis in [stage.{axis}] to the output of the \
+         controller that this stage is plugged into (1 where it has only one)"
+    )]
+    NoSuchAxis {
+        /// Which axis.
+        axis: AxisName,
+        /// Address of the controller.
+        address: u8,
+        /// The axis that it does not have.
+        number: u8,
     },
     /// Somebody stopped the stage.
     #[error("the stage was stopped")]
@@ -242,6 +267,7 @@ impl StageError {
             | StageError::PowerCycled { axis }
             | StageError::Stalled { axis, .. }
             | StageError::HomingFailed { axis, .. }
+            | StageError::HomingTimedOut { axis, .. }
             | StageError::Fault { axis, .. }
             | StageError::Missed { axis, .. } => Some(axis),
             _ => None,
@@ -249,20 +275,33 @@ impl StageError {
     }
 }
 
+/// A time that is never told as none.
+fn in_seconds(seconds: f64) -> String {
+    match seconds < 0.1 {
+        true => "less than 0.1 s".to_owned(),
+        false => format!("{seconds:.1} s"),
+    }
+}
+
 /// What a refusal means, for people.
 pub(super) fn refusal_meaning(code: &str) -> &'static str {
     match code {
         "AGAIN" => "it has no room now; try again",
-        "BADAXIS" => "there is no such axis; check the address in the settings",
+        "BADAXIS" => "there is no such axis; check address and axis in the settings",
         "BADCOMMAND" => {
             "it does not know the command; it may be another kind of device or older firmware"
         }
         "BADDATA" => "the value is beyond the device's own limits, or the axis is not homed",
         "DRIVERDISABLED" => {
-            "the motor driver is off; check the emergency stop, then enable the driver"
+            "the motor driver is off; check the emergency stop, then home the axis, which switches the driver on"
         }
-        "INACTIVE" => "the stage plugged in is not active yet; send 'activate'",
-        "PARKED" => "the axis is parked; unpark it",
+        "INACTIVE" => {
+            "the stage plugged in is not active yet; send 'activate' with the stage maker's program"
+        }
+        "PARKED" => {
+            "the axis is parked (its position is kept for the next power-up); once it may move again, unpark it with \
+             `ridged rig unpark`, or home it, which unparks it too"
+        }
         "STATUSBUSY" => "not while the axis moves",
         "REMOTE" => "the device is set to remote operation",
         _ => "see the controller's manual",

@@ -66,7 +66,7 @@ pub struct AxisStatus {
     pub homed: bool,
     /// Its flags, each with what it means.
     pub warnings: Vec<String>,
-    /// Serial number of its device.
+    /// Serial number of its controller.
     pub serial: u32,
 }
 
@@ -145,7 +145,7 @@ impl Stage {
         .await
         .expect("opening a port does not panic")?;
 
-        let addresses = [settings.theta_c.address, settings.phi_s.address];
+        let addresses = settings.addresses();
         // A host that died left its move going; nobody has asked for it here.
         line.stop(&addresses).await?;
         find_conflicts(&line).await?;
@@ -213,13 +213,22 @@ impl Stage {
         })
     }
 
-    /// Switches the motor driver of an axis on where its flags say that it is off (an emergency stop, a power
-    /// failure). Moves nothing. For who was asked by a person: a driver that is off may protect somebody's hands.
+    /// Lets an axis move again: switches its motor driver on where its flags say that it is off (an emergency stop, a
+    /// power failure), and unparks it where it is parked. Moves nothing. For who was asked by a person: a driver that
+    /// is off, or an axis that is parked, may protect somebody's hands.
     ///
     /// # Errors
     /// [`StageError::Refused`] while the cause is still there, or a device that does not answer.
-    pub async fn enable_driver(&self, axis: AxisName) -> Result<(), StageError> {
-        self.axis(axis).enable_driver().await
+    pub async fn release(&self, axis: AxisName) -> Result<(), StageError> {
+        self.axis(axis).release().await
+    }
+
+    /// Unparks an axis and nothing else: it keeps its position. Moves nothing.
+    ///
+    /// # Errors
+    /// [`StageError`] if the device refuses or does not answer.
+    pub async fn unpark(&self, axis: AxisName) -> Result<(), StageError> {
+        self.axis(axis).unpark().await
     }
 
     /// Lets an axis find its reference position. It moves to the end of its travel.
@@ -342,7 +351,7 @@ impl Stage {
     /// # Errors
     /// [`StageError`] if a device does not answer, or does not come to rest.
     pub async fn stop(&self) -> Result<(), StageError> {
-        let addresses = AxisName::ALL.map(|axis| self.inner.settings.axis(axis).address);
+        let addresses = self.inner.settings.addresses();
         let heard = self.inner.line.stop(&addresses).await;
         // Also if one did not answer: the other one may have to come to rest.
         let rest = futures::join!(
@@ -433,7 +442,7 @@ async fn set_up_line(line: &Line, axes: [&Axis; 2]) -> Result<(), StageError> {
     let mut all_checked = true;
     for axis in axes {
         for setting in ["comm.checksum 1", "comm.alert 0"] {
-            match axis.ask(0, &format!("set {setting}")).await {
+            match axis.ask_controller(&format!("set {setting}")).await {
                 Ok(_) => {}
                 // Older firmware has no such setting.
                 Err(StageError::Refused { .. }) => all_checked &= !setting.contains("checksum"),
@@ -441,7 +450,7 @@ async fn set_up_line(line: &Line, axes: [&Axis; 2]) -> Result<(), StageError> {
             }
         }
         if all_checked {
-            let reply = axis.ask(0, "get comm.checksum").await?;
+            let reply = axis.ask_controller("get comm.checksum").await?;
             all_checked = reply.data == "1";
         }
     }

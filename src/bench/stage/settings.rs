@@ -40,9 +40,12 @@ pub struct StageSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AxisSettings {
-    /// Its device's address on the chain, 1 to 99.
+    /// Its controller's address on the chain, 1 to 99.
     pub address: u8,
-    /// Its device's serial number; another device at the address is then refused.
+    /// Its number on a controller with several axes, 1 to 9.
+    #[serde(default = "default_axis", skip_serializing_if = "is_default_axis")]
+    pub axis: u8,
+    /// Its controller's serial number; another one at the address is then refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub serial: Option<u32>,
     /// Smallest recorded angle that may be asked for. Approaches start up to `backlash_deg` below.
@@ -97,6 +100,13 @@ fn default_reply_timeout_ms() -> u64 {
 fn default_attempts() -> u32 {
     3
 }
+fn default_axis() -> u8 {
+    1
+}
+/// Not written: the settings of a rig that never had a second axis on a controller stay what they were.
+fn is_default_axis(axis: &u8) -> bool {
+    *axis == default_axis()
+}
 fn default_backlash() -> Angle {
     Angle::from_deg(0.2)
 }
@@ -130,6 +140,7 @@ impl StageSettings {
     pub fn simulated() -> Self {
         let axis = |address: u8, serial: u32, min: f64, max: f64, zero: f64| AxisSettings {
             address,
+            axis: default_axis(),
             serial: Some(serial),
             limit_min: Angle::from_deg(min),
             limit_max: Angle::from_deg(max),
@@ -150,6 +161,14 @@ impl StageSettings {
             theta_c: axis(1, 90_001, -60.0, 60.0, 65.0),
             phi_s: axis(2, 90_002, -20.0, 390.0, 30.0),
         }
+    }
+
+    /// The addresses of the controllers, each once.
+    #[must_use]
+    pub fn addresses(&self) -> Vec<u8> {
+        let mut all = vec![self.theta_c.address, self.phi_s.address];
+        all.dedup();
+        all
     }
 
     /// The settings of one axis.
@@ -187,14 +206,20 @@ impl StageSettings {
                 return bad(&format!("{name}.{key}"), &found, &allowed);
             }
         }
-        if self.theta_c.address == self.phi_s.address {
-            let allowed = "another address than that of theta_c";
-            return bad("phi_s.address", &self.phi_s.address, allowed);
+        let (tilt, turn) = (&self.theta_c, &self.phi_s);
+        let one_controller = tilt.address == turn.address;
+        if one_controller && tilt.axis == turn.axis {
+            let allowed = "another address than that of theta_c, or, on a controller with several axes, that one with \
+                           another phi_s.axis";
+            return bad("phi_s.address", &turn.address, allowed);
         }
-        if let (Some(one), Some(other)) = (self.theta_c.serial, self.phi_s.serial)
-            && one == other
+        if let (Some(one), Some(other)) = (tilt.serial, turn.serial)
+            && (one == other) != one_controller
         {
-            let allowed = "another serial number than that of theta_c";
+            let allowed = match one_controller {
+                true => "that of theta_c, which is on the same controller",
+                false => "another serial number than that of theta_c",
+            };
             return bad("phi_s.serial", &other, allowed);
         }
         Ok(())
@@ -253,6 +278,9 @@ impl AxisSettings {
         };
         if !(1..=99).contains(&self.address) {
             return bad("address", &self.address, "1 to 99");
+        }
+        if !(1..=9).contains(&self.axis) {
+            return bad("axis", &self.axis, "1 to 9");
         }
         for (key, angle) in [
             ("limit_min_deg", self.limit_min),
@@ -388,7 +416,7 @@ mod tests {
     #[test]
     fn wrong_values_are_refused_by_name() {
         type Change = fn(&mut StageSettings);
-        let cases: [(&str, Change); 10] = [
+        let cases: [(&str, Change); 12] = [
             ("theta_c.limit_min_deg", |s| {
                 s.theta_c.limit_min = Angle::from_deg(90.0)
             }),
@@ -402,6 +430,11 @@ mod tests {
             ("phi_s.address", |s| s.phi_s.address = 1),
             ("phi_s.serial", |s| s.phi_s.serial = s.theta_c.serial),
             ("theta_c.address", |s| s.theta_c.address = 0),
+            ("theta_c.axis", |s| s.theta_c.axis = 10),
+            // One controller has one serial number.
+            ("phi_s.serial", |s| {
+                (s.phi_s.address, s.phi_s.axis) = (s.theta_c.address, 2)
+            }),
             ("theta_c.max_speed_deg_s", |s| {
                 s.theta_c.max_speed_deg_s = Some(f64::INFINITY)
             }),
@@ -418,6 +451,19 @@ mod tests {
                 other => panic!("{expected}: {other:?}"),
             }
         }
+    }
+
+    #[test]
+    fn two_axes_of_one_controller_are_told_apart_by_their_number() {
+        let mut settings = StageSettings::simulated();
+        settings.phi_s.serial = settings.theta_c.serial;
+        settings.phi_s.address = settings.theta_c.address;
+        settings.phi_s.axis = 2;
+        settings.validate().unwrap();
+        assert_eq!(settings.addresses(), [1]);
+        let text = toml::to_string(&settings).unwrap();
+        assert_eq!(text.matches("axis = ").count(), 1, "{text}");
+        assert_eq!(toml::from_str::<StageSettings>(&text).unwrap(), settings);
     }
 
     #[test]

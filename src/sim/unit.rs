@@ -1,0 +1,197 @@
+//! One simulated controller at one address, with the axes that are plugged into it.
+//!
+//! [`Unit::execute`] runs one command for the whole controller (axis 0) or for one of its axes (1, 2 …). What each axis
+//! believes is in its [`Device`]; here is what several of them say together. A command for all axes goes to one after
+//! the other, and ends at the first that refuses it.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use super::device::{Answer, Device, Reject, Scope};
+use super::device_settings::{GET_SETTINGS_MAX, is_of_the_axis};
+use super::world::World;
+use crate::bench::AxisName;
+use crate::bench::wire::zaber::{Activity, WORD_BYTES_MAX};
+use crate::bench::wire::zaber_flags::Flag;
+
+/// One controller.
+#[derive(Debug)]
+pub(super) struct Unit {
+    axes: Vec<Device>,
+}
+
+impl Unit {
+    /// A controller that was just powered up, with these axes in the order of their numbers. Address and serial number
+    /// are those that the first one's own controller would have.
+    pub fn new(world: &Arc<World>, axes: &[AxisName]) -> Self {
+        let mut axes: Vec<Device> = axes
+            .iter()
+            .map(|axis| Device::new(Arc::clone(world), *axis))
+            .collect();
+        let first = axes.first().map(|first| first.settings.clone());
+        for device in &mut axes {
+            if let Some(first) = &first {
+                device.settings.address = first.address;
+                device.settings.serial = first.serial;
+                device.settings.device_id = first.device_id;
+            }
+        }
+        Unit { axes }
+    }
+
+    fn first(&self) -> &Device {
+        &self.axes[0]
+    }
+
+    pub fn address(&self) -> u8 {
+        self.first().settings.address
+    }
+
+    pub fn set_address(&mut self, address: u8) {
+        for device in &mut self.axes {
+            device.settings.address = address;
+        }
+    }
+
+    pub fn checksum(&self) -> bool {
+        self.first().settings.checksum
+    }
+
+    pub fn alerts(&self) -> bool {
+        self.first().settings.alert && self.powered()
+    }
+
+    /// Without power it neither hears nor speaks.
+    pub fn powered(&self) -> bool {
+        self.axes.iter().all(Device::powered)
+    }
+
+    /// The axes in scope; none where there is no such axis.
+    fn scope(&self, axis: u8) -> &[Device] {
+        match usize::from(axis) {
+            0 => &self.axes,
+            n if n <= self.axes.len() => &self.axes[n - 1..n],
+            _ => &[],
+        }
+    }
+
+    /// The axes of which a reply tells: of an axis that there is not, all.
+    fn told_of(&self, axis: u8) -> &[Device] {
+        match self.scope(axis) {
+            [] => &self.axes,
+            scope => scope,
+        }
+    }
+
+    /// Whether any axis in scope moves.
+    pub fn activity(&self, axis: u8) -> Activity {
+        let mut told_of = self.told_of(axis).iter();
+        match told_of.any(|d| d.activity() == Activity::Busy) {
+            true => Activity::Busy,
+            false => Activity::Idle,
+        }
+    }
+
+    fn flags(&self, axis: u8) -> BTreeSet<Flag> {
+        let all = self.told_of(axis).iter().flat_map(Device::flags);
+        all.copied().collect()
+    }
+
+    /// The highest-priority flag that is up on any axis in scope.
+    pub fn flag(&self, axis: u8) -> Option<Flag> {
+        self.flags(axis).first().copied()
+    }
+
+    /// Learns what happened since the last look, and gives the numbers of the axes whose motion has ended.
+    pub fn refresh(&mut self) -> Vec<u8> {
+        let devices = self.axes.iter_mut().zip(1..);
+        let ended = devices.filter_map(|(device, number)| device.refresh().then_some(number));
+        let ended = ended.collect();
+        // One of them restarts with the whole controller.
+        if let Some(booted) = self.axes.iter().map(|device| device.booted).max() {
+            for device in self.axes.iter_mut().filter(|d| d.booted < booted) {
+                device.world.brake(device.axis, None);
+                device.boot(booted);
+            }
+        }
+        ended
+    }
+
+    /// Runs the words of one command for the whole (`axis` 0) or one axis.
+    pub fn execute(&mut self, axis: u8, words: &str) -> Answer {
+        if self.scope(axis).is_empty() {
+            return Err(Reject::BadAxis).into();
+        }
+        let words: Vec<&str> = words.split_ascii_whitespace().collect();
+        if words.iter().any(|w| w.len() > WORD_BYTES_MAX) {
+            return Err(Reject::LongWord).into();
+        }
+        let flags = self.flags(axis);
+        let answer = match words.as_slice() {
+            ["get", names @ ..] if !names.is_empty() => return self.get(axis, names).into(),
+            ["warnings"] => return Ok(listed(&flags)).into(),
+            _ => self.execute_each(axis, &words),
+        };
+        match words.as_slice() {
+            ["warnings", "clear"] => Ok(listed(&flags)).into(),
+            _ => answer,
+        }
+    }
+
+    fn execute_each(&mut self, axis: u8, words: &[&str]) -> Answer {
+        let (scope, devices) = match usize::from(axis) {
+            0 => (Scope::Device, &mut self.axes[..]),
+            n => (Scope::Axis, &mut self.axes[n - 1..n]),
+        };
+        let mut answer = None;
+        for device in devices {
+            let this = device.execute(scope, words);
+            if this.data.is_err() {
+                return this;
+            }
+            answer.get_or_insert(this);
+        }
+        answer.unwrap_or_else(|| Err(Reject::BadAxis).into())
+    }
+
+    /// Reads settings at one moment: `get [axis] name [[axis] name …]`. An axis number holds for the names behind it; the
+    /// values are separated by semicolons.
+    fn get(&self, axis: u8, words: &[&str]) -> Result<String, Reject> {
+        let mut scope = axis;
+        let mut values = Vec::new();
+        for word in words {
+            match word.parse::<u8>() {
+                Ok(number) if axis == 0 && number > 0 && !self.scope(number).is_empty() => {
+                    scope = number;
+                }
+                Ok(_) => return Err(Reject::BadAxis),
+                Err(_) => values.push(self.value(scope, word)?),
+            }
+        }
+        if values.is_empty() || values.len() > GET_SETTINGS_MAX {
+            return Err(Reject::BadData);
+        }
+        Ok(values.join("; "))
+    }
+
+    /// One setting; that of an axis asked of the whole gives one value per axis.
+    fn value(&self, axis: u8, name: &str) -> Result<String, Reject> {
+        if (axis, name) == (0, "system.axiscount") {
+            return Ok(self.axes.len().to_string());
+        }
+        if axis == 0 && !is_of_the_axis(name) {
+            return self.first().get(Scope::Device, name);
+        }
+        let values = self.scope(axis).iter().map(|d| d.get(Scope::Axis, name));
+        Ok(values.collect::<Result<Vec<_>, _>>()?.join(" "))
+    }
+}
+
+/// What `warnings` answers.
+fn listed(flags: &BTreeSet<Flag>) -> String {
+    let mut list = format!("{:02}", flags.len());
+    for flag in flags {
+        list.push_str(&format!(" {flag}"));
+    }
+    list
+}
