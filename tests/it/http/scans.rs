@@ -181,7 +181,7 @@ async fn an_imported_series_is_there_as_scan_frames_and_observations() {
         .await
         .body;
     let frame = &frames["items"][0];
-    assert_eq!(frames["items"].as_array().unwrap().len(), 324);
+    assert_eq!(frames["items"].as_array().unwrap().len(), 180);
     // The image is the file, bit for bit, and known by its hash.
     let image = frame["image"].as_str().unwrap();
     let response = router
