@@ -123,6 +123,7 @@ fn starts() -> Vec<Values> {
                 tilt_offset: 0.0,
                 eta: 1.54,
                 k: 0.0,
+                real: ridged::model::extended::Real::NONE,
             });
         }
     }

@@ -161,6 +161,20 @@ pub const SAMPLE_K: Limit = Limit::within("k", 0.0, 50.0, FROM_0);
 pub const RIGS_INDEX: Limit = INDEX_OF_REFRACTION.narrowed(1.0001, 10.0);
 /// Real part of a metal sample's index on the rig.
 pub const RIGS_ETA: Limit = SAMPLE_ETA.narrowed(0.01, 100.0);
+/// Share of a body's light that leaves evenly over the ridges.
+pub const TRANSLUCENCY: Limit = Limit::within(
+    "translucency",
+    0.0,
+    1.0,
+    "write a share: 0 for an opaque body, 1 for one whose light all leaves evenly",
+);
+/// Standard uncertainty of that share.
+pub const TRANSLUCENCY_STD: Limit = Limit::within(
+    "translucency_std",
+    0.001,
+    1.0,
+    "write the standard uncertainty of the share; 0.05 is assumed without one",
+);
 /// Distance from ridge to ridge.
 pub const PITCH_LENGTH_UM: Limit = Limit::above_0("pitch_length_um", 1e6, POSITIVE);
 

@@ -136,6 +136,8 @@ pub struct ObservationSet {
     pub theta_l_std: Option<Angle>,
     /// Standard uncertainty that the dark frames' own noise gives all signals alike, in their unit.
     pub dark_std: f64,
+    /// Share of the body's light that leaves evenly over the ridges, as the series states it; `None` where it does not.
+    pub translucency: Option<Prior>,
     /// Region of interest, where the sample has several.
     pub region: Option<String>,
     /// Where this region's lean direction stands relative to the rig's azimuth zero (90° for the odd
@@ -171,6 +173,7 @@ impl ObservationSet {
             wedge_std: None,
             theta_l_std: None,
             dark_std: 0.0,
+            translucency: None,
             region: None,
             region_azimuth: Angle::ZERO,
             rejected_frames: Vec::new(),

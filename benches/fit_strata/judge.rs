@@ -24,7 +24,7 @@ pub fn moved(truth: &Truth, quantity: Quantity, step: f64) -> Truth {
         Quantity::Background => t.background += step,
         Quantity::AzimuthOffset => t.azimuth_offset += step,
         Quantity::TiltOffset => t.tilt_offset += step,
-        Quantity::Eta | Quantity::K => {}
+        _ => {}
     }
     t
 }
@@ -47,6 +47,7 @@ pub fn values(truth: &Truth) -> Values {
         tilt_offset: truth.tilt_offset,
         eta: 0.0,
         k: 0.0,
+        real: ridged::model::extended::Real::NONE,
     }
 }
 

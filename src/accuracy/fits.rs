@@ -40,6 +40,7 @@ fn truth() -> Values {
         tilt_offset: 0.0,
         eta: 1.5,
         k: 0.0,
+        real: crate::model::extended::Real::NONE,
     }
 }
 

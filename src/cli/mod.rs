@@ -30,6 +30,7 @@ pub mod progress;
 pub mod render;
 pub mod rig;
 pub mod scan;
+pub mod score;
 pub mod serve;
 pub mod simulate_rig;
 pub mod simulated;
@@ -78,6 +79,8 @@ pub enum Command {
     Eval(eval::Args),
     /// Fit ridge angle, roughness and reflectance to a recorded series.
     Fit(fit::Args),
+    /// Fit series of known truth and compare: value, uncertainty, how far apart.
+    Score(score::Args),
     /// Fit ridge angle and roughness to every pixel of a recorded series.
     Map(map::Args),
     /// Judge a series against a specification: pass, fail or cannot tell.
@@ -206,6 +209,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Contrast(args) => contrast::run(args),
         Command::Eval(args) => eval::run(args),
         Command::Fit(args) => fit::run(args),
+        Command::Score(args) => score::run(&args),
         Command::Judge(args) => judge::run(args),
         Command::Map(args) => map::run(args),
         Command::Optimize(args) => optimize::run(args),

@@ -23,6 +23,7 @@ const TRUTH: Values = Values {
     tilt_offset: 0.03,
     eta: 1.54,
     k: 0.0,
+    real: crate::model::extended::Real::NONE,
 };
 
 /// 40 poses, lit beside the tilt plane, painted with the truth.

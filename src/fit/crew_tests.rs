@@ -309,7 +309,7 @@ fn scalar(problem: &Problem<'_>, v: &Values) -> (Vec<f64>, Vec<f64>) {
                     Quantity::Background => 1.0,
                     Quantity::AzimuthOffset => v.scale * g.phi_s,
                     Quantity::TiltOffset => v.scale * g.theta_c,
-                    Quantity::Eta | Quantity::K => 0.0,
+                    _ => 0.0,
                 };
         }
     }

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::covariance::{Scaling, covariance};
 use super::edges;
+use super::findings::Finding;
 use super::misfit::{explained, freedom, lightened, loss_weights, peak};
 use super::opening::{Opening, THOROUGH_ROUNDS};
 use super::problem::{Problem, Quantity, Values};
@@ -76,6 +77,10 @@ pub struct Estimate<'a> {
     pub cut_short: bool,
     /// What was done without, where there are very many observations.
     pub thinned: Option<Thinned>,
+    /// What explains the residual that an ideal sawtooth leaves, most first.
+    pub findings: Vec<Finding>,
+    /// Whether the residual was such that what real samples have was asked for.
+    pub investigated: bool,
 }
 
 impl Estimate<'_> {
@@ -103,6 +108,7 @@ pub fn free_quantities(set: &ObservationSet, variant: Variant) -> (Vec<Quantity>
         tilt_offset: 0.0,
         eta: set.material.index().0,
         k: set.material.index().1,
+        real: crate::model::extended::Real::NONE,
     };
     let free = Quantity::ALL
         .into_iter()
@@ -573,6 +579,8 @@ pub(super) fn conclude<'a>(
         tier_left_out,
         cut_short,
         thinned: None,
+        findings: Vec::new(),
+        investigated: false,
     }
 }
 

@@ -108,7 +108,9 @@ fn parameter(report: &mut FitReport, quantity: Quantity) -> Option<&mut Paramete
         Quantity::Background => &mut p.background,
         Quantity::AzimuthOffset => &mut p.azimuth_offset_deg,
         Quantity::TiltOffset => &mut p.tilt_offset_deg,
-        Quantity::Scale | Quantity::Eta | Quantity::K => return None,
+        Quantity::Translucency => p.translucency.as_mut()?,
+        Quantity::CrestRadius => p.crest_radius.as_mut()?,
+        Quantity::Scale | Quantity::Eta | Quantity::K | Quantity::Tail => return None,
     })
 }
 

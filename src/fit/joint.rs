@@ -26,18 +26,22 @@ use super::problem::{Problem, Quantity, Values};
 use super::report::FitReport;
 use super::search::Late;
 use super::solver::{Bounds, Minimum, Settings, minimise};
+use super::suspects::agreed;
 use super::{FitOptions, Loss, VariantChoice};
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 
 /// What all scans of one sample have in common.
-const SHARED: [Quantity; 6] = [
+const SHARED: [Quantity; 9] = [
     Quantity::ThetaR,
     Quantity::AlphaU,
     Quantity::AlphaV,
     Quantity::RhoD,
     Quantity::Eta,
     Quantity::K,
+    Quantity::Translucency,
+    Quantity::Tail,
+    Quantity::CrestRadius,
 ];
 /// Why the common report has no gain, stray light or offsets.
 pub(crate) const EACH_ITS_OWN: &str = "each scan has its own: see scans";
@@ -133,6 +137,7 @@ pub fn fit_joint(
             fitted.ok_or_else(|| JointError::NoFit(scan.name.to_owned(), reason()))
         })
         .collect::<Result<_, _>>()?;
+    let alone = agreed(alone, options, tier, cancel);
     let mut joint = Joint::new(&alone, options, cancel);
     joint.settle();
     if let Some(tier) = tier {

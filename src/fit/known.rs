@@ -18,6 +18,7 @@ pub(super) fn priors(
     };
     let of = |q: &Quantity| match q {
         Quantity::Background => Some(set.background),
+        Quantity::Translucency => set.translucency,
         Quantity::Eta => Some(Prior {
             mean: eta,
             std: eta_std,

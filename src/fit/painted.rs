@@ -21,6 +21,7 @@ pub const TRUTH: Values = Values {
     tilt_offset: 0.0,
     eta: 1.54,
     k: 0.0,
+    real: crate::model::extended::Real::NONE,
 };
 
 /// Plastic on an absolute scale, painted with `truth` by the sawtooth's closed form; every observation has the noise `noise` as a share of the

@@ -20,6 +20,7 @@
 mod residuals;
 
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 use nalgebra::Vector3;
 
@@ -29,8 +30,10 @@ pub use super::quantity::{Quantity, Values};
 use super::solver::Bounds;
 use crate::geometry::Directions;
 use crate::material::Material;
-use crate::model::prepared::{OpticsTable, Prepared};
-use crate::model::{Gradient, Optics, Variant};
+use crate::model::extended::slopes::TAIL_MAX;
+use crate::model::extended::{self, CREST_MAX, Real, Terms, Walls};
+use crate::model::prepared::{OpticsTable, Partials, Prepared};
+use crate::model::{Gradient, Optics, Surface, Variant};
 use crate::observation::{ObservationSet, Prior};
 use crate::units::Angle;
 
@@ -66,6 +69,8 @@ pub struct Problem<'a> {
     lean: bool,
     logarithmic: bool,
     polarised: bool,
+    /// The walls of a surface that has more than an ideal sawtooth; those terms are left out without them.
+    walls: Option<Arc<Walls>>,
     /// Sines and cosines of the recorded poses: (θc, φs with the known zeros), one per observation.
     poses: Vec<[(f64, f64); 2]>,
 }
@@ -74,6 +79,8 @@ pub struct Problem<'a> {
 #[derive(Debug, Clone, Copy)]
 pub struct Ready {
     prepared: Prepared,
+    surface: Surface,
+    real: Real,
     mirrored: bool,
     ridge: (f64, f64),
     tilt: (f64, f64),
@@ -99,6 +106,7 @@ impl<'a> Problem<'a> {
             lean: false,
             logarithmic: false,
             polarised: true,
+            walls: None,
             free,
             fixed,
             sigma: set.observations.iter().map(|o| o.sigma).collect(),
@@ -219,6 +227,23 @@ impl<'a> Problem<'a> {
     pub fn with_polarisation(mut self, polarised: bool) -> Self {
         self.polarised = polarised;
         self
+    }
+
+    /// The same problem of a surface that may have more than an ideal sawtooth ([`crate::model::extended`]), its walls rough as
+    /// those of the given values; they stay as they are while the values move.
+    #[must_use]
+    pub fn with_walls_of(mut self, values: &Values) -> Self {
+        let mut surface = values.surface();
+        surface.theta_r = surface.theta_r.abs();
+        let walls = Walls::new(&surface, &values.real, &self.optics(values));
+        self.walls = Some(Arc::new(walls));
+        self
+    }
+
+    /// Whether the surface may have more than an ideal sawtooth.
+    #[must_use]
+    pub fn is_extended(&self) -> bool {
+        self.walls.is_some()
     }
 
     /// Whether what is added to the closed form follows polarisation from one facet to the next.
@@ -348,6 +373,9 @@ impl<'a> Problem<'a> {
             Quantity::Eta => (0.01, f64::INFINITY),
             Quantity::K => (0.0, f64::INFINITY),
             Quantity::TiltOffset => (-TILT_OFFSET_MAX, TILT_OFFSET_MAX),
+            Quantity::Translucency => (0.0, 1.0),
+            Quantity::Tail => (0.0, TAIL_MAX),
+            Quantity::CrestRadius => (0.0, CREST_MAX),
         };
         let (lower, upper) = self.free.iter().map(range).unzip();
         Bounds { lower, upper }
@@ -374,6 +402,8 @@ impl<'a> Problem<'a> {
                 Material::Conductor { .. } => prepared.opaque(),
                 Material::Dielectric { .. } => prepared,
             },
+            surface,
+            real: values.real,
             mirrored,
             ridge: surface.theta_r.sin_cos(),
             tilt: values.tilt_offset.sin_cos(),
@@ -420,9 +450,7 @@ impl<'a> Problem<'a> {
     #[must_use]
     pub fn gradient(&self, index: usize, ready: &Ready) -> Gradient {
         let one = |(directions, sin, cos): (Directions, f64, f64)| {
-            ready
-                .prepared
-                .partials(&directions)
+            self.partials(&directions, ready)
                 .on_rig(&directions, sin, cos)
         };
         let mut g = match self.set.views.get(index) {
@@ -450,6 +478,28 @@ impl<'a> Problem<'a> {
         g
     }
 
+    /// Of one pair of directions, θr ≥ 0.
+    fn partials(&self, directions: &Directions, ready: &Ready) -> Partials {
+        let Some(walls) = &self.walls else {
+            return ready.prepared.partials(directions);
+        };
+        let free = |q: Quantity| self.free.contains(&q);
+        let terms = Terms::of(
+            &ready.real,
+            ready.prepared.optics(),
+            free(Quantity::Tail),
+            free(Quantity::CrestRadius),
+        );
+        extended::partials(
+            directions,
+            &ready.surface,
+            &ready.real,
+            terms,
+            ready.prepared.optics(),
+            walls,
+        )
+    }
+
     /// [`Problem::gradient`] with what a costlier tier makes of it: factor and correction.
     #[must_use]
     pub fn corrected(&self, index: usize, ready: &Ready) -> Gradient {
@@ -463,7 +513,17 @@ impl<'a> Problem<'a> {
     #[must_use]
     pub fn at_centre(&self, index: usize, ready: &Ready) -> f64 {
         let directions = self.directions(index, ready).0;
-        ready.prepared.partials(&directions).value
+        self.partials(&directions, ready).value
+    }
+
+    /// The same of an ideal sawtooth with these walls.
+    #[must_use]
+    pub fn ideal_at_centre(&self, index: usize, ready: &Ready) -> f64 {
+        let ideal = Ready {
+            real: Real::NONE,
+            ..*ready
+        };
+        self.at_centre(index, &ideal)
     }
 
     /// Cosines of lamp and camera to the normals of facet, riser and pitch, in the directions of
@@ -518,6 +578,7 @@ impl<'a> Problem<'a> {
             && !self.logarithmic
             && self.factor.iter().all(|f| *f == 1.0)
             && self.correction.iter().all(|c| *c == 0.0)
+            && self.walls.is_none()
     }
 
     /// Sines and cosines of the recorded tilts and azimuths, known zeros included.

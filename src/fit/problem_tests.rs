@@ -44,6 +44,7 @@ const VALUES: Values = Values {
     tilt_offset: -0.01,
     eta: 1.55,
     k: 0.0,
+    real: Real::NONE,
 };
 
 #[test]

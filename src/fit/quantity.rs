@@ -5,6 +5,7 @@ use std::f64::consts::PI;
 use serde::{Deserialize, Serialize};
 
 use crate::model::Surface;
+use crate::model::extended::Real;
 use crate::units::Angle;
 
 /// What a fit can look for, in the order in which reports list it.
@@ -31,6 +32,12 @@ pub enum Quantity {
     Eta,
     /// Imaginary part of the index, within its uncertainty.
     K,
+    /// Share τ of a body's light that leaves evenly over the ridges.
+    Translucency,
+    /// Tail ι of the facets' slopes, 0 for Beckmann.
+    Tail,
+    /// Radius of the crests over the facets' length.
+    CrestRadius,
 }
 
 impl Quantity {
@@ -44,6 +51,13 @@ impl Quantity {
         Quantity::Background,
         Quantity::AzimuthOffset,
         Quantity::TiltOffset,
+    ];
+
+    /// Those of [`Real`], which only samples that need them are fitted with.
+    pub const REAL: [Quantity; 3] = [
+        Quantity::Translucency,
+        Quantity::Tail,
+        Quantity::CrestRadius,
     ];
 }
 
@@ -70,6 +84,8 @@ pub struct Values {
     pub eta: f64,
     /// Imaginary part of the index.
     pub k: f64,
+    /// What real samples have beside an ideal sawtooth.
+    pub real: Real,
 }
 
 impl Values {
@@ -87,6 +103,9 @@ impl Values {
             Quantity::TiltOffset => self.tilt_offset,
             Quantity::Eta => self.eta,
             Quantity::K => self.k,
+            Quantity::Translucency => self.real.translucency,
+            Quantity::Tail => self.real.tail,
+            Quantity::CrestRadius => self.real.crest,
         }
     }
 
@@ -122,6 +141,9 @@ impl Values {
             Quantity::TiltOffset => self.tilt_offset = value,
             Quantity::Eta => self.eta = value,
             Quantity::K => self.k = value,
+            Quantity::Translucency => self.real.translucency = value,
+            Quantity::Tail => self.real.tail = value,
+            Quantity::CrestRadius => self.real.crest = value,
         }
     }
 

@@ -6,6 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::budget::Budget;
+use super::findings::Finding;
 use super::intervals::Interval;
 use super::traced::TracingEnd;
 use super::trail::Iteration;
@@ -166,13 +167,19 @@ pub struct Parameters {
     pub azimuth_offset_deg: Parameter,
     /// Δθc: what to add to a recorded θc, degrees.
     pub tilt_offset_deg: Parameter,
+    /// Share of a body's light that leaves evenly over the ridges, where it is fitted or stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub translucency: Option<Parameter>,
+    /// Radius of the crests over the facets' length, where it is fitted or stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub crest_radius: Option<Parameter>,
 }
 
 impl Parameters {
     /// Names as in the JSON form with their parameters, in the report's order.
     #[must_use]
-    pub fn named(&self) -> [(&'static str, &Parameter); 8] {
-        [
+    pub fn named(&self) -> Vec<(&'static str, &Parameter)> {
+        let always = [
             ("theta_r_deg", &self.theta_r_deg),
             ("alpha_u", &self.alpha_u),
             ("alpha_v", &self.alpha_v),
@@ -181,8 +188,29 @@ impl Parameters {
             ("background", &self.background),
             ("azimuth_offset_deg", &self.azimuth_offset_deg),
             ("tilt_offset_deg", &self.tilt_offset_deg),
-        ]
+        ];
+        let sometimes = [
+            ("translucency", &self.translucency),
+            ("crest_radius", &self.crest_radius),
+        ];
+        let sometimes = sometimes
+            .into_iter()
+            .filter_map(|(name, p)| p.as_ref().map(|p| (name, p)));
+        always.into_iter().chain(sometimes).collect()
     }
+}
+
+/// How the facets' slopes are distributed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SlopeDistribution {
+    /// `beckmann` or `student-t`.
+    pub name: String,
+    /// γ of Student's t (GGX is 2); null for Beckmann.
+    pub shape: Option<f64>,
+    /// The Beckmann roughness of the same half width along the ridges, comparable between distributions.
+    pub alpha_half_width_u: Option<f64>,
+    /// The same across the ridges.
+    pub alpha_half_width_v: Option<f64>,
 }
 
 /// One variant in the comparison.
@@ -306,8 +334,17 @@ pub struct FitReport {
     pub chi2_reduced_without_model: Option<f64>,
     /// Frames left out.
     pub rejected_frames: Vec<RejectedFrame>,
-    /// Sentences for the user.
+    /// Sentences for the user, of what a person has to look after.
     pub warnings: Vec<String>,
+    /// Sentences of what is worth knowing and needs nothing done.
+    #[serde(default)]
+    pub notes: Vec<String>,
+    /// What explains the residual that an ideal sawtooth, a steady lamp and a linear detector leave, most first.
+    #[serde(default)]
+    pub findings: Vec<Finding>,
+    /// How the facets' slopes are distributed; none for the printed form.
+    #[serde(default)]
+    pub slope_distribution: Option<SlopeDistribution>,
     /// All variants fitted.
     pub variants: Vec<VariantSummary>,
     /// What was left out, why, and what it may cost.

@@ -12,11 +12,12 @@ use super::known::{drift_std, reference_std};
 use super::misfit::{self, LOUD, few, peak};
 use super::problem::{Quantity, Values};
 use super::report::{
-    FitReport, FittedObservation, Freedom, LeftOut, Parameter, Parameters, Starts, Status, Timing,
-    VariantName, VariantSummary,
+    FitReport, FittedObservation, Freedom, LeftOut, Parameter, Parameters, SlopeDistribution,
+    Starts, Status, Timing, VariantName, VariantSummary,
 };
 use super::solver::Minimum;
 use crate::material::Material;
+use crate::model::extended::slopes::{gamma, half_width_over_alpha};
 use crate::model::left_out;
 use crate::observation::ObservationSet;
 use crate::wording::{counted, percent, significant};
@@ -25,6 +26,8 @@ use crate::wording::{counted, percent, significant};
 const HOPELESS_ANGLE: f64 = 0.35;
 /// The same for the logarithm of a roughness.
 const HOPELESS_LOG_ALPHA: f64 = 1.0;
+/// The same for translucency, tail and crest radius.
+const HOPELESS_REAL: f64 = 0.5;
 /// The same for the diffuse reflectance.
 const HOPELESS_RHO_D: f64 = 0.5;
 
@@ -268,13 +271,17 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         n_observations: set.observations.len(),
         n_frames_used: set.n_frames_used,
         region: set.region.clone(),
-        parameters,
         rms_residual: Some(e.rms_residual),
         model_discrepancy: Some(e.misfit.iter().copied().fold(0.0, f64::max) / peak),
         chi2_reduced: Some(u.covariance.chi2_reduced),
         chi2_reduced_without_model: Some(e.chi2_reduced_without_model),
         rejected_frames: set.rejected_frames.clone(),
         warnings,
+        notes: Vec::new(),
+        findings: e.findings.clone(),
+        slope_distribution: (variant != VariantName::Paper)
+            .then(|| slope_distribution(e, &parameters)),
+        parameters,
         variants: Vec::new(),
         left_out: all_left_out(e, variant),
         tracer: None,
@@ -334,6 +341,9 @@ fn spoken(quantity: Quantity) -> &'static str {
         Quantity::TiltOffset => "tilt offset",
         Quantity::Eta => "index n",
         Quantity::K => "index k",
+        Quantity::Translucency => "translucency τ",
+        Quantity::Tail => "the slopes' tail",
+        Quantity::CrestRadius => "crest radius",
     }
 }
 
@@ -399,6 +409,9 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
             Quantity::RhoD => (values.rho_d, 1.0, HOPELESS_RHO_D),
             Quantity::Scale => (values.scale, 1.0, f64::INFINITY),
             Quantity::Eta | Quantity::K => (values.inner(q), 1.0, f64::INFINITY),
+            Quantity::Translucency | Quantity::Tail | Quantity::CrestRadius => {
+                (values.inner(q), 1.0, HOPELESS_REAL)
+            }
             Quantity::Background if absolute => (
                 values.background / values.scale,
                 1.0 / values.scale,
@@ -433,6 +446,9 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
     if !absolute && !metal && !is_anchored(e) {
         rho_d = Parameter::unknown(no_reference(set, variant, &e.values));
     }
+    let there = |q: Quantity| {
+        e.problem.is_extended() && (e.problem.free().contains(&q) || e.held.contains(&q))
+    };
     Parameters {
         theta_r_deg: of(Quantity::ThetaR),
         alpha_u: of(Quantity::AlphaU),
@@ -442,6 +458,25 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
         background: of(Quantity::Background),
         azimuth_offset_deg: of(Quantity::AzimuthOffset),
         tilt_offset_deg: of(Quantity::TiltOffset),
+        translucency: there(Quantity::Translucency).then(|| of(Quantity::Translucency)),
+        crest_radius: there(Quantity::CrestRadius).then(|| of(Quantity::CrestRadius)),
+    }
+}
+
+/// How the facets' slopes are distributed.
+fn slope_distribution(e: &Estimate<'_>, parameters: &Parameters) -> SlopeDistribution {
+    let tail = e.values.real.tail;
+    let ratio = half_width_over_alpha(tail);
+    let half_width = |p: &Parameter| p.value.map(|alpha| alpha * ratio);
+    let shape = gamma(tail).filter(|_| e.problem.is_extended());
+    SlopeDistribution {
+        name: match shape {
+            Some(_) => "student-t".to_owned(),
+            None => "beckmann".to_owned(),
+        },
+        shape,
+        alpha_half_width_u: half_width(&parameters.alpha_u),
+        alpha_half_width_v: half_width(&parameters.alpha_v),
     }
 }
 
@@ -518,7 +553,10 @@ fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
         list.push(left_out::cone_average(cones, narrow));
     }
     if variant != VariantName::Traced {
-        list.push(left_out::ideal_profile());
+        list.push(match e.values.real.crest > 0.0 {
+            true => left_out::burrs_and_draft(),
+            false => left_out::ideal_profile(),
+        });
     }
     match variant {
         VariantName::Traced => list.push(LeftOut::new(
@@ -543,6 +581,7 @@ fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
                 ));
             }
             list.push(left_out::third_bounce());
+            list.extend(real_terms(e));
         }
     }
     list.extend(polarisation(e, variant));
@@ -576,6 +615,24 @@ fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
         }
     }
     list
+}
+
+/// What real samples have and this fit does not.
+fn real_terms(e: &Estimate<'_>) -> Vec<LeftOut> {
+    let there = |q: &Quantity| {
+        e.problem.is_extended() && (e.problem.free().contains(q) || e.held.contains(q))
+    };
+    let body = matches!(e.problem.set().material, Material::Dielectric { .. });
+    let names = [
+        (Quantity::Translucency, "translucency of the body"),
+        (Quantity::Tail, "tails of the facets' slopes"),
+        (Quantity::CrestRadius, "rounded crests"),
+    ];
+    names
+        .into_iter()
+        .filter(|(q, _)| !there(q) && (body || *q != Quantity::Translucency))
+        .map(|(_, what)| left_out::real_term(what, e.rms_residual, e.investigated))
+        .collect()
 }
 
 /// Whether the second of two mirrors sees what the first has polarised; on metal the closed form follows it, too.

@@ -121,6 +121,21 @@ pub fn table(report: &FitReport, colour: bool) -> String {
     );
     section(
         &mut out,
+        &paint("findings", "1"),
+        report.findings.iter().map(|f| {
+            let moves = f
+                .change_of_theta_r_deg
+                .map_or_else(String::new, |change| format!(", moves θr by {change:+.3}°"));
+            format!(
+                "{} explains {} of χ²{moves}: {}",
+                f.code.word(),
+                percent(f.explains),
+                f.advice
+            )
+        }),
+    );
+    section(
+        &mut out,
         &paint("warnings", "1"),
         report.warnings.iter().cloned(),
     );
@@ -324,6 +339,8 @@ fn spoken(name: &str) -> (&'static str, &'static str) {
         "scale" => ("g   gain (scale)", ""),
         "background" => ("B   stray light", ""),
         "azimuth_offset_deg" => ("Δφs azimuth offset", "°"),
+        "translucency" => ("τ   translucency", ""),
+        "crest_radius" => ("R/p crest radius", ""),
         _ => ("Δθc tilt offset", "°"),
     }
 }

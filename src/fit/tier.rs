@@ -18,7 +18,10 @@ pub fn two_bounces(problem: &Problem<'_>, values: &Values) -> Option<Vec<f64>> {
     let ready = problem.ready(values);
     let count = problem.set().observations.len();
     // Of a near rig both are taken at the centre of its views: the difference is smooth over them.
-    let closed: Vec<f64> = (0..count).map(|i| problem.at_centre(i, &ready)).collect();
+    // Integrated are the ideal sawtooth's two bounces.
+    let closed: Vec<f64> = (0..count)
+        .map(|i| problem.ideal_at_centre(i, &ready))
+        .collect();
     let brightest = closed.iter().copied().fold(0.0, f64::max);
     let directions: Vec<_> = (0..count)
         .map(|i| problem.directions(i, &ready).0)

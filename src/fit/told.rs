@@ -9,7 +9,7 @@ use crate::material::Material;
 
 /// Names as in the report, with the quantity, whether the value is in degrees, and from where to where it means
 /// anything: surfaces as the model takes them, gains and stray light that leave squares room in a double.
-const NAMES: [(&str, Quantity, bool, (f64, f64)); 10] = [
+const NAMES: [(&str, Quantity, bool, (f64, f64)); 12] = [
     ("theta_r_deg", Quantity::ThetaR, true, (0.0, 89.0)),
     ("alpha_u", Quantity::AlphaU, false, (1e-6, 1e3)),
     ("alpha_v", Quantity::AlphaV, false, (1e-6, 1e3)),
@@ -25,6 +25,8 @@ const NAMES: [(&str, Quantity, bool, (f64, f64)); 10] = [
     ("tilt_offset_deg", Quantity::TiltOffset, true, (-15.0, 15.0)),
     ("eta", Quantity::Eta, false, (0.01, 100.0)),
     ("k", Quantity::K, false, (0.0, 100.0)),
+    ("translucency", Quantity::Translucency, false, (0.0, 1.0)),
+    ("crest_radius", Quantity::CrestRadius, false, (0.0, 0.8)),
 ];
 /// From where to where the index of a dielectric lies.
 const DIELECTRIC: (f64, f64) = (1.0, 10.0);

@@ -21,6 +21,7 @@ use super::budget::{Uncertainty, uncertainty};
 use super::estimate::Estimate;
 use super::misfit::{LEAST_WEIGHT, ROUNDS, discrepancy_of, freedom, misfit_scale, peak};
 use super::problem::{Problem, Quantity, Values};
+use super::search::AMBIGUOUS_RISE;
 use super::solver::{Minimum, Settings, minimise};
 use super::{FitOptions, Loss};
 use crate::material::Material;
@@ -133,6 +134,8 @@ const STILL: f64 = 0.05;
 const PASSES_MAX: usize = 10;
 /// First passes, at the given number of paths, before the number that is needed is known.
 const FIRST_PASSES: usize = 2;
+/// Other surfaces that are traced at most.
+const RIVALS_TRACED: usize = 6;
 /// Smallest ridge angle that is traced, rad: below it the riser has no width in the numbers.
 const FLATTEST: f64 = 1e-4;
 
@@ -199,6 +202,9 @@ pub fn estimate_traced<'a>(
     let mut estimate = run.reached?;
     if let Some(done) = &mut estimate.traced {
         done.end = run.end;
+    }
+    if run.end != TracingEnd::Stopped {
+        estimate.rivals = main.not_refuted(&estimate);
     }
     Some(estimate)
 }
@@ -414,6 +420,8 @@ fn useless(quantity: Quantity, values: &Values) -> Option<f64> {
         }
         Quantity::AlphaU | Quantity::AlphaV => Some(0.002),
         Quantity::RhoD => Some(0.002 * values.rho_d),
+        Quantity::Translucency | Quantity::Tail => Some(0.005),
+        Quantity::CrestRadius => Some(0.002),
         Quantity::Scale | Quantity::Background | Quantity::Eta | Quantity::K => None,
     }
 }
@@ -466,6 +474,37 @@ enum Outcome {
 }
 
 impl Task<'_, '_> {
+    /// Of the other surfaces that the closed form does not tell from its best one: those that the tracer does not either, each
+    /// traced at its own place.
+    fn not_refuted(&mut self, best: &Estimate<'_>) -> Vec<Minimum> {
+        let sawtooth = self.sawtooth;
+        let rivals = &sawtooth.rivals[..sawtooth.rivals.len().min(RIVALS_TRACED)];
+        let poses = sawtooth.problem.set().observations.len() as u64;
+        self.planned = self.done() + rivals.len() as u64 * self.paths * poses;
+        let freedom = freedom(poses as usize, sawtooth.fitted);
+        let dispersion = best.chi2_reduced_without_model.max(1.0);
+        let stands = |rival: &Minimum| {
+            let values = sawtooth.problem.unpack(&rival.parameters);
+            let Outcome::Traced(traced) = self.trace(&sawtooth.problem, &values) else {
+                return Some(rival.clone());
+            };
+            let scatter = Scatter::new(sawtooth, &traced.sigma);
+            let problem = sawtooth.problem.clone().with_factor(traced.factor);
+            let mut there = Settled {
+                problem: problem.with_correction(traced.added),
+                minimum: rival.clone(),
+                discrepancy: best.discrepancy,
+            };
+            there.settle(&scatter, self);
+            let chi2 = there
+                .estimate(&scatter, sawtooth)
+                .chi2_reduced_without_model;
+            let rise = (chi2 - best.chi2_reduced_without_model) * freedom / dispersion;
+            (rise < AMBIGUOUS_RISE).then_some(there.minimum)
+        };
+        rivals.iter().filter_map(stands).collect()
+    }
+
     /// Paths so far.
     fn done(&self) -> u64 {
         *self.done.lock().expect("no holder of this lock panics")
@@ -550,22 +589,22 @@ pub fn ridged_surface(
     let theta_r = values.theta_r.abs().max(FLATTEST);
     let cos_l = set.rig.theta_l.rad().cos();
     let dielectric = matches!(set.material, Material::Dielectric { .. });
-    let body = Diffuse::new(values.rho_d, values.eta, 1.0, cos_l);
+    let body = Diffuse::new(values.rho_d, values.eta, 1.0, cos_l)
+        .with_translucency(values.real.translucency);
     let profile = match profile {
         Some(profile) => profile.with_ridge_angle(theta_r)?,
-        None => Profile::sawtooth(theta_r, 1.0, 0.0).ok()?,
+        None => Profile::rounded(theta_r, 1.0, [values.real.crest, 0.0]).ok()?,
     };
     let roughness = Roughness {
         alpha_u: values.alpha_u,
         alpha_v: values.alpha_v,
     };
     let body = (dielectric && values.rho_d > 0.0).then_some(body);
-    Some(RidgedSurface::new(
-        profile,
-        roughness,
-        [values.eta, values.k],
-        body,
-    ))
+    let surface = RidgedSurface::new(profile, roughness, [values.eta, values.k], body);
+    Some(match values.real.tail {
+        0.0 => surface,
+        tail => surface.with_tail(tail),
+    })
 }
 
 #[cfg(test)]

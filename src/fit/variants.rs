@@ -14,6 +14,7 @@ use super::report::{
     VariantName,
 };
 use super::reporting::{program, report_with, status, summary};
+use super::suspects::investigated;
 use super::thin;
 use super::traced::{Watch, estimate_traced};
 use super::trail::{Time, retrace};
@@ -143,9 +144,20 @@ fn fit_each(
         let late = || tracer.time.is_some_and(|time| !time.allows());
         estimate_until(set, variant, options, tier, &late, cancel)
     };
-    let (paper, sawtooth) = (run(Variant::Paper), run(Variant::Sawtooth));
+    let (paper, ideal) = (run(Variant::Paper), run(Variant::Sawtooth));
+    let enough = tracer.time.is_some_and(|time| !time.allows());
+    let sawtooth = match &ideal {
+        Some(ideal) if !enough => Some(investigated(ideal.clone(), options, tier, cancel)),
+        _ => ideal.clone(),
+    };
     let asked = options.variant == VariantChoice::Traced || options.judge;
+    // A measured profile has its own crests.
+    let round = |s: &&Estimate<'_>| tracer.profile.is_some() && s.values.real.crest > 0.0;
     let traced = sawtooth.as_ref().filter(|_| asked);
+    let traced = match traced {
+        Some(s) if round(&s) => ideal.as_ref(),
+        traced => traced,
+    };
     let traced =
         traced.and_then(|s| estimate_traced(s, options, tracer.profile, tracer.watch, cancel));
     if cancel.load(Ordering::Relaxed) {
@@ -239,7 +251,7 @@ fn fit_each(
         report.warnings.extend(comparison(paper, sawtooth));
     }
     if dispersion > INADEQUATE {
-        report.warnings.push(format!(
+        report.notes.push(format!(
             "no variant explains the data to their counting noise (reduced chi-square {dispersion:.3} \
              for {best}); what the model misses is in the uncertainties as `model`"
         ));
@@ -329,6 +341,8 @@ fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitRepor
             background: none(),
             azimuth_offset_deg: none(),
             tilt_offset_deg: none(),
+            translucency: None,
+            crest_radius: None,
         },
         rms_residual: None,
         model_discrepancy: None,
@@ -336,6 +350,9 @@ fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitRepor
         chi2_reduced_without_model: None,
         rejected_frames: set.rejected_frames.clone(),
         warnings,
+        notes: Vec::new(),
+        findings: Vec::new(),
+        slope_distribution: None,
         variants: Vec::new(),
         left_out: Vec::new(),
         tracer: None,

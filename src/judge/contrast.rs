@@ -124,6 +124,7 @@ fn fitted_slopes(set: &ObservationSet, report: &FitReport, gain: f64) -> Option<
         tilt_offset: offset(p.tilt_offset_deg.value),
         eta,
         k,
+        real: crate::model::extended::Real::NONE,
     };
     // What the ray tracer corrects is little beside what the closed form says of slopes.
     let variant = match report.variant {
@@ -337,6 +338,7 @@ mod tests {
             tilt_offset: zero.rad(),
             eta: 1.54,
             k: 0.0,
+            real: crate::model::extended::Real::NONE,
         };
         let signals = Problem::new(&set, Variant::Sawtooth, Vec::new(), values).predicted(&values);
         for (o, signal) in set.observations.iter_mut().zip(signals) {

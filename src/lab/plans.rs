@@ -305,6 +305,8 @@ fn sample_facts(material: &Material) -> SampleFacts {
         eta_std: None,
         k_std: None,
         pitch_length_um: None,
+        translucency: None,
+        translucency_std: None,
         notes: Default::default(),
         layout: None,
     };

@@ -23,6 +23,7 @@ use super::kernel::{Geometry, Parameters, single};
 use super::solve::FREE;
 use crate::geometry::{Directions, Pose, RigGeometry};
 use crate::material::Material;
+use crate::model::extended::{self, Real, Terms, Walls};
 use crate::model::prepared::{OpticsTable, Prepared};
 use crate::model::quadrature::Quadrature;
 use crate::model::{Optics, Surface, Variant};
@@ -146,7 +147,16 @@ pub(super) struct Costly {
     /// Larger ones, for the way to the minimum: so few that they stay in the processor's cache.
     large_cells: RwLock<Cells>,
     integrated: Integrated,
+    /// What the sample has beside an ideal sawtooth, all over.
+    real: Option<Arc<RealSurface>>,
     arch: pulp::Arch,
+}
+
+/// What the fit of the pixels' mean found beside an ideal sawtooth; the walls are those of the mean.
+#[derive(Debug)]
+pub(super) struct RealSurface {
+    pub(super) real: Real,
+    pub(super) walls: Walls,
 }
 
 /// An expansion to first order, one element per observation.
@@ -250,8 +260,14 @@ impl Costly {
             cells: RwLock::new(Cells::default()),
             large_cells: RwLock::new(Cells::default()),
             integrated,
+            real: None,
             arch: pulp::Arch::new(),
         }
+    }
+
+    /// The same of a sample that has more than an ideal sawtooth.
+    pub(super) fn with_real(self, real: Option<Arc<RealSurface>>) -> Self {
+        Costly { real, ..self }
     }
 
     pub(super) fn lamp(&self) -> f64 {
@@ -313,10 +329,36 @@ impl Costly {
         centre: &Parameters,
         observations: impl ExactSizeIterator<Item = usize>,
     ) -> Expansion {
+        let real = self.real.as_ref().map_or(Real::NONE, |r| r.real);
+        self.expand_as(centre, &real, observations)
+    }
+
+    /// The same with other terms of a real surface than the sample's.
+    fn expand_as(
+        &self,
+        centre: &Parameters,
+        real: &Real,
+        observations: impl ExactSizeIterator<Item = usize>,
+    ) -> Expansion {
         let n = observations.len();
         let (alpha_u, alpha_v) = (centre[2].exp(), centre[3].exp());
         let surface = self.surface(centre);
         let prepared = Prepared::new(Variant::Sawtooth, &surface, &self.table);
+        let full_at = |pose: &Pose| {
+            let pose = turned(pose, centre);
+            let Some(RealSurface { walls, .. }) = self.real.as_deref() else {
+                return prepared.gradient(&self.rig, pose);
+            };
+            let directions = self.rig.directions(pose);
+            let optics = &self.table.optics;
+            let terms = Terms::of(real, optics, false, false);
+            let (sin, cos) = (pose.phi_s + self.rig.azimuth_zero).sin_cos();
+            extended::partials(&directions, &surface, real, terms, optics, walls).on_rig(
+                &directions,
+                sin,
+                cos,
+            )
+        };
         let mut cell = Expansion {
             centre: *centre,
             offset: Vec::with_capacity(n),
@@ -326,7 +368,7 @@ impl Costly {
         };
         for j in observations {
             let (pose, geometry) = (&self.poses[j], &self.geometry[j]);
-            let full = prepared.gradient(&self.rig, turned(pose, centre));
+            let full = full_at(pose);
             let (a, slopes) = single(geometry, centre, self.lamp);
             let share = surface.amplitude;
             let (rest, last, basis) = if self.amplitude {
@@ -405,7 +447,8 @@ impl Costly {
             .iter()
             .map(|pose| self.rig.directions(turned(pose, p)))
             .collect();
-        let closed = self.closed(p);
+        // Integrated are the ideal sawtooth's bounces.
+        let closed = self.closed_as(p, &Real::NONE);
         let brightest = closed.iter().copied().fold(0.0, f64::max);
         Quadrature::new(&surface, &self.table)
             .with_polarisation(polarised)
@@ -485,7 +528,12 @@ impl Costly {
     }
 
     fn closed(&self, p: &Parameters) -> Vec<f64> {
-        let cell = self.expand(p, 0..self.poses.len());
+        let real = self.real.as_ref().map_or(Real::NONE, |r| r.real);
+        self.closed_as(p, &real)
+    }
+
+    fn closed_as(&self, p: &Parameters, real: &Real) -> Vec<f64> {
+        let cell = self.expand_as(p, real, 0..self.poses.len());
         self.geometry
             .iter()
             .zip(&cell.offset)

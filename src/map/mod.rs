@@ -307,6 +307,15 @@ pub fn map_until(
         flats: &flats,
         white: calibration.white_reference(),
     };
+    // The mean's fit comes first: what all pixels have beside an ideal sawtooth is asked of it.
+    let mean = match late() {
+        false => together::together(source, progress, cancel),
+        true => Err("time was over".to_owned()),
+    };
+    // A mean that was cancelled is none that has no answer.
+    if cancel.load(Ordering::Relaxed) {
+        return Err(MapError::Cancelled);
+    }
     let settled = settle::settle(
         &batch,
         &view,
@@ -315,6 +324,7 @@ pub fn map_until(
             recorded: &recorded,
             references: &references,
             target_error: options.target_error,
+            real: mean.as_ref().ok().and_then(|mean| mean.real.clone()),
         },
         progress,
         cancel,
@@ -354,17 +364,12 @@ pub fn map_until(
         );
     }
     let alike = leans.len() <= 1 || manifest.sample.layout.is_some();
-    let mean = match (alike, late()) {
-        (true, false) => together::together(source, progress, cancel),
-        (true, true) => Err("time was over".to_owned()),
-        (false, _) => Err(
+    let mean = match alike {
+        true => mean,
+        false => Err(
             "the sample leans in several directions, and the manifest states no layout".to_owned(),
         ),
     };
-    // A mean that was cancelled is none that has no answer.
-    if cancel.load(Ordering::Relaxed) {
-        return Err(MapError::Cancelled);
-    }
     let mut globals = settled.globals;
     match &mean {
         Ok(mean) => mean.raise(&mut globals),

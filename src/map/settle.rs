@@ -1,10 +1,11 @@
 //! Before the map: a sample of pixels settles what all pixels share, where descents start, and how
 //! large a χ² is usual.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::beside::Beside;
-use super::costly::Costly;
+use super::costly::{Costly, RealSurface};
 use super::globals::{Globals, Second, shared_effects};
 use super::integrated::Integrated;
 use super::kernel::Parameters;
@@ -76,6 +77,8 @@ pub(super) struct Given<'a> {
     pub(super) references: &'a References<'a>,
     /// Share of the brightest radiance that may be left out.
     pub(super) target_error: Option<f64>,
+    /// What the sample has beside an ideal sawtooth.
+    pub(super) real: Option<Arc<RealSurface>>,
 }
 
 /// Whether a fit tells all that it was asked for.
@@ -181,7 +184,8 @@ impl<'a> Settling<'a> {
         let first = Globals::first(1.0, largest);
         let poses = poses_at(&first, given.recorded);
         let integrated = Integrated::default();
-        let costly = costly_at(view, given.material, &poses, 1.0, &integrated);
+        let costly =
+            costly_at(view, given.material, &poses, 1.0, &integrated).with_real(given.real.clone());
         let mut settling = Settling {
             batch,
             given,
@@ -241,6 +245,7 @@ impl<'a> Settling<'a> {
     fn costly_with(&self, coarseness: f64, integrated: &Integrated) -> Costly {
         let material = self.given.material;
         costly_at(self.stand, material, &self.poses, coarseness, integrated)
+            .with_real(self.given.real.clone())
     }
 
     fn templates(&self) -> Templates {

@@ -5,19 +5,27 @@
 //! its standard uncertainties are the least that a map states; and where the fit, which has more of the model, finds
 //! another value, the map's own is off by about as much ([`Together::at_least`]).
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
+use super::costly::RealSurface;
 use super::globals::Globals;
 use super::layers::Layers;
 use super::solve::FREE;
 use super::{Progress, Stage};
 use crate::fit::report::{Parameter, Status};
-use crate::fit::{FitOptions, VariantChoice, fit};
+use crate::fit::{FitOptions, FitReport, VariantChoice, fit};
 use crate::frame::Frame;
+use crate::model::extended::{Real, Walls};
+use crate::model::prepared::OpticsTable;
+use crate::model::{Optics, Surface};
+use crate::observation::ObservationSet;
 use crate::reduction::{FrameReadError, FrameSource, reduce};
 use crate::series::{FrameRow, Manifest};
 use crate::units::Angle;
 
+/// Residual of the mean's fit (root mean square over the peak) up to which all pixels are one kind of surface.
+const WELL_MET: f64 = 3e-3;
 /// Of a layout's regions, the one that is fitted.
 const REGION: &str = "even";
 
@@ -32,6 +40,8 @@ pub(super) struct Together {
     of_all: bool,
     stray: Option<Known>,
     tilt_offset_deg: Option<Known>,
+    /// What the sample has beside an ideal sawtooth, where the mean says so beyond doubt.
+    pub(super) real: Option<Arc<RealSurface>>,
 }
 
 /// Fits the mean of a uniform sample, or of one region of a sample that has a layout.
@@ -76,7 +86,34 @@ pub(super) fn together(
         of_all: !layout,
         stray: of(&p.background).filter(|_| absolute),
         tilt_offset_deg: of(&p.tilt_offset_deg),
+        real: real_surface(&report, &set),
     })
+}
+
+/// What the fit found beside an ideal sawtooth; none where it still misses much, as the mean of unlike pixels does.
+fn real_surface(report: &FitReport, set: &ObservationSet) -> Option<Arc<RealSurface>> {
+    let p = &report.parameters;
+    let value = |p: &Option<Parameter>| p.as_ref().and_then(|p| p.value).unwrap_or(0.0);
+    let gamma = report.slope_distribution.as_ref().and_then(|s| s.shape);
+    let real = Real {
+        translucency: value(&p.translucency),
+        tail: gamma.map_or(0.0, |gamma| 1.0 / (gamma - 1.0)),
+        crest: value(&p.crest_radius),
+    };
+    let well_met = report.rms_residual.is_some_and(|rms| rms < WELL_MET);
+    if real == Real::NONE || !well_met {
+        return None;
+    }
+    let surface = Surface {
+        theta_r: p.theta_r_deg.value?.to_radians(),
+        alpha_u: p.alpha_u.value?,
+        alpha_v: p.alpha_v.value?,
+        rho_d: p.rho_d.value.unwrap_or(0.0),
+        amplitude: 1.0,
+    };
+    let table = OpticsTable::new(&Optics::new(&set.rig, &set.material));
+    let walls = Walls::new(&surface, &real, &table);
+    Some(Arc::new(RealSurface { real, walls }))
 }
 
 /// Tells of every frame that is read: all of them are, once more, and that takes as long as the first time.

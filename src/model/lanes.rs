@@ -42,7 +42,7 @@ pub struct Lane<S: Simd>(pub S, pub S::f64s);
 
 /// One yes or no per pixel.
 #[derive(Clone, Copy)]
-pub(crate) struct Mask<S: Simd>(S, S::m64s);
+pub struct Mask<S: Simd>(S, S::m64s);
 
 impl<S: Simd> Lane<S> {
     /// Pixels per register.

@@ -84,6 +84,28 @@ pub fn ideal_profile() -> LeftOut {
     )
 }
 
+/// The same where the crests are round.
+#[must_use]
+pub fn burrs_and_draft() -> LeftOut {
+    LeftOut::new(
+        "burrs, draft of the risers",
+        "crests are round to first order; a draft of the riser cannot be told from the data and is in the budget of θr",
+        None,
+    )
+}
+
+/// What a fit leaves out of what real samples have, by its name, where the residual (a share of the peak) needs none of it, or where
+/// it was asked for and did not explain the residual.
+#[must_use]
+pub fn real_term(what: &str, rms_residual: f64, asked: bool) -> LeftOut {
+    let why = if asked {
+        "it was tried, and does not halve what the fit leaves"
+    } else {
+        "the fit leaves no more than the closed form does on ideal ridges, so nothing asks for it"
+    };
+    LeftOut::new(what, why, Some(rms_residual))
+}
+
 /// What the printed lobe has not; `cost` where a fit has told it.
 #[must_use]
 pub fn printed_lobe(cost: Option<f64>) -> LeftOut {

@@ -14,6 +14,7 @@ pub mod contrast;
 pub mod domain;
 pub mod double_double;
 pub mod dual;
+pub mod extended;
 pub mod flat_stack;
 pub mod fresnel;
 pub mod gauss;
@@ -21,6 +22,7 @@ mod gradient_paper;
 mod gradient_sawtooth;
 pub(crate) mod lanes;
 pub mod left_out;
+pub mod number;
 pub mod optimum;
 pub mod paper;
 pub mod picture;
@@ -125,6 +127,12 @@ pub struct Gradient {
     pub alpha_v: f64,
     /// ∂/∂ρd.
     pub rho_d: f64,
+    /// ∂/∂τ of [`extended`], 0 of the other forms; so the next two.
+    pub translucency: f64,
+    /// ∂/∂ι.
+    pub tail: f64,
+    /// ∂/∂(R/p).
+    pub crest: f64,
     /// ∂/∂A.
     pub amplitude: f64,
     /// ∂/∂n.
@@ -145,6 +153,9 @@ impl Gradient {
         alpha_u: 0.0,
         alpha_v: 0.0,
         rho_d: 0.0,
+        translucency: 0.0,
+        tail: 0.0,
+        crest: 0.0,
         amplitude: 0.0,
         eta: 0.0,
         k: 0.0,
@@ -159,6 +170,9 @@ impl Gradient {
         self.alpha_u += weight * other.alpha_u;
         self.alpha_v += weight * other.alpha_v;
         self.rho_d += weight * other.rho_d;
+        self.translucency += weight * other.translucency;
+        self.tail += weight * other.tail;
+        self.crest += weight * other.crest;
         self.amplitude += weight * other.amplitude;
         self.eta += weight * other.eta;
         self.k += weight * other.k;
@@ -268,6 +282,7 @@ pub fn gradient_by_dual_numbers(
         k,
         theta_c,
         phi_s,
+        ..Gradient::ZERO
     }
 }
 

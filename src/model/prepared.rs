@@ -34,6 +34,12 @@ pub struct Partials {
     pub alpha_v: f64,
     /// ∂/∂ρd.
     pub rho_d: f64,
+    /// ∂/∂τ, ∂/∂ι and ∂/∂(R/p) of [`super::extended`]; 0 of the other forms.
+    pub translucency: f64,
+    /// See `translucency`.
+    pub tail: f64,
+    /// See `translucency`.
+    pub crest: f64,
     /// ∂/∂A.
     pub amplitude: f64,
     /// ∂/∂n.
@@ -68,6 +74,9 @@ impl Partials {
             alpha_u: self.alpha_u,
             alpha_v: self.alpha_v,
             rho_d: self.rho_d,
+            translucency: self.translucency,
+            tail: self.tail,
+            crest: self.crest,
             amplitude: self.amplitude,
             eta: self.eta,
             k: self.k,
@@ -249,6 +258,12 @@ impl Prepared {
     #[must_use]
     pub fn lean(self) -> Self {
         Prepared { lean: true, ..self }
+    }
+
+    /// The optics that it was made for.
+    #[must_use]
+    pub fn optics(&self) -> &Optics {
+        &self.table.optics
     }
 
     /// Radiance and all partial derivatives for one pair of directions.

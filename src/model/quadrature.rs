@@ -146,18 +146,20 @@ impl Quadrature {
         };
         let (sin, cos) = surface.theta_r.sin_cos();
         let optics = &table.optics;
+        let boundary = if surface.rho_d > 0.0 {
+            RoughBoundary::new(surface.alpha_u, surface.alpha_v, 0.0, optics.eta)
+        } else {
+            RoughBoundary::smooth()
+        };
+        let c_d = surface.rho_d * table.diffuse[0] * boundary.per_entrance(optics);
         Quadrature {
             q: super::parameters(surface, optics),
             sign,
             sin,
             cos,
-            c_d: surface.rho_d * table.diffuse[0],
-            kappa: surface.rho_d * table.diffuse[0] * table.exchange[0],
-            boundary: if surface.rho_d > 0.0 {
-                RoughBoundary::new(surface.alpha_u, surface.alpha_v, optics.eta)
-            } else {
-                RoughBoundary::smooth()
-            },
+            c_d,
+            kappa: c_d * table.exchange[0],
+            boundary,
             cones: cone::nodes(&optics.cones, surface.alpha_u.min(surface.alpha_v)),
             polarised: true,
         }
@@ -194,7 +196,7 @@ impl Quadrature {
         if self.q.k > 0.0 {
             sum += self.third_bounce(&a, &b);
         }
-        sum += three_bounces_and_more(i, o, &self.q, self.c_d, self.kappa);
+        sum += three_bounces_and_more(i, o, &self.q, &self.boundary, self.c_d, self.kappa);
         Estimate {
             value: sum / o[2],
             error: error / o[2],

@@ -31,6 +31,7 @@ use std::f64::consts::PI;
 
 use super::dual::Scalar;
 use super::fresnel::{reflectance_of, reflectances_of};
+use super::rough_boundary::RoughBoundary;
 
 /// Two decimals that differ by 90 may differ by 90 ± 2⁻⁴⁶ as doubles (half a last bit of each input
 /// and of the difference).
@@ -177,6 +178,18 @@ impl<S: Scalar> Ray<S> {
     }
 }
 
+impl Ray<f64> {
+    /// A direction whose light the walls pass and send back as rough ones do.
+    fn rough(w: [f64; 3], q: &Parameters<f64>, walls: &RoughBoundary) -> Self {
+        let mut ray = Ray::new(w, q);
+        let facet = walls.excess(ray.u, ray.e, ray.m);
+        let riser = walls.excess(ray.u, ray.m, ray.rho);
+        ray.facet = (ray.facet.0 - facet, ray.facet.1 - facet);
+        ray.riser = (ray.riser.0 - riser, ray.riser.1 - riser);
+        ray
+    }
+}
+
 /// T̄ = ∫₀¹ 2 μ T(μ) dμ, the transmittance of a smooth boundary for diffuse light.
 ///
 /// Gauss–Legendre in panels that shrink towards grazing, where T falls steeply when the index is
@@ -312,11 +325,12 @@ fn diffuse<S: Scalar>(i: &Ray<S>, o: &Ray<S>, q: &Parameters<S>) -> S {
 }
 
 /// The part of (b) that has met the walls three times or more: two mirror hops about one diffuse
-/// reflection, and the radiosity beyond the first exchange. L (o·n), as all terms.
+/// reflection, and the radiosity beyond the first exchange. L (o·n), as all terms. `walls` are rough.
 pub(super) fn three_bounces_and_more(
     i: [f64; 3],
     o: [f64; 3],
     q: &Parameters<f64>,
+    walls: &RoughBoundary,
     c_d: f64,
     kappa: f64,
 ) -> f64 {
@@ -324,7 +338,7 @@ pub(super) fn three_bounces_and_more(
         return 0.0;
     }
     let (r, p) = (q.theta_r.sin(), q.theta_r.cos());
-    let (i, o) = (Ray::new(i, q), Ray::new(o, q));
+    let (i, o) = (Ray::rough(i, q, walls), Ray::rough(o, q, walls));
     let (ti, to) = (i.facet_t() * i.m, o.facet_t() * o.m);
     let (ui, uo) = (i.riser_t() * i.rho, o.riser_t() * o.rho);
     let hops = ti * i.riser_f() * to * o.riser_f() * i.x.min(o.x)

@@ -358,6 +358,7 @@ pub fn reduce(
         wedge_std: manifest.rig.sample_wedge_std_deg.map(Angle::from_deg),
         theta_l_std: manifest.rig.theta_l_std_deg.map(Angle::from_deg),
         dark_std,
+        translucency: manifest.translucency(),
         region: region.map(str::to_owned),
         region_azimuth: match (chosen, &manifest.sample.layout) {
             (Some(chosen), Some(layout)) => layout.lean_azimuth(chosen.is_odd()),

@@ -63,6 +63,8 @@ const KEYS: [(&str, &[&str]); 6] = [
             "eta_std",
             "k_std",
             "pitch_length_um",
+            "translucency",
+            "translucency_std",
             "layout",
         ],
     ),

@@ -9,10 +9,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Cones, RigGeometry};
 use crate::material::{Material, tables};
+use crate::observation::Prior;
 use crate::units::Angle;
 
 /// Standard uncertainty of a part of a refractive index where none is stated.
 pub const INDEX_STD: f64 = 0.01;
+/// Standard uncertainty of a stated translucency that states none.
+pub const TRANSLUCENCY_STD: f64 = 0.05;
 
 /// The form's name, the value of the manifest's `schema`.
 pub const SCHEMA: &str = "gonio-series-1";
@@ -223,6 +226,12 @@ pub struct SampleFacts {
     /// Length of a pitch facet.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pitch_length_um: Option<f64>,
+    /// Share of the body's light that leaves evenly over the ridges (0: opaque, 1: all of it).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub translucency: Option<f64>,
+    /// Standard uncertainty of `translucency`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub translucency_std: Option<f64>,
     /// Further keys.
     #[serde(flatten)]
     pub notes: Notes,
@@ -365,6 +374,15 @@ impl Manifest {
         Some(match self.rig.wavelength_nm {
             Some(wavelength_nm) => tables::metal(name, wavelength_nm).map_err(|e| e.to_string()),
             None => Err("rig.wavelength_nm is missing".to_owned()),
+        })
+    }
+
+    /// Share of the body's light that leaves evenly over the ridges, where it is stated.
+    #[must_use]
+    pub fn translucency(&self) -> Option<Prior> {
+        Some(Prior {
+            mean: self.sample.translucency?,
+            std: self.sample.translucency_std.unwrap_or(TRANSLUCENCY_STD),
         })
     }
 

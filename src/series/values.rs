@@ -98,6 +98,8 @@ const BOUNDED: &[Bounded] = &[
     ("sample", "k", limits::SAMPLE_K, |m| m.sample.k),
     ("sample", "k_std", limits::SAMPLE_K, |m| m.sample.k_std),
     ("sample", "pitch_length_um", limits::PITCH_LENGTH_UM, |m| m.sample.pitch_length_um),
+    ("sample", "translucency", limits::TRANSLUCENCY, |m| m.sample.translucency),
+    ("sample", "translucency_std", limits::TRANSLUCENCY_STD, |m| m.sample.translucency_std),
     ("sample.layout", "patch_size_mm", limits::FIELD_MM, |m| Some(m.sample.layout.as_ref()?.patch_size_mm)),
 ];
 

@@ -414,6 +414,8 @@ pub fn manifest(
             eta_std: std(eta),
             k_std: std(k),
             pitch_length_um: Some(100.0),
+            translucency: None,
+            translucency_std: None,
             notes: Default::default(),
             layout: None,
         },

@@ -40,6 +40,9 @@ struct Context {
     theta_l_std_deg: Option<f64>,
     #[serde(default)]
     dark_std: f64,
+    /// Mean and standard uncertainty.
+    #[serde(default)]
+    translucency: Option<(f64, f64)>,
     region_azimuth_deg: f64,
     n_frames_used: u32,
     rejected_frames: Vec<RejectedFrame>,
@@ -95,6 +98,7 @@ impl Store {
             wedge_std_deg: set.wedge_std.map(Angle::deg),
             theta_l_std_deg: set.theta_l_std.map(Angle::deg),
             dark_std: set.dark_std,
+            translucency: set.translucency.map(|t| (t.mean, t.std)),
             region_azimuth_deg: set.region_azimuth.deg(),
             n_frames_used: set.n_frames_used,
             rejected_frames: set.rejected_frames.clone(),
@@ -229,6 +233,7 @@ impl Store {
             wedge_std: context.wedge_std_deg.map(Angle::from_deg),
             theta_l_std: context.theta_l_std_deg.map(Angle::from_deg),
             dark_std: context.dark_std,
+            translucency: context.translucency.map(|(mean, std)| Prior { mean, std }),
             region,
             region_azimuth: Angle::from_deg(context.region_azimuth_deg),
             n_frames_used: context.n_frames_used,
@@ -316,6 +321,10 @@ mod tests {
             wedge_std: Some(Angle::from_deg(0.1)),
             theta_l_std: Some(Angle::from_deg(0.2)),
             dark_std: 1e-6,
+            translucency: Some(Prior {
+                mean: 0.4,
+                std: 0.05,
+            }),
             white_reference: Some(WhiteReference {
                 reflectance: 0.99,
                 reflectance_std: 0.005,

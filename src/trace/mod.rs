@@ -42,6 +42,7 @@ pub mod scene;
 pub mod spread;
 pub mod stokes;
 pub mod surface;
+pub mod tails;
 pub mod tally;
 pub mod vec3;
 pub mod walk;

@@ -81,38 +81,46 @@ impl Profile {
     /// # Errors
     /// A radius so large that the roundings of one facet meet.
     pub fn sawtooth(theta_r: f64, pitch: f64, round: f64) -> Result<Self, ProfileError> {
+        Profile::rounded(theta_r, pitch, [round, round])
+    }
+
+    /// The sawtooth with radii of crests and of valleys (0: sharp), in the unit of `pitch`.
+    ///
+    /// # Errors
+    /// Radii so large that the roundings of one facet meet.
+    pub fn rounded(
+        theta_r: f64,
+        pitch: f64,
+        [crest, valley]: [f64; 2],
+    ) -> Result<Self, ProfileError> {
         let (sin, cos) = theta_r.sin_cos();
         // Crest at v = 0; down the facet towards +v, then up the riser.
         let foot = (pitch * cos, -pitch * sin);
         let period = pitch / cos;
         let mut corners = Vec::new();
-        if round == 0.0 {
-            corners.push(Corner::sharp((0.0, 0.0)));
-            corners.push(Corner::sharp(foot));
-        } else {
-            // A right-angled corner loses `round` of both its sides.
-            let riser = pitch * theta_r.tan();
-            let largest = 0.5 * pitch.min(riser);
-            if round > largest {
-                return Err(ProfileError::TooRound { round, largest });
+        // A right-angled corner loses its radius of both its sides.
+        let riser = pitch * theta_r.tan();
+        let (round, largest) = (0.5 * (crest + valley), 0.5 * pitch.min(riser));
+        if round > largest {
+            return Err(ProfileError::TooRound { round, largest });
+        }
+        // Unit vectors down the facet and up the riser.
+        let (down, up) = ((cos, -sin), (sin, cos));
+        for (corner, round, a, b) in [((0.0, 0.0), crest, up, down), (foot, valley, down, up)] {
+            if round == 0.0 {
+                corners.push(Corner::sharp(corner));
+                continue;
             }
-            // Unit vectors down the facet and up the riser.
-            let (down, up) = ((cos, -sin), (sin, cos));
-            let arc =
-                |corners: &mut Vec<Corner>, corner: (f64, f64), a: (f64, f64), b: (f64, f64)| {
-                    // From corner − round·a to corner + round·b about corner − round·a + round·b.
-                    for step in 0..=ARC {
-                        let angle = std::f64::consts::FRAC_PI_2 * step as f64 / ARC as f64;
-                        let (s, c) = angle.sin_cos();
-                        corners.push(Corner {
-                            v: corner.0 + round * ((s - 1.0) * a.0 + (1.0 - c) * b.0),
-                            z: corner.1 + round * ((s - 1.0) * a.1 + (1.0 - c) * b.1),
-                            bowed: step < ARC,
-                        });
-                    }
-                };
-            arc(&mut corners, (0.0, 0.0), up, down);
-            arc(&mut corners, foot, down, up);
+            // From corner − round·a to corner + round·b about corner − round·a + round·b.
+            for step in 0..=ARC {
+                let angle = std::f64::consts::FRAC_PI_2 * step as f64 / ARC as f64;
+                let (s, c) = angle.sin_cos();
+                corners.push(Corner {
+                    v: corner.0 + round * ((s - 1.0) * a.0 + (1.0 - c) * b.0),
+                    z: corner.1 + round * ((s - 1.0) * a.1 + (1.0 - c) * b.1),
+                    bowed: step < ARC,
+                });
+            }
         }
         Ok(Profile::with_bows(&corners, period))
     }

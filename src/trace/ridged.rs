@@ -20,6 +20,7 @@ use super::light::{Light, Scalar};
 use super::profile::{Profile, ProfileFlight, ProfileSpot};
 use super::rng::{Purpose, Stream};
 use super::stokes::Stokes;
+use super::tails::Tailed;
 use super::tally::Estimate;
 use super::vec3::{V3, combine, cross, dot, scaled, unit};
 use crate::geometry::{Cones, Directions};
@@ -39,6 +40,61 @@ pub struct RidgedSurface {
     pub diffuse: Option<Diffuse>,
     /// What that light passes, beside Fresnel's transmittance.
     entrance: RoughBoundary,
+    /// Where the light of a translucent body leaves.
+    evenly: Evenly,
+    /// The slopes of the facets.
+    slopes: Tailed,
+    /// Real part of the index.
+    index: f64,
+}
+
+/// Places on a profile that are spread evenly over its surface.
+#[derive(Debug, Clone)]
+struct Evenly {
+    /// Length of the profile up to the end of each piece.
+    up_to: Vec<f64>,
+    /// Length of the profile over its period.
+    per_period: f64,
+}
+
+impl Evenly {
+    fn over(profile: &Profile) -> Self {
+        let lengths = profile
+            .pieces()
+            .iter()
+            .map(|p| (p.to - p.from).hypot(p.z_to - p.z_from));
+        let up_to: Vec<f64> = lengths
+            .scan(0.0, |sum, length| {
+                *sum += length;
+                Some(*sum)
+            })
+            .collect();
+        let all = up_to.last().copied().unwrap_or(0.0);
+        Evenly {
+            per_period: all / profile.period(),
+            up_to,
+        }
+    }
+
+    /// The place that a number from 0 to 1 names.
+    fn at(&self, profile: &Profile, share: f64) -> ProfileSpot {
+        let last = self.up_to.len() - 1;
+        let length = share * self.up_to[last];
+        let piece = self.up_to.partition_point(|end| *end <= length).min(last);
+        let p = &profile.pieces()[piece];
+        let before = if piece == 0 {
+            0.0
+        } else {
+            self.up_to[piece - 1]
+        };
+        let part = ((length - before) / (self.up_to[piece] - before)).clamp(0.0, 1.0);
+        let v = p.from + part * (p.to - p.from);
+        ProfileSpot {
+            piece,
+            v,
+            z: p.height(v),
+        }
+    }
 }
 
 /// How a radiance is traced.
@@ -73,16 +129,39 @@ impl RidgedSurface {
         [n, k]: [f64; 2],
         diffuse: Option<Diffuse>,
     ) -> Self {
+        let entrance = match diffuse {
+            Some(_) => RoughBoundary::new(roughness.alpha_u, roughness.alpha_v, 0.0, n),
+            None => RoughBoundary::smooth(),
+        };
         RidgedSurface {
+            evenly: Evenly::over(&profile),
+            slopes: Tailed {
+                roughness,
+                tail: 0.0,
+            },
+            index: n,
             profile,
             roughness,
             boundary: Boundary::new(1.0, n, k),
-            diffuse,
-            entrance: match diffuse {
-                Some(_) => RoughBoundary::new(roughness.alpha_u, roughness.alpha_v, n),
-                None => RoughBoundary::smooth(),
-            },
+            diffuse: diffuse.map(|body| body.under(&entrance, n)),
+            entrance,
         }
+    }
+
+    /// The same sample with a tail ι of its slopes ([`crate::model::extended::slopes`]), 0 for Beckmann's.
+    #[must_use]
+    pub fn with_tail(mut self, tail: f64) -> Self {
+        let n = self.index;
+        self.slopes.tail = tail;
+        if let Some(body) = &mut self.diffuse {
+            let was = self.entrance.clone();
+            let Roughness { alpha_u, alpha_v } = self.roughness;
+            self.entrance = RoughBoundary::new(alpha_u, alpha_v, tail, n);
+            let ratio = |cos: f64| was.transmittance(cos, n) / self.entrance.transmittance(cos, n);
+            let [first, second] = body.cosines.map(ratio);
+            body.strength *= first * second;
+        }
+        self
     }
 
     /// What passes the boundary along a direction in the facet's frame: as through a smooth one, and by how much
@@ -234,11 +313,13 @@ impl Task<'_> {
                 [random.uniform(), random.uniform()]
             };
             gathered += self.joined(&light, first, &facet, &spot, lamp);
-            let Some((event, next)) = self.scattered(&mut light, &facet, random) else {
+            gathered += self.joined_evenly(&light, first, &facet, lamp, random);
+            let Some((event, next, from)) = self.scattered(&mut light, &facet, random) else {
                 break;
             };
             first = first.or(Some(event));
             k = next;
+            let spot = from.unwrap_or(spot);
             let weight = light.weight();
             if weight < WEAK {
                 if random.uniform() >= weight / WEAK {
@@ -276,19 +357,11 @@ impl Task<'_> {
         spot: &ProfileSpot,
         lamp: [f64; 2],
     ) -> f64 {
-        // Paths that are diffused next to the camera and mirrored next to the lamp are counted from
-        // the lamp, all others from the camera.
-        let (mirrors, diffuses) = match self.start {
-            End::Camera => (first != Some(Event::Diffused), true),
-            End::Lamp => (false, first == Some(Event::Mirrored)),
-        };
+        let (mirrors, diffuses) = self.counted(first);
         if !mirrors && !diffuses {
             return 0.0;
         }
-        let lamp = match self.start {
-            End::Camera => self.lamp(lamp),
-            End::Lamp => self.outgoing,
-        };
+        let lamp = self.other_end(lamp);
         let normal = &facet.frame[2];
         let (i_n, o_n) = (dot(&lamp, normal), dot(&facet.back, normal));
         if i_n <= 0.0 || o_n <= 0.0 {
@@ -301,7 +374,7 @@ impl Task<'_> {
         }
         let k = scaled(-1.0, &facet.back);
         let half = unit(&combine(1.0, &lamp, 1.0, &facet.back));
-        let density = surface.roughness.density(&facet.local(&half));
+        let density = surface.slopes.density(&facet.local(&half));
         let mut gathered = 0.0;
         if mirrors && density > 0.0 {
             let masked = self.seen(&facet.local(&lamp)) * self.seen(&facet.local(&facet.back));
@@ -315,24 +388,88 @@ impl Task<'_> {
             entering.meet(&k, normal);
             let (inwards, more_in) = surface.passing(&facet.local(&facet.back));
             let (outwards, more_out) = surface.passing(&facet.local(&lamp));
-            let body = diffuse.strength * std::f64::consts::FRAC_1_PI * (more_in * more_out);
+            let here = (1.0 - diffuse.translucency) * diffuse.strength;
+            let body = here * std::f64::consts::FRAC_1_PI * (more_in * more_out);
             gathered += entering.share(&inwards) * body * outwards.unpolarised() * i_n;
         }
         gathered
     }
 
-    /// Smith's G1 of a direction in the facet's frame.
-    fn seen(&self, w: &V3) -> f64 {
-        1.0 / (1.0 + self.surface.roughness.lambda(w))
+    /// Whether light that is mirrored last is counted on this path, and light that is diffused last: paths that are diffused
+    /// next to the camera and mirrored next to the lamp are counted from the lamp, all others from the camera.
+    fn counted(&self, first: Option<Event>) -> (bool, bool) {
+        match self.start {
+            End::Camera => (first != Some(Event::Diffused), true),
+            End::Lamp => (false, first == Some(Event::Mirrored)),
+        }
     }
 
-    /// The next direction of the path; `None` where it ends.
+    /// A direction to where the path does not start.
+    fn other_end(&self, lamp: [f64; 2]) -> V3 {
+        match self.start {
+            End::Camera => self.lamp(lamp),
+            End::Lamp => self.outgoing,
+        }
+    }
+
+    /// The same of light that entered anywhere and leaves here, out of a translucent body.
+    fn joined_evenly<L: Light>(
+        &self,
+        light: &L,
+        first: Option<Event>,
+        facet: &Facet,
+        lamp: [f64; 2],
+        random: &mut Stream,
+    ) -> f64 {
+        let surface = self.surface;
+        let Some(diffuse) = surface.diffuse.filter(|d| d.translucency > 0.0) else {
+            return 0.0;
+        };
+        // Drawn whether it counts or not, so that the random numbers of a path do not depend on that.
+        let spot = surface.evenly.at(&surface.profile, random.uniform());
+        if !self.counted(first).1 || dot(&facet.back, &facet.frame[2]) <= 0.0 {
+            return 0.0;
+        }
+        let lamp = self.other_end(lamp);
+        let profile = &surface.profile;
+        let (along, normal) = profile.pieces()[spot.piece].frame(spot.v);
+        let i_n = dot(&lamp, &normal);
+        if i_n <= 0.0 || profile.onward(&spot, Side::Above, &lamp, &mut 0) != ProfileFlight::Free {
+            return 0.0;
+        }
+        let there = Facet {
+            frame: [[1.0, 0.0, 0.0], along, normal],
+            back: facet.back,
+        };
+        let mut entering = *light;
+        entering.meet(&scaled(-1.0, &facet.back), &facet.frame[2]);
+        let (inwards, more_in) = surface.passing(&facet.local(&facet.back));
+        let (outwards, more_out) = surface.passing(&there.local(&lamp));
+        let evenly = diffuse.translucency * diffuse.strength * surface.evenly.per_period;
+        let body = evenly * std::f64::consts::FRAC_1_PI * (more_in * more_out);
+        entering.share(&inwards) * body * outwards.unpolarised() * i_n
+    }
+
+    /// Smith's G1 of a direction in the facet's frame.
+    fn seen(&self, w: &V3) -> f64 {
+        self.surface.slopes.seen(w)
+    }
+
+    /// A normal that a beam along `k` meets, in the facet's frame.
+    fn normal(&self, k: &V3, random: &mut Stream) -> V3 {
+        match self.surface.slopes.tail {
+            0.0 => self.surface.roughness.visible_normal(k, random),
+            _ => self.surface.slopes.visible_normal(k, random),
+        }
+    }
+
+    /// The next direction of the path and, where that is elsewhere, the place that it leaves from; `None` where it ends.
     fn scattered<L: Light>(
         &self,
         light: &mut L,
         facet: &Facet,
         random: &mut Stream,
-    ) -> Option<(Event, V3)> {
+    ) -> Option<(Event, V3, Option<ProfileSpot>)> {
         let surface = self.surface;
         let k = scaled(-1.0, &facet.back);
         let normal = facet.frame[2];
@@ -340,19 +477,32 @@ impl Task<'_> {
             // Half of the paths go on inside: on plastic most of the light does.
             if random.bits() & 1 == 0 {
                 let local = Diffuse::direction(random);
-                let out = facet.world(&local);
+                let from = (diffuse.translucency > 0.0 && random.uniform() < diffuse.translucency)
+                    .then(|| surface.evenly.at(&surface.profile, random.uniform()));
+                let (out, leaves, share) = match &from {
+                    None => (facet.world(&local), normal, 1.0),
+                    Some(spot) => {
+                        let piece = &surface.profile.pieces()[spot.piece];
+                        let (along, normal) = piece.frame(spot.v);
+                        let there = Facet {
+                            frame: [[1.0, 0.0, 0.0], along, normal],
+                            back: facet.back,
+                        };
+                        (there.world(&local), normal, surface.evenly.per_period)
+                    }
+                };
                 light.meet(&k, &normal);
                 let (inwards, more) = surface.passing(&facet.local(&facet.back));
-                light.pass(&inwards, 2.0 * more);
+                light.pass(&inwards, 2.0 * share * more);
                 light.depolarise(&perpendicular(&out));
-                light.meet(&out, &normal);
+                light.meet(&out, &leaves);
                 let (outwards, more) = surface.passing(&local);
                 light.pass(&outwards, diffuse.strength * more);
-                return Some((Event::Diffused, out));
+                return Some((Event::Diffused, out, from));
             }
             light.scale(2.0);
         }
-        let m = facet.world(&surface.roughness.visible_normal(&facet.local(&k), random));
+        let m = facet.world(&self.normal(&facet.local(&k), random));
         let cos = dot(&m, &facet.back).clamp(1e-12, 1.0);
         let out = combine(1.0, &k, 2.0 * cos, &m);
         if dot(&out, &normal) <= 0.0 {
@@ -363,7 +513,7 @@ impl Task<'_> {
             &surface.boundary.at(cos).reflected,
             self.seen(&facet.local(&out)),
         );
-        Some((Event::Mirrored, out))
+        Some((Event::Mirrored, out, None))
     }
 }
 

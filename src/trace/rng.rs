@@ -4,6 +4,8 @@
 //! purpose and an index; its n-th number is a function of the key and n alone. So a result depends
 //! on the seed and never on threads, shards or the order in which photons are traced.
 
+use rand::TryRng;
+
 /// What a stream is drawn for; streams of different purposes never meet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
@@ -62,6 +64,26 @@ impl Stream {
     #[inline]
     pub fn below(&mut self, n: usize) -> usize {
         ((u128::from(self.bits()) * n as u128) >> 64) as usize
+    }
+}
+
+impl TryRng for Stream {
+    type Error = std::convert::Infallible;
+
+    fn try_next_u32(&mut self) -> Result<u32, Self::Error> {
+        Ok((self.bits() >> 32) as u32)
+    }
+
+    fn try_next_u64(&mut self) -> Result<u64, Self::Error> {
+        Ok(self.bits())
+    }
+
+    fn try_fill_bytes(&mut self, to: &mut [u8]) -> Result<(), Self::Error> {
+        for bytes in to.chunks_mut(8) {
+            let bits = self.bits().to_le_bytes();
+            bytes.copy_from_slice(&bits[..bytes.len()]);
+        }
+        Ok(())
     }
 }
 

@@ -86,6 +86,9 @@ impl Problem<'_> {
                     Quantity::Background => 1.0,
                     Quantity::Eta => gain * g.eta,
                     Quantity::K => gain * g.k,
+                    Quantity::Translucency => gain * g.translucency,
+                    Quantity::Tail => gain * g.tail,
+                    Quantity::CrestRadius => gain * g.crest,
                     Quantity::AzimuthOffset => gain * g.phi_s,
                     Quantity::TiltOffset => gain * g.theta_c,
                 };

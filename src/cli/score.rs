@@ -1,0 +1,335 @@
+//! `ridged score`: series of known truth fitted as any other, and how far the answers lie from it.
+//!
+//! The truth is the file `truth.toml` beside a series, which no reduction and no fit reads. E_n is the difference over the
+//! expanded uncertainty: below 1 the interval holds the truth.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use serde::{Deserialize, Serialize};
+
+use super::{CliError, answer, fit, interrupt};
+use crate::analysis::AnalysisOptions;
+use crate::fit::report::{FitReport, Parameter};
+use crate::series::Series;
+use crate::wording::decimals;
+
+/// Fits recorded series whose truth is known and prints truth, value, expanded uncertainty and E_n.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example:\n  ridged score tests/data/series tests/data/series2\n  \
+                  ridged score tests/data/series2/translucent-12 --json\n  \
+                  ridged score tests/data/series tests/data/series2 --out docs/real-samples-table.md"
+)]
+pub struct Args {
+    /// Series with a truth.toml, or folders that hold such series.
+    #[arg(value_name = "DIR", required = true)]
+    pub dirs: Vec<PathBuf>,
+    /// Write the table to a file (Markdown) as well.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// One JSON object on stdout instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// One parameter of one series.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// Name as in the report of a fit.
+    pub parameter: String,
+    /// True value, in the parameter's unit.
+    pub truth: f64,
+    /// Fitted value.
+    pub value: f64,
+    /// Expanded uncertainty of the fitted value.
+    pub expanded: f64,
+    /// (value − truth)/expanded.
+    pub e_n: f64,
+}
+
+/// One series.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Score {
+    /// Name of its folder.
+    pub series: String,
+    /// How its fit ended.
+    pub status: crate::fit::report::Status,
+    /// Residual, root mean square over the largest observation.
+    pub rms_residual: Option<f64>,
+    /// Code of the first finding.
+    pub first_finding: Option<String>,
+    /// Parameters whose truth is known.
+    pub rows: Vec<Row>,
+}
+
+/// All series.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Scores {
+    /// One by one.
+    pub series: Vec<Score>,
+    /// Root mean square of all E_n.
+    pub rms_e_n: f64,
+    /// Largest |E_n|.
+    pub worst_e_n: f64,
+    /// Share of |E_n| above 1.
+    pub share_above_1: f64,
+}
+
+/// `truth.toml`, as far as it is compared.
+#[derive(Debug, Default, Deserialize)]
+struct Truth {
+    #[serde(default)]
+    sample: Sample,
+    #[serde(default)]
+    body: Body,
+    #[serde(default)]
+    mounting: Mounting,
+    #[serde(default)]
+    near_field: NearField,
+    #[serde(default)]
+    moulded: Moulded,
+}
+
+#[derive(Debug, Default, Deserialize)]
+struct Sample {
+    theta_r_deg: Option<f64>,
+    theta_r_effective_deg: Option<f64>,
+    alpha_u: Option<f64>,
+    alpha_v: Option<f64>,
+    rho_d_lambertian_equivalent: Option<f64>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+struct Body {
+    translucency: Option<f64>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+struct Mounting {
+    azimuth_offset_deg: Option<f64>,
+    camera_tilt_zero_offset_deg: Option<f64>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+struct NearField {
+    theta_r_to_the_turntable_deg: Option<f64>,
+    azimuth_offset_to_the_turntable_deg: Option<f64>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+struct Moulded {
+    crest: Option<f64>,
+}
+
+impl Truth {
+    /// By the names of the report.
+    fn of(&self, parameter: &str) -> Option<f64> {
+        let (sample, near) = (&self.sample, &self.near_field);
+        match parameter {
+            "theta_r_deg" => near
+                .theta_r_to_the_turntable_deg
+                .or(sample.theta_r_effective_deg)
+                .or(sample.theta_r_deg),
+            "alpha_u" => sample.alpha_u,
+            "alpha_v" => sample.alpha_v,
+            "rho_d" => sample.rho_d_lambertian_equivalent,
+            "azimuth_offset_deg" => near
+                .azimuth_offset_to_the_turntable_deg
+                .or(self.mounting.azimuth_offset_deg),
+            "tilt_offset_deg" => self.mounting.camera_tilt_zero_offset_deg,
+            "translucency" => self.body.translucency,
+            "crest_radius" => self.moulded.crest,
+            _ => None,
+        }
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input for a folder without a truth or that is no series; no result where a series gives none.
+pub fn run(args: &Args) -> Result<(), CliError> {
+    let mut series = Vec::new();
+    for dir in &args.dirs {
+        series.extend(with_truth(dir).map_err(CliError::bad_input)?);
+    }
+    let cancel = interrupt::flag()?;
+    let mut scores = Vec::new();
+    for dir in &series {
+        super::say(&format_args!("{}", dir.display()));
+        let source = Series::open(dir).map_err(CliError::bad_input)?;
+        // Patches of a board have truths of their own.
+        if crate::reduction::FrameSource::manifest(&source)
+            .sample
+            .layout
+            .is_some()
+        {
+            super::say(&"  has regions: left out");
+            continue;
+        }
+        let truth = truth_of(dir).map_err(CliError::bad_input)?;
+        let options = AnalysisOptions::default();
+        let analysis = fit::watched(&source, &options, None, &cancel)?;
+        scores.push(score(&name_of(dir), &truth, &analysis.report));
+    }
+    let scores = summed(scores);
+    let table = markdown(&scores);
+    if let Some(path) = &args.out {
+        std::fs::write(path, &table)
+            .with_context(|| format!("cannot write {}", path.display()))
+            .map_err(CliError::bad_input)?;
+    }
+    answer::put(args.json, &scores, || table)
+}
+
+fn name_of(dir: &Path) -> String {
+    let canonical = dir.canonicalize().unwrap_or_else(|_| dir.to_owned());
+    let name = canonical.file_name().unwrap_or(canonical.as_os_str());
+    name.to_string_lossy().into_owned()
+}
+
+/// The folder itself, or those in it, that hold a truth; by name.
+fn with_truth(dir: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    if dir.join("truth.toml").is_file() {
+        return Ok(vec![dir.to_owned()]);
+    }
+    let entries =
+        std::fs::read_dir(dir).with_context(|| format!("cannot read {}", dir.display()))?;
+    let mut found: Vec<PathBuf> = entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| path.join("truth.toml").is_file())
+        .collect();
+    found.sort();
+    anyhow::ensure!(
+        !found.is_empty(),
+        "{}: neither a series with a truth.toml nor a folder of such series",
+        dir.display()
+    );
+    Ok(found)
+}
+
+fn truth_of(dir: &Path) -> anyhow::Result<Truth> {
+    let path = dir.join("truth.toml");
+    let text = std::fs::read_to_string(&path)
+        .with_context(|| format!("cannot read {}", path.display()))?;
+    toml::from_str(&text).with_context(|| path.display().to_string())
+}
+
+fn score(name: &str, truth: &Truth, report: &FitReport) -> Score {
+    let row = |(parameter, p): (&str, &Parameter)| {
+        let truth = truth.of(parameter)?;
+        let (value, expanded) = (p.value?, p.expanded?);
+        Some(Row {
+            parameter: parameter.to_owned(),
+            truth,
+            value,
+            expanded,
+            e_n: (value - truth) / expanded,
+        })
+    };
+    Score {
+        series: name.to_owned(),
+        status: report.status,
+        rms_residual: report.rms_residual,
+        first_finding: report.findings.first().map(|f| f.code.word().to_owned()),
+        rows: report
+            .parameters
+            .named()
+            .into_iter()
+            .filter_map(row)
+            .collect(),
+    }
+}
+
+fn summed(series: Vec<Score>) -> Scores {
+    let all: Vec<f64> = series
+        .iter()
+        .flat_map(|s| s.rows.iter().map(|row| row.e_n.abs()))
+        .collect();
+    let count = all.len().max(1) as f64;
+    Scores {
+        rms_e_n: (all.iter().map(|e| e * e).sum::<f64>() / count).sqrt(),
+        worst_e_n: all.iter().copied().fold(0.0, f64::max),
+        share_above_1: all.iter().filter(|e| **e > 1.0).count() as f64 / count,
+        series,
+    }
+}
+
+fn markdown(scores: &Scores) -> String {
+    let mut out = String::from(
+        "| series | parameter | truth | value ± U (k = 2) | E_n | first finding |\n| --- | --- | --- | --- | --- | --- |\n",
+    );
+    for score in &scores.series {
+        for (k, row) in score.rows.iter().enumerate() {
+            let digits = decimals(row.expanded);
+            let first = k == 0;
+            let _ = writeln!(
+                out,
+                "| {} | {} | {} | {:.digits$} ± {:.digits$} | {:.2} | {} |",
+                if first { score.series.as_str() } else { "" },
+                row.parameter,
+                (row.truth * 1e4).round() / 1e4,
+                row.value,
+                row.expanded,
+                row.e_n,
+                match (&score.first_finding, first) {
+                    (Some(code), true) => code.as_str(),
+                    (None, true) => "none",
+                    _ => "",
+                }
+            );
+        }
+    }
+    let _ = writeln!(
+        out,
+        "\nE_n over all: {:.2} root mean square, {:.2} at most, {:.0} % above 1.",
+        scores.rms_e_n,
+        scores.worst_e_n,
+        100.0 * scores.share_above_1
+    );
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_truth_is_compared_by_the_most_exact_of_its_angles() {
+        let truth: Truth = toml::from_str(
+            "[sample]\ntheta_r_deg = 14\ntheta_r_effective_deg = 13.9\nalpha_u = 0.1\n[near_field]\n\
+             theta_r_to_the_turntable_deg = 13.8",
+        )
+        .unwrap();
+        assert_eq!(truth.of("theta_r_deg"), Some(13.8));
+        assert_eq!(truth.of("alpha_u"), Some(0.1));
+        assert_eq!(truth.of("rho_d"), None);
+    }
+
+    #[test]
+    fn scores_add_up_over_series() {
+        let row = |e_n: f64| Row {
+            parameter: "theta_r_deg".into(),
+            truth: 10.0,
+            value: 10.0 + 0.1 * e_n,
+            expanded: 0.1,
+            e_n,
+        };
+        let series = |rows| Score {
+            series: "a".into(),
+            status: crate::fit::report::Status::Converged,
+            rms_residual: None,
+            first_finding: None,
+            rows,
+        };
+        let scores = summed(vec![
+            series(vec![row(0.5), row(-2.0)]),
+            series(vec![row(0.5)]),
+        ]);
+        assert!((scores.rms_e_n - 1.5f64.sqrt()).abs() < 1e-12);
+        assert_eq!(scores.worst_e_n, 2.0);
+        assert!(markdown(&scores).contains("10.05 ± 0.10"));
+    }
+}
