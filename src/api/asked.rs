@@ -138,7 +138,7 @@ pub struct FitAsked {
     /// Parameters known within a standard uncertainty, by the same names.
     #[schema(required = false)]
     priors: BTreeMap<String, PriorAsked>,
-    /// Starts of the search per variant; 8 if not given.
+    /// Most starts of a search, per variant; if not given 8, and as many more as a doubt about these asks for.
     #[schema(minimum = 1, maximum = 1024)]
     starts: Option<u32>,
     /// True: profile-likelihood intervals.

@@ -38,16 +38,16 @@ pub struct Args {
 /// # Errors
 /// No result where the folder cannot be written; interrupted after Ctrl-C, with what was measured written.
 pub fn run(args: Args) -> Result<(), CliError> {
-    place::for_files(&args.out)?;
+    let out = match &args.data {
+        Some(data) => data.join(ACCURACY_FOLDER),
+        None => args.out.clone(),
+    };
+    place::for_files(&out)?;
     let cancel = interrupt::flag()?;
     let effort = if args.quick {
         Effort::Quick
     } else {
         Effort::Full
-    };
-    let out = match &args.data {
-        Some(data) => data.join(ACCURACY_FOLDER),
-        None => args.out.clone(),
     };
     std::fs::create_dir_all(&out)
         .with_context(|| format!("cannot make the folder {}", out.display()))

@@ -67,9 +67,10 @@ pub struct Args {
     /// Prior knowledge of a parameter: value ± standard uncertainty, for example theta_r_deg=10±0.5.
     #[arg(long, value_name = "NAME=VALUE±STD", value_parser = told::prior)]
     pub prior: Vec<Told>,
-    /// Starting points of the search, per variant.
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(STARTS))]
-    pub starts: u16,
+    /// Most starting points of a search, per variant; a prior or a robust loss searches more than once. By default 8,
+    /// and as many more as a doubt about what these find asks for.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(STARTS))]
+    pub starts: Option<u16>,
     /// Add profile-likelihood intervals to the expanded uncertainties.
     #[arg(long)]
     pub profile: bool,
@@ -195,11 +196,13 @@ pub fn run(args: Args) -> Result<(), CliError> {
         Some((profile, facts)) => (Some(profile), facts),
         None => (None, None),
     };
+    let standard = FitOptions::default();
     let mut options = AnalysisOptions {
         region: args.region.clone(),
         fit: FitOptions {
             variant: args.variant.choice(),
-            starts: usize::from(args.starts),
+            starts: args.starts.map_or(standard.starts, usize::from),
+            starts_alone: args.starts.is_some(),
             loss: match args.loss {
                 LossName::Linear => Loss::Linear,
                 LossName::Huber => Loss::Huber,
@@ -211,7 +214,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             judge: args.judge,
             tolerance: args.limits.tolerance,
             tracer,
-            ..FitOptions::default()
+            ..standard
         },
         profile,
         height_map,

@@ -262,12 +262,18 @@ fn once(error: &anyhow::Error) -> String {
 /// The arguments that the words of a command line make, for tests of the subcommands.
 #[cfg(test)]
 fn parsed<A: clap::Args>(words: &[&str]) -> A {
+    try_parsed(words).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// The same, or why the words make none.
+#[cfg(test)]
+fn try_parsed<A: clap::Args>(words: &[&str]) -> Result<A, clap::Error> {
     #[derive(Parser)]
     struct Line<A: clap::Args> {
         #[command(flatten)]
         args: A,
     }
-    Line::parse_from(["ridged"].iter().chain(words)).args
+    Line::try_parse_from(["ridged"].iter().chain(words)).map(|line| line.args)
 }
 
 #[cfg(test)]

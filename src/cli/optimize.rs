@@ -27,7 +27,8 @@ pub struct Args {
     #[arg(long, default_value_t = 30.0, value_name = "DEG")]
     pub theta_r_max_deg: f64,
     /// Smallest roughness that can be made (together with --alpha-max; without both, --alpha holds).
-    #[arg(long, value_name = "ALPHA", requires = "alpha_max", conflicts_with_all = ["alpha_u", "alpha_v"])]
+    #[arg(long, value_name = "ALPHA", requires = "alpha_max",
+          conflicts_with_all = ["alpha", "alpha_u", "alpha_v"])]
     pub alpha_min: Option<f64>,
     /// Largest roughness that can be made.
     #[arg(long, value_name = "ALPHA", requires = "alpha_min")]
@@ -216,5 +217,15 @@ mod tests {
         );
         assert!(report(&parsed(&["--alpha-min", "0.3", "--alpha-max", "0.1"])).is_err());
         assert!(report(&parsed(&["--alpha-u", "0.3"])).is_err());
+        // One roughness, or bounds of it: what would be ignored is refused.
+        let both = [
+            "--alpha",
+            "0.1",
+            "--alpha-min",
+            "0.04",
+            "--alpha-max",
+            "0.2",
+        ];
+        assert!(crate::cli::try_parsed::<Args>(&both).is_err());
     }
 }

@@ -21,6 +21,7 @@ use crate::units::Angle;
 /// radiance for lamp irradiance 1 in one channel, Y.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  ridged render --out quad.png --exr quad.exr")]
+#[command(mut_arg("theta_c_deg", of_one_picture))]
 pub struct Args {
     /// PNG to write.
     #[arg(long, value_name = "FILE.png")]
@@ -39,7 +40,7 @@ pub struct Args {
         allow_negative_numbers = true
     )]
     pub turn_deg: f64,
-    /// The rig and the surface; the first tilt is the picture's.
+    /// The rig and the surface.
     #[command(flatten)]
     pub scene: Scene,
     /// Pixels along a side of each picture.
@@ -54,6 +55,11 @@ pub struct Args {
     /// Distance of camera and lamp, in mm.
     #[arg(long, default_value_t = 400.0, value_name = "MM")]
     pub distance_mm: f64,
+}
+
+/// A table of contrasts has several tilts, a picture one.
+fn of_one_picture(tilts: clap::Arg) -> clap::Arg {
+    tilts.num_args(1).default_value("0").help("Camera tilt")
 }
 
 /// Runs the command.
@@ -105,10 +111,10 @@ fn pictures(args: &Args) -> Result<Picture, CliError> {
     if !args.turn_deg.is_finite() {
         return Err(CliError::bad_input(anyhow!("--turn-deg is not finite")));
     }
-    let tilt_deg = if args.scene.theta_c_deg == crate::model::contrast::PAPER_TILTS_DEG {
-        0.0
-    } else {
-        args.scene.theta_c_deg[0]
+    let [tilt_deg] = args.scene.theta_c_deg[..] else {
+        return Err(CliError::bad_input(anyhow!(
+            "--theta-c-deg: a picture has one tilt"
+        )));
     };
     let surface = Surface {
         theta_r: args.theta_r_deg.to_radians(),

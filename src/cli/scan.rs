@@ -54,7 +54,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME", requires = "sample", conflicts_with = "eta")]
     pub metal: Option<String>,
     /// Wavelength at which the metal is looked up, in nm.
-    #[arg(long, value_name = "NM", default_value_t = 550.0)]
+    #[arg(long, value_name = "NM", default_value_t = 550.0, requires = "metal")]
     pub wavelength_nm: f64,
     /// Data folder.
     #[arg(long, value_name = "DIR", default_value = "ridged-data")]
@@ -180,6 +180,29 @@ fn material(args: &Args) -> Result<Option<Material>, CliError> {
     }))
 }
 
+/// Refuses a material that is another than that of the sample of this name, which nobody would look at.
+///
+/// # Errors
+/// Bad input, with the sample's own index.
+fn suits_the_sample(args: &Args, kept: &Material) -> Result<(), CliError> {
+    let Some(stated) = material(args)? else {
+        return Ok(());
+    };
+    let (n, k) = kept.index();
+    if stated.index() == (n, k) {
+        return Ok(());
+    }
+    let kept = match k == 0.0 {
+        true => format!("{n}"),
+        false => format!("{n} + {k}i"),
+    };
+    Err(CliError::bad_input(anyhow!(
+        "sample `{}` is there, and its index is {kept}: leave the material out, or give another sample another name \
+         (--sample)",
+        args.sample.as_deref().unwrap_or_default()
+    )))
+}
+
 fn no_sample(wanted: Option<&str>) -> CliError {
     CliError::bad_input(match wanted {
         Some(name) => {
@@ -203,6 +226,26 @@ fn sure_words(value_deg: f64, std_deg: f64, elapsed_s: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_material_that_is_not_the_samples_is_refused_and_not_passed_over() {
+        let args = |options: &[&str]| -> Args {
+            let always = ["--preset", "paper", "--sample", "batch 7"];
+            crate::cli::parsed(&[&always[..], options].concat())
+        };
+        let kept = material(&args(&["--eta", "1.5"])).unwrap().unwrap();
+        suits_the_sample(&args(&["--eta", "1.5"]), &kept).unwrap();
+        suits_the_sample(&args(&[]), &kept).unwrap();
+        for other in [&["--eta", "1.6"][..], &["--metal", "Cr"]] {
+            let Err(CliError::BadInput(refused)) = suits_the_sample(&args(other), &kept) else {
+                panic!("{other:?} is passed over");
+            };
+            let words = refused.to_string();
+            assert!(words.contains("its index is 1.5"), "{words}");
+        }
+        let idle = ["--preset", "paper", "--wavelength-nm", "600"];
+        assert!(crate::cli::try_parsed::<Args>(&idle).is_err());
+    }
 
     #[test]
     fn the_ridge_angle_in_passing_has_two_digits_of_its_uncertainty() {

@@ -96,8 +96,11 @@ pub enum VariantChoice {
 pub struct FitOptions {
     /// Which variant the report shall hang on; all are fitted and listed.
     pub variant: VariantChoice,
-    /// Starts per variant.
+    /// Starts of a search's first look, per variant.
     pub starts: usize,
+    /// Whether a search ends with its first look, so that no more starts are tried than `starts`. Else it goes on where
+    /// that look leaves a doubt.
+    pub starts_alone: bool,
     /// Seed of the scrambled Sobol set that starts come from.
     pub seed: u32,
     /// Whether the model may be wrong: its misfit is then estimated from the scatter, weighs the
@@ -141,6 +144,7 @@ impl Default for FitOptions {
         FitOptions {
             variant: VariantChoice::Auto,
             starts: 8,
+            starts_alone: false,
             seed: 1,
             misfit: true,
             misfit_most: None,

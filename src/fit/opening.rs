@@ -115,6 +115,9 @@ impl<'a> Opening<'a> {
         let effort = Effort::first(options);
         let mut search = Search::new(&self.fixed, options.seed, effort, cancel).until(late);
         search.quick(&self.first, options.starts);
+        if options.starts_alone {
+            search.has_all_starts();
+        }
         if options.misfit && self.may_be_elsewhere(&search) {
             search.glance(&self.first);
         }
@@ -132,7 +135,7 @@ impl<'a> Opening<'a> {
 
     /// Thorough rounds that a search is to have in all, as far as its ends so far tell.
     pub(super) fn rounds(&self, search: &Search<'_>, options: &FitOptions) -> usize {
-        if self.enough(search, options) {
+        if options.starts_alone || self.enough(search, options) {
             0
         } else if self.plausible(search, options) {
             THOROUGH_ROUNDS

@@ -71,6 +71,30 @@ fn run<'a>(set: &'a ObservationSet, options: &FitOptions) -> Estimate<'a> {
 }
 
 #[test]
+fn a_stated_number_of_starts_is_the_most_that_a_search_tries() {
+    // So few poses that a search looks far around by itself.
+    let poses =
+        (0..15).map(|k| Pose::from_deg(f64::from(k % 5) * 10.0 - 20.0, f64::from(k / 5) * 90.0));
+    let set = painted(poses, &TRUTH, NOISE, 3);
+    let tried = |misfit: bool, starts: usize, starts_alone: bool| {
+        let asked = FitOptions {
+            misfit,
+            starts,
+            starts_alone,
+            ..options()
+        };
+        run(&set, &asked).starts.tried
+    };
+    for starts in [1, 3, 20] {
+        for misfit in [true, false] {
+            let tried = tried(misfit, starts, true);
+            assert!((1..=starts).contains(&tried), "{tried} of {starts}");
+        }
+    }
+    assert!(tried(true, 1, false) > 1);
+}
+
+#[test]
 fn three_outliers_in_ten_do_not_move_a_robust_fit() {
     let mut set = series(1);
     let peak = set

@@ -143,15 +143,17 @@ impl Look<'_> {
         let (search, looked_s) = self.timed(|| opening.search(options, &|| false, cancel));
         let mut settled = opening.settling(search.best()?.clone(), options);
         let ((), settled_s) = self.timed(|| settled.settle(&weighing));
+        let goes_on = !options.starts_alone;
         let rounds = opening
             .rounds(&search, options)
-            .max(usize::from(few_directions(set)));
+            .max(usize::from(goes_on && few_directions(set)));
         let open = settled.open();
         let noise_alone = settled.discrepancy == 0.0;
         let misfit = options.misfit;
-        let demands = misfit && settled.doubted();
-        let again = misfit && tier.is_some() && settled.narrow();
-        let persists = many_minima(&settled.problem, &settled.minimum) && (noise_alone || !misfit);
+        let demands = goes_on && misfit && settled.doubted();
+        let again = goes_on && misfit && tier.is_some() && settled.narrow();
+        let many = goes_on && many_minima(&settled.problem, &settled.minimum);
+        let persists = many && (noise_alone || !misfit);
         let mut seconds = opened_s + looked_s + settled_s;
         if rounds > 0 || demands || again || persists {
             let costs = self.costs(&opening.problem, &opening.fixed);

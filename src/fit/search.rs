@@ -167,6 +167,8 @@ pub(super) struct Search<'p> {
     known: Vec<Known>,
     /// What the ends cost whose valleys were followed.
     followed: Vec<f64>,
+    /// Whether it has had all the starts that it may have.
+    started: bool,
 }
 
 /// Where a rough descent ended, and the minimum that it led to.
@@ -208,7 +210,13 @@ impl<'p> Search<'p> {
             cut_short: AtomicBool::new(false),
             known: Vec::new(),
             followed: Vec::new(),
+            started: false,
         }
+    }
+
+    /// From here on it goes by what it has found: whatever asks for more starts comes to nothing.
+    pub(super) fn has_all_starts(&mut self) {
+        self.started = true;
     }
 
     /// The same, ended once it is late: what was found by then counts.
@@ -362,6 +370,9 @@ impl<'p> Search<'p> {
 
     /// One round of candidates: from all over the box, then, by turns, from around the best end.
     pub(super) fn thorough(&mut self, problem: &Problem<'_>) {
+        if self.started {
+            return;
+        }
         let logarithmic = problem.clone().with_logarithmic(true);
         let centre = self.best().filter(|_| self.around_best);
         let centre = centre.map(|m| problem.unpack(&m.parameters));
@@ -450,6 +461,9 @@ impl<'p> Search<'p> {
 
     /// Looks around an end with other weights; the different ends that it finds, the best first.
     pub(super) fn look_again(&mut self, problem: &Problem<'_>, around: &Minimum) -> Vec<Minimum> {
+        if self.started {
+            return Vec::new();
+        }
         let before = std::mem::replace(&mut self.runs, vec![around.clone()]);
         self.forget();
         self.around_best = true;

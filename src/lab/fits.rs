@@ -68,7 +68,7 @@ pub struct FitRequest {
     /// Parameters known within a standard uncertainty, by the same names.
     #[serde(default)]
     pub priors: BTreeMap<String, Prior>,
-    /// Starts of the search, per variant; 8 if not given.
+    /// Most starts of a search, per variant; if not given 8, and as many more as a doubt about these asks for.
     #[serde(default)]
     pub starts: Option<u32>,
     /// Whether profile-likelihood intervals are wanted.
@@ -250,6 +250,7 @@ impl Lab {
             fit: FitOptions {
                 variant: request.variant,
                 starts: request.starts.map_or(standard.starts, |n| n as usize),
+                starts_alone: request.starts.is_some(),
                 loss: request.loss,
                 told,
                 profile: request.profile,

@@ -6,11 +6,12 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use serde_json::{Value, json};
 
-use super::{Args, material, no_sample, sure_words};
+use super::{Args, material, no_sample, suits_the_sample, sure_words};
 use crate::cli::client::Client;
 use crate::cli::people::People;
 use crate::cli::progress::Bar;
 use crate::cli::{CliError, interrupt, say};
+use crate::material::Material;
 use crate::scan::{OperatorAction, PlanRequest, ScanState};
 
 /// How often a daemon is asked where its scan stands: a prompt outlives its step by no longer.
@@ -241,7 +242,11 @@ fn daemons_sample(client: &Client, args: &Args) -> Result<i64, CliError> {
     let wanted = args.sample.as_deref();
     let query: Vec<_> = wanted.map(|name| ("name", name)).into_iter().collect();
     let samples = client.search("/samples", &query)?;
-    if let Some(id) = samples["items"][0]["id"].as_i64() {
+    let found = &samples["items"][0];
+    if let Some(id) = found["id"].as_i64() {
+        if let Ok(kept) = serde_json::from_value::<Material>(found["material"].clone()) {
+            suits_the_sample(args, &kept)?;
+        }
         return Ok(id);
     }
     let Some(material) = material(args)? else {

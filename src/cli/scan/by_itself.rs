@@ -5,7 +5,7 @@ use std::sync::Arc;
 use anyhow::anyhow;
 use serde_json::{Value, json};
 
-use super::{Args, material, no_sample, sure_words, with_times};
+use super::{Args, material, no_sample, suits_the_sample, sure_words, with_times};
 use crate::cli::people::People;
 use crate::cli::progress::Bar;
 use crate::cli::simulated::{self, SimulatedRig, Simulation, TRACED_SAMPLE};
@@ -143,6 +143,7 @@ async fn sample_for(lab: &Lab, args: &Args) -> Result<i64, CliError> {
     };
     let found = lab.store().newest_sample(wanted, |_| true).await;
     if let Some(sample) = found.map_err(|e| daemon::lab_error(e.into()))? {
+        suits_the_sample(args, &sample.material)?;
         return Ok(sample.id);
     }
     let Some(material) = material(args)? else {

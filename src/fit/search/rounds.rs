@@ -98,7 +98,7 @@ impl Search<'_> {
     /// A first look from starts that nothing recommends, where lanes make it cheap; from more of them where few directions
     /// let near minima be.
     pub(in crate::fit) fn glance(&mut self, problem: &Problem<'_>) {
-        if !crew::knows(problem) || self.over() {
+        if self.started || !crew::knows(problem) || self.over() {
             return;
         }
         let starts = match few_directions(problem.set()) {
@@ -147,6 +147,9 @@ impl Search<'_> {
 
     /// Looks at the different ends' roughnesses again: a lobe that few poses meet has several.
     pub(in crate::fit) fn rescan(&mut self, problem: &Problem<'_>) {
+        if self.started {
+            return;
+        }
         let Some(best) = self.best() else {
             return;
         };
@@ -172,6 +175,9 @@ impl Search<'_> {
     /// Follows the valleys of the best ends to their bottom: where gain and shape make up for each
     /// other the problem itself creeps, over shapes alone the gain is no obstacle.
     pub(in crate::fit) fn follow(&mut self, problem: &Problem<'_>) {
+        if self.started {
+            return;
+        }
         let Some(best) = self.best() else {
             return;
         };
@@ -198,6 +204,9 @@ impl Search<'_> {
     /// Rounds on end where the data leave the surface open, or the best end costs more than is `likely`: there minima are
     /// many, and the deepest is found by looking on until [`CALM`] rounds in a row find none deeper.
     pub(in crate::fit) fn persist(&mut self, problem: &Problem<'_>, likely: f64) {
+        if self.started {
+            return;
+        }
         self.glance(problem);
         let mut calm = 0;
         for round in 0..PERSISTENT_ROUNDS {
@@ -248,6 +257,9 @@ impl Search<'_> {
     /// Bit 0 of an image: mirrored; bit 1: exchanged; above: quarter turns. Mirrored about every line of azimuths, where
     /// they are few.
     fn descend_images(&mut self, problem: &Problem<'_>, images: std::ops::Range<u8>) {
+        if self.started {
+            return;
+        }
         let Some(best) = self.best() else {
             return;
         };
