@@ -41,6 +41,8 @@ pub struct AnalysisOptions {
     pub profile: Option<Profile>,
     /// What that profile was made of, where it comes from a height map.
     pub height_map: Option<RidgeFacts>,
+    /// How its file was read, where it could have been read otherwise: sentences for the user.
+    pub shape_notes: Vec<String>,
     /// Searches, the ray tracer and the bootstrap end after so many seconds of fitting; what they reached by then counts.
     pub max_seconds: Option<f64>,
     /// Whether a descent to the minimum is retraced, step by step (`iterations` of the report).
@@ -143,6 +145,18 @@ pub fn analyse(
     if let (Some(tracer), Some(facts)) = (&mut report.tracer, options.height_map) {
         tracer.height_map = Some(facts);
         report.left_out.extend(facts.left_out());
+    }
+    if let Some(profile) = profile {
+        let notes = options.shape_notes.iter();
+        report
+            .warnings
+            .extend(notes.map(|note| format!("the file of the measured shape: {note}")));
+        report.warnings.extend(fit::shape::contradictions(
+            profile,
+            options.height_map.as_ref(),
+            &report.parameters.theta_r_deg,
+            source.manifest().sample.pitch_length_um,
+        ));
     }
     if cancel.load(Ordering::Relaxed) {
         return Err(AnalysisError::Cancelled);

@@ -193,7 +193,7 @@ pub struct PriorAsked {
 #[schema(as = ShapeFile)]
 #[serde(deny_unknown_fields)]
 pub struct ShapeAsked {
-    /// Its name: the ending tells how the heights are written (csv, png, tif, x3p).
+    /// Its name: the ending tells how the heights are written (csv, png, tif, x3p, sdf).
     name: String,
     /// What is in it, base64.
     content: String,

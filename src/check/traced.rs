@@ -25,21 +25,14 @@ fn scene(theta_i_deg: f64, interfaces: &str, photons: u64) -> String {
 /// Towers of one cell with walls that are as good as vertical, a hundred times higher than wide.
 fn towers() -> HeightMap {
     let edge = 8;
-    HeightMap {
-        columns: edge,
-        rows: edge,
-        heights: (0..edge * edge)
-            .map(|n| {
-                if (n % edge + n / edge) % 3 == 0 {
-                    1.0
-                } else {
-                    0.0
-                }
-            })
-            .collect(),
-        units: None,
-        filled: 0,
-    }
+    let heights = (0..edge * edge).map(|n| {
+        if (n % edge + n / edge) % 3 == 0 {
+            1.0
+        } else {
+            0.0
+        }
+    });
+    HeightMap::new(edge, heights.collect())
 }
 
 fn totals(text: &str, cancel: &AtomicBool) -> Result<Totals, SceneError> {

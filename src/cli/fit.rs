@@ -21,12 +21,10 @@ use crate::fit::told::agree;
 use crate::fit::traced::TracingOptions;
 use crate::fit::{FitOptions, Loss, Told, VariantChoice, text};
 use crate::heights;
-use crate::heights::ridges::{self, Units};
+use crate::heights::ridges::{self, Shape, Units};
 use crate::material::Material;
 use crate::reduction::{FrameSource, ReductionError};
 use crate::series::Series;
-use crate::trace::profile::Profile;
-use crate::trace::ridge_map::RidgeFacts;
 
 /// Reduces and fits one series of frames, or several of one sample together.
 #[derive(Debug, clap::Args)]
@@ -83,7 +81,7 @@ pub struct Args {
     pub judge: bool,
     /// Trace on this measured shape instead of an ideal sawtooth. A profile: CSV rows of v and height in µm across
     /// the ridges (+v is the lean direction), the last row closing the period. Or a height map of the ridges, in any
-    /// orientation: CSV, 16-bit PNG or TIFF, float TIFF, X3P.
+    /// orientation: table, 16-bit PNG or TIFF, float TIFF, X3P, SDF.
     #[arg(long, value_name = "FILE")]
     pub shape: Option<PathBuf>,
     /// Distance between samples of a height map, in µm (one number, or one along its rows and one along its columns),
@@ -192,10 +190,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         height_unit_um: args.height_unit_um,
     };
     let read = |path| shape_in(path, &units);
-    let (profile, height_map) = match args.shape.as_deref().map(read).transpose()? {
-        Some((profile, facts)) => (Some(profile), facts),
-        None => (None, None),
-    };
+    let shape = args.shape.as_deref().map(read).transpose()?;
     let standard = FitOptions::default();
     let mut options = AnalysisOptions {
         region: args.region.clone(),
@@ -216,8 +211,9 @@ pub fn run(args: Args) -> Result<(), CliError> {
             tracer,
             ..standard
         },
-        profile,
-        height_map,
+        height_map: shape.as_ref().and_then(|shape| shape.facts),
+        shape_notes: shape.iter().flat_map(|shape| shape.notes.clone()).collect(),
+        profile: shape.map(|shape| shape.profile),
         max_seconds: args.limits.max_seconds,
         iterations: args.iterations,
     };
@@ -234,7 +230,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
 }
 
 /// Reads a shape from a file.
-fn shape_in(path: &Path, units: &Units) -> Result<(Profile, Option<RidgeFacts>), CliError> {
+fn shape_in(path: &Path, units: &Units) -> Result<Shape, CliError> {
     let name = path.display().to_string();
     let content = heights::bytes_of(path)
         .map_err(anyhow::Error::msg)

@@ -48,6 +48,7 @@ pub mod report;
 pub mod reporting;
 pub mod search;
 mod settle;
+pub mod shape;
 pub mod solver;
 pub mod start;
 mod suspects;

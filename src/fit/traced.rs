@@ -107,7 +107,8 @@ pub struct Tracing {
     pub sigma: Vec<f64>,
     /// How far the `sawtooth` estimate with its integrated second bounce lies from this one in each
     /// free parameter (solver's units): two full models of one sample that should agree. Where a measured
-    /// profile makes them different samples, how far its measurement may move the ridge angle instead.
+    /// profile makes them different samples, how far its measurement may move the ridge angle, and what it leaves open all
+    /// of them, instead.
     pub apart: Vec<f64>,
     /// How far the last pass moved each free parameter (solver's units).
     pub last_step: Vec<f64>,
@@ -199,9 +200,16 @@ pub fn estimate_traced<'a>(
     if !matches!(run.end, TracingEnd::Stopped | TracingEnd::Settled) {
         run.go_on(&mut main, options, PASSES_MAX)?;
     }
+    // What a shape leaves open is a limit of what is not known.
+    let open = profile.and_then(Profile::alternative);
+    let open = open.filter(|_| run.reached.is_some() && run.end != TracingEnd::Stopped);
+    let moved = open.and_then(|other| run.moved_on(&mut main, other));
     let mut estimate = run.reached?;
     if let Some(done) = &mut estimate.traced {
         done.end = run.end;
+        for (apart, moved) in done.apart.iter_mut().zip(moved.iter().flatten()) {
+            *apart = apart.hypot(*moved);
+        }
     }
     if run.end != TracingEnd::Stopped {
         estimate.rivals = main.not_refuted(&estimate);
@@ -408,6 +416,27 @@ impl<'a> Run<'a> {
             task.planned = task.planned.max(task.done() + next * task.paths * poses);
         }
         Some(())
+    }
+}
+
+impl<'a> Run<'a> {
+    /// How far each free parameter moves (solver's units) where the sample has another shape, by one more pass there;
+    /// `None` where it was stopped.
+    fn moved_on<'t>(&self, task: &mut Task<'t, 'a>, other: &'t Profile) -> Option<Vec<f64>> {
+        task.profile = Some(other);
+        let Settled {
+            problem, minimum, ..
+        } = &self.settled;
+        let at = &minimum.parameters;
+        let Outcome::Traced(traced) = task.trace(problem, &problem.unpack(at)) else {
+            return None;
+        };
+        let there = problem.clone().with_factor(traced.factor);
+        let there = there.with_correction(traced.added);
+        let settings = Settings::default();
+        let moved = minimise(&there, at, &there.bounds(), &settings, task.cancel);
+        let steps = moved.parameters.iter().zip(at);
+        Some(steps.map(|(a, b)| a - b).collect())
     }
 }
 

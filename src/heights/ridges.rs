@@ -22,19 +22,23 @@ impl Units {
 
     /// Those of a map.
     fn of(&self, map: &HeightMap) -> Result<MapUnits, ShapeError> {
-        let own = map.units;
-        let pitch_um = match (&self.pitch_um[..], own) {
-            ([both], _) => [*both; 2],
+        let pitch_um = match (&self.pitch_um[..], map.pitch_um) {
+            ([both], _) => match map.spacing {
+                // One number does not say which of two it is.
+                Some([u, v]) if (u / v - 1.0).abs() > 0.01 => {
+                    return Err(ShapeError::TwoSpacings { u, v });
+                }
+                _ => [*both; 2],
+            },
             ([u, v], _) => [*u, *v],
-            ([], Some(units)) => units.pitch_um,
+            ([], Some(pitch_um)) => pitch_um,
             ([], None) => {
                 return Err(ShapeError::NoPitch);
             }
             _ => return Err(ShapeError::PitchCount),
         };
-        let height_unit_um = match (self.height_unit_um, own) {
-            (Some(unit), _) => unit,
-            (None, Some(units)) => units.height_unit_um,
+        let height_unit_um = match (self.height_unit_um, map.height_unit_um) {
+            (Some(unit), _) | (None, Some(unit)) => unit,
             (None, None) => {
                 return Err(ShapeError::NoUnit);
             }
@@ -46,15 +50,40 @@ impl Units {
     }
 }
 
+/// A sample's shape, ready to be traced.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shape {
+    /// The profile across the ridges, µm.
+    pub profile: Profile,
+    /// What it was made of, where it comes from a height map.
+    pub facts: Option<RidgeFacts>,
+    /// How its file was read, where it could have been read otherwise.
+    pub notes: Vec<String>,
+}
+
 /// Why heights are no shape of ridges. Options are named as on the command line; the keys of a request are the same
 /// words without dashes.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum ShapeError {
     /// Spacing unknown.
-    #[error("the file does not say how far its samples are apart: add --pitch-um (pitch_um)")]
+    #[error(
+        "the file does not say how far its samples are apart in nm, µm, mm or m: add --pitch-um (pitch_um)"
+    )]
     NoPitch,
+    /// Two spacings in a unit that the file does not say, and one number for both.
+    #[error(
+        "the points of the file are {u} apart along x and {v} along y: --pitch-um (pitch_um) takes two numbers then"
+    )]
+    TwoSpacings {
+        /// Along x.
+        u: f64,
+        /// Along y.
+        v: f64,
+    },
     /// Unit of heights unknown.
-    #[error("the file does not say what its heights are in: add --height-unit-um (height_unit_um)")]
+    #[error(
+        "the file does not say if its heights are in nm, µm, mm or m: add --height-unit-um (height_unit_um)"
+    )]
     NoUnit,
     /// Neither one nor two spacings.
     #[error("--pitch-um (pitch_um) takes one number or two")]
@@ -77,61 +106,61 @@ pub enum ShapeError {
 ///
 /// # Errors
 /// [`ShapeError`].
-pub fn of(map: &HeightMap, units: &Units) -> Result<(Profile, Option<RidgeFacts>), ShapeError> {
+pub fn of(map: &HeightMap, units: &Units) -> Result<Shape, ShapeError> {
+    let notes = map.notes.clone();
+    let of_profile = |profile: Profile, notes| Shape {
+        profile: profile.facets_to_v(),
+        facts: None,
+        notes,
+    };
     // Only tables have two columns: of a picture two pixels wide nobody would read ridges.
-    if map.columns == 2 && map.units.is_none() {
+    if map.is_profile_table() {
         if units.are_left_open() {
-            return Ok((map.profile()?.facets_to_v(), None));
+            return Ok(of_profile(map.profile()?, notes));
         }
         return Err(ShapeError::ProfileHasUnits);
     }
     let units = units.of(map)?;
     if map.rows == 1 {
-        let rows = map.heights.iter().enumerate();
-        let rows: Vec<(f64, f64)> = rows
-            .map(|(n, h)| (n as f64 * units.pitch_um[0], h * units.height_unit_um))
-            .collect();
-        return Ok((Profile::measured(&rows)?.facets_to_v(), None));
+        return Ok(of_profile(map.row_profile(units)?, notes));
     }
     let found = RidgeMap::of(map, units)?;
-    Ok((found.profile, Some(found.facts)))
+    Ok(Shape {
+        profile: found.profile,
+        facts: Some(found.facts),
+        notes,
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn map(columns: usize, heights: Vec<f64>, units: Option<MapUnits>) -> HeightMap {
-        HeightMap {
-            columns,
-            rows: heights.len() / columns,
-            heights,
-            units,
-            filled: 0,
-        }
+    fn map(columns: usize, heights: Vec<f64>) -> HeightMap {
+        HeightMap::new(columns, heights)
     }
 
     #[test]
     fn tables_of_two_columns_and_single_rows_are_profiles_and_maps_need_their_units() {
         let corners = vec![0.0, 0.0, 9.0, -1.0, 10.0, 0.0];
         let open = Units::default();
-        let (profile, facts) = of(&map(2, corners.clone(), None), &open).unwrap();
+        let Shape { profile, facts, .. } = of(&map(2, corners.clone()), &open).unwrap();
         assert_eq!((profile.period(), facts), (10.0, None));
         let said = Units {
             pitch_um: vec![2.0],
             height_unit_um: Some(1e-3),
         };
-        assert!(of(&map(2, corners, None), &said).is_err());
-        let mirrored = map(2, vec![0.0, 0.0, 1.0, -1.0, 10.0, 0.0], None);
-        let (turned, _) = of(&mirrored, &open).unwrap();
+        assert!(of(&map(2, corners), &said).is_err());
+        let mirrored = map(2, vec![0.0, 0.0, 1.0, -1.0, 10.0, 0.0]);
+        let turned = of(&mirrored, &open).unwrap().profile;
         assert!(turned.is_turned() && !profile.is_turned());
         assert_eq!(
             turned.effective_ridge_angle(),
             profile.effective_ridge_angle()
         );
-        let row = map(4, vec![0.0, -500.0, -1000.0, 0.0], None);
-        assert_eq!(of(&row, &said).unwrap().0.period(), 6.0);
-        let square = map(20, vec![0.0; 400], None);
+        let row = map(4, vec![0.0, -500.0, -1000.0, 0.0]);
+        assert_eq!(of(&row, &said).unwrap().profile.period(), 6.0);
+        let square = map(20, vec![0.0; 400]);
         for (units, word) in [
             (&open, "--pitch-um"),
             (
@@ -158,8 +187,16 @@ mod tests {
             pitch_um: [1.0, 1.0],
             height_unit_um: 1.0,
         };
-        let units = said.of(&map(20, vec![0.0; 400], Some(own))).unwrap();
-        assert_eq!(units.pitch_um, [2.0, 2.0]);
-        assert_eq!(open.of(&map(20, vec![0.0; 400], Some(own))).unwrap(), own);
+        let stating = map(20, vec![0.0; 400]).stating(own);
+        assert_eq!(said.of(&stating).unwrap().pitch_um, [2.0, 2.0]);
+        assert_eq!(open.of(&stating).unwrap(), own);
+        let uneven = HeightMap {
+            spacing: Some([1.0, 2.0]),
+            ..square
+        };
+        assert_eq!(
+            said.of(&uneven),
+            Err(ShapeError::TwoSpacings { u: 1.0, v: 2.0 })
+        );
     }
 }

@@ -1,19 +1,34 @@
-//! What a table says above its numbers: the units of its columns, and the encoding that all of it is in.
+//! The units that a table's columns have by their names.
 //!
-//! Call [`text_of`] for the text of a file, [`of_names`] for a row of column names and [`of_units`] for a row of units alone.
+//! Call [`of_names`] for a row of column names, [`of_points`] for that of points x, y, z and [`of_units`] for a row of units
+//! alone.
 
 use std::borrow::Cow;
 
-/// Micrometres per unit.
-const KNOWN: [(&str, f64); 8] = [
+/// Micrometres per unit; the third and the fourth are two characters that look alike, the fifth is one of them read in a
+/// wrong encoding.
+const KNOWN: [(&str, f64); 21] = [
     ("nm", 1e-3),
+    ("nanometer", 1e-3),
     ("µm", 1.0),
     ("μm", 1.0),
+    ("âµm", 1.0),
     ("um", 1.0),
     ("micron", 1.0),
     ("microns", 1.0),
+    ("micrometer", 1.0),
+    ("micrometers", 1.0),
+    ("micrometre", 1.0),
+    ("micrometres", 1.0),
+    ("mikrometer", 1.0),
     ("mm", 1e3),
+    ("millimeter", 1e3),
+    ("millimetre", 1e3),
     ("m", 1e6),
+    ("meter", 1e6),
+    ("metre", 1e6),
+    ("meters", 1e6),
+    ("metres", 1e6),
 ];
 /// Words at the end of a name that are units as well, but none of ours.
 const FOREIGN: [&str; 18] = [
@@ -37,20 +52,27 @@ fn of_name(name: &str) -> Result<Option<f64>, String> {
     if words.next().is_none() {
         return Ok(None);
     }
-    if FOREIGN.contains(&last.to_lowercase().as_str()) {
+    if is_foreign(last) {
         return Err(unknown(last));
     }
     Ok(known(last))
 }
 
-fn known(word: &str) -> Option<f64> {
+/// Micrometres per unit of ours.
+pub(super) fn known(word: &str) -> Option<f64> {
     let word = word.trim().to_lowercase();
     KNOWN.iter().find(|k| k.0 == word).map(|k| k.1)
 }
 
-fn unknown(word: &str) -> String {
+/// Whether a word is a unit, but none of ours.
+pub(super) fn is_foreign(word: &str) -> bool {
+    FOREIGN.contains(&word.trim().to_lowercase().as_str())
+}
+
+/// That a unit is none of ours.
+pub(super) fn unknown(word: &str) -> String {
     format!(
-        "the unit {:?} is not known: give v and height in nm, µm (um), mm or m",
+        "the unit {:?} is not known: give lengths and heights in nm, µm (um), mm or m",
         word.trim()
     )
 }
@@ -71,28 +93,45 @@ pub(super) fn of_names(names: &[Cow<'_, str>]) -> Result<Option<[f64; 2]>, Strin
     }
 }
 
+/// The units, µm, in the names of points' columns x, y, z; `None` of a column that states none.
+///
+/// # Errors
+/// A unit that is none of ours, or places whose two columns do not state one both.
+pub(super) fn of_points(names: &[String]) -> Result<[Option<f64>; 3], String> {
+    let [x, y, z] = names else {
+        return Ok([None; 3]);
+    };
+    let units = [of_name(x)?, of_name(y)?, of_name(z)?];
+    match units {
+        [Some(_), None, _] | [None, Some(_), _] => Err(
+            "one of the columns x and y states its unit: state both, such as x_um, y_um, z_nm"
+                .to_owned(),
+        ),
+        units => Ok(units),
+    }
+}
+
+/// The unit that a word is and nothing else, bare or in brackets.
+pub(super) fn unit_alone(word: &str) -> Option<&str> {
+    let inner = |a, b| word.strip_prefix(a).and_then(|w| w.strip_suffix(b));
+    let is_unit = |w: &str| known(w).is_some() || is_foreign(w);
+    let inner = inner('[', ']').or_else(|| inner('(', ')'));
+    inner.or_else(|| is_unit(word).then_some(word))
+}
+
 /// The units, µm, in a row of two that holds nothing else, bare or in brackets; `None` where it is no such row.
 ///
 /// # Errors
 /// A unit that is none of ours.
 pub(super) fn of_units(words: &[Cow<'_, str>]) -> Result<Option<[f64; 2]>, String> {
-    let bare = |word: &str| -> Option<String> {
-        let inner = |a, b| word.strip_prefix(a).and_then(|w| w.strip_suffix(b));
-        let inner = inner('[', ']').or_else(|| inner('(', ')'));
-        let is_unit = |w: &str| known(w).is_some() || FOREIGN.contains(&w.to_lowercase().as_str());
-        match inner {
-            Some(inner) => Some(inner.to_owned()),
-            None => is_unit(word).then(|| word.to_owned()),
-        }
-    };
     let [a, b] = words else {
         return Ok(None);
     };
-    let (Some(a), Some(b)) = (bare(a), bare(b)) else {
+    let (Some(a), Some(b)) = (unit_alone(a), unit_alone(b)) else {
         return Ok(None);
     };
     let known = |word: &str| known(word).ok_or_else(|| unknown(word));
-    Ok(Some([known(&a)?, known(&b)?]))
+    Ok(Some([known(a)?, known(b)?]))
 }
 
 /// The units in a comment above the numbers that names two columns and nothing else.
@@ -112,43 +151,6 @@ pub(super) fn of_comment(names: &[Cow<'_, str>]) -> Result<Option<[f64; 2]>, Str
         (Ok(None), _) | (_, Ok(None)) => Ok(None),
         (Ok(Some(a)), Ok(Some(b))) => Ok(Some([a, b])),
         (Err(why), _) | (_, Err(why)) => Err(why),
-    }
-}
-
-/// The text of a file: UTF-8, UTF-16 with its mark, or Latin-1, which programs of some countries write a µ in.
-///
-/// # Errors
-/// What is no text, or UTF-16 that cannot be read.
-pub(super) fn text_of(content: &[u8]) -> Result<Cow<'_, str>, String> {
-    let wide = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
-        let (pairs, rest) = bytes.as_chunks::<2>();
-        let units: Vec<u16> = pairs.iter().map(|pair| unit(*pair)).collect();
-        match String::from_utf16(&units) {
-            Ok(text) if rest.is_empty() => Ok(text.into()),
-            _ => Err("the file is UTF-16 text that is damaged: save it as UTF-8".to_owned()),
-        }
-    };
-    match content {
-        [0xff, 0xfe, rest @ ..] => return wide(rest, u16::from_le_bytes),
-        [0xfe, 0xff, rest @ ..] => return wide(rest, u16::from_be_bytes),
-        _ => {}
-    }
-    if content.contains(&0) {
-        return Err(
-            "the file is not text, or UTF-16 without a byte order mark: save it as UTF-8"
-                .to_owned(),
-        );
-    }
-    match std::str::from_utf8(content) {
-        Ok(text) => Ok(text.trim_start_matches('\u{feff}').into()),
-        Err(_) if content.iter().any(|b| *b < b' ' && !b"\t\r\n".contains(b)) => {
-            Err("the file is not text".to_owned())
-        }
-        Err(_) => Ok(content
-            .iter()
-            .map(|b| char::from(*b))
-            .collect::<String>()
-            .into()),
     }
 }
 
@@ -207,7 +209,7 @@ mod tests {
             ("v [furlong],z [mm]", "furlong"),
             ("v,z\nmm,mil", "mil"),
             ("v_mm,z", "state both"),
-            ("v,z\nNA,NA", "line 2"),
+            ("v,z\nv,z", "line 2"),
         ] {
             let why = heights(&format!("{head}\n2,3\n")).unwrap_err();
             assert!(why.contains(word), "{head}: {why}");
@@ -223,11 +225,18 @@ mod tests {
         let big = units.iter().flat_map(|u| u.to_be_bytes());
         let little: Vec<u8> = [0xff, 0xfe].into_iter().chain(little).collect();
         let big: Vec<u8> = [0xfe, 0xff].into_iter().chain(big).collect();
-        for content in [text.as_bytes(), &latin, &little, &big] {
+        for content in [
+            text.as_bytes(),
+            &latin,
+            &little,
+            &big,
+            &little[2..],
+            &big[2..],
+        ] {
             assert_eq!(read("a.csv", content).unwrap().heights, [1500.0, 2.0]);
         }
         for (content, word) in [
-            (&little[2..], "UTF-16"),
+            (&b"\x01\x02\0\0\n"[..], "zeros"),
             (&little[..little.len() - 1], "UTF-16"),
             (&b"\x01\x02\xff\n"[..], "not text"),
         ] {

@@ -1,28 +1,152 @@
 //! Heights in a TIFF: one grey channel of 16-bit or 32-bit integers or of floats.
+//!
+//! A file of several pictures is read where one of them alone can be the heights: the only one of that kind, the only one
+//! named so, or the only one of floats. Which it was is told; where nothing tells, the file is refused.
 
 use tiff::ColorType;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 
 use super::check_size;
+use super::missing::mark;
+use super::text::number;
 use crate::trace::scene::HeightMap;
 
-/// Reads the first picture of a TIFF.
+/// Pictures that are looked at, at most.
+const PICTURES_MAX: usize = 1000;
+/// Letters in the name of a picture of heights.
+const NAMES: [&str; 8] = [
+    "height",
+    "topo",
+    "höhe",
+    "hoehe",
+    "hauteur",
+    "elevation",
+    "z map",
+    "zmap",
+];
+
+type Pictures<'c> = Decoder<std::io::Cursor<&'c [u8]>>;
+
+/// What tells a picture of a file from the others.
+struct Picture {
+    index: usize,
+    size: (u32, u32),
+    colour: ColorType,
+    is_float: bool,
+    /// A smaller copy of another one, or a mask.
+    is_aside: bool,
+    is_named: bool,
+}
+
+impl Picture {
+    fn of(decoder: &mut Pictures<'_>, index: usize) -> Result<Self, String> {
+        /// The sample format of floats.
+        const FLOAT: u16 = 3;
+        let told = |e: tiff::TiffError| e.to_string();
+        let format = decoder.find_tag_unsigned_vec::<u16>(Tag::SampleFormat);
+        let aside = decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType);
+        let name = |decoder: &mut Pictures<'_>, tag| {
+            let name = decoder.get_tag_ascii_string(tag).unwrap_or_default();
+            // Structured descriptions are of the whole file.
+            let is_plain = name.len() < 200 && !name.trim_start().starts_with(['{', '<']);
+            if is_plain {
+                name.to_lowercase()
+            } else {
+                String::new()
+            }
+        };
+        /// The name of a page.
+        const PAGE_NAME: Tag = Tag::Unknown(285);
+        let names = [Tag::ImageDescription, PAGE_NAME].map(|tag| name(decoder, tag));
+        Ok(Picture {
+            index,
+            size: decoder.dimensions().map_err(told)?,
+            colour: decoder.colortype().map_err(told)?,
+            is_float: matches!(format, Ok(Some(f)) if f.first() == Some(&FLOAT)),
+            is_aside: matches!(aside, Ok(Some(kind)) if kind & 0b101 != 0),
+            is_named: names
+                .iter()
+                .any(|name| NAMES.iter().any(|word| name.contains(word))),
+        })
+    }
+
+    fn may_be_heights(&self) -> bool {
+        matches!(self.colour, ColorType::Gray(16 | 32 | 64)) && !self.is_aside
+    }
+}
+
+/// The picture that holds the heights, and what tells it from the others where there are others.
+fn heights_of(decoder: &mut Pictures<'_>) -> Result<(usize, Option<String>), String> {
+    let mut pictures = Vec::new();
+    loop {
+        pictures.push(Picture::of(decoder, pictures.len())?);
+        if !decoder.more_images() || pictures.len() == PICTURES_MAX {
+            break;
+        }
+        let next = decoder.next_image();
+        next.map_err(|e| {
+            format!(
+                "picture {} of this TIFF cannot be read: {e}",
+                pictures.len() + 1
+            )
+        })?;
+    }
+    let may: Vec<&Picture> = pictures.iter().filter(|p| p.may_be_heights()).collect();
+    let only = |which: fn(&Picture) -> bool| {
+        let mut those = may.iter().filter(|p| which(p));
+        those.next().filter(|_| those.next().is_none())
+    };
+    let found = only(|_| true)
+        .map(|p| (p, "the only one of 16-bit integers or floats in grey"))
+        .or_else(|| only(|p| p.is_named).map(|p| (p, "the only one whose name says heights")))
+        .or_else(|| only(|p| p.is_float).map(|p| (p, "the only one of floats")));
+    match (found, &pictures[..]) {
+        (Some((picture, _)), [_]) => Ok((picture.index, None)),
+        (Some((picture, why)), all) => Ok((
+            picture.index,
+            Some(format!(
+                "the TIFF has {} pictures; number {} ({} × {}) is read as the heights, being {why}",
+                all.len(),
+                picture.index + 1,
+                picture.size.0,
+                picture.size.1
+            )),
+        )),
+        (None, all) if may.is_empty() => Err(format!(
+            "heights need a grey TIFF of 16-bit integers or 32-bit floats, this one is {:?}",
+            all[0].colour
+        )),
+        (None, all) => Err(format!(
+            "the TIFF has {} pictures, and {} of them could be the heights ({}): nothing tells which; save the heights alone \
+             in a file, as floats, or name the picture's page so",
+            all.len(),
+            may.len(),
+            may.iter()
+                .take(4)
+                .map(|p| format!(
+                    "number {}, {} × {}, {:?}",
+                    p.index + 1,
+                    p.size.0,
+                    p.size.1,
+                    p.colour
+                ))
+                .collect::<Vec<_>>()
+                .join("; ")
+        )),
+    }
+}
+
+/// Reads the heights of a TIFF.
 pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let mut decoder = Decoder::new(std::io::Cursor::new(content))
         .map_err(|e| format!("this is not a readable TIFF: {e}"))?
         .with_limits(Limits::default());
+    let (index, note) = heights_of(&mut decoder)?;
+    decoder.seek_to_image(index).map_err(|e| e.to_string())?;
     let (columns, rows) = decoder.dimensions().map_err(|e| e.to_string())?;
     let (columns, rows) = (columns as usize, rows as usize);
     check_size(columns, rows, most)?;
-    match decoder.colortype().map_err(|e| e.to_string())? {
-        ColorType::Gray(16 | 32 | 64) => {}
-        other => {
-            return Err(format!(
-                "heights need a grey TIFF of 16-bit integers or 32-bit floats, this one is {other:?}"
-            ));
-        }
-    }
     // Which way is up then, writers do not agree on.
     const WHITE_IS_ZERO: u32 = 0;
     let polarity = decoder.find_tag_unsigned::<u32>(Tag::PhotometricInterpretation);
@@ -33,7 +157,9 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
                 .to_owned(),
         );
     }
-    let heights: Vec<f64> = match decoder.read_image().map_err(|e| e.to_string())? {
+    let no_data = decoder.get_tag_ascii_string(Tag::GdalNodata).ok();
+    let no_data = no_data.and_then(|word| number(word.trim_end_matches('\0')));
+    let mut heights: Vec<f64> = match decoder.read_image().map_err(|e| e.to_string())? {
         DecodingResult::U16(v) => v.into_iter().map(f64::from).collect(),
         DecodingResult::I16(v) => v.into_iter().map(f64::from).collect(),
         DecodingResult::U32(v) => v.into_iter().map(f64::from).collect(),
@@ -48,12 +174,10 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
             heights.len()
         ));
     }
+    let marked = mark(&mut heights, no_data.as_slice());
     Ok(HeightMap {
-        columns,
-        rows,
-        heights,
-        units: None,
-        filled: 0,
+        notes: note.into_iter().chain(marked).collect(),
+        ..HeightMap::new(columns, heights)
     })
 }
 
@@ -96,7 +220,7 @@ mod tests {
             let mut file = std::io::Cursor::new(Vec::new());
             let mut encoder = TiffEncoder::new(&mut file).unwrap();
             match what {
-                0 => encoder.write_image::<colortype::Gray16>(2, 3, &[0, 1, 2, 3, 4, 65535]),
+                0 => encoder.write_image::<colortype::Gray16>(2, 3, &[0, 1, 2, 3, 4, 7]),
                 1 => encoder.write_image::<colortype::Gray32Float>(
                     2,
                     3,
@@ -109,7 +233,7 @@ mod tests {
             file.into_inner()
         };
         let map = read(&write(0)).unwrap();
-        assert_eq!((map.columns, map.rows, map.heights[5]), (2, 3, 65535.0));
+        assert_eq!((map.columns, map.rows, map.heights[5]), (2, 3, 7.0));
         let map = read(&write(1)).unwrap();
         assert_eq!((map.heights[1], map.heights[5]), (-1.0, 5.25));
         assert!(read(&write(2)).unwrap_err().contains("grey"));
@@ -117,5 +241,63 @@ mod tests {
         let whole = write(1);
         assert!(read(&whole[..whole.len() / 2]).is_err());
         assert!(read(b"").is_err());
+    }
+
+    #[test]
+    fn of_several_pictures_the_one_that_can_be_heights_is_read_and_told_and_none_is_guessed() {
+        let (whole, light) = ([0.5f32, 1.0, 2.0, 3.0], [10u16, 20, 30, 40]);
+        let write = |kinds: &str| {
+            let mut file = std::io::Cursor::new(Vec::new());
+            let mut encoder = TiffEncoder::new(&mut file).unwrap();
+            for kind in kinds.chars() {
+                match kind {
+                    'f' => encoder.write_image::<colortype::Gray32Float>(2, 2, &whole),
+                    'c' => encoder.write_image::<colortype::RGB8>(1, 1, &[1, 2, 3]),
+                    'b' => encoder.write_image::<colortype::Gray8>(2, 2, &[1, 2, 3, 4]),
+                    'n' => {
+                        let mut image = encoder.new_image::<colortype::Gray16>(2, 2).unwrap();
+                        let tags = image.encoder();
+                        tags.write_tag(tiff::tags::Tag::ImageDescription, "Topography")
+                            .unwrap();
+                        image.write_data(&light)
+                    }
+                    _ => encoder.write_image::<colortype::Gray16>(2, 2, &light),
+                }
+                .unwrap();
+            }
+            file.into_inner()
+        };
+        for (kinds, number, first) in [
+            ("if", 2, 0.5),
+            ("fi", 1, 0.5),
+            ("cbi", 3, 10.0),
+            ("iin", 3, 10.0),
+            ("cf", 2, 0.5),
+        ] {
+            let map = read(&write(kinds)).unwrap_or_else(|why| panic!("{kinds}: {why}"));
+            assert_eq!(map.heights[0], first, "{kinds}");
+            assert!(
+                map.notes[0].contains(&format!("number {number} ")),
+                "{:?}",
+                map.notes
+            );
+        }
+        assert!(read(&write("f")).unwrap().notes.is_empty());
+        for kinds in ["ii", "ff", "iic"] {
+            let why = read(&write(kinds)).unwrap_err();
+            assert!(why.contains("nothing tells which"), "{kinds}: {why}");
+        }
+    }
+
+    #[test]
+    fn what_a_tag_says_of_points_without_data_is_missing() {
+        let mut file = std::io::Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new(&mut file).unwrap();
+        let mut image = encoder.new_image::<colortype::Gray32Float>(2, 2).unwrap();
+        let tags = image.encoder();
+        tags.write_tag(tiff::tags::Tag::GdalNodata, "-7").unwrap();
+        image.write_data(&[1.0, -7.0, 2.0, 3.0]).unwrap();
+        let map = read(&file.into_inner()).unwrap();
+        assert!(map.heights[1].is_nan() && map.missing() == 1);
     }
 }

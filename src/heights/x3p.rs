@@ -2,34 +2,26 @@
 //! metres, as a binary member or as a list in the XML.
 //!
 //! Read are surfaces (feature type SUR) with incremental x and y axes and one layer, and profiles
-//! (PRF) as maps of one row. Points that the instrument did not see (NaN, or 0 in the file of valid points, which
-//! whole numbers need) are filled from their neighbours along the row; a map that misses more than a tenth is refused.
-
-use std::io::Read;
+//! (PRF) as maps of one row. Points that the instrument did not see are NaN, or 0 in the file of valid points, which
+//! whole numbers need. Checksums are looked at where the file has them.
 
 use roxmltree::{Document, Node};
 
-use super::check_size;
+use super::missing::mark;
+use super::packed::{Packed, note};
+use super::{check_size, text as encoded};
 use crate::trace::scene::{HeightMap, MapUnits};
 
-/// Share of missing points up to which a map is filled.
-const MISSING_MAX: f64 = 0.1;
 /// Longest main.xml that is read, bytes (a list of heights may be in it): this many, and these for each height that
 /// a map may have.
 const XML_MAX: (u64, u64) = (1 << 16, 4);
 
 /// Reads an X3P file; heights come in metres, which [`HeightMap::units`] tells.
 pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
-    let mut archive = zip::ZipArchive::new(std::io::Cursor::new(content))
-        .map_err(|e| format!("an X3P file is a zip archive, and this is not one: {e}"))?;
-    let xml = member(
-        &mut archive,
-        "main.xml",
-        XML_MAX.0 + XML_MAX.1 * most as u64,
-    )?;
-    let xml = String::from_utf8(xml).map_err(|_| "main.xml is not UTF-8 text".to_owned())?;
-    let document = Document::parse(xml.trim_start_matches('\u{feff}'))
-        .map_err(|e| format!("main.xml: {e}"))?;
+    let mut archive = Packed::open(content)?;
+    let main = archive.main(XML_MAX.0 + XML_MAX.1 * most as u64)?;
+    let xml = encoded::text_of(&main).map_err(|why| format!("main.xml: {why}"))?;
+    let document = Document::parse(&xml).map_err(|e| format!("main.xml: {e}"))?;
     let root = document.root_element();
     let (x, y, z) = (axis(root, "CX")?, axis(root, "CY")?, axis(root, "CZ")?);
     for (name, axis) in [("CX", &x), ("CY", &y)] {
@@ -54,13 +46,21 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
         return Err(format!("the file holds {layers} layers; one is needed"));
     }
     let count = columns * rows;
-    let values = match text(root, &["DataLink", "PointDataLink"]) {
+    let mut notes = Vec::new();
+    notes.extend(archive.main_note(&main, text(root, &["Record4", "ChecksumFile"])));
+    let checked = |key: &str, link: &str, bytes: &[u8]| {
+        let stated = text(root, &["DataLink", key])?;
+        note(link, bytes, stated, "main.xml")
+    };
+    let mut values = match text(root, &["DataLink", "PointDataLink"]) {
         Some(link) => {
             let limit = (most * 8) as u64;
-            let bytes = member(&mut archive, &inside(link), limit)?;
+            let bytes = archive.linked(link, limit)?;
+            notes.extend(checked("MD5ChecksumPointData", link, &bytes));
             let mut values = z.decode(&bytes, count)?;
             if let Some(link) = text(root, &["DataLink", "ValidPointsLink"]) {
-                let mask = member(&mut archive, &inside(link), most as u64)?;
+                let mask = archive.linked(link, most as u64)?;
+                notes.extend(checked("MD5ChecksumValidPoints", link, &mask));
                 for (n, value) in values.iter_mut().enumerate() {
                     if !is_valid(&mask, n, count)? {
                         *value = f64::NAN;
@@ -71,33 +71,22 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
         }
         None => listed(root, count)?,
     };
-    let heights: Vec<f64> = values
-        .iter()
-        .map(|v| if z.scales() { v * z.increment } else { *v } + z.offset)
-        .collect();
-    let filled_count = heights.iter().filter(|h| !h.is_finite()).count();
-    Ok(HeightMap {
-        columns,
-        rows,
-        heights: filled(heights, columns)?,
-        filled: filled_count,
-        units: Some(MapUnits {
-            pitch_um: [
-                x.increment * 1e6,
-                if rows == 1 {
-                    x.increment * 1e6
-                } else {
-                    y.increment * 1e6
-                },
-            ],
-            height_unit_um: 1e6,
-        }),
-    })
-}
-
-/// A link as the archive's members are named; some programs write it with the marks of their own system.
-fn inside(link: &str) -> String {
-    link.replace('\\', "/").trim_start_matches("./").to_owned()
+    // Numbers that stand for nothing are those of the file, before they are scaled.
+    notes.extend(mark(&mut values, &[]));
+    for value in &mut values {
+        *value = if z.scales() {
+            *value * z.increment
+        } else {
+            *value
+        } + z.offset;
+    }
+    let u_um = x.increment * 1e6;
+    let v_um = if rows == 1 { u_um } else { y.increment * 1e6 };
+    let map = HeightMap::new(columns, values).stating(MapUnits {
+        pitch_um: [u_um, v_um],
+        height_unit_um: 1e6,
+    });
+    Ok(HeightMap { notes, ..map })
 }
 
 /// Whether the file of valid points has point `n` of `count`: a bit each, the lowest of a byte first; some programs
@@ -162,15 +151,12 @@ fn axis(root: Node<'_, '_>, name: &str) -> Result<Axis, String> {
     let of = |key: &str| text(root, &["Axes", name, key]);
     let number_of = |key: &str, otherwise: f64| match of(key) {
         None => Ok(otherwise),
-        Some(word) => word
-            .parse::<f64>()
-            .ok()
-            .filter(|x| x.is_finite())
+        Some(word) => encoded::number(word)
             .ok_or_else(|| format!("main.xml: {name}/{key} = {word:?} is not a number")),
     };
-    let incremental = match of("AxisType") {
-        Some("I") => true,
-        Some("A") => false,
+    let incremental = match of("AxisType").and_then(|t| t.chars().next()) {
+        Some('I' | 'i') => true,
+        Some('A' | 'a') => false,
         _ => return Err(format!("main.xml has no AxisType of {name} (I or A)")),
     };
     let increment = number_of("Increment", 1.0)?;
@@ -179,7 +165,8 @@ fn axis(root: Node<'_, '_>, name: &str) -> Result<Axis, String> {
             "main.xml: {name}/Increment = {increment} m is not a spacing of points"
         ));
     }
-    let kind = of("DataType").unwrap_or("D").chars().next().unwrap_or('D');
+    let kind = of("DataType").and_then(|kind| kind.chars().next());
+    let kind = kind.unwrap_or('D').to_ascii_uppercase();
     if !"ILFD".contains(kind) {
         return Err(format!(
             "main.xml: {name}/DataType must be I, L, F or D, not {kind}"
@@ -203,7 +190,7 @@ fn text<'d>(node: Node<'d, '_>, path: &[&str]) -> Option<&'d str> {
 }
 
 fn number(node: Node<'_, '_>, path: &[&str]) -> Option<f64> {
-    text(node, path)?.parse().ok()
+    encoded::number(text(node, path)?)
 }
 
 trait LocalName {
@@ -228,7 +215,7 @@ fn listed(root: Node<'_, '_>, count: usize) -> Result<Vec<f64>, String> {
         .filter(|n| n.has_tag_name_of("Datum"))
         .map(|n| {
             let word = n.text().unwrap_or_default().rsplit(';').next();
-            word.and_then(|w| w.trim().parse().ok()).unwrap_or(f64::NAN)
+            word.and_then(encoded::number).unwrap_or(f64::NAN)
         })
         .collect();
     if values.len() == count {
@@ -239,51 +226,6 @@ fn listed(root: Node<'_, '_>, count: usize) -> Result<Vec<f64>, String> {
             values.len()
         ))
     }
-}
-
-fn member(
-    archive: &mut zip::ZipArchive<std::io::Cursor<&[u8]>>,
-    name: &str,
-    limit: u64,
-) -> Result<Vec<u8>, String> {
-    let file = archive
-        .by_name(name)
-        .map_err(|e| format!("the archive's member {name}: {e}"))?;
-    let mut bytes = Vec::new();
-    file.take(limit + 1)
-        .read_to_end(&mut bytes)
-        .map_err(|e| format!("the archive's member {name}: {e}"))?;
-    if bytes.len() as u64 > limit {
-        return Err(format!("the archive's member {name} is too large"));
-    }
-    Ok(bytes)
-}
-
-/// Fills points without a height linearly along their row.
-fn filled(mut heights: Vec<f64>, columns: usize) -> Result<Vec<f64>, String> {
-    let missing = heights.iter().filter(|h| !h.is_finite()).count();
-    if missing as f64 > MISSING_MAX * heights.len() as f64 {
-        return Err(format!(
-            "{missing} of {} points have no height: fill them or cut them off first",
-            heights.len()
-        ));
-    }
-    for row in heights.chunks_mut(columns) {
-        let seen: Vec<usize> = (0..columns).filter(|&i| row[i].is_finite()).collect();
-        if seen.is_empty() {
-            return Err("a whole row has no heights: cut it off first".to_owned());
-        }
-        for i in (0..columns).filter(|i| seen.binary_search(i).is_err()) {
-            let after = seen.partition_point(|&s| s < i);
-            row[i] = match (after.checked_sub(1).map(|k| seen[k]), seen.get(after)) {
-                (Some(a), Some(&b)) => row[a] + (row[b] - row[a]) * (i - a) as f64 / (b - a) as f64,
-                (Some(a), None) => row[a],
-                (None, Some(&b)) => row[b],
-                (None, None) => f64::NAN,
-            };
-        }
-    }
-    Ok(heights)
 }
 
 #[cfg(test)]
@@ -336,12 +278,8 @@ mod tests {
             .iter()
             .flat_map(|h| h.to_le_bytes())
             .collect();
-        // A sixth of the points is more than a tenth.
-        assert!(
-            read(&archive(&xml(ABSOLUTE, SIZE, LINK), Some(&doubles)))
-                .unwrap_err()
-                .contains("no height")
-        );
+        let map = read(&archive(&xml(ABSOLUTE, SIZE, LINK), Some(&doubles))).unwrap();
+        assert!(map.missing() == 1 && map.heights[2].is_nan());
         let integers: Vec<u8> = [10i16, 20, 30, -40, 50, 60]
             .iter()
             .flat_map(|h| h.to_le_bytes())
@@ -354,13 +292,13 @@ mod tests {
         assert_eq!(again.heights, map.heights);
         assert_eq!((map.columns, map.rows), (3, 2));
         assert!((map.heights[3] + 4e-6).abs() < 1e-20);
-        let units = map.units.unwrap();
-        assert!((units.pitch_um[0] - 2.0).abs() < 1e-12 && (units.pitch_um[1] - 3.0).abs() < 1e-12);
-        assert_eq!(units.height_unit_um, 1e6);
+        let [u, v] = map.pitch_um.unwrap();
+        assert!((u - 2.0).abs() < 1e-12 && (v - 3.0).abs() < 1e-12);
+        assert_eq!(map.height_unit_um, Some(1e6));
     }
 
     #[test]
-    fn a_list_in_the_xml_is_read_and_its_gaps_are_filled() {
+    fn a_list_in_the_xml_is_read_with_its_gaps() {
         let size = "<SizeX>11</SizeX><SizeY>1</SizeY><SizeZ>1</SizeZ>";
         let mut list: String = (0..10)
             .map(|i| format!("<Datum>0;0;{}</Datum>", f64::from(i)))
@@ -371,8 +309,8 @@ mod tests {
             None,
         ))
         .unwrap();
-        assert_eq!(map.heights, (0..=10).map(f64::from).collect::<Vec<_>>());
-        assert_eq!(map.filled, 1);
+        assert_eq!(map.filled(), (0..=10).map(f64::from).collect::<Vec<_>>());
+        assert!(map.missing() == 1 && map.heights[4].is_nan());
     }
 
     #[test]
@@ -404,14 +342,13 @@ mod tests {
         let bytes: Vec<u8> = (0..21).map(|n| u8::from(!unseen.contains(&n))).collect();
         for mask in [&packed(&unseen)[..], &bytes] {
             let map = read(&archive_with(&xml, Some(&heights), Some(mask))).unwrap();
-            assert_eq!(map.filled, 2);
-            for (n, h) in map.heights.iter().enumerate() {
+            assert_eq!(map.missing(), 2);
+            for (n, h) in map.filled().iter().enumerate() {
                 assert!((h - 1e-6 * n as f64).abs() < 1e-12, "{n}: {h}");
             }
         }
         let refused =
             |mask: Option<&[u8]>| read(&archive_with(&xml, Some(&heights), mask)).unwrap_err();
-        assert!(refused(Some(&packed(&[1, 2, 3]))).contains("3 of 21 points"));
         assert!(refused(Some(&[0xff; 4])).contains("instead of 3"));
         assert!(refused(None).contains("bindata/valid.bin"));
     }

@@ -6,10 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::LabError;
 use crate::heights;
-use crate::heights::ridges::{self, Units};
+use crate::heights::ridges::{self, Shape, Units};
 use crate::store::frames::sha256_hex;
-use crate::trace::profile::Profile;
-use crate::trace::ridge_map::RidgeFacts;
 use crate::trace::scene::HeightMap;
 
 /// Heights in a file at most, 2048 × 2048: the daemon drives a rig, and no request may take the memory for that away.
@@ -68,7 +66,7 @@ pub enum Pitch {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ShapeFile {
-    /// Its name: the ending tells how the heights are written (csv, png, tif, x3p).
+    /// Its name: the ending tells how the heights are written (csv, png, tif, x3p, sdf).
     pub name: String,
     /// What is in it, base64.
     pub content: Content,
@@ -85,7 +83,7 @@ impl ShapeFile {
     ///
     /// # Errors
     /// [`LabError::Invalid`] of `shape`: what is wrong with it.
-    pub(super) fn read(&self) -> Result<(Profile, Option<RidgeFacts>), LabError> {
+    pub(super) fn read(&self) -> Result<Shape, LabError> {
         let units = Units {
             pitch_um: match self.pitch_um {
                 None => Vec::new(),

@@ -235,17 +235,15 @@ impl Lab {
         let series = StoredSeries::open(self.store(), request.scan_id).await?;
         check_region(&series, request.region.as_deref())?;
         let told = request.told(&series.manifest().material())?;
-        let (profile, height_map) = match request.shape.clone() {
-            Some(shape) => {
-                let (profile, facts) = blocking(move || shape.read()).await??;
-                (Some(profile), facts)
-            }
-            None => (None, None),
+        let shape = match request.shape.clone() {
+            Some(shape) => Some(blocking(move || shape.read()).await??),
+            None => None,
         };
         let standard = FitOptions::default();
         let options = AnalysisOptions {
-            profile,
-            height_map,
+            height_map: shape.as_ref().and_then(|shape| shape.facts),
+            shape_notes: shape.iter().flat_map(|shape| shape.notes.clone()).collect(),
+            profile: shape.map(|shape| shape.profile),
             region: request.region.clone(),
             fit: FitOptions {
                 variant: request.variant,

@@ -137,13 +137,7 @@ fn facets_that_are_rough_or_bright_inside_are_the_same_by_either_method() {
         let height =
             |n: usize| 0.6 * ((n % 32) as f64 * 0.59).sin() + 0.5 * ((n / 32) as f64 * 0.39).cos();
         assert_eq!(path, "waves.csv");
-        Ok(HeightMap {
-            columns: 32,
-            rows: 32,
-            heights: (0..32 * 32).map(height).collect(),
-            units: None,
-            filled: 0,
-        })
+        Ok(HeightMap::new(32, (0..32 * 32).map(height).collect()))
     };
     let file = "shape = \"file\"\npath = \"waves.csv\"\npitch_um = 1.0\nheight_unit_um = 1.0";
     let rough = interface(
@@ -279,15 +273,7 @@ fn rounded_edges_reflect_as_those_of_thousands_of_pieces() {
             heights.push(corner.1 + round * (s * a.1 + c * b.1));
         }
     }
-    let fine = |_: &str| {
-        Ok(HeightMap {
-            columns: 2,
-            rows: heights.len() / 2,
-            heights: heights.clone(),
-            units: None,
-            filled: 0,
-        })
-    };
+    let fine = |_: &str| Ok(HeightMap::new(2, heights.clone()));
     let ridges = "shape = \"ridges\"\ntheta_r_deg = 15.0\npitch_um = 10.0\nround_um = 0.8";
     for alpha in ["", "\nalpha_u = 0.02\nalpha_v = 0.02"] {
         let [a, b] = [ridges, "shape = \"profile\"\npath = \"fine.csv\""].map(|shape| {

@@ -18,6 +18,8 @@ mod error;
 mod lobe;
 mod rays;
 
+use std::sync::Arc;
+
 use super::vec3::V3;
 use bow::bows;
 pub use error::ProfileError;
@@ -67,6 +69,8 @@ pub struct Profile {
     turned: bool,
     /// Standard uncertainty of the angle that light follows, rad.
     lobe_error: f64,
+    /// Another profile that was measured as well.
+    alternative: Option<Arc<Profile>>,
 }
 
 /// Corners nearer to each other than this share of the period are one.
@@ -184,6 +188,7 @@ impl Profile {
             pieces,
             turned: false,
             lobe_error: 0.0,
+            alternative: None,
         }
     }
 
@@ -253,6 +258,7 @@ impl Profile {
         Profile {
             turned: !self.turned,
             lobe_error: self.lobe_error,
+            alternative: self.alternative.clone(),
             ..Profile::with_bows(&corners.collect::<Vec<_>>(), self.period)
         }
     }
@@ -306,6 +312,40 @@ impl Profile {
         None
     }
 
+    /// The same where the measurement leaves room for another shape as well, the limit of what it may be.
+    #[must_use]
+    pub fn with_alternative(self, alternative: Profile) -> Self {
+        Profile {
+            alternative: Some(Arc::new(alternative)),
+            ..self
+        }
+    }
+
+    /// What [`Profile::with_alternative`] was told.
+    #[must_use]
+    pub fn alternative(&self) -> Option<&Profile> {
+        self.alternative.as_deref()
+    }
+
+    /// How many ridges it has: flanks that fall towards +v by more than half its height.
+    #[must_use]
+    pub fn ridges(&self) -> usize {
+        let half = 0.5 * (self.highest - self.lowest);
+        let (mut count, mut is_down) = (0, false);
+        // A second time round, so that what is cut at the start counts once.
+        let (mut top, mut bottom) = (f64::NEG_INFINITY, f64::INFINITY);
+        for (n, piece) in self.pieces.iter().chain(&self.pieces).enumerate() {
+            (top, bottom) = (top.max(piece.z_from), bottom.min(piece.z_from));
+            if !is_down && top - piece.z_from > half {
+                (is_down, bottom) = (true, piece.z_from);
+                count += usize::from(n >= self.pieces.len());
+            } else if is_down && piece.z_from - bottom > half {
+                (is_down, top) = (false, piece.z_from);
+            }
+        }
+        count
+    }
+
     /// The same shape with its heights scaled so that its effective ridge angle is `theta_r` (rad, from
     /// 0 to π/2); `None` where nothing of it leans to +v.
     #[must_use]
@@ -323,6 +363,7 @@ impl Profile {
             scaled = Profile::with_bows(&corners.collect::<Vec<_>>(), self.period);
             scaled.turned = self.turned;
             scaled.lobe_error = self.lobe_error;
+            scaled.alternative.clone_from(&self.alternative);
         }
         Some(scaled)
     }

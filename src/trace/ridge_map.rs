@@ -6,6 +6,7 @@
 //! without one direction of ridges is refused. It knows no files: heights are handed in.
 
 mod field;
+mod gaps;
 mod lines;
 #[cfg(test)]
 mod tests;
@@ -27,6 +28,12 @@ const RIDGES_MIN: f64 = 3.0;
 const SAMPLES_MIN: f64 = 8.0;
 /// Share of the heights' variance that ridges explain at least.
 const EXPLAINED_MIN: f64 = 0.75;
+/// Share of points without a height up to which a map is read.
+const MISSING_MAX: f64 = 1.0 / 3.0;
+/// Heights that stand off all around them by this share of the map's height are no part of a ridge.
+const SPIKE: f64 = 0.3;
+/// Share of such heights beyond which they are the map's noise.
+const SPIKES_MAX: f64 = 0.05;
 /// Directions that explain the variance as well as another within this may be the same.
 const ALIKE: f64 = 0.05;
 
@@ -53,9 +60,17 @@ pub struct RidgeFacts {
     /// uncertainty).
     #[serde(default)]
     pub lobe_error_deg: f64,
-    /// Share of the heights that the instrument did not see: they were filled from their neighbours.
+    /// Share of the heights that are missing or stand off all around them (spikes): they take no part in the mean.
     #[serde(default)]
     pub filled_share: f64,
+    /// Share of a ridge that no line along it shows, as where steep walls were not seen: bridged along the flanks beside it.
+    #[serde(default, skip_serializing_if = "is_nothing")]
+    pub unseen_share: f64,
+}
+
+/// Whether a share is 0.
+fn is_nothing(share: &f64) -> bool {
+    *share == 0.0
 }
 
 /// A profile across ridges, and what it was made of.
@@ -83,8 +98,16 @@ pub enum RidgeMapError {
         /// Along its columns.
         rows: usize,
     },
+    /// Heights are missing.
+    #[error("{missing} of {count} points have no height: fill them or cut them off first")]
+    Missing {
+        /// How many of them.
+        missing: usize,
+        /// How many points there are.
+        count: usize,
+    },
     /// A height that is none.
-    #[error("row {row}, column {column}: the height is not a finite number")]
+    #[error("row {row}, column {column}: the height is beyond 1e12 µm")]
     NotFinite {
         /// 1 for the first.
         row: usize,
@@ -153,16 +176,35 @@ impl RidgeMap {
         if columns < 16 || rows < 16 || map.heights.len() != columns * rows {
             return Err(RidgeMapError::Small { columns, rows });
         }
-        let mut heights: Vec<f64> = map
+        if let Some(at) = map
             .heights
             .iter()
-            .map(|h| h * units.height_unit_um)
-            .collect();
-        if let Some(at) = heights.iter().position(|h| h.abs() >= 1e12 || h.is_nan()) {
+            .position(|h| (h * units.height_unit_um).abs() >= 1e12)
+        {
             return Err(RidgeMapError::NotFinite {
                 row: at / columns + 1,
                 column: at % columns + 1,
             });
+        }
+        let mut seen = std::borrow::Cow::Borrowed(map);
+        let spikes = map.spikes(SPIKE);
+        if !spikes.is_empty() && spikes.len() as f64 <= SPIKES_MAX * map.heights.len() as f64 {
+            for n in spikes {
+                seen.to_mut().heights[n] = f64::NAN;
+            }
+        }
+        let (missing, count) = (seen.missing(), map.heights.len());
+        if missing as f64 > MISSING_MAX * count as f64 {
+            return Err(RidgeMapError::Missing { missing, count });
+        }
+        // The direction is found on heights that are everywhere, the mean is that of those seen.
+        let unseen: Vec<bool> = match missing {
+            0 => Vec::new(),
+            _ => seen.heights.iter().map(|h| h.is_nan()).collect(),
+        };
+        let mut heights = seen.filled();
+        for h in &mut heights {
+            *h *= units.height_unit_um;
         }
         take_off_plane(&mut heights, columns, units.pitch_um);
         let field = Field {
@@ -170,18 +212,24 @@ impl RidgeMap {
             rows,
             pitch: units.pitch_um,
             heights: &heights,
+            unseen: &unseen,
         };
         let variance = heights.iter().map(|h| h * h).sum::<f64>() / heights.len() as f64;
         let span = heights.iter().fold(0.0f64, |a, h| a.max(h.abs()));
-        let given = map.heights.iter().fold(0.0f64, |a, h| a.max(h.abs())) * units.height_unit_um;
+        let given = seen.heights.iter().fold(0.0f64, |a, h| a.max(h.abs())) * units.height_unit_um;
         // A plane leaves the rounding of its own numbers.
         if span <= 1e-12 * given || variance <= 0.0 {
             return Err(RidgeMapError::Flat);
         }
-        let found: Vec<(Lines, Wave, f64)> = field
-            .strongest_waves()
+        let mut waves: Vec<(Wave, f64)> = Vec::new();
+        for wave in field.strongest_waves() {
+            let (wave, power) = field.sharpened(wave);
+            if !waves.iter().any(|known| field.is_one(known.0, wave)) {
+                waves.push((wave, power));
+            }
+        }
+        let found: Vec<(Lines, Wave, f64)> = waves
             .into_iter()
-            .map(|wave| field.sharpened(wave))
             .map(|(wave, power)| (field.aligned(wave), power))
             .map(|(wave, power)| (field.lines(wave, 1), wave, power))
             .collect();
@@ -212,7 +260,7 @@ impl RidgeMap {
             });
         }
         let mut made = field.fine_lines(wave).profile(&lines, period, across)?;
-        made.facts.filled_share = map.filled as f64 / map.heights.len() as f64;
+        made.facts.filled_share = missing as f64 / count as f64;
         Ok(made)
     }
 }
@@ -240,22 +288,25 @@ impl RidgeFacts {
                 Some((self.sample_um / self.period_um).min(1.0)),
             ),
         ];
-        list.extend(gaps(self.filled_share));
+        if self.filled_share > 0.0 {
+            let bridged = match self.unseen_share > 0.0 {
+                true => format!(
+                    "; {} of a ridge is seen nowhere along it, mostly on steep walls: the flanks beside it go on into it by \
+                     half a sample, and how far the answer moves if they go on to its middle is in the line `model` of the \
+                     budget",
+                    percent(self.unseen_share)
+                ),
+                false => String::new(),
+            };
+            list.push(LeftOut::new(
+                "points of the height map that the instrument did not see",
+                format!(
+                    "{} of its heights are missing or spikes and take no part in the mean along the ridges{bridged}",
+                    percent(self.filled_share)
+                ),
+                Some(self.filled_share),
+            ));
+        }
         list
     }
-}
-
-/// What points without a height cost that were filled from their neighbours; `share` is that of the heights.
-pub(super) fn gaps(share: f64) -> Option<LeftOut> {
-    (share > 0.0).then(|| {
-        LeftOut::new(
-            "points of the height map that the instrument did not see",
-            format!(
-                "{} of its heights are missing and were filled in a straight line along their row; instruments miss the \
-                 steepest parts first",
-                percent(share)
-            ),
-            Some(share),
-        )
-    })
 }

@@ -5,6 +5,7 @@
 //! read by the caller and handed in as heights: this room does no I/O.
 
 mod error;
+mod height_map;
 mod media;
 mod prepared;
 mod shape;
@@ -26,8 +27,9 @@ use media::{Optics, Step, index};
 use prepared::REGISTRATION;
 
 pub use error::SceneError;
+pub use height_map::{HeightMap, MapUnits};
 pub use prepared::{Prepared, RidgeAngle};
-pub use shape::{HeightMap, MapUnits, Shape};
+pub use shape::Shape;
 
 /// A scene as written.
 #[derive(Debug, Clone, PartialEq, Deserialize)]

@@ -26,7 +26,7 @@ const RULES: &[(&str, &[&str])] = &[
         "trace",
         &["units", "geometry", "material", "model", "wording"],
     ),
-    ("heights", &["trace"]),
+    ("heights", &["trace", "wording"]),
     (
         "fit",
         &[

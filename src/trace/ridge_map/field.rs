@@ -7,6 +7,8 @@ use super::lines::{Line, Lines};
 
 /// Pixels along a side of a window whose waves are looked at.
 const WINDOW: usize = 96;
+/// Pixels along a side of a window at least.
+const SIDE_MIN: usize = 8;
 /// Waves with fewer periods than this within their window are its tilt and bow.
 const PERIODS_MIN: f64 = 2.0;
 /// Places at which a direction is tried.
@@ -15,6 +17,11 @@ const POINTS: usize = 6_000;
 const LOOKED_AT: usize = 1 << 20;
 /// Width of a fine line in samples.
 const FINE: f64 = 0.25;
+/// Samples by which ridges lean from rows or columns over the map for such lines at least.
+const CROSSED: f64 = 4.0;
+/// Turns that are tried to either side, and their distance in samples over the ridges' length.
+const TURNS: i32 = 12;
+const TURN_STEP: f64 = 0.25;
 /// Overtones that sharpen it.
 const OVERTONES: usize = 6;
 /// A line across the ridges counts where it is this share of the longest lines, or more.
@@ -25,8 +32,10 @@ pub(super) struct Field<'a> {
     pub columns: usize,
     pub rows: usize,
     pub pitch: [f64; 2],
-    /// µm, the plane taken off; row by row.
+    /// µm, the plane taken off; row by row; everywhere a number.
     pub heights: &'a [f64],
+    /// Which of them nobody saw; empty where all were seen.
+    pub unseen: &'a [bool],
 }
 
 /// Takes the plane of least squares off.
@@ -76,24 +85,22 @@ impl Field<'_> {
 
     /// The wave that holds most of the variance of a window of means over `block` × `block` heights.
     fn strongest_wave(&self, block: usize) -> Option<Wave> {
+        // Along the short side of a strip fewer heights make a mean, so that it is not looked at in parts only.
+        let [bx, by] = [self.columns, self.rows].map(|n| block.min((n / SIDE_MIN).max(1)));
         let (nx, ny) = (
-            (self.columns / block).min(WINDOW),
-            (self.rows / block).min(WINDOW),
+            (self.columns / bx).min(WINDOW),
+            (self.rows / by).min(WINDOW),
         );
-        if nx < 8 || ny < 8 {
+        if nx < SIDE_MIN || ny < SIDE_MIN {
             return None;
         }
-        let (x0, y0) = (
-            (self.columns - nx * block) / 2,
-            (self.rows - ny * block) / 2,
-        );
+        let (x0, y0) = ((self.columns - nx * bx) / 2, (self.rows - ny * by) / 2);
         let hann =
             |n: usize, of: usize| (std::f64::consts::PI * (n as f64 + 0.5) / of as f64).sin();
         let mut means = vec![0.0; nx * ny];
         for (n, mean) in means.iter_mut().enumerate() {
-            let (column, row) = (x0 + n % nx * block, y0 + n / nx * block);
-            let cells =
-                (row..row + block).flat_map(|r| (column..column + block).map(move |c| (r, c)));
+            let (column, row) = (x0 + n % nx * bx, y0 + n / nx * by);
+            let cells = (row..row + by).flat_map(|r| (column..column + bx).map(move |c| (r, c)));
             *mean = cells
                 .map(|(r, c)| self.heights[r * self.columns + c])
                 .sum::<f64>();
@@ -132,10 +139,9 @@ impl Field<'_> {
                 }
                 let power = re * re + im * im;
                 if best.is_none_or(|(most, _)| power > most) {
-                    let size = block as f64;
                     let wave = [
-                        x / (nx as f64 * size * self.pitch[0]),
-                        y / (ny as f64 * size * self.pitch[1]),
+                        x / ((nx * bx) as f64 * self.pitch[0]),
+                        y / ((ny * by) as f64 * self.pitch[1]),
                     ];
                     best = Some((power, wave));
                 }
@@ -168,6 +174,13 @@ impl Field<'_> {
         }
     }
 
+    /// Whether two waves are one: nowhere in the map a tenth of a period apart.
+    pub fn is_one(&self, a: Wave, b: Wave) -> bool {
+        let across =
+            |side: usize, count: usize| (a[side] - b[side]).abs() * count as f64 * self.pitch[side];
+        across(0, self.columns) + across(1, self.rows) < 0.1
+    }
+
     /// Places drawn within a window about the middle: x, y and weighted height.
     fn places(&self, window: f64) -> Vec<[f64; 3]> {
         let mut random = Stream::new(1, Purpose::Surface, 0);
@@ -196,22 +209,25 @@ impl Field<'_> {
     }
 
     /// The same wave turned so that the means along its ridges explain the most: places drawn by chance leave it askew by
-    /// about a pixel over the map.
+    /// about a sample over the ridges' length in the map. Samples make hills of their own on the way, so all turns within
+    /// a few samples are tried before the best is refined.
     pub fn aligned(&self, wave: Wave) -> Wave {
-        let mut stride = self.heights.len().div_ceil(LOOKED_AT);
-        // Every so many heights, but never a column of them.
-        while stride > 1 && gcd(stride, self.columns) > 1 {
-            stride += 1;
-        }
         let turned = |by: f64| {
             let (s, c) = by.sin_cos();
             [wave[0] * c - wave[1] * s, wave[0] * s + wave[1] * c]
         };
-        let explained = |by: f64| self.lines(turned(by), stride).explained;
-        let pixel = 1.0 / self.columns.max(self.rows) as f64;
-        let (mut at, mut best, mut step) = (0.0, explained(0.0), pixel);
-        while step > 0.02 * pixel {
-            let (left, right) = (explained(at - step), explained(at + step));
+        let explained = |by: f64, stride: usize| self.lines(turned(by), stride).explained;
+        let (scan, refine) = (self.stride(LOOKED_AT / 4), self.stride(LOOKED_AT));
+        // A turn by this shears the ends of a ridge by a sample.
+        let sample = self.sample(wave) / self.along(wave);
+        let tried = (-TURNS..=TURNS).map(|n| TURN_STEP * f64::from(n) * sample);
+        let scanned = tried.map(|by| (by, explained(by, scan)));
+        let at = scanned
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .map_or(0.0, |t| t.0);
+        let (mut at, mut best, mut step) = (at, explained(at, refine), 0.5 * TURN_STEP * sample);
+        while step > 0.02 * sample {
+            let (left, right) = (explained(at - step, refine), explained(at + step, refine));
             if left.max(right) > best {
                 at += if left > right { -step } else { step };
                 best = left.max(right);
@@ -222,22 +238,59 @@ impl Field<'_> {
         turned(at)
     }
 
+    /// So many heights apart are looked at that about `most` are, but never a column of them.
+    fn stride(&self, most: usize) -> usize {
+        let mut stride = self.heights.len().div_ceil(most);
+        while stride > 1 && gcd(stride, self.columns) > 1 {
+            stride += 1;
+        }
+        stride
+    }
+
+    /// Width of a sample across the ridges of a wave: as wide as the pitch is there, µm.
+    fn sample(&self, wave: Wave) -> f64 {
+        let f = wave[0].hypot(wave[1]);
+        (wave[0].abs() * self.pitch[0] + wave[1].abs() * self.pitch[1]) / f
+    }
+
+    /// How far a ridge of a wave goes on within the map, µm.
+    fn along(&self, wave: Wave) -> f64 {
+        let f = wave[0].hypot(wave[1]);
+        let [width, height] = [
+            self.columns as f64 * self.pitch[0],
+            self.rows as f64 * self.pitch[1],
+        ];
+        (width * f / wave[1].abs()).min(height * f / wave[0].abs())
+    }
+
+    /// By how many samples the ridges of a wave lean from rows or columns over their length in the map.
+    fn sheared(&self, wave: Wave) -> f64 {
+        let f = wave[0].hypot(wave[1]);
+        let lean = (wave[0].abs()).min(wave[1].abs()) / f;
+        lean * self.along(wave) / self.sample(wave)
+    }
+
     /// Means along the ridges of a wave, of one in `stride` heights.
     pub fn lines(&self, wave: Wave, stride: usize) -> Lines {
         self.lines_as_wide(wave, stride, 1.0)
     }
 
-    /// The same, as fine as samples that the ridges cross askew allow: corners are cut by a fraction of a sample.
+    /// The same, as fine as samples that the ridges cross askew allow: corners are cut by a fraction of a sample. Where they
+    /// hardly cross, lines beside each other would be of other rows each, and what their direction is off by would be steps
+    /// between them: those are a sample wide.
     pub fn fine_lines(&self, wave: Wave) -> Lines {
-        self.lines_as_wide(wave, 1, FINE)
+        let share = match self.sheared(wave) < CROSSED {
+            true => 1.0,
+            false => FINE,
+        };
+        self.lines_as_wide(wave, 1, share)
     }
 
     /// Lines whose width is this share of a sample's.
     fn lines_as_wide(&self, wave: Wave, stride: usize, share: f64) -> Lines {
         let f = wave[0].hypot(wave[1]);
         let (c, s) = (wave[0] / f, wave[1] / f);
-        // A sample is as wide as the pitch is across the ridges.
-        let width = share * (c.abs() * self.pitch[0] + s.abs() * self.pitch[1]);
+        let width = share * self.sample(wave);
         let place = |n: usize| {
             let (x, y) = (
                 (n % self.columns) as f64 * self.pitch[0],
@@ -263,7 +316,11 @@ impl Field<'_> {
         let count = ((last - first) / width) as usize + 1;
         let line = |across: f64| (((across - first) / width) as usize).min(count - 1);
         let mut sums = vec![[0.0; 3]; count];
-        let heights = || self.heights.iter().enumerate().step_by(stride);
+        let is_seen = |n: usize| self.unseen.get(n).is_none_or(|unseen| !unseen);
+        let heights = || {
+            let all = self.heights.iter().enumerate().step_by(stride);
+            all.filter(move |(n, _)| is_seen(*n))
+        };
         for (n, h) in heights() {
             let across = place(n).0;
             let sum = &mut sums[line(across)];
@@ -335,6 +392,7 @@ impl Field<'_> {
             width,
             explained: 1.0 - rest * used / squares[0],
             unevenness,
+            has_holes: !self.unseen.is_empty(),
             lines,
         }
     }

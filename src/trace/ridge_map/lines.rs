@@ -1,6 +1,7 @@
 //! The mean along ridges: made level, cut to whole periods, turned to where its facets lean.
 
 use super::super::profile::{Profile, ProfileError};
+use super::gaps::Reach;
 use super::{RIDGES_MIN, RidgeFacts, RidgeMap, RidgeMapError, SAMPLES_MIN};
 
 /// The share of a ridge that leans to its facets' side differs from a half by this at least.
@@ -20,6 +21,8 @@ pub(super) struct Lines {
     pub explained: f64,
     /// Root mean square of what is left along a line, of the median line, µm.
     pub unevenness: f64,
+    /// Whether heights are missing, so that lines may be.
+    pub has_holes: bool,
     /// By rising place.
     pub lines: Vec<Line>,
 }
@@ -85,12 +88,16 @@ impl Lines {
         if share < 0.5 + LEAN_MIN {
             return Err(RidgeMapError::BothSides { share });
         }
-        let profile = self.straightened(period)?;
+        let profile = self.straightened(period, Reach::HalfLine)?;
         let theta_r = profile
             .effective_ridge_angle()
             .ok_or(ProfileError::LeansNowhere)?;
         let lobe_error = self.lobe_error(&profile, period);
-        let profile = profile.with_lobe_error(lobe_error);
+        let unseen_share = self.unseen();
+        let mut profile = profile.with_lobe_error(lobe_error);
+        if unseen_share > 0.0 {
+            profile = profile.with_alternative(self.straightened(period, Reach::Middle)?);
+        }
         let (low, high) = profile.range();
         let lean = across.to_degrees() + if turned { 180.0 } else { 0.0 };
         Ok(RidgeMap {
@@ -105,12 +112,14 @@ impl Lines {
                 theta_r_deg: theta_r.to_degrees(),
                 lobe_error_deg: lobe_error.to_degrees(),
                 filled_share: 0.0,
+                unseen_share,
             },
             profile,
         })
     }
 
-    fn length(&self) -> f64 {
+    /// From the first line to the last.
+    pub fn length(&self) -> f64 {
         match (self.lines.first(), self.lines.last()) {
             (Some(first), Some(last)) => last.v - first.v,
             _ => 0.0,
@@ -198,9 +207,10 @@ impl Lines {
         lines
     }
 
-    /// Whole periods of that.
-    fn straightened(&self, period: f64) -> Result<Profile, ProfileError> {
-        Profile::measured(&self.straight().whole_periods(period))
+    /// Whole periods of that, gaps bridged.
+    fn straightened(&self, period: f64, reach: Reach) -> Result<Profile, ProfileError> {
+        let straight = self.bridged_by(&self.straight(), reach);
+        Profile::measured(&straight.whole_periods(period))
     }
 
     /// The ends of straight pieces that all lines lie on within their noise (Ramer 1972, Douglas and Peucker 1973).
@@ -288,7 +298,9 @@ impl Lines {
                 lines: lines.copied().collect(),
                 ..*self
             };
-            part.straightened(period).ok()?.lobe_offsets()
+            part.straightened(period, Reach::HalfLine)
+                .ok()?
+                .lobe_offsets()
         };
         let mut most = 0.0f64;
         for step in [2, 4] {

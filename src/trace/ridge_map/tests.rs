@@ -30,13 +30,7 @@ pub(crate) fn map_of(
         let noise = noise * 12f64.sqrt() * (random.uniform() - 0.5);
         5.0 + height(x * c + y * s) + 0.01 * x - 0.02 * y + noise
     });
-    HeightMap {
-        columns: size[0],
-        rows: size[1],
-        heights: heights.collect(),
-        units: None,
-        filled: 0,
-    }
+    HeightMap::new(size[0], heights.collect())
 }
 
 fn units(pitch: [f64; 2]) -> MapUnits {
@@ -123,13 +117,7 @@ fn what_is_no_map_of_ridges_is_refused_with_the_way_out() {
     let unit = [1.0, 1.0];
     let sawtooth = Profile::sawtooth(0.2, 30.0, 0.0).unwrap();
     let refused = |map: &HeightMap| found(map, unit).unwrap_err().to_string();
-    let of = |heights: Vec<f64>, columns: usize| HeightMap {
-        columns,
-        rows: heights.len() / columns,
-        heights,
-        units: None,
-        filled: 0,
-    };
+    let of = |heights: Vec<f64>, columns: usize| HeightMap::new(columns, heights);
     let mut random = Stream::new(3, Purpose::Surface, 0);
     let noise = of((0..120 * 120).map(|_| random.uniform()).collect(), 120);
     assert!(refused(&noise).contains("not made of parallel ridges"));
@@ -150,7 +138,7 @@ fn what_is_no_map_of_ridges_is_refused_with_the_way_out() {
     let grooves = map_of(&groove, 40.0, [200, 200], unit, 0.01);
     assert!(refused(&grooves).contains("to both sides alike"));
     let mut hole = map_of(&sawtooth, 0.0, [150, 150], unit, 0.0);
-    hole.heights[151] = f64::NAN;
+    hole.heights[151] = f64::INFINITY;
     assert!(refused(&hole).contains("row 2, column 2"));
     assert!(refused(&of(vec![0.0; 100], 10)).contains("16 × 16"));
     assert_eq!(found(&one, [0.0, 1.0]), Err(RidgeMapError::Units));
@@ -207,4 +195,35 @@ fn what_noise_and_samples_do_to_the_angle_that_light_follows_is_told() {
         worst < 0.08 && 10 * beyond <= all,
         "{worst} {beyond} of {all}"
     );
+}
+
+#[test]
+fn strips_along_which_the_ridges_hardly_lean_are_given_no_lean() {
+    let sawtooth = Profile::sawtooth(10f64.to_radians(), 100.0, 0.0).unwrap();
+    for (azimuth_deg, size, pitch, noise) in [
+        (0.0, [512, 32], 1.0, 0.0),
+        (0.0, [1280, 64], 1.0, 0.0),
+        (0.0, [1280, 64], 0.645, 0.05),
+        (180.0, [700, 16], 0.8, 0.1),
+        (90.0, [32, 512], 1.0, 0.0),
+        (270.0, [48, 900], 0.7, 0.03),
+        (0.4, [512, 32], 1.0, 0.02),
+        (1.3, [640, 48], 1.0, 0.0),
+        (183.0, [600, 24], 1.0, 0.05),
+        (88.0, [40, 700], 1.0, 0.1),
+    ] {
+        let map = map_of(&sawtooth, azimuth_deg, size, [pitch; 2], noise);
+        let f = found(&map, [pitch; 2]).unwrap();
+        let case = format!("{azimuth_deg} {size:?} {pitch} {noise}: {f:?}");
+        assert!((f.theta_r_deg - 10.0).abs() < 0.08, "{case}");
+        assert!(
+            (f.period_um / sawtooth.period() - 1.0).abs() < 2e-3,
+            "{case}"
+        );
+        let off = (f.lean_azimuth_deg - azimuth_deg + 180.0).rem_euclid(360.0) - 180.0;
+        // A third of a sample over the short side.
+        let third = 0.33 / size[0].min(size[1]) as f64;
+        assert!(off.abs() < third.to_degrees(), "{case}");
+        assert!(f.lobe_error_deg < 0.1, "{case}");
+    }
 }

@@ -11,13 +11,12 @@ use super::super::beckmann::{self, beckmann};
 use super::super::crystals::{self, crystals};
 use super::super::facet::Roughness;
 use super::super::height_field::HeightField;
-use super::super::profile::{Profile, ProfileError, lowest_and_highest};
-use super::super::ridge_map::gaps;
+use super::super::profile::lowest_and_highest;
 use super::super::ridges::Ridges;
 use super::super::rng::{Purpose, Stream};
 use super::super::surface::Relief;
-use super::{LeftOut, Scene, SceneError, positive, value};
-use crate::wording::significant;
+use super::{HeightMap, LeftOut, Scene, SceneError, positive, value};
+use crate::wording::{percent, significant};
 
 /// One interface as written; which keys it may have depends on `shape`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -69,30 +68,6 @@ impl Shape {
 
 /// Crystals per size² unless a scene says otherwise: hardly any of the plane is left.
 const COVER: f64 = 3.0;
-
-/// Heights read from a file, in the file's own unit; index row·columns + column, rows along v.
-#[derive(Debug, Clone, PartialEq)]
-pub struct HeightMap {
-    /// Samples along u.
-    pub columns: usize,
-    /// Samples along v.
-    pub rows: usize,
-    /// Heights.
-    pub heights: Vec<f64>,
-    /// What the file says of its units; `None` where the scene must.
-    pub units: Option<MapUnits>,
-    /// How many of the heights the instrument did not see: they were filled from their neighbours.
-    pub filled: usize,
-}
-
-/// Units of a height map.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MapUnits {
-    /// Spacing of samples along u and v, µm.
-    pub pitch_um: [f64; 2],
-    /// Micrometres per unit of the heights.
-    pub height_unit_um: f64,
-}
 
 impl Scene {
     /// Cells per side and seed of a random tile.
@@ -263,7 +238,8 @@ fn profile(
     };
     let map = load(path).map_err(failed)?;
     let profile = map.profile().map_err(|e| failed(e.to_string()))?;
-    let unit = map.units.map_or(1.0, |units| units.height_unit_um);
+    let unit = map.height_unit_um.unwrap_or(1.0);
+    left_out.extend(reading(&map, keys.number));
     let steps = profile.pieces().iter().map(|p| p.to - p.from);
     let finest = steps.fold(f64::INFINITY, f64::min);
     left_out.extend(lost_digits(unit * map.last_digit(), finest, keys.number));
@@ -292,15 +268,31 @@ fn file(
     };
     let map = load(path).map_err(failed)?;
     // What the scene says counts more than what the file says.
-    let own = map.units;
-    let pitch = match (keys.shape.pitch_um, own) {
-        (None, Some(units)) => units.pitch_um,
+    let pitch = match (keys.shape.pitch_um, map.pitch_um) {
+        (None, Some(pitch_um)) => pitch_um,
         _ => [keys.need("pitch_um", keys.shape.pitch_um)?; 2],
     };
-    let unit = match (keys.shape.height_unit_um, own) {
-        (None, Some(units)) => units.height_unit_um,
+    if let Some([u, v]) = map.spacing
+        && (u / v - 1.0).abs() > 0.01
+    {
+        return Err(failed(format!(
+            "its points are {} apart along x and {} along y, which one pitch_um does not say: name the columns with \
+             their units, such as x_um y_um z_um",
+            significant(u),
+            significant(v)
+        )));
+    }
+    let unit = match (keys.shape.height_unit_um, map.height_unit_um) {
+        (None, Some(unit_um)) => unit_um,
         _ => keys.need("height_unit_um", keys.shape.height_unit_um)?,
     };
+    if map.missing_share() > MISSING_MAX {
+        return Err(failed(format!(
+            "{} of {} points have no height: fill them or cut them off first",
+            map.missing(),
+            map.heights.len()
+        )));
+    }
     let field = field_of(&map, pitch, unit).map_err(|r| failed(r.to_owned()))?;
     let (low, high) = field.range();
     let stored = f64::from(f32::EPSILON) * low.abs().max(high.abs());
@@ -309,14 +301,55 @@ fn file(
         pitch[0].min(pitch[1]),
         keys.number,
     ));
-    let share = map.filled as f64 / map.heights.len() as f64;
-    left_out.extend(gaps(share));
+    left_out.extend(reading(&map, keys.number));
+    left_out.extend(filled_gaps(map.missing_share()));
+    let spikes = map.spikes(1.0).len();
+    if spikes > 0 {
+        left_out.push(LeftOut {
+            what: format!("whether spikes of the map of interface {} are real", keys.number),
+            why: format!(
+                "{} off all around by more than the map's height and traced as they are: where an instrument made them, \
+                 take them out or mark them as missing (NaN)",
+                match spikes {
+                    1 => "1 height stands".to_owned(),
+                    n => format!("{n} heights stand"),
+                }
+            ),
+            cost: Some(spikes as f64 / map.heights.len() as f64),
+        });
+    }
     left_out.push(LeftOut {
         what: format!("what lies beyond the map of interface {}", keys.number),
         why: "the map is repeated as it is; where its rims differ there is a wall".to_owned(),
         cost: None,
     });
     Ok((Relief::Field(Arc::new(field)), keys.optional_roughness()?))
+}
+
+/// Share of points without a height up to which a map is filled and traced.
+const MISSING_MAX: f64 = 0.1;
+
+/// How a file was read, where it could have been read otherwise.
+fn reading(map: &HeightMap, number: usize) -> impl Iterator<Item = LeftOut> {
+    let what = format!("another reading of the file of interface {number}");
+    map.notes.iter().map(move |note| LeftOut {
+        what: what.clone(),
+        why: note.clone(),
+        cost: None,
+    })
+}
+
+/// What points without a height cost that were filled from their neighbours; `share` is that of the heights.
+fn filled_gaps(share: f64) -> Option<LeftOut> {
+    (share > 0.0).then(|| LeftOut {
+        what: "points of the height map that the instrument did not see".to_owned(),
+        why: format!(
+            "{} of its heights are missing and were filled in a straight line along their row or column; instruments miss \
+             the steepest parts first",
+            percent(share)
+        ),
+        cost: Some(share),
+    })
 }
 
 /// Slope that heights may have of their last digits alone, untold: six thousandths of a degree.
@@ -337,44 +370,6 @@ fn lost_digits(digit_um: f64, step_um: f64, number: usize) -> Option<LeftOut> {
     })
 }
 
-impl HeightMap {
-    /// The last digit of its largest height, in the file's own unit.
-    fn last_digit(&self) -> f64 {
-        let largest = |all: &mut dyn Iterator<Item = &f64>| all.fold(0.0f64, |a, h| a.max(h.abs()));
-        // Of two columns without units the first is a place.
-        let profile = self.units.is_none() && self.columns == 2;
-        f64::EPSILON
-            * match profile {
-                true => largest(&mut self.heights.iter().skip(1).step_by(2)),
-                false => largest(&mut self.heights.iter()),
-            }
-    }
-
-    /// The profile whose corners are the rows: v and height in one unit, the last row closing the
-    /// period. Of a single row with units of its own, as instruments measure profiles, the samples are the corners, µm.
-    ///
-    /// # Errors
-    /// Rows that are not two numbers, a map, or no closed profile that leans to +v.
-    pub fn profile(&self) -> Result<Profile, ProfileError> {
-        if let Some(units) = self.units {
-            if self.rows != 1 {
-                return Err(ProfileError::Map { rows: self.rows });
-            }
-            let samples = self.heights.iter().enumerate();
-            let samples =
-                samples.map(|(n, h)| (n as f64 * units.pitch_um[0], h * units.height_unit_um));
-            return Profile::measured(&samples.collect::<Vec<_>>());
-        }
-        if self.columns != 2 {
-            return Err(ProfileError::NotTwoColumns {
-                columns: self.columns,
-            });
-        }
-        let rows: Vec<(f64, f64)> = self.heights.chunks_exact(2).map(|r| (r[0], r[1])).collect();
-        Profile::measured(&rows)
-    }
-}
-
 fn field_of(map: &HeightMap, pitch: [f64; 2], unit: f64) -> Result<HeightField, &'static str> {
     let (columns, rows) = (map.columns, map.rows);
     if columns == 0 || rows == 0 || map.heights.len() != columns * rows {
@@ -383,17 +378,18 @@ fn field_of(map: &HeightMap, pitch: [f64; 2], unit: f64) -> Result<HeightField, 
     if columns.saturating_mul(rows) > 1 << 26 {
         return Err("the map has more than 67 million heights");
     }
-    if map.heights.iter().any(|h| h.is_nan()) {
-        return Err("the map holds a height that is not a number");
+    let filled = map.filled();
+    if filled.iter().any(|h| h.is_nan()) {
+        return Err("the map holds no height at all");
     }
-    if !map.heights.iter().all(|h| (h * unit).abs() < 1e12) {
+    if !filled.iter().all(|h| (h * unit).abs() < 1e12) {
         return Err("the map holds a height beyond 1e12 in the scene's unit");
     }
     // A field keeps seven digits: those are the relief's, wherever its file counts heights from.
-    let (low, high) = lowest_and_highest(map.heights.iter().copied());
+    let (low, high) = lowest_and_highest(filled.iter().copied());
     let middle = 0.5 * (low + high);
     let mut heights = vec![0.0; columns * rows];
-    for (n, h) in map.heights.iter().enumerate() {
+    for (n, h) in filled.iter().enumerate() {
         heights[(n % columns) * rows + n / columns] = (h - middle) * unit;
     }
     Ok(HeightField::new(
@@ -514,13 +510,7 @@ mod tests {
         let field = |offset_um: f64, tower_um: f64| {
             let mut heights: Vec<f64> = sawtooth(offset_um).repeat(5);
             heights[0] += tower_um;
-            let map = HeightMap {
-                columns: 1,
-                rows: heights.len(),
-                heights,
-                units: None,
-                filled: 0,
-            };
+            let map = HeightMap::new(1, heights);
             prepared(
                 "shape = \"file\"\npitch_um = 1.0\nheight_unit_um = 1.0",
                 &map,
@@ -532,13 +522,7 @@ mod tests {
                 rows.extend([v, z]);
             }
             rows.extend([20.0, offset_um]);
-            let map = HeightMap {
-                columns: 2,
-                rows: rows.len() / 2,
-                heights: rows,
-                units: None,
-                filled: 0,
-            };
+            let map = HeightMap::new(2, rows);
             prepared("shape = \"profile\"", &map)
         };
         for offset_um in [0.0, 25e3, 1e6, -1e8] {

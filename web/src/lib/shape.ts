@@ -4,7 +4,7 @@ import { sizeProblem } from './files';
 import { typed } from './limits';
 
 /** Endings of the files of heights that the daemon reads. */
-export const HEIGHT_ENDINGS = ['.csv', '.txt', '.png', '.tif', '.tiff', '.x3p'] as const;
+export const HEIGHT_ENDINGS = ['.csv', '.txt', '.png', '.tif', '.tiff', '.x3p', '.sdf', '.tsv', '.dat', '.asc', '.prn', '.xyz'] as const;
 
 /** `shape` of `POST /fits`. */
 export interface ShapeRequest {

@@ -1,0 +1,133 @@
+//! Whether a shape that was measured apart can be the sample's: its ridge angle against that of the light, the length of its
+//! ridges against what the manifest says.
+
+use super::report::Parameter;
+use crate::trace::profile::Profile;
+use crate::trace::ridge_map::RidgeFacts;
+use crate::wording::{decimals, significant};
+
+/// What instruments leave of a vertical scale once they are adjusted, standard uncertainty.
+const SCALE_STD: f64 = 0.01;
+/// What levelling and noise leave of an angle, degrees, standard uncertainty.
+const ANGLE_STD_DEG: f64 = 0.1;
+/// Share by which lengths of facets may differ: nominal ones are rounded.
+const LENGTH_OFF: f64 = 0.03;
+
+/// What contradicts the shape, in sentences for the user; `theta_r` is what the light says, in degrees,
+/// `pitch_length_um` the manifest's length of a facet.
+#[must_use]
+pub fn contradictions(
+    profile: &Profile,
+    map: Option<&RidgeFacts>,
+    theta_r: &Parameter,
+    pitch_length_um: Option<f64>,
+) -> Vec<String> {
+    let own = profile.effective_ridge_angle();
+    let by_light = theta_r.value.map(f64::abs);
+    let angle = own.zip(by_light).and_then(|(own, by_light)| {
+        off_in_angle(own, profile.lobe_error(), by_light, theta_r.expanded)
+    });
+    // Heights may be off; a ridge is as long as it is.
+    let inclined = by_light.map(f64::to_radians).or(own).unwrap_or_default();
+    let period_um = map.map_or_else(
+        || profile.period() / profile.ridges().max(1) as f64,
+        |facts| facts.period_um,
+    );
+    let length =
+        pitch_length_um.and_then(|stated_um| off_in_length(period_um * inclined.cos(), stated_um));
+    angle.into_iter().chain(length).collect()
+}
+
+fn off_in_angle(
+    own: f64,
+    lobe_error: f64,
+    by_light_deg: f64,
+    expanded_deg: Option<f64>,
+) -> Option<String> {
+    let own_deg = own.to_degrees();
+    let scale_deg = (SCALE_STD * own.sin() * own.cos()).to_degrees();
+    let own_std_deg = ANGLE_STD_DEG
+        .hypot(scale_deg)
+        .hypot(lobe_error.to_degrees());
+    let expanded_deg = expanded_deg?;
+    let may_differ = expanded_deg.hypot(2.0 * own_std_deg);
+    ((own_deg - by_light_deg).abs() > may_differ).then(|| {
+        let digits = decimals(expanded_deg);
+        let factor = by_light_deg.to_radians().tan() / own.tan();
+        format!(
+            "the measured shape has a ridge angle of its own of {own_deg:.1}°, which cannot be that of the sample, by its light \
+             {by_light_deg:.digits$} ± {expanded_deg:.digits$}°: its vertical scale is off (heights times {} would agree) or it \
+             is of another piece; its form was traced with heights scaled to the angle by light",
+            significant(factor)
+        )
+    })
+}
+
+fn off_in_length(own_um: f64, stated_um: f64) -> Option<String> {
+    ((own_um / stated_um - 1.0).abs() > LENGTH_OFF).then(|| {
+        format!(
+            "the measured shape has facets of {} µm, the manifest says sample.pitch_length_um = {}: its lateral scale is off, it \
+             is of another piece, or the manifest is not right",
+            significant(own_um),
+            significant(stated_um)
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn by_light(value: Option<f64>, expanded: f64) -> Parameter {
+        Parameter {
+            value,
+            std: Some(0.5 * expanded),
+            expanded: Some(expanded),
+            coverage_factor: Some(2.0),
+            degrees_of_freedom: None,
+            identifiable: true,
+            budget: None,
+            profile: None,
+            bootstrap: None,
+            note: None,
+        }
+    }
+
+    /// Ten ridges of facets of 100 µm whose heights are so many times those of 10°.
+    fn ridges(times: f64) -> Profile {
+        let (sin, cos) = 10f64.to_radians().sin_cos();
+        let period = 100.0 / cos;
+        let corners = (0..10).flat_map(|n| {
+            let v = f64::from(n) * period;
+            [(v, 0.0), (v + 100.0 * cos, -100.0 * sin * times)]
+        });
+        Profile::of_corners(&corners.collect::<Vec<_>>(), 10.0 * period)
+    }
+
+    #[test]
+    fn a_shape_that_contradicts_light_or_manifest_is_told_and_one_that_agrees_is_not() {
+        let light = by_light(Some(10.0), 0.05);
+        let told = |times: f64, pitch_um| contradictions(&ridges(times), None, &light, pitch_um);
+        assert_eq!(ridges(1.0).ridges(), 10);
+        assert!(told(1.0, Some(100.0)).is_empty() && told(1.01, Some(101.5)).is_empty());
+        for times in [0.001, 0.5, 0.9, 1.1, 2.0, 1e3, 1e6] {
+            let told = told(times, None);
+            assert!(
+                told.len() == 1 && told[0].contains("vertical scale"),
+                "{times}: {told:?}"
+            );
+        }
+        for pitch_um in [50.0, 94.0, 110.0, 1e3] {
+            let told = told(1.0, Some(pitch_um));
+            assert!(
+                told.len() == 1 && told[0].contains("pitch_length_um"),
+                "{pitch_um}: {told:?}"
+            );
+        }
+        assert_eq!(told(2.0, Some(50.0)).len(), 2);
+        // What the light does not tell contradicts nothing.
+        let vague = by_light(Some(12.0), 4.0);
+        assert!(contradictions(&ridges(1.0), None, &vague, None).is_empty());
+        assert!(contradictions(&ridges(2.0), None, &by_light(None, 0.0), None).is_empty());
+    }
+}

@@ -1,0 +1,243 @@
+//! Points that an instrument did not see, in every form that programs write them: words, numbers that stand for nothing.
+
+use crate::wording::{counted, significant};
+
+/// Words for a missing point, in small letters.
+const WORDS: [&str; 34] = [
+    "",
+    "nan",
+    "bad",
+    "na",
+    "n/a",
+    "#n/a",
+    "#nv",
+    "null",
+    "nul",
+    "none",
+    "nil",
+    "-",
+    "--",
+    "---",
+    "*",
+    "**",
+    "***",
+    "****",
+    "invalid",
+    "missing",
+    "void",
+    "masked",
+    "nodata",
+    "no data",
+    "undef",
+    "undefined",
+    "-nan",
+    "nan(ind)",
+    "-nan(ind)",
+    "1.#qnan",
+    "-1.#qnan",
+    "1.#ind",
+    "-1.#ind",
+    "1.#inf",
+];
+/// Numbers that programs write for a missing point.
+const NUMBERS: [f64; 16] = [
+    -999.0,
+    -9999.0,
+    -99_999.0,
+    -999_999.0,
+    999.0,
+    9999.0,
+    99_999.0,
+    999_999.0,
+    -32_768.0,
+    32_767.0,
+    65_535.0,
+    -2_147_483_648.0,
+    2_147_483_647.0,
+    4_294_967_295.0,
+    16_777_215.0,
+    -1e10,
+];
+/// No height is as large, whatever its unit.
+const BEYOND: f64 = 1e30;
+/// Such a number lies off all others by more than this, in their range.
+const OFF: f64 = 0.3;
+/// Any other number that is there more than once, by more than this.
+const FAR_OFF: f64 = 10.0;
+/// At most this share of the points is missing: what more of them have is a height.
+const SHARE_MAX: f64 = 1.0 / 3.0;
+/// The same of zeros, which a plane between towers has as well.
+const ZEROS_MAX: f64 = 0.1;
+
+/// Whether a word stands for a missing point.
+pub(super) fn is_mark(word: &str) -> bool {
+    let word = word.trim().to_lowercase();
+    WORDS.contains(&word.as_str()) || word.parse().is_ok_and(|x: f64| !x.is_finite())
+}
+
+/// The lowest or the highest number.
+struct End {
+    value: f64,
+    count: usize,
+    /// The nearest other number.
+    next: f64,
+}
+
+/// Makes numbers that stand for missing points NaN: such as `marks` (which the file states), those beyond all heights, and
+/// lowest or highest ones that lie far off all others. Says which were taken for such.
+pub(super) fn mark(heights: &mut [f64], marks: &[f64]) -> Vec<String> {
+    let mut notes = Vec::new();
+    for h in heights.iter_mut() {
+        let stated = marks.iter().any(|m| (*h - m).abs() <= 1e-6 * m.abs());
+        if stated || h.abs() >= BEYOND {
+            *h = f64::NAN;
+        }
+    }
+    // Both ends may have one, and another behind it.
+    for _ in 0..4 {
+        let count = heights.len();
+        let (low, high) = (end(heights, 1.0), end(heights, -1.0));
+        let is_mark = |end: &End, other: &End| {
+            let (off, range) = ((end.value - end.next).abs(), (end.next - other.value).abs());
+            let share = end.count as f64 / count as f64;
+            let times = match end.value {
+                0.0 if share <= ZEROS_MAX => 1.0,
+                v if NUMBERS.contains(&v) && share <= SHARE_MAX => OFF,
+                v if v != 0.0 && end.count > 1 && share <= SHARE_MAX => FAR_OFF,
+                _ => return false,
+            };
+            range > 0.0 && off > times * range
+        };
+        let (Some(low), Some(high)) = (low, high) else {
+            break;
+        };
+        let (end, others) = match (is_mark(&low, &high), is_mark(&high, &low)) {
+            (true, _) => (&low, [low.next, high.value]),
+            (_, true) => (&high, [low.value, high.next]),
+            _ => break,
+        };
+        notes.push(format!(
+            "{} of {} {} taken as missing: all others are from {} to {} in the file's unit",
+            counted(end.count, "height"),
+            end.value,
+            if end.count == 1 { "is" } else { "are" },
+            significant(others[0]),
+            significant(others[1])
+        ));
+        let value = end.value;
+        for h in heights.iter_mut().filter(|h| **h == value) {
+            *h = f64::NAN;
+        }
+    }
+    notes
+}
+
+/// The lowest number (`sign` 1) or the highest (−1), if there are two different ones.
+fn end(heights: &[f64], sign: f64) -> Option<End> {
+    let (mut value, mut next, mut count) = (f64::INFINITY, f64::INFINITY, 0);
+    for h in heights.iter().filter(|h| !h.is_nan()).map(|h| sign * h) {
+        if h < value {
+            (next, value, count) = (value, h, 1);
+        } else if h == value {
+            count += 1;
+        } else {
+            next = next.min(h);
+        }
+    }
+    next.is_finite().then_some(End {
+        value: sign * value,
+        count,
+        next: sign * next,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A sawtooth from 0 to 17 with such numbers here and there.
+    fn with(numbers: &[f64], scale: f64, offset: f64) -> Vec<f64> {
+        let mut heights: Vec<f64> = (0..3000)
+            .map(|n| offset + scale * f64::from(n % 101))
+            .collect();
+        for (n, h) in heights.iter_mut().step_by(97).enumerate() {
+            if !numbers.is_empty() {
+                *h = numbers[n % numbers.len()];
+            }
+        }
+        heights
+    }
+
+    #[test]
+    fn numbers_that_stand_for_nothing_are_missing_and_heights_are_not() {
+        for numbers in [
+            &[-9999.0][..],
+            &[1e38],
+            &[f64::from(f32::MAX), -f64::from(f32::MAX)],
+            &[-32768.0],
+            &[1.701_41e38],
+            &[-9999.0, 1e38],
+            &[-1e5],
+            &[f64::INFINITY],
+        ] {
+            let mut heights = with(numbers, 0.17, 0.0);
+            mark(&mut heights, &[]);
+            let missing = heights.iter().filter(|h| h.is_nan()).count();
+            assert_eq!(missing, 31, "{numbers:?}");
+        }
+        // In nanometres a mark lies among numbers as large, zeros lie off an offset.
+        for (number, scale, offset) in [
+            (-9999.0, 170.0, 0.0),
+            (65535.0, 170.0, 100.0),
+            (0.0, 10.0, 30_000.0),
+        ] {
+            let mut heights = with(&[number], scale, offset);
+            let notes = mark(&mut heights, &[]);
+            assert_eq!(
+                heights.iter().filter(|h| h.is_nan()).count(),
+                31,
+                "{number}"
+            );
+            assert!(
+                notes.len() == 1 && notes[0].contains("31 heights of"),
+                "{notes:?}"
+            );
+        }
+        // What the file itself states counts wherever it lies.
+        let mut heights = with(&[], 1.0, 0.0);
+        assert!(mark(&mut heights, &[50.0]).is_empty());
+        assert!(heights[50].is_nan() && heights[51] == 51.0);
+        // Spikes of their own, a step of two heights, towers on a plane.
+        let mut spike = with(&[], 0.17, 0.0);
+        spike[7] = 300.0;
+        let steps: Vec<f64> = (0..100)
+            .map(|n| if n % 5 == 0 { 65535.0 } else { 0.0 })
+            .collect();
+        let towers: Vec<f64> = (0..100)
+            .map(|n| {
+                if n % 5 == 0 {
+                    9.0 + 0.01 * f64::from(n)
+                } else {
+                    0.0
+                }
+            })
+            .collect();
+        for heights in [with(&[], 0.17, -3.0), spike, steps, towers] {
+            let mut marked = heights.clone();
+            assert!(mark(&mut marked, &[]).is_empty());
+            assert_eq!(marked, heights);
+        }
+    }
+
+    #[test]
+    fn words_for_nothing_are_told_from_numbers_and_names() {
+        for word in [
+            "", "NaN", "Bad", "BAD", "#N/A", "-1.#IND", "inf", "-", "***", "No Data",
+        ] {
+            assert!(is_mark(word), "{word}");
+        }
+        for word in ["x", "1.5", "height", "0"] {
+            assert!(!is_mark(word), "{word}");
+        }
+    }
+}

@@ -1,0 +1,287 @@
+//! Surface data files of ISO 25178-71 (SDF, also BCR): a header of names and values, then heights as text (`aISO-1.0`,
+//! `aBCR-1.0`) or as little-endian numbers (`bISO-1.0`, `bBCR-1.0`). Scales are in metres; a missing point is `BAD`, or the
+//! lowest whole number of its type.
+
+use super::check_size;
+use super::missing::{is_mark, mark};
+use super::text::{number, text_of};
+use crate::trace::scene::{HeightMap, MapUnits};
+
+/// First letters of the four kinds.
+const KINDS: [&[u8; 4]; 4] = [b"aISO", b"aBCR", b"bISO", b"bBCR"];
+/// Bytes of the binary header: 8 of the version, 10, 12 and 12 of maker and dates, two whole numbers of 2, four doubles,
+/// three bytes of compression, type and checksum.
+const BINARY: usize = 81;
+
+/// Whether a file is one, by its first letters.
+pub(super) fn is_one(content: &[u8]) -> bool {
+    let content = content.strip_prefix(b"\xef\xbb\xbf").unwrap_or(content);
+    let start = content.trim_ascii_start();
+    KINDS.iter().any(|kind| start.starts_with(&kind[..]))
+}
+
+/// What a header says.
+#[derive(Debug)]
+struct Header {
+    columns: usize,
+    rows: usize,
+    x_um: f64,
+    y_um: f64,
+    z_um: f64,
+}
+
+impl Header {
+    /// Of counts and scales in metres.
+    fn of(counts: [f64; 2], metres: [f64; 3], most: usize) -> Result<Self, String> {
+        for (name, count) in ["NumPoints", "NumProfiles"].into_iter().zip(counts) {
+            if !(count >= 1.0 && count.fract() == 0.0) {
+                return Err(format!(
+                    "the header of this SDF has {name} = {count}, which is no number of points"
+                ));
+            }
+        }
+        let (columns, rows) = (counts[0] as usize, counts[1] as usize);
+        check_size(columns, rows, most)?;
+        for (name, scale) in ["Xscale", "Yscale", "Zscale"].into_iter().zip(metres) {
+            // A profile has no second axis.
+            let is_needed = name != "Yscale" || rows > 1;
+            if is_needed && !(scale > 0.0 && scale.is_finite()) {
+                return Err(format!(
+                    "the header of this SDF has {name} = {scale}, and it must be above 0 m"
+                ));
+            }
+        }
+        let [x_um, y_um, z_um] = metres.map(|m| m * 1e6);
+        Ok(Header {
+            columns,
+            rows,
+            x_um,
+            y_um: if rows == 1 { x_um } else { y_um },
+            z_um,
+        })
+    }
+
+    fn map(&self, mut heights: Vec<f64>) -> HeightMap {
+        let notes = mark(&mut heights, &[]);
+        let map = HeightMap::new(self.columns, heights).stating(MapUnits {
+            pitch_um: [self.x_um, self.y_um],
+            height_unit_um: self.z_um,
+        });
+        HeightMap { notes, ..map }
+    }
+}
+
+/// Reads one.
+pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
+    let content = content.strip_prefix(b"\xef\xbb\xbf").unwrap_or(content);
+    let content = content.trim_ascii_start();
+    match content.first() {
+        Some(b'a') => text(content, most),
+        Some(b'b') => binary(content, most),
+        _ => Err(
+            "this is no SDF of ISO 25178-71: it begins with none of aISO, aBCR, bISO and bBCR"
+                .to_owned(),
+        ),
+    }
+}
+
+fn text(content: &[u8], most: usize) -> Result<HeightMap, String> {
+    let text = text_of(content)?;
+    let mut sections = text.splitn(3, '*');
+    let (head, data) = (sections.next().unwrap_or_default(), sections.next());
+    let data =
+        data.ok_or("the header of this SDF does not end: a line with * alone stands behind it")?;
+    let value = |name: &str| -> Result<f64, String> {
+        let lines = head.lines().filter_map(|line| line.split_once('='));
+        let found = lines.filter(|(key, _)| key.trim().eq_ignore_ascii_case(name));
+        let word = found.map(|(_, value)| value.split(';').next().unwrap_or_default().trim());
+        let word = word
+            .last()
+            .ok_or_else(|| format!("the header of this SDF has no {name}"))?;
+        number(word).ok_or_else(|| {
+            format!("the header of this SDF has {name} = {word:?}, which is not a number")
+        })
+    };
+    let y_scale = value("Yscale").or_else(|why| {
+        if value("NumProfiles")? > 1.0 {
+            Err(why)
+        } else {
+            Ok(1.0)
+        }
+    })?;
+    let header = Header::of(
+        [value("NumPoints")?, value("NumProfiles")?],
+        [value("Xscale")?, y_scale, value("Zscale")?],
+        most,
+    )?;
+    let count = header.columns * header.rows;
+    let mut heights = Vec::with_capacity(count);
+    for word in data.split_whitespace() {
+        heights.push(match number(word.trim_matches(['\0', ';'])) {
+            Some(height) => height,
+            None if is_mark(word) => f64::NAN,
+            None => {
+                return Err(format!(
+                    "height {} of this SDF is {word:?}: neither a number nor BAD",
+                    heights.len() + 1
+                ));
+            }
+        });
+        if heights.len() > count {
+            break;
+        }
+    }
+    if heights.len() != count {
+        return Err(format!(
+            "this SDF holds {} heights than the {count} of its header ({} × {}): the file is damaged",
+            if heights.len() > count {
+                "more"
+            } else {
+                "fewer"
+            },
+            header.columns,
+            header.rows
+        ));
+    }
+    Ok(header.map(heights))
+}
+
+fn binary(content: &[u8], most: usize) -> Result<HeightMap, String> {
+    let Some((head, data)) = content.split_at_checked(BINARY) else {
+        return Err("the header of this SDF is cut short: it has 81 bytes".to_owned());
+    };
+    let u16_at = |at: usize| f64::from(u16::from_le_bytes([head[at], head[at + 1]]));
+    let f64_at = |at: usize| {
+        let mut bytes = [0; 8];
+        bytes.copy_from_slice(&head[at..at + 8]);
+        f64::from_le_bytes(bytes)
+    };
+    let header = Header::of(
+        [u16_at(42), u16_at(44)],
+        [f64_at(46), f64_at(54), f64_at(62)],
+        most,
+    )?;
+    let (compression, kind) = (head[78], head[79]);
+    if compression != 0 {
+        return Err("this SDF is compressed: save it without".to_owned());
+    }
+    let width = match kind {
+        0 | 4 => 1,
+        1 | 5 => 2,
+        2 | 3 | 6 => 4,
+        7 => 8,
+        _ => {
+            return Err(format!(
+                "this SDF has the data type {kind}; known are 0 to 7"
+            ));
+        }
+    };
+    let count = header.columns * header.rows;
+    if data.len() < width * count {
+        return Err(format!(
+            "the heights of this SDF take {} bytes instead of {width} × {count}: the file is damaged",
+            data.len()
+        ));
+    }
+    let value = |b: &[u8]| -> f64 {
+        // The lowest whole number with a sign stands for nothing.
+        let signed = |x: i32, lowest: i32| if x == lowest { f64::NAN } else { f64::from(x) };
+        match (kind, b) {
+            (0, &[a]) => f64::from(a),
+            (4, &[a]) => signed(i8::from_le_bytes([a]).into(), i8::MIN.into()),
+            (1, &[a, b]) => f64::from(u16::from_le_bytes([a, b])),
+            (5, &[a, b]) => signed(i16::from_le_bytes([a, b]).into(), i16::MIN.into()),
+            (2, &[a, b, c, d]) => f64::from(u32::from_le_bytes([a, b, c, d])),
+            (6, &[a, b, c, d]) => signed(i32::from_le_bytes([a, b, c, d]), i32::MIN),
+            (3, &[a, b, c, d]) => f64::from(f32::from_le_bytes([a, b, c, d])),
+            (_, &[a, b, c, d, e, f, g, h]) => f64::from_le_bytes([a, b, c, d, e, f, g, h]),
+            _ => f64::NAN,
+        }
+    };
+    Ok(header.map(
+        data[..width * count]
+            .chunks_exact(width)
+            .map(value)
+            .collect(),
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::read;
+
+    const TEXT: &str = "aBCR-1.0\nManufacID = test\nCreateDate = 020320260900\nModDate = 020320260900\nNumPoints = 4\n\
+                        NumProfiles = 3\nXscale = 1.0e-6\nYscale = 2.0e-6\nZscale = 1.0e-9\nZresolution = -1\nCompression = 0\n\
+                        DataType = 7\nCheckType = 0\n*\n1 2 3 4\n5 BAD 7 8\n9 10\n11 12\n*\nOperator = nobody\n*\n";
+
+    #[test]
+    fn heights_as_text_come_with_their_scales_and_what_is_bad_is_missing() {
+        for text in [
+            TEXT.to_owned(),
+            TEXT.replace("aBCR", "aISO").replace('\n', "\r\n"),
+            TEXT.replace(".0e", ",0e"),
+            TEXT.replace(" = ", "="),
+        ] {
+            // Whatever its name ends in.
+            let map = read("map.sdf", text.as_bytes()).unwrap();
+            assert_eq!((map.columns, map.rows, map.missing()), (4, 3, 1));
+            assert!(map.heights[5].is_nan() && map.heights[11] == 12.0);
+            let [u, v] = map.pitch_um.unwrap();
+            assert!((u - 1.0).abs() < 1e-12 && (v - 2.0).abs() < 1e-12);
+            assert!((map.height_unit_um.unwrap() - 1e-3).abs() < 1e-15);
+        }
+        for (from, to, word) in [
+            ("NumPoints = 4", "NumPoints = 5", "fewer"),
+            ("11 12", "11 12 13", "more"),
+            ("BAD", "x", "height 6"),
+            ("Xscale = 1.0e-6", "Xscale = 0", "above 0 m"),
+            ("Zscale = 1.0e-9\n", "", "no Zscale"),
+            ("*", "", "does not end"),
+        ] {
+            let why = read("map.sdf", TEXT.replace(from, to).as_bytes()).unwrap_err();
+            assert!(why.contains(word), "{to}: {why}");
+        }
+    }
+
+    #[test]
+    fn heights_as_numbers_come_in_any_of_their_types() {
+        let file = |kind: u8, data: &[u8]| {
+            let mut file = b"bISO-1.0".to_vec();
+            file.extend([b' '; 34]);
+            file.extend([3u16, 2].map(u16::to_le_bytes).concat());
+            file.extend([1e-6, 1e-6, 1e-9, -1.0].map(f64::to_le_bytes).concat());
+            file.extend([0, kind, 0]);
+            file.extend(data);
+            file
+        };
+        let doubles = [1.0, 2.0, f64::NAN, 4.0, 5.0, 6.0]
+            .map(f64::to_le_bytes)
+            .concat();
+        let floats = [1f32, 2.0, f32::MAX, 4.0, 5.0, 6.0]
+            .map(f32::to_le_bytes)
+            .concat();
+        let words = [1i16, 2, i16::MIN, 4, 5, 6].map(i16::to_le_bytes).concat();
+        let longs = [1i32, 2, i32::MIN, 4, 5, 6].map(i32::to_le_bytes).concat();
+        for (kind, data) in [(7, &doubles), (3, &floats), (5, &words), (6, &longs)] {
+            let map = read("map.sdf", &file(kind, data)).unwrap();
+            assert_eq!((map.columns, map.rows, map.missing()), (3, 2, 1), "{kind}");
+            assert!(map.heights[2].is_nan() && map.heights[5] == 6.0, "{kind}");
+        }
+        assert!(
+            read("map.sdf", &file(5, &words[1..]))
+                .unwrap_err()
+                .contains("damaged")
+        );
+        assert!(
+            read("map.sdf", &file(9, &words))
+                .unwrap_err()
+                .contains("data type 9")
+        );
+        assert!(
+            read("map.sdf", b"bISO-1.0")
+                .unwrap_err()
+                .contains("cut short")
+        );
+        assert!(read("map.sdf", b"nothing").unwrap_err().contains("no SDF"));
+    }
+}

@@ -1,0 +1,349 @@
+//! Tables: rows of heights, two columns of a profile, or three of points x, y, z, with what stands above them.
+
+use std::borrow::Cow;
+
+use super::header::Header;
+use super::missing::{is_mark, mark};
+use super::text::{number, text_of};
+use super::{check_size, points, stated};
+use crate::trace::scene::HeightMap;
+
+/// What marks a line as a remark.
+const REMARKS: [&str; 4] = ["#", "%", "//", "!"];
+
+/// The rows of numbers read so far.
+#[derive(Default)]
+struct Rows {
+    columns: usize,
+    numbers: Vec<f64>,
+    /// Whether each row had a separator at its end.
+    all_trail: bool,
+}
+
+/// A line's fields, and whether a separator stood behind the last.
+struct Fields<'l> {
+    words: Vec<Cow<'l, str>>,
+    trails: bool,
+}
+
+/// What may still come above the numbers.
+struct Above {
+    names_may_come: bool,
+    units_may_come: bool,
+    /// Units of two columns.
+    units: Option<[f64; 2]>,
+    names: Vec<String>,
+    header: Header,
+}
+
+/// Reads a table of no more than `most` numbers.
+pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
+    let text = text_of(content)?;
+    let mut above = Above {
+        names_may_come: true,
+        units_may_come: true,
+        units: None,
+        names: Vec::new(),
+        header: Header::default(),
+    };
+    let mut rows = Rows {
+        all_trail: true,
+        ..Rows::default()
+    };
+    for (n, line) in text.lines().enumerate() {
+        let at_line = |cause: String| format!("line {}: {cause}", n + 1);
+        let begun = rows.columns > 0;
+        // A tab at an end is a separator.
+        let line = line.trim_matches(|c: char| c.is_whitespace() && c != '\t');
+        let is_blank = line.trim().is_empty();
+        if is_blank && !(begun && line.contains('\t')) {
+            continue;
+        }
+        if let Some(mark) = REMARKS
+            .iter()
+            .find(|mark| line.trim_start().starts_with(**mark))
+        {
+            if !begun {
+                let remark = line.trim().trim_start_matches(*mark).trim();
+                above.take_remark(remark).map_err(at_line)?;
+            }
+            continue;
+        }
+        // Excel's word for the separator that it wrote.
+        if !begun && line.to_lowercase().starts_with("sep=") {
+            continue;
+        }
+        let fields = fields_of(line).map_err(|cause| at_line(cause.to_owned()))?;
+        if !begun && above.take(line, &fields.words).map_err(at_line)? {
+            continue;
+        }
+        let height = |word: &Cow<'_, str>| match number(word) {
+            Some(x) => Ok(x),
+            None if is_mark(word) => Ok(f64::NAN),
+            None => Err(at_line(format!(
+                "{word:?} is not a number; a point without a height is blank, NaN, Bad or another usual word"
+            ))),
+        };
+        let row = fields
+            .words
+            .iter()
+            .map(height)
+            .collect::<Result<Vec<_>, _>>()?;
+        let own = row.len();
+        rows.add(row, fields.trails).map_err(|columns| {
+            format!(
+                "line {} has another number of heights than the lines before it: {own}, not {columns}",
+                n + 1
+            )
+        })?;
+        if rows.numbers.len() > most {
+            let count = rows.numbers.len() / rows.columns;
+            check_size(rows.columns, count, most)?;
+        }
+    }
+    above.map(rows, most)
+}
+
+impl Rows {
+    /// Adds a row.
+    ///
+    /// # Errors
+    /// The number of columns before it, where it has another.
+    fn add(&mut self, mut row: Vec<f64>, trails: bool) -> Result<(), usize> {
+        if self.columns == 0 {
+            self.columns = row.len();
+        }
+        if row.len() + 1 == self.columns && trails {
+            // The separator at its end stands before a blank.
+            row.push(f64::NAN);
+        } else if row.len() == self.columns + 1 && self.all_trail {
+            // So it did in all rows before.
+            let rows = self.numbers.chunks_exact(self.columns);
+            self.numbers = rows
+                .flat_map(|row| row.iter().copied().chain([f64::NAN]))
+                .collect();
+            self.columns += 1;
+        }
+        if row.len() != self.columns {
+            return Err(self.columns);
+        }
+        self.all_trail &= trails;
+        self.numbers.extend(row);
+        Ok(())
+    }
+}
+
+impl Above {
+    /// Takes what a remark says of sizes and units.
+    fn take_remark(&mut self, remark: &str) -> Result<(), String> {
+        if self.header.take(remark)? {
+            return Ok(());
+        }
+        if let Ok(fields) = fields_of(remark) {
+            self.units = stated::of_comment(&fields.words)?.or(self.units);
+            let names = names_of(&fields.words);
+            if matches!(stated::of_points(&names), Ok([Some(_), Some(_), _])) {
+                self.names = names;
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a line is none of numbers but says what they are: sizes and units, names, units alone.
+    fn take(&mut self, line: &str, words: &[Cow<'_, str>]) -> Result<bool, String> {
+        let is_number = |word: &Cow<'_, str>| number(word).is_some();
+        let first = words.first();
+        if first.is_none_or(|w| is_number(w)) || words.iter().all(|w| w.is_empty()) {
+            return Ok(first.is_none_or(|w| w.is_empty()));
+        }
+        // Rows that begin with a missing point; of a name and a value the name may be such a word.
+        let begins = first.is_some_and(|w| is_mark(w)) && words.len() > 2;
+        if begins || words.iter().all(|w| is_mark(w)) {
+            return Ok(false);
+        }
+        if self.header.take(line)? {
+            return Ok(true);
+        }
+        if words.iter().any(is_number) {
+            // What else programs tell of a measurement.
+            return Ok(line.contains([':', '=']));
+        }
+        // One line of column names above the numbers is no error, nor is one of their units.
+        if self.units_may_come
+            && let Some(own) = stated::of_units(words)?
+        {
+            (self.names_may_come, self.units_may_come) = (false, false);
+            self.units = Some(own);
+            return Ok(true);
+        }
+        if self.names_may_come {
+            self.names_may_come = false;
+            self.units = stated::of_names(words)?.or(self.units);
+            self.names = names_of(words);
+            return Ok(true);
+        }
+        if self.units_may_come && words.len() == self.names.len() {
+            let units: Option<Vec<&str>> = words.iter().map(|w| stated::unit_alone(w)).collect();
+            if let Some(units) = units {
+                self.units_may_come = false;
+                for (name, unit) in self.names.iter_mut().zip(units) {
+                    *name = format!("{name} [{unit}]");
+                }
+                return Ok(true);
+            }
+        }
+        Ok(line.contains([':', '=']))
+    }
+
+    /// The map in the rows.
+    fn map(self, rows: Rows, most: usize) -> Result<HeightMap, String> {
+        let Rows {
+            columns,
+            mut numbers,
+            ..
+        } = rows;
+        if columns == 0 {
+            return Err("the file holds no heights".to_owned());
+        }
+        let marks = &self.header.marks;
+        if columns == 2 || columns == 3 {
+            // Places are no heights, nor do they stand for nothing.
+            let mut heights: Vec<f64> = numbers
+                .iter()
+                .copied()
+                .skip(columns - 1)
+                .step_by(columns)
+                .collect();
+            let notes = mark(&mut heights, marks);
+            let mut marked = numbers.clone();
+            for (row, z) in marked.chunks_exact_mut(columns).zip(heights) {
+                row[columns - 1] = z;
+            }
+            if columns == 2 {
+                // A table of two columns is a profile, and those are in µm.
+                let [v_um, z_um] = self.units.unwrap_or([1.0; 2]);
+                for row in marked.chunks_exact_mut(2) {
+                    (row[0], row[1]) = (row[0] * v_um, row[1] * z_um);
+                }
+                return Ok(HeightMap {
+                    notes,
+                    ..HeightMap::new(2, marked)
+                });
+            }
+            if let Some(mut map) = points::gridded(&marked, &self.names, &self.header, most)? {
+                map.notes.extend(notes);
+                return Ok(map);
+            }
+        }
+        let notes = mark(&mut numbers, marks);
+        let map = HeightMap::new(columns, numbers);
+        Ok(HeightMap {
+            pitch_um: self.header.pitch_um(columns, map.rows),
+            height_unit_um: self.header.value_um(),
+            notes,
+            ..map
+        })
+    }
+}
+
+/// Names of columns; a unit in brackets belongs to the name before it.
+fn names_of(words: &[Cow<'_, str>]) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for word in words {
+        match names.last_mut() {
+            Some(name) if word.starts_with(['[', '(']) => *name = format!("{name} {word}"),
+            _ => names.push(word.as_ref().to_owned()),
+        }
+    }
+    names
+}
+
+/// The fields of a line. Where semicolons or tabs separate them a comma is a decimal mark, as programs write numbers in
+/// many countries; nothing is guessed where it could be either.
+fn fields_of(line: &str) -> Result<Fields<'_>, &'static str> {
+    let separator = [';', '\t', ','].into_iter().find(|s| line.contains(*s));
+    let mut words: Vec<Cow<'_, str>> = match separator {
+        Some(mark) => line.split(mark).map(|w| w.trim().into()).collect(),
+        None => line.split_whitespace().map(Cow::from).collect(),
+    };
+    // A separator at the end of a line separates nothing.
+    let trails = words.len() > 1 && words.last().is_some_and(|last| last.is_empty());
+    if trails {
+        words.pop();
+    }
+    for word in &mut words {
+        if let Some(inner) = word.strip_prefix('"').and_then(|w| w.strip_suffix('"')) {
+            *word = inner.trim().to_owned().into();
+        }
+        if word.contains(' ') && word.split(' ').all(|w| number(w).is_some()) {
+            return Err(
+                "spaces and other marks both stand between its numbers: separate them by one of comma, semicolon, tab \
+                 and space (where a comma is the decimal mark, by semicolon or tab)",
+            );
+        }
+    }
+    Ok(Fields { words, trails })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::read;
+
+    #[test]
+    fn missing_points_may_be_blank_or_a_word_at_any_place_of_a_row() {
+        for text in [
+            "1,2,3,4\n5,,7,8\n9,10,11,\n",
+            "1;2;3;4\n5;Bad;7;8\n9;10;11;NaN\n",
+            "1\t2\t3\t4\n5\t\t7\t8\n9\t10\t11\t\n",
+            "1 2 3 4\n5 NaN 7 8\n9 10 11 --\n",
+            "1,2,3,4,\n5,#N/A,7,8,\n9,10,11,BAD,\n",
+            "# Width: 3 px\n1,2,3,4\n5,-1.#IND,7,8\n9,10,11,inf\n",
+        ] {
+            let map = read("a.csv", text.as_bytes()).unwrap_or_else(|why| panic!("{text}: {why}"));
+            assert_eq!((map.columns, map.rows, map.missing()), (4, 3, 2), "{text}");
+            assert!(
+                map.heights[5].is_nan() && map.heights[11].is_nan(),
+                "{text}"
+            );
+        }
+        // The first rows end in a missing point.
+        let map = read("a.csv", b"1,2,\n3,4,\n5,6,7\n").unwrap();
+        assert_eq!((map.columns, map.missing()), (3, 2));
+        // A row of which nothing was seen, and a profile's gap.
+        assert_eq!(read("a.csv", b"Bad,Bad,Bad\n1,2,3\n").unwrap().missing(), 3);
+        let profile = read("a.csv", b"0,0\n4,-0.7\n9,Bad\n9.5,-1.7\n10,0\n").unwrap();
+        assert_eq!(profile.profile().unwrap().pieces().len(), 3);
+        let stated = read(
+            "a.asc",
+            b"ncols 4\nnrows 2\nNODATA_value -1\n5 6 7 8\n9 -1 7 6\n",
+        )
+        .unwrap();
+        assert_eq!((stated.columns, stated.rows, stated.missing()), (4, 2, 1));
+    }
+
+    #[test]
+    fn a_header_states_the_units_of_a_map_in_any_language_and_encoding() {
+        let rows = "1,5\t2,5\t3,5\t4,5\n5,5\t6,5\t7,5\t8,5\n";
+        let head = "# Kanal: Höhe\n# Breite: 8,0 µm\n# Höhe: 6,00 µm\n# Werteeinheiten: nm\n";
+        let text = format!("{head}{rows}");
+        let latin: Vec<u8> = text.chars().map(|c| c as u8).collect();
+        let bare = text.replace("# ", "");
+        for content in [text.as_bytes(), &latin, bare.as_bytes()] {
+            let map = read("export.txt", content).unwrap();
+            assert_eq!((map.columns, map.rows), (4, 2));
+            assert_eq!(map.pitch_um, Some([2.0, 3.0]));
+            assert_eq!((map.height_unit_um, map.heights[1]), (Some(1e-3), 2.5));
+        }
+        let foreign = text.replace("nm", "V");
+        assert!(
+            read("a.txt", foreign.as_bytes())
+                .unwrap_err()
+                .contains("line 4")
+        );
+        let meta = "Date: 2026-03-02 09:00\nOperator = 7\nsep=;\nX Size: 4 um\nY Size: 2 um\n1 2 3 4\n5 6 7 8\n";
+        assert_eq!(
+            read("a.txt", meta.as_bytes()).unwrap().pitch_um,
+            Some([1.0, 1.0])
+        );
+    }
+}

@@ -1,0 +1,201 @@
+//! Stretches across the ridges where nothing was seen: what stands for them.
+//!
+//! Instruments miss what is steep, so that a gap is a wall or part of one, but its edges lie anywhere between the last point
+//! seen and the next one that is missing. The flanks beside a gap go on into it by half the distance of lines, which is right
+//! on the average; [`Reach::Middle`] lets them go on to the gap's middle (or to where they meet), the steepest wall that the
+//! gap has room for. How far the answer differs between the two is a limit of what is not known.
+
+use super::lines::{Line, Lines};
+
+/// Lines further apart than this, in the usual distance of lines, have a gap between them.
+const WIDE: f64 = 1.5;
+/// How far a corner may lie beside a gap's end, in the same unit.
+const BESIDE: f64 = 2.5;
+/// Share of half a gap that a flank goes on by at most: walls have a width.
+const HALF: f64 = 0.98;
+
+/// How far flanks go on into a gap beside them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Reach {
+    /// By half the distance of lines.
+    HalfLine,
+    /// To the gap's middle.
+    Middle,
+}
+
+/// A gap between two lines, places across.
+#[derive(Debug, Clone, Copy)]
+struct Gap {
+    from: f64,
+    to: f64,
+}
+
+impl Lines {
+    /// Usual distance of lines.
+    fn apart(&self) -> f64 {
+        let mut apart: Vec<f64> = self.lines.windows(2).map(|l| l[1].v - l[0].v).collect();
+        let middle = apart.len() / 2;
+        match apart.is_empty() {
+            true => 0.0,
+            false => *apart.select_nth_unstable_by(middle, f64::total_cmp).1,
+        }
+    }
+
+    /// Where lines are missing; nowhere in a map that was seen whole.
+    fn gaps(&self) -> Vec<Gap> {
+        if !self.has_holes {
+            return Vec::new();
+        }
+        let usual = self.apart();
+        let pairs = self.lines.windows(2);
+        let wide = pairs.filter(|l| l[1].v - l[0].v > WIDE * usual);
+        wide.map(|l| Gap {
+            from: l[0].v,
+            to: l[1].v,
+        })
+        .collect()
+    }
+
+    /// Share of the length that lies in gaps, without the half lines that belong to its ends.
+    pub fn unseen(&self) -> f64 {
+        let usual = self.apart();
+        let gaps = self.gaps();
+        let within: f64 = gaps.iter().map(|gap| gap.to - gap.from - usual).sum();
+        within / self.length()
+    }
+
+    /// Straight pieces that these lines lie on, the flanks beside gaps gone on.
+    pub fn bridged_by(&self, straight: &Lines, reach: Reach) -> Lines {
+        let (gaps, usual) = (self.gaps(), self.apart());
+        let corners = &straight.lines;
+        let mut lines = Vec::with_capacity(corners.len() + 2 * gaps.len());
+        for (n, corner) in corners.iter().enumerate() {
+            lines.push(*corner);
+            let (Some(next), Some(before), Some(after)) = (
+                corners.get(n + 1),
+                n.checked_sub(1).map(|k| &corners[k]),
+                corners.get(n + 2),
+            ) else {
+                continue;
+            };
+            // A gap within a flank is bridged by the flank.
+            let is_bridge = |gap: &&Gap| {
+                let (left, right) = (gap.from - corner.v, next.v - gap.to);
+                let near = 0.0..=BESIDE * usual;
+                let rounding = 1e-9 * usual;
+                near.contains(&(left + rounding)) && near.contains(&(right + rounding))
+            };
+            if let Some(gap) = gaps.iter().find(is_bridge) {
+                lines.extend(gone_on([before, corner, next, after], gap, usual, reach));
+            }
+        }
+        Lines { lines, ..*straight }
+    }
+}
+
+/// The flanks on both sides of a gap, straight on into it, or to where they meet.
+fn gone_on([before, a, b, after]: [&Line; 4], gap: &Gap, usual: f64, reach: Reach) -> Vec<Line> {
+    let slope = |from: &Line, to: &Line| (to.z - from.z) / (to.v - from.v);
+    let (left, right) = (slope(before, a), slope(b, after));
+    let on = |line: &Line, slope: f64, v: f64| Line {
+        v,
+        z: line.z + slope * (v - line.v),
+        count: line.count,
+    };
+    let half = 0.5 * HALF * (gap.to - gap.from);
+    let by = match reach {
+        Reach::HalfLine => half.min(0.5 * usual),
+        Reach::Middle => half,
+    };
+    let ends = [gap.from + by, gap.to - by];
+    let meet = a.v + (b.z - a.z - right * (b.v - a.v)) / (left - right);
+    let reached = meet <= ends[0] || meet >= ends[1] || reach == Reach::Middle;
+    if meet > a.v && meet < b.v && reached {
+        return vec![on(a, left, meet)];
+    }
+    vec![on(a, left, ends[0]), on(b, right, ends[1])]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::profile::Profile;
+    use super::super::tests::map_of;
+    use super::super::{MapUnits, RidgeMap};
+
+    const UNITS: MapUnits = MapUnits {
+        pitch_um: [1.0, 1.0],
+        height_unit_um: 1.0,
+    };
+
+    /// Width of what rises steeply, µm a ridge.
+    fn wall_um(profile: &Profile, ridges: usize) -> f64 {
+        let steep = profile
+            .pieces()
+            .iter()
+            .filter(|p| p.z_to - p.z_from > 0.5 * (p.to - p.from));
+        steep.map(|p| p.to - p.from).sum::<f64>() / ridges as f64
+    }
+
+    #[test]
+    fn walls_that_were_not_seen_are_as_wide_as_they_are_on_the_average_and_the_steepest_is_kept_beside()
+     {
+        let sawtooth = Profile::sawtooth(10f64.to_radians(), 60.0, 0.0).unwrap();
+        // sin² of the angle is the wall's share of a ridge.
+        let wall = sawtooth.period() * 10f64.to_radians().sin().powi(2);
+        for (azimuth_deg, size) in [(0.0, [400, 60]), (90.0, [60, 400]), (17.0, [300, 200])] {
+            let mut map = map_of(&sawtooth, azimuth_deg, size, [1.0, 1.0], 0.02);
+            let (s, c) = azimuth_deg.to_radians().sin_cos();
+            for n in 0..map.heights.len() {
+                let v = (n % size[0]) as f64 * c + (n / size[0]) as f64 * s;
+                if v.rem_euclid(sawtooth.period()) > sawtooth.period() - wall {
+                    map.heights[n] = f64::NAN;
+                }
+            }
+            let made = RidgeMap::of(&map, UNITS).unwrap();
+            let case = format!("{azimuth_deg}: {:?}", made.facts);
+            assert!((made.facts.theta_r_deg - 10.0).abs() < 0.05, "{case}");
+            assert!(
+                (made.facts.unseen_share * sawtooth.period() / wall - 1.0).abs() < 0.35,
+                "{case}"
+            );
+            assert!(made.facts.filled_share > 0.02, "{case}");
+            let found = wall_um(&made.profile, made.facts.ridges);
+            assert!((found - wall).abs() < 0.35, "{found} {wall} {case}");
+            let steepest = made.profile.alternative().unwrap();
+            assert!(wall_um(steepest, made.facts.ridges) < 0.3 * wall, "{case}");
+            let told = made.facts.left_out();
+            assert!(
+                told.iter().any(|l| l.why.contains("seen nowhere")),
+                "{told:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn points_that_are_missing_here_and_there_change_nothing_and_spikes_are_such() {
+        let sawtooth = Profile::sawtooth(10f64.to_radians(), 40.0, 0.0).unwrap();
+        let whole = map_of(&sawtooth, 33.0, [260, 220], [1.0, 1.0], 0.02);
+        let (mut holed, mut spiked) = (whole.clone(), whole.clone());
+        for n in (0..whole.heights.len()).step_by(37) {
+            holed.heights[n] = f64::NAN;
+            spiked.heights[n] += if n % 2 == 0 { 300.0 } else { -9.0 };
+        }
+        let [a, b, c] = [&whole, &holed, &spiked].map(|map| RidgeMap::of(map, UNITS).unwrap());
+        assert_eq!(a.facts.filled_share, 0.0);
+        for other in [b, c] {
+            assert!((a.facts.theta_r_deg - other.facts.theta_r_deg).abs() < 0.02);
+            assert!((a.facts.lean_azimuth_deg - other.facts.lean_azimuth_deg).abs() < 0.02);
+            assert!((other.facts.filled_share - 1.0 / 37.0).abs() < 1e-3);
+            assert!(other.profile.alternative().is_none() && other.facts.unseen_share == 0.0);
+        }
+        let mut gone = whole;
+        for h in gone.heights.iter_mut().step_by(2) {
+            *h = f64::NAN;
+        }
+        let why = RidgeMap::of(&gone, UNITS).unwrap_err().to_string();
+        assert!(
+            why.contains("28600 of 57200 points have no height"),
+            "{why}"
+        );
+    }
+}
