@@ -16,6 +16,7 @@ use super::report::{
     VariantName, VariantSummary,
 };
 use super::solver::Minimum;
+use super::wedge;
 use crate::material::Material;
 use crate::model::left_out;
 use crate::observation::ObservationSet;
@@ -268,6 +269,8 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         n_observations: set.observations.len(),
         n_frames_used: set.n_frames_used,
         region: set.region.clone(),
+        reference_plane: wedge::plane(set),
+        wedge_across: wedge::of_report(set, &parameters),
         parameters,
         rms_residual: Some(e.rms_residual),
         model_discrepancy: Some(e.misfit.iter().copied().fold(0.0, f64::max) / peak),

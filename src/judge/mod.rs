@@ -23,7 +23,7 @@ pub use specification::{Decision, Limits, Specification, SpecificationError};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
-use crate::fit::report::{FitReport, LeftOut, Status, Timing, VariantName};
+use crate::fit::report::{FitReport, LeftOut, ReferencePlane, Status, Timing, VariantName};
 use crate::geometry::Pose;
 use crate::observation::ObservationSet;
 
@@ -137,6 +137,9 @@ pub struct VerdictReport {
     pub status: Status,
     /// Region of the sample.
     pub region: Option<String>,
+    /// The plane that θr and azimuth refer to.
+    #[serde(default)]
+    pub reference_plane: ReferencePlane,
     /// Tilts that mean contrasts are over, degrees; null where none is limited.
     #[serde(default)]
     pub contrast_theta_c_deg: Option<Vec<f64>>,
@@ -160,7 +163,7 @@ impl VerdictReport {
         observations: &ObservationSet,
         planned: &[Pose],
     ) -> Self {
-        let mut quantities = parameters(report);
+        let mut quantities = to_the_plane(specification, report, parameters(report));
         let mut left_out = report.left_out.clone();
         let mut warnings = report.warnings.clone();
         let limited = [CONTRAST_MEAN, CONTRAST_MICHELSON_MEAN];
@@ -182,6 +185,7 @@ impl VerdictReport {
             variant: report.variant,
             status: report.status,
             region: report.region.clone(),
+            reference_plane: report.reference_plane,
             left_out,
             timing_s: report.timing_s,
             program: report.program.clone(),
@@ -230,6 +234,28 @@ pub fn judge(specification: &Specification, quantities: &[Quantity]) -> Judgemen
         items,
         warnings: Vec::new(),
     }
+}
+
+/// What depends on how the sample lies is not known where the specification counts to the sample's plane and the rig does
+/// not state it.
+fn to_the_plane(
+    specification: &Specification,
+    report: &FitReport,
+    mut quantities: Vec<Quantity>,
+) -> Vec<Quantity> {
+    let demanded = specification.reference_plane == Some(ReferencePlane::Sample);
+    if demanded && report.reference_plane != ReferencePlane::Sample {
+        for quantity in &mut quantities {
+            if specification::TO_A_PLANE.contains(&quantity.name.as_str()) {
+                quantity.measured = Err(
+                    "the specification counts angles to the sample's plane, and it is measured to the turntable: \
+                     rig.sample_wedge_std_deg does not state how well samples lie on it"
+                        .to_owned(),
+                );
+            }
+        }
+    }
+    quantities
 }
 
 fn unknown(name: &str, limits: &Limits, reason: String) -> Item {

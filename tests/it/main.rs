@@ -15,6 +15,7 @@ mod lab;
 mod line;
 mod near;
 mod nist;
+mod off_axis;
 mod radiances;
 mod runner;
 mod simulate_rig;
