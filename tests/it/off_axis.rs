@@ -35,50 +35,30 @@ fn holds(name: &str, found: &Parameter, truth: f64, expanded_most: f64) {
     );
 }
 
-fn of_series(change: impl FnOnce(&mut ridged::observation::ObservationSet)) -> FitReport {
+#[test]
+fn an_axis_beside_the_centre_of_tilt_and_a_wobble_leave_the_angles_to_the_turntable_right() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series2/near-off-axis");
     let series = Series::open(&folder).unwrap();
     let mut set = reduce(&series, None, &AtomicBool::new(false)).unwrap();
     assert_eq!(set.observations.len(), 12, "{:?}", set.rejected_frames);
-    change(&mut set);
-    fit(&set, &sawtooth(), &AtomicBool::new(false))
-}
-
-#[test]
-fn an_axis_beside_the_centre_of_tilt_and_a_wobble_leave_the_angles_to_the_turntable_right() {
-    let report = of_series(|_| {});
+    // As if somebody had looked where the sample's edge stands.
+    set.azimuth_zero_std = Some(Angle::from_deg(0.1));
+    let report = fit(&set, &sawtooth(), &AtomicBool::new(false));
     let p = &report.parameters;
     // Of 9.0° to the sample's plane: the wobble is 0.2° towards 200° from v.
-    holds("theta_r_deg", &p.theta_r_deg, 8.812, 0.3);
-    holds("tilt_offset_deg", &p.tilt_offset_deg, 0.0, 0.2);
-    holds("azimuth_offset_deg", &p.azimuth_offset_deg, -0.441, 0.5);
-    holds("alpha_u", &p.alpha_u, 0.12, 0.01);
-    holds("rho_d", &p.rho_d, 0.33725, 0.02);
-    assert!(report.rms_residual.unwrap() < 1e-3, "{report:?}");
+    holds("theta_r_deg", &p.theta_r_deg, 8.812, 0.1);
+    holds("tilt_offset_deg", &p.tilt_offset_deg, 0.0, 0.1);
+    holds("azimuth_offset_deg", &p.azimuth_offset_deg, -0.441, 0.4);
+    holds("alpha_u", &p.alpha_u, 0.12, 0.004);
+    holds("alpha_v", &p.alpha_v, 0.12, 0.004);
+    holds("rho_d", &p.rho_d, 0.33725, 0.01);
+    assert!(report.rms_residual.unwrap() < 5e-4, "{report:?}");
     assert_eq!(report.reference_plane, ReferencePlane::Turntable);
-    let text = ridged::fit::text::table(&report, false);
-    assert!(text.contains("those to the turntable"), "{text}");
-
-    // The wobble has 0.2° · sin 200° across v, which shows as azimuth; a stated zero tells it.
+    // 0.2° · sin 200° of the wobble lie across v, which is told by the azimuth once its zero is known.
     let across = report.wedge_across.unwrap();
-    assert!(
-        !across.split && (across.wedge_deg + 0.0684).abs() < 0.03,
-        "{across:?}"
-    );
-    let stated = of_series(|set| {
-        set.azimuth_zero_std = Some(Angle::from_deg(0.1));
-        set.wedge_std = Some(Angle::from_deg(0.2));
-    });
-    assert_eq!(stated.reference_plane, ReferencePlane::Sample);
-    holds("theta_r_deg", &stated.parameters.theta_r_deg, 9.0, 0.6);
-    let across = stated.wedge_across.unwrap();
     let std = across.wedge_std_deg.unwrap();
-    assert!(
-        across.split && (across.wedge_deg + 0.0684).abs() < 2.0 * std && std < 0.05,
-        "{across:?}"
-    );
-    let text = ridged::fit::text::table(&stated, false);
-    assert!(text.contains("those to the sample's plane"), "{text}");
+    let off = (across.wedge_deg + 0.0684).abs();
+    assert!(off < 2.0 * std && std < 0.05, "{across:?}");
 }
 
 #[tokio::test]
