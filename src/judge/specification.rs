@@ -27,15 +27,15 @@ pub const QUANTITIES: [&str; 10] = [
 pub struct Specification {
     /// What it specifies: drawing and revision.
     pub name: String,
-    /// The plane that limits of angles are meant to. With `sample` they can only be told where the rig states how samples
-    /// lie on its turntable; without a word any will do.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub reference_plane: Option<ReferencePlane>,
     /// Accepted risks.
     #[serde(default)]
     pub decision: Decision,
     /// Limits by quantity; see [`QUANTITIES`].
     pub limits: BTreeMap<String, Limits>,
+    /// The plane that limits of angles are meant to. With `sample` they can only be told where the rig states how samples
+    /// lie on its turntable; without a word any will do.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference_plane: Option<ReferencePlane>,
 }
 
 /// Quantities that depend on how the sample lies on the turntable.

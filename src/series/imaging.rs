@@ -76,7 +76,7 @@ mod tests {
         let text = CHECKER
             .replacen("rotation_axis_px = [128.0, 128.0]\n", rig, 1)
             .replacen("[camera]\n", &format!("[camera]\n{camera}"), 1);
-        Manifest::from_toml(&text, "manifest.toml").map_err(|e| e.to_string())
+        Manifest::from_outside(&text, "manifest.toml").map_err(|e| e.to_string())
     }
 
     #[test]
@@ -125,7 +125,7 @@ mod tests {
                     &format!("[camera]\nprincipal_point_px = [{column:?}, 128.0]\n"),
                     1,
                 );
-            Manifest::from_toml(&text, "manifest.toml").map_err(|e| e.to_string())
+            Manifest::from_outside(&text, "manifest.toml").map_err(|e| e.to_string())
         };
         // 51.2 mm over 256 columns: 100 mm are 500 columns.
         assert!(aimed(128.0 + 440.0).is_ok());

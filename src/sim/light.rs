@@ -199,7 +199,7 @@ mod tests {
         };
         let (plain, steeper) = (model(20.0), model(20.2));
         for phi in [0.0, 180.0] {
-            let pose = Pose::from_deg(if phi == 0.0 { 15.0 } else { -25.0 }, phi);
+            let pose = Pose::from_deg(if phi == 0.0 { 11.0 } else { -21.0 }, phi);
             let at = |sample: &Sample, mounting| {
                 scene(sample, None, mounting)
                     .radiance(OnTable::Sample, pose)
