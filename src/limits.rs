@@ -87,6 +87,13 @@ pub const LENS_ANGULAR_RADIUS_DEG: Limit =
 pub const LIGHT_AZIMUTH_DEG: Limit = Limit::within("light_azimuth_deg", -360.0, 360.0, TURN);
 /// Added to the recorded φs it gives the azimuth of v.
 pub const AZIMUTH_ZERO_DEG: Limit = Limit::within("azimuth_zero_deg", -360.0, 360.0, TURN);
+/// Its standard uncertainty; more is as good as none.
+pub const AZIMUTH_ZERO_STD_DEG: Limit = Limit::within(
+    "azimuth_zero_std_deg",
+    0.0,
+    180.0,
+    "write the standard uncertainty in degrees",
+);
 /// An azimuth of a recorded series: other programs count turns, and an angle is none the worse for it.
 pub const RECORDED_AZIMUTH: Limit = Limit::within("azimuth_deg", -1e6, 1e6, FINITE);
 /// Standard uncertainty of how the sample's mean plane is inclined to the turntable.
@@ -106,7 +113,7 @@ pub const THETA_L_STD_DEG: Limit = Limit::within(
 /// Wavelength of the lamp, from the far ultraviolet to the far infrared.
 pub const WAVELENGTH_NM: Limit =
     Limit::within("wavelength_nm", 100.0, 1e5, "write it in nanometres");
-/// Column or row of the rotation axis, which may lie outside the picture.
+/// Column or row of the rotation axis, of the centre of tilt or of the principal point, which may lie outside the picture.
 pub const ROTATION_AXIS_PX: Limit = Limit::within("rotation_axis_px", -1e6, 1e6, FINITE);
 /// From the centre of tilt to lamp or pupil.
 pub const DISTANCE_MM: Limit = Limit::above_0("distance_mm", 1e9, POSITIVE);

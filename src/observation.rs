@@ -132,6 +132,8 @@ pub struct ObservationSet {
     /// Standard uncertainty of how the sample's mean plane is inclined to the turntable, along any direction; `None`
     /// where nobody states it.
     pub wedge_std: Option<Angle>,
+    /// Standard uncertainty of the rig's azimuth zero: of where v stands at a recorded φs; `None` where nobody states it.
+    pub azimuth_zero_std: Option<Angle>,
     /// Standard uncertainty of the angle θl between lamp and camera; `None` where nobody states it.
     pub theta_l_std: Option<Angle>,
     /// Standard uncertainty that the dark frames' own noise gives all signals alike, in their unit.
@@ -171,6 +173,7 @@ impl ObservationSet {
             white_reference: None,
             background,
             wedge_std: None,
+            azimuth_zero_std: None,
             theta_l_std: None,
             dark_std: 0.0,
             translucency: None,

@@ -7,7 +7,7 @@ use serde_json::Value;
 use utoipa::ToSchema;
 
 use super::asked::{FitAsked, VariantAsked};
-use super::words::{FitStatus, FitVariantName, TaskState};
+use super::words::{FitReferencePlane, FitStatus, FitVariantName, TaskState};
 
 /// A fit: what was asked for and how it stands; from `status` on the report, once there is one.
 #[derive(ToSchema)]
@@ -48,6 +48,10 @@ pub struct FitAnswered {
     n_frames_used: Option<u32>,
     /// The parameters.
     parameters: Option<FitParameters>,
+    /// The plane that θr and the azimuth refer to.
+    reference_plane: Option<FitReferencePlane>,
+    /// What the azimuth says of a wedge across v and of the zero, where it is told.
+    wedge_across: Option<FitAcross>,
     /// Root mean square residual, as a share of the largest observation.
     rms_residual: Option<f64>,
     /// The model's discrepancy at the peak, as a share of the largest observation.
@@ -94,6 +98,25 @@ pub struct WorkProgress {
     elapsed_s: f64,
     /// Seconds left, where that can be told.
     time_left_s: Option<f64>,
+}
+
+/// The facets' azimuth from the stage's zero, and what it may come from; degrees.
+#[derive(ToSchema)]
+pub struct FitAcross {
+    /// The facets' azimuth from where the recorded φs and the stated zero have it.
+    azimuth_deg: f64,
+    /// Its standard uncertainty as the data have it.
+    azimuth_std_deg: f64,
+    /// Whether wedge and zero are told apart; else each is the whole azimuth, the one or the other.
+    split: bool,
+    /// Inclination of the sample across v, towards rising azimuth.
+    wedge_deg: f64,
+    /// Its standard uncertainty; null where it is not told from the zero.
+    wedge_std_deg: Option<f64>,
+    /// Error of the azimuth's zero: what to add to it.
+    azimuth_zero_deg: f64,
+    /// Its standard uncertainty; null where it is not told from the wedge.
+    azimuth_zero_std_deg: Option<f64>,
 }
 
 /// Why a fit has no report.

@@ -284,7 +284,7 @@ pub(super) async fn verdicts(
 
 /// Begin a verdict: a scan judged against a specification.
 #[utoipa::path(post, path = "/api/v1/verdicts", tag = "verdicts", request_body(content = Object, description =
-    "`scan_id`, `specification` (`name`, `limits` such as {\"theta_r_deg\": {\"lower\": 9.5, \"upper\": 10.5}}, optional `decision`), optional `variant` and `region`, `max_seconds`, `target_error` (of the ray tracer), `tolerance`"), responses(
+    "`scan_id`, `specification` (`name`, `limits` such as {\"theta_r_deg\": {\"lower\": 9.5, \"upper\": 10.5}}, optional `decision` and `reference_plane`: \"sample\" leaves angles open unless the rig states `sample_wedge_std_deg`), optional `variant` and `region`, `max_seconds`, `target_error` (of the ray tracer), `tolerance`"), responses(
     (status = 202, description = "It runs", body = Begun, headers(("Location" = String, description = "The verdict"))),
     (status = 400, description = "The body cannot be understood", body = Problem),
     (status = 404, description = "There is no such scan", body = Problem),

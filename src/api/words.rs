@@ -7,7 +7,7 @@ use utoipa::openapi::schema::{KnownFormat, ObjectBuilder, Schema, SchemaFormat, 
 use utoipa::openapi::{RefOr, schema::SchemaType};
 use utoipa::{PartialSchema, ToSchema};
 
-use crate::fit::report::{Status, VariantName};
+use crate::fit::report::{ReferencePlane, Status, VariantName};
 use crate::frame::FrameKind as Kind;
 use crate::scan::event::TaskState as Task;
 use crate::scan::{OperatorAction as Action, ScanState as State};
@@ -63,6 +63,7 @@ described! {
     ScanState of State::ALL, "Where a scan stands.";
     TaskState of Task::ALL, "Where a fit, map, contrast, verdict or trace stands.";
     FitStatus of Status::ALL, "How a fit ended.";
+    FitReferencePlane of ReferencePlane::ALL, "The plane that angles refer to.";
     FitVariantName of VariantName::ALL, "A variant of the model.";
     FrameKind of Kind::ALL, "What a frame shows.";
     OperatorAction of Action::ALL, "What a person has to do at the rig.";

@@ -12,7 +12,7 @@ use super::CliError;
 use super::daemon::{self, Daemon};
 use super::scan::{follow, timing_words, with_times};
 use super::serve::listen_error;
-use super::simulated::{SimulatedRig, Simulation, TRACED_SAMPLE};
+use super::simulated::{Built, SimulatedRig, Simulation, TRACED_SAMPLE};
 use crate::api::server::{self, ListenError};
 use crate::lab::{FitRequest, Lab, ScanRequest};
 use crate::scan::event::TaskState;
@@ -25,7 +25,8 @@ use crate::units::Angle;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   ridged demo                                    then look at the page; Ctrl-C ends
-  ridged demo --once --json --azimuth-offset-deg 7 --tilt-offset-deg 0.4")]
+  ridged demo --once --json --azimuth-offset-deg 7 --tilt-offset-deg 0.4
+  ridged demo --once --camera-distance-mm 300 --light-distance-mm 250 --axis-offset-px=-6,4.5")]
 pub struct Args {
     /// Exit once the result is printed.
     #[arg(long)]
@@ -52,6 +53,9 @@ pub struct Args {
         allow_negative_numbers = true
     )]
     pub tilt_offset_deg: f64,
+    /// How the simulated rig is built.
+    #[command(flatten)]
+    pub built: Built,
     /// How many times faster than real time the rig runs.
     #[arg(long, value_name = "X", default_value_t = 30.0)]
     pub time_scale: f64,
@@ -81,6 +85,7 @@ async fn demo(args: Args) -> Result<(), CliError> {
         seed: args.seed,
         azimuth_offset: Angle::from_deg(args.azimuth_offset_deg),
         tilt_offset: Angle::from_deg(args.tilt_offset_deg),
+        built: args.built,
     })?;
     let listener = listen(args.port).await?;
     let lab = daemon::open_lab(&args.data, Arc::clone(&rig.clock), Some(parts)).await?;
@@ -155,12 +160,14 @@ async fn show(daemon: &Daemon, args: &Args) -> Result<Value, CliError> {
         alpha_v,
         rho_d,
     } = Sample::polymer_10().truth();
+    // To the turntable, which is what a fit finds.
+    let (steeper, turned) = args.built.wedge_on(Angle::from_deg(theta_r_deg));
     let truth = json!({
-        "theta_r_deg": theta_r_deg,
+        "theta_r_deg": theta_r_deg + steeper.deg(),
         "alpha_u": alpha_u,
         "alpha_v": alpha_v,
         "rho_d": rho_d,
-        "azimuth_offset_deg": args.azimuth_offset_deg,
+        "azimuth_offset_deg": args.azimuth_offset_deg + turned.deg(),
         "tilt_offset_deg": args.tilt_offset_deg,
     });
     let shown = json!({
@@ -311,6 +318,7 @@ mod tests {
             seed: 1,
             azimuth_offset_deg: 0.0,
             tilt_offset_deg: 0.0,
+            built: Built::default(),
             time_scale: 1.0,
             data: PathBuf::new(),
             timing: false,

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use super::CliError;
 use super::daemon::{self, Daemon};
 use super::interrupt;
-use super::simulated::{self, SimulatedRig, Simulation};
+use super::simulated::{self, Built, SimulatedRig, Simulation};
 use crate::api::server::{self, ListenError};
 
 /// Runs the daemon: page, HTTP interface, rig.
@@ -45,6 +45,9 @@ pub struct Args {
         requires = "simulated_rig"
     )]
     pub seed: u64,
+    /// How the simulated rig is built.
+    #[command(flatten)]
+    pub built: Built,
 }
 
 /// Runs until Ctrl-C, SIGTERM or SIGHUP.
@@ -57,6 +60,11 @@ pub fn run(args: Args) -> Result<(), CliError> {
 }
 
 async fn serve(args: Args) -> Result<(), CliError> {
+    if !args.simulated_rig && args.built != Built::default() {
+        return Err(CliError::bad_input(anyhow::anyhow!(
+            "how a simulated rig is built needs --simulated-rig; of a real one the settings' [rig] says it"
+        )));
+    }
     let config = daemon::read_config(args.config.as_deref())?;
     let listen = args.listen.unwrap_or_else(|| config.server.listen.clone());
     let listener = server::bind(&listen).await.map_err(listen_error)?;
@@ -65,6 +73,7 @@ async fn serve(args: Args) -> Result<(), CliError> {
         let (rig, mut parts) = SimulatedRig::build(Simulation {
             time_scale: args.time_scale,
             seed: args.seed,
+            built: args.built,
             ..Simulation::default()
         })?;
         simulated::obey(&mut parts.settings, &config);

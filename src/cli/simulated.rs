@@ -7,6 +7,8 @@ use std::ops::RangeInclusive;
 use std::sync::Arc;
 use std::time::Duration;
 
+use nalgebra::{Rotation3, Vector3};
+
 use super::CliError;
 use super::daemon::{capped_limit, runner_settings, watch_scan_steps};
 use crate::bench::Camera;
@@ -47,6 +49,100 @@ pub(super) fn check_time_scale(
     )))
 }
 
+/// How a simulated rig is built: near or far, and what is off its place. Distances and points stand in the manifests of its
+/// scans; how the sample lies does not.
+#[derive(Debug, Clone, Copy, PartialEq, Default, clap::Args)]
+#[command(next_help_heading = "How the simulated rig is built")]
+pub struct Built {
+    /// Distance of the camera's pupil from the centre of tilt, 100 mm or more; a telecentric lens without it.
+    #[arg(long, value_name = "MM")]
+    pub camera_distance_mm: Option<f64>,
+    /// Distance of the lamp from the centre of tilt, 100 mm or more; a collimated one without it.
+    #[arg(long, value_name = "MM")]
+    pub light_distance_mm: Option<f64>,
+    /// From the frame's centre to the rotation axis, in pixels, such as -6,4.5.
+    #[arg(long, value_name = "COLUMNS,ROWS", value_parser = point, allow_hyphen_values = true)]
+    pub axis_offset_px: Option<Point>,
+    /// From the frame's centre to the centre of tilt, in pixels.
+    #[arg(long, value_name = "COLUMNS,ROWS", value_parser = point, allow_hyphen_values = true)]
+    pub tilt_centre_offset_px: Option<Point>,
+    /// How far the sample's plane is inclined to the turntable, up to 5°.
+    #[arg(long, value_name = "DEG")]
+    pub wedge_deg: Option<f64>,
+    /// Where its normal is inclined to, from the lean direction v, in degrees.
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    pub wedge_azimuth_deg: Option<f64>,
+}
+
+/// Columns and rows.
+pub type Point = [f64; 2];
+
+fn point(text: &str) -> Result<Point, String> {
+    let numbers: Vec<Option<f64>> = text.split(',').map(|x| x.trim().parse().ok()).collect();
+    match numbers[..] {
+        [Some(column), Some(row)] => Ok([column, row]),
+        _ => Err("write columns and rows with a comma between them, such as -6,4.5".to_owned()),
+    }
+}
+
+/// Nearer the field would be as wide as the camera is far, mm.
+const DISTANCES_MM: RangeInclusive<f64> = 100.0..=1e6;
+/// Columns or rows from the frame's centre.
+const OFFSETS_PX: RangeInclusive<f64> = -1000.0..=1000.0;
+const WEDGES_DEG: RangeInclusive<f64> = 0.0..=5.0;
+const TURN_DEG: RangeInclusive<f64> = -360.0..=360.0;
+
+impl Built {
+    fn check(&self) -> Result<(), CliError> {
+        let of = |point: Option<Point>, k: usize| point.map(|p| p[k]);
+        for (name, value, range) in [
+            ("camera-distance-mm", self.camera_distance_mm, DISTANCES_MM),
+            ("light-distance-mm", self.light_distance_mm, DISTANCES_MM),
+            ("axis-offset-px", of(self.axis_offset_px, 0), OFFSETS_PX),
+            ("axis-offset-px", of(self.axis_offset_px, 1), OFFSETS_PX),
+            (
+                "tilt-centre-offset-px",
+                of(self.tilt_centre_offset_px, 0),
+                OFFSETS_PX,
+            ),
+            (
+                "tilt-centre-offset-px",
+                of(self.tilt_centre_offset_px, 1),
+                OFFSETS_PX,
+            ),
+            ("wedge-deg", self.wedge_deg, WEDGES_DEG),
+            ("wedge-azimuth-deg", self.wedge_azimuth_deg, TURN_DEG),
+        ] {
+            if let Some(value) = value.filter(|value| !range.contains(value)) {
+                let (least, most) = range.into_inner();
+                return Err(CliError::bad_input(anyhow::anyhow!(
+                    "--{name} {value} is not within {least} to {most}"
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    fn wedge(&self) -> (Angle, Angle) {
+        let angle = |deg: Option<f64>| Angle::from_deg(deg.unwrap_or_default());
+        (angle(self.wedge_deg), angle(self.wedge_azimuth_deg))
+    }
+
+    /// What a wedge adds to the angles of ridges to the turntable: (ridge angle, azimuth).
+    #[must_use]
+    pub fn wedge_on(&self, theta_r: Angle) -> (Angle, Angle) {
+        let (wedge, towards) = self.wedge();
+        let ((sin, cos), (lean, up)) = (towards.sin_cos(), theta_r.sin_cos());
+        // The facets' normal, v along x, as it is carried along.
+        let turn = Rotation3::new(Vector3::new(-sin, cos, 0.0) * wedge.rad());
+        let facet = turn * Vector3::new(lean, 0.0, up);
+        (
+            Angle::from_rad(facet.x.hypot(facet.y).atan2(facet.z)) - theta_r,
+            Angle::from_rad(facet.y.atan2(facet.x)),
+        )
+    }
+}
+
 /// What may be different about a simulated rig.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Simulation {
@@ -58,6 +154,8 @@ pub struct Simulation {
     pub azimuth_offset: Angle,
     /// True minus recorded tilt.
     pub tilt_offset: Angle,
+    /// Where its parts are.
+    pub built: Built,
 }
 
 impl Default for Simulation {
@@ -67,6 +165,7 @@ impl Default for Simulation {
             seed: 1,
             azimuth_offset: Angle::ZERO,
             tilt_offset: Angle::ZERO,
+            built: Built::default(),
         }
     }
 }
@@ -116,8 +215,11 @@ impl SimulatedRig {
             seed,
             azimuth_offset,
             tilt_offset,
+            built,
         } = simulation;
         check_time_scale(time_scale, TIME_SCALES)?;
+        built.check()?;
+        let (wedge, wedge_azimuth) = built.wedge();
         for (name, angle, max_deg) in [
             ("--azimuth-offset-deg", azimuth_offset, 180.0),
             ("--tilt-offset-deg", tilt_offset, 5.0),
@@ -135,6 +237,8 @@ impl SimulatedRig {
                 mounting: Mounting {
                     azimuth_offset,
                     tilt_offset,
+                    wedge,
+                    wedge_azimuth,
                 },
                 seed,
                 ..WorldSettings::default()
@@ -148,6 +252,10 @@ impl SimulatedRig {
         let camera = SimulatedCamera::new(
             Arc::clone(&world),
             SimulatedCameraSettings {
+                camera_distance_mm: built.camera_distance_mm,
+                light_distance_mm: built.light_distance_mm,
+                tilt_centre_offset_px: built.tilt_centre_offset_px.unwrap_or_default(),
+                axis_offset_px: built.axis_offset_px.unwrap_or_default(),
                 seed,
                 ..SimulatedCameraSettings::default()
             },
@@ -338,11 +446,15 @@ fn settings(camera: &SimulatedCamera, simulation: Simulation) -> RigSettings {
         simulated: Some(simulation.time_scale),
         // Another world is another rig: its calibrations do not count here.
         label: format!(
-            "simulated, {}, seed {}, offsets {:.6} {:.6}",
+            "simulated, {}, seed {}, offsets {:.6} {:.6}{}",
             camera.describe(),
             simulation.seed,
             simulation.azimuth_offset,
-            simulation.tilt_offset
+            simulation.tilt_offset,
+            match simulation.built {
+                usual if usual == Built::default() => String::new(),
+                built => format!(", {built:?}"),
+            }
         ),
     }
 }
@@ -350,6 +462,47 @@ fn settings(camera: &SimulatedCamera, simulation: Simulation) -> RigSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_wedge_is_ridge_angle_along_v_and_azimuth_across() {
+        let built = Built {
+            wedge_deg: Some(0.2),
+            wedge_azimuth_deg: Some(200.0),
+            ..Built::default()
+        };
+        // As the path-traced series near-off-axis has it.
+        let (steeper, turned) = built.wedge_on(Angle::from_deg(9.0));
+        assert!((steeper.deg() + 0.188).abs() < 5e-4, "{}", steeper.deg());
+        assert!((turned.deg() + 0.441).abs() < 5e-4, "{}", turned.deg());
+        let flat = Built::default().wedge_on(Angle::from_deg(9.0));
+        assert!(flat.0.abs().deg() < 1e-12 && flat.1 == Angle::ZERO);
+    }
+
+    #[test]
+    fn a_rig_that_cannot_be_built_is_refused_by_its_option() {
+        let refused = |built: Built| {
+            let simulation = Simulation {
+                built,
+                ..Simulation::default()
+            };
+            match SimulatedRig::build(simulation) {
+                Err(CliError::BadInput(error)) => error.to_string(),
+                _ => panic!("it was built"),
+            }
+        };
+        let near = refused(Built {
+            camera_distance_mm: Some(20.0),
+            ..Built::default()
+        });
+        assert!(near.contains("--camera-distance-mm 20"), "{near}");
+        let wild = refused(Built {
+            axis_offset_px: Some([0.0, f64::NAN]),
+            ..Built::default()
+        });
+        assert!(wild.contains("--axis-offset-px"), "{wild}");
+        assert_eq!(point("-6, 4.5"), Ok([-6.0, 4.5]));
+        assert!(point("6").is_err() && point("a,b").is_err() && point("1,2,3").is_err());
+    }
 
     #[test]
     fn settings_count_beside_a_simulated_rig_and_without_any_it_is_as_ever() {

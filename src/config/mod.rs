@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::bench::stage::{PortAddress, StageError, StageSettings};
 use crate::scan::plan::{EXPOSURE_S_MAX, EXPOSURE_S_MIN, PlanDefaults};
-use crate::series::{CameraFacts, FlatFacts, RigFacts};
+use crate::series::{CameraFacts, FlatFacts, RigFacts, misaimed};
 use crate::wording::toml_text::{self, Refused};
 
 pub use sections::{
@@ -193,6 +193,11 @@ impl Config {
             let key = format!("camera.{}", found.key);
             return Err(Wrong::new(key, found.value.to_string(), found.allowed));
         }
+        let (facts, camera) = (self.rig_facts(), self.camera_facts());
+        if let Some(allowed) = misaimed(&facts, &camera, facts.camera_distance_mm) {
+            let found = format!("{:?}", camera.principal_point_px.unwrap_or_default());
+            return Err(Wrong::new("camera.principal_point_px", found, allowed));
+        }
         let rig = &self.rig;
         let (lamp, lens) = (rig.light_angular_radius_deg, rig.lens_angular_radius_deg);
         for (key, radius_mm, distance, spans) in [
@@ -249,9 +254,11 @@ impl Config {
             theta_l_deg: rig.theta_l_deg,
             light_azimuth_deg: rig.light_azimuth_deg,
             azimuth_zero_deg: rig.azimuth_zero_deg,
+            azimuth_zero_std_deg: rig.azimuth_zero_std_deg,
             light_angular_radius_deg,
             lens_angular_radius_deg: rig.lens_angular_radius_deg,
             wavelength_nm: Some(rig.wavelength_nm),
+            tilt_centre_px: rig.tilt_centre_px,
             rotation_axis_px: rig.rotation_axis_px,
             light_distance: distance(rig.light_distance_mm),
             camera_distance: distance(rig.camera_distance_mm),
@@ -289,6 +296,7 @@ impl Config {
             read_noise_electrons_rms: Some(camera.read_noise_electrons_rms),
             exposures_s: camera.exposures_s.clone(),
             camera_distance_mm: self.rig.camera_distance_mm,
+            principal_point_px: camera.principal_point_px,
             notes: Default::default(),
         }
     }

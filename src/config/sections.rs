@@ -49,6 +49,9 @@ pub struct RigSettings {
     pub light_azimuth_deg: f64,
     /// Added to the recorded φs it gives the azimuth of v. Default 0, −360 to 360.
     pub azimuth_zero_deg: f64,
+    /// Standard uncertainty of where v stands at a recorded φs. Default: not stated (then it is not told from a wedge across v),
+    /// 0 to 180.
+    pub azimuth_zero_std_deg: Option<f64>,
     /// Half angle of the lamp seen from the sample. Default: what `light_radius_mm` spans, or else 1; 0 to 90.
     pub light_angular_radius_deg: Option<f64>,
     /// Half angle of the lens's pupil seen from the sample. Default: what `lens_radius_mm` spans, or else 0 (a
@@ -56,8 +59,10 @@ pub struct RigSettings {
     pub lens_angular_radius_deg: Option<f64>,
     /// Wavelength of the lamp. Default 550, 100 to 100 000.
     pub wavelength_nm: f64,
-    /// Column and row of the rotation axis, from the outer corner of the first pixel. Default: the
+    /// Column and row of the point about which camera and lamp tilt, from the outer corner of the first pixel. Default: the
     /// frame's centre.
+    pub tilt_centre_px: Option<[f64; 2]>,
+    /// Column and row at which the rotation axis meets the sample at θc = 0. Default: `tilt_centre_px`.
     pub rotation_axis_px: Option<[f64; 2]>,
     /// From the centre of tilt to the lamp; leave it out for a collimated one. Above 0.
     pub light_distance_mm: Option<f64>,
@@ -88,9 +93,11 @@ impl Default for RigSettings {
             theta_l_deg: 10.0,
             light_azimuth_deg: 0.0,
             azimuth_zero_deg: 0.0,
+            azimuth_zero_std_deg: None,
             light_angular_radius_deg: None,
             lens_angular_radius_deg: None,
             wavelength_nm: 550.0,
+            tilt_centre_px: None,
             rotation_axis_px: None,
             light_distance_mm: None,
             light_radius_mm: None,
@@ -126,6 +133,8 @@ pub struct CameraSettings {
     pub field_width_mm: Option<f64>,
     /// Height of the field. Above 0.
     pub field_height_mm: Option<f64>,
+    /// Column and row of the foot of a near camera's optical axis. Default: `rig.tilt_centre_px`.
+    pub principal_point_px: Option<[f64; 2]>,
     /// Bits of the converter. Default 16, 1 to 16.
     pub bit_depth: u32,
     /// Count at which a pixel is full. Default: what the bits allow. 1 to 65535.
@@ -153,6 +162,7 @@ impl Default for CameraSettings {
             height_px: 128,
             field_width_mm: None,
             field_height_mm: None,
+            principal_point_px: None,
             bit_depth: 16,
             saturation_dn: None,
             gain_dn_per_electron: 1.0,

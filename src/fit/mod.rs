@@ -60,6 +60,7 @@ pub mod traced;
 pub mod trail;
 mod trust_region;
 pub mod variants;
+pub mod wedge;
 
 #[cfg(test)]
 mod elsewhere_tests;

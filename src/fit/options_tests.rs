@@ -10,7 +10,7 @@ use super::budget::uncertainty;
 use super::estimate::{Estimate, estimate};
 use super::painted::{painted, painted_by};
 use super::problem::{Problem, Quantity, Values};
-use super::report::VariantName;
+use super::report::{ReferencePlane, VariantName};
 use super::reporting::report_of;
 use super::solver::{Settings, minimise};
 use super::trail::Time;
@@ -443,6 +443,14 @@ fn a_wedge_of_the_sample_is_ridge_angle_and_a_turn_of_the_lean_or_said_to_be_lef
         [&bare, &stated].map(|set| fit_with_tier(set, &options(), None, &AtomicBool::new(false)));
     let told = |r: &super::FitReport| r.left_out.iter().any(|l| l.what.contains("wedge"));
     assert!(told(&without) && !told(&with));
+    assert_eq!(without.reference_plane, ReferencePlane::Turntable);
+    assert_eq!(with.reference_plane, ReferencePlane::Sample);
+    // The azimuth's own uncertainty is without what it says of the wedge.
+    let of = |r: &super::FitReport| r.wedge_across.unwrap().azimuth_std_deg;
+    assert!((of(&with) / of(&without) - 1.0).abs() < 1e-9);
+    let text = |r: &super::FitReport| super::text::table(r, false);
+    assert!(text(&without).contains("those to the turntable"));
+    assert!(text(&with).contains("those to the sample's plane"));
     let line = |p: &super::report::Parameter| p.budget.unwrap().wedge;
     let p = &with.parameters;
     assert!((line(&p.theta_r_deg) - 0.1).abs() < 1e-12);

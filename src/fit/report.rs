@@ -10,6 +10,7 @@ use super::findings::Finding;
 use super::intervals::Interval;
 use super::traced::TracingEnd;
 use super::trail::Iteration;
+pub use super::wedge::{Across, ReferencePlane};
 pub use crate::model::LeftOut;
 use crate::observation::RejectedFrame;
 use crate::trace::ridge_map::RidgeFacts;
@@ -323,6 +324,13 @@ pub struct FitReport {
     pub region: Option<String>,
     /// The parameters.
     pub parameters: Parameters,
+    /// The plane that θr and the azimuth refer to.
+    #[serde(default)]
+    pub reference_plane: ReferencePlane,
+    /// What the azimuth says of a wedge across v and of the zero, where it is told; none for a common surface of several
+    /// scans, each of which lies in its own way.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wedge_across: Option<Across>,
     /// Root mean square residual, as a share of the largest observation; like the next three, none where
     /// there is no answer that could leave one.
     pub rms_residual: Option<f64>,

@@ -16,6 +16,7 @@ use super::report::{
     Starts, Status, Timing, VariantName, VariantSummary,
 };
 use super::solver::Minimum;
+use super::wedge;
 use crate::material::Material;
 use crate::model::extended::slopes::{gamma, half_width_over_alpha};
 use crate::model::left_out;
@@ -271,6 +272,8 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         n_observations: set.observations.len(),
         n_frames_used: set.n_frames_used,
         region: set.region.clone(),
+        reference_plane: wedge::plane(set),
+        wedge_across: wedge::of_report(set, &parameters),
         rms_residual: Some(e.rms_residual),
         model_discrepancy: Some(e.misfit.iter().copied().fold(0.0, f64::max) / peak),
         chi2_reduced: Some(u.covariance.chi2_reduced),

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::budget::Budget;
 use super::intervals::Interval;
 use super::joint::{EACH_ITS_OWN, JointReport};
-use super::report::{COVERAGE_FACTOR, FitReport, Parameter, Status};
+use super::report::{COVERAGE_FACTOR, FitReport, Parameter, ReferencePlane, Status};
 use crate::wording::{counted, decimals, percent, significant};
 
 /// The report laid out for a terminal of 80 columns and more; `colour` allows ANSI attributes.
@@ -66,6 +66,12 @@ pub fn table(report: &FitReport, colour: bool) -> String {
                 significant(alone)
             ),
         );
+    }
+    line(&mut out, plane(report.reference_plane));
+    if let Some(told) = report.wedge_across.and_then(|across| across.told()) {
+        for part in wrapped(&told, 94) {
+            line(&mut out, &format!("  {part}"));
+        }
     }
     let variants: Vec<String> = report
         .variants
@@ -156,6 +162,18 @@ pub fn table(report: &FitReport, colour: bool) -> String {
         rejected(report).into_iter(),
     );
     out
+}
+
+/// What the angles refer to.
+fn plane(plane: ReferencePlane) -> &'static str {
+    match plane {
+        ReferencePlane::Turntable => {
+            "  θr and azimuth are those to the turntable: rig.sample_wedge_std_deg does not state how the sample lies on it"
+        }
+        ReferencePlane::Sample => {
+            "  θr and azimuth are those to the sample's plane: how it lies on the turntable is in U, as stated"
+        }
+    }
 }
 
 /// The common surface of several scans, then a row for each of them.

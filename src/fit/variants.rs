@@ -19,6 +19,7 @@ use super::thin;
 use super::traced::{Watch, estimate_traced};
 use super::trail::{Time, retrace};
 use super::{FitOptions, VariantChoice};
+use super::{thin, wedge};
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 use crate::trace::profile::Profile;
@@ -332,6 +333,8 @@ fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitRepor
         n_observations: set.observations.len(),
         n_frames_used: set.n_frames_used,
         region: set.region.clone(),
+        reference_plane: wedge::plane(set),
+        wedge_across: None,
         parameters: Parameters {
             theta_r_deg: none(),
             alpha_u: none(),

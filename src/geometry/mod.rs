@@ -23,12 +23,14 @@
 
 mod alike;
 mod cones;
+mod imaging;
 
 use nalgebra::Vector3;
 
 use crate::units::Angle;
 pub use alike::{alike, alike_around};
 pub use cones::Cones;
+pub use imaging::{AIM_MAX, Imaging};
 
 /// Where the two stages stand: camera tilt θc and sample azimuth φs, as read from the stages.
 #[derive(Debug, Clone, Copy, PartialEq)]

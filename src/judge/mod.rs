@@ -23,7 +23,7 @@ pub use specification::{Decision, Limits, Specification, SpecificationError};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
-use crate::fit::report::{FitReport, LeftOut, Status, Timing, VariantName};
+use crate::fit::report::{FitReport, LeftOut, ReferencePlane, Status, Timing, VariantName};
 use crate::geometry::Pose;
 use crate::observation::ObservationSet;
 
@@ -137,6 +137,9 @@ pub struct VerdictReport {
     pub status: Status,
     /// Region of the sample.
     pub region: Option<String>,
+    /// The plane that θr and azimuth refer to.
+    #[serde(default)]
+    pub reference_plane: ReferencePlane,
     /// Tilts that mean contrasts are over, degrees; null where none is limited.
     #[serde(default)]
     pub contrast_theta_c_deg: Option<Vec<f64>>,
@@ -160,7 +163,11 @@ impl VerdictReport {
         observations: &ObservationSet,
         planned: &[Pose],
     ) -> Self {
-        let mut quantities = parameters(report);
+        let mut quantities = to_the_plane(
+            specification.reference_plane,
+            report.reference_plane,
+            parameters(report),
+        );
         let mut left_out = report.left_out.clone();
         let mut warnings = report.warnings.clone();
         let limited = [CONTRAST_MEAN, CONTRAST_MICHELSON_MEAN];
@@ -182,6 +189,7 @@ impl VerdictReport {
             variant: report.variant,
             status: report.status,
             region: report.region.clone(),
+            reference_plane: report.reference_plane,
             left_out,
             timing_s: report.timing_s,
             program: report.program.clone(),
@@ -230,6 +238,27 @@ pub fn judge(specification: &Specification, quantities: &[Quantity]) -> Judgemen
         items,
         warnings: Vec::new(),
     }
+}
+
+/// What depends on how the sample lies is not known where the specification counts to the sample's plane and the rig does
+/// not state it.
+fn to_the_plane(
+    demanded: Option<ReferencePlane>,
+    measured: ReferencePlane,
+    mut quantities: Vec<Quantity>,
+) -> Vec<Quantity> {
+    if demanded == Some(ReferencePlane::Sample) && measured != ReferencePlane::Sample {
+        for quantity in &mut quantities {
+            if specification::TO_A_PLANE.contains(&quantity.name.as_str()) {
+                quantity.measured = Err(
+                    "the specification counts angles to the sample's plane, and it is measured to the turntable: \
+                     rig.sample_wedge_std_deg does not state how well samples lie on it"
+                        .to_owned(),
+                );
+            }
+        }
+    }
+    quantities
 }
 
 fn unknown(name: &str, limits: &Limits, reason: String) -> Item {
@@ -650,6 +679,37 @@ mod tests {
             verdict_of(ONE_SIDED, 10.500_001, 0.0).verdict,
             Verdict::Fail
         );
+    }
+
+    #[test]
+    fn angles_to_the_samples_plane_cannot_be_told_where_nobody_states_how_it_lies() {
+        let text = "name = \"s\"\nreference_plane = \"sample\"\n[limits]\ntheta_r_deg = { upper = 10.5 }\nalpha_u = { upper = 10.5 }\n";
+        let spec = specification(text);
+        let quantities = || {
+            ["theta_r_deg", "alpha_u"].map(|name| Quantity {
+                name: name.to_owned(),
+                measured: Ok(measured(10.0, 0.01)),
+            })
+        };
+        let verdict = |demanded, plane| {
+            let quantities = to_the_plane(demanded, plane, quantities().to_vec());
+            judge(&spec, &quantities)
+        };
+        let (turntable, sample) = (ReferencePlane::Turntable, ReferencePlane::Sample);
+        let open = verdict(spec.reference_plane, turntable);
+        assert_eq!(open.verdict, Verdict::CannotTell);
+        // Roughness is the same to any plane.
+        assert_eq!(open.items[0].verdict, Verdict::Pass);
+        let reason = &open.items[1].reason;
+        assert!(reason.contains("sample_wedge_std_deg"), "{reason}");
+        for (demanded, plane) in [
+            (spec.reference_plane, sample),
+            (None, turntable),
+            (Some(turntable), turntable),
+            (Some(turntable), sample),
+        ] {
+            assert_eq!(verdict(demanded, plane).verdict, Verdict::Pass);
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::contrast::{CONTRAST_MEAN, CONTRAST_MICHELSON_MEAN};
+use crate::fit::report::ReferencePlane;
 
 /// Quantities that may have limits.
 pub const QUANTITIES: [&str; 10] = [
@@ -31,7 +32,14 @@ pub struct Specification {
     pub decision: Decision,
     /// Limits by quantity; see [`QUANTITIES`].
     pub limits: BTreeMap<String, Limits>,
+    /// The plane that limits of angles are meant to. With `sample` they can only be told where the rig states how samples
+    /// lie on its turntable; without a word any will do.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference_plane: Option<ReferencePlane>,
 }
+
+/// Quantities that depend on how the sample lies on the turntable.
+pub(super) const TO_A_PLANE: [&str; 2] = ["theta_r_deg", "azimuth_offset_deg"];
 
 /// Tolerance limits; one of them may be missing.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -262,6 +270,22 @@ mod tests {
         );
         assert!(said(&ok.replace("upper", "uper")).contains("uper"));
         assert!(said(&format!("{ok}[decision]\nrisk = 0.1\n")).contains("risk"));
+    }
+
+    #[test]
+    fn the_plane_is_one_of_two_words() {
+        let with = |plane: &str| {
+            format!(
+                "name = \"s\"\nreference_plane = \"{plane}\"\n[limits]\ntheta_r_deg = {{ upper = 10.5 }}\n"
+            )
+        };
+        let read = |plane: &str| Specification::from_toml(&with(plane), "spec.toml").unwrap();
+        assert_eq!(read("sample").reference_plane, Some(ReferencePlane::Sample));
+        assert_eq!(
+            read("turntable").reference_plane,
+            Some(ReferencePlane::Turntable)
+        );
+        assert!(said(&with("stage")).contains("turntable"));
     }
 
     #[test]

@@ -54,15 +54,23 @@ impl<'v> Anywhere<'v> {
             optics: Optics {
                 eta,
                 k,
-                theta_l: view.rig.theta_l.rad(),
-                cones: view.rig.cones,
+                theta_l: view.imaging.rig.theta_l.rad(),
+                cones: view.imaging.rig.cones,
             },
         }
     }
 
     /// At a pose and a place of the sample, for an irradiance of 1.
     pub(super) fn light(&self, pose: &Pose, place_mm: [f64; 2]) -> Light {
-        let geometry = self.view.geometry(*pose, place_mm);
+        self.seen(self.view.geometry(*pose, place_mm))
+    }
+
+    /// The same at the centre of tilt.
+    pub(super) fn central(&self, pose: &Pose) -> Light {
+        self.seen(self.view.central(*pose))
+    }
+
+    fn seen(&self, geometry: Geometry) -> Light {
         let once = self.surface.amplitude * single(&geometry, &self.p, self.lamp).0;
         let directions = geometry.directions(self.p[1]);
         let lobes = Surface {
@@ -126,7 +134,7 @@ impl Beside {
         let known = |p: &Parameters| -> Known {
             let anywhere = Anywhere::new(costly, view, p);
             let of_pose = |pose: &Pose| {
-                let centre = anywhere.light(pose, [0.0; 2]);
+                let centre = anywhere.central(pose);
                 peak = peak.max(centre.once + centre.diffuse + centre.rest);
                 let lacks = grid.iter().map(|[x, y]| {
                     let place = [middle_mm[0] + x * half_mm[0], middle_mm[1] + y * half_mm[1]];
@@ -217,7 +225,7 @@ mod tests {
                 let place = near.place_mm(pixel);
                 let more = beside.at(&like, place);
                 for (j, pose) in poses.iter().enumerate() {
-                    let centre = anywhere.light(pose, [0.0; 2]);
+                    let centre = anywhere.central(pose);
                     let lacks = anywhere.lacks(&centre, &anywhere.light(pose, place));
                     peak = peak.max(centre.once + centre.diffuse + centre.rest);
                     lacking = lacking.max(lacks.abs());

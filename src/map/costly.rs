@@ -580,9 +580,9 @@ pub(super) mod near {
 
     /// The costly terms at the centre of its field.
     pub(in crate::map) fn costly((material, view): &(Material, View), poses: Vec<Pose>) -> Costly {
-        let geometry = poses.iter().map(|p| view.geometry(*p, [0.0; 2])).collect();
+        let geometry = poses.iter().map(|p| view.central(*p)).collect();
         let none = Integrated::default();
-        Costly::new(view.rig, *material, poses, geometry, 1.0, none)
+        Costly::new(view.imaging.rig, *material, poses, geometry, 1.0, none)
     }
 }
 

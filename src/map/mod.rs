@@ -336,12 +336,12 @@ pub fn map_until(
     let pixels_left_out = view.pixels() - tiles.pixels;
     let leans = defects::leans(&layers);
     defects::mark_borders(&mut layers, &leans);
-    let pixel_mm = view.has_scale.then_some(view.pixel_mm);
+    let pixel_mm = view.has_scale.then_some(view.imaging.pixel_mm);
     let found = defects::defects(
         &mut layers,
         &leans,
         &|pixel| view.place_mm(pixel),
-        view.pixel_mm,
+        view.imaging.pixel_mm,
     );
     let pixels_fitted = layers.chi2_reduced.iter().filter(|x| x.is_finite()).count();
     if pixels_fitted == 0 && pixels_left_out > 0 {
@@ -390,7 +390,7 @@ pub fn map_until(
             .map(|std| at_least(with_wedge(in_layer_units(&std, &layers), wedge, &layers))),
         layers,
         pixel_mm,
-        axis_px: view.axis_px(),
+        axis_px: view.imaging.rotation_axis_px,
         globals,
         birge: settled.birge,
         leans,
@@ -414,7 +414,7 @@ fn what_is_left_out(
 ) -> Vec<LeftOut> {
     let view = &settled.view;
     let mut list = settled.plan.told();
-    list.extend(left_out::lens(&view.rig.cones));
+    list.extend(left_out::lens(&view.imaging.rig.cones));
     list.push(left_out::ideal_profile());
     list.push(left_out::third_bounce());
     if wedge.is_none() {

@@ -66,7 +66,7 @@ impl PixelFitter {
     #[must_use]
     pub fn new(rig: RigGeometry, material: Material, poses: Vec<Pose>) -> Self {
         let view = View::far(rig, &material);
-        let geometry = poses.iter().map(|p| view.geometry(*p, [0.0; 2])).collect();
+        let geometry = poses.iter().map(|p| view.central(*p)).collect();
         PixelFitter {
             costly: Costly::new(
                 rig,

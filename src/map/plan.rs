@@ -30,10 +30,10 @@ pub fn plan(source: &dyn FrameSource, target_error: Option<f64>) -> Plan {
     let all = observe::poses(source);
     let every = all.len().div_ceil(POSES_MAX).max(1);
     let poses: Vec<Pose> = all.iter().step_by(every).map(|group| group.pose).collect();
-    let centre = |pose: &Pose| view.geometry(*pose, [0.0; 2]);
+    let centre = |pose: &Pose| view.central(*pose);
     let geometry: Vec<Geometry> = poses.iter().map(centre).collect();
     let costly = Costly::new(
-        view.rig,
+        view.imaging.rig,
         material,
         poses,
         geometry,
@@ -69,7 +69,7 @@ pub(super) fn decide(
         tolerance,
         quantity: "brightest radiance of a pixel".to_owned(),
         decisions: vec![
-            polarisation(&view.rig, eta, k, &turned, &found, tolerance),
+            polarisation(&view.imaging.rig, eta, k, &turned, &found, tolerance),
             double,
             layers(),
             cone(view, &found, tolerance),
@@ -146,13 +146,13 @@ fn cone(view: &View, surfaces: &[Surface], tolerance: f64) -> Choice {
         .iter()
         .map(|s| s.alpha_u.min(s.alpha_v))
         .fold(f64::MAX, f64::min);
-    let told = left_out::cone_average(&view.rig.cones, narrowest);
+    let told = left_out::cone_average(&view.imaging.rig.cones, narrowest);
     let why = if told.cost.is_none_or(|cost| cost <= tolerance) {
         told.why
     } else {
         format!("{}; a map has the average nowhere, a fit has it", told.why)
     };
-    let points = view.rig.cones.reach() <= 0.0;
+    let points = view.imaging.rig.cones.reach() <= 0.0;
     Choice {
         decision: Decision::ConeAverage,
         included: false,
@@ -231,7 +231,7 @@ fn off_centre(costly: &Costly, view: &View, p: &Parameters) -> OffCentre {
     let mut peak = f64::MIN_POSITIVE;
     let (mut off_followed, mut off_rest) = (0.0f64, 0.0f64);
     for pose in costly.poses() {
-        let centre = anywhere.light(pose, [0.0; 2]);
+        let centre = anywhere.central(pose);
         peak = peak.max(centre.once + centre.diffuse + centre.rest);
         for pixel in border {
             let there = anywhere.light(pose, view.place_mm(pixel));

@@ -220,9 +220,12 @@ impl<'a> Settling<'a> {
     fn with_flats(&self, globals: Globals) -> Globals {
         let references = self.given.references;
         match &references.white {
-            Some(white) => {
-                globals.with_flats(references.flats, white, &self.stand.rig, self.largest)
-            }
+            Some(white) => globals.with_flats(
+                references.flats,
+                white,
+                &self.stand.imaging.rig,
+                self.largest,
+            ),
             None => globals,
         }
     }
@@ -470,10 +473,9 @@ fn costly_at(
     coarseness: f64,
     integrated: &Integrated,
 ) -> Costly {
-    let centre = [0.0, 0.0];
-    let geometry = poses.iter().map(|pose| stand.geometry(*pose, centre));
+    let geometry = poses.iter().map(|pose| stand.central(*pose));
     Costly::new(
-        stand.rig,
+        stand.imaging.rig,
         *material,
         poses.to_vec(),
         geometry.collect(),

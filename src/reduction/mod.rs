@@ -356,6 +356,7 @@ pub fn reduce(
             std: STRAY_SHARE * largest / unit,
         },
         wedge_std: manifest.rig.sample_wedge_std_deg.map(Angle::from_deg),
+        azimuth_zero_std: manifest.rig.azimuth_zero_std_deg.map(Angle::from_deg),
         theta_l_std: manifest.rig.theta_l_std_deg.map(Angle::from_deg),
         dark_std,
         translucency: manifest.translucency(),

@@ -1,8 +1,7 @@
 //! Which pixels see which part of the sample: the whole field, or the patches of a board that turns
 //! with φs about the rotation axis and foreshortens with θc.
 
-use super::viewing::Viewing;
-use crate::geometry::Pose;
+use crate::geometry::{Imaging, Pose};
 use crate::series::{LayoutFacts, Manifest};
 use crate::units::Angle;
 
@@ -65,7 +64,7 @@ impl Region {
 pub(super) struct Placement {
     /// Added to the recorded azimuth.
     pub(super) turn: Angle,
-    /// Added to the rotation axis, in pixels (column, row).
+    /// Added to the rotation axis, in pixels (column, row) at θc = 0.
     pub(super) axis_px: [f64; 2],
     /// Added to the board's centre.
     pub(super) centre_mm: [f64; 2],
@@ -76,7 +75,7 @@ pub(super) struct Placement {
 pub(super) struct Board {
     pub(super) layout: LayoutFacts,
     pub(super) pixel_mm: [f64; 2],
-    viewing: Viewing,
+    imaging: Imaging,
     azimuth_zero: Angle,
     width: usize,
     pub(super) placement: Placement,
@@ -96,17 +95,13 @@ pub(super) enum Spot {
 impl Board {
     pub(super) fn new(manifest: &Manifest, layout: &LayoutFacts) -> Board {
         let camera = &manifest.camera;
-        let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
-        let field_width = camera
-            .field_width_mm
+        let imaging = manifest
+            .imaging()
             .expect("the manifest's checks refuse a layout without a field width");
-        let column_mm = field_width / width;
-        let row_mm = camera.field_height_mm.map_or(column_mm, |h| h / height);
         Board {
             layout: layout.clone(),
-            pixel_mm: [column_mm, row_mm],
-            viewing: Viewing::new(manifest)
-                .expect("the manifest's checks refuse a layout without a field width"),
+            pixel_mm: imaging.pixel_mm,
+            imaging,
             azimuth_zero: Angle::from_deg(manifest.rig.azimuth_zero_deg),
             width: camera.width_px as usize,
             placement: Placement::default(),
@@ -118,22 +113,33 @@ impl Board {
         2.5 * self.pixel_mm[0].max(self.pixel_mm[1]) + 0.04 * self.layout.patch_size_mm
     }
 
+    /// The rig's points with the rotation axis where the frames have it.
+    pub(super) fn imaging(&self) -> Imaging {
+        let [column, row] = self.imaging.rotation_axis_px;
+        let [right, down] = self.placement.axis_px;
+        Imaging {
+            rotation_axis_px: [column + right, row + down],
+            ..self.imaging
+        }
+    }
+
     /// Azimuth of the board's x axis at a recorded pose.
     pub(super) fn azimuth(&self, pose: Pose) -> Angle {
         pose.phi_s + self.azimuth_zero + self.placement.turn
     }
 
     /// The board as a recorded pose shows it, with `margin_mm` left free along every border.
-    pub(super) fn at(&self, pose: Pose, margin_mm: f64) -> Drawing<'_> {
+    pub(super) fn at(&self, pose: Pose, margin_mm: f64) -> Drawing {
         let layout = &self.layout;
         let (sin, cos) = self.azimuth(pose).sin_cos();
         let size = layout.patch_size_mm;
+        let imaging = self.imaging();
         Drawing {
             sin,
             cos,
-            viewing: &self.viewing,
+            axis_mm: imaging.axis_mm(),
+            imaging,
             theta_c: pose.theta_c,
-            shift_px: self.placement.axis_px,
             patch_mm: size,
             edge_mm: [
                 size * f64::from(layout.patches_x),
@@ -157,26 +163,23 @@ impl Board {
 
 /// A board seen at one pose.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Drawing<'a> {
-    viewing: &'a Viewing,
+pub(super) struct Drawing {
+    imaging: Imaging,
+    axis_mm: [f64; 2],
     theta_c: Angle,
     sin: f64,
     cos: f64,
-    shift_px: [f64; 2],
     patch_mm: f64,
     edge_mm: [f64; 2],
     centre_mm: [f64; 2],
     margin_mm: f64,
 }
 
-impl Drawing<'_> {
+impl Drawing {
     /// What lies at a column and row; whole numbers are the pixels' corners.
     pub(super) fn spot(&self, column: f64, row: f64) -> Spot {
-        let [x, y] = self.viewing.point(
-            column - self.shift_px[0],
-            row - self.shift_px[1],
-            self.theta_c,
-        );
+        let place = self.imaging.place(column, row, self.theta_c);
+        let [x, y] = [0, 1].map(|k| place[k] - self.axis_mm[k]);
         // Into the sample's axes, from the board's lower left corner.
         let along = [
             x * self.cos + y * self.sin - self.centre_mm[0] + 0.5 * self.edge_mm[0],
@@ -297,6 +300,19 @@ mod tests {
         assert_eq!(at(60.0, 0.0, 161, 195), Spot::Patch(3, 0));
         assert_eq!(at(0.0, 0.0, 128, 195), Spot::Border);
         assert_eq!(at(0.0, 0.0, 5, 128), Spot::Mount);
+    }
+
+    #[test]
+    fn patches_turn_about_the_axis_and_shrink_about_the_centre_of_tilt() {
+        let mut board = board();
+        board.imaging.rotation_axis_px = [138.0, 120.0];
+        let at = |theta, phi, column, row| spot_at(&board, Pose::from_deg(theta, phi), column, row);
+        // The middle of patch (3, 0) lies 67.5 px right of and below the axis.
+        assert_eq!(at(0.0, 0.0, 205, 187), Spot::Patch(3, 0));
+        assert_eq!(at(0.0, 180.0, 70, 52), Spot::Patch(3, 0));
+        // Half as far from the centre of tilt, column 128, and not from the axis.
+        assert_eq!(at(60.0, 0.0, 166, 187), Spot::Patch(3, 0));
+        assert_eq!(at(60.0, 0.0, 133, 187), Spot::Border);
     }
 
     #[test]

@@ -252,10 +252,12 @@ impl Common {
 /// ∂(column, row)/∂(axis column, axis row, centre x, centre y).
 fn design(pose: Pose, board: &Board) -> [[f64; 4]; 2] {
     let (sin, cos) = board.azimuth(pose).sin_cos();
-    let columns = pose.theta_c.rad().cos() / board.pixel_mm[0];
+    // The axis is a point of the sample's plane, foreshortened as all of it.
+    let tilt = pose.theta_c.rad().cos();
+    let columns = tilt / board.pixel_mm[0];
     let rows = 1.0 / board.pixel_mm[1];
     [
-        [1.0, 0.0, cos * columns, -sin * columns],
+        [tilt, 0.0, cos * columns, -sin * columns],
         [0.0, 1.0, -sin * rows, -cos * rows],
     ]
 }

@@ -1,39 +1,39 @@
-//! Where a pixel looks and from where that point is lit, for cameras and lamps near and far.
-//!
-//! Rig frame, millimetres from the centre of tilt, which is where the rotation axis meets the
-//! sample (z = 0). A far camera sees along (sin θc, 0, cos θc), its columns along (cos θc, 0,
-//! −sin θc), its rows along −y. A near one sees through a pupil at its distance in that direction;
-//! the field's size is that in the plane through the centre of tilt, across the view.
-
-use nalgebra::Vector3;
+//! What the pixels of an observation see: the directions over which it averages, and the lamp's pattern on the white
+//! reference. Where a pixel looks is [`Imaging`]'s.
 
 use super::calibration::Prepared;
 use super::region::{Board, Segments};
-use crate::geometry::{Directions, Pose, RigGeometry};
+use crate::geometry::{Directions, Imaging, Pose};
 use crate::observation::View;
 use crate::series::Manifest;
 use crate::units::Angle;
 
-/// Gauss–Legendre nodes and weights on (−1, 1).
-const SIX: [(f64, f64); 6] = [
-    (-0.932_469_514_203_152, 0.171_324_492_379_170_35),
-    (-0.661_209_386_466_264_5, 0.360_761_573_048_138_6),
-    (-0.238_619_186_083_196_9, 0.467_913_934_572_691),
-    (0.238_619_186_083_196_9, 0.467_913_934_572_691),
-    (0.661_209_386_466_264_5, 0.360_761_573_048_138_6),
-    (0.932_469_514_203_152, 0.171_324_492_379_170_35),
-];
-const TWO: [(f64, f64); 2] = [
-    (-0.577_350_269_189_625_8, 1.0),
-    (0.577_350_269_189_625_8, 1.0),
-];
-
-/// Half of what the half vector turns (rad) over a piece of the field that six nodes along it, or two, stand for: a lobe of
+/// Nodes along a piece of the field over which the half vector turns by this (rad) to either side, and at least: a lobe of
 /// α = 0.05 is summed within some 3e-4 of its top then.
-const SIX_REACH: f64 = 0.09;
-const TWO_REACH: f64 = 0.03;
-/// Pieces along one axis at most.
-const PIECES_MAX: usize = 6;
+const WHOLE: Fineness = Fineness {
+    turn: 0.09,
+    nodes: 6,
+};
+/// The same of a patch, beside which there are others.
+const PATCH: Fineness = Fineness {
+    turn: 0.03,
+    nodes: 2,
+};
+/// Nodes along one axis at most.
+const NODES_MAX: usize = 36;
+
+/// How many nodes stand for the pixels along one axis.
+struct Fineness {
+    turn: f64,
+    nodes: usize,
+}
+
+impl Fineness {
+    fn nodes(&self, turned: f64) -> usize {
+        let due = (turned / self.turn * self.nodes as f64).ceil() as usize;
+        due.clamp(self.nodes, NODES_MAX)
+    }
+}
 
 /// The pixels of a segment that an observation is the mean of.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,84 +47,35 @@ pub(super) struct Part {
 /// The rig as the pixels see it.
 #[derive(Debug, Clone)]
 pub(super) struct Viewing {
-    rig: RigGeometry,
+    imaging: Imaging,
     width: usize,
     height: usize,
-    pixel_mm: [f64; 2],
-    axis_px: [f64; 2],
-    camera_mm: Option<f64>,
-    light_mm: Option<f64>,
 }
 
 impl Viewing {
     /// `None` where a near camera or lamp is stated without the field's size.
     pub(super) fn new(manifest: &Manifest) -> Option<Viewing> {
-        let camera = &manifest.camera;
-        let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
-        let far = manifest.is_telecentric();
-        let near = |distance: Option<f64>| distance.filter(|_| !far);
-        let camera_mm = near(manifest.camera_distance_mm());
-        let light_mm = near(manifest.rig.light_distance_mm);
-        let column_mm = match camera.field_width_mm {
-            Some(field) => field / width,
-            None if camera_mm.is_none() && light_mm.is_none() => 1.0,
-            None => return None,
-        };
         Some(Viewing {
-            rig: manifest.rig_geometry(),
-            width: camera.width_px as usize,
-            height: camera.height_px as usize,
-            pixel_mm: [
-                column_mm,
-                camera.field_height_mm.map_or(column_mm, |h| h / height),
-            ],
-            axis_px: manifest
-                .rig
-                .rotation_axis_px
-                .unwrap_or([0.5 * width, 0.5 * height]),
-            camera_mm,
-            light_mm,
+            imaging: manifest.imaging()?,
+            width: manifest.camera.width_px as usize,
+            height: manifest.camera.height_px as usize,
         })
     }
 
     /// Whether all pixels share directions and irradiance.
     pub(super) fn is_far(&self) -> bool {
-        self.camera_mm.is_none() && self.light_mm.is_none()
+        self.imaging.is_far()
     }
 
     /// The point of the sample's plane that shows at a column and row; whole numbers are corners.
     pub(super) fn point(&self, column: f64, row: f64, theta_c: Angle) -> [f64; 2] {
-        let across = (column - self.axis_px[0]) * self.pixel_mm[0];
-        let down = (row - self.axis_px[1]) * self.pixel_mm[1];
-        let (sin, cos) = theta_c.sin_cos();
-        match self.camera_mm {
-            None => [across / cos, -down],
-            Some(distance) => {
-                // From the pupil through (across · a − down · y) to z = 0.
-                let depth = distance * cos;
-                let along = depth / (depth + across * sin);
-                let x = distance * sin + along * (across * cos - distance * sin);
-                [x, -along * down]
-            }
-        }
+        self.imaging.place(column, row, theta_c)
     }
 
     /// Directions at a point of the sample's plane and the irradiance on a surface facing the lamp,
     /// relative to the centre's.
     pub(super) fn at(&self, point: [f64; 2], theta_c: Angle) -> (Directions, f64) {
-        let far = self.rig.rig_directions(theta_c);
-        let place = Vector3::new(point[0], point[1], 0.0);
-        let towards = |direction: Vector3<f64>, distance: Option<f64>| match distance {
-            None => (direction, 1.0),
-            Some(distance) => {
-                let ray = direction * distance - place;
-                let length = ray.norm();
-                (ray / length, (distance / length).powi(2))
-            }
-        };
-        let (incident, irradiance) = towards(far.incident, self.light_mm);
-        let (outgoing, _) = towards(far.outgoing, self.camera_mm);
-        (Directions { incident, outgoing }, irradiance)
+        self.imaging.at(point, theta_c)
     }
 
     /// Brightness of a white plane at a pixel, relative to the centre.
@@ -132,13 +83,13 @@ impl Viewing {
         let column = (pixel % self.width) as f64 + 0.5;
         let row = (pixel / self.width) as f64 + 0.5;
         let (directions, irradiance) = self.at(self.point(column, row, theta_c), theta_c);
-        irradiance * directions.incident.z.max(0.0) / self.rig.cos_incidence(theta_c)
+        irradiance * directions.incident.z.max(0.0) / self.imaging.rig.cos_incidence(theta_c)
     }
 
     /// Takes the lamp's pattern out of the response, which then is the camera's alone, and brings
     /// the flats' levels to the centre of tilt.
     pub(super) fn take_out_lamp(&self, camera: &mut Prepared) {
-        if self.light_mm.is_none() || camera.flats.levels.is_empty() {
+        if self.imaging.light_mm.is_none() || camera.flats.levels.is_empty() {
             return;
         }
         let flats = &mut camera.flats;
@@ -172,7 +123,7 @@ impl Viewing {
             level.rate_dn_s /= share;
             level.sigma_dn_s /= share;
         }
-        camera.settle_unit(&self.rig);
+        camera.settle_unit(&self.imaging.rig);
     }
 
     /// The directions over which an observation at a recorded pose averages; `parts` are its segments.
@@ -186,23 +137,21 @@ impl Viewing {
                     let row = 0.5 * (1.0 + b) * self.height as f64;
                     self.point(column, row, theta_c)
                 };
-                let pieces = self.pieces(&place, theta_c, SIX_REACH);
-                let nodes = nodes(&SIX, pieces);
+                let nodes = nodes(self.fineness(&place, theta_c, &WHOLE));
                 places.extend(nodes.map(|(at, share)| (place(at), share)));
             }
             Segments::Patches { board, patches } => {
                 for ((i, j), part) in patches.iter().zip(parts).filter(|(_, p)| p.pixels > 0.0) {
                     let place = |at| Self::on_board(board, pose, (*i, *j), at);
-                    let pieces = self.pieces(&place, theta_c, TWO_REACH);
+                    let along = self.fineness(&place, theta_c, &PATCH);
                     // Levels are means over pixels, and what is nearer has more of them.
-                    let mut patch: Vec<([f64; 2], f64)> = nodes(&TWO, pieces)
+                    let mut patch: Vec<([f64; 2], f64)> = nodes(along)
                         .map(|(at, share)| {
                             let point = place(at);
-                            (point, share * self.pixels_per_area(point, theta_c))
+                            (point, share * self.imaging.pixels_per_area(point, theta_c))
                         })
                         .collect();
-                    let shift = board.placement.axis_px;
-                    let [column, row] = [0, 1].map(|k| part.middle_px[k] - shift[k]);
+                    let [column, row] = part.middle_px;
                     weigh(&mut patch, part.pixels, self.point(column, row, theta_c));
                     places.extend(patch);
                 }
@@ -219,34 +168,18 @@ impl Viewing {
         places.iter().map(view).collect()
     }
 
-    /// Pixels per area of the sample at a point, relative to other points: the solid angle of the area, and the
-    /// stretch of a plane sensor away from its middle.
-    fn pixels_per_area(&self, point: [f64; 2], theta_c: Angle) -> f64 {
-        let Some(distance) = self.camera_mm else {
-            return 1.0;
-        };
-        let axis = self.rig.rig_directions(theta_c).outgoing;
-        let ray = axis * distance - Vector3::new(point[0], point[1], 0.0);
-        let length = ray.norm();
-        ray.z / length.powi(3) / (axis.dot(&ray) / length).powi(3)
-    }
-
-    /// Pieces along both axes of a part of the field, its places given from −1 to 1, none of which turns the half vector
-    /// by more than `reach` to either side.
-    fn pieces(
+    /// Nodes along both axes of a part of the field, its places given from −1 to 1, by how far the half vector turns over it.
+    fn fineness(
         &self,
         place: &dyn Fn([f64; 2]) -> [f64; 2],
         theta_c: Angle,
-        reach: f64,
+        fineness: &Fineness,
     ) -> [usize; 2] {
         let half_vector = |at| {
             let (directions, _) = self.at(place(at), theta_c);
             (directions.incident + directions.outgoing).normalize()
         };
-        let across = |one, other| {
-            let turned = 0.5 * half_vector(one).angle(&half_vector(other));
-            ((turned / reach).ceil() as usize).clamp(1, PIECES_MAX)
-        };
+        let across = |one, other| fineness.nodes(0.5 * half_vector(one).angle(&half_vector(other)));
         [
             across([-1.0, 0.0], [1.0, 0.0]),
             across([0.0, -1.0], [0.0, 1.0]),
@@ -265,8 +198,7 @@ impl Viewing {
                 + size * (f64::from(index[k]) + 0.5 - 0.5 * f64::from(counts[k]))
                 + inner * at[k]
         });
-        let (sin, cos) = board.azimuth(pose).sin_cos();
-        [x * cos - y * sin, x * sin + y * cos]
+        board.imaging().on_rig([x, y], board.azimuth(pose))
     }
 }
 
@@ -283,64 +215,61 @@ fn weigh(patch: &mut [([f64; 2], f64)], pixels: f64, middle: [f64; 2]) {
     }
 }
 
-/// Places from −1 to 1 along both axes, cut into pieces with nodes each, and their shares.
-fn nodes(rule: &[(f64, f64)], pieces: [usize; 2]) -> impl Iterator<Item = ([f64; 2], f64)> {
-    let along = |pieces: usize| -> Vec<(f64, f64)> {
-        let width = 1.0 / pieces as f64;
-        let middle = move |piece: usize| (2 * piece + 1) as f64 * width - 1.0;
-        let of = |piece| {
-            rule.iter()
-                .map(move |(x, w)| (middle(piece) + width * x, 0.5 * width * w))
-        };
-        (0..pieces).flat_map(of).collect()
-    };
-    let (first, second) = (along(pieces[0]), along(pieces[1]));
+/// Places from −1 to 1 along both axes and their shares: so many Gauss–Legendre nodes along each.
+fn nodes([columns, rows]: [usize; 2]) -> impl Iterator<Item = ([f64; 2], f64)> {
+    let (first, second) = (legendre(columns), legendre(rows));
     first.into_iter().flat_map(move |(a, wa)| {
         let row: Vec<_> = second.iter().map(|(b, wb)| ([a, *b], wa * wb)).collect();
         row
     })
 }
 
+/// The zeros of Legendre's polynomial of a degree, by Newton's steps from Tricomi's estimate, and the weights of their rule,
+/// which add up to 1.
+fn legendre(degree: usize) -> Vec<(f64, f64)> {
+    let n = degree as f64;
+    let at = |k: usize| {
+        let mut x = (std::f64::consts::PI * (k as f64 + 0.75) / (n + 0.5)).cos();
+        let mut slope = 1.0;
+        for _ in 0..8 {
+            let (mut before, mut value) = (1.0, x);
+            for j in 2..=degree {
+                let j = j as f64;
+                (before, value) = (
+                    value,
+                    ((2.0 * j - 1.0) * x * value - (j - 1.0) * before) / j,
+                );
+            }
+            slope = n * (x * value - before) / (x * x - 1.0);
+            x -= value / slope;
+        }
+        (x, 1.0 / ((1.0 - x * x) * slope * slope))
+    };
+    (0..degree).map(at).collect()
+}
+
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
+
     use super::super::region::Region;
     use super::*;
+    use crate::geometry::RigGeometry;
 
     fn viewing(camera_mm: Option<f64>, light_mm: Option<f64>) -> Viewing {
         Viewing {
-            rig: RigGeometry::IN_PLANE,
+            imaging: Imaging {
+                rig: RigGeometry::IN_PLANE,
+                pixel_mm: [0.4, 0.4],
+                tilt_centre_px: [64.0, 50.0],
+                principal_point_px: [64.0, 50.0],
+                rotation_axis_px: [58.0, 54.0],
+                camera_mm,
+                light_mm,
+            },
             width: 128,
             height: 100,
-            pixel_mm: [0.4, 0.4],
-            axis_px: [64.0, 50.0],
-            camera_mm,
-            light_mm,
         }
-    }
-
-    #[test]
-    fn pixels_lie_as_densely_on_the_sample_as_their_corners_say() {
-        let near = viewing(Some(250.0), None);
-        let theta_c = Angle::from_deg(20.0);
-        let share = |column: f64, row: f64| {
-            let step = 1e-3;
-            let at = |c: f64, r: f64| near.point(column + c, row + r, theta_c);
-            let ([ax, ay], [bx, by]) = (at(-step, 0.0), at(step, 0.0));
-            let ([cx, cy], [dx, dy]) = (at(0.0, -step), at(0.0, step));
-            let area = ((bx - ax) * (dy - cy) - (by - ay) * (dx - cx)).abs();
-            area * near.pixels_per_area(near.point(column, row, theta_c), theta_c)
-        };
-        let middle = share(64.0, 50.0);
-        for (column, row) in [(0.0, 0.0), (128.0, 0.0), (10.0, 90.0), (128.0, 100.0)] {
-            let there = share(column, row);
-            assert!(
-                (there / middle - 1.0).abs() < 1e-6,
-                "{column} {row} {there} {middle}"
-            );
-        }
-        // And not because it is even.
-        let density = |at: [f64; 2]| near.pixels_per_area(at, theta_c);
-        assert!((density([20.0, 0.0]) / density([-20.0, 0.0]) - 1.0).abs() > 0.05);
     }
 
     #[test]
@@ -376,8 +305,22 @@ mod tests {
             (by_views - by_pixels).abs() < 3e-4,
             "{by_views} {by_pixels}"
         );
+        // Several nodes more than the least, and no more than it takes.
+        assert_eq!(views.len(), 12 * 9);
         let far = viewing(Some(1000.0), Some(1000.0));
         assert_eq!(far.views(&Segments::Whole, pose, &[]).len(), 36);
+    }
+
+    #[test]
+    fn nodes_integrate_polynomials_up_to_twice_their_number() {
+        for degree in [2, 6, 7, 13, 36] {
+            let rule = legendre(degree);
+            assert!((rule.iter().map(|(_, w)| w).sum::<f64>() - 1.0).abs() < 1e-13);
+            let power = 2 * degree as i32 - 2;
+            let sum: f64 = rule.iter().map(|(x, w)| w * x.powi(power)).sum();
+            let due = 1.0 / f64::from(power + 1);
+            assert!((sum / due - 1.0).abs() < 1e-11, "{degree} {sum} {due}");
+        }
     }
 
     #[test]
@@ -435,23 +378,6 @@ mod tests {
             assert!((across - (column - 64.0) * 0.4).abs() < 1e-9);
             assert!((plane.y + (row - 50.0) * 0.4).abs() < 1e-9);
             assert!(plane.dot(&pupil).abs() < 1e-6);
-        }
-    }
-
-    #[test]
-    fn far_is_the_limit_of_near() {
-        let theta = Angle::from_deg(-12.0);
-        let far = viewing(None, None);
-        let near = viewing(Some(1e7), Some(1e7));
-        for (column, row) in [(0.0, 0.0), (100.0, 80.0)] {
-            let (a, b) = (
-                far.point(column, row, theta),
-                near.point(column, row, theta),
-            );
-            assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 1e-3);
-            let ((da, ea), (db, eb)) = (far.at(a, theta), near.at(b, theta));
-            assert!((da.incident - db.incident).norm() < 1e-5 && (ea - eb).abs() < 1e-5);
-            assert!((da.outgoing - db.outgoing).norm() < 1e-5);
         }
     }
 

@@ -66,14 +66,20 @@ pub struct RigFacts {
     /// Added to the recorded φs it gives the azimuth of v.
     #[serde(default)]
     pub azimuth_zero_deg: f64,
+    /// Standard uncertainty of where v stands at a recorded φs: of `azimuth_zero_deg`, and of how a sample is laid down.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub azimuth_zero_std_deg: Option<f64>,
     /// Half angle of the lamp seen from the sample.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light_angular_radius_deg: Option<f64>,
     /// Wavelength of the lamp.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wavelength_nm: Option<f64>,
-    /// Column and row of the rotation axis; (0, 0) is the outer corner of the first pixel. The
+    /// Column and row of the point about which camera and lamp tilt; (0, 0) is the outer corner of the first pixel. The
     /// frame's centre by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tilt_centre_px: Option<[f64; 2]>,
+    /// Column and row at which the rotation axis meets the sample at θc = 0. That of the centre of tilt by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotation_axis_px: Option<[f64; 2]>,
     /// `infinity` or `finite`.
@@ -155,6 +161,9 @@ pub struct CameraFacts {
     /// From the centre of tilt to the camera's pupil, where it is finite and `[rig]` does not say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera_distance_mm: Option<f64>,
+    /// Column and row of the foot of a near camera's optical axis. That of the centre of tilt by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub principal_point_px: Option<[f64; 2]>,
     /// Further keys.
     #[serde(flatten)]
     pub notes: Notes,

@@ -7,6 +7,7 @@
 //! a pixel.
 
 mod check;
+mod imaging;
 mod keys;
 mod manifest;
 mod names;
@@ -15,6 +16,7 @@ mod text;
 mod values;
 mod write;
 
+pub use imaging::misaimed;
 pub use manifest::{
     CameraFacts, Contradiction, DarkFacts, FlatFacts, INDEX_STD, LayoutFacts, Manifest, Notes,
     RigFacts, SCHEMA, SampleFacts, SampleKind,

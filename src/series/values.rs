@@ -70,6 +70,11 @@ const BOUNDED: &[Bounded] = &[
     ("rig", "azimuth_zero_deg", limits::RECORDED_AZIMUTH, |m| Some(m.rig.azimuth_zero_deg)),
     ("rig", "rotation_axis_px", limits::ROTATION_AXIS_PX, |m| m.rig.rotation_axis_px.map(|at| at[0])),
     ("rig", "rotation_axis_px", limits::ROTATION_AXIS_PX, |m| m.rig.rotation_axis_px.map(|at| at[1])),
+    ("rig", "azimuth_zero_std_deg", limits::AZIMUTH_ZERO_STD_DEG, |m| m.rig.azimuth_zero_std_deg),
+    ("rig", "tilt_centre_px", limits::ROTATION_AXIS_PX, |m| m.rig.tilt_centre_px.map(|at| at[0])),
+    ("rig", "tilt_centre_px", limits::ROTATION_AXIS_PX, |m| m.rig.tilt_centre_px.map(|at| at[1])),
+    ("camera", "principal_point_px", limits::ROTATION_AXIS_PX, |m| m.camera.principal_point_px.map(|at| at[0])),
+    ("camera", "principal_point_px", limits::ROTATION_AXIS_PX, |m| m.camera.principal_point_px.map(|at| at[1])),
     ("rig", "wavelength_nm", limits::WAVELENGTH_NM, |m| m.rig.wavelength_nm),
     ("rig", "light_distance_mm", limits::DISTANCE_MM, |m| m.rig.light_distance_mm),
     ("rig", "camera_distance_mm", limits::DISTANCE_MM, |m| m.rig.camera_distance_mm),
@@ -270,6 +275,14 @@ fn near(manifest: &Manifest) -> Result<(), Problem> {
                 "every pixel has its own directions for {why}, which needs it, and it is missing"
             ),
             "write the width of the field in millimetres, in the plane through the centre of tilt",
+        );
+    }
+    if let Some(allowed) = manifest.misaimed() {
+        return wrong(
+            "camera",
+            "principal_point_px",
+            format!("the optical axis passes the centre of tilt too far off: allowed is {allowed}"),
+            "write the foot of the optical axis in columns and rows, or leave it out",
         );
     }
     Ok(())

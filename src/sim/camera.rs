@@ -5,7 +5,7 @@
 //! clipped. Response is vignetting × pixel response. What is in front of the lens decides what is
 //! seen (a cap, the white reference, the sample), not what was asked for: a frame asked for as a
 //! dark shows the sample if nobody capped the lens. If the stage moves, the radiance is
-//! averaged over the exposure.
+//! averaged over the exposure. With camera or lamp near, each pixel has its own ([`super::light`]).
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -16,12 +16,13 @@ use rand_distr::{Distribution, Poisson, StandardNormal};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
+use super::light::{Light, Scene};
 use super::sample::Sample;
 use super::world::{OnTable, World};
 use crate::bench::{Camera, CameraError, CaptureRequest, Captured};
 use crate::clock::Clock;
 use crate::frame::Frame;
-use crate::geometry::{Pose, RigGeometry};
+use crate::geometry::{Imaging, Pose, RigGeometry};
 use crate::material::Material;
 use crate::series::{
     CameraFacts, DarkFacts, FlatFacts, Manifest, RigFacts, SCHEMA, SampleFacts, SampleKind,
@@ -43,6 +44,14 @@ pub struct SimulatedCameraSettings {
     pub height_px: u32,
     /// Edge length of the square field along the columns.
     pub field_width_mm: f64,
+    /// From the centre of tilt to the pupil; `None` for a telecentric lens.
+    pub camera_distance_mm: Option<f64>,
+    /// From the centre of tilt to the lamp; `None` for a collimated one.
+    pub light_distance_mm: Option<f64>,
+    /// Columns and rows from the frame's centre to the centre of tilt.
+    pub tilt_centre_offset_px: [f64; 2],
+    /// Columns and rows from the frame's centre to where the rotation axis meets the sample at θc = 0.
+    pub axis_offset_px: [f64; 2],
     /// Bits of the converter; the full count is 2^bits − 1.
     pub bit_depth: u32,
     /// Counts per electron.
@@ -81,6 +90,10 @@ impl Default for SimulatedCameraSettings {
             width_px: 128,
             height_px: 128,
             field_width_mm: 51.2,
+            camera_distance_mm: None,
+            light_distance_mm: None,
+            tilt_centre_offset_px: [0.0; 2],
+            axis_offset_px: [0.0; 2],
             bit_depth: 16,
             gain_dn_per_electron: 2.0,
             black_level_dn: 200.0,
@@ -178,23 +191,51 @@ impl SimulatedCamera {
         manifest(&self.settings, &self.rig, &self.sample.get())
     }
 
-    /// Radiance in front of the lens, in the middle of the field.
-    fn radiance_now(&self) -> f64 {
-        self.radiance_at(self.world.true_pose_now())
+    /// What is in front of the lens: how the world stands, and nothing under the cap.
+    fn seen_now(&self) -> Option<(Pose, OnTable)> {
+        let open = !self.world.lens_capped();
+        open.then(|| (self.world.true_pose_now(), self.world.on_table()))
     }
 
-    fn radiance_at(&self, pose: Pose) -> f64 {
-        if self.world.lens_capped() {
-            return 0.0;
-        }
-        let seen = match self.world.on_table() {
-            OnTable::WhiteReference => {
-                self.settings.reflectance / std::f64::consts::PI
-                    * self.rig.cos_incidence(pose.theta_c).max(0.0)
-            }
-            OnTable::Sample => self.sample.lock().radiance(&self.rig, pose),
+    /// Radiance in front of the lens, the mean of several moments.
+    fn radiance(&self, moments: &[Option<(Pose, OnTable)>]) -> Light {
+        let sample = self.sample.get();
+        let settings = &self.settings;
+        let scene = Scene {
+            imaging: imaging(settings, &self.rig),
+            width: settings.width_px as usize,
+            height: settings.height_px as usize,
+            mounting: self.world.mounting(),
+            sample: &sample,
+            reflectance: settings.reflectance,
         };
-        seen + self.settings.stray_radiance
+        let at = |moment: &Option<(Pose, OnTable)>| match moment {
+            Some((pose, on_table)) => scene
+                .radiance(*on_table, *pose)
+                .and(settings.stray_radiance),
+            None => Light::Even(0.0),
+        };
+        // A rig that stands still looks the same all the time.
+        match moments.windows(2).all(|two| two[0] == two[1]) {
+            true => moments.first().map_or(Light::Even(0.0), at),
+            false => Light::mean(&moments.iter().map(at).collect::<Vec<_>>()),
+        }
+    }
+}
+
+/// Where each pixel looks.
+fn imaging(settings: &SimulatedCameraSettings, rig: &RigGeometry) -> Imaging {
+    let (width, height) = (f64::from(settings.width_px), f64::from(settings.height_px));
+    let from_centre = |[column, row]: [f64; 2]| [0.5 * width + column, 0.5 * height + row];
+    let centre = from_centre(settings.tilt_centre_offset_px);
+    Imaging {
+        rig: *rig,
+        pixel_mm: [settings.field_width_mm / width; 2],
+        tilt_centre_px: centre,
+        principal_point_px: centre,
+        rotation_axis_px: from_centre(settings.axis_offset_px),
+        camera_mm: settings.camera_distance_mm,
+        light_mm: settings.light_distance_mm,
     }
 }
 
@@ -222,7 +263,7 @@ impl Camera for SimulatedCamera {
             }
             let started_at = self.clock.now();
             let started_utc = self.clock.utc();
-            let mut radiance = self.radiance_now();
+            let mut moments = vec![self.seen_now()];
             for glance in 1..=GLANCES {
                 let due = started_at
                     + Duration::from_secs_f64(exposure_s * f64::from(glance) / f64::from(GLANCES));
@@ -231,16 +272,16 @@ impl Camera for SimulatedCamera {
                 {
                     self.clock.sleep(left).await;
                 }
-                radiance += self.radiance_now();
+                moments.push(self.seen_now());
             }
-            let radiance = radiance / f64::from(GLANCES + 1);
+            let radiance = self.radiance(&moments);
             self.captures += 1;
             // Exposures shorter than painting takes would leave everybody else no turn.
             tokio::task::yield_now().await;
             let frame = paint(
                 &self.settings,
                 &self.pixels,
-                radiance,
+                &radiance,
                 exposure_s,
                 self.captures,
             )?;
@@ -289,7 +330,7 @@ fn full_dn(settings: &SimulatedCameraSettings) -> u16 {
 fn paint(
     settings: &SimulatedCameraSettings,
     pixels: &[Pixel],
-    radiance: f64,
+    radiance: &Light,
     exposure_s: f64,
     capture: u64,
 ) -> Result<Frame, CameraError> {
@@ -301,11 +342,12 @@ fn paint(
     );
     let full = full_dn(settings);
     let dark = settings.dark_current_electrons_per_s * exposure_s;
-    let light = radiance * settings.electrons_per_radiance_second * exposure_s;
+    let electrons = settings.electrons_per_radiance_second * exposure_s;
     let counts = pixels
         .iter()
-        .map(|pixel| {
-            let due = (light * pixel.response + dark).max(0.0);
+        .enumerate()
+        .map(|(at, pixel)| {
+            let due = (radiance.at(at) * electrons * pixel.response + dark).max(0.0);
             let read: f64 = StandardNormal.sample(&mut rng);
             let electrons = if due > NORMAL_FROM {
                 let shot: f64 = StandardNormal.sample(&mut rng);
@@ -352,6 +394,11 @@ pub fn manifest(
     };
     let value = |pair: Option<(f64, f64)>| pair.map(|p| p.0);
     let std = |pair: Option<(f64, f64)>| pair.map(|p| p.1);
+    let imaging = imaging(settings, rig);
+    let distance = |mm: Option<f64>| match mm {
+        Some(_) => Some("finite".to_owned()),
+        None => Some("infinity".to_owned()),
+    };
     let field_height_mm =
         settings.field_width_mm * f64::from(settings.height_px) / f64::from(settings.width_px);
     Manifest {
@@ -363,15 +410,14 @@ pub fn manifest(
             theta_l_deg: rig.theta_l.deg(),
             light_azimuth_deg: rig.light_azimuth.deg(),
             azimuth_zero_deg: rig.azimuth_zero.deg(),
+            azimuth_zero_std_deg: None,
             light_angular_radius_deg: Some(rig.cones.lamp.deg()),
             wavelength_nm: Some(550.0),
-            rotation_axis_px: Some([
-                0.5 * f64::from(settings.width_px),
-                0.5 * f64::from(settings.height_px),
-            ]),
-            light_distance: Some("infinity".to_owned()),
-            camera_distance: Some("infinity".to_owned()),
-            light_distance_mm: None,
+            tilt_centre_px: Some(imaging.tilt_centre_px),
+            rotation_axis_px: Some(imaging.rotation_axis_px),
+            light_distance: distance(settings.light_distance_mm),
+            camera_distance: distance(settings.camera_distance_mm),
+            light_distance_mm: settings.light_distance_mm,
             lens_angular_radius_deg: Some(rig.cones.lens.deg()).filter(|deg| *deg > 0.0),
             light_radius_mm: None,
             sample_wedge_std_deg: None,
@@ -380,11 +426,14 @@ pub fn manifest(
             phi_s_std_deg: Some(0.02),
             lamp_drift_std: Some(1e-3),
             lens_radius_mm: None,
-            camera_distance_mm: None,
+            camera_distance_mm: settings.camera_distance_mm,
             notes: Default::default(),
         },
         camera: CameraFacts {
-            projection: "orthographic".to_owned(),
+            projection: match settings.camera_distance_mm {
+                Some(_) => "perspective".to_owned(),
+                None => "orthographic".to_owned(),
+            },
             width_px: settings.width_px,
             height_px: settings.height_px,
             field_width_mm: Some(settings.field_width_mm),
@@ -396,6 +445,7 @@ pub fn manifest(
             read_noise_electrons_rms: Some(settings.read_noise_electrons_rms),
             exposures_s: settings.exposures_s.clone(),
             camera_distance_mm: None,
+            principal_point_px: None,
             notes: Default::default(),
         },
         flat: Some(FlatFacts {
@@ -480,6 +530,7 @@ mod tests {
         let mounting = Mounting {
             azimuth_offset: Angle::from_deg(7.0),
             tilt_offset: Angle::from_deg(0.4),
+            ..Mounting::default()
         };
         let (world, mut camera) = bench(mounting, 1);
         let offset = mean_above_dark(&mut camera, &world, Pose::from_deg(10.0, 0.0)).await;

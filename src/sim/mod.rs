@@ -9,6 +9,7 @@ pub mod controller;
 pub mod device;
 pub mod device_settings;
 pub mod faults;
+mod light;
 pub mod motion;
 pub mod sample;
 pub mod server;

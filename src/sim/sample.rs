@@ -11,7 +11,7 @@ use std::sync::{Arc, OnceLock};
 
 use serde::Serialize;
 
-use crate::geometry::{Pose, RigGeometry};
+use crate::geometry::{Directions, Pose, RigGeometry};
 use crate::material::Material;
 use crate::model::{Optics, Surface, Variant, radiance};
 use crate::units::Angle;
@@ -179,18 +179,37 @@ impl Sample {
     /// carried to another one by the closed form.
     #[must_use]
     pub fn radiance(&self, rig: &RigGeometry, pose: Pose) -> f64 {
+        self.radiance_towards(rig, pose)(&rig.directions(pose))
+    }
+
+    /// The same as a function of directions in the sample frame, for pixels that have their own: a traced sample's light is
+    /// carried from the pose's directions to others by the closed form.
+    pub(super) fn radiance_towards<'s>(
+        &'s self,
+        rig: &RigGeometry,
+        pose: Pose,
+    ) -> Box<dyn Fn(&Directions) -> f64 + 's> {
         match self {
-            Sample::Traced(table) => table.radiance(rig, pose),
+            Sample::Traced(table) => {
+                let optics = Optics::new(rig, &table.material);
+                let ratio = if *rig == table.rig {
+                    table.ratio_at(pose)
+                } else {
+                    1.0
+                };
+                Box::new(move |directions| {
+                    let closed = radiance(Variant::Sawtooth, directions, &table.surface, &optics);
+                    ((closed + table.floor) * ratio - table.floor).max(0.0)
+                })
+            }
             Sample::Model {
                 variant,
                 surface,
                 material,
-            } => radiance(
-                *variant,
-                &rig.directions(pose),
-                surface,
-                &Optics::new(rig, material),
-            ),
+            } => {
+                let optics = Optics::new(rig, material);
+                Box::new(move |directions| radiance(*variant, directions, surface, &optics))
+            }
         }
     }
 }
@@ -259,23 +278,6 @@ impl Table {
             ratio,
             floor,
         }
-    }
-
-    fn radiance(&self, rig: &RigGeometry, pose: Pose) -> f64 {
-        let closed = |rig: &RigGeometry| {
-            radiance(
-                Variant::Sawtooth,
-                &rig.directions(pose),
-                &self.surface,
-                &Optics::new(rig, &self.material),
-            )
-        };
-        let ratio = if *rig == self.rig {
-            self.ratio_at(pose)
-        } else {
-            1.0
-        };
-        ((closed(rig) + self.floor) * ratio - self.floor).max(0.0)
     }
 
     /// The ratio at a true pose: trigonometric interpolation over the turn, a natural cubic

@@ -30,6 +30,10 @@ pub struct Mounting {
     pub azimuth_offset: Angle,
     /// Added to θc; the lamp moves along.
     pub tilt_offset: Angle,
+    /// Inclination of the sample's plane to the turntable; the white reference lies flat.
+    pub wedge: Angle,
+    /// Where its normal is inclined to, from the lean direction v; it turns with the sample.
+    pub wedge_azimuth: Angle,
 }
 
 /// One axis: gear, travel and drive.
@@ -496,6 +500,7 @@ mod tests {
         let mounting = Mounting {
             azimuth_offset: Angle::from_deg(7.0),
             tilt_offset: Angle::from_deg(0.4),
+            ..Mounting::default()
         };
         let world = World::new(
             clock,

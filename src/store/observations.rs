@@ -37,6 +37,8 @@ struct Context {
     #[serde(default)]
     wedge_std_deg: Option<f64>,
     #[serde(default)]
+    azimuth_zero_std_deg: Option<f64>,
+    #[serde(default)]
     theta_l_std_deg: Option<f64>,
     #[serde(default)]
     dark_std: f64,
@@ -96,6 +98,7 @@ impl Store {
                 .collect(),
             background: (set.background.mean, set.background.std),
             wedge_std_deg: set.wedge_std.map(Angle::deg),
+            azimuth_zero_std_deg: set.azimuth_zero_std.map(Angle::deg),
             theta_l_std_deg: set.theta_l_std.map(Angle::deg),
             dark_std: set.dark_std,
             translucency: set.translucency.map(|t| (t.mean, t.std)),
@@ -231,6 +234,7 @@ impl Store {
                 std: context.background.1,
             },
             wedge_std: context.wedge_std_deg.map(Angle::from_deg),
+            azimuth_zero_std: context.azimuth_zero_std_deg.map(Angle::from_deg),
             theta_l_std: context.theta_l_std_deg.map(Angle::from_deg),
             dark_std: context.dark_std,
             translucency: context.translucency.map(|(mean, std)| Prior { mean, std }),
@@ -319,6 +323,7 @@ mod tests {
                 sigma: 1e-4,
             }],
             wedge_std: Some(Angle::from_deg(0.1)),
+            azimuth_zero_std: Some(Angle::from_deg(0.3)),
             theta_l_std: Some(Angle::from_deg(0.2)),
             dark_std: 1e-6,
             translucency: Some(Prior {

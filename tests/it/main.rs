@@ -16,6 +16,7 @@ mod lab;
 mod line;
 mod near;
 mod nist;
+mod off_axis;
 mod radiances;
 mod recorded;
 mod runner;

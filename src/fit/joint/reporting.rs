@@ -208,6 +208,7 @@ fn together(common: &FitReport, reports: &[FitReport], estimates: &[Estimate<'_>
         n_observations: reports.iter().map(|r| r.n_observations).sum(),
         n_frames_used: reports.iter().map(|r| r.n_frames_used).sum(),
         region: None,
+        wedge_across: None,
         parameters: Parameters {
             scale: own(),
             background: own(),

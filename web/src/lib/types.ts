@@ -172,6 +172,8 @@ export interface FitResult {
   readonly n_frames_used: number;
   readonly region: string | null;
   readonly parameters: Readonly<Record<string, Parameter>>;
+  /** The plane that ridge angle and azimuth refer to; fits kept from before do not say it. */
+  readonly reference_plane?: 'turntable' | 'sample';
   readonly rms_residual: number | null;
   readonly model_discrepancy: number | null;
   readonly chi2_reduced: number | null;

@@ -31,6 +31,12 @@ export const QUANTITIES: Readonly<Record<string, ParameterWords>> = {
   contrast_michelson_mean: { symbol: 'C_M', name: 'mean Michelson contrast', unit: '' },
 };
 
+/** The plane that angles refer to. */
+export const PLANES: Readonly<Record<string, string>> = {
+  turntable: 'the ridge angle counts to the turntable: the rig’s settings do not state how well samples lie on it',
+  sample: 'the ridge angle counts to the sample’s mean plane: how well it lies on the turntable is in the uncertainty',
+};
+
 export interface BudgetWords {
   readonly name: string;
   readonly meaning: string;

@@ -261,7 +261,7 @@ export class MockDaemon {
           ? { value: null, std: null, expanded: null, coverage_factor: null, identifiable: false, budget: null, note: 'three azimuths cannot tell it from the ridge angle' }
           : parameter(0.004, { counting: 0.0003, angles: 0.01, model: 0.012 }),
       },
-      rms_residual: paper ? 0.041 : 0.0061, model_discrepancy: paper ? 0.04 : 0.006, chi2_reduced: 1, chi2_reduced_without_model: 8.1e4,
+      reference_plane: 'turntable', rms_residual: paper ? 0.041 : 0.0061, model_discrepancy: paper ? 0.04 : 0.006, chi2_reduced: 1, chi2_reduced_without_model: 8.1e4,
       rejected_frames: scan.frames.filter((f) => f['accepted'] === false).map((f) => ({ file: `frames/${String(f['id'])}.png`, reason: f['reason'] })),
       warnings: ['a wedge of the sample along v reads as ridge angle one to one; remount at 180° to tell'],
       variants: [{ variant: 'sawtooth', status: 'converged', rms_residual: 0.0061, theta_r_deg: surface.theta_r_deg + 0.031 }, { variant: 'paper', status: 'converged', rms_residual: 0.041, theta_r_deg: surface.theta_r_deg + 0.61 }],

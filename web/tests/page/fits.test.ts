@@ -34,6 +34,7 @@ describe('a fit', () => {
     await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('15.031 ± 0.085°');
     await page.getByTestId('fits').getByRole('link', { name: '1', exact: true }).click();
     await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('10.61 ± 0.42°');
+    expect(await text('.figures .first dt')).toContain('to the turntable');
     expect(await page.getByTestId('curves').locator('figure').count()).toBe(9);
     expect(new URL(page.url()).hash).toBe('#/scan/1/fit/1');
   });
