@@ -291,9 +291,9 @@ impl RidgeFacts {
         if self.filled_share > 0.0 {
             let bridged = match self.unseen_share > 0.0 {
                 true => format!(
-                    "; {} of a ridge is seen nowhere along it, mostly on steep walls: the flanks beside it go on into it by \
-                     half a sample, and how far the answer moves if they go on to its middle is in the line `model` of the \
-                     budget",
+                    "; {} of a ridge is seen nowhere along it, mostly on steep walls: the flanks beside it go on into it until \
+                     half of it is left, and how far the answer moves if they go on until nothing is left is in the line \
+                     `model` of the budget",
                     percent(self.unseen_share)
                 ),
                 false => String::new(),

@@ -226,7 +226,7 @@ impl Field<'_> {
             .max_by(|a, b| a.1.total_cmp(&b.1))
             .map_or(0.0, |t| t.0);
         let (mut at, mut best, mut step) = (at, explained(at, refine), 0.5 * TURN_STEP * sample);
-        while step > 0.02 * sample {
+        while step > 0.005 * sample {
             let (left, right) = (explained(at - step, refine), explained(at + step, refine));
             if left.max(right) > best {
                 at += if left > right { -step } else { step };
@@ -315,28 +315,40 @@ impl Field<'_> {
             .fold(f64::NEG_INFINITY, f64::max);
         let count = ((last - first) / width) as usize + 1;
         let line = |across: f64| (((across - first) / width) as usize).min(count - 1);
-        let mut sums = vec![[0.0; 3]; count];
         let is_seen = |n: usize| self.unseen.get(n).is_none_or(|unseen| !unseen);
-        let heights = || {
-            let all = self.heights.iter().enumerate().step_by(stride);
-            all.filter(move |(n, _)| is_seen(*n))
-        };
-        for (n, h) in heights() {
+        let mut sums = vec![[0.0; 3]; count];
+        let mut points = vec![0.0f64; count];
+        let all = || self.heights.iter().enumerate().step_by(stride);
+        for (n, h) in all() {
             let across = place(n).0;
-            let sum = &mut sums[line(across)];
-            *sum = [sum[0] + 1.0, sum[1] + across, sum[2] + h];
+            let number = line(across);
+            points[number] += 1.0;
+            if is_seen(n) {
+                let sum = &mut sums[number];
+                *sum = [sum[0] + 1.0, sum[1] + across, sum[2] + h];
+            }
         }
-        let longest = sums.iter().fold(0.0f64, |a, b| a.max(b[0]));
-        let kept = |sum: &[f64; 3]| sum[0] > 0.0 && sum[0] >= LINE_MIN * longest;
+        let heights = || all().filter(|(n, _)| is_seen(*n));
+        let longest = points.iter().copied().fold(0.0, f64::max);
+        // Near the rim lines are short; of the others enough must be seen.
+        let belongs = |number: usize| points[number] >= LINE_MIN * longest;
+        let is_kept: Vec<bool> = (0..count)
+            .map(|n| belongs(n) && sums[n][0] > 0.0 && sums[n][0] >= LINE_MIN * points[n])
+            .collect();
+        let holes: Vec<f64> = (0..count)
+            .filter(|n| belongs(*n) && !is_kept[*n] && points[*n] > 0.0)
+            .map(|n| first + (n as f64 + 0.5) * width)
+            .collect();
         // What a map lies askew along its ridges is no unevenness.
         let (mut squares, mut slope) = ([0.0; 2], [0.0; 3]);
         let mean = |sum: &[f64; 3]| sum[2] / sum[0];
         // A line is as steep as the lines beside it say.
         let steepness: Vec<f64> = (0..count)
             .map(|n| {
-                let (a, b) = (&sums[n.saturating_sub(1)], &sums[(n + 1).min(count - 1)]);
+                let (before, after) = (n.saturating_sub(1), (n + 1).min(count - 1));
+                let (a, b) = (&sums[before], &sums[after]);
                 let apart = b[1] / b[0] - a[1] / a[0];
-                if kept(a) && kept(b) && apart > 0.0 {
+                if is_kept[before] && is_kept[after] && apart > 0.0 {
                     (mean(b) - mean(a)) / apart
                 } else {
                     0.0
@@ -349,7 +361,7 @@ impl Field<'_> {
             let (across, along) = place(n);
             let number = line(across);
             let sum = &sums[number];
-            if kept(sum) {
+            if is_kept[number] {
                 let rest = h - mean(sum) - steepness[number] * (across - sum[1] / sum[0]);
                 squares = [squares[0] + h * h, squares[1] + rest * rest];
                 uneven[number] += rest * rest;
@@ -369,8 +381,9 @@ impl Field<'_> {
         };
         let lines: Vec<Line> = sums
             .iter()
-            .filter(|sum| kept(sum))
-            .map(|sum| Line {
+            .zip(&is_kept)
+            .filter(|(_, is_kept)| **is_kept)
+            .map(|(sum, _)| Line {
                 v: sum[1] / sum[0],
                 z: mean(sum),
                 count: sum[0],
@@ -380,10 +393,10 @@ impl Field<'_> {
         let freedom = (used - lines.len() as f64).max(1.0);
         let rest = (squares[1] - askew).max(0.0) / freedom;
         // Where a riser crosses a line its height is no unevenness: the median line tells.
-        let of_lines = sums.iter().zip(&uneven);
+        let of_lines = sums.iter().zip(&uneven).zip(&is_kept);
         let mut of_lines: Vec<f64> = of_lines
-            .filter(|(sum, _)| kept(sum) && sum[0] > 1.0)
-            .map(|(sum, square)| square / (sum[0] - 1.0))
+            .filter(|((sum, _), is_kept)| **is_kept && sum[0] > 1.0)
+            .map(|((sum, square), _)| square / (sum[0] - 1.0))
             .collect();
         of_lines.sort_by(f64::total_cmp);
         let typical = of_lines.get(of_lines.len() / 2).copied().unwrap_or(rest);
@@ -392,7 +405,8 @@ impl Field<'_> {
             width,
             explained: 1.0 - rest * used / squares[0],
             unevenness,
-            has_holes: !self.unseen.is_empty(),
+            sample: self.sample(wave),
+            holes,
             lines,
         }
     }

@@ -17,12 +17,14 @@ const LEAST: f64 = 2e-4;
 pub(super) struct Lines {
     /// How wide a line is, µm.
     pub width: f64,
+    /// How wide a sample is across the ridges, µm.
+    pub sample: f64,
     /// Share of the variance that the lines explain.
     pub explained: f64,
     /// Root mean square of what is left along a line, of the median line, µm.
     pub unevenness: f64,
-    /// Whether heights are missing, so that lines may be.
-    pub has_holes: bool,
+    /// Places of lines of which too few heights were seen to have a mean.
+    pub holes: Vec<f64>,
     /// By rising place.
     pub lines: Vec<Line>,
 }
@@ -83,12 +85,15 @@ impl Lines {
                 line.v = -line.v;
             }
             self.lines.reverse();
+            for hole in &mut self.holes {
+                *hole = -*hole;
+            }
         }
         let share = share.max(1.0 - share);
         if share < 0.5 + LEAN_MIN {
             return Err(RidgeMapError::BothSides { share });
         }
-        let profile = self.straightened(period, Reach::HalfLine)?;
+        let profile = self.straightened(period, Reach::Half)?;
         let theta_r = profile
             .effective_ridge_angle()
             .ok_or(ProfileError::LeansNowhere)?;
@@ -96,7 +101,7 @@ impl Lines {
         let unseen_share = self.unseen();
         let mut profile = profile.with_lobe_error(lobe_error);
         if unseen_share > 0.0 {
-            profile = profile.with_alternative(self.straightened(period, Reach::Middle)?);
+            profile = profile.with_alternative(self.straightened(period, Reach::Whole)?);
         }
         let (low, high) = profile.range();
         let lean = across.to_degrees() + if turned { 180.0 } else { 0.0 };
@@ -296,11 +301,10 @@ impl Lines {
             let lines = self.lines.iter().skip(first).step_by(step);
             let part = Lines {
                 lines: lines.copied().collect(),
+                holes: self.holes.clone(),
                 ..*self
             };
-            part.straightened(period, Reach::HalfLine)
-                .ok()?
-                .lobe_offsets()
+            part.straightened(period, Reach::Half).ok()?.lobe_offsets()
         };
         let mut most = 0.0f64;
         for step in [2, 4] {

@@ -320,7 +320,7 @@ mod tests {
         };
         let mut map = HeightMap::new(columns, (0..columns * rows).map(height).collect());
         assert_eq!(map.spikes(0.3), [] as [usize; 0]);
-        let spikes = [30, 130, 1500, 25 * columns];
+        let spikes = [30, 130, 1530, 27 * columns];
         for n in spikes {
             map.heights[n] += 8.0;
         }
