@@ -111,11 +111,41 @@ pub fn analyse(
     progress: &(dyn Fn(Progress) + Sync),
     cancel: &AtomicBool,
 ) -> Result<Analysis, AnalysisError> {
+    let observed = observe(source, options.region.as_deref(), progress, cancel)?;
+    fitted(observed, Some(source.manifest()), options, progress, cancel)
+}
+
+/// Fits observations that no frames were reduced to, such as a goniometer's.
+///
+/// # Errors
+/// [`AnalysisError::Cancelled`]. A fit that fails is no error: the report's status says so.
+pub fn analyse_observations(
+    observations: ObservationSet,
+    options: &AnalysisOptions,
+    progress: &(dyn Fn(Progress) + Sync),
+    cancel: &AtomicBool,
+) -> Result<Analysis, AnalysisError> {
+    let observed = Observed {
+        observations,
+        read_s: 0.0,
+        reduce_s: 0.0,
+    };
+    fitted(observed, None, options, progress, cancel)
+}
+
+/// Fits; what a plan of the series leaves out is told where there is a manifest to plan by.
+fn fitted(
+    observed: Observed,
+    manifest: Option<&Manifest>,
+    options: &AnalysisOptions,
+    progress: &(dyn Fn(Progress) + Sync),
+    cancel: &AtomicBool,
+) -> Result<Analysis, AnalysisError> {
     let Observed {
         observations,
         read_s,
         reduce_s,
-    } = observe(source, options.region.as_deref(), progress, cancel)?;
+    } = observed;
     progress(Progress::Fitting);
     let fitting = Instant::now();
     let watch = |p: TracingProgress| {
@@ -141,7 +171,9 @@ pub fn analyse(
         cancel,
     );
     let tolerance = options.fit.tolerance;
-    leave_out(&mut report, source.manifest(), &observations, tolerance);
+    if let Some(manifest) = manifest {
+        leave_out(&mut report, manifest, &observations, tolerance);
+    }
     if let (Some(tracer), Some(facts)) = (&mut report.tracer, options.height_map) {
         tracer.height_map = Some(facts);
         report.left_out.extend(facts.left_out());

@@ -31,6 +31,7 @@ pub mod scan;
 pub mod series;
 pub mod sim;
 pub mod store;
+pub mod tables;
 pub mod trace;
 pub mod units;
 pub mod wording;

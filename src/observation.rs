@@ -121,7 +121,8 @@ pub struct ObservationSet {
     /// The sample's observations.
     pub observations: Vec<Observation>,
     /// Where camera or lamp are near: for each observation the directions over which it averages,
-    /// signal = gain · (Σ weight · L(directions) + s). Empty where both are far.
+    /// signal = gain · (Σ weight · L(directions) + s). One view each where lamp and camera move freely, as a
+    /// goniometer's do. Empty where both are far and the lamp is fixed to the camera.
     pub views: Vec<Vec<View>>,
     /// The white reference over its tilts; empty without one.
     pub flats: Vec<FlatObservation>,
@@ -181,6 +182,18 @@ impl ObservationSet {
             region_azimuth: Angle::ZERO,
             rejected_frames: Vec::new(),
             warnings: Vec::new(),
+        }
+    }
+
+    /// Towards lamp and camera in the rig's frame at the recorded tilt: the observation's own directions where it has one
+    /// view, else those of the rig's centre.
+    #[must_use]
+    pub fn rig_directions(&self, index: usize) -> Directions {
+        match self.views.get(index).map(Vec::as_slice) {
+            Some([view]) => view.directions,
+            _ => self
+                .rig
+                .rig_directions(self.observations[index].pose.theta_c),
         }
     }
 

@@ -2,6 +2,7 @@
 //! sample one common surface.
 
 mod joint;
+mod table;
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -25,6 +26,7 @@ use crate::heights::ridges::{self, Shape, Units};
 use crate::material::Material;
 use crate::reduction::{FrameSource, ReductionError};
 use crate::series::Series;
+use crate::tables;
 
 /// Reduces and fits one series of frames, or several of one sample together.
 #[derive(Debug, clap::Args)]
@@ -36,7 +38,8 @@ use crate::series::Series;
                   ridged fit monday tuesday remounted --fix rho_d=0"
 )]
 pub struct Args {
-    /// Folder of a recorded series (manifest.toml, frames.csv, frames/). Several folders of one sample
+    /// Folder of a recorded series (manifest.toml, frames.csv, frames/), or of a goniometer's table of BRDF
+    /// (docs/brdf-tables.md). Several folders of frames of one sample
     /// are fitted together: one surface, but offsets and gain of each scan its own.
     #[arg(
         value_name = "DIR",
@@ -218,6 +221,11 @@ pub fn run(args: Args) -> Result<(), CliError> {
         iterations: args.iterations,
     };
     let cancel = interrupt::flag()?;
+    if let [dir] = &args.dirs[..]
+        && tables::is_table(dir)
+    {
+        return table::run(dir, options, args.json, &cancel);
+    }
     let source: Box<dyn FrameSource> = match (&args.dirs[..], args.scan) {
         ([], scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
         ([dir], _) => Box::new(Series::open_own(dir).map_err(CliError::bad_input)?),

@@ -355,7 +355,7 @@ pub(super) fn facing_normal(set: &ObservationSet, index: usize, tilt: f64) -> (f
 /// azimuth offset 0: x along v, which leans to where the facets' normal points.
 fn half_vector(set: &ObservationSet, index: usize, tilt: f64) -> Vector3<f64> {
     let pose = set.observations[index].pose;
-    let rig = set.rig.rig_directions(pose.theta_c + Angle::from_rad(tilt));
+    let rig = set.rig_directions(index).tilted(Angle::from_rad(tilt));
     let h = (rig.incident + rig.outgoing).normalize();
     let (s, c) = (pose.phi_s + set.rig.azimuth_zero + set.region_azimuth).sin_cos();
     Vector3::new(h.x * c + h.y * s, h.y * c - h.x * s, h.z)

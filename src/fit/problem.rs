@@ -414,15 +414,26 @@ impl<'a> Problem<'a> {
 
     /// Directions of one observation in the sample frame, and sine and cosine of v's azimuth: those
     /// of [`crate::geometry::RigGeometry::directions`] with the offsets added by the angle sums. Of
-    /// a near camera's observation, those of the rig's centre.
+    /// an observation with one view, those of the view; of one with several, those of the rig's centre.
     #[must_use]
     pub fn directions(&self, index: usize, ready: &Ready) -> (Directions, f64, f64) {
+        if let Some([view]) = self.set.views.get(index).map(Vec::as_slice) {
+            return self.of_view(index, ready, &view.directions);
+        }
         let [(st, ct), _] = self.poses[index];
         let (so, co) = ready.tilt;
         let (s, c) = (st * co + ct * so, ct * co - st * so);
         let [along, inside, beside] = ready.lamp;
         let incident = Vector3::new(along * s + inside * c, beside, along * c - inside * s);
         self.on_sample(index, ready, incident, Vector3::new(s, 0.0, c))
+    }
+
+    /// The same of one of an observation's views.
+    fn of_view(&self, index: usize, ready: &Ready, view: &Directions) -> (Directions, f64, f64) {
+        let (so, co) = ready.tilt;
+        // Tilting turns (x, y, z) about +y towards +x.
+        let tilted = |w: Vector3<f64>| Vector3::new(w.x * co + w.z * so, w.y, w.z * co - w.x * so);
+        self.on_sample(index, ready, tilted(view.incident), tilted(view.outgoing))
     }
 
     /// Rig directions at the true tilt, turned into the sample frame of observation `index`.
@@ -456,17 +467,11 @@ impl<'a> Problem<'a> {
         let mut g = match self.set.views.get(index) {
             None => one(self.directions(index, ready)),
             Some(views) => {
-                let (so, co) = ready.tilt;
-                // Tilting turns (x, y, z) about +y towards +x.
-                let tilted =
-                    |w: Vector3<f64>| Vector3::new(w.x * co + w.z * so, w.y, w.z * co - w.x * so);
                 let mut sum = Gradient::ZERO;
                 for view in views {
-                    let d = &view.directions;
-                    let (incident, outgoing) = (tilted(d.incident), tilted(d.outgoing));
                     sum.add(
                         view.weight,
-                        &one(self.on_sample(index, ready, incident, outgoing)),
+                        &one(self.of_view(index, ready, &view.directions)),
                     );
                 }
                 sum

@@ -359,11 +359,15 @@ fn is_anchored(e: &Estimate<'_>) -> bool {
 
 fn no_reference(set: &ObservationSet, variant: VariantName, values: &Values) -> String {
     let half = set.rig.theta_l.deg() / 2.0;
-    let mut text = format!(
-        "g, ρd and η cannot be separated on this rig: the difference angle is {}° in every frame; a \
-         white reference fixes the gain g",
-        (half * 1e4).round() / 1e4
-    );
+    let freely = set.views.first().is_some_and(|views| views.len() == 1);
+    let mut text = match freely {
+        true => "g, ρd and η cannot be separated where the values are relative; an absolute scale fixes the gain g".to_owned(),
+        false => format!(
+            "g, ρd and η cannot be separated on this rig: the difference angle is {}° in every frame; a \
+             white reference fixes the gain g",
+            (half * 1e4).round() / 1e4
+        ),
+    };
     if variant != VariantName::Paper && matches!(set.material, Material::Dielectric { .. }) {
         text += &format!(
             " (if the Fresnel peak of the {variant} variant is taken as calibration, ρd reads {:.3}: \

@@ -108,8 +108,9 @@ fn from_bright_spot(set: &ObservationSet, fallback: &Values) -> Vec<Values> {
     let points: Vec<([f64; 2], f64)> = set
         .observations
         .iter()
-        .map(|o| {
-            let rig = set.rig.rig_directions(o.pose.theta_c);
+        .enumerate()
+        .map(|(i, o)| {
+            let rig = set.rig_directions(i);
             let h = rig.incident + rig.outgoing;
             let turn = o.pose.phi_s + set.rig.azimuth_zero + set.region_azimuth;
             let (s, c) = turn.sin_cos();

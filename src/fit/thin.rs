@@ -331,6 +331,14 @@ fn everywhere(
     cancel: &AtomicBool,
 ) -> Option<Everywhere> {
     let set = problem.set();
+    // Directions of an observation's own are no function of the pose.
+    if set.views.iter().any(|views| views.len() == 1) {
+        return Some(Everywhere {
+            offsets: tier(problem, values)?,
+            nodes: None,
+            error: 0.0,
+        });
+    }
     let at = |poses: &[Pose]| -> Option<Vec<f64>> {
         let model = set.observations.first()?;
         let posed = poses.iter().map(|pose| Observation {

@@ -131,6 +131,20 @@ pub struct Directions {
     pub outgoing: Vector3<f64>,
 }
 
+impl Directions {
+    /// The same in the rig's frame once its stage has tilted both by an angle, about +y towards +x.
+    #[must_use]
+    pub fn tilted(&self, by: Angle) -> Directions {
+        let (sin, cos) = by.sin_cos();
+        let tilted =
+            |w: Vector3<f64>| Vector3::new(w.x * cos + w.z * sin, w.y, w.z * cos - w.x * sin);
+        Directions {
+            incident: tilted(self.incident),
+            outgoing: tilted(self.outgoing),
+        }
+    }
+}
+
 /// By how much a wedge of the sample along u turns the lean direction of ridges of an angle. It turns with the turntable as
 /// they do, so along v it is ridge angle, one to one. Half a turn at most: flat ridges lean wherever the wedge does.
 #[must_use]

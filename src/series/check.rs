@@ -2,10 +2,14 @@
 
 use super::SeriesError;
 use super::keys::{slips, stray};
-use super::manifest::Manifest;
+use super::manifest::{Manifest, SCHEMA};
 use super::text::{line_of, path_of};
 use super::values;
+use crate::material::Material;
 use crate::wording::refusals::plain;
+
+/// The name of another form with a manifest: a goniometer's table.
+pub const TABLE_SCHEMA: &str = "brdf-table-1";
 
 impl Manifest {
     /// Reads the text of a manifest and checks every value; `file` names it in errors.
@@ -25,6 +29,41 @@ impl Manifest {
         Manifest::read(text, file, true)
     }
 
+    /// The nominal material that a section `[sample]` states by itself, at a wavelength that counts for a metal by name.
+    ///
+    /// # Errors
+    /// [`SeriesError::Invalid`] names key, cause and remedy, and no line.
+    pub fn material_alone(
+        sample: &toml::Table,
+        wavelength_nm: Option<f64>,
+        file: &str,
+    ) -> Result<Material, SeriesError> {
+        let section = |entries: &[(&str, toml::Value)]| {
+            let entries = entries.iter().cloned();
+            toml::Value::Table(
+                entries
+                    .map(|(key, value)| (key.to_owned(), value))
+                    .collect(),
+            )
+        };
+        let mut rig = vec![("theta_l_deg", toml::Value::Float(0.0))];
+        rig.extend(wavelength_nm.map(|nm| ("wavelength_nm", toml::Value::Float(nm))));
+        let camera = [
+            ("width_px", toml::Value::Integer(1)),
+            ("height_px", toml::Value::Integer(1)),
+            ("gain_dn_per_electron", toml::Value::Float(1.0)),
+        ];
+        let whole: toml::Table = [
+            ("schema".to_owned(), toml::Value::String(SCHEMA.to_owned())),
+            ("rig".to_owned(), section(&rig)),
+            ("camera".to_owned(), section(&camera)),
+            ("sample".to_owned(), toml::Value::Table(sample.clone())),
+        ]
+        .into_iter()
+        .collect();
+        Ok(Manifest::from_outside(&whole.to_string(), file)?.material())
+    }
+
     fn read(text: &str, file: &str, from_outside: bool) -> Result<Self, SeriesError> {
         let text = text.trim_start_matches('\u{feff}');
         let table: toml::Table = toml::from_str(text).map_err(|error| SeriesError::Invalid {
@@ -34,6 +73,15 @@ impl Manifest {
             cause: format!("this is not TOML: {}", one_line(error.message())),
             remedy: "repair the line".to_owned(),
         })?;
+        if table.get("schema").and_then(toml::Value::as_str) == Some(TABLE_SCHEMA) {
+            return Err(SeriesError::Invalid {
+                file: file.to_owned(),
+                line: line_of(text, "", "schema"),
+                key: String::new(),
+                cause: "this is a table of BRDF, which has no frames".to_owned(),
+                remedy: "`ridged fit` reads it, one folder at a time".to_owned(),
+            });
+        }
         if from_outside && let Some(stray) = stray(&table, "", &table) {
             return Err(stray.told(text, file));
         }

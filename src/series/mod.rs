@@ -16,6 +16,7 @@ mod text;
 mod values;
 mod write;
 
+pub use check::TABLE_SCHEMA;
 pub use imaging::misaimed;
 pub use manifest::{
     CameraFacts, Contradiction, DarkFacts, FlatFacts, INDEX_STD, LayoutFacts, Manifest, Notes,

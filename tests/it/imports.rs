@@ -47,6 +47,18 @@ const RULES: &[(&str, &[&str])] = &[
         ],
     ),
     (
+        "tables",
+        &[
+            "units",
+            "geometry",
+            "material",
+            "observation",
+            "robust",
+            "series",
+            "wording",
+        ],
+    ),
+    (
         "reduction",
         &[
             "units",

@@ -24,4 +24,5 @@ mod simulate_rig;
 mod stage;
 mod stop;
 mod synthetic;
+mod tables;
 mod terminal;

@@ -50,7 +50,7 @@ impl Part {
             frames.push(Frame::new(EDGE as u32, EDGE as u32, counts.collect()).unwrap());
             rows.push(row.clone());
         }
-        assert!(rows.len() > 30, "{}", rows.len());
+        assert!(rows.len() > 20, "{}", rows.len());
         Part {
             manifest,
             rows,

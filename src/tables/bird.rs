@@ -1,0 +1,249 @@
+//! The universal BRDF format of the BiRD project, version 1.0 (JSON).
+//!
+//! `data` holds lists of equal length: `theta_i`, `phi_i`, `theta_r`, `phi_r`, `BRDF`, and where the uncertainty differs from
+//! reading to reading `uBRDF`. Uncertainties are taken as standard ones. Of several wavelengths the manifest's counts, of
+//! several polarisations the unpolarised.
+
+use serde::Deserialize;
+use serde_json::Value as Json;
+
+use super::TableError;
+use super::manifest::{Facts, Value};
+use super::rows::{Read, Reading, check};
+use crate::wording::counted;
+use crate::wording::refusals::plain;
+
+#[derive(Debug, Deserialize)]
+struct File {
+    data: Data,
+}
+
+#[derive(Debug, Deserialize)]
+struct Data {
+    theta_i: Angles,
+    phi_i: Angles,
+    theta_r: Angles,
+    phi_r: Angles,
+    #[serde(rename = "BRDF")]
+    brdf: Values,
+    #[serde(rename = "uBRDF")]
+    u_brdf: Option<Values>,
+    wavelength_i: Option<Values>,
+    polarization_i: Option<States>,
+    polarization_r: Option<States>,
+}
+
+#[derive(Debug, Deserialize)]
+struct Angles {
+    unit: String,
+    values: Vec<f64>,
+}
+
+#[derive(Debug, Deserialize)]
+struct Values {
+    unit: String,
+    /// JSON has no word for a reading that was not taken but null.
+    values: Vec<Option<f64>>,
+    uncertainty: Option<Constant>,
+}
+
+#[derive(Debug, Deserialize)]
+struct Constant {
+    value: f64,
+    unit: String,
+}
+
+/// Polarisation per reading: a word, or a Stokes vector.
+#[derive(Debug, Deserialize)]
+struct States {
+    values: Vec<Json>,
+}
+
+/// Whether a state is unpolarised: `u`, or a Stokes vector of intensity alone.
+fn is_unpolarised(state: &Json) -> bool {
+    match state {
+        Json::String(word) => word == "u",
+        Json::Array(stokes) => stokes.iter().skip(1).all(|s| s.as_f64() == Some(0.0)),
+        _ => false,
+    }
+}
+
+impl Angles {
+    fn in_degrees(&self, index: usize) -> f64 {
+        match self.unit.as_str() {
+            "rad" => self.values[index].to_degrees(),
+            _ => self.values[index],
+        }
+    }
+}
+
+/// A wavelength this near to the one asked for is it, nm.
+const SAME_NM: f64 = 0.5;
+
+pub(super) fn read(text: &str, file: &str, facts: &Facts) -> Result<Read, TableError> {
+    let wrong = |cause: String| TableError::new(file, None, cause);
+    let text = text.trim_start_matches('\u{feff}');
+    let mut from = serde_json::Deserializer::from_str(text);
+    let File { data } = serde_path_to_error::deserialize(&mut from).map_err(|error| {
+        let line = error.inner().line();
+        let cause = format!(
+            "{}: {}; a BiRD file of version 1.0 is needed",
+            error.path(),
+            plain(&error.inner().to_string())
+        );
+        TableError::new(file, Some(line), cause)
+    })?;
+    if facts.value != Value::Brdf {
+        return Err(wrong(
+            "a BiRD file holds BRDF; write value = \"brdf\" into the manifest's [goniometer]"
+                .to_owned(),
+        ));
+    }
+    for (name, unit, known) in [
+        ("theta_i", &data.theta_i.unit, &["rad", "deg", "°"][..]),
+        ("phi_i", &data.phi_i.unit, &["rad", "deg", "°"]),
+        ("theta_r", &data.theta_r.unit, &["rad", "deg", "°"]),
+        ("phi_r", &data.phi_r.unit, &["rad", "deg", "°"]),
+        ("BRDF", &data.brdf.unit, &["1/sr", "sr^-1"]),
+    ] {
+        if !known.contains(&unit.as_str()) {
+            let known = known.join(" or ");
+            return Err(wrong(format!(
+                "data.{name}.unit is `{unit}`; a BiRD file has {known}"
+            )));
+        }
+    }
+    let count = data.brdf.values.len();
+    let lengths = [
+        ("theta_i", Some(data.theta_i.values.len())),
+        ("phi_i", Some(data.phi_i.values.len())),
+        ("theta_r", Some(data.theta_r.values.len())),
+        ("phi_r", Some(data.phi_r.values.len())),
+        ("uBRDF", data.u_brdf.as_ref().map(|u| u.values.len())),
+        (
+            "wavelength_i",
+            data.wavelength_i.as_ref().map(|w| w.values.len()),
+        ),
+        (
+            "polarization_i",
+            data.polarization_i.as_ref().map(|p| p.values.len()),
+        ),
+        (
+            "polarization_r",
+            data.polarization_r.as_ref().map(|p| p.values.len()),
+        ),
+    ];
+    for (name, length) in lengths {
+        if let Some(length) = length.filter(|length| *length != count) {
+            return Err(wrong(format!(
+                "data.{name} has {} and data.BRDF {count}; each reading needs all of them",
+                counted(length, "value")
+            )));
+        }
+    }
+    let wavelength = wavelength(&data, facts).map_err(wrong)?;
+    let u_brdf = data.u_brdf.as_ref();
+    let constant = data.brdf.uncertainty.as_ref();
+    let mut read = Read {
+        readings: Vec::new(),
+        left_out: Vec::new(),
+    };
+    let (mut missing, mut other, mut polarised) = (0, 0, 0);
+    for index in 0..count {
+        let Some(value) = data.brdf.values[index] else {
+            missing += 1;
+            continue;
+        };
+        let is_other = |wanted: f64| {
+            let own = data.wavelength_i.as_ref().and_then(|w| w.nanometres(index));
+            own.is_some_and(|own| (own - wanted).abs() > SAME_NM)
+        };
+        if wavelength.is_some_and(is_other) {
+            other += 1;
+            continue;
+        }
+        let states = [&data.polarization_i, &data.polarization_r];
+        if states
+            .into_iter()
+            .flatten()
+            .any(|s| !is_unpolarised(&s.values[index]))
+        {
+            polarised += 1;
+            continue;
+        }
+        let share = |of: f64, unit: &str| match unit {
+            "%" => (value * of / 100.0).abs(),
+            _ => of,
+        };
+        let own = u_brdf.and_then(|u| Some(share(u.values[index]?, &u.unit)));
+        let sigma = own.or_else(|| constant.map(|c| share(c.value, &c.unit)));
+        let reading = Reading {
+            theta_i_deg: data.theta_i.in_degrees(index),
+            phi_i_deg: data.phi_i.in_degrees(index),
+            theta_o_deg: data.theta_r.in_degrees(index),
+            phi_o_deg: data.phi_r.in_degrees(index),
+            value,
+            sigma: sigma.filter(|sigma| *sigma > 0.0),
+        };
+        check(&reading).map_err(|cause| wrong(format!("reading {}: {cause}", index + 1)))?;
+        read.readings.push(reading);
+    }
+    for (n, why) in [
+        (missing, "without a value"),
+        (other, "at other wavelengths"),
+        (polarised, "with a polariser (unpolarised light is fitted)"),
+    ] {
+        if n > 0 {
+            read.left_out
+                .push(format!("{} {why} left out", counted(n, "reading")));
+        }
+    }
+    if read.readings.is_empty() && polarised > 0 {
+        return Err(wrong(
+            "all readings are with a polariser, and a fit needs unpolarised light: average those of s and p".to_owned(),
+        ));
+    }
+    Ok(read)
+}
+
+impl Values {
+    fn nanometres(&self, index: usize) -> Option<f64> {
+        let value = self.values[index]?;
+        Some(if self.unit == "nm" {
+            value
+        } else {
+            1e3 * value
+        })
+    }
+}
+
+/// The wavelength that counts, nm; `None` where the file has only one.
+fn wavelength(data: &Data, facts: &Facts) -> Result<Option<f64>, String> {
+    let Some(all) = &data.wavelength_i else {
+        return Ok(None);
+    };
+    let mut found: Vec<f64> = (0..all.values.len())
+        .filter_map(|i| all.nanometres(i))
+        .collect();
+    found.sort_by(f64::total_cmp);
+    found.dedup_by(|a, b| (*a - *b).abs() <= SAME_NM);
+    if found.len() < 2 {
+        return Ok(None);
+    }
+    let listed = || {
+        let some = found.iter().take(8).map(|w| format!("{w}"));
+        some.collect::<Vec<_>>().join(", ")
+    };
+    match facts.wavelength_nm {
+        None => Err(format!(
+            "it has {} wavelengths ({} nm); write the one to fit as wavelength_nm into the manifest's [goniometer]",
+            found.len(),
+            listed()
+        )),
+        Some(wanted) if found.iter().all(|w| (w - wanted).abs() > SAME_NM) => Err(format!(
+            "no reading is at wavelength_nm = {wanted}; it has {} nm",
+            listed()
+        )),
+        wanted => Ok(wanted),
+    }
+}

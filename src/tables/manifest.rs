@@ -1,0 +1,216 @@
+//! The manifest of a table: what its values are, how its angles count, and the nominal material.
+
+use serde::Deserialize;
+
+use super::TableError;
+use crate::geometry::Directions;
+use crate::material::Material;
+use crate::series::{Manifest, SeriesError, TABLE_SCHEMA as SCHEMA};
+use crate::wording::toml_text;
+
+/// What a value of the table is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Value {
+    /// f, sr⁻¹.
+    Brdf,
+    /// π f: relative to a perfect diffuser that is lit and seen alike.
+    RadianceFactor,
+    /// f cos θo, sr⁻¹: scattered power per solid angle (ARS, cosine-corrected BSDF).
+    CosineCorrected,
+    /// f cos θi: radiance for an irradiance of 1 on a surface facing the lamp, sr⁻¹.
+    Radiance,
+}
+
+impl Value {
+    /// Radiance for a lamp irradiance of 1 on a surface facing it, per unit of the value. `directions` are the rig's, z along
+    /// the normal.
+    pub(super) fn radiance_per_value(self, directions: &Directions) -> f64 {
+        let (cos_i, cos_o) = (directions.incident.z, directions.outgoing.z);
+        match self {
+            Value::Brdf => cos_i,
+            Value::RadianceFactor => cos_i / std::f64::consts::PI,
+            Value::CosineCorrected => cos_i / cos_o,
+            Value::Radiance => 1.0,
+        }
+    }
+}
+
+/// Whether the values are absolute.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Scale {
+    /// In the unit that is stated, within `scale_rel_std`.
+    #[default]
+    Absolute,
+    /// All in one arbitrary unit.
+    Relative,
+}
+
+/// Which way azimuths count, seen from above the sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sense {
+    /// From u towards v.
+    #[default]
+    CounterClockwise,
+    /// The other way.
+    Clockwise,
+}
+
+/// `[goniometer]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Facts {
+    /// What the values are.
+    pub value: Value,
+    /// Whether they are absolute.
+    #[serde(default)]
+    pub scale: Scale,
+    /// Relative standard uncertainty of an absolute scale.
+    pub scale_rel_std: Option<f64>,
+    /// Relative standard uncertainty of values without one of their own, independent from reading to reading.
+    pub value_rel_std: Option<f64>,
+    /// Standard uncertainty of them that does not grow with the value, in its unit.
+    pub value_std: Option<f64>,
+    /// Standard uncertainty of light that all readings have alike: radiance for an irradiance of 1, sr⁻¹.
+    pub stray_std: Option<f64>,
+    /// Azimuth at which the lean direction v lies.
+    #[serde(default = "quarter")]
+    pub azimuth_of_v_deg: f64,
+    /// Which way azimuths count.
+    #[serde(default)]
+    pub azimuth_sense: Sense,
+    /// Standard uncertainty of θi and of θo, each an error that all readings share.
+    pub theta_std_deg: Option<f64>,
+    /// The same of azimuths.
+    pub phi_std_deg: Option<f64>,
+    /// Standard uncertainty of the inclination of the sample's mean plane to the goniometer's.
+    pub sample_tilt_std_deg: Option<f64>,
+    /// Half angle of the lamp seen from the sample.
+    #[serde(default)]
+    pub light_angular_radius_deg: f64,
+    /// Half angle of the detector's aperture seen from the sample.
+    #[serde(default)]
+    pub detector_angular_radius_deg: f64,
+    /// Wavelength, for a metal by name, and to choose among those of a BiRD file.
+    pub wavelength_nm: Option<f64>,
+}
+
+fn quarter() -> f64 {
+    90.0
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Text {
+    schema: String,
+    #[serde(default)]
+    name: String,
+    table: String,
+    goniometer: Facts,
+    sample: toml::Table,
+    #[serde(default, rename = "notes")]
+    _notes: toml::Table,
+}
+
+/// A manifest that was read.
+pub(super) struct Told {
+    pub(super) name: String,
+    pub(super) table: String,
+    pub(super) facts: Facts,
+    pub(super) material: Material,
+}
+
+pub(super) fn read(text: &str, file: &str) -> Result<Told, TableError> {
+    let text: Text = toml_text::read(text).map_err(|refused| {
+        let key = match refused.key.as_str() {
+            "" => String::new(),
+            key => format!("{key}: "),
+        };
+        let cause = format!(
+            "{key}{}; docs/brdf-tables.md lists every key",
+            refused.words
+        );
+        TableError::new(file, refused.line, cause)
+    })?;
+    let wrong = |cause: String| Err(TableError::new(file, None, cause));
+    if text.schema != SCHEMA {
+        return wrong(format!(
+            "schema: `{}` is another form than {SCHEMA}",
+            text.schema
+        ));
+    }
+    let f = &text.goniometer;
+    let at_most = |key: &str, value: Option<f64>, most: f64, unit: &str| match value {
+        Some(x) if !(0.0..=most).contains(&x) => Some(format!(
+            "goniometer.{key}: {x} is out of range; write a number from 0 to {most}{unit}"
+        )),
+        _ => None,
+    };
+    let slips = [
+        at_most(
+            "scale_rel_std",
+            f.scale_rel_std,
+            1.0,
+            ", a share of the value",
+        ),
+        at_most(
+            "value_rel_std",
+            f.value_rel_std,
+            1.0,
+            ", a share of the value",
+        ),
+        at_most("value_std", f.value_std, f64::MAX, ""),
+        at_most("stray_std", f.stray_std, f64::MAX, ""),
+        at_most("theta_std_deg", f.theta_std_deg, 10.0, "°"),
+        at_most("phi_std_deg", f.phi_std_deg, 10.0, "°"),
+        at_most("sample_tilt_std_deg", f.sample_tilt_std_deg, 10.0, "°"),
+        at_most(
+            "light_angular_radius_deg",
+            Some(f.light_angular_radius_deg),
+            30.0,
+            "°",
+        ),
+        at_most(
+            "detector_angular_radius_deg",
+            Some(f.detector_angular_radius_deg),
+            30.0,
+            "°",
+        ),
+        at_most(
+            "azimuth_of_v_deg",
+            Some(f.azimuth_of_v_deg.abs()),
+            360.0,
+            "°, of either sign",
+        ),
+    ];
+    if let Some(cause) = slips.into_iter().flatten().next() {
+        return wrong(cause);
+    }
+    if (f.value_rel_std, f.value_std) == (Some(0.0), Some(0.0)) {
+        return wrong(
+            "goniometer.value_rel_std and value_std: values without uncertainty cannot be weighed; write one above 0"
+                .to_owned(),
+        );
+    }
+    if text.sample.contains_key("layout") {
+        return wrong("sample.layout: a table is of one surface; leave it out".to_owned());
+    }
+    let material =
+        Manifest::material_alone(&text.sample, f.wavelength_nm, file).map_err(|error| {
+            let cause = match error {
+                SeriesError::Invalid {
+                    key, cause, remedy, ..
+                } => format!("{key}{cause}; {remedy}"),
+                other => other.to_string(),
+            };
+            TableError::new(file, None, cause)
+        })?;
+    Ok(Told {
+        name: text.name,
+        table: text.table,
+        facts: text.goniometer,
+        material,
+    })
+}

@@ -1,0 +1,279 @@
+//! Tables of BRDF as goniometers write them (`brdf-table-1`): a folder with `manifest.toml` and a CSV or a BiRD JSON.
+//!
+//! Call [`is_table`] to tell such a folder from a recorded series, [`Table::open`] to read it, and [`Table::observations`]
+//! for what a fit reads. Lamp and detector move freely, so every observation has directions of its own. The scale is the
+//! table's, and there are no flats.
+
+mod bird;
+mod manifest;
+mod rows;
+
+use std::path::Path;
+
+use nalgebra::Vector3;
+
+pub use self::manifest::{Facts, Scale, Sense, Value};
+pub use self::rows::Reading;
+use crate::geometry::{Cones, Directions, Pose, RigGeometry};
+use crate::material::Material;
+use crate::observation::{Observation, ObservationSet, Prior, SharedErrors, View, WhiteReference};
+use crate::robust;
+use crate::series::TABLE_SCHEMA;
+use crate::units::Angle;
+use crate::wording::sheet::decoded;
+use crate::wording::{counted, significant};
+
+/// A file of more bytes than this is no table.
+const BYTES_MAX: u64 = 256 << 20;
+/// Standard uncertainty of goniometer angles and of how the sample lies, where the manifest states none.
+const ANGLE_STD_DEFAULT_DEG: f64 = 0.05;
+/// Relative standard uncertainty of the absolute scale, where the manifest states none.
+const SCALE_STD_DEFAULT: f64 = 0.01;
+/// Standard uncertainty of a value, where neither table nor manifest states one: a share of it, and of the largest.
+const VALUE_STD_DEFAULT: f64 = 0.01;
+const FLOOR_DEFAULT: f64 = 1e-4;
+/// Standard uncertainty of stray light, where none is stated, as a share of the median signal.
+const STRAY_SHARE: f64 = 0.01;
+
+/// Why a folder gives no table.
+#[derive(Debug, thiserror::Error)]
+#[error("{file}{}: {cause}", .line.map(|l| format!(" line {l}")).unwrap_or_default())]
+pub struct TableError {
+    /// The file.
+    pub file: String,
+    /// Line, from 1, where one is known.
+    pub line: Option<usize>,
+    /// What is wrong, and what to do.
+    pub cause: String,
+}
+
+impl TableError {
+    fn new(file: &str, line: Option<usize>, cause: impl Into<String>) -> Self {
+        TableError {
+            file: file.to_owned(),
+            line,
+            cause: cause.into(),
+        }
+    }
+}
+
+/// A table that was read.
+#[derive(Debug, Clone)]
+pub struct Table {
+    /// Name of the sample or series; may be empty.
+    pub name: String,
+    /// What the manifest says of the goniometer.
+    pub facts: Facts,
+    /// Nominal material.
+    pub material: Material,
+    /// The readings, in the order of the file.
+    pub readings: Vec<Reading>,
+    /// What was left out, in words.
+    pub left_out: Vec<String>,
+}
+
+/// Whether a folder's manifest is that of a table.
+#[must_use]
+pub fn is_table(folder: &Path) -> bool {
+    let text = text_of(folder, "manifest.toml").ok();
+    let table: Option<toml::Table> =
+        text.and_then(|text| toml::from_str(text.trim_start_matches('\u{feff}')).ok());
+    table.is_some_and(|t| t.get("schema").and_then(toml::Value::as_str) == Some(TABLE_SCHEMA))
+}
+
+impl Table {
+    /// Reads the manifest and the table in a folder.
+    ///
+    /// # Errors
+    /// [`TableError`] names file, line, cause and remedy.
+    pub fn open(folder: &Path) -> Result<Table, TableError> {
+        let told = manifest::read(&text_of(folder, "manifest.toml")?, "manifest.toml")?;
+        let file = &told.table;
+        let text = text_of(folder, file)?;
+        let is_json = text
+            .trim_start_matches('\u{feff}')
+            .trim_start()
+            .starts_with('{');
+        let read = match is_json {
+            true => bird::read(&text, file, &told.facts)?,
+            false => rows::read(&text, file)?,
+        };
+        if read.readings.is_empty() {
+            return Err(TableError::new(
+                file,
+                None,
+                "it holds no reading with a value",
+            ));
+        }
+        Ok(Table {
+            name: told.name,
+            facts: told.facts,
+            material: told.material,
+            readings: read.readings,
+            left_out: read.left_out,
+        })
+    }
+
+    /// What a fit reads. Azimuths count from u towards v, on from where the manifest says that v is.
+    #[must_use]
+    pub fn observations(&self) -> ObservationSet {
+        let facts = &self.facts;
+        let mut warnings = self.left_out.clone();
+        let mut assumed = Vec::new();
+        let angle = |stated: Option<f64>, key: &'static str, assumed: &mut Vec<String>| {
+            let std = stated.unwrap_or_else(|| {
+                assumed.push(format!("{key} = {ANGLE_STD_DEFAULT_DEG}"));
+                ANGLE_STD_DEFAULT_DEG
+            });
+            Angle::from_deg(std)
+        };
+        let theta_std = angle(facts.theta_std_deg, "theta_std_deg", &mut assumed);
+        let phi_std = angle(facts.phi_std_deg, "phi_std_deg", &mut assumed);
+        let tilt_std = angle(
+            facts.sample_tilt_std_deg,
+            "sample_tilt_std_deg",
+            &mut assumed,
+        );
+        let absolute = facts.scale == Scale::Absolute;
+        let scale_std = facts.scale_rel_std.unwrap_or(SCALE_STD_DEFAULT);
+        if absolute && facts.scale_rel_std.is_none() {
+            assumed.push(format!("scale_rel_std = {SCALE_STD_DEFAULT}"));
+        }
+        let stated = facts.value_rel_std.is_some() || facts.value_std.is_some();
+        let without = self.readings.iter().filter(|r| r.sigma.is_none()).count();
+        let largest = self
+            .readings
+            .iter()
+            .map(|r| r.value.abs())
+            .fold(0.0, f64::max);
+        let (share, floor) = match stated {
+            true => (
+                facts.value_rel_std.unwrap_or(0.0),
+                facts.value_std.unwrap_or(0.0),
+            ),
+            false => (VALUE_STD_DEFAULT, FLOOR_DEFAULT * largest),
+        };
+        if without > 0 && !stated {
+            assumed.push(format!(
+                "value_rel_std = {VALUE_STD_DEFAULT} and value_std = {} for {}",
+                significant(floor),
+                counted(without, "reading")
+            ));
+        }
+        if !assumed.is_empty() {
+            warnings.push(format!(
+                "the manifest states no standard uncertainties of these, so [goniometer] {} are assumed",
+                assumed.join(", ")
+            ));
+        }
+        let mut observations = Vec::with_capacity(self.readings.len());
+        let mut views = Vec::with_capacity(self.readings.len());
+        // A sigma of 0 would outweigh all others.
+        let least = f64::EPSILON * largest;
+        for reading in &self.readings {
+            let placed = Placed::new(reading, facts);
+            let per_value = facts.value.radiance_per_value(&placed.directions);
+            let own = reading
+                .sigma
+                .unwrap_or((share * reading.value).hypot(floor));
+            let signal = per_value * reading.value;
+            observations.push(Observation {
+                shared: SharedErrors {
+                    white_reference: if absolute { signal * scale_std } else { 0.0 },
+                    led_drift: 0.0,
+                    theta_c_zero: theta_std,
+                    phi_s_zero: phi_std,
+                },
+                ..Observation::new(placed.pose, signal, per_value * own.max(least))
+            });
+            views.push(vec![View {
+                directions: placed.directions,
+                weight: 1.0,
+            }]);
+        }
+        let mut sizes: Vec<f64> = observations.iter().map(|o| o.signal.abs()).collect();
+        let stray = facts
+            .stray_std
+            .unwrap_or_else(|| STRAY_SHARE * robust::median(&mut sizes).unwrap_or(0.0));
+        let rig = RigGeometry {
+            theta_l: Angle::ZERO,
+            light_azimuth: Angle::ZERO,
+            azimuth_zero: Angle::ZERO,
+            cones: Cones {
+                lamp: Angle::from_deg(facts.light_angular_radius_deg),
+                lens: Angle::from_deg(facts.detector_angular_radius_deg),
+            },
+        };
+        let background = Prior {
+            mean: 0.0,
+            std: stray.max(f64::EPSILON * largest),
+        };
+        ObservationSet {
+            views,
+            white_reference: absolute.then_some(WhiteReference {
+                reflectance: 1.0,
+                reflectance_std: scale_std,
+            }),
+            // An error that both arms have in common is an inclination of the sample; what is left turns them apart.
+            wedge_std: Some(Angle::from_rad(
+                tilt_std
+                    .rad()
+                    .hypot(theta_std.rad() * std::f64::consts::FRAC_1_SQRT_2),
+            )),
+            theta_l_std: Some(Angle::from_rad(theta_std.rad() * std::f64::consts::SQRT_2)),
+            warnings,
+            ..ObservationSet::bare(rig, self.material, observations, background)
+        }
+    }
+}
+
+/// A reading as an observation of a rig whose x axis lies at the detector's azimuth.
+struct Placed {
+    pose: Pose,
+    directions: Directions,
+}
+
+impl Placed {
+    fn new(reading: &Reading, facts: &Facts) -> Placed {
+        let sense = match facts.azimuth_sense {
+            Sense::CounterClockwise => 1.0,
+            Sense::Clockwise => -1.0,
+        };
+        // An angle from the normal to the other side is one with the opposite azimuth.
+        let upright = |theta_deg: f64, phi_deg: f64| match theta_deg < 0.0 {
+            true => (Angle::from_deg(-theta_deg), sense * (phi_deg + 180.0)),
+            false => (Angle::from_deg(theta_deg), sense * phi_deg),
+        };
+        let (theta_i, phi_i_deg) = upright(reading.theta_i_deg, reading.phi_i_deg);
+        let (theta_o, phi_o_deg) = upright(reading.theta_o_deg, reading.phi_o_deg);
+        let ((sin_i, cos_i), (sin_o, cos_o)) = (theta_i.sin_cos(), theta_o.sin_cos());
+        let (sin, cos) = Angle::from_deg(phi_i_deg - phi_o_deg).sin_cos();
+        let phi_s = Angle::from_deg(sense * facts.azimuth_of_v_deg - phi_o_deg);
+        Placed {
+            pose: Pose {
+                theta_c: theta_o,
+                phi_s: phi_s.wrapped(),
+            },
+            directions: Directions {
+                incident: Vector3::new(sin_i * cos, sin_i * sin, cos_i),
+                outgoing: Vector3::new(sin_o, 0.0, cos_o),
+            },
+        }
+    }
+}
+
+/// The text of a file in the folder.
+fn text_of(folder: &Path, file: &str) -> Result<String, TableError> {
+    let path = folder.join(file);
+    let unread = |cause: String| TableError::new(file, None, cause);
+    let facts = std::fs::metadata(&path)
+        .map_err(|e| unread(format!("it cannot be read from {}: {e}", folder.display())))?;
+    if !facts.is_file() || facts.len() > BYTES_MAX {
+        return Err(unread("it is no regular file of at most 256 MB".to_owned()));
+    }
+    let bytes = std::fs::read(&path).map_err(|e| unread(format!("it cannot be read: {e}")))?;
+    decoded(bytes).map_err(|(line, byte)| {
+        let cause = format!("the byte 0x{byte:02X} is no UTF-8 text; save the file as UTF-8");
+        TableError::new(file, Some(line), cause)
+    })
+}

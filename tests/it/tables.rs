@@ -1,0 +1,605 @@
+//! Tables of BRDF from goniometers: made here from known surfaces, read, fitted.
+
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use nalgebra::Vector3;
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+use serde_json::{Value as Json, json};
+use tempfile::TempDir;
+
+use ridged::analysis::{AnalysisOptions, analyse_observations};
+use ridged::fit::{FitOptions, FitReport, Quantity, Told, VariantChoice};
+use ridged::geometry::{Cones, Directions};
+use ridged::model::prepared::OpticsTable;
+use ridged::model::quadrature::Quadrature;
+use ridged::model::{Optics, Surface};
+use ridged::observation::ObservationSet;
+use ridged::series::Series;
+use ridged::tables::{Table, is_table};
+
+/// θi, φi, θo, φo in degrees, φ from u towards v.
+type Angles = [f64; 4];
+
+const OPTICS: Optics = Optics {
+    eta: 1.5,
+    k: 0.0,
+    theta_l: 0.0,
+    cones: Cones::NONE,
+};
+
+fn surface(theta_r_deg: f64) -> Surface {
+    Surface {
+        theta_r: theta_r_deg.to_radians(),
+        alpha_u: 0.10,
+        alpha_v: 0.14,
+        rho_d: 0.3,
+        amplitude: 1.0,
+    }
+}
+
+/// BRDF with two bounces integrated, sr⁻¹.
+fn brdf(surface: &Surface, angles: &[Angles]) -> Vec<f64> {
+    let towards = |theta_deg: f64, phi_deg: f64| {
+        let ((s, c), (sp, cp)) = (
+            theta_deg.to_radians().sin_cos(),
+            phi_deg.to_radians().sin_cos(),
+        );
+        Vector3::new(s * cp, s * sp, c)
+    };
+    let directions: Vec<Directions> = angles
+        .iter()
+        .map(|a| Directions {
+            incident: towards(a[0], a[1]),
+            outgoing: towards(a[2], a[3]),
+        })
+        .collect();
+    let radiances =
+        Quadrature::new(surface, &OpticsTable::new(&OPTICS)).radiances(&directions, 1e-6);
+    let pairs = radiances.iter().zip(&directions);
+    pairs.map(|(l, d)| l.value / d.incident.z).collect()
+}
+
+/// Two angles of incidence from four sides, and the detector around the mirror directions of facets up to 15°.
+fn around() -> Vec<Angles> {
+    let mut angles = Vec::new();
+    for (theta_i, phi_i) in [(10.0, 0.0), (10.0, 90.0), (30.0, 180.0), (30.0, 270.0)] {
+        for theta_o in [0.0, 20.0, 40.0, 60.0] {
+            for side in [0.0, 50.0, 90.0, 180.0, 240.0, 300.0] {
+                if theta_o > 0.0 || side == 0.0 {
+                    angles.push([theta_i, phi_i, theta_o, phi_i + side]);
+                }
+            }
+        }
+    }
+    angles
+}
+
+/// Across the ridges alone, the detector on both sides of the normal.
+fn across() -> Vec<Angles> {
+    let mut angles = Vec::new();
+    for (theta_i, phi_i) in [(0.0, 90.0), (20.0, 90.0), (30.0, 270.0)] {
+        for step in -12..=12 {
+            let theta_o = 5.0 * f64::from(step);
+            angles.push([theta_i, phi_i, theta_o, 90.0]);
+        }
+    }
+    angles
+}
+
+const REL_STD: f64 = 0.005;
+const FLOOR: f64 = 0.001;
+
+fn noisy(values: &[f64]) -> Vec<f64> {
+    let mut rng = Pcg64::seed_from_u64(3);
+    let noise = |f: &f64| {
+        let z: f64 = StandardNormal.sample(&mut rng);
+        f + z * (REL_STD * f).hypot(FLOOR)
+    };
+    values.iter().map(noise).collect()
+}
+
+const MANIFEST: &str = r#"schema = "brdf-table-1"
+name = "made"
+table = "table.csv"
+[goniometer]
+value = "brdf"
+scale_rel_std = 0.005
+value_rel_std = 0.005
+value_std = 0.001
+theta_std_deg = 0.02
+phi_std_deg = 0.02
+sample_tilt_std_deg = 0.02
+[sample]
+kind = "dielectric"
+index_of_refraction = 1.5
+index_of_refraction_std = 0.005
+"#;
+
+fn csv(angles: &[Angles], values: &[f64]) -> String {
+    let mut text = "theta_i_deg,phi_i_deg,theta_o_deg,phi_o_deg,value\n".to_owned();
+    for (a, f) in angles.iter().zip(values) {
+        text += &format!("{},{},{},{},{f:.6}\n", a[0], a[1], a[2], a[3]);
+    }
+    text
+}
+
+fn folder(manifest: &str, table: &str) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("manifest.toml"), manifest).unwrap();
+    let name = if table.starts_with('{') {
+        "table.json"
+    } else {
+        "table.csv"
+    };
+    std::fs::write(folder.path().join(name), table).unwrap();
+    folder
+}
+
+fn observed(manifest: &str, table: &str) -> ObservationSet {
+    Table::open(folder(manifest, table).path())
+        .unwrap()
+        .observations()
+}
+
+fn refused(manifest: &str, table: &str) -> String {
+    Table::open(folder(manifest, table).path())
+        .unwrap_err()
+        .to_string()
+}
+
+fn fitted(observations: ObservationSet) -> FitReport {
+    let options = AnalysisOptions {
+        fit: FitOptions {
+            variant: VariantChoice::Sawtooth,
+            told: vec![Told {
+                quantity: Quantity::TiltOffset,
+                value: 0.0,
+                std: 0.0,
+            }],
+            ..FitOptions::default()
+        },
+        ..AnalysisOptions::default()
+    };
+    let never = AtomicBool::new(false);
+    analyse_observations(observations, &options, &|_| {}, &never)
+        .unwrap()
+        .report
+}
+
+/// A parameter lies within its U, which is below `most`.
+fn holds(name: &str, found: (Option<f64>, Option<f64>), truth: f64, most: f64) {
+    let (value, u) = (found.0.unwrap(), found.1.unwrap());
+    assert!(
+        (value - truth).abs() <= u,
+        "{name}: {value} ± {u}, truth {truth}"
+    );
+    assert!(u < most, "{name}: U is {u}");
+}
+
+#[test]
+fn a_table_around_the_hemisphere_tells_the_surface_that_made_it() {
+    let truth = surface(12.0);
+    let angles = around();
+    let set = observed(MANIFEST, &csv(&angles, &noisy(&brdf(&truth, &angles))));
+    assert_eq!(set.observations.len(), angles.len());
+    let p = fitted(set).parameters;
+    holds(
+        "θr",
+        (p.theta_r_deg.value, p.theta_r_deg.expanded),
+        12.0,
+        0.3,
+    );
+    holds(
+        "φ",
+        (p.azimuth_offset_deg.value, p.azimuth_offset_deg.expanded),
+        0.0,
+        1.0,
+    );
+    holds("αu", (p.alpha_u.value, p.alpha_u.expanded), 0.10, 0.01);
+    holds("αv", (p.alpha_v.value, p.alpha_v.expanded), 0.14, 0.01);
+    holds("ρd", (p.rho_d.value, p.rho_d.expanded), 0.3, 0.02);
+}
+
+#[test]
+fn a_table_across_the_ridges_alone_tells_their_angle() {
+    let truth = surface(8.0);
+    let angles = across();
+    let table = csv(&angles, &noisy(&brdf(&truth, &angles)));
+    let p = fitted(observed(MANIFEST, &table)).parameters;
+    holds(
+        "θr",
+        (p.theta_r_deg.value, p.theta_r_deg.expanded),
+        8.0,
+        0.5,
+    );
+    holds("αv", (p.alpha_v.value, p.alpha_v.expanded), 0.14, 0.02);
+    // Without a scale the angle stays.
+    let relative = MANIFEST.replace("scale_rel_std = 0.005", "scale = \"relative\"");
+    let p = fitted(observed(&relative, &table)).parameters;
+    holds(
+        "θr",
+        (p.theta_r_deg.value, p.theta_r_deg.expanded),
+        8.0,
+        0.5,
+    );
+    assert_eq!(p.rho_d.value, None);
+}
+
+/// Signals, and directions in the sample frame, to rounding.
+fn same(a: &ObservationSet, b: &ObservationSet) {
+    assert_eq!(a.observations.len(), b.observations.len());
+    let placed = |set: &ObservationSet, i: usize| {
+        let (s, c) = set.observations[i].pose.phi_s.sin_cos();
+        let turn = |w: Vector3<f64>| Vector3::new(w.x * s - w.y * c, w.x * c + w.y * s, w.z);
+        let view = &set.views[i][0];
+        (
+            turn(view.directions.incident),
+            turn(view.directions.outgoing),
+        )
+    };
+    for i in 0..a.observations.len() {
+        let (x, y) = (a.observations[i], b.observations[i]);
+        assert!(
+            (x.signal - y.signal).abs() <= 1e-9 * x.signal.abs(),
+            "{i}: {x:?} {y:?}"
+        );
+        assert!(
+            (x.sigma - y.sigma).abs() <= 1e-9 * x.sigma,
+            "{i}: {x:?} {y:?}"
+        );
+        let ((ai, ao), (bi, bo)) = (placed(a, i), placed(b, i));
+        assert!((ai - bi).norm() < 1e-9 && (ao - bo).norm() < 1e-9, "{i}");
+    }
+}
+
+#[test]
+fn one_and_the_same_reading_may_be_written_in_many_ways() {
+    let angles: [Angles; 3] = [
+        [20.0, 30.0, 40.0, 200.0],
+        [0.0, 0.0, 10.0, 90.0],
+        [50.0, 270.0, 0.0, 15.0],
+    ];
+    let values = [0.7, 2.5, 0.1];
+    let with_sigma = |of: &dyn Fn(&Angles, f64) -> (Angles, f64, f64), header: &str| {
+        let mut text = format!("{header}\n");
+        for (a, f) in angles.iter().zip(values) {
+            let (a, f, s) = of(a, f);
+            text += &format!("{},{},{},{},{f},{s}\n", a[0], a[1], a[2], a[3]);
+        }
+        text
+    };
+    let header = "theta_i,phi_i,theta_o,phi_o,value,sigma";
+    let plain = with_sigma(&|a, f| (*a, f, 0.01 * f), header);
+    let expected = observed(MANIFEST, &plain);
+    // The convention itself: φ from u towards v.
+    let (s, c) = expected.observations[1].pose.phi_s.sin_cos();
+    let out = expected.views[1][0].directions.outgoing;
+    assert!(
+        (out.x * c + out.y * s - 10f64.to_radians().sin()).abs() < 1e-12,
+        "towards v"
+    );
+
+    let cos = |deg: f64| deg.to_radians().cos();
+    let factor = |of: &'static dyn Fn(&Angles) -> f64| {
+        with_sigma(
+            &move |a: &Angles, f| (*a, f * of(a), 0.01 * f * of(a)),
+            header,
+        )
+    };
+    for (value, table) in [
+        ("radiance-factor", factor(&|_| std::f64::consts::PI)),
+        ("cosine-corrected", factor(&|a| a[2].to_radians().cos())),
+        ("radiance", factor(&|a| a[0].to_radians().cos())),
+    ] {
+        let manifest = MANIFEST.replace("value = \"brdf\"", &format!("value = \"{value}\""));
+        same(&observed(&manifest, &table), &expected);
+    }
+    assert!((expected.observations[0].signal - 0.7 * cos(20.0)).abs() < 1e-12);
+
+    // Azimuths from v, the other way round, below the normal, in radians, from a German spreadsheet.
+    let from_v = with_sigma(
+        &|a, f| ([a[0], a[1] - 90.0, a[2], a[3] - 90.0], f, 0.01 * f),
+        header,
+    );
+    let key = |key: &str| MANIFEST.replace("[goniometer]", &format!("[goniometer]\n{key}"));
+    same(&observed(&key("azimuth_of_v_deg = 0"), &from_v), &expected);
+    let other_way = with_sigma(&|a, f| ([a[0], -a[1], a[2], -a[3]], f, 0.01 * f), header);
+    let clockwise = key("azimuth_sense = \"clockwise\"\nazimuth_of_v_deg = -90");
+    same(&observed(&clockwise, &other_way), &expected);
+    let below = with_sigma(
+        &|a, f| ([-a[0], a[1] + 180.0, -a[2], a[3] - 180.0], f, 0.01 * f),
+        header,
+    );
+    same(&observed(MANIFEST, &below), &expected);
+    let radians = with_sigma(
+        &|a, f| (a.map(f64::to_radians), f, 0.01 * f),
+        "theta_i [rad],phi_i [rad],theta_r [rad],phi_r [rad],BRDF [1/sr],std",
+    );
+    same(&observed(MANIFEST, &radians), &expected);
+    let german = plain
+        .replace(',', ";")
+        .replace('.', ",")
+        .replace('-', "\u{2212}");
+    same(&observed(MANIFEST, &german), &expected);
+
+    let column = |of: &dyn Fn(&Angles) -> f64| angles.iter().map(of).collect::<Vec<_>>();
+    let bird = bird(
+        [0, 1, 2, 3].map(|k| column(&|a| a[k].to_radians())),
+        &values,
+        &json!({"unit": "%", "values": [1.0, 1.0, 1.0]}),
+    );
+    let manifest = MANIFEST.replace("table.csv", "table.json");
+    same(&observed(&manifest, &bird.to_string()), &expected);
+}
+
+/// A file of BiRD's with angles in radians.
+fn bird(angles: [Vec<f64>; 4], values: &[f64], u_brdf: &Json) -> Json {
+    let [theta_i, phi_i, theta_r, phi_r] = angles;
+    let angle = |values: Vec<f64>| json!({"unit": "rad", "values": values});
+    json!({
+        "metadata": {
+            "schema": "https://raw.githubusercontent.com/BiRD-project/BiRD_view/master/BRDF_JSON_schema/brdf_json_schema_v1.0.json",
+            "id": "urn:uuid:5f0c2b8e-43d8-4f07-9a6c-30f6b0b8b5a1",
+            "type": "BRDF",
+            "timestamp": "2026-03-02T09:00:00+00",
+            "provenance": {},
+            "description": "made for a test",
+            "method": "simulation",
+            "instrumentation": "NA",
+            "software": "NA",
+            "sample": {},
+            "environment": "NA",
+        },
+        "data": {
+            "theta_i": angle(theta_i),
+            "phi_i": angle(phi_i),
+            "theta_r": angle(theta_r),
+            "phi_r": angle(phi_r),
+            "BRDF": {"unit": "1/sr", "values": values},
+            "uBRDF": u_brdf,
+            "polarization_i": {"notation": "sp", "values": vec!["u"; values.len()]},
+        },
+    })
+}
+
+/// What a schema of BiRD's finds wrong, by the keywords that its schemas of `brdf`, `metadata` and `data` use. Schemas that
+/// are not beside them (of provenance, sample and instruments, which nothing reads) are passed by.
+fn against(schema: &Json, value: &Json, at: &str) -> Vec<String> {
+    let mut wrong = Vec::new();
+    if let Some(link) = schema["$ref"].as_str() {
+        let name = link.rsplit('/').next().unwrap();
+        let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("tests/data/bird")
+            .join(name);
+        if let Ok(text) = std::fs::read_to_string(path) {
+            wrong.extend(against(&serde_json::from_str(&text).unwrap(), value, at));
+        }
+    }
+    let is_a = match schema["type"].as_str() {
+        None => true,
+        Some("object") => value.is_object(),
+        Some("array") => value.is_array(),
+        Some("string") => value.is_string(),
+        Some("number") => value.is_number(),
+        Some(other) => panic!("{other}"),
+    };
+    if !is_a {
+        wrong.push(format!("{at} is no {}", schema["type"]));
+    }
+    if schema.get("const").is_some_and(|c| c != value) {
+        wrong.push(format!("{at} is not {}", schema["const"]));
+    }
+    if schema["enum"]
+        .as_array()
+        .is_some_and(|e| !e.contains(value))
+    {
+        wrong.push(format!("{at} is none of {}", schema["enum"]));
+    }
+    let number = |key: &str| Some((value.as_f64()?, schema[key].as_f64()?));
+    if number("minimum").is_some_and(|(x, least)| x < least)
+        || number("maximum").is_some_and(|(x, most)| x > most)
+        || number("exclusiveMaximum").is_some_and(|(x, most)| x >= most)
+    {
+        wrong.push(format!("{at} is out of range"));
+    }
+    for key in schema["required"].as_array().into_iter().flatten() {
+        if value.get(key.as_str().unwrap()).is_none() {
+            wrong.push(format!("{at} lacks {key}"));
+        }
+    }
+    for (key, inner) in value.as_object().into_iter().flatten() {
+        match schema["properties"].get(key) {
+            Some(schema) => wrong.extend(against(schema, inner, &format!("{at}.{key}"))),
+            None if schema["additionalProperties"] == json!(false) => {
+                wrong.push(format!("{at}.{key} is unknown"));
+            }
+            None => {}
+        }
+    }
+    if schema["items"].is_object() {
+        for (i, inner) in value.as_array().into_iter().flatten().enumerate() {
+            wrong.extend(against(&schema["items"], inner, &format!("{at}[{i}]")));
+        }
+    }
+    if let Some(choices) = schema["oneOf"].as_array() {
+        let met = choices
+            .iter()
+            .filter(|c| against(c, value, at).is_empty())
+            .count();
+        if met != 1 {
+            wrong.push(format!("{at} meets {met} of the choices"));
+        }
+    }
+    if schema.get("if").is_some() {
+        let branch = match against(&schema["if"], value, at).is_empty() {
+            true => "then",
+            false => "else",
+        };
+        wrong.extend(against(&schema[branch], value, at));
+    }
+    wrong
+}
+
+#[test]
+fn what_is_read_as_bird_is_valid_by_birds_own_schema() {
+    let text = include_str!("../data/bird/brdf_json_schema_v1.0.json");
+    let schema: Json = serde_json::from_str(text).unwrap();
+    let file = |u: Json| {
+        bird(
+            [
+                vec![0.2, 0.3],
+                vec![0.0, 1.0],
+                vec![0.5, 0.1],
+                vec![3.0, 2.0],
+            ],
+            &[0.4, 0.5],
+            &u,
+        )
+    };
+    let good = file(json!({"unit": "1/sr", "values": [0.01, 0.02]}));
+    assert_eq!(against(&schema, &good, "file"), Vec::<String>::new());
+    let read = observed(
+        &MANIFEST.replace("table.csv", "table.json"),
+        &good.to_string(),
+    );
+    assert_eq!(read.observations.len(), 2);
+    // The schema is looked at in earnest, and what it refuses is refused.
+    for (path, bad, words) in [
+        ("/data/BRDF/unit", json!("sr"), "data.BRDF.unit is `sr`"),
+        (
+            "/data/theta_i/unit",
+            json!("grad"),
+            "data.theta_i.unit is `grad`",
+        ),
+        (
+            "/data/theta_i/values",
+            json!(["a", 0.1]),
+            "data.theta_i.values",
+        ),
+        ("/data/theta_r", json!(7), "data.theta_r"),
+    ] {
+        let mut file = good.clone();
+        *file.pointer_mut(path).unwrap() = bad;
+        assert_ne!(
+            against(&schema, &file, "file"),
+            Vec::<String>::new(),
+            "{path}"
+        );
+        let said = refused(
+            &MANIFEST.replace("table.csv", "table.json"),
+            &file.to_string(),
+        );
+        assert!(said.contains(words), "{path}: {said}");
+    }
+    let mut short = good.clone();
+    short["data"]["phi_r"]["values"] = json!([1.0]);
+    let said = refused(
+        &MANIFEST.replace("table.csv", "table.json"),
+        &short.to_string(),
+    );
+    assert!(
+        said.contains("data.phi_r has 1 value and data.BRDF 2"),
+        "{said}"
+    );
+    let mut polarised = good;
+    polarised["data"]["polarization_i"]["values"] = json!(["s", "p"]);
+    let said = refused(
+        &MANIFEST.replace("table.csv", "table.json"),
+        &polarised.to_string(),
+    );
+    assert!(said.contains("average those of s and p"), "{said}");
+}
+
+#[test]
+fn what_is_wrong_with_a_table_is_named_with_its_place() {
+    let table = "theta_i,phi_i,theta_o,phi_o,value,sigma\n10,0,20,90,0.5,\n10,0,30,90,nan,\n10,0,40,90,0.4,0.01\n";
+    let set = observed(MANIFEST, table);
+    assert_eq!(set.observations.len(), 2);
+    assert!(
+        set.warnings
+            .iter()
+            .any(|w| w.contains("1 row without a value")),
+        "{:?}",
+        set.warnings
+    );
+    for (from, to, words) in [
+        ("theta_o", "theta", ["line 1", "no column theta_o_deg"]),
+        ("sigma", "brdf", ["line 1", "both stand for value"]),
+        ("10,0,20", "10,0,120", ["line 2", "not above the surface"]),
+        ("0.4,0.01", "0.4,0", ["line 4", "sigma = 0"]),
+        ("0.4,", "0.4°,", ["line 4", "U+00B0"]),
+    ] {
+        let said = refused(MANIFEST, &table.replacen(from, to, 1));
+        for word in words {
+            assert!(said.contains(word), "{to}: `{word}` is not in: {said}");
+        }
+    }
+    for (from, to, words) in [
+        ("\"brdf\"", "\"btdf\"", ["line 5: goniometer.value", "btdf"]),
+        (
+            "value_rel_std",
+            "value_rel_sd",
+            ["value_rel_sd", "docs/brdf-tables.md"],
+        ),
+        (
+            "theta_std_deg = 0.02",
+            "theta_std_deg = 20",
+            ["theta_std_deg", "0 to 10°"],
+        ),
+        (
+            "index_of_refraction = 1.5",
+            "",
+            ["sample.index_of_refraction", "dielectric"],
+        ),
+        ("table.csv", "other.csv", ["other.csv", "cannot be read"]),
+    ] {
+        let said = refused(&MANIFEST.replacen(from, to, 1), table);
+        for word in words {
+            assert!(said.contains(word), "{to}: `{word}` is not in: {said}");
+        }
+    }
+    // Commands that need frames say what this is.
+    let folder = folder(MANIFEST, table);
+    assert!(is_table(folder.path()));
+    let said = Series::open(folder.path()).unwrap_err().to_string();
+    assert!(
+        said.contains("a table of BRDF") && said.contains("ridged fit"),
+        "{said}"
+    );
+}
+
+#[test]
+fn the_command_fits_a_table() {
+    let angles = around();
+    let table = folder(MANIFEST, &csv(&angles, &brdf(&surface(12.0), &angles)));
+    let run = |more: &[&str]| {
+        std::process::Command::new(env!("CARGO_BIN_EXE_ridged"))
+            .arg("fit")
+            .arg(table.path())
+            .args(["--variant", "sawtooth", "--json"])
+            .args(more)
+            .output()
+            .unwrap()
+    };
+    let done = run(&[]);
+    assert!(done.status.success(), "{done:?}");
+    let report: Json = serde_json::from_slice(&done.stdout).unwrap();
+    let theta_r = report["parameters"]["theta_r_deg"]["value"]
+        .as_f64()
+        .unwrap();
+    assert!((theta_r - 12.0).abs() < 0.05, "{theta_r}");
+    for (more, words) in [
+        (["--region", "even"], "has no regions"),
+        (["--fix", "tilt_offset_deg=1"], "theta_std_deg"),
+    ] {
+        let refused = run(&more);
+        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert!(
+            refused.status.code() == Some(2) && said.contains(words),
+            "{said}"
+        );
+    }
+}
