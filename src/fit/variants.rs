@@ -15,7 +15,6 @@ use super::report::{
 };
 use super::reporting::{program, report_with, status, summary};
 use super::suspects::investigated;
-use super::thin;
 use super::traced::{Watch, estimate_traced};
 use super::trail::{Time, retrace};
 use super::{FitOptions, VariantChoice};
