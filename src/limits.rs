@@ -157,6 +157,14 @@ pub const RIGS_REFLECTANCE_STD: Limit = Limit {
     ..FLAT_REFLECTANCE_STD.narrowed(0.0, 0.5)
 };
 
+/// Relative standard uncertainty of an exposure time.
+pub const EXPOSURE_REL_STD: Limit = Limit::within(
+    "exposure_rel_std",
+    0.0,
+    0.1,
+    "write a share of the exposure time, not per cent",
+);
+
 /// Index of a plastic.
 pub const INDEX_OF_REFRACTION: Limit =
     Limit::within("index_of_refraction", 1.0, 10.0, "n lies from 1 to 10");

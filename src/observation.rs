@@ -37,6 +37,8 @@ pub struct SharedErrors {
     pub white_reference: f64,
     /// Lamp drift between the white reference and the sample: change of `signal`.
     pub led_drift: f64,
+    /// The camera's curve and its exposure times, where they are told or stated: change of `signal`.
+    pub detector: f64,
     /// Zero of the tilt stage beyond what the fit solves for: change of θc.
     pub theta_c_zero: Angle,
     /// Zero of the rotation stage beyond what the fit solves for: change of φs.
@@ -62,6 +64,50 @@ pub struct WhiteReference {
     pub reflectance: f64,
     /// Standard uncertainty of the reflectance.
     pub reflectance_std: f64,
+}
+
+/// A camera that is not linear, as exposures of one pose tell it: counts s = e (1 − c e/S) above the dark level of light
+/// that a linear camera would count as e. Signals are corrected for it.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct DetectorCurve {
+    /// Share that is missing at full scale.
+    pub c: f64,
+    /// Standard uncertainty of c.
+    pub std: f64,
+    /// Pairs of exposures that tell it.
+    pub pairs: usize,
+    /// Full scale S, counts above black.
+    pub full_scale_dn: f64,
+    /// Share of the pairs' χ² that goes with the curve, 0 to 1.
+    pub explains: f64,
+}
+
+/// A lamp that drifts, as a fit's residuals tell it: light = that of a steady lamp · (1 + Σ d_k [P_k(x) − P̄_k]), P_k Legendre's
+/// polynomials in time, P̄_k their mean over the white reference.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct LampDrift {
+    /// d_k, degree 1 first; 0 for degrees that are not fitted.
+    pub coefficients: [f64; 3],
+    /// Their covariance.
+    pub covariance: [[f64; 3]; 3],
+    /// Relative change of the light from the first to the last observation.
+    pub change_over_series: f64,
+    /// Standard uncertainty of that change.
+    pub change_std: f64,
+    /// From the first to the last observation, hours.
+    pub hours: f64,
+    /// A straight line's coefficient over its standard uncertainty.
+    pub t: f64,
+    /// Variance that goes with the drift over what is left, per degree of freedom each.
+    pub f: f64,
+    /// Share of χ² that goes with it, 0 to 1.
+    pub explains: f64,
+    /// Share of time's column that the other parameters explain: above 0.95 time can hardly be told from them.
+    pub alike: f64,
+    /// The coefficient that stands out most from what leaving out whole tilts and azimuths does to it, in standard deviations.
+    pub steady_over_groups: f64,
+    /// Ridge angle of the fit that told it, before it was taken off, rad.
+    pub theta_r_before: f64,
 }
 
 /// What is known of a quantity before the fit.
@@ -141,6 +187,12 @@ pub struct ObservationSet {
     pub dark_std: f64,
     /// Share of the body's light that leaves evenly over the ridges, as the series states it; `None` where it does not.
     pub translucency: Option<Prior>,
+    /// When each frame of the white reference was taken, in seconds after their mean time; empty where not all bear times.
+    pub flat_times_s: Vec<f64>,
+    /// The lamp's drift that was taken off the signals.
+    pub lamp: Option<LampDrift>,
+    /// The camera's curve, where it is told to be other than straight; signals are corrected for it.
+    pub detector: Option<DetectorCurve>,
     /// Region of interest, where the sample has several.
     pub region: Option<String>,
     /// Where this region's lean direction stands relative to the rig's azimuth zero (90° for the odd
@@ -178,6 +230,9 @@ impl ObservationSet {
             theta_l_std: None,
             dark_std: 0.0,
             translucency: None,
+            flat_times_s: Vec::new(),
+            lamp: None,
+            detector: None,
             region: None,
             region_azimuth: Angle::ZERO,
             rejected_frames: Vec::new(),

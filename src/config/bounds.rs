@@ -43,6 +43,7 @@ pub(super) const BOUNDED: &[Bounded] = &[
     ("camera.gain_dn_per_electron", limits::GAIN_DN_PER_ELECTRON, |c| Some(c.camera.gain_dn_per_electron)),
     ("camera.black_level_dn", limits::BLACK_LEVEL_DN, |c| Some(c.camera.black_level_dn)),
     ("camera.read_noise_electrons_rms", limits::READ_NOISE_ELECTRONS_RMS, |c| Some(c.camera.read_noise_electrons_rms)),
+    ("camera.exposure_rel_std", limits::EXPOSURE_REL_STD, |c| c.camera.exposure_rel_std),
     ("camera.dark_current_electrons_per_s", within(0.0, 1e6), |c| Some(c.camera.dark_current_electrons_per_s)),
     ("flat.reflectance", limits::FLAT_REFLECTANCE, |c| Some(c.flat.reflectance)),
     ("flat.reflectance_std", limits::RIGS_REFLECTANCE_STD, |c| Some(c.flat.reflectance_std)),

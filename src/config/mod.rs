@@ -297,6 +297,7 @@ impl Config {
             exposures_s: camera.exposures_s.clone(),
             camera_distance_mm: self.rig.camera_distance_mm,
             principal_point_px: camera.principal_point_px,
+            exposure_rel_std: camera.exposure_rel_std,
             notes: Default::default(),
         }
     }

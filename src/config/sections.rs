@@ -149,6 +149,9 @@ pub struct CameraSettings {
     pub dark_current_electrons_per_s: f64,
     /// Exposures of a sample. Default 0.02, 0.06, 0.18; each 1e-6 to 3600.
     pub exposures_s: Vec<f64>,
+    /// Relative standard uncertainty of an exposure time (shutter, clock). Default: not stated (0.001 where the camera's
+    /// linearity is tested), 0 to 0.1.
+    pub exposure_rel_std: Option<f64>,
 }
 
 impl Default for CameraSettings {
@@ -170,6 +173,7 @@ impl Default for CameraSettings {
             read_noise_electrons_rms: 2.0,
             dark_current_electrons_per_s: 0.0,
             exposures_s: vec![0.02, 0.06, 0.18],
+            exposure_rel_std: None,
         }
     }
 }

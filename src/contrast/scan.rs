@@ -1,7 +1,7 @@
 //! Contrasts of a scan, single or as means, with their uncertainties.
 //!
 //! A contrast is a function of the radiances; its slopes with respect to them turn every source of error into one of the
-//! contrast. Noise is each observation's own. White reference, lamp drift, stray light and the stages' errors are common
+//! contrast. Noise is each observation's own. White reference, lamp drift, camera's curve, stray light and the stages' errors are common
 //! to all poses, so their parts are added with their signs before they are squared: in a mean they do not average out.
 //!
 //! The stages err as in the budget of a fit: a zero of the tilt and an error along its range, a zero of the rotation and
@@ -187,6 +187,7 @@ impl<'a> Scan<'a> {
             sources.common[WHITE] += of_signal * o.shared.white_reference;
             // As in a fit the lamp drifts between the white reference and the sample: one factor for all.
             sources.common[DRIFT] += of_signal * o.shared.led_drift;
+            sources.common[DETECTOR] += of_signal * o.shared.detector;
             sources.common[STRAY] += slope * self.radiances.per_stray[n] * self.stray.std;
             sources.common[DARK] += of_signal * self.set.dark_std;
             let [tilt_off, turn_off] = self.off(n);
@@ -398,7 +399,8 @@ const TURN_COS: usize = 7;
 const RECORDED: usize = 8;
 const DARK: usize = 9;
 const LAMP: usize = 10;
-const COMMON: usize = 11;
+const DETECTOR: usize = 11;
+const COMMON: usize = 12;
 
 /// How an angle of one observation may be off.
 struct Moved<'m> {

@@ -16,6 +16,7 @@
 //! - *wedge*: how the sample's mean plane is inclined to the turntable, where that is stated;
 //! - *drift*: the lamp between white reference and sample, and while the poses were taken where the residuals show it
 //!   (see `drift`);
+//! - *detector*: the camera's curve and its exposure times, where exposures of one pose tell or the manifest states them;
 //! - *background*: what the prior leaves open of the stray light, and for itself the dark frames' noise, which all
 //!   observations share;
 //! - *model*: what the closed form misses. Its errors are smooth over the poses, so the scatter of
@@ -73,6 +74,9 @@ pub struct Budget {
     pub wedge: f64,
     /// Lamp drift.
     pub drift: f64,
+    /// The camera's curve and its exposure times.
+    #[serde(default)]
+    pub detector: f64,
     /// Prior on the stray light.
     pub background: f64,
     /// What the model misses.
@@ -107,6 +111,7 @@ impl Budget {
             material: self.material * f,
             wedge: self.wedge * f,
             drift: self.drift * f,
+            detector: self.detector * f,
             background: self.background * f,
             model: self.model * f,
             shape: self.shape * f,
@@ -115,7 +120,7 @@ impl Budget {
         }
     }
 
-    fn parts(&self) -> [f64; 11] {
+    fn parts(&self) -> [f64; 12] {
         [
             self.counting,
             self.reference,
@@ -123,6 +128,7 @@ impl Budget {
             self.material,
             self.wedge,
             self.drift,
+            self.detector,
             self.background,
             self.model,
             self.shape,
@@ -292,8 +298,13 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                 let own = own.map(|local| (local, problem.free()[local]));
                 reference.add(gain * reference_std(set));
                 squares.drift += (gain * drift_std(set)).powi(2);
+                squares.detector += through(&shared.detector).powi(2);
                 if let Some(drift) = drift {
-                    squares.drift += through(&drift.change).powi(2);
+                    squares.drift += drift
+                        .changes
+                        .iter()
+                        .map(|c| through(c).powi(2))
+                        .sum::<f64>();
                 }
                 for (all, change) in angles.iter_mut().zip(&shared.angles) {
                     all.add(through(change));
@@ -342,6 +353,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                 material: squares.material.sqrt(),
                 wedge,
                 drift: squares.drift.sqrt(),
+                detector: squares.detector.sqrt(),
                 background: squares.background.sqrt(),
                 model: (squares.model + floored * floored + tier * tier).sqrt(),
                 shape: 0.0,
@@ -499,6 +511,8 @@ const STRAIGHT_RHO_D: f64 = 0.02;
 struct Shared {
     /// Per unit of the relative gain of the samples over the flats.
     gain: Vec<f64>,
+    /// Per standard uncertainty of the camera's curve.
+    detector: Vec<f64>,
     /// Per standard uncertainty of an angle: the tilt's zero, its scale, the rotation's zero, its eccentricity along two
     /// directions, and the lamp's angle from the camera.
     angles: [Vec<f64>; ANGLE_ERRORS],
@@ -523,6 +537,7 @@ impl Shared {
         let samples = set.observations.len();
         let none = vec![0.0; problem.residual_count()];
         let mut gain = none.clone();
+        let mut detector = none.clone();
         let mut angles: [Vec<f64>; ANGLE_ERRORS] = std::array::from_fn(|_| none.clone());
         let ready = problem.ready(values);
         let tilts = || set.observations.iter().map(|o| o.pose.theta_c.rad());
@@ -538,6 +553,7 @@ impl Shared {
             let g = problem.corrected(i, &ready);
             let weight = values.scale / problem.sigma()[i];
             gain[i] = weight * g.value;
+            detector[i] = o.shared.detector / problem.sigma()[i];
             let by_tilt = |std: f64| weight * g.theta_c * std;
             let by_turn = |std: f64| weight * g.phi_s * std;
             let (tilt, turn) = (o.shared.theta_c_zero.rad(), o.shared.phi_s_zero.rad());
@@ -566,7 +582,11 @@ impl Shared {
         if let Some(std) = set.theta_l_std {
             angles[5] = by_lamp(problem, values, std);
         }
-        Shared { gain, angles }
+        Shared {
+            gain,
+            detector,
+            angles,
+        }
     }
 }
 

@@ -1,226 +1,307 @@
 //! Whether the lamp drifted while the poses were taken, as far as the frames' times and the residuals tell.
 //!
-//! A lamp that gains or loses light in proportion to time changes every signal by rate · time · signal. That column
-//! joins the derivatives at the minimum, with the gain's beside it, and one linear step gives the rate. Misfit of the
-//! model has an order in time too, since poses are visited in an order: so the rate counts only where
-//! whole tilts and azimuths that are left out in turn leave it as it is ([`jackknife::by_groups`]), at odds of one in a thousand,
-//! and where it is more than the budget has for the lamp anyway. What it then shifts, every parameter by as much as the
-//! straight line through the poses' times makes, is in the budget's line `drift`; nothing is corrected, since
-//! lamps that warm up do not drift along straight lines.
+//! Every signal is taken as that of a steady lamp times 1 + Σ d_k [P_k(x) − P̄_k], P_k Legendre's polynomials, x the time
+//! from −1 at the first frame to 1 at the last, P̄_k their mean over the white reference's frames. That is linear: its columns
+//! join the derivatives at the minimum, and only what no parameter explains of them counts ([`Leftover`]). Two degrees are
+//! always fitted, a third where it stands out by itself. The noise is all that is left, the model's misfit included. [`drift`]
+//! gives what is told, [`without`] the observations of a steady lamp; the fit is done again on those.
+//!
+//! A drift is told at F > 10, for one degree or for all. Misfit of the model has an order in time too where poses are visited in
+//! an order: so leaving out whole tilts and azimuths in turn has to leave it as it is ([`jackknife::by_groups`]).
+//!
+//! Lamps that warm up do not drift along polynomials: half of what is taken off, and the covariance of the coefficients, are in
+//! the budget's line `drift`.
 
-use statrs::distribution::{ContinuousCDF, StudentsT};
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-use super::covariance::{Scaling, covariance};
 use super::estimate::Estimate;
-use super::known::drift_std;
-use super::problem::Quantity;
+use super::leftover::Leftover;
 use crate::jackknife;
+use crate::observation::{LampDrift, ObservationSet};
 
 const SECONDS_PER_HOUR: f64 = 3600.0;
-/// Odds, both ways, at which chance makes a rate that counts.
-const ODDS: f64 = 1e-3;
-/// Degrees of freedom of the residuals that a rate is not told from less of.
-const FREEDOM_MIN: usize = 5;
+/// F above which a drift is told.
+const TOLD_F: f64 = 10.0;
+/// Degrees that are always fitted, and the most.
+const DEGREES: usize = 2;
+const DEGREES_MAX: usize = 3;
+/// Standard deviations of the jackknife over whole tilts and azimuths that a drift is away from none.
+const GROUPS: f64 = 1.5;
+/// Degrees of freedom of the residuals that a drift is not told from less of.
+const FREEDOM_MIN: f64 = 5.0;
+/// Share of the time's column that other parameters explain, from which on time can hardly be told from them.
+const ALIKE: f64 = 0.95;
+/// Standard uncertainty of what is taken off, as a share of it.
+const SHARE_OF_CORRECTION: f64 = 0.5;
 
 /// A lamp that drifts.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Drift {
-    /// Relative change of the signals per hour.
-    pub per_hour: f64,
-    /// Its standard uncertainty.
-    pub per_hour_std: f64,
-    /// From the first to the last observation.
-    pub hours: f64,
-    /// By how much it changed the weighted residuals of the observations, against those of the lamp that the white
-    /// reference saw.
-    pub change: Vec<f64>,
+    /// What is told of it.
+    pub lamp: LampDrift,
+    /// Whether it is taken off the signals.
+    pub taken_off: bool,
+    /// By how much it changes the weighted residuals of the observations, each a standard uncertainty of its own.
+    pub changes: Vec<Vec<f64>>,
 }
 
-/// The lamp's drift over an estimate's observations; `None` where they bear no times, or no drift stands out.
-pub(super) fn drift(estimate: &Estimate<'_>) -> Option<Drift> {
-    let problem = &estimate.problem;
-    let set = problem.set();
-    let hours: Vec<f64> = (set.observations.iter())
-        .map(|o| o.taken_s.map(|s| s / SECONDS_PER_HOUR))
-        .collect::<Option<_>>()?;
-    let (first, last) = (hours.iter()).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| {
-        (a.min(*t), b.max(*t))
+/// Time of each observation on the scale from −1 to 1, and those of the white reference's frames.
+struct Times {
+    observations: Vec<f64>,
+    flats: Vec<f64>,
+    hours: f64,
+    ends: [usize; 2],
+}
+
+impl Times {
+    /// `None` where an observation bears no time, or all were at once.
+    fn of(set: &ObservationSet) -> Option<Times> {
+        let taken: Option<Vec<f64>> = set.observations.iter().map(|o| o.taken_s).collect();
+        let taken = taken?;
+        let by_time = |a: &usize, b: &usize| taken[*a].total_cmp(&taken[*b]);
+        let ends = [
+            (0..taken.len()).min_by(by_time)?,
+            (0..taken.len()).max_by(by_time)?,
+        ];
+        let (first, last) = (taken[ends[0]], taken[ends[1]]);
+        let span = last - first;
+        if !(span > 0.0 && span.is_finite()) {
+            return None;
+        }
+        // The white reference's mean time is 0. One of another day says nothing of a smooth curve in between.
+        let near = |t: f64| match t > first - span && t < last + span {
+            true => t,
+            false => t.clamp(first, last),
+        };
+        let flats: Vec<f64> = match set.flat_times_s.as_slice() {
+            [] => vec![near(0.0)],
+            times => times.iter().map(|t| near(*t)).collect(),
+        };
+        let from = flats.iter().copied().fold(first, f64::min);
+        let to = flats.iter().copied().fold(last, f64::max);
+        let place = |t: &f64| 2.0 * (t - from) / (to - from) - 1.0;
+        Some(Times {
+            observations: taken.iter().map(place).collect(),
+            flats: flats.iter().map(place).collect(),
+            hours: span / SECONDS_PER_HOUR,
+            ends,
+        })
+    }
+
+    /// P_k at each observation less its mean over the white reference.
+    fn polynomial(&self, degree: usize) -> Vec<f64> {
+        let flats = self.flats.iter().map(|x| legendre(degree, *x));
+        let mean = flats.sum::<f64>() / self.flats.len() as f64;
+        let seen = self.observations.iter();
+        seen.map(|x| legendre(degree, *x) - mean).collect()
+    }
+
+    /// Relative change of each observation's signal, against the light that the white reference saw.
+    fn shares(&self, coefficients: &[f64]) -> Vec<f64> {
+        let mut shares = vec![0.0; self.observations.len()];
+        for (k, d) in coefficients.iter().enumerate().filter(|(_, d)| **d != 0.0) {
+            for (share, p) in shares.iter_mut().zip(self.polynomial(k + 1)) {
+                *share += d * p;
+            }
+        }
+        shares
+    }
+}
+
+fn legendre(degree: usize, x: f64) -> f64 {
+    match degree {
+        1 => x,
+        2 => 0.5 * (3.0 * x * x - 1.0),
+        _ => 0.5 * (5.0 * x * x - 3.0) * x,
+    }
+}
+
+/// Coefficients of so many degrees.
+struct Curve {
+    coefficients: DVector<f64>,
+    covariance: DMatrix<f64>,
+    chi2: f64,
+    /// Degrees of freedom left.
+    freedom: f64,
+}
+
+impl Curve {
+    fn of(left: &Leftover, columns: &[DVector<f64>]) -> Option<Curve> {
+        let freedom = left.freedom() - columns.len() as f64;
+        if freedom < FREEDOM_MIN {
+            return None;
+        }
+        let a = DMatrix::from_columns(columns);
+        let inverse = a.tr_mul(&a).try_inverse()?;
+        let coefficients = &inverse * a.tr_mul(&left.residuals);
+        let chi2 = (&left.residuals - a * &coefficients).norm_squared();
+        let usable = chi2 > 0.0 && coefficients.iter().all(|d| d.is_finite());
+        usable.then(|| Curve {
+            coefficients,
+            covariance: inverse * (chi2 / freedom),
+            chi2,
+            freedom,
+        })
+    }
+
+    /// Variance that goes with `degrees` of it beyond a χ² before, over what is left.
+    fn f(&self, before: f64, degrees: usize) -> f64 {
+        (before - self.chi2) / degrees as f64 / (self.chi2 / self.freedom)
+    }
+}
+
+/// The lamp's drift over an estimate's observations, whether it is to be told or not; `None` where they bear no times, or are too few.
+#[must_use]
+pub fn fitted(estimate: &Estimate<'_>) -> Option<LampDrift> {
+    let set = estimate.problem.set();
+    let times = Times::of(set)?;
+    let left = Leftover::of(estimate)?;
+    let raw: Vec<DVector<f64>> = (1..=DEGREES_MAX)
+        .map(|k| {
+            let polynomial = times.polynomial(k);
+            left.column(|i| polynomial[i])
+        })
+        .collect();
+    let columns: Vec<DVector<f64>> = raw.iter().map(|column| left.without(column)).collect();
+    let before = left.chi2();
+    let straight = Curve::of(&left, &columns[..1])?;
+    let mut curve = Curve::of(&left, &columns[..DEGREES])?;
+    let f = straight.f(before, 1).max(curve.f(before, DEGREES));
+    if let Some(more) = Curve::of(&left, &columns)
+        && more.f(curve.chi2, 1) > TOLD_F
+    {
+        curve = more;
+    }
+    let degrees = curve.coefficients.len();
+    let [first, last] = times.ends;
+    let span = DVector::from_fn(degrees, |k, _| {
+        let polynomial = times.polynomial(k + 1);
+        polynomial[last] - polynomial[first]
     });
-    let span = last - first;
-    let minimum = &estimate.minimum;
-    let m = problem.residual_count();
-    if !(span > 0.0 && span.is_finite()) || minimum.residuals.len() != m {
-        return None;
-    }
-    let mean = hours.iter().sum::<f64>() / hours.len() as f64;
-    let predicted = problem.predicted(&estimate.values);
-    let over = |hours_from: &dyn Fn(f64) -> f64| -> Vec<f64> {
-        let rows = predicted.iter().zip(problem.sigma()).zip(&hours);
-        let mut column: Vec<f64> = rows.map(|((p, s), t)| p / s * hours_from(*t)).collect();
-        column.resize(m, 0.0);
-        column
-    };
-    let mut columns = minimum.jacobian.clone();
-    if !problem.free().contains(&Quantity::Scale) {
-        columns.extend(over(&|_| 1.0));
-    }
-    columns.extend(over(&|t| (t - mean) / span));
-    let n = columns.len() / m;
-    let known = covariance(&columns, m, &minimum.residuals, Scaling::Absolute);
-    let rate = n - 1;
-    if !known.identifiable[rate] || m < n + FREEDOM_MIN {
-        return None;
-    }
-    let gradient = |j: usize| -> f64 {
-        let column = &columns[j * m..(j + 1) * m];
-        column
-            .iter()
-            .zip(&minimum.residuals)
-            .map(|(c, r)| c * r)
-            .sum()
-    };
-    let gradients: Vec<f64> = (0..n).map(gradient).collect();
-    let step: Vec<f64> = (0..n)
-        .map(|i| {
-            -(0..n)
-                .map(|j| known.matrix[(i, j)] * gradients[j])
-                .sum::<f64>()
-        })
-        .collect();
-    let left: Vec<f64> = (0..m)
-        .map(|row| {
-            let gone = (0..n).map(|j| columns[j * m + row] * step[j]);
-            minimum.residuals[row] + gone.sum::<f64>()
-        })
-        .collect();
-    let freedom = (m - n) as f64;
-    let birge2 = left.iter().map(|r| r * r).sum::<f64>() / freedom;
-    // A misfit that the drift made is gone with it; counting noise stays what it is.
-    let least = if estimate.discrepancy > 0.0 { 0.0 } else { 1.0 };
-    let by_scatter = (known.matrix[(rate, rate)] * birge2.max(least)).sqrt();
+    let mut jacobian = left.jacobian.clone();
+    jacobian.extend(raw[..degrees].iter().flat_map(|column| column.iter()));
+    let rest = DMatrix::from_columns(&columns[..degrees]) * &curve.coefficients - &left.residuals;
     let mut groups = jackknife::axes(set.observations.iter().map(|o| o.pose));
     for labels in &mut groups {
-        labels.resize(m, None);
+        labels.resize(rest.len(), None);
     }
-    let (by_groups, groups_freedom) = jackknife::by_groups(&groups, &columns, &left);
-    let std = by_scatter.hypot(by_groups[rate]);
-    // The fewer groups, the less their scatter says.
-    let freedom = freedom.min(groups_freedom);
-    let student = StudentsT::new(0.0, 1.0, freedom).ok()?;
-    let stands_out = step[rate].abs() > student.inverse_cdf(1.0 - 0.5 * ODDS) * std;
-    // Over all poses, against what the lamp is taken to do in any case, both ways.
-    if !stands_out || step[rate].abs() < 2.0 * drift_std(set) {
-        return None;
+    let (by_groups, _) = jackknife::by_groups(&groups, &jacobian, rest.as_slice());
+    let by_groups = &by_groups[by_groups.len() - degrees..];
+    let (square, open) = (raw[0].norm_squared(), columns[0].norm_squared());
+    let mut lamp = LampDrift {
+        coefficients: [0.0; DEGREES_MAX],
+        covariance: [[0.0; DEGREES_MAX]; DEGREES_MAX],
+        change_over_series: span.dot(&curve.coefficients),
+        change_std: span.dot(&(&curve.covariance * &span)).max(0.0).sqrt(),
+        hours: times.hours,
+        t: straight.coefficients[0] / straight.covariance[(0, 0)].sqrt(),
+        f,
+        explains: 1.0 - curve.chi2 / before,
+        alike: 1.0 - open / square,
+        theta_r_before: estimate.values.folded().theta_r,
+        steady_over_groups: (0..degrees)
+            .map(|k| (curve.coefficients[k] / by_groups[k]).abs())
+            .fold(0.0, f64::max),
+    };
+    for i in 0..degrees {
+        lamp.coefficients[i] = curve.coefficients[i];
+        for j in 0..degrees {
+            lamp.covariance[i][j] = curve.covariance[(i, j)];
+        }
     }
-    let per_hour = step[rate] / span;
-    // A white reference of another day says nothing of a straight line in between.
-    let since = mean.clamp(-span, span);
+    let numbers = [
+        lamp.change_over_series,
+        lamp.change_std,
+        lamp.t,
+        lamp.f,
+        lamp.alike,
+    ];
+    numbers.iter().all(|v| v.is_finite()).then_some(lamp)
+}
+
+/// The drift that is told: the one that was taken off the observations, or the one that their residuals show.
+pub(super) fn drift(estimate: &Estimate<'_>) -> Option<Drift> {
+    let set = estimate.problem.set();
+    let (lamp, remaining) = match set.lamp {
+        Some(lamp) => (lamp, SHARE_OF_CORRECTION),
+        None => {
+            let lamp = fitted(estimate)?;
+            let stands_out = lamp.f > TOLD_F && lamp.steady_over_groups > GROUPS;
+            (stands_out.then_some(lamp)?, 1.0)
+        }
+    };
+    let times = Times::of(set)?;
+    let left = Leftover::of(estimate)?;
+    let weighted = |coefficients: &[f64]| -> Vec<f64> {
+        let shares = times.shares(coefficients);
+        left.column(|i| shares[i]).as_slice().to_vec()
+    };
+    let taken_off: Vec<f64> = lamp.coefficients.iter().map(|d| remaining * d).collect();
+    let mut changes = vec![weighted(&taken_off)];
+    let covariance = DMatrix::from_fn(DEGREES_MAX, DEGREES_MAX, |i, j| lamp.covariance[i][j]);
+    let modes = SymmetricEigen::new(covariance);
+    for (value, mode) in modes
+        .eigenvalues
+        .iter()
+        .zip(modes.eigenvectors.column_iter())
+    {
+        let std = value.max(0.0).sqrt();
+        changes.push(weighted((mode * std).as_slice()));
+    }
     Some(Drift {
-        per_hour,
-        per_hour_std: std / span,
-        hours: span,
-        change: over(&|t| per_hour * (t - mean + since)),
+        lamp,
+        taken_off: set.lamp.is_some(),
+        changes,
     })
+}
+
+/// The observations as a steady lamp would have made them, which say so; none where they bear no times.
+pub(super) fn without(set: &ObservationSet, lamp: LampDrift) -> Option<ObservationSet> {
+    let shares = Times::of(set)?.shares(&lamp.coefficients);
+    let mut steady = set.clone();
+    for (o, share) in steady.observations.iter_mut().zip(shares) {
+        let factor = (1.0 + share).max(0.1);
+        o.signal /= factor;
+        o.sigma /= factor;
+    }
+    steady.lamp = Some(lamp);
+    Some(steady)
 }
 
 impl Drift {
     /// For the user.
     pub fn told(&self) -> String {
-        let percent = 100.0 * self.per_hour.abs() * self.hours;
-        let std = 100.0 * self.per_hour_std * self.hours;
+        let lamp = &self.lamp;
+        let change = 100.0 * lamp.change_over_series.abs();
+        let std = 100.0 * lamp.change_std;
         let decimals = crate::wording::decimals(std);
-        let minutes = 60.0 * self.hours;
-        let way = if self.per_hour > 0.0 { "rose" } else { "fell" };
+        let minutes = 60.0 * lamp.hours;
+        let way = if lamp.change_over_series > 0.0 {
+            "rose"
+        } else {
+            "fell"
+        };
+        let advice = match lamp.alike > ALIKE {
+            true => {
+                "over these poses time can hardly be told from the parameters: repeat the first pose last, and take white frames at \
+                 both ends"
+            }
+            false => "let the lamp warm up, or take white frames at both ends",
+        };
+        let so = match self.taken_off {
+            true => {
+                "a smooth curve in time is taken off them, and what is uncertain of it is in the budget's line drift"
+            }
+            false => "what that shifts is in the budget's line drift",
+        };
         format!(
-            "the signals {way} by {percent:.decimals$} ± {std:.decimals$} % (standard uncertainty) over the {minutes:.0} min of the \
-             series, as those of a lamp do that drifts: the budget's line drift has what that shifts; let the lamp warm up, or \
-             take white frames before and after"
+            "the lamp drifts: the signals {way} by {change:.decimals$} ± {std:.decimals$} % (standard uncertainty) over the \
+             {minutes:.0} min of the series (F = {:.0}); {so}; {advice}",
+            lamp.f
         )
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use std::sync::atomic::AtomicBool;
-
-    use super::*;
-    use crate::fit::budget::uncertainty;
-    use crate::fit::estimate::estimate;
-    use crate::fit::painted::{TRUTH, painted};
-    use crate::fit::problem::Values;
-    use crate::fit::{FitOptions, VariantChoice};
-    use crate::geometry::Pose;
-    use crate::model::Variant;
-    use crate::observation::ObservationSet;
-
-    /// Five tilts at eight azimuths, a pose a minute, the lamp changing by `per_hour`.
-    fn series(per_hour: f64, seed: u64) -> ObservationSet {
-        let poses = (0..40)
-            .map(|k| Pose::from_deg(f64::from(k % 5) * 10.0 - 20.0, f64::from(k / 5) * 45.0));
-        let truth = Values {
-            azimuth_offset: 0.05,
-            ..TRUTH
-        };
-        let mut set = painted(poses, &truth, 1e-3, seed);
-        for (k, o) in set.observations.iter_mut().enumerate() {
-            let taken_s = 60.0 * (k as f64 + 1.0);
-            o.taken_s = Some(taken_s);
-            o.signal *= 1.0 + per_hour * taken_s / SECONDS_PER_HOUR;
-            o.shared.led_drift = 0.0005 * o.signal;
-        }
-        set
-    }
-
-    fn fitted(set: &ObservationSet) -> Estimate<'_> {
-        let options = FitOptions {
-            variant: VariantChoice::Sawtooth,
-            starts: 3,
-            ..FitOptions::default()
-        };
-        estimate(
-            set,
-            Variant::Sawtooth,
-            &options,
-            None,
-            &AtomicBool::new(false),
-        )
-        .expect("it has a minimum")
-    }
-
-    #[test]
-    fn a_lamp_that_fades_is_told_with_its_rate_and_what_it_shifts_is_in_the_budget() {
-        let set = series(-0.1, 7);
-        let estimate = fitted(&set);
-        let found = drift(&estimate).expect("6 % over the series");
-        assert!(
-            (found.per_hour + 0.1).abs() < 4.0 * found.per_hour_std,
-            "{found:?}"
-        );
-        assert!(found.told().contains("fell by"), "{}", found.told());
-        let u = uncertainty(&estimate);
-        for (k, q) in estimate.problem.free().iter().enumerate() {
-            let truth = match q {
-                Quantity::ThetaR => TRUTH.theta_r,
-                Quantity::AzimuthOffset => 0.05,
-                Quantity::TiltOffset => 0.0,
-                Quantity::RhoD => TRUTH.rho_d,
-                _ => continue,
-            };
-            let off = estimate.values.folded().inner(*q) - truth;
-            let std = u.budgets[k].combined();
-            assert!(off.abs() < 2.0 * std, "{q:?} {off} {:?}", u.budgets[k]);
-        }
-    }
-
-    #[test]
-    fn a_steady_lamp_and_frames_without_times_are_not_told_to_drift() {
-        // One in a thousand by chance, each.
-        for seed in 0..20 {
-            let set = series(0.0, seed);
-            assert_eq!(drift(&fitted(&set)), None, "seed {seed}");
-        }
-        let mut set = series(-0.1, 7);
-        set.observations[3].taken_s = None;
-        assert_eq!(drift(&fitted(&set)), None);
-    }
-}
+#[path = "drift_tests.rs"]
+mod tests;

@@ -11,7 +11,7 @@
 //! to look (`crew`: all starts at once, on the form of `lean` or on the `full` one; `candidates`: from where else;
 //! `projection`: amplitudes solved for) · [`estimate`] one variant (`opening`: what it begins with) · [`thin`] of very many observations ·
 //! `misfit` how far it misses and `settle` its weights · [`tier`] the costlier model as an offset · [`traced`] the ray tracer
-//! in its place · [`covariance`] and [`budget`] how sure (`drift`: of the lamp) · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice · [`reporting`] the report ·
+//! in its place · [`covariance`] and [`budget`] how sure (`drift`: of the lamp; `blunders`: of single poses and runs of them, by what is `leftover`) · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice · [`reporting`] the report ·
 //! [`joint`] several scans · [`trail`] against time · [`outlook`] how long beforehand · [`report`] the answer's form. It knows neither frames nor files nor the clock.
 
 use std::sync::atomic::AtomicBool;
@@ -21,12 +21,13 @@ use serde::{Deserialize, Serialize};
 use crate::observation::ObservationSet;
 use crate::trace::profile::Profile;
 
+pub mod blunders;
 pub mod budget;
 mod candidates;
 pub mod covariance;
 mod crew;
 mod descent;
-mod drift;
+pub mod drift;
 mod edges;
 pub mod estimate;
 pub mod findings;
@@ -36,6 +37,7 @@ pub mod joint;
 mod known;
 mod lean;
 pub mod least_squares;
+mod leftover;
 pub mod loss;
 mod misfit;
 mod opening;

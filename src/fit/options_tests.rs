@@ -312,6 +312,7 @@ fn the_budget_is_what_distributions_propagate_to() {
         o.shared = SharedErrors {
             white_reference: 0.005 / 0.99 * o.signal,
             led_drift: 0.002 * o.signal,
+            detector: 0.0,
             theta_c_zero: Angle::from_deg(0.02),
             phi_s_zero: Angle::from_deg(0.03),
         };

@@ -313,6 +313,7 @@ fn parts(budget: &Budget, std: f64) -> String {
         ("material", budget.material),
         ("wedge", budget.wedge),
         ("drift", budget.drift),
+        ("detector", budget.detector),
         ("background", budget.background),
         ("model", budget.model),
         ("shape", budget.shape),

@@ -126,6 +126,7 @@ pub fn merged(set: &ObservationSet, loss: Loss) -> Option<Merged> {
                 shared: SharedErrors {
                     white_reference: mean(&|o| o.shared.white_reference),
                     led_drift: mean(&|o| o.shared.led_drift),
+                    detector: mean(&|o| o.shared.detector),
                     theta_c_zero: Angle::from_rad(mean(&|o| o.shared.theta_c_zero.rad())),
                     phi_s_zero: Angle::from_rad(mean(&|o| o.shared.phi_s_zero.rad())),
                 },
@@ -193,6 +194,7 @@ pub fn subset(set: &ObservationSet, kept: &[usize]) -> ObservationSet {
         observations: kept.iter().map(|i| set.observations[*i]).collect(),
         views: Vec::new(),
         flats: set.flats.clone(),
+        flat_times_s: set.flat_times_s.clone(),
         rejected_frames: set.rejected_frames.clone(),
         warnings: set.warnings.clone(),
         region: set.region.clone(),

@@ -7,6 +7,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::budget::{judged, uncertainty};
+use super::drift::{drift, without};
 use super::estimate::{Estimate, Tier, estimate_until, free_quantities};
 use super::intervals;
 use super::report::{
@@ -150,6 +151,14 @@ fn fit_each(
         Some(ideal) if !enough => Some(investigated(ideal.clone(), options, tier, cancel)),
         _ => ideal.clone(),
     };
+    if set.lamp.is_none()
+        && let Some(drift) = sawtooth.as_ref().and_then(drift)
+        && !(enough || cancel.load(Ordering::Relaxed))
+        && let Some(steady) = without(set, drift.lamp)
+    {
+        // All of it again, on what a steady lamp would have shown.
+        return fit_each(&steady, options, tier, tracer, cancel);
+    }
     let asked = options.variant == VariantChoice::Traced || options.judge;
     // A measured profile has its own crests.
     let round = |s: &&Estimate<'_>| tracer.profile.is_some() && s.values.real.crest > 0.0;

@@ -151,11 +151,12 @@ fn merge(
             }
         };
         let exposure_s = source.rows()[*index].exposure_s;
-        let (dark, dark_variance) = calibration.dark(exposure_s);
+        let dark = calibration.dark(exposure_s);
+        let (level, dark_variance) = (dark.level_dn(), dark.variance_dn2());
         for (pixel, dn) in frame.pixels_dn().iter().enumerate() {
             if light.response[pixel] > 0.0 && !calibration.is_full(*dn) {
-                let dn = f64::from(*dn);
-                counts[pixel] += (dn - f64::from(dark[pixel])) as f32;
+                let dn = dark.linear_dn(pixel, *dn);
+                counts[pixel] += (dn - f64::from(level[pixel])) as f32;
                 seconds[pixel] += exposure_s as f32;
                 variance[pixel] += (calibration.variance_dn2(dn - black) + dark_variance) as f32;
             }

@@ -4,7 +4,8 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use super::darks::Darks;
+use super::darks::{Dark, Darks};
+use super::detector;
 use super::flats::{Flats, Scene};
 use super::journal::Journal;
 use super::load::{Calls, load, refuse_impossible};
@@ -39,9 +40,15 @@ pub(super) fn prepare(
     let manifest = calls.source.manifest();
     let rig = manifest.rig_geometry();
     let mut sensor = Sensor::new(manifest);
-    let darks = Darks::read(calls, &mut sensor, journal)?;
+    let mut darks = Darks::read(calls, &mut sensor, journal)?;
     refuse_impossible(calls, FrameKind::Dark, journal)?;
     warn_of_missing_darks(calls, &darks, journal);
+    // Before flats and samples, which are all corrected for it.
+    let detector = detector::read(calls, &sensor, &darks)?;
+    if let Some(words) = detector.words() {
+        journal.warn(words);
+    }
+    darks.detector = Some(Arc::new(detector));
     let far = super::viewing(manifest)?.is_far();
     let scene = Scene { uniform, far };
     let flats = Flats::read(calls, &sensor, &darks, &rig, scene, journal)?;
@@ -87,6 +94,29 @@ impl Prepared {
                 sigma: flat.sigma_dn_s / unit,
             })
             .collect()
+    }
+}
+
+/// The dark level of one exposure time, and what makes its counts those of a linear camera.
+pub struct DarkLevel(Dark);
+
+impl DarkLevel {
+    /// Mean dark counts per pixel.
+    #[must_use]
+    pub fn level_dn(&self) -> &[f32] {
+        &self.0.level_dn
+    }
+
+    /// Variance that the mean dark counts have left.
+    #[must_use]
+    pub fn variance_dn2(&self) -> f64 {
+        self.0.variance_dn2
+    }
+
+    /// What a linear camera would count in a pixel, dark level included; the count itself of one that is linear.
+    #[must_use]
+    pub fn linear_dn(&self, pixel: usize, dn: u16) -> f64 {
+        self.0.linear_dn(pixel, dn)
     }
 }
 
@@ -145,17 +175,16 @@ impl CameraCalibration {
     }
 
     /// Radiance per (count per second at response 1), the unit of `Observation::signal`: signal =
-    /// (count − dark) / (exposure · response) · this. `None` without a white reference.
+    /// (linear count − dark) / (exposure · response) · this. `None` without a white reference.
     #[must_use]
     pub fn radiance_per_dn_s(&self) -> Option<f64> {
         self.prepared.unit_dn_s.map(f64::recip)
     }
 
-    /// Mean dark counts per pixel at an exposure time, and the variance that this mean has left.
+    /// What frames of an exposure time are read with.
     #[must_use]
-    pub fn dark(&self, exposure_s: f64) -> (Arc<[f32]>, f64) {
-        let dark = self.prepared.darks.at(exposure_s);
-        (dark.level_dn, dark.variance_dn2)
+    pub fn dark(&self, exposure_s: f64) -> DarkLevel {
+        DarkLevel(self.prepared.darks.at(exposure_s))
     }
 
     /// Variance of one count whose expectation is `above_black_dn` above the black level.

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::ReductionError;
+use super::detector::{Correction, Detector};
 use super::journal::{Journal, Rejection};
 use super::load::{Calls, load};
 use super::sensor::{Sensor, median, robust_spread};
@@ -27,6 +28,26 @@ pub(super) struct Dark {
     pub(super) variance_dn2: f64,
     /// Mean of `level_dn` over good pixels.
     pub(super) mean_dn: f64,
+    /// What makes the counts of this exposure time those of a linear camera; `None` where they are.
+    pub(super) correction: Option<Correction>,
+}
+
+impl Dark {
+    /// What a linear camera would count in a pixel, dark level included.
+    pub(super) fn linear_dn(&self, pixel: usize, dn: u16) -> f64 {
+        let counted = f64::from(dn);
+        self.correction.map_or(counted, |by| {
+            let dark = f64::from(self.level_dn[pixel]);
+            dark + by.curve.linear(counted - dark) / by.time
+        })
+    }
+
+    /// The count of this camera in a pixel where a linear one counts `light_dn` above dark.
+    pub(super) fn counted_dn(&self, pixel: usize, light_dn: f64) -> f64 {
+        let dark = f64::from(self.level_dn[pixel]);
+        let counted = |by: Correction| by.curve.counted(light_dn * by.time);
+        dark + self.correction.map_or(light_dn, counted)
+    }
 }
 
 /// All dark frames of a series.
@@ -36,6 +57,8 @@ pub(super) struct Darks {
     by_exposure: Vec<Dark>,
     /// Pixels that are neither hot nor noisy.
     pub(super) good: Vec<bool>,
+    /// What exposures of one pose say of the camera, once they are compared.
+    pub(super) detector: Option<Arc<Detector>>,
     /// Dark frames used.
     pub(super) n_frames: u32,
 }
@@ -73,8 +96,10 @@ impl Darks {
                     level_dn: vec![sensor.black_dn as f32; sensor.pixels()].into(),
                     variance_dn2: 0.0,
                     mean_dn: sensor.black_dn,
+                    correction: None,
                 }],
                 good: vec![true; sensor.pixels()],
+                detector: None,
                 n_frames: 0,
             });
         }
@@ -104,19 +129,29 @@ impl Darks {
                     variance_dn2: sensor.variance_dn2(mean_dn - sensor.black_dn) / n,
                     level_dn: level,
                     mean_dn,
+                    correction: None,
                 }
             })
             .collect();
         Ok(Darks {
             by_exposure,
             good,
+            detector: None,
             n_frames: accepted.len() as u32,
         })
     }
 
     /// The dark frame for an exposure time: measured, or interpolated between (never beyond) the
-    /// exposure times that were measured.
+    /// exposure times that were measured; with what corrects counts of that time.
     pub(super) fn at(&self, exposure_s: f64) -> Dark {
+        let detector = self.detector.as_ref();
+        Dark {
+            correction: detector.and_then(|detector| detector.correction(exposure_s)),
+            ..self.measured_at(exposure_s)
+        }
+    }
+
+    fn measured_at(&self, exposure_s: f64) -> Dark {
         let close = |a: f64, b: f64| (a - b).abs() <= 1e-6 * a.abs().max(b.abs());
         if let Some(dark) = self
             .by_exposure
@@ -144,6 +179,7 @@ impl Darks {
                         .collect(),
                     variance_dn2: mix(low.variance_dn2, high.variance_dn2),
                     mean_dn: mix(low.mean_dn, high.mean_dn),
+                    correction: None,
                 }
             }
             Some(_) => self.by_exposure[0].clone(),

@@ -4,7 +4,7 @@
 //! so all flats are pooled; its mean over the good pixels is 1. The level of each flat stays apart:
 //! it follows the lamp's cosine and holds stray light, which the fit settles.
 //!
-//! *Conditioning.* Counts of a pixel are added as whole numbers (32 bits hold 65,000 full frames), so a frame that is taken out
+//! *Conditioning.* Counts of a pixel are added as whole numbers (of sixteenths of a count), so a frame that is taken out
 //! again leaves no trace; the dark level comes off the sum once. A response is a quotient of sums over their mean,
 //! right to the single precision that it is kept in (6e-8, a thousandth of its noise). A pixel or a block without
 //! light gives 0 or no number: a defect both ways, never a response.
@@ -12,7 +12,7 @@
 use rayon::prelude::*;
 
 use super::ReductionError;
-use super::darks::Darks;
+use super::darks::{Dark, Darks};
 use super::journal::{Journal, Rejection};
 use super::load::{Calls, load};
 use super::pattern::{Differences, Expected, Verdict, compare};
@@ -103,7 +103,7 @@ impl Flats {
                 let kind = FrameKind::Sample;
                 let samples = accepted(calls, sensor, darks, rig, kind, reach, &mut quiet)?;
                 if samples.len() >= 5 {
-                    let sums = Sums::of(calls, sensor, &samples)?;
+                    let sums = Sums::of(calls, sensor, darks, &samples)?;
                     response = sums.response(sensor, darks);
                 }
             }
@@ -117,7 +117,7 @@ impl Flats {
                 n_frames: 0,
             });
         }
-        let mut sums = Sums::of(calls, sensor, &flats)?;
+        let mut sums = Sums::of(calls, sensor, darks, &flats)?;
         let differences = match far {
             true => Differences::First,
             false => Differences::Second,
@@ -253,16 +253,11 @@ fn mean_of(
     let frame = load(calls, index, sensor)?;
     let dark = darks.at(calls.source.rows()[index].exposure_s);
     let (mut n, mut full, mut total) = (0_usize, 0_usize, 0.0);
-    for ((dn, dark), good) in frame
-        .pixels_dn()
-        .iter()
-        .zip(dark.level_dn.iter())
-        .zip(&darks.good)
-    {
-        if *good {
+    for (pixel, dn) in frame.pixels_dn().iter().enumerate() {
+        if darks.good[pixel] {
             n += 1;
             full += usize::from(sensor.is_full(*dn));
-            total += f64::from(*dn) - f64::from(*dark);
+            total += dark.linear_dn(pixel, *dn) - f64::from(dark.level_dn[pixel]);
         }
     }
     let detail = || format!("{full} of {n} pixels are full");
@@ -275,29 +270,43 @@ fn mean_of(
     Ok(total / n.max(1) as f64)
 }
 
-/// Whole-number sums of counts, one set per exposure time.
+/// Counts are summed in so many parts of one: whole counts stay whole, and those corrected for the camera's curve lose nothing.
+const PARTS: f64 = 16.0;
+
+/// Whole-number sums of counts in parts of one, a set per exposure time.
 struct Sums {
-    groups: Vec<(f64, u32, Vec<u32>)>,
+    groups: Vec<(f64, u32, Vec<u64>)>,
+}
+
+/// A linear camera's count in whole parts.
+fn in_parts(dark: &Dark, pixel: usize, dn: u16) -> u64 {
+    (PARTS * dark.linear_dn(pixel, dn)).round() as u64
 }
 
 impl Sums {
-    fn of(calls: &Calls<'_>, sensor: &Sensor, flats: &[Flat]) -> Result<Self, ReductionError> {
+    fn of(
+        calls: &Calls<'_>,
+        sensor: &Sensor,
+        darks: &Darks,
+        flats: &[Flat],
+    ) -> Result<Self, ReductionError> {
         let mut exposures: Vec<f64> = flats.iter().map(|f| f.exposure_s).collect();
         exposures.sort_unstable_by(f64::total_cmp);
         exposures.dedup();
         let groups = exposures
             .into_par_iter()
             .map(|exposure_s| {
-                let mut total = vec![0_u32; sensor.pixels()];
+                let mut total = vec![0_u64; sensor.pixels()];
                 let mut frames = 0;
+                let dark = darks.at(exposure_s);
                 for flat in flats.iter().filter(|f| f.exposure_s == exposure_s) {
                     calls.check_cancel()?;
                     let Ok(frame) = load(calls, flat.index, sensor) else {
                         continue;
                     };
                     frames += 1;
-                    for (total, dn) in total.iter_mut().zip(frame.pixels_dn()) {
-                        *total += u32::from(*dn);
+                    for (pixel, dn) in frame.pixels_dn().iter().enumerate() {
+                        total[pixel] += in_parts(&dark, pixel, *dn);
                     }
                 }
                 Ok((exposure_s, frames, total))
@@ -306,15 +315,16 @@ impl Sums {
         Ok(Sums { groups })
     }
 
-    fn remove(&mut self, flat: &Flat, frame: &Frame) {
+    fn remove(&mut self, flat: &Flat, frame: &Frame, darks: &Darks) {
+        let dark = darks.at(flat.exposure_s);
         for (_, frames, total) in self
             .groups
             .iter_mut()
             .filter(|(exposure_s, ..)| *exposure_s == flat.exposure_s)
         {
             *frames -= 1;
-            for (total, dn) in total.iter_mut().zip(frame.pixels_dn()) {
-                *total -= u32::from(*dn);
+            for (pixel, dn) in frame.pixels_dn().iter().enumerate() {
+                total[pixel] -= in_parts(&dark, pixel, *dn);
             }
         }
     }
@@ -327,8 +337,11 @@ impl Sums {
             let n = f64::from(*frames) - f64::from(u8::from(own.is_some()));
             let dark = darks.at(*exposure_s);
             for (pixel, light) in light.iter_mut().enumerate() {
-                let less = own.map_or(0.0, |(_, frame)| f64::from(frame.pixels_dn()[pixel]));
-                *light += f64::from(total[pixel]) - less - n * f64::from(dark.level_dn[pixel]);
+                let less = own.map_or(0, |(_, frame)| {
+                    in_parts(&dark, pixel, frame.pixels_dn()[pixel])
+                });
+                let counts = (total[pixel] - less) as f64 / PARTS;
+                *light += counts - n * f64::from(dark.level_dn[pixel]);
             }
         }
         light
@@ -437,7 +450,7 @@ fn leave_out_displaced(
         };
         let flat = flats.remove(worst);
         if let Ok(frame) = load(calls, flat.index, sensor) {
-            sums.remove(&flat, &frame);
+            sums.remove(&flat, &frame, darks);
         }
         journal.reject(flat.index, displaced(verdicts[worst]));
     }
@@ -477,7 +490,7 @@ fn rate_of(
     for (pixel, dn) in frame.pixels_dn().iter().enumerate() {
         if response.good[pixel] && !sensor.is_full(*dn) {
             n += 1.0;
-            total += f64::from(*dn) - f64::from(dark.level_dn[pixel]);
+            total += dark.linear_dn(pixel, *dn) - f64::from(dark.level_dn[pixel]);
             weight += f64::from(response.pixels[pixel]);
         }
     }

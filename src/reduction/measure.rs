@@ -155,7 +155,7 @@ impl Ground<'_> {
         let before = labels.iter().filter(|l| **l != NOWHERE).count();
         for segment in 0..self.segments.len() {
             let rates = |pixel: usize| {
-                (f64::from(frame.pixels_dn()[pixel]) - f64::from(dark.level_dn[pixel]))
+                (dark.linear_dn(pixel, frame.pixels_dn()[pixel]) - f64::from(dark.level_dn[pixel]))
                     / f64::from(self.response.pixels[pixel])
             };
             let mut values: Vec<f64> = (0..labels.len())
@@ -175,8 +175,8 @@ impl Ground<'_> {
             let spread = median(&mut below) / MEDIAN_OF_ABS;
             for (pixel, label) in labels.iter_mut().enumerate() {
                 if *label as usize == segment {
-                    let due = f64::from(dark.level_dn[pixel])
-                        + (usual + 5.0 * spread) * f64::from(self.response.pixels[pixel]);
+                    let light = (usual + 5.0 * spread) * f64::from(self.response.pixels[pixel]);
+                    let due = dark.counted_dn(pixel, light);
                     let reachable = usual.is_finite() && due < self.sensor.saturation_dn;
                     if !reachable {
                         *label = NOWHERE;
@@ -233,7 +233,7 @@ impl Ground<'_> {
                 let due =
                     level.rate_dn_s * measured.exposure_s * f64::from(self.response.pixels[pixel]);
                 let scatter = (level.variance_pixels * level.n).sqrt() * measured.exposure_s;
-                f64::from(dark.level_dn[pixel]) + due + 12.0 * scatter < self.sensor.saturation_dn
+                dark.counted_dn(pixel, due + 12.0 * scatter) < self.sensor.saturation_dn
             });
         far.then_some(measured.full)
     }
@@ -288,7 +288,7 @@ impl Ground<'_> {
         };
         let response = |pixel: usize| f64::from(self.response.pixels[pixel]);
         let own = |pixel: usize| {
-            (f64::from(frame.pixels_dn()[pixel]) - f64::from(dark.level_dn[pixel]))
+            (dark.linear_dn(pixel, frame.pixels_dn()[pixel]) - f64::from(dark.level_dn[pixel]))
                 / response(pixel)
         };
         let counts = |pixel: usize| {
@@ -383,7 +383,7 @@ impl Ground<'_> {
     fn shading(&self, frame: &Frame, dark: &Dark, labels: &[u16]) -> Shading {
         let pixels = frame.pixels_dn().iter().enumerate().map(|(pixel, dn)| {
             let response = self.response.pixels[pixel];
-            let counts = f64::from(*dn) - f64::from(dark.level_dn[pixel]);
+            let counts = dark.linear_dn(pixel, *dn) - f64::from(dark.level_dn[pixel]);
             (response > 0.0 && !self.sensor.is_full(*dn))
                 .then(|| (labels[pixel], counts, f64::from(response)))
         });

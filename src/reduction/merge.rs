@@ -20,6 +20,7 @@ use crate::material::Material;
 use crate::robust::MEDIAN_OF_SQUARE;
 use crate::series::FrameRow;
 use crate::units::Angle;
+use crate::wording::counted;
 
 /// Frames of one pose agree within this many standard errors …
 const AGREE_SIGMAS: f64 = 6.0;
@@ -71,10 +72,14 @@ pub(super) fn merge(
             undecided.push(at);
         }
     }
+    let mut lost: Vec<Pose> = Vec::new();
     for at in &undecided {
         let due = interpolated(&groups, &undecided, *at);
-        decide(ground, &mut groups[*at], due, journal);
+        if !decide(ground, &mut groups[*at], due, journal) {
+            lost.push(groups[*at].pose);
+        }
     }
+    warn_of_contradictions(&lost, journal);
     drop_black_poses(ground, &mut groups, journal);
     let scatter = lamp_scatter(ground, &groups, journal);
     let levels = groups
@@ -326,9 +331,32 @@ fn interpolated(groups: &[Group], undecided: &[usize], at: usize) -> Option<f64>
     }
 }
 
+/// One sentence on the poses at which nothing tells which exposure is right.
+fn warn_of_contradictions(lost: &[Pose], journal: &mut Journal) {
+    const SHOWN: usize = 8;
+    let place = |pose: &Pose| format!("θc {}, φs {}", pose.theta_c, pose.phi_s);
+    match lost {
+        [] => {}
+        [pose] => journal.warn(format!(
+            "the exposures at {} contradict each other and nothing shows which is right: the pose is left out",
+            place(pose)
+        )),
+        poses => {
+            let shown: Vec<String> = poses.iter().take(SHOWN).map(place).collect();
+            let more = if poses.len() > SHOWN { "; …" } else { "" };
+            journal.warn(format!(
+                "the exposures at {} contradict each other and nothing shows which is right: these are left out ({}{more}); \
+                 check shutter, lamp and the camera's settings",
+                counted(poses.len(), "pose"),
+                shown.join("; ")
+            ));
+        }
+    }
+}
+
 /// Frames of a pose that contradict each other evenly: the neighbouring poses decide, if they
-/// can; otherwise all are left out.
-fn decide(ground: &Ground<'_>, group: &mut Group, due: Option<f64>, journal: &mut Journal) {
+/// can; otherwise all are left out, and the answer is no.
+fn decide(ground: &Ground<'_>, group: &mut Group, due: Option<f64>, journal: &mut Journal) -> bool {
     let usual = due.unwrap_or(0.0);
     let seen: Vec<(f64, f64)> = group
         .clean
@@ -352,15 +380,11 @@ fn decide(ground: &Ground<'_>, group: &mut Group, due: Option<f64>, journal: &mu
     let near = far(seen[nearest].0);
     // Within a factor of 1.5 of its neighbours, and the others three times further off.
     let clear = near < 1.5_f64.ln() && others > 3.0 * near;
-    let (keep, level) = if clear {
-        (keep, seen[nearest].0)
-    } else {
-        journal.warn(format!(
-            "the exposures at θc {}, φs {} contradict each other and nothing shows which is right: the pose is left out",
-            group.pose.theta_c, group.pose.phi_s
-        ));
-        (vec![false; seen.len()], seen[nearest].0)
+    let keep = match clear {
+        true => keep,
+        false => vec![false; seen.len()],
     };
+    let level = seen[nearest].0;
     part_with(
         group,
         &keep,
@@ -369,6 +393,7 @@ fn decide(ground: &Ground<'_>, group: &mut Group, due: Option<f64>, journal: &mu
         "its pose and the neighbouring ones",
         journal,
     );
+    clear
 }
 
 /// Poses without light in the midst of bright ones: the lamp was off, or a cap was on.

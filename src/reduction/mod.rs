@@ -1,7 +1,8 @@
 //! Frames → observations: what the fit reads, with honest uncertainties and every frame that was
 //! left out by name.
 //!
-//! Call [`reduce`]. The steps, one file each: dark frames and their hot pixels; flats, the pixels'
+//! Call [`reduce`]. The steps, one file each: dark frames and their hot pixels; the camera's curve by exposures of one pose
+//! (`detector`), which all counts are corrected for; flats, the pixels'
 //! response and defects; the region's pixels at each pose; each sample frame's level; frames of a
 //! pose merged. Frames are read, measured and dropped one by one on all cores, so memory does not
 //! grow with the series and time grows in proportion to it.
@@ -13,6 +14,7 @@
 
 mod calibration;
 mod darks;
+mod detector;
 mod flats;
 mod journal;
 mod load;
@@ -31,7 +33,7 @@ use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 
-pub use self::calibration::{CameraCalibration, calibrate};
+pub use self::calibration::{CameraCalibration, DarkLevel, calibrate};
 pub use crate::series::FrameReadError;
 
 use self::journal::{Journal, Rejection};
@@ -300,9 +302,11 @@ pub fn reduce(
     let zero = |stated: Option<f64>| Angle::from_deg(stated.unwrap_or(ANGLE_STD_DEFAULT_DEG));
     let (tilts_zero, turns_zero) = (zero(facts.theta_c_std_deg), zero(facts.phi_s_std_deg));
     let began_s = zero_of_time(source.rows(), &poses);
+    let of_detector = detector::shares(source.rows(), &camera, &levels);
     let observations: Vec<Observation> = levels
         .iter()
-        .map(|(pose, level)| {
+        .zip(of_detector)
+        .map(|((pose, level), of_detector)| {
             let signal = level.rate_dn_s / unit;
             Observation {
                 pose: pose.pose,
@@ -312,6 +316,7 @@ pub fn reduce(
                     white_reference: reference
                         .map_or(0.0, |w| signal * w.reflectance_std / w.reflectance),
                     led_drift: signal * drift,
+                    detector: signal * of_detector,
                     theta_c_zero: tilts_zero,
                     phi_s_zero: turns_zero,
                 },
@@ -360,6 +365,9 @@ pub fn reduce(
         theta_l_std: manifest.rig.theta_l_std_deg.map(Angle::from_deg),
         dark_std,
         translucency: manifest.translucency(),
+        flat_times_s: flat_times(source.rows(), began_s),
+        lamp: None,
+        detector: darks.detector.as_ref().and_then(|detector| detector.told),
         region: region.map(str::to_owned),
         region_azimuth: match (chosen, &manifest.sample.layout) {
             (Some(chosen), Some(layout)) => layout.lean_azimuth(chosen.is_odd()),
@@ -427,6 +435,13 @@ fn zero_of_time(rows: &[FrameRow], poses: &[PoseLevels]) -> Option<f64> {
         let taken: Vec<f64> = poses.iter().filter_map(|p| p.taken_s).collect();
         (!taken.is_empty()).then(|| taken.iter().sum::<f64>() / taken.len() as f64)
     })
+}
+
+/// Times of the white reference's frames after the zero of time; none where one bears none.
+fn flat_times(rows: &[FrameRow], began_s: Option<f64>) -> Vec<f64> {
+    let flats = rows.iter().filter(|row| row.kind == FrameKind::Flat);
+    let times: Option<Vec<f64>> = flats.map(|row| Some(row.taken_s()? - began_s?)).collect();
+    times.unwrap_or_default()
 }
 
 fn segments(

@@ -123,7 +123,7 @@ fn picture(
             if response.good[pixel] {
                 let dn = frame.pixels_dn()[pixel];
                 full += usize::from(sensor.is_full(dn));
-                let level = (f64::from(dn) - f64::from(dark.level_dn[pixel]))
+                let level = (dark.linear_dn(pixel, dn) - f64::from(dark.level_dn[pixel]))
                     / f64::from(response.pixels[pixel]);
                 points.push([c as f64 + 0.5, r as f64 + 0.5, level]);
             }

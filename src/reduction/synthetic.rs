@@ -84,6 +84,12 @@ pub(super) struct Made {
     pub(super) dead: f64,
     /// Distances of camera and lamp, where they are near.
     pub(super) near_mm: Option<(f64, f64)>,
+    /// What is missing at full scale: c of s = e (1 − c e/S).
+    pub(super) bend: f64,
+    /// By what share every exposure but the first is longer than stated.
+    pub(super) shutter: f64,
+    /// Relative scatter of the lamp from frame to frame.
+    pub(super) flicker: f64,
     pub(super) seed: u64,
 }
 
@@ -104,6 +110,9 @@ impl Default for Made {
             hot: 0.0,
             dead: 0.0,
             near_mm: None,
+            bend: 0.0,
+            shutter: 0.0,
+            flicker: 0.0,
             seed: 1,
         }
     }
@@ -122,6 +131,12 @@ impl Made {
         self.series_of(tilts, azimuths, exposures, |tilt, azimuth, _| {
             radiance(tilt, azimuth)
         })
+    }
+
+    /// Counts above black where a linear camera has so many.
+    fn counted(&self, linear: f64) -> f64 {
+        let full = f64::from(self.saturation_dn) - self.black_dn;
+        linear * (1.0 - self.bend * linear / full)
     }
 
     /// The same with a radiance that hangs on each pixel's own directions in the rig's frame.
@@ -179,6 +194,13 @@ impl Made {
         let mut frames = Vec::new();
         let mut take = |kind: FrameKind, tilt: f64, azimuth: f64, exposure: f64, repeat: u32| {
             let theta_c = crate::units::Angle::from_deg(tilt);
+            let mut seconds = exposure;
+            if exposure != exposures[0] {
+                seconds *= 1.0 + self.shutter;
+            }
+            if self.flicker > 0.0 {
+                seconds *= 1.0 + self.flicker * normal.sample(&mut rng);
+            }
             let light_at = |pixel: usize| {
                 let column = (pixel % self.edge as usize) as f64 + 0.5;
                 let row = (pixel / self.edge as usize) as f64 + 0.5;
@@ -196,8 +218,8 @@ impl Made {
                 .enumerate()
                 .map(|(pixel, (response, offset, defect))| {
                     let light = light_at(pixel);
-                    let due = light * response * self.electrons_per_radiance_second * exposure
-                        + self.dark_electrons_s * exposure;
+                    let due = light * response * self.electrons_per_radiance_second * seconds
+                        + self.dark_electrons_s * seconds;
                     let electrons = if due > 0.0 {
                         Poisson::new(due).unwrap().sample(&mut rng)
                     } else {
@@ -206,7 +228,7 @@ impl Made {
                     let dn = match *defect {
                         d if d > 0.0 => f64::from(self.saturation_dn) * 0.9,
                         d if d < 0.0 => self.black_dn,
-                        _ => self.black_dn + offset + self.gain_dn * electrons,
+                        _ => self.black_dn + offset + self.counted(self.gain_dn * electrons),
                     };
                     dn.round().clamp(0.0, f64::from(self.saturation_dn)) as u16
                 })

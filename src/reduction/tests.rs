@@ -10,6 +10,7 @@ use super::synthetic::{Made, Memory};
 use super::*;
 
 mod board;
+mod curve;
 mod made;
 
 fn recorded(name: &str) -> PathBuf {

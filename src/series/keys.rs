@@ -51,6 +51,7 @@ const KEYS: [(&str, &[&str]); 6] = [
             "black_level_dn",
             "read_noise_electrons_rms",
             "exposures_s",
+            "exposure_rel_std",
         ],
     ),
     ("flat", &["reflectance", "reflectance_std"]),

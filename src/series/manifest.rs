@@ -164,6 +164,9 @@ pub struct CameraFacts {
     /// Column and row of the foot of a near camera's optical axis. That of the centre of tilt by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub principal_point_px: Option<[f64; 2]>,
+    /// Relative standard uncertainty of an exposure time, independent between exposure times.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposure_rel_std: Option<f64>,
     /// Further keys.
     #[serde(flatten)]
     pub notes: Notes,

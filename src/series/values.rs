@@ -94,6 +94,7 @@ const BOUNDED: &[Bounded] = &[
     ("camera", "bit_depth", limits::BIT_DEPTH, |m| m.camera.bit_depth.map(f64::from)),
     ("camera", "black_level_dn", limits::BLACK_LEVEL_DN, |m| m.camera.black_level_dn),
     ("camera", "read_noise_electrons_rms", limits::READ_NOISE_ELECTRONS_RMS, |m| m.camera.read_noise_electrons_rms),
+    ("camera", "exposure_rel_std", limits::EXPOSURE_REL_STD, |m| m.camera.exposure_rel_std),
     ("flat", "reflectance", limits::FLAT_REFLECTANCE, |m| m.flat.as_ref()?.reflectance),
     ("flat", "reflectance_std", limits::FLAT_REFLECTANCE_STD, |m| m.flat.as_ref()?.reflectance_std),
     ("sample", "index_of_refraction", limits::INDEX_OF_REFRACTION, |m| m.sample.index_of_refraction),

@@ -446,6 +446,7 @@ pub fn manifest(
             exposures_s: settings.exposures_s.clone(),
             camera_distance_mm: None,
             principal_point_px: None,
+            exposure_rel_std: None,
             notes: Default::default(),
         },
         flat: Some(FlatFacts {

@@ -7,8 +7,8 @@ use super::{PROGRAM, Store, StoreError};
 use crate::geometry::{Cones, Directions, Pose, RigGeometry};
 use crate::material::Material;
 use crate::observation::{
-    FlatObservation, Observation, ObservationSet, Prior, RejectedFrame, SharedErrors, View,
-    WhiteReference,
+    DetectorCurve, FlatObservation, Observation, ObservationSet, Prior, RejectedFrame,
+    SharedErrors, View, WhiteReference,
 };
 use crate::units::Angle;
 
@@ -45,6 +45,13 @@ struct Context {
     /// Mean and standard uncertainty.
     #[serde(default)]
     translucency: Option<(f64, f64)>,
+    #[serde(default)]
+    flat_times_s: Vec<f64>,
+    #[serde(default)]
+    detector: Option<DetectorCurve>,
+    /// Per observation; empty in what was kept before it was.
+    #[serde(default)]
+    detector_errors: Vec<f64>,
     region_azimuth_deg: f64,
     n_frames_used: u32,
     rejected_frames: Vec<RejectedFrame>,
@@ -102,6 +109,9 @@ impl Store {
             theta_l_std_deg: set.theta_l_std.map(Angle::deg),
             dark_std: set.dark_std,
             translucency: set.translucency.map(|t| (t.mean, t.std)),
+            flat_times_s: set.flat_times_s.clone(),
+            detector: set.detector,
+            detector_errors: set.observations.iter().map(|o| o.shared.detector).collect(),
             region_azimuth_deg: set.region_azimuth.deg(),
             n_frames_used: set.n_frames_used,
             rejected_frames: set.rejected_frames.clone(),
@@ -212,7 +222,12 @@ impl Store {
             observations: rows
                 .iter()
                 .enumerate()
-                .map(|(k, row)| observation(row, context.taken_s.get(k).copied().flatten()))
+                .map(|(k, row)| {
+                    let taken_s = context.taken_s.get(k).copied().flatten();
+                    let mut kept = observation(row, taken_s);
+                    kept.shared.detector = context.detector_errors.get(k).copied().unwrap_or(0.0);
+                    kept
+                })
                 .collect(),
             flats: context
                 .flats
@@ -238,6 +253,9 @@ impl Store {
             theta_l_std: context.theta_l_std_deg.map(Angle::from_deg),
             dark_std: context.dark_std,
             translucency: context.translucency.map(|(mean, std)| Prior { mean, std }),
+            flat_times_s: context.flat_times_s,
+            lamp: None,
+            detector: context.detector,
             region,
             region_azimuth: Angle::from_deg(context.region_azimuth_deg),
             n_frames_used: context.n_frames_used,
@@ -278,6 +296,7 @@ fn observation(row: &Row, taken_s: Option<f64>) -> Observation {
         shared: SharedErrors {
             white_reference: row.white_reference,
             led_drift: row.led_drift,
+            detector: 0.0,
             theta_c_zero: Angle::from_deg(row.theta_c_zero_deg),
             phi_s_zero: Angle::from_deg(row.phi_s_zero_deg),
         },
@@ -310,6 +329,7 @@ mod tests {
                     shared: SharedErrors {
                         white_reference: 5e-4,
                         led_drift: 1e-4,
+                        detector: 2e-5 * f64::from(i),
                         theta_c_zero: Angle::from_deg(0.02),
                         phi_s_zero: Angle::from_deg(0.02),
                     },
@@ -329,6 +349,15 @@ mod tests {
             translucency: Some(Prior {
                 mean: 0.4,
                 std: 0.05,
+            }),
+            flat_times_s: vec![-2.5, 2.5],
+            lamp: None,
+            detector: Some(DetectorCurve {
+                c: 0.06,
+                std: 0.0005,
+                pairs: 41,
+                full_scale_dn: 65335.0,
+                explains: 0.99,
             }),
             white_reference: Some(WhiteReference {
                 reflectance: 0.99,
@@ -357,10 +386,13 @@ mod tests {
         for (kept, given) in kept.observations.iter().zip(&set(20).observations) {
             assert_eq!(kept.signal, given.signal);
             assert_eq!(kept.sigma, given.sigma);
+            assert_eq!(kept.shared.detector, given.shared.detector);
             // Degrees are kept, radians computed: a rounding of 1 ulp each way.
             assert!((kept.pose.theta_c - given.pose.theta_c).abs().rad() < 1e-15);
         }
         assert_eq!(kept.white_reference, set(0).white_reference);
+        assert_eq!(kept.detector, set(0).detector);
+        assert_eq!(kept.flat_times_s, set(0).flat_times_s);
         assert_eq!(kept.warnings, set(0).warnings);
     }
 

@@ -36,6 +36,7 @@ const RULES: &[(&str, &[&str])] = &[
             "material",
             "observation",
             "model",
+            "robust",
             "trace",
             "wording",
         ],

@@ -116,6 +116,7 @@ impl Joint<'_, '_> {
                     b.angles,
                     b.wedge,
                     b.drift,
+                    b.detector,
                     b.background,
                     b.model,
                     b.shape,

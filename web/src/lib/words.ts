@@ -50,6 +50,7 @@ export const BUDGET: Readonly<Record<string, BudgetWords>> = {
   material: { name: 'material', meaning: 'the refractive index, as uncertain as stated for the sample' },
   wedge: { name: 'wedge', meaning: 'inclination of the sample’s mean plane to the turntable, as stated for the rig' },
   drift: { name: 'drift', meaning: 'change of the lamp between white reference and sample' },
+  detector: { name: 'detector', meaning: 'the camera’s curve and its exposure times, as exposures of one pose tell them or as stated' },
   background: { name: 'stray light', meaning: 'light that does not come from the sample, as far as it is not known' },
   model: { name: 'model', meaning: 'the model’s own inadequacy: from its residuals, from leaving out whole tilts and azimuths, and from double reflections' },
   tracer: { name: 'ray tracer', meaning: 'standard errors of the traced radiances' },

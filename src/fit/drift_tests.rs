@@ -1,0 +1,211 @@
+//! Lamps whose drift is known: painted by the closed form, and path-traced.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
+
+use super::*;
+use crate::fit::budget::uncertainty;
+use crate::fit::estimate::{Tier, estimate};
+use crate::fit::painted::{TRUTH, painted};
+use crate::fit::problem::{Quantity, Values};
+use crate::fit::{FitOptions, VariantChoice, fit, tier};
+use crate::geometry::Pose;
+use crate::model::Variant;
+use crate::observation::{FlatObservation, Observation};
+use crate::series::Series;
+
+/// Five tilts at eight azimuths, a pose a minute, the lamp changing by `per_hour`.
+fn series(per_hour: f64, seed: u64) -> ObservationSet {
+    let poses =
+        (0..40).map(|k| Pose::from_deg(f64::from(k % 5) * 10.0 - 20.0, f64::from(k / 5) * 45.0));
+    let truth = Values {
+        azimuth_offset: 0.05,
+        ..TRUTH
+    };
+    let mut set = painted(poses, &truth, 1e-3, seed);
+    for (k, o) in set.observations.iter_mut().enumerate() {
+        let taken_s = 60.0 * (k as f64 + 1.0);
+        o.taken_s = Some(taken_s);
+        o.signal *= 1.0 + per_hour * taken_s / SECONDS_PER_HOUR;
+        o.shared.led_drift = 0.0005 * o.signal;
+    }
+    set
+}
+
+fn fitted_to<'a>(set: &'a ObservationSet, tier: Option<Tier<'_>>) -> Estimate<'a> {
+    let options = FitOptions {
+        variant: VariantChoice::Sawtooth,
+        starts: 3,
+        ..FitOptions::default()
+    };
+    let never = AtomicBool::new(false);
+    estimate(set, Variant::Sawtooth, &options, tier, &never).expect("it has a minimum")
+}
+
+#[test]
+fn a_lamp_that_fades_is_told_and_taken_off_and_what_is_uncertain_of_it_is_in_the_budget() {
+    let set = series(-0.1, 7);
+    let before = fitted_to(&set, None);
+    let found = drift(&before).expect("6.5 % over the series");
+    let lamp = found.lamp;
+    assert!(
+        (lamp.change_over_series + 0.065).abs() < 4.0 * lamp.change_std,
+        "{lamp:?}"
+    );
+    assert!(
+        lamp.f > 100.0 && lamp.explains > 0.9 && lamp.t < -10.0,
+        "{lamp:?}"
+    );
+    assert!(found.told().contains("fell by"), "{}", found.told());
+    let steady = without(&set, lamp).expect("it has times");
+    for estimate in [&before, &fitted_to(&steady, None)] {
+        let u = uncertainty(estimate);
+        for (k, q) in estimate.problem.free().iter().enumerate() {
+            let truth = match q {
+                Quantity::ThetaR => TRUTH.theta_r,
+                Quantity::AzimuthOffset => 0.05,
+                Quantity::TiltOffset => 0.0,
+                Quantity::RhoD => TRUTH.rho_d,
+                _ => continue,
+            };
+            let off = estimate.values.folded().inner(*q) - truth;
+            let std = u.budgets[k].combined();
+            assert!(off.abs() < 2.0 * std, "{q:?} {off} {:?}", u.budgets[k]);
+        }
+    }
+    // Taken off, it leaves no trace but is still told.
+    let after = fitted_to(&steady, None);
+    assert_eq!(drift(&after).expect("it was told").lamp, lamp);
+    let left = fitted(&after).expect("it has times");
+    assert!(
+        left.change_over_series.abs() < 0.1 * lamp.change_over_series.abs(),
+        "{left:?}"
+    );
+    assert!(after.rms_residual < before.rms_residual);
+}
+
+#[test]
+fn a_steady_lamp_and_frames_without_times_are_not_told_to_drift() {
+    for seed in 0..20 {
+        let set = series(0.0, seed);
+        assert_eq!(drift(&fitted_to(&set, None)), None, "seed {seed}");
+    }
+    let mut set = series(-0.1, 7);
+    set.observations[3].taken_s = None;
+    assert_eq!(drift(&fitted_to(&set, None)), None);
+}
+
+fn recorded() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series2/lamp-drifts-14")
+}
+
+fn reduced() -> ObservationSet {
+    let series = Series::open(&recorded()).expect("it is in the repository");
+    crate::reduction::reduce(&series, None, &AtomicBool::new(false)).expect("it has frames")
+}
+
+/// Time of a white frame or a pose on the rig, s.
+const STEP_S: f64 = 15.5;
+const FLATS: usize = 7;
+
+/// The path-traced radiances in a random order of poses, a lamp that changes by `change` from the first white frame to the last
+/// pose, half of it in the first third, and the camera's noise.
+fn in_another_order(like: &ObservationSet, change: f64, seed: u64) -> ObservationSet {
+    let mut draw = rand_pcg::Pcg64::seed_from_u64(seed);
+    let mut reader = csv::Reader::from_path(recorded().join("radiance.csv")).expect("a table");
+    let rows = reader.records().map(|row| row.expect("a row"));
+    let mut rows: Vec<[f64; 3]> = rows
+        .map(|row| [0, 1, 3].map(|k: usize| row[k].parse().expect("a number")))
+        .collect();
+    for k in (1..rows.len()).rev() {
+        rows.swap(k, draw.random_range(0..=k));
+    }
+    let steps = (FLATS + rows.len() - 1) as f64;
+    // u + u² = 1: half of the change in the first third.
+    let u = 0.5 * (5.0_f64.sqrt() - 1.0);
+    let light =
+        |step: usize| 1.0 + change * (1.0 - u.powf(3.0 * step as f64 / steps)) / (1.0 - u.powi(3));
+    let white = (0..FLATS).map(light).sum::<f64>() / FLATS as f64;
+    let mut noisy = |value: f64| value * (1.0 + 3.5e-4 * draw.sample::<f64, _>(StandardNormal));
+    let middle = 0.5 * (FLATS - 1) as f64;
+    let reference = like.white_reference.expect("it has one");
+    let flats = (0..FLATS).map(|k| {
+        let theta_c = crate::units::Angle::from_deg(7.0 * k as f64 - 21.0);
+        let due = reference.reflectance / std::f64::consts::PI * like.rig.cos_incidence(theta_c);
+        FlatObservation {
+            theta_c,
+            signal: noisy(due * light(k) / white),
+            sigma: 3.5e-4 * due,
+        }
+    });
+    let flats = flats.collect();
+    let shared = like.observations[0].shared;
+    let observations = rows.iter().enumerate().map(|(k, [tilt, turn, radiance])| {
+        let signal = noisy(radiance * light(FLATS + k) / white);
+        let mut o = Observation::new(Pose::from_deg(*tilt, *turn), signal, 3.5e-4 * signal);
+        o.shared = shared;
+        o.shared.white_reference = signal * reference.reflectance_std / reference.reflectance;
+        o.shared.led_drift = 1e-3 * signal;
+        o.taken_s = Some(STEP_S * ((FLATS + k) as f64 - middle));
+        o
+    });
+    ObservationSet {
+        observations: observations.collect(),
+        flats,
+        flat_times_s: (0..FLATS).map(|k| STEP_S * (k as f64 - middle)).collect(),
+        warnings: Vec::new(),
+        ..like.clone()
+    }
+}
+
+#[test]
+fn a_drift_of_one_and_a_half_per_cent_is_told_in_any_order_of_the_poses_and_none_is_not() {
+    let like = reduced();
+    for seed in 1..9 {
+        let set = in_another_order(&like, -0.015, seed);
+        let found = drift(&fitted_to(&set, Some(&tier::two_bounces)));
+        let lamp = found
+            .unwrap_or_else(|| panic!("order {seed} does not tell it"))
+            .lamp;
+        // From the first pose to the last, 0.0131 of the light at the first white frame.
+        let off = lamp.change_over_series + 0.0131;
+        assert!(
+            off.abs() < 0.004 && off.abs() < 4.0 * lamp.change_std,
+            "{seed}: {lamp:?}"
+        );
+    }
+    for seed in 11..14 {
+        let set = in_another_order(&like, 0.0, seed);
+        let found = drift(&fitted_to(&set, Some(&tier::two_bounces)));
+        assert_eq!(found, None, "order {seed}");
+    }
+}
+
+#[test]
+fn the_recorded_lamp_is_told_and_angle_and_reflectance_are_within_their_uncertainties() {
+    let set = reduced();
+    let report = fit(&set, &FitOptions::default(), &AtomicBool::new(false));
+    assert!(
+        report
+            .warnings
+            .iter()
+            .any(|w| w.contains("the lamp drifts")),
+        "{:?}",
+        report.warnings
+    );
+    let p = &report.parameters;
+    for (parameter, truth, most) in [(&p.theta_r_deg, 14.0, 0.3), (&p.rho_d, 0.38823, 0.012)] {
+        let (value, u) = (
+            parameter.value.expect("told"),
+            parameter.expanded.expect("told"),
+        );
+        assert!(
+            (value - truth).abs() <= u && u < most,
+            "{value} ± {u} for {truth}"
+        );
+        assert!(parameter.budget.expect("told").drift > 0.0);
+    }
+}

@@ -1,0 +1,209 @@
+//! The curve by itself: its form, and the fit of visits whose truth is known.
+
+use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
+
+use super::shares::Share;
+use super::*;
+
+const FULL: f64 = 65335.0;
+
+#[test]
+fn the_curve_and_its_inverse_are_each_others() {
+    for c in [-0.2, -0.03, 0.0, 1e-12, 0.02, 0.06, 0.1, 0.2] {
+        let curve = Curve { c, full_dn: FULL };
+        for linear in [-30.0, 0.0, 1.0, 500.0, 2e4, 6e4] {
+            let back = curve.linear(curve.counted(linear));
+            assert!((back - linear).abs() < 1e-9 * FULL, "{c} {linear} {back}");
+            let step = 1e-6;
+            let other = Curve {
+                c: c + step,
+                full_dn: FULL,
+            };
+            let counted = curve.counted(linear);
+            let by_c = (other.linear(counted) - linear) / step;
+            assert!(
+                (by_c - linear * curve.per_c(linear)).abs() < 1e-4 * FULL,
+                "{c} {linear}"
+            );
+        }
+        // Nothing that a file can hold makes it no number.
+        assert!(
+            curve.linear(65535.0).is_finite() && curve.counted(f64::INFINITY) < f64::INFINITY
+                || c <= 0.0
+        );
+    }
+}
+
+/// Visits by exposures of 0.05 and 0.2 s, signals between `levels`, with flicker.
+fn visits(levels: &[f64], c: f64, kappa: f64, flicker: f64, seed: u64) -> (Vec<Visit>, Known) {
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
+    let curve = Curve { c, full_dn: FULL };
+    let known = Known {
+        full_dn: FULL,
+        times_s: vec![0.05, 0.2],
+        time_std: 1e-3,
+        dark_std_dn: 0.4,
+    };
+    let visit = |level: &f64| {
+        let mut one = |time: usize, linear: f64| {
+            let linear = linear * (1.0 + flicker * rng.sample::<f64, _>(StandardNormal));
+            let counts = curve.counted(linear);
+            let n = 4096.0;
+            Seen {
+                time,
+                bins: vec![[n, n * counts]],
+                variance: 2.0 / (n * counts),
+            }
+        };
+        vec![one(0, level / 4.0), one(1, level * (1.0 + kappa))]
+    };
+    (levels.iter().map(visit).collect(), known)
+}
+
+fn spread(n: usize, low: f64, high: f64) -> Vec<f64> {
+    let at = |k: usize| low * (high / low).powf(k as f64 / (n - 1) as f64);
+    (0..n).map(at).collect()
+}
+
+fn detector(visits: &[Visit], known: &Known, stated: Option<f64>) -> Detector {
+    let known = Known {
+        time_std: stated.unwrap_or(known.time_std),
+        ..known.clone()
+    };
+    Detector::of(visits, &known, &known.times_s, stated)
+}
+
+#[test]
+fn a_curve_is_told_within_its_uncertainty_and_a_straight_one_is_not() {
+    let mut squares = 0.0;
+    let curves = [-0.1, -0.02, 0.02, 0.06, 0.1];
+    for (seed, c) in curves.into_iter().enumerate() {
+        let (visits, known) = visits(&spread(40, 4e3, 6e4), c, 0.0, 3e-4, seed as u64);
+        let told = detector(&visits, &known, None).told.expect("a curve");
+        assert!((told.c - c).abs() < 0.002, "{c}: {told:?}");
+        assert!(told.explains > 0.9 && told.pairs == 40, "{told:?}");
+        squares += ((told.c - c) / told.std).powi(2);
+    }
+    assert!(squares < 15.0, "{squares} for 5");
+    for seed in 0..40 {
+        let (visits, known) = visits(&spread(40, 4e3, 6e4), 0.0, 0.0, 3e-4, 100 + seed);
+        let found = detector(&visits, &known, None);
+        assert!(
+            found.told.is_none() && found.correction(0.2).is_none(),
+            "{found:?}"
+        );
+        assert!(found.shares(&[vec![]], &[])[0] == 0.0);
+    }
+}
+
+#[test]
+fn a_late_shutter_is_no_curve_and_is_put_right_by_itself() {
+    for (kappa, stated) in [
+        (0.005, None),
+        (-0.005, None),
+        (0.005, Some(0.005)),
+        (0.03, None),
+    ] {
+        let (visits, known) = visits(&spread(40, 3e3, 6e4), 0.0, kappa, 3e-4, 5);
+        let found = detector(&visits, &known, stated);
+        assert!(found.told.is_none(), "{kappa} {stated:?}: {:?}", found.told);
+        let time = |s: f64| found.correction(s).expect("times are off").time;
+        assert!(
+            (time(0.2) / time(0.05) - 1.0 - kappa).abs() < 3e-4,
+            "{found:?}"
+        );
+        assert!(found.words().expect("it is told").contains("shutter"));
+    }
+    // With both, the one is not taken for the other.
+    let (visits, known) = visits(&spread(40, 3e3, 6e4), 0.06, 0.004, 3e-4, 6);
+    let told = detector(&visits, &known, Some(0.005))
+        .told
+        .expect("a curve");
+    assert!(
+        (told.c - 0.06).abs() < 3.0 * told.std && told.std < 1.5e-3,
+        "{told:?}"
+    );
+}
+
+#[test]
+fn what_shutter_and_curve_would_make_alike_is_not_told_as_a_curve() {
+    // One level: half a per cent of shutter is a curve of 2 % or none.
+    let (visits, known) = visits(&[3e4; 20], 0.0, 0.005, 3e-4, 7);
+    assert!(detector(&visits, &known, None).told.is_none());
+}
+
+#[test]
+fn bad_frames_neither_make_nor_hide_a_curve() {
+    for c in [0.0, 0.06] {
+        let (mut visits, known) = visits(&spread(30, 4e3, 6e4), c, 0.0, 3e-4, 8);
+        for (at, factor) in [
+            (3, 0.02),
+            (7, 1.2),
+            (8, 1.05),
+            (15, 4.0),
+            (20, 0.9),
+            (22, 0.25),
+        ] {
+            for bin in &mut visits[at][1].bins {
+                bin[1] *= factor;
+            }
+        }
+        let told = detector(&visits, &known, None).told;
+        match c {
+            0.0 => assert!(told.is_none(), "{told:?}"),
+            _ => assert!((told.expect("a curve").c - c).abs() < 0.002, "{told:?}"),
+        }
+    }
+}
+
+#[test]
+fn three_pairs_tell_a_large_curve_and_two_tell_nothing() {
+    let (three, known) = visits(&[1e4, 3e4, 6e4], 0.06, 0.0, 3e-4, 9);
+    let told = detector(&three, &known, None)
+        .told
+        .expect("three are enough");
+    assert!(
+        (told.c - 0.06).abs() < 3.0 * told.std && told.std < 0.01,
+        "{told:?}"
+    );
+    let two = detector(&three[1..], &known, None);
+    assert!(two.told.is_none() && two.correction(0.2).is_none());
+}
+
+#[test]
+fn what_is_uncertain_of_curve_and_clock_changes_signals_in_proportion() {
+    let (visits, known) = visits(&spread(40, 4e3, 6e4), 0.06, 0.0, 3e-4, 10);
+    let found = detector(&visits, &known, None);
+    let share = |counts_dn: f64| {
+        vec![Share {
+            exposure_s: 0.05,
+            share: 1.0,
+            counts_dn,
+        }]
+    };
+    let flats = share(2e4);
+    let shares = found.shares(&[share(2e3), share(2e4), share(6e4)], &flats);
+    // As bright as the white reference: nothing is between them.
+    assert!(shares[1].abs() < 1e-9, "{shares:?}");
+    let std = found.told.expect("a curve").std;
+    assert!(
+        (shares[2] / std - (6e4 - 2e4) / FULL).abs() < 0.2,
+        "{shares:?} {std}"
+    );
+    assert!(shares[0] < 0.0, "{shares:?}");
+    // A clock that is stated to be uncertain, and that no pair tells.
+    let clock = Detector::of(&[], &known, &known.times_s, Some(2e-3));
+    let long = |s: f64| {
+        vec![Share {
+            exposure_s: s,
+            share: 1.0,
+            counts_dn: 1e4,
+        }]
+    };
+    let shares = clock.shares(&[long(0.2), long(0.05)], &long(0.05));
+    assert!(
+        (shares[0].abs() - 2e-3 * 2.0_f64.sqrt()).abs() < 1e-9 && shares[1].abs() < 1e-9,
+        "{shares:?}"
+    );
+}
