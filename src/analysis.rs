@@ -187,7 +187,7 @@ fn fitted(
             profile,
             options.height_map.as_ref(),
             &report.parameters.theta_r_deg,
-            source.manifest().sample.pitch_length_um,
+            manifest.and_then(|m| m.sample.pitch_length_um),
         ));
     }
     if cancel.load(Ordering::Relaxed) {
