@@ -180,9 +180,9 @@ impl Table {
             observations.push(Observation {
                 shared: SharedErrors {
                     white_reference: if absolute { signal * scale_std } else { 0.0 },
-                    led_drift: 0.0,
                     theta_c_zero: theta_std,
                     phi_s_zero: phi_std,
+                    ..SharedErrors::default()
                 },
                 ..Observation::new(placed.pose, signal, per_value * own.max(least))
             });
