@@ -132,8 +132,8 @@ pub fn bad_block(estimate: &Estimate<'_>) -> Option<BadBlock> {
     let mut best: Option<(f64, usize, usize, f64, f64)> = None;
     for from in 0..n {
         let mut column = nalgebra::DVector::zeros(left.residuals.len());
-        for to in from..n.min(from + most) {
-            column += &single[to];
+        for (to, own) in single.iter().enumerate().skip(from).take(most) {
+            column += own;
             let (square, along) = (column.norm_squared(), column.dot(&left.residuals));
             if to + 1 - from < BLOCK_LEAST || square <= 0.0 {
                 continue;
