@@ -2,6 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::blunders::{bad_block, bad_poses};
+use super::drift::Drift;
+use super::estimate::Estimate;
+use super::wedge::Across;
+use crate::wording::{counted, significant};
+
 /// A known trouble. Scripts compare the words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -68,6 +74,81 @@ pub struct Finding {
     pub change_of_theta_r_deg: Option<f64>,
     /// What to do, for a person.
     pub advice: String,
+}
+
+/// All that is found of an estimate: what its surface has, and what its detector, its lamp and single poses did.
+pub(super) fn all(
+    e: &Estimate<'_>,
+    drift: Option<&Drift>,
+    across: Option<&Across>,
+) -> Vec<Finding> {
+    let mut found = e.findings.clone();
+    let set = e.problem.set();
+    if let Some(curve) = set.detector {
+        found.push(Finding {
+            code: Code::NonLinear,
+            explains: curve.explains,
+            change_of_theta_r_deg: None,
+            advice: format!(
+                "the camera's counts fall short by {:.1} % at full scale; the signals are corrected for it. Take two exposures or more                  of every pose, or stay below half of full scale",
+                100.0 * curve.c
+            ),
+        });
+    }
+    if let Some(Drift { lamp, .. }) = drift {
+        let moved = e.values.folded().theta_r - lamp.theta_r_before;
+        found.push(Finding {
+            code: Code::LampDrift,
+            explains: lamp.explains,
+            change_of_theta_r_deg: set.lamp.map(|_| moved.to_degrees()),
+            advice: "let the lamp warm up, or take the white reference at both ends of the series"
+                .to_owned(),
+        });
+    }
+    if let Some(poses) = bad_poses(e) {
+        found.push(Finding {
+            code: Code::BadPose,
+            explains: poses.explains,
+            change_of_theta_r_deg: None,
+            advice: format!(
+                "look at the frames of {}: {} robust standard deviations from the rest",
+                named(e, &poses.observations),
+                significant(poses.deviations)
+            ),
+        });
+    }
+    if let Some(block) = bad_block(e) {
+        found.push(Finding {
+            code: Code::BadBlock,
+            explains: block.explains,
+            change_of_theta_r_deg: None,
+            advice: format!(
+                "the {} from {} on are {} % off, all one way: look for what happened then, and scan them again",
+                counted(block.observations.len(), "pose"),
+                named(e, &block.observations[..1]),
+                significant(100.0 * block.share)
+            ),
+        });
+    }
+    if let Some(across) = across.filter(|across| across.is_wedge()) {
+        found.push(Finding {
+            code: Code::WedgeAcross,
+            explains: 0.0,
+            change_of_theta_r_deg: None,
+            advice: across.told().unwrap_or_default(),
+        });
+    }
+    sorted(found)
+}
+
+/// Poses by their angles.
+fn named(e: &Estimate<'_>, observations: &[usize]) -> String {
+    let all = &e.problem.set().observations;
+    let each = observations.iter().map(|i| {
+        let pose = all[*i].pose;
+        format!("θc {:.2}°, φs {:.2}°", pose.theta_c.deg(), pose.phi_s.deg())
+    });
+    each.collect::<Vec<_>>().join("; ")
 }
 
 /// Most first.

@@ -6,8 +6,9 @@
 use nalgebra::DVector;
 
 use super::budget::{Budget, Uncertainty, tied, uncertainty};
-use super::drift::drift;
+use super::drift::{Drift, drift};
 use super::estimate::{Denial, Estimate, denials};
+use super::findings;
 use super::known::{drift_std, reference_std};
 use super::misfit::{self, LOUD, few, peak};
 use super::problem::{Quantity, Values};
@@ -229,7 +230,8 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
             warnings.push(told);
         }
     }
-    warnings.extend(drift(e).map(|drift| drift.told()));
+    let drift = drift(e);
+    warnings.extend(drift.as_ref().map(Drift::told));
     warnings.extend(denied(e));
     warnings.extend(unfinished(e, u, status));
     for &j in &e.minimum.at_bound {
@@ -266,6 +268,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
     });
     let fitted = listed.collect();
     let peak = peak(set);
+    let across = wedge::of_report(set, &parameters);
     FitReport {
         variant,
         status,
@@ -273,7 +276,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         n_frames_used: set.n_frames_used,
         region: set.region.clone(),
         reference_plane: wedge::plane(set),
-        wedge_across: wedge::of_report(set, &parameters),
+        wedge_across: across,
         rms_residual: Some(e.rms_residual),
         model_discrepancy: Some(e.misfit.iter().copied().fold(0.0, f64::max) / peak),
         chi2_reduced: Some(u.covariance.chi2_reduced),
@@ -281,7 +284,10 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         rejected_frames: set.rejected_frames.clone(),
         warnings,
         notes: Vec::new(),
-        findings: e.findings.clone(),
+        findings: match variant {
+            VariantName::Paper => Vec::new(),
+            _ => findings::all(e, drift.as_ref(), across.as_ref()),
+        },
         slope_distribution: (variant != VariantName::Paper)
             .then(|| slope_distribution(e, &parameters)),
         parameters,

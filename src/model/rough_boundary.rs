@@ -20,7 +20,6 @@
 
 use std::f64::consts::PI;
 
-use super::third_bounce::smith;
 use super::{Optics, fresnel};
 
 /// Steps in the root of the cosine: towards grazing R̃ bends within a few hundredths of the cosine.
@@ -31,6 +30,8 @@ const BESIDE: (f64, i32) = (0.5, 7);
 /// GGX's slopes: rings, and directions of half a ring.
 const RINGS: usize = 48;
 const TURNS: usize = 16;
+/// Height of a direction in units of the slopes above which Beckmann's masking is below 1e-6.
+const UNMASKED: f64 = 3.0;
 
 /// A rough dielectric wall, tabulated.
 #[derive(Debug, Clone)]
@@ -163,7 +164,13 @@ fn beckmann(in_plane: f64, beside: f64) -> Slopes {
     Slopes {
         nodes,
         alpha2: [in_plane * in_plane, beside * beside],
-        masking: |alpha2, [x, y, z]| smith(alpha2, x, y, z),
+        masking: |alpha2, [x, y, z]| {
+            let a = z / (alpha2[0] * x * x + alpha2[1] * y * y).sqrt();
+            if a > UNMASKED {
+                return 1.0;
+            }
+            2.0 / (1.0 + libm::erf(a) + (-a * a).exp() / (a * PI.sqrt()))
+        },
     }
 }
 

@@ -88,6 +88,7 @@ fn observations(name: &str, bench: Bench) -> ObservationSet {
             shared: SharedErrors {
                 white_reference: signal * 0.005 / 0.99,
                 led_drift: signal * 1e-3,
+                detector: 0.0,
                 theta_c_zero: Angle::from_deg(0.02),
                 phi_s_zero: Angle::from_deg(0.02),
             },

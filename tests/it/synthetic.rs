@@ -102,6 +102,7 @@ fn painted(seed: u64, poses: &[(f64, f64)], cones: Cones, alpha: f64, polarised:
                 shared: SharedErrors {
                     white_reference: signal * REFLECTANCE.reflectance_std / REFLECTANCE.reflectance,
                     led_drift: signal * 1e-3,
+                    detector: 0.0,
                     theta_c_zero: Angle::from_deg(0.02),
                     phi_s_zero: Angle::from_deg(0.02),
                 },
