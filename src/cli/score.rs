@@ -15,12 +15,22 @@ use crate::fit::report::{FitReport, Parameter};
 use crate::series::Series;
 use crate::wording::decimals;
 
+/// What stands above the table in a file.
+const HEAD: &str = "# Fits of samples, rigs and cameras as labs have them, against the truth
+
+Made by `ridged score tests/data/series tests/data/series2 --out docs/real-samples.md`. Each series was path-traced on ridges of known
+shape, with a camera's noise and pattern; `truth.toml` in its folder says what is real in it, and no fit reads it. U is the expanded
+uncertainty (k = 2), E_n = (value − truth)/U. The first finding is what explains most of what an ideal sawtooth, a steady lamp and a
+linear camera leave. [sawtooth.md](sawtooth.md) has the formulas.
+
+";
+
 /// Fits recorded series whose truth is known and prints truth, value, expanded uncertainty and E_n.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  ridged score tests/data/series tests/data/series2\n  \
                   ridged score tests/data/series2/translucent-12 --json\n  \
-                  ridged score tests/data/series tests/data/series2 --out docs/real-samples-table.md"
+                  ridged score tests/data/series tests/data/series2 --out docs/real-samples.md"
 )]
 pub struct Args {
     /// Series with a truth.toml, or folders that hold such series.
@@ -177,7 +187,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     let scores = summed(scores);
     let table = markdown(&scores);
     if let Some(path) = &args.out {
-        std::fs::write(path, &table)
+        std::fs::write(path, format!("{HEAD}{table}"))
             .with_context(|| format!("cannot write {}", path.display()))
             .map_err(CliError::bad_input)?;
     }

@@ -164,6 +164,15 @@ export interface RejectedFrame {
   readonly detail?: string | null;
 }
 
+/** A known trouble of sample, detector or lamp that a fit found. */
+export interface Finding {
+  readonly code: string;
+  /** Share of χ² that goes with it. */
+  readonly explains: number;
+  readonly change_of_theta_r_deg: number | null;
+  readonly advice: string;
+}
+
 /** A finished fit: the object of `ridged fit --json` with what the store adds. */
 export interface FitResult {
   readonly variant: string;
@@ -180,6 +189,10 @@ export interface FitResult {
   readonly chi2_reduced_without_model: number | null;
   readonly rejected_frames: readonly RejectedFrame[];
   readonly warnings: readonly string[];
+  /** Worth knowing, with nothing to do; fits kept from before have none. */
+  readonly notes?: readonly string[];
+  /** What explains the residual, most first; fits kept from before have none. */
+  readonly findings?: readonly Finding[];
   readonly variants: readonly {
     readonly variant: string;
     readonly status?: string | null;

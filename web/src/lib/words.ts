@@ -20,6 +20,21 @@ export const PARAMETERS: Readonly<Record<string, ParameterWords>> = {
   background: { symbol: 'B', name: 'stray light', unit: '' },
   azimuth_offset_deg: { symbol: 'Δφ_s', name: 'azimuth offset', unit: '°' },
   tilt_offset_deg: { symbol: 'Δθ_c', name: 'tilt offset', unit: '°' },
+  translucency: { symbol: 'τ', name: 'share of the body’s light that leaves evenly', unit: '' },
+  crest_radius: { symbol: 'R/p', name: 'radius of the crests over the facets’ length', unit: '' },
+};
+
+/** Codes of findings as people read them. */
+export const FINDINGS: Readonly<Record<string, string>> = {
+  tails: 'Tails of the lobe',
+  'rounded-crests': 'Rounded crests',
+  translucent: 'Translucent body',
+  'wedge-across': 'Wedge across the ridges',
+  'non-linear': 'Camera not linear',
+  'lamp-drift': 'Lamp drift',
+  index: 'Refractive index',
+  'bad-block': 'A run of poses is off',
+  'bad-pose': 'A pose is off',
 };
 
 /** What a map and a verdict know beside the parameters. */
