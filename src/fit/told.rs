@@ -130,7 +130,7 @@ pub fn agree(told: &[Told], material: &Material) -> Result<(), StatementError> {
     }
     let of_rho_d = told
         .iter()
-        .any(|t| t.quantity == Quantity::RhoD && t.value > 0.0);
+        .any(|t| matches!(t.quantity, Quantity::RhoD | Quantity::Translucency) && t.value > 0.0);
     if of_rho_d && !dielectric {
         return Err(StatementError::NoDiffuse);
     }

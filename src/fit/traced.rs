@@ -200,6 +200,10 @@ pub fn estimate_traced<'a>(
     if !matches!(run.end, TracingEnd::Stopped | TracingEnd::Settled) {
         run.go_on(&mut main, options, PASSES_MAX)?;
     }
+    let rivals = match (&run.reached, run.end) {
+        (Some(best), end) if end != TracingEnd::Stopped => main.not_refuted(best),
+        _ => sawtooth.rivals.clone(),
+    };
     // What a shape leaves open is a limit of what is not known.
     let open = profile.and_then(Profile::alternative);
     let open = open.filter(|_| run.reached.is_some() && run.end != TracingEnd::Stopped);
@@ -211,9 +215,7 @@ pub fn estimate_traced<'a>(
             *apart = apart.hypot(*moved);
         }
     }
-    if run.end != TracingEnd::Stopped {
-        estimate.rivals = main.not_refuted(&estimate);
-    }
+    estimate.rivals = rivals;
     Some(estimate)
 }
 

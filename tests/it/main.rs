@@ -18,6 +18,7 @@ mod near;
 mod nist;
 mod off_axis;
 mod radiances;
+mod real_samples;
 mod recorded;
 mod runner;
 mod simulate_rig;
