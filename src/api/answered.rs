@@ -62,8 +62,14 @@ pub struct FitAnswered {
     chi2_reduced_without_model: Option<f64>,
     /// Frames left out.
     rejected_frames: Option<Vec<FrameRejected>>,
-    /// Sentences for people.
+    /// Sentences for people, of what they have to look after.
     warnings: Option<Vec<String>>,
+    /// Sentences of what is worth knowing and needs nothing done.
+    notes: Option<Vec<String>>,
+    /// What explains the residual that an ideal sawtooth, a steady lamp and a linear detector leave, most first.
+    findings: Option<Vec<FitFinding>>,
+    /// How the facets' slopes are distributed; null for the printed form.
+    slope_distribution: Option<FitSlopes>,
     /// All variants fitted.
     variants: Option<Vec<FitVariant>>,
     /// What was left out, why, and what it may cost.
@@ -119,6 +125,32 @@ pub struct FitAcross {
     azimuth_zero_std_deg: Option<f64>,
 }
 
+/// A known trouble of sample, detector or lamp that a fit found.
+#[derive(ToSchema)]
+pub struct FitFinding {
+    /// `tails`, `rounded-crests`, `translucent`, `wedge-across`, `non-linear`, `lamp-drift`, `index`, `bad-block` or `bad-pose`.
+    code: String,
+    /// Share of χ² that goes with it, 0 to 1.
+    explains: f64,
+    /// Ridge angle with it accounted for less the one without; null where that cannot be told.
+    change_of_theta_r_deg: Option<f64>,
+    /// What to do.
+    advice: String,
+}
+
+/// How the facets' slopes are distributed.
+#[derive(ToSchema)]
+pub struct FitSlopes {
+    /// `beckmann` or `student-t`.
+    name: String,
+    /// γ of Student's t (GGX is 2); null for Beckmann.
+    shape: Option<f64>,
+    /// The Beckmann roughness of the same half width along the ridges.
+    alpha_half_width_u: Option<f64>,
+    /// The same across the ridges.
+    alpha_half_width_v: Option<f64>,
+}
+
 /// Why a fit has no report.
 #[derive(ToSchema)]
 pub struct FitError {
@@ -147,6 +179,10 @@ pub struct FitParameters {
     azimuth_offset_deg: FitParameter,
     /// To add to a recorded θc.
     tilt_offset_deg: FitParameter,
+    /// Share of the body's light that leaves evenly over the ridges; absent where it is not fitted.
+    translucency: Option<FitParameter>,
+    /// Radius of the crests over the facets' length; absent where it is not fitted.
+    crest_radius: Option<FitParameter>,
 }
 
 /// One parameter with its uncertainty; null throughout where the data cannot tell it.

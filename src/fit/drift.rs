@@ -6,7 +6,7 @@
 //! always fitted, a third where it stands out by itself. The noise is all that is left, the model's misfit included. [`drift`]
 //! gives what is told, [`without`] the observations of a steady lamp; the fit is done again on those.
 //!
-//! A drift is told at F > 10, for one degree or for all. Misfit of the model has an order in time too where poses are visited in
+//! A drift is told at F > 10, for one degree or for all, where it goes one way (|t| > 3.2). Misfit of the model has an order in time too where poses are visited in
 //! an order: so leaving out whole tilts and azimuths in turn has to leave it as it is ([`jackknife::by_groups`]).
 //!
 //! Lamps that warm up do not drift along polynomials: half of what is taken off, and the covariance of the coefficients, are in
@@ -22,6 +22,9 @@ use crate::observation::{LampDrift, ObservationSet};
 const SECONDS_PER_HOUR: f64 = 3600.0;
 /// F above which a drift is told.
 const TOLD_F: f64 = 10.0;
+/// Standard deviations of the line, or of the change from end to end, above which a drift is told: what bends without going one way
+/// is what a misfit of the model looks like where poses are visited in an order.
+const TOLD_T: f64 = 3.2;
 /// Degrees that are always fitted, and the most.
 const DEGREES: usize = 2;
 const DEGREES_MAX: usize = 3;
@@ -31,6 +34,8 @@ const GROUPS: f64 = 1.5;
 const FREEDOM_MIN: f64 = 5.0;
 /// Share of the time's column that other parameters explain, from which on time can hardly be told from them.
 const ALIKE: f64 = 0.95;
+/// Change over a series from which on it is no drift of a lamp.
+const PLAUSIBLE: f64 = 0.5;
 /// Standard uncertainty of what is taken off, as a share of it.
 const SHARE_OF_CORRECTION: f64 = 0.5;
 
@@ -226,8 +231,15 @@ pub(super) fn drift(estimate: &Estimate<'_>) -> Option<Drift> {
         Some(lamp) => (lamp, SHARE_OF_CORRECTION),
         None => {
             let lamp = fitted(estimate)?;
-            let stands_out = lamp.f > TOLD_F && lamp.steady_over_groups > GROUPS;
-            (stands_out.then_some(lamp)?, 1.0)
+            // No lamp that lights a series does so: what changes by more is no drift.
+            let plausible = lamp.change_over_series.abs() < PLAUSIBLE;
+            let one_way = lamp
+                .t
+                .abs()
+                .max((lamp.change_over_series / lamp.change_std).abs());
+            let stands_out =
+                lamp.f > TOLD_F && one_way > TOLD_T && lamp.steady_over_groups > GROUPS;
+            ((plausible && stands_out).then_some(lamp)?, 1.0)
         }
     };
     let times = Times::of(set)?;

@@ -74,7 +74,7 @@ pub enum StatementError {
     NoExtinction,
     /// Light does not come back from below a metal's surface.
     #[error(
-        "rho_d is light from below the surface, and this sample is a metal: its ρd is 0 and needs no statement"
+        "rho_d and translucency tell of light from below the surface, and this sample is a metal: its ρd is 0 and needs no statement"
     )]
     NoDiffuse,
 }

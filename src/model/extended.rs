@@ -57,10 +57,10 @@ impl Real {
 #[derive(Debug, Clone)]
 pub struct Walls {
     boundary: RoughBoundary,
-    /// 1/(π T̃(1) T̃(cos θl)).
-    diffuse: f64,
-    /// π T̄².
-    exchange: f64,
+    /// 1/(π T̃(1) T̃(cos θl)) with its slope to the real index.
+    diffuse: [f64; 2],
+    /// π T̄² with its slope to the real index.
+    exchange: [f64; 2],
 }
 
 impl Walls {
@@ -73,10 +73,11 @@ impl Walls {
         } else {
             RoughBoundary::smooth()
         };
+        let more = boundary.per_entrance(optics);
         Walls {
-            diffuse: table.diffuse[0] * boundary.per_entrance(optics),
-            exchange: table.exchange[0],
+            diffuse: [more * table.diffuse[0], more * table.diffuse[1]],
             boundary,
+            ..Walls::smooth(table)
         }
     }
 
@@ -84,8 +85,8 @@ impl Walls {
     #[must_use]
     pub fn smooth(table: &OpticsTable) -> Self {
         Walls {
-            diffuse: table.diffuse[0],
-            exchange: table.exchange[0],
+            diffuse: [table.diffuse[0], table.diffuse[1]],
+            exchange: [table.exchange[0], table.exchange[1]],
             boundary: RoughBoundary::smooth(),
         }
     }
@@ -329,7 +330,8 @@ fn diffuse<N: Number>(
         round,
         straight,
     } = *shape;
-    let c_d = q.rho_d.times(walls.diffuse);
+    let of_index = |known: [f64; 2]| q.eta.map(|_| (known[0], known[1]));
+    let c_d = q.rho_d * of_index(walls.diffuse);
     let facet = |w: &Ray<N>| (one - w.facet_f) * w.m;
     let riser = |w: &Ray<N>| (one - w.riser_f) * w.rho;
     let (ti, to) = (facet(a), facet(b));
@@ -349,7 +351,7 @@ fn diffuse<N: Number>(
         + a.facet_f * ui * b.facet_f * uo * a.y.smaller(b.y);
     let e_f = |w: &Ray<N>| facet(w) * (w.open + w.riser_f * w.x);
     let e_r = |w: &Ray<N>, hidden: N| riser(w) * (r - hidden + w.facet_f * w.y);
-    let kappa = c_d.times(walls.exchange);
+    let kappa = c_d * of_index(walls.exchange);
     let reach = p + r + one;
     let (phi_fr, phi_rf) = (r / reach, p / reach);
     let loss = kappa * kappa * phi_fr * phi_rf;

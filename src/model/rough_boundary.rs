@@ -16,7 +16,8 @@
 //! Beckmann (0) and GGX (1). The quadrature, the tracer and [`super::extended`] use it; call [`RoughBoundary::excess`].
 //!
 //! *Conditioning.* Sums of positive terms: Beckmann's slopes on an even lattice, which for a bell curve is as good as any rule,
-//! GGX's on midpoints of their distribution. T̃ − T is a difference of numbers near 1, good to 1e-15 of them and 1e-5 by the table.
+//! GGX's on midpoints of their distribution. T̃ − T is a difference of numbers near 1; lattice and table are good to 2e-4, and to 1e-3 at
+//! cosines below 0.3.
 
 use std::f64::consts::PI;
 
@@ -25,7 +26,7 @@ use super::{Optics, fresnel};
 /// Steps in the root of the cosine: towards grazing R̃ bends within a few hundredths of the cosine.
 const STEPS: usize = 96;
 /// Beckmann's slopes in units of α, in the plane of incidence and across it: step, and steps to either side.
-const IN_PLANE: (f64, i32) = (0.3, 12);
+const IN_PLANE: (f64, i32) = (0.15, 24);
 const BESIDE: (f64, i32) = (0.5, 7);
 /// GGX's slopes: rings, and directions of half a ring.
 const RINGS: usize = 48;
@@ -248,7 +249,8 @@ mod tests {
             let [u, v, n] = row.i;
             let found = 1.0 - fresnel::transmittance(n, row.index, 0.0) - wall.excess(u, v, n);
             worst = worst.max((found - row.value).abs());
-            assert!((found - row.value).abs() < 3e-4, "{row:?}: {found}");
+            let allowed = if n < 0.3 { 1e-3 } else { 2e-4 };
+            assert!((found - row.value).abs() < allowed, "{row:?}: {found}");
         }
         assert!(worst > 0.0);
     }

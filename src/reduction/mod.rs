@@ -364,7 +364,9 @@ pub fn reduce(
         azimuth_zero_std: manifest.rig.azimuth_zero_std_deg.map(Angle::from_deg),
         theta_l_std: manifest.rig.theta_l_std_deg.map(Angle::from_deg),
         dark_std,
-        translucency: manifest.translucency(),
+        translucency: manifest
+            .translucency()
+            .map(|(mean, std)| Prior { mean, std }),
         flat_times_s: flat_times(source.rows(), began_s),
         lamp: None,
         detector: darks.detector.as_ref().and_then(|detector| detector.told),

@@ -9,7 +9,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Cones, RigGeometry};
 use crate::material::{Material, tables};
-use crate::observation::Prior;
 use crate::units::Angle;
 
 /// Standard uncertainty of a part of a refractive index where none is stated.
@@ -389,13 +388,11 @@ impl Manifest {
         })
     }
 
-    /// Share of the body's light that leaves evenly over the ridges, where it is stated.
+    /// Share of the body's light that leaves evenly over the ridges and its standard uncertainty, where it is stated.
     #[must_use]
-    pub fn translucency(&self) -> Option<Prior> {
-        Some(Prior {
-            mean: self.sample.translucency?,
-            std: self.sample.translucency_std.unwrap_or(TRANSLUCENCY_STD),
-        })
+    pub fn translucency(&self) -> Option<(f64, f64)> {
+        let std = self.sample.translucency_std.unwrap_or(TRANSLUCENCY_STD);
+        Some((self.sample.translucency?, std))
     }
 
     /// The nominal material. A standard uncertainty that is not stated counts as [`INDEX_STD`], and that of a metal by name

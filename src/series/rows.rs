@@ -323,7 +323,8 @@ mod tests {
             ("../b.png,sample,0,0,1,0,", "file", "out of the folder"),
             ("/etc/b.png,sample,0,0,1,0,", "file", "absolute"),
             ("C:\\b.png,sample,0,0,1,0,", "file", "absolute"),
-            ("a:b.png,sample,0,0,1,0,", "file", "colon"),
+            ("c:b.png,sample,0,0,1,0,", "file", "absolute"),
+            ("ab:c.png,sample,0,0,1,0,", "file", "colon"),
             ("..\\b.png,sample,0,0,1,0,", "file", "out of the folder"),
             ("a.png,sample,0,0,1,0,", "file", "twice"),
         ] {

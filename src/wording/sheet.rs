@@ -66,6 +66,8 @@ impl<'t> Sheet<'t> {
         Sheet {
             reader: csv::ReaderBuilder::new()
                 .trim(csv::Trim::All)
+                // The parser counts lines by what ends them: of a carriage return and a line feed only the latter.
+                .terminator(csv::Terminator::Any(b'\n'))
                 .delimiter(delimiter)
                 .from_reader(text.as_bytes()),
             decimal_comma: delimiter != b',',

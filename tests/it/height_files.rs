@@ -94,10 +94,10 @@ fn pictures_of_which_nothing_tells_the_heights_are_refused() {
 #[test]
 fn a_shape_that_contradicts_light_and_manifest_is_a_warning_whatever_else_comes_out() {
     let folder = tempfile::tempdir().unwrap();
-    // Twice as high as ridges of 15°, and half as long.
+    // Much higher than ridges of 12°, and half as long.
     let profile = "v_um,z_um\n0,26.795\n46.65,0\n51.76,26.795\n";
     std::fs::write(folder.path().join("twice.csv"), profile).unwrap();
-    let series = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/series/steel-15");
+    let series = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/series2/opaque-12");
     let args = [
         "fit",
         series,
@@ -106,7 +106,7 @@ fn a_shape_that_contradicts_light_and_manifest_is_a_warning_whatever_else_comes_
         "--shape",
         "twice.csv",
         "--max-seconds",
-        "1",
+        "30",
         "--json",
     ];
     let warnings = json(folder.path(), &args)["warnings"].to_string();

@@ -83,8 +83,9 @@ mod tests {
     #[test]
     fn the_order_is_told_where_both_bytes_say_something() {
         for (level, slope, noise, step) in [
-            (600.0, 0.0, 6.0, 1),
-            (3000.0, 2.0, 20.0, 1),
+            // Around three times 256.
+            (750.0, 0.0, 40.0, 1),
+            (3060.0, 2.0, 20.0, 1),
             (30_000.0, 100.0, 150.0, 1),
             // 12 bits to the left of 16.
             (30_000.0, 100.0, 300.0, 16),
