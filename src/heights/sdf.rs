@@ -94,9 +94,9 @@ fn text(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let value = |name: &str| -> Result<f64, String> {
         let lines = head.lines().filter_map(|line| line.split_once('='));
         let found = lines.filter(|(key, _)| key.trim().eq_ignore_ascii_case(name));
-        let word = found.map(|(_, value)| value.split(';').next().unwrap_or_default().trim());
-        let word = word
-            .last()
+        let mut words = found.map(|(_, value)| value.split(';').next().unwrap_or_default().trim());
+        let word = words
+            .next_back()
             .ok_or_else(|| format!("the header of this SDF has no {name}"))?;
         number(word).ok_or_else(|| {
             format!("the header of this SDF has {name} = {word:?}, which is not a number")

@@ -153,7 +153,7 @@ impl Above {
     fn take(&mut self, line: &str, words: &[Cow<'_, str>]) -> Result<bool, String> {
         let is_number = |word: &Cow<'_, str>| number(word).is_some();
         let first = words.first();
-        if first.is_none_or(|w| is_number(w)) || words.iter().all(|w| w.is_empty()) {
+        if first.is_none_or(is_number) || words.iter().all(|w| w.is_empty()) {
             return Ok(first.is_none_or(|w| w.is_empty()));
         }
         // Rows that begin with a missing point; of a name and a value the name may be such a word.
