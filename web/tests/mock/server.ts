@@ -263,6 +263,7 @@ export class MockDaemon {
       },
       reference_plane: 'turntable', rms_residual: paper ? 0.041 : 0.0061, model_discrepancy: paper ? 0.04 : 0.006, chi2_reduced: 1, chi2_reduced_without_model: 8.1e4,
       rejected_frames: scan.frames.filter((f) => f['accepted'] === false).map((f) => ({ file: `frames/${String(f['id'])}.png`, reason: f['reason'] })),
+      findings: paper ? [] : [{ code: 'translucent', explains: 0.9, change_of_theta_r_deg: 0.457, advice: 'state sample.translucency with its uncertainty' }],
       warnings: ['a wedge of the sample along v reads as ridge angle one to one; remount at 180° to tell'],
       variants: [{ variant: 'sawtooth', status: 'converged', rms_residual: 0.0061, theta_r_deg: surface.theta_r_deg + 0.031 }, { variant: 'paper', status: 'converged', rms_residual: 0.041, theta_r_deg: surface.theta_r_deg + 0.61 }],
       left_out: [{ what: 'cone average', why: 'the lobe is twelve times wider than the lamp', cost: 1e-5 }],

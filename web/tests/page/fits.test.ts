@@ -27,6 +27,21 @@ describe('a fit', () => {
     expect(await text('#budget-theta_r_deg')).toContain('angles 0.021° · 0.99 % of the variance');
   });
 
+  it('says what explains its residual, by how much, and what to do', async () => {
+    const scan = daemon.addScan(1, 'full');
+    daemon.addFit(scan, 'paper');
+    daemon.addFit(scan);
+    await page.goto(`${url}/#/scan/1/fit/2`);
+    const findings = page.getByTestId('findings');
+    await findings.waitFor();
+    const told = await findings.innerText();
+    expect(told).toContain('Translucent body');
+    expect(told).toContain('of χ², moves θr by 0.457°');
+    expect(told).toContain('State sample.translucency');
+    await page.goto(`${url}/#/scan/1/fit/1`);
+    await expect.poll(() => page.getByTestId('findings').count()).toBe(0);
+  });
+
   it('is compared with others, and another one is shown by its link', async () => {
     daemon.addFit(daemon.addScan(1, 'full'), 'paper');
     daemon.addFit(daemon.addScan(2, 'paper'));
