@@ -134,12 +134,13 @@ impl StageTimes {
                 .map_or(now, |(_, time)| *time)
         };
         let (settling, fitting) = (at(Stage::Settling), at(Stage::Fitting));
-        let averaging = at(Stage::Averaging);
+        // Without time for a fit of the mean there is none.
+        let averaging = at(Stage::Averaging).min(settling);
         Timing {
-            read: (settling - self.started).as_secs_f64(),
+            read: (averaging - self.started).as_secs_f64(),
+            mean: (settling - averaging).as_secs_f64(),
             settle: (fitting - settling).as_secs_f64(),
-            fit: (averaging - fitting).as_secs_f64(),
-            mean: (now - averaging).as_secs_f64(),
+            fit: (now - fitting).as_secs_f64(),
             write: 0.0,
         }
     }
@@ -213,7 +214,7 @@ mod tests {
         // Cancelled when all pixels are fitted, a second one leaves the first as it was.
         let cancel = AtomicBool::new(false);
         let tell = |p: Progress| {
-            if p.stage == Stage::Averaging {
+            if p.stage == Stage::Fitting && p.done == p.total {
                 cancel.store(true, Ordering::Relaxed);
             }
         };

@@ -100,12 +100,12 @@ pub enum Stage {
     Calibrating,
     /// Sample frames are read and brought into the sample's frame; counted in poses.
     Resampling,
+    /// Frames are read once more, for a fit of the pixels' mean.
+    Averaging,
     /// Shared quantities and starts.
     Settling,
     /// Pixels are fitted; counted in pixels.
     Fitting,
-    /// Frames are read once more, for a fit of the pixels' mean.
-    Averaging,
 }
 
 impl Stage {

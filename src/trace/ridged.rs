@@ -227,6 +227,18 @@ enum End {
     Lamp,
 }
 
+/// What a path takes the body for. Of a translucent one's light that has left, what enters again is in the body's strength: it is how
+/// much leaves for good.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Body {
+    /// Light leaves the facet that it entered.
+    Opaque,
+    /// Light leaves anywhere on the profile …
+    Translucent,
+    /// … and has done so.
+    Left,
+}
+
 /// What a facet does to a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Event {
@@ -295,6 +307,7 @@ impl Task<'_> {
         }
         let mut k = scaled(-1.0, &start);
         let mut first = None;
+        let mut body = self.body(random);
         let mut light = L::launch(&perpendicular(&k));
         let mut gathered = 0.0;
         let mut flight = profile.enter(Side::Above, &k, at, &mut 0);
@@ -312,11 +325,14 @@ impl Task<'_> {
             } else {
                 [random.uniform(), random.uniform()]
             };
-            gathered += self.joined(&light, first, &facet, &spot, lamp);
-            gathered += self.joined_evenly(&light, first, &facet, lamp, random);
-            let Some((event, next, from)) = self.scattered(&mut light, &facet, random) else {
+            gathered += self.joined(&light, first, body, &facet, &spot, lamp);
+            gathered += self.joined_evenly(&light, first, body, &facet, lamp, random);
+            let Some((event, next, from)) = self.scattered(&mut light, body, &facet, random) else {
                 break;
             };
+            if from.is_some() {
+                body = Body::Left;
+            }
             first = first.or(Some(event));
             k = next;
             let spot = from.unwrap_or(spot);
@@ -330,6 +346,15 @@ impl Task<'_> {
             flight = profile.onward(&spot, Side::Above, &k, &mut 0);
         }
         gathered * share
+    }
+
+    /// What a path takes the body for: translucent by its share. An opaque one takes no random numbers.
+    fn body(&self, random: &mut Stream) -> Body {
+        let share = self.surface.diffuse.map_or(0.0, |body| body.translucency);
+        match share > 0.0 && random.uniform() < share {
+            true => Body::Translucent,
+            false => Body::Opaque,
+        }
     }
 
     /// The same task for one point of the lens's pupil. A lens that is a point takes no random numbers.
@@ -353,11 +378,13 @@ impl Task<'_> {
         &self,
         light: &L,
         first: Option<Event>,
+        body: Body,
         facet: &Facet,
         spot: &ProfileSpot,
         lamp: [f64; 2],
     ) -> f64 {
         let (mirrors, diffuses) = self.counted(first);
+        let diffuses = diffuses && body == Body::Opaque;
         if !mirrors && !diffuses {
             return 0.0;
         }
@@ -388,8 +415,7 @@ impl Task<'_> {
             entering.meet(&k, normal);
             let (inwards, more_in) = surface.passing(&facet.local(&facet.back));
             let (outwards, more_out) = surface.passing(&facet.local(&lamp));
-            let here = (1.0 - diffuse.translucency) * diffuse.strength;
-            let body = here * std::f64::consts::FRAC_1_PI * (more_in * more_out);
+            let body = diffuse.strength * std::f64::consts::FRAC_1_PI * (more_in * more_out);
             gathered += entering.share(&inwards) * body * outwards.unpolarised() * i_n;
         }
         gathered
@@ -417,12 +443,13 @@ impl Task<'_> {
         &self,
         light: &L,
         first: Option<Event>,
+        body: Body,
         facet: &Facet,
         lamp: [f64; 2],
         random: &mut Stream,
     ) -> f64 {
         let surface = self.surface;
-        let Some(diffuse) = surface.diffuse.filter(|d| d.translucency > 0.0) else {
+        let Some(diffuse) = surface.diffuse.filter(|_| body == Body::Translucent) else {
             return 0.0;
         };
         // Drawn whether it counts or not, so that the random numbers of a path do not depend on that.
@@ -445,7 +472,7 @@ impl Task<'_> {
         entering.meet(&scaled(-1.0, &facet.back), &facet.frame[2]);
         let (inwards, more_in) = surface.passing(&facet.local(&facet.back));
         let (outwards, more_out) = surface.passing(&there.local(&lamp));
-        let evenly = diffuse.translucency * diffuse.strength * surface.evenly.per_period;
+        let evenly = diffuse.strength * surface.evenly.per_period;
         let body = evenly * std::f64::consts::FRAC_1_PI * (more_in * more_out);
         entering.share(&inwards) * body * outwards.unpolarised() * i_n
     }
@@ -467,17 +494,18 @@ impl Task<'_> {
     fn scattered<L: Light>(
         &self,
         light: &mut L,
+        body: Body,
         facet: &Facet,
         random: &mut Stream,
     ) -> Option<(Event, V3, Option<ProfileSpot>)> {
         let surface = self.surface;
         let k = scaled(-1.0, &facet.back);
         let normal = facet.frame[2];
-        if let Some(diffuse) = &surface.diffuse {
+        if let Some(diffuse) = surface.diffuse.filter(|_| body != Body::Left) {
             // Half of the paths go on inside: on plastic most of the light does.
             if random.bits() & 1 == 0 {
                 let local = Diffuse::direction(random);
-                let from = (diffuse.translucency > 0.0 && random.uniform() < diffuse.translucency)
+                let from = (body == Body::Translucent)
                     .then(|| surface.evenly.at(&surface.profile, random.uniform()));
                 let (out, leaves, share) = match &from {
                     None => (facet.world(&local), normal, 1.0),
