@@ -16,7 +16,7 @@
 //! Beckmann (0) and GGX (1). The quadrature, the tracer and [`super::extended`] use it; call [`RoughBoundary::excess`].
 //!
 //! *Conditioning.* Sums of positive terms over the slopes that send the beam back: they end where it would go below the wall, so
-//! sixteen Gauss nodes are good to 1e-6; how much of the wall a beam meets is known (Smith). T̃ − T is a difference of numbers near 1,
+//! sixteen Gauss nodes are good to 1e-6 for Beckmann's and to 1e-4 for GGX's; how much of the wall a beam meets is known (Smith). T̃ − T is a difference of numbers near 1,
 //! its table is good to 1e-4, and to 1e-3 at cosines below 0.03.
 
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -272,7 +272,7 @@ mod tests {
             let [u, v, n] = row.i;
             let found = 1.0 - fresnel::transmittance(n, row.index, 0.0) - wall.excess(u, v, n);
             worst = worst.max((found - row.value).abs());
-            let allowed = if n < 0.3 { 2e-4 } else { 1e-4 };
+            let allowed = if tail > 0.0 || n < 0.3 { 2e-4 } else { 1e-4 };
             assert!((found - row.value).abs() < allowed, "{row:?}: {found}");
         }
         assert!(worst > 0.0);
