@@ -1,12 +1,12 @@
-//! What light that went between the facets is beside the centre of a near field.
+//! The off-centre change, over a near field, of light reflected between the facets.
 //!
-//! The costly terms are those of the field's centre ([`super::costly`]). Where camera or lamp are near, a pixel's own
-//! directions change them by as much as a percent of the peak. That change is smooth over the field and small, so it is
-//! worked out on the surfaces that most pixels look like, on a grid, and a polynomial of third degree in the
-//! pixel's place brings it everywhere: pose by pose it comes off the signals before a pixel is fitted.
+//! The costly terms are those of the field's centre ([`super::costly`]). If camera or lamp are near, a pixel's own
+//! directions change them by up to one percent of the peak. The change is small and smooth over the field, so it is
+//! computed on a grid for the surfaces that represent most pixels, and interpolated by a polynomial of third degree in
+//! the pixel's place. It is subtracted from the signals, pose by pose, before a pixel is fitted.
 //!
-//! *Conditioning.* Places are in half-widths of the field, so the polynomial's normal equations have a condition below 1e3; the
-//! change is 1e-2 of the signal, and no digit of the signal depends on the polynomial.
+//! *Conditioning.* Places are in half-widths of the field, so the condition of the polynomial's normal equations is
+//! below 1e3. The change is 1e-2 of the signal, so the polynomial's rounding does not reach the signal's digits.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -17,24 +17,24 @@ use crate::geometry::Pose;
 use crate::model::{Optics, Surface, Variant, radiance};
 use crate::units::Angle;
 
-/// Places along an edge of the field.
+/// Grid points along an edge of the field.
 const GRID: usize = 7;
 /// Terms of a polynomial of third degree in two coordinates.
 const TERMS: usize = 10;
-/// Differences that make two surfaces as different as can be: rad, rad, logarithms, ρd.
+/// Scales of the distance between two surfaces: rad, rad, logarithms, ρd.
 const APART: [f64; 5] = [0.1, 0.3, 0.7, 0.7, 0.3];
 
-/// Light of an observation by the ways that a map treats apart.
+/// Light of an observation, split into the parts that a map treats separately.
 pub(super) struct Light {
-    /// Reflected once.
+    /// Light reflected once.
     pub(super) once: f64,
-    /// All that goes with ρd.
+    /// All terms proportional to ρd.
     pub(super) diffuse: f64,
     pub(super) rest: f64,
     pub(super) geometry: Geometry,
 }
 
-/// One surface anywhere in a field.
+/// One surface, evaluated anywhere in the field.
 pub(super) struct Anywhere<'v> {
     view: &'v View,
     p: Parameters,
@@ -60,12 +60,12 @@ impl<'v> Anywhere<'v> {
         }
     }
 
-    /// At a pose and a place of the sample, for an irradiance of 1.
+    /// Returns the light at a pose and a place of the sample, for an irradiance of 1.
     pub(super) fn light(&self, pose: &Pose, place_mm: [f64; 2]) -> Light {
         self.seen(self.view.geometry(*pose, place_mm))
     }
 
-    /// The same at the centre of tilt.
+    /// Returns the light at the centre of tilt.
     pub(super) fn central(&self, pose: &Pose) -> Light {
         self.seen(self.view.central(*pose))
     }
@@ -89,32 +89,32 @@ impl<'v> Anywhere<'v> {
         }
     }
 
-    /// Diffuse light as it is brought from the centre to a place.
+    /// Transfers the diffuse light of the centre to a place.
     pub(super) fn brought(&self, centre: &Light, there: &Light) -> f64 {
         centre.diffuse * there.geometry.facing_beside(&centre.geometry, &self.p)
     }
 
-    /// What the centre's light lacks at a place, single reflections apart.
+    /// Returns the light at a place less that transferred from the centre, without single reflections.
     pub(super) fn lacks(&self, centre: &Light, there: &Light) -> f64 {
         (there.diffuse - self.brought(centre, there)) + (there.rest - centre.rest)
     }
 }
 
-/// One surface, and its polynomials by pose.
+/// One surface with its polynomials, one per pose.
 type Known = (Parameters, Vec<[f64; TERMS]>);
 
-/// What pixels beside the centre have more than the centre.
+/// The off-centre changes of a few surfaces.
 #[derive(Debug, Clone)]
 pub(super) struct Beside {
     half_mm: [f64; 2],
     middle_mm: [f64; 2],
     surfaces: Vec<Known>,
-    /// What the polynomials leave, at most, as a share of the brightest radiance.
+    /// Largest residual of the polynomials as a share of the brightest radiance.
     pub(super) left: f64,
 }
 
 impl Beside {
-    /// On the surfaces that most pixels look like; `None` without any.
+    /// Computes the changes for surfaces that represent most pixels; `None` without any.
     pub(super) fn new(costly: &Costly, view: &View, surfaces: &[Parameters]) -> Option<Self> {
         let last = view.pixels().checked_sub(1)?;
         let (a, b) = (view.place_mm(0), view.place_mm(last));
@@ -165,7 +165,7 @@ impl Beside {
         })
     }
 
-    /// For a pixel at a place that looks like `p`: what its observation `j` has more.
+    /// For a pixel like `p` at a place: returns the change of its observation `j`.
     pub(super) fn at(&self, p: &Parameters, place_mm: [f64; 2]) -> impl Fn(usize) -> f64 {
         let away = |known: &Known| -> f64 {
             let apart = |k: usize| match k {
@@ -201,8 +201,7 @@ mod tests {
     use crate::map::costly::near;
 
     #[test]
-    fn what_pixels_beside_the_centre_lack_is_brought_to_them_and_to_the_surface_that_they_look_like()
-     {
+    fn off_centre_changes_are_interpolated_for_the_most_similar_surface() {
         let board = near::board(50.0);
         let poses = near::poses();
         let costly = near::costly(&board, poses.clone());
@@ -213,7 +212,7 @@ mod tests {
         let (mut lacking, mut left, mut peak) = (0.0_f64, 0.0_f64, 0.0_f64);
         for p in &surfaces {
             let anywhere = Anywhere::new(&costly, near, p);
-            // A pixel of about that surface, its lean counted from a turn further.
+            // A pixel similar to that surface, with a lean that is larger by one turn.
             let like = [
                 p[0] + 0.01,
                 p[1] + std::f64::consts::TAU,
@@ -234,7 +233,7 @@ mod tests {
             }
         }
         assert!(left < 0.2 * lacking, "{left} of {lacking}");
-        // Between the places of the grid it is no worse than three times what it is there.
+        // Between the grid points the error is at most three times that at them.
         assert!(
             left < 3.0 * beside.left * peak,
             "{left} {}",

@@ -1,15 +1,14 @@
-//! Colours that the eye reads as numbers: equal steps in value are equal steps in lightness.
+//! Perceptually uniform colour scales: equal steps in value are equal steps in lightness.
 //!
-//! Built in the OKLCh space (B. Ottosson, "A perceptual color space for image processing", 2020),
-//! whose distances are close to perceived ones. [`sequential`] climbs in lightness from dark violet
-//! over green to light yellow, so it also reads in grey and with deficient colour vision;
-//! [`diverging`] darkens from white at zero to blue and to red alike; [`cyclic`] goes once round the hues
-//! at one lightness, for directions.
+//! They are built in OKLCh (B. Ottosson, "A perceptual color space for image processing", 2020), whose distances are
+//! close to perceived ones. [`sequential`] increases in lightness from dark violet over green to light yellow, so it
+//! stays readable in grey and with deficient colour vision. [`diverging`] darkens symmetrically from white at zero to
+//! blue and red. [`cyclic`] runs once round the hues at one lightness, for directions.
 
 /// An sRGB colour.
 pub type Rgb = [u8; 3];
 
-/// Colour of a fraction in [0, 1]; values beyond are clipped.
+/// Returns the colour of a fraction in [0, 1]; values outside are clipped.
 pub fn sequential(fraction: f64) -> Rgb {
     let t = fraction.clamp(0.0, 1.0);
     let lightness = 0.24 + (0.93 - 0.24) * t;
@@ -17,7 +16,7 @@ pub fn sequential(fraction: f64) -> Rgb {
     in_gamut(lightness, 0.17, hue_deg)
 }
 
-/// Colour of a signed fraction in [−1, 1]: blue below zero, white at it, red above; values beyond are
+/// Returns the colour of a signed fraction in [−1, 1]: blue below zero, white at zero, red above. Values outside are
 /// clipped. Opposite values are equally dark.
 pub fn diverging(fraction: f64) -> Rgb {
     let t = fraction.clamp(-1.0, 1.0);
@@ -27,13 +26,13 @@ pub fn diverging(fraction: f64) -> Rgb {
     in_gamut(lightness, 0.19 * strength, hue_deg)
 }
 
-/// Colour of a direction; `turn` and `turn + 1` are the same.
+/// Returns the colour of a direction; `turn` and `turn + 1` have the same.
 pub fn cyclic(turn: f64) -> Rgb {
     // The largest chroma that all hues have at this lightness.
     in_gamut(0.72, 0.115, 360.0 * turn.rem_euclid(1.0) + 25.0)
 }
 
-/// The colour of a lightness and hue with a chroma up to the given one that a screen can show.
+/// Returns the colour of a lightness and hue with the largest displayable chroma up to the given one.
 fn in_gamut(lightness: f64, chroma: f64, hue_deg: f64) -> Rgb {
     let (mut low, mut high) = (0.0, chroma);
     let fits = |c: f64| {
@@ -56,7 +55,7 @@ fn in_gamut(lightness: f64, chroma: f64, hue_deg: f64) -> Rgb {
     linear_rgb(lightness, low, hue_deg).map(|x| (srgb(x.clamp(0.0, 1.0)) * 255.0).round() as u8)
 }
 
-/// OKLCh to linear sRGB.
+/// Converts OKLCh to linear sRGB.
 fn linear_rgb(lightness: f64, chroma: f64, hue_deg: f64) -> [f64; 3] {
     let (sin, cos) = hue_deg.to_radians().sin_cos();
     let (a, b) = (chroma * cos, chroma * sin);
@@ -70,7 +69,7 @@ fn linear_rgb(lightness: f64, chroma: f64, hue_deg: f64) -> [f64; 3] {
     ]
 }
 
-/// The transfer function of sRGB (IEC 61966-2-1).
+/// Applies the transfer function of sRGB (IEC 61966-2-1).
 #[must_use]
 pub fn srgb(linear: f64) -> f64 {
     if linear <= 0.003_130_8 {
@@ -84,7 +83,7 @@ pub fn srgb(linear: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// CIE 1976 lightness L* from an sRGB colour: another scale than the one the map is built in.
+    /// CIE 1976 lightness L* of an sRGB colour; independent of the scale in which the maps are built.
     fn cie_lightness(rgb: Rgb) -> f64 {
         let linear = rgb.map(|c| {
             let x = f64::from(c) / 255.0;
@@ -99,14 +98,14 @@ mod tests {
     }
 
     #[test]
-    fn lightness_climbs_evenly_through_the_sequential_map() {
+    fn lightness_of_the_sequential_map_increases_evenly() {
         let steps: Vec<f64> = (0..=32)
             .map(|i| cie_lightness(sequential(f64::from(i) / 32.0)))
             .collect();
         let mean = (steps[32] - steps[0]) / 32.0;
         assert!(steps[0] < 20.0 && steps[32] > 88.0, "{steps:?}");
         for pair in steps.windows(2) {
-            // Two lightness scales and eight bits agree to a third of a step.
+            // The two lightness scales and eight-bit rounding agree to a third of a step.
             assert!(
                 (pair[1] - pair[0] - mean).abs() < 0.4 * mean,
                 "{pair:?} {mean}"
@@ -119,13 +118,13 @@ mod tests {
         for step in 1..=16 {
             let t = f64::from(step) / 16.0;
             let (low, high) = (cie_lightness(diverging(-t)), cie_lightness(diverging(t)));
-            // CIE's scale and OKLab's differ most in saturated blue and red.
+            // The scales of CIE and OKLab differ most in saturated blue and red.
             assert!((low - high).abs() < 9.0, "{t}: {low} {high}");
             let before = cie_lightness(diverging(t - 1.0 / 16.0));
             assert!(high < before && low < cie_lightness(diverging(1.0 / 16.0 - t)));
         }
         assert_eq!(diverging(0.0), diverging(-0.0));
-        // A test of the page (web/tests/unit/perceptual.test.ts) holds the same numbers.
+        // A test of the page (web/tests/unit/perceptual.test.ts) asserts the same numbers.
         assert_eq!(
             [-1.0, 0.0, 1.0].map(diverging),
             [[0, 75, 150], [248, 248, 248], [149, 0, 7]]
@@ -146,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn white_and_black_come_out_as_such() {
+    fn white_and_black_are_exact() {
         assert_eq!(in_gamut(1.0, 0.0, 0.0), [255, 255, 255]);
         assert_eq!(in_gamut(0.0, 0.0, 0.0), [0, 0, 0]);
     }

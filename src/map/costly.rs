@@ -1,18 +1,18 @@
-//! The costly terms: what the full closed form has and the kernel has not.
+//! The costly terms: the part of the full closed form that the kernel omits.
 //!
-//! At a point of parameter space the full `sawtooth` form gives L and its exact gradient. What is
-//! left after the kernel's single reflection and after ρd · B, B = ∂L/∂ρd, is a small offset with a
-//! small gradient. Space is cut into cells; the first pixel that comes near one pays for its centre,
-//! and all others use the first-order expansion about it. The descent takes the offset anew when it
-//! has nearly arrived, so the fit ends at the full form's minimum and not at the kernel's.
+//! At a point of parameter space the full `sawtooth` form gives L and its exact gradient. Without the kernel's single
+//! reflection and without ρd · B, B = ∂L/∂ρd, a small offset with a small gradient remains. Parameter space is divided
+//! into cells. The first pixel near a cell computes the terms at its centre; all others use the first-order expansion
+//! about it. The descent recomputes the offset close to its minimum, so the fit ends at the full form's minimum and not
+//! at the kernel's.
 //!
-//! A near camera or lamp gives each pixel its own directions. The offset is then that of the centre of the field, since
-//! it varies slowly; B, most of which is light that comes straight out of the facets, is brought from the centre to the
-//! pixel by what such light goes by ([`Geometry::facing_beside`]).
+//! A near camera or lamp gives each pixel its own directions. The offset is then that of the centre of the field,
+//! since it varies slowly. B is mostly light that leaves the facets directly, so it is transferred from the centre to
+//! the pixel by the ratio of the facets' projected irradiance ([`Geometry::facing_beside`]).
 //!
-//! *Conditioning.* Cells are kept in single precision: 6e-8 of a term that is a few percent of the signal. The offset itself is
-//! the full form less the kernel's reflection, two numbers of the signal's size: 1e-16 of the signal, 1e-14 of the
-//! offset. Cells end where the parameters' bounds do, so no cell is asked for beyond them.
+//! *Conditioning.* Cells are stored in single precision: 6e-8 of a term that is a few percent of the signal. The
+//! offset itself is the full form less the kernel's reflection, two numbers of the signal's size: 1e-16 of the
+//! signal, 1e-14 of the offset. Cells end at the parameters' bounds, so no centre is out of bounds.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -28,22 +28,22 @@ use crate::model::prepared::{OpticsTable, Prepared};
 use crate::model::quadrature::Quadrature;
 use crate::model::{Optics, Surface, Variant};
 
-/// Widths of a cell: rad, rad, logarithms, ρd or amplitude. Within half of it second order is below
-/// 1e-3 of the offset, itself a few percent of the signal; a kink of the diffuse light (a direction
-/// that passes the facets' normal) costs ρd/π · sin θr · half a width, 2e-4 of a usual peak.
+/// Widths of a cell: rad, rad, logarithms, ρd or amplitude. Within half a width the second order is below 1e-3 of the
+/// offset, which is a few percent of the signal. A kink of the diffuse light (at a direction perpendicular to a facet's
+/// normal) adds an error of ρd/π · sin θr · half a width, 2e-4 of a usual peak.
 pub(super) const CELL: [f64; FREE] = [0.005, 0.0175, 0.1, 0.1, 0.05];
-/// How much wider cells for the way to the minimum are.
+/// Factor by which the cells used far from the minimum are wider.
 const LARGE: f64 = 3.0;
-/// Least observations of the way to the minimum, and of one that is worth a part of them.
+/// Least number of observations used far from the minimum.
 const FEW_MIN: usize = 36;
-/// See [`FEW_MIN`].
+/// Least number of observations from which a subset of them is used far from the minimum.
 const MANY_MIN: usize = 2 * FEW_MIN;
-/// One in so many of very many observations goes the way to the minimum.
+/// Of very many observations, one in this number is used far from the minimum.
 const FEW_SHARE: usize = 4;
 
-/// Which of `count` observations are enough for the way to the minimum; none where all are wanted.
+/// Selects the subset of `count` observations used far from the minimum; empty if all are used.
 ///
-/// Steps of the golden section leave no row of tilts and no row of azimuths without one, whatever the rows' length.
+/// Steps of the golden section leave no row of tilts and no row of azimuths empty, whatever the rows' length.
 fn few_of(count: usize) -> Vec<usize> {
     if count < MANY_MIN {
         return Vec::new();
@@ -54,7 +54,7 @@ fn few_of(count: usize) -> Vec<usize> {
         .filter(|j| (section * *j as f64).fract() < share)
         .collect()
 }
-/// ψ cells widen below this ridge angle, where turning changes little.
+/// ψ cells widen below this ridge angle (rad), where a turn has less effect.
 const SHALLOW: f64 = 0.1;
 
 /// Integration error allowed, as a share of the brightest observation.
@@ -67,19 +67,19 @@ fn turned(pose: &Pose, p: &Parameters) -> Pose {
     }
 }
 
-/// Greatest whole number that is not above `x`; without a call, which `f64::floor` is on old machines.
+/// Returns the greatest integer not above `x`. `f64::floor` is a function call on machines without SSE4.1.
 fn floor(x: f64) -> i32 {
     let cut = x as i32;
     cut - i32::from(x < f64::from(cut))
 }
 
-/// Mixes a cell's five numbers; cells come from fits, so nobody chooses them to collide.
+/// Hashes a cell's five numbers. Cells come from fits, so collisions cannot be chosen by an attacker.
 #[derive(Default)]
 struct Mixer(u64);
 
 impl Hasher for Mixer {
     fn write(&mut self, bytes: &[u8]) {
-        // A key comes as the bytes of its five numbers.
+        // A key arrives as the bytes of its five numbers.
         for four in bytes.chunks(4) {
             let number = four.iter().fold(0, |sum, byte| sum << 8 | u64::from(*byte));
             self.write_u64(number);
@@ -94,12 +94,12 @@ impl Hasher for Mixer {
     }
 }
 
-/// A cell's number.
+/// The integer coordinates of a cell.
 type Key = [i32; FREE];
-/// Cells by their numbers.
+/// Cells by their coordinates.
 type Cells = HashMap<Key, Arc<Cell>, BuildHasherDefault<Mixer>>;
 
-/// Number and centre of the cell that holds `p`.
+/// Returns coordinates and centre of the cell that contains `p`.
 fn key(p: &Parameters, coarseness: f64) -> (Key, Parameters) {
     let mut width = CELL.map(|w| w * coarseness);
     let theta = (f64::from(floor(p[0] / width[0])) + 0.5) * width[0];
@@ -120,23 +120,23 @@ fn add_scaled(to: &mut [f64], factor: f64, what: &[f64]) {
     }
 }
 
-/// How far the expansion has to reach.
+/// The range that an expansion covers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Size {
-    /// For a minimum: what is left out does not show in a pixel.
+    /// For a minimum: the expansion's error is negligible in a pixel.
     Usual,
-    /// For the way there, and of its few observations only; see [`Costly::few`].
+    /// Far from the minimum, and of the subset of the observations only; see [`Costly::few`].
     Large,
 }
 
-/// The rig and the matter that pixels share.
+/// The costly terms for the rig and the material that pixels share.
 pub(super) struct Costly {
     rig: RigGeometry,
     table: OpticsTable,
-    /// True poses: recorded, plus the tilt's zero.
+    /// True poses: recorded, plus the tilt offset.
     poses: Vec<Pose>,
     geometry: Vec<Geometry>,
-    /// Observations that are enough for the way to the minimum, and their geometry.
+    /// The subset of observations used far from the minimum, and its geometry.
     few: Vec<usize>,
     few_geometry: Vec<Geometry>,
     lamp: f64,
@@ -144,39 +144,39 @@ pub(super) struct Costly {
     /// Factor on [`CELL`].
     coarseness: f64,
     cells: RwLock<Cells>,
-    /// Larger ones, for the way to the minimum: so few that they stay in the processor's cache.
+    /// Larger cells for use far from the minimum; few enough to stay in the processor's cache.
     large_cells: RwLock<Cells>,
     integrated: Integrated,
-    /// What the sample has beside an ideal sawtooth, all over.
+    /// The sample's uniform deviations from an ideal sawtooth.
     real: Option<Arc<RealSurface>>,
     arch: pulp::Arch,
 }
 
-/// What the fit of the pixels' mean found beside an ideal sawtooth; the walls are those of the mean.
+/// Deviations from an ideal sawtooth, as found by the fit of the pixels' mean; the walls are those of the mean.
 #[derive(Debug)]
 pub(super) struct RealSurface {
     pub(super) real: Real,
     pub(super) walls: Walls,
 }
 
-/// An expansion to first order, one element per observation.
+/// A first-order expansion, one element per observation.
 struct Expansion {
     centre: Parameters,
     offset: Vec<f64>,
     basis: Vec<f64>,
-    /// Of the offset, per parameter.
+    /// Derivatives of the offset, per parameter.
     slopes: [Vec<f64>; FREE],
     /// ∂L/∂θc.
     tilt: Vec<f64>,
 }
 
-/// One cell's expansion, short and in one piece: cells are many, and fetching them from memory is what
-/// they cost. Single precision is 6e-8 of an offset.
+/// One cell's expansion, stored compactly and contiguously: there are many cells, and the time to fetch them from
+/// memory dominates. Single precision is 6e-8 of an offset.
 pub(super) struct Cell {
     centre: Parameters,
-    /// Offset, B, and the offset's slopes, one after the other.
+    /// Offset, B, and the offset's slopes, concatenated.
     numbers: Vec<f32>,
-    /// ∂L/∂θc, for the tilt's zero.
+    /// ∂L/∂θc, for the tilt offset.
     pub(super) tilt: Vec<f64>,
 }
 
@@ -191,8 +191,8 @@ impl From<Expansion> for Cell {
     }
 }
 
-/// A cell's expansion some way from its centre, as a type and not a closure: a closure of this size is not inlined,
-/// and what is not inlined is not compiled for the wider instructions.
+/// Evaluates a cell's expansion at a distance from its centre. It is a type and not a closure: a closure of this size
+/// is not inlined, and what is not inlined is not compiled for the wider instructions.
 struct Expanded<'a> {
     numbers: &'a [f32],
     away: [f32; FREE],
@@ -223,7 +223,7 @@ impl pulp::WithSimd for Expanded<'_> {
     }
 }
 
-/// Cells that one thread has met: looked up without asking the others.
+/// Cells that one thread has used, so that it finds them without a lock.
 #[derive(Default)]
 pub(super) struct Met {
     usual: Cells,
@@ -241,7 +241,7 @@ impl Costly {
     ) -> Self {
         let lamp = rig.cones.widening();
         let amplitude = super::view::View::fits_amplitude(&material);
-        // On metal the whole way needs the costly terms of all observations.
+        // On metal all observations need the costly terms from the start.
         let few = if amplitude {
             Vec::new()
         } else {
@@ -265,7 +265,7 @@ impl Costly {
         }
     }
 
-    /// The same of a sample that has more than an ideal sawtooth.
+    /// Sets the deviations of the sample from an ideal sawtooth.
     pub(super) fn with_real(self, real: Option<Arc<RealSurface>>) -> Self {
         Costly { real, ..self }
     }
@@ -282,7 +282,7 @@ impl Costly {
         &self.geometry
     }
 
-    /// Observations that are enough for the way to the minimum; none where that takes all.
+    /// Observations used far from the minimum; empty if all are.
     pub(super) fn few(&self) -> &[usize] {
         &self.few
     }
@@ -292,7 +292,7 @@ impl Costly {
         &self.few_geometry
     }
 
-    /// The cell that holds `p`.
+    /// Returns the cell that contains `p`.
     pub(super) fn cell(&self, p: &Parameters) -> Arc<Cell> {
         let (key, centre) = key(p, self.coarseness);
         self.cell_of(key, centre, Size::Usual)
@@ -333,7 +333,7 @@ impl Costly {
         self.expand_as(centre, &real, observations)
     }
 
-    /// The same with other terms of a real surface than the sample's.
+    /// As [`Self::expand`], with other deviations from an ideal sawtooth than the sample's.
     fn expand_as(
         &self,
         centre: &Parameters,
@@ -390,8 +390,8 @@ impl Costly {
             }
             cell.tilt.push(full.theta_c);
         }
-        // B's own change with the shape belongs to the pixel's ρd, which the slopes hold to first
-        // order at the centre's ρd.
+        // The change of B with the shape belongs to the pixel's ρd; the slopes contain it to first order, at the
+        // centre's ρd.
         cell
     }
 
@@ -400,7 +400,7 @@ impl Costly {
         self.write_from(p, Size::Usual, &mut Met::default(), offset, basis);
     }
 
-    /// As [`Costly::write`], from a cell of a size, for a thread that keeps the cells it has met.
+    /// As [`Costly::write`], from a cell of the given size; `met` holds the thread's cells.
     pub(super) fn write_from(
         &self,
         p: &Parameters,
@@ -438,8 +438,8 @@ impl Costly {
         }
     }
 
-    /// What the closed form lacks of integrated double reflections at `p`, per observation; with what the first facet
-    /// does to the polarisation of light that the second one sees, or without.
+    /// Returns the difference between integrated and closed-form double reflections at `p`, per observation;
+    /// `polarised` takes into account that the first facet polarises the light that reaches the second one.
     pub(super) fn lacking(&self, p: &Parameters, polarised: bool) -> Vec<f64> {
         let surface = self.surface(p);
         let directions: Vec<Directions> = self
@@ -447,7 +447,7 @@ impl Costly {
             .iter()
             .map(|pose| self.rig.directions(turned(pose, p)))
             .collect();
-        // Integrated are the ideal sawtooth's bounces.
+        // The integrals are those of the ideal sawtooth.
         let closed = self.closed_as(p, &Real::NONE);
         let brightest = closed.iter().copied().fold(0.0, f64::max);
         Quadrature::new(&surface, &self.table)
@@ -459,7 +459,7 @@ impl Costly {
             .collect()
     }
 
-    /// The largest of it as a share of the brightest radiance.
+    /// Returns the largest of these differences as a share of the brightest radiance.
     pub(super) fn share_lacking(&self, p: &Parameters) -> f64 {
         let largest = self.lacking(p, true).iter().fold(0.0, |most: f64, x| {
             if x.is_finite() {
@@ -472,8 +472,8 @@ impl Costly {
         largest / brightest
     }
 
-    /// The largest error of the expansions around `p`, as a share of the brightest radiance: at `p` and a quarter of a
-    /// cell to either side.
+    /// Returns the largest error of the expansions around `p`, as a share of the brightest radiance: at `p` and a
+    /// quarter of a cell to either side.
     pub(super) fn share_expanded(&self, p: &Parameters) -> f64 {
         let n = self.poses.len();
         let (mut offset, mut basis) = (vec![0.0; n], vec![0.0; n]);
@@ -498,12 +498,12 @@ impl Costly {
         largest
     }
 
-    /// True poses: recorded, plus the tilt's zero.
+    /// True poses: recorded, plus the tilt offset.
     pub(super) fn poses(&self) -> &[Pose] {
         &self.poses
     }
 
-    /// The poses as a surface that leans as `p` does sees them.
+    /// Returns the poses relative to a surface that leans as `p` does.
     pub(super) fn turned_poses(&self, p: &Parameters) -> impl Iterator<Item = Pose> {
         self.poses.iter().map(|pose| turned(pose, p))
     }
@@ -518,7 +518,7 @@ impl Costly {
         }
     }
 
-    /// Full radiances at `p` for all observations, without an expansion.
+    /// Returns the full radiances at `p` for all observations, without an expansion.
     pub(super) fn full(&self, p: &Parameters) -> Vec<f64> {
         let mut full = self.closed(p);
         if let Some((share, integrated)) = self.integrated.near(p) {
@@ -550,17 +550,17 @@ impl Costly {
     }
 }
 
-/// The recorded checkerboard brought near the camera, for the tests of what a near field changes.
+/// The recorded checkerboard close to the camera, for tests of a near field.
 #[cfg(test)]
 pub(super) mod near {
     use super::*;
     use crate::map::view::View;
     use crate::series::Series;
 
-    /// Between camera and field, mm.
+    /// Distance from camera to field, mm.
     const DISTANCE_MM: f64 = 300.0;
 
-    /// The board as a camera sees it whose field is so wide.
+    /// The checkerboard on a field of the given width.
     pub(in crate::map) fn board(field_mm: f64) -> (Material, View) {
         let series = Series::open("tests/data/series/checker".as_ref()).unwrap();
         let manifest = series.manifest();
@@ -578,7 +578,7 @@ pub(super) mod near {
             .collect()
     }
 
-    /// The costly terms at the centre of its field.
+    /// The costly terms at the centre of the field.
     pub(in crate::map) fn costly((material, view): &(Material, View), poses: Vec<Pose>) -> Costly {
         let geometry = poses.iter().map(|p| view.central(*p)).collect();
         let none = Integrated::default();
@@ -591,7 +591,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn few_observations_are_of_every_tilt_and_azimuth() {
+    fn the_subset_covers_every_tilt_and_azimuth() {
         assert!(few_of(MANY_MIN - 1).is_empty());
         for (tilts, azimuths) in [(9, 12), (6, 12), (8, 9), (5, 36), (11, 24), (20, 16)] {
             let few = few_of(tilts * azimuths);
@@ -601,7 +601,7 @@ mod tests {
             let azimuths_met: std::collections::HashSet<_> =
                 few.iter().map(|j| j % azimuths).collect();
             assert_eq!(tilts_met.len(), tilts, "{tilts} × {azimuths}");
-            // A gap of one azimuth between two that are there tells as much of a lobe's turn.
+            // A lobe's turn is equally well determined if a single azimuth between two others is missing.
             assert!(
                 3 * azimuths_met.len() >= 2 * azimuths,
                 "{tilts} × {azimuths}: {azimuths_met:?}"

@@ -1,10 +1,9 @@
-//! What stands out in a map: the lean directions that many pixels share, the borders between
-//! them, and connected areas that disagree with the rest.
+//! Features of a map: the lean directions that many pixels share, the borders between them, and connected areas that
+//! differ from the rest.
 //!
-//! An area disagrees where its pixels deviate from the map's median by more than
-//! [`DEVIATION`] robust standard deviations (pixel noise included) in ridge angle, roughness or
-//! diffuse reflectance, lean in a direction that few share, or fit no single surface. Borders are
-//! not counted: their pixels see two surfaces.
+//! A pixel differs if ridge angle, roughness or diffuse reflectance deviate from the map's median by more than
+//! [`DEVIATION`] robust standard deviations (pixel noise included), if it leans in an uncommon direction, or if no
+//! single surface fits it. Border pixels are excluded, since they image two surfaces.
 
 use std::collections::VecDeque;
 
@@ -15,17 +14,17 @@ use super::settle::median;
 use super::solve::FREE;
 use crate::robust::STD_PER_DEVIATION;
 
-/// Deviation, in robust standard deviations, from which a pixel disagrees.
+/// Deviation, in robust standard deviations, from which a pixel differs.
 pub const DEVIATION: f64 = 6.0;
 /// Smallest defect in pixels.
 pub const AREA_MIN_PX: usize = 6;
-/// Pixels this near to another lean direction or to the edge are border.
+/// Distance in pixels to another lean direction or to the edge up to which a pixel is a border pixel.
 const BORDER_PX: isize = 2;
-/// Neighbours without a value from which a pixel counts as lying at the edge.
+/// Number of neighbours without a value from which a pixel counts as being at the edge.
 const EDGE_NEIGHBOURS: usize = 4;
 /// Least share of the pixels that makes a lean direction common.
 const LEAN_SHARE_MIN: f64 = 0.02;
-/// Half width of a lean direction.
+/// Half width of a lean direction, degrees.
 const LEAN_HALF_WIDTH_DEG: f64 = 30.0;
 /// Bins of the histogram of directions.
 const BINS: usize = 72;
@@ -33,18 +32,18 @@ const BINS: usize = 72;
 /// A lean direction that many pixels share.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Lean {
-    /// Counter-clockwise from the sample's x at φs = 0.
+    /// Degrees, counter-clockwise from the sample's x at φs = 0.
     pub azimuth_deg: f64,
-    /// Share of the pixels that one surface explains.
+    /// Share of the pixels that a single surface explains.
     pub share: f64,
 }
 
-/// By how much an area differs from the map's median in one parameter.
+/// Difference of an area from the map's median in one parameter.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Deviation {
     /// Name of the layer.
     pub parameter: &'static str,
-    /// Median over the area; null where its pixels have no value.
+    /// Median over the area; null if its pixels have no value.
     pub value: Option<f64>,
     /// Median over the map.
     pub usual: f64,
@@ -52,7 +51,7 @@ pub struct Deviation {
     pub sigmas: Option<f64>,
 }
 
-/// A connected area that disagrees with the rest.
+/// A connected area that differs from the rest.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Defect {
     /// Centre of gravity in the sample's axes at φs = 0, from the rotation axis.
@@ -67,18 +66,18 @@ pub struct Defect {
     pub area_mm2: f64,
     /// Pixels.
     pub pixels: usize,
-    /// The parameter that deviates most, or `fit` where no single surface explains the area.
+    /// The parameter that deviates most, or `fit` if no single surface explains the area.
     pub worst: &'static str,
-    /// Every parameter but the lean direction.
+    /// Deviations of every parameter but the lean direction.
     pub deviations: Vec<Deviation>,
     /// Median lean direction.
     pub lean_azimuth_deg: Option<f64>,
 }
 
-/// The common lean directions, the most common first.
+/// Returns the common lean directions, the most common first.
 #[must_use]
 pub fn leans(layers: &Layers) -> Vec<Lean> {
-    // A pixel that sees two surfaces leans between them.
+    // A pixel that images two surfaces gets a lean between theirs.
     let directions: Vec<f64> = (0..layers.flags.len())
         .filter(|p| layers.has_value(*p) && layers.flags[*p] & MISFIT == 0)
         .map(|p| f64::from(layers.parameters[1].values[p]))
@@ -127,13 +126,13 @@ pub fn leans(layers: &Layers) -> Vec<Lean> {
     leans
 }
 
-/// a − b in (−180, 180].
+/// Returns a − b in (−180, 180], degrees.
 fn apart_deg(a: f64, b: f64) -> f64 {
     let d = (a - b).rem_euclid(360.0);
     if d > 180.0 { d - 360.0 } else { d }
 }
 
-/// Index of the common lean direction of a pixel; `None` for none of them.
+/// Returns the index of a pixel's common lean direction; `None` if its lean is uncommon.
 fn lean_of(layers: &Layers, leans: &[Lean], pixel: usize) -> Option<usize> {
     let azimuth = f64::from(layers.parameters[1].values[pixel]);
     leans
@@ -141,7 +140,7 @@ fn lean_of(layers: &Layers, leans: &[Lean], pixel: usize) -> Option<usize> {
         .position(|l| apart_deg(azimuth, l.azimuth_deg).abs() < LEAN_HALF_WIDTH_DEG)
 }
 
-/// Flags pixels within two pixels of another common lean direction or of the sample's edge.
+/// Flags pixels within [`BORDER_PX`] pixels of another common lean direction or of the sample's edge.
 pub fn mark_borders(layers: &mut Layers, leans: &[Lean]) {
     let (width, height) = (layers.width as isize, layers.height as isize);
     let group: Vec<Option<usize>> = (0..layers.flags.len())
@@ -185,10 +184,10 @@ pub fn mark_borders(layers: &mut Layers, leans: &[Lean]) {
     }
 }
 
-/// Parameters that are compared with the rest: all but the lean direction.
+/// Parameters compared with the rest: all but the lean direction.
 const COMPARED: [usize; FREE - 1] = [0, 2, 3, 4];
 
-/// Median and robust standard deviation of a parameter over pixels away from borders.
+/// Returns median and robust standard deviation of a parameter over pixels away from borders.
 fn usual(layers: &Layers, parameter: usize) -> Option<(f64, f64)> {
     let inner = |p: &usize| layers.has_value(*p) && layers.flags[*p] & (BORDER | MISFIT) == 0;
     let values = &layers.parameters[parameter].values;
@@ -205,7 +204,7 @@ fn usual(layers: &Layers, parameter: usize) -> Option<(f64, f64)> {
     Some((centre, STD_PER_DEVIATION * spread))
 }
 
-/// Finds the areas that disagree, flags their pixels, and lists them, the largest first.
+/// Finds the areas that differ, flags their pixels, and returns them, the largest first.
 pub fn defects(
     layers: &mut Layers,
     leans: &[Lean],
@@ -251,7 +250,7 @@ pub fn defects(
     found
 }
 
-/// The eight-connected area that holds `seed`.
+/// Returns the eight-connected area that contains `seed`.
 fn grow(odd: &[bool], visited: &mut [bool], seed: usize, width: usize) -> Vec<usize> {
     let height = odd.len() / width;
     let mut area = Vec::new();
@@ -342,7 +341,7 @@ fn describe(
     }
 }
 
-/// Median of azimuths in degrees, counted from their mean direction.
+/// Returns the median of azimuths in degrees, computed relative to their mean direction.
 fn median_direction(azimuths: impl Iterator<Item = f64> + Clone) -> Option<f64> {
     let finite = azimuths.filter(|a| a.is_finite());
     let (sin, cos) = finite.clone().fold((0.0, 0.0), |(sin, cos), azimuth| {
@@ -358,7 +357,7 @@ fn median_direction(azimuths: impl Iterator<Item = f64> + Clone) -> Option<f64> 
 mod tests {
     use super::*;
 
-    /// 60 × 40 pixels: left half leans to 179.9°, right half to 90°, with one patch of 4° at (45, 20).
+    /// 60 × 40 pixels: the left half leans to 179.9°, the right half to 90°, with a patch of 4° at (45, 20).
     fn two_halves() -> Layers {
         let mut layers = Layers::new(60, 40, false);
         for pixel in 0..60 * 40 {
@@ -394,7 +393,7 @@ mod tests {
         assert_eq!(found.len(), 2);
         let mut azimuths: Vec<f64> = found.iter().map(|l| l.azimuth_deg).collect();
         azimuths.sort_by(f64::total_cmp);
-        // Means of ± 0.5° wobble.
+        // Means over ± 0.5° of scatter.
         assert!(
             (azimuths[0] - 90.0).abs() < 0.1 && (azimuths[1] - 179.9).abs() < 0.1,
             "{azimuths:?}"
@@ -418,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn directions_either_side_of_half_a_turn_have_their_median_there() {
+    fn directions_around_half_a_turn_have_their_median_there() {
         let around = |middle: f64| [-3.0, -0.2, 0.1, 0.3].map(|off| apart_deg(middle + off, 0.0));
         for (middle, said) in [(180.0, 179.95), (0.0, -0.05), (-90.0, -90.05)] {
             let found = median_direction(around(middle).into_iter().chain([f64::NAN])).unwrap();

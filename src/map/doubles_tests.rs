@@ -1,4 +1,4 @@
-//! A plate of two parts at few poses, where another surface explains a pixel not much worse than its own does.
+//! A plate of two parts at few poses, where another surface explains a pixel almost as well as its own.
 
 use super::*;
 use crate::frame::Frame;
@@ -10,12 +10,12 @@ use crate::series::{FrameRow, Manifest};
 
 const SIDE: u32 = 48;
 const PIXEL_MM: f64 = 40.0 / SIDE as f64;
-/// Where the second part begins.
+/// x at which the second part begins.
 const SECOND_MM: f64 = 8.0;
-/// What the recorded tilts lack: at a wrong zero the wrong surface may explain a pixel better.
+/// True less recorded tilt: with a wrong tilt offset the wrong surface may fit a pixel better.
 const TILT_OFF_DEG: f64 = 0.3;
 const THETA_R_DEG: f64 = 10.0;
-/// Electrons per radiance.
+/// Electrons per unit of radiance.
 const ELECTRONS: f64 = 6e4;
 const EXPOSURE_S: f64 = 0.1;
 const BLACK_DN: f64 = 200.0;
@@ -27,7 +27,7 @@ const WHITE: f64 = 0.98;
 struct Plate {
     manifest: Manifest,
     rows: Vec<FrameRow>,
-    /// Per part and row.
+    /// By part and row.
     radiances: [Vec<f64>; 2],
 }
 
@@ -81,7 +81,7 @@ impl Plate {
     }
 }
 
-/// Millimetres right of and above the middle.
+/// Millimetres right of and above the centre.
 fn place_mm(pixel: u32) -> [f64; 2] {
     let along = |n: u32| (f64::from(n) + 0.5 - f64::from(SIDE) / 2.0) * PIXEL_MM;
     [along(pixel % SIDE), -along(pixel / SIDE)]
@@ -111,7 +111,7 @@ impl FrameSource for Plate {
                 FrameKind::Sample => self.radiances[usize::from(along_u > SECOND_MM)][index],
             };
             let electrons = level * ELECTRONS;
-            // The sum of twelve uniform numbers is as good as normal.
+            // The sum of twelve uniform numbers is close enough to normal.
             let normal: f64 = (0..12)
                 .map(|_| {
                     state = state
@@ -128,21 +128,21 @@ impl FrameSource for Plate {
 }
 
 #[test]
-fn no_pixel_ends_at_the_double_of_its_surface() {
+fn no_pixel_ends_at_the_rival_of_its_surface() {
     let never = AtomicBool::new(false);
     let map = map(&Plate::new(), &MapOptions::default(), &|_| {}, &never).unwrap();
     let theta_r = &map.layers.parameters[0].values;
     let (mut seen, mut wrong) = ([0; 2], [0; 2]);
     for pixel in 0..SIDE * SIDE {
         let [x, y] = place_mm(pixel);
-        // Away from the border of both, and where every azimuth shows the pixel.
+        // Skips the border between the parts and places outside the frame at some azimuths.
         if x.hypot(y) > 0.45 * 40.0 || (x - SECOND_MM).abs() < 3.0 * PIXEL_MM {
             continue;
         }
         let part = usize::from(x > SECOND_MM);
         let off = f64::from(theta_r[pixel as usize]) - THETA_R_DEG;
         seen[part] += 1;
-        // The double lies at 8.2°; a pixel's own standard uncertainty is 0.03°.
+        // The rival minimum is at 8.2°; a pixel's own standard uncertainty is 0.03°.
         wrong[part] += usize::from(off.is_nan() || off.abs() > 0.5);
     }
     assert!(seen[0] > 900 && seen[1] > 200, "{seen:?}");

@@ -1,9 +1,10 @@
-//! A second look at pixels that may have ended in a minimum beside the deepest.
+//! Refits ambiguous pixels, which may have ended in a local minimum.
 //!
-//! Where poses are few, a lobe has a double: another angle, width and lean that explain the same pixel not much worse,
-//! with an uncertainty as small as the right one's. χ² alone tells a single pixel little of that; that few others look
-//! like its end tells more. Such pixels descend again from another leader, the most promising first, for as long as that
-//! pays: on a map whose model misses much everywhere, most doubts come to nothing and would cost as much as the map.
+//! If poses are few, a lobe has a rival: another angle, width and lean that explain the same pixel almost as well,
+//! with an equally small uncertainty. A single pixel's χ² hardly separates the two. That few other pixels have
+//! similar parameters is better evidence of a wrong minimum. Such pixels descend again from another leader, the most
+//! promising first, as long as enough of them improve: on a map with a large model error everywhere, most candidates
+//! are false alarms, and refitting all would cost as much as the map.
 
 use super::run::{Run, better, chi2_max, freedom, usual_chi2_max};
 use super::settle::Settled;
@@ -11,26 +12,26 @@ use super::solve::{End, PixelFit};
 use super::start::near;
 use super::{REFRESHES, kernel::Parameters};
 
-/// Normal quantile of χ² from which a pixel is doubted although many look like it.
+/// Normal quantile of χ² from which a pixel is a candidate even if many pixels are like it.
 const UNEASY: f64 = 3.0;
-/// One pixel in so many is looked at first; twice as many next.
+/// One pixel in this number is refitted first, and twice as many in each further round.
 const FIRST: usize = 128;
-/// Of those looked at, one in so many has to end deeper for more to follow.
+/// Of the refitted pixels, one in this number must end deeper for another round to follow.
 const PAYS: usize = 8;
-/// By how many usual χ² units: what lies less deep may be the same minimum with other costly terms.
+/// Gain, in usual χ² units, that counts as deeper: a smaller one may be the same minimum with other costly terms.
 const DEEPER: f64 = 4.0;
 
-/// A pixel that is doubted.
+/// An ambiguous pixel.
 struct Doubt {
-    /// Its place among the fits.
+    /// Its index among the fits.
     at: usize,
-    /// The best of the leaders that it neither came from nor looks like.
+    /// The best leader that is neither the pixel's start nor near its end.
     other: Parameters,
-    /// By how much that explains it worse than its end does, before any descent.
+    /// χ² of that leader, before any descent, less the χ² of the pixel's end.
     worse: f64,
 }
 
-/// Lets doubtful ones of these fits descend again; returns the evaluations spent. `starts` are where they came from.
+/// Refits the ambiguous ones of these fits; returns the evaluations spent. `starts` are the starts of the fits.
 pub(super) fn look_again(
     run: &Run<'_>,
     settled: &Settled,
@@ -64,8 +65,8 @@ pub(super) fn look_again(
     spent
 }
 
-/// The doubtful among the fits, those first which another leader explains least worse than their end does. What is beyond
-/// the usual has been looked at already, and says so.
+/// Returns the ambiguous fits, sorted by the excess χ² of their rival. Fits beyond the usual χ² are excluded: they have
+/// been refitted already and are flagged.
 fn doubts(
     run: &Run<'_>,
     settled: &Settled,
@@ -85,7 +86,8 @@ fn doubts(
         }
         run.read(chosen[at], &mut signal, &mut weight);
         let other = |p: &Parameters| *p != starts[at] && !near(p, &fit.p);
-        // Without one it is left at that: descents from templates made maps of metal half as dear again for little.
+        // A pixel without a rival leader keeps its fit: descents from templates lengthened maps of metal by half
+        // for little gain.
         if let Some((other, chi2)) = settled.leaders.best_of(&signal, &weight, other) {
             let worse = chi2 - fit.chi2;
             doubts.push(Doubt { at, other, worse });

@@ -1,4 +1,4 @@
-//! The map's lanes at the ends of the doubles: finite in, then finite or flagged out.
+//! The map's lanes at the limits of floating point: finite input gives a finite or flagged result.
 
 use proptest::prelude::*;
 use pulp::Scalar;
@@ -12,7 +12,7 @@ use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;
 use crate::model::lanes::Lane;
 
-/// What a pixel of a frame may be turned into: every exponent of a single, and plain ones.
+/// Any signal of a pixel: every exponent of a single, and ordinary values.
 fn any_single() -> impl Strategy<Value = f32> {
     prop_oneof![
         prop::sample::select(vec![
@@ -87,7 +87,7 @@ proptest! {
         let poses = (0..8).map(|n| Pose::from_deg(10.0 * f64::from(n % 2), 45.0 * f64::from(n))).collect();
         let fitter = PixelFitter::new(RigGeometry::IN_PLANE, material, poses);
         let found = fitter.fit(signal, sigma, &[start], 1, Instructions::Widest)[0];
-        // Fewer observations than unknowns are never begun with, and said to be none.
+        // Pixels with fewer observations than unknowns are not fitted, and flagged.
         if found.evaluations == 0.0 {
             prop_assert!(!found.converged && found.std.is_none(), "{found:?}");
             return Ok(());

@@ -14,32 +14,32 @@ use crate::reduction::FrameSource;
 /// Name of the summary among the files.
 pub const SUMMARY: &str = "summary.json";
 
-/// Why there are no files.
+/// The reason why no files were written.
 #[derive(Debug, thiserror::Error)]
 pub enum FolderError {
-    /// There is no map.
+    /// The map failed.
     #[error(transparent)]
     Map(#[from] MapError),
-    /// What comes before the first pixel took all the time that was allowed.
+    /// The steps before the first pixel took all the time allowed.
     #[error(
-        "the {limit_s} s allowed were over before a pixel was fitted: frames and what all pixels share took {spent_s:.1} s; allow at least {least_s} s"
+        "the limit of {limit_s} s passed before a pixel was fitted: reading frames and determining what all pixels share took {spent_s:.1} s; allow at least {least_s} s"
     )]
     Late {
-        /// What was allowed.
+        /// Seconds allowed.
         limit_s: f64,
-        /// What was spent before the first pixel.
+        /// Seconds spent before the first pixel.
         spent_s: f64,
-        /// That with a little for pixels.
+        /// Seconds spent, with a margin for pixels.
         least_s: f64,
     },
-    /// Its files cannot be written.
+    /// The files cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
 }
 
-/// Maps a series and writes all files of the map and its summary into `folder`, which is made if
-/// need be. Once `options.max_seconds` are over no further tile is begun; what is fitted by then is written.
-/// Cancelled before the last file is written it leaves the folder as it was; later it is a whole map and no error.
+/// Maps a series and writes all files of the map and its summary into `folder`, which is created if missing. After
+/// `options.max_seconds` no further tile is started, and the pixels fitted until then are written. If cancelled before
+/// the last file is written, the folder is unchanged; if cancelled later, the map is complete and no error is returned.
 /// `progress` may be called from several threads at once.
 ///
 /// # Errors
@@ -97,12 +97,12 @@ pub fn map_into(
     json.push('\n');
     let put = |path: &Path| std::fs::write(path, json).map_err(failed);
     drafts.file(SUMMARY, cancel, put).map_err(not_written)?;
-    // From here on it is a map, whoever cancels.
+    // From here on the map is complete, even if it is cancelled.
     drafts.keep(SUMMARY)?;
     Ok(summary)
 }
 
-/// When each stage began.
+/// Start times of the stages.
 struct StageTimes {
     started: Instant,
     began: Mutex<Vec<(Stage, Instant)>>,
@@ -123,7 +123,7 @@ impl StageTimes {
         }
     }
 
-    /// Seconds per step up to now; a stage ends when the next begins.
+    /// Returns the seconds per step until now; a stage ends when the next begins.
     fn timing(&self) -> Timing {
         let now = Instant::now();
         let began = self.began.lock().expect("no holder of this lock panics");
@@ -134,7 +134,7 @@ impl StageTimes {
                 .map_or(now, |(_, time)| *time)
         };
         let (settling, fitting) = (at(Stage::Settling), at(Stage::Fitting));
-        // Without time for a fit of the mean there is none.
+        // The mean is not fitted if time is short.
         let averaging = at(Stage::Averaging).min(settling);
         Timing {
             read: (averaging - self.started).as_secs_f64(),
@@ -154,12 +154,12 @@ mod tests {
     use crate::series::Series;
 
     #[test]
-    fn a_map_cancelled_after_its_last_pixel_is_no_map_and_has_no_files() {
+    fn a_map_cancelled_after_its_last_pixel_leaves_no_files() {
         let series = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/checker");
         let series = Series::open(&series).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let cancel = AtomicBool::new(false);
-        let tell = |p: Progress| {
+        let report = |p: Progress| {
             if p.stage == Stage::Fitting && p.done == p.total {
                 cancel.store(true, Ordering::Relaxed);
             }
@@ -168,7 +168,7 @@ mod tests {
             scratch: folder.path().to_owned(),
             ..MapOptions::default()
         };
-        let outcome = map_into(&series, &options, folder.path(), &tell, &cancel);
+        let outcome = map_into(&series, &options, folder.path(), &report, &cancel);
         assert!(matches!(
             outcome,
             Err(FolderError::Map(MapError::Cancelled))
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_holds_whole_maps_only_and_their_summary_says_what_flags_mean() {
+    fn a_folder_holds_complete_maps_only_and_their_summary_explains_the_flags() {
         let series = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/checker");
         let series = Series::open(&series).unwrap();
         let folder = tempfile::tempdir().unwrap();
@@ -185,8 +185,8 @@ mod tests {
             scratch: folder.path().to_owned(),
             ..MapOptions::default()
         };
-        let into = |cancel: &AtomicBool, tell: &(dyn Fn(Progress) + Sync)| {
-            map_into(&series, &options, folder.path(), tell, cancel)
+        let into = |cancel: &AtomicBool, report: &(dyn Fn(Progress) + Sync)| {
+            map_into(&series, &options, folder.path(), report, cancel)
         };
         let summary = into(&AtomicBool::new(false), &|_| {}).unwrap();
         let there = || {
@@ -201,24 +201,24 @@ mod tests {
         named.sort_unstable();
         assert_eq!(there(), named);
         assert_eq!(summary.flag_bits["not_identifiable"], 4);
-        // Directions as everywhere else.
+        // Directions are in (−180°, 180°], as everywhere.
         let path = folder.path().join("lean_azimuth_deg.tif");
         let file = io::BufReader::new(std::fs::File::open(path).unwrap());
         let mut decoder = tiff::decoder::Decoder::new(file).unwrap();
         let tiff::decoder::DecodingResult::F32(leans) = decoder.read_image().unwrap() else {
-            panic!("they are floats");
+            panic!("expected f32 values");
         };
         let leans = leans.into_iter().filter(|x| x.is_finite());
         assert!(leans.clone().count() > 100);
         assert!(leans.clone().all(|x| x > -180.0 && x <= 180.0));
-        // Cancelled when all pixels are fitted, a second one leaves the first as it was.
+        // A second map, cancelled when all pixels are fitted, leaves the first one unchanged.
         let cancel = AtomicBool::new(false);
-        let tell = |p: Progress| {
+        let report = |p: Progress| {
             if p.stage == Stage::Fitting && p.done == p.total {
                 cancel.store(true, Ordering::Relaxed);
             }
         };
-        assert!(into(&cancel, &tell).is_err());
+        assert!(into(&cancel, &report).is_err());
         assert_eq!(there(), named);
     }
 }

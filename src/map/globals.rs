@@ -1,12 +1,12 @@
-//! What all pixels share: gain, stray light and the zero of the tilt.
+//! The quantities that all pixels share: gain, stray light and tilt offset.
 //!
-//! signal = gain · (L(θc + Δθc) + s) and flat = gain · (ρ/π cos θi(θc + Δθc) + s). Gain and stray light
-//! come from the flats and from what is known of the mount: on a dielectric s is nearly the same
-//! thing as a pixel's diffuse light. The zero Δθc comes from the pixels: each has eliminated its own
-//! five parameters (the Schur complement of its normal equations), and what is left says how far all
-//! of them would like to tilt. A second quantity comes from the pixels in the same way where they
-//! know it better than anybody: without a white reference the gain (a dielectric's Fresnel peak is
-//! known), and on a metal, which has no diffuse light, s, with what the flats say as its prior.
+//! signal = gain · (L(θc + Δθc) + s) and flat = gain · (ρ/π cos θi(θc + Δθc) + s). Gain and stray light come from the
+//! flats and from what is known of the mount: on a dielectric, s is almost indistinguishable from a pixel's diffuse
+//! light. The offset Δθc comes from the pixels: each eliminates its own five parameters (the Schur complement of its
+//! normal equations), and the sum of the remainders determines the shared offset. A second quantity comes from the
+//! pixels in the same way if they determine it better than the references: the gain if there is no white reference (a
+//! dielectric's Fresnel peak is known), and s on a metal, which has no diffuse light, with the value from the flats
+//! as its prior.
 
 use super::kernel::{Parameters, single};
 use super::run::Run;
@@ -17,9 +17,9 @@ use crate::units::Angle;
 
 /// Prior standard uncertainty of the stray light as a share of the largest signal.
 const STRAY_SHARE: f64 = 0.02;
-/// Prior standard uncertainty of the tilt's zero.
+/// Prior standard uncertainty of the tilt offset.
 const TILT_PRIOR_RAD: f64 = 0.17;
-/// A zero less sure than this is not applied.
+/// A tilt offset with a larger standard uncertainty is not applied.
 const TILT_STD_MAX_RAD: f64 = 0.02;
 
 /// Values that all pixels share, with standard uncertainties.
@@ -33,20 +33,20 @@ pub struct Globals {
     pub stray: f64,
     /// Standard uncertainty of `stray`.
     pub stray_std: f64,
-    /// What to add to a recorded tilt.
+    /// Offset to add to a recorded tilt.
     pub tilt_offset: Angle,
     /// Standard uncertainty of `tilt_offset`.
     pub tilt_offset_std: Angle,
 }
 
-/// What pixels tell beside the zero of the tilt.
+/// The quantity, besides the tilt offset, that the pixels determine.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Second {
-    /// Nothing.
+    /// None.
     Nothing,
     /// The gain.
     Gain,
-    /// The stray light, with what is known of it otherwise.
+    /// The stray light, with a prior from the references.
     Stray {
         /// Mean, radiance.
         prior: f64,
@@ -56,7 +56,7 @@ pub(super) enum Second {
 }
 
 impl Globals {
-    /// Before anything was looked at.
+    /// Returns the values before any data are used.
     pub(super) fn first(gain: f64, largest_signal: f64) -> Self {
         Globals {
             gain,
@@ -68,7 +68,7 @@ impl Globals {
         }
     }
 
-    /// Gain and stray light from the flats at the present tilt zero.
+    /// Computes gain and stray light from the flats at the present tilt offset.
     pub(super) fn with_flats(
         self,
         flats: &[FlatObservation],
@@ -102,9 +102,9 @@ impl Globals {
         }
     }
 
-    /// One Gauss–Newton step of the tilt's zero, and of the second quantity, from fitted pixels.
-    /// `birge` is their usual χ² per degree of freedom. Returns the step in Δθc (rad) and of the second
-    /// quantity: in ln gain, or in standard uncertainties of the stray light's prior.
+    /// Takes one Gauss–Newton step of the tilt offset, and of the second quantity, from fitted pixels. `birge` is their
+    /// usual χ² per degree of freedom. Returns the step in Δθc (rad) and that of the second quantity: in ln gain, or in
+    /// standard uncertainties of the stray light's prior.
     #[expect(
         clippy::needless_range_loop,
         reason = "matrix indices are the notation"
@@ -152,7 +152,7 @@ impl Globals {
         ];
         let tilt_std = (birge * normal[1][1] / determinant).max(0.0).sqrt();
         self.tilt_offset_std = Angle::from_rad(tilt_std);
-        // A zero that the pixels cannot tell (all at one azimuth, say) stays where it is.
+        // An offset that the pixels do not determine (all at one azimuth, for example) stays at zero.
         let tilt = if tilt_std > TILT_STD_MAX_RAD {
             self.tilt_offset = Angle::ZERO;
             0.0
@@ -178,8 +178,7 @@ impl Globals {
     }
 }
 
-/// One pixel's weighted sums over its observations for Δθc and the second shared quantity (the gain
-/// where there is none).
+/// One pixel's weighted sums over its observations for Δθc and the second shared quantity (the gain if there is none).
 struct Pulls {
     /// Σ tᵀt
     own: [[f64; 2]; 2],
@@ -191,18 +190,18 @@ struct Pulls {
     rest: [f64; FREE],
 }
 
-/// What an observation says of a pixel.
+/// One observation of a pixel at given parameters.
 pub(super) struct Row {
     pub weight: f64,
-    /// The signal, less stray light and gain, as a radiance: observed less expected.
+    /// Observed less expected radiance; the observed one is the signal over the gain, less stray light.
     pub residual: f64,
-    /// What is expected of it.
+    /// Expected radiance.
     pub full: f64,
-    /// Its derivatives.
+    /// Derivatives of the expected radiance.
     pub derivatives: Parameters,
 }
 
-/// The observations of a pixel at its parameters; weight 0 for those it has not.
+/// Returns the observations of a pixel at its parameters; masked ones have weight 0.
 pub(super) fn rows_of(run: &Run<'_>, pixel: usize, p: &Parameters) -> impl Iterator<Item = Row> {
     let n = run.batch.observations;
     let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
@@ -284,7 +283,7 @@ impl Pulls {
         pulls
     }
 
-    /// tᵀ J C Jᵀ t for two shared unknowns, or tᵀ J C Jᵀ residual.
+    /// Returns tᵀ J C Jᵀ t for two shared unknowns, or tᵀ J C Jᵀ residual.
     fn through(&self, covariance: &[f64], a: usize, b: Option<usize>) -> f64 {
         let mut sum = 0.0;
         for i in 0..FREE {
@@ -297,7 +296,7 @@ impl Pulls {
     }
 }
 
-/// By how much one standard uncertainty of each shared quantity moves a pixel's parameters:
+/// Returns the shift of a pixel's parameters by one standard uncertainty of each shared quantity:
 /// [gain, stray, tilt][parameter].
 pub(super) fn shared_effects(
     run: &Run<'_>,

@@ -1,27 +1,26 @@
-//! The costliest term: two reflections integrated instead of approximated.
+//! Double reflections by integration in place of the closed approximation.
 //!
-//! On metal much of the light has met both walls of a valley, and the closed form's share of it is
-//! good to some percent only. The quadrature costs a thousand closed forms, so it is taken at the
-//! few surfaces that most pixels look like, and its difference from the closed form there is added
-//! as a fixed offset to every pixel that is near one of them (the difference changes slowly). A
-//! pixel far from all of them is fitted with the closed form alone.
+//! On metal much of the light is reflected by both walls of a valley, and the closed form approximates this light
+//! only to some percent. The quadrature costs a thousand closed forms, so it is computed on the few surfaces that
+//! represent most pixels. Its difference from the closed form, which changes slowly, is added as a fixed offset to
+//! every pixel near one of these surfaces. A pixel far from all of them is fitted with the closed form only.
 
 use super::kernel::Parameters;
 use super::solve::FREE;
 
-/// How far from such a surface its offset is used: rad, rad, logarithms.
+/// Distance up to which such a surface's offset is used: rad, rad, logarithms.
 const REACH: [f64; FREE - 1] = [0.06, 0.12, 0.4, 0.4];
 
-/// Offsets at typical surfaces.
+/// Offsets on representative surfaces.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Integrated {
     centres: Vec<(Parameters, Vec<f64>)>,
-    /// The fifth parameter is the amplitude: light of two reflections grows with its square.
+    /// Whether the fifth parameter is the amplitude: light reflected twice is proportional to its square.
     amplitude: bool,
 }
 
 impl Integrated {
-    /// Offsets as `difference` gives them at each centre; centres without finite ones are left out.
+    /// Computes `difference` at each centre; centres without a finite offset are dropped.
     pub(super) fn at(
         centres: Vec<Parameters>,
         amplitude: bool,
@@ -38,8 +37,8 @@ impl Integrated {
         }
     }
 
-    /// What to add to the closed form at `p`, one factor and one offset per observation; `None` far
-    /// from every centre.
+    /// Returns the correction of the closed form at `p`: a factor, and one offset per observation; `None` far from
+    /// every centre.
     pub(super) fn near(&self, p: &Parameters) -> Option<(f64, &[f64])> {
         let (distance, centre, offset) = self
             .centres
@@ -55,7 +54,7 @@ impl Integrated {
     }
 }
 
-/// Largest distance of a parameter in units of its reach; the fifth does not count.
+/// Returns the largest distance of a parameter in units of its reach, without the fifth.
 fn distance(a: &Parameters, b: &Parameters) -> f64 {
     let turn = std::f64::consts::TAU;
     (0..FREE - 1)

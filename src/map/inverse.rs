@@ -1,15 +1,15 @@
-//! The inverse of a pixel's 5 × 5 normal matrix, with the rank test.
+//! The inverse of a pixel's 5 × 5 normal matrix, with a rank test.
 //!
-//! *Conditioning.* Normal equations square the condition number of the derivatives, so columns are scaled to length 1 first and
-//! a pivot below 1e-9 ends it: what passes has a scaled Jacobian of condition below 3e4, and its variances keep six digits,
-//! of which a map in float32 prints as many. Units do not enter the test.
+//! *Conditioning.* Normal equations square the condition number of the derivatives, so columns are scaled to length 1
+//! first. A pivot below 1e-9 fails the test. What passes has a scaled Jacobian with a condition below 3e4, and
+//! variances with six correct digits, as many as a map in float32 stores. Units do not affect the test.
 
 use super::solve::{FREE, PACKED, packed};
 
-/// A pivot of the column-scaled normal matrix below this says that the data cannot tell.
+/// Pivot of the column-scaled normal matrix below which the data do not determine the parameters.
 const PIVOT_MIN: f64 = 1e-9;
 
-/// Inverse of a packed normal matrix, or `None` if a pivot of its column-scaled form is too small.
+/// Inverts a packed normal matrix; `None` if a pivot of its column-scaled form is too small.
 pub(super) fn invert(normal: &[f64; PACKED]) -> Option<[f64; PACKED]> {
     let scale: [f64; FREE] = std::array::from_fn(|i| normal[packed(i, i)].sqrt());
     if scale.iter().any(|s| !(s.is_finite() && *s > 0.0)) {

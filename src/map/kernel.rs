@@ -1,9 +1,8 @@
 //! The radiance of one observation with its exact derivatives, for a register of pixels at once.
 //!
-//! What is computed here is the light that the facets reflect once, term (a) of the `sawtooth`
-//! closed form without the riser's share, times an amplitude, plus ρd times a number B that is
-//! handed in. Everything costlier (riser, mirror hops, exchange, retro lobe) reaches the fit through
-//! B and as an offset on the signal, see `costly`.
+//! The kernel computes the light that the facets reflect once, which is term (a) of the `sawtooth` closed form
+//! without the riser's share, times an amplitude, plus ρd times a given number B. All costlier terms (riser, mirror
+//! hops, exchange, retro lobe) enter the fit through B and as an offset on the signal; see `costly`.
 //!
 //! With the facets' normal m = cos θ n + sin θ v, e = cos θ v − sin θ n, the half vector h = i + o
 //! and the larger of the two slopes t = max(0, i_e/i_m, o_e/o_m):
@@ -14,16 +13,16 @@
 //! ∂ ln D/∂θ = 2y (q + 1/b − 2)          ∂G/∂θ = −t G (−sin θ where t = 0)
 //! ∂ ln D/∂ψ = 2x (2 sin θ − (h_v/h_m + x² sin θ)/a + y (h_n/h_m)/b)
 //! ∂G/∂ψ = sin θ ω_u ω_n/ω_m² of the direction that t belongs to
-//! ∂ ln D/∂ ln αu = (2x²/a − 1) αu²/a    and likewise for αv
+//! ∂ ln D/∂ ln αu = (2x²/a − 1) αu²/a    (αv in the same way)
 //! ```
 //!
 //! ψ turns v about n: ∂v/∂ψ = −u, ∂u/∂ψ = v (u = v × n).
 //!
-//! *Conditioning.* Squares, products and one exponential. h_m and the denominator of t are held above 1e-3: below that the
-//! facet is seen edge on and G or the lobe is 0 (q beyond 60 counts as 60, e⁻⁶⁰ = 1e-26 of the peak), so no lane divides
-//! by 0 and none makes a NaN that its neighbours would have to mask. o = h − i is subtracted in each lane rather than
-//! kept: it costs o_n 1e-16, of which only t takes note; the 1/o_n of L is in the scale, from the pose. With α from 1e-3 to 1 and
-//! θr to 75° (the bounds of a descent) all lanes stay finite at any pose above the horizon.
+//! *Conditioning.* Squares, products and one exponential. h_m and the denominator of t are held above 1e-3: below
+//! that the facet is edge on and G or the lobe is 0 (q beyond 60 counts as 60, e⁻⁶⁰ = 1e-26 of the peak), so no lane
+//! divides by 0 or makes a NaN that would have to be masked. Each lane subtracts o = h − i in place of loading o.
+//! This costs o_n an error of 1e-16, which affects t only; the 1/o_n of L is in the scale, from the pose. With α from
+//! 1e-3 to 1 and θr to 75° (the bounds of a descent) all lanes stay finite at any pose above the horizon.
 
 use nalgebra::Vector3;
 use pulp::Simd;
@@ -34,7 +33,7 @@ use crate::model::lanes::Lane;
 /// Numbers that describe one observation's geometry; see [`Geometry`].
 pub(super) const GEOMETRY: usize = 7;
 
-/// Facets that face lamp and camera less than this (a product of cosines) count as edge on.
+/// Product of a facet's cosines to lamp and camera below which the facet counts as edge on.
 const EDGE_ON: f64 = 0.01;
 
 /// One observation's directions in the sample's frame (x, y, n) at ψ = 0, and its scale.
@@ -42,8 +41,8 @@ const EDGE_ON: f64 = 0.01;
 pub(super) struct Geometry(pub(super) [f64; GEOMETRY]);
 
 impl Geometry {
-    /// Lamp and camera directions (unit vectors away from the surface; the third component along
-    /// n), and Fresnel reflectance at their half angle.
+    /// Takes lamp and camera directions (unit vectors away from the surface; the third component along n), and the
+    /// Fresnel reflectance at their half angle.
     pub(super) fn new(i: [f64; 3], o: [f64; 3], fresnel: f64) -> Self {
         let h = [i[0] + o[0], i[1] + o[1], i[2] + o[2]];
         let h2 = h[0] * h[0] + h[1] * h[1] + h[2] * h[2];
@@ -65,8 +64,9 @@ impl Geometry {
         std::array::from_fn(|axis| self.0[3 + axis] - self.0[axis])
     }
 
-    /// What the facets' diffuse light goes by: i_m o_m / o_n, the light that falls on a facet of the sample's area as
-    /// the camera sees it; 0 where they face away from either. Fresnel transmittances are left out.
+    /// Returns the factor of the facets' diffuse light, i_m o_m / o_n: the irradiance of a facet times its projected
+    /// area per area that the camera images; 0 if it faces away from lamp or camera. Fresnel transmittances are
+    /// omitted.
     pub(super) fn facing(&self, p: &Parameters) -> f64 {
         let (s, c) = p[0].sin_cos();
         let Directions { incident, outgoing } = self.directions(p[1]);
@@ -78,7 +78,7 @@ impl Geometry {
         }
     }
 
-    /// The directions along (u, v, n) of ridges that lean to ψ.
+    /// Returns the directions along (u, v, n) of ridges that lean to ψ.
     pub(super) fn directions(&self, psi: f64) -> Directions {
         let (s, c) = psi.sin_cos();
         let turned = |w: [f64; 3]| Vector3::new(w[0] * s - w[1] * c, w[0] * c + w[1] * s, w[2]);
@@ -88,10 +88,10 @@ impl Geometry {
         }
     }
 
-    /// By what the diffuse light of the field's centre is to be multiplied for that of another place.
+    /// Returns the ratio of the diffuse light here to that at the field's centre.
     pub(super) fn facing_beside(&self, centre: &Geometry, p: &Parameters) -> f64 {
         let there = centre.facing(p);
-        // A facet edge on at the centre says nothing of its light elsewhere.
+        // A facet that is edge on at the centre gives no information on its light elsewhere.
         if there > EDGE_ON {
             self.facing(p) / there
         } else {
@@ -100,7 +100,7 @@ impl Geometry {
     }
 }
 
-/// The pixels' parameters as the kernel wants them.
+/// The pixels' parameters in the form that the kernel uses.
 #[derive(Clone, Copy)]
 pub(super) struct Shape<S: Simd> {
     pub(super) sin_theta: Lane<S>,
@@ -114,8 +114,8 @@ pub(super) struct Shape<S: Simd> {
     pub(super) norm: Lane<S>,
 }
 
-/// A single reflection of amplitude 1 with its derivatives, times a weight. `alpha_u` and `alpha_v`
-/// still want the factors αu²/a and αv²/b.
+/// A single reflection of amplitude 1 with its derivatives, times a weight. `alpha_u` and `alpha_v` still lack the
+/// factors αu²/a and αv²/b.
 #[derive(Clone, Copy)]
 pub(super) struct Row<S: Simd> {
     pub(super) value: Lane<S>,
@@ -151,7 +151,7 @@ pub(super) fn row<S: Simd>(
     let tiny = k!(1e-3);
     let faces = zero.less(im).and(zero.less(om));
 
-    // The direction nearer to the facet's own plane hides more.
+    // The direction closer to the facet's own plane hides more.
     let incident_hides = (oe * im).less(ie * om);
     let num = incident_hides.select(ie, oe);
     let den = incident_hides.select(im, om).max(tiny);
@@ -172,7 +172,7 @@ pub(super) fn row<S: Simd>(
     let (qx, qy) = (x * x * shape.inv_a, y * y * shape.inv_b);
     let q = qx + qy;
     let inv2 = inv_hm * inv_hm;
-    // The exponential comes last of all: whatever else is a factor is ready before it.
+    // The exponential is computed last, so that all other factors are ready.
     let factor = inv2 * inv2 * (shape.norm * scale * weight);
     let base = seen.select(q.exp_neg() * factor, zero);
     let value = base * g;
@@ -189,12 +189,12 @@ pub(super) fn row<S: Simd>(
     }
 }
 
-/// One pixel's parameters in the order of the fit: θr and ψ in radians, ln αu, ln αv, and either
-/// ρd (dielectrics) or the amplitude (conductors).
+/// One pixel's parameters in the order of the fit: θr and ψ in radians, ln αu, ln αv, and either ρd (dielectrics) or
+/// the amplitude (conductors).
 pub(super) type Parameters = [f64; 5];
 
-/// Term (a) of one observation for one pixel: value and derivatives to θr, ψ, ln αu, ln αv.
-/// `lamp` is R²/8.
+/// Returns term (a) of one observation for one pixel: its value and its derivatives with respect to θr, ψ, ln αu, ln
+/// αv. `lamp` is R²/8.
 pub(super) fn single(geometry: &Geometry, p: &Parameters, lamp: f64) -> (f64, [f64; 4]) {
     let simd = pulp::Scalar::new();
     let k = |x: f64| Lane::splat(simd, x);
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn the_lanes_give_the_models_single_reflection() {
+    fn the_lanes_agree_with_the_models_single_reflection() {
         let material = Material::Dielectric {
             eta: 1.54,
             eta_std: 0.0,
@@ -280,8 +280,8 @@ mod tests {
             let optics = Optics::new(&rig, &material);
             let lamp = rig.cones.widening();
             let (value, _) = single(&geometry(&rig, pose), &p, lamp);
-            // ρd = 0 leaves the model's (a) and (c). (c) is proportional to A², the riser's part of
-            // (a) is beyond e⁻⁶⁰ of its peak at these angles only where θr is small: compare there.
+            // With ρd = 0 the model's terms (a) and (c) remain. (c) is proportional to A². The riser's part of (a) is
+            // below e⁻⁶⁰ of its peak at these angles only for small θr, so only those are compared.
             let at = |amplitude: f64| {
                 let surface = Surface {
                     theta_r: p[0],
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn the_derivatives_are_those_of_central_differences() {
+    fn the_derivatives_agree_with_central_differences() {
         for (rig, pose, p) in cases() {
             let lamp = rig.cones.widening();
             let g = geometry(&rig, pose);
@@ -325,7 +325,7 @@ mod tests {
                 up[k] += step;
                 down[k] -= step;
                 let (a, b) = (single(&g, &up, lamp).0, single(&g, &down, lamp).0);
-                // A kink between the two points shows as one-sided slopes that differ.
+                // At a kink between the two points the one-sided slopes differ.
                 let one_sided = ((a - value) - (value - b)).abs() / step;
                 let tolerance = 1e-6 * (1.0 + slopes[k].abs()) + 2.0 * one_sided;
                 assert!(

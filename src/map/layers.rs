@@ -1,4 +1,4 @@
-//! What is known of every pixel: parameters with standard uncertainties, quality, flags.
+//! The results per pixel: parameters with standard uncertainties, quality, flags.
 
 use super::settle::identifiable;
 use super::solve::{End, FREE, PixelFit, packed};
@@ -8,20 +8,20 @@ use crate::units::Angle;
 pub const NOT_CONVERGED: u8 = 1;
 /// A parameter ended on its bound.
 pub const AT_BOUND: u8 = 2;
-/// The data cannot tell the parameters: no lobe, or an uncertainty beyond use.
+/// The data do not determine the parameters: no lobe, or too large an uncertainty.
 pub const NOT_IDENTIFIABLE: u8 = 4;
-/// χ² is far beyond the usual: no single ridged surface explains the pixel.
+/// χ² is far above the usual: no single ridged surface explains the pixel.
 pub const MISFIT: u8 = 8;
-/// Too few observations are left after masking.
+/// Too few observations remain after masking.
 pub const FEW_OBSERVATIONS: u8 = 16;
-/// Some observations were masked: full, defect, or out of the field.
+/// Some observations were masked: saturated, defective, or outside the field.
 pub const PARTLY_MASKED: u8 = 32;
 /// Within two pixels of another lean direction or of the sample's edge.
 pub const BORDER: u8 = 64;
-/// Belongs to a defect of the table.
+/// Belongs to a defect of the defect list.
 pub const DEFECT: u8 = 128;
 
-/// Flags with which no value is given.
+/// Flags with which a pixel has no value.
 pub const NO_VALUE: u8 = NOT_CONVERGED | NOT_IDENTIFIABLE | FEW_OBSERVATIONS;
 
 /// Names of the flags, lowest bit first.
@@ -36,7 +36,7 @@ pub const FLAG_NAMES: [&str; 8] = [
     "defect",
 ];
 
-/// Names of the flags with the bit of each.
+/// Returns the names of the flags with the bit of each.
 pub fn flag_bits() -> impl Iterator<Item = (&'static str, u8)> {
     FLAG_NAMES
         .iter()
@@ -53,11 +53,11 @@ pub struct Layer {
     pub title: &'static str,
     /// Unit in the picture; empty for pure numbers.
     pub unit: &'static str,
-    /// Row by row from the top left; not a number where there is no value.
+    /// Row by row from the top left; NaN if there is no value.
     pub values: Vec<f32>,
-    /// Standard uncertainties: the pixel's own noise, scaled by the usual misfit.
+    /// Standard uncertainties from the pixel's own noise, scaled by the usual χ².
     pub std: Vec<f32>,
-    /// The quantity is a direction, in (−180°, 180°]: −179.9° and 180° are neighbours.
+    /// Whether the quantity is a direction in (−180°, 180°]: −179.9° and 180° are neighbours.
     pub cyclic: bool,
 }
 
@@ -70,9 +70,9 @@ pub struct Layers {
     pub height: usize,
     /// θr, lean direction, αu, αv, and ρd or amplitude.
     pub parameters: [Layer; FREE],
-    /// χ² per degree of freedom, not a number where nothing was fitted.
+    /// χ² per degree of freedom; NaN if the pixel was not fitted.
     pub chi2_reduced: Vec<f32>,
-    /// Bits, see [`FLAG_NAMES`].
+    /// Bits; see [`FLAG_NAMES`].
     pub flags: Vec<u8>,
     /// Observations used.
     pub n_observations: Vec<u32>,
@@ -109,7 +109,7 @@ impl Layers {
         }
     }
 
-    /// Takes the diffuse reflectance out, where nothing tells it.
+    /// Removes the diffuse reflectance, for data that do not determine it.
     pub(super) fn without_rho_d(&mut self) {
         for layer in self.parameters.iter_mut().filter(|l| l.name == "rho_d") {
             layer.values.fill(f32::NAN);
@@ -117,7 +117,7 @@ impl Layers {
         }
     }
 
-    /// Pixels that have values.
+    /// Whether a pixel has values.
     #[must_use]
     pub fn has_value(&self, pixel: usize) -> bool {
         self.flags[pixel] & NO_VALUE == 0
@@ -134,7 +134,7 @@ impl Layers {
     }
 }
 
-/// One pixel's line of the layers.
+/// One pixel's entry in the layers.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Answer {
     values: [f32; FREE],
@@ -145,7 +145,7 @@ pub(super) struct Answer {
 }
 
 impl Answer {
-    /// A pixel that was not fitted, and why.
+    /// A pixel without a fit, with the reason as flags.
     pub(super) fn none(flags: u8, n_used: usize) -> Answer {
         Answer {
             values: [f32::NAN; FREE],
@@ -156,8 +156,8 @@ impl Answer {
         }
     }
 
-    /// A fit in the layers' units. `birge` is the usual χ² per degree of freedom, `observations`
-    /// how many a pixel without masks has.
+    /// Converts a fit to the layers' units. `birge` is the usual χ² per degree of freedom, `observations` the number
+    /// that a pixel without masks has.
     pub(super) fn of(fit: &PixelFit, birge: f64, observations: usize, amplitude: bool) -> Answer {
         let used = fit.n_used;
         if fit.end == End::TooFew {
@@ -173,7 +173,7 @@ impl Answer {
             flags |= PARTLY_MASKED;
         }
         let usual = birge * super::run::usual_chi2_max(freedom);
-        // What fits worse than usual is as unsure as it is bad.
+        // A fit that is worse than usual is scaled by its own χ².
         let scale = if reduced > usual {
             flags |= MISFIT;
             reduced

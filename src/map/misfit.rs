@@ -1,8 +1,8 @@
-//! What the model misses in all pixels alike, and how far that moves their parameters.
+//! The model error that all pixels share, and its effect on their parameters.
 //!
-//! A pixel's own uncertainty is its noise, and many pixels average that away; what the closed form misses they all
-//! miss together. So the residuals of pixels that look alike are averaged, which leaves little but the misfit, and a
-//! jackknife over whole tilts and azimuths says what it may do to a pixel there, as it does in `fit`'s budget. Call
+//! A pixel's own uncertainty is due to its noise, which averages out over many pixels; the model error is the same in
+//! all of them. So the residuals of similar pixels are averaged, which leaves mainly the model error. A jackknife
+//! over whole tilts and azimuths then estimates its effect on such a pixel, as in the budget of `fit`. Call
 //! [`shared_misfit`].
 
 use super::globals::rows_of;
@@ -11,17 +11,17 @@ use super::run::Run;
 use super::solve::{FREE, PixelFit};
 use crate::jackknife;
 
-/// Pixels that are looked at, and pixels around which others are gathered.
+/// Number of pixels used, and of those around which similar ones are gathered.
 const LOOKED_AT: usize = 1000;
 const CENTRES: usize = 16;
-/// How unlike pixels are that count as one surface: ridge angle and lean in rad, logarithms of roughness, and the
-/// diffuse reflectance or the share of the amplitude.
+/// Largest differences of pixels that count as one surface: ridge angle and lean in rad, logarithms of roughness, and
+/// the diffuse reflectance or the relative amplitude.
 const ALIKE: Parameters = [0.05, 0.15, 0.3, 0.3, 0.2];
-/// Fewer pixels say nothing of what all miss.
+/// Fewer pixels do not determine the model error.
 const FEW: usize = 16;
 
-/// Standard uncertainty that the model's misfit leaves in every pixel of the most usual surface, in the units of a
-/// pixel's covariance; `None` where few pixels look alike or the poses have fewer than three tilts and azimuths.
+/// Returns the standard uncertainty due to the model error in every pixel of the most common surface, in the units of a
+/// pixel's covariance; `None` if few pixels are similar or the poses have fewer than three tilts and azimuths.
 pub(super) fn shared_misfit(run: &Run<'_>, good: &[(usize, PixelFit)]) -> Option<Parameters> {
     let few: Vec<&(usize, PixelFit)> = good
         .iter()
@@ -49,7 +49,7 @@ pub(super) fn shared_misfit(run: &Run<'_>, good: &[(usize, PixelFit)]) -> Option
             }
         }
     }
-    // Means over the pixels, with a pixel's weight: what moves the mean pixel.
+    // Means over the pixels, with the weight of one pixel: the shift of the mean pixel.
     let mut residuals = vec![0.0; n];
     for j in 0..n {
         if weights[j] > 0.0 {

@@ -1,19 +1,21 @@
-//! The map of a sample: ridge angle, roughness and lean direction of every pixel, from the frames
-//! of a series.
+//! The map of a sample: ridge angle, roughness and lean direction of every pixel, from the frames of a series.
 //!
-//! Call [`map`]. It reads darks and flats, turns and stretches every sample frame back into the
-//! sample's frame (`observe`, `view`), settles on a sample of pixels what all of them share
-//! (`settle`, `globals`), fits every pixel with the `sawtooth` closed form, several pixels per
-//! vector register and tiles in parallel (`kernel`, `solve`, `costly`, `integrated`), looks again at those that may have
-//! ended beside their deepest minimum (`doubt`), marks borders and
-//! defects (`defects`), and sums up ([`summary`]). [`write::write`] makes the files; [`folder::map_into`] does both. Time grows with pixels ×
-//! observations; memory is bounded by [`MapOptions::memory_bytes_max`], beyond which planes go to a
+//! Call [`map`]. It works in these steps:
+//!
+//! 1. It reads darks and flats, and resamples every sample frame into the sample's frame (`observe`, `view`).
+//! 2. It determines what all pixels share, from a sample of pixels (`settle`, `globals`).
+//! 3. It fits every pixel with the `sawtooth` closed form, several pixels per vector register and tiles in parallel
+//!    (`kernel`, `solve`, `costly`, `integrated`), and refits pixels that may have ended in a local minimum (`doubt`).
+//! 4. It marks borders and defects (`defects`).
+//!
+//! [`summary`] reduces a map to numbers. [`write::write`] makes the files; [`folder::map_into`] does both. Run time is
+//! proportional to pixels × observations. Memory is bounded by [`MapOptions::memory_bytes_max`]; larger planes go to a
 //! scratch file.
 //!
-//! What it does without is decided in [`plan`](mod@plan), on the surfaces that most pixels look like.
+//! [`plan`](mod@plan) decides which terms are omitted, on the surfaces that represent most pixels.
 //!
-//! Nobody tells it how the sample is laid out: each pixel finds its own lean direction. It does not
-//! know about scans, fits of whole regions, or the command line.
+//! The layout of the sample is not needed: each pixel's lean direction is free. This module does not depend on scans or
+//! on the command line.
 
 mod beside;
 pub mod colour;
@@ -62,23 +64,23 @@ use crate::plan::Decision;
 use crate::reduction::{FrameSource, ReductionError, calibrate};
 use crate::units::Angle;
 
-/// How often the costly terms are taken anew within a pixel's descent, at most.
+/// Number of times that the costly terms are recomputed within a pixel's descent, at most.
 const REFRESHES: u8 = 3;
 
-/// Common uncertainty of the ridge angle above which the map says so aloud.
+/// Common standard uncertainty of the ridge angle, in degrees, above which the map warns.
 const SHARED_THETA_R_STD_MAX_DEG: f64 = 0.5;
 
-/// What to do how.
+/// Limits and tolerances of a map.
 #[derive(Debug, Clone)]
 pub struct MapOptions {
-    /// Planes larger than this go to a scratch file.
+    /// Planes larger than this, in bytes, go to a scratch file.
     pub memory_bytes_max: usize,
     /// Folder for the scratch file.
     pub scratch: PathBuf,
-    /// Share of the brightest radiance that may be left out of a pixel's physics where that saves time (see
-    /// [`plan`]). Without it everything is in.
+    /// Share of the brightest radiance that may be omitted from a pixel's model to save time (see [`plan`]). `None`
+    /// omits nothing for the sake of time.
     pub target_error: Option<f64>,
-    /// Seconds after which no further tile is begun; for whoever holds a clock (see [`map_until`]).
+    /// Seconds after which no further tile is started; applied by the caller that holds the clock (see [`map_until`]).
     pub max_seconds: Option<f64>,
 }
 
@@ -93,60 +95,60 @@ impl Default for MapOptions {
     }
 }
 
-/// What is being done.
+/// A step of the map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
     /// Darks and flats are read.
     Calibrating,
-    /// Sample frames are read and brought into the sample's frame; counted in poses.
+    /// Sample frames are read and resampled into the sample's frame; counted in poses.
     Resampling,
-    /// Frames are read once more, for a fit of the pixels' mean.
+    /// Frames are read once more, for the fit of the pixels' mean.
     Averaging,
-    /// Shared quantities and starts.
+    /// Shared quantities and starts are determined.
     Settling,
     /// Pixels are fitted; counted in pixels.
     Fitting,
 }
 
 impl Stage {
-    /// The same for people.
+    /// Returns the step's name for the user.
     #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
             Stage::Calibrating => "darks and flats",
             Stage::Resampling => "reading poses",
-            Stage::Settling => "settling what all pixels share",
+            Stage::Settling => "determining what all pixels share",
             Stage::Fitting => "fitting pixels",
-            Stage::Averaging => "fitting their mean",
+            Stage::Averaging => "fitting the mean of the pixels",
         }
     }
 }
 
-/// How far it has come.
+/// Progress within a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
-    /// What is being done.
+    /// The step.
     pub stage: Stage,
-    /// Done of it.
+    /// Units done.
     pub done: usize,
-    /// All of it.
+    /// Units in all.
     pub total: usize,
 }
 
-/// Why there is no map.
+/// The reason why no map was made.
 #[derive(Debug, thiserror::Error)]
 pub enum MapError {
     /// Darks and flats could not be read.
     #[error(transparent)]
     Reduction(#[from] ReductionError),
-    /// Fewer poses than a pixel has unknowns.
+    /// There are fewer poses than a pixel has unknowns.
     #[error(
-        "{poses} poses do not tell five parameters per pixel; scan at least {least}, better 5 tilts × 8 azimuths"
+        "{poses} poses cannot determine five parameters per pixel; scan at least {least}, better 5 tilts × 8 azimuths"
     )]
     TooFewPoses {
-        /// Poses that the series has.
+        /// Poses of the series.
         poses: usize,
-        /// The least that would do.
+        /// Least number of poses.
         least: usize,
     },
     /// All frames are dark.
@@ -154,43 +156,45 @@ pub enum MapError {
         "the sample frames show no light above their noise; check lamp, lens cap and exposure times"
     )]
     NothingSeen,
-    /// No sample frame can be used.
+    /// Every sample frame was rejected.
     #[error(
-        "all {frames} sample frames were left out, the first ({file}) as {why}; look at the frames, at their exposure times and at the manifest's camera"
+        "all {frames} sample frames were rejected, the first ({file}) as {why}; check the frames, their exposure times and the [camera] table of the manifest"
     )]
     AllLeftOut {
-        /// How many there are.
+        /// Number of sample frames.
         frames: usize,
-        /// The first of them,
+        /// The first of them.
         file: String,
-        /// and why it was left out.
+        /// The reason why the first was rejected.
         why: String,
     },
-    /// No count can be used.
+    /// Every count is masked.
     #[error(
-        "no pixel of the sample frames has a count that can be used: they are saturated, or darks and flats mark every pixel as defective; shorten the exposure times and check the flats"
+        "no pixel of the sample frames has a usable count: all are saturated, or darks and flats mark every pixel as defective; shorten the exposure times and check the flats"
     )]
     NothingUsable,
     /// No pixel shows a lobe.
     #[error(
-        "no pixel shows the reflection of a ridged surface: brightness does not change with the pose beyond a matte surface's; check focus, region and azimuths of the scan"
+        "no pixel shows the reflection of a ridged surface: its brightness changes with the pose no more than that of a matte surface; check focus, region and azimuths of the scan"
     )]
     NoLobes,
-    /// No pixel's fit came to an end.
+    /// No pixel's fit converged.
     #[error(
-        "no pixel could be fitted at these {poses} poses (usual χ² per degree of freedom {chi2:.1}): their lobes are told too poorly; scan more tilts and azimuths, or fit the whole area"
+        "no pixel could be fitted at these {poses} poses (usual χ² per degree of freedom {chi2:.1}): they do not determine the lobes; scan more tilts and azimuths, or fit the whole area"
     )]
     NothingFitted {
-        /// Poses that the series has.
+        /// Poses of the series.
         poses: usize,
-        /// What the best fits of the sampled pixels leave.
+        /// Median χ² per degree of freedom of the sampled pixels' best fits.
         chi2: f64,
     },
     /// The scratch file failed.
-    #[error("the scratch file of the map: {0}; free space there or choose another output folder")]
+    #[error(
+        "the scratch file of the map failed: {0}; free disk space or choose another output folder"
+    )]
     Scratch(std::io::Error),
-    /// No pixel that shows a lobe was reached in the time allowed.
-    #[error("the time was over before a pixel with a lobe was fitted; allow more seconds")]
+    /// The time limit passed before a pixel with a lobe was fitted.
+    #[error("the time limit passed before a pixel with a lobe was fitted; allow more seconds")]
     Late,
     /// The cancel flag was raised.
     #[error("the map was cancelled")]
@@ -202,43 +206,43 @@ pub enum MapError {
 pub struct Map {
     /// Parameters, uncertainties and flags.
     pub layers: Layers,
-    /// Millimetres per pixel (columns, rows); `None` where the manifest states no field size.
+    /// Millimetres per pixel (columns, rows); `None` if the manifest states no field size.
     pub pixel_mm: Option<[f64; 2]>,
     /// Column and row of the rotation axis, from the outer corner of the first pixel.
     pub axis_px: [f64; 2],
     /// What all pixels share.
     pub globals: Globals,
-    /// Standard uncertainty that the shared quantities and the model's misfit leave in every pixel, per parameter in the
-    /// layers' units (medians; α's absolute).
+    /// Standard uncertainty of every pixel due to the shared quantities and the model discrepancy, per parameter in the
+    /// layers' units (medians; absolute for α).
     pub shared_std: Option<[f64; FREE]>,
-    /// Usual χ² per degree of freedom; standard uncertainties are scaled by its root.
+    /// Usual χ² per degree of freedom; standard uncertainties are scaled by its square root.
     pub birge: f64,
     /// Lean directions that many pixels share.
     pub leans: Vec<defects::Lean>,
-    /// Connected areas that disagree with the rest.
+    /// Connected areas that differ from the rest.
     pub defects: Vec<defects::Defect>,
     /// Pixels that were fitted.
     pub pixels_fitted: usize,
-    /// Pixels from which the shared quantities were settled.
+    /// Pixels from which the shared quantities were determined.
     pub pixels_sampled: usize,
     /// Evaluations per fitted pixel.
     pub evaluations: f64,
-    /// Poses, that is observations per pixel.
+    /// Poses, which are the observations per pixel.
     pub n_poses: usize,
-    /// Frames left out.
+    /// Frames that were rejected.
     pub rejected_frames: Vec<RejectedFrame>,
-    /// Sentences for the user.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
-    /// What was left out, why, and what that may cost (as a share of the brightest radiance).
+    /// What the model omits, why, and at which cost (as a share of the brightest radiance).
     pub left_out: Vec<LeftOut>,
-    /// Pixels that nobody looked at because time was over; flagged `few_observations`, with none.
+    /// Pixels not reached within the time limit; flagged `few_observations`, with zero observations.
     pub pixels_left_out: usize,
 }
 
 /// Maps the sample of a series.
 ///
 /// # Errors
-/// [`MapError`]. Single frames that cannot be used are no error: they are in `rejected_frames`.
+/// [`MapError`]. Single unusable frames are no error: they are listed in `rejected_frames`.
 pub fn map(
     source: &dyn FrameSource,
     options: &MapOptions,
@@ -248,11 +252,11 @@ pub fn map(
     map_until(source, options, &|| false, progress, cancel)
 }
 
-/// [`map`], with no further tile begun once `late` says so. Tiles are taken in an order that spreads over
-/// the field, so that a map that ends early shows all of it coarsely rather than its top.
+/// As [`map`], but starts no further tile once `late` returns true. The order of the tiles spreads over the field, so a
+/// map that ends early covers all of it coarsely.
 ///
 /// # Errors
-/// [`MapError`], also where it is late before the first tile.
+/// [`MapError`], also if `late` returns true before the first tile.
 pub fn map_until(
     source: &dyn FrameSource,
     options: &MapOptions,
@@ -307,12 +311,12 @@ pub fn map_until(
         flats: &flats,
         white: calibration.white_reference(),
     };
-    // The mean's fit comes first: what all pixels have beside an ideal sawtooth is asked of it.
+    // The mean is fitted first: it provides the deviations from an ideal sawtooth for all pixels.
     let mean = match late() {
         false => together::together(source, progress, cancel),
-        true => Err("time was over".to_owned()),
+        true => Err("the time limit passed".to_owned()),
     };
-    // A mean that was cancelled is none that has no answer.
+    // A cancelled fit of the mean must not count as one without a result.
     if cancel.load(Ordering::Relaxed) {
         return Err(MapError::Cancelled);
     }
@@ -359,7 +363,7 @@ pub fn map_until(
     if references.white.is_none() && layers.parameters.iter().any(|l| l.name == "rho_d") {
         layers.without_rho_d();
         warnings.push(
-            "no white reference was recorded, so there is no rho_d: it is a share of that"
+            "the series has no white reference, so rho_d, which is relative to it, is not given"
                 .to_owned(),
         );
     }
@@ -374,8 +378,8 @@ pub fn map_until(
     match &mean {
         Ok(mean) => mean.raise(&mut globals),
         Err(why) => warnings.push(format!(
-            "no fit of the pixels' mean says how well the stages' zeros and the model are known ({why}): std_shared has \
-             gain, stray light and the tilt's zero by counting alone, and is too small"
+            "the mean of the pixels was not fitted ({why}), so std_shared is too small: it includes only the counting \
+             statistics of gain, stray light and tilt offset, not the uncertainties of the stages and the model"
         )),
     }
     let at_least = |std: [f64; FREE]| match &mean {
@@ -406,7 +410,7 @@ pub fn map_until(
     })
 }
 
-/// What a map does without.
+/// Lists what the map omits.
 fn what_is_left_out(
     settled: &Settled,
     wedge: Option<Angle>,
@@ -424,20 +428,20 @@ fn what_is_left_out(
     if included(Decision::Bounces) {
         list.push(LeftOut::new(
             "double reflections by integration, pixel by pixel",
-            "integrated on the surfaces that most pixels look like, and taken from the nearest of them",
+            "integrated only on the surfaces that represent most pixels; each pixel takes the nearest",
             None,
         ));
     }
     if included(Decision::PerPixelGeometry) {
         list.push(match &settled.beside {
             Some(beside) => LeftOut::new(
-                "each pixel's own surface in what its own directions change of light that went between the facets",
-                "it is small and smooth: that of the surfaces that most pixels look like stands for all",
+                "the pixel's own surface in the off-centre change of light reflected between the facets",
+                "the change is small and smooth; that of the surfaces that represent most pixels is used",
                 Some(beside.left),
             ),
             None => LeftOut::new(
-                "each pixel's own directions in light that went between the facets",
-                "they vary slowly: those of the field's centre stand for all",
+                "each pixel's own directions in light reflected between the facets",
+                "they vary slowly; those of the field's centre are used",
                 settled.centre_for_all,
             ),
         });
@@ -445,14 +449,14 @@ fn what_is_left_out(
     if pixels_left_out > 0 {
         list.push(LeftOut::new(
             format!("{pixels_left_out} of {} pixels", view.pixels()),
-            "time was over; those that were fitted are spread over the field",
+            "the time limit passed; the fitted pixels are spread over the field",
             None,
         ));
     }
     list
 }
 
-/// Shared shifts in the layers' units; those of ln α times the median α.
+/// Converts shared shifts to the layers' units; those of ln α are multiplied by the median α.
 fn in_layer_units(std: &Parameters, layers: &Layers) -> [f64; FREE] {
     let typical = |k: usize| typical(layers, k);
     [
@@ -464,13 +468,14 @@ fn in_layer_units(std: &Parameters, layers: &Layers) -> [f64; FREE] {
     ]
 }
 
-/// Median of a layer's values.
+/// Returns the median of a layer's values.
 fn typical(layers: &Layers, k: usize) -> f64 {
     let values = layers.parameters[k].values.iter();
     settle::median(values.map(|x| f64::from(*x))).unwrap_or(0.0)
 }
 
-/// What a wedge of the sample adds to what pixels share: ridge angle along v, a turn of the lean direction along u.
+/// Adds the wedge of the sample: its tilt along v to the ridge angle, its tilt along u, as a turn, to the lean
+/// direction.
 fn with_wedge(mut std: [f64; FREE], wedge: Option<Angle>, layers: &Layers) -> [f64; FREE] {
     if let Some(wedge) = wedge {
         let turn = turn_by_wedge(wedge, Angle::from_deg(typical(layers, 0)));
@@ -485,30 +490,30 @@ fn doubts(settled: &Settled, view: &View) -> Vec<String> {
     let zero = settled.globals.tilt_offset_std.deg();
     if zero > 1.0 {
         doubts.push(format!(
-            "the tilt's zero cannot be told from these poses (± {zero:.1}°): the recorded tilts are believed; scan more azimuths"
+            "these poses do not determine the tilt offset (± {zero:.1}°), so the recorded tilts are used; scan more azimuths"
         ));
     }
     let shared = settled.shared_std.map_or(0.0, |std| std[0].to_degrees());
     if shared > SHARED_THETA_R_STD_MAX_DEG {
         doubts.push(format!(
-            "these poses leave the ridge angle of all pixels open by ± {shared:.1}° together (gain, stray light, the tilt's zero and the model's misfit are not told from it): differences between pixels hold, the angle itself does not; scan more tilts"
+            "these poses leave an uncertainty of {shared:.1}° (k = 1) that the ridge angles of all pixels share (they do not separate it from gain, stray light, tilt offset and model error): differences between pixels are valid, the absolute angle is not; scan more tilts"
         ));
     }
     if settled.birge > 4.0 {
         doubts.push(format!(
-            "the usual χ² per degree of freedom is {:.1}: the model does not explain this sample's pixels at their noise; uncertainties are scaled by its root",
+            "the usual χ² per degree of freedom is {:.1}: the model does not explain the pixels of this sample within their noise; uncertainties are scaled by its square root",
             settled.birge
         ));
     }
     if settled.costly.is_amplitude() {
         doubts.push(
-            "on metal much light comes back from two reflections, which this map takes from the surfaces that most pixels look like: pixels unlike them, or with few observations in the lobe, may be off by several of their standard uncertainties; `ridged fit` has the whole"
+            "on metal, double reflections are a large part of the light, and this map takes them from the surfaces that represent most pixels: pixels unlike these, or with few observations in the lobe, may be wrong by several standard uncertainties; use `ridged fit` for the full model"
                 .to_owned(),
         );
     }
     if !view.has_scale {
         doubts.push(
-            "the manifest states no field_width_mm: positions are in pixels and count as mm"
+            "the manifest states no field_width_mm: positions are given in pixels in place of mm"
                 .to_owned(),
         );
     }

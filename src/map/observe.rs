@@ -1,9 +1,9 @@
-//! Frames → signals of every map pixel: dark, response, exposures of a pose merged pixel by pixel,
-//! full and defect pixels masked, and the frame turned and stretched back into the sample's frame.
+//! Frames → signals of every map pixel: dark subtracted, divided by the response, exposures of a pose merged pixel by
+//! pixel, saturated and defective pixels masked, and the frame resampled into the sample's frame.
 //!
-//! Frames of one pose are summed before they are divided, Σ counts / Σ seconds, over the exposures
-//! in which the pixel is not full: the estimate of least variance for photon noise, and unbiased.
-//! Resampling is bilinear; a map pixel of which one of the four sources is masked is masked.
+//! Frames of one pose are summed before the division, Σ counts / Σ seconds, over the exposures in which the pixel is
+//! not saturated: the unbiased estimate of least variance for photon noise. Resampling is bilinear; a map pixel is
+//! masked if one of its four source pixels is.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -19,7 +19,7 @@ use crate::observation::RejectedFrame;
 use crate::reduction::{CameraCalibration, FrameSource};
 use crate::units::Angle;
 
-/// Poses closer than this are the same pose.
+/// Poses closer than this, in degrees, are the same pose.
 const SAME_ANGLE_DEG: f64 = 0.02;
 
 /// The sample frames of one pose.
@@ -59,10 +59,10 @@ pub(super) fn poses(source: &dyn FrameSource) -> Vec<PoseFrames> {
     poses
 }
 
-/// What the camera's calibration says per pixel, as this room wants it.
+/// The camera's calibration per pixel, in the form that the map uses.
 pub(super) struct Light<'a> {
     pub(super) calibration: &'a CameraCalibration,
-    /// Response per pixel; 0 for defects.
+    /// Response per pixel; 0 for defective ones.
     pub(super) response: Vec<f32>,
     /// Radiance per (count per second at response 1).
     pub(super) unit: f64,
@@ -82,7 +82,7 @@ impl<'a> Light<'a> {
     }
 }
 
-/// Reads all sample frames and keeps their resampled planes. Returns the frames left out.
+/// Reads all sample frames and stores their resampled planes. Returns the rejected frames.
 pub(super) fn observe(
     source: &dyn FrameSource,
     light: &Light<'_>,
@@ -126,7 +126,7 @@ pub(super) fn observe(
     Ok(rejected)
 }
 
-/// Signal and variance of every sensor pixel; variance 0 where there is no signal.
+/// Returns signal and variance of every sensor pixel; the variance is 0 if there is no signal.
 fn merge(
     source: &dyn FrameSource,
     light: &Light<'_>,
@@ -177,9 +177,9 @@ fn merge(
         .collect()
 }
 
-/// Signal and σ between four sensor pixels; zeros if one of them has none.
+/// Interpolates signal and σ between four sensor pixels; returns zeros if one of them has no signal.
 fn bilinear(merged: &[[f32; 2]], view: &View, column: f64, row: f64) -> [f32; 2] {
-    // A pixel's value belongs to its centre. Within half a pixel of the edge the edge counts.
+    // A pixel's value belongs to its centre. Within half a pixel of the edge, the edge pixel's value is used.
     let (u, v) = (column - 0.5, row - 0.5);
     let (w, h) = (view.width as f64, view.height as f64);
     if !(u > -0.5 && v > -0.5 && u < w - 0.5 && v < h - 0.5) {

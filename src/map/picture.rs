@@ -1,4 +1,4 @@
-//! A layer as a picture: colours, a colour bar with numbers and unit, a length bar in millimetres.
+//! A layer as a picture: colours, a colour bar with numbers and unit, a scale bar in millimetres.
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
 
@@ -13,7 +13,7 @@ const TEXT_PX: f32 = 18.0;
 const TITLE_PX: f32 = 22.0;
 const INK: Rgb = [40, 40, 40];
 const PAPER: Rgb = [255, 255, 255];
-/// Where there is no value.
+/// Colour of pixels without a value.
 const NOTHING: Rgb = [222, 222, 222];
 
 /// An RGB picture.
@@ -23,18 +23,18 @@ pub(super) struct Picture {
     pub(super) rgb: Vec<u8>,
 }
 
-/// The map's own facts for a picture.
+/// Dimensions of the map for a picture.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sheet {
     pub(super) width: usize,
     pub(super) height: usize,
-    /// Millimetres per column; `None` where unknown.
+    /// Millimetres per column; `None` if unknown.
     pub(super) column_mm: Option<f64>,
     /// Row height over column width.
     pub(super) aspect: f64,
 }
 
-/// What the colours of a layer mean.
+/// The meaning of a layer's colours.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Scale {
     /// Values from low to high.
@@ -44,7 +44,7 @@ pub(super) enum Scale {
 }
 
 impl Scale {
-    /// From the values' 1st to 99th percentile, with a little room; for few values all of them.
+    /// Covers the values' 1st to 99th percentile with a small margin; for few values, all of them.
     pub(super) fn of(values: &[f32]) -> Option<Scale> {
         let mut finite: Vec<f32> = values.iter().copied().filter(|x| x.is_finite()).collect();
         if finite.is_empty() {
@@ -58,7 +58,7 @@ impl Scale {
             let half = (0.05 * high.abs()).max(1e-6);
             return Some(Scale::Range(low - half, high + half));
         }
-        // Nothing here is negative; the room must not say otherwise.
+        // No layer has negative values, so the margin must not add them.
         let low = if low >= 0.0 {
             (low - room).max(0.0)
         } else {
@@ -94,7 +94,7 @@ impl Scale {
     }
 }
 
-/// 1, 2 or 5 times a power of ten, nearest to `step` in ratio.
+/// Returns 1, 2 or 5 times a power of ten, nearest to `step` in ratio.
 fn round_step(step: f64) -> f64 {
     let decade = 10_f64.powf(step.log10().floor());
     let factor = match step / decade {
@@ -106,14 +106,14 @@ fn round_step(step: f64) -> f64 {
     factor * decade
 }
 
-/// A tick's number with as many decimals as the step needs.
+/// Formats a tick's number with as many decimals as the step needs.
 fn number(value: f64, step: f64) -> String {
     let decimals = (-step.log10()).ceil().clamp(0.0, 9.0) as usize;
     let text = format!("{value:.decimals$}");
     text.replace('-', "−")
 }
 
-/// A layer as a picture. `title` is written above, `unit` above the colour bar.
+/// Draws a layer. `title` is written above, `unit` after each number of the colour bar.
 pub(super) fn layer(
     sheet: &Sheet,
     values: &[f32],
@@ -165,7 +165,7 @@ pub(super) fn layer(
     canvas.finish()
 }
 
-/// Flags as a picture: each pixel has the colour of the first class that holds.
+/// Draws flags: each pixel has the colour of its class, as `class_of` returns it.
 pub(super) fn classes(
     sheet: &Sheet,
     title: &str,
@@ -205,7 +205,7 @@ impl Canvas {
                 height,
                 rgb: PAPER.repeat(width * height),
             },
-            font: FontRef::try_from_slice(FONT).expect("the font in assets/ is a font"),
+            font: FontRef::try_from_slice(FONT).expect("assets/ contains a valid font"),
             map_left,
             map_top,
             map_width,
@@ -232,7 +232,7 @@ impl Canvas {
         self.map_top + self.map_height
     }
 
-    /// A bar of a round length, about a fifth of the map, under its left corner.
+    /// Draws a bar of a round length, about a fifth of the map, below its left corner.
     fn length_bar(&mut self, sheet: &Sheet, enlarge: usize) {
         let per_pixel = sheet.column_mm.unwrap_or(1.0) / enlarge as f64;
         let length = round_step(0.2 * self.map_width as f64 * per_pixel);
@@ -276,7 +276,7 @@ impl Canvas {
         }
     }
 
-    /// A line of one pixel around a rectangle.
+    /// Draws a line of one pixel around a rectangle.
     fn frame(&mut self, x: usize, y: usize, width: usize, height: usize) {
         self.fill(x - 1, y - 1, width + 2, 1, INK);
         self.fill(x - 1, y + height, width + 2, 1, INK);
@@ -284,7 +284,7 @@ impl Canvas {
         self.fill(x + width, y - 1, 1, height + 2, INK);
     }
 
-    /// Writes text from `x`, its base line at `y`.
+    /// Writes text from `x`, with its base line at `y`.
     fn text(&mut self, text: &str, x: f32, y: f32, size_px: f32) {
         let font = self.font.clone();
         let scaled = font.as_scaled(PxScale::from(size_px));
@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn a_layer_of_one_value_and_one_of_none_are_pictures_too() {
+    fn layers_of_one_value_and_of_no_value_make_pictures_too() {
         let values = vec![5.0_f32; 64 * 48];
         let scale = Scale::of(&values).unwrap();
         assert_eq!(scale, Scale::Range(4.75, 5.25));
@@ -374,7 +374,7 @@ mod tests {
         // The map is enlarged ten times from (24, 56).
         assert_eq!(at(24 + 105, 56 + 100), scale.colour(10.0));
         assert_eq!(at(24 + 635, 56 + 470), scale.colour(63.0));
-        // The title left ink above the map.
+        // The title is drawn above the map.
         assert!((0..60).any(|x| (20..40).any(|y| at(24 + x, y) == INK || at(24 + x, y)[0] < 120)));
     }
 }

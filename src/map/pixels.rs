@@ -1,7 +1,7 @@
-//! Pixels without frames: for the bench, and for whoever has per-pixel observations of their own.
+//! Fits pixels without frames, for the benchmark and for callers with per-pixel observations of their own.
 //!
-//! Call [`PixelFitter::new`] for a rig, a material and poses, then [`PixelFitter::fit`] for as many
-//! pixels as there are. Camera and lamp are far, gain is 1 and there is no stray light.
+//! Call [`PixelFitter::new`] for a rig, a material and poses, then [`PixelFitter::fit`] for any number of pixels.
+//! Camera and lamp are far, the gain is 1 and there is no stray light.
 
 use super::costly::Costly;
 use super::globals::Globals;
@@ -17,9 +17,9 @@ use crate::material::Material;
 pub enum Instructions {
     /// The widest that the machine has: 8 pixels at once with AVX-512, 4 with AVX2.
     Widest,
-    /// AVX2 with FMA; the widest where the machine has no AVX2.
+    /// AVX2 with FMA; the widest if the machine has no AVX2.
     Avx2,
-    /// One pixel at once.
+    /// One pixel at a time.
     Scalar,
 }
 
@@ -43,17 +43,17 @@ impl Instructions {
 pub struct PixelParameters {
     /// θr and ψ in rad, ln αu, ln αv, and ρd (dielectrics) or amplitude (conductors).
     pub values: [f64; FREE],
-    /// Standard deviations for the σ given; `None` where the data cannot tell.
+    /// Standard deviations for the given σ; `None` if the data do not determine the parameters.
     pub std: Option<[f64; FREE]>,
     /// Weighted sum of squared residuals.
     pub chi2: f64,
     /// Whether the descent ended at a minimum.
     pub converged: bool,
-    /// Evaluations of all observations; one of a part of them counts as that part.
+    /// Evaluations of all observations; an evaluation of a subset counts as its share.
     pub evaluations: f32,
 }
 
-/// Fits pixels seen at the same poses.
+/// Fits pixels imaged at the same poses.
 pub struct PixelFitter {
     view: View,
     poses: Vec<Pose>,
@@ -62,7 +62,7 @@ pub struct PixelFitter {
 }
 
 impl PixelFitter {
-    /// For true poses of a rig.
+    /// Takes the true poses of a rig.
     #[must_use]
     pub fn new(rig: RigGeometry, material: Material, poses: Vec<Pose>) -> Self {
         let view = View::far(rig, &material);
@@ -85,22 +85,22 @@ impl PixelFitter {
         }
     }
 
-    /// Radiances of the full closed form at a pixel's parameters, one per pose.
+    /// Returns the radiances of the full closed form at a pixel's parameters, one per pose.
     #[must_use]
     pub fn radiances(&self, values: &[f64; FREE]) -> Vec<f64> {
         self.costly.full(values)
     }
 
-    /// What the closed form lacks of integrated double reflections at a pixel's parameters, one radiance per pose:
-    /// the costliest step of settling a map.
+    /// Returns the difference between integrated and closed-form double reflections at a pixel's parameters, one
+    /// radiance per pose. This is the most expensive step before a map's fit.
     #[must_use]
     pub fn lacking(&self, values: &[f64; FREE]) -> Vec<f64> {
         self.costly.lacking(values, true)
     }
 
-    /// Fits pixels from `starts`, one each. `signal` and `sigma` are `[pixel][pose]`, σ = 0 masks;
-    /// the costly terms are taken anew `refreshes` times within a descent, and besides where the few of many
-    /// observations that show the way have shown it.
+    /// Fits pixels from `starts`, one each. `signal` and `sigma` are `[pixel][pose]`; σ = 0 masks. The costly terms are
+    /// recomputed `refreshes` times within a descent, and once more after the part of the descent that uses a subset of
+    /// the observations.
     ///
     /// # Panics
     /// If the slices do not have poses × starts elements.
@@ -155,15 +155,15 @@ mod tests {
         PixelFitter::new(RigGeometry::IN_PLANE, material, poses)
     }
 
-    /// The kernel has only a part of the closed form: with the costly terms refreshed the fit must
-    /// end at the parameters of the whole.
+    /// The kernel computes only a part of the closed form; with the costly terms recomputed, the fit must end at the
+    /// parameters of the full form.
     #[test]
-    fn the_full_closed_form_is_what_is_fitted() {
+    fn the_fit_ends_at_the_minimum_of_the_full_closed_form() {
         let plastic = Material::Dielectric {
             eta: 1.54,
             eta_std: 0.0,
         };
-        // Of the larger rigs a part of the observations shows the way.
+        // With the larger numbers of poses the descent begins with a subset of the observations.
         for (material, truth, tilts, azimuths) in [
             (plastic, [0.1745, 0.4, -2.12, -2.0, 0.34], 5, 8),
             (plastic, [0.33, 4.0, -1.6, -1.9, 0.5], 5, 8),
@@ -201,11 +201,11 @@ mod tests {
                     .map(|k| ((fit.values[k] - truth[k]) / std[k]).abs())
                     .fold(0.0, f64::max)
             };
-            // 3e-3 of the peak is the photon noise of 10⁵ electrons; what the cells' expansion and the
-            // last refresh leave stays below half of what that noise does to a pixel.
+            // 3e-3 of the peak is the photon noise of 10⁵ electrons. The error of the cells' expansion and of the last
+            // recomputation stays below half of a pixel's standard deviation at that noise.
             let (with, without) = (error(3), error(0));
             assert!(with < 0.5, "{material:?}: {with} {without}");
-            // At the end of a way that was shown they are taken anew in any case.
+            // After a descent with a subset the terms are recomputed in any case.
             let shown = !fitter.costly.few().is_empty();
             assert!(shown || with < without, "{material:?}: {with} {without}");
         }

@@ -1,9 +1,9 @@
-//! What a map can do without, decided within a tolerance: before a frame is read on surfaces as samples have them
-//! ([`plan`]), and in the map itself on the surfaces that most of its pixels look like.
+//! Decides which terms a map omits within a tolerance: before any frame is read, on typical surfaces ([`plan`]), and
+//! during the map, on the surfaces that represent most of its pixels.
 //!
-//! Everything is in where no tolerance is stated. What is decided by a tolerance shares it: double reflections by
-//! integration, which take most of the time of settling, have the first say, each pixel's own directions the rest. What
-//! no map computes otherwise, whatever the tolerance, is told with its cost.
+//! Without a stated tolerance nothing is omitted. The terms that can be omitted share the tolerance: double
+//! reflections by integration, which take most of the time before the fit, come first; each pixel's own directions
+//! get the remainder. Approximations that every map makes are listed with their error, whatever the tolerance.
 
 use super::beside::Anywhere;
 use super::costly::Costly;
@@ -18,10 +18,10 @@ use crate::plan::{Basis, Choice, Decision, Plan, TOLERANCE};
 use crate::reduction::FrameSource;
 use crate::units::Angle;
 
-/// Poses at which costs are looked at, at most, before a frame is read.
+/// Largest number of poses at which errors are evaluated before any frame is read.
 const POSES_MAX: usize = 60;
 
-/// Plans the map of a series before a frame is read. Without `target_error` nothing is left out for the sake of time.
+/// Plans the map of a series before any frame is read. Without `target_error` nothing is omitted to save time.
 #[must_use]
 pub fn plan(source: &dyn FrameSource, target_error: Option<f64>) -> Plan {
     let manifest = source.manifest();
@@ -81,8 +81,8 @@ pub(super) fn decide(
     }
 }
 
-/// The plan once double reflections were integrated: they follow polarisation, unless the pixels are explained better
-/// without it.
+/// Updates the plan after double reflections were integrated: they include polarisation, unless the pixels are
+/// explained better without it.
 pub(super) fn with_polarisation(mut plan: Plan, polarised: bool) -> Plan {
     let integrated = plan.on(Decision::Bounces).is_some_and(|c| c.included);
     let choice = plan
@@ -92,16 +92,16 @@ pub(super) fn with_polarisation(mut plan: Plan, polarised: bool) -> Plan {
     if let Some(choice) = choice.filter(|_| integrated) {
         choice.included = polarised;
         choice.why = if polarised {
-            "what comes off the first facet is polarised, and the second one sees it: integrated double reflections have it"
+            "the first facet polarises the light that reaches the second one; integrated double reflections include it"
         } else {
-            "the pixels are explained better without it, as a renderer without polarisation makes them"
+            "the pixels are explained better without it, as those of a renderer without polarisation are"
         }
         .to_owned();
     }
     plan
 }
 
-/// The largest of some costs; infinite where one is no number.
+/// Returns the largest of some costs; infinite if one is not a number.
 fn largest(costs: impl Iterator<Item = f64>) -> f64 {
     costs.fold(0.0, |most, cost| {
         if cost.is_nan() {
@@ -112,7 +112,8 @@ fn largest(costs: impl Iterator<Item = f64>) -> f64 {
     })
 }
 
-/// Light reflected twice: integrated on the surfaces that pixels look like, or the closed form's.
+/// Decides on light reflected twice: integrated on the surfaces that represent most pixels, or the closed
+/// approximation.
 fn double_reflections(
     costly: &Costly,
     surfaces: &[Parameters],
@@ -132,33 +133,38 @@ fn double_reflections(
     };
     let cost = largest(surfaces.iter().map(|p| costly.share_lacking(p)));
     if cost <= target {
-        let why = "on the surfaces that pixels look like they change less than the target error";
+        let why =
+            "on the surfaces that represent most pixels they change less than the target error";
         choice(false, WHAT, why, Some(cost))
     } else {
-        let why = "on the surfaces that pixels look like they change more than the target error";
+        let why =
+            "on the surfaces that represent most pixels they change more than the target error";
         choice(true, WHAT, why, Some(cost))
     }
 }
 
-/// The closed correction of the lobes' widths is all that a map has, and it takes no time.
+/// States the closed correction of the lobes' widths, the only one that a map has; it takes no time.
 fn cone(view: &View, surfaces: &[Surface], tolerance: f64) -> Choice {
     let narrowest = surfaces
         .iter()
         .map(|s| s.alpha_u.min(s.alpha_v))
         .fold(f64::MAX, f64::min);
-    let told = left_out::cone_average(&view.imaging.rig.cones, narrowest);
-    let why = if told.cost.is_none_or(|cost| cost <= tolerance) {
-        told.why
+    let omitted = left_out::cone_average(&view.imaging.rig.cones, narrowest);
+    let why = if omitted.cost.is_none_or(|cost| cost <= tolerance) {
+        omitted.why
     } else {
-        format!("{}; a map has the average nowhere, a fit has it", told.why)
+        format!(
+            "{}; maps do not average over the cones, fits do",
+            omitted.why
+        )
     };
     let points = view.imaging.rig.cones.reach() <= 0.0;
     Choice {
         decision: Decision::ConeAverage,
         included: false,
-        what: told.what,
+        what: omitted.what,
         why,
-        cost: told.cost,
+        cost: omitted.cost,
         basis: if points {
             Basis::Exact
         } else {
@@ -167,7 +173,7 @@ fn cone(view: &View, surfaces: &[Surface], tolerance: f64) -> Choice {
     }
 }
 
-/// Directions of each pixel where camera or lamp are near.
+/// Decides on the directions of each pixel if camera or lamp are near.
 fn own_directions(
     costly: &Costly,
     view: &View,
@@ -197,7 +203,7 @@ fn own_directions(
             choice(true, why, Some(cost), Basis::Estimate)
         }
         Some(allowed) if cost <= allowed => {
-            let why = "camera or lamp are near, but over the field a reflection changes less than the target error";
+            let why = "camera or lamp are near, but over the field a reflection changes by less than the target error";
             choice(false, why, Some(cost), Basis::Estimate)
         }
         Some(_) => {
@@ -207,11 +213,11 @@ fn own_directions(
     }
 }
 
-/// What the border of the field changes, as shares of the brightest radiance.
+/// Changes at the border of the field, as shares of the brightest radiance.
 struct OffCentre {
-    /// Of what follows each pixel's directions: single reflections and the facets' diffuse light.
+    /// Change of the terms that use each pixel's directions: single reflections and the facets' diffuse light.
     followed: f64,
-    /// Of all the rest.
+    /// Change of all other terms.
     rest: f64,
 }
 
@@ -248,20 +254,20 @@ fn off_centre(costly: &Costly, view: &View, p: &Parameters) -> OffCentre {
     }
 }
 
-/// What the centre's directions cost in light that went between the facets; see [`super::costly`].
+/// Returns the error of using the centre's directions for light reflected between the facets; see [`super::costly`].
 pub(super) fn centre_for_all(costly: &Costly, view: &View, surfaces: &[Parameters]) -> f64 {
     largest(surfaces.iter().map(|p| off_centre(costly, view, p).rest))
 }
 
-/// Expansions for everything but single reflections. How often they are taken anew is not for a plan: each pixel's
-/// descent does so while it still moves by a part of its own uncertainty.
+/// States the expansion of everything but single reflections. A plan does not decide how often it is recomputed: each
+/// pixel's descent does so while it moves by a part of its own uncertainty.
 fn costly_terms(costly: &Costly, surfaces: &[Parameters]) -> Choice {
     Choice {
         decision: Decision::CostlyTerms,
         included: false,
         what: "the whole closed form at every step of a pixel".to_owned(),
-        why: "but for single reflections it is expanded about nearby surfaces, anew for as long as a pixel's own \
-              descent still moves"
+        why: "all terms but single reflections are expanded about nearby surfaces, and recomputed while a pixel's descent \
+              still moves"
             .to_owned(),
         cost: Some(largest(surfaces.iter().map(|p| costly.share_expanded(p)))),
         basis: Basis::Estimate,
@@ -279,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_is_in_without_a_target_and_what_is_out_with_one_keeps_to_it() {
+    fn without_a_target_nothing_is_omitted_and_with_one_the_omitted_terms_stay_within_it() {
         let series = checker();
         let all = plan(&series, None);
         assert!(all.on(Decision::Bounces).unwrap().included);
@@ -298,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn a_near_camera_keeps_its_pixels_directions_until_the_field_is_small() {
+    fn a_near_camera_keeps_its_pixels_directions_unless_the_field_is_small() {
         let decided = |field: f64, target: Option<f64>| {
             let board = near::board(field);
             let poses = vec![Pose::from_deg(-10.0, 0.0), Pose::from_deg(5.0, 40.0)];
@@ -317,14 +323,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_brought_from_the_centre_of_a_near_field_is_nearly_what_is_there() {
+    fn light_transferred_from_the_centre_of_a_near_field_is_nearly_that_of_the_place() {
         let board = near::board(50.0);
         let costly = near::costly(&board, near::poses());
         for lean in [0.0, 1.9] {
             let p = [0.2, lean, 0.1f64.ln(), 0.15f64.ln(), 0.3];
             let off = off_centre(&costly, &board.1, &p);
-            // Light that went between the facets is a few percent of the peak, and half of it may change over a
-            // field as wide as a tenth of a radian each way.
+            // Light reflected between the facets is a few percent of the peak. Half of it may change over a field that
+            // spans a tenth of a radian to each side.
             assert!(off.followed > 0.1, "{}", off.followed);
             assert!(off.rest < 0.02, "{}", off.rest);
         }

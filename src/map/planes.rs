@@ -1,7 +1,7 @@
-//! Signals and uncertainties of every pose and map pixel, tile by tile, in memory or, where that
-//! would be too much, in a scratch file that is gone when the map is done.
+//! Signals and uncertainties of every pose and map pixel, tile by tile, in memory or, above a limit, in a scratch
+//! file that is deleted after the map.
 //!
-//! A tile is a run of [`TILE`] consecutive pixels. Planes come pose by pose and leave tile by tile.
+//! A tile is a run of [`TILE`] consecutive pixels. Planes are written pose by pose and read tile by tile.
 
 use std::fs::File;
 use std::io;
@@ -32,10 +32,10 @@ enum Keep {
 }
 
 impl Planes {
-    /// Room for `poses` × `pixels`; above `memory_bytes_max` in a file in `scratch`.
+    /// Allocates `poses` × `pixels`; above `memory_bytes_max`, in a file in `scratch`.
     ///
     /// # Errors
-    /// The system's, if the file cannot be made.
+    /// The error of the operating system, if the file cannot be created.
     pub(super) fn new(
         poses: usize,
         pixels: usize,
@@ -74,10 +74,10 @@ impl Planes {
         tile * TILE..tile * TILE + length(self.pixels, tile)
     }
 
-    /// Keeps one pose of one tile: signal and σ alternating, σ = 0 where there is no signal.
+    /// Stores one pose of one tile: signal and σ alternating, σ = 0 if there is no signal.
     ///
     /// # Errors
-    /// The system's, for instance that the disk is full.
+    /// The error of the operating system, for example if the disk is full.
     pub(super) fn put(&self, pose: usize, tile: usize, plane: &[f32]) -> io::Result<()> {
         let length = length(self.pixels, tile) * 2;
         assert_eq!(plane.len(), length, "a plane covers its tile");
@@ -95,10 +95,10 @@ impl Planes {
         }
     }
 
-    /// All poses of one tile, `[pose][pixel][signal, σ]`.
+    /// Returns all poses of one tile, `[pose][pixel][signal, σ]`.
     ///
     /// # Errors
-    /// The system's.
+    /// The error of the operating system.
     pub(super) fn get(&self, tile: usize) -> io::Result<Vec<f32>> {
         match &self.keep {
             Keep::Memory(tiles) => Ok(tiles[tile]
@@ -122,14 +122,13 @@ impl Planes {
 impl Drop for Planes {
     fn drop(&mut self) {
         if let Keep::File { path, .. } = &self.keep {
-            // A scratch file that stays is a nuisance, not an error.
+            // A remaining scratch file is a nuisance, not an error.
             let _ = std::fs::remove_file(path);
         }
     }
 }
 
-/// A file in `scratch` that nobody else has: two maps of one process, and one that was killed before, may share the
-/// folder.
+/// Creates a unique file in `scratch`: two maps of one process, or one that was killed before, may share the folder.
 fn fresh(scratch: &Path) -> io::Result<(File, PathBuf)> {
     static MADE: AtomicU64 = AtomicU64::new(0);
     loop {
@@ -160,7 +159,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn two_maps_at_once_in_one_folder_keep_their_own_and_touch_nothing_else() {
+    fn two_maps_at_once_in_one_folder_use_files_of_their_own() {
         let place = tempfile::tempdir().unwrap();
         let planes: Vec<Planes> = (0..2)
             .map(|_| Planes::new(1, 8, 0, place.path()).unwrap())
@@ -181,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_and_file_give_back_the_same_and_the_file_goes() {
+    fn memory_and_file_return_the_same_and_the_file_is_deleted() {
         let place = tempfile::tempdir().unwrap();
         let pixels = TILE + 100;
         let memory = Planes::new(3, pixels, usize::MAX, place.path()).unwrap();

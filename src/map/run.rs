@@ -1,4 +1,4 @@
-//! One run of the solver over some pixels: their signals with the shared quantities taken out.
+//! The solver applied to some pixels, with the shared quantities removed from their signals.
 
 use std::borrow::Cow;
 
@@ -23,7 +23,7 @@ pub(super) struct Batch {
 }
 
 impl Batch {
-    /// Some pixels of one tile; `kept` says which, by index in the tile.
+    /// Reads some pixels of one tile; `kept` selects them by their index in the tile.
     pub(super) fn of_tile(
         planes: &Planes,
         tile: usize,
@@ -50,7 +50,7 @@ impl Batch {
         })
     }
 
-    /// The pixels of several batches.
+    /// Joins the pixels of several batches.
     pub(super) fn join(batches: Vec<Batch>) -> Batch {
         let mut joined = Batch {
             observations: batches.first().map_or(0, |b| b.observations),
@@ -66,14 +66,14 @@ impl Batch {
         joined
     }
 
-    /// Pixels from elsewhere, numbered from 0; slices are `[pixel][observation]`.
+    /// Takes pixels from the caller, numbered from 0; slices are `[pixel][observation]`.
     pub(super) fn of_slices(observations: usize, signal: Vec<f32>, sigma: Vec<f32>) -> Batch {
         assert_eq!(
             signal.len(),
             sigma.len(),
-            "every signal has its uncertainty"
+            "every signal needs an uncertainty"
         );
-        assert_eq!(signal.len() % observations, 0, "pixels are whole");
+        assert_eq!(signal.len() % observations, 0, "pixels must be complete");
         Batch {
             observations,
             pixels: (0..signal.len() / observations).collect(),
@@ -82,7 +82,7 @@ impl Batch {
         }
     }
 
-    /// Observations of a pixel that are not masked.
+    /// Returns the number of a pixel's observations that are not masked.
     pub(super) fn used(&self, index: usize) -> usize {
         let n = self.observations;
         self.sigma[index * n..(index + 1) * n]
@@ -91,7 +91,7 @@ impl Batch {
             .count()
     }
 
-    /// Largest signal that lies clear of its noise, as a high quantile: spikes do not count.
+    /// Returns the largest signal above its noise, as a high quantile to exclude spikes.
     pub(super) fn largest(&self) -> f64 {
         let mut clear: Vec<f32> = self
             .signal
@@ -109,25 +109,25 @@ impl Batch {
     }
 }
 
-/// One fit in so many is good enough to be followed by the others.
+/// Of the fits, the best one in this number is followed by the others.
 const FOLLOWED: usize = 8;
-/// Pixels at most that are asked which of two models they are better explained by.
+/// Largest number of pixels that are used to compare two models.
 const ASKED_MAX: usize = 500;
 
-/// What is needed to fit any pixel.
+/// All inputs for the fit of any pixel.
 pub(super) struct Run<'a> {
     pub(super) batch: &'a Batch,
     pub(super) globals: &'a Globals,
     pub(super) costly: &'a Costly,
     pub(super) view: &'a View,
-    /// True poses at the shared tilt zero.
+    /// True poses with the shared tilt offset.
     pub(super) poses: &'a [Pose],
-    /// What pixels beside a near field's centre have more, once that is known.
+    /// Off-centre changes of a near field, once they are known.
     pub(super) beside: Option<&'a Beside>,
 }
 
 impl Run<'_> {
-    /// χ² of some of these pixels together, each followed on from where it is.
+    /// Returns the sum of χ² over some of these pixels, each fitted on from its present parameters.
     pub(super) fn misses(&self, pixels: &[(usize, PixelFit)]) -> f64 {
         let step = pixels.len().div_ceil(ASKED_MAX).max(1);
         let asked = || pixels.iter().step_by(step);
@@ -138,7 +138,7 @@ impl Run<'_> {
         each.filter(|chi2| chi2.is_finite()).sum()
     }
 
-    /// A pixel's radiances for the irradiance at the field's centre, and weights (1/σ, 0 where masked).
+    /// Writes a pixel's radiances for the irradiance at the field's centre, and its weights (1/σ, 0 where masked).
     pub(super) fn read(&self, index: usize, signal: &mut [f64], weight: &mut [f64]) {
         let n = self.batch.observations;
         let all = index * n..(index + 1) * n;
@@ -157,8 +157,8 @@ impl Run<'_> {
         }
     }
 
-    /// Takes off the signals of a pixel that looks like `p` what it has more for lying beside the centre of a near field.
-    /// `picked` are the observations that there are, all of them without.
+    /// Subtracts the off-centre change of a pixel like `p` from its signals. `picked` lists the observations in
+    /// `signal`; `None` means all.
     pub(super) fn bring_to_centre(
         &self,
         index: usize,
@@ -174,7 +174,7 @@ impl Run<'_> {
         }
     }
 
-    /// Irradiance on a pixel in its observation `j`, relative to the field's centre.
+    /// Returns the irradiance on a pixel in its observation `j`, relative to the field's centre.
     fn irradiance(&self, index: usize, j: usize) -> f64 {
         let place = self.view.place_mm(self.batch.pixels[index]);
         self.view.irradiance(self.poses[j], place)
@@ -185,7 +185,7 @@ impl Run<'_> {
         f64::from(signal) * (1.0 / self.globals.gain) - self.globals.stray
     }
 
-    /// 1/σ of a radiance, to the single precision of σ itself; 0 where masked.
+    /// Returns 1/σ of a radiance, in the single precision of σ itself; 0 if masked.
     #[inline(always)]
     fn weight(&self, sigma: f32) -> f64 {
         f64::from(if sigma > 0.0 {
@@ -195,7 +195,7 @@ impl Run<'_> {
         })
     }
 
-    /// Radiance and weight of a pixel's observation `j`.
+    /// Returns radiance and weight of a pixel's observation `j`.
     fn observation(&self, index: usize, j: usize) -> (f64, f64) {
         let at = index * self.batch.observations + j;
         let signal = self.radiance(self.batch.signal[at]);
@@ -207,7 +207,7 @@ impl Run<'_> {
         (signal / irradiance, weight * irradiance)
     }
 
-    /// A pixel's geometry: shared, or its own where camera or lamp are near.
+    /// Returns a pixel's geometry: shared, or its own if camera or lamp are near.
     pub(super) fn geometry_of(&self, index: usize) -> Cow<'_, [Geometry]> {
         if self.view.shares_directions() {
             return Cow::Borrowed(self.costly.geometry());
@@ -231,9 +231,9 @@ impl Run<'_> {
         self.fit_on(pulp::Arch::new(), chosen, starts, refreshes)
     }
 
-    /// As [`Run::fit`], with chosen instructions.
+    /// As [`Run::fit`], with the given instructions.
     ///
-    /// Of many observations a part shows the way: what is far from the minimum need not be known well.
+    /// If there are many observations, a subset of them is used far from the minimum, where less precision is needed.
     pub(super) fn fit_on(
         &self,
         arch: pulp::Arch,
@@ -285,7 +285,7 @@ impl Run<'_> {
         fits
     }
 
-    /// Fits the chosen pixels from the best templates of every quarter turn; the lowest χ² wins.
+    /// Fits the chosen pixels from the best template of every quarter turn; returns the fits with the lowest χ².
     pub(super) fn fit_from_templates(
         &self,
         chosen: &[usize],
@@ -317,10 +317,10 @@ impl Run<'_> {
         best
     }
 
-    /// Fits the chosen pixels again from the surfaces that the best fits found; a lower χ² wins.
+    /// Fits the chosen pixels again from the surfaces of the best fits; keeps the lower χ².
     ///
-    /// Templates know single reflections only, so on metal most descents from them may end beside
-    /// the minimum; those that did not show the others where it is.
+    /// Templates contain single reflections only, so on metal most descents from them may end in local minima. The few
+    /// that reach the global one provide the start for the others.
     pub(super) fn follow_the_best(&self, chosen: &[usize], fits: &mut [PixelFit]) {
         let mut best: Vec<&PixelFit> = fits.iter().filter(|f| f.end == End::Converged).collect();
         best.sort_by(|a, b| (a.chi2 / freedom(a)).total_cmp(&(b.chi2 / freedom(b))));
@@ -336,7 +336,7 @@ impl Run<'_> {
         }
     }
 
-    /// χ² of the best Lambert surface for a pixel.
+    /// Returns χ² of the best Lambert surface for a pixel.
     pub(super) fn lambert_chi2(&self, index: usize, lambert: &[f64]) -> f64 {
         let n = self.batch.observations;
         let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
@@ -345,7 +345,7 @@ impl Run<'_> {
     }
 }
 
-/// Whether a fit is to be preferred.
+/// Whether fit `a` is better than fit `b`.
 pub(super) fn better(a: &PixelFit, b: &PixelFit) -> bool {
     match (a.end, b.end) {
         (End::Converged, End::Converged) => a.chi2 < b.chi2,
@@ -359,7 +359,7 @@ struct Chosen<'a> {
     run: &'a Run<'a>,
     chosen: &'a [usize],
     starts: &'a [Parameters],
-    /// Observations that are looked at; all of them without.
+    /// Observations used; `None` means all.
     picked: Option<&'a [usize]>,
 }
 
@@ -412,18 +412,18 @@ impl Pixels for Chosen<'_> {
     }
 }
 
-/// Degrees of freedom of a pixel's fit; at least 1.
+/// Returns the degrees of freedom of a pixel's fit; at least 1.
 pub(super) fn freedom(fit: &PixelFit) -> f64 {
     (fit.n_used as f64 - FREE as f64).max(1.0)
 }
 
-/// χ² per degree of freedom that good data pass once in 300,000: the normal quantile 4.5 after
-/// Wilson and Hilferty (1931), since χ² of few degrees of freedom has a long tail.
+/// Returns the χ² per degree of freedom that good data exceed once in 300,000: the normal quantile 4.5 after Wilson and
+/// Hilferty (1931), since χ² of few degrees of freedom has a long tail.
 pub(super) fn usual_chi2_max(freedom: f64) -> f64 {
     chi2_max(freedom, 4.5)
 }
 
-/// The same at another quantile of the normal distribution.
+/// As [`usual_chi2_max`], at another quantile of the normal distribution.
 pub(super) fn chi2_max(freedom: f64, quantile: f64) -> f64 {
     let k = 2.0 / (9.0 * freedom);
     (1.0 - k + quantile * k.sqrt()).powi(3)
@@ -435,7 +435,7 @@ mod tests {
 
     #[test]
     fn the_limit_of_chi2_is_its_far_quantile() {
-        // Beyond 4.5 the normal distribution has 3.4e-6; the approximation is good to a factor 2.
+        // The normal distribution has a tail of 3.4e-6 beyond 4.5; the approximation is good to a factor of 2.
         use statrs::distribution::{ChiSquared, ContinuousCDF};
         for freedom in [5.0, 19.0, 103.0] {
             let tail = ChiSquared::new(freedom)

@@ -1,5 +1,4 @@
-//! Before the map: a sample of pixels settles what all pixels share, where descents start, and how
-//! large a χ² is usual.
+//! Before the map: a sample of pixels determines what all pixels share, the starts of the descents, and the usual χ².
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,23 +20,23 @@ use crate::observation::{FlatObservation, WhiteReference};
 use crate::plan::{Decision, Plan};
 use crate::robust;
 
-/// Rounds in which zero of the tilt, gain and fits take turns.
+/// Rounds that alternate between tilt offset, gain and fits.
 const ROUNDS: usize = 6;
-/// How often the rounds are gone through; before each but the first, integrals are taken anew.
+/// Number of passes through the rounds; before each but the first, double reflections are integrated again.
 const PASSES: usize = 3;
-/// A search is outdated where the usual χ² has fallen to this share of what it left.
+/// A search is outdated if the usual χ² has fallen to this share of its value after that search.
 const OUTDATED: f64 = 0.9;
-/// Surfaces on which it is looked whether double reflections have to be integrated.
+/// Number of surfaces on which the need to integrate double reflections is evaluated.
 const PROBED: usize = 2;
-/// A lobe has to lower χ² by this many usual χ² units.
+/// Least decrease of χ², in usual χ² units, that makes a lobe significant.
 pub(super) const LOBE_SIGNIFICANCE: f64 = 30.0;
-/// Least certain parameters that still count as known: θr 2°, ln α 0.3.
+/// Largest standard uncertainties of determined parameters: θr 2°, ln α 0.3.
 const THETA_R_STD_MAX_RAD: f64 = 0.035;
 const LN_ALPHA_STD_MAX: f64 = 0.3;
-/// Typical uncertainty over cell width beyond which cells are made coarser, and how far.
+/// Largest coarseness of cells; it is the typical uncertainty over the cell width, at least 1.
 const COARSENESS_MAX: f64 = 3.0;
 
-/// What is settled before the map.
+/// The results, which the map needs for its pixels.
 pub(super) struct Settled {
     pub(super) globals: Globals,
     pub(super) poses: Vec<Pose>,
@@ -48,40 +47,39 @@ pub(super) struct Settled {
     pub(super) lambert: Vec<f64>,
     /// Usual χ² per degree of freedom, at least 1.
     pub(super) birge: f64,
-    /// Median shift of each parameter by one standard uncertainty of all shared quantities and of the model's
-    /// misfit.
+    /// Median shift of each parameter by one standard uncertainty of all shared quantities and of the model error.
     pub(super) shared_std: Option<Parameters>,
-    /// Sampled pixels that gave a good fit.
+    /// Sampled pixels with a good fit.
     pub(super) sampled: usize,
-    /// The drawing, with the centre's directions for all pixels where the plan says so.
+    /// The view, with the centre's directions for all pixels if the plan decided so.
     pub(super) view: View,
-    /// What was decided on the surfaces that most pixels look like.
+    /// The plan, decided on the surfaces that represent most pixels.
     pub(super) plan: Plan,
-    /// What the centre's directions cost in light that went between the facets, where camera or lamp are near and
-    /// nothing brings it from there to the pixels.
+    /// Error of using the centre's directions for light reflected between the facets, if camera or lamp are near and
+    /// it is not corrected.
     pub(super) centre_for_all: Option<f64>,
-    /// What pixels beside the centre have more.
+    /// Off-centre changes.
     pub(super) beside: Option<Beside>,
 }
 
-/// What the camera's references say.
+/// The observations of the camera's references.
 pub(super) struct References<'a> {
     pub(super) flats: &'a [FlatObservation],
     pub(super) white: Option<WhiteReference>,
 }
 
-/// What is known and asked for before anything is settled.
+/// Inputs that are known beforehand.
 pub(super) struct Given<'a> {
     pub(super) material: &'a Material,
     pub(super) recorded: &'a [Pose],
     pub(super) references: &'a References<'a>,
-    /// Share of the brightest radiance that may be left out.
+    /// Share of the brightest radiance that may be omitted.
     pub(super) target_error: Option<f64>,
-    /// What the sample has beside an ideal sawtooth.
+    /// The sample's deviations from an ideal sawtooth.
     pub(super) real: Option<Arc<RealSurface>>,
 }
 
-/// Whether a fit tells all that it was asked for.
+/// Whether a fit determines all parameters.
 pub(super) fn identifiable(fit: &PixelFit, birge: f64) -> bool {
     let Some(covariance) = &fit.covariance else {
         return false;
@@ -90,8 +88,8 @@ pub(super) fn identifiable(fit: &PixelFit, birge: f64) -> bool {
     std(0) < THETA_R_STD_MAX_RAD && std(2) < LN_ALPHA_STD_MAX && std(3) < LN_ALPHA_STD_MAX
 }
 
-/// Settles in turn the tilt's zero, the gain and the fits of sampled pixels; first with the closed form alone, then
-/// with double reflections integrated at what was found.
+/// Determines tilt offset, gain and the fits of sampled pixels in turn; first with the closed form only, then with
+/// double reflections integrated on the surfaces that were found.
 pub(super) fn settle(
     batch: &Batch,
     view: &View,
@@ -102,7 +100,7 @@ pub(super) fn settle(
     let mut settling = Settling::new(batch, view, given)?;
     let lobed = settling.lobed()?;
     let (mut passes_left, mut rounds_left) = (PASSES, ROUNDS);
-    // The usual χ² that the last search left.
+    // The usual χ² after the last search.
     let mut searched = f64::INFINITY;
     for round in 0..ROUNDS * PASSES {
         if cancel.load(Ordering::Relaxed) {
@@ -113,8 +111,9 @@ pub(super) fn settle(
             done: round,
             total: ROUNDS * PASSES,
         });
-        // The first round searches everywhere; after it fits follow the globals. Which minimum of a pixel is the deepest
-        // depends on these, so a pass searches again where they explain pixels better than they did.
+        // The first round searches from every template; in later rounds the fits continue. Which minimum of a pixel
+        // is the deepest depends on the shared quantities, so a pass searches again if these now explain the pixels
+        // better.
         let searching = rounds_left == ROUNDS && settling.birge < OUTDATED * searched;
         let fits = match searching || settling.good.is_empty() {
             true => settling.search(&lobed),
@@ -133,7 +132,7 @@ pub(super) fn settle(
                 break;
             }
             if !settling.integrate() {
-                // Nothing but the search may be new in another pass.
+                // Another pass is useful only for a new search.
                 if settling.birge >= OUTDATED * searched {
                     break;
                 }
@@ -145,28 +144,28 @@ pub(super) fn settle(
     Ok(settling.finish())
 }
 
-/// What is found so far.
+/// The state of the iteration.
 struct Settling<'a> {
     batch: &'a Batch,
     given: &'a Given<'a>,
-    /// Where camera and lamp stand.
+    /// Positions of camera and lamp.
     stand: &'a View,
-    /// The same; which directions pixels have may be decided.
+    /// The same view; the plan may change which directions pixels use.
     view: View,
-    /// Whether a pixel has an amplitude of its own, as metal does.
+    /// Whether a pixel has an amplitude of its own, as on metal.
     amplitude: bool,
-    /// Largest signal of the sample.
+    /// Largest signal of the sampled pixels.
     largest: f64,
-    /// Before a round was gone through.
+    /// The shared quantities before the first round.
     first: Globals,
     globals: Globals,
     poses: Vec<Pose>,
     integrated: Integrated,
     costly: Costly,
     birge: f64,
-    /// Sampled pixels with a usual fit, by index in the batch.
+    /// Sampled pixels with a usual fit, by their index in the batch.
     good: Vec<(usize, PixelFit)>,
-    /// The plan, and what the centre's directions cost.
+    /// The plan, and the error of using the centre's directions.
     decided: Option<(Plan, Option<f64>)>,
     beside: Option<Beside>,
     polarised: bool,
@@ -212,7 +211,7 @@ impl<'a> Settling<'a> {
         Ok(settling)
     }
 
-    /// Whether no white reference says how bright white is.
+    /// Whether there is no white reference.
     fn is_relative(&self) -> bool {
         self.given.references.white.is_none()
     }
@@ -255,12 +254,12 @@ impl<'a> Settling<'a> {
         Templates::new(self.costly.geometry(), self.costly.lamp(), self.amplitude)
     }
 
-    /// Sampled pixels with more observations than unknowns.
+    /// Returns the sampled pixels with more observations than unknowns.
     fn enough(&self) -> impl Iterator<Item = usize> {
         (0..self.batch.pixels.len()).filter(|index| self.batch.used(*index) > FREE)
     }
 
-    /// The usual amplitude of the best template over the pixels, for data without a white reference.
+    /// Returns the median amplitude of the best template over the pixels, for data without a white reference.
     fn first_gain(&self) -> Option<f64> {
         let (run, templates) = (self.run(), self.templates());
         let n = self.batch.observations;
@@ -271,7 +270,7 @@ impl<'a> Settling<'a> {
         }))
     }
 
-    /// Pixels that show a lobe at all; a mount has nothing to say here.
+    /// Returns the pixels that show a lobe, which excludes the mount.
     fn lobed(&self) -> Result<Vec<usize>, MapError> {
         let (run, lambert) = (self.run(), lambert(self.costly.geometry()));
         let shows = |index: &usize| {
@@ -285,7 +284,7 @@ impl<'a> Settling<'a> {
         }
     }
 
-    /// Fits of these pixels, from every template.
+    /// Fits these pixels from every template.
     fn search(&self, lobed: &[usize]) -> Vec<(usize, PixelFit)> {
         let run = self.run();
         let mut fits = run.fit_from_templates(lobed, &self.templates());
@@ -293,19 +292,19 @@ impl<'a> Settling<'a> {
         lobed.iter().copied().zip(fits).collect()
     }
 
-    /// Fits of the pixels that are good, from where they are.
+    /// Fits the good pixels from their present parameters.
     fn follow(&self) -> Vec<(usize, PixelFit)> {
         let chosen: Vec<usize> = self.good.iter().map(|(index, _)| *index).collect();
         let fits = self.run().fit(&chosen, &self.found(), 1);
         chosen.into_iter().zip(fits).collect()
     }
 
-    /// Parameters of the good pixels.
+    /// Returns the parameters of the good pixels.
     fn found(&self) -> Vec<Parameters> {
         self.good.iter().map(|(_, fit)| fit.p).collect()
     }
 
-    /// The usual χ² of these fits, and those that have one.
+    /// Sets the usual χ² of these fits, and keeps the fits near it.
     fn keep_the_usual(&mut self, fits: Vec<(usize, PixelFit)>) -> Result<(), MapError> {
         let reduced = |(_, fit): &(usize, PixelFit)| fit.chi2 / freedom(fit);
         let left = median(fits.iter().map(reduced));
@@ -313,14 +312,14 @@ impl<'a> Settling<'a> {
             .into_iter()
             .filter(|(_, fit)| fit.end == End::Converged && identifiable(fit, 1.0))
             .collect();
-        // There are lobes, but these poses do not tell whose.
+        // There are lobes, but these poses do not determine their parameters.
         self.birge = median(converged.iter().map(reduced))
             .ok_or(MapError::NothingFitted {
                 poses: self.given.recorded.len(),
                 chi2: left.unwrap_or(f64::INFINITY),
             })?
             .max(1.0);
-        // Pixels that straddle two surfaces pull at everything: only the usual ones have a say.
+        // Pixels that straddle two surfaces would bias the shared quantities, so only the usual ones are used.
         self.good = converged
             .into_iter()
             .filter(|one| reduced(one) < 2.5 * self.birge)
@@ -328,14 +327,14 @@ impl<'a> Settling<'a> {
         Ok(())
     }
 
-    /// Moves what all pixels share towards the good fits; returns by how much.
+    /// Moves the shared quantities towards the good fits; returns the step.
     fn step(&mut self) -> [f64; 2] {
         let prior = match self.is_relative() {
             true => self.first,
             false => self.with_flats(self.globals),
         };
         let second = match (self.amplitude, self.is_relative()) {
-            // A metal pixel has an amplitude of its own, which is the gain by another name.
+            // A metal pixel has an amplitude of its own, which is indistinguishable from the gain.
             (true, _) => Second::Stray {
                 prior: prior.stray,
                 prior_std: prior.stray_std,
@@ -355,11 +354,11 @@ impl<'a> Settling<'a> {
         step
     }
 
-    /// Integrates double reflections on the surfaces that pixels look like; false where the plan leaves them out.
+    /// Integrates double reflections on the surfaces that represent most pixels; returns false if the plan omits them.
     fn integrate(&mut self) -> bool {
         let found = self.found();
         let centres = Leaders::gather(&found).centres(&found);
-        // The first centres are those of most pixels.
+        // The first centres are those of the largest groups.
         if self.decided.is_none() && !self.decide(&centres[..centres.len().min(PROBED)]) {
             return false;
         }
@@ -370,8 +369,8 @@ impl<'a> Settling<'a> {
         };
         let mut integrated = at(true);
         if !self.amplitude {
-            // Nature polarises light at the first facet and the second one sees it; many renderers leave that out
-            // where light meets plastic. The pixels tell.
+            // In nature the first facet polarises the light that reaches the second one; many renderers omit that on
+            // plastic. The χ² of the pixels decides.
             let without = at(false);
             let misses = |integrated: &Integrated| {
                 let costly = self.costly_with(1.0, integrated);
@@ -388,7 +387,7 @@ impl<'a> Settling<'a> {
         true
     }
 
-    /// Decides what is left out, on some surfaces; returns whether double reflections are integrated.
+    /// Decides which terms are omitted, on some surfaces; returns whether double reflections are integrated.
     fn decide(&mut self, surfaces: &[Parameters]) -> bool {
         let plan = plan::decide(&self.costly, &self.view, surfaces, self.given.target_error);
         let near = !self.view.is_telecentric();
@@ -435,7 +434,7 @@ impl<'a> Settling<'a> {
         }
     }
 
-    /// How coarse the cells of the costly terms may be: as coarse as fits are uncertain.
+    /// Returns the coarseness that the cells of the costly terms may have: proportional to the fits' uncertainty.
     fn coarseness(&self) -> f64 {
         let of_cells = self.good.iter().filter_map(|(_, f)| {
             let covariance = f.covariance.as_ref()?;
@@ -444,7 +443,7 @@ impl<'a> Settling<'a> {
         median(of_cells).unwrap_or(1.0).clamp(1.0, COARSENESS_MAX)
     }
 
-    /// Shift of the usual pixel by what all share and by what the model misses.
+    /// Returns the shift of the usual pixel due to the shared quantities and the model error.
     fn shared_std(&self) -> Option<Parameters> {
         let run = self.run();
         let mut all = shared_std(&run, &self.good)?;
@@ -457,7 +456,7 @@ impl<'a> Settling<'a> {
     }
 }
 
-/// The recorded poses at the tilt's zero.
+/// Returns the recorded poses with the tilt offset added.
 fn poses_at(globals: &Globals, recorded: &[Pose]) -> Vec<Pose> {
     let shifted = recorded.iter().map(|pose| Pose {
         theta_c: pose.theta_c + globals.tilt_offset,
@@ -503,7 +502,7 @@ fn shared_std(run: &Run<'_>, good: &[(usize, PixelFit)]) -> Option<Parameters> {
     Some(medians)
 }
 
-/// Median of those that are finite; none of none.
+/// Returns the median of the finite values; `None` if there are none.
 pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.filter(|x| x.is_finite()).collect();
     robust::median(&mut values)

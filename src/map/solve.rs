@@ -1,14 +1,13 @@
-//! Levenberg–Marquardt for many pixels at once: one pixel per lane, damped normal equations per
-//! lane, and a new pixel in a lane as soon as its last one is done, so that slow pixels hold up
-//! nobody.
+//! Levenberg–Marquardt for many pixels at once: one pixel per lane, and damped normal equations per lane. A lane
+//! takes a new pixel as soon as its last one is done, so slow pixels do not delay the others.
 //!
-//! The five parameters are well scaled (angles in radians, logarithms, a reflectance), the damping
-//! is Marquardt's (a multiple of the diagonal), so 5 × 5 Cholesky factors in doubles are safe; a
-//! pixel whose factors are not is flagged by the rank test of [`PixelFit`], never passed on.
+//! The five parameters are well scaled (angles in radians, logarithms, a reflectance) and the damping is Marquardt's
+//! (a multiple of the diagonal), so 5 × 5 Cholesky factors in f64 are safe. The rank test of [`PixelFit`] flags a
+//! pixel whose factors are not.
 //!
-//! *Conditioning.* A step from the damped normal equations has relative errors of 1e-16 times their condition, below 1e-7 for
-//! all pixels that the rank test of [`super::inverse`] lets pass; a descent ends where the step after its last would gain 1e-6 of its
-//! cost. QR in lanes would cost twice as much for digits that nobody reads.
+//! *Conditioning.* A step from the damped normal equations has relative errors of 1e-16 times their condition, below
+//! 1e-7 for all pixels that pass the rank test of [`super::inverse`]. A descent ends if the step after its last would
+//! gain 1e-6 of its cost. QR in lanes would cost twice as much for digits that are not used.
 
 mod step;
 
@@ -26,29 +25,30 @@ pub(super) const FREE: usize = 5;
 pub(super) const PACKED: usize = FREE * (FREE + 1) / 2;
 /// Numbers per observation and lane: weight, weighted signal, weighted B.
 const ROW: usize = 3;
-/// A descent is over where the step after the next would lower the cost by less than this share of 1 + cost.
+/// A descent is over if the step after the next would lower the cost by less than this share of 1 + cost.
 const CONVERGED: f64 = 1e-6;
-/// The same where the costly terms are taken anew since the minimum is near.
+/// As [`CONVERGED`], for recomputing the costly terms near the minimum.
 const NEAR: f64 = 1e-2;
-/// The same on metal.
+/// As [`NEAR`], on metal.
 const NEAR_ON_METAL: f64 = 1e-3;
-/// The same for few observations: they know the minimum of all no better than to some standard deviations.
+/// As [`CONVERGED`], for a subset of the observations: it determines the minimum of all only to some standard
+/// deviations.
 const OPEN: f64 = 0.1;
-/// First steps at whose ends the costly terms are taken anew, so that not the kernel's minimum is
-/// walked to first.
+/// Number of first steps after which the costly terms are recomputed, so that the descent does not first converge to
+/// the kernel's own minimum.
 const EARLY: u16 = 2;
-/// Squared distance, in standard deviations, from where the costly terms were taken beyond which a
-/// descent does not end: they change by a few percent of what the signal does.
+/// Squared distance, in standard deviations, from where the costly terms were computed beyond which a descent does
+/// not end. The terms change by a few percent of the signal's change.
 const STALE2: f64 = 1.0;
-/// Evaluations after which a pixel is given up.
+/// Evaluations after which a descent is abandoned.
 const EVALUATIONS_MAX: u16 = 80;
-/// Bounds; ψ has none.
+/// Lower bounds; ψ has none.
 pub(super) const LOWER: [f64; FREE] = [0.0, f64::NEG_INFINITY, -6.9, -6.9, 0.0];
-/// See [`LOWER`]: 75°, α = 1, ρd = 1. An amplitude may go to [`AMPLITUDE_MAX`].
+/// Upper bounds: 75°, α = 1, ρd = 1. The bound of an amplitude is [`AMPLITUDE_MAX`].
 pub(super) const UPPER: [f64; FREE] = [1.309, f64::INFINITY, 0.0, 0.0, 1.0];
 pub(super) const AMPLITUDE_MAX: f64 = 20.0;
 
-/// Where packed element (i, j ≤ i) lies.
+/// Returns the index of packed element (i, j ≤ i).
 pub(super) const fn packed(i: usize, j: usize) -> usize {
     i * (i + 1) / 2 + j
 }
@@ -58,7 +58,7 @@ pub(super) const fn packed(i: usize, j: usize) -> usize {
 pub(super) enum End {
     /// The next step would be far below a standard deviation.
     Converged,
-    /// No step lowers the cost, or there were too many.
+    /// No step lowers the cost, or the limit of evaluations was reached.
     Stalled,
     /// Fewer observations than [`FREE`] + 1.
     TooFew,
@@ -68,17 +68,17 @@ pub(super) enum End {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PixelFit {
     pub(super) p: Parameters,
-    /// Packed covariance for weights 1/σ; `None` where the normal matrix is singular.
+    /// Packed covariance for weights 1/σ; `None` if the normal matrix is singular.
     pub(super) covariance: Option<[f64; PACKED]>,
     pub(super) chi2: f64,
     pub(super) n_used: usize,
-    /// Evaluations of all observations; one of a part of them counts as that part.
+    /// Evaluations of all observations; an evaluation of a subset counts as its share.
     pub(super) evaluations: f32,
     pub(super) end: End,
 }
 
 impl PixelFit {
-    /// Whether αu, αv or the fifth parameter stands on a bound.
+    /// Whether αu, αv or the fifth parameter is at a bound, or θr at its upper one.
     pub(super) fn at_bound(&self, amplitude: bool) -> bool {
         let upper = upper(amplitude);
         (2..FREE).any(|k| self.p[k] <= LOWER[k] + 1e-9 || self.p[k] >= upper[k] - 1e-9)
@@ -94,12 +94,12 @@ fn upper(amplitude: bool) -> Parameters {
     upper
 }
 
-/// Where pixels come from. Slices have one element per observation.
+/// The source of pixels. Slices have one element per observation.
 pub(super) trait Pixels: Sync {
     /// Pixels to fit.
     fn count(&self) -> usize;
-    /// Writes a pixel's signal, weights (1/σ, 0 where masked) and, unless all pixels share one,
-    /// geometry; returns its start.
+    /// Writes a pixel's signal, weights (1/σ, 0 where masked) and, unless all pixels share it, geometry; returns its
+    /// start.
     fn load(
         &self,
         pixel: usize,
@@ -107,7 +107,7 @@ pub(super) trait Pixels: Sync {
         weight: &mut [f64],
         geometry: &mut [Geometry],
     ) -> Parameters;
-    /// Writes what the kernel leaves out at parameters `p`, and B.
+    /// Writes the offset of the costly terms at parameters `p`, and B.
     fn costly(
         &self,
         p: &Parameters,
@@ -118,36 +118,36 @@ pub(super) trait Pixels: Sync {
     );
 }
 
-/// What part of the way to its minimum a descent goes.
+/// The part of a descent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Way {
-    /// All of it, from a start that may be far away.
+    /// The whole descent, from any start.
     Whole,
-    /// With few observations to where these leave it open: a fit's parameters are where to go next.
+    /// With a subset of the observations, as far as it determines the minimum; the fit's parameters are the next start.
     There,
     /// From the end of [`Way::There`].
     Rest,
 }
 
-/// What is the same for all pixels.
+/// Inputs that all pixels share.
 #[derive(Clone, Copy)]
 pub(super) struct Job<'a> {
     pub(super) observations: usize,
     /// R²/8 of the lamp.
     pub(super) lamp: f64,
-    /// The fifth parameter is the amplitude (conductors) instead of ρd.
+    /// Whether the fifth parameter is the amplitude (conductors) in place of ρd.
     pub(super) amplitude: bool,
-    /// Geometry at the centre of the field, for which the costly terms are.
+    /// Geometry at the centre of the field, to which the costly terms apply.
     pub(super) geometry: &'a [Geometry],
-    /// Whether [`Pixels::load`] writes each pixel's own; else all share the centre's.
+    /// Whether [`Pixels::load`] writes each pixel's own geometry; else all use the centre's.
     pub(super) own_geometry: bool,
-    /// How often the costly terms are taken anew before the last descent.
+    /// Number of times that the costly terms are recomputed before the last descent.
     pub(super) refreshes: u8,
     pub(super) way: Way,
     pub(super) pixels: &'a dyn Pixels,
 }
 
-/// Fits all pixels of a job; `Arch::new()` takes the widest instructions that the machine has.
+/// Fits all pixels of a job; `Arch::new()` selects the widest instructions of the machine.
 pub(super) fn solve_on(arch: Arch, job: &Job<'_>) -> Vec<PixelFit> {
     arch.dispatch(Descent(job))
 }
@@ -177,17 +177,17 @@ const GRADIENT: usize = NORMAL + PACKED;
 const DECREMENT: usize = GRADIENT + FREE;
 const ROWS: usize = DECREMENT + 1;
 
-/// What a lane is busy with.
+/// The pixel in a lane.
 #[derive(Clone, Copy)]
 struct Slot {
     pixel: usize,
     refreshes_left: u8,
     evaluations: u16,
     n_used: usize,
-    /// Cost at the last accepted point, and what an undamped step from there would have gained.
+    /// Cost at the last accepted point, and the gain that was predicted there for an undamped step.
     cost: f64,
     gain: f64,
-    /// Where the costly terms were taken.
+    /// Parameters at which the costly terms were computed.
     taken_at: Parameters,
 }
 
@@ -195,11 +195,11 @@ struct Table<'a> {
     job: &'a Job<'a>,
     width: usize,
     state: Numbers,
-    /// Weight, signal less offset and B, both weighted: `[observation][these three][lane]`.
+    /// Weight, signal less offset, and B, the last two weighted: `[observation][these three][lane]`.
     rows: Numbers,
-    /// `[observation][GEOMETRY][lane]`; empty where shared.
+    /// `[observation][GEOMETRY][lane]`; empty if shared.
     geometry: Numbers,
-    /// One pixel's columns while it moves in.
+    /// The signals of the pixel in each lane.
     raw: Vec<Vec<f64>>,
     offset: Vec<f64>,
     column: Vec<f64>,
@@ -248,8 +248,8 @@ impl<'a> Table<'a> {
         std::array::from_fn(|k| self.get(P + k, lane))
     }
 
-    /// Moves the next pixel that has enough observations into a lane; those that have not are
-    /// answered at once. Without one the lane stays empty and weighs nothing.
+    /// Loads the next pixel with enough observations into a lane; pixels with fewer get their result at once. If none
+    /// is left, the lane stays empty with weight 0.
     fn refill(&mut self, lane: usize, fits: &mut [PixelFit]) {
         self.slots[lane] = None;
         while self.next < self.job.pixels.count() {
@@ -310,7 +310,7 @@ impl<'a> Table<'a> {
         self.begin_at(lane, &[0.1, 0.0, -2.0, -2.0, 0.1]);
     }
 
-    /// Takes the costly terms at `p`.
+    /// Computes the costly terms at `p`.
     fn refresh(&mut self, lane: usize, p: &Parameters, size: Size) {
         let (offset, basis) = (&mut self.offset, &mut self.column);
         self.job
@@ -363,7 +363,7 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// Squared distance of the accepted point from another, in standard deviations.
+    /// Returns the squared distance of the accepted point from another, in standard deviations.
     fn moved2(&self, lane: usize, from: &Parameters) -> f64 {
         let away: Parameters = std::array::from_fn(|k| self.get(P + k, lane) - from[k]);
         let mut sum = 0.0;
@@ -377,7 +377,7 @@ impl<'a> Table<'a> {
         sum
     }
 
-    /// Looks at a lane after a step was proposed: goes on, refreshes the costly terms, or answers.
+    /// Decides, after a step was proposed, whether a lane continues, recomputes its costly terms, or ends.
     fn look(&mut self, lane: usize, fits: &mut [PixelFit]) {
         let Some(mut slot) = self.slots[lane] else {
             return;
@@ -385,10 +385,10 @@ impl<'a> Table<'a> {
         slot.evaluations += 1;
         let cost = self.get(COST, lane);
         let lambda = self.get(LAMBDA, lane);
-        // What an undamped step would gain, at most.
+        // Upper bound of the gain of an undamped step.
         let gain = self.get(DECREMENT, lane) * (1.0 + lambda);
-        // Gains fall at least as fast from step to step as they did last, so what the step after this one
-        // would gain is known without an evaluation.
+        // From step to step gains decrease at least as fast as last time, so the gain of the step after this one is
+        // known without an evaluation.
         let accepted = cost < slot.cost;
         let next_gain = if accepted && gain < slot.gain {
             gain * (gain / slot.gain)
@@ -401,8 +401,8 @@ impl<'a> Table<'a> {
         self.slots[lane] = Some(slot);
         let converged = cost.is_finite() && next_gain <= CONVERGED * (1.0 + cost);
         let stalled = lambda > 1e7 || !cost.is_finite() || slot.evaluations >= EVALUATIONS_MAX;
-        // On metal the costly terms are no small part of the light: there the way to the kernel's own
-        // minimum is the safe one, and every round of new terms is asked for.
+        // On metal the costly terms are a large part of the light: there the descent to the kernel's own minimum is the
+        // robust one, and all recomputations are done.
         let careful = self.job.amplitude;
         if self.job.way == Way::There {
             self.look_on_the_way(lane, gain <= OPEN * (1.0 + cost), stalled, fits);
@@ -413,14 +413,14 @@ impl<'a> Table<'a> {
         let first = slot.refreshes_left == self.job.refreshes && self.job.way == Way::Whole;
         let stale = slot.refreshes_left > 0
             && if first || careful {
-                // A descent may arrive from afar in one step.
+                // A descent may reach the minimum from a distance in one step.
                 converged || gain <= near * (1.0 + cost)
             } else {
                 converged && self.moved2(lane, &slot.taken_at) > STALE2
             };
         if (stale || early && self.job.refreshes > 0) && !stalled {
-            // At the next trial, so that no evaluation is lost. Near the minimum its cost has nothing
-            // to be compared with; far from it the change is much smaller than what a step gains.
+            // At the next trial, so that no evaluation is lost. Near the minimum its cost cannot be compared with the
+            // last one; far from it the change of the terms is much smaller than the gain of a step.
             if stale {
                 slot.refreshes_left -= 1;
                 slot.cost = f64::INFINITY;
@@ -437,7 +437,7 @@ impl<'a> Table<'a> {
             self.refresh(lane, &trial, size);
         } else if converged || stalled {
             let normal: [f64; PACKED] = std::array::from_fn(|k| self.get(NORMAL + k, lane));
-            // The last step is taken unseen.
+            // The last step is taken without an evaluation.
             let (p, chi2) = if converged {
                 let trial = std::array::from_fn(|k| self.get(TRIAL + k, lane));
                 (trial, (cost - gain).max(0.0))
@@ -460,7 +460,7 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// The same with few observations: over as soon as they leave open where the minimum is.
+    /// As [`Self::look`], for a subset of the observations: ends as soon as these no longer determine the minimum.
     fn look_on_the_way(&mut self, lane: usize, open: bool, stalled: bool, fits: &mut [PixelFit]) {
         let Some(slot) = self.slots[lane] else {
             return;

@@ -1,9 +1,8 @@
-//! Where a pixel's descent starts, without being told how the sample is laid out.
+//! The start of a pixel's descent, without knowledge of the sample's layout.
 //!
-//! A few pixels spread over the map are tried against templates of every ridge angle, width and
-//! lean direction; the best of each quarter turn is followed to its minimum. What they find is
-//! gathered into a few leaders, and every other pixel starts at the leader that fits it best, or,
-//! where none does, at its own templates again.
+//! A few pixels spread over the map are compared with templates of every ridge angle, width and lean direction; the
+//! best template of each quarter turn is the start of a descent. The results are grouped, and a few leaders represent
+//! the groups. Every other pixel starts at the leader that fits it best or, if none does, at its own templates.
 
 use super::kernel::{Geometry, Parameters, single};
 use super::settle::median;
@@ -14,18 +13,18 @@ const ALPHA: [f64; 3] = [0.05, 0.12, 0.25];
 const LEANS: usize = 16;
 /// Starts per pixel: one per quarter turn.
 pub(super) const QUARTERS: usize = 4;
-/// Leaders that every pixel is compared with.
+/// Largest number of leaders with which every pixel is compared.
 pub(super) const LEADERS_MAX: usize = 8;
 /// Least share of the fits that makes a group large.
 const LARGE: f64 = 0.05;
-/// Two fits further apart than this (rad, rad, logarithms) have different leaders.
+/// Largest differences of two fits with the same leader: rad, rad, logarithms.
 const APART: [f64; 4] = [0.06, 0.4, 0.45, 0.45];
 
-/// Predicted single reflections over all observations for a grid of shapes.
+/// Single reflections over all observations for a grid of shapes.
 pub(super) struct Templates {
     shapes: Vec<Parameters>,
     predicted: Vec<Vec<f64>>,
-    /// Lambert's term, π-normalised, for ρd = 1.
+    /// Lambert's term, cos θi/π, for ρd = 1.
     lambert: Vec<f64>,
     amplitude: bool,
 }
@@ -53,7 +52,7 @@ impl Templates {
         }
     }
 
-    /// The best start in each quarter turn, best first. `signal` and `weight` (1/σ) per observation.
+    /// Returns the best start in each quarter turn, the best first. `signal` and `weight` (1/σ) are per observation.
     pub(super) fn starts(&self, signal: &[f64], weight: &[f64]) -> [Parameters; QUARTERS] {
         let mut best = [(f64::INFINITY, self.shapes[0]); QUARTERS];
         for (shape, predicted) in self.shapes.iter().zip(&self.predicted) {
@@ -73,7 +72,7 @@ impl Templates {
         best.map(|(_, start)| start)
     }
 
-    /// Amplitude that the best template asks for: the gain, where no white reference tells it.
+    /// Returns the amplitude of the best template: the gain if there is no white reference.
     pub(super) fn amplitude_of(&self, signal: &[f64], weight: &[f64]) -> Option<f64> {
         self.predicted
             .iter()
@@ -84,7 +83,7 @@ impl Templates {
     }
 }
 
-/// Lambert's cos θi/π per observation.
+/// Returns Lambert's cos θi/π per observation.
 pub(super) fn lambert(geometry: &[Geometry]) -> Vec<f64> {
     geometry
         .iter()
@@ -98,7 +97,7 @@ struct TwoTerms {
     diffuse: f64,
 }
 
-/// Least squares of signal = a · predicted + d · lambert with a, d ≥ 0; d = 0 for metal.
+/// Fits signal = a · predicted + d · lambert by least squares with a, d ≥ 0; d = 0 for metal.
 fn two_terms(
     signal: &[f64],
     weight: &[f64],
@@ -138,7 +137,7 @@ fn two_terms(
     }
 }
 
-/// Σ a b and Σ a a; four sums at a time, since one waits for its last addition.
+/// Returns Σ a b and Σ a a, with four partial sums each: a single one would wait for its last addition.
 fn dots(a: &[f64], b: &[f64]) -> (f64, f64) {
     let (mut ab, mut aa) = ([0.0; 4], [0.0; 4]);
     let (mut left, mut right) = (a.chunks_exact(4), b.chunks_exact(4));
@@ -155,7 +154,7 @@ fn dots(a: &[f64], b: &[f64]) -> (f64, f64) {
     (ab.iter().sum(), aa.iter().sum())
 }
 
-/// χ² of the best Lambert surface: what a pixel without any lobe would have.
+/// Returns χ² of the best Lambert surface, which is that of a pixel without any lobe.
 pub(super) fn lambert_chi2(signal: &[f64], weight: &[f64], lambert: &[f64]) -> f64 {
     let weighted = |x: &[f64]| -> Vec<f64> { x.iter().zip(weight).map(|(x, w)| x * w).collect() };
     let (l, y) = (weighted(lambert), weighted(signal));
@@ -163,18 +162,18 @@ pub(super) fn lambert_chi2(signal: &[f64], weight: &[f64], lambert: &[f64]) -> f
     yy - ly * ly / ll.max(1e-300)
 }
 
-/// A few points of parameter space at which most pixels are well started.
+/// A few points of parameter space, each a good start for a group of pixels.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Leaders {
     pub(super) points: Vec<Parameters>,
-    /// Whether a leader's own group is large enough to be no accident.
+    /// Whether a leader's group is too large to be accidental.
     large: Vec<bool>,
-    /// Full radiances per leader and observation, without the share of ρd, and B.
+    /// Full radiances per leader and observation.
     predicted: Vec<Vec<f64>>,
 }
 
 impl Leaders {
-    /// Gathers fits; the largest groups lead.
+    /// Groups fits; the largest groups get leaders.
     pub(super) fn gather(fits: &[Parameters]) -> Leaders {
         let mut groups: Vec<(Parameters, usize)> = Vec::new();
         for p in fits {
@@ -193,7 +192,7 @@ impl Leaders {
         }
     }
 
-    /// The middle of each leader's group.
+    /// Returns the centre of each leader's group.
     pub(super) fn centres(&self, fits: &[Parameters]) -> Vec<Parameters> {
         let turn = std::f64::consts::TAU;
         let centre = |leader: &Parameters| {
@@ -212,23 +211,23 @@ impl Leaders {
         self.points.iter().map(centre).collect()
     }
 
-    /// Computes what each leader predicts.
+    /// Computes the radiances of each leader.
     pub(super) fn predict(&mut self, full: impl Fn(&Parameters) -> Vec<f64>) {
         self.predicted = self.points.iter().map(full).collect();
     }
 
-    /// Whether the leader of many looks like this fit.
+    /// Whether the leader of a large group is near this fit.
     pub(super) fn many_like(&self, p: &Parameters) -> bool {
         let mut leaders = self.points.iter().zip(&self.large);
         leaders.any(|(leader, large)| *large && near(leader, p))
     }
 
-    /// The leader that fits best, with its χ² once a common factor is fitted.
+    /// Returns the leader that fits best, with its χ² after a common factor is fitted.
     pub(super) fn best(&self, signal: &[f64], weight: &[f64]) -> Option<(Parameters, f64)> {
         self.best_of(signal, weight, |_| true)
     }
 
-    /// The same of some leaders.
+    /// As [`Self::best`], among the leaders that `asked` accepts.
     pub(super) fn best_of(
         &self,
         signal: &[f64],
@@ -254,7 +253,7 @@ impl Leaders {
     }
 }
 
-/// Whether two fits have one leader.
+/// Whether two fits have the same leader.
 pub(super) fn near(a: &Parameters, b: &Parameters) -> bool {
     let turn = std::f64::consts::TAU;
     (0..FREE - 1).all(|k| {
@@ -295,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn the_two_terms_of_a_sum_are_found_and_stay_positive() {
+    fn the_two_terms_of_a_sum_are_found_and_are_not_negative() {
         let predicted = [1.0, 2.0, 5.0, 0.5];
         let lambert = [0.3, 0.31, 0.29, 0.28];
         let signal: Vec<f64> = predicted

@@ -1,4 +1,4 @@
-//! A map in numbers: how its parameters spread, what all pixels share, its defects and flags.
+//! A map in numbers: distributions of its parameters, the shared quantities, defects and flags.
 
 use std::collections::BTreeMap;
 
@@ -13,22 +13,22 @@ use crate::observation::RejectedFrame;
 /// Median and percentiles of a parameter over the pixels that have a value.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Spread {
-    /// Half of the pixels lie below. Azimuths are counted around their mean direction.
+    /// Median; azimuths are counted around their mean direction.
     pub median: Option<f64>,
-    /// Five in a hundred lie below.
+    /// 5th percentile.
     pub p5: Option<f64>,
-    /// Five in a hundred lie above.
+    /// 95th percentile.
     pub p95: Option<f64>,
     /// Median of the pixels' own standard uncertainties.
     pub std_median: Option<f64>,
-    /// Standard uncertainty that all pixels have in common (gain, stray light, zero of the tilt, what the model misses).
+    /// Standard uncertainty that all pixels have in common (gain, stray light, tilt offset, model error).
     pub std_shared: Option<f64>,
 }
 
 /// Shared quantities in a summary; see [`super::Globals`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SharedSummary {
-    /// Signal units per unit of radiance (that for a lamp irradiance of 1).
+    /// Signal units per unit of radiance (the radiance for a lamp irradiance of 1).
     pub gain: f64,
     /// Relative standard uncertainty of the gain, 0.01 for 1 %.
     pub gain_relative_std: f64,
@@ -36,7 +36,7 @@ pub struct SharedSummary {
     pub stray_radiance: f64,
     /// Its standard uncertainty, in units of radiance.
     pub stray_radiance_std: f64,
-    /// What to add to a recorded tilt Δθc, degrees.
+    /// Offset Δθc to add to a recorded tilt, degrees.
     pub tilt_offset_deg: f64,
     /// Its standard uncertainty, degrees.
     pub tilt_offset_deg_std: f64,
@@ -51,7 +51,7 @@ pub struct Timing {
     pub settle: f64,
     /// All pixels.
     pub fit: f64,
-    /// The fit of their mean, for which frames are read once more.
+    /// The fit of the pixels' mean, for which frames are read once more.
     pub mean: f64,
     /// Files.
     pub write: f64,
@@ -66,7 +66,7 @@ pub struct Summary {
     pub pixels_with_value: usize,
     /// `pixels` over the seconds of the fit, on all cores.
     pub pixels_per_s: f64,
-    /// Poses, that is observations per pixel without masks.
+    /// Poses, which are the observations per pixel without masks.
     pub observations_per_pixel: usize,
     /// Evaluations of all observations per fitted pixel.
     pub evaluations_per_pixel: f64,
@@ -76,31 +76,31 @@ pub struct Summary {
     pub parameters: BTreeMap<&'static str, Spread>,
     /// What all pixels share.
     pub shared: SharedSummary,
-    /// Usual χ² per degree of freedom; pixels' uncertainties are scaled by its root.
+    /// Usual χ² per degree of freedom; pixels' uncertainties are scaled by its square root.
     pub chi2_reduced_usual: f64,
     /// Lean directions that many pixels share.
     pub lean_directions: Vec<Lean>,
-    /// Connected areas that disagree, the largest first.
+    /// Connected areas that differ from the rest, the largest first.
     pub defects: Vec<Defect>,
     /// Pixels per flag.
     pub flags: BTreeMap<&'static str, usize>,
-    /// The bit by which `flags.tif` tells each flag; a pixel's value is the sum of its flags' bits.
+    /// The bit of each flag in `flags.tif`; a pixel's value is the sum of its flags' bits.
     pub flag_bits: BTreeMap<&'static str, u8>,
     /// Files written, relative to the output folder.
     pub files: Vec<String>,
-    /// Frames left out.
+    /// Frames that were rejected.
     pub rejected_frames: Vec<RejectedFrame>,
-    /// Sentences for the user.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
-    /// What was left out, why, and what that may cost.
+    /// What the model omits, why, and at which cost.
     pub left_out: Vec<LeftOut>,
-    /// Pixels that nobody looked at because time was over.
+    /// Pixels that were not reached within the time limit.
     pub pixels_left_out: usize,
     /// Name and version of the program.
     pub program: String,
 }
 
-/// Sums a map up. `files` as [`write`](super::write::write) returned them.
+/// Summarises a map. `files` are as [`write`](super::write::write) returned them.
 #[must_use]
 pub fn summary(map: &Map, timing: Timing, files: Vec<String>) -> Summary {
     let layers = &map.layers;
@@ -110,7 +110,7 @@ pub fn summary(map: &Map, timing: Timing, files: Vec<String>) -> Summary {
         .enumerate()
         .map(|(k, layer)| {
             let [median, p5, p95] = match layer.cyclic {
-                // Between two directions that are both common lies one that no pixel has.
+                // A median between two common directions would be a direction that no pixel has.
                 true if map.leans.len() > 1 => [None; 3],
                 true => around_the_circle(&layer.values),
                 false => percentiles(&sorted(&layer.values)),
@@ -175,13 +175,13 @@ fn sorted(values: &[f32]) -> Vec<f32> {
     finite
 }
 
-/// Median, 5th and 95th percentile.
+/// Returns median, 5th and 95th percentile.
 fn percentiles(sorted: &[f32]) -> [Option<f64>; 3] {
     [0.5, 0.05, 0.95].map(|share| quantile(sorted, share))
 }
 
-/// The same of azimuths in degrees, counted from their mean direction: one at 359.9° lies beside one at 0.1°. The
-/// median is in (−180°, 180°], the percentiles lie around it without a jump.
+/// As [`percentiles`], for azimuths in degrees, counted from their mean direction: 359.9° is next to 0.1°. The median
+/// is in (−180°, 180°]; the percentiles continue from it without a jump.
 fn around_the_circle(values: &[f32]) -> [Option<f64>; 3] {
     let finite = || values.iter().copied().filter(|x| x.is_finite());
     let (mut sine, mut cosine) = (0.0, 0.0);
@@ -213,7 +213,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn azimuths_either_side_of_north_have_their_median_there() {
+    fn azimuths_around_any_direction_have_their_median_there() {
         let around = |middle: f32| -> Vec<f32> {
             let off = [-4.0f32, -0.5, -0.25, 0.25, 0.5, 1.0, f32::NAN];
             off.map(|off| (middle + off).rem_euclid(360.0)).to_vec()

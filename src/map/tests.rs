@@ -1,4 +1,4 @@
-//! The recorded checkerboard, whose layout nobody tells the map, and what happens to bad input.
+//! The recorded checkerboard, whose layout the map does not know, and the errors for invalid input.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -15,11 +15,11 @@ use crate::series::{FrameRow, Manifest, Series};
 const WIDTH: usize = 256;
 const PIXEL_MM: f64 = 0.2;
 const PATCH_MM: f64 = 9.0;
-/// What the closed form itself may be wrong by, from `docs` of the variant: up to 0.15° in θr, 1 %
-/// in α, 0.4 % in ρd against path tracing; the lean direction by what turns θr by as much.
+/// Errors of the closed form itself against path tracing, from the document of the variant: up to 0.15° in θr, 1 % in
+/// α, 0.4 % in ρd; for the lean direction, the turn that is equivalent to that error of θr.
 const MODEL: [f64; FREE] = [0.15, 0.15, 0.01, 0.01, 0.004];
 
-/// What the ray tracer was told: θr, α, and ρd as it amounts to outside.
+/// Input of the ray tracer: θr, α, and the apparent ρd.
 const USUAL: [f64; 3] = [10.0, 0.12, 0.33725];
 const WORN: [f64; 3] = [4.0, 0.25, 0.31322];
 
@@ -45,7 +45,7 @@ fn checker() -> &'static Map {
 }
 
 #[test]
-fn what_pixels_share_is_known_no_better_than_a_fit_knows_their_mean() {
+fn shared_uncertainties_are_at_least_those_of_a_fit_of_the_mean() {
     let cancel = AtomicBool::new(false);
     let set = crate::reduction::reduce(&series("checker"), Some("even"), &cancel).unwrap();
     let options = crate::fit::FitOptions {
@@ -72,14 +72,14 @@ fn what_pixels_share_is_known_no_better_than_a_fit_knows_their_mean() {
     assert!(map.globals.stray_std >= mean.background.std.unwrap());
 }
 
-/// Position on the board in patches, from its lower left corner.
+/// Returns the position on the board in patches, from its lower left corner.
 fn on_board(pixel: usize) -> [f64; 2] {
     let x = ((pixel % WIDTH) as f64 + 0.5 - 128.0) * PIXEL_MM;
     let y = -((pixel / WIDTH) as f64 + 0.5 - 128.0) * PIXEL_MM;
     [x / PATCH_MM + 2.0, y / PATCH_MM + 2.0]
 }
 
-/// Pixels of patch (i, j) at least three pixels away from its border.
+/// Returns the pixels of patch (i, j) at least three pixels away from its border.
 fn inner(i: usize, j: usize) -> Vec<usize> {
     let margin = 3.0 * PIXEL_MM / PATCH_MM;
     let within = |t: f64, k: usize| t > k as f64 + margin && t < k as f64 + 1.0 - margin;
@@ -97,7 +97,7 @@ fn truth(i: usize, j: usize) -> Parameters {
     [theta, lean, alpha, alpha, rho_d]
 }
 
-/// Value less truth, directions the short way round.
+/// Returns value less truth; for directions, the shorter way round.
 fn away(k: usize, value: f64, truth: f64) -> f64 {
     let d = value - truth;
     if k == 1 {
@@ -108,7 +108,7 @@ fn away(k: usize, value: f64, truth: f64) -> f64 {
 }
 
 #[test]
-fn every_patch_of_the_board_reads_its_own_angle_lean_and_roughness() {
+fn every_patch_of_the_board_has_its_own_angle_lean_and_roughness() {
     let map = checker();
     let shared = map.shared_std.unwrap();
     for i in 0..4 {
@@ -117,7 +117,7 @@ fn every_patch_of_the_board_reads_its_own_angle_lean_and_roughness() {
             let pixels = inner(i, j);
             for k in 0..FREE {
                 let layer = &map.layers.parameters[k];
-                // A lean direction is as uncertain as the ridge angle is small.
+                // The uncertainty of a lean direction is inversely proportional to the sine of the ridge angle.
                 let lever = if k == 1 {
                     1.0 / f64::sin(truth[0].to_radians())
                 } else {
@@ -141,8 +141,8 @@ fn every_patch_of_the_board_reads_its_own_angle_lean_and_roughness() {
                     "patch {i}-{j}, {}: {within} of {n} within twice the uncertainty",
                     layer.name
                 );
-                // The pixels' own uncertainty is their scatter: n ≈ 1500 gives 1.8 %, times four;
-                // flats and resampling tie neighbours together, which takes a few percent more.
+                // The pixels' own uncertainty must be their scatter: n ≈ 1500 gives 1.8 %, times four. Flats and
+                // resampling correlate neighbours, which adds a few percent.
                 let scatter = (sum2 / n - (sum / n).powi(2)).sqrt();
                 let ratio = scatter / (std2 / n).sqrt();
                 assert!(
@@ -156,7 +156,7 @@ fn every_patch_of_the_board_reads_its_own_angle_lean_and_roughness() {
 }
 
 #[test]
-fn both_lean_directions_are_common_and_every_inner_pixel_has_its_own() {
+fn both_lean_directions_are_common_and_every_inner_pixel_has_the_true_one() {
     let map = checker();
     let mut leans: Vec<f64> = map
         .leans
@@ -184,7 +184,7 @@ fn both_lean_directions_are_common_and_every_inner_pixel_has_its_own() {
 }
 
 #[test]
-fn borders_are_marked_where_patches_meet_and_nowhere_inside() {
+fn borders_are_marked_between_patches_and_nowhere_inside() {
     let layers = &checker().layers;
     let (mut meeting, mut marked) = (0, 0);
     for (p, flags) in layers.flags.iter().enumerate() {
@@ -209,7 +209,7 @@ fn borders_are_marked_where_patches_meet_and_nowhere_inside() {
             }
         }
     }
-    // A rare outlier of the path tracer's own noise is a misfit, too.
+    // A rare outlier of the path tracer's own noise is flagged as a misfit, too.
     assert!(
         inside > 20_000 && marked * 1000 < inside,
         "{marked} of {inside}"
@@ -257,7 +257,7 @@ fn the_mount_beside_the_board_has_no_value() {
 }
 
 #[test]
-fn a_scratch_file_changes_nothing_and_every_step_is_told_to_its_end() {
+fn a_scratch_file_changes_nothing_and_every_step_reports_progress_to_its_end() {
     let place = tempfile::tempdir().unwrap();
     let options = MapOptions {
         memory_bytes_max: 0,
@@ -265,12 +265,12 @@ fn a_scratch_file_changes_nothing_and_every_step_is_told_to_its_end() {
         ..MapOptions::default()
     };
     let source = series("checker");
-    let told = Mutex::new(Vec::new());
-    let tell = |p: Progress| told.lock().unwrap().push(p);
-    let again = map(&source, &options, &tell, &AtomicBool::new(false)).unwrap();
-    let told = told.into_inner().unwrap();
+    let reported = Mutex::new(Vec::new());
+    let report = |p: Progress| reported.lock().unwrap().push(p);
+    let again = map(&source, &options, &report, &AtomicBool::new(false)).unwrap();
+    let reported = reported.into_inner().unwrap();
     for stage in [Stage::Resampling, Stage::Fitting, Stage::Averaging] {
-        let mut steps = told.iter().filter(|p| p.stage == stage);
+        let mut steps = reported.iter().filter(|p| p.stage == stage);
         assert!(steps.any(|p| p.done == p.total), "{stage:?}");
     }
     let first = checker();
@@ -289,7 +289,7 @@ fn a_scratch_file_changes_nothing_and_every_step_is_told_to_its_end() {
     assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 0);
 }
 
-/// A series of which some frames are spoilt.
+/// A series with some corrupted frames.
 struct Spoilt<'a> {
     series: &'a Series,
     rows: Vec<FrameRow>,
@@ -317,12 +317,12 @@ impl FrameSource for Spoilt<'_> {
 }
 
 #[test]
-fn full_pixels_are_masked_pose_by_pose() {
+fn saturated_pixels_are_masked_pose_by_pose() {
     let series = series("checker");
     let source = Spoilt {
         rows: series.rows().to_vec(),
         series: &series,
-        // At one pose a block of the frame is full: the map is blind there once, not wrong.
+        // At one pose a block of the frame is saturated: the map must lose that observation, and not be wrong.
         spoil: |row, p, dn| {
             let (r, c) = (p / WIDTH, p % WIDTH);
             let block = (60..100).contains(&r) && (60..100).contains(&c);
@@ -350,7 +350,7 @@ fn full_pixels_are_masked_pose_by_pose() {
             )
         };
         let ((a, std_a), (b, std_b)) = (at(first), at(&spoilt));
-        // One observation less moves the value by a few of the standard deviations it adds.
+        // One observation less moves the value by a few times the standard deviation that it adds.
         let added = (std_b * std_b - std_a * std_a).max(0.0).sqrt();
         assert!(
             away(k, b, a).abs() < 4.0 * added + 0.5 * std_a,
@@ -359,7 +359,7 @@ fn full_pixels_are_masked_pose_by_pose() {
     }
 }
 
-/// The middle of a series' frames.
+/// The central part of a series' frames.
 struct Cropped {
     series: Series,
     manifest: Manifest,
@@ -404,7 +404,7 @@ impl FrameSource for Cropped {
 }
 
 #[test]
-fn a_steel_plate_reads_its_angle_and_roughness_in_every_pixel() {
+fn a_steel_plate_has_its_angle_and_roughness_in_every_pixel() {
     const WIDTH: u32 = 20;
     let map = mapped(&Cropped::new(series("steel-15"), WIDTH)).unwrap();
     let truth = [15.0, 0.0, 0.06, 0.18, 1.0];
@@ -420,25 +420,25 @@ fn a_steel_plate_reads_its_angle_and_roughness_in_every_pixel() {
             let std = f64::from(layer.std[pixel as usize]).hypot(shared[k]);
             assert!(
                 off.abs() < 5.0 * std,
-                "{} of pixel {pixel} is off by {off}, std {std}",
+                "{} of pixel {pixel} is wrong by {off}, std {std}",
                 layer.name
             );
             sum += off;
             count += 1.0;
         }
-        // The closed form alone would put θr 0.07° and αv 0.003 too high in all of them.
+        // With the closed form only, θr would be 0.07° and αv 0.003 too large in all of them.
         let mean = sum / count;
         let allowed = [0.03, 0.03, 0.0004, 0.0008, 2.0 * shared[4]][k];
         assert!(
             mean.abs() < allowed,
-            "{} is off by {mean} on average",
+            "{} is wrong by {mean} on average",
             layer.name
         );
     }
 }
 
 #[test]
-fn too_few_poses_darkness_and_a_raised_flag_have_their_names() {
+fn too_few_poses_dark_frames_and_cancellation_have_errors_of_their_own() {
     let series = series("checker");
     let few = Spoilt {
         rows: {
@@ -473,7 +473,7 @@ fn too_few_poses_darkness_and_a_raised_flag_have_their_names() {
         "{said}"
     );
 
-    /// Sample frames of another camera setting.
+    /// Sample frames of another size.
     struct Small<'a>(&'a Series);
     impl FrameSource for Small<'_> {
         fn manifest(&self) -> &Manifest {
@@ -501,7 +501,7 @@ fn too_few_poses_darkness_and_a_raised_flag_have_their_names() {
 }
 
 #[test]
-fn a_map_that_is_late_says_which_pixels_it_has_not_and_a_target_error_what_it_did_without() {
+fn a_map_that_ran_out_of_time_counts_its_missing_pixels_and_a_target_error_lists_the_omissions() {
     let options = MapOptions {
         target_error: Some(1.0),
         ..MapOptions::default()
@@ -512,7 +512,7 @@ fn a_map_that_is_late_says_which_pixels_it_has_not_and_a_target_error_what_it_di
     let never = AtomicBool::new(false);
     let part = map_until(&source, &options, &late, &|_| {}, &never).unwrap();
     let all = part.layers.flags.len();
-    // Two tiles, of which the last may be short.
+    // Two tiles, of which the last may be shorter.
     assert!(part.pixels_left_out >= all - 2 * planes::TILE && part.pixels_left_out < all);
     let untouched = (0..all).filter(|p| part.layers.n_observations[*p] == 0);
     let untouched: Vec<usize> = untouched.collect();
@@ -531,7 +531,7 @@ fn a_map_that_is_late_says_which_pixels_it_has_not_and_a_target_error_what_it_di
 }
 
 #[test]
-fn tiles_in_any_number_are_taken_once_each_and_spread() {
+fn any_number_of_tiles_is_visited_once_each_in_a_spread_order() {
     for count in [1, 2, 3, 8, 9, 1000] {
         let order = spread_out(count);
         let mut sorted = order.clone();

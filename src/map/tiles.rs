@@ -1,5 +1,5 @@
-//! Tiles of the map: the sample from which is settled what all share, and the fit of every pixel, tile by tile on all
-//! cores, in an order that spreads over the field.
+//! Tiles of the map: the sample of pixels that determines the shared quantities, and the fit of every pixel, tile by
+//! tile on all cores, in an order that spreads over the field.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -15,11 +15,11 @@ use super::solve::{End, FREE};
 use super::start::{self, lambert_chi2};
 use super::{MapError, Progress, REFRESHES, Stage, doubt};
 
-/// Tiles and pixels per tile from which the shared quantities are settled.
+/// Number of tiles and of pixels from which the shared quantities are determined.
 const SAMPLED_TILES: usize = 32;
 const SAMPLED_PIXELS: usize = 2048;
 
-/// A sample of pixels from tiles spread over the map.
+/// Returns a sample of pixels from tiles spread over the map.
 pub(super) fn sampled(planes: &Planes) -> Result<Batch, MapError> {
     let tiles = planes.tiles();
     let taken = tiles.min(SAMPLED_TILES);
@@ -28,7 +28,7 @@ pub(super) fn sampled(planes: &Planes) -> Result<Batch, MapError> {
         .map(|k| {
             let tile = k * tiles / taken;
             let length = planes.range(tile).len();
-            // A stride that is not a divisor of common widths, so that columns differ.
+            // An odd stride does not divide common widths, so the columns differ.
             let stride = (length / per_tile).max(1) | 1;
             Batch::of_tile(planes, tile, |i| i % stride == k % stride)
         })
@@ -37,15 +37,15 @@ pub(super) fn sampled(planes: &Planes) -> Result<Batch, MapError> {
     Ok(Batch::join(batches))
 }
 
-/// What came of the tiles.
+/// The fits of all tiles.
 pub(super) struct Tiles {
     pub(super) layers: Layers,
     pub(super) evaluations: f64,
-    /// Pixels that were looked at.
+    /// Pixels that were visited.
     pub(super) pixels: usize,
 }
 
-/// Fits all pixels, tile by tile on all cores, until it is late.
+/// Fits all pixels, tile by tile on all cores, until `late` returns true.
 pub(super) fn fit_tiles(
     planes: &Planes,
     settled: &Settled,
@@ -100,8 +100,8 @@ pub(super) fn fit_tiles(
     })
 }
 
-/// The numbers below `count` in an order each beginning of which is spread over all, the middle first: their
-/// bits reversed, half way round.
+/// Returns the numbers below `count` in an order of which every beginning is spread over all, the middle first: in
+/// bit-reversed order, shifted by one half.
 pub(super) fn spread_out(count: usize) -> Vec<usize> {
     let bits = usize::BITS - count.saturating_sub(1).leading_zeros();
     (0..1usize << bits)
@@ -111,8 +111,8 @@ pub(super) fn spread_out(count: usize) -> Vec<usize> {
         .collect()
 }
 
-/// Fits the pixels of a batch that show a lobe; those that the leaders do not serve start again
-/// from templates. Returns the answers and the evaluations spent.
+/// Fits the pixels of a batch that show a lobe; those that no leader fits start again from templates. Returns the
+/// results and the evaluations spent.
 fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, f64) {
     let amplitude = settled.costly.is_amplitude();
     let birge = settled.birge;
@@ -128,7 +128,7 @@ fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, f64) {
             continue;
         }
         answers.push(Answer::none(NOT_IDENTIFIABLE, used));
-        // Nothing to fit where a matte surface explains all.
+        // A pixel that a matte surface explains is not fitted.
         run.read(index, &mut signal, &mut weight);
         let matte = lambert_chi2(&signal, &weight, &settled.lambert);
         if matte <= birge * (used as f64 - 1.0 + LOBE_SIGNIFICANCE) {

@@ -1,9 +1,10 @@
-//! What a fit of the pixels' mean says of what they share.
+//! Compares the quantities that pixels share with a fit of the pixels' mean.
 //!
-//! Counting tells gain, stray light and the tilt's zero from millions of pixels far better than stages stand, lamps last
-//! and closed forms hold. The budget of a fit has all of that. What pixels share is known no better than their mean is, so
-//! its standard uncertainties are the least that a map states; and where the fit, which has more of the model, finds
-//! another value, the map's own is off by about as much ([`Together::at_least`]).
+//! Counting statistics of millions of pixels determine gain, stray light and tilt offset far better than stages,
+//! lamps and closed forms are known. The budget of a fit includes all of these. The shared quantities cannot be known
+//! better than those of the mean, so its standard uncertainties are the least that a map states. If the fit, which
+//! has the more complete model, finds another value, the difference is added as an uncertainty
+//! ([`Together::at_least`]).
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -24,30 +25,30 @@ use crate::reduction::{FrameReadError, FrameSource, reduce};
 use crate::series::{FrameRow, Manifest};
 use crate::units::Angle;
 
-/// Residual of the mean's fit (root mean square over the peak) up to which all pixels are one kind of surface.
+/// Residual of the mean's fit (root mean square over the peak) up to which all pixels count as one kind of surface.
 const WELL_MET: f64 = 3e-3;
-/// Of a layout's regions, the one that is fitted.
+/// The region of a layout that is fitted.
 const REGION: &str = "even";
 
 /// A value of the pixels' mean and its standard uncertainty.
 type Known = (f64, f64);
 
-/// The pixels' mean.
+/// The fit of the pixels' mean.
 pub(super) struct Together {
-    /// By the name of a layer, in its unit; none where the data do not determine it.
+    /// By the name of a layer, in its unit; `None` if the data do not determine it.
     mean: [(&'static str, Option<Known>); FREE],
-    /// Whether it is that of all pixels, not of a region of them.
+    /// Whether the mean is over all pixels and not over one region.
     of_all: bool,
     stray: Option<Known>,
     tilt_offset_deg: Option<Known>,
-    /// What the sample has beside an ideal sawtooth, where the mean says so beyond doubt.
+    /// The sample's deviations from an ideal sawtooth, if the fit is good enough to determine them.
     pub(super) real: Option<Arc<RealSurface>>,
 }
 
 /// Fits the mean of a uniform sample, or of one region of a sample that has a layout.
 ///
 /// # Errors
-/// Why there is no such fit, in words.
+/// The reason why there is no such fit.
 pub(super) fn together(
     source: &dyn FrameSource,
     progress: &(dyn Fn(Progress) + Sync),
@@ -70,7 +71,7 @@ pub(super) fn together(
         report.status,
         Status::NotFinite | Status::TooFewObservations | Status::Cancelled
     ) {
-        return Err("it has no answer".to_owned());
+        return Err("the fit gave no result".to_owned());
     }
     let p = &report.parameters;
     let absolute = set.white_reference.is_some();
@@ -90,7 +91,8 @@ pub(super) fn together(
     })
 }
 
-/// What the fit found beside an ideal sawtooth; none where it still misses much, as the mean of unlike pixels does.
+/// Returns the deviations from an ideal sawtooth; `None` if the fit's residual is large, as for the mean of unlike
+/// pixels.
 fn real_surface(report: &FitReport, set: &ObservationSet) -> Option<Arc<RealSurface>> {
     let p = &report.parameters;
     let value = |p: &Option<Parameter>| p.as_ref().and_then(|p| p.value).unwrap_or(0.0);
@@ -116,7 +118,7 @@ fn real_surface(report: &FitReport, set: &ObservationSet) -> Option<Arc<RealSurf
     Some(Arc::new(RealSurface { real, walls }))
 }
 
-/// Tells of every frame that is read: all of them are, once more, and that takes as long as the first time.
+/// Reports every frame that is read: all are read once more, which takes as long as the first time.
 struct Counted<'s> {
     source: &'s dyn FrameSource,
     read: AtomicUsize,
@@ -145,7 +147,8 @@ impl FrameSource for Counted<'_> {
 }
 
 impl Together {
-    /// Raises standard uncertainties, in the layers' units, by what the mean says; `typical` are the pixels' medians.
+    /// Raises standard uncertainties, in the layers' units, to those of the mean; `typical` returns the pixels'
+    /// medians.
     pub(super) fn at_least(
         &self,
         std: [f64; FREE],
@@ -158,7 +161,7 @@ impl Together {
             let Some((value, of_mean)) = known.and_then(|(_, known)| *known) else {
                 return std[k];
             };
-            // Directions count from another zero; and a region's mean is not that of its neighbours.
+            // Directions count from another zero, and a region's mean is not that of its neighbours.
             let off = match self.of_all && !layer.cyclic {
                 true => typical(k) - value,
                 false => 0.0,
@@ -167,7 +170,7 @@ impl Together {
         })
     }
 
-    /// Raises those of the shared quantities.
+    /// Raises the standard uncertainties of the shared quantities to those of the mean.
     pub(super) fn raise(&self, globals: &mut Globals) {
         if let Some((value, std)) = self.stray {
             globals.stray_std = globals.stray_std.max(std).hypot(globals.stray - value);

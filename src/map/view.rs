@@ -1,8 +1,8 @@
-//! Where a point of the sample appears in a frame, and from where it is lit and seen.
+//! The projection of a point of the sample into a frame, and its directions to lamp and camera.
 //!
-//! The map's frame is the sample's: x, y from the rotation axis at φs = 0 (φs of the model: recorded + azimuth zero), in the
-//! frames' own pixel grid at θc = 0, row 0 at the greatest y. At a pose the sample has turned by φs about the rotation axis;
-//! where that appears, and its directions, are [`Imaging`]'s.
+//! The map uses the sample's frame: x, y from the rotation axis at φs = 0 (the model's φs is the recorded one plus
+//! the azimuth zero), in the frames' own pixel grid at θc = 0, with row 0 at the greatest y. At a pose the sample has
+//! turned by φs about the rotation axis. [`Imaging`] returns where a point then appears, and its directions.
 
 use nalgebra::Vector3;
 
@@ -13,7 +13,7 @@ use crate::model::fresnel;
 use crate::series::Manifest;
 use crate::units::Angle;
 
-/// Geometry in the sample's frame at a true pose, camera and lamp far away; `fresnel` is the
+/// Returns the geometry in the sample's frame at a true pose, with camera and lamp far away; `fresnel` is the
 /// reflectance at half the angle between them.
 pub(super) fn telecentric(rig: &RigGeometry, pose: Pose, fresnel: f64) -> Geometry {
     let d = rig.rig_directions(pose.theta_c);
@@ -22,10 +22,10 @@ pub(super) fn telecentric(rig: &RigGeometry, pose: Pose, fresnel: f64) -> Geomet
     Geometry::new(to_sample(d.incident), to_sample(d.outgoing), fresnel)
 }
 
-/// The drawing of sample, camera and lamp.
+/// The arrangement of sample, camera and lamp.
 #[derive(Debug, Clone)]
 pub(super) struct View {
-    /// The rig's points; a pixel counts as 1 mm where the manifest states no field.
+    /// Positions in the rig; a pixel counts as 1 mm if the manifest states no field size.
     pub(super) imaging: Imaging,
     pub(super) width: usize,
     pub(super) height: usize,
@@ -34,14 +34,14 @@ pub(super) struct View {
     /// Whether a near camera or lamp gives each pixel its own directions.
     own_directions: bool,
     index: (f64, f64),
-    /// Fresnel reflectance at the half angle where camera and lamp are far.
+    /// Fresnel reflectance at the half angle if camera and lamp are far.
     fresnel: f64,
 }
 
 impl View {
     pub(super) fn new(manifest: &Manifest) -> Self {
         let camera = &manifest.camera;
-        // A near rig without a field is refused by the calibration.
+        // The calibration refuses a near rig without a field size.
         let imaging = manifest.imaging();
         let imaging = imaging.unwrap_or_else(|| Imaging::far(manifest.rig_geometry()));
         View {
@@ -53,7 +53,7 @@ impl View {
         }
     }
 
-    /// A far camera and a far lamp, without any frame.
+    /// A far camera and a far lamp, without a frame.
     pub(super) fn far(rig: RigGeometry, material: &Material) -> Self {
         let index = material.index();
         View {
@@ -72,7 +72,7 @@ impl View {
         self.imaging.is_far()
     }
 
-    /// The same with the directions of the field's centre for all pixels, where `own` says so.
+    /// Sets whether pixels use their own directions; if not, all use those of the field's centre.
     pub(super) fn with_own_directions(self, own: bool) -> View {
         View {
             own_directions: own,
@@ -80,17 +80,17 @@ impl View {
         }
     }
 
-    /// Whether all pixels share their directions: they have the same, or the centre's stand for all.
+    /// Whether all pixels use the same directions: theirs are equal, or those of the centre are used.
     pub(super) fn shares_directions(&self) -> bool {
         self.is_telecentric() || !self.own_directions
     }
 
-    /// n and k of the sample's surface.
+    /// Returns n and k of the sample's material.
     pub(super) fn index(&self) -> (f64, f64) {
         self.index
     }
 
-    /// The same with camera and lamp at a distance from a square field, mm.
+    /// Moves camera and lamp to a distance from a square field, mm.
     #[cfg(test)]
     pub(super) fn brought_to(self, distance_mm: f64, field_mm: f64) -> View {
         View {
@@ -108,7 +108,7 @@ impl View {
         self.width * self.height
     }
 
-    /// Sample coordinates of a map pixel's centre, mm from the rotation axis.
+    /// Returns the sample coordinates of a map pixel's centre, mm from the rotation axis.
     pub(super) fn place_mm(&self, pixel: usize) -> [f64; 2] {
         let column = (pixel % self.width) as f64 + 0.5;
         let row = (pixel / self.width) as f64 + 0.5;
@@ -117,26 +117,26 @@ impl View {
         [place[0] - axis[0], place[1] - axis[1]]
     }
 
-    /// A point of the sample in the rig's frame.
+    /// Converts a point of the sample to the rig's frame.
     fn turned(&self, pose: Pose, place_mm: [f64; 2]) -> [f64; 2] {
         let azimuth = pose.phi_s + self.imaging.rig.azimuth_zero;
         self.imaging.on_rig(place_mm, azimuth)
     }
 
-    /// Column and row (0, 0 at the outer corner of the first pixel) at which a point of the sample
-    /// appears at a recorded pose.
+    /// Returns column and row (0, 0 at the outer corner of the first pixel) at which a point of the sample appears at a
+    /// recorded pose.
     pub(super) fn project(&self, pose: Pose, place_mm: [f64; 2]) -> [f64; 2] {
         self.imaging
             .pixel(self.turned(pose, place_mm), pose.theta_c)
     }
 
-    /// Geometry in the sample's frame at a true pose, at the centre of tilt.
+    /// Returns the geometry in the sample's frame at a true pose, at the centre of tilt.
     pub(super) fn central(&self, pose: Pose) -> Geometry {
         telecentric(&self.imaging.rig, pose, self.fresnel)
     }
 
-    /// Geometry in the sample's frame at a true pose for a point of the sample; the point only
-    /// matters to a near camera or lamp.
+    /// Returns the geometry in the sample's frame at a true pose for a point of the sample; it depends on the point
+    /// only if camera or lamp are near.
     pub(super) fn geometry(&self, pose: Pose, place_mm: [f64; 2]) -> Geometry {
         if self.is_telecentric() {
             return self.central(pose);
@@ -152,8 +152,8 @@ impl View {
         )
     }
 
-    /// Irradiance on a surface facing the lamp at a point of the sample, relative to the centre of tilt; 1 where the lamp is
-    /// far.
+    /// Returns the irradiance on a surface that faces the lamp at a point of the sample, relative to the centre of
+    /// tilt; 1 if the lamp is far.
     pub(super) fn irradiance(&self, pose: Pose, place_mm: [f64; 2]) -> f64 {
         if !self.is_unevenly_lit() {
             return 1.0;
@@ -161,12 +161,12 @@ impl View {
         self.imaging.at(self.turned(pose, place_mm), pose.theta_c).1
     }
 
-    /// Whether pixels have more or less light than the centre of tilt.
+    /// Whether the irradiance varies over the field.
     pub(super) fn is_unevenly_lit(&self) -> bool {
         self.imaging.light_mm.is_some()
     }
 
-    /// Whether the fifth parameter of a pixel is an amplitude: nothing diffuse comes out of metal.
+    /// Whether the fifth parameter of a pixel is an amplitude: metal has no diffuse light.
     pub(super) fn fits_amplitude(material: &Material) -> bool {
         matches!(material, Material::Conductor { .. })
     }
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn at_pose_zero_every_map_pixel_is_the_frames_own() {
+    fn at_pose_zero_every_map_pixel_is_its_own_frame_pixel() {
         for view in [View::new(&checker()), near(), off_axis()] {
             for pixel in [0, 77, 256 * 100 + 31, 256 * 256 - 1] {
                 let [column, row] = view.project(Pose::from_deg(0.0, 0.0), view.place_mm(pixel));
@@ -208,7 +208,7 @@ mod tests {
         }
     }
 
-    /// The near one, its table beside the centre of tilt.
+    /// The near view, with the rotation axis beside the centre of tilt.
     fn off_axis() -> View {
         let view = near();
         View {
@@ -221,13 +221,13 @@ mod tests {
     }
 
     #[test]
-    fn places_turn_about_the_axis_and_light_hangs_on_the_centre_of_tilt() {
+    fn places_turn_about_the_axis_and_irradiance_is_relative_to_the_centre_of_tilt() {
         let view = off_axis();
         let place = view.place_mm(256 * 100 + 31);
         // Half a turn carries a pixel to the other side of the axis.
         let [column, row] = view.project(Pose::from_deg(0.0, 180.0), place);
         assert!((column - (220.0 - 31.5)).abs() < 1e-9 && (row - (280.0 - 100.5)).abs() < 1e-9);
-        // The centre of tilt is 3.6 mm right of the axis and 2.4 mm above it; there all is as if far.
+        // The centre of tilt is 3.6 mm right of the axis and 2.4 mm above it. There the near view equals the far one.
         let pose = Pose::from_deg(12.0, 0.0);
         let centre = [3.6, 2.4];
         assert!((view.irradiance(pose, centre) - 1.0).abs() < 1e-12);
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn turning_carries_x_to_y_and_tilting_foreshortens_x() {
+    fn turning_maps_x_to_y_and_tilting_foreshortens_x() {
         let view = View::new(&checker());
         // 10 mm along x are 50 pixels; rows count downwards.
         let [column, row] = view.project(Pose::from_deg(0.0, 90.0), [10.0, 0.0]);
@@ -267,9 +267,9 @@ mod tests {
     }
 
     #[test]
-    fn a_place_nearer_to_the_lamp_has_more_light_by_the_square_of_the_distance() {
-        // With the camera 10° from the lamp and the sample tilted to face the lamp, a place r off the centre is √(d² + r²)
-        // from it; where the lamp stands to a side by θ, √(d² + r² − 2 d r sin θ).
+    fn irradiance_is_inversely_proportional_to_the_square_of_the_distance_to_the_lamp() {
+        // With the lamp perpendicular to the sample, a place at distance r from the centre is √(d² + r²) from the lamp;
+        // with the lamp inclined by θ, √(d² + r² − 2 d r sin θ).
         let view = near();
         let theta_l = view.imaging.rig.theta_l;
         for (tilt_deg, phi_deg) in [(0.0, 0.0), (15.0, 0.0), (20.0, 180.0)] {

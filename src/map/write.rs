@@ -1,5 +1,5 @@
-//! A map as files: a float32 TIFF and a PNG for each quantity and its standard uncertainty, the
-//! flags, and the table of defects.
+//! A map as files: a float32 TIFF and a PNG for each quantity and its standard uncertainty, the flags, and the table of
+//! defects.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -19,40 +19,40 @@ use super::defects::Defect;
 use super::layers;
 use super::picture::{self, Picture, Scale, Sheet};
 
-/// Why files could not be written.
+/// The reason why files could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
-    /// The system refused.
+    /// The operating system returned an error.
     #[error(
-        "{file} cannot be written: {source}; check the folder's permissions and the space on its disk"
+        "cannot write {file}: {source}; check the folder's permissions and the free space on its disk"
     )]
     File {
         /// The file.
         file: String,
-        /// The system's reason.
+        /// The error of the operating system.
         source: io::Error,
     },
-    /// The encoder refused.
-    #[error("{file} cannot be encoded: {cause}")]
+    /// The encoder returned an error.
+    #[error("cannot encode {file}: {cause}")]
     Encoding {
         /// The file.
         file: String,
-        /// The encoder's reason.
+        /// The encoder's error.
         cause: String,
     },
-    /// The cancel flag was raised; nothing of the map is left, and an older one is as it was.
+    /// The cancel flag was raised; all files of the map are deleted, and an older map is unchanged.
     #[error("the map was cancelled while its files were written")]
     Cancelled,
 }
 
-/// One file to be made.
+/// The content of one file.
 enum Sheetful<'a> {
     Tiff(&'a [f32]),
     Png(Box<dyn Fn() -> Picture + Sync + Send + 'a>),
 }
 
-/// Writes all files of a map but its summary into `folder`, which is made if need be, as drafts. Between two files it
-/// looks whether it is cancelled: then no draft stays.
+/// Writes all files of a map except its summary into `folder`, which is created if missing, as drafts. Checks `cancel`
+/// between two files; if cancelled, no draft remains.
 ///
 /// # Errors
 /// [`WriteError`] names the file.
@@ -73,16 +73,16 @@ pub fn write<'f>(
     Ok(drafts)
 }
 
-/// Files under passing names, so that neither a part of a map is taken for one nor an older map loses a file before the
-/// new one has all of its own. Those that are not kept go.
+/// Files under temporary names, so that an incomplete map is not mistaken for a complete one, and an older map stays
+/// intact until the new one is complete. Drafts that are not kept are deleted.
 pub struct Drafts<'f> {
     folder: &'f Path,
-    /// Names without the marks of a draft, in the order in which they were begun.
+    /// Final names, in the order in which the files were started.
     files: Mutex<Vec<String>>,
 }
 
 impl Drafts<'_> {
-    /// Lets `make` write one file, to its end, unless cancelled.
+    /// Lets `make` write one file completely, unless cancelled.
     pub(super) fn file(
         &self,
         name: &str,
@@ -98,7 +98,7 @@ impl Drafts<'_> {
         make(&self.draft(name))
     }
 
-    /// Names of the files, in alphabetical order.
+    /// Returns the names of the files, in alphabetical order.
     #[must_use]
     pub fn names(&self) -> Vec<String> {
         let files = self.files.lock().expect("no holder of this lock panics");
@@ -107,12 +107,12 @@ impl Drafts<'_> {
         names
     }
 
-    /// Gives all files their names, `last` at the very end: where it is, the others are.
+    /// Renames all files to their final names, `last` at the end: if it exists, so do the others.
     ///
     /// # Errors
-    /// [`WriteError`] names the file; those after it keep no draft.
+    /// [`WriteError`] names the file; the drafts after it are deleted.
     pub(super) fn keep(self, last: &str) -> Result<(), WriteError> {
-        // An older map's does not outlive its files.
+        // `last` of an older map must not exist beside files of the new one.
         std::fs::remove_file(self.folder.join(last)).ok();
         let others = self.names().into_iter().filter(|name| name != last);
         for name in others.chain([last.to_owned()]) {
@@ -131,7 +131,7 @@ impl Drafts<'_> {
 impl Drop for Drafts<'_> {
     fn drop(&mut self) {
         for name in self.names() {
-            // Best effort: whoever cancelled is not told of files that cannot be removed; kept ones are no drafts.
+            // Best effort: a draft that cannot be removed is not reported. Kept files are no longer drafts.
             std::fs::remove_file(self.draft(&name)).ok();
         }
     }
@@ -207,8 +207,8 @@ fn write_all(map: &Map, drafts: &Drafts<'_>, cancel: &AtomicBool) -> Result<(), 
     })
 }
 
-/// Seconds that one thread takes to draw and compress a sheet of a series' size, on a smooth field with noise:
-/// for a forecast. `None` where it cannot be encoded.
+/// Measures the seconds that one thread takes to draw and compress a sheet of a series' size, on a smooth field with
+/// noise. Used for a forecast. `None` if it cannot be encoded.
 #[must_use]
 pub fn seconds_of_a_sheet(manifest: &crate::series::Manifest) -> Option<f64> {
     let camera = &manifest.camera;
@@ -242,8 +242,8 @@ fn unencodable(path: &Path, cause: &dyn std::fmt::Display) -> WriteError {
     }
 }
 
-/// Lets `encode` write into the file at `path`, and sees to it that the last bytes are written too: a buffer that is
-/// dropped swallows what the disk says.
+/// Lets `encode` write into the file at `path`, and flushes the last bytes: a dropped buffer would discard the error
+/// of the disk.
 fn write_whole<W: Write, E: std::fmt::Display>(
     path: &Path,
     file: W,
@@ -308,7 +308,7 @@ fn encode_png(into: impl Write, picture: &Picture) -> Result<(), png::EncodingEr
     writer.finish()
 }
 
-/// The classes of `flags.png`, the first that holds counts.
+/// The classes of `flags.png`; the first one that holds is drawn.
 const CLASSES: [(&str, Rgb, u8); 8] = [
     (
         "too few observations",
@@ -378,7 +378,7 @@ mod tests {
     use super::*;
     use std::cell::Cell;
 
-    /// A file on a disk that is full after so many writes.
+    /// A file on a disk that is full after `writes_left` writes.
     struct Full<'a> {
         file: io::Cursor<Vec<u8>>,
         writes_left: u32,
@@ -407,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_lacks_any_of_its_writes_is_no_success_not_even_the_last() {
+    fn a_file_that_lacks_any_of_its_writes_even_the_last_is_an_error() {
         let values: Vec<f32> = (0..64 * 64).map(|n| (n as f32).sin()).collect();
         let picture = || Picture {
             width: 64,
@@ -447,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn a_map_cancelled_between_two_files_leaves_none_and_an_older_one_as_it_was() {
+    fn a_map_cancelled_between_two_files_leaves_no_draft_and_an_older_map_unchanged() {
         let folder = tempfile::tempdir().unwrap();
         let older = folder.path().join("a.tif");
         std::fs::write(&older, "older").unwrap();
@@ -462,9 +462,9 @@ mod tests {
             cancel.store(true, Ordering::Relaxed);
             make(path)
         };
-        // The file at which it is cancelled is written to its end, and no other is begun.
+        // The file during which the flag is raised is completed, and no other is started.
         drafts.file("b.tif", &cancel, raise).unwrap();
-        let refused = drafts.file("c.tif", &cancel, |_| panic!("it is cancelled"));
+        let refused = drafts.file("c.tif", &cancel, |_| panic!("the map is cancelled"));
         assert!(matches!(refused, Err(WriteError::Cancelled)));
         drop(drafts);
         assert_eq!(names_in(folder.path()), ["a.tif"]);
@@ -472,7 +472,7 @@ mod tests {
     }
 
     #[test]
-    fn files_that_are_kept_take_the_place_of_an_older_map_s() {
+    fn kept_files_replace_those_of_an_older_map() {
         let folder = tempfile::tempdir().unwrap();
         let (a, last) = (folder.path().join("a.tif"), folder.path().join("last"));
         std::fs::write(&a, "older").unwrap();
@@ -494,7 +494,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tiff_says_what_its_values_mean() {
+    fn a_tiff_states_the_meaning_of_its_values() {
         let mut file = io::Cursor::new(Vec::new());
         let meaning = Some("sum of: 1 not_converged");
         encode_tiff::<colortype::Gray8>(&mut file, &[1, 0, 4, 64], 2, 2, meaning).unwrap();
@@ -503,7 +503,7 @@ mod tests {
         let said = decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap();
         assert_eq!(Some(said.as_str()), meaning);
         let tiff::decoder::DecodingResult::U8(values) = decoder.read_image().unwrap() else {
-            panic!("they are bytes");
+            panic!("expected u8 values");
         };
         assert_eq!(values, [1, 0, 4, 64]);
     }

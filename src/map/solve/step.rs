@@ -2,10 +2,10 @@
 //!
 //! Call [`step`]. All of it is inlined into the function that is compiled for the machine's instructions.
 //!
-//! Conditioning: the normal equations' condition is the square of that of the derivatives. A pivot of their
-//! column-scaled form keeps 16 digits less those of 1/pivot: at the 1e-9 below which the rank test of
-//! `inverse` calls a pixel's parameters unknown, seven are left. The factors of a *step* stand on the damping and
-//! on a floor of 1e-14 of the diagonal, so a step is finite whatever the data.
+//! *Conditioning.* The condition of the normal equations is the square of that of the derivatives. A pivot of their
+//! column-scaled form loses as many of 16 digits as 1/pivot has: at 1e-9, below which the rank test of `inverse` fails,
+//! seven are left. The factors of a *step* depend on the damping and on a floor of 1e-14 of the diagonal, so a step is
+//! finite for any data.
 
 use pulp::Simd;
 
@@ -18,13 +18,13 @@ use crate::model::lanes::Lane;
 
 /// Longest step per parameter: rad, rad, logarithms, ρd or amplitude.
 const STEP_MAX: [f64; FREE] = [0.15, 0.5, 0.5, 0.5, 0.5];
-/// Rows that are worked out before they are summed.
+/// Number of rows that are computed before they are summed.
 const BLOCK: usize = 12;
-/// Most lanes of any register.
+/// Largest number of lanes of any register.
 const WIDEST: usize = 8;
 
-/// The slopes and residuals of some rows: `[row][slope, …, residual][lane]`. Its alignment is that of
-/// the whole stack frame, so that registers put aside there do not lie across cache lines either.
+/// The slopes and residuals of some rows: `[row][slope, …, residual][lane]`. Its alignment also aligns the stack
+/// frame, so that spilled registers do not cross cache lines either.
 #[repr(align(64))]
 struct Block([f64; BLOCK * (FREE + 1) * WIDEST]);
 
@@ -42,8 +42,8 @@ impl Block {
     reason = "matrix indices are the notation, and iterators with closures are not inlined here"
 )]
 pub(super) fn step<S: Simd, const AMPLITUDE: bool>(simd: S, table: &mut Table<'_>) {
-    // Loops and macros instead of closures: what is not inlined into this function is not compiled
-    // for its instruction set.
+    // Loops and macros in place of closures: what is not inlined into this function is not compiled for its instruction
+    // set.
     macro_rules! k {
         ($x:expr) => {
             Lane::splat(simd, $x)
@@ -76,7 +76,7 @@ pub(super) fn step<S: Simd, const AMPLITUDE: bool>(simd: S, table: &mut Table<'_
     let mut cost = k!(0.0);
     let mut gradient = [k!(0.0); FREE];
     let mut normal = [k!(0.0); PACKED];
-    // First some rows, then what they add to the sums: the registers do not hold both at once.
+    // First some rows are computed, then they are summed: the registers cannot hold both at once.
     let mut block = Block::new();
     let n = table.job.observations;
     let mut done = 0;
@@ -97,7 +97,7 @@ pub(super) fn step<S: Simd, const AMPLITUDE: bool>(simd: S, table: &mut Table<'_
             let weight = read!(&table.rows, ROW * j);
             let signal = read!(&table.rows, ROW * j + 1);
             let mut r = row(simd, &at, &shape, weight);
-            // Everything here has the weight in it.
+            // All numbers here include the weight.
             let (residual, last) = if AMPLITUDE {
                 for slope in [&mut r.theta, &mut r.psi, &mut r.alpha_u, &mut r.alpha_v] {
                     *slope = *slope * fifth;
@@ -112,7 +112,7 @@ pub(super) fn step<S: Simd, const AMPLITUDE: bool>(simd: S, table: &mut Table<'_
                 x.store(&mut block.0, i * (FREE + 1) + k);
             }
         }
-        // In two goes, each with no more sums than the narrower machines have registers.
+        // In two passes, each with no more sums than the narrower machines have registers.
         const HALF: usize = FREE - 1;
         for i in 0..count {
             let mut x = [k!(0.0); HALF];
@@ -154,7 +154,7 @@ pub(super) fn step<S: Simd, const AMPLITUDE: bool>(simd: S, table: &mut Table<'_
         }
     }
 
-    // A cost that is no number is not smaller than anything, hence rejected.
+    // A NaN cost is not less than any number, so it is rejected.
     let accepted = cost.less(read!(state, COST));
     let old_lambda = read!(state, LAMBDA);
     let lambda = accepted.select(
@@ -199,12 +199,11 @@ pub(super) fn step<S: Simd, const AMPLITUDE: bool>(simd: S, table: &mut Table<'_
 #[derive(Clone, Copy)]
 struct Proposal<S: Simd> {
     step: [Lane<S>; FREE],
-    /// Gradient times step: twice what the quadratic model says the step gains.
+    /// Gradient times step: twice the gain that the quadratic model predicts.
     decrement: Lane<S>,
 }
 
-/// Solves (H + λ diag H) δ = g for each lane; a parameter that stands on a bound and is pushed
-/// outwards takes no part.
+/// Solves (H + λ diag H) δ = g for each lane; a parameter at a bound with an outward gradient is held fixed.
 #[inline(always)]
 fn propose<S: Simd>(
     simd: S,
@@ -275,8 +274,8 @@ fn propose<S: Simd>(
     Proposal { step: d, decrement }
 }
 
-/// Parameters and shape after a step: within bounds, θr ≥ 0 (a facet that leans backwards leans
-/// forwards at ψ + 180°).
+/// Returns parameters and shape after a step: within bounds, θr ≥ 0 (a facet at −θr is the same as one at θr and ψ +
+/// 180°).
 #[inline(always)]
 fn advance<S: Simd>(
     simd: S,

@@ -1,4 +1,4 @@
-//! The solver against synthetic pixels whose parameters are known.
+//! The solver applied to synthetic pixels with known parameters.
 
 use super::super::kernel::single;
 use super::*;
@@ -19,7 +19,7 @@ pub(in crate::map) struct Synthetic {
     pub(in crate::map) noise: f64,
 }
 
-/// Deterministic standard normal deviate of (pixel, observation).
+/// Returns a deterministic standard normal deviate for (pixel, observation).
 fn normal_deviate(pixel: usize, observation: usize) -> f64 {
     // Sum of twelve uniforms from a counter-based generator; good to 6σ, which is enough here.
     let mut sum = -6.0;
@@ -113,7 +113,7 @@ impl Pixels for Synthetic {
 }
 
 #[test]
-fn exact_data_give_the_parameters_back() {
+fn exact_data_return_the_parameters() {
     let pixels = Synthetic::new(40, 0.0);
     for (fit, truth) in solve(&pixels.job()).iter().zip(&pixels.truth) {
         assert_eq!(fit.end, End::Converged);
@@ -124,8 +124,8 @@ fn exact_data_give_the_parameters_back() {
     }
 }
 
-/// Pixels beside the centre of a near field: lamp and camera stand a tenth of a radian to a side, and diffuse light
-/// goes by the facets' own cosines.
+/// Pixels away from the centre of a near field: lamp and camera are a tenth of a radian to a side, and diffuse light is
+/// proportional to the facets' own cosines.
 struct Beside {
     centre: Synthetic,
     own: Vec<Geometry>,
@@ -171,7 +171,7 @@ impl Pixels for Beside {
 }
 
 #[test]
-fn pixels_with_their_own_directions_give_the_parameters_back() {
+fn pixels_with_their_own_directions_return_the_parameters() {
     let centre = Synthetic::new(20, 0.0);
     let aside = |w: [f64; 3]| {
         let w = [w[0] - 0.1, w[1] + 0.07, w[2]];
@@ -186,7 +186,7 @@ fn pixels_with_their_own_directions_give_the_parameters_back() {
     let pixels = Beside { centre, own };
     let job = Job {
         own_geometry: true,
-        // The factor on the diffuse light is that of the last refresh.
+        // The factor on the diffuse light is that of the last recomputation.
         refreshes: 3,
         pixels: &pixels,
         ..pixels.centre.job()
@@ -194,7 +194,7 @@ fn pixels_with_their_own_directions_give_the_parameters_back() {
     for (fit, truth) in solve(&job).iter().zip(&pixels.centre.truth) {
         assert_eq!(fit.end, End::Converged);
         for k in 0..FREE {
-            // The factor was taken within a standard deviation or so of the minimum, at σ = 1e-6.
+            // The factor was computed within about one standard deviation of the minimum, at σ = 1e-6.
             assert!((fit.p[k] - truth[k]).abs() < 2e-5, "{k}: {fit:?} {truth:?}");
         }
     }
@@ -215,7 +215,7 @@ fn every_instruction_set_gives_the_same_fit() {
 }
 
 #[test]
-fn stated_standard_deviations_are_those_of_repeated_noise() {
+fn stated_standard_deviations_agree_with_repeated_noise() {
     let pixels = Synthetic::new(1500, 2e-3);
     let fits = solve(&pixels.job());
     for k in 0..FREE {
@@ -228,7 +228,7 @@ fn stated_standard_deviations_are_those_of_repeated_noise() {
             })
             .sum::<f64>()
             / fits.len() as f64;
-        // χ² of 1500 degrees of freedom, over 1500: 1 ± 4 · √(2/1500); second order adds 2 %.
+        // χ² of 1500 degrees of freedom, over 1500: 1 ± 4 · √(2/1500); the second order adds 2 %.
         assert!(
             (mean_square - 1.0).abs() < 4.0 * (2.0_f64 / 1500.0).sqrt() + 0.02,
             "{k}: {mean_square}"
@@ -239,7 +239,7 @@ fn stated_standard_deviations_are_those_of_repeated_noise() {
 }
 
 #[test]
-fn a_masked_observation_has_no_say_and_too_few_are_named() {
+fn masked_observations_have_no_effect_and_too_few_are_reported() {
     struct Masked(Synthetic, usize);
     impl Pixels for Masked {
         fn count(&self) -> usize {
