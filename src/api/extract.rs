@@ -9,10 +9,12 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::error::{ApiError, FieldProblem};
-use super::guard::BODY_BYTES_MAX;
 use crate::store::{PageRequest, utc_of, utc_text};
 use crate::wording::objects;
 use crate::wording::refusals::{missing, plain};
+
+/// Most bytes of a body.
+pub const BODY_BYTES_MAX: usize = 8 << 20;
 
 /// A JSON body.
 pub struct Body<T>(pub T);

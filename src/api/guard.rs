@@ -21,13 +21,11 @@ use tokio::time::timeout;
 
 use super::App;
 use super::error::ApiError;
-use super::extract::{says_json, too_large};
+use super::extract::{BODY_BYTES_MAX, says_json, too_large};
 use crate::lab::LabError;
 use crate::store::frames::sha256_hex;
 use crate::store::idempotency::KeptAnswer;
 
-/// Most bytes of a body.
-pub const BODY_BYTES_MAX: usize = 8 << 20;
 /// A refused body is read up to here, so that a client which is still sending gets to see why.
 const DRAINED_BYTES_MAX: usize = 1 << 30;
 /// How long a client may take to send the next piece of a body.

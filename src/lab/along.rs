@@ -14,7 +14,7 @@ use tokio::sync::broadcast::Receiver;
 use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 use tokio_util::sync::CancellationToken;
 
-use super::bench::Told;
+use super::event_sink::EventSink;
 use super::fits::word;
 use super::tasks::blocking;
 use super::{Lab, LabError, StoredSeries};
@@ -43,7 +43,7 @@ impl Drop for Along {
 }
 
 /// Fits the scan whenever new poses are durable, until what is given back is dropped.
-pub(super) fn begin(told: &Told, scan_id: i64) -> Along {
+pub(super) fn begin(told: &EventSink, scan_id: i64) -> Along {
     let along = Along {
         cancel: Arc::new(AtomicBool::new(false)),
         ending: CancellationToken::new(),
@@ -109,7 +109,7 @@ impl News {
 }
 
 struct Companion {
-    told: Told,
+    told: EventSink,
     scan_id: i64,
     cancel: Arc<AtomicBool>,
     pool: Arc<ThreadPool>,

@@ -5,25 +5,25 @@
 //! next order is refused at once. While it tells none an order is taken, if need be a moment later, when the stages are
 //! connected, a target is checked or the rig is given back.
 
-use std::collections::{BTreeSet, HashMap, VecDeque};
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::collections::{BTreeSet, VecDeque};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use futures::future::BoxFuture;
 use serde_json::json;
-use tokio::sync::{broadcast, mpsc, oneshot, watch};
+use tokio::sync::{mpsc, oneshot, watch};
 
+use super::event_sink::{EventSink, FirstState};
 use super::recorder::LabRecorder;
 use super::{Holder, LabError, Occupation, RigParts, RigSettings, RigSide, along, tell};
 use crate::bench::stage::{AxisName, Stage, StageError};
-use crate::clock::Clock;
 use crate::frame::Frame;
 use crate::geometry::Pose;
 use crate::scan::event::{AxisEvent, RigActivity};
-use crate::scan::runner::{self, Job, OrderSlip, RunEnd};
-use crate::scan::{Event, Plan, Reach, RecordedEvent, Rig, ScanState, TravelLimits};
+use crate::scan::runner::{self, Job, OrderSlip};
+use crate::scan::{Event, Plan, Reach, Rig, TravelLimits};
+use crate::store::StoreError;
 use crate::store::scans::{NewScan, Scan};
-use crate::store::{Store, StoreError};
 use crate::units::Angle;
 
 /// What the owner is asked to do.
@@ -82,9 +82,6 @@ pub(super) enum ScanRow {
     Kept(i64),
 }
 
-/// Answered with the first state that a run came to, or why not even that could be recorded.
-pub(super) type FirstState = oneshot::Sender<Result<ScanState, StoreError>>;
-
 /// Work and the way back; answered when the work is taken up, not when it is done.
 pub(super) struct Request {
     pub work: Work,
@@ -93,56 +90,8 @@ pub(super) struct Request {
     pub reply: oneshot::Sender<Result<(), LabError>>,
 }
 
-/// Those to whom the owner tells what happens.
-#[derive(Clone)]
-pub(super) struct Told {
-    pub store: Store,
-    pub clock: Arc<dyn Clock>,
-    pub events: broadcast::Sender<Arc<RecordedEvent>>,
-    pub ends: watch::Sender<HashMap<i64, RunEnd>>,
-    pub adrift: Adrift,
-}
-
-/// Scans that nobody runs any more and whose state still says otherwise, because it could not be written; each with
-/// the reason why it ended.
-#[derive(Clone, Default)]
-pub(super) struct Adrift {
-    scans: Arc<Mutex<HashMap<i64, String>>>,
-    /// Who brings one in does so alone: it may be resumed a moment later.
-    turn: Arc<tokio::sync::Mutex<()>>,
-}
-
-impl Adrift {
-    fn all(&self) -> MutexGuard<'_, HashMap<i64, String>> {
-        self.scans.lock().expect("no holder of this lock panics")
-    }
-
-    /// Those that are adrift now, and why.
-    pub(super) fn now(&self) -> HashMap<i64, String> {
-        self.all().clone()
-    }
-
-    /// Why a scan is adrift; none where it is not.
-    pub(super) fn why(&self, scan_id: i64) -> Option<String> {
-        self.all().get(&scan_id).cloned()
-    }
-
-    pub(super) fn has(&self, scan_id: i64) -> bool {
-        self.all().contains_key(&scan_id)
-    }
-}
-
-impl Told {
-    pub(super) async fn record(&self, event: Event) {
-        match self.store.record(event).await {
-            Ok(event) => tell(&self.events, event),
-            Err(error) => tracing::error!(%error, "an event could not be recorded: {error}"),
-        }
-    }
-}
-
 /// Takes a rig over: from now on one task owns it.
-pub(super) async fn take(parts: RigParts, told: Told) -> Result<RigSide, StoreError> {
+pub(super) async fn take(parts: RigParts, told: EventSink) -> Result<RigSide, StoreError> {
     let RigParts { rig, settings } = parts;
     let link = rig.link();
     let camera = rig.camera.describe();
@@ -200,7 +149,7 @@ struct Owner {
     rig_id: i64,
     settings: RigSettings,
     occupation: Arc<watch::Sender<Occupation>>,
-    told: Told,
+    told: EventSink,
     reach: Reach,
 }
 
@@ -604,32 +553,8 @@ impl Owner {
     }
 }
 
-impl Told {
-    /// Marks a scan that is adrift as interrupted, so that it can be resumed or aborted; nothing where it is not.
-    pub(super) async fn bring_in(&self, scan_id: i64) -> Result<(), StoreError> {
-        let _turn = self.adrift.turn.lock().await;
-        let Some(reason) = self.adrift.why(scan_id) else {
-            return Ok(());
-        };
-        let state = ScanState::Interrupted;
-        let progress = self.store.last_progress(scan_id).await.unwrap_or_default();
-        let written = self
-            .store
-            .change_state(scan_id, state, Some(&reason), None, progress)
-            .await;
-        match written {
-            Ok(event) => tell(&self.events, event),
-            // It had come to an end before, or somebody else was faster.
-            Err(StoreError::StateConflict { .. }) => {}
-            Err(error) => return Err(error),
-        }
-        self.adrift.all().remove(&scan_id);
-        Ok(())
-    }
-}
-
 /// A scan whose state could not be written is marked interrupted as soon as the store takes it.
-async fn interrupt_when_possible(told: Told, scan_id: i64) {
+async fn interrupt_when_possible(told: EventSink, scan_id: i64) {
     while told.bring_in(scan_id).await.is_err() && !told.store.is_closed() {
         told.clock.sleep(Duration::from_secs(5)).await;
     }

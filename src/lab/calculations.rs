@@ -6,23 +6,24 @@ use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 
-use super::fits::{check_region, reduction_code};
+use super::failure::Failure;
 use super::foretell::{Foretold, tell_analysis, with_cost};
 use super::headway::{Headway, Progress};
+use super::request_checks::{check_region, positive, share};
 use super::tasks::{blocking, to_the_end};
 use super::traces::{TraceRequest, TraceToDo};
 use super::{Lab, LabError, StoredSeries};
 use crate::accuracy::forecast::{of_analysis, of_reduction};
 use crate::accuracy::map_forecast::of_map;
-use crate::analysis::{self, AnalysisError, AnalysisOptions};
+use crate::analysis::{self, AnalysisOptions};
 use crate::contrast;
 use crate::fit::traced::TracingOptions;
 use crate::fit::{FitOptions, VariantChoice};
 use crate::forecast::Forecast;
 use crate::judge::{Specification, VerdictReport};
-use crate::map::folder::{FolderError, map_into};
-use crate::map::{self, MapError, MapOptions};
-use crate::reduction::{self, FrameSource, ReductionError};
+use crate::map::folder::map_into;
+use crate::map::{self, MapOptions};
+use crate::reduction::{self, FrameSource};
 use crate::scan::event::CalculationKind;
 use crate::store::calculations::CalculationEnd;
 use crate::store::{Store, StoreError};
@@ -79,29 +80,6 @@ pub struct VerdictRequest {
     pub tolerance: Option<f64>,
 }
 
-/// Refuses limits that are not greater than 0, by name.
-pub(super) fn positive<const N: usize>(limits: [(&str, Option<f64>); N]) -> Result<(), LabError> {
-    let wrong = |x: &f64| !(*x > 0.0 && x.is_finite());
-    match limits.iter().find(|(_, x)| x.as_ref().is_some_and(wrong)) {
-        Some((field, _)) => Err(LabError::Invalid {
-            field: (*field).into(),
-            problem: "must be greater than 0".into(),
-        }),
-        None => Ok(()),
-    }
-}
-
-/// Refuses what is to be a share of the brightest and is none.
-pub(super) fn share(field: &str, share: Option<f64>) -> Result<(), LabError> {
-    match share {
-        Some(x) if !(x > 0.0 && x < 1.0) => Err(LabError::Invalid {
-            field: field.into(),
-            problem: "must be between 0 and 1: 0.01 is one per cent".into(),
-        }),
-        _ => Ok(()),
-    }
-}
-
 /// What can be asked for.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CalculationRequest {
@@ -145,63 +123,6 @@ impl CalculationRequest {
             CalculationRequest::Trace(request) => serde_json::to_string(request),
         }
         .map_err(|e| StoreError::bad_row("calculations", e))
-    }
-}
-
-/// Why a calculation has no result.
-pub(super) enum Failure {
-    Cancelled,
-    Because { code: &'static str, detail: String },
-}
-
-impl Failure {
-    pub(super) fn internal(error: impl std::fmt::Display) -> Self {
-        Failure::Because {
-            code: "internal",
-            detail: format!("the result is not JSON: {error}"),
-        }
-    }
-}
-
-impl From<ReductionError> for Failure {
-    fn from(error: ReductionError) -> Self {
-        match error {
-            ReductionError::Cancelled => Failure::Cancelled,
-            error => Failure::Because {
-                code: reduction_code(&error),
-                detail: error.to_string(),
-            },
-        }
-    }
-}
-
-impl From<AnalysisError> for Failure {
-    fn from(error: AnalysisError) -> Self {
-        match error {
-            AnalysisError::Cancelled => Failure::Cancelled,
-            AnalysisError::Reduction(error) => error.into(),
-        }
-    }
-}
-
-impl From<FolderError> for Failure {
-    fn from(error: FolderError) -> Self {
-        match error {
-            FolderError::Map(MapError::Cancelled) => Failure::Cancelled,
-            FolderError::Map(MapError::Reduction(error)) => error.into(),
-            FolderError::Map(error) => Failure::Because {
-                code: "no-map",
-                detail: error.to_string(),
-            },
-            FolderError::Late { .. } => Failure::Because {
-                code: "no-map",
-                detail: error.to_string(),
-            },
-            FolderError::Write(error) => Failure::Because {
-                code: "map-not-written",
-                detail: error.to_string(),
-            },
-        }
     }
 }
 

@@ -9,11 +9,12 @@ use futures::future::BoxFuture;
 use serde::{Deserialize, Serialize};
 
 use super::attached::ShapeFile;
-use super::calculations::{positive, share};
 use super::curves::{FitCurves, curves_of};
+use super::failure::reduction_code;
 use super::foretell::{Foretold, tell_analysis, with_cost};
 use super::headway::{Headway, Progress};
 use super::once::OncePerKey;
+use super::request_checks::{check_region, positive, share};
 use super::tasks::{blocking, to_the_end};
 use super::{Lab, LabError, StoredSeries};
 use crate::accuracy::forecast::of_analysis;
@@ -24,7 +25,7 @@ use crate::fit::{FitOptions, FitReport, Loss, Told, VariantChoice};
 use crate::forecast::Forecast;
 use crate::material::Material;
 use crate::observation::ObservationSet;
-use crate::reduction::{self, FrameSource, ReductionError};
+use crate::reduction::{self, FrameSource};
 use crate::scan::event::ShortValue;
 use crate::store::StoreError;
 use crate::store::fits::{FitEnd, NewFit};
@@ -407,36 +408,6 @@ fn broken_off(error: &LabError) -> FitEnd {
     FitEnd::Failed {
         code: error.code().into(),
         detail: error.to_string(),
-    }
-}
-
-/// Refuses a region that the sample does not have, and none where it has several.
-pub(super) fn check_region(series: &StoredSeries, region: Option<&str>) -> Result<(), LabError> {
-    let regions = Lab::regions(series.manifest());
-    let problem = match region {
-        Some(name) if regions.iter().any(|r| r == name) => return Ok(()),
-        None if regions.is_empty() => return Ok(()),
-        Some(name) if regions.is_empty() => {
-            format!("there is no region {name:?}: this sample has none; leave it out")
-        }
-        _ => format!(
-            "this sample has regions; name one of {}",
-            regions.join(", ")
-        ),
-    };
-    Err(LabError::Invalid {
-        field: "region".into(),
-        problem,
-    })
-}
-
-/// Stable word for why frames give no observations.
-#[must_use]
-pub(super) fn reduction_code(error: &ReductionError) -> &'static str {
-    match error {
-        ReductionError::RegionNeeded { .. } => "region-needed",
-        ReductionError::UnknownRegion { .. } => "region-unknown",
-        _ => "no-observations",
     }
 }
 

@@ -13,6 +13,8 @@ mod bench;
 mod calculations;
 mod curves;
 mod error;
+mod event_sink;
+mod failure;
 mod fits;
 mod foretell;
 mod headway;
@@ -20,6 +22,7 @@ pub mod measured;
 mod once;
 mod plans;
 mod recorder;
+mod request_checks;
 mod rig;
 mod series;
 mod tasks;
@@ -132,7 +135,7 @@ struct RigSide {
     occupation: watch::Receiver<Occupation>,
     owner: Mutex<Option<tokio::task::JoinHandle<()>>>,
     reach: Reach,
-    told: bench::Told,
+    told: event_sink::EventSink,
 }
 
 /// What the rig is doing, for everybody to see.
@@ -183,12 +186,12 @@ impl Lab {
         let rig = match parts {
             None => None,
             Some(parts) => {
-                let told = bench::Told {
+                let told = event_sink::EventSink {
                     store: store.clone(),
                     clock: Arc::clone(&clock),
                     events: events.clone(),
                     ends: ends.clone(),
-                    adrift: bench::Adrift::default(),
+                    adrift: event_sink::Adrift::default(),
                 };
                 Some(bench::take(parts, told).await?)
             }

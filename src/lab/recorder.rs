@@ -6,7 +6,7 @@ use futures::future::BoxFuture;
 use futures::{StreamExt, TryStreamExt};
 use tokio::sync::watch;
 
-use super::bench::{FirstState, Told};
+use super::event_sink::{EventSink, FirstState};
 use super::{Occupation, tell};
 use crate::frame::FrameKind;
 use crate::scan::recorder::{RecordError, Recorder, Visit};
@@ -20,7 +20,7 @@ use crate::store::frames::{NewFrame, NewShot};
 const FRAMES_AT_ONCE: usize = 2;
 
 pub(super) struct LabRecorder {
-    pub told: Told,
+    pub told: EventSink,
     pub scan_id: i64,
     pub rig_id: i64,
     pub saturation_dn: u16,

@@ -13,8 +13,9 @@ use serde::{Deserialize, Serialize};
 
 use super::LabError;
 use super::attached::Content;
-use super::calculations::{Failure, positive};
+use super::failure::Failure;
 use super::headway::Headway;
+use super::request_checks::positive;
 use crate::accuracy::trace_forecast::{Asked, Patience, of_runs};
 use crate::clock::elapsed_s;
 use crate::forecast::Forecast;

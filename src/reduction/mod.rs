@@ -248,7 +248,9 @@ pub fn reduce(
     let measured = measure_all(&ground, &mut journal)?;
     load::refuse_impossible(&calls, FrameKind::Sample, &journal)?;
     if uniform {
-        sloping::warn(&measured, &mut journal);
+        let clean = measured.iter().filter(|m| m.is_clean());
+        let slopes = clean.filter_map(|m| m.levels.first().map(|level| level.slope));
+        sloping::warn(slopes, &mut journal);
     }
     let (mut poses, lamp_scatter) = merge::merge(&ground, measured, &mut journal);
     // Patches of a near rig differ by where they lie: neither worn nor uncertain for that.

@@ -6,7 +6,6 @@
 //! with the flats; what changes with the pose tells.
 
 use super::journal::Journal;
-use super::measure::Measured;
 use crate::wording::percent;
 
 /// Slope from the middle of the field to its edge, as a share of the level, from which on it is told.
@@ -26,11 +25,8 @@ pub(super) struct Slope {
 }
 
 /// Says so where slopes change from pose to pose.
-pub(super) fn warn(measured: &[Measured], journal: &mut Journal) {
-    let slopes: Vec<Slope> = measured
-        .iter()
-        .filter(|m| m.is_clean())
-        .filter_map(|m| m.levels.first().map(|level| level.slope))
+pub(super) fn warn(slopes: impl Iterator<Item = Slope>, journal: &mut Journal) {
+    let slopes: Vec<Slope> = slopes
         .filter(|slope| slope.std > 0.0 && slope.std < KNOWN)
         .collect();
     if slopes.len() < FRAMES {
@@ -57,31 +53,16 @@ pub(super) fn warn(measured: &[Measured], journal: &mut Journal) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::measure::Level;
     use super::*;
 
     fn told(slopes: &[(f64, f64)], std: f64) -> Option<String> {
-        let measured: Vec<Measured> = slopes
-            .iter()
-            .enumerate()
-            .map(|(index, (across, down))| Measured {
-                index,
-                exposure_s: 0.1,
-                levels: vec![Level {
-                    slope: Slope {
-                        across: *across,
-                        down: *down,
-                        std,
-                    },
-                    ..Level::default()
-                }],
-                full: 0,
-                pixels: 100,
-                fingerprint: index as u64,
-            })
-            .collect();
+        let slopes = slopes.iter().map(|(across, down)| Slope {
+            across: *across,
+            down: *down,
+            std,
+        });
         let mut journal = Journal::default();
-        warn(&measured, &mut journal);
+        warn(slopes, &mut journal);
         journal.close(&[]).1.first().cloned()
     }
 

@@ -17,6 +17,6 @@ pub mod visit;
 
 pub use event::{Event, OperatorAction, Progress, RecordedEvent};
 pub use plan::{Plan, PlanError, PlanRequest, Shot, Step, TravelLimits};
-pub use reach::Reach;
-pub use rig::{Rig, StageLink};
+pub use reach::{Reach, StageLink};
+pub use rig::Rig;
 pub use state::ScanState;

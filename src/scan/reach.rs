@@ -9,15 +9,27 @@ use std::time::Duration;
 
 use tokio::sync::{Mutex, watch};
 
-use super::rig::StageLink;
-use crate::bench::port::PortError;
-use crate::bench::stage::{Stage, StageError};
+use crate::bench::port::{PortError, PortSeam};
+use crate::bench::stage::{PortAddress, Stage, StageError, StageSettings};
 use crate::clock::{Clock, SystemClock};
 
 /// How often, and how long apart, a port that is in use is asked for again: in real time, in which ports close whatever
 /// the rig's clock says.
 const CLOSING_TRIES: u32 = 20;
 const CLOSING_WAIT: Duration = Duration::from_millis(50);
+
+/// How to reach the stages.
+#[derive(Clone)]
+pub struct StageLink {
+    /// Serial port or TCP address.
+    pub port: PortAddress,
+    /// Limits, backlash, speeds.
+    pub settings: StageSettings,
+    /// Time for waits and deadlines.
+    pub clock: Arc<dyn Clock>,
+    /// Where faults can be put into the port.
+    pub seam: Arc<dyn PortSeam>,
+}
 
 /// One link to the stages, shared by who moves them and who stops them; cheap to clone.
 #[derive(Clone)]

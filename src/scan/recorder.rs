@@ -6,7 +6,6 @@ use time::OffsetDateTime;
 use super::event::{OperatorAction, Progress};
 use super::plan::Shot;
 use super::state::ScanState;
-use super::visit::Rejected;
 use crate::bench::Captured;
 use crate::frame::FrameKind;
 use crate::geometry::Pose;
@@ -26,6 +25,38 @@ pub struct Visit {
     pub rejected: Option<Rejected>,
     /// When the first exposure began.
     pub taken_at: OffsetDateTime,
+}
+
+pub(super) const BLACK: &str =
+    "black: no light in the longest exposure; look at lamp, shutter and lens cap";
+
+/// Why the frames of a point do not count.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Rejected {
+    /// The sample shows no light. It may be so, once somebody has looked.
+    #[error("{}", BLACK)]
+    BlackSample,
+    /// The sample fills the camera over the whole plan. It may be so, once somebody has looked.
+    #[error(
+        "full: at {poses} of the plan's {of} poses, most of them or those furthest apart, most pixels are full in the \
+         shortest exposure; look at lamp and camera, or plan a new scan of shorter exposures (this one takes no pose \
+         again that it has)"
+    )]
+    FullSample {
+        /// How many so far.
+        poses: usize,
+        /// How many there are.
+        of: usize,
+    },
+    /// The camera gave a picture that it had given before.
+    #[error(
+        "the same picture as before, bit for bit: the camera takes no new ones; look at it and its program (for a \
+         camera that has no noise, read_noise_electrons_rms = 0 says so)"
+    )]
+    SameFrame,
+    /// Anything else, in words.
+    #[error("{0}")]
+    Otherwise(String),
 }
 
 /// A frame of a visit.

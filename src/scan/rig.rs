@@ -4,26 +4,10 @@
 //! [`Reach`], to ask where the stages are and to stop them.
 
 use std::collections::BTreeSet;
-use std::sync::Arc;
 
-use super::reach::Reach;
-use crate::bench::port::PortSeam;
-use crate::bench::stage::{PortAddress, Stage, StageError, StageSettings};
+use super::reach::{Reach, StageLink};
+use crate::bench::stage::{Stage, StageError};
 use crate::bench::{AxisName, Camera};
-use crate::clock::Clock;
-
-/// How to reach the stages.
-#[derive(Clone)]
-pub struct StageLink {
-    /// Serial port or TCP address.
-    pub port: PortAddress,
-    /// Limits, backlash, speeds.
-    pub settings: StageSettings,
-    /// Time for waits and deadlines.
-    pub clock: Arc<dyn Clock>,
-    /// Where faults can be put into the port.
-    pub seam: Arc<dyn PortSeam>,
-}
 
 /// The stages and the camera of one rig.
 pub struct Rig {

@@ -7,8 +7,8 @@
 use std::collections::BTreeSet;
 
 use super::plan::{Shot, Step};
-use super::recorder::Visit;
-use super::visit::{FrameRules, Rejected, shows_no_light};
+use super::recorder::{Rejected, Visit};
+use super::visit::{FrameRules, shows_no_light};
 use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
 

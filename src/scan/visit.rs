@@ -1,7 +1,7 @@
 //! One visit to a point: move, capture, check what came.
 
 use super::plan::Shot;
-use super::recorder::{TakenFrame, Visit};
+use super::recorder::{BLACK, Rejected, TakenFrame, Visit};
 use crate::bench::port::PortError;
 use crate::bench::stage::{Stage, StageError};
 use crate::bench::{Camera, CameraError, CaptureRequest};
@@ -78,37 +78,6 @@ pub enum Trouble {
     #[error("{0}; put it right, then resume")]
     Frames(Rejected),
 }
-
-/// Why the frames of a point do not count.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Rejected {
-    /// The sample shows no light. It may be so, once somebody has looked.
-    #[error("{}", BLACK)]
-    BlackSample,
-    /// The sample fills the camera over the whole plan. It may be so, once somebody has looked.
-    #[error(
-        "full: at {poses} of the plan's {of} poses, most of them or those furthest apart, most pixels are full in the \
-         shortest exposure; look at lamp and camera, or plan a new scan of shorter exposures (this one takes no pose \
-         again that it has)"
-    )]
-    FullSample {
-        /// How many so far.
-        poses: usize,
-        /// How many there are.
-        of: usize,
-    },
-    /// The camera gave a picture that it had given before.
-    #[error(
-        "the same picture as before, bit for bit: the camera takes no new ones; look at it and its program (for a \
-         camera that has no noise, read_noise_electrons_rms = 0 says so)"
-    )]
-    SameFrame,
-    /// Anything else, in words.
-    #[error("{0}")]
-    Otherwise(String),
-}
-
-const BLACK: &str = "black: no light in the longest exposure; look at lamp, shutter and lens cap";
 
 impl Trouble {
     /// Reason of a scan that was stopped by the stop button.

@@ -3,7 +3,7 @@
 use super::SeriesError;
 use super::keys::{slips, stray};
 use super::manifest::{Manifest, SCHEMA};
-use super::text::{line_of, path_of};
+use super::text::line_of;
 use super::values;
 use crate::material::Material;
 use crate::wording::refusals::plain;
@@ -109,27 +109,6 @@ impl Manifest {
         });
         checked.map_err(|problem| problem.told(text, file))?;
         Ok(manifest)
-    }
-}
-
-/// A value that may not be.
-#[derive(Debug)]
-pub(super) struct Problem {
-    pub section: &'static str,
-    pub key: &'static str,
-    pub cause: String,
-    pub remedy: &'static str,
-}
-
-impl Problem {
-    fn told(self, text: &str, file: &str) -> SeriesError {
-        SeriesError::Invalid {
-            file: file.to_owned(),
-            line: line_of(text, self.section, self.key),
-            key: format!("{}: ", path_of(self.section, self.key)),
-            cause: self.cause,
-            remedy: self.remedy.to_owned(),
-        }
     }
 }
 

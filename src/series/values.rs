@@ -1,9 +1,31 @@
 //! What the values of a manifest may be: each in its range, then what belongs together.
 
-use super::check::Problem;
+use super::SeriesError;
 use super::manifest::{Manifest, SCHEMA, SampleKind, is_lean};
 use super::rows::path_problem;
+use super::text::{line_of, path_of};
 use crate::limits::{self, Limit};
+
+/// A value that may not be.
+#[derive(Debug)]
+pub(super) struct Problem {
+    pub section: &'static str,
+    pub key: &'static str,
+    pub cause: String,
+    pub remedy: &'static str,
+}
+
+impl Problem {
+    pub(super) fn told(self, text: &str, file: &str) -> SeriesError {
+        SeriesError::Invalid {
+            file: file.to_owned(),
+            line: line_of(text, self.section, self.key),
+            key: format!("{}: ", path_of(self.section, self.key)),
+            cause: self.cause,
+            remedy: self.remedy.to_owned(),
+        }
+    }
+}
 
 /// Checks every value.
 ///

@@ -6,8 +6,8 @@
 
 use std::sync::Arc;
 
+use super::device::settings::COMMAND_PACKETS_MAX;
 use super::device::{Answer, Reject};
-use super::device_settings::COMMAND_PACKETS_MAX;
 use super::unit::Unit;
 use super::world::World;
 use crate::bench::AxisName;

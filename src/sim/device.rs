@@ -5,11 +5,13 @@
 //! (its counter, flags, settings); what really moves is the [`World`]'s. Knows no bytes, addresses only its own, and
 //! nothing of other axes: those of one controller are put together in `unit`.
 
+pub mod settings;
+
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::device_settings::Settings;
+use self::settings::Settings;
 use super::motion::Ramps;
 use super::world::{Mishap, World};
 use crate::bench::AxisName;

@@ -7,7 +7,6 @@
 pub mod camera;
 pub mod controller;
 pub mod device;
-pub mod device_settings;
 pub mod faults;
 mod light;
 pub mod motion;

@@ -7,8 +7,8 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
+use super::device::settings::{GET_SETTINGS_MAX, is_of_the_axis};
 use super::device::{Answer, Device, Reject, Scope};
-use super::device_settings::{GET_SETTINGS_MAX, is_of_the_axis};
 use super::world::World;
 use crate::bench::AxisName;
 use crate::bench::wire::zaber::{Activity, WORD_BYTES_MAX};

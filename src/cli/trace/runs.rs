@@ -18,6 +18,9 @@ use crate::trace::run::{self, Ending, Follow, Progress};
 use crate::trace::scene::Prepared;
 use crate::trace::tally::Totals;
 
+/// Photons from which on a forecast is worth its time.
+pub(super) const LONG: u64 = 2_000_000;
+
 /// What a user allows all runs together and asks of each.
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
 pub(super) struct Limits {
@@ -102,7 +105,7 @@ pub(super) fn each(
     let cancel = interrupt::flag()?;
     let watch = runs.watch;
     let all = runs.photons.saturating_mul(runs.count as u64);
-    if limits.any() || (std::io::stderr().is_terminal() && all >= super::task::LONG) {
+    if limits.any() || (std::io::stderr().is_terminal() && all >= LONG) {
         foretell(runs, &cancel);
     }
     let bar = Bar::new("photons");

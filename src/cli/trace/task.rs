@@ -9,6 +9,7 @@ use std::time::Instant;
 use anyhow::anyhow;
 use sha2::Digest;
 
+use super::runs::LONG;
 use super::{Args, making, pictures, prepare, ready, table, unreached};
 use crate::accuracy::trace_forecast::{Asked, Patience, of_run};
 use crate::cli::limits::{self, Stopwatch};
@@ -23,9 +24,6 @@ use crate::trace::scene::{Prepared, Scene};
 use crate::trace::spread::over_surfaces;
 use crate::trace::tally::Totals;
 use crate::wording::{counted, hex};
-
-/// Photons from which on a forecast is worth its time.
-pub(super) const LONG: u64 = 2_000_000;
 
 /// A scene that is ready to trace, with what was asked of the run.
 pub(super) struct Task<'a> {

@@ -5,7 +5,7 @@
 //! [`Reach::Whole`] to its middle (or to where they meet). How far the answer differs between the two is a limit of what is
 //! not known, to either side.
 
-use super::lines::{Line, Lines};
+use super::lines::{Line, Lines, Reach};
 
 /// Lines further apart than usual by this, in samples, have a gap between them.
 const WIDE: f64 = 0.45;
@@ -13,15 +13,6 @@ const WIDE: f64 = 0.45;
 const BESIDE: f64 = 2.5;
 /// Share of half a gap that a flank goes on by at most: walls have a width.
 const HALF: f64 = 0.98;
-
-/// How far flanks go on into a gap beside them.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Reach {
-    /// Until half of it is left.
-    Half,
-    /// Until nothing is left but an upright wall.
-    Whole,
-}
 
 /// A gap between two lines, places across.
 #[derive(Debug, Clone, Copy)]

@@ -1,7 +1,6 @@
 //! The mean along ridges: made level, cut to whole periods, turned to where its facets lean.
 
 use super::super::profile::{Profile, ProfileError};
-use super::gaps::Reach;
 use super::{RIDGES_MIN, RidgeFacts, RidgeMap, RidgeMapError, SAMPLES_MIN};
 
 /// The share of a ridge that leans to its facets' side differs from a half by this at least.
@@ -38,6 +37,15 @@ pub(super) struct Line {
     pub z: f64,
     /// How many heights it is the mean of.
     pub count: f64,
+}
+
+/// How far flanks go on into a gap beside them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Reach {
+    /// Until half of it is left.
+    Half,
+    /// Until nothing is left but an upright wall.
+    Whole,
 }
 
 impl Lines {

@@ -1,7 +1,7 @@
 //! The settings of a simulated controller: names, scopes, ranges.
 
-use super::device::{ACCELERATION_UNIT, Device, Reject, SPEED_UNIT, Scope};
-use super::world::Mechanics;
+use super::super::world::Mechanics;
+use super::{ACCELERATION_UNIT, Device, Reject, SPEED_UNIT, Scope};
 use crate::bench::AxisName;
 use crate::bench::wire::zaber::{Activity, PACKET_BYTES_MAX, WORD_BYTES_MAX};
 use crate::units::Angle;
@@ -10,11 +10,11 @@ use crate::units::Angle;
 pub const COMMAND_PACKETS_MAX: u32 = 10;
 
 /// Settings that one `get` may ask for (`get.settings.max`).
-pub(super) const GET_SETTINGS_MAX: usize = 10;
+pub(in crate::sim) const GET_SETTINGS_MAX: usize = 10;
 
 /// What a controller keeps, also without power; in the units of the wire.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Settings {
+pub(in crate::sim) struct Settings {
     pub address: u8,
     pub serial: u32,
     pub device_id: u32,
@@ -66,7 +66,7 @@ impl Settings {
 }
 
 /// Which of the two a setting belongs to.
-pub(super) fn is_of_the_axis(name: &str) -> bool {
+pub(in crate::sim) fn is_of_the_axis(name: &str) -> bool {
     const AXIS: [&str; 13] = [
         "pos",
         "vel",
@@ -92,7 +92,7 @@ fn user_slot(name: &str) -> Option<usize> {
 
 impl Device {
     /// Reads a setting. A device setting is refused on the axis.
-    pub(super) fn get(&self, scope: Scope, name: &str) -> Result<String, Reject> {
+    pub(in crate::sim) fn get(&self, scope: Scope, name: &str) -> Result<String, Reject> {
         let settings = &self.settings;
         let mechanics = self.world.mechanics(self.axis);
         let motor = self.world.motor(self.axis);
@@ -153,7 +153,12 @@ impl Device {
     }
 
     /// Writes a setting.
-    pub(super) fn set(&mut self, scope: Scope, name: &str, value: &str) -> Result<(), Reject> {
+    pub(in crate::sim) fn set(
+        &mut self,
+        scope: Scope,
+        name: &str,
+        value: &str,
+    ) -> Result<(), Reject> {
         // Tells unknown names and wrong scopes from what can only be read.
         self.get(scope, name)?;
         let value: i64 = value.parse().map_err(|_| Reject::BadData)?;

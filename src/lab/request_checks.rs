@@ -1,0 +1,47 @@
+//! Checks of what a request may ask for, shared by all kinds of calculation.
+
+use super::{Lab, LabError, StoredSeries};
+use crate::reduction::FrameSource;
+
+/// Refuses limits that are not greater than 0, by name.
+pub(super) fn positive<const N: usize>(limits: [(&str, Option<f64>); N]) -> Result<(), LabError> {
+    let wrong = |x: &f64| !(*x > 0.0 && x.is_finite());
+    match limits.iter().find(|(_, x)| x.as_ref().is_some_and(wrong)) {
+        Some((field, _)) => Err(LabError::Invalid {
+            field: (*field).into(),
+            problem: "must be greater than 0".into(),
+        }),
+        None => Ok(()),
+    }
+}
+
+/// Refuses what is to be a share of the brightest and is none.
+pub(super) fn share(field: &str, share: Option<f64>) -> Result<(), LabError> {
+    match share {
+        Some(x) if !(x > 0.0 && x < 1.0) => Err(LabError::Invalid {
+            field: field.into(),
+            problem: "must be between 0 and 1: 0.01 is one per cent".into(),
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// Refuses a region that the sample does not have, and none where it has several.
+pub(super) fn check_region(series: &StoredSeries, region: Option<&str>) -> Result<(), LabError> {
+    let regions = Lab::regions(series.manifest());
+    let problem = match region {
+        Some(name) if regions.iter().any(|r| r == name) => return Ok(()),
+        None if regions.is_empty() => return Ok(()),
+        Some(name) if regions.is_empty() => {
+            format!("there is no region {name:?}: this sample has none; leave it out")
+        }
+        _ => format!(
+            "this sample has regions; name one of {}",
+            regions.join(", ")
+        ),
+    };
+    Err(LabError::Invalid {
+        field: "region".into(),
+        problem,
+    })
+}
