@@ -1,12 +1,12 @@
-//! Numbers at the ends of the doubles, for the property tests of every room's kernels.
+//! Numbers at the limits of floating point, for the property tests of every module's kernels.
 //!
-//! The same numbers with every run, so that a change is what fails and not the hour; as many others as
-//! `PROPTEST_CASES` asks for, drawn afresh each time.
+//! Every run uses the same numbers, so that a failure is due to a change of the code; with `PROPTEST_CASES` each run
+//! draws new ones.
 
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-/// So many cases per claim as is usual, always the same; or as many as `PROPTEST_CASES` asks for, new ones.
+/// Returns the configuration of a property test: `usual` cases with a fixed seed, or `PROPTEST_CASES` new ones.
 pub(crate) fn cases(usual: u32) -> ProptestConfig {
     let asked = std::env::var("PROPTEST_CASES");
     let asked = asked.ok().and_then(|n| n.parse().ok());
@@ -22,7 +22,7 @@ pub(crate) fn cases(usual: u32) -> ProptestConfig {
     }
 }
 
-/// Every exponent, special values and plain ones, of either sign.
+/// Returns any f64: every exponent, special values and ordinary ones, of either sign.
 pub(crate) fn any_double() -> impl Strategy<Value = f64> {
     prop_oneof![
         prop::sample::select(vec![
@@ -46,7 +46,7 @@ pub(crate) fn any_double() -> impl Strategy<Value = f64> {
     ]
 }
 
-/// Anything between two positive numbers, every power of ten alike.
+/// Returns numbers between two positive limits, uniform in the logarithm.
 pub(crate) fn wide(low: f64, high: f64) -> impl Strategy<Value = f64> {
     (low.log10()..high.log10()).prop_map(|e| 10f64.powf(e))
 }

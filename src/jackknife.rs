@@ -1,12 +1,12 @@
-//! How far an estimate moves when whole tilts, azimuths or scans are left out.
+//! The change of an estimate when whole tilts, azimuths or scans are left out.
 //!
-//! What a model misses is smooth over the poses, so its errors are alike within a tilt or an azimuth, and residuals
-//! taken as independent would understate what they do. A jackknife over groups keeps that. Call [`by_groups`]. It
-//! takes the estimate as linear in the data and knows nothing of where they come from.
+//! The model error is smooth over the poses, so it is correlated within a tilt or an azimuth. Residuals taken as
+//! independent would understate its effect. A jackknife over groups includes the correlation. Call [`by_groups`]. It
+//! takes the estimate as linear in the data and does not depend on their source.
 //!
-//! *Conditioning.* What is left out in turn is solved from triangles put together by QR, never by taking sums of
-//! squares away from each other, which would cancel where one group holds nearly all the weight; and in directions
-//! scaled to the information of all rows, in which the singular values of what stays are its shares, from 0 to 1.
+//! *Conditioning.* The estimate without a group is solved from triangles combined by QR. Sums of squares are never
+//! subtracted, which would cancel if one group has nearly all the weight. Directions are scaled to the information of
+//! all rows, so the singular values of the remaining rows are their shares of it, from 0 to 1.
 
 use std::collections::BTreeMap;
 
@@ -15,16 +15,16 @@ use nalgebra::{DMatrix, DVector};
 use crate::geometry::{Pose, alike, alike_around};
 use crate::units::Angle;
 
-/// Share of the strongest direction, all columns of derivatives scaled to 1, below which a direction is null.
+/// Share of the strongest direction, with all columns of derivatives scaled to 1, below which a direction is null.
 const NULL: f64 = 1e-10;
 
-/// Groups of rows along one axis of a scan; `None` for rows that are in every group's rest.
+/// Groups of rows along one axis of a scan; `None` for rows that are never left out.
 pub type Labels = Vec<Option<i64>>;
 
-/// Poses within this of each other along an axis are of one tilt or azimuth.
+/// Poses within this distance along an axis belong to one tilt or azimuth.
 const SAME: Angle = Angle::from_deg(0.1);
 
-/// Tilts and azimuths of poses as labels of the rows that they are.
+/// Returns the tilts and azimuths of poses as labels of their rows.
 #[must_use]
 pub fn axes(poses: impl Iterator<Item = Pose>) -> [Labels; 2] {
     let (tilts, turns): (Vec<Angle>, Vec<Angle>) = poses.map(|p| (p.theta_c, p.phi_s)).unzip();
@@ -32,9 +32,10 @@ pub fn axes(poses: impl Iterator<Item = Pose>) -> [Labels; 2] {
         .map(|groups| groups.into_iter().map(|group| Some(group as i64)).collect())
 }
 
-/// Standard uncertainty of each parameter from leaving out the groups of each axis in turn, all axes with three
-/// groups or more in quadrature, with the least degrees of freedom (infinite where no axis has so many).
-/// `jacobian` is column-major, `residuals` are model less observation at the minimum, both weighted.
+/// Returns the standard uncertainty of each parameter when the groups of each axis are left out in turn; all axes
+/// with three groups or more are combined in quadrature. Also returns the least degrees of freedom (infinite if no
+/// axis has three groups). `jacobian` is column-major, `residuals` are model less observation at the minimum, both
+/// weighted.
 #[must_use]
 pub fn by_groups(labels: &[Labels], jacobian: &[f64], residuals: &[f64]) -> (Vec<f64>, f64) {
     let n = jacobian.len() / residuals.len().max(1);
@@ -69,15 +70,15 @@ pub fn by_groups(labels: &[Labels], jacobian: &[f64], residuals: &[f64]) -> (Vec
     (largest, freedom)
 }
 
-/// Least share of a direction's information that must stay for a step along it to say anything: what little is
-/// left would be magnified beyond what it means.
+/// Least share of a direction's information that must remain for a step along it to be meaningful; with less, noise
+/// would be magnified.
 const STAYS: f64 = 0.25;
 
-/// Gauss–Newton steps from the minimum of all, each without one of the groups of rows. Along directions that the
-/// others hardly determine a group does without its halves in turn (rows are in the order of the other axis of the
-/// scan), and so on: what a whole azimuth alone tells is judged by parts of that azimuth. Each group is reduced to a
-/// triangle once, and what stands before and what stands behind a group to one each, so the rows are read once
-/// however many groups there are.
+/// Returns the Gauss–Newton steps from the minimum of all rows, each without one of the groups. Along directions that
+/// the other groups hardly determine, the halves of the group are left out in turn (rows are in the order of the
+/// other axis of the scan), and so on recursively: information that only one azimuth has is tested by parts of that
+/// azimuth. Each group is reduced to a triangle once, and so are the rows before it and those behind it, so the rows
+/// are read once for any number of groups.
 fn steps_without(
     jacobian: &[f64],
     residuals: &[f64],
@@ -110,8 +111,8 @@ fn steps_without(
     steps
 }
 
-/// The triangle R of a column-major matrix of n columns and at least n rows; not a number all over where an entry
-/// is not, or where squares pass the largest double.
+/// Returns the triangle R of a column-major matrix of n columns and at least n rows; all NaN if an entry is NaN, or
+/// if the squares overflow.
 fn triangle(a: Vec<f64>, rows: usize, n: usize) -> Vec<f64> {
     let a = DMatrix::from_vec(rows, n, a);
     if !a.norm_squared().is_finite() {
@@ -120,20 +121,20 @@ fn triangle(a: Vec<f64>, rows: usize, n: usize) -> Vec<f64> {
     a.qr().unpack_r().as_slice().to_vec()
 }
 
-/// Two triangles as one.
+/// Combines two triangles into one.
 fn stacked(upper: &[f64], lower: &[f64], n: usize) -> Vec<f64> {
     let columns = upper.chunks(n + 1).zip(lower.chunks(n + 1));
     let a = columns.flat_map(|(u, l)| u.iter().chain(l).copied());
     triangle(a.collect(), 2 * (n + 1), n + 1)
 }
 
-/// The columns of derivatives in a triangle.
+/// Returns the columns of derivatives in a triangle.
 fn derivatives(triangle: &[f64], n: usize) -> DMatrix<f64> {
     DMatrix::from_fn(n, n, |i, j| triangle[i + j * (n + 1)])
 }
 
-/// Directions of the parameters along each of which all rows together know one unit; null directions are not
-/// among them.
+/// Returns directions of the parameters that are scaled so that all rows together determine one unit along each; null
+/// directions are excluded.
 fn whitening(all: &[f64], n: usize) -> DMatrix<f64> {
     let mut r = derivatives(all, n);
     let lengths: Vec<f64> = r.column_iter().map(|c| c.norm()).collect();
@@ -171,7 +172,7 @@ struct Rows<'r> {
 }
 
 impl Rows<'_> {
-    /// Some of them as a triangle with the right-hand side as its last column.
+    /// Reduces some rows to a triangle, with the right-hand side as its last column.
     fn triangle(&self, rows: &[usize]) -> Vec<f64> {
         let (m, n) = (self.residuals.len(), self.n);
         let height = rows.len().max(n + 1);
@@ -185,8 +186,8 @@ impl Rows<'_> {
         triangle(a, height, n + 1)
     }
 
-    /// Adds the step without `group`, `others` being all else, as far as it lies in the directions `within`; and
-    /// along those that the others leave open the steps without its halves.
+    /// Adds the step without `group`, where `others` are all other rows, within the directions `within`. Along those
+    /// that the others do not determine, adds the steps without its halves.
     fn leave(
         &self,
         group: &[usize],
@@ -233,8 +234,8 @@ impl Rows<'_> {
 mod tests {
     use super::*;
 
-    /// Derivatives (column by column) and residuals at the minimum of a straight line with noise, groups of
-    /// `each` rows: the slope's derivative is `of_group` + a hundredth of the place in the group.
+    /// Returns derivatives (column by column) and residuals at the minimum of a straight line with noise, in groups of
+    /// `each` rows: the slope's derivative is `of_group`, plus a hundredth of it times the index in the group.
     fn line(of_group: &[f64], each: usize) -> (Vec<f64>, Vec<f64>, Vec<Vec<usize>>) {
         let m = of_group.len() * each;
         let slope = |i: usize| of_group[i / each] * (1.0 + 0.01 * (i % each) as f64);
@@ -250,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn where_the_others_know_enough_a_step_is_their_own_solution() {
+    fn if_the_others_determine_the_estimate_a_step_is_their_own_solution() {
         let (jacobian, residuals, groups) = line(&[-1.0, -0.6, -0.2, 0.2, 0.6, 1.0], 5);
         let steps = steps_without(&jacobian, &residuals, &groups, &[]);
         assert_eq!(steps.len(), 6);
@@ -266,8 +267,8 @@ mod tests {
     }
 
     #[test]
-    fn what_one_group_alone_tells_is_judged_by_its_halves() {
-        // The slope is known by the last group alone: without it nobody knows it.
+    fn information_of_a_single_group_is_tested_by_its_halves() {
+        // Only the last group determines the slope.
         let (jacobian, residuals, groups) = line(&[0.0, 1e-6, 1.0], 8);
         let steps = steps_without(&jacobian, &residuals, &groups, &[]);
         assert!(steps.len() > 3);
@@ -278,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_direction_that_nobody_knows_takes_no_step() {
+    fn an_undetermined_direction_takes_no_step() {
         let (mut jacobian, residuals, groups) = line(&[-1.0, 1.0, 2.0], 4);
         jacobian.extend([0.0; 12]);
         let twice: Vec<f64> = jacobian[12..24].to_vec();
@@ -288,7 +289,7 @@ mod tests {
                 step.iter().all(|p| p.is_finite()) && step[2] == 0.0,
                 "{step:?}"
             );
-            // Two that only their sum is known of share it.
+            // Two parameters of which only the sum is determined share it.
             assert!((step[1] - step[3]).abs() < 1e-12, "{step:?}");
         }
     }

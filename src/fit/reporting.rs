@@ -565,11 +565,11 @@ fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
     if variant != VariantName::Traced && !(variant == VariantName::Sawtooth && e.takes_tier()) {
         list.push(left_out::cone_average(cones, narrow));
     }
-    if variant != VariantName::Traced {
-        list.push(match e.values.real.crest > 0.0 {
-            true => left_out::burrs_and_draft(),
-            false => left_out::ideal_profile(),
-        });
+    match variant {
+        VariantName::Traced => {}
+        VariantName::Paper => list.push(left_out::ideal_profile()),
+        // Rounded crests are among the real terms below.
+        VariantName::Sawtooth => list.push(left_out::burrs_and_draft(e.values.real.crest > 0.0)),
     }
     match variant {
         VariantName::Traced => list.push(LeftOut::new(

@@ -1,4 +1,4 @@
-//! The recorded checkerboard, whose layout the map does not know, and the errors for invalid input.
+//! The recorded checkerboard, whose layout is not an input of the map, and the errors for invalid input.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};

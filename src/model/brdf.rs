@@ -1,19 +1,18 @@
-//! The printed BRDF to the last digit, with a name for every case that has none.
+//! The printed BRDF to the last digit, with a named error for every undefined case.
 //!
-//! Call [`evaluate`]. It takes the angles as they stand in a table and works in double-double, so
-//! that the error is the final rounding: |f − exact| ≤ 2⁻⁵³ |f| or so, grazing incidence, narrow
-//! lobes and indices near 1 included. Fits use [`super::paper`], which is as exact as doubles
-//! allow and a hundred times faster.
+//! Call [`evaluate`]. It takes the angles as given in a table and computes in double-double arithmetic, so the error
+//! is about that of the final rounding: |f − exact| ≤ 2⁻⁵³ |f|, including grazing incidence, narrow lobes and indices
+//! near 1. Fits use [`super::paper`], which is as exact as f64 allows and a hundred times faster.
 //!
-//! Traps met here: on the side that the facets lean to, G1/(ω·n) = 1/(cos θr ω·m), where the
-//! printed 1 − tan θr tan θp cancels; h·v_m is a difference of nearly equal products when h is
-//! near m; cos and sin of the difference angle are |ω_i ± ω_o|/2, not from arccos of a dot product.
+//! Traps: on the side that the facets lean to, G1/(ω·n) = 1/(cos θr ω·m), while the printed 1 − tan θr tan θp
+//! cancels; h·v_m is a difference of nearly equal products if h is near m; cos and sin of the difference angle are
+//! |ω_i ± ω_o|/2, not from arccos of a dot product.
 
 use thiserror::Error;
 
 use super::double_double::{ComplexDd, Dd};
 
-/// One row: directions, surface, optics. Angles in rad; φ from u towards v.
+/// One row: directions, surface, optics. Angles in rad; φ counts from u towards v.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Case {
     /// Angle of ω_i from n, rad.
@@ -51,28 +50,28 @@ pub struct Evaluation {
     pub fresnel: f64,
 }
 
-/// Why a row has no double as its answer.
+/// The reason why a row has no result as an f64.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum Refusal {
-    /// A NaN or an infinity among the inputs.
+    /// An input is NaN or infinite.
     #[error("{0} is not a finite number")]
     NotFinite(&'static str),
-    /// A direction at or below the horizon.
+    /// A direction is at or below the horizon.
     #[error("{0} is not within ±π/2: the direction is not above the surface")]
     BelowHorizon(&'static str),
-    /// A ridge of 90° or more.
+    /// The ridge angle is 90° or more.
     #[error("theta_r is not within ±π/2")]
     RidgeTooSteep,
-    /// A roughness that is zero (a delta function) or negative.
+    /// A roughness is zero (a delta function) or negative.
     #[error("{0} is not positive: a perfectly smooth surface has no finite BRDF")]
     RoughnessNotPositive(&'static str),
-    /// A negative reflectance or index.
+    /// A reflectance or an index is negative.
     #[error("{0} is negative")]
     Negative(&'static str),
-    /// N = 0.
+    /// The index is zero.
     #[error("eta and k are both zero: there is no such index")]
     IndexZero,
-    /// More than the largest double.
+    /// A result exceeds the largest double.
     #[error("{0} exceeds the largest double")]
     Overflow(&'static str),
 }
@@ -96,7 +95,7 @@ impl Case {
                 return Err(Refusal::NotFinite(name));
             }
         }
-        // The double nearest π/2 lies below π/2, the next one above it.
+        // The double nearest π/2 is below π/2, the next one above it.
         let right_angle = std::f64::consts::FRAC_PI_2;
         for (name, theta) in [("theta_i", self.theta_i), ("theta_o", self.theta_o)] {
             if theta.abs() > right_angle {
@@ -123,12 +122,10 @@ impl Case {
     }
 }
 
-/// Evaluates Eqs. 1–6 with masking to the pitch normal.
-///
-/// A value below the smallest double is 0, as rounding says.
+/// Evaluates Eqs. 1–6 with masking to the pitch normal. A value below the smallest double rounds to 0.
 ///
 /// # Errors
-/// [`Refusal`] names the input or the result that is no number.
+/// [`Refusal`] names the invalid input or the result out of range.
 pub fn evaluate(case: &Case) -> Result<Evaluation, Refusal> {
     case.check()?;
     let direction = |theta: f64, phi: f64| {
@@ -172,7 +169,7 @@ pub fn evaluate(case: &Case) -> Result<Evaluation, Refusal> {
             Err(Refusal::Overflow(name))
         }
     };
-    // Without masking there is nothing to see, however tall the lobe.
+    // A fully masked lobe is invisible, whatever its height.
     let f = if g.hi <= 0.0 { 0.0 } else { finite("f", f)? };
     Ok(Evaluation {
         f,
@@ -182,7 +179,7 @@ pub fn evaluate(case: &Case) -> Result<Evaluation, Refusal> {
     })
 }
 
-/// G1(ω) and G1(ω)/(ω·n).
+/// Returns G1(ω) and G1(ω)/(ω·n).
 fn masking(w: [Dd; 3], sin: Dd, cos: Dd) -> (Dd, Dd) {
     let m = w[1] * sin + w[2] * cos;
     if m.hi <= 0.0 {
@@ -200,14 +197,14 @@ fn masking(w: [Dd; 3], sin: Dd, cos: Dd) -> (Dd, Dd) {
     (open, open / w[2])
 }
 
-/// D for the half vector (x along u_m, y along v_m, z along m; squared length `h2`).
+/// Returns D for the half vector (x along u_m, y along v_m, z along m; squared length `h2`).
 fn density(x: Dd, y: Dd, z: Dd, h2: Dd, alpha_u: f64, alpha_v: f64) -> Scaled {
     if z.hi <= 0.0 {
         return Scaled::ZERO;
     }
     let slope_u = Scaled::from(x / z) / Scaled::from(alpha_u);
     let slope_v = Scaled::from(y / z) / Scaled::from(alpha_v);
-    // Nothing else in f can bring e^(−10⁸) back into the range of doubles.
+    // No other factor in f can bring e^(−10⁸) back into the range of doubles.
     let (Some(a), Some(b)) = (slope_u.below(1e4), slope_v.below(1e4)) else {
         return Scaled::ZERO;
     };
@@ -217,7 +214,7 @@ fn density(x: Dd, y: Dd, z: Dd, h2: Dd, alpha_u: f64, alpha_v: f64) -> Scaled {
     peak / Scaled::from(alpha_u) / Scaled::from(alpha_v)
 }
 
-/// Unpolarised reflectance from cosine and sine of the angle of incidence.
+/// Returns the unpolarised reflectance from cosine and sine of the angle of incidence.
 fn reflectance(cos: Dd, sin: Dd, eta: f64, k: f64) -> Dd {
     let size = eta.max(k);
     let real = ComplexDd::real;
@@ -268,14 +265,14 @@ fn reflectance(cos: Dd, sin: Dd, eta: f64, k: f64) -> Dd {
     if mean.hi > 1.0 { Dd::ONE } else { mean }
 }
 
-/// A double-double with a power of two beside it: products of extreme factors stay in range.
+/// A double-double with a separate power of two, so that products of extreme factors stay in range.
 #[derive(Debug, Clone, Copy)]
 struct Scaled {
     mantissa: Dd,
     exponent: i64,
 }
 
-/// 2^e for any e, as far as doubles go.
+/// Returns 2^e for any e, within the range of doubles.
 fn power_of_two(e: i64) -> f64 {
     2f64.powi(e.clamp(-1100, 1100) as i32)
 }
@@ -290,7 +287,7 @@ impl Scaled {
         if mantissa.hi == 0.0 {
             return Scaled::ZERO;
         }
-        // Subnormals first grow into the normal range, where the exponent field counts.
+        // Subnormals are first scaled into the normal range, where the exponent field is valid.
         let (mantissa, exponent) = if mantissa.hi.abs() < f64::MIN_POSITIVE {
             let up = power_of_two(200);
             (
@@ -334,7 +331,7 @@ impl Scaled {
         }
     }
 
-    /// The plain number if its modulus is below `limit`.
+    /// Returns the plain number if its modulus is below `limit`.
     fn below(self, limit: f64) -> Option<Dd> {
         let value = self.to_f64();
         if value.abs() >= limit {
@@ -438,12 +435,12 @@ mod tests {
     }
 
     #[test]
-    fn every_reference_case_is_reached_to_its_last_digit() {
+    fn every_reference_case_is_exact_to_its_last_digit() {
         let cases = cases();
         assert_eq!(cases.len(), 3000);
         for (name, case, [f, d, g, fresnel, cond]) in cases {
             let e = evaluate(&case).unwrap();
-            // Required is 4 · 2⁻⁵³ (1 + cond); one rounding of the result is all we need.
+            // The requirement is 4 · 2⁻⁵³ (1 + cond); the form needs only one rounding of the result.
             let bound = 0.5 * f64::EPSILON * (1.0 + cond) * f;
             assert!(
                 (e.f - f).abs() <= bound,
@@ -452,7 +449,7 @@ mod tests {
             );
             for (ours, theirs) in [(e.f, f), (e.d, d), (e.g, g), (e.fresnel, fresnel)] {
                 assert!(
-                    // At index 1 exactly F is 0; the table holds 60 digits' rounding there.
+                    // At index 1 exactly F is 0; there the table contains the rounding of its 60 digits.
                     (ours - theirs).abs() <= f64::EPSILON * theirs.abs() + 1e-60,
                     "{name} {case:?}: {ours} against {theirs}"
                 );
@@ -461,7 +458,7 @@ mod tests {
     }
 
     #[test]
-    fn no_finite_input_makes_a_nan_and_every_refusal_has_a_name() {
+    fn no_finite_input_makes_a_nan_and_every_error_is_named() {
         let extremes = [
             0.0,
             -0.0,
@@ -488,7 +485,7 @@ mod tests {
             1.0 + f64::EPSILON,
             1.0 - f64::EPSILON,
         ];
-        // A small linear congruence picks the fields; every draw is repeatable.
+        // A linear congruential generator picks the fields, so every draw is repeatable.
         let mut state: u64 = 12345;
         let mut next = || {
             state = state
@@ -543,7 +540,7 @@ mod tests {
     }
 
     #[test]
-    fn not_finite_inputs_are_refused_by_the_name_of_the_column() {
+    fn inputs_that_are_not_finite_are_refused_by_the_name_of_the_column() {
         let (_, mut case, _) = cases().swap_remove(0);
         case.eta = f64::NAN;
         assert_eq!(evaluate(&case), Err(Refusal::NotFinite("eta")));

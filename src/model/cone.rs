@@ -1,11 +1,11 @@
-//! Averages over the cones of lamp and lens, where widened lobes are not enough.
+//! Averages over the cones of lamp and lens, for lobes too narrow to be widened instead.
 //!
-//! The one function to call: [`nodes`]. A lobe sees its half vector alone, which moves by half of what
-//! lamp and lens move: a displacement a of the lamp and b of the lens is one of a + b of the lamp, to first
-//! order in the angles. So both averages are one, over a disc of radius Rl + Rc that is weighted by the
-//! density of a + b. That density is the area that two discs share, and for one cone alone it is even.
+//! Call [`nodes`]. A lobe depends only on its half vector, which moves by half of what lamp and lens move. To first
+//! order in the angles, a displacement a of the lamp and b of the lens is equivalent to one of a + b of the lamp. So
+//! both averages are one average over a disc of radius Rl + Rc, weighted by the density of a + b. That density is
+//! proportional to the overlap of two discs; for a single cone it is uniform.
 //!
-//! Conditioning: weights are positive and sum to 1, so an average is as exact as its terms.
+//! *Conditioning.* Weights are positive and sum to 1, so an average is as exact as its terms.
 
 use std::f64::consts::PI;
 
@@ -17,16 +17,16 @@ use crate::geometry::{Cones, Directions};
 /// A displacement of the lamp across its direction, rad, and its weight; the weights sum to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Node {
-    /// Along the two axes of [`across`].
+    /// Along the first axis of [`across`].
     pub x: f64,
-    /// The other axis.
+    /// Along the second axis.
     pub y: f64,
     /// Share of the light.
     pub weight: f64,
 }
 
 impl Node {
-    /// All of the light, where it would be with points at both ends.
+    /// The node with all of the light, for point-like lamp and lens.
     pub const CENTRE: Node = Node {
         x: 0.0,
         y: 0.0,
@@ -34,13 +34,13 @@ impl Node {
     };
 }
 
-/// Cones narrower than this in lobe widths need seven nodes only.
+/// Reach of the cones, in lobe widths, up to which seven nodes suffice.
 const NARROW: f64 = 0.3;
-/// Rings at most, in groups of four: enough for lobes of a twentieth of the cones' radius.
+/// Largest number of rings, in groups of four: enough for lobes of a twentieth of the cones' radius.
 const PANELS_MAX: f64 = 20.0;
 
-/// Cubature over both cones for lobes of the roughness `alpha`: seven nodes, exact to degree 5, where the
-/// lobe is broader than the cones; rings of Gauss nodes where it is not. Angles in rad.
+/// Returns a cubature over both cones for lobes of the roughness `alpha`: seven nodes, exact to degree 5, if the lobe
+/// is broader than the cones; otherwise rings of Gauss nodes. Angles in rad.
 #[must_use]
 pub fn nodes(cones: &Cones, alpha: f64) -> Vec<Node> {
     let (lamp, lens) = (cones.lamp.rad().abs(), cones.lens.rad().abs());
@@ -48,7 +48,7 @@ pub fn nodes(cones: &Cones, alpha: f64) -> Vec<Node> {
     if large <= 0.0 {
         return vec![Node::CENTRE];
     }
-    // The half vector moves by half the angle: the cones' reach in lobe widths.
+    // The half vector moves by half the angle: reach of the cones in lobe widths.
     let breadth = (large + small) / (2.0 * alpha);
     if breadth <= NARROW {
         seven(large, small)
@@ -57,7 +57,7 @@ pub fn nodes(cones: &Cones, alpha: f64) -> Vec<Node> {
     }
 }
 
-/// The centre and six nodes on a ring with the second and the fourth moment of a + b.
+/// Returns the centre and six nodes on a ring, with the second and the fourth moment of a + b.
 fn seven(large: f64, small: f64) -> Vec<Node> {
     // In units of the larger radius, whose powers could underflow.
     let q = (small / large).powi(2);
@@ -78,11 +78,11 @@ fn rings(large: f64, small: f64, breadth: f64) -> Vec<Node> {
     let spokes = 12 * count as u32 + 4;
     let (reach, even) = (large + small, large - small);
     let inner = (count * even / reach).ceil();
-    // In the squared radius every ring of an evenly filled disc has the same share.
+    // In the squared radius every ring of a uniformly filled disc has the same share.
     let mut circles = panels(inner, |t| (even * even * t, even * even));
     if small > 0.0 {
-        // Where the shared area begins to shrink and where it ends, it does so with the power 3/2: a
-        // variable that is quadratic there makes it smooth. Two panels have its fourth moment to 3e-4.
+        // At the radius where the overlap begins to shrink and at the one where it ends, it varies with the power
+        // 3/2; a variable that is quadratic there makes it smooth. Two panels give its fourth moment to 3e-4.
         let width = reach * reach - even * even;
         circles.extend(panels((count - inner).max(2.0), |t| {
             let square = even * even + width * t * t * (3.0 - 2.0 * t);
@@ -101,12 +101,12 @@ fn rings(large: f64, small: f64, breadth: f64) -> Vec<Node> {
 
 struct Circle {
     radius: f64,
-    /// Of its first node, in steps between nodes.
+    /// Offset of its first node, in steps between nodes.
     turn: f64,
     weight: f64,
 }
 
-/// Gauss nodes of so many panels over 0 to 1, each at the squared radius that `square` gives with its
+/// Returns the Gauss nodes of `count` panels over 0 to 1, each at the squared radius that `square` returns with its
 /// derivative.
 fn panels(count: f64, square: impl Fn(f64) -> (f64, f64)) -> Vec<Circle> {
     (0..count as u32)
@@ -133,7 +133,7 @@ fn ring(radius: f64, spokes: u32, turn: f64, weight: f64) -> impl Iterator<Item 
     })
 }
 
-/// Area that two discs share whose centres are `distance` apart, over the area of the smaller one.
+/// Returns the overlap of two discs whose centres are `distance` apart, over the area of the smaller one.
 fn shared(distance: f64, large: f64, small: f64) -> f64 {
     if distance <= large - small {
         return 1.0;
@@ -141,7 +141,7 @@ fn shared(distance: f64, large: f64, small: f64) -> f64 {
     if distance >= large + small {
         return 0.0;
     }
-    // Half the angle under which each centre sees the common chord.
+    // Half the angle that the common chord subtends at each centre.
     let cos = |a: f64, b: f64| {
         ((distance * distance + a * a - b * b) / (2.0 * distance * a)).clamp(-1.0, 1.0)
     };
@@ -150,7 +150,7 @@ fn shared(distance: f64, large: f64, small: f64) -> f64 {
     (at_large + segment(cos(small, large))) / PI
 }
 
-/// Two unit vectors across the unit vector `w`.
+/// Returns two unit vectors perpendicular to the unit vector `w` and to each other.
 #[must_use]
 pub fn across(w: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     let helper = if w.z.abs() < 0.9 {
@@ -162,7 +162,7 @@ pub fn across(w: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     (x, w.cross(&x))
 }
 
-/// The directions with the lamp moved by `node`.
+/// Returns the directions with the lamp moved by `node`.
 #[must_use]
 pub fn moved(directions: &Directions, node: &Node) -> Directions {
     let w = directions.incident;
@@ -173,8 +173,9 @@ pub fn moved(directions: &Directions, node: &Node) -> Directions {
     }
 }
 
-/// Largest difference of a widened lobe (α² + (Rl² + Rc²)/8) from the average over the cones, over the
-/// top of the latter; and the same of the lobe as it is. For lobes of the roughness `alpha` along both axes.
+/// Returns the largest difference of a widened lobe (α² + (Rl² + Rc²)/8) from the average over the cones, over the
+/// peak of the latter, and that of the lobe for point-like lamp and lens. For lobes of the roughness `alpha` along
+/// both axes.
 #[must_use]
 pub fn costs(cones: &Cones, alpha: f64) -> Costs {
     if cones.reach() <= 0.0 {
@@ -183,8 +184,8 @@ pub fn costs(cones: &Cones, alpha: f64) -> Costs {
             point: 0.0,
         };
     }
-    // Lobes narrower than the nodes' distance would fall between them; what a widened lobe costs has come to its
-    // end by then (all of the top).
+    // Lobes narrower than the nodes' spacing would fall between them; the error of a widened lobe has reached the whole
+    // peak before that.
     let alpha = alpha.max(cones.reach() / (2.0 * PANELS_MAX));
     let nodes = nodes(cones, alpha);
     let average = |at: f64| -> f64 {
@@ -200,7 +201,7 @@ pub fn costs(cones: &Cones, alpha: f64) -> Costs {
         widened: 0.0,
         point: 0.0,
     };
-    // From the top to where both the lobe and the cones have ended.
+    // From the peak to where both the lobe and the cones have ended.
     let end = 0.5 * cones.reach() + 3.0 * alpha;
     for step in 0..=STEPS {
         let at = end * f64::from(step) / f64::from(STEPS);
@@ -213,10 +214,10 @@ pub fn costs(cones: &Cones, alpha: f64) -> Costs {
     costs
 }
 
-/// Places at which [`costs`] compares.
+/// Number of steps at which [`costs`] compares.
 const STEPS: u32 = 24;
 
-/// What simpler forms than the average over the cones cost, as shares of a lobe's top.
+/// Errors of forms simpler than the average over the cones, as shares of a lobe's peak.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Costs {
     /// Widened lobes.
@@ -239,7 +240,7 @@ mod tests {
         }
     }
 
-    /// Mean of f(a + b) over two discs, by an even-area product rule that knows nothing of [`nodes`].
+    /// Returns the mean of f(a + b) over two discs by a product rule of equal areas, independent of [`nodes`].
     fn brute(lamp: f64, lens: f64, f: &dyn Fn(f64, f64) -> f64) -> f64 {
         const RINGS: u32 = 24;
         let disc = |radius: f64| -> Vec<(f64, f64)> {
@@ -273,7 +274,7 @@ mod tests {
                 assert!((of(&|_| 1.0) - 1.0).abs() < 1e-12);
                 // The widening is half the variance of the half vector's slope along one axis, twice.
                 let second = of(&|n| n.x * n.x);
-                // What two discs share is no polynomial.
+                // The overlap of two discs is not a polynomial.
                 let rounding = if lens > 0.0 && alpha < 1.0 {
                     3e-4
                 } else {
@@ -295,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn narrow_lobes_are_averaged_as_by_brute_force() {
+    fn averages_of_narrow_lobes_agree_with_brute_force() {
         for (lamp, lens, alpha) in [
             (0.02, 0.012, 0.008),
             (0.01, 0.01, 0.005),
@@ -311,7 +312,7 @@ mod tests {
                     .iter()
                     .map(|n| n.weight * lobe(n.x, n.y))
                     .sum();
-                // The brute force has 24 rings: an error of some 1/24² of what a ring changes.
+                // The brute force has 24 rings, with an error of some 1/24² of a ring's change.
                 assert!(
                     (found - expected).abs() < 2e-3,
                     "{lamp} {lens} {alpha} {at}: {found} {expected}"
@@ -320,7 +321,7 @@ mod tests {
         }
     }
 
-    /// A point of a disc of directions, by itself: no word of displacements that add up.
+    /// Returns points of a disc of directions, without the assumption that displacements add.
     fn discs(w: Vector3<f64>, radius: f64) -> Vec<Vector3<f64>> {
         let (x, y) = across(&w);
         (0..8)
@@ -335,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn moving_the_lamp_for_both_is_as_good_as_moving_lamp_and_lens() {
+    fn moving_only_the_lamp_is_equivalent_to_moving_lamp_and_lens() {
         let both = cones(1.2f64.to_radians(), 2f64.to_radians());
         let rig = RigGeometry {
             theta_l: Angle::from_deg(30.0),
@@ -386,17 +387,17 @@ mod tests {
                 closed_off = closed_off.max((closed - expected).abs());
             }
             assert!(off < limit * peak, "{alpha}: {}", off / peak);
-            let told = costs(&both, alpha).widened;
+            let stated = costs(&both, alpha).widened;
             assert!(
-                closed_off < 1.5 * told * peak + limit * peak,
-                "{alpha}: {} told {told}",
+                closed_off < 1.5 * stated * peak + limit * peak,
+                "{alpha}: {} stated {stated}",
                 closed_off / peak
             );
         }
     }
 
     #[test]
-    fn widened_lobes_cost_little_where_they_are_broad_and_much_where_they_are_narrow() {
+    fn widened_lobes_are_exact_if_broad_and_wrong_if_narrow() {
         let led = cones(1f64.to_radians(), 0.0);
         let broad = costs(&led, 0.06);
         assert!(broad.widened < 2e-4 && broad.point > 5e-3, "{broad:?}");

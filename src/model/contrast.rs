@@ -1,18 +1,18 @@
-//! Contrast after rotation, the quantity that the first paper's authors measure.
+//! Contrast after rotation, the quantity that the authors of the first paper measure.
 //!
-//! [`predict`] gives the table of θr × θc with the contrasts between φs = 0° and 90° and between 90°
-//! and 180° (Luongo et al. 2017, section 4); [`Table::of`] makes the same table of radiances that
-//! come from elsewhere (a scan, a path tracer). Contrast is the absolute difference of two radiant
-//! exposures, known up to the rig's constant k; here of two radiances for lamp irradiance 1 on a
-//! surface facing it. The Michelson contrast |a − b|/(a + b) beside it is free of k.
+//! [`predict`] returns the table of θr × θc with the contrasts between φs = 0° and 90° and between 90° and 180°
+//! (Luongo et al. 2017, section 4); [`Table::of`] makes the same table from other radiances (a scan, a path tracer).
+//! Contrast is the absolute difference of two radiant exposures, known up to the rig's constant k; here it is that of
+//! two radiances for lamp irradiance 1 on a surface that faces the lamp. The Michelson contrast |a − b|/(a + b) is
+//! independent of k.
 //!
-//! [`super::optimum`] looks for the surface of greatest contrast.
+//! [`super::optimum`] searches for the surface of greatest contrast.
 //!
-//! *Conditioning.* An absolute contrast is a difference of radiances that come from one form: its error is theirs,
-//! not multiplied. Michelson's is taken in units of the greater radiance, since the sum of two large ones
-//! may pass the largest double.
+//! *Conditioning.* An absolute contrast is a difference of radiances of one form, so its error is theirs, not
+//! multiplied. Michelson's is computed in units of the greater radiance, since the sum of two large ones may exceed
+//! the largest double.
 //!
-//! It does not know how good a contrast is: that is a specification's business.
+//! Limits of contrast belong to a specification, not to this module.
 
 use crate::geometry::{Pose, RigGeometry};
 use crate::units::Angle;
@@ -28,7 +28,7 @@ pub const PAPER_TILTS_DEG: [f64; 5] = [-20.0, -10.0, 0.0, 10.0, 20.0];
 /// Azimuths of the paper's experiment, degrees.
 pub const PAPER_AZIMUTHS_DEG: [f64; 3] = [0.0, 90.0, 180.0];
 
-/// How the radiances are computed.
+/// The model that computes the radiances.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Tier {
     /// A closed form.
@@ -55,16 +55,16 @@ pub struct Exposure {
 pub struct Contrast {
     /// |a − b|.
     pub absolute: f64,
-    /// |a − b|/(a + b); 0 where both are dark.
+    /// |a − b|/(a + b); 0 if both are dark.
     pub michelson: f64,
 }
 
 impl Contrast {
-    /// Of two radiances.
+    /// Returns the contrast of two radiances.
     #[must_use]
     pub fn between(a: f64, b: f64) -> Self {
         let absolute = (a - b).abs();
-        // In units of the greater one, since the sum of two large ones may pass the largest double.
+        // In units of the greater one, since the sum of two large ones may exceed the largest double.
         let (low, high) = (a.min(b), a.max(b));
         let michelson = if high > 0.0 && low > -high {
             absolute / high / (1.0 + low / high)
@@ -97,9 +97,9 @@ pub struct Line {
 /// A mean over the lines that share one setting (the paper's Fig. 8).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mean {
-    /// What they share, in words: degrees of θc or θr, or the pair of azimuths.
+    /// The shared setting as text: degrees of θc or θr, or the pair of azimuths.
     pub setting: String,
-    /// Mean contrast of the others.
+    /// Mean contrast over the other settings.
     pub contrast: Contrast,
 }
 
@@ -116,20 +116,20 @@ pub struct Table {
     pub by_phi_s: Vec<Mean>,
 }
 
-/// Which of the paper's findings (section 5) a table shows.
+/// Whether a table shows the paper's findings (section 5).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Findings {
     /// Mean contrast is greatest at θc = 0.
     pub greatest_at_normal_tilt: bool,
     /// Mean contrast is greatest at the smallest ridge angle (5° in the paper).
     pub greatest_at_smallest_ridge: bool,
-    /// 0°–90° shows more than 90°–180°.
+    /// Mean contrast of 0°–90° is greater than that of 90°–180°.
     pub first_quarter_stronger: bool,
 }
 
 impl Table {
-    /// The table of radiances from anywhere. Lines for which an azimuth is missing are left out;
-    /// angles are matched to a thousandth of a degree.
+    /// Makes the table from any radiances. Lines that lack an azimuth are left out; angles are matched to a
+    /// thousandth of a degree.
     #[must_use]
     pub fn of(exposures: &[Exposure]) -> Self {
         let key = |a: Angle| (a.deg() * 1000.0).round() as i64;
@@ -168,7 +168,7 @@ impl Table {
         Table::from_lines(lines)
     }
 
-    /// The same table without the Michelson contrasts of pairs that are dark: they are no numbers, and no part of a mean.
+    /// Removes the Michelson contrasts of dark pairs: they become NaN and are not part of a mean.
     #[must_use]
     pub fn without_dark(self, is_dark: impl Fn(usize, usize) -> bool) -> Self {
         let mut lines = self.lines;
@@ -235,8 +235,8 @@ impl Table {
         }
     }
 
-    /// Which of the paper's findings hold here, by absolute contrast; `None` where the table lacks a
-    /// line at θc = 0, a second tilt or a second ridge angle.
+    /// Returns which of the paper's findings hold, by absolute contrast; `None` if the table lacks a line at θc = 0, a
+    /// second tilt or a second ridge angle.
     #[must_use]
     pub fn findings(&self) -> Option<Findings> {
         let [first, second] = self.by_phi_s.as_slice() else {
@@ -260,8 +260,8 @@ impl Table {
         })
     }
 
-    /// Largest difference of a radiance from that of another table of the same lines, as a share of the other's
-    /// brightest; none where they differ in their lines or all is dark.
+    /// Returns the largest difference of a radiance from that of another table with the same lines, as a share of the
+    /// other's brightest; `None` if the lines differ or all are dark.
     #[must_use]
     pub fn apart(&self, other: &Table) -> Option<f64> {
         let same = |(a, b): (&Line, &Line)| a.theta_r == b.theta_r && a.theta_c == b.theta_c;
@@ -277,7 +277,7 @@ impl Table {
         (brightest > 0.0).then(|| largest / brightest)
     }
 
-    /// Mean absolute contrast of all lines and pairs.
+    /// Returns the mean absolute contrast of all lines and pairs.
     #[must_use]
     pub fn mean_absolute(&self) -> f64 {
         let n = (self.lines.len() * PAIRS.len()).max(1) as f64;
@@ -289,26 +289,26 @@ impl Table {
     }
 }
 
-/// How exact a prediction shall be, and how long it may go on.
+/// Allowed error and stopping condition of a prediction.
 #[derive(Clone, Copy)]
 pub struct Pace<'a> {
-    /// Error of the quadrature that is allowed, as a share of a surface's brightest radiance.
+    /// Allowed error of the quadrature, as a share of a surface's brightest radiance.
     pub tolerance: f64,
-    /// Asked before each surface whether to go on.
+    /// Called before each surface; returns whether to continue.
     pub go_on: &'a (dyn Fn() -> bool + Sync),
 }
 
-/// Error of the quadrature where nobody asks for another: below what a contrast is printed with.
+/// Default of the quadrature's allowed error: below the printed digits of a contrast.
 pub const TOLERANCE: f64 = 1e-5;
 
 impl Pace<'_> {
-    /// To [`TOLERANCE`], to the end.
+    /// With [`TOLERANCE`] and without a stop.
     pub const UNHURRIED: Pace<'static> = Pace {
         tolerance: TOLERANCE,
         go_on: &|| true,
     };
 
-    /// To the same error, to the end.
+    /// Returns the same allowed error without a stop.
     #[must_use]
     pub fn to_the_end(&self) -> Pace<'static> {
         Pace {
@@ -318,19 +318,19 @@ impl Pace<'_> {
     }
 }
 
-/// A predicted table with how wrong it may be and what it has not.
+/// A predicted table with its error and the ridge angles that were not reached.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prediction {
     /// The table.
     pub table: Table,
-    /// Largest error of a radiance that the quadrature estimates, as a share of the brightest; none of closed forms.
+    /// Largest error of a radiance by the quadrature's estimate, as a share of the brightest; `None` for closed forms.
     pub error: Option<f64>,
     /// Ridge angles that were not reached, degrees.
     pub left: Vec<f64>,
 }
 
-/// Predicted table for surfaces that differ in their ridge angle only (`surface.theta_r` is not
-/// used). Angles in degrees as in the paper.
+/// Predicts the table for surfaces that differ in their ridge angle only (`surface.theta_r` is not used). Angles in
+/// degrees, as in the paper.
 #[must_use]
 pub fn predict(
     tier: Tier,
@@ -344,7 +344,7 @@ pub fn predict(
     predict_paced(tier, rig, optics, surface, ridges_deg, tilts_deg, &all).table
 }
 
-/// [`predict`] to a stated error, and no further than `pace` lets it.
+/// As [`predict`], with the allowed error and the stopping condition of `pace`.
 #[must_use]
 pub fn predict_paced(
     tier: Tier,
@@ -382,7 +382,7 @@ pub fn predict_paced(
             Tier::Closed(variant) => closed(variant),
             Tier::Quadrature => {
                 let peak = closed(Variant::Sawtooth).into_iter().fold(0.0, f64::max);
-                // As the closed form and the path-traced tables that predictions are compared with.
+                // In agreement with the closed form and the path-traced tables that predictions are compared with.
                 let polarised = optics.k > 0.0;
                 let quadrature = Quadrature::new(&surface, &table).with_polarisation(polarised);
                 let found = quadrature.radiances(&directions, pace.tolerance * peak);
@@ -410,7 +410,7 @@ pub fn predict_paced(
     }
 }
 
-/// What the tests of contrast and of its optimum look at: the paper's plastic under its lamp.
+/// Inputs of the tests of contrast and its optimum: the paper's plastic under its lamp.
 #[cfg(test)]
 pub(super) mod fixture {
     use super::{Optics, RigGeometry, Surface};
@@ -421,7 +421,7 @@ pub(super) mod fixture {
         Optics::new(&RigGeometry::BESIDE, &Material::exactly(1.54, 0.0))
     }
 
-    /// The same lobe along and across ridges of angle 0.
+    /// Ridges of angle 0 with the same roughness along and across.
     pub fn plastic(alpha: f64) -> Surface {
         Surface {
             theta_r: 0.0,
@@ -471,7 +471,7 @@ mod tests {
     }
 
     #[test]
-    fn with_the_lamp_in_the_tilt_plane_they_do_not_all_hold() {
+    fn with_the_lamp_in_the_tilt_plane_the_findings_do_not_all_hold() {
         let f = table(Tier::Closed(Variant::Paper), &RigGeometry::IN_PLANE, 0.05)
             .findings()
             .unwrap();
@@ -501,7 +501,7 @@ mod tests {
             .collect()
     }
 
-    /// Largest and rms difference of the absolute contrasts over the largest contrast.
+    /// Returns the largest and the rms difference of the absolute contrasts, over the largest contrast.
     fn off(a: &Table, b: &Table) -> (f64, f64) {
         let pairs: Vec<(f64, f64)> = a
             .lines
@@ -516,7 +516,7 @@ mod tests {
     }
 
     #[test]
-    fn path_traced_contrasts_are_followed() {
+    fn contrasts_agree_with_path_tracing() {
         let beside = include_str!("../../tests/data/contrast-raytraced-paper-rig.csv");
         let in_plane = include_str!("../../tests/data/contrast-raytraced.csv");
         for (rig, text, column, alpha, rho_d) in [
@@ -546,10 +546,10 @@ mod tests {
             eprintln!(
                 "alpha {alpha}: quadrature {worst:.5} rms {rms:.5}; closed {closed:.5}; paper {paper:.5}"
             );
-            // Of the largest contrast; the tracer itself is good to 0.0003.
+            // As shares of the largest contrast; the tracer itself is good to 0.0003.
             assert!(worst < 0.006, "{worst} {rms}");
             assert!(closed < 0.012, "{closed}");
-            // The printed lobe lacks the diffuse light and sends three times the contrast.
+            // The printed lobe lacks the diffuse light and has three times the contrast.
             assert!(paper > 1.0, "{paper}");
         }
     }

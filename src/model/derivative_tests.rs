@@ -30,7 +30,7 @@ impl Scalar for D {
                 sum + (x - x.re) * slope
             })
     }
-    // num-dual's own rules, not ours.
+    // num-dual's own rules, in place of the trait's.
     fn sqrt(self) -> Self {
         DualNum::sqrt(&self)
     }
@@ -123,12 +123,12 @@ fn by_hand(variant: Variant, c: &Case) -> [f64; 14] {
 
 fn agree(variant: Variant, c: &Case, label: &str) {
     let (a, b) = (by_hand(variant, c), by_num_dual(variant, c));
-    // Natural size of each derivative: the value over the parameter, directions over 1.
+    // Natural size of each derivative: the value over the parameter; over 1 for directions.
     let s = &c.surface;
     let scales = [
         1.0, 1.0, s.alpha_u, s.alpha_v, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0,
     ];
-    // The fast form leaves retro lobes out below 1e-43 of their peak.
+    // The fast form omits retro lobes below 1e-43 of their peak.
     let floor = if variant == Variant::Sawtooth {
         1e-35
     } else {
@@ -147,7 +147,7 @@ fn agree(variant: Variant, c: &Case, label: &str) {
 }
 
 #[test]
-fn over_the_brdf_reference_cases() {
+fn gradients_agree_over_the_brdf_reference_cases() {
     for (n, line) in include_str!("../../tests/data/brdf/reference.csv")
         .lines()
         .skip(1)
@@ -158,7 +158,7 @@ fn over_the_brdf_reference_cases() {
             .skip(1)
             .map(|f| f.parse().unwrap())
             .collect();
-        // At index 1 exactly, at the critical angle and at 90° of ridge a derivative is infinite.
+        // At index 1 exactly, at the critical angle and at a ridge angle of 90° a derivative is infinite.
         if (x[8] == 1.0 && x[9] == 0.0) || x[4] > 1.5 {
             continue;
         }
@@ -189,7 +189,7 @@ fn over_the_brdf_reference_cases() {
 }
 
 #[test]
-fn over_the_closed_form_cases() {
+fn gradients_agree_over_the_closed_form_cases() {
     for (n, line) in include_str!("../../tests/data/sawtooth-closed-form.csv")
         .lines()
         .skip(1)

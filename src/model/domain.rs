@@ -1,57 +1,56 @@
-//! Numbers for which the closed forms have an answer in doubles, and a name for those that have none.
+//! The domain in which the closed forms have a result as an f64, and a named error outside it.
 //!
-//! Call [`check`] before [`super::radiance`] or a gradient where numbers come from outside. What passes
-//! gives finite values and derivatives in every direction whose angles are doubles; the ends of the
-//! ranges lie where products of the forms' factors would leave the range of doubles, far beyond
-//! any surface.
+//! Call [`check`] before [`super::radiance`] or a gradient if the numbers come from outside. Numbers that pass give
+//! finite values and derivatives in every direction whose angles are doubles. The ranges end where products of the
+//! forms' factors would leave the range of doubles, far beyond any real surface.
 
 use super::sawtooth::diffuse_transmittance;
 use super::{Optics, Surface};
 
-/// Why there is no radiance.
+/// The reason why there is no radiance.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum OutOfDomain {
-    /// A NaN, an infinity or a number at which doubles end.
-    #[error("{name} = {value:e} is not within {low:e} and {high:e}")]
+    /// A number is NaN, infinite or too extreme for doubles.
+    #[error("{name} = {value:e} is out of range ({low:e} to {high:e})")]
     Range {
-        /// Which number.
+        /// Name of the number.
         name: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
         /// Least value.
         low: f64,
         /// Greatest value.
         high: f64,
     },
-    /// Diffuse light of a body that lets next to nothing in: ρd has no unit there.
+    /// The boundary transmits next to nothing, so ρd has no unit.
     #[error(
-        "rho_d = {rho_d}, but the boundary lets in a share of {transmittance} only: set rho_d to 0"
+        "rho_d = {rho_d}, but the boundary transmits only a share of {transmittance}; set rho_d to 0"
     )]
     NothingGetsIn {
-        /// The diffuse reflectance asked for.
+        /// The requested diffuse reflectance.
         rho_d: f64,
-        /// What gets in, straight or at θl.
+        /// The transmittance, at normal incidence or at θl, whichever is less.
         transmittance: f64,
     },
-    /// Diffuse light that two walls exchange for ever without losing any: the series has no sum.
+    /// Two walls would exchange diffuse light without loss: the series diverges.
     #[error(
         "rho_d = {rho_d} implies that a wall returns {albedo} times the diffuse light it receives; lower rho_d or set \
          the body's index (eta = {eta})"
     )]
     GivesMoreThanItGets {
-        /// The diffuse reflectance asked for.
+        /// The requested diffuse reflectance.
         rho_d: f64,
-        /// Share of diffuse light that comes back, above 1.
+        /// Share of diffuse light that a wall returns, above 1.
         albedo: f64,
         /// The relative index.
         eta: f64,
     },
 }
 
-/// Whether a surface with these optics has a radiance.
+/// Checks whether a surface with these optics has a radiance.
 ///
 /// # Errors
-/// [`OutOfDomain`] names the first number that has none.
+/// [`OutOfDomain`] names the first invalid number.
 pub fn check(surface: &Surface, optics: &Optics) -> Result<(), OutOfDomain> {
     let right_angle = std::f64::consts::FRAC_PI_2;
     for (name, value, low, high) in [
@@ -66,7 +65,7 @@ pub fn check(surface: &Surface, optics: &Optics) -> Result<(), OutOfDomain> {
         ("light_angular_radius", optics.cones.lamp.rad(), 0.0, 1.5),
         ("lens_angular_radius", optics.cones.lens.rad(), 0.0, 1.5),
     ] {
-        // A NaN is within nothing.
+        // A NaN is not within any range.
         if !(low..=high).contains(&value) {
             return Err(OutOfDomain::Range {
                 name,
@@ -76,7 +75,7 @@ pub fn check(surface: &Surface, optics: &Optics) -> Result<(), OutOfDomain> {
             });
         }
     }
-    // ρd is the reflectance at the rig's own angles: straight in and θl from it.
+    // ρd is the reflectance at the rig's own angles: normal incidence and θl.
     let enters = |cos: f64| super::fresnel::transmittance(cos, optics.eta, optics.k);
     let transmittance = enters(1.0).min(enters(optics.theta_l.cos()));
     if surface.rho_d > 0.0 && transmittance < 1e-9 {
@@ -120,7 +119,7 @@ mod tests {
     };
 
     #[test]
-    fn what_labs_measure_is_within_the_domain() {
+    fn surfaces_of_real_labs_are_within_the_domain() {
         for theta_r in [-1.5, 0.0, 1e-17, 0.1, 0.7, 1.5] {
             let surface = Surface { theta_r, ..SURFACE };
             assert_eq!(check(&surface, &PLASTIC), Ok(()), "theta_r {theta_r}");
@@ -128,8 +127,8 @@ mod tests {
     }
 
     #[test]
-    fn walls_that_give_back_more_than_they_get_are_refused_only_where_they_face_each_other() {
-        // T at θl = 1.4 rad is small where straight light is let in: ρd = 1 has no body there.
+    fn walls_that_return_more_than_they_receive_are_refused_only_if_they_face_each_other() {
+        // T is small at θl = 1.4 rad and large at normal incidence: no body has ρd = 1 there.
         let optics = Optics {
             eta: 0.9,
             k: 1e-3,
@@ -149,15 +148,15 @@ mod tests {
     }
 
     #[test]
-    fn a_number_beyond_its_range_is_named() {
+    fn a_number_out_of_range_is_named() {
         let surface = Surface {
             alpha_v: f64::NAN,
             ..SURFACE
         };
-        let told = check(&surface, &PLASTIC).map_err(|e| e.to_string());
+        let message = check(&surface, &PLASTIC).map_err(|e| e.to_string());
         assert_eq!(
-            told,
-            Err("alpha_v = NaN is not within 1e-50 and 1e50".to_owned())
+            message,
+            Err("alpha_v = NaN is out of range (1e-50 to 1e50)".to_owned())
         );
     }
 }

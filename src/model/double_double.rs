@@ -1,9 +1,8 @@
 //! Numbers of about 32 digits as unevaluated sums of two doubles.
 //!
-//! What cancels in the printed BRDF (half vectors near the pitch normal, masking at grazing
-//! incidence, Fresnel near index 1) cancels here with sixteen digits to spare. Algorithms: Dekker
-//! 1971, Knuth's two-sum, and the reductions of Hida, Li and Bailey 2001 for the elementary
-//! functions.
+//! The cancellations of the printed BRDF (half vectors near the pitch normal, masking at grazing incidence, Fresnel
+//! near index 1) leave sixteen digits here. Algorithms: Dekker 1971, Knuth's two-sum, and the reductions of Hida, Li
+//! and Bailey 2001 for the elementary functions.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -12,7 +11,7 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 pub struct Dd {
     /// Leading part: the value rounded to a double.
     pub hi: f64,
-    /// What `hi` leaves.
+    /// The value less `hi`.
     pub lo: f64,
 }
 
@@ -52,7 +51,7 @@ const LN_2: Dd = Dd {
     hi: std::f64::consts::LN_2,
     lo: 2.319_046_813_846_299_6e-17,
 };
-/// Beyond this an angle's own rounding exceeds what the reduction could save.
+/// Above this, in rad, an angle's own rounding exceeds the gain of the reduction.
 const LARGEST_REDUCED: f64 = 1e5;
 
 impl Dd {
@@ -66,7 +65,7 @@ impl Dd {
         lo: 1.224_646_799_147_353_2e-16,
     };
 
-    /// Square root of a non-negative number.
+    /// Returns the square root of a non-negative number.
     #[must_use]
     pub fn sqrt(self) -> Dd {
         if self.hi <= 0.0 {
@@ -77,12 +76,12 @@ impl Dd {
         quick_two_sum(root, rest.hi / (2.0 * root))
     }
 
-    /// e^self as (mantissa near 1, power of two), so that neither end of the range is lost.
+    /// Returns e^self as (mantissa near 1, power of two), so that neither end of the range is lost.
     #[must_use]
     pub fn exp_scaled(self) -> (Dd, i64) {
         let k = (self.hi / LN_2.hi).round();
         let r = (self - LN_2 * Dd::from(k)) * (1.0 / 512.0);
-        // e^r − 1 by Taylor, then (1 + x)² − 1 = x² + 2x nine times keeps the small digits.
+        // e^r − 1 by Taylor, then (1 + x)² − 1 = x² + 2x nine times, which keeps the small digits.
         let mut term = r;
         let mut sum = r;
         for n in 2..12 {
@@ -95,8 +94,8 @@ impl Dd {
         (sum + Dd::ONE, k as i64)
     }
 
-    /// Sine and cosine of an angle in radians; to the last bits below 1e5, beyond it as good as
-    /// doubles allow (the angle's own last bit weighs more there).
+    /// Returns sine and cosine of an angle in radians; to the last bits below 1e5, beyond it as exact as doubles
+    /// allow (the angle's own last bit dominates there).
     #[must_use]
     pub fn sin_cos(angle: f64) -> (Dd, Dd) {
         if angle.abs() > LARGEST_REDUCED {
@@ -230,7 +229,7 @@ impl ComplexDd {
         ComplexDd::new(self.re * factor, self.im * factor)
     }
 
-    /// The root with non-negative real part; of a negative real number i√|z|.
+    /// Returns the root with non-negative real part; for a negative real number, i√|z|.
     #[must_use]
     pub fn sqrt(self) -> Self {
         let modulus = self.norm_sqr().sqrt();
@@ -305,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn the_cosine_of_the_double_nearest_a_right_angle_is_what_that_double_leaves() {
+    fn the_cosine_of_the_double_nearest_a_right_angle_is_its_distance_from_it() {
         let (_, c) = Dd::sin_cos(std::f64::consts::FRAC_PI_2);
         close(c, HALF_PI[1], HALF_PI[2], 1e-30);
     }

@@ -1,12 +1,12 @@
-//! Forward-mode derivatives: a number that carries its partial derivatives along.
+//! Forward-mode derivatives: a number that carries its partial derivatives.
 //!
-//! The closed forms are written once over [`Scalar`]; with `f64` they give a value, with
-//! [`Dual`] the exact gradient. The fast hand-written gradient of the inner loop is checked
-//! against this one, and this one against the crate num-dual.
+//! The closed forms are written once over [`Scalar`]; with `f64` they give a value, with [`Dual`] the exact gradient.
+//! Tests compare the fast hand-written gradient of the inner loop with this one, and this one with the crate
+//! num-dual.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// What the closed forms need of a number.
+/// The operations that the closed forms need of a number.
 pub trait Scalar:
     Copy
     + Add<Output = Self>
@@ -16,15 +16,15 @@ pub trait Scalar:
     + Neg<Output = Self>
     + Mul<f64, Output = Self>
 {
-    /// Whether derivatives travel along: then no term may be left out for being 0.
+    /// Whether the number carries derivatives: if so, no term may be omitted for having the value 0.
     const CARRIES_DERIVATIVES: bool = true;
     /// A constant.
     fn constant(value: f64) -> Self;
     /// The value without derivatives.
     fn value(self) -> f64;
-    /// f(self) for a function whose value and first derivative at `self.value()` are given.
+    /// Returns f(self) for a function whose value and first derivative at `self.value()` are given.
     fn map(self, value: f64, slope: f64) -> Self;
-    /// f(a, b, c) for a function of three numbers, from its value and partial derivatives.
+    /// Returns f(a, b, c) for a function of three numbers, from its value and partial derivatives.
     fn map3(value: f64, parts: [(Self, f64); 3]) -> Self;
 
     /// Square root.
@@ -59,7 +59,7 @@ pub trait Scalar:
         let zero = Self::constant(0.0);
         Self::map3(yv.atan2(xv), [(self, xv / r2), (x, -yv / r2), (zero, 0.0)])
     }
-    /// The larger of two; at equality `other`.
+    /// The larger of two; `other` if they are equal.
     fn larger(self, other: Self) -> Self {
         if self.value() > other.value() {
             self
@@ -67,7 +67,7 @@ pub trait Scalar:
             other
         }
     }
-    /// The smaller of two; at equality `other`.
+    /// The smaller of two; `other` if they are equal.
     fn smaller(self, other: Self) -> Self {
         if self.value() < other.value() {
             self

@@ -1,4 +1,5 @@
-//! The sawtooth with what real samples have: rough walls that conserve light, a translucent body, slopes with tails, rounded crests.
+//! The sawtooth with the terms of real samples: rough walls that conserve light, a translucent body, slopes with tails,
+//! rounded crests.
 //!
 //! Names, frame and terms are those of [`super::sawtooth`]; L (o·n) is
 //!
@@ -6,16 +7,17 @@
 //! single + retro + (1 − τ) [direct + hops + exchange] + τ c_d E(i) E(o)
 //! ```
 //!
-//! *Walls*: every transmittance T and every mirror hop F of diffuse light is T̃ and 1 − T̃ of [`super::rough_boundary`].
-//! *Body*: the share τ of the light that enters leaves evenly over many ridges; E(ω) = T_S(ω) (ω·n) is what a ridge passes,
-//! E_f + E_r of the exchange term, at most ω·n. A flat piece looks the same whatever τ. *Slopes* are Student's t ([`slopes`]).
-//! *Crests* of radius R (a share of the period's facet length p = cos θr counts as R/1 per unit period) shorten facet and riser by R
-//! and add an arc ([`crest`]); the retro lobe keeps the riser's straight part f = 1 − R/r, mirror hops the mean of 1 and f.
+//! *Walls*: every transmittance T and every mirror hop F of diffuse light is T̃ and 1 − T̃ of
+//! [`super::rough_boundary`]. *Body*: the share τ of the light that enters leaves uniformly over many ridges; E(ω) =
+//! T_S(ω) (ω·n) is the light that a ridge transmits, E_f + E_r of the exchange term, at most ω·n. The appearance of a
+//! flat piece does not depend on τ. *Slopes* are Student's t ([`slopes`]). *Crests* of radius R (relative to the
+//! facet length p = cos θr; R per unit period in the form) shorten facet and riser by R and add an arc ([`crest`]);
+//! the retro lobe keeps the riser's straight part f = 1 − R/r, mirror hops the mean of 1 and f.
 //!
-//! With τ, ι and R 0 and smooth walls the form is [`super::sawtooth`]'s. It is written once over [`Number`]. The function to call is
+//! With τ, ι and R 0 and smooth walls the form is that of [`super::sawtooth`]. It is written once over [`Number`]. Call
 //! [`radiance_of`]; fits call [`partials`].
 //!
-//! What it leaves out: slopes that hide each other on single reflection, the second order of R, a draft of the riser.
+//! The form omits the mutual masking of slopes on single reflection, the second order of R, and a draft of the riser.
 
 pub(super) mod crest;
 pub mod slopes;
@@ -30,13 +32,13 @@ use super::{Optics, Surface};
 use crate::geometry::Directions;
 use slopes::Slopes;
 
-/// Largest crest radius that is looked for, as a share of the riser.
+/// Largest crest radius of a search, as a share of the riser.
 pub const CREST_MAX: f64 = 0.8;
 
-/// What real samples have beside a [`Surface`].
+/// The deviations of real samples from an ideal [`Surface`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Real {
-    /// Share τ of the body's light that leaves evenly over the ridges, 0 to 1.
+    /// Share τ of the body's light that leaves uniformly over the ridges, 0 to 1.
     pub translucency: f64,
     /// Tail ι of the slopes: 0 Beckmann, 1 GGX.
     pub tail: f64,
@@ -53,18 +55,18 @@ impl Real {
     };
 }
 
-/// The walls' numbers that no pose changes; made once for a roughness.
+/// The walls' numbers that do not depend on the pose; computed once per roughness.
 #[derive(Debug, Clone)]
 pub struct Walls {
     boundary: RoughBoundary,
-    /// 1/(π T̃(1) T̃(cos θl)) with its slope to the real index.
+    /// 1/(π T̃(1) T̃(cos θl)) with its slope with respect to the real index.
     diffuse: [f64; 2],
-    /// π T̄² with its slope to the real index.
+    /// π T̄² with its slope with respect to the real index.
     exchange: [f64; 2],
 }
 
 impl Walls {
-    /// Walls of a surface; those of an opaque one, a metal or a body without light, are smooth.
+    /// Returns the walls of a surface; they are smooth for a metal or a body without diffuse light.
     #[must_use]
     pub fn new(surface: &Surface, real: &Real, table: &OpticsTable) -> Self {
         let optics = &table.optics;
@@ -92,7 +94,7 @@ impl Walls {
     }
 }
 
-/// A surface's numbers over any [`Number`]; angles in radians.
+/// A surface's parameters over any [`Number`]; angles in radians.
 #[derive(Debug, Clone, Copy)]
 pub struct Parameters<N> {
     /// Ridge angle θr ≥ 0.
@@ -103,7 +105,7 @@ pub struct Parameters<N> {
     pub alpha_v: N,
     /// Lambertian-equivalent reflectance of a flat piece at the rig's own angles.
     pub rho_d: N,
-    /// Share τ of the body's light that leaves evenly.
+    /// Share τ of the body's light that leaves uniformly.
     pub translucency: N,
     /// Tail ι of the slopes.
     pub tail: N,
@@ -117,7 +119,7 @@ pub struct Parameters<N> {
     pub k: N,
 }
 
-/// What is known of the parameters without looking at them: which terms are there at all.
+/// The terms that are evaluated, decided without the parameters' values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Terms {
     /// Diffuse light.
@@ -131,7 +133,7 @@ pub struct Terms {
 }
 
 impl Terms {
-    /// Those of a surface; a tail or a crest that moves is there even where it is 0.
+    /// Returns the terms of a surface; a free tail or crest is included even if it is 0.
     #[must_use]
     pub fn of(real: &Real, optics: &Optics, tail_moves: bool, crest_moves: bool) -> Self {
         Terms {
@@ -143,14 +145,15 @@ impl Terms {
     }
 }
 
-/// One direction in the corner frame with what facet and riser see of it.
+/// One direction in the corner frame with its geometry on facet and riser.
 #[derive(Clone, Copy)]
 struct Ray<N> {
     u: N,
     e: N,
     m: N,
     rho: N,
-    /// Facet length hidden by the riser; not hidden; lit by a hop over the riser. Riser length hidden by the facet; lit by a hop.
+    /// Facet length hidden by the riser; visible; lit by a hop over the riser. Riser length hidden by the facet; lit
+    /// by a hop.
     sigma: N,
     open: N,
     x: N,
@@ -169,7 +172,7 @@ struct Ray<N> {
 struct Shape<N> {
     s: N,
     p: N,
-    /// R per unit period, and the riser's straight share.
+    /// R per unit period, and the straight share of the riser.
     round: N,
     straight: N,
     one: N,
@@ -186,10 +189,10 @@ fn ray<N: Number>(w: [N; 3], q: &Parameters<N>, shape: &Shape<N>, walls: &Walls)
     let up = zero.below(signed);
     let lean = zero.below(e);
     let back = e.below(zero);
-    // Divisors that are no longer in use where they would be 0.
+    // Divisors are replaced by 1 where they would be 0 and are not used.
     let safe = |x: N, on: N::Choice| N::choose(on, x, one);
     let m_safe = safe(m, up);
-    // A rounded crest takes R (e + m − |(e, m)|) from what a sharp one hides.
+    // A rounded crest hides R (e + m − |(e, m)|) less than a sharp one.
     let across = safe(e * e + m * m, up).root();
     let saved = shape.round * (e.positive() + m - across);
     let hides = ((s * e - saved).positive() / m_safe).smaller(p);
@@ -232,8 +235,8 @@ fn ray<N: Number>(w: [N; 3], q: &Parameters<N>, shape: &Shape<N>, walls: &Walls)
     }
 }
 
-/// Radiance towards `o` for irradiance 1 on a surface facing the light at `i`; components of the unit vectors along u, v, n,
-/// both above the surface. `widening` is what the cones of lamp and lens add to α².
+/// Returns the radiance towards `o` for irradiance 1 on a surface that faces the light at `i`; components of the unit
+/// vectors along u, v, n, both above the surface. `widening` is the contribution of the cones of lamp and lens to α².
 pub fn radiance_of<N: Number>(
     i: [N; 3],
     o: [N; 3],
@@ -290,7 +293,7 @@ fn single<N: Number>(
     let hm = h[1] * s + h[2] * p;
     let he = h[1] * p - h[2] * s;
     let norm = slopes.norm();
-    // D about a wall's normal z; 0 where the wall is not met from its front.
+    // D about a wall's normal z; 0 for a half vector behind the wall.
     let d = |y: N, z: N, on: N::Choice| {
         let z = N::choose(on, z, one);
         let z2 = z * z;
@@ -367,7 +370,7 @@ fn diffuse<N: Number>(
     c_d * (local + q.translucency * (even - local))
 }
 
-/// ∫ T̃(m·i) T̃(m·o) (m·i)(m·o) dψ over the crest's arc.
+/// Returns ∫ T̃(m·i) T̃(m·o) (m·i)(m·o) dψ over the crest's arc.
 fn crest_diffuse<N: Number>(
     i: [N; 3],
     o: [N; 3],
@@ -399,7 +402,7 @@ fn crest_diffuse<N: Number>(
     sum * half
 }
 
-/// (c) The retro lobe: light that meets the facet first (`a`) and leaves from the riser (`b`).
+/// (c) The retro lobe: light that reaches the facet first (`a`) and leaves from the riser (`b`).
 fn retro<N: Number>(
     a: &Ray<N>,
     b: &Ray<N>,
@@ -439,7 +442,7 @@ fn retro<N: Number>(
     } else {
         (a.facet.0 + a.facet.1) * (b.riser.0 + b.riser.1).times(0.25)
     };
-    // The density of both slopes: with tails of the width that is exact at its peak.
+    // The density of both slopes; with tails, of the width that is exact at its peak.
     let kappa = one + q.tail.times(0.5);
     let (du, db) = ((a.u + b.u).times(0.5), (beta_b - beta_a).times(0.5));
     let pair = Slopes {
@@ -454,10 +457,10 @@ fn retro<N: Number>(
     N::choose(on, product.times(0.25), zero)
 }
 
-/// Numbers that derivatives are taken to: ten parameters and six components of two directions.
+/// Number of variables of the derivatives: ten parameters and six components of two directions.
 const VARIABLES: usize = 16;
 
-/// Radiance with its derivatives for θr ≥ 0.
+/// Returns the radiance with its derivatives for θr ≥ 0.
 #[must_use]
 pub fn partials(
     directions: &Directions,

@@ -1,4 +1,4 @@
-//! Every kernel at the ends of its domain: finite in, then finite or refused by name out.
+//! Every kernel at the limits of its domain: finite input gives a finite result or a named error.
 
 use nalgebra::{Complex, Vector3};
 use proptest::prelude::*;
@@ -19,7 +19,7 @@ use crate::extremes::{any_double, cases, wide};
 use crate::geometry::{Cones, Directions};
 use crate::units::Angle;
 
-/// An angle from n: anywhere, or close to the horizon.
+/// An angle from n: any, or close to the horizon.
 fn polar() -> impl Strategy<Value = f64> {
     prop_oneof![
         0.0..std::f64::consts::FRAC_PI_2,
@@ -76,7 +76,7 @@ proptest! {
     }
 
     #[test]
-    fn radiances_and_their_derivatives_are_finite_where_the_domain_says_so(d in directions(), s in surfaces(), o in optics()) {
+    fn radiances_and_their_derivatives_are_finite_within_the_domain(d in directions(), s in surfaces(), o in optics()) {
         if check(&s, &o).is_ok() {
             for variant in [Variant::Paper, Variant::Sawtooth] {
                 let value = radiance(variant, &d, &s, &o);
@@ -90,7 +90,7 @@ proptest! {
     }
 
     #[test]
-    fn fresnel_stays_within_nothing_and_all(cos in polar().prop_map(f64::cos), eta in wide(1e-6, 1e6), k in prop_oneof![Just(0.0), wide(1e-30, 1e6)]) {
+    fn fresnel_stays_between_0_and_1(cos in polar().prop_map(f64::cos), eta in wide(1e-6, 1e6), k in prop_oneof![Just(0.0), wide(1e-30, 1e6)]) {
         let (s, p) = reflectances(cos, eta, k);
         prop_assert!(in_unit(s) && in_unit(p), "{s} {p}");
         let (a, b) = amplitudes(cos, eta, k);
@@ -108,7 +108,7 @@ proptest! {
     }
 
     #[test]
-    fn stacks_reflect_between_nothing_and_all(layers in prop::collection::vec(wide(1e-2, 1e2), 2..22), k in prop_oneof![Just(0.0), wide(1e-9, 1e3)], theta in any_double()) {
+    fn stacks_reflect_between_0_and_1(layers in prop::collection::vec(wide(1e-2, 1e2), 2..22), k in prop_oneof![Just(0.0), wide(1e-9, 1e3)], theta in any_double()) {
         let mut indices: Vec<Complex<f64>> = layers.iter().map(|n| Complex::new(*n, 0.0)).collect();
         if let Some(last) = indices.last_mut() { last.im = k; }
         if let Ok(r) = FlatStack::new(indices).and_then(|s| s.reflect(theta)) {
@@ -118,7 +118,7 @@ proptest! {
     }
 
     #[test]
-    fn contrast_is_finite_and_michelson_s_at_most_all(a in any_double().prop_map(f64::abs), b in any_double().prop_map(f64::abs)) {
+    fn contrast_is_finite_and_michelson_s_is_at_most_1(a in any_double().prop_map(f64::abs), b in any_double().prop_map(f64::abs)) {
         let c = Contrast::between(a, b);
         prop_assert!(c.absolute.is_finite() && (0.0..=1.0 + 1e-15).contains(&c.michelson), "{c:?}");
         prop_assert_eq!(Contrast::between(a, 0.0).michelson, if a > 0.0 { 1.0 } else { 0.0 });
@@ -142,7 +142,7 @@ proptest! {
     }
 
     #[test]
-    fn the_visible_share_is_a_share(theta_r in 0.0..90.0f64, i in any_double(), o in any_double()) {
+    fn the_visible_share_is_between_0_and_1(theta_r in 0.0..90.0f64, i in any_double(), o in any_double()) {
         let seen = visible_and_lit_fraction(theta_r, i, o);
         prop_assert!((0.0..=1.0).contains(&seen), "{seen}");
     }
@@ -163,7 +163,7 @@ proptest! {
     #![proptest_config(cases(24))]
 
     #[test]
-    fn the_quadrature_is_finite_where_the_domain_says_so(d in directions(), s in surfaces(), o in optics()) {
+    fn the_quadrature_is_finite_within_the_domain(d in directions(), s in surfaces(), o in optics()) {
         let s = Surface { alpha_u: s.alpha_u.clamp(1e-6, 1e3), amplitude: 1.0, ..s };
         if check(&s, &o).is_ok() {
             let e = Quadrature::new(&s, &OpticsTable::new(&o)).radiance(&d, 1e-2);

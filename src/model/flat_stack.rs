@@ -1,14 +1,14 @@
-//! Flat layers over each other, exactly: all orders of reflection between them, without
-//! interference (layers thicker than the lamp's coherence length) and without absorption inside.
+//! Stacked flat layers, exactly: all orders of reflection between them, without interference (layers thicker than the
+//! lamp's coherence length) and without absorption inside.
 //!
-//! Call [`FlatStack::reflect`]. The recursion runs per channel x ∈ {s, p, z} from the bottom,
-//! R ← r + t↓ t↑ R / (1 − r↑ R), with z = r_s r_p* and q t_s t_p* as in
-//! [`super::polarisation`]. It is what the ray tracer must give on flat shapes.
+//! Call [`FlatStack::reflect`]. The recursion runs per channel x ∈ {s, p, z} from the bottom, R ← r + t↓ t↑ R / (1 −
+//! r↑ R), with z = r_s r_p* and q t_s t_p* as in [`super::polarisation`]. The ray tracer must agree with it on flat
+//! shapes.
 //!
-//! *Conditioning.* Powers are sums of positive terms only: the share that comes back and the share that does not are
-//! carried side by side ([`Below`]), and every boundary between layers is taken by nᵢ cos θᵢ on both of its sides, each from the
-//! angle above: (nᵢ cos θᵢ)² = (nᵢ − n₀)(nᵢ + n₀) + n₀² cos² θ. So grazing light keeps the digits of its cosine in inner
-//! layers of an index near the outer one as well. A layer costs a few roundings. The terms of z may cancel: its error is
+//! *Conditioning.* Powers are sums of positive terms only: the reflected share and the remainder are carried together
+//! ([`Below`]), and every boundary between layers is computed from nᵢ cos θᵢ on both sides, each from the angle
+//! above: (nᵢ cos θᵢ)² = (nᵢ − n₀)(nᵢ + n₀) + n₀² cos² θ. So grazing light keeps the digits of its cosine also in
+//! inner layers of an index near the outer one. A layer adds a few roundings. The terms of z may cancel: its error is
 //! relative to 1, not to itself.
 
 use nalgebra::Complex;
@@ -22,7 +22,7 @@ pub struct FlatStack {
     indices: Vec<Complex<f64>>,
 }
 
-/// Why a stack cannot be computed.
+/// The reason why a stack cannot be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FlatStackError {
     /// Fewer than two media.
@@ -34,8 +34,8 @@ pub enum FlatStackError {
         /// What was written.
         text: String,
     },
-    /// Only the substrate may absorb here.
-    #[error("layer {position} absorbs: in this table only the last layer may")]
+    /// An inner layer absorbs.
+    #[error("layer {position} absorbs; only the last layer may absorb")]
     AbsorbingLayer {
         /// 1 for the topmost layer.
         position: usize,
@@ -45,20 +45,20 @@ pub enum FlatStackError {
     Angle,
 }
 
-/// What a flat stack reflects at one angle.
+/// The reflectance of a flat stack at one angle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StackReflectance {
     /// Powers of s and p and the complex factor z of U and V.
     pub channel: Channel,
-    /// The answer of a computation that knows only unpolarised reflectances.
+    /// The reflectance by unpolarised computation at every boundary.
     pub scalar: f64,
 }
 
 impl FlatStack {
-    /// From the medium above (first) down to the substrate (last).
+    /// Takes the indices from the medium above (first) down to the substrate (last).
     ///
     /// # Errors
-    /// Fewer than two media, an index that is not positive, or absorption above the substrate.
+    /// There are fewer than two media, an index is not positive, or a layer above the substrate absorbs.
     pub fn new(indices: Vec<Complex<f64>>) -> Result<Self, FlatStackError> {
         if indices.len() < 2 {
             return Err(FlatStackError::Empty);
@@ -77,10 +77,10 @@ impl FlatStack {
         Ok(FlatStack { indices })
     }
 
-    /// From the form `1.3/1.5/Au550`: layers top first, under air.
+    /// Parses the form `1.3/1.5/Au550`: layers from the top, under air.
     ///
     /// # Errors
-    /// As [`FlatStack::new`], and for a name that is not one of the three fixed metals.
+    /// As [`FlatStack::new`], and for a name other than the three fixed metals.
     pub fn parse(text: &str) -> Result<Self, FlatStackError> {
         let mut indices = vec![Complex::new(1.0, 0.0)];
         for layer in text.split('/') {
@@ -99,11 +99,11 @@ impl FlatStack {
         FlatStack::new(indices)
     }
 
-    /// Reflectance at the angle of incidence `theta_rad` in the medium above. Near grazing an angle in radians has lost
-    /// digits of its cosine: [`FlatStack::reflect_deg`] has them.
+    /// Returns the reflectance at the angle of incidence `theta_rad` in the medium above. Near grazing, an angle in
+    /// radians has lost digits of its cosine; [`FlatStack::reflect_deg`] keeps them.
     ///
     /// # Errors
-    /// An angle that is not in [0°, 90°).
+    /// The angle is not in [0°, 90°).
     pub fn reflect(&self, theta_rad: f64) -> Result<StackReflectance, FlatStackError> {
         if !(0.0..std::f64::consts::FRAC_PI_2).contains(&theta_rad) {
             return Err(FlatStackError::Angle);
@@ -112,15 +112,15 @@ impl FlatStack {
         self.reflect_at(sin, cos)
     }
 
-    /// The same at an angle in degrees.
+    /// As [`FlatStack::reflect`], at an angle in degrees.
     ///
     /// # Errors
-    /// An angle that is not in [0°, 90°).
+    /// The angle is not in [0°, 90°).
     pub fn reflect_deg(&self, theta_deg: f64) -> Result<StackReflectance, FlatStackError> {
         if !(0.0..90.0).contains(&theta_deg) {
             return Err(FlatStackError::Angle);
         }
-        // What is left to 90° is exact.
+        // The distance to 90° is exact.
         let (sin, cos) = if theta_deg > 45.0 {
             let (sin, cos) = (90.0 - theta_deg).to_radians().sin_cos();
             (cos, sin)
@@ -133,7 +133,7 @@ impl FlatStack {
     fn reflect_at(&self, sin: f64, cos: f64) -> Result<StackReflectance, FlatStackError> {
         let above = self.indices[0].re;
         let mut layers = Vec::new();
-        // Transparent layers, up to that which total reflection keeps light out of.
+        // Transparent layers, up to the first that total reflection excludes light from.
         for index in self.indices.iter().take_while(|index| index.im == 0.0) {
             let layer = Layer::new(index.re, above, sin, cos);
             layers.push(layer);
@@ -179,7 +179,7 @@ impl FlatStack {
 #[derive(Debug, Clone, Copy)]
 struct Layer {
     n: f64,
-    /// (n cos θ)² of this layer; not positive where light does not get in.
+    /// (n cos θ)² of this layer; not positive if light does not enter.
     square: f64,
     /// n |cos θ|.
     across: f64,
@@ -187,7 +187,7 @@ struct Layer {
     sin_squared: f64,
 }
 
-/// What a boundary of two layers reflects and lets through. Powers are the same from both sides.
+/// Reflection and transmission of a boundary between two layers. Powers are equal from both sides.
 struct Meeting {
     r: Channel,
     t: Channel,
@@ -211,7 +211,7 @@ impl Layer {
     fn meets(&self, beyond: &Layer) -> Meeting {
         let (a, b) = (self, beyond);
         if b.square <= 0.0 {
-            // Total reflection: amplitudes of modulus 1, (a − ib)/(a + ib) and its like.
+            // Total reflection: amplitudes of modulus 1, (a − ib)/(a + ib) and the equivalent for p.
             let s = Complex::new(a.across, -b.across);
             let p = Complex::new(b.n * b.n * a.across, -a.n * a.n * b.across);
             let unit = |x: Complex<f64>| x / x.norm();
@@ -228,11 +228,11 @@ impl Layer {
             };
         }
         let sum_s = a.across + b.across;
-        // Of p over both indices.
+        // For p, divided by both indices.
         let sum_p = b.n / a.n * a.across + a.n / b.n * b.across;
         let lift = (b.n - a.n) * (b.n + a.n);
-        // 1 − R without its cancellation, and the amplitudes without theirs: cos² − sin² across the boundary is 0 at
-        // Brewster's angle, and formed with the smaller cosine keeps its digits at grazing.
+        // 1 − R and the amplitudes without cancellation: cos² − sin² across the boundary is 0 at Brewster's angle,
+        // and it keeps its digits at grazing if formed with the smaller cosine.
         let (grazing, steep) = if a.cos() < b.cos() { (a, b) } else { (b, a) };
         let brewster = grazing.square / (grazing.n * grazing.n) - steep.sin_squared;
         let r_s = -lift / (sum_s * sum_s);
@@ -255,10 +255,10 @@ impl Layer {
     }
 }
 
-/// What lies below a boundary: the share it sends back and the share it keeps, which together are 1.
+/// The part of the stack below a boundary: the reflected share and the kept share, whose sum is 1.
 ///
-/// Both are carried, because 1 − R loses its digits where R is near 1 (grazing light, layers over a
-/// metal) and 1 − r↑ R = t↑ + r↑ (1 − R) needs them.
+/// Both are carried, because 1 − R loses its digits if R is near 1 (grazing light, layers over a metal), and
+/// 1 − r↑ R = t↑ + r↑ (1 − R) needs them.
 #[derive(Debug, Clone, Copy)]
 struct Below {
     reflected: f64,
@@ -266,14 +266,14 @@ struct Below {
 }
 
 impl Below {
-    /// Nothing comes back.
+    /// Nothing is reflected.
     const NOTHING: Below = Below {
         reflected: 0.0,
         kept: 1.0,
     };
 
-    /// The same under a boundary that reflects `r`, lets `t` through (0 under total reflection and
-    /// over a metal) and sends back all but `kept`.
+    /// Returns the shares with a boundary on top that reflects `r`, transmits `t` (0 under total reflection and over a
+    /// metal) and reflects all but `kept`.
     fn under(self, r: f64, t: f64, kept: f64) -> Below {
         if t == 0.0 {
             return Below { reflected: r, kept }.settled();
@@ -286,8 +286,8 @@ impl Below {
         .settled()
     }
 
-    /// The greater of the two shares from the smaller: the roundings of twenty layers add up in both,
-    /// and count for less in the smaller.
+    /// Computes the greater share from the smaller: the roundings of twenty layers add up in both, and are relatively
+    /// small in the smaller one.
     fn settled(self) -> Below {
         if self.kept < 0.5 {
             Below {
@@ -334,7 +334,7 @@ mod tests {
 
     #[test]
     fn layers_of_an_index_near_the_outer_one_are_exact_at_grazing() {
-        // By the same recursion with 40 digits, of the doubles nearest to these numbers (mpmath 1.3).
+        // From the same recursion with 40 digits, for the doubles nearest to these numbers (mpmath 1.3).
         #[rustfmt::skip]
         let cases: [(&str, f64, [f64; 6]); 7] = [
             ("2.4/1.0", 89.9999, [0.999_998_400_059_297_8, 0.999_990_784_341_555_7, 0.999_991_910_956_019_8, 0.0, 0.999_994_592_200_426_7, 0.999_994_592_214_926_5]),
@@ -360,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_that_make_no_sense_are_refused() {
+    fn invalid_layers_are_refused() {
         assert!(FlatStack::parse("1.5/Xx").is_err());
         assert!(FlatStack::parse("0").is_err());
         assert!(FlatStack::parse("NaN").is_err());
@@ -371,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rare_layer_reflects_totally_and_what_lies_below_does_not_matter() {
+    fn a_rarer_layer_reflects_totally_whatever_is_below() {
         let glass = Complex::new(1.8, 0.0);
         let stack = FlatStack::new(vec![glass, Complex::new(1.0, 0.0), glass]).unwrap();
         let r = stack.reflect(1.2).unwrap();

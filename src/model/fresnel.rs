@@ -1,50 +1,48 @@
-//! Fresnel reflection at a smooth boundary: the one place where N = n + ik meets an angle.
+//! Fresnel reflection at a smooth boundary of index N = n + ik.
 //!
-//! Call [`reflectance`] (unpolarised value), [`Reflectances::at`] (R_s, R_p and their derivatives)
-//! or [`amplitudes`]. All take the cosine of the angle of incidence, so that grazing incidence
-//! loses no digits, and an index relative to the medium of incidence. Convention exp(−iωt),
-//! N = n + ik with k ≥ 0.
+//! Call [`reflectance`] (unpolarised value), [`Reflectances::at`] (R_s, R_p and their derivatives) or [`amplitudes`].
+//! All take the cosine of the angle of incidence, so that grazing incidence loses no digits, and an index relative to
+//! the medium of incidence. Convention exp(−iωt), N = n + ik with k ≥ 0.
 //!
-//! With q² = N² − 1 + c² (c = cos θ, Im q ≥ 0) the amplitudes r_s = (c − q)/(c + q) and
-//! r_p = (N²c − q)/(N²c + q) are differences of nearly equal numbers when N is near 1. Multiplied
-//! out they are not:
+//! With q² = N² − 1 + c² (c = cos θ, Im q ≥ 0) the amplitudes r_s = (c − q)/(c + q) and r_p = (N²c − q)/(N²c + q) are
+//! differences of nearly equal numbers if N is near 1. In the product form they are not:
 //!
 //! ```text
 //! r_s = −(N² − 1) / (c + q)²        r_p = (N² − 1) ((N² + 1) c² − 1) / (N² c + q)²
 //! ```
 //!
-//! and N² − 1 = (n − 1)(n + 1) − k² + 2ink is exact to rounding. These forms give 0 for N = 1,
-//! 1 at grazing, and R = 1 to rounding for total internal reflection. Their roundings add up to a few
-//! units in the last place of R; where R is above ½ it is taken from what enters instead, 1 − T with
-//! T_s = 4c Re q/|c + q|² and T_p = 4c Re(N² q*)/|N² c + q|², whose roundings shrink with T. The sign of r_p is that of
-//! the electric field's component along p (r_p = −r_s at normal incidence).
+//! and N² − 1 = (n − 1)(n + 1) − k² + 2ink is exact to rounding. These forms give 0 for N = 1, 1 at grazing, and R =
+//! 1 to rounding for total internal reflection. Their roundings add up to a few units in the last place of R. If R is
+//! above ½, it is computed as 1 − T from the transmitted share, with T_s = 4c Re q/|c + q|² and T_p = 4c Re(N²
+//! q*)/|N² c + q|², whose roundings decrease with T. The sign of r_p is that of the electric field's component along
+//! p (r_p = −r_s at normal incidence).
 //!
-//! This module does not know about polarisation states; that is the ray tracer's.
+//! Polarisation states are in [`super::polarisation`].
 
 use nalgebra::Complex;
 
 use super::dual::Scalar;
 
-/// Amplitude reflection coefficients (r_s, r_p) at cos θ = `cos` for the relative index `eta + i k`.
+/// Returns the amplitude reflection coefficients (r_s, r_p) at cos θ = `cos` for the relative index `eta + i k`.
 #[must_use]
 pub fn amplitudes(cos: f64, eta: f64, k: f64) -> (Complex<f64>, Complex<f64>) {
     let parts = Parts::new(cos, eta, k);
     (parts.r_s, parts.r_p)
 }
 
-/// Unpolarised reflectance (R_s + R_p)/2 at cos θ = `cos` for the relative index `eta + i k`.
+/// Returns the unpolarised reflectance (R_s + R_p)/2 at cos θ = `cos` for the relative index `eta + i k`.
 #[must_use]
 pub fn reflectance(cos: f64, eta: f64, k: f64) -> f64 {
     let (r_s, r_p) = reflectances(cos, eta, k);
     0.5 * (r_s + r_p)
 }
 
-/// 1 − [`reflectance`], with all its digits where next to nothing enters.
+/// Returns 1 − [`reflectance`], with all its digits if next to nothing enters.
 #[must_use]
 pub fn transmittance(cos: f64, eta: f64, k: f64) -> f64 {
     let (t_s, t_p) = transmittances(cos, eta, k);
     let t = 0.5 * (t_s + t_p);
-    // An index whose square overflows lets nothing in.
+    // An index whose square overflows transmits nothing.
     if t.is_nan() {
         1.0 - reflectance(cos, eta, k)
     } else {
@@ -52,7 +50,7 @@ pub fn transmittance(cos: f64, eta: f64, k: f64) -> f64 {
     }
 }
 
-/// Shares (1 − R_s, 1 − R_p) that enter: no difference of nearly equal numbers, whatever R is.
+/// Returns the transmitted shares (1 − R_s, 1 − R_p) without a difference of nearly equal numbers.
 fn transmittances(cos: f64, eta: f64, k: f64) -> (f64, f64) {
     let lift = (eta - 1.0) * (eta + 1.0);
     if k == 0.0 {
@@ -74,7 +72,7 @@ fn transmittances(cos: f64, eta: f64, k: f64) -> (f64, f64) {
     (share(q.re, sum_s), share((n2 * q.conj()).re, sum_p))
 }
 
-/// Power reflectances (R_s, R_p), each within [0, 1].
+/// Returns the power reflectances (R_s, R_p), each within [0, 1].
 #[must_use]
 pub fn reflectances(cos: f64, eta: f64, k: f64) -> (f64, f64) {
     let lift = (eta - 1.0) * (eta + 1.0);
@@ -95,29 +93,29 @@ pub fn reflectances(cos: f64, eta: f64, k: f64) -> (f64, f64) {
     settled(parts.r_s.norm_sqr(), parts.r_p.norm_sqr(), cos, eta, k)
 }
 
-/// Reflectances above ½ from what enters, and 1 where an index is so large that its square overflows.
+/// Computes reflectances above ½ from the transmitted share; returns 1 for an index so large that its square overflows.
 fn settled(r_s: f64, r_p: f64, cos: f64, eta: f64, k: f64) -> (f64, f64) {
     let (r_s, r_p) = (r_s.min(1.0), r_p.min(1.0));
     if r_s <= 0.5 && r_p <= 0.5 {
         return (r_s, r_p);
     }
     let (t_s, t_p) = transmittances(cos, eta, k);
-    // Not so where T is no number.
+    // If T is NaN, R is kept.
     let better = |r: f64, t: f64| if r > 0.5 && t < 1.0 { 1.0 - t } else { r };
     (better(r_s, t_s), better(r_p, t_p))
 }
 
-/// sin² θ without the cancellation of 1 − cos².
+/// Returns sin² θ without the cancellation of 1 − cos².
 #[inline]
 pub(super) fn sin_squared(cos: f64) -> f64 {
     (1.0 - cos) * (1.0 + cos)
 }
 
-/// N² from which on q² is formed as (N² − 1) + cos², the one that keeps its digits for N near 1 at
-/// grazing; below it as N² − sin², the one that keeps them for N ≪ 1 near the critical angle.
+/// The N² from which q² is formed as (N² − 1) + cos², which keeps its digits for N near 1 at grazing; below it, q² is
+/// formed as N² − sin², which keeps them for N ≪ 1 near the critical angle.
 pub(super) const RARE: f64 = 0.5;
 
-/// q² = N² − sin² θ of a real relative index; `lift` is N² − 1.
+/// Returns q² = N² − sin² θ for a real relative index; `lift` is N² − 1.
 #[inline]
 pub(super) fn refracted_squared(cos: f64, n2: f64, lift: f64) -> f64 {
     if n2 < RARE {
@@ -127,7 +125,7 @@ pub(super) fn refracted_squared(cos: f64, n2: f64, lift: f64) -> f64 {
     }
 }
 
-/// q, the root of N² − sin² θ with Im q ≥ 0, of a complex relative index; `lift` is N² − 1.
+/// Returns q, the root of N² − sin² θ with Im q ≥ 0, for a complex relative index; `lift` is N² − 1.
 #[inline]
 pub(super) fn refracted(cos: f64, n2: Complex<f64>, lift: Complex<f64>) -> Complex<f64> {
     principal_sqrt(if n2.re.abs() < RARE {
@@ -141,7 +139,7 @@ struct Parts {
     n: Complex<f64>,
     lift: Complex<f64>,
     q: Complex<f64>,
-    /// 1/(q (c + q)²) and 1/(q (N²c + q)²); 0 where q is.
+    /// 1/(q (c + q)²) and 1/(q (N²c + q)²); 0 if q is 0.
     per_s: Complex<f64>,
     per_p: Complex<f64>,
     r_s: Complex<f64>,
@@ -159,7 +157,7 @@ impl Parts {
         let zero = Complex::new(0.0, 0.0);
         let brewster = n2 * (cos * cos) - sin_squared(cos);
         if q == zero {
-            // The critical angle, or matched media: 1 and 0.
+            // The critical angle, or matched media: reflectances 1 and 0.
             let matched = lift == zero;
             return Parts {
                 n,
@@ -193,15 +191,14 @@ impl Parts {
     }
 }
 
-/// 1/z with a single division.
+/// Returns 1/z with a single division.
 fn inverse(z: Complex<f64>) -> Complex<f64> {
     let scale = 1.0 / z.norm_sqr();
     Complex::new(z.re * scale, -z.im * scale)
 }
 
-/// The root with non-negative real and imaginary part of a number whose imaginary part is ≥ 0.
-/// The larger of the two parts is taken from the modulus, the smaller from the product, so that
-/// neither cancels.
+/// Returns the root with non-negative real and imaginary part of a number whose imaginary part is ≥ 0. The larger of
+/// the two parts is computed from the modulus, the smaller from the product, so that neither cancels.
 pub(super) fn principal_sqrt(z: Complex<f64>) -> Complex<f64> {
     let modulus = z.norm_sqr().sqrt();
     if modulus == 0.0 {
@@ -216,7 +213,7 @@ pub(super) fn principal_sqrt(z: Complex<f64>) -> Complex<f64> {
     }
 }
 
-/// A reflectance with its derivatives to the cosine of the angle of incidence and to the index.
+/// A reflectance with its derivatives with respect to the cosine of the angle of incidence and to the index.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Slopes {
     /// The reflectance, within [0, 1].
@@ -231,8 +228,7 @@ pub struct Slopes {
 
 /// R_s and R_p with their first derivatives.
 ///
-/// One-sided: at the critical angle (q = 0) the derivatives are infinite; 0 is returned there, as
-/// on the side of total reflection.
+/// At the critical angle (q = 0) the derivatives are infinite; 0 is returned there, as on the side of total reflection.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reflectances {
     /// Electric field perpendicular to the plane of incidence.
@@ -299,19 +295,19 @@ impl Reflectances {
     }
 }
 
-/// Unpolarised reflectance of a dielectric with its derivatives: [`Reflectances::at`] for k = 0 in
-/// real arithmetic (∂R/∂k is 0, R being even in k, but where reflection is total).
+/// Returns the unpolarised reflectance of a dielectric with its derivatives: [`Reflectances::at`] for k = 0 in real
+/// arithmetic. ∂R/∂k is 0, since R is even in k, except under total reflection.
 #[must_use]
 pub fn dielectric_slopes(cos: f64, eta: f64) -> Slopes {
     let lift = (eta - 1.0) * (eta + 1.0);
     let n2 = eta * eta;
     let q2 = refracted_squared(cos, n2, lift);
     if q2 <= 0.0 {
-        // Total reflection: the least absorption takes from it, ∂R/∂k < 0.
+        // Under total reflection the least absorption lowers R: ∂R/∂k < 0.
         return Reflectances::at(cos, eta, 0.0).unpolarised();
     }
     let q = q2.sqrt();
-    // One division for three: this is the innermost of inner loops.
+    // One division in place of three, since this is the innermost loop.
     let (sum_s, sum_p) = (cos + q, n2 * cos + q);
     let per_all = 1.0 / (q * sum_s * sum_p);
     let per_s = per_all * q * sum_p;
@@ -328,14 +324,14 @@ pub fn dielectric_slopes(cos: f64, eta: f64) -> Slopes {
     }
 }
 
-/// (R_s, R_p) over any [`Scalar`].
+/// Returns (R_s, R_p) over any [`Scalar`].
 pub fn reflectances_of<S: Scalar>(cos: S, eta: S, k: S) -> (S, S) {
     let r = Reflectances::at(cos.value(), eta.value(), k.value());
     let lift = |x: Slopes| S::map3(x.value, [(cos, x.cos), (eta, x.eta), (k, x.k)]);
     (lift(r.s), lift(r.p))
 }
 
-/// Unpolarised reflectance over any [`Scalar`].
+/// Returns the unpolarised reflectance over any [`Scalar`].
 pub fn reflectance_of<S: Scalar>(cos: S, eta: S, k: S) -> S {
     let (s, p) = reflectances_of(cos, eta, k);
     (s + p) * 0.5
@@ -383,12 +379,12 @@ mod tests {
     }
 
     #[test]
-    fn brewsters_angle_lets_all_of_p_pass() {
+    fn brewsters_angle_transmits_all_of_p() {
         let eta: f64 = 1.5;
         let cos = (1.0 / (1.0 + eta * eta)).sqrt();
         let (s, p) = reflectances(cos, eta, 0.0);
         assert!(p < 1e-31, "{p}");
-        // ½ R_s there is ½ ((η² − 1)/(η² + 1))², 0.0739645 for 1.5.
+        // There ½ R_s is ½ ((η² − 1)/(η² + 1))², 0.0739645 for 1.5.
         assert!((0.5 * s - 0.073_964_497_041_420_12).abs() < 1e-16);
     }
 
@@ -419,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn the_derivatives_are_those_that_num_dual_finds_in_the_textbook_form() {
+    fn the_derivatives_agree_with_num_dual_on_the_textbook_form() {
         use num_dual::{DualNum, DualSVec64};
         type D = DualSVec64<3>;
         // Textbook real form (Wang et al. 2017, Eqs. 2–3): a, b of n cos θt = a + ib.

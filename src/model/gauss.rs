@@ -1,6 +1,7 @@
-//! Gauss–Legendre nodes: where smooth integrals are sampled.
+//! Gauss–Legendre nodes and weights, for smooth integrals.
 //!
-//! *Conditioning.* Positive weights that add up to 2: a sum over nodes is as good as its terms. Nodes stand to the last digit.
+//! *Conditioning.* Weights are positive and sum to 2, so a sum over nodes is as exact as its terms. All digits are
+//! given.
 
 /// Positive nodes on (−1, 1) and weights of the 16-point Gauss–Legendre rule; the negative nodes mirror them.
 pub const LEGENDRE_16: [(f64, f64); 8] = [

@@ -1,8 +1,8 @@
-//! The printed lobe with its derivatives, by hand (see [`super::prepared`]).
+//! The printed lobe with hand-written derivatives (see [`super::prepared`]).
 
 use super::prepared::{Partials, Prepared};
 
-/// G1 or G1/(ω·n) with its derivatives to θr and to the v and n components.
+/// G1 or G1/(ω·n) with its derivatives with respect to θr and to the v and n components.
 struct Masking {
     value: f64,
     theta_r: f64,
@@ -10,8 +10,8 @@ struct Masking {
     n: f64,
 }
 
-/// On the side the facets lean to G1/(ω·n) = 1/(cos θr ω_m), on the other 1 + tan θr ω_e/ω_m; at
-/// ω_e = 0 the latter branch's derivative is returned (the kink of |tan θp|).
+/// On the side that the facets lean to, G1/(ω·n) = 1/(cos θr ω_m); on the other, G1 = 1 + tan θr ω_e/ω_m. At ω_e = 0
+/// the derivative of the latter branch is returned (the kink of |tan θp|).
 fn masking(q: &Prepared, w: [f64; 3], over_cos: bool) -> Masking {
     let (s, c) = (q.sin, q.cos);
     let (e, m) = (w[1] * c - w[2] * s, w[1] * s + w[2] * c);
@@ -103,7 +103,7 @@ pub(super) fn partials(q: &Prepared, i: [f64; 3], o: [f64; 3]) -> Partials {
     let lobe = quarter * masked * d;
     let value = lobe * bracket;
 
-    // Logarithmic derivatives of D: to h_u, h_e, h_m and to |h|².
+    // Logarithmic derivatives of D with respect to h_u, h_e, h_m and |h|².
     let to_u = -2.0 * xu * per_m;
     let to_e = -2.0 * yv * per_m;
     let to_m = (2.0 * exponent - 4.0) * per_m;
@@ -146,7 +146,7 @@ pub(super) fn partials(q: &Prepared, i: [f64; 3], o: [f64; 3]) -> Partials {
     }
 }
 
-/// ∂ ln D/∂α for 1/(α² + lamp) = `per_a2` and this axis's share of the exponent.
+/// Returns ∂ ln D/∂α for 1/(α² + lamp) = `per_a2` and this axis's share of the exponent.
 #[inline]
 pub(super) fn to_alpha(share: f64, per_a2: f64, alpha: f64) -> f64 {
     (2.0 * share - 1.0) * per_a2 * alpha

@@ -1,8 +1,8 @@
-//! The full sawtooth with its derivatives, by hand (see [`super::prepared`]).
+//! The full sawtooth with hand-written derivatives (see [`super::prepared`]).
 //!
-//! Names and terms are those of [`super::sawtooth`]. Each term adds to the sum L (o·n) and to the
-//! derivatives of the sum to what it was made of (`Back`); at the end those are led back to the
-//! directions and the parameters.
+//! Names and terms are those of [`super::sawtooth`]. Each term adds to the sum L (o·n) and to the derivatives of the
+//! sum with respect to its inputs (`Back`). At the end these are propagated back to the directions and the parameters
+//! (reverse mode).
 
 mod retro;
 
@@ -21,7 +21,7 @@ struct Ray {
     m: f64,
     rho: f64,
     sigma: f64,
-    /// Facet length not hidden, p − σ.
+    /// Visible facet length, p − σ.
     open: f64,
     x: f64,
     y: f64,
@@ -34,13 +34,13 @@ struct Ray {
     b: f64,
 }
 
-/// Reflectance of a wall for one direction; the polarised parts only on metal.
+/// Reflectance of a wall for one direction; the polarised parts only for metal.
 struct Boundary {
     f: Slopes,
     parts: Option<Reflectances>,
 }
 
-/// Derivatives of the sum to one direction's numbers.
+/// Derivatives of the sum with respect to one direction's numbers.
 #[derive(Default, Clone, Copy)]
 struct Back {
     u: f64,
@@ -53,12 +53,12 @@ struct Back {
     b: f64,
     facet_f: f64,
     riser_f: f64,
-    /// Led straight to cos, n, k where the polarised parts count.
+    /// Propagated directly to cos, n, k if the polarised parts are used.
     facet_cos: f64,
     riser_cos: f64,
 }
 
-/// Derivatives of the sum to what both directions share.
+/// Derivatives of the sum with respect to the numbers that both directions share.
 #[derive(Default)]
 struct Shared {
     p: f64,
@@ -78,7 +78,7 @@ const DARK: Slopes = Slopes {
 };
 
 impl Boundary {
-    /// A wall that the direction does not see: all reflected, nothing changes.
+    /// A wall that faces away from the direction: it reflects all, with zero derivatives.
     fn unseen() -> Self {
         Boundary {
             f: DARK,
@@ -163,7 +163,7 @@ impl Ray {
         }
     }
 
-    /// Leads the derivatives to sigma, x, y, a, b and the reflectances back to e, m, p, r, n, k.
+    /// Propagates the derivatives from sigma, x, y, a, b and the reflectances back to e, m, p, r, n, k.
     #[inline]
     fn lead_back(&self, q: &Prepared, g: &mut Back, shared: &mut Shared) {
         let (s, c) = (q.sin, q.cos);
@@ -205,7 +205,7 @@ impl Ray {
 
 pub(super) fn partials(q: &Prepared, i: [f64; 3], o: [f64; 3]) -> Partials {
     let (s, c) = (q.sin, q.cos);
-    // On an opaque surface without a wall to meet only single reflection is left.
+    // On an opaque surface without a direction that reaches a riser, only single reflection remains.
     let diffuse = !(q.opaque || q.lean);
     let risers = !q.lean && (i[1] * c < i[2] * s || o[1] * c < o[2] * s);
     let ray_i = Ray::new(q, i, diffuse || risers, risers);
@@ -257,7 +257,7 @@ pub(super) fn partials(q: &Prepared, i: [f64; 3], o: [f64; 3]) -> Partials {
         outgoing: back_to_sample(&go, s, c, per_n),
     };
     out.outgoing[2] -= value * per_n;
-    // c_d and κ: c_d = ρd · diffuse[0](n, k), κ likewise.
+    // c_d and κ: c_d = ρd · diffuse[0](n, k), and κ in the same way.
     let mut to_kappa = 0.0;
     for (coefficient, weight) in q.exchange.iter().zip(exchange) {
         out.theta_r += per_n * q.c_d * weight * coefficient.partials[0];
@@ -309,7 +309,7 @@ fn single(
     let f = q.table.mirrored(0.5 * length);
     let quarter = 0.25 * q.surface.amplitude;
     let mut lobes = 0.0;
-    // To h_u, h_e, h_m of the lobes (without F and A/4).
+    // Derivatives of the lobes (without F and A/4) with respect to h_u, h_e, h_m.
     let mut to_h = [0.0; 3];
     if on_facet {
         let l = lobe(q, hu, he, hm, h2);
@@ -363,7 +363,7 @@ struct Lobe {
     to_alpha_v: f64,
 }
 
-/// D about the wall's normal, the half vector's components being (u, y, z).
+/// Returns D about the wall's normal; the half vector's components are (u, y, z).
 #[inline]
 fn lobe(q: &Prepared, u: f64, y: f64, z: f64, h2: f64) -> Lobe {
     if z <= 0.0 {
@@ -391,7 +391,7 @@ fn lobe(q: &Prepared, u: f64, y: f64, z: f64, h2: f64) -> Lobe {
     }
 }
 
-/// [x_a − σ_b]⁺ by the smaller of what `b` sees of the facet and does not see (see [`super::sawtooth`]).
+/// Returns [x_a − σ_b]⁺ from the smaller of the visible and the hidden length of `b` (see [`super::sawtooth`]).
 #[inline]
 fn lit_and_seen(a: &Ray, b: &Ray, p: f64) -> f64 {
     let length = if b.sigma < b.open {
@@ -402,8 +402,8 @@ fn lit_and_seen(a: &Ray, b: &Ray, p: f64) -> f64 {
     length.max(0.0)
 }
 
-/// (b) Diffuse light without its factor c_d (which the derivatives do carry). `exchange` receives
-/// the products that the three exchange coefficients multiply.
+/// (b) Diffuse light without its factor c_d (the derivatives include it). `exchange` receives the products that the
+/// three exchange coefficients multiply.
 #[inline]
 fn diffuse(
     q: &Prepared,

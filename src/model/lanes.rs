@@ -1,8 +1,7 @@
-//! Several pixels, or several starts, in one register: a number type over `pulp`'s run-time chosen vector width.
+//! Several pixels, or several starts, in one register: a number type over `pulp`'s vector width, chosen at run time.
 //!
-//! One [`Lane`] is 8 doubles with AVX-512, 4 with AVX2, 1 elsewhere. Everything here is inlined
-//! into the function that `pulp` compiles once per instruction set; that is what makes the choice
-//! at run time free.
+//! One [`Lane`] is 8 doubles with AVX-512, 4 with AVX2, 1 elsewhere. Everything is inlined into the function that
+//! `pulp` compiles once per instruction set, so the choice at run time has no cost.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, LOG2_E};
 use std::ops::{Add, Div, Mul, Neg, Sub};
@@ -14,7 +13,7 @@ mod fresnel;
 pub(crate) mod paper;
 pub(crate) mod sawtooth;
 
-/// What divisors are held above in forms for a register of surfaces.
+/// Lower bound of divisors in forms for a register of surfaces.
 const TINY: f64 = 1e-9;
 
 /// A radiance per lane with its slopes.
@@ -22,17 +21,17 @@ const TINY: f64 = 1e-9;
 pub(crate) struct Slopes<S: Simd> {
     /// The radiance.
     pub(crate) value: Lane<S>,
-    /// To θr.
+    /// With respect to θr.
     pub(crate) theta_r: Lane<S>,
-    /// To ln αu.
+    /// With respect to ln αu.
     pub(crate) ln_alpha_u: Lane<S>,
-    /// To ln αv.
+    /// With respect to ln αv.
     pub(crate) ln_alpha_v: Lane<S>,
-    /// To ρd.
+    /// With respect to ρd.
     pub(crate) rho_d: Lane<S>,
-    /// To the components of the lamp's direction along u, v, n, |h| held.
+    /// With respect to the components of the lamp's direction along u, v, n, at constant |h|.
     pub(crate) incident: [Lane<S>; 3],
-    /// To those of the camera's.
+    /// With respect to those of the camera's direction.
     pub(crate) outgoing: [Lane<S>; 3],
 }
 
@@ -40,7 +39,7 @@ pub(crate) struct Slopes<S: Simd> {
 #[derive(Clone, Copy)]
 pub struct Lane<S: Simd>(pub S, pub S::f64s);
 
-/// One yes or no per pixel.
+/// One boolean per pixel.
 #[derive(Clone, Copy)]
 pub struct Mask<S: Simd>(S, S::m64s);
 
@@ -53,7 +52,7 @@ impl<S: Simd> Lane<S> {
         Lane(simd, simd.splat_f64s(x))
     }
 
-    /// Lanes `at * WIDTH ..` of a slice.
+    /// Loads lanes `at * WIDTH ..` of a slice.
     #[inline(always)]
     pub(crate) fn load(simd: S, from: &[f64], at: usize) -> Self {
         Lane(simd, S::as_simd_f64s(from).0[at])
@@ -64,7 +63,7 @@ impl<S: Simd> Lane<S> {
         S::as_mut_simd_f64s(to).0[at] = self.1;
     }
 
-    /// self · a + b, fused where the machine can.
+    /// Returns self · a + b, fused if the machine supports it.
     #[inline(always)]
     pub(crate) fn mul_add(self, a: Self, b: Self) -> Self {
         Lane(self.0, self.0.mul_add_e_f64s(self.1, a.1, b.1))
@@ -95,10 +94,10 @@ impl<S: Simd> Lane<S> {
         Mask(self.0, self.0.less_than_f64s(self.1, other.1))
     }
 
-    /// e^−q for 0 ≤ q to (1 + q) 4e-16 of its value; q above 60 counts as 60 (10⁻²⁶).
+    /// Returns e^−q for 0 ≤ q with a relative error of (1 + q) 4e-16; q above 60 counts as 60 (10⁻²⁶).
     ///
-    /// e^−q = 2^k 2^f with |f| ≤ 1/2. Adding [`ROUND`] leaves k in the high half of the number's bits
-    /// (with 1023, a double's exponent of 1, already added) and the fraction in the low half.
+    /// e^−q = 2^k 2^f with |f| ≤ 1/2. Adding [`ROUND`] leaves k in the high half of the number's bits (with 1023, the
+    /// exponent bias of a double, already added) and the fraction in the low half.
     #[inline(always)]
     pub(crate) fn exp_neg(self) -> Self {
         // Macros, not closures: what is not inlined is not compiled for the machine's instructions.
@@ -112,7 +111,7 @@ impl<S: Simd> Lane<S> {
         let shifted = simd.mul_add_e_f64s(q, k!(-LOG2_E), k!(ROUND + 0.5));
         let whole = simd.and_f64s(shifted, k!(f64::from_bits(0xFFFF_FFFF_0000_0000)));
         let f = simd.mul_add_e_f64s(q, k!(-LOG2_E), simd.sub_f64s(k!(ROUND), whole));
-        // Estrin's order: half as deep as Horner's.
+        // Estrin's scheme has half the depth of Horner's.
         macro_rules! pair {
             ($n:expr) => {
                 simd.mul_add_e_f64s(f, k!(EXP2[$n + 1]), k!(EXP2[$n]))
@@ -128,7 +127,7 @@ impl<S: Simd> Lane<S> {
         Lane(simd, simd.mul_f64s(power, two_to(simd, whole)))
     }
 
-    /// e^x for |x| ≤ 1 by its series; 1/17! = 3e-15 is left out.
+    /// Returns e^x for |x| ≤ 1 by its series; the omitted term is 1/17! = 3e-15.
     #[inline(always)]
     pub(crate) fn exp_small(self) -> Self {
         let mut e = Self::splat(self.0, 1.0);
@@ -141,7 +140,7 @@ impl<S: Simd> Lane<S> {
         e
     }
 
-    /// atan2(self, x) of two numbers ≥ 0, to 3e-9.
+    /// Returns atan2(self, x) of two numbers ≥ 0, to 3e-9.
     #[inline(always)]
     pub(crate) fn angle_to(self, x: Self) -> Self {
         macro_rules! k {
@@ -151,7 +150,7 @@ impl<S: Simd> Lane<S> {
         }
         let steep = x.less(self);
         let tan = self.min(x) / self.max(x).max(k!(f64::MIN_POSITIVE));
-        // Beyond 22.5° from 45° on.
+        // Above 22.5°, measured from 45°.
         let wide = k!(FRAC_PI_8_TAN).less(tan);
         let t = wide.select((tan - k!(1.0)) / (tan + k!(1.0)), tan);
         let minus = -(t * t);
@@ -163,7 +162,8 @@ impl<S: Simd> Lane<S> {
         steep.select(k!(FRAC_PI_2) - angle, angle)
     }
 
-    /// The normal distribution's share below `self`, to 2e-7 (Abramowitz and Stegun 1964, 26.2.17), and its density there.
+    /// Returns the share of the normal distribution below `self`, to 2e-7 (Abramowitz and Stegun 1964, 26.2.17), and
+    /// its density there.
     #[inline(always)]
     pub(crate) fn normal_share(self) -> (Self, Self) {
         macro_rules! k {
@@ -182,7 +182,7 @@ impl<S: Simd> Lane<S> {
         (below, bell)
     }
 
-    /// sin x and cos x for |x| ≤ 0.7 by their series; 0.7¹⁴/14! = 8e-14 is left out.
+    /// Returns sin x and cos x for |x| ≤ 0.7 by their series; the omitted term is 0.7¹⁴/14! = 8e-14.
     #[inline(always)]
     pub(crate) fn sin_cos_small(self) -> (Self, Self) {
         let minus = -(self * self);
@@ -202,7 +202,7 @@ impl<S: Simd> Lane<S> {
     }
 }
 
-/// Numbers that begin where a cache line does, so that no load or store of a register touches two.
+/// Numbers that start on a cache line, so that no load or store of a register touches two.
 #[derive(Debug, Clone)]
 pub(crate) struct Numbers {
     all: Vec<f64>,
@@ -217,7 +217,7 @@ impl Numbers {
     pub(crate) fn zeros(count: usize) -> Self {
         let spare = LINE / size_of::<f64>();
         let all = vec![0.0; count + spare];
-        // Where the machine cannot tell, the slow way is right as well.
+        // If the offset is unknown, unaligned access is slower but correct.
         let skipped = all.as_ptr().align_offset(LINE).min(spare);
         Numbers { all, skipped }
     }
@@ -242,9 +242,9 @@ impl std::ops::DerefMut for Numbers {
 const FRAC_PI_8_TAN: f64 = 0.414_213_562_373_095_03;
 /// 1/√(2π).
 const FRAC_1_SQRT_TAU: f64 = 0.398_942_280_401_432_7;
-/// 1.5 · 2²⁰ + 1023: numbers of this size have their ones in the lowest bit of the high half.
+/// 1.5 · 2²⁰ + 1023: numbers of this size have their units in the lowest bit of the high half.
 const ROUND: f64 = 1_572_864.0 + 1023.0;
-/// 2^f on |f| ≤ 1/2 to 3e-16 of its value: interpolated at the zeros of Chebyshev's T₁₁.
+/// Coefficients of 2^f on |f| ≤ 1/2 with a relative error of 3e-16: interpolated at the zeros of Chebyshev's T₁₁.
 #[expect(
     clippy::approx_constant,
     reason = "the best polynomial's coefficient is near ln 2, not ln 2"
@@ -263,14 +263,14 @@ const EXP2: [f64; 11] = [
     7.072_584_479_589_179e-9,
 ];
 
-/// 2^(w − [`ROUND`]) for whole numbers w: their bits moved to where a double has its exponent.
+/// Returns 2^(w − [`ROUND`]) for whole numbers w, whose bits are shifted to the exponent of a double.
 #[inline(always)]
 fn two_to<S: Simd>(simd: S, whole: S::f64s) -> S::f64s {
     if S::IS_SCALAR {
         let bits: u64 = cast(whole);
         cast(bits << 20)
     } else {
-        // The low halves are zero, so halves may be shifted one by one.
+        // The low halves are zero, so the halves may be shifted separately.
         let halves: S::u32s = cast(whole);
         cast(simd.wrapping_dyn_shl_u32s(halves, simd.splat_u32s(20)))
     }
@@ -282,7 +282,7 @@ impl<S: Simd> Mask<S> {
         Lane(self.0, self.0.select_f64s(self.1, yes.1, no.1))
     }
 
-    /// Whether it is yes in any lane.
+    /// Whether it is true in any lane.
     #[inline(always)]
     pub(crate) fn any(self) -> bool {
         self.0.first_true_m64s(self.1) < S::F64_LANES
@@ -374,7 +374,7 @@ mod tests {
     }
 
     #[test]
-    fn angles_and_shares_of_the_normal_distribution_are_good_to_their_stated_digits() {
+    fn angles_and_shares_of_the_normal_distribution_are_exact_to_the_stated_digits() {
         for step in 0..=900 {
             let (y, x) = (0.1 * f64::from(step)).to_radians().sin_cos();
             let x = x.max(0.0);

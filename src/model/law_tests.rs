@@ -1,4 +1,4 @@
-//! What every form must obey, asked of one list of forms.
+//! Laws that every form must obey, tested over one list of forms.
 
 use nalgebra::Vector3;
 
@@ -9,7 +9,7 @@ use super::{Optics, Surface, Variant, radiance};
 use crate::geometry::{Cones, Directions, Pose, RigGeometry};
 use crate::units::Angle;
 
-/// One way from directions to a radiance. A new form is one line here, and all laws are asked of it.
+/// A function from directions to a radiance. A new form is one line here, and all laws are tested on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Form {
     Closed(Variant),
@@ -26,7 +26,7 @@ const FORMS: [Form; 5] = [
 ];
 
 impl Form {
-    /// Radiances and how far each may be off.
+    /// Returns radiances and the error that each may have.
     fn many(self, directions: &[Directions], s: &Surface, optics: &Optics) -> Vec<(f64, f64)> {
         match self {
             Form::Closed(v) => directions
@@ -77,7 +77,7 @@ fn surface(theta_r_deg: f64, alpha_u: f64, alpha_v: f64, rho_d: f64) -> Surface 
     }
 }
 
-/// Directions spread over the hemisphere by irrational steps.
+/// Returns directions spread over the hemisphere by irrational steps.
 fn spread(n: u32) -> Vec<Directions> {
     (0..n)
         .map(|j| {
@@ -122,7 +122,7 @@ fn lamp_and_camera_can_be_exchanged() {
 }
 
 #[test]
-fn the_ridge_leaning_the_other_way_is_the_ridge_turned_by_180_degrees() {
+fn a_ridge_that_leans_the_other_way_equals_the_ridge_turned_by_180_degrees() {
     let rig = RigGeometry {
         light_azimuth: Angle::from_deg(35.0),
         ..RigGeometry::IN_PLANE
@@ -152,7 +152,7 @@ fn the_ridge_leaning_the_other_way_is_the_ridge_turned_by_180_degrees() {
     }
 }
 
-/// Albedo for light from `theta_i`, `phi_i`: ∫ L cos θo dω over the hemisphere, / cos θi.
+/// Returns the albedo for light from `incident`: ∫ L cos θo dω over the hemisphere, / cos θi.
 fn albedo(form: Form, s: &Surface, o: &Optics, incident: Vector3<f64>, n: u32) -> f64 {
     // Midpoints in sin²θ and φ: equal shares of the projected hemisphere, π/(n · 2n) each.
     let directions: Vec<Directions> = (0..n)
@@ -175,11 +175,11 @@ fn albedo(form: Form, s: &Surface, o: &Optics, incident: Vector3<f64>, n: u32) -
         / incident.z
 }
 
-/// The forms' domain: ridges to 20°, α to 0.3. The grid is good to 0.2 % for lobes this broad.
+/// Error of the grid for lobes of the forms' domain (ridges to 20°, α to 0.3).
 const GRID_ERROR: f64 = 0.002;
 
 #[test]
-fn no_form_sends_out_more_than_came_in() {
+fn no_form_emits_more_than_it_receives() {
     for form in FORMS {
         let n = if form == Form::Quadrature { 10 } else { 40 };
         for theta_r_deg in [3.0, 20.0] {
@@ -187,7 +187,7 @@ fn no_form_sends_out_more_than_came_in() {
                 (surface(theta_r_deg, 0.25, 0.2, 0.0), optics(1.0, 1e6)),
                 (surface(theta_r_deg, 0.3, 0.3, 0.85), optics(1.5, 0.0)),
             ] {
-                // The mirror has its own, sharper test below.
+                // The mirror has a sharper test of its own below.
                 if form == Form::Quadrature && o.k > 0.0 {
                     continue;
                 }
@@ -204,7 +204,7 @@ fn no_form_sends_out_more_than_came_in() {
 }
 
 #[test]
-fn of_a_perfect_mirror_the_quadrature_returns_all_but_what_bounces_four_times() {
+fn the_quadrature_of_a_perfect_mirror_loses_only_light_reflected_four_times() {
     let mirror = optics(1.0, 1e6);
     for (theta_r_deg, least) in [(3.0, 0.99), (10.0, 0.985), (20.0, 0.96)] {
         let s = surface(theta_r_deg, 0.25, 0.2, 0.0);
@@ -219,12 +219,12 @@ fn of_a_perfect_mirror_the_quadrature_returns_all_but_what_bounces_four_times() 
 }
 
 #[test]
-fn without_ridges_a_rough_flat_surface_is_left() {
+fn without_ridges_the_forms_equal_a_rough_flat_surface() {
     let o = optics(1.54, 0.0);
     for form in FORMS {
         let s = surface(0.0, 0.2, 0.3, 0.4);
         for d in spread(200) {
-            // Masking of the roughness itself and grazing light are not the closed forms' business.
+            // The closed forms do not include masking of the roughness itself and grazing light.
             if d.incident.z < 0.6 || d.outgoing.z < 0.6 {
                 continue;
             }
@@ -251,7 +251,7 @@ fn without_ridges_a_rough_flat_surface_is_left() {
                         * d.incident.z
             };
             let (value, _) = form.one(&d, &s, &o);
-            // Smith's masking, in the quadrature alone, is below 2e-3 at these angles.
+            // Smith's masking, only in the quadrature, is below 2e-3 at these angles.
             let allowed = if form == Form::Quadrature {
                 2e-3
             } else {
@@ -270,7 +270,7 @@ fn a_mirror_facets_peak_grows_as_the_inverse_square_of_its_roughness() {
     let o = optics(2.9, 3.1);
     for form in FORMS {
         let theta_r = 0.2;
-        // Lamp and camera mirrored at m, in the plane across the ridges.
+        // Lamp and camera are mirrored at m, in the plane across the ridges.
         let d = Directions {
             incident: Vector3::new(0.0, (theta_r + 0.15f64).sin(), (theta_r + 0.15f64).cos()),
             outgoing: Vector3::new(0.0, (theta_r - 0.15f64).sin(), (theta_r - 0.15f64).cos()),
@@ -285,7 +285,7 @@ fn a_mirror_facets_peak_grows_as_the_inverse_square_of_its_roughness() {
 }
 
 #[test]
-fn an_index_of_one_has_no_mirror() {
+fn an_index_of_one_has_no_specular_reflection() {
     for form in [
         Form::Closed(Variant::Sawtooth),
         Form::Prepared(Variant::Sawtooth),
@@ -295,7 +295,7 @@ fn an_index_of_one_has_no_mirror() {
         let dark = surface(10.0, 0.1, 0.1, 0.0);
         let d = RigGeometry::IN_PLANE.directions(Pose::from_deg(5.0, 0.0));
         assert_eq!(form.one(&d, &dark, &o).0, 0.0);
-        // A flat Lambertian under a matched boundary is a Lambertian.
+        // A flat Lambertian surface under a matched boundary stays Lambertian.
         let s = surface(0.0, 0.1, 0.1, 0.5);
         let expected = 0.5 / std::f64::consts::PI * d.incident.z;
         assert!((form.one(&d, &s, &o).0 - expected).abs() < 1e-14);
@@ -303,7 +303,7 @@ fn an_index_of_one_has_no_mirror() {
 }
 
 #[test]
-fn nothing_is_seen_from_below_or_lit_from_below() {
+fn directions_below_the_surface_have_no_radiance() {
     let s = surface(10.0, 0.2, 0.2, 0.4);
     let o = optics(1.5, 0.0);
     for form in FORMS {

@@ -1,27 +1,26 @@
-//! What an answer does without: the one form in which every result says it.
+//! The omissions of a result, in the one form that all results use.
 
 use serde::{Deserialize, Serialize};
 
 use super::{Variant, cone};
 use crate::geometry::Cones;
 
-/// [`LeftOut::what`] of polarisation, in fits and plans alike.
+/// [`LeftOut::what`] of polarisation, in fits and plans.
 pub const POLARISATION: &str = "polarisation of light";
 
-/// Something that a computation leaves out.
+/// Something that a computation omits.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LeftOut {
-    /// What.
+    /// The omission.
     pub what: String,
-    /// Why.
+    /// The reason.
     pub why: String,
-    /// What it may cost: a share of the quantity asked for (of the peak, where that is a radiance); null
-    /// where nobody knows.
+    /// The error that it may cause, as a share of the result (of the peak, if that is a radiance); null if unknown.
     pub cost: Option<f64>,
 }
 
 impl LeftOut {
-    /// In words, with its cost where it is known.
+    /// An omission with its reason, and its cost if known.
     #[must_use]
     pub fn new(what: impl Into<String>, why: impl Into<String>, cost: Option<f64>) -> Self {
         LeftOut {
@@ -32,8 +31,7 @@ impl LeftOut {
     }
 }
 
-/// What every use of a closed form does without, whatever is done with its radiances; `alpha` is the
-/// narrower roughness of its lobes.
+/// Returns the omissions of every use of a closed form; `alpha` is the narrower roughness of its lobes.
 #[must_use]
 pub fn of_closed_form(variant: Variant, cones: &Cones, alpha: f64) -> Vec<LeftOut> {
     let mut list = vec![cone_average(cones, alpha)];
@@ -61,20 +59,20 @@ pub fn cone_average(cones: &Cones, alpha: f64) -> LeftOut {
     )
 }
 
-/// The lens's cone, where the rig states none.
+/// The lens's cone, if the rig states none.
 #[must_use]
 pub fn lens(cones: &Cones) -> Option<LeftOut> {
     (cones.lens.rad() <= 0.0).then(|| {
         LeftOut::new(
             "the lens's cone",
-            "the rig states no lens_angular_radius_deg, so the lens counts as a point; that matters for \
+            "the rig states no lens_angular_radius_deg, so the lens counts as a point; this matters for \
              lobes as narrow as its cone",
             None,
         )
     })
 }
 
-/// What real ridges have beside their two slopes.
+/// The deviations of real ridges from two straight slopes.
 #[must_use]
 pub fn ideal_profile() -> LeftOut {
     LeftOut::new(
@@ -84,29 +82,34 @@ pub fn ideal_profile() -> LeftOut {
     )
 }
 
-/// The same where the crests are round.
+/// The deviations that a sawtooth fit omits besides those of [`real_term`], which lists round crests by themselves;
+/// `rounded` if the fit includes round crests.
 #[must_use]
-pub fn burrs_and_draft() -> LeftOut {
+pub fn burrs_and_draft(rounded: bool) -> LeftOut {
     LeftOut::new(
         "burrs, draft of the risers",
-        "crests are round to first order; a draft of the riser cannot be told from the data and is in the budget of θr",
+        if rounded {
+            "crests are round to first order; the data do not determine a draft of the risers, which is in the budget of θr"
+        } else {
+            "the risers of the closed form are at a right angle to the facets and have no burrs"
+        },
         None,
     )
 }
 
-/// What a fit leaves out of what real samples have, by its name, where the residual (a share of the peak) needs none of it, or where
-/// it was asked for and did not explain the residual.
+/// A term for real samples, by its name, that a fit omits because the residual (a share of the peak) does not need
+/// it, or because it was tried (`asked`) and did not explain the residual.
 #[must_use]
 pub fn real_term(what: &str, rms_residual: f64, asked: bool) -> LeftOut {
     let why = if asked {
-        "it was tried, and does not halve what the fit leaves"
+        "it was tried, and does not halve the residual of the fit"
     } else {
-        "the fit leaves no more than the closed form does on ideal ridges, so nothing asks for it"
+        "the residual of the fit is no larger than that of the closed form on ideal ridges"
     };
     LeftOut::new(what, why, Some(rms_residual))
 }
 
-/// What the printed lobe has not; `cost` where a fit has told it.
+/// The terms that the printed lobe lacks; `cost` if a fit has determined it.
 #[must_use]
 pub fn printed_lobe(cost: Option<f64>) -> LeftOut {
     LeftOut::new(
@@ -116,35 +119,35 @@ pub fn printed_lobe(cost: Option<f64>) -> LeftOut {
     )
 }
 
-/// What the first mirror does to the light that the second one sees.
+/// The polarisation, by the first reflection, of the light that reaches the second mirror.
 #[must_use]
 pub fn polarisation(why: impl Into<String>) -> LeftOut {
     LeftOut::new(POLARISATION, why, None)
 }
 
-/// How the sample lies on the turntable, where nobody states it.
+/// The wedge of the sample on the turntable, if it is not stated.
 #[must_use]
 pub fn wedge() -> LeftOut {
     LeftOut::new(
         "wedge of the sample",
-        "a mean plane inclined to the turntable turns with the ridges and reads as ridge angle, degree for degree: frames \
-         cannot show it; state rig.sample_wedge_std_deg, or remount the sample at 180° and compare",
+        "a mean plane inclined to the turntable turns with the ridges and adds to the ridge angle, degree for degree: frames \
+         do not show it; state rig.sample_wedge_std_deg, or remount the sample at 180° and compare",
         None,
     )
 }
 
-/// How well the angle between lamp and camera is known, where nobody states it.
+/// The uncertainty of the angle between lamp and camera, if it is not stated.
 #[must_use]
 pub fn lamp_angle() -> LeftOut {
     LeftOut::new(
         "uncertainty of theta_l",
-        "an error of the angle between lamp and camera moves every half vector by half of it and reads as tilt offset, \
-         and as ridge angle or azimuth where the lamp is beside the tilt plane; state rig.theta_l_std_deg",
+        "an error of the angle between lamp and camera moves every half vector by half of it and appears as tilt offset, \
+         and as ridge angle or azimuth if the lamp is beside the tilt plane; state rig.theta_l_std_deg",
         None,
     )
 }
 
-/// Light that is reflected a third time.
+/// A third specular reflection.
 #[must_use]
 pub fn third_bounce() -> LeftOut {
     LeftOut::new(
@@ -154,7 +157,7 @@ pub fn third_bounce() -> LeftOut {
     )
 }
 
-/// Light that bounces twice where only its closed approximation is at hand; `cost` where the integral was compared.
+/// Double reflections, if only the closed approximation is available; `cost` if it was compared with the integral.
 #[must_use]
 pub fn two_bounce_quadrature(cost: Option<f64>) -> LeftOut {
     LeftOut::new(

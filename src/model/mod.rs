@@ -1,12 +1,12 @@
-//! PHYSICS in closed form: how much light a ridged surface sends to the camera.
+//! The reflectance model in closed form: the radiance of a ridged surface towards the camera.
 //!
-//! The one function to call: [`radiance`]; fits prepare a surface once and ask [`prepared`] for derivatives too. `Variant::Paper` is
-//! the BRDF as printed (Luongo et al. 2017, Eqs. 1–6), `Variant::Sawtooth` the full closed form of
-//! [`sawtooth`]. Pure functions of numbers: this room knows no files, no clock, no cameras and no
+//! Call [`radiance`]; fits prepare a surface once and call [`prepared`], which also returns derivatives.
+//! `Variant::Paper` is the BRDF as printed (Luongo et al. 2017, Eqs. 1–6), `Variant::Sawtooth` the full closed form
+//! of [`sawtooth`]. All are pure functions of numbers: this module does not depend on files, clocks, cameras or
 //! statistics.
 //!
-//! Directions are unit vectors in the sample frame (u, v, n), see [`crate::geometry`]. Radiance is
-//! for irradiance 1 on a surface facing the lamp, so L = f cos θi.
+//! Directions are unit vectors in the sample frame (u, v, n), see [`crate::geometry`]. Radiance is for irradiance 1
+//! on a surface that faces the lamp, so L = f cos θi.
 
 pub mod brdf;
 pub mod cone;
@@ -48,7 +48,7 @@ use crate::material::Material;
 use dual::{Dual, Scalar};
 pub use left_out::LeftOut;
 
-/// Which closed form.
+/// The closed form that is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Variant {
     /// The BRDF as printed, masking to the pitch normal.
@@ -57,7 +57,7 @@ pub enum Variant {
     Sawtooth,
 }
 
-/// What the fit looks for in a surface.
+/// The parameters of a surface that a fit determines.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Surface {
     /// Ridge angle θr, rad.
@@ -66,15 +66,15 @@ pub struct Surface {
     pub alpha_u: f64,
     /// Beckmann roughness across the ridges.
     pub alpha_v: f64,
-    /// `Paper`: the lobe's ρd as printed. `Sawtooth`: the Lambertian-equivalent reflectance of a
-    /// flat piece at the rig's own angles.
+    /// `Paper`: the lobe's ρd as printed. `Sawtooth`: the Lambertian-equivalent reflectance of a flat piece at the
+    /// rig's own angles.
     pub rho_d: f64,
-    /// Factor on the light: `Paper` on the whole lobe, `Sawtooth` on single specular reflection
-    /// (squared on two reflections). 1 with an absolute scale.
+    /// Factor on the light: `Paper` on the whole lobe, `Sawtooth` on single specular reflection (squared on two
+    /// reflections). 1 with an absolute scale.
     pub amplitude: f64,
 }
 
-/// What is known beside the surface's shape.
+/// The known inputs of the model besides the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Optics {
     /// Real part of the index.
@@ -88,8 +88,8 @@ pub struct Optics {
 }
 
 impl Surface {
-    /// The same surface with lobes no narrower than `alpha`, in quadrature: far from a narrow peak
-    /// the radiance underflows to 0 and tells a fit nothing. Start broadened, narrow as it converges.
+    /// Returns the same surface with lobes no narrower than `alpha`, in quadrature. Far from a narrow peak the radiance
+    /// underflows to 0 and gives a fit no information, so a fit starts broadened and narrows as it converges.
     #[must_use]
     pub fn broadened(&self, alpha: f64) -> Surface {
         Surface {
@@ -101,7 +101,7 @@ impl Surface {
 }
 
 impl Optics {
-    /// The optics of a material on a rig.
+    /// Returns the optics of a material on a rig.
     #[must_use]
     pub fn new(rig: &RigGeometry, material: &Material) -> Self {
         let (eta, k) = material.index();
@@ -127,7 +127,7 @@ pub struct Gradient {
     pub alpha_v: f64,
     /// ∂/∂ρd.
     pub rho_d: f64,
-    /// ∂/∂τ of [`extended`], 0 of the other forms; so the next two.
+    /// ∂/∂τ of [`extended`]; this and the next two are 0 in the other forms.
     pub translucency: f64,
     /// ∂/∂ι.
     pub tail: f64,
@@ -146,7 +146,7 @@ pub struct Gradient {
 }
 
 impl Gradient {
-    /// No light and no derivative.
+    /// Zero radiance and derivatives.
     pub const ZERO: Gradient = Gradient {
         value: 0.0,
         theta_r: 0.0,
@@ -163,7 +163,7 @@ impl Gradient {
         phi_s: 0.0,
     };
 
-    /// Adds `weight` times another one.
+    /// Adds `weight` times another gradient.
     pub fn add(&mut self, weight: f64, other: &Gradient) {
         self.value += weight * other.value;
         self.theta_r += weight * other.theta_r;
@@ -181,8 +181,8 @@ impl Gradient {
     }
 }
 
-/// Radiance for irradiance 1 on a surface facing the lamp; 0 where lamp or camera is not above
-/// the surface.
+/// Returns the radiance for irradiance 1 on a surface that faces the lamp; 0 if lamp or camera is not above the
+/// surface.
 #[must_use]
 pub fn radiance(
     variant: Variant,
@@ -197,7 +197,7 @@ pub fn radiance(
         },
         optics,
     );
-    // A negative θr is the positive one at φs + 180°.
+    // A negative θr equals the positive one at φs + 180°.
     let sign = if surface.theta_r < 0.0 { -1.0 } else { 1.0 };
     let turn = |w: &Vector3<f64>| [sign * w.x, sign * w.y, w.z];
     let (i, o) = (turn(&directions.incident), turn(&directions.outgoing));
@@ -207,9 +207,9 @@ pub fn radiance(
     }
 }
 
-/// Radiance and its exact derivatives at a true pose (mounting offsets already added).
+/// Returns the radiance and its exact derivatives at a true pose (mounting offsets already added).
 ///
-/// For many poses build a [`prepared::OpticsTable`] and a [`prepared::Prepared`] once.
+/// For many poses, build a [`prepared::OpticsTable`] and a [`prepared::Prepared`] once.
 #[cfg(test)]
 pub fn radiance_gradient(
     variant: Variant,
@@ -222,7 +222,7 @@ pub fn radiance_gradient(
     prepared::Prepared::new(variant, surface, &table).gradient(rig, pose)
 }
 
-/// The same gradient by derivative-carrying numbers: slow, and the fast one's judge.
+/// Returns the same gradient by dual numbers: slow, and the reference for the fast one.
 #[must_use]
 pub fn gradient_by_dual_numbers(
     variant: Variant,
@@ -286,14 +286,14 @@ pub fn gradient_by_dual_numbers(
     }
 }
 
-/// ∂ω/∂θc in the sample frame; `sin`, `cos` are those of the azimuth of v. Tilting turns a rig
-/// direction (x, y, z) about +y at the rate (z, 0, −x).
+/// Returns ∂ω/∂θc in the sample frame; `sin`, `cos` are those of the azimuth of v. Tilting turns a rig direction (x,
+/// y, z) about +y at the rate (z, 0, −x).
 fn tilt_derivative(w: Vector3<f64>, sin: f64, cos: f64) -> Vector3<f64> {
     let x = w.x * sin + w.y * cos;
     Vector3::new(w.z * sin, w.z * cos, -x)
 }
 
-/// ∂ω/∂φs in the sample frame.
+/// Returns ∂ω/∂φs in the sample frame.
 fn turn_derivative(w: Vector3<f64>) -> Vector3<f64> {
     Vector3::new(w.y, -w.x, 0.0)
 }

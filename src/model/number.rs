@@ -1,8 +1,9 @@
-//! What a term of the model needs of a number: one notation for values, derivatives and registers.
+//! The operations that a term of the model needs of a number, for values, derivatives and registers.
 //!
-//! A term that is written over [`Number`] runs on `f64`, on derivative-carrying numbers ([`super::dual`]) and on a register of
-//! surfaces ([`super::lanes`]). Branches are choices between two numbers, so that the lanes of a register may take
-//! different ones. Constants are made [`Number::like`] a number that is there, since a register is made of the machine's own kind.
+//! A term that is written over [`Number`] runs on `f64`, on dual numbers ([`super::dual`]) and on a register of
+//! surfaces ([`super::lanes`]). Branches are selections between two numbers, so that the lanes of a register may take
+//! different ones. Constants are made from an existing number by [`Number::like`], since the type of a register
+//! depends on the machine.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -21,23 +22,23 @@ pub trait Number:
     + Div<Output = Self>
     + Neg<Output = Self>
 {
-    /// Which of two numbers to take.
+    /// The result of a comparison, which selects between two numbers.
     type Choice: Copy;
 
-    /// A constant of the same kind.
+    /// Returns a constant of the same kind.
     fn like(self, value: f64) -> Self;
     /// Whether this is below the other.
     fn below(self, other: Self) -> Self::Choice;
-    /// One of two by a choice.
+    /// Returns `yes` or `no`, as `choice` selects.
     fn choose(choice: Self::Choice, yes: Self, no: Self) -> Self;
-    /// f(self) by a function that gives value and slope.
+    /// Returns f(self) for a function that returns value and slope.
     fn map(self, f: impl Fn(f64) -> (f64, f64)) -> Self;
-    /// f(self, other) by a function that gives the value and the slopes to both.
+    /// Returns f(self, other) for a function that returns the value and the slopes with respect to both.
     fn map2(self, other: Self, f: impl Fn(f64, f64) -> (f64, f64, f64)) -> Self;
-    /// Reflectances R_s, R_p of a smooth wall met at this cosine, for the index η + ik.
+    /// Returns the reflectances R_s, R_p of a smooth wall at this cosine of incidence, for the index η + ik.
     fn mirrored(self, eta: Self, k: Self) -> (Self, Self);
 
-    /// The same times a constant.
+    /// Multiplies by a constant.
     fn times(self, factor: f64) -> Self {
         self * self.like(factor)
     }
@@ -49,7 +50,7 @@ pub trait Number:
     fn smaller(self, other: Self) -> Self {
         Self::choose(self.below(other), self, other)
     }
-    /// The number where it is positive, else 0.
+    /// The number if it is positive, else 0.
     fn positive(self) -> Self {
         self.larger(self.like(0.0))
     }
@@ -135,7 +136,7 @@ impl<S: Simd> Number for Lane<S> {
             (value, slope, 0.0)
         })
     }
-    /// One lane after the other: the terms that need it are no part of an inner loop.
+    /// Evaluates the lanes one by one: the terms that use it are not in an inner loop.
     #[inline(always)]
     fn map2(self, other: Self, f: impl Fn(f64, f64) -> (f64, f64, f64)) -> Self {
         let (mut a, mut b) = ([0.0; WIDEST], [0.0; WIDEST]);
@@ -151,7 +152,7 @@ impl<S: Simd> Number for Lane<S> {
         let (mut n, mut absorbs) = ([0.0; WIDEST], [0.0; WIDEST]);
         eta.store(&mut n[..Lane::<S>::WIDTH], 0);
         k.store(&mut absorbs[..Lane::<S>::WIDTH], 0);
-        // A register is of one index.
+        // All lanes have the same index.
         let (n, absorbs) = (n[0], absorbs[0]);
         let s = self.map(|cos| (fresnel::reflectances(cos, n, absorbs).0, 0.0));
         let p = self.map(|cos| (fresnel::reflectances(cos, n, absorbs).1, 0.0));

@@ -1,9 +1,9 @@
-//! The micro-structure of greatest contrast on a rig: [`optimise`].
+//! Search for the microstructure of greatest contrast on a rig: [`optimise`].
 //!
-//! The mean of absolute contrasts has kinks and side maxima, so a grid finds the basin and golden sections finish
-//! it. *Conditioning*: a maximum is flat, so its place is known to the root of what its height is known to (half
-//! of the digits), and the sections end where two heights differ by rounding; its height and the
-//! bounds of the plateau around it, which are crossings, keep the digits of the contrast.
+//! The mean of absolute contrasts has kinks and side maxima, so a grid finds the basin and golden sections refine it.
+//! *Conditioning*: a maximum is flat, so its location is known only to the square root of the precision of its height
+//! (half of the digits), and the sections end if two heights differ by rounding. Its height, and the bounds of the
+//! plateau around it, which are crossings, keep the digits of the contrast.
 
 use std::cell::Cell;
 
@@ -12,42 +12,42 @@ use crate::geometry::RigGeometry;
 use super::contrast::{Pace, Prediction, Tier, predict_paced};
 use super::{Optics, Surface};
 
-/// The best ridge angle and how flat the optimum is.
+/// The best ridge angle and the flatness of the optimum.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Optimum {
     /// Ridge angle, degrees.
     pub theta_r_deg: f64,
-    /// Roughness, both axes (the given one where it was not free).
+    /// Roughness of both axes (the given one if it was not free).
     pub alpha: f64,
     /// Mean absolute contrast there.
     pub contrast: f64,
     /// Mean Michelson contrast there.
     pub michelson: f64,
-    /// Ridge angles between which the contrast stays above 99 % of the best, degrees; none where time was over.
+    /// Ridge angles between which the contrast stays above 99 % of the best, degrees; `None` if the time limit passed.
     pub within_1_percent_deg: Option<[f64; 2]>,
     /// The same for 90 %.
     pub within_10_percent_deg: Option<[f64; 2]>,
-    /// Whether the optimum lies on a bound of the ridge angle; no where time was over before it was known.
+    /// Whether the optimum is at a bound of the ridge angle; false if the time limit passed before it was known.
     pub at_theta_r_bound: bool,
-    /// The same of the roughness.
+    /// Whether the optimum is at a bound of the roughness; false if the time limit passed before it was known.
     pub at_alpha_bound: bool,
-    /// The best ridge angle lies no further than this from the one given, degrees, as far as the grid
-    /// told the basins apart.
+    /// Largest distance of the best ridge angle from the given one, degrees, provided that the grid separated the
+    /// basins.
     pub theta_r_resolution_deg: f64,
-    /// Error of the contrast that the quadrature estimates, as a share of it; none of closed forms.
+    /// Error of the contrast by the quadrature's estimate, as a share of it; `None` for closed forms.
     pub error: Option<f64>,
     /// Tables that were computed.
     pub tables: u64,
-    /// Whether the search came to its end before time was over.
+    /// Whether the search ended before the time limit.
     pub complete: bool,
 }
 
-/// What [`optimise`] may vary.
+/// The range of [`optimise`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Search {
     /// Bounds of the ridge angle, degrees.
     pub theta_r_deg: [f64; 2],
-    /// Bounds of the roughness (αu = αv); equal bounds keep it.
+    /// Bounds of the roughness (αu = αv); equal bounds hold it constant.
     pub alpha: [f64; 2],
     /// Tilts over which contrast is averaged, degrees.
     pub tilts_deg: Vec<f64>,
@@ -57,11 +57,11 @@ pub struct Search {
 const GRID: [u32; 2] = [80, 24];
 /// Steps of the walk from the optimum to a bound.
 const WALK: u32 = 400;
-/// Golden sections end at this share of the whole range.
+/// Share of the whole range at which golden sections end.
 const END: f64 = 1e-7;
 
-/// Tables that a search will compute, about: the grids, sections down to [`END`] of two cells of them, and a fifth of
-/// each walk.
+/// Estimates the number of tables that a search computes: the grids, sections down to [`END`] of two grid cells, and
+/// a fifth of each walk.
 #[must_use]
 pub fn tables_of(search: &Search) -> u64 {
     let sections = |cells: u32| (f64::from(cells) * END / 2.0).ln() / 0.618_f64.ln() + 3.0;
@@ -76,10 +76,10 @@ pub fn tables_of(search: &Search) -> u64 {
     (all + 4.0 * (0.2 * f64::from(WALK) + 30.0)) as u64
 }
 
-/// The ridge angle (and roughness within its bounds) of greatest mean absolute contrast on a rig; where `pace` ends
-/// it early, the best so far.
+/// Returns the ridge angle (and roughness within its bounds) of greatest mean absolute contrast on a rig; if `pace`
+/// stops the search, the best so far.
 ///
-/// The roughness is scanned on a logarithmic grid and refined the same way as the ridge angle.
+/// The roughness is scanned on a logarithmic grid and refined in the same way as the ridge angle.
 #[must_use]
 pub fn optimise(
     tier: Tier,
@@ -129,13 +129,13 @@ pub fn optimise(
     let (mut theta_r_deg, resolution) = best_ridge(alpha);
     let searched = !stopped.get();
     if !searched {
-        // Whatever line of the search it was met on.
+        // The best of all points that were evaluated.
         (_, theta_r_deg, alpha) = seen.get();
     }
     let best = table(theta_r_deg, alpha);
     let peak = best.table.mean_absolute();
     let edge = |to: f64, share: f64| {
-        // Walk outwards to the first fall below the share, then halve.
+        // Walks outwards to the first point below the share, then bisects.
         let mut inside = theta_r_deg;
         for j in 1..=WALK {
             if !go_on() {
@@ -190,8 +190,8 @@ pub fn optimise(
     }
 }
 
-/// Where `f` is greatest within [low, high], and how far off that may be: the best of `n` + 1 grid points, refined.
-/// What is reached when `go_on` says no is given, the first point at least.
+/// Returns the maximum of `f` within [low, high], and its largest error: the best of `n` + 1 grid points, refined. If
+/// `go_on` returns false, returns the best so far, at least the first point.
 fn maximum(
     [low, high]: [f64; 2],
     n: u32,
@@ -228,7 +228,7 @@ fn maximum(
         }
     }
     let middle = 0.5 * (a + b);
-    // A bound may be better than anything inside.
+    // A bound may be better than any point inside.
     let place = if best.1 > f(middle) {
         at(best.0)
     } else {
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn the_optimum_beats_its_neighbours_and_its_plateau_holds() {
+    fn the_optimum_is_better_than_its_neighbours_and_its_plateau_is_correct() {
         let search = search();
         let tier = Tier::Closed(Variant::Sawtooth);
         let o = optimise(
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn a_search_that_is_stopped_gives_the_best_so_far_and_says_so() {
+    fn a_stopped_search_returns_the_best_so_far_and_is_marked_incomplete() {
         let asked = std::sync::atomic::AtomicU32::new(0);
         let go_on = || asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed) < 40;
         let pace = Pace {
@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stopped_search_over_the_roughness_too_keeps_the_best_it_met() {
+    fn a_stopped_search_over_the_roughness_too_returns_the_best_of_all_points() {
         let asked = std::sync::atomic::AtomicU32::new(0);
         // In the middle of the third line of ridge angles.
         let go_on = || asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed) < 260;

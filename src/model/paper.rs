@@ -1,13 +1,13 @@
-//! The BRDF as printed (Luongo et al. 2017, Eqs. 1–6), masking measured to the pitch normal.
+//! The BRDF as printed (Luongo et al. 2017, Eqs. 1–6), with masking measured to the pitch normal.
 //!
 //! ```text
 //! f = G D / (4 |ω_i·n| |ω_o·n|) · [ F(ω_i, h) + (ρd/π) (1 − F)² ],   h ∝ ω_i + ω_o
 //! ```
 //!
-//! *Conditioning.* G1 = 1 − |tan θr tan θp| cancels towards the horizon on the side that the facets lean to, where with
-//! it G1/(ω·n) = 1/(cos θr ω_m) exactly; away from it G1 vanishes at the edge of visibility, and its digits there are
-//! those of the distance from the edge (its condition number, no more). The exponent is a square over h_m², so nothing is
-//! subtracted but inside h_e.
+//! *Conditioning.* G1 = 1 − |tan θr tan θp| cancels towards the horizon on the side that the facets lean to, while
+//! there G1/(ω·n) = 1/(cos θr ω_m) exactly. On the other side G1 vanishes at the edge of visibility, and its digits
+//! there are those of the distance from the edge (its condition number, no more). The exponent is a square over h_m²;
+//! the only subtraction is inside h_e.
 
 use std::f64::consts::PI;
 
@@ -15,9 +15,9 @@ use super::dual::Scalar;
 use super::fresnel::reflectance_of;
 use super::sawtooth::Parameters;
 
-/// G1(ω) = χ+(ω_p·m) [1 − min(1, |tan θr tan θp|)] (Eq. 2) over any [`Scalar`], divided by ω·n if
-/// `over_cos`. On the side that the facets lean to, G1/(ω·n) = 1/(cos θr ω_m): no cancellation and
-/// no division by zero at grazing.
+/// Returns G1(ω) = χ+(ω_p·m) [1 − min(1, |tan θr tan θp|)] (Eq. 2) over any [`Scalar`], divided by ω·n if `over_cos`.
+/// On the side that the facets lean to, G1/(ω·n) = 1/(cos θr ω_m), without cancellation or a division by zero at
+/// grazing.
 fn masking<S: Scalar>(w: [S; 3], sin: S, cos: S, over_cos: bool) -> S {
     let e = w[1] * cos - w[2] * sin;
     let m = w[1] * sin + w[2] * cos;
@@ -33,8 +33,8 @@ fn masking<S: Scalar>(w: [S; 3], sin: S, cos: S, over_cos: bool) -> S {
     if over_cos { open / w[2] } else { open }
 }
 
-/// L = f cos θi towards `o` for irradiance 1 on a surface facing the light at `i`, times the
-/// amplitude; roughness widened by the cones of lamp and lens (α² + w).
+/// Returns L = f cos θi towards `o` for irradiance 1 on a surface that faces the light at `i`, times the amplitude; the
+/// roughness is widened by the cones of lamp and lens (α² + w).
 pub fn radiance_of<S: Scalar>(i: [S; 3], o: [S; 3], q: &Parameters<S>) -> S {
     let zero = S::constant(0.0);
     if i[2].value() <= 0.0 || o[2].value() <= 0.0 {
@@ -61,21 +61,20 @@ pub fn radiance_of<S: Scalar>(i: [S; 3], o: [S; 3], q: &Parameters<S>) -> S {
     q.amplitude * g * d * (f + q.rho_d * t * t * (1.0 / PI)) * 0.25
 }
 
-/// Which angle the printed G is read with.
+/// The angle in the printed G.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reading {
-    /// θp to the pitch normal m (Fig. 4, Appendix A): what this program uses.
+    /// θp to the pitch normal m (Fig. 4, Appendix A); this program uses it.
     Pitch,
     /// θp to the half vector, Eq. 4 taken literally.
     Half,
-    /// The authors' public renderer: θp to the half vector, and the angle between n and the half
-    /// vector in place of θr.
+    /// The authors' public renderer: θp to the half vector, and the angle between n and the half vector in place of θr.
     Code,
 }
 
-/// G(ω_i, ω_o) in one of its three readings; unit vectors along u, v, n above the surface.
+/// Returns G(ω_i, ω_o) in one of its three readings; unit vectors along u, v, n above the surface.
 ///
-/// Only [`Reading::Pitch`] is a property of the surface; the other two are here to be compared.
+/// Only [`Reading::Pitch`] is a property of the surface; the other two serve for comparison.
 #[must_use]
 pub fn shadowing_and_masking(reading: Reading, i: [f64; 3], o: [f64; 3], theta_r: f64) -> f64 {
     let (sin, cos) = theta_r.sin_cos();
@@ -130,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn off_the_peak_the_readings_part() {
+    fn off_the_peak_the_readings_differ() {
         let (i, o) = (direction(0.3, 0.4), direction(0.5, 2.5));
         let [p, h, c] = [Reading::Pitch, Reading::Half, Reading::Code]
             .map(|reading| shadowing_and_masking(reading, i, o, 0.3));
@@ -162,8 +161,8 @@ mod tests {
             };
             let (f, cond, cos_i) = (x[10], x[14], x[0].cos());
             let l = radiance_of(direction(x[0], x[1]), direction(x[2], x[3]), &q);
-            // Vectors in doubles lose what the angles' own rounding loses, times a few operations;
-            // opposite grazing directions, whose sum cancels, are left to the exact form.
+            // Vectors in doubles lose the digits that the angles' own rounding loses, times a few operations. For
+            // opposite grazing directions the sum cancels; only the exact form covers these.
             if line.starts_with("opposite") {
                 continue;
             }

@@ -1,8 +1,8 @@
-//! A board of patches with ridges in two directions, seen by a camera at a finite distance.
+//! A board of patches with ridges in two directions, imaged by a camera at a finite distance.
 //!
-//! [`Board::render`] gives the radiance of every pixel (Luongo et al. 2017, Fig. 2): each pixel has
-//! its own directions to lamp and camera, and its own irradiance, 1 at the board's centre for a
-//! surface facing the lamp and falling with the square of the distance. It knows no file formats.
+//! [`Board::render`] returns the radiance of every pixel (Luongo et al. 2017, Fig. 2). Each pixel has its own
+//! directions to lamp and camera, and its own irradiance, which is 1 at the board's centre for a surface that faces
+//! the lamp and decreases with the square of the distance.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -13,9 +13,9 @@ use crate::units::Angle;
 use super::prepared::{OpticsTable, Prepared};
 use super::{Optics, Surface, Variant};
 
-/// A square board of n × n patches; where i + j is odd the ridges are turned by −90°. With an odd
-/// n a quarter turn (+90°) brings the odd patches where the even ones were, so that bright and dark
-/// change places; with an even n the patches change places too and undo it.
+/// A square board of n × n patches; if i + j is odd, the ridges are turned by −90°. With an odd n a quarter turn
+/// (+90°) moves the odd patches to the places of the even ones, so bright and dark are exchanged. With an even n the
+/// patches change places too, which cancels the exchange.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Board {
     /// Side of the board, mm.
@@ -24,7 +24,7 @@ pub struct Board {
     pub patches: u32,
     /// Distance of camera and lamp from the board's centre, mm.
     pub distance_mm: f64,
-    /// Width of what the camera sees in the plane through the centre, across its axis, mm.
+    /// Width of the camera's field in the plane through the centre, perpendicular to its axis, mm.
     pub field_mm: f64,
 }
 
@@ -40,8 +40,7 @@ pub struct Picture {
 }
 
 impl Board {
-    /// The picture of the board at a camera tilt and a recorded azimuth, `pixels` square; dark
-    /// beside the board.
+    /// Renders the board at a camera tilt and a recorded azimuth, `pixels` square; pixels beside the board are dark.
     #[must_use]
     pub fn render(
         &self,
@@ -158,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn the_centre_of_the_board_is_what_a_far_camera_sees() {
+    fn the_centre_of_the_board_agrees_with_a_far_camera() {
         let far = Board {
             distance_mm: 1e7,
             ..BOARD
@@ -184,7 +183,7 @@ mod tests {
             phi_s: Angle::ZERO,
         });
         let expected = super::super::radiance(Variant::Sawtooth, &d, &surface, &optics);
-        // The central patch is even: not turned.
+        // The central patch is even, so it is not turned.
         let value = f64::from(p.radiance[25 * p.width + 25]);
         assert!((value / expected - 1.0).abs() < 1e-4, "{value} {expected}");
     }

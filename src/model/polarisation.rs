@@ -1,8 +1,7 @@
-//! Stokes vectors, Mueller matrices and what a smooth boundary does to polarised light: the sign
-//! convention of the whole program, once.
+//! Stokes vectors, Mueller matrices and smooth boundaries for polarised light, with the sign convention of the program.
 //!
-//! Call [`Boundary::new`] for a pair of media and [`Boundary::at`] for a hit; [`Channel::mueller`]
-//! is the Mueller matrix in the frame of the hit. The ray tracer uses the same parts inside.
+//! Call [`Boundary::new`] for a pair of media and [`Boundary::at`] for a hit; [`Channel::mueller`] is the Mueller
+//! matrix in the frame of the hit. The ray tracer uses the same parts.
 //!
 //! The convention is that of NIST's SCATMECH: exp(−iωt), N = n + ik, Stokes vector
 //! (I, Q = I_s − I_p, U = I_(s+p) − I_(s−p), V = I_left − I_right), and in the frame of a hit with
@@ -13,16 +12,16 @@
 //! r_s = (c − q)/(c + q),  r_p = (N² c − q)/(N² c + q),  q² = N² − 1 + c²,  Im q ≥ 0   (N relative, c = cos θ)
 //! ```
 //!
-//! so that r_p = −r_s at normal incidence and m23 = +Im(r_s r_p*). Other programs (Mitsuba 3) count
-//! V the other way round: D M D, D = diag(1, 1, 1, −1).
+//! so that r_p = −r_s at normal incidence and m23 = +Im(r_s r_p*). Other programs (Mitsuba 3) have the opposite sign
+//! of V: D M D, D = diag(1, 1, 1, −1).
 //!
-//! A boundary acts on s and p alone, hence on I ± Q by two powers and on U, V by one complex number
-//! z = r_s r_p*: a [`Channel`]. This module does not know where surfaces are.
+//! A boundary acts on s and p separately, so on I ± Q by two powers and on U, V by one complex number z = r_s r_p*: a
+//! [`Channel`].
 //!
-//! *Conditioning.* Amplitudes and powers are those of [`super::fresnel`], without the cancellation at an index near 1;
-//! what is refracted is not 1 − R but its own product, so R + T = 1 to rounding from grazing to normal. z = r_s r_p* is a
-//! product. The refracted cosine is a root of a sum (k = 0) and 0 beyond the critical angle, at which it has half of the digits,
-//! as the root of what is left: an angle of refraction there is ill-conditioned itself.
+//! *Conditioning.* Amplitudes and powers are those of [`super::fresnel`], without the cancellation at an index near
+//! 1. The refracted power is not 1 − R but a product of its own, and R + T = 1 to rounding from grazing to normal. z
+//! = r_s r_p* is a product. The refracted cosine is the root of a sum (k = 0) and 0 beyond the critical angle. At
+//! that angle it has half of the digits, because the angle of refraction is ill-conditioned there.
 
 mod absorbing;
 mod lanes;
@@ -42,7 +41,7 @@ pub type Stokes = Vector4<f64>;
 pub struct Mueller(pub Matrix4<f64>);
 
 impl Mueller {
-    /// What leaves everything as it is.
+    /// The matrix that leaves every beam unchanged.
     #[must_use]
     pub fn identity() -> Self {
         Mueller(Matrix4::identity())
@@ -62,8 +61,8 @@ impl Mueller {
         Mueller(rows)
     }
 
-    /// What the reversed path does, with each beam in the frame (z × k, k × s) of its own
-    /// direction: O Mᵀ O, O = diag(1, 1, −1, 1).
+    /// Returns the matrix of the reversed path, with each beam in the frame (z × k, k × s) of its own direction: O Mᵀ
+    /// O, O = diag(1, 1, −1, 1).
     #[must_use]
     pub fn reversed_path(&self) -> Self {
         let mut m = self.0.transpose();
@@ -74,8 +73,8 @@ impl Mueller {
         Mueller(m)
     }
 
-    /// Smallest eigenvalue of the coherency matrix (Cloude) over its trace. A sum of physical
-    /// processes has none below 0; the matrix of pure depolarisation reaches 1/4.
+    /// Returns the smallest eigenvalue of the coherency matrix (Cloude) over its trace. A sum of physical processes
+    /// has none below 0; the matrix of pure depolarisation reaches 1/4.
     ///
     /// Cloude 1986: H = ¼ Σ m_ij σ_i ⊗ σ_j*; its trace is m00.
     #[must_use]
@@ -105,7 +104,7 @@ impl Mueller {
                 }
             }
         }
-        // The eigenvalues' reflections take squares, which lose all digits where they underflow.
+        // The eigenvalue solver's reflections take squares, which lose all digits if they underflow.
         let flushed = |x: f64| if x.abs() < 1e-100 { 0.0 } else { x };
         h.apply(|x| *x = Complex::new(flushed(x.re), flushed(x.im)));
         h.symmetric_eigenvalues().min()
@@ -119,8 +118,8 @@ impl std::ops::Mul for Mueller {
     }
 }
 
-/// What a boundary does to a beam in the frame of the hit: powers of s and p, and the complex factor
-/// of the product E_s E_p*.
+/// The action of a boundary on a beam in the frame of the hit: powers of s and p, and the complex factor of the product
+/// E_s E_p*.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Channel<T = f64> {
     /// Power factor of s.
@@ -134,7 +133,7 @@ pub struct Channel<T = f64> {
 }
 
 impl Channel {
-    /// Nothing goes this way.
+    /// No light.
     pub const NONE: Channel = Channel {
         s: 0.0,
         p: 0.0,
@@ -142,13 +141,13 @@ impl Channel {
         im: 0.0,
     };
 
-    /// Power factor of unpolarised light.
+    /// Returns the power factor of unpolarised light.
     #[must_use]
     pub fn unpolarised(&self) -> f64 {
         0.5 * (self.s + self.p)
     }
 
-    /// The Mueller matrix in the frame of the hit.
+    /// Returns the Mueller matrix in the frame of the hit.
     #[must_use]
     pub fn mueller(&self) -> Mueller {
         let (a, b) = (0.5 * (self.s + self.p), 0.5 * (self.s - self.p));
@@ -163,7 +162,7 @@ impl Channel {
     }
 }
 
-/// A smooth boundary seen from one side.
+/// A smooth boundary, for light from one side.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Boundary {
     /// Relative index N = N_beyond / n_here.
@@ -172,13 +171,13 @@ pub struct Boundary {
     squared: Complex<f64>,
     /// N² − 1, formed without cancellation.
     lift: Complex<f64>,
-    /// Both media are transparent.
+    /// Whether both media are transparent.
     transparent: bool,
-    /// One of them is an absorbing layer.
+    /// The media, if one of them is an absorbing layer.
     absorbing: Option<Media>,
 }
 
-/// What a hit on a [`Boundary`] gives.
+/// The reflected and refracted parts at a hit on a [`Boundary`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Split<T = f64> {
     /// The reflected part.
@@ -187,12 +186,12 @@ pub struct Split<T = f64> {
     pub refracted: Channel<T>,
     /// Cosine of the angle of refraction; 0 under total reflection and into a metal.
     pub cos_refracted: T,
-    /// Sine of the angle of refraction over that of incidence, where light is refracted.
+    /// Sine of the angle of refraction over that of incidence, if light is refracted.
     pub ratio: T,
 }
 
 impl<T> Split<T> {
-    /// All ten in the order of the fields, to lay them out in lanes.
+    /// Returns all ten numbers in the order of the fields, to lay them out in lanes.
     #[inline(always)]
     fn numbers(self) -> [T; 10] {
         let (r, t) = (self.reflected, self.refracted);
@@ -212,7 +211,7 @@ impl<T> Split<T> {
 }
 
 impl Boundary {
-    /// From a medium of real index `here` onto one of index `n + ik`, exp(−iωt), k ≥ 0.
+    /// A boundary from a medium of real index `here` to one of index `n + ik`, exp(−iωt), k ≥ 0.
     #[must_use]
     pub fn new(here: f64, n: f64, k: f64) -> Self {
         let (rn, rk) = (n / here, k / here);
@@ -228,8 +227,8 @@ impl Boundary {
         }
     }
 
-    /// The same where either medium may be an absorbing layer: from `here`, where light is, onto `beyond`, which light goes on
-    /// in if it `enters`; else what absorbs beyond is a metal.
+    /// As [`Self::new`], for media either of which may be an absorbing layer: from `here`, the medium of the light, to
+    /// `beyond`, in which light continues if it `enters`; otherwise an absorbing `beyond` is a metal.
     #[must_use]
     pub fn between(here: Complex<f64>, beyond: Complex<f64>, enters: bool) -> Self {
         let plain = Boundary::new(here.re, beyond.re, beyond.im);
@@ -243,20 +242,20 @@ impl Boundary {
         }
     }
 
-    /// Whether nothing is lost at it: what is not reflected goes on.
+    /// Whether it loses no power: all light that is not reflected is refracted.
     #[must_use]
     pub fn is_transparent(&self) -> bool {
         self.transparent
     }
 
-    /// Whether light cannot go on beyond, at any angle.
+    /// Whether light cannot continue beyond at any angle.
     #[must_use]
     pub fn is_metal(&self) -> bool {
         !self.transparent && self.absorbing.is_none_or(|media| !media.enters())
     }
 
-    /// Shares (s, p) of the power that do not come back at cos θ = `cos`: 1 − R without the cancellation
-    /// where R is near 1 (4 c Re q/|c + q|² and 4 c Re(N² q*)/|N² c + q|²).
+    /// Returns the shares (s, p) of the power that are not reflected at cos θ = `cos`: 1 − R without the cancellation
+    /// for R near 1 (4 c Re q/|c + q|² and 4 c Re(N² q*)/|N² c + q|²).
     #[must_use]
     pub fn kept(&self, cos: f64) -> (f64, f64) {
         let q = refracted(cos, self.squared, self.lift);
@@ -269,7 +268,8 @@ impl Boundary {
         (s, p)
     }
 
-    /// Reflection and refraction at cos θ = `cos` in (0, 1]; reflected and refracted powers add up to 1 on a transparent boundary.
+    /// Returns reflection and refraction at cos θ = `cos` in (0, 1]; reflected and refracted powers add up to 1 on a
+    /// transparent boundary.
     #[must_use]
     #[inline]
     pub fn at(&self, cos: f64) -> Split {
@@ -332,7 +332,7 @@ impl Boundary {
         }
     }
 
-    /// Total reflection: both amplitudes have modulus 1, only their phases differ.
+    /// Total reflection: both amplitudes have modulus 1; only their phases differ.
     fn total(&self, cos: f64, q2: f64) -> Channel {
         let q = (-q2).sqrt();
         let n2c = self.squared.re * cos;
@@ -358,7 +358,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_element_next_to_nothing_does_not_make_a_physical_matrix_unphysical() {
+    fn a_tiny_element_does_not_make_a_physical_matrix_unphysical() {
         let gold = Boundary::new(1.0, 0.35, 2.7).at(0.8).reflected.mueller();
         for angle in [0.0, 5e-324, 1e-310, 1e-160, 1e-12] {
             let turned = Mueller::rotation(angle) * gold;
@@ -367,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn brewster_s_angle_leaves_no_p() {
+    fn brewster_s_angle_reflects_no_p() {
         let theta = 1.5f64.atan();
         let split = Boundary::new(1.0, 1.5, 0.0).at(theta.cos());
         assert!((theta.to_degrees() - 56.310).abs() < 5e-4);
@@ -386,7 +386,7 @@ mod tests {
                 let sum_p = there.reflected.p + there.refracted.p;
                 assert!((sum_s - 1.0).abs() < 1e-13 && (sum_p - 1.0).abs() < 1e-13);
                 let back = up.at(there.cos_refracted);
-                // The cosine of refraction carries a rounding error that N² and 1/cos magnify.
+                // The cosine of refraction has a rounding error that N² and 1/cos magnify.
                 let tolerance = 1e-14 * n * n / cos;
                 assert!((back.reflected.s - there.reflected.s).abs() < tolerance);
                 assert!((back.reflected.p - there.reflected.p).abs() < tolerance);
@@ -396,7 +396,7 @@ mod tests {
     }
 
     #[test]
-    fn total_reflection_keeps_the_power_and_turns_the_phase_as_fresnel_s_rhomb_says() {
+    fn total_reflection_keeps_the_power_and_turns_the_phase_as_in_fresnel_s_rhomb() {
         // Born & Wolf: glass 1.51 at 54°37' gives a phase difference of 45°.
         let boundary = Boundary::new(1.51, 1.0, 0.0);
         let split = boundary.at((54.0f64 + 37.0 / 60.0).to_radians().cos());
@@ -433,7 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn reflections_are_physical_and_a_hand_made_impossibility_is_not() {
+    fn reflections_are_physical_and_a_constructed_impossible_matrix_is_not() {
         for cos in [0.05, 0.3, 0.8, 1.0] {
             for boundary in [
                 Boundary::new(1.0, 1.5, 0.0),

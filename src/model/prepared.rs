@@ -1,16 +1,15 @@
-//! The inner loop of every fit: one parameter set, many poses, value and all first derivatives.
+//! The inner loop of every fit: one parameter set, many poses, the value and all first derivatives.
 //!
-//! [`OpticsTable`] holds what hangs on the index alone (built once per fit unless the index is
-//! free), [`Prepared`] what hangs on the parameters (once per trial), and
-//! [`Prepared::partials`] does one pose. The derivatives are written by hand, backwards from the
-//! radiance to the corner-frame components of the two directions, and checked against the
-//! derivative-carrying numbers of [`super::dual`] that run through the forms of
-//! [`super::sawtooth`] and [`super::paper`].
+//! [`OpticsTable`] contains the values that depend on the index only (computed once per fit unless the index is
+//! free), [`Prepared`] those that depend on the parameters (once per trial); [`Prepared::partials`] evaluates one
+//! pose. The derivatives are written by hand in reverse mode, from the radiance to the corner-frame components of the
+//! two directions. Tests compare them with the dual numbers of [`super::dual`] in the forms of [`super::sawtooth`]
+//! and [`super::paper`].
 //!
-//! *Conditioning.* The value has the forms of [`super::sawtooth`] and their digits. Derivatives are logarithmic
-//! ones times the value, so they vanish where it does and never divide by it; ∂/∂α² of a lobe loses nothing at the lobe's
-//! peak and grows as (x/α)² beside it, which is its true size. A retro lobe beyond e⁻¹⁰⁰ of its peak is left out: below
-//! 1e-43 of it the inner loop says 0 where the reference form has a number.
+//! *Conditioning.* The value has the forms of [`super::sawtooth`] and their digits. Derivatives are logarithmic ones
+//! times the value, so they vanish with it and never divide by it. ∂/∂α² of a lobe loses no digits at the lobe's peak
+//! and grows as (x/α)² beside it, which is its true size. A retro lobe beyond e⁻¹⁰⁰ of its peak is omitted: below
+//! 1e-43 of the peak the inner loop returns 0, unlike the reference form.
 
 use nalgebra::Vector3;
 
@@ -21,7 +20,7 @@ use super::fresnel::{Reflectances, Slopes, dielectric_slopes};
 use super::sawtooth::diffuse_transmittance;
 use super::{Gradient, Optics, Surface, Variant};
 
-/// A radiance with its derivatives to the parameters and to the components of both directions.
+/// A radiance with its derivatives with respect to the parameters and to the components of both directions.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Partials {
     /// The radiance.
@@ -34,7 +33,7 @@ pub struct Partials {
     pub alpha_v: f64,
     /// ∂/∂ρd.
     pub rho_d: f64,
-    /// ∂/∂τ, ∂/∂ι and ∂/∂(R/p) of [`super::extended`]; 0 of the other forms.
+    /// ∂/∂τ, ∂/∂ι and ∂/∂(R/p) of [`super::extended`]; 0 in the other forms.
     pub translucency: f64,
     /// See `translucency`.
     pub tail: f64,
@@ -46,15 +45,15 @@ pub struct Partials {
     pub eta: f64,
     /// ∂/∂k.
     pub k: f64,
-    /// ∂/∂ω_i along u, v, n, each component free.
+    /// ∂/∂ω_i along u, v, n, each component independent.
     pub incident: [f64; 3],
     /// ∂/∂ω_o along u, v, n.
     pub outgoing: [f64; 3],
 }
 
 impl Partials {
-    /// The derivatives to the two stage angles instead of the directions, for `directions` that a
-    /// rig makes of a pose whose azimuth of v has these `sin` and `cos`.
+    /// Converts the derivatives with respect to the directions to those with respect to the two stage angles, for
+    /// `directions` of a rig at a pose whose azimuth of v has this `sin` and `cos`.
     #[must_use]
     pub fn on_rig(&self, directions: &Directions, sin: f64, cos: f64) -> Gradient {
         let mut theta_c = 0.0;
@@ -86,21 +85,21 @@ impl Partials {
     }
 }
 
-/// What hangs on the index and the angle between lamp and camera alone.
+/// The values that depend only on the index and on the angle between lamp and camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OpticsTable {
-    /// The optics it was made for.
+    /// The optics of the table.
     pub optics: Optics,
     /// 1/(π T(1) T(cos θl)) with ∂/∂n, ∂/∂k.
     pub(super) diffuse: [f64; 3],
     /// π T̄² with ∂/∂n, ∂/∂k.
     pub(super) exchange: [f64; 3],
-    /// cos(θl/2) and the reflectance there: of every single reflection of a far rig.
+    /// cos(θl/2) and the reflectance there, which applies to every single reflection of a far rig.
     half: (f64, Slopes),
 }
 
 impl OpticsTable {
-    /// Integrates T̄ (a few microseconds).
+    /// Computes the table, including the integral T̄ (a few microseconds).
     #[must_use]
     pub fn new(optics: &Optics) -> Self {
         let eta = Dual::<2>::variable(optics.eta, 0);
@@ -117,8 +116,7 @@ impl OpticsTable {
             partials: [0.0; 2],
         };
         let enters = t(1.0) * t(optics.theta_l.cos());
-        // Where nothing gets in (total reflection, a perfect mirror) nothing comes back out: see
-        // `domain` for the ρd that is refused there.
+        // If no light enters (total reflection, a perfect mirror), none leaves; `domain` refuses ρd > 0 there.
         let diffuse = if enters.value > f64::MIN_POSITIVE {
             one / (enters * std::f64::consts::PI)
         } else {
@@ -139,10 +137,10 @@ impl OpticsTable {
         }
     }
 
-    /// [`OpticsTable::reflectance`] at the half angle of lamp and camera.
+    /// As [`OpticsTable::reflectance`], for the half angle of lamp and camera.
     #[inline]
     pub(super) fn mirrored(&self, cos: f64) -> Slopes {
-        // Within the rounding of the cosine itself the known one is as good.
+        // Within the rounding of the cosine the stored value is as exact.
         if (cos - self.half.0).abs() <= 4.0 * f64::EPSILON {
             self.half.1
         } else {
@@ -150,7 +148,7 @@ impl OpticsTable {
         }
     }
 
-    /// Unpolarised reflectance with derivatives, the short way for a dielectric.
+    /// Returns the unpolarised reflectance with derivatives; a dielectric takes the shorter form.
     #[inline]
     pub(super) fn reflectance(&self, cos: f64) -> Slopes {
         slopes_at(&self.optics, cos)
@@ -166,11 +164,11 @@ fn slopes_at(optics: &Optics, cos: f64) -> Slopes {
     }
 }
 
-/// One parameter set, ready for many poses.
+/// One parameter set, prepared for many poses.
 #[derive(Debug, Clone, Copy)]
 pub struct Prepared {
     variant: Variant,
-    /// θr was negative: the same surface turned by 180° is computed.
+    /// Whether θr was negative: then the same surface turned by 180° is computed.
     turned: bool,
     pub(super) table: OpticsTable,
     pub(super) surface: Surface,
@@ -199,7 +197,7 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// Hoists everything that no pose changes. A negative θr is the positive one at φs + 180°.
+    /// Computes everything that does not depend on the pose. A negative θr equals the positive one at φs + 180°.
     #[must_use]
     pub fn new(variant: Variant, surface: &Surface, table: &OpticsTable) -> Self {
         let turned = surface.theta_r < 0.0;
@@ -243,8 +241,7 @@ impl Prepared {
         }
     }
 
-    /// The same for a surface whose ρd is 0 and stays 0: its diffuse terms and ∂/∂ρd are left out,
-    /// which saves half the time on metal.
+    /// Omits the diffuse terms and ∂/∂ρd for a surface whose ρd is 0 and stays 0, which saves half the time on metal.
     #[must_use]
     pub fn opaque(self) -> Self {
         Prepared {
@@ -253,20 +250,20 @@ impl Prepared {
         }
     }
 
-    /// Of the sawtooth only single reflection, and a flat Lambertian surface for all diffuse light:
-    /// within a few per cent of the peak at a fifth of the time, enough to look for the lobe.
+    /// Reduces the sawtooth to single reflection, with a flat Lambertian surface for all diffuse light: within a few
+    /// percent of the peak in a fifth of the time, which is enough to search for the lobe.
     #[must_use]
     pub fn lean(self) -> Self {
         Prepared { lean: true, ..self }
     }
 
-    /// The optics that it was made for.
+    /// Returns the optics of the table.
     #[must_use]
     pub fn optics(&self) -> &Optics {
         &self.table.optics
     }
 
-    /// Radiance and all partial derivatives for one pair of directions.
+    /// Returns the radiance and all partial derivatives for one pair of directions.
     #[must_use]
     pub fn partials(&self, directions: &Directions) -> Partials {
         let sign = if self.turned { -1.0 } else { 1.0 };
@@ -289,7 +286,7 @@ impl Prepared {
         out
     }
 
-    /// [`Self::partials`] at a true pose of a rig, with the derivatives to the stage angles.
+    /// As [`Self::partials`] at a true pose of a rig, with the derivatives with respect to the stage angles.
     #[must_use]
     pub fn gradient(&self, rig: &RigGeometry, pose: Pose) -> Gradient {
         let (sin, cos) = (pose.phi_s + rig.azimuth_zero).sin_cos();
@@ -298,13 +295,15 @@ impl Prepared {
     }
 }
 
-/// The exchange term is c_d [C₁ E_f(o) E_f(i) + C₂ (E_f(o) E_r(i) + E_r(o) E_f(i)) + C₃ E_r(o) E_r(i)]
-/// with C₁ = (1/d − 1)/p, C₂ = κ g/(2 p r d), C₃ = (1/d − 1)/r, g = p + r − 1, d = 1 − κ² g²/(4 p r):
-/// the view factors p φ_fr = r φ_rf = g/2 put into the two-wall radiosity. Derivatives to θr and κ.
+/// Returns the coefficients of the exchange term c_d [C₁ E_f(o) E_f(i) + C₂ (E_f(o) E_r(i) + E_r(o) E_f(i)) + C₃
+/// E_r(o) E_r(i)], with derivatives with respect to θr and κ.
 ///
-/// g cancels at both ends of θr (to a last bit over p or r); g = 2 p r/(1 + p + r), since
-/// (p + r)² − 1 = 2 p r, leaves C₁ = q² r/d, C₂ = q/d, C₃ = q² p/d with q = κ/(1 + p + r),
-/// d = 1 − q² p r: sums and products of positive numbers but for d, which stays above 1 − 0.086 κ².
+/// C₁ = (1/d − 1)/p, C₂ = κ g/(2 p r d), C₃ = (1/d − 1)/r, g = p + r − 1, d = 1 − κ² g²/(4 p r): the view factors
+/// p φ_fr = r φ_rf = g/2 inserted into the two-wall radiosity.
+///
+/// g cancels at both ends of θr (to a last bit over p or r). With g = 2 p r/(1 + p + r), since (p + r)² − 1 = 2 p r,
+/// the coefficients are C₁ = q² r/d, C₂ = q/d, C₃ = q² p/d with q = κ/(1 + p + r), d = 1 − q² p r: sums and products
+/// of positive numbers except for d, which stays above 1 − 0.086 κ².
 fn exchange_coefficients(sin: f64, cos: f64, kappa: f64) -> [Dual<2>; 3] {
     let constant = |value: f64| Dual {
         value,
@@ -424,8 +423,8 @@ mod tests {
                 let slow = gradient_by_dual_numbers(variant, &d.rig, d.pose, &d.surface, &d.optics);
                 lit += usize::from(slow.value > 1e-6);
                 for (j, (a, b)) in list(&fast).into_iter().zip(list(&slow)).enumerate() {
-                    // A few hundred operations on terms that may cancel against each other; the
-                    // scale of a derivative is the value over the parameter's own scale.
+                    // A few hundred operations on terms that may cancel each other; the scale of a derivative is the
+                    // value over the parameter's own scale.
                     let scale = b.abs() + slow.value.abs() + 1e-9;
                     assert!(
                         (a - b).abs() <= 2e-10 * scale,
@@ -470,7 +469,7 @@ mod tests {
             ];
             lit += usize::from(g.value > 1e-6);
             for (slope, found) in slopes.into_iter().zip([g.theta_r, g.rho_d, g.theta_c]) {
-                // h² times a third derivative of at most (1/α)³ of the lobe, rounding 1e-16/h.
+                // h² times a third derivative of at most (1/α)³ of the lobe, plus rounding of 1e-16/h.
                 let size = g.value.max(1e-3) * 1e3 + found.abs();
                 assert!((slope - found).abs() < 1e-5 * size, "{slope} {found}");
             }
@@ -479,7 +478,7 @@ mod tests {
     }
 
     #[test]
-    fn an_opaque_surface_loses_nothing_but_the_diffuse_slope() {
+    fn an_opaque_surface_lacks_only_the_diffuse_slope() {
         let mut s = Stream(11);
         for _ in 0..500 {
             let mut d = draw(&mut s);

@@ -1,38 +1,37 @@
-//! The second tier: two bounces in the sawtooth's valley, integrated instead of approximated.
+//! The second tier: two bounces in the sawtooth's valley, integrated in place of the closed approximation.
 //!
-//! [`Quadrature::radiance`] (or [`radiance`] for one pose) answers with the value and an error
-//! estimate for a tolerance. Its difference from the closed form of [`super::sawtooth`] is what a
-//! fit adds as a fixed offset, and the measure of the closed form's inadequacy.
+//! [`Quadrature::radiance`] (or [`radiance`] for one pose) returns the value and an error estimate for a tolerance. Its
+//! difference from the closed form of [`super::sawtooth`] is the fixed offset that a fit adds, and the measure of the
+//! closed form's inadequacy.
 //!
-//! Light with ω·n < 0 inside the profile cannot leave it and light that crosses the line of crests
-//! outwards has ω·n > 0, so all exchange happens within one valley: facet and riser, at a right
-//! angle, of lengths p and r. Both carry Beckmann roughness with Smith masking (Walter et al.
-//! 2007, rational form) and a Lambert term under the rough Fresnel boundary ([`RoughBoundary`]).
+//! Light with ω·n < 0 inside the profile cannot leave it, and light that crosses the line of crests outwards has ω·n
+//! > 0, so all exchange is within one valley: facet and riser, at a right angle, of lengths p and r. Both have
+//! Beckmann roughness with Smith masking (Walter et al. 2007, rational form) and a Lambert term under the rough
+//! Fresnel boundary ([`RoughBoundary`]).
 //!
-//! *One bounce* is exact: visible length times the wall's reflectance, averaged over the cones
-//! of lamp and lens by cubature ([`cone`]). *Two bounces*, facet then riser, for lamp direction a and camera direction b
-//! (in the corner frame u, e, m):
+//! *One bounce* is exact: visible length times the wall's reflectance, averaged over the cones of lamp and lens by
+//! cubature ([`cone`]). *Two bounces*, facet then riser, for lamp direction a and camera direction b (in the corner
+//! frame u, e, m):
 //!
 //! ```text
 //! L (o·n) = ∫ dω  a_m f_facet(a, ω) ω_m · f_riser(−ω, b) b_ρ · ℓ(ω)
 //! ℓ(ω)    = [min(p, r tan β) − max(σ_a, τ_b tan β)]⁺,   tan β = ω_e/ω_m
 //! ```
 //!
-//! ℓ is the length of facet that is lit, sends light in the direction ω to the riser and finds
-//! there a place the camera sees: exact occlusion, and a function of β alone. With
-//! ω = (sin γ, cos γ sin β, cos γ cos β), dω = cos γ dγ dβ, the kinks of ℓ become cell borders and
-//! the rest is smooth. Cells start at the mirror images of lamp and camera and are halved where
-//! two Gauss rules disagree. The reverse path, riser then facet, is the same integral with lamp and
-//! camera exchanged. The specular-specular part carries the polarisation of the first
-//! bounce to the second, unless asked not to ([`Quadrature::with_polarisation`]). *Three and more bounces*: on metal `third_bounce`, and for diffuse
-//! light the closed form's radiosity tail.
+//! ℓ is the length of facet that is lit and that sends light in the direction ω to a place of the riser which the
+//! camera sees: exact occlusion, and a function of β only. With ω = (sin γ, cos γ sin β, cos γ cos β), dω = cos γ dγ
+//! dβ, the kinks of ℓ become cell borders and the rest is smooth. Cells start at the mirror images of lamp and
+//! camera, and are halved where two Gauss rules disagree. The reverse path, riser then facet, is the same integral
+//! with lamp and camera exchanged. The specular-specular part transfers the polarisation of the first bounce to the
+//! second, unless disabled ([`Quadrature::with_polarisation`]). *Three and more bounces*: on metal `third_bounce`,
+//! and for diffuse light the closed form's radiosity tail.
 //!
-//! Rounding, burrs and draft angle are left to the ray tracer.
+//! Only the ray tracer includes rounding, burrs and draft angle.
 //!
-//! *Conditioning.* All integrands are positive, so sums over cells lose nothing; ℓ(ω) is a difference of lengths that
-//! vanishes together with the integrand, so what it loses at its end weighs nothing. Narrow lobes are a matter of cells, not of digits: cells
-//! start at the mirror images, and a tolerance below 1e-13 of the radiance only runs into the rounding of the
-//! two rules' difference, upon which the cells run out and `error` says so.
+//! *Conditioning.* All integrands are positive, so sums over cells lose no digits. ℓ(ω) is a difference of lengths
+//! that vanishes together with the integrand, so its loss of digits at the end has no effect. Narrow lobes need more
+//! cells, not more digits: cells start at the mirror images. A tolerance below 1e-13 of the radiance reaches the
+//! rounding of the two rules' difference; then the cells run out and `error` reports it.
 
 mod path;
 #[cfg(test)]
@@ -52,34 +51,34 @@ use super::{Optics, Surface, third_bounce};
 use crate::geometry::Directions;
 use path::Path;
 
-/// A radiance with how far the integration may be off.
+/// A radiance with the error of the integration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
     /// Radiance for irradiance 1 on a surface facing the lamp.
     pub value: f64,
-    /// Estimated integration error, absolute; it exceeds the tolerance if the cells ran out.
+    /// Estimated integration error, absolute; above the tolerance if the cells ran out.
     pub error: f64,
 }
 
-/// One surface, ready for many poses.
+/// One surface, prepared for many poses.
 #[derive(Debug, Clone)]
 pub struct Quadrature {
     q: Parameters<f64>,
-    /// −1 where θr was negative.
+    /// −1 if θr was negative, else 1.
     sign: f64,
     sin: f64,
     cos: f64,
     c_d: f64,
     kappa: f64,
-    /// What diffuse light passes, beside Fresnel's transmittance.
+    /// The transmittance of diffuse light besides Fresnel's.
     boundary: RoughBoundary,
     /// The cubature over the cones of lamp and lens.
     cones: Vec<Node>,
-    /// Whether the second mirror sees what the first has polarised.
+    /// Whether the first mirror polarises the light that reaches the second one.
     polarised: bool,
 }
 
-/// Radiance at one pair of directions to an absolute tolerance: (value, error estimate).
+/// Returns the radiance at one pair of directions to an absolute tolerance: (value, error estimate).
 #[must_use]
 pub fn radiance(
     directions: &Directions,
@@ -92,7 +91,7 @@ pub fn radiance(
     (estimate.value, estimate.error)
 }
 
-/// A direction in the corner frame with what it sees of the valley.
+/// A direction in the corner frame with its visible parts of the valley.
 #[derive(Clone, Copy)]
 struct Ray {
     u: f64,
@@ -100,13 +99,13 @@ struct Ray {
     m: f64,
     /// Facet length, from the valley, that the riser hides.
     sigma: f64,
-    /// Facet length that it does not hide: p − σ without cancellation.
+    /// Visible facet length: p − σ without cancellation.
     open: f64,
     /// Riser length, from the valley, that the facet hides.
     tau: f64,
 }
 
-/// A wall's lobe: roughness of the lobe's width and of its masking.
+/// A wall's lobe: squared roughness of the lobe's width and of its masking.
 #[derive(Clone, Copy)]
 struct Lobe {
     au2: f64,
@@ -114,7 +113,7 @@ struct Lobe {
 }
 
 impl Lobe {
-    /// D for a half vector (not normalised) along (x, y, z), 0 where it cannot matter.
+    /// Returns D for a half vector (not normalised) along (x, y, z); 0 if it is negligible.
     fn density(self, x: f64, y: f64, z: f64) -> f64 {
         if z <= 0.0 {
             return 0.0;
@@ -128,15 +127,15 @@ impl Lobe {
         (-exponent).exp() * widen * widen / (PI * (self.au2 * self.av2).sqrt())
     }
 
-    /// Smith's masking for Beckmann slopes in the rational form of Walter et al. 2007; direction
-    /// (x, y, z), z along the wall's normal.
+    /// Returns Smith's masking for Beckmann slopes in the rational form of Walter et al. 2007; direction (x, y, z), z
+    /// along the wall's normal.
     fn smith(self, x: f64, y: f64, z: f64) -> f64 {
         third_bounce::smith([self.au2, self.av2], x, y, z)
     }
 }
 
 impl Quadrature {
-    /// Hoists what no pose changes. A negative θr is the positive one at φs + 180°.
+    /// Computes everything that does not depend on the pose. A negative θr equals the positive one at φs + 180°.
     #[must_use]
     pub fn new(surface: &Surface, table: &OpticsTable) -> Self {
         let sign = if surface.theta_r < 0.0 { -1.0 } else { 1.0 };
@@ -165,14 +164,14 @@ impl Quadrature {
         }
     }
 
-    /// The same with polarisation between two mirrors, as nature has it, or without, as many renderers leave it out where
-    /// light meets plastic: at 45° and index 1.5 the second reflection then lacks 40 % of its light.
+    /// Sets whether the first mirror polarises the light that reaches the second one, as in nature. Many renderers
+    /// omit this on plastic: at 45° and index 1.5 the second reflection then lacks 40 % of its light.
     #[must_use]
     pub fn with_polarisation(self, polarised: bool) -> Self {
         Quadrature { polarised, ..self }
     }
 
-    /// Radiance at one pair of directions; `tolerance` is absolute.
+    /// Returns the radiance at one pair of directions; `tolerance` is absolute.
     #[must_use]
     pub fn radiance(&self, directions: &Directions, tolerance: f64) -> Estimate {
         let turn = |w: &Vector3<f64>| [self.sign * w.x, self.sign * w.y, w.z];
@@ -186,7 +185,7 @@ impl Quadrature {
         let (a, b) = (self.ray(i), self.ray(o));
         let mut sum = self.one_bounce(i, &b);
         let mut error = 0.0;
-        // Either path may use half of what is allowed.
+        // Either path may use half of the tolerance.
         let allowed = 0.5 * tolerance * o[2];
         for (facet, riser, lamp_first) in [(&a, &b, true), (&b, &a, false)] {
             let (value, off) = self.two_bounces(facet, riser, lamp_first, allowed);
@@ -203,7 +202,7 @@ impl Quadrature {
         }
     }
 
-    /// Radiances of many poses, on all cores, in order.
+    /// Returns the radiances of many poses, computed on all cores, in order.
     #[must_use]
     pub fn radiances(&self, directions: &[Directions], tolerance: f64) -> Vec<Estimate> {
         directions
@@ -263,7 +262,7 @@ impl Quadrature {
         }
     }
 
-    /// Of a wall for a direction along the ridges, across them and along the wall's normal.
+    /// Returns a wall's transmittance for a direction along the ridges, across them and along the wall's normal.
     fn transmittance(&self, u: f64, across: f64, normal: f64) -> f64 {
         let (s, p) = reflectances(normal, self.q.eta, self.q.k);
         1.0 - 0.5 * (s + p) + self.boundary.excess(u, across, normal)
@@ -282,7 +281,7 @@ impl Quadrature {
         }
     }
 
-    /// Direct reflection off both walls, averaged over the cones of lamp and lens.
+    /// Returns the direct reflection off both walls, averaged over the cones of lamp and lens.
     fn one_bounce(&self, i: [f64; 3], o: &Ray) -> f64 {
         let (x, y) = cone::across(&i.into());
         let lobe = self.lobe(false);
@@ -333,13 +332,14 @@ impl Quadrature {
             .sum()
     }
 
-    /// Facet first (direction `a`), riser second (direction `b`): L (o·n) and its error.
+    /// Returns L (o·n) and its error for the path to the facet first (direction `a`) and the riser second (direction
+    /// `b`).
     fn two_bounces(&self, a: &Ray, b: &Ray, lamp_on_facet: bool, tolerance: f64) -> (f64, f64) {
         let (r, p) = (self.sin, self.cos);
         if a.m <= 0.0 || b.e >= 0.0 || r <= 0.0 || a.sigma >= p || b.tau >= r {
             return (0.0, 0.0);
         }
-        // Both cones widen the lobe of the wall that the lamp shines on.
+        // Both cones widen the lobe of the wall that the lamp illuminates.
         let path = Path {
             walls: self,
             a: *a,
@@ -374,7 +374,7 @@ impl Quadrature {
     }
 }
 
-/// Sorts, keeps what lies within, drops what lies too close to its neighbour.
+/// Sorts the edges, keeps those within the range, and drops those too close to their neighbour.
 fn borders(edges: &mut Vec<f64>, low: f64, high: f64) {
     edges.retain(|x| (low..=high).contains(x));
     edges.sort_by(f64::total_cmp);

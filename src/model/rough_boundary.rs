@@ -1,35 +1,39 @@
-//! What passes a wall that is rough: all that its facets do not send back.
+//! The transmittance of a rough wall: all light that its facets do not reflect.
 //!
-//! A beam that meets a rough wall is mirrored by the slopes that face it, the ones that face it more often (the visible
-//! normals of Heitz 2014), and what leaves below the wall's mean plane, or is masked there, has not left. The rest enters:
+//! The slopes that face a beam reflect it, in proportion to their visible area (the visible normals of Heitz 2014).
+//! Light that would leave below the wall's mean plane, or that is masked, does not leave. The rest enters:
 //!
 //! ```text
 //! R̃(ω) = ∫ F(ω·m) G₁(ω′) w(m) dm / ∫ w(m) dm,   w = D(m) max(0, ω·m),   ω′ = ω mirrored at m,   T̃ = 1 − R̃
 //! ```
 //!
-//! with Smith's masking G₁, which is 0 below the wall. T̃ and R̃ serve every entrance, exit and mirror hop of diffuse light, so
-//! that no light is made: with T averaged over the slopes but the smooth F on mirror hops a riser met at grazing
-//! makes 1e-3 to 2.5e-3 of it at α 0.15 to 0.25. Without roughness T̃ − T is 0; it is 4e-4 of the light at α = 0.12 and 30°, 3e-3 at
-//! α = 0.3, and grows with the angle, so on a bright body with broad lobes it looks like a lobe that leans.
+//! with Smith's masking G₁, which is 0 below the wall. T̃ and R̃ apply to every entrance, exit and mirror hop of
+//! diffuse light, so that energy is conserved: with T averaged over the slopes but the smooth F on mirror hops, a
+//! riser at grazing incidence would emit an excess of 1e-3 to 2.5e-3 at α 0.15 to 0.25. Without roughness T̃ − T is
+//! 0. It is 4e-4 of the light at α = 0.12 and 30°, 3e-3 at α = 0.3, and grows with the angle, so on a bright body
+//! with broad lobes its effect is like a lobe that leans.
 //!
-//! Slopes are distributed by Beckmann, or with tails ([`super::slopes`]); R̃ is then interpolated in the tail ι between
-//! Beckmann (0) and GGX (1). The quadrature, the tracer and [`super::extended`] use it; call [`RoughBoundary::excess`].
+//! Slopes follow Beckmann's distribution, or have tails ([`super::slopes`]); R̃ is then interpolated in the tail ι
+//! between Beckmann (0) and GGX (1). The quadrature, the tracer and [`super::extended`] use it; call
+//! [`RoughBoundary::excess`].
 //!
-//! *Conditioning.* Sums of positive terms over the slopes that send the beam back: they end where it would go below the wall, so
-//! sixteen Gauss nodes are good to 1e-6 for Beckmann's and to 1e-4 for GGX's; how much of the wall a beam meets is known (Smith). T̃ − T is a difference of numbers near 1,
-//! its table is good to 1e-4, and to 1e-3 at cosines below 0.03.
+//! *Conditioning.* The sums are over positive terms of the slopes that reflect the beam upwards. They end where it
+//! would go below the wall, so sixteen Gauss nodes are exact to 1e-6 for Beckmann's slopes and to 1e-4 for GGX's. The
+//! projected area of the wall is known (Smith). T̃ − T is a difference of numbers near 1; its table is exact to 1e-4,
+//! and to 1e-3 at cosines below 0.03.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use super::gauss::LEGENDRE_16;
 use super::{Optics, fresnel};
 
-/// Steps in the root of the cosine: towards grazing R̃ bends within a few hundredths of the cosine.
+/// Steps in the root of the cosine: towards grazing, R̃ varies within a few hundredths of the cosine.
 const STEPS: usize = 96;
-/// Beckmann's slopes across the plane of incidence in units of α: step, and steps to either side; and how far they reach in the plane.
+/// Beckmann's slopes across the plane of incidence in units of α: step, and steps to either side; and the range in
+/// the plane.
 const BESIDE: (f64, i32) = (0.5, 7);
 const REACH: f64 = 3.6;
-/// Height of a direction in units of the slopes above which Beckmann's masking is below 1e-6.
+/// Height of a direction in units of the slopes above which Beckmann's masking differs from 1 by less than 1e-6.
 const UNMASKED: f64 = 3.0;
 
 /// A rough dielectric wall, tabulated.
@@ -40,8 +44,9 @@ pub struct RoughBoundary {
 }
 
 impl RoughBoundary {
-    /// Roughness along u and v (tangents of slope), the slopes' tail ι (0: Beckmann, 1 and more: GGX), real relative index. A
-    /// body rarer than what surrounds it counts as smooth: its T has a corner at the critical angle, which no table holds.
+    /// Tabulates a wall of a roughness along u and v (tangents of slope), the slopes' tail ι (0: Beckmann, 1 and
+    /// more: GGX), and a real relative index. A body rarer than its surroundings counts as smooth: its T has a corner
+    /// at the critical angle, which a table cannot represent.
     #[must_use]
     pub fn new(alpha_u: f64, alpha_v: f64, tail: f64, eta: f64) -> Self {
         if eta < 1.0 {
@@ -74,7 +79,7 @@ impl RoughBoundary {
         }
     }
 
-    /// A wall that lets nothing in, or that is smooth.
+    /// A wall that is smooth, or that transmits nothing.
     #[must_use]
     pub fn smooth() -> Self {
         RoughBoundary {
@@ -82,26 +87,26 @@ impl RoughBoundary {
         }
     }
 
-    /// Whether there is no roughness to look after.
+    /// Whether there is no correction for roughness.
     #[must_use]
     pub fn is_smooth(&self) -> bool {
         self.tables[0].is_empty()
     }
 
-    /// T̃ − T for a beam: components along u, v and the normal, a unit vector; 0 below the horizon.
+    /// Returns T̃ − T for a beam: components of a unit vector along u, v and the normal; 0 below the horizon.
     #[must_use]
     pub fn excess(&self, u: f64, v: f64, normal: f64) -> f64 {
         if self.is_smooth() || normal <= 0.0 {
             return 0.0;
         }
         let (u2, v2) = (u * u, v * v);
-        // Slopes come in by their variances, so a beam in between has the mean by the squares.
+        // Slopes enter by their variances, so a beam in between gets the mean weighted by the squares.
         let along = if u2 + v2 > 0.0 { u2 / (u2 + v2) } else { 0.5 };
         let [of_u, of_v] = self.excess_and_slope(normal);
         along * of_u.0 + (1.0 - along) * of_v.0
     }
 
-    /// T̃ − T at a cosine with its slope, for beams along u and along v; 0 below the horizon.
+    /// Returns T̃ − T at a cosine with its slope, for beams along u and along v; 0 below the horizon.
     #[must_use]
     pub fn excess_and_slope(&self, cos: f64) -> [(f64, f64); 2] {
         if self.is_smooth() || cos <= 0.0 {
@@ -118,15 +123,15 @@ impl RoughBoundary {
         })
     }
 
-    /// T̃ of a beam at a cosine, whatever its azimuth: the mean over both.
+    /// Returns T̃ of a beam at a cosine, averaged over the azimuths along u and v.
     #[must_use]
     pub fn transmittance(&self, cos: f64, eta: f64) -> f64 {
         let [of_u, of_v] = self.excess_and_slope(cos);
         fresnel::transmittance(cos, eta, 0.0) + 0.5 * (of_u.0 + of_v.0)
     }
 
-    /// T(1) T(cos θl) of a smooth flat piece over T̃(1) T̃(cos θl) of this one: by this, a body's diffuse strength is larger
-    /// for its ρd to be what a flat rough piece looks like at the rig's own angles.
+    /// Returns T(1) T(cos θl) of a smooth flat piece over T̃(1) T̃(cos θl) of this one. By this factor a body's
+    /// diffuse strength is larger, so that its ρd is the reflectance of a flat rough piece at the rig's own angles.
     #[must_use]
     pub fn per_entrance(&self, optics: &Optics) -> f64 {
         if self.is_smooth() {
@@ -147,7 +152,7 @@ struct Wall {
 }
 
 impl Wall {
-    /// A beam's R̃ at a cosine with Beckmann's slopes.
+    /// Returns R̃ of a beam at a cosine with Beckmann's slopes.
     fn beckmann(&self, cos: f64) -> f64 {
         let beam = Beam::new(cos);
         let steep = self.alpha[0] * beam.sin;
@@ -175,7 +180,7 @@ impl Wall {
         sum / PI / met
     }
 
-    /// The same with GGX's: x = √(1 + y²) tan φ and y = tan ψ make their tails finite.
+    /// Returns R̃ with GGX's slopes; x = √(1 + y²) tan φ and y = tan ψ make their tails finite.
     fn ggx(&self, cos: f64) -> f64 {
         let beam = Beam::new(cos);
         let met = 0.5 * (cos + cos.hypot(self.alpha[0] * beam.sin));
@@ -196,7 +201,7 @@ impl Wall {
         sum / PI / met
     }
 
-    /// (ω·m) F G₁(ω′) of a slope, ω·m times the length of its normal; 0 where ω′ does not leave.
+    /// Returns (ω·m) F G₁(ω′) of a slope, with ω·m times the length of its normal; 0 if ω′ does not leave.
     fn sent_back(&self, beam: &Beam, x: f64, y: f64, masking: impl Fn([f64; 3]) -> f64) -> f64 {
         let facing = beam.cos - x * beam.sin;
         let per_length2 = 1.0 / (1.0 + x * x + y * y);
@@ -223,8 +228,8 @@ impl Beam {
         Beam { sin, cos }
     }
 
-    /// The slope in the plane of incidence from which on a normal of this slope across it sends the beam below the wall; below
-    /// every slope where none sends it back.
+    /// Returns the slope in the plane of incidence above which a normal of this slope across it reflects the beam
+    /// below the wall; −∞ if no slope reflects it upwards.
     fn last(&self, across: f64) -> f64 {
         let flat = 1.0 - across * across;
         let square = self.sin * self.sin + self.cos * self.cos * flat;
@@ -235,7 +240,7 @@ impl Beam {
     }
 }
 
-/// ∫ f from `low` to `high` by sixteen nodes; 0 where there is nothing between them.
+/// Integrates f from `low` to `high` with sixteen nodes; 0 if the range is empty.
 fn gauss(low: f64, high: f64, f: impl Fn(f64) -> f64) -> f64 {
     if high <= low {
         return 0.0;
@@ -251,7 +256,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_wall_with_no_roughness_is_smooth_and_a_beam_from_below_is_left_alone() {
+    fn a_wall_without_roughness_is_smooth_and_a_beam_from_below_is_not_corrected() {
         let fine = RoughBoundary::new(1e-4, 1e-4, 0.0, 1.5);
         for cos in [1.0, 0.8, 0.3] {
             let sin = f64::sqrt(1.0 - cos * cos);
@@ -262,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_wall_sends_back_is_that_of_a_finer_independent_integral() {
+    fn the_reflectance_of_a_wall_agrees_with_a_finer_independent_integral() {
         let rows = crate::model::extended::reference("wall_albedo");
         assert_eq!(rows.len(), 30);
         let mut worst: f64 = 0.0;

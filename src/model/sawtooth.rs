@@ -1,7 +1,7 @@
-//! The sawtooth in full: visibility exact, roughness, diffuse walls, mirror hops, retro lobe.
+//! The full sawtooth: exact visibility, roughness, diffuse walls, mirror hops, retro lobe.
 //!
-//! Beyond Luongo et al. 2017; the derivation is in `docs/sawtooth.md`. Facet and riser meet at a
-//! right angle, so one *corner frame* serves both: for a direction ω
+//! The form goes beyond Luongo et al. 2017; `docs/sawtooth.md` contains the derivation. Facet and riser meet at a right
+//! angle, so one *corner frame* serves both: for a direction ω
 //!
 //! ```text
 //! ω_u = ω·u            along the ridges
@@ -10,22 +10,22 @@
 //! ω_ρ = max(0, −ω_e)   along the riser's normal −e
 //! ```
 //!
-//! Per unit period the facet is p = cos θr long and the riser r = sin θr. L (o·n) is the sum of
-//! (a) single reflection, (b) diffuse light with one mirror hop before or after it and diffuse
-//! exchange between the walls, (c) the retro lobe of facet and riser. Irradiance is 1 on a surface
-//! facing the light.
+//! Per unit period the facet is p = cos θr long and the riser r = sin θr. L (o·n) is the sum of (a) single
+//! reflection, (b) diffuse light with one mirror hop before or after it and diffuse exchange between the walls, (c)
+//! the retro lobe of facet and riser. Irradiance is 1 on a surface that faces the light.
 //!
-//! Call [`radiance_of`]; [`visible_and_lit_fraction`] is the geometry alone. Kinks (min, max, clip)
-//! have the derivative of the branch that the comparison takes; at a tie both one-sided
-//! derivatives exist and one of them is returned.
+//! Call [`radiance_of`]; [`visible_and_lit_fraction`] returns the geometric part. Kinks (min, max, clip) have the
+//! derivative of the branch that the comparison selects; at a tie both one-sided derivatives exist and one of them is
+//! returned.
 //!
-//! *Conditioning.* Lengths that vanish are never left as differences: what a riser leaves open of the facet is ω_n/ω_m
-//! (p − σ loses cos⁻¹θ digits towards the horizon), also where the retro lobe's pair of walls ends at the facet's
-//! crest; the view factors' p + r − 1 is 2 p r/(1 + p + r) (loses 1/min(p, r)); what a mirror hop lights and the
-//! other end sees is taken from the smaller of seen and hidden. Transmittances 1 − F are differences where F is nearly 1: their
-//! digits are those of the index there (η = 20 at normal incidence loses a factor 5). Random tables in 60-digit arithmetic (α 1e-6 to
-//! 1e3, θr 0 to 89.99°, grazing to 1e-12 rad) are met to four roundings per unit of condition number, but for lobes narrower than
-//! the directions' own rounding allows (see `crate::geometry`).
+//! *Conditioning.* Lengths that vanish are not computed as differences. The visible facet length beside a riser is
+//! ω_n/ω_m (p − σ loses cos⁻¹θ digits towards the horizon), also if the retro lobe's pair of walls ends at the
+//! facet's crest. The view factors' p + r − 1 is 2 p r/(1 + p + r) (the difference loses 1/min(p, r)). The length
+//! that a mirror hop lights and the other end sees is computed from the smaller of the visible and the hidden part.
+//! Transmittances 1 − F are differences if F is nearly 1: their digits are those of the index there (η = 20 at normal
+//! incidence loses a factor of 5). Random tables in 60-digit arithmetic (α 1e-6 to 1e3, θr 0 to 89.99°, grazing to
+//! 1e-12 rad) agree to four roundings per unit of condition number, except for lobes narrower than the directions'
+//! own rounding allows (see `crate::geometry`).
 
 use std::f64::consts::PI;
 
@@ -33,24 +33,24 @@ use super::dual::Scalar;
 use super::fresnel::{reflectance_of, reflectances_of};
 use super::rough_boundary::RoughBoundary;
 
-/// Two decimals that differ by 90 may differ by 90 ± 2⁻⁴⁶ as doubles (half a last bit of each input
-/// and of the difference).
+/// Two decimals that differ by 90 may differ by 90 ± 2⁻⁴⁶ as doubles (half a last bit of each input and of the
+/// difference).
 const EDGE_ON_DEG: f64 = 3e-14;
 
-/// Least tilt b = −(β_i + β_o)/2 of the retro lobe's wall that its length ℓ goes by, rad. tan b divides there and must
-/// not vanish or change sign; the share Φ(b/αv) of facet slopes takes b as it is.
+/// Least tilt b = −(β_i + β_o)/2 in the length ℓ of the retro lobe's walls, rad. The length divides by tan b, which
+/// must not vanish or change sign. The share Φ(b/αv) of facet slopes uses b without this limit.
 pub(super) const RETRO_TILT_MIN: f64 = 0.02;
 /// Greatest such tilt, rad, so that tan b stays finite towards π/2.
 pub(super) const RETRO_TILT_MAX: f64 = 1.5;
 
-/// Fraction of the facets' area that is both lit from and seen from two directions, given as
-/// signed angles from n of the directions projected on the n-v plane (degrees, + towards v).
+/// Returns the fraction of the facets' area that is both lit from and visible from two directions, given as signed
+/// angles from n of the directions projected on the n-v plane (degrees, + towards v).
 ///
-/// With ψ = a − θr: g(a) = χ+(cos ψ) [1 − tan θr max(0, tan ψ)], the answer is min(g(a_i), g(a_o)):
-/// what hides light and camera starts at the same valley, so the joint fraction is the smaller
-/// one. Exactly edge-on (ψ = ±90° in the degrees given) counts as facing away.
+/// With ψ = a − θr: g(a) = χ+(cos ψ) [1 − tan θr max(0, tan ψ)]; the result is min(g(a_i), g(a_o)). The parts hidden
+/// from light and from camera start at the same valley, so the joint fraction is the smaller one. Exactly edge-on (ψ
+/// = ±90° in the given degrees) counts as facing away.
 ///
-/// `theta_r_deg` lies within [0, 90); 0 for a flat surface.
+/// `theta_r_deg` is within [0, 90); 0 for a flat surface.
 #[must_use]
 pub fn visible_and_lit_fraction(
     theta_r_deg: f64,
@@ -60,7 +60,7 @@ pub fn visible_and_lit_fraction(
     let g = |a_deg: f64| {
         let turn = a_deg - theta_r_deg;
         let psi_deg = turn - 360.0 * (turn / 360.0).round();
-        // Degrees given as decimals: their difference is 90 when it is so to the last bits.
+        // Degrees given as decimals: their difference is 90 if it is so to the last bits.
         if psi_deg.abs() >= 90.0 - EDGE_ON_DEG {
             return 0.0;
         }
@@ -70,7 +70,7 @@ pub fn visible_and_lit_fraction(
     g(theta_i_proj_deg).min(g(theta_o_proj_deg))
 }
 
-/// The surface's and the optics' numbers over any [`Scalar`]; angles in radians.
+/// The parameters of surface and optics over any [`Scalar`]; angles in radians.
 #[derive(Debug, Clone, Copy)]
 pub struct Parameters<S> {
     /// Ridge angle θr.
@@ -89,11 +89,11 @@ pub struct Parameters<S> {
     pub k: S,
     /// Angle between lamp and camera.
     pub theta_l: f64,
-    /// What the cones of lamp and lens add to α², see [`crate::geometry::Cones::widening`].
+    /// Contribution of the cones of lamp and lens to α²; see [`crate::geometry::Cones::widening`].
     pub widening: f64,
 }
 
-/// One direction in the corner frame with what facet and riser see of it.
+/// One direction in the corner frame with its geometry on facet and riser.
 #[derive(Clone, Copy)]
 struct Ray<S> {
     u: S,
@@ -104,8 +104,8 @@ struct Ray<S> {
     rho: S,
     /// Facet length hidden by the riser, from the valley.
     sigma: S,
-    /// Facet length not hidden, p − σ. Towards the horizon on the side that the facets lean to both
-    /// are nearly p, but p − (r ω_e/ω_m) is ω_n/ω_m: no digit is lost.
+    /// Visible facet length, p − σ. Towards the horizon on the side that the facets lean to, both are nearly p, but
+    /// p − (r ω_e/ω_m) is ω_n/ω_m, which loses no digits.
     open: S,
     /// Facet length lit by a mirror hop over the riser, from the valley.
     x: S,
@@ -179,7 +179,7 @@ impl<S: Scalar> Ray<S> {
 }
 
 impl Ray<f64> {
-    /// A direction whose light the walls pass and send back as rough ones do.
+    /// A direction with the transmittances and reflectances of rough walls.
     fn rough(w: [f64; 3], q: &Parameters<f64>, walls: &RoughBoundary) -> Self {
         let mut ray = Ray::new(w, q);
         let facet = walls.excess(ray.u, ray.e, ray.m);
@@ -190,16 +190,15 @@ impl Ray<f64> {
     }
 }
 
-/// T̄ = ∫₀¹ 2 μ T(μ) dμ, the transmittance of a smooth boundary for diffuse light.
+/// Returns T̄ = ∫₀¹ 2 μ T(μ) dμ, the transmittance of a smooth boundary for diffuse light.
 ///
-/// Gauss–Legendre in panels that shrink towards grazing, where T falls steeply when the index is
-/// near 1. Below index 1 (k = 0) the integral starts at the critical angle; g² = η² − 1 + μ² as
-/// the variable makes it smooth there.
+/// Gauss–Legendre in panels that shrink towards grazing, where T falls steeply if the index is near 1. Below index 1
+/// (k = 0) the integral starts at the critical angle; g² = η² − 1 + μ² as the variable makes it smooth there.
 pub fn diffuse_transmittance<S: Scalar>(eta: S, k: S) -> S {
     let mut sum = zero::<S>();
     let total = k.value() == 0.0 && eta.value() < 1.0;
     let coarse = [0.0, 1.0 / 256.0, 1.0 / 64.0, 1.0 / 16.0, 1.0 / 4.0, 1.0];
-    // A step of the index so small that T falls within the first panel: at μ of the order of its root.
+    // For a step of the index so small that T falls within the first panel, at μ of the order of its root.
     let dip = (eta.value() - 1.0).abs().sqrt();
     let panels: Vec<f64> = if k.value() == 0.0 && dip > 0.0 && dip < coarse[1] / 16.0 {
         let fine = [0.25, 1.0, 4.0, 16.0].map(|t| t * dip);
@@ -228,8 +227,8 @@ pub fn diffuse_transmittance<S: Scalar>(eta: S, k: S) -> S {
     sum
 }
 
-/// Radiance towards `o` for irradiance 1 on a surface facing the light at `i`; components of the
-/// unit vectors along u, v, n. Zero where camera or lamp is not above the surface.
+/// Returns the radiance towards `o` for irradiance 1 on a surface that faces the light at `i`; components of the unit
+/// vectors along u, v, n. 0 if camera or lamp is not above the surface.
 pub fn radiance_of<S: Scalar>(i: [S; 3], o: [S; 3], q: &Parameters<S>) -> S {
     if i[2].value() <= 0.0 || o[2].value() <= 0.0 {
         return zero();
@@ -275,8 +274,9 @@ fn single<S: Scalar>(i: [S; 3], o: [S; 3], ri: &Ray<S>, ro: &Ray<S>, q: &Paramet
     sum * f * q.amplitude * 0.25
 }
 
-/// Facet length that a mirror hop over the riser lights from `a` and that `b` sees, [x_a − σ_b]⁺: by the smaller
-/// of what `b` sees and does not see, so that neither end loses the digits of a short length.
+/// Returns the facet length that a mirror hop over the riser lights from `a` and that is visible from `b`, [x_a −
+/// σ_b]⁺. It is computed from the smaller of the visible and the hidden length of `b`, so that neither end loses the
+/// digits of a short length.
 fn lit_and_seen<S: Scalar>(a: &Ray<S>, b: &Ray<S>, p: S) -> S {
     let length = if b.sigma.value() < b.open.value() {
         a.x - b.sigma
@@ -310,8 +310,8 @@ fn diffuse<S: Scalar>(i: &Ray<S>, o: &Ray<S>, q: &Parameters<S>) -> S {
     if r.value() > 0.0 {
         let t_bar = diffuse_transmittance(q.eta, q.k);
         let kappa = c_d * t_bar * t_bar * PI;
-        // The view factors (p + r − 1)/(2p) and (p + r − 1)/(2r) without their cancellation at either end of
-        // θr: (p + r)² − 1 = 2 p r. What the first exchange brings is not taken as a difference either.
+        // The view factors (p + r − 1)/(2p) and (p + r − 1)/(2r) without their cancellation at either end of θr:
+        // (p + r)² − 1 = 2 p r. The first exchange is not computed as a difference either.
         let reach = p + r + one();
         let (phi_fr, phi_rf) = (r / reach, p / reach);
         let loss = kappa * kappa * phi_fr * phi_rf;
@@ -324,8 +324,8 @@ fn diffuse<S: Scalar>(i: &Ray<S>, o: &Ray<S>, q: &Parameters<S>) -> S {
     c_d * sum
 }
 
-/// The part of (b) that has met the walls three times or more: two mirror hops about one diffuse
-/// reflection, and the radiosity beyond the first exchange. L (o·n), as all terms. `walls` are rough.
+/// Returns the part of (b) with three or more reflections at the walls: two mirror hops about one diffuse reflection,
+/// and the radiosity beyond the first exchange. L (o·n), as in all terms. `walls` are rough.
 pub(super) fn three_bounces_and_more(
     i: [f64; 3],
     o: [f64; 3],
@@ -355,12 +355,12 @@ pub(super) fn three_bounces_and_more(
     c_d * (hops + exchanged - first)
 }
 
-/// Density of the normal distribution of variance `v`.
+/// Returns the density of the normal distribution of variance `v`.
 fn normal_density<S: Scalar>(x: S, v: S) -> S {
     (-(x * x) / (v * 2.0)).exp() / (v * (2.0 * PI)).sqrt()
 }
 
-/// Φ, the integral of the standard normal density.
+/// Returns Φ, the integral of the standard normal density.
 fn normal_integral<S: Scalar>(x: S) -> S {
     let value = x.value();
     let slope = (-0.5 * value * value).exp() / (2.0 * PI).sqrt();
@@ -370,8 +370,8 @@ fn normal_integral<S: Scalar>(x: S) -> S {
     )
 }
 
-/// (c) Light that meets the facet first (direction `a`) and leaves from the riser (`b`), or the
-/// reverse path when the roles of lamp and camera are swapped.
+/// (c) Light that reaches the facet first (direction `a`) and leaves from the riser (`b`); the reverse path has lamp
+/// and camera exchanged.
 fn retro<S: Scalar>(a: &Ray<S>, b: &Ray<S>, q: &Parameters<S>) -> S {
     if a.m.value() <= 0.0 || b.rho.value() <= 0.0 {
         return zero();
@@ -390,7 +390,7 @@ fn retro<S: Scalar>(a: &Ray<S>, b: &Ray<S>, q: &Parameters<S>) -> S {
             .larger(S::constant(RETRO_TILT_MIN))
             .smaller(S::constant(RETRO_TILT_MAX))
             .tan();
-        // Where the facet bounds the pair of walls its length less σ is what is open: no difference.
+        // If the facet limits the pair of walls, its length less σ is the visible length, without a difference.
         let far = p / kept;
         if far.value() < r.value() {
             a.open / kept
@@ -435,7 +435,7 @@ mod tests {
     }
 
     #[test]
-    fn the_visibility_is_that_of_ray_casting() {
+    fn the_visibility_agrees_with_ray_casting() {
         let rows = table(include_str!("../../tests/data/sawtooth-visibility.csv"));
         assert_eq!(rows.len(), 1445);
         for row in rows {
@@ -460,7 +460,7 @@ mod tests {
     }
 
     #[test]
-    fn the_closed_form_is_that_of_an_independent_transcription() {
+    fn the_closed_form_agrees_with_an_independent_transcription() {
         let rows = table(include_str!("../../tests/data/sawtooth-closed-form.csv"));
         assert_eq!(rows.len(), 400);
         let peak = rows.iter().map(|r| r[11]).fold(0.0, f64::max);

@@ -1,13 +1,12 @@
 //! Light scattered once by a rough surface of small mirrors: the Mueller BRDF in closed form.
 //!
-//! Call [`mueller_brdf`]: isotropic Beckmann slopes, no masking. It is what the ray tracer's
-//! single-bounce part must give where masking is negligible, and SCATMECH's facet model with
-//! shadowing "none". It does not know about masking or second bounces.
+//! Call [`mueller_brdf`]: isotropic Beckmann slopes, no masking. The ray tracer's single-bounce part must agree with
+//! it if masking is negligible, and so must SCATMECH's facet model with shadowing "none".
 //!
-//! *Conditioning.* No angle is subtracted from another: slope and angle at the facet are those of h's components, frames
-//! are turned by `atan2`. What is left is the density's own exponent: it magnifies a rounding of h by tan²/α², so an
-//! element far out in the lobe's tail has that many roundings, and one at the lobe a handful. Only directions that
-//! graze from opposite sides leave h itself a small difference, which is the problem's condition, not the form's.
+//! *Conditioning.* No angle is subtracted from another: slope and angle at the facet come from h's components, and
+//! frames are turned by `atan2`. The density's exponent remains: it magnifies a rounding of h by tan²/α², so an
+//! element far out in the lobe's tail has that many roundings, and one at the lobe a handful. For directions that
+//! graze from opposite sides h itself is a small difference, which is the condition of the problem, not of the form.
 
 use nalgebra::Vector3;
 
@@ -25,10 +24,10 @@ pub struct Scattering {
     pub phi_s: f64,
 }
 
-/// Mueller BRDF in sr⁻¹, M = D(h) F / (4 cos θi cos θs), between the frames (z × k, k × s) of the two
-/// beams. `alpha` is the Beckmann α of the tangent of slope; `n + ik` the index under air.
+/// Returns the Mueller BRDF in sr⁻¹, M = D(h) F / (4 cos θi cos θs), between the frames (z × k, k × s) of the two
+/// beams. `alpha` is the Beckmann α of the tangent of slope; `n + ik` is the index under air.
 ///
-/// `None` where a direction is not above the surface or a number is unusable.
+/// Returns `None` if a direction is not above the surface or a number is invalid.
 #[must_use]
 pub fn mueller_brdf(scattering: &Scattering, alpha: f64, n: f64, k: f64) -> Option<Mueller> {
     let (sin_i, cos_i) = scattering.theta_i.sin_cos();
@@ -51,10 +50,10 @@ pub fn mueller_brdf(scattering: &Scattering, alpha: f64, n: f64, k: f64) -> Opti
     let d =
         (-tangent2 / (alpha * alpha)).exp() / (std::f64::consts::PI * alpha * alpha * h.z.powi(4));
     let reflection = Boundary::new(1.0, n, k).at(cos).reflected.mueller();
-    // s of each macro frame in closed form, so that normal incidence has one too (φ = 0).
+    // s of each macro frame in closed form, so that it is defined at normal incidence too (φ = 0).
     let s_in = Vector3::new(0.0, 1.0, 0.0);
     let s_out = Vector3::new(-sin_p, cos_p, 0.0);
-    // Straight down and up again no plane is singled out: that of the macro frame will do, for both beams.
+    // For normal incidence and exit no plane is distinguished; that of the macro frame serves for both beams.
     let across = h.cross(&k_in);
     let s_hit = if across == Vector3::zeros() {
         s_in
@@ -78,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn straight_down_and_up_again_the_frame_of_exit_turns_with_its_azimuth() {
+    fn at_normal_incidence_and_exit_the_frame_of_exit_turns_with_its_azimuth() {
         for (eta, k) in [(1.5, 0.0), (0.2, 3.4)] {
             for phi_s in [0.0, 0.3, 0.785, 1.571, 2.5, 3.2, -1.0] {
                 let at = |theta: f64| {

@@ -1,9 +1,8 @@
 //! The third mirror bounce on metal: riser, facet, riser.
 //!
-//! A third bounce on the facet first would need a normal tilted by some 45° on the riser between;
-//! from the riser first it needs only about the ridge angle, and the last bounce is near grazing,
-//! where metal and everything else reflects well. On 15° steel it is 3 % of the light that bounces
-//! more than once; on plastic F³ is nothing.
+//! A third bounce on the facet first would need a normal tilted by some 45° on the riser between. From the riser
+//! first it needs only about the ridge angle, and the last bounce is near grazing, where every material reflects
+//! well. On 15° steel it is 3 % of the light that bounces more than once; on plastic F³ is negligible.
 //!
 //! With ω₁ from riser to facet (e₁, m₁ < 0), ω₂ from facet to riser (e₂, m₂ > 0) and
 //! q = |m₁| e₂/(|e₁| m₂):
@@ -13,14 +12,13 @@
 //! ℓ       = [min(r, p |m₁|/|e₁|, r q) − max(τ_i, τ_o q)]⁺
 //! ```
 //!
-//! Both ω are sampled by the slopes of the first and the last mirror facet, whose Gaussian weights
-//! a trapezoidal lattice integrates to better than 0.1 % of the term; the kinks of ℓ cost about
-//! 1 % of it.
+//! Both ω are sampled by the slopes of the first and the last mirror facet, whose Gaussian weights a trapezoidal
+//! lattice integrates to better than 0.1 % of the term; the kinks of ℓ add an error of about 1 % of it.
 //!
-//! *Conditioning.* All weights are positive; what is subtracted is ℓ alone, whose clip at 0 makes a lost digit a lost
-//! share of a term that is small itself. Smith's masking is taken in its rational form, which has no difference of
+//! *Conditioning.* All weights are positive. The only difference is ℓ, whose clip at 0 makes a lost digit a lost
+//! share of a term that is small itself. Smith's masking is used in its rational form, which has no difference of
 //! nearly equal numbers, unlike Λ with the error function. Turns between planes are cosines of the double angle from
-//! cross products of any length; a vanishing one means that every plane will do.
+//! cross products of any length; if one vanishes, any plane is valid.
 
 use std::f64::consts::PI;
 
@@ -35,8 +33,8 @@ pub(super) struct End {
     pub tau: f64,
 }
 
-/// The valley and its roughness; `first` and `last` are α² of the riser's lobe as lamp and camera
-/// meet it (the lamp's disc widens its own), `between` that of the facet.
+/// The valley and its roughness; `first` and `last` are α² of the riser's lobe for lamp and camera (the lamp's disc
+/// widens its own), `between` is that of the facet.
 pub(super) struct Valley {
     pub sin: f64,
     pub cos: f64,
@@ -47,21 +45,21 @@ pub(super) struct Valley {
     pub between: [f64; 2],
 }
 
-/// One mirror facet on the riser, its light, and what it weighs.
+/// One mirror facet on the riser, its light, and its weight.
 struct Leg {
     u: f64,
     /// |e| and |m| of the direction between riser and facet.
     e: f64,
     m: f64,
     weight: f64,
-    /// ½ (R_s + R_p) and ½ (R_s − R_p) are in the weight's units: the difference over the mean.
+    /// ½ (R_s − R_p) over ½ (R_s + R_p); the mean is included in the weight.
     polarised: f64,
     /// Normal of the plane of incidence.
     across: [f64; 3],
 }
 
-/// Smith's masking for Beckmann slopes α² = `alpha2` in the rational form of Walter et al. 2007;
-/// direction (x, y, z), z along the wall's normal.
+/// Returns Smith's masking for Beckmann slopes α² = `alpha2` in the rational form of Walter et al. 2007; direction
+/// (x, y, z), z along the wall's normal.
 pub(super) fn smith(alpha2: [f64; 2], x: f64, y: f64, z: f64) -> f64 {
     let a2 = z * z / (alpha2[0] * x * x + alpha2[1] * y * y);
     if a2 >= 2.56 {
@@ -71,7 +69,7 @@ pub(super) fn smith(alpha2: [f64; 2], x: f64, y: f64, z: f64) -> f64 {
     a * (3.535 + 2.181 * a) / (1.0 + a * (2.276 + 2.577 * a))
 }
 
-/// Lattice of slopes in units of α: steps and reach, along the ridges and across.
+/// Lattice of slopes in units of α: steps and range, along the ridges and across.
 const STEP_U: f64 = 0.8;
 const HALF_U: i32 = 3;
 const STEP_V: f64 = 0.5;
@@ -89,8 +87,8 @@ fn dot(x: [f64; 3], y: [f64; 3]) -> f64 {
     x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
 }
 
-/// Directions that the riser's mirror facets send from `w` down to the facet (or bring up from it),
-/// weighted: F (w·h)/h_z times the slope's share, and the masking at both ends of the leg.
+/// Returns the directions in which the riser's mirror facets reflect `w` down to the facet (or from which they
+/// receive it), weighted by F (w·h)/h_z times the slope's share, and by the masking at both ends of the leg.
 fn legs(valley: &Valley, w: &End, alpha2: [f64; 2]) -> Vec<Leg> {
     let (au, av) = (alpha2[0].sqrt(), alpha2[1].sqrt());
     let towards = [w.u, w.e, w.m];
@@ -135,7 +133,7 @@ fn legs(valley: &Valley, w: &End, alpha2: [f64; 2]) -> Vec<Leg> {
     legs
 }
 
-/// cos 2φ between two planes of incidence given by their normals (any length).
+/// Returns cos 2φ between two planes of incidence given by their normals (any length).
 pub(super) fn cos_double_turn(a: [f64; 3], b: [f64; 3]) -> f64 {
     let norms = dot(a, a) * dot(b, b);
     if norms <= 0.0 {
@@ -145,7 +143,7 @@ pub(super) fn cos_double_turn(a: [f64; 3], b: [f64; 3]) -> f64 {
     2.0 * d * d / norms - 1.0
 }
 
-/// L (o·n) of riser, facet, riser from lamp `i` to camera `o`.
+/// Returns L (o·n) of riser, facet, riser from lamp `i` to camera `o`.
 pub(super) fn radiance(valley: &Valley, i: &End, o: &End) -> f64 {
     let (r, p) = (valley.sin, valley.cos);
     if i.e >= 0.0 || o.e >= 0.0 || r <= 0.0 {
@@ -157,7 +155,7 @@ pub(super) fn radiance(valley: &Valley, i: &End, o: &End) -> f64 {
     let peak = 1.0 / (PI * (au2 * av2).sqrt());
     let mut sum = 0.0;
     for a in &first {
-        // From the riser down: (u, −e, −m). What comes up to it later: the camera's leg reversed.
+        // From the riser down: (u, −e, −m). The path up to it later is the camera's leg reversed.
         let down = p * a.m / a.e;
         for b in &last {
             let q = a.m * b.e / (a.e * b.m);
@@ -183,7 +181,7 @@ pub(super) fn radiance(valley: &Valley, i: &End, o: &End) -> f64 {
                 cos_double_turn(a.across, across),
                 cos_double_turn(across, b.across),
             );
-            // Q is carried from bounce to bounce; what turns into U is left out.
+            // Q is transferred from bounce to bounce; the part that turns into U is omitted.
             let q_in = a.polarised * turn_a;
             let intensity = mean + difference * q_in;
             let q_out = difference + mean * q_in;

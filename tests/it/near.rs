@@ -1,5 +1,4 @@
-//! A camera and a lamp that stand near: frames painted pixel by pixel with geometry written anew
-//! here, reduced and fitted.
+//! A near camera and a near lamp: frames rendered pixel by pixel with independent geometry, then reduced and fitted.
 
 use std::f64::consts::PI;
 use std::sync::atomic::AtomicBool;
@@ -78,7 +77,7 @@ impl FrameSource for Memory {
     }
 }
 
-/// Point of the sample that a pixel sees, towards lamp and camera there, and the irradiance.
+/// Returns the directions to lamp and camera at the point of the sample that a pixel images, and the irradiance there.
 fn seen(pixel: usize, tilt_deg: f64) -> (Vector3<f64>, Vector3<f64>, f64) {
     let t = tilt_deg.to_radians();
     let view = Vector3::new(t.sin(), 0.0, t.cos());
@@ -89,7 +88,7 @@ fn seen(pixel: usize, tilt_deg: f64) -> (Vector3<f64>, Vector3<f64>, f64) {
     let pupil = view * CAMERA_MM;
     let ray = on_plane - pupil;
     let point = pupil - ray * (pupil.z / ray.z);
-    // The lamp stands beside the tilt plane.
+    // The lamp is beside the tilt plane.
     let lamp = (view * 10f64.to_radians().cos()
         + Vector3::new(0.0, 1.0, 0.0) * 10f64.to_radians().sin())
         * LIGHT_MM;
@@ -99,7 +98,7 @@ fn seen(pixel: usize, tilt_deg: f64) -> (Vector3<f64>, Vector3<f64>, f64) {
 }
 
 fn painted(surface: &Surface, stray: f64) -> Memory {
-    // A lobe is as much brighter as it is narrower both ways; below full count.
+    // A lobe's peak is inversely proportional to its widths along both axes; this exposure avoids saturation.
     let exposure_s = 0.025 * surface.alpha_u * surface.alpha_v / 0.0064;
     let manifest = Manifest::from_toml(MANIFEST, "manifest.toml").unwrap();
     let optics = Optics::new(&manifest.rig_geometry(), &manifest.material());
@@ -122,7 +121,7 @@ fn painted(surface: &Surface, stray: f64) -> Memory {
     let mut rows = Vec::new();
     let mut frames = Vec::new();
     for (kind, tilt, azimuth) in poses {
-        // v stands at the recorded azimuth + zero + offset.
+        // v is at the recorded azimuth + zero + offset.
         let v_deg: f64 = azimuth + 90.0 + AZIMUTH_OFFSET_DEG;
         let (s, c) = v_deg.to_radians().sin_cos();
         let (u, v) = (Vector3::new(s, -c, 0.0), Vector3::new(c, s, 0.0));
@@ -164,7 +163,7 @@ fn painted(surface: &Surface, stray: f64) -> Memory {
     }
 }
 
-/// What a fit of the painted surface says, having held it against the truth to 0.1°, 0.3° for the azimuth and 3 %.
+/// Fits the rendered surface and compares it with the truth: to 0.1°, 0.3° for the azimuth, and 3 %.
 fn checked(surface: &Surface, set: &ObservationSet) -> FitReport {
     let report = fit(set, &sawtooth(), &AtomicBool::new(false));
     let p = &report.parameters;
@@ -228,7 +227,7 @@ const BROAD: Surface = Surface {
 };
 
 #[test]
-fn a_near_rig_gives_the_ridge_angle_and_would_not_if_it_were_taken_for_a_far_one() {
+fn the_fit_of_a_near_rig_is_right_and_is_worse_if_the_rig_is_taken_as_far() {
     let set = reduced(&BROAD);
     let near = checked(&BROAD, &set);
     let mut flattened = set.clone();
@@ -246,7 +245,7 @@ fn a_narrow_lobe_on_a_dark_field_keeps_all_its_pixels() {
         ..BROAD
     };
     let report = checked(&narrow, &reduced(&narrow));
-    // Its flanks were thrown out as wild once: that left 2 %.
+    // If its flanks were rejected as outliers, the residual would be 2 %.
     let residual = report.rms_residual.unwrap();
     assert!(residual < 0.002, "{residual}");
 }

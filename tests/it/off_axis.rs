@@ -1,5 +1,5 @@
-//! Near rigs whose rotation axis is beside the centre of tilt, and samples that do not lie flat: a path-traced series, and the
-//! simulated rig built with the same errors.
+//! Near rigs whose rotation axis is beside the centre of tilt, with inclined samples: a path-traced series, and the
+//! simulated rig with the same errors.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -26,7 +26,7 @@ fn sawtooth() -> FitOptions {
     }
 }
 
-/// Whether a parameter has its true value within its uncertainty, which is small enough to mean something.
+/// Asserts that a parameter's true value is within its expanded uncertainty, and that this is below `expanded_most`.
 fn holds(name: &str, found: &Parameter, truth: f64, expanded_most: f64) {
     let (value, expanded) = (found.value.unwrap(), found.expanded.unwrap());
     assert!(
@@ -36,16 +36,16 @@ fn holds(name: &str, found: &Parameter, truth: f64, expanded_most: f64) {
 }
 
 #[test]
-fn an_axis_beside_the_centre_of_tilt_and_a_wobble_leave_the_angles_to_the_turntable_right() {
+fn with_an_axis_beside_the_centre_of_tilt_and_a_wobble_the_angles_to_the_turntable_are_right() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series2/near-off-axis");
     let series = Series::open(&folder).unwrap();
     let mut set = reduce(&series, None, &AtomicBool::new(false)).unwrap();
     assert_eq!(set.observations.len(), 12, "{:?}", set.rejected_frames);
-    // As if somebody had looked where the sample's edge stands.
+    // As if the direction of the sample's edge had been measured.
     set.azimuth_zero_std = Some(Angle::from_deg(0.1));
     let report = fit(&set, &sawtooth(), &AtomicBool::new(false));
     let p = &report.parameters;
-    // Of 9.0° to the sample's plane: the wobble is 0.2° towards 200° from v.
+    // The ridge angle to the sample's plane is 9.0°; the wobble is 0.2° towards 200° from v.
     holds("theta_r_deg", &p.theta_r_deg, 8.812, 0.1);
     holds("tilt_offset_deg", &p.tilt_offset_deg, 0.0, 0.1);
     holds("azimuth_offset_deg", &p.azimuth_offset_deg, -0.441, 0.4);
@@ -54,7 +54,7 @@ fn an_axis_beside_the_centre_of_tilt_and_a_wobble_leave_the_angles_to_the_turnta
     holds("rho_d", &p.rho_d, 0.33725, 0.01);
     assert!(report.rms_residual.unwrap() < 5e-4, "{report:?}");
     assert_eq!(report.reference_plane, ReferencePlane::Turntable);
-    // 0.2° · sin 200° of the wobble lie across v, which is told by the azimuth once its zero is known.
+    // The wobble has a component of 0.2° · sin 200° across v, which the azimuth determines if its zero is known.
     let across = report.wedge_across.unwrap();
     let std = across.wedge_std_deg.unwrap();
     let off = (across.wedge_deg + 0.0684).abs();
@@ -90,7 +90,7 @@ async fn a_simulated_rig_with_the_same_errors_is_measured_right() {
     .unwrap();
     rig.stock(&lab).await.unwrap();
     let hands = rig.hands(&lab, true);
-    // The second of the stock is the traced polymer.
+    // The second sample of the stock is the traced polymer.
     let plan = small(&[-10.0, 0.0, 10.0], &[0.0, 90.0, 180.0, 270.0]);
     let request = ScanRequest { sample_id: 2, plan };
     let scan = lab.start_scan(&request).await.unwrap();

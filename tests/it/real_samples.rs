@@ -1,4 +1,5 @@
-//! Path-traced series of samples that are no ideal sawtooth: the right values, and the right culprit first.
+//! Path-traced series of samples that deviate from an ideal sawtooth: the values are right, and the first finding is the
+//! true deviation.
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -25,7 +26,7 @@ fn fitted(set: &ObservationSet) -> FitReport {
     fit(set, &options, &AtomicBool::new(false))
 }
 
-/// Whether a parameter has its true value within its uncertainty, which is no larger than `most`.
+/// Asserts that a parameter's true value is within its expanded uncertainty, and that this is below `most`.
 fn holds(name: &str, found: &Parameter, truth: f64, most: f64) {
     let (value, expanded) = (found.value.unwrap(), found.expanded.unwrap());
     assert!(
@@ -39,7 +40,7 @@ fn first(report: &FitReport) -> Option<Code> {
 }
 
 #[test]
-fn light_that_leaves_evenly_over_the_ridges_is_told_and_the_index_is_not_blamed() {
+fn light_that_leaves_uniformly_over_the_ridges_is_found_and_the_index_is_not_suspected() {
     let mut set = observed("translucent-12");
     let report = fitted(&set);
     let p = &report.parameters;
@@ -58,7 +59,7 @@ fn light_that_leaves_evenly_over_the_ridges_is_told_and_the_index_is_not_blamed(
         "{:?}",
         report.warnings
     );
-    // Stated, it is in the fit from the start, with its uncertainty.
+    // If the translucency is stated, it is in the fit from the start, with its uncertainty.
     set.translucency = Some(Prior {
         mean: 0.95,
         std: 0.05,
@@ -70,7 +71,7 @@ fn light_that_leaves_evenly_over_the_ridges_is_told_and_the_index_is_not_blamed(
 }
 
 #[test]
-fn an_opaque_body_of_the_same_plastic_is_not_said_to_be_translucent() {
+fn an_opaque_body_of_the_same_plastic_is_not_reported_as_translucent() {
     let report = fitted(&observed("opaque-12"));
     holds("theta_r_deg", &report.parameters.theta_r_deg, 12.0, 0.15);
     holds("rho_d", &report.parameters.rho_d, 0.66576, 0.02);
@@ -78,6 +79,9 @@ fn an_opaque_body_of_the_same_plastic_is_not_said_to_be_translucent() {
     assert!(report.findings.is_empty(), "{:?}", report.findings);
     let out = |what: &str| report.left_out.iter().any(|l| l.what.contains(what));
     assert!(out("translucency") && out("tails") && out("rounded crests"));
+    let crests = report.left_out.iter();
+    assert_eq!(crests.filter(|l| l.what.contains("crests")).count(), 1);
+    assert!(out("burrs"));
 }
 
 #[test]
@@ -91,13 +95,13 @@ fn lobes_with_tails_are_fitted_by_student_s_t() {
     let slopes = report.slope_distribution.as_ref().unwrap();
     assert_eq!(slopes.name, "student-t");
     assert!((slopes.shape.unwrap() - 2.0).abs() < 0.1, "{slopes:?}");
-    // 0.773 α of GGX.
+    // The half width of GGX is 0.773 α.
     assert!((slopes.alpha_half_width_u.unwrap() - 0.0696).abs() < 0.001);
     assert_eq!(first(&report), Some(Code::Tails));
 }
 
 #[test]
-fn rounded_crests_are_told_to_first_order_and_a_profile_makes_the_angle_sure() {
+fn rounded_crests_are_found_to_first_order_and_a_profile_makes_the_angle_certain() {
     let set = observed("moulded-14");
     let report = fitted(&set);
     let p = &report.parameters;
@@ -124,6 +128,6 @@ fn rounded_crests_are_told_to_first_order_and_a_profile_makes_the_angle_sure() {
     };
     let never = AtomicBool::new(false);
     let report = fit_watched(&set, &options, Some(&profile), &|_| true, None, &never);
-    // What the tracer refutes of other surfaces is not in its budget.
+    // The budget does not include surfaces that the tracer excludes.
     holds("theta_r_deg", &report.parameters.theta_r_deg, 13.927, 0.08);
 }

@@ -1,20 +1,20 @@
-//! What a rounded crest sends back: an arc of the ridge's edge whose normals turn from the facet's to the riser's.
+//! The light of a rounded crest: an arc of the ridge's edge whose normals turn from the facet's to the riser's.
 //!
-//! The arc of radius R has R dψ of length at normals m(ψ) = cos ψ n + sin ψ v. Single reflection needs the density of slopes
-//! integrated over the arc, ∫ D(h; m(ψ)) dψ. With δ = ψ_h − ψ, t = tan δ and a half vector h of components h_u along the ridges and
-//! h_p across them, D = P(h_u √(1 + t²)/h_p, t) (1 + t²)²/h_p⁴ and dψ = dt/(1 + t²), so that
+//! The arc of radius R has R dψ of length at normals m(ψ) = cos ψ n + sin ψ v. Single reflection needs the density of
+//! slopes integrated over the arc, ∫ D(h; m(ψ)) dψ. With δ = ψ_h − ψ, t = tan δ and a half vector h of components h_u
+//! along the ridges and h_p across them, D = P(h_u √(1 + t²)/h_p, t) (1 + t²)²/h_p⁴ and dψ = dt/(1 + t²), so that
 //!
 //! ```text
 //! J = h_p⁻⁴ ∫ P(…) (1 + t²) dt
 //! ```
 //!
-//! which for Beckmann slopes is closed, C = h_u²/(h_p² αu²), B = 1/αv² + C:
+//! For Beckmann slopes the integral is closed, with C = h_u²/(h_p² αu²), B = 1/αv² + C:
 //!
 //! ```text
 //! J = e^−C/(π αu αv h_p⁴) [ √π/(2√B) erf(√B t) (1 + 1/(2B)) − t e^{−B t²}/(2B) ]
 //! ```
 //!
-//! and with tails is a Gauss sum over the angle whose tangent is √B t.
+//! With tails it is a Gauss sum over the angle whose tangent is √B t.
 
 use std::f64::consts::PI;
 
@@ -22,11 +22,12 @@ use super::slopes::Slopes;
 use crate::model::gauss::LEGENDRE_16;
 use crate::model::number::Number;
 
-/// Largest |ψ_h − ψ| that is integrated, rad: beyond it no slope reaches.
+/// Largest |ψ_h − ψ| that is integrated, rad; beyond it the density of slopes is negligible.
 const FARTHEST: f64 = 1.5;
 
-/// The arc's range of normals ψ (rad), that lamp and camera both see: `theta_r` is the facet's, `i` and `o` are the projected
-/// angles of lamp and camera from n, + towards v. Empty where the second is not above the first.
+/// Returns the range of the arc's normals ψ (rad) that lamp and camera both see: `theta_r` is the facet's, `i` and
+/// `o` are the projected angles of lamp and camera from n, + towards v. It is empty if the second number is not above
+/// the first.
 pub(super) fn range<N: Number>(theta_r: N, i: N, o: N) -> (N, N) {
     let quarter = theta_r.like(0.5 * PI);
     let low = (theta_r - quarter).larger(i.larger(o) - quarter);
@@ -34,7 +35,8 @@ pub(super) fn range<N: Number>(theta_r: N, i: N, o: N) -> (N, N) {
     (low, high)
 }
 
-/// J over the arc from ψ₁ to ψ₂ for a half vector (any length) of components along u, v, n; `tails` says whether the slopes have any.
+/// Returns J over the arc from ψ₁ to ψ₂ for a half vector (any length) with components along u, v, n; `tails` states
+/// whether the slopes have any.
 pub(super) fn lobe<N: Number>(h: [N; 3], arc: (N, N), slopes: &Slopes<N>, tails: bool) -> N {
     let one = h[0].like(1.0);
     let h2 = h[0] * h[0] + h[1] * h[1] + h[2] * h[2];

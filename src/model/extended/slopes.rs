@@ -1,12 +1,12 @@
-//! Slopes of a rough wall with tails: Student's t in two dimensions, with Beckmann and GGX among them.
+//! Slopes of a rough wall with tails: Student's t in two dimensions, which includes Beckmann and GGX.
 //!
 //! ```text
 //! P(x, y) = 1/(π αu αv) · (1 + ι q)^−γ,   q = x²/αu² + y²/αv²,   ι = 1/(γ − 1)
 //! ```
 //!
-//! (Ribardière et al. 2017; the second paper's reference 7.) ι = 0 is Beckmann's exp(−q), ι = 1 is GGX (γ = 2); ι is the *tail*.
-//! It is regular at 0, so a fit may start there. α means the same scale for all; what can be compared between
-//! distributions is the half width: [`half_width_over_alpha`].
+//! (Ribardière et al. 2017; reference 7 of the second paper.) ι = 0 is Beckmann's exp(−q), ι = 1 is GGX (γ = 2); ι is
+//! the *tail*. The density is regular at ι = 0, so a fit may start there. α is the same scale for all; the quantity
+//! to compare between distributions is the half width: [`half_width_over_alpha`].
 //!
 //! *Conditioning.* ln P is −(1 + ι) q g(ι q) with g(z) = ln(1 + z)/z, which has no cancellation at 0.
 
@@ -14,7 +14,7 @@ use std::f64::consts::PI;
 
 use crate::model::number::Number;
 
-/// Largest tail that is looked for: γ = 5/3, below which the mean slope hardly exists.
+/// Largest tail of a search: γ = 5/3, below which the mean slope hardly exists.
 pub const TAIL_MAX: f64 = 1.5;
 
 /// Roughness of a wall's slopes as squares of α, the cones of lamp and lens included, with their tail.
@@ -23,12 +23,12 @@ pub(super) struct Slopes<N> {
     pub u2: N,
     pub v2: N,
     pub tail: N,
-    /// What the cones added to both squares.
+    /// Contribution of the cones to both squares.
     pub widening: f64,
 }
 
 impl<N: Number> Slopes<N> {
-    /// P(x, y) π √(αu² αv²): the density without its norm.
+    /// Returns P(x, y) π √(αu² αv²): the density without its norm.
     pub(super) fn relative(&self, x2: N, y2: N) -> N {
         let (one, two) = (x2.like(1.0), x2.like(2.0));
         let (qx, qy) = (x2 / self.u2, y2 / self.v2);
@@ -39,7 +39,8 @@ impl<N: Number> Slopes<N> {
         if self.widening == 0.0 {
             return density;
         }
-        // A disc of variance R²/16 an axis widens P by R²/32 ∇²P; the squares of α have taken of that what is right without tails.
+        // A disc of variance R²/16 per axis widens P by R²/32 ∇²P. The squares of α already include the part that is
+        // correct without tails.
         let per = steep / (one + z);
         let sum = one / self.u2 + one / self.v2;
         let square = qx / self.u2 + qy / self.v2;
@@ -48,13 +49,14 @@ impl<N: Number> Slopes<N> {
         density * rest.times(self.widening).exponential()
     }
 
-    /// 1/(π √(αu² αv²)).
+    /// Returns 1/(π √(αu² αv²)).
     pub(super) fn norm(&self) -> N {
         let root = (self.u2 * self.v2).root();
         root.like(1.0 / PI) / root
     }
 
-    /// Share of slopes below b on an axis of roughness α: Φ(b/α) of Beckmann, Student's t with tails (Wallace 1959, within 2e-3).
+    /// Returns the share of slopes below b on an axis of roughness α: Φ(b/α) for Beckmann, Student's t with tails
+    /// (Wallace 1959, within 2e-3).
     pub(super) fn share_below(&self, b: N) -> N {
         let z = (self.tail * b * b).times(0.5);
         let stretched = (log_over(z)).root() * b;
@@ -70,7 +72,7 @@ impl<N: Number> Slopes<N> {
     }
 }
 
-/// ln(1 + z)/z.
+/// Returns ln(1 + z)/z.
 fn log_over<N: Number>(z: N) -> N {
     z.map(|z| {
         if z.abs() < 1e-3 {
@@ -84,7 +86,8 @@ fn log_over<N: Number>(z: N) -> N {
     })
 }
 
-/// The Beckmann roughness of the same half width at half maximum, over α: √((γ − 1)(2^{1/γ} − 1)/ln 2), 1 without tails.
+/// Returns the Beckmann roughness of the same half width at half maximum, over α: √((γ − 1)(2^{1/γ} − 1)/ln 2); 1
+/// without tails.
 #[must_use]
 pub fn half_width_over_alpha(tail: f64) -> f64 {
     if tail <= 0.0 {
@@ -94,7 +97,7 @@ pub fn half_width_over_alpha(tail: f64) -> f64 {
     ((per_gamma * std::f64::consts::LN_2).exp_m1() / tail / std::f64::consts::LN_2).sqrt()
 }
 
-/// γ of a tail; none for Beckmann.
+/// Returns γ of a tail; `None` for Beckmann.
 #[must_use]
 pub fn gamma(tail: f64) -> Option<f64> {
     (tail > 0.0).then(|| 1.0 + 1.0 / tail)

@@ -7,7 +7,7 @@ use crate::model::{Variant, sawtooth};
 use crate::units::Angle;
 use nalgebra::Vector3;
 
-/// A row of `tests/data/real-samples-reference.csv`; what a kind has no use for is not a number.
+/// A row of `tests/data/real-samples-reference.csv`; columns that a kind does not use are NaN.
 #[derive(Debug)]
 pub(crate) struct Row {
     pub theta_r: f64,
@@ -30,7 +30,7 @@ impl Row {
     }
 }
 
-/// The rows of one kind.
+/// Returns the rows of one kind.
 pub(crate) fn reference(kind: &str) -> Vec<Row> {
     let text = include_str!("../../../tests/data/real-samples-reference.csv");
     let rows = text.lines().skip(1).map(|line| line.split(',').collect());
@@ -56,7 +56,7 @@ pub(crate) fn reference(kind: &str) -> Vec<Row> {
     .collect()
 }
 
-/// The derivatives, whether tails and crests move or not.
+/// Returns the derivatives; `moves` states whether tails and crests are free.
 fn partials(
     directions: &Directions,
     surface: &Surface,
@@ -95,8 +95,8 @@ fn slopes_have_the_density_of_student_s_t() {
 }
 
 #[test]
-fn the_share_of_slopes_below_a_bound_is_student_s() {
-    // The median of |slope| is where three quarters lie below.
+fn the_share_of_slopes_below_a_bound_agrees_with_student_s_t() {
+    // Three quarters of the slopes are below the median of |slope|.
     let rows = reference("std_median_abs_slope_over_alpha");
     assert_eq!(rows.len(), 8);
     for row in rows {
@@ -106,14 +106,14 @@ fn the_share_of_slopes_below_a_bound_is_student_s() {
             tail: row.tail(),
             widening: 0.0,
         };
-        // A slope's own distribution has α/√2 where the retro lobe's has α.
+        // A slope's own distribution has α/√2, the retro lobe's has α.
         let found = slopes.share_below(row.value * std::f64::consts::SQRT_2);
         assert!((found - 0.75).abs() < 3e-3, "{row:?}: {found}");
     }
 }
 
 #[test]
-fn a_crest_s_arc_is_that_of_an_integral_in_forty_digits() {
+fn a_crest_s_arc_agrees_with_an_integral_in_forty_digits() {
     let rows = reference("arc_integral");
     assert_eq!(rows.len(), 15);
     for row in rows {
@@ -125,7 +125,7 @@ fn a_crest_s_arc_is_that_of_an_integral_in_forty_digits() {
         slopes.tail = 0.0;
         for tails in [false, true] {
             let found = crest::lobe(h, (row.x, row.theta_r), &slopes, tails);
-            // The sum over the angle is good to some digits, the closed form to nearly all.
+            // The sum over the angle is exact to some digits, the closed form to nearly all.
             let allowed = if tails { 1e-4 } else { 1e-9 };
             assert!(
                 (found / row.value - 1.0).abs() < allowed,
@@ -145,7 +145,7 @@ fn optics(index: f64, theta_l: f64) -> Optics {
 }
 
 #[test]
-fn a_translucent_body_is_that_of_an_independent_transcription() {
+fn a_translucent_body_agrees_with_an_independent_transcription() {
     let rows = reference("translucent_radiance_smooth");
     assert_eq!(rows.len(), 20);
     for row in rows {
@@ -179,7 +179,7 @@ struct Draw {
     optics: Optics,
 }
 
-/// Random rigs, poses and surfaces.
+/// Returns random rigs, poses and surfaces.
 fn draws(count: usize) -> impl Iterator<Item = Draw> {
     let mut state = 11u64;
     let mut between = move |low: f64, high: f64| {
@@ -222,7 +222,7 @@ fn draws(count: usize) -> impl Iterator<Item = Draw> {
 }
 
 #[test]
-fn with_nothing_real_the_form_is_the_ideal_sawtooth_s_with_its_derivatives() {
+fn without_real_terms_the_form_and_its_derivatives_are_those_of_the_ideal_sawtooth() {
     let mut lit = 0;
     for draw in draws(2000) {
         let table = OpticsTable::new(&draw.optics);
@@ -246,7 +246,7 @@ fn with_nothing_real_the_form_is_the_ideal_sawtooth_s_with_its_derivatives() {
                 (found.alpha_u, sharp.alpha_u),
                 (found.alpha_v, sharp.alpha_v),
                 match draw.optics.k > 0.0 {
-                    // A metal has no body.
+                    // A metal has no diffuse light.
                     true => (0.0, 0.0),
                     false => (found.rho_d, sharp.rho_d),
                 },
@@ -268,7 +268,7 @@ fn with_nothing_real_the_form_is_the_ideal_sawtooth_s_with_its_derivatives() {
 }
 
 #[test]
-fn derivatives_of_the_real_terms_are_those_of_differences() {
+fn derivatives_of_the_real_terms_agree_with_differences() {
     let mut lit = 0;
     for draw in draws(300) {
         let table = OpticsTable::new(&draw.optics);
@@ -331,7 +331,7 @@ fn lamp_and_camera_may_be_exchanged() {
 }
 
 #[test]
-fn a_flat_piece_looks_the_same_whatever_leaves_evenly() {
+fn the_appearance_of_a_flat_piece_does_not_depend_on_the_translucency() {
     for draw in draws(200).filter(|d| d.optics.k == 0.0) {
         let surface = Surface {
             theta_r: 0.0,
@@ -353,7 +353,7 @@ fn a_flat_piece_looks_the_same_whatever_leaves_evenly() {
 }
 
 #[test]
-fn a_register_of_surfaces_has_the_values_of_each_alone() {
+fn a_register_of_surfaces_has_the_values_of_single_surfaces() {
     struct All<'a>(&'a Draw, &'a Walls, f64);
     impl pulp::WithSimd for All<'_> {
         type Output = ();
@@ -408,9 +408,9 @@ fn a_register_of_surfaces_has_the_values_of_each_alone() {
 }
 
 #[test]
-fn what_enters_a_sawtooth_is_one_less_its_traced_albedo() {
-    // Furnace: a body that sends nothing back, so the albedo is what the walls mirror; from behind and beyond 40° one mirror
-    // hop is not all.
+fn the_transmittance_of_a_sawtooth_is_one_less_its_traced_albedo() {
+    // Furnace test: with a body that returns no light, the albedo is the light that the walls reflect. From behind
+    // and beyond 40° one mirror hop is not all of it.
     let rows = reference("sawtooth_transmittance_traced");
     assert_eq!(rows.len(), 48);
     for row in rows {
@@ -449,7 +449,7 @@ fn what_enters_a_sawtooth_is_one_less_its_traced_albedo() {
 }
 
 #[test]
-fn the_generic_form_is_the_scalar_sawtooth_s() {
+fn the_generic_form_agrees_with_the_scalar_sawtooth() {
     for draw in draws(300) {
         let q = crate::model::parameters(&draw.surface, &draw.optics);
         let directions = draw.rig.directions(draw.pose);

@@ -1,4 +1,4 @@
-//! The retro lobe, light that goes from facet to riser and back whence it came, and its derivatives.
+//! The retro lobe, light that is reflected by facet and riser back towards the lamp, and its derivatives.
 
 use std::f64::consts::{FRAC_1_PI, FRAC_1_SQRT_2, FRAC_2_SQRT_PI};
 
@@ -6,10 +6,10 @@ use super::{Back, Ray, Shared};
 use crate::model::prepared::Prepared;
 use crate::model::sawtooth::{RETRO_TILT_MAX, RETRO_TILT_MIN};
 
-/// Beyond this exponent the retro lobe is below 1e-43 of its peak and left out.
+/// Exponent above which the retro lobe is omitted, since it is below 1e-43 of its peak.
 const RETRO_EXPONENT_MAX: f64 = 100.0;
 
-/// (c) The retro lobe: `a` meets the facet, `b` the riser.
+/// (c) The retro lobe: `a` reaches the facet, `b` the riser.
 #[inline]
 pub(super) fn retro(
     q: &Prepared,
@@ -43,7 +43,7 @@ pub(super) fn retro(
     }
     let tilt = -0.5 * (beta_a + beta_b);
 
-    // Length of the wall pair that sends light back, with its derivatives.
+    // Length of the pair of walls that reflects light back, with its derivatives.
     let (mut to_p, mut to_r, mut to_sigma, mut to_tilt) = (0.0, 0.0, 0.0, 0.0);
     let length = if a.sigma <= 0.0 {
         to_r = 1.0;
@@ -54,7 +54,7 @@ pub(super) fn retro(
         let per_tan = 1.0 / tan;
         let far = p * per_tan;
         to_sigma = -per_tan;
-        // Where the facet bounds the pair of walls its length less σ is what is open: no difference.
+        // If the facet limits the pair of walls, its length less σ is the visible length, without a difference.
         let (length, cut) = if far < r {
             to_p = per_tan;
             (a.open * per_tan, a.open)
@@ -108,7 +108,7 @@ pub(super) fn retro(
     shared.p += per_length * to_p;
     shared.r += per_length * to_r;
     ga.sigma += per_length * to_sigma;
-    // Φ(tilt/αv) and the tilt's other place.
+    // Φ(tilt/αv), the second dependence on the tilt.
     let slope = 0.25
         * amplitude2
         * product

@@ -1,13 +1,13 @@
 //! Fresnel reflectance of a register of angles with its slope, for one index.
 //!
-//! *Conditioning.* The plain quotients: ten digits are more than a start needs. Who wants them all asks
-//! [`crate::model::fresnel`].
+//! *Conditioning.* These are the plain quotients: ten digits are enough for a start. [`crate::model::fresnel`]
+//! returns all digits.
 
 use pulp::Simd;
 
 use super::Lane;
 
-/// R_s and R_p of a wall, and their slopes to the cosine of the angle of incidence.
+/// R_s and R_p of a wall, and their slopes with respect to the cosine of the angle of incidence.
 #[derive(Clone, Copy)]
 pub(super) struct Wall<S: Simd> {
     pub(super) s: Lane<S>,
@@ -17,7 +17,7 @@ pub(super) struct Wall<S: Simd> {
 }
 
 impl<S: Simd> Wall<S> {
-    /// Unpolarised.
+    /// Returns the unpolarised reflectance.
     #[inline(always)]
     pub(super) fn f(&self, simd: S) -> Lane<S> {
         Lane::splat(simd, 0.5) * (self.s + self.p)
@@ -29,7 +29,7 @@ impl<S: Simd> Wall<S> {
     }
 }
 
-/// At cos θ = `cos` > 0 for the index `eta + i k`.
+/// Evaluates at cos θ = `cos` > 0 for the index `eta + i k`.
 #[inline(always)]
 pub(super) fn wall<S: Simd>(simd: S, cos: Lane<S>, eta: f64, k: f64) -> Wall<S> {
     macro_rules! k {
@@ -77,7 +77,7 @@ mod tests {
     use pulp::Scalar;
 
     #[test]
-    fn walls_reflect_as_the_scalar_form_says() {
+    fn walls_agree_with_the_scalar_form() {
         for (eta, k) in [(1.54, 0.0), (2.9, 3.1), (0.05, 3.3), (1.2, 0.4)] {
             for step in 1..=50 {
                 let cos = 0.02 * f64::from(step);

@@ -1,4 +1,4 @@
-//! The printed lobe with its slopes for a register of surfaces: the form of `gradient_paper` without branches.
+//! The printed lobe with its slopes for a register of surfaces: `gradient_paper` without branches.
 
 use std::f64::consts::FRAC_1_PI;
 
@@ -10,8 +10,9 @@ use crate::model::prepared::Prepared;
 /// Numbers that describe a surface; see [`shape`].
 pub(crate) const SHAPE: usize = 8;
 
-/// A surface as [`partials`] wants it: sine and cosine of θr, 1/a and 1/b, the lobe's peak with F |h|⁴/4, the amplitude
-/// beside F with its slope to ρd, αu²/a and αv²/b. `f` is the reflectance at the half angle, `h2` |h|².
+/// Returns a surface in the form that [`partials`] uses: sine and cosine of θr, 1/a and 1/b, the lobe's peak with F
+/// |h|⁴/4, the relative slope of the amplitude with respect to ρd, αu²/a and αv²/b. `f` is the reflectance at the
+/// half angle, `h2` is |h|².
 pub(crate) fn shape(q: &Prepared, f: f64, h2: f64) -> [f64; SHAPE] {
     let (au, av) = (q.surface.alpha_u, q.surface.alpha_v);
     let more = FRAC_1_PI * (1.0 - f) * (1.0 - f);
@@ -28,7 +29,7 @@ pub(crate) fn shape(q: &Prepared, f: f64, h2: f64) -> [f64; SHAPE] {
     ]
 }
 
-/// G1, or G1/(ω·n), with its slopes to θr, v and n.
+/// Returns G1, or G1/(ω·n), with its slopes with respect to θr, v and n.
 #[inline(always)]
 fn masking<S: Simd>(
     simd: S,
@@ -46,7 +47,7 @@ fn masking<S: Simd>(
     let faces = zero.less(m);
     let per_m = one / m.max(tiny);
     let per_n = one / w[2].max(tiny);
-    // Where the facets lean to: G1/(ω·n) = 1/(cos θr ω_m); else 1 + tan θr ω_e/ω_m over ω·n.
+    // On the side that the facets lean to, G1/(ω·n) = 1/(cos θr ω_m); otherwise 1 + tan θr ω_e/ω_m over ω·n.
     let leans = zero.less(e * s);
     let per_cos = per_m / c;
     let square = per_cos * per_cos * c;
@@ -79,7 +80,8 @@ fn masking<S: Simd>(
     ]
 }
 
-/// Radiance with its slopes for directions along u, v, n of a far rig, between which the half angle is that of the shape.
+/// Returns the radiance with its slopes for directions along u, v, n of a far rig, whose half angle is that of the
+/// shape.
 #[inline(always)]
 pub(crate) fn partials<S: Simd>(
     simd: S,

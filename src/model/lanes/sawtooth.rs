@@ -1,10 +1,10 @@
 //! The full sawtooth with its slopes for a register of surfaces: `gradient_sawtooth` without branches.
 //!
-//! Names and terms are those of [`crate::model::sawtooth`]. Every branch of the scalar form is a choice between two numbers
-//! here, so that lanes may take different ones; slopes are led back in the same way.
+//! Names and terms are those of [`crate::model::sawtooth`]. Every branch of the scalar form is a selection between
+//! two numbers here, so that lanes may take different ones. Slopes are propagated back in the same way.
 //!
-//! *Conditioning.* For descents that are refined elsewhere: divisors are held above 1e-9, angles are good to 1e-9 and Φ
-//! to 2e-7, and a lobe beyond e⁻⁶⁰ of its peak counts as e⁻⁶⁰.
+//! *Conditioning.* The form is for descents that are refined elsewhere: divisors are held above 1e-9, angles are
+//! exact to 1e-9 and Φ to 2e-7, and a lobe beyond e⁻⁶⁰ of its peak counts as e⁻⁶⁰.
 
 use pulp::Simd;
 
@@ -16,7 +16,7 @@ use crate::model::sawtooth::{RETRO_TILT_MAX, RETRO_TILT_MIN};
 /// Numbers that describe a surface; see [`Shape`].
 pub(crate) const SHAPE: usize = 22;
 
-/// What no surface changes.
+/// Inputs that all surfaces share.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Optics {
     eta: f64,
@@ -41,7 +41,7 @@ impl Optics {
     }
 }
 
-/// A surface as [`partials`] wants it. `f` is the reflectance at the half angle, `h2` |h|².
+/// Returns a surface in the form that [`partials`] uses. `f` is the reflectance at the half angle, `h2` is |h|².
 pub(crate) fn shape(q: &Prepared, f: f64, h2: f64) -> [f64; SHAPE] {
     let (au, av) = (q.surface.alpha_u, q.surface.alpha_v);
     let (au2, av2) = (au * au, av * av);
@@ -116,7 +116,7 @@ struct Ray<S: Simd> {
     short: Mask<S>,
 }
 
-/// What the walls send back of one direction.
+/// The reflectances of the walls for one direction.
 #[derive(Clone, Copy)]
 struct Walls<S: Simd> {
     facet: Wall<S>,
@@ -128,7 +128,7 @@ struct Walls<S: Simd> {
     b: Lane<S>,
 }
 
-/// Slopes of the sum to one direction's numbers.
+/// Slopes of the sum with respect to one direction's numbers.
 #[derive(Clone, Copy)]
 struct Back<S: Simd> {
     u: Lane<S>,
@@ -145,7 +145,7 @@ struct Back<S: Simd> {
     riser_cos: Lane<S>,
 }
 
-/// Slopes of the sum to what both directions share.
+/// Slopes of the sum with respect to the numbers that both directions share.
 #[derive(Clone, Copy)]
 struct Shared<S: Simd> {
     p: Lane<S>,
@@ -224,7 +224,7 @@ impl<S: Simd> Ray<S> {
         }
     }
 
-    /// atan2(ω_e, max(0, ω_m)).
+    /// Returns atan2(ω_e, max(0, ω_m)).
     #[inline(always)]
     fn beta(&self, simd: S) -> Lane<S> {
         let zero = Lane::splat(simd, 0.0);
@@ -232,7 +232,7 @@ impl<S: Simd> Ray<S> {
         self.on_riser.select(zero - angle, angle)
     }
 
-    /// Leads the slopes to sigma, x, y, a, b and the reflectances back to e, m, p, r.
+    /// Propagates the slopes from sigma, x, y, a, b and the reflectances back to e, m, p, r.
     #[inline(always)]
     fn lead_back(
         &self,
@@ -277,7 +277,8 @@ impl<S: Simd> Ray<S> {
     }
 }
 
-/// Radiance with its slopes for directions along u, v, n of a far rig, between which the half angle is that of the shape.
+/// Returns the radiance with its slopes for directions along u, v, n of a far rig, whose half angle is that of the
+/// shape.
 #[inline(always)]
 pub(crate) fn partials<S: Simd>(
     simd: S,
@@ -333,7 +334,7 @@ pub(crate) fn partials<S: Simd>(
     };
     let mut sum = single(simd, q, &ray_i, &ray_o, [&mut gi, &mut go], &mut shared);
     let (mut to_theta, mut to_rho_d) = (zero, zero);
-    // Metal sends no diffuse light back; only the retro lobe wants its walls, and that only where one meets a riser.
+    // Metal has no diffuse light; only the retro lobe needs its walls, and only if a direction reaches a riser.
     let opaque = optics.k > 0.0;
     let any_riser = ray_i.on_riser.any() || ray_o.on_riser.any();
     let walls =
@@ -409,7 +410,7 @@ pub(crate) fn partials<S: Simd>(
     }
 }
 
-/// (a) Single reflection. |h|² is the rig's, so nothing leads to it.
+/// (a) Single reflection. |h|² is that of the rig, so it has no slope.
 #[inline(always)]
 fn single<S: Simd>(
     simd: S,
@@ -427,7 +428,7 @@ fn single<S: Simd>(
         Lane::splat(simd, TINY),
     );
     let (hu, he, hm) = (i.u + o.u, i.e + o.e, i.m + o.m);
-    // D F/4 about a wall's normal z; with logarithmic slopes to x, y, z and ln αu, ln αv.
+    // D F/4 about a wall's normal z, with logarithmic slopes with respect to x, y, z and ln αu, ln αv.
     macro_rules! lobe {
         ($y:expr, $z:expr, $on:expr) => {{
             let per = one / $z.max(tiny);
@@ -481,14 +482,15 @@ fn single<S: Simd>(
     value
 }
 
-/// Diffuse light without its factor c_d, and its slopes to θr through the exchange and to ρd through κ, without it too.
+/// Diffuse light, its slope with respect to θr through the exchange, and that with respect to ρd through κ; all
+/// without the factor c_d.
 struct Diffuse<S: Simd> {
     sum: Lane<S>,
     to_theta: Lane<S>,
     to_rho_d: Lane<S>,
 }
 
-/// (b) Diffuse light; what leads to the directions carries c_d.
+/// (b) Diffuse light; the slopes that lead to the directions include c_d.
 #[inline(always)]
 fn diffuse<S: Simd>(
     simd: S,
@@ -588,11 +590,11 @@ fn diffuse<S: Simd>(
     }
 }
 
-/// (c) The retro lobe: `a` meets the facet, `b` the riser.
+/// (c) The retro lobe: `a` reaches the facet, `b` the riser.
 #[inline(always)]
 #[expect(
     clippy::too_many_arguments,
-    reason = "pairs of what two directions have"
+    reason = "the arguments are pairs, one of each direction"
 )]
 fn retro<S: Simd>(
     simd: S,
@@ -619,7 +621,7 @@ fn retro<S: Simd>(
     let exponent_v = half * y * y * q.per_v_v;
     let tilt = -(half * (beta_a + beta_b));
 
-    // 1/tan of the tilt from the sum of both directions' unit vectors, kept within bounds.
+    // 1/tan of the tilt from the sum of both directions' unit vectors, held within bounds.
     let (most, least) = optics.per_tan;
     let (la, lb) = (
         one / (a.e * a.e + a.up * a.up).max(tiny * tiny).sqrt(),

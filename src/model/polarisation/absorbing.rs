@@ -1,47 +1,48 @@
-//! A smooth boundary with an absorbing layer on one side of it, or on both.
+//! A smooth boundary with an absorbing layer on one side, or on both.
 //!
-//! Light in such a layer is a wave whose planes of equal amplitude lie along its surface, as they do below any plane that
-//! light enters from outside: with S = n₁ sin θ of the medium it came from, the same in all media, q² = N² − S² and
-//! Im q ≥ 0, it travels at tan θ = S/Re q and fades by 2 Im q per unit of vacuum phase. So its angle alone tells S:
+//! Light in such a layer is a wave whose planes of equal amplitude are parallel to its surface, as below any plane
+//! through which light enters from outside. With S = n₁ sin θ of the medium that it came from, equal in all media, q²
+//! = N² − S² and Im q ≥ 0, it travels at tan θ = S/Re q and decays by 2 Im q per unit of vacuum phase. So its angle
+//! determines S:
 //!
 //! ```text
 //! S = m sin θ,  Re q = m cos θ,  Re q Im q = n k,  m² = ½ [n² − k² + √((n² − k²)² + 4 n²k²/cos² θ)]
 //! ```
 //!
-//! which is Snell's law with the index m of this very direction. Amplitudes are r_s = (q₁ − q₂)/(q₁ + q₂) and
-//! r_p = (N₂²q₁ − N₁²q₂)/(N₂²q₁ + N₁²q₂). What is not reflected goes on, except into a metal and where total reflection keeps it out
-//! of a transparent medium: there the layer takes what is missing.
+//! which is Snell's law with the index m of this direction. Amplitudes are r_s = (q₁ − q₂)/(q₁ + q₂) and
+//! r_p = (N₂²q₁ − N₁²q₂)/(N₂²q₁ + N₁²q₂). Light that is not reflected continues, except into a metal and under total
+//! reflection at a transparent medium: there the layer absorbs the rest.
 //!
-//! *What that neglects.* Within an absorbing layer the incident and the reflected beam interfere next to the boundary, so the
-//! powers of what is reflected and what goes on add up to 1 + 4 (Im r)²/(1 − |r|²) instead of 1, and light under total reflection
-//! steeper than 45° may come back as p with more than it had. Here they add up to 1, and nothing grows: so no photon
-//! gains weight. [`excess`] says how much that is.
+//! *Approximation.* Within an absorbing layer the incident and the reflected beam interfere next to the boundary.
+//! Therefore the reflected and refracted powers add up to 1 + 4 (Im r)²/(1 − |r|²) in place of 1, and p under total
+//! reflection steeper than 45° may be reflected with more than its power. Here they add up to 1 and no power exceeds
+//! 1, so no photon gains weight. [`excess`] returns the size of this approximation.
 
 use nalgebra::Complex;
 
 use super::{Channel, Split};
 use crate::model::fresnel::{principal_sqrt, sin_squared};
 
-/// The media on both sides, over the real index of the one that light comes from.
+/// The media on both sides, relative to the real index of the one that light comes from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Media {
     here: Complex<f64>,
     beyond: Complex<f64>,
     /// N₂² − N₁², formed without cancellation.
     lift: Complex<f64>,
-    /// Whether light can go on beyond.
+    /// Whether light can continue beyond.
     enters: bool,
 }
 
-/// The direction-dependent index m squared, of light at cos θ = `cos` in a medium.
+/// Returns the square of the direction-dependent index m, for light at cos θ = `cos` in a medium.
 fn apparent_squared(index: Complex<f64>, cos: f64) -> f64 {
     let (n, k) = (index.re, index.im);
     let lift = (n - k) * (n + k);
     0.5 * (lift + lift.hypot(2.0 * n * k / cos))
 }
 
-/// What of an optical depth straight through a layer light at cos θ = `cos` has on its way: 1/cos θ but for a little, as
-/// its direction-dependent index differs from n.
+/// Returns the optical depth along the path of light at cos θ = `cos`, over that of the straight path through the
+/// layer. It differs slightly from 1/cos θ, since the direction-dependent index differs from n.
 #[must_use]
 pub fn slant(index: Complex<f64>, cos: f64) -> f64 {
     index.re / (apparent_squared(index, cos).sqrt() * cos)
@@ -113,7 +114,7 @@ impl Media {
     }
 }
 
-/// A complex number of the same phase; 0 where there is none.
+/// Returns a complex number of the same phase and the given modulus; 0 if there is no phase.
 fn of_modulus(z: Complex<f64>, modulus: f64) -> Complex<f64> {
     let norm = z.norm();
     if norm > 0.0 {
@@ -123,9 +124,9 @@ fn of_modulus(z: Complex<f64>, modulus: f64) -> Complex<f64> {
     }
 }
 
-/// By how much light that is reflected and light that goes on, from an absorbing layer back through the boundary over it, are
-/// more than 1 together, as a share of the light in the medium above at cos θ = `cos`: 4 (Im r)², the greater of s and p.
-/// What has crossed the layer twice has less of it.
+/// Returns the amount by which reflected and refracted light together exceed 1, for light from an absorbing layer
+/// back through the boundary above it, as a share of the light in the medium above at cos θ = `cos`: 4 (Im r)², the
+/// greater of s and p. Light that has crossed the layer twice has less.
 #[must_use]
 pub fn excess(above: f64, layer: Complex<f64>, cos: f64) -> f64 {
     let media = Media::new(Complex::new(above, 0.0), layer, true);

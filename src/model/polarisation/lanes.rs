@@ -1,7 +1,7 @@
 //! [`Boundary::at`] for a register of hits at once.
 //!
-//! The same operations in the same order, none of them fused: the same bits, whatever the register. Branches of single hits are
-//! choices between lanes, so a lane's unused side may be infinite or no number.
+//! The same operations in the same order, none of them fused, give the same bits for any register. Branches of single
+//! hits are selections between lanes, so a lane's unused side may be infinite or NaN.
 
 use nalgebra::Complex;
 use pulp::Simd;
@@ -10,7 +10,7 @@ use super::{Boundary, Channel, Split};
 use crate::model::fresnel::RARE;
 use crate::model::lanes::Lane;
 
-/// Numbers that the widest register has.
+/// Numbers in the widest register.
 const WIDEST: usize = 8;
 
 /// A complex number per lane.
@@ -96,7 +96,7 @@ impl<S: Simd> Pair<S> {
 }
 
 impl Boundary {
-    /// Reflection and refraction at each of some cosines in (0, 1].
+    /// Returns reflection and refraction at each of some cosines in (0, 1].
     #[inline(always)]
     pub(crate) fn at_each<S: Simd>(&self, simd: S, cos: Lane<S>) -> Split<Lane<S>> {
         if self.transparent {
@@ -108,7 +108,7 @@ impl Boundary {
         }
     }
 
-    /// Absorbing layers are rare, and their many roots gain little by a register.
+    /// Evaluates the lanes one by one: absorbing layers are rare, and their many roots gain little in a register.
     fn each_alone<S: Simd>(&self, simd: S, cos: Lane<S>) -> Split<Lane<S>> {
         let mut rooms = [[0.0; WIDEST]; 10];
         cos.store(&mut rooms[0], 0);

@@ -7,7 +7,7 @@ use crate::model::fresnel::reflectances;
 use crate::model::gauss::{LEGENDRE_4, LEGENDRE_6};
 use crate::model::third_bounce::{cos_double_turn, cross};
 
-/// Cells after which an integral gives up and says so by its error.
+/// Number of cells at which an integral stops; its error then exceeds the tolerance.
 const CELLS_MAX: usize = 1500;
 
 /// The integrand of one path, facet then riser.
@@ -30,7 +30,7 @@ struct Cell {
     gamma: [f64; 2],
     value: f64,
     error: f64,
-    /// Whether halving β promises more than halving γ.
+    /// Whether halving β promises a greater gain than halving γ.
     split_beta: bool,
 }
 
@@ -52,7 +52,7 @@ impl Ord for Cell {
 }
 
 impl Path<'_> {
-    /// L (o·n) and its error over the cells between the borders, refined to the tolerance.
+    /// Returns L (o·n) and its error over the cells between the borders, refined to the tolerance.
     pub(super) fn integrate(&self, betas: &[f64], gammas: &[f64], tolerance: f64) -> (f64, f64) {
         let mut cells = BinaryHeap::new();
         let mut error = 0.0;
@@ -86,13 +86,13 @@ impl Path<'_> {
                 cells.push(cell);
             }
         }
-        // Summed from the cells: the running error has cancelled many times.
+        // Summed from the cells, because the running error has cancelled many times.
         cells
             .iter()
             .fold((0.0, 0.0), |(v, e), c| (v + c.value, e + c.error))
     }
 
-    /// Two product rules on one cell; the finer one is the value, their difference the error.
+    /// Applies two product rules to one cell; the finer one is the value, their difference the error.
     fn cell(&self, beta: [f64; 2], gamma: [f64; 2]) -> Cell {
         let at = |x: [f64; 2], t: f64| 0.5 * (x[0] + x[1]) + 0.5 * (x[1] - x[0]) * t;
         let area = 0.25 * (beta[1] - beta[0]) * (gamma[1] - gamma[0]);
@@ -107,7 +107,7 @@ impl Path<'_> {
             }
         }
         let mut fine = 0.0;
-        // Odd and even thirds of the fine nodes tell in which direction the integrand bends.
+        // Second differences of the fine nodes show the direction in which the integrand bends.
         let mut by_beta = [0.0; 6];
         let mut by_gamma = [0.0; 6];
         for (j, (tb, wb)) in LEGENDRE_6.into_iter().enumerate() {
@@ -137,7 +137,7 @@ impl Path<'_> {
     }
 }
 
-/// What one β fixes.
+/// The values that β determines.
 struct Row {
     sin: f64,
     cos: f64,
@@ -151,13 +151,13 @@ impl Row {
         let (r, p) = (path.walls.sin, path.walls.cos);
         let tan = sin / cos;
         let reach = p.min(r * tan);
-        // Where the whole facet is in reach, p − σ comes without cancellation.
+        // If the whole facet is in reach, p − σ is computed without cancellation.
         let from_a = path.a.open - (p - reach);
         let length = from_a.min(reach - path.b.tau * tan);
         Row { sin, cos, length }
     }
 
-    /// The integrand at (β, γ), Jacobian and ℓ included.
+    /// Returns the integrand at (β, γ), Jacobian and ℓ included.
     fn at(&self, path: &Path<'_>, gamma: f64) -> f64 {
         let walls = path.walls;
         let (u, flat) = gamma.sin_cos();

@@ -1,4 +1,4 @@
-//! Against the path tracer, and the laws that are the quadrature's own.
+//! The quadrature against the path tracer, and its own laws.
 
 use super::*;
 use crate::geometry::{Cones, Pose, RigGeometry};
@@ -35,7 +35,7 @@ fn optics((eta, k): (f64, f64), lamp_deg: f64) -> Optics {
     }
 }
 
-/// Noise-free radiances of a path-traced series (see `tests/data/README.md`).
+/// Reads the noise-free radiances of a path-traced series (see `tests/data/README.md`).
 fn traced(text: &str, rig: &RigGeometry, surface: Surface, index: (f64, f64)) -> Traced {
     let mut directions = Vec::new();
     let mut radiance = Vec::new();
@@ -55,9 +55,9 @@ fn traced(text: &str, rig: &RigGeometry, surface: Surface, index: (f64, f64)) ->
     }
 }
 
-/// rms of quadrature and closed form against the tracer, as fractions of the peak.
+/// Returns the rms differences of quadrature and closed form from the tracer, as fractions of the peak.
 fn residuals(t: &Traced) -> (f64, f64) {
-    // The renderer that made these series leaves polarisation out where light meets plastic.
+    // The renderer of these series omits polarisation on plastic.
     let q = Quadrature::new(&t.surface, &t.table).with_polarisation(t.table.optics.k > 0.0);
     let p = Prepared::new(Variant::Sawtooth, &t.surface, &t.table);
     let n = t.radiance.len() as f64;
@@ -74,7 +74,7 @@ fn residuals(t: &Traced) -> (f64, f64) {
 }
 
 #[test]
-fn path_traced_plastic_is_met_within_a_twentieth_of_a_per_cent_of_the_peak() {
+fn path_traced_plastic_agrees_within_a_twentieth_of_a_percent_of_the_peak() {
     let t = traced(
         include_str!("../../../tests/data/series/polymer-10/radiance.csv"),
         &RigGeometry::IN_PLANE,
@@ -82,14 +82,14 @@ fn path_traced_plastic_is_met_within_a_twentieth_of_a_per_cent_of_the_peak() {
         PLASTIC,
     );
     let (quadrature, closed) = residuals(&t);
-    // The tracer's standard errors are 0.023 % of the peak (rms), its 128 phases leave up to 0.03 % more; the rest is what
-    // light does after two bounces.
+    // The tracer's standard errors are 0.023 % of the peak (rms), and its 128 phases add up to 0.03 %. The remainder
+    // is light after more than two bounces.
     assert!(quadrature < 0.000_5, "{quadrature}");
     assert!(closed > 2.0 * quadrature, "{closed} {quadrature}");
 }
 
 #[test]
-fn path_traced_steel_is_met_within_a_fortieth_of_a_per_cent_of_the_peak() {
+fn path_traced_steel_agrees_within_a_fortieth_of_a_percent_of_the_peak() {
     let t = traced(
         include_str!("../../../tests/data/series/steel-15/radiance.csv"),
         &RigGeometry::IN_PLANE,
@@ -105,7 +105,7 @@ fn path_traced_steel_is_met_within_a_fortieth_of_a_per_cent_of_the_peak() {
 }
 
 #[test]
-fn the_papers_rig_is_met_within_a_hundredth_of_a_per_cent_of_the_peak() {
+fn the_papers_rig_agrees_within_a_hundredth_of_a_percent_of_the_peak() {
     let t = traced(
         include_str!("../../../tests/data/series/paper-rig-full/radiance.csv"),
         &RigGeometry::BESIDE,
@@ -156,8 +156,8 @@ fn the_error_estimate_covers_the_error() {
 }
 
 #[test]
-fn narrow_retro_lobes_lead_to_the_closed_form() {
-    // Lamp beside the camera and metal: two mirror bounces and nothing else at these poses.
+fn narrow_retro_lobes_converge_to_the_closed_form() {
+    // With the lamp beside the camera and metal, two mirror bounces are all the light at these poses.
     let rig = RigGeometry {
         theta_l: Angle::from_deg(1.0),
         ..RigGeometry::IN_PLANE
