@@ -1,12 +1,11 @@
 //! The quantities that all pixels share: gain, stray light and tilt offset.
 //!
 //! signal = gain · (L(θc + Δθc) + s) and flat = gain · (ρ/π cos θi(θc + Δθc) + s). Gain and stray light come from the
-//! flats and from a prior: on a dielectric, s is almost indistinguishable from a pixel's diffuse
-//! light. The offset Δθc comes from the pixels: each eliminates its own five parameters (the Schur complement of its
-//! normal equations), and the sum of the remainders determines the shared offset. A second quantity comes from the
-//! pixels in the same way if they determine it better than the references: the gain if there is no white reference (a
-//! dielectric's Fresnel peak is known), and s on a metal, which has no diffuse light, with the value from the flats
-//! as its prior.
+//! flats and from a prior: on a dielectric, s is almost indistinguishable from a pixel's diffuse light. The offset
+//! Δθc comes from the pixels: each eliminates its own five parameters (the Schur complement of its normal equations),
+//! and the sum of the remainders determines the shared offset. A second quantity comes from the pixels in the same
+//! way if they determine it better than the references: the gain if there is no white reference (a dielectric's
+//! Fresnel peak is known), and s on a metal, which has no diffuse light, with the value from the flats as its prior.
 
 use super::kernel::{Parameters, single};
 use super::run::Run;

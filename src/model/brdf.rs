@@ -5,8 +5,8 @@
 //! near 1. Fits use [`super::paper`], which is as exact as f64 allows and a hundred times faster.
 //!
 //! Traps: on the side that the facets lean to, G1/(ω·n) = 1/(cos θr ω·m), while the printed 1 − tan θr tan θp
-//! cancels; h·v_m is a difference of nearly equal products if h is near m; cos and sin of the difference angle are
-//! |ω_i ± ω_o|/2, not from arccos of a dot product.
+//! cancels; h·v_m is a difference of nearly equal products if h is near m; cos and sin of the difference angle
+//! are |ω_i ± ω_o|/2, not from arccos of a dot product.
 
 use thiserror::Error;
 

@@ -18,10 +18,10 @@
 //! A boundary acts on s and p separately, so on I ± Q by two powers and on U, V by one complex number z = r_s r_p*: a
 //! [`Channel`].
 //!
-//! *Conditioning.* Amplitudes and powers are those of [`super::fresnel`], without the cancellation at an index near
-//! 1. The refracted power is not 1 − R but a product of its own, and R + T = 1 to rounding from grazing to normal. z
-//! = r_s r_p* is a product. The refracted cosine is the root of a sum (k = 0) and 0 beyond the critical angle. At
-//! that angle it has half of the digits, because the angle of refraction is ill-conditioned there.
+//! *Conditioning.* Amplitudes and powers are those of [`super::fresnel`], without the cancellation at an index
+//! near 1. The refracted power is not 1 − R but a product of its own, and R + T = 1 to rounding from grazing to normal.
+//! The number z = r_s r_p* is a product. The refracted cosine is the root of a sum (k = 0) and 0 beyond the critical
+//! angle. At that angle it has half of the digits, because the angle of refraction is ill-conditioned there.
 
 mod absorbing;
 mod lanes;

@@ -4,10 +4,10 @@
 //! difference from the closed form of [`super::sawtooth`] is the fixed offset that a fit adds, and the measure of the
 //! closed form's inadequacy.
 //!
-//! Light with ω·n < 0 inside the profile cannot leave it, and light that crosses the line of crests outwards has ω·n
-//! > 0, so all exchange is within one valley: facet and riser, at a right angle, of lengths p and r. Both have
-//! Beckmann roughness with Smith masking (Walter et al. 2007, rational form) and a Lambert term under the rough
-//! Fresnel boundary ([`RoughBoundary`]).
+//! Light with ω·n < 0 inside the profile cannot leave it. Light that crosses the line of crests outwards has ω·n > 0.
+//! So all exchange is within one valley: facet and riser, at a right angle, of lengths p and r. Both have Beckmann
+//! roughness with Smith masking (Walter et al. 2007, rational form) and a Lambert term under the rough Fresnel
+//! boundary ([`RoughBoundary`]).
 //!
 //! *One bounce* is exact: visible length times the wall's reflectance, averaged over the cones of lamp and lens by
 //! cubature ([`cone`]). *Two bounces*, facet then riser, for lamp direction a and camera direction b (in the corner
@@ -19,8 +19,8 @@
 //! ```
 //!
 //! ℓ is the length of facet that is lit and that sends light in the direction ω to a place of the riser which the
-//! camera sees: exact occlusion, and a function of β only. With ω = (sin γ, cos γ sin β, cos γ cos β), dω = cos γ dγ
-//! dβ, the kinks of ℓ become cell borders and the rest is smooth. Cells start at the mirror images of lamp and
+//! camera sees: exact occlusion, and a function of β only. With ω = (sin γ, cos γ sin β, cos γ cos β) and dω = cos γ
+//! dγ dβ, the kinks of ℓ become cell borders and the rest is smooth. Cells start at the mirror images of lamp and
 //! camera, and are halved where two Gauss rules disagree. The reverse path, riser then facet, is the same integral
 //! with lamp and camera exchanged. The specular-specular part transfers the polarisation of the first bounce to the
 //! second, unless disabled ([`Quadrature::with_polarisation`]). *Three and more bounces*: on metal `third_bounce`,

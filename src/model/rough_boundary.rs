@@ -9,8 +9,8 @@
 //!
 //! with Smith's masking G₁, which is 0 below the wall. T̃ and R̃ apply to every entrance, exit and mirror hop of
 //! diffuse light, so that energy is conserved: with T averaged over the slopes but the smooth F on mirror hops, a
-//! riser at grazing incidence would emit an excess of 1e-3 to 2.5e-3 at α 0.15 to 0.25. Without roughness T̃ − T is
-//! 0. It is 4e-4 of the light at α = 0.12 and 30°, 3e-3 at α = 0.3, and grows with the angle, so on a bright body
+//! riser at grazing incidence would emit an excess of 1e-3 to 2.5e-3 at α 0.15 to 0.25. Without roughness T̃ − T
+//! is zero. It is 4e-4 of the light at α = 0.12 and 30°, 3e-3 at α = 0.3, and grows with the angle, so on a bright body
 //! with broad lobes its effect is like a lobe that leans.
 //!
 //! Slopes follow Beckmann's distribution, or have tails ([`super::slopes`]); R̃ is then interpolated in the tail ι

@@ -47,8 +47,8 @@ pub(super) const RETRO_TILT_MAX: f64 = 1.5;
 /// angles from n of the directions projected on the n-v plane (degrees, + towards v).
 ///
 /// With ψ = a − θr: g(a) = χ+(cos ψ) [1 − tan θr max(0, tan ψ)]; the result is min(g(a_i), g(a_o)). The parts hidden
-/// from light and from camera start at the same valley, so the joint fraction is the smaller one. Exactly edge-on (ψ
-/// = ±90° in the given degrees) counts as facing away.
+/// from light and from camera start at the same valley, so the joint fraction is the smaller one. Exactly edge-on
+/// (ψ = ±90° in the given degrees) counts as facing away.
 ///
 /// `theta_r_deg` is within [0, 90); 0 for a flat surface.
 #[must_use]

@@ -10,8 +10,8 @@ use crate::model::prepared::Prepared;
 /// Numbers that describe a surface; see [`shape`].
 pub(crate) const SHAPE: usize = 8;
 
-/// Returns a surface in the form that [`partials`] uses: sine and cosine of θr, 1/a and 1/b, the lobe's peak with F
-/// |h|⁴/4, the relative slope of the amplitude with respect to ρd, αu²/a and αv²/b. `f` is the reflectance at the
+/// Returns a surface in the form that [`partials`] uses: sine and cosine of θr, 1/a and 1/b, the lobe's peak times
+/// F |h|⁴/4, the relative slope of the amplitude with respect to ρd, αu²/a and αv²/b. `f` is the reflectance at the
 /// half angle, `h2` is |h|².
 pub(crate) fn shape(q: &Prepared, f: f64, h2: f64) -> [f64; SHAPE] {
     let (au, av) = (q.surface.alpha_u, q.surface.alpha_v);

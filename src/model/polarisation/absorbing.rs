@@ -1,8 +1,8 @@
 //! A smooth boundary with an absorbing layer on one side, or on both.
 //!
 //! Light in such a layer is a wave whose planes of equal amplitude are parallel to its surface, as below any plane
-//! through which light enters from outside. With S = n₁ sin θ of the medium that it came from, equal in all media, q²
-//! = N² − S² and Im q ≥ 0, it travels at tan θ = S/Re q and decays by 2 Im q per unit of vacuum phase. So its angle
+//! through which light enters from outside. With S = n₁ sin θ of the medium that it came from, equal in all media,
+//! q² = N² − S² and Im q ≥ 0, it travels at tan θ = S/Re q and decays by 2 Im q per unit of vacuum phase. So its angle
 //! determines S:
 //!
 //! ```text
