@@ -17,6 +17,7 @@ pub mod frame;
 pub mod geometry;
 pub mod heights;
 pub mod jackknife;
+pub mod job;
 pub mod judge;
 pub mod lab;
 pub mod limits;

@@ -181,7 +181,7 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
             StatusCode::INTERNAL_SERVER_ERROR,
             "something went wrong inside",
         ),
-        LabError::NotThere { .. } => (StatusCode::CONFLICT, "not allowed in this state"),
+        LabError::JobConflict { .. } => (StatusCode::CONFLICT, "not allowed in this state"),
         LabError::NoRig => (StatusCode::SERVICE_UNAVAILABLE, "this daemon has no rig"),
         LabError::Stopping => (StatusCode::SERVICE_UNAVAILABLE, "the daemon is stopping"),
         LabError::Plan(_) => (StatusCode::UNPROCESSABLE_ENTITY, "the plan cannot run"),

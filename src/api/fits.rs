@@ -2,66 +2,22 @@
 
 use axum::Json;
 use axum::extract::State;
-use axum::http::{StatusCode, header};
 use axum::response::IntoResponse;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::Value;
 use utoipa::ToSchema;
 
 use super::answered::FitAnswered;
 use super::asked::FitAsked;
 use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, Params, finite, page, since};
-use super::{App, Begun, List, words};
+use super::{App, Begun, List, jobs, words};
 use crate::fit::report::{Status, VariantName};
-use crate::lab::{FitRequest, LabError};
-use crate::scan::event::TaskState;
-use crate::store::StoreError;
-use crate::store::fits::{Fit, FitFilter};
+use crate::job::JobKind;
+use crate::lab::FitRequest;
+use crate::store::jobs::JobFilter;
 use crate::wording::refusals::plain;
-
-/// The object of `fit --json`, once there is one, with what the store adds; before, how far it has come
-/// (`progress`) and what it was said to take (`forecast`, which stays with the report).
-fn body(app: &App, fit: Fit) -> Result<Value, StoreError> {
-    let mut object = match &fit.report {
-        Some(report) => {
-            serde_json::from_str(report).map_err(|e| StoreError::bad_row("fit_ends", e))?
-        }
-        None => json!({ "variant": fit.variant, "region": fit.region }),
-    };
-    object["id"] = json!(fit.id);
-    object["scan_id"] = json!(fit.scan_id);
-    object["sample_id"] = json!(fit.sample_id);
-    object["sample_name"] = json!(fit.sample_name);
-    object["state"] = json!(fit.state);
-    object["request"] = request(&fit)?;
-    object["created_at"] = json!(fit.created_at);
-    object["ended_at"] = json!(fit.ended_at);
-    let (progress, forecast) = app.lab.fit_progress(fit.id);
-    if let Some(progress) = progress {
-        object["progress"] = json!(progress);
-    }
-    if let Some(forecast) = forecast {
-        object["forecast"] = json!(forecast);
-    }
-    if let (Some(code), Some(detail)) = (fit.error_code, fit.error_detail) {
-        object["error"] = json!({ "code": code, "detail": detail });
-    }
-    Ok(object)
-}
-
-/// What was asked for. Fits of older versions kept less of it.
-fn request(fit: &Fit) -> Result<Value, StoreError> {
-    let mut options: Value =
-        serde_json::from_str(&fit.options).map_err(|e| StoreError::bad_row("fits", e))?;
-    Ok(match options["request"].take() {
-        Value::Null => {
-            json!({ "scan_id": fit.scan_id, "variant": fit.variant, "region": fit.region })
-        }
-        request => request,
-    })
-}
 
 /// Which fits.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
@@ -113,7 +69,7 @@ pub(super) async fn list(
     Params(params): Params<FitParams>,
 ) -> Result<Json<List<Value>>, ApiError> {
     let page = page(params.limit, params.cursor.as_deref())?;
-    let filter = FitFilter {
+    let filter = JobFilter {
         sample_id: params.sample_id,
         scan_id: params.scan_id,
         variant: a_word_of::<VariantName>("variant", params.variant)?,
@@ -121,13 +77,9 @@ pub(super) async fn list(
         since: since(params.since)?,
         theta_r_deg_min: finite("theta_r_deg_min", params.theta_r_deg_min)?,
         theta_r_deg_max: finite("theta_r_deg_max", params.theta_r_deg_max)?,
+        ..JobFilter::default()
     };
-    let found = app.lab.store().fits(&filter, page).await?;
-    let mut list = List::after(&found);
-    for fit in found.items {
-        list.take(fit.id, body(&app, fit).map_err(LabError::from))?;
-    }
-    Ok(Json(list))
+    jobs::found(&app, JobKind::Fit, &filter, page).await
 }
 
 /// Begin a fit.
@@ -141,13 +93,7 @@ pub(super) async fn begin(
     State(app): State<App>,
     Body(request): Body<FitRequest>,
 ) -> Result<impl IntoResponse, ApiError> {
-    let id = app.lab.start_fit(&request).await?;
-    let body = Begun {
-        id: Some(id),
-        state: TaskState::Running.to_string(),
-    };
-    let location = [(header::LOCATION, format!("/api/v1/fits/{id}"))];
-    Ok((StatusCode::ACCEPTED, location, Json(body)))
+    jobs::begin(&app, request).await
 }
 
 /// One fit: the object of `fit --json` plus id, scan_id, state and `request` (what was asked for).
@@ -156,8 +102,7 @@ pub(super) async fn begin(
     (status = 404, description = "There is none", body = Problem),
 ))]
 pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {
-    let fit = app.lab.store().fit(id).await?;
-    Ok(Json(body(&app, fit)?))
+    jobs::one(&app, JobKind::Fit, id).await
 }
 
 /// Cancel a fit that runs.
@@ -170,12 +115,7 @@ pub(super) async fn cancel(
     State(app): State<App>,
     Id(id): Id,
 ) -> Result<impl IntoResponse, ApiError> {
-    app.lab.cancel_fit(id).await?;
-    let body = Begun {
-        id: Some(id),
-        state: TaskState::Cancelled.to_string(),
-    };
-    Ok((StatusCode::ACCEPTED, Json(body)))
+    jobs::cancel(&app, JobKind::Fit, id).await
 }
 
 /// How finely.

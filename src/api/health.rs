@@ -50,16 +50,16 @@ pub(super) async fn readyz(State(app): State<App>) -> impl IntoResponse {
         Err(crate::lab::LabError::NoRig) => (true, None),
         Err(error) => (false, Some(error.to_string())),
     };
-    let adrift = app.lab.adrift().into_iter().next();
+    let unrecorded = app.lab.unrecorded_scans().into_iter().next();
     let free = app.lab.store().free_bytes().ok();
     let no_room = free.filter(|bytes| *bytes < 1024 * ROOM_TO_OPEN_KB);
-    let kept = store.is_ok() && adrift.is_none() && no_room.is_none();
+    let kept = store.is_ok() && unrecorded.is_none() && no_room.is_none();
     let ready = kept && rig;
     let status = match ready {
         true => StatusCode::OK,
         false => StatusCode::SERVICE_UNAVAILABLE,
     };
-    let problem = match (&store, adrift) {
+    let problem = match (&store, unrecorded) {
         (Err(error), _) => Some(error.to_string()),
         (Ok(()), Some((scan, why))) => Some(format!("scan {scan} cannot be recorded: {why}")),
         (Ok(()), None) => match no_room {

@@ -11,7 +11,6 @@ mod accuracy;
 mod answered;
 mod asked;
 mod caching;
-mod calculations;
 mod calibrations;
 mod certainty;
 mod connections;
@@ -24,6 +23,7 @@ mod frames;
 mod guard;
 mod health;
 mod imports;
+mod jobs;
 mod observations;
 mod page;
 mod rig;
@@ -193,23 +193,20 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(fits::get))
         .routes(routes!(fits::cancel))
         .routes(routes!(fits::curve))
-        .routes(routes!(calculations::maps, calculations::begin_map))
-        .routes(routes!(calculations::map))
-        .routes(routes!(calculations::cancel_map))
-        .routes(routes!(calculations::map_file))
-        .routes(routes!(
-            calculations::contrasts,
-            calculations::begin_contrast
-        ))
-        .routes(routes!(calculations::contrast))
-        .routes(routes!(calculations::cancel_contrast))
-        .routes(routes!(calculations::verdicts, calculations::begin_verdict))
-        .routes(routes!(calculations::verdict))
-        .routes(routes!(calculations::cancel_verdict))
-        .routes(routes!(calculations::traces, calculations::begin_trace))
-        .routes(routes!(calculations::trace))
-        .routes(routes!(calculations::cancel_trace))
-        .routes(routes!(calculations::trace_file))
+        .routes(routes!(jobs::maps, jobs::begin_map))
+        .routes(routes!(jobs::map))
+        .routes(routes!(jobs::cancel_map))
+        .routes(routes!(jobs::map_file))
+        .routes(routes!(jobs::contrasts, jobs::begin_contrast))
+        .routes(routes!(jobs::contrast))
+        .routes(routes!(jobs::cancel_contrast))
+        .routes(routes!(jobs::verdicts, jobs::begin_verdict))
+        .routes(routes!(jobs::verdict))
+        .routes(routes!(jobs::cancel_verdict))
+        .routes(routes!(jobs::traces, jobs::begin_trace))
+        .routes(routes!(jobs::trace))
+        .routes(routes!(jobs::cancel_trace))
+        .routes(routes!(jobs::trace_file))
         .routes(routes!(calibrations::list, calibrations::take))
         .routes(routes!(calibrations::get))
         .routes(routes!(accuracy::get))

@@ -9,7 +9,7 @@ use utoipa::{PartialSchema, ToSchema};
 
 use crate::fit::report::{ReferencePlane, Status, VariantName};
 use crate::frame::FrameKind as Kind;
-use crate::scan::event::TaskState as Task;
+use crate::job::JobState as Job;
 use crate::scan::{OperatorAction as Action, ScanState as State};
 
 /// Bytes of a file.
@@ -61,7 +61,7 @@ macro_rules! described {
 
 described! {
     ScanState of State::ALL, "Where a scan stands.";
-    TaskState of Task::ALL, "Where a fit, map, contrast, verdict or trace stands.";
+    TaskState of Job::ALL, "Where a fit, map, contrast, verdict or trace stands.";
     FitStatus of Status::ALL, "How a fit ended.";
     FitReferencePlane of ReferencePlane::ALL, "The plane that angles refer to.";
     FitVariantName of VariantName::ALL, "A variant of the model.";

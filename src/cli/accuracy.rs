@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::{CliError, interrupt, place};
 use crate::accuracy::proof::{self, Proof};
 use crate::accuracy::{self, Effort, LEVEL, Measurements, Point, page, plot, slope};
-use crate::lab::measured::{ACCURACY_FILE, ACCURACY_FOLDER};
+use crate::lab::accuracy_results::{ACCURACY_FILE, ACCURACY_FOLDER};
 use crate::model::LeftOut;
 
 /// Measures error against run time on a fixed list of scenes, by every method that applies.

@@ -14,10 +14,10 @@ use super::scan::{follow, timing_words, with_times};
 use super::serve::listen_error;
 use super::simulated::{Built, SimulatedRig, Simulation, TRACED_SAMPLE};
 use crate::api::server::{self, ListenError};
+use crate::job::JobState;
 use crate::lab::{FitRequest, Lab, ScanRequest};
-use crate::scan::event::TaskState;
 use crate::scan::plan::Preset;
-use crate::scan::{Event, PlanRequest, ScanState};
+use crate::scan::{PlanRequest, ScanState};
 use crate::sim::sample::{Sample, Truth};
 use crate::units::Angle;
 
@@ -201,24 +201,24 @@ async fn fitted(lab: &Lab, scan_id: i64) -> Result<Value, CliError> {
         scan_id,
         ..FitRequest::default()
     };
-    let fit_id = lab.start_fit(&request).await.map_err(daemon::lab_error)?;
+    let id = lab.start_job(request).await.map_err(daemon::lab_error)?;
     loop {
         let fit = lab
             .store()
-            .fit(fit_id)
+            .job(id)
             .await
             .map_err(|e| daemon::lab_error(e.into()))?;
-        match (&fit.report, fit.state) {
+        match (&fit.result, fit.state) {
             (Some(report), _) => {
                 return serde_json::from_str(report).map_err(CliError::no_result);
             }
-            (None, TaskState::Running) => {
+            (None, JobState::Running) => {
                 // Whatever wakes this, the store has the whole story.
                 let told = tokio::time::timeout(Duration::from_secs(5), events.recv()).await;
                 if let Ok(Ok(event)) = told
-                    && let Event::Fit { fit_id, state, .. } = &event.event
+                    && let Some((job, state)) = event.event.job()
                 {
-                    tracing::debug!(fit_id, %state, "fit {fit_id} is {state}");
+                    tracing::debug!(%job, %state, "{job} is {state}");
                 }
             }
             (None, state) => {

@@ -15,7 +15,7 @@ use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 use tokio_util::sync::CancellationToken;
 
 use super::event_sink::EventSink;
-use super::fits::word;
+use super::job_work::word;
 use super::tasks::blocking;
 use super::{Lab, LabError, StoredSeries};
 use crate::analysis::{self, AnalysisError, AnalysisOptions};

@@ -1,9 +1,9 @@
-//! The one task that owns stages and camera.
+//! The task that owns stages and camera.
 //!
-//! It takes one piece of work at a time; work in hand is a future that has the rig and gives it back. So nothing can
-//! move the stages twice, and nobody waits in a queue for a motion to end: while the rig's state tells an activity the
-//! next order is refused at once. While it tells none an order is taken, if need be a moment later, when the stages are
-//! connected, a target is checked or the rig is given back.
+//! The owner does one piece of work at a time. The current work is a future that holds the rig and returns it, so two
+//! motions cannot overlap. While the rig reports an activity, the owner refuses further requests at once instead of
+//! queueing them. Otherwise it accepts a request, if necessary a moment later, once the stages are connected, a target is
+//! checked or the rig is returned.
 
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex};
@@ -15,7 +15,7 @@ use tokio::sync::{mpsc, oneshot, watch};
 
 use super::event_sink::{EventSink, FirstState};
 use super::recorder::LabRecorder;
-use super::{Holder, LabError, Occupation, RigParts, RigSettings, RigSide, along, tell};
+use super::{Holder, LabError, Occupation, RigParts, RigSettings, RigSide, along, publish};
 use crate::bench::stage::{AxisName, Stage, StageError};
 use crate::frame::Frame;
 use crate::geometry::Pose;
@@ -26,72 +26,73 @@ use crate::store::StoreError;
 use crate::store::scans::{NewScan, Scan};
 use crate::units::Angle;
 
-/// What the owner is asked to do.
+/// Work for the owner.
 pub(super) enum Work {
-    /// Connect the stages if they are not.
+    /// Connect the stages if they are not connected.
     Connect,
     /// Move one axis.
     Move {
-        /// Which.
+        /// The axis.
         axis: AxisName,
-        /// Where.
+        /// The target.
         target: Angle,
     },
-    /// Find one axis' reference.
+    /// Home one axis.
     Home {
-        /// Which.
+        /// The axis.
         axis: AxisName,
     },
-    /// Let a parked axis move again. Nothing moves by that.
+    /// Unpark an axis. Nothing moves.
     Unpark {
-        /// Which.
+        /// The axis.
         axis: AxisName,
     },
     /// Run a scan.
     Scan(Box<ScanWork>),
-    /// Give the rig up and end.
+    /// End the task.
     End,
 }
 
 impl Work {
-    /// Whether it moves one axis alone, which a stop ends.
+    /// Returns whether the work moves only one axis; a stop ends such work.
     fn is_of_one_axis(&self) -> bool {
         matches!(self, Work::Move { .. } | Work::Home { .. })
     }
 }
 
-/// A scan to be run.
+/// A scan to run.
 pub(super) struct ScanWork {
     pub row: ScanRow,
     pub plan: Plan,
-    /// Points that are durable already.
+    /// Points that are already durable.
     pub done: BTreeSet<u32>,
-    /// Those of the sample among them that fill the camera.
+    /// The saturated points of the sample among them.
     pub full: BTreeSet<u32>,
-    /// Time that was spent on them.
+    /// Time spent on them.
     pub elapsed_s: f64,
-    /// Who waits to hear what became of the scan's first state.
+    /// Gets the scan's first state.
     pub first_state: Option<FirstState>,
 }
 
 /// The row of a scan.
 pub(super) enum ScanRow {
-    /// Not written yet: only who has the rig plans a scan on it. Told to who asked, together with why it could not be.
+    /// A new scan: only the owner of the rig adds its row. Sends the new row, or the reason it could not be written, to
+    /// the caller.
     New(Box<NewScan>, oneshot::Sender<Result<Scan, StoreError>>),
-    /// That of a scan that was interrupted.
+    /// The row of an interrupted scan.
     Kept(i64),
 }
 
-/// Work and the way back; answered when the work is taken up, not when it is done.
+/// Work and its reply, which is sent when the work starts, not when it is done.
 pub(super) struct Request {
     pub work: Work,
-    /// How many stops there had been when it was asked for.
+    /// Number of stops before the request.
     pub stops: u64,
     pub reply: oneshot::Sender<Result<(), LabError>>,
 }
 
-/// Takes a rig over: from now on one task owns it.
-pub(super) async fn take(parts: RigParts, told: EventSink) -> Result<RigSide, StoreError> {
+/// Spawns the task that owns the rig from now on.
+pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, StoreError> {
     let RigParts { rig, settings } = parts;
     let link = rig.link();
     let camera = rig.camera.describe();
@@ -102,7 +103,7 @@ pub(super) async fn take(parts: RigParts, told: EventSink) -> Result<RigSide, St
         "stages": link.settings,
         "label": settings.label,
     });
-    let id = told.store.rig(&fingerprint.to_string()).await?;
+    let id = sink.store.rig(&fingerprint.to_string()).await?;
     let (requests, inbox) = mpsc::channel(16);
     let (occupation, occupied) = watch::channel(Occupation::default());
     let side = RigSide {
@@ -116,31 +117,31 @@ pub(super) async fn take(parts: RigParts, told: EventSink) -> Result<RigSide, St
         occupation: occupied,
         owner: Mutex::new(None),
         settings: settings.clone(),
-        told: told.clone(),
+        sink: sink.clone(),
     };
     let owner = Owner {
         reach: rig.reach().clone(),
         rig_id: id,
         settings,
         occupation: Arc::new(occupation),
-        told,
+        sink,
     };
     let task = tokio::spawn(owner.run(rig, inbox));
     *side.owner.lock().expect("no holder of this lock panics") = Some(task);
     Ok(side)
 }
 
-/// What a piece of work gives back.
+/// What finished work returns.
 struct Done {
     rig: Rig,
-    /// Why the stages could not be had for it.
+    /// Why the stages could not be reached.
     out_of_reach: Option<Arc<LabError>>,
 }
 
-/// A motion of one axis alone, which a stop ends.
+/// A motion of a single axis, which a stop ends.
 #[derive(Clone, Copy)]
 struct Motion {
-    /// How many stops there had been when it was asked for.
+    /// Number of stops before the request.
     asked_after: u64,
 }
 
@@ -149,7 +150,7 @@ struct Owner {
     rig_id: i64,
     settings: RigSettings,
     occupation: Arc<watch::Sender<Occupation>>,
-    told: EventSink,
+    sink: EventSink,
     reach: Reach,
 }
 
@@ -177,7 +178,7 @@ impl Owner {
                     {
                         current = None;
                         free = Some(done.rig);
-                        // Stages that were just asked for in vain are not asked for again by each of those who waited.
+                        // The waiting requests share this failed connection attempt.
                         if let Some(why) = done.out_of_reach {
                             for request in waiting.drain(..) {
                                 request.reply.send(Err(LabError::Shared(Arc::clone(&why)))).ok();
@@ -185,7 +186,7 @@ impl Owner {
                         }
                         continue;
                     }
-                    // What they waited for has turned out to be work that takes its time.
+                    // The current work turned out to be a motion or a scan.
                     () = async { occupied.wait_for(|now| self.is_taken(now, motion)).await.ok(); },
                         if !waiting.is_empty() =>
                     {
@@ -196,7 +197,7 @@ impl Owner {
                     }
                 },
             };
-            // Nothing begins that nobody waits for any more.
+            // A request whose client has gone is dropped.
             if request.reply.is_closed() {
                 continue;
             }
@@ -220,7 +221,7 @@ impl Owner {
         }
     }
 
-    /// Whether an order is refused beside the work in hand. One axis that was told to stop is about to stand.
+    /// Returns whether the current work refuses further requests. A single axis that got a stop is about to be free.
     fn is_taken(&self, now: &Occupation, motion: Option<Motion>) -> bool {
         let stopped = motion.is_some_and(|motion| self.reach.stops() != motion.asked_after);
         now.activity.is_some() && !stopped
@@ -231,7 +232,7 @@ impl Owner {
         request.reply.send(Err(LabError::Busy { with })).ok();
     }
 
-    /// Where a scan stands is asked of the store by who tells it: the owner waits for no database.
+    /// The caller reads a scan's state from the store, so that the owner does not wait for the database.
     fn held_by(&self) -> Holder {
         let occupation = self.occupation.borrow();
         match (occupation.scan_id, occupation.activity) {
@@ -256,7 +257,7 @@ impl Owner {
         });
     }
 
-    /// Does one piece of work and gives the rig back.
+    /// Does one piece of work and returns the rig.
     async fn work(self, mut rig: Rig, request: Request) -> Done {
         let stage = match self.connect(&mut rig).await {
             Ok(stage) => stage,
@@ -278,7 +279,8 @@ impl Owner {
 
     async fn work_with(self, stage: Stage, mut rig: Rig, request: Request) -> Rig {
         let Request { work, stops, reply } = request;
-        // Taken first: a stop from here on overtakes what is begun with it, one before shows in the owner's count.
+        // Read first: a later stop cancels the motion that starts with this count, and an earlier one shows in the owner's
+        // count.
         let stops_of_stage = stage.stops();
         if work.is_of_one_axis() && self.reach.stops() != stops {
             reply.send(Err(StageError::Stopped.into())).ok();
@@ -306,7 +308,7 @@ impl Owner {
                 }
                 self.occupy(Some(RigActivity::Moving), None);
                 reply.send(Ok(())).ok();
-                self.tell_axis(RigActivity::Moving, axis, AxisEvent::to(target))
+                self.report_axis(RigActivity::Moving, axis, AxisEvent::to(target))
                     .await;
                 let moved = stage.move_since(axis, target, stops_of_stage).await;
                 let moved = moved.map(|_| ());
@@ -315,7 +317,7 @@ impl Owner {
             Work::Home { axis } => {
                 self.occupy(Some(RigActivity::Homing), None);
                 reply.send(Ok(())).ok();
-                self.tell_axis(RigActivity::Homing, axis, AxisEvent::UNKNOWN)
+                self.report_axis(RigActivity::Homing, axis, AxisEvent::UNKNOWN)
                     .await;
                 let homed = async {
                     stage.release(axis).await?;
@@ -325,7 +327,7 @@ impl Owner {
                 self.settled(&mut rig, &stage, homed).await;
             }
             Work::Scan(work) => {
-                // Kept for the length of a scan it would keep a port that the scan has to open anew.
+                // Held during a scan it would keep open a port that the scan may have to reopen.
                 drop(stage);
                 self.scan(&mut rig, *work, reply).await;
             }
@@ -333,8 +335,7 @@ impl Owner {
         rig
     }
 
-    /// Connects the stages; what moves right after that was left moving by somebody who is gone,
-    /// and is stopped.
+    /// Connects the stages and stops an axis that an earlier program left moving.
     async fn connect(&self, rig: &mut Rig) -> Result<Stage, StageError> {
         let known = rig.reach().watch().borrow().is_some();
         let connected = async {
@@ -369,7 +370,7 @@ impl Owner {
         let status = stage.status().await?;
         let homed = status.axis(axis).homed;
         let mut pose = status.pose();
-        // The other axis stays where it is, wherever that is: only the one that moves is judged.
+        // Only the moving axis is checked; the other one stays where it is.
         let settings = stage.settings();
         match axis {
             AxisName::ThetaC => {
@@ -402,7 +403,7 @@ impl Owner {
             .as_ref()
             .err()
             .map(|e| (crate::scan::visit::stage_code(e).to_owned(), e.to_string()));
-        // At once: whoever sees it idle again sees why, and is given the rig as soon as it is back.
+        // At once, so that a client that sees the rig idle also sees the failure, and gets the rig as soon as it is back.
         self.occupation.send_modify(|now| {
             now.activity = None;
             now.failure = failure;
@@ -410,7 +411,7 @@ impl Owner {
         if let Err(error) = &outcome {
             rig.let_go_if_lost(error);
             if !matches!(error, StageError::Stopped) {
-                self.told
+                self.sink
                     .record(Event::Alarm {
                         code: crate::scan::visit::stage_code(error).into(),
                         message: error.to_string(),
@@ -425,10 +426,10 @@ impl Owner {
             theta_c: at(status.as_ref().map(|s| s.theta_c.position)),
             phi_s: at(status.as_ref().map(|s| s.phi_s.position)),
         };
-        self.told.record(event).await;
+        self.sink.record(event).await;
     }
 
-    async fn tell_axis(&self, activity: RigActivity, axis: AxisName, event: AxisEvent) {
+    async fn report_axis(&self, activity: RigActivity, axis: AxisName, event: AxisEvent) {
         let (theta_c, phi_s) = match axis {
             AxisName::ThetaC => (event, AxisEvent::UNKNOWN),
             AxisName::PhiS => (AxisEvent::UNKNOWN, event),
@@ -438,7 +439,7 @@ impl Owner {
             theta_c,
             phi_s,
         };
-        self.told.record(event).await;
+        self.sink.record(event).await;
     }
 
     async fn scan(
@@ -450,16 +451,16 @@ impl Owner {
         self.occupy(Some(RigActivity::Scanning), None);
         let scan_id = match work.row {
             ScanRow::Kept(scan_id) => scan_id,
-            ScanRow::New(new, told) => match self.told.store.add_scan(&new).await {
+            ScanRow::New(new, reply_row) => match self.sink.store.add_scan(&new).await {
                 Ok((scan, event)) => {
-                    tell(&self.told.events, event);
+                    publish(&self.sink.events, event);
                     let scan_id = scan.id;
-                    told.send(Ok(scan)).ok();
+                    reply_row.send(Ok(scan)).ok();
                     scan_id
                 }
                 Err(error) => {
                     self.occupy(None, None);
-                    told.send(Err(error)).ok();
+                    reply_row.send(Err(error)).ok();
                     reply.send(Ok(())).ok();
                     return;
                 }
@@ -478,7 +479,7 @@ impl Owner {
         };
         let start = start.unwrap_or(Pose::from_deg(0.0, 0.0));
         let (stages, plan) = (rig.link().settings.clone(), work.plan.clone());
-        // A large plan takes seconds to be put in order.
+        // Ordering a large plan takes seconds.
         let in_order = move || {
             let move_time = |from, to| match &stage {
                 Some(stage) => stage.predicted_move(from, to),
@@ -494,7 +495,7 @@ impl Owner {
             .await
             .expect("putting poses in order does not panic");
         let mut recorder = LabRecorder {
-            told: self.told.clone(),
+            sink: self.sink.clone(),
             scan_id,
             rig_id: self.rig_id,
             saturation_dn: self.settings.camera.full_count(),
@@ -513,30 +514,33 @@ impl Owner {
             last_frames,
             elapsed_s: work.elapsed_s,
             settings: self.settings.runner.clone(),
-            clock: Arc::clone(&self.told.clock),
+            clock: Arc::clone(&self.sink.clock),
         };
-        let along = along::begin(&self.told, scan_id);
+        let along = along::begin(&self.sink, scan_id);
         let end = runner::run(job, rig, &mut recorder, &mut orders).await;
         drop(along);
         match end {
-            Ok(end) => self.told.ends.send_modify(|ends| {
+            Ok(end) => self.sink.ends.send_modify(|ends| {
                 ends.insert(scan_id, end);
             }),
             Err(error) => {
-                tracing::error!(scan_id, %error, "scan {scan_id} cannot be recorded any more: {error}");
-                // The runner may have left off in the middle of a move; the log says where the stop did not arrive.
+                tracing::error!(scan_id, %error, "scan {scan_id} can no longer be recorded: {error}");
+                // The runner may have ended during a move; a stop that does not arrive is in the log.
                 rig.reach().stop_what_may_move().await.ok();
-                self.told.adrift.all().insert(scan_id, error.to_string());
-                tokio::spawn(interrupt_when_possible(self.told.clone(), scan_id));
+                self.sink
+                    .unrecorded
+                    .all()
+                    .insert(scan_id, error.to_string());
+                tokio::spawn(interrupt_when_possible(self.sink.clone(), scan_id));
             }
         }
         self.occupy(None, None);
     }
 
-    /// The newest frames of a scan that count; none where they cannot be read, which the scan's own end will tell.
+    /// Returns the newest accepted frames of a scan; none if they cannot be read, which the scan's end will report.
     async fn last_frames(&self, scan_id: i64) -> Vec<Frame> {
         const ENOUGH: usize = 8;
-        let store = self.told.store.clone();
+        let store = self.sink.store.clone();
         let Ok(records) = store.frames_for_reduction(scan_id).await else {
             return Vec::new();
         };
@@ -553,10 +557,10 @@ impl Owner {
     }
 }
 
-/// A scan whose state could not be written is marked interrupted as soon as the store takes it.
-async fn interrupt_when_possible(told: EventSink, scan_id: i64) {
-    while told.bring_in(scan_id).await.is_err() && !told.store.is_closed() {
-        told.clock.sleep(Duration::from_secs(5)).await;
+/// Marks a scan whose state could not be written as interrupted as soon as the store accepts it.
+async fn interrupt_when_possible(sink: EventSink, scan_id: i64) {
+    while sink.record_end_of(scan_id).await.is_err() && !sink.store.is_closed() {
+        sink.clock.sleep(Duration::from_secs(5)).await;
     }
 }
 

@@ -1,8 +1,7 @@
-//! A fit as curves over φs, to be drawn through its points.
+//! Curves of a fit over φs, to draw through its points.
 //!
-//! Between the points the closed form at the fitted parameters is drawn; what the fit adds to it
-//! (corrections that are computed at the observed poses only) is interpolated linearly over φs, so
-//! that the curve goes through the fitted values exactly.
+//! A curve is the closed form at the fitted parameters. The fit's corrections are computed only at the observed poses;
+//! they are interpolated linearly over φs, so that the curve passes through the fitted values exactly.
 
 use crate::fit::FitReport;
 use crate::fit::report::{FittedObservation, VariantName};
@@ -14,7 +13,7 @@ use crate::units::Angle;
 /// A fitted curve over φs at one tilt.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Curve {
-    /// Variant it is of.
+    /// Variant.
     pub variant: String,
     /// Tilt, as recorded.
     pub theta_c_deg: f64,
@@ -24,7 +23,7 @@ pub struct Curve {
     pub signal: Vec<f64>,
 }
 
-/// A fit beside its observations.
+/// A fit with its observations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitCurves {
     /// Largest observation.
@@ -35,10 +34,10 @@ pub struct FitCurves {
     pub curves: Vec<Curve>,
 }
 
-/// The stage never stands twice at the very same angle: tilts this close are one.
+/// Tilts closer than this are the same: positions of one tilt differ slightly.
 const SAME_TILT_DEG: f64 = 0.25;
 
-/// Curves every `step_deg` of a full turn, one per tilt of the observations.
+/// Returns curves over a full turn in steps of `step_deg`, one per tilt of the observations.
 pub(super) fn curves_of(report: &FitReport, set: &ObservationSet, step_deg: f64) -> FitCurves {
     let form = ClosedForm::new(report, set);
     let steps = (360.0 / step_deg).round().max(1.0) as usize;
@@ -97,7 +96,7 @@ struct ClosedForm {
     optics: Optics,
     scale: f64,
     background: f64,
-    /// To be added to recorded angles.
+    /// Offsets to add to recorded angles.
     tilt: Angle,
     azimuth: Angle,
 }
@@ -114,7 +113,7 @@ impl ClosedForm {
             rig: set.rig,
             surface: Surface {
                 theta_r: value(&p.theta_r_deg).to_radians(),
-                // A parameter that could not be told: the curve is drawn with a middling one.
+                // An undetermined parameter: the curve uses a typical value.
                 alpha_u: p.alpha_u.value.unwrap_or(0.1),
                 alpha_v: p.alpha_v.value.unwrap_or(0.1),
                 rho_d: value(&p.rho_d),
@@ -163,7 +162,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn interpolation_goes_through_its_points_and_round_the_circle() {
+    fn interpolation_passes_through_its_points_and_wraps_around_the_circle() {
         let points = [(10.0, 1.0), (100.0, 4.0), (350.0, 3.0)];
         for (phi, value) in points {
             assert!((periodic(&points, phi) - value).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! What the lab refuses, as situations that page, command line and scripts can tell apart.
+//! Errors of the lab, one variant per situation that page, command line and scripts can distinguish.
 
 use std::fmt;
 use std::sync::Arc;
@@ -6,25 +6,25 @@ use std::sync::Arc;
 use crate::analysis::AnalysisError;
 use crate::bench::CameraError;
 use crate::bench::stage::StageError;
-use crate::scan::event::TaskState;
+use crate::job::{JobId, JobState};
 use crate::scan::visit::stage_code;
 use crate::scan::{OperatorAction, PlanError, ScanState};
 use crate::series::{FrameReadError, SeriesError};
 use crate::store::StoreError;
 
-/// What has the rig while it is refused to others.
+/// What holds the rig.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Holder {
     /// A scan, up to its end.
     Scan {
         /// Which.
         scan_id: i64,
-        /// Where it stands, if that is known.
+        /// Its state, if known.
         state: Option<ScanState>,
     },
-    /// One axis that looks for its reference.
+    /// One axis that is homing.
     Homing,
-    /// One axis on its way.
+    /// One axis that is moving.
     Moving,
     /// The stages are being connected.
     Connecting,
@@ -33,43 +33,43 @@ pub enum Holder {
 }
 
 impl fmt::Display for Holder {
-    /// What it does, and how the rig becomes free: pausing a scan frees nothing.
+    /// States the holder, and how the rig becomes free: a paused scan still holds it.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (scan_id, state) = match *self {
-            Holder::Homing => return f.write_str("an axis is homing; wait until it stands"),
-            Holder::Moving => return f.write_str("an axis is moving; wait until it stands"),
+            Holder::Homing => return f.write_str("an axis is homing; wait until it stops"),
+            Holder::Moving => return f.write_str("an axis is moving; wait until it stops"),
             Holder::Connecting => {
-                return f.write_str("the stages are being connected; ask again in a moment");
+                return f.write_str("the stages are being connected; try again in a moment");
             }
             Holder::Beginning => {
-                return f.write_str("a scan is about to begin; ask again in a moment");
+                return f.write_str("a scan is about to start; try again in a moment");
             }
             Holder::Scan { scan_id, state } => (scan_id, state),
         };
         match state {
             Some(ScanState::Paused) => write!(
                 f,
-                "scan {scan_id} is paused and holds it; resume it and wait for its end, or abort it"
+                "scan {scan_id} is paused and holds the rig; resume it and wait for its end, or abort it"
             ),
             Some(ScanState::WaitingForOperator) => write!(
                 f,
-                "scan {scan_id} waits for a person and holds it; do that step and wait for its end, or abort it"
+                "scan {scan_id} waits for an operator step and holds the rig; do the step and wait for its end, or abort it"
             ),
             _ => write!(
                 f,
-                "scan {scan_id} holds it until its end; wait for that or abort it: a pause does not free the rig"
+                "scan {scan_id} holds the rig until its end; wait for the end or abort it: a pause does not free the rig"
             ),
         }
     }
 }
 
-/// Why the lab did not do what was asked.
+/// Why the lab refused or failed an operation.
 #[derive(Debug, thiserror::Error)]
 pub enum LabError {
-    /// The rig is held by something else.
+    /// The rig is busy.
     #[error("the rig is busy: {with}; stop is always allowed")]
     Busy {
-        /// What holds it.
+        /// What holds the rig.
         with: Holder,
     },
     /// This daemon has no rig.
@@ -77,83 +77,81 @@ pub enum LabError {
         "this daemon has no rig: name its port and its camera's folder in a configuration file and start `ridged serve --config FILE`, or start with --simulated-rig"
     )]
     NoRig,
-    /// The scan cannot do that where it stands.
+    /// The scan's state does not allow the command.
     #[error("scan {scan_id} is {state}: {asked} is not allowed in this state")]
     NotNow {
-        /// Which scan.
+        /// The scan.
         scan_id: i64,
-        /// Where it stands.
+        /// Its state.
         state: ScanState,
-        /// What was asked.
+        /// The command.
         asked: &'static str,
     },
-    /// The scan waits for another step of the operator's than the one that was done.
+    /// The scan waits for another operator step than the one reported as done.
     #[error(
-        "scan {scan_id} waits for {}, not for {}, and waits on: {}",
+        "scan {scan_id} waits for {}, not for {}: {}",
         .waits_for.as_str(), .done.as_str(), .waits_for.message()
     )]
     OtherStep {
-        /// Which scan.
+        /// The scan.
         scan_id: i64,
-        /// The step that was done.
+        /// The step reported as done.
         done: OperatorAction,
-        /// The step that it waits for.
+        /// The step it waits for.
         waits_for: OperatorAction,
     },
-    /// A fit or calculation cannot do that where it stands.
-    #[error("{what} {number} is {state}: {problem}")]
-    NotThere {
-        /// A fit, a map, …
-        what: String,
-        /// Which one.
-        number: i64,
-        /// Where it stands.
-        state: TaskState,
-        /// What is not possible, or not there.
+    /// A job is in the wrong state for the request.
+    #[error("{id} is {state}: {problem}")]
+    JobConflict {
+        /// The job.
+        id: JobId,
+        /// Its state.
+        state: JobState,
+        /// What is not possible or missing.
         problem: &'static str,
     },
-    /// The scan is not this rig's to run.
+    /// The scan belongs to another rig.
     #[error("scan {scan_id} cannot be resumed here: {why}")]
     NotOfThisRig {
-        /// Which scan.
+        /// The scan.
         scan_id: i64,
-        /// What is another rig's about it, with both values, and the way out.
+        /// What differs, with both values, and the remedy.
         why: String,
     },
     /// The plan cannot run.
     #[error(transparent)]
     Plan(#[from] PlanError),
-    /// There is not enough room for the scan.
+    /// There is not enough disk space for the scan.
     #[error(
         "the disk is full: the scan needs up to {needed_mb} MB beside {reserve_mb} MB of reserve, {free_mb} MB are free; free some space or plan less"
     )]
     NoRoom {
-        /// What the frames can take.
+        /// Largest size of the frames.
         needed_mb: u64,
-        /// What is left alone.
+        /// Reserve that stays free.
         reserve_mb: u64,
-        /// What is there.
+        /// Free space.
         free_mb: u64,
     },
-    /// There is not enough room for a series.
+    /// There is not enough disk space for a series.
     #[error(
         "the disk is full: the series needs up to {needed_mb} MB beside {reserve_mb} MB of reserve, {free_mb} MB are free; nothing was imported: free some space first"
     )]
     NoRoomToImport {
-        /// What its frames can take.
+        /// Largest size of its frames.
         needed_mb: u64,
-        /// What is left alone.
+        /// Reserve that stays free.
         reserve_mb: u64,
-        /// What is there.
+        /// Free space.
         free_mb: u64,
     },
-    /// Somebody broke an import or an export off.
+    /// An import or export was cancelled.
     #[error("cancelled; nothing was kept")]
     BrokenOff,
     /// The stages.
     #[error(transparent)]
     Stage(#[from] StageError),
-    /// A stop did not reach the stages.
+    /// A stop command did not reach the stages.
     #[error(
         "the stop did not reach the stages, which may be moving: use the hardware emergency switch ({source})"
     )]
@@ -161,13 +159,13 @@ pub enum LabError {
         /// Why not.
         source: StageError,
     },
-    /// The stop that goes with an abort did not reach the stages.
+    /// The stop of an abort did not reach the stages.
     #[error(
         "scan {scan_id} is aborted, but the stop did not reach the stages, which may be moving: use the hardware \
          emergency switch ({source})"
     )]
     AbortedInMotion {
-        /// Which scan.
+        /// The scan.
         scan_id: i64,
         /// Why the stop did not reach them.
         source: StageError,
@@ -183,7 +181,7 @@ pub enum LabError {
         "no accuracy measurement yet: run `ridged accuracy --data FOLDER` with this daemon's data folder"
     )]
     NothingMeasured,
-    /// A folder is no series.
+    /// A folder is not a series.
     #[error(transparent)]
     Series(#[from] SeriesError),
     /// A frame of a series cannot be imported.
@@ -191,7 +189,7 @@ pub enum LabError {
         "{reason}; nothing was imported: restore the file, or leave it out (--skip-unreadable, over HTTP \"skip_unreadable\": true)"
     )]
     Frame {
-        /// What is wrong with it.
+        /// The cause.
         reason: FrameReadError,
     },
     /// A series cannot be written.
@@ -200,18 +198,18 @@ pub enum LabError {
     /// Reduction or fit.
     #[error(transparent)]
     Analysis(#[from] AnalysisError),
-    /// A value that makes no sense.
+    /// An invalid value.
     #[error("{field}: {problem}")]
     Invalid {
-        /// Which.
+        /// Field.
         field: String,
-        /// What is wrong with it, and what is allowed.
+        /// What is wrong and what is allowed.
         problem: String,
     },
-    /// What was asked for by several at once failed for all of them.
+    /// Work that several callers shared failed for all of them.
     #[error(transparent)]
     Shared(Arc<LabError>),
-    /// A calculation broke off where it never should.
+    /// A computation panicked.
     #[error("something went wrong inside; the daemon's log has the details")]
     Panicked,
     /// The daemon is ending.
@@ -220,15 +218,15 @@ pub enum LabError {
 }
 
 impl LabError {
-    /// A stable word for logs and scripts.
+    /// Returns a stable code for logs and scripts.
     #[must_use]
     pub fn code(&self) -> &'static str {
         match self {
             LabError::Busy { .. } => "busy",
             LabError::NoRig => "no-rig",
-            LabError::NotNow { .. } | LabError::NotThere { .. } | LabError::NotOfThisRig { .. } => {
-                "state-conflict"
-            }
+            LabError::NotNow { .. }
+            | LabError::JobConflict { .. }
+            | LabError::NotOfThisRig { .. } => "state-conflict",
             LabError::OtherStep { .. } => "other-step",
             LabError::Plan(_) => "plan-invalid",
             LabError::NoRoom { .. } | LabError::NoRoomToImport { .. } => "disk-full",

@@ -1,22 +1,34 @@
-//! Why a calculation has no result: its code and its words.
+//! Why a job has no result: a stable code and a message.
 
+use super::LabError;
 use crate::analysis::AnalysisError;
 use crate::map::MapError;
 use crate::map::folder::FolderError;
 use crate::reduction::ReductionError;
 
-/// Why a calculation has no result.
+/// Why a job has no result.
 pub(super) enum Failure {
     Cancelled,
     Because { code: &'static str, detail: String },
 }
 
 impl Failure {
-    pub(super) fn internal(error: impl std::fmt::Display) -> Self {
+    /// An error with a stable code.
+    pub(super) fn because(code: &'static str, error: impl std::fmt::Display) -> Self {
         Failure::Because {
-            code: "internal",
-            detail: format!("the result is not JSON: {error}"),
+            code,
+            detail: error.to_string(),
         }
+    }
+
+    pub(super) fn not_json(error: serde_json::Error) -> Self {
+        Failure::because("internal", format_args!("the result is not JSON: {error}"))
+    }
+}
+
+impl From<LabError> for Failure {
+    fn from(error: LabError) -> Self {
+        Failure::because(error.code(), error)
     }
 }
 
@@ -24,10 +36,9 @@ impl From<ReductionError> for Failure {
     fn from(error: ReductionError) -> Self {
         match error {
             ReductionError::Cancelled => Failure::Cancelled,
-            error => Failure::Because {
-                code: reduction_code(&error),
-                detail: error.to_string(),
-            },
+            ReductionError::RegionNeeded { .. } => Failure::because("region-needed", error),
+            ReductionError::UnknownRegion { .. } => Failure::because("region-unknown", error),
+            error => Failure::because("no-observations", error),
         }
     }
 }
@@ -46,28 +57,8 @@ impl From<FolderError> for Failure {
         match error {
             FolderError::Map(MapError::Cancelled) => Failure::Cancelled,
             FolderError::Map(MapError::Reduction(error)) => error.into(),
-            FolderError::Map(error) => Failure::Because {
-                code: "no-map",
-                detail: error.to_string(),
-            },
-            FolderError::Late { .. } => Failure::Because {
-                code: "no-map",
-                detail: error.to_string(),
-            },
-            FolderError::Write(error) => Failure::Because {
-                code: "map-not-written",
-                detail: error.to_string(),
-            },
+            FolderError::Map(_) | FolderError::Late { .. } => Failure::because("no-map", error),
+            FolderError::Write(_) => Failure::because("map-not-written", error),
         }
-    }
-}
-
-/// Stable word for why frames give no observations.
-#[must_use]
-pub(super) fn reduction_code(error: &ReductionError) -> &'static str {
-    match error {
-        ReductionError::RegionNeeded { .. } => "region-needed",
-        ReductionError::UnknownRegion { .. } => "region-unknown",
-        _ => "no-observations",
     }
 }

@@ -1,6 +1,7 @@
-//! Reductions and fits of scans in the store.
+//! Fits: the model fitted to the observations of a scan.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -8,14 +9,14 @@ use futures::TryFutureExt;
 use futures::future::BoxFuture;
 use serde::{Deserialize, Serialize};
 
-use super::attached::ShapeFile;
 use super::curves::{FitCurves, curves_of};
-use super::failure::reduction_code;
-use super::foretell::{Foretold, tell_analysis, with_cost};
-use super::headway::{Headway, Progress};
-use super::once::OncePerKey;
-use super::request_checks::{check_region, positive, share};
-use super::tasks::{blocking, to_the_end};
+use super::failure::Failure;
+use super::job_progress::ProgressMeter;
+use super::job_work::{Finished, FinishedFit, Work, report_analysis, word};
+use super::request_checks::{check_region, invalid, positive, share};
+use super::single_flight::SingleFlight;
+use super::tasks::blocking;
+use super::uploads::ShapeFile;
 use super::{Lab, LabError, StoredSeries};
 use crate::accuracy::forecast::of_analysis;
 use crate::analysis::{self, AnalysisError, AnalysisOptions, DRAWS, STARTS};
@@ -23,78 +24,72 @@ use crate::fit::told::{agree, held, known};
 use crate::fit::traced::TracingOptions;
 use crate::fit::{FitOptions, FitReport, Loss, Told, VariantChoice};
 use crate::forecast::Forecast;
+use crate::heights::ridges::Shape;
+use crate::job::{JobId, JobKind};
 use crate::material::Material;
 use crate::observation::ObservationSet;
 use crate::reduction::{self, FrameSource};
 use crate::scan::event::ShortValue;
-use crate::store::StoreError;
-use crate::store::fits::{FitEnd, NewFit};
+use crate::store::{Store, StoreError};
 
-/// A fit that is asked for.
+/// A request for a fit.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FitRequest {
     /// Scan to fit.
     pub scan_id: i64,
-    /// Variant; the better one if not given.
+    /// Variant; by default the better one.
     #[serde(default)]
     pub variant: VariantChoice,
     /// Region of a sample that has several.
     #[serde(default)]
     pub region: Option<String>,
-    /// Whether the ray tracer is asked how wrong the variant is (see [`FitOptions::judge`]).
+    /// Let the ray tracer check the variant (see [`FitOptions::judge`]).
     #[serde(default)]
     pub judge: bool,
-    /// Whether a descent to the minimum is retraced, step by step.
+    /// Record every iteration of a descent to the minimum.
     #[serde(default)]
     pub iterations: bool,
-    /// End ray tracer and bootstrap after this time, s.
+    /// Time limit of the search, the ray tracer and the bootstrap, s.
     #[serde(default)]
     pub max_seconds: Option<f64>,
-    /// End the ray tracer once its standard error, as a share of the largest radiance, is below this.
+    /// Stop the ray tracer once its standard error, as a share of the largest radiance, is below this.
     #[serde(default)]
     pub target_error: Option<f64>,
-    /// Share of the peak that may be left out of the model (see [`FitOptions::tolerance`]).
+    /// Largest share of the peak that the model may neglect (see [`FitOptions::tolerance`]).
     #[serde(default)]
     pub tolerance: Option<f64>,
-    /// The sample's own shape, for the ray tracer; the ideal sawtooth if not given.
+    /// Measured shape for the ray tracer; by default the ideal sawtooth.
     #[serde(default)]
     pub shape: Option<ShapeFile>,
-    /// How residuals count.
+    /// Loss function of the residuals.
     #[serde(default)]
     pub loss: Loss,
-    /// Parameters held at a value, by the names of the report (and eta, k).
+    /// Fixed values of parameters, by the names of the report, and eta, k.
     #[serde(default)]
     pub fix: BTreeMap<String, f64>,
-    /// Parameters known within a standard uncertainty, by the same names.
+    /// Priors of parameters, by the same names.
     #[serde(default)]
     pub priors: BTreeMap<String, Prior>,
-    /// Most starts of a search, per variant; if not given 8, and as many more as a doubt about these asks for.
+    /// Largest number of starts of a search, per variant; by default 8, and more while the result is in doubt.
     #[serde(default)]
     pub starts: Option<u32>,
-    /// Whether profile-likelihood intervals are wanted.
+    /// Add profile-likelihood intervals.
     #[serde(default)]
     pub profile: bool,
-    /// Series drawn for bootstrap intervals; none if not given.
+    /// Number of series drawn for bootstrap intervals; by default none.
     #[serde(default)]
     pub bootstrap: Option<u32>,
 }
 
-/// What is known of a parameter before the fit.
+/// Prior knowledge of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Prior {
-    /// Its value.
+    /// Value.
     pub value: f64,
-    /// Its standard uncertainty.
+    /// Standard uncertainty.
     pub std: f64,
-}
-
-fn invalid(field: impl Into<String>, problem: impl Into<String>) -> LabError {
-    LabError::Invalid {
-        field: field.into(),
-        problem: problem.into(),
-    }
 }
 
 impl FitRequest {
@@ -102,8 +97,8 @@ impl FitRequest {
         self.judge || self.variant == VariantChoice::Traced
     }
 
-    /// Refuses numbers that mean nothing, and limits that nothing is there to obey.
-    fn check(&self) -> Result<(), LabError> {
+    /// Refuses values out of range.
+    pub(super) fn check_values(&self) -> Result<(), LabError> {
         positive([
             ("max_seconds", self.max_seconds),
             ("target_error", self.target_error),
@@ -119,28 +114,34 @@ impl FitRequest {
                 return Err(invalid(field, problem));
             }
         }
-        let tracer = "is for the ray tracer";
-        let ask = "ask for variant traced, or judge";
+        Ok(())
+    }
+
+    /// Refuses options of the ray tracer where it is not used.
+    fn check_tracer(&self) -> Result<(), LabError> {
         let idle = [
             ("shape", self.shape.is_some()),
             ("target_error", self.target_error.is_some()),
         ];
         match idle.iter().find(|(_, set)| *set && !self.traces()) {
-            Some((field, _)) => Err(invalid(*field, format!("{tracer}: {ask}"))),
+            Some((field, _)) => Err(invalid(
+                *field,
+                "applies only to the ray tracer: set variant to traced, or judge to true",
+            )),
             None => Ok(()),
         }
     }
 
-    /// What is known beforehand of a sample's parameters.
-    fn told(&self, material: &Material) -> Result<Vec<Told>, LabError> {
+    /// The fixed values and priors, checked against each other and the sample's material.
+    fn constraints(&self, material: &Material) -> Result<Vec<Told>, LabError> {
         let mut all = Vec::new();
         for (name, value) in &self.fix {
-            let told = held(name, *value);
-            all.push(told.map_err(|e| invalid(format!("fix.{name}"), e.to_string()))?);
+            let fixed = held(name, *value);
+            all.push(fixed.map_err(|e| invalid(format!("fix.{name}"), e.to_string()))?);
         }
         for (name, prior) in &self.priors {
-            let told = known(name, prior.value, prior.std);
-            all.push(told.map_err(|e| invalid(format!("priors.{name}"), e.to_string()))?);
+            let prior = known(name, prior.value, prior.std);
+            all.push(prior.map_err(|e| invalid(format!("priors.{name}"), e.to_string()))?);
         }
         agree(&all, material).map_err(|e| {
             let field = match self.fix.is_empty() {
@@ -151,37 +152,129 @@ impl FitRequest {
         })?;
         Ok(all)
     }
+
+    /// All options of the analysis of a sample, with their defaults.
+    pub(super) fn options(
+        &self,
+        material: &Material,
+        shape: Option<Shape>,
+    ) -> Result<AnalysisOptions, LabError> {
+        let standard = FitOptions::default();
+        Ok(AnalysisOptions {
+            height_map: shape.as_ref().and_then(|shape| shape.facts),
+            shape_notes: shape.iter().flat_map(|shape| shape.notes.clone()).collect(),
+            profile: shape.map(|shape| shape.profile),
+            region: self.region.clone(),
+            fit: FitOptions {
+                variant: self.variant,
+                starts: self.starts.map_or(standard.starts, |n| n as usize),
+                starts_alone: self.starts.is_some(),
+                loss: self.loss,
+                told: self.constraints(material)?,
+                profile: self.profile,
+                bootstrap: self.bootstrap.unwrap_or(0),
+                judge: self.judge,
+                tolerance: self.tolerance,
+                tracer: TracingOptions::to_error(self.target_error),
+                ..standard
+            },
+            iterations: self.iterations,
+            max_seconds: self.max_seconds,
+        })
+    }
+
+    pub(super) async fn prepare(&self, store: &Store) -> Result<FitWork, LabError> {
+        self.check_values()?;
+        self.check_tracer()?;
+        let series = StoredSeries::open(store, self.scan_id).await?;
+        check_region(&series, self.region.as_deref())?;
+        let shape = match self.shape.clone() {
+            Some(shape) => Some(blocking(move || shape.read()).await??),
+            None => None,
+        };
+        Ok(FitWork {
+            options: self.options(&series.manifest().material(), shape)?,
+            request: self.clone(),
+            series,
+        })
+    }
 }
 
-/// What the store keeps of a request.
+/// The options of a fit as they are stored.
 #[derive(Serialize)]
-struct Kept<'a> {
+struct StoredOptions<'a> {
     #[serde(flatten)]
     options: &'a FitOptions,
     #[serde(skip_serializing_if = "Option::is_none")]
     shape: Option<&'a ShapeFile>,
-    request: &'a FitRequest,
+}
+
+/// A checked fit.
+pub(super) struct FitWork {
+    request: FitRequest,
+    series: StoredSeries,
+    options: AnalysisOptions,
+}
+
+impl Work for FitWork {
+    fn options(&self) -> Result<Option<String>, serde_json::Error> {
+        let stored = StoredOptions {
+            options: &self.options.fit,
+            shape: self.request.shape.as_ref(),
+        };
+        serde_json::to_string(&stored).map(Some)
+    }
+
+    fn forecast(&self, cancel: &AtomicBool) -> Option<Forecast> {
+        of_analysis(&self.series, &self.options, cancel)
+    }
+
+    fn run(
+        &self,
+        _: &Path,
+        progress: &ProgressMeter,
+        cancel: &AtomicBool,
+    ) -> Result<Finished, Failure> {
+        let report = |p| report_analysis(progress, p);
+        let analysed = analysis::analyse(&self.series, &self.options, &report, cancel)?;
+        Ok(Finished::new(&analysed.report)?.with_fit(FinishedFit {
+            scan_id: self.request.scan_id,
+            last_frame_id: self.series.last_frame_id,
+            observations: analysed.observations,
+            variant: analysed.report.variant.to_string(),
+            status: word(&analysed.report.status),
+            theta_r_deg: short(&analysed.report),
+        }))
+    }
+}
+
+fn short(report: &FitReport) -> Option<ShortValue> {
+    let theta_r = &report.parameters.theta_r_deg;
+    Some(ShortValue {
+        value: theta_r.value?,
+        expanded: theta_r.expanded?,
+    })
 }
 
 /// Observations of a scan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reduced {
-    /// The observations and all that a fit reads.
+    /// The observations and everything else that a fit reads.
     pub set: ObservationSet,
     /// Whether the scan is over.
     pub complete: bool,
 }
 
-/// Reductions under way, by scan, region and the newest frame that each knows of.
+/// Reductions in progress, by scan, region and newest frame.
 pub(super) type Reductions =
-    OncePerKey<(i64, Option<String>, i64), Result<Arc<ObservationSet>, Arc<LabError>>>;
+    SingleFlight<(i64, Option<String>, i64), Result<Arc<ObservationSet>, Arc<LabError>>>;
 
 impl Lab {
-    /// Observations of a scan (or of one region of it), reduced now or earlier. While the scan runs
-    /// they are a snapshot of what is committed.
+    /// Returns the observations of a scan or of one of its regions, reduced now or earlier. While the scan runs they are a
+    /// snapshot of the committed frames.
     ///
     /// # Errors
-    /// An unknown scan, [`LabError::Analysis`] if its frames give none, or what the store says.
+    /// An unknown scan, [`LabError::Analysis`] if its frames give none, or a store error.
     pub async fn observations(
         &self,
         scan_id: i64,
@@ -201,7 +294,7 @@ impl Lab {
         }
         let name = region.map(str::to_owned);
         let store = self.store().clone();
-        // A page that is looked at twice reads every frame once, and one that was closed reads no further.
+        // Concurrent requests read every frame once; a closed page stops the reduction.
         let reduce = |cancel: Arc<AtomicBool>| async move {
             let set = blocking(move || reduction::reduce(&series, name.as_deref(), &cancel))
                 .await?
@@ -212,7 +305,7 @@ impl Lab {
             Ok(Arc::new(set))
         };
         let key = (scan_id, region.map(str::to_owned), last_frame_id);
-        let reduced = self.inner.reductions.ask(key, |cancel| {
+        let reduced = self.inner.reductions.run(key, |cancel| {
             let reduced: BoxFuture<'static, Result<_, LabError>> = Box::pin(reduce(cancel));
             reduced.map_err(Arc::new)
         });
@@ -220,164 +313,7 @@ impl Lab {
         Ok(Reduced { set, complete })
     }
 
-    /// Begins a fit; returns its number. How it ends is told by an event.
-    ///
-    /// # Errors
-    /// An unknown scan or region, or what the store says.
-    pub async fn start_fit(&self, request: &FitRequest) -> Result<i64, LabError> {
-        let (lab, request) = (self.clone(), request.clone());
-        // A row that says "running" has somebody who works.
-        to_the_end(async move { lab.check_and_fit(&request).await }).await
-    }
-
-    async fn check_and_fit(&self, request: &FitRequest) -> Result<i64, LabError> {
-        request.check()?;
-        // Read what is there now: the fit is of this snapshot, whatever comes later.
-        let series = StoredSeries::open(self.store(), request.scan_id).await?;
-        check_region(&series, request.region.as_deref())?;
-        let told = request.told(&series.manifest().material())?;
-        let shape = match request.shape.clone() {
-            Some(shape) => Some(blocking(move || shape.read()).await??),
-            None => None,
-        };
-        let standard = FitOptions::default();
-        let options = AnalysisOptions {
-            height_map: shape.as_ref().and_then(|shape| shape.facts),
-            shape_notes: shape.iter().flat_map(|shape| shape.notes.clone()).collect(),
-            profile: shape.map(|shape| shape.profile),
-            region: request.region.clone(),
-            fit: FitOptions {
-                variant: request.variant,
-                starts: request.starts.map_or(standard.starts, |n| n as usize),
-                starts_alone: request.starts.is_some(),
-                loss: request.loss,
-                told,
-                profile: request.profile,
-                bootstrap: request.bootstrap.unwrap_or(0),
-                judge: request.judge,
-                tolerance: request.tolerance,
-                tracer: TracingOptions::to_error(request.target_error),
-                ..standard
-            },
-            iterations: request.iterations,
-            max_seconds: request.max_seconds,
-        };
-        let new = NewFit {
-            scan_id: request.scan_id,
-            variant: word(&request.variant),
-            region: request.region.clone(),
-            options: serde_json::to_string(&Kept {
-                options: &options.fit,
-                shape: request.shape.as_ref(),
-                request,
-            })
-            .map_err(|e| StoreError::bad_row("fits", e))?,
-        };
-        let (fit_id, event) = self.store().begin_fit(&new).await?;
-        self.tell(event);
-        let lab = self.clone();
-        let scan_id = request.scan_id;
-        self.inner.fits.begin(fit_id, |flag, told| async move {
-            let what = Foretold {
-                of: "fit".into(),
-                number: fit_id,
-                scan_id: Some(scan_id),
-            };
-            let make = |(series, options): &(StoredSeries, AnalysisOptions),
-                        cancel: &AtomicBool| {
-                of_analysis(series, options, cancel)
-            };
-            let work = (series, options);
-            let end = match lab.inner.turns.fits.mine(&told, &flag).await {
-                None => FitEnd::Cancelled,
-                Some(_turn) => match lab.foretell(what, work, make, &told, &flag).await {
-                    Ok((series, options)) => {
-                        lab.fit_to_its_end(scan_id, series, options, &told, &flag)
-                            .await
-                    }
-                    Err(error) => broken_off(&error),
-                },
-            };
-            match lab.store().end_fit(fit_id, &end).await {
-                Ok(event) => lab.tell(event),
-                Err(error) => {
-                    tracing::error!(fit_id, %error, "the end of fit {fit_id} could not be kept: {error}");
-                }
-            }
-            lab.inner.fits.ended(fit_id);
-        });
-        Ok(fit_id)
-    }
-
-    /// How far a fit has come, and what it was said to take; none where it has ended or cannot say yet.
-    #[must_use]
-    pub fn fit_progress(&self, fit_id: i64) -> (Option<Progress>, Option<Forecast>) {
-        match self.inner.fits.headway(fit_id) {
-            Some(headway) => (headway.now(), headway.forecast()),
-            None => (None, None),
-        }
-    }
-
-    async fn fit_to_its_end(
-        &self,
-        scan_id: i64,
-        series: StoredSeries,
-        options: AnalysisOptions,
-        headway: &Arc<Headway>,
-        cancel: &Arc<AtomicBool>,
-    ) -> FitEnd {
-        let last_frame_id = series.last_frame_id;
-        let (flag, told) = (Arc::clone(cancel), Arc::clone(headway));
-        let analysed = blocking(move || {
-            analysis::analyse(&series, &options, &|p| tell_analysis(&told, p), &flag)
-        })
-        .await;
-        let analysed = match analysed {
-            Ok(Ok(analysed)) => analysed,
-            Err(error) => return broken_off(&error),
-            Ok(Err(AnalysisError::Cancelled)) => return FitEnd::Cancelled,
-            Ok(Err(AnalysisError::Reduction(error))) => {
-                return FitEnd::Failed {
-                    code: reduction_code(&error).into(),
-                    detail: error.to_string(),
-                };
-            }
-        };
-        let kept = self
-            .store()
-            .add_observations(scan_id, last_frame_id, &analysed.observations)
-            .await;
-        let report =
-            serde_json::to_string(&analysed.report).and_then(|text| with_cost(&text, headway));
-        match (kept, report) {
-            (Ok(set_id), Ok(report)) => FitEnd::Completed {
-                set_id,
-                report,
-                variant: analysed.report.variant.to_string(),
-                status: word(&analysed.report.status),
-                theta_r_deg: short(&analysed.report),
-            },
-            (Err(error), _) => FitEnd::Failed {
-                code: LabError::from(error).code().into(),
-                detail: "the observations could not be kept".into(),
-            },
-            (_, Err(error)) => FitEnd::Failed {
-                code: "internal".into(),
-                detail: format!("the report is not JSON: {error}"),
-            },
-        }
-    }
-
-    /// Asks a fit to stop; it ends within one evaluation of the model.
-    ///
-    /// # Errors
-    /// An unknown fit, or one that has ended.
-    pub async fn cancel_fit(&self, fit_id: i64) -> Result<(), LabError> {
-        let state = self.store().fit(fit_id).await?.state;
-        self.inner.fits.cancel(fit_id, &"fit", state)
-    }
-
-    /// A completed fit beside its observations, with curves every `step_deg` of φs.
+    /// Returns a completed fit with its observations, and curves in steps of `step_deg` of φs.
     ///
     /// # Errors
     /// An unknown fit, or one without a report.
@@ -388,41 +324,18 @@ impl Lab {
                 problem: "must be 0.1 to 90".into(),
             });
         }
-        let fit = self.store().fit(fit_id).await?;
-        let (Some(report), Some(set_id)) = (&fit.report, fit.set_id) else {
-            return Err(LabError::NotThere {
-                what: "fit".into(),
-                number: fit_id,
+        let id = JobId::new(JobKind::Fit, fit_id);
+        let fit = self.store().job(id).await?;
+        let (Some(report), Some(set_id)) = (&fit.result, fit.set_id) else {
+            return Err(LabError::JobConflict {
+                id,
                 state: fit.state,
                 problem: "it has no report to draw",
             });
         };
         let report: FitReport =
-            serde_json::from_str(report).map_err(|e| StoreError::bad_row("fit_ends", e))?;
+            serde_json::from_str(report).map_err(|e| StoreError::bad_row("job_ends", e))?;
         let set = self.store().observations(set_id).await?;
         blocking(move || curves_of(&report, &set, step_deg)).await
-    }
-}
-
-fn broken_off(error: &LabError) -> FitEnd {
-    FitEnd::Failed {
-        code: error.code().into(),
-        detail: error.to_string(),
-    }
-}
-
-fn short(report: &FitReport) -> Option<ShortValue> {
-    let theta_r = &report.parameters.theta_r_deg;
-    Some(ShortValue {
-        value: theta_r.value?,
-        expanded: theta_r.expanded?,
-    })
-}
-
-/// The word that serde writes for a unit variant.
-pub(super) fn word<T: Serialize>(value: &T) -> String {
-    match serde_json::to_value(value) {
-        Ok(serde_json::Value::String(word)) => word,
-        _ => String::new(),
     }
 }

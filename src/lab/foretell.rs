@@ -1,6 +1,6 @@
 //! What work that was asked for will take, told before it starts and kept with its result.
 //!
-//! Call [`Lab::foretell`] with a way to make the forecast; it goes to the work's [`Headway`], where whoever asks how
+//! Call [`Lab::foretell`] with a way to make the forecast; it goes to the work's [`ProgressMeter`], where whoever asks how
 //! far it is finds it, and to everybody as an event. [`with_cost`] writes it into a result beside what was
 //! taken. It does not know how forecasts are made: that is `accuracy`'s.
 
@@ -9,10 +9,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde_json::{Value, json};
 
-use super::headway::Headway;
+use super::job_progress::ProgressMeter;
 use super::tasks::blocking;
 use super::{Lab, LabError};
-use crate::analysis;
 use crate::forecast::Forecast;
 use crate::scan::Event;
 
@@ -37,10 +36,10 @@ impl Lab {
         what: Foretold,
         work: W,
         make: impl FnOnce(&W, &AtomicBool) -> Option<Forecast> + Send + 'static,
-        headway: &Arc<Headway>,
+        progress: &Arc<ProgressMeter>,
         cancel: &Arc<AtomicBool>,
     ) -> Result<W, LabError> {
-        headway.tell("forecasting", 0, 1);
+        progress.report("forecasting", 0, 1);
         let flag = Arc::clone(cancel);
         let (work, forecast) = blocking(move || {
             let forecast = make(&work, &flag);
@@ -48,7 +47,7 @@ impl Lab {
         })
         .await?;
         if let Some(forecast) = forecast.filter(|_| !cancel.load(Ordering::Relaxed)) {
-            headway.foretell(&forecast);
+            progress.set_forecast(&forecast);
             let Foretold {
                 of,
                 number,
@@ -61,7 +60,7 @@ impl Lab {
                 forecast,
             };
             match self.store().record(event).await {
-                Ok(event) => self.tell(event),
+                Ok(event) => self.publish(event),
                 Err(error) => {
                     tracing::warn!(%error, "a forecast could not be kept: {error}");
                 }
@@ -72,24 +71,13 @@ impl Lab {
 }
 
 /// A result (one JSON object) with the seconds that it took, and the forecast that was made of them.
-pub(super) fn with_cost(result: &str, headway: &Headway) -> serde_json::Result<String> {
+pub(super) fn with_cost(result: &str, progress: &ProgressMeter) -> serde_json::Result<String> {
     let mut object: Value = serde_json::from_str(result)?;
     if object.get("seconds").is_none() {
-        object["seconds"] = json!(headway.elapsed_s());
+        object["seconds"] = json!(progress.elapsed_s());
     }
-    if let Some(forecast) = headway.forecast() {
+    if let Some(forecast) = progress.forecast() {
         object["forecast"] = json!(forecast);
     }
     serde_json::to_string(&object)
-}
-
-/// Tells a headway where an analysis stands.
-pub(super) fn tell_analysis(headway: &Headway, progress: analysis::Progress) {
-    match progress {
-        analysis::Progress::Reducing { done, total } => {
-            headway.tell("reading frames", done as u64, total as u64);
-        }
-        analysis::Progress::Fitting => headway.tell("fitting", 0, 1),
-        analysis::Progress::Tracing { done, total } => headway.tell("tracing", done, total),
-    }
 }

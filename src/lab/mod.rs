@@ -1,35 +1,38 @@
-//! The daemon's verbs. Owns the bench, is the only writer of the store, broadcasts events.
+//! The operations of the daemon. The lab owns the rig, writes the store and broadcasts events.
 //!
-//! [`Lab::open`] starts it, [`Lab::shut_down`] ends it with the rig stopped. One task owns stages
-//! and camera (`bench`); everybody else sends it a request and is told at once whether it was taken
-//! up. Stopping the stages goes past that task, so it is never refused. What page, command line and
-//! log show comes from the store and from [`Lab::events`]; nobody asks the runner. The lab knows no
-//! HTTP and no simulator.
+//! [`Lab::open`] starts it; [`Lab::shut_down`] stops the rig and ends it. One task (`bench`) owns stages and camera; other
+//! tasks send it requests, which it accepts or refuses at once. A stop bypasses this task, so it is never refused. Page,
+//! command line and log read the store and [`Lab::events`], never the runner. The lab does not know HTTP or the
+//! simulator.
 
-mod again;
+pub mod accuracy_results;
 mod along;
-mod attached;
 mod bench;
-mod calculations;
+mod contrasts;
 mod curves;
 mod error;
 mod event_sink;
 mod failure;
 mod fits;
 mod foretell;
-mod headway;
-pub mod measured;
-mod once;
+mod import_duplicates;
+mod job_progress;
+mod job_slots;
+mod job_work;
+mod jobs;
+mod maps;
 mod plans;
 mod recorder;
 mod request_checks;
 mod rig;
+mod running_jobs;
 mod series;
+mod single_flight;
 mod tasks;
+mod telemetry;
 mod traces;
-mod turns;
-mod under_way;
-mod watched;
+mod uploads;
+mod verdicts;
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -51,24 +54,27 @@ use crate::store::scans::Scan;
 use crate::store::{Recovery, Store, StoreError};
 
 pub use crate::bench::stage::AxisName;
-pub use again::Alike;
-pub use calculations::{CalculationRequest, ContrastRequest, MapRequest, VerdictRequest};
+pub use contrasts::ContrastRequest;
 pub use curves::{Curve, FitCurves};
 pub use error::{Holder, LabError};
 use fits::Reductions;
 pub use fits::{FitRequest, Reduced};
-pub use headway::Progress as CalculationProgress;
+pub use import_duplicates::ImportDuplicate;
+pub use job_progress::JobProgress;
+use job_slots::JobSlots;
+pub use jobs::JobRequest;
+pub use maps::MapRequest;
 pub use plans::{Estimated, ScanRequest};
 pub use rig::{AxisView, RigView};
+use running_jobs::RunningJobs;
 pub use series::{Exported, ImportOptions, Imported, StoredSeries, export, export_readable};
 pub use traces::TraceRequest;
-use turns::AllTurns;
-use under_way::AllUnderWay;
+pub use verdicts::VerdictRequest;
 
-/// Space that imports leave alone where nobody says how much.
+/// Disk space that imports leave free by default.
 const RESERVE_BYTES: u64 = 200_000_000;
 
-/// What the lab knows of its rig beside the devices themselves.
+/// Settings of the rig.
 #[derive(Debug, Clone)]
 pub struct RigSettings {
     /// `[rig]` of the manifests.
@@ -77,21 +83,21 @@ pub struct RigSettings {
     pub camera: CameraFacts,
     /// `[flat]` of the manifests.
     pub flat: FlatFacts,
-    /// What a plan takes where it says nothing.
+    /// Defaults of plans.
     pub defaults: PlanDefaults,
-    /// How a scan deals with trouble.
+    /// Settings of the scan runner.
     pub runner: RunnerSettings,
     /// How long dark frames are valid.
     pub dark_valid: Duration,
     /// How long white-reference frames are valid.
     pub flat_valid: Duration,
-    /// Whether the rig is a simulated one, and how much faster than life.
+    /// Time scale of a simulated rig; none for a real one.
     pub simulated: Option<f64>,
-    /// Whatever else makes frames of two rigs incomparable (a simulated rig's seed).
+    /// Anything else that makes frames of two rigs incomparable (a simulated rig's seed).
     pub label: String,
 }
 
-/// A rig to be owned by the lab.
+/// A rig for the lab to own.
 pub struct RigParts {
     /// Stages and camera.
     pub rig: Rig,
@@ -110,20 +116,19 @@ struct Inner {
     clock: Arc<dyn Clock>,
     events: broadcast::Sender<Arc<RecordedEvent>>,
     rig: Option<RigSide>,
-    fits: AllUnderWay,
-    calculations: AllUnderWay,
-    turns: AllTurns,
-    /// Whoever estimates a scan does so alone: a large plan keeps a processor busy for seconds, and the stop needs one.
+    jobs: RunningJobs,
+    slots: JobSlots,
+    /// One estimate of a scan at a time: a large plan occupies a processor for seconds, and the stop needs one.
     estimating: Arc<tokio::sync::Mutex<()>>,
-    /// Reductions for who only looks at observations.
+    /// Reductions for clients that only read observations.
     reductions: Reductions,
-    /// Space that imports leave alone.
+    /// Disk space that imports leave free.
     reserve_bytes: AtomicU64,
-    /// How scans of this process ended, for who waits for one.
+    /// How scans of this process ended.
     ends: watch::Sender<HashMap<i64, RunEnd>>,
 }
 
-/// What the lab keeps of the rig for those who do not own it.
+/// What the lab knows of the rig without owning it.
 struct RigSide {
     id: i64,
     settings: RigSettings,
@@ -135,26 +140,26 @@ struct RigSide {
     occupation: watch::Receiver<Occupation>,
     owner: Mutex<Option<tokio::task::JoinHandle<()>>>,
     reach: Reach,
-    told: event_sink::EventSink,
+    sink: event_sink::EventSink,
 }
 
-/// What the rig is doing, for everybody to see.
+/// What the rig is doing.
 #[derive(Debug, Clone, Default)]
 struct Occupation {
     activity: Option<RigActivity>,
     scan_id: Option<i64>,
     orders: Option<mpsc::Sender<OrderSlip>>,
-    /// Why the stages could not be had the last time they were asked for.
+    /// Why the last connection attempt failed.
     problem: Option<(String, String)>,
-    /// Why the last motion of one axis did not end where it should; none once another is begun.
+    /// Why the last motion of a single axis failed; none once another motion starts.
     failure: Option<(String, String)>,
 }
 
 impl Lab {
-    /// Opens the store in `folder` and takes the rig, if there is one. Nothing moves.
+    /// Opens the store in `folder` and takes ownership of the rig, if there is one. Nothing moves.
     ///
     /// # Errors
-    /// What the store says.
+    /// A store error.
     pub async fn open(
         folder: &Path,
         disk: Arc<dyn Disk>,
@@ -186,14 +191,14 @@ impl Lab {
         let rig = match parts {
             None => None,
             Some(parts) => {
-                let told = event_sink::EventSink {
+                let sink = event_sink::EventSink {
                     store: store.clone(),
                     clock: Arc::clone(&clock),
                     events: events.clone(),
                     ends: ends.clone(),
-                    adrift: event_sink::Adrift::default(),
+                    unrecorded: event_sink::UnrecordedScans::default(),
                 };
-                Some(bench::take(parts, told).await?)
+                Some(bench::take(parts, sink).await?)
             }
         };
         let lab = Lab {
@@ -202,9 +207,8 @@ impl Lab {
                 clock,
                 events,
                 rig,
-                fits: AllUnderWay::default(),
-                calculations: AllUnderWay::default(),
-                turns: AllTurns::default(),
+                jobs: RunningJobs::default(),
+                slots: JobSlots::default(),
                 estimating: Arc::default(),
                 reductions: Reductions::default(),
                 reserve_bytes: AtomicU64::new(reserve_bytes),
@@ -214,7 +218,7 @@ impl Lab {
         Ok((lab, recovery))
     }
 
-    /// How much space of the disk an import leaves alone; a scan has it from its rig's settings.
+    /// Sets the disk space that imports leave free; scans take it from their rig's settings.
     pub fn keep_free(&self, bytes: u64) {
         self.inner.reserve_bytes.store(bytes, Ordering::Relaxed);
     }
@@ -223,62 +227,61 @@ impl Lab {
         self.inner.reserve_bytes.load(Ordering::Relaxed)
     }
 
-    /// The store, for reading.
+    /// Returns the store, for reading.
     #[must_use]
     pub fn store(&self) -> &Store {
         &self.inner.store
     }
 
-    /// A kept scan as it stands: one that can be recorded no more is interrupted, whatever the store could keep of it.
+    /// Corrects the state of a stored scan: a scan whose end could not be written is interrupted.
     #[must_use]
     pub fn as_it_stands(&self, mut scan: Scan) -> Scan {
         if let Some(why) = self
             .inner
             .rig
             .as_ref()
-            .and_then(|side| side.told.adrift.why(scan.id))
+            .and_then(|side| side.sink.unrecorded.why(scan.id))
             && !scan.state.is_end()
         {
             scan.state = ScanState::Interrupted;
-            scan.reason = Some(format!("it cannot be recorded: {why}"));
+            scan.reason = Some(format!("it can no longer be recorded: {why}"));
             scan.operator = None;
         }
         scan
     }
 
-    /// Scans that can be recorded no more, and why.
+    /// Returns the scans whose end could not be written, and why they ended.
     #[must_use]
-    pub fn adrift(&self) -> HashMap<i64, String> {
+    pub fn unrecorded_scans(&self) -> HashMap<i64, String> {
         let side = self.inner.rig.as_ref();
-        side.map_or_else(HashMap::new, |side| side.told.adrift.now())
+        side.map_or_else(HashMap::new, |side| side.sink.unrecorded.now())
     }
 
-    /// Every event from now on; a listener that is too slow is told how many it missed and reads
-    /// them from the store.
+    /// Subscribes to all events from now on. A listener that falls behind learns how many it missed and reads them from
+    /// the store.
     #[must_use]
     pub fn events(&self) -> broadcast::Receiver<Arc<RecordedEvent>> {
         self.inner.events.subscribe()
     }
 
-    /// The lab's time.
+    /// Returns the lab's clock.
     #[must_use]
     pub fn clock(&self) -> &Arc<dyn Clock> {
         &self.inner.clock
     }
 
-    fn tell(&self, event: RecordedEvent) {
-        tell(&self.inner.events, event);
+    fn publish(&self, event: RecordedEvent) {
+        publish(&self.inner.events, event);
     }
 
     fn side(&self) -> Result<&RigSide, LabError> {
         self.inner.rig.as_ref().ok_or(LabError::NoRig)
     }
 
-    /// Gives an order to a running scan, or resumes an interrupted one.
+    /// Sends a command to a running scan, or resumes an interrupted one.
     ///
     /// # Errors
-    /// [`LabError::NotNow`] if the scan cannot do that where it stands, [`LabError::AbortedInMotion`], or what the store
-    /// says.
+    /// [`LabError::NotNow`] if the scan's state does not allow it, [`LabError::AbortedInMotion`], or a store error.
     pub async fn order(&self, scan_id: i64, order: Order) -> Result<ScanState, LabError> {
         let scan = self.inner.store.scan(scan_id).await?;
         let not_now = |state| LabError::NotNow {
@@ -305,7 +308,7 @@ impl Lab {
         };
         if !permitted {
             return Err(not_now(match scan.state {
-                // Somebody has just taken it up, and its row does not say so yet.
+                // Another caller has just resumed it, and its row is not written yet.
                 ScanState::Interrupted => ScanState::Running,
                 state => state,
             }));
@@ -314,7 +317,7 @@ impl Lab {
         let sent = orders.send(OrderSlip { order, reply }).await;
         let side = self.side()?;
         let stopped = match order {
-            // Homing and connecting do not listen to orders; the stage does.
+            // Homing and connecting do not read commands; the stage does.
             Order::Abort => side.reach.stop_what_may_move().await,
             _ => Ok(()),
         };
@@ -336,13 +339,13 @@ impl Lab {
                     _ => Err(not_now(state)),
                 };
             }
-            // The scan ended before the order was read, or because what it led to could not be written.
+            // The scan ended before it read the command, or because the new state could not be written.
             None => {
                 let mut occupation = side.occupation.clone();
                 let gone = occupation.wait_for(|now| now.scan_id != Some(scan_id));
-                // An owner that is gone holds no scan either.
+                // An owner that has ended holds no scan.
                 gone.await.ok();
-                if side.told.adrift.has(scan_id) {
+                if side.sink.unrecorded.has(scan_id) {
                     return self.order_unheld(scan_id, order).await;
                 }
                 let state = self.inner.store.scan(scan_id).await?.state;
@@ -358,10 +361,10 @@ impl Lab {
         }
     }
 
-    /// Gives an order to a scan that nobody runs.
+    /// Sends a command to a scan that is not running.
     async fn order_unheld(&self, scan_id: i64, order: Order) -> Result<ScanState, LabError> {
         if let Some(side) = &self.inner.rig {
-            side.told.bring_in(scan_id).await?;
+            side.sink.record_end_of(scan_id).await?;
         }
         let scan = self.inner.store.scan(scan_id).await?;
         match (order, scan.state) {
@@ -374,7 +377,7 @@ impl Lab {
                     .store
                     .change_state(scan_id, ScanState::Aborted, reason, None, progress)
                     .await?;
-                self.tell(event);
+                self.publish(event);
                 Ok(ScanState::Aborted)
             }
             (_, state) => Err(LabError::NotNow {
@@ -385,11 +388,11 @@ impl Lab {
         }
     }
 
-    /// Waits until a scan has ended or was interrupted, or until `enough` says so of one of its
-    /// events after number `after`.
+    /// Waits until a scan has ended or is interrupted, or until `enough` is true for one of its events after number
+    /// `after`.
     ///
     /// # Errors
-    /// What the store says.
+    /// A store error.
     pub async fn wait_for_scan(
         &self,
         scan_id: i64,
@@ -409,22 +412,21 @@ impl Lab {
             if scan.state.is_end() || scan.state == ScanState::Interrupted {
                 return Ok(scan);
             }
-            // Whatever wakes this, the store has the whole story.
+            // Any event wakes this; the store has them all.
             events.recv().await.ok();
         }
     }
 
-    /// How a scan of this process ended, with its times.
+    /// Returns how a scan of this process ended, with its times.
     #[must_use]
     pub fn run_end(&self, scan_id: i64) -> Option<RunEnd> {
         self.inner.ends.borrow().get(&scan_id).copied()
     }
 
-    /// Stops the rig, leaves a running scan interrupted and cancels fits and calculations; the store stays open for
-    /// those who still look.
+    /// Stops the rig, interrupts a running scan and cancels all jobs; the store stays open for readers.
     ///
     /// # Errors
-    /// The stages could not be reached, and may be moving; all else is done.
+    /// The stages could not be reached and may be moving; everything else is done.
     pub async fn rest(&self) -> Result<(), StageError> {
         let mut stopped = Ok(());
         if let Some(side) = &self.inner.rig {
@@ -436,13 +438,13 @@ impl Lab {
                     reply,
                 };
                 if orders.send(slip).await.is_ok() {
-                    // Homing and connecting do not listen to orders; the stage does.
+                    // Homing and connecting do not read commands; the stage does.
                     side.reach.stop_what_may_move().await.ok();
                     answer.await.ok();
                 }
             }
             stopped = side.reach.stop_what_may_move().await;
-            // First: an owner that is still held here when it ends has broken off.
+            // Taken first: a handle that is still here when the owner ends means that it panicked.
             let owner = side
                 .owner
                 .lock()
@@ -453,14 +455,13 @@ impl Lab {
                 owner.await.ok();
             }
         }
-        self.inner.fits.cancel_all().await;
-        self.inner.calculations.cancel_all().await;
+        self.inner.jobs.cancel_all().await;
         stopped
     }
 
     /// [`Lab::rest`], then closes the store.
     pub async fn shut_down(&self) {
-        // Stages that could not be stopped are in the log.
+        // A stop that failed is in the log.
         self.rest().await.ok();
         self.inner.store.close().await;
     }
@@ -476,9 +477,10 @@ fn asked(order: Order) -> &'static str {
     }
 }
 
-fn tell(events: &broadcast::Sender<Arc<RecordedEvent>>, event: RecordedEvent) {
-    watched::log(&event);
-    watched::count(&event.event);
-    // Nobody listening is fine: the store has it.
+/// Logs and counts an event, and sends it to all listeners.
+fn publish(events: &broadcast::Sender<Arc<RecordedEvent>>, event: RecordedEvent) {
+    telemetry::log(&event);
+    telemetry::count(&event.event);
+    // Without listeners the store still has the event.
     events.send(Arc::new(event)).ok();
 }

@@ -1,4 +1,4 @@
-//! From a request to a running scan: plan, calibrations, room, rig.
+//! Starts and resumes scans: plan, calibrations, disk space, rig.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,40 +21,40 @@ use crate::store::scans::{NewScan, Scan};
 use crate::store::{StoreError, utc_text};
 use crate::wording::differences::{self, Difference};
 
-/// How far ahead a calibration may be dated. Clocks are put right by less all the time; one from further ahead was
-/// dated by a clock that was wrong, and nobody knows how old it is.
+/// How far in the future a calibration may be dated. Clock corrections are smaller than this; a later date comes from a
+/// wrong clock, so the age is unknown.
 const AHEAD: Duration = Duration::from_secs(60);
 
-/// A scan that is asked for.
+/// A request for a scan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ScanRequest {
-    /// What to scan.
+    /// Sample.
     pub sample_id: i64,
-    /// How.
+    /// Plan.
     pub plan: PlanRequest,
 }
 
-/// What a scan will take, before it begins.
+/// The estimated cost of a scan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimated {
-    /// The whole plan, less what valid calibrations save.
+    /// The plan without the frames that valid calibrations replace.
     pub plan: Plan,
-    /// Time and room.
+    /// Time and disk space.
     pub estimate: Estimate,
-    /// Room there is.
+    /// Free disk space.
     pub free_bytes: u64,
-    /// What people have to do, in order.
+    /// Operator steps, in order.
     pub operator_steps: Vec<OperatorAction>,
-    /// Calibrations of earlier scans that it uses.
+    /// Calibrations of earlier scans that the scan uses.
     pub calibration_ids: Vec<i64>,
 }
 
 impl Lab {
-    /// What a scan will take. Nothing moves and nothing is stored.
+    /// Estimates the cost of a scan. Nothing moves and nothing is stored.
     ///
     /// # Errors
-    /// [`LabError::Plan`] with everything that is wrong, an unknown sample, or what the store says.
+    /// [`LabError::Plan`] with all problems of the plan, an unknown sample, or a store error.
     pub async fn estimate(&self, request: &ScanRequest) -> Result<Estimated, LabError> {
         self.store().sample(request.sample_id).await?;
         let side = self.side()?;
@@ -93,7 +93,7 @@ impl Lab {
         .await
     }
 
-    /// Takes out of a plan what valid calibrations save, and numbers those.
+    /// Removes the frames that valid calibrations replace from a plan, and returns the calibrations' numbers.
     async fn reuse(&self, plan: &mut Plan) -> Result<Vec<i64>, LabError> {
         let side = self.side()?;
         let now = self.clock().utc();
@@ -123,7 +123,7 @@ impl Lab {
                 if !self.is_of_this_white_reference(flat.scan_id).await? {
                     continue;
                 }
-                // The plan's own dark frames will be those of the sample's exposures.
+                // The plan's own dark frames have the sample's exposures.
                 let own = |s: &f64| plan.exposures_s.iter().any(|e| (e - s).abs() < 1e-9);
                 let others: Vec<f64> = exposures_s.iter().copied().filter(|s| !own(s)).collect();
                 if plan.dark.repeats > 0 && dark_id.is_none() && !others.is_empty() {
@@ -144,7 +144,7 @@ impl Lab {
         Ok(ids)
     }
 
-    /// Whether the white-reference frames of a scan show the plate that the settings tell of now.
+    /// Returns whether a scan used the white reference that the settings now describe.
     async fn is_of_this_white_reference(&self, scan_id: i64) -> Result<bool, LabError> {
         let then = self.store().manifest(scan_id).await?;
         let then = Manifest::from_toml(&then, "manifest.toml").map_err(LabError::from)?;
@@ -153,7 +153,7 @@ impl Lab {
         Ok(then.flat.as_ref().map(facts) == Some(facts(now)))
     }
 
-    /// Where the stages stand, or the middle if they do not say.
+    /// Returns the pose of the stages, or the middle if they do not answer.
     async fn last_pose(&self) -> Pose {
         let stage = match self.side() {
             Ok(side) => side.stage.borrow().clone(),
@@ -168,13 +168,13 @@ impl Lab {
         }
     }
 
-    /// Begins a scan; returns it as planned. Its further story is told by events.
+    /// Starts a scan and returns it in state planned; events report its course.
     ///
     /// # Errors
-    /// [`LabError::Plan`], [`LabError::NoRoom`], [`LabError::Busy`], or why the rig cannot be had.
+    /// [`LabError::Plan`], [`LabError::NoRoom`], [`LabError::Busy`], or [`LabError::Stage`].
     pub async fn start_scan(&self, request: &ScanRequest) -> Result<Scan, LabError> {
         let (lab, request) = (self.clone(), request.clone());
-        // Between the row of a scan and the rig's word nobody could end what was planned and never begun.
+        // A client that disconnects between the row and the rig's answer would leave a planned scan that never starts.
         to_the_end(async move { lab.plan_and_begin(&request).await }).await
     }
 
@@ -190,7 +190,7 @@ impl Lab {
                 free_mb: estimated.free_bytes / 1_000_000,
             });
         }
-        // A rig that cannot be had is told before a scan is planned on it.
+        // An unreachable rig is an error before the scan gets its row.
         self.request(Work::Connect).await?;
         let sample = self.store().sample(request.sample_id).await?;
         let manifest = self.manifest_for(&sample, &estimated.plan)?;
@@ -204,9 +204,9 @@ impl Lab {
             frames_csv: None,
             calibration_ids: estimated.calibration_ids,
         };
-        let (told, row) = oneshot::channel();
+        let (reply, row) = oneshot::channel();
         let work = ScanWork {
-            row: ScanRow::New(Box::new(new), told),
+            row: ScanRow::New(Box::new(new), reply),
             plan,
             done: Default::default(),
             full: Default::default(),
@@ -217,13 +217,13 @@ impl Lab {
         Ok(row.await.map_err(|_| LabError::Stopping)??)
     }
 
-    /// Takes an interrupted scan up again: points that are committed stay, the others are taken.
+    /// Resumes an interrupted scan: committed points stay, the others are taken.
     pub(super) async fn resume(&self, scan: &Scan) -> Result<ScanState, LabError> {
         let side = self.side()?;
         let (Some(plan), Some(rig_id)) = (scan.plan.clone(), scan.rig_id) else {
             return Err(LabError::NotOfThisRig {
                 scan_id: scan.id,
-                why: "it is an import, and has all the frames that it ever had".into(),
+                why: "it is an import, which has no frames left to take".into(),
             });
         };
         if rig_id != side.id {
@@ -236,8 +236,8 @@ impl Lab {
         self.request(Work::Connect).await?;
         let done = self.store().shots_done(scan.id).await?;
         let full = self.store().shots_full(scan.id).await?;
-        // It is interrupted until the runner says otherwise; a runner that cannot even say that tells no event.
-        let (first_state, told) = oneshot::channel();
+        // The state stays interrupted until the runner reports another; a runner that cannot record it sends no event.
+        let (first_state, state) = oneshot::channel();
         let work = ScanWork {
             row: ScanRow::Kept(scan.id),
             plan,
@@ -247,10 +247,10 @@ impl Lab {
             first_state: Some(first_state),
         };
         self.request(Work::Scan(Box::new(work))).await?;
-        Ok(told.await.map_err(|_| LabError::Stopping)??)
+        Ok(state.await.map_err(|_| LabError::Stopping)??)
     }
 
-    /// What is another setting now than when a scan was begun: half of its frames would be of one rig and half of another.
+    /// Lists the settings that changed since a scan was started: its frames would come from two different rigs.
     async fn other_rig(&self, then: i64, now: i64) -> Result<String, LabError> {
         let settings = async |id| {
             let text = self.store().rig_settings(id).await?;
@@ -259,7 +259,7 @@ impl Lab {
         };
         let differences = differences::between(&settings(then).await?, &settings(now).await?);
         let as_in_the_file = |mut difference: Difference| {
-            // Sections are named as the settings name them.
+            // Sections have the names of the settings file.
             difference.key = match difference.key.as_str() {
                 "camera_is" => "the camera".into(),
                 "label" => "the simulated rig".into(),
@@ -269,12 +269,12 @@ impl Lab {
         };
         let differences: Vec<Difference> = differences.into_iter().map(as_in_the_file).collect();
         Ok(format!(
-            "the rig's settings are others than when it was begun ({}); put them back and start again, or plan a new scan",
+            "the rig's settings have changed since the scan was started ({}); restore them and start again, or plan a new scan",
             differences::in_words(&differences)
         ))
     }
 
-    /// The manifest that a reduction of the scan will read.
+    /// Returns the manifest that a reduction of the scan will read.
     fn manifest_for(&self, sample: &Sample, plan: &Plan) -> Result<Manifest, LabError> {
         let settings = &self.side()?.settings;
         let mut camera = settings.camera.clone();
@@ -293,7 +293,7 @@ impl Lab {
     }
 }
 
-/// `[sample]` of a manifest for a nominal material.
+/// Returns `[sample]` of a manifest for a nominal material.
 fn sample_facts(material: &Material) -> SampleFacts {
     let blank = SampleFacts {
         metal: None,
@@ -333,10 +333,10 @@ fn sample_facts(material: &Material) -> SampleFacts {
 }
 
 impl Lab {
-    /// How long a calibration of a kind is valid, and whether one made then still is.
+    /// Returns the time until which a calibration is valid, and whether it still is.
     ///
     /// # Errors
-    /// A time that cannot be read.
+    /// A creation time that cannot be parsed.
     pub fn calibration_valid_until(
         &self,
         kind: FrameKind,

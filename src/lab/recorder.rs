@@ -1,4 +1,4 @@
-//! Makes durable what the runner tells: file, then row, then event.
+//! Stores what the runner reports: file, then row, then event.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use futures::{StreamExt, TryStreamExt};
 use tokio::sync::watch;
 
 use super::event_sink::{EventSink, FirstState};
-use super::{Occupation, tell};
+use super::{Occupation, publish};
 use crate::frame::FrameKind;
 use crate::scan::recorder::{RecordError, Recorder, Visit};
 use crate::scan::{Event, OperatorAction, Plan, Progress, ScanState};
@@ -15,12 +15,12 @@ use crate::store::StoreError;
 use crate::store::calibrations::NewCalibration;
 use crate::store::frames::{NewFrame, NewShot};
 
-/// Frames of a point that are encoded and written at the same time: one computes while one waits for the disk. A
-/// point of many repeats would otherwise need its memory twice.
+/// Frames of a point that are encoded and written at the same time: one is encoded while the other waits for the disk.
+/// More would double the memory of a point with many repeats.
 const FRAMES_AT_ONCE: usize = 2;
 
 pub(super) struct LabRecorder {
-    pub told: EventSink,
+    pub sink: EventSink,
     pub scan_id: i64,
     pub rig_id: i64,
     pub saturation_dn: u16,
@@ -46,7 +46,7 @@ impl From<StoreError> for RecordError {
 
 impl LabRecorder {
     async fn keep(&self, visit: Visit, progress: Progress) -> Result<(), StoreError> {
-        let store = &self.told.store;
+        let store = &self.sink.store;
         let shot = NewShot {
             scan_id: self.scan_id,
             plan_index: visit.shot.index,
@@ -81,13 +81,13 @@ impl LabRecorder {
                 })
             }
         });
-        // The row is committed only after all of them are durable.
+        // Commit the row only after all files are durable.
         let frames: Vec<NewFrame> = futures::stream::iter(frames)
             .buffered(FRAMES_AT_ONCE)
             .try_collect()
             .await?;
         for event in store.commit_shot(&shot, &frames, progress).await? {
-            tell(&self.told.events, event);
+            publish(&self.sink.events, event);
         }
         Ok(())
     }
@@ -102,18 +102,18 @@ impl Recorder for LabRecorder {
         progress: Progress,
     ) -> BoxFuture<'a, Result<(), RecordError>> {
         Box::pin(async move {
-            // First: whoever sees that the scan has left the rig is given it.
+            // First, so that a client that sees the scan end can get the rig.
             if next.is_end() || next == ScanState::Interrupted {
                 self.occupation.send_modify(|now| now.activity = None);
             }
             let written = self
-                .told
+                .sink
                 .store
                 .change_state(self.scan_id, next, reason, operator, progress)
                 .await;
             let (first, outcome) = match written {
                 Ok(event) => {
-                    tell(&self.told.events, event);
+                    publish(&self.sink.events, event);
                     (Ok(next), Ok(()))
                 }
                 Err(error) => {
@@ -122,7 +122,7 @@ impl Recorder for LabRecorder {
                 }
             };
             if let Some(waiting) = self.first_state.take() {
-                // Whoever asked may be gone; the events tell it too.
+                // The caller may be gone; an event reports it too.
                 waiting.send(first).ok();
             }
             outcome
@@ -150,7 +150,7 @@ impl Recorder for LabRecorder {
                 ),
             };
             let n_frames = exposures_s.len() as u32 * theta_c_deg.len().max(1) as u32 * repeats;
-            self.told
+            self.sink
                 .store
                 .add_calibration(&NewCalibration {
                     kind,
@@ -172,9 +172,9 @@ impl Recorder for LabRecorder {
                 message: message.into(),
                 scan_id: Some(self.scan_id),
             };
-            match self.told.store.record(event).await {
-                Ok(event) => tell(&self.told.events, event),
-                // The alarm may be about the very disk that cannot take it.
+            match self.sink.store.record(event).await {
+                Ok(event) => publish(&self.sink.events, event),
+                // The alarm may be about the disk that cannot store it.
                 Err(error) => {
                     tracing::error!(%error, "{code}: {message} (and it could not be recorded: {error})");
                 }
@@ -183,6 +183,6 @@ impl Recorder for LabRecorder {
     }
 
     fn free_bytes(&self) -> Result<u64, RecordError> {
-        Ok(self.told.store.free_bytes()?)
+        Ok(self.sink.store.free_bytes()?)
     }
 }

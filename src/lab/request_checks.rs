@@ -1,4 +1,4 @@
-//! Checks of what a request may ask for, shared by all kinds of calculation.
+//! Checks of requests, shared by all kinds of jobs.
 
 use super::{Lab, LabError, StoredSeries};
 use crate::reduction::FrameSource;
@@ -7,26 +7,30 @@ use crate::reduction::FrameSource;
 pub(super) fn positive<const N: usize>(limits: [(&str, Option<f64>); N]) -> Result<(), LabError> {
     let wrong = |x: &f64| !(*x > 0.0 && x.is_finite());
     match limits.iter().find(|(_, x)| x.as_ref().is_some_and(wrong)) {
-        Some((field, _)) => Err(LabError::Invalid {
-            field: (*field).into(),
-            problem: "must be greater than 0".into(),
-        }),
+        Some((field, _)) => Err(invalid(*field, "must be greater than 0")),
         None => Ok(()),
     }
 }
 
-/// Refuses what is to be a share of the brightest and is none.
+/// Refuses a share that is not between 0 and 1.
 pub(super) fn share(field: &str, share: Option<f64>) -> Result<(), LabError> {
     match share {
-        Some(x) if !(x > 0.0 && x < 1.0) => Err(LabError::Invalid {
-            field: field.into(),
-            problem: "must be between 0 and 1: 0.01 is one per cent".into(),
-        }),
+        Some(x) if !(x > 0.0 && x < 1.0) => Err(invalid(
+            field,
+            "must be between 0 and 1: 0.01 is one per cent",
+        )),
         _ => Ok(()),
     }
 }
 
-/// Refuses a region that the sample does not have, and none where it has several.
+pub(super) fn invalid(field: impl Into<String>, problem: impl Into<String>) -> LabError {
+    LabError::Invalid {
+        field: field.into(),
+        problem: problem.into(),
+    }
+}
+
+/// Refuses a region that the sample does not have, and a missing one where it has several.
 pub(super) fn check_region(series: &StoredSeries, region: Option<&str>) -> Result<(), LabError> {
     let regions = Lab::regions(series.manifest());
     let problem = match region {
@@ -40,8 +44,5 @@ pub(super) fn check_region(series: &StoredSeries, region: Option<&str>) -> Resul
             regions.join(", ")
         ),
     };
-    Err(LabError::Invalid {
-        field: "region".into(),
-        problem,
-    })
+    Err(invalid("region", problem))
 }

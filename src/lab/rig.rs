@@ -1,4 +1,4 @@
-//! The rig's verbs: where it stands, moving an axis, looking for its reference, and the stop that is never refused.
+//! Rig operations: status, motions, homing, and the stop, which is never refused.
 
 use tokio::sync::oneshot;
 
@@ -12,14 +12,14 @@ use crate::scan::{Event, ScanState, TravelLimits};
 use crate::series::{CameraFacts, RigFacts};
 use crate::units::Angle;
 
-/// State of the rig as shown to people.
+/// State of the rig for clients.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RigView {
     /// Whether the stages answer.
     pub connected: bool,
-    /// Code and words, where they do not.
+    /// Code and message, if they do not.
     pub problem: Option<(String, String)>,
-    /// Code and words of why the last motion of one axis failed; `None` once another is begun.
+    /// Code and message of the last failed motion of a single axis; `None` once another motion starts.
     pub failure: Option<(String, String)>,
     /// Time scale of a simulated rig; `None` for a real one.
     pub simulated: Option<f64>,
@@ -33,24 +33,24 @@ pub struct RigView {
     pub rig_facts: RigFacts,
     /// Camera tilt, then sample azimuth.
     pub axes: [(AxisName, AxisView); 2],
-    /// What it is doing.
+    /// Current activity.
     pub activity: RigActivity,
-    /// Scan that holds it.
+    /// Scan that holds the rig.
     pub scan_id: Option<i64>,
-    /// State of that scan, and the reason it gives for it.
+    /// State of that scan and the reason for it.
     pub scan_state: Option<(ScanState, Option<String>)>,
 }
 
 /// State of one axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AxisView {
-    /// Position read just now; `None` if the stage does not answer.
+    /// Current position; `None` if the stage does not answer.
     pub position: Option<Angle>,
-    /// Whether it moves; `None` if the stage does not answer: it may.
+    /// Whether it moves; `None` if the stage does not answer and may be moving.
     pub moving: Option<bool>,
-    /// Whether it knows its reference.
+    /// Whether it is referenced.
     pub homed: bool,
-    /// Warnings in words.
+    /// Warnings as text.
     pub warnings: Vec<String>,
     /// Serial number.
     pub serial: Option<u32>,
@@ -61,7 +61,7 @@ pub struct AxisView {
 }
 
 impl RigSide {
-    /// Why the rig's owner does not answer: the daemon ends, or the owner has broken off before that.
+    /// Returns why the rig's owner does not answer: the daemon ends, or the owner panicked.
     fn gone(&self) -> LabError {
         let owner = self.owner.lock().expect("no holder of this lock panics");
         match owner.as_ref() {
@@ -72,8 +72,7 @@ impl RigSide {
 }
 
 impl Lab {
-    /// Where the rig stands now, asked of the stages. A rig that is not connected and not in use is
-    /// connected by this.
+    /// Reads the state of the rig from the stages. Connects a rig that is neither connected nor in use.
     ///
     /// # Errors
     /// [`LabError::NoRig`]; a stage that does not answer is part of the view.
@@ -92,7 +91,7 @@ impl Lab {
             Err(error) => Err(error),
         };
         let occupation = side.occupation.borrow().clone();
-        // A scan that has ended has left the rig, and is about to give it back.
+        // A scan that has ended is about to return the rig.
         let holds = occupation.activity.is_some();
         let scan_id = occupation.scan_id.filter(|_| holds);
         let scan = match scan_id {
@@ -102,7 +101,7 @@ impl Lab {
         let scan_state = scan.map(|scan| (scan.state, scan.reason));
         let (status, problem) = match status {
             Ok(status) => (Some(status), None),
-            // A scan that lost its stages waits for a person: why is what it says of itself.
+            // A scan that lost its stages waits for the operator and states the reason itself.
             Err(LabError::Busy { .. }) => match &scan_state {
                 Some((ScanState::Paused, Some(reason))) => {
                     (None, Some(("scan-paused".to_owned(), reason.clone())))
@@ -148,7 +147,7 @@ impl Lab {
         })
     }
 
-    /// Where the axes may go.
+    /// Returns the travel limits of the axes.
     ///
     /// # Errors
     /// [`LabError::NoRig`].
@@ -189,19 +188,18 @@ impl Lab {
         })
     }
 
-    /// Connects the stages if they are not, and says why they cannot be had.
+    /// Connects the stages if they are not connected.
     ///
     /// # Errors
-    /// [`LabError::NoRig`], [`LabError::Busy`], or why the stage cannot be had.
+    /// [`LabError::NoRig`], [`LabError::Busy`], or [`LabError::Stage`].
     pub async fn have_rig(&self) -> Result<(), LabError> {
         self.request(bench::Work::Connect).await
     }
 
-    /// Begins to move an axis; returns once the stage is about to move.
+    /// Starts to move an axis; returns just before the stage moves.
     ///
     /// # Errors
-    /// [`LabError::Busy`], [`LabError::NoRig`], a position outside the limits, or why the stage
-    /// cannot be had.
+    /// [`LabError::Busy`], [`LabError::NoRig`], or [`LabError::Stage`], also for a position outside the limits.
     pub async fn move_axis(&self, axis: AxisName, target: Angle) -> Result<(), LabError> {
         if !target.is_finite() {
             return Err(LabError::Invalid {
@@ -212,7 +210,7 @@ impl Lab {
         self.request(bench::Work::Move { axis, target }).await
     }
 
-    /// Begins to look for an axis' reference; returns once the stage is about to move.
+    /// Starts to home an axis; returns just before the stage moves.
     ///
     /// # Errors
     /// As [`Lab::move_axis`].
@@ -220,19 +218,18 @@ impl Lab {
         self.request(bench::Work::Home { axis }).await
     }
 
-    /// Lets an axis move again that another program parked; it keeps its position. Nothing moves by that.
+    /// Unparks an axis that another program parked; it keeps its position. Nothing moves.
     ///
     /// # Errors
-    /// [`LabError::Busy`], [`LabError::NoRig`], or what the stage says.
+    /// [`LabError::Busy`], [`LabError::NoRig`], or [`LabError::Stage`].
     pub async fn unpark(&self, axis: AxisName) -> Result<(), LabError> {
         self.request(bench::Work::Unpark { axis }).await
     }
 
-    /// Stops both axes at once, whoever moves them; a scan pauses. Never refused; where the link is
-    /// lost or was never there, it is made first.
+    /// Stops both axes at once, also during a scan, which pauses. Never refused; connects first if there is no link.
     ///
     /// # Errors
-    /// Only if the stages could not be reached: then they may be moving.
+    /// [`LabError::NotStopped`] if the stages could not be reached; then they may be moving.
     pub async fn stop(&self) -> Result<(), LabError> {
         let side = self.side()?;
         let orders = side.occupation.borrow().orders.clone();
@@ -242,8 +239,8 @@ impl Lab {
                 order: Order::Stop,
                 reply,
             };
-            // Before the stages stand, so that the scan does not begin the next motion then. A full
-            // book means that orders wait already.
+            // Sent before the stages stop, so that the scan does not start its next motion. A full channel already holds
+            // orders.
             orders.try_send(slip).ok();
         }
         let stopped = side.reach.stop().await;
@@ -262,7 +259,7 @@ impl Lab {
             },
         };
         match self.inner.store.record(event).await {
-            Ok(event) => self.tell(event),
+            Ok(event) => self.publish(event),
             Err(error) => tracing::warn!(%error, "the stop could not be recorded: {error}"),
         }
         stopped.map_err(|source| LabError::NotStopped { source })

@@ -1,10 +1,10 @@
-//! Scans as series: what a reduction reads, what comes in from a folder and goes out to one.
+//! Scans as series: input of a reduction, import from a folder and export to one.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::again::Alike;
+use super::import_duplicates::ImportDuplicate;
 use super::{Lab, LabError};
 use crate::frame::{Frame, FrameKind};
 use crate::material::Material;
@@ -17,24 +17,24 @@ use crate::store::samples::NewSample;
 use crate::store::scans::{NewScan, Origin};
 use crate::store::{Store, StoreError};
 
-/// A scan of the store in the form of a recorded series, its calibrations among its frames.
+/// A stored scan in the form of a recorded series, with the frames of its calibrations.
 #[derive(Debug, Clone)]
 pub struct StoredSeries {
     store: Store,
     manifest: Manifest,
     rows: Vec<FrameRow>,
     sha256: Vec<String>,
-    /// Newest frame in it.
+    /// Newest frame.
     pub last_frame_id: i64,
     /// Whether no frame was left out.
     is_whole: bool,
 }
 
 impl StoredSeries {
-    /// Reads what the store knows of a scan; frames are read when they are asked for.
+    /// Opens a scan of the store; frames are read on demand.
     ///
     /// # Errors
-    /// An unknown scan, or what the store says.
+    /// An unknown scan, or a store error.
     pub async fn open(store: &Store, scan_id: i64) -> Result<StoredSeries, LabError> {
         let manifest = store.manifest(scan_id).await?;
         let manifest = Manifest::from_toml(&manifest, "manifest.toml")?;
@@ -57,7 +57,7 @@ impl StoredSeries {
         })
     }
 
-    /// Leaves out the frames whose files are missing or damaged, and says which and why.
+    /// Removes the frames whose files are missing or damaged, and returns which and why.
     fn without_unreadable(mut self, cancel: &AtomicBool) -> Result<(Self, Vec<String>), LabError> {
         let mut skipped = Vec::new();
         let frames = self.rows.drain(..).zip(self.sha256.drain(..));
@@ -84,7 +84,7 @@ impl StoredSeries {
 }
 
 fn row(record: &FrameRecord, imported: bool) -> FrameRow {
-    // The form says that dark frames carry 0, 0; where the stages stood is in the store.
+    // Dark frames of a series have angles 0, 0; the store has the real ones.
     let (theta_c_deg, phi_s_deg) = match record.kind {
         FrameKind::Dark if !imported => (0.0, 0.0),
         _ => (record.theta_c_deg, record.phi_s_deg),
@@ -125,18 +125,18 @@ impl FrameSource for StoredSeries {
     }
 }
 
-/// How to import.
+/// Options of an import.
 #[derive(Debug, Clone, Default)]
 pub struct ImportOptions {
     /// Leave out frames that cannot be read, instead of refusing the series.
     pub skip_unreadable: bool,
-    /// Follow links out of the folder: it is the user's own, and no stranger names it.
+    /// Follow links out of the folder; only for a folder that the user names on the command line.
     pub follow_links: bool,
-    /// Raised to break it off.
+    /// Raised to cancel the import.
     pub cancel: Arc<AtomicBool>,
 }
 
-/// A series that is to be imported.
+/// A series to import.
 struct Given {
     series: Arc<Series>,
     /// Sizes of the frames' files.
@@ -157,7 +157,7 @@ impl Given {
     }
 }
 
-/// The name in an export of a frame that was no PNG; no other line of the list has it.
+/// Returns the name in an export of a frame that was not a PNG; it is unique in the list.
 fn name_as_png(file: &str, rows: &[FrameRow]) -> String {
     let renamed = Path::new(file).with_extension("png");
     let same_but_ending = |row: &&FrameRow| Path::new(&row.file).with_extension("png") == renamed;
@@ -167,38 +167,37 @@ fn name_as_png(file: &str, rows: &[FrameRow]) -> String {
     }
 }
 
-/// Reads files where nobody else waits for them: the disk of a series may be a slow one.
+/// Reads files on a thread for blocking work: a series may be on a slow disk.
 async fn reading<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
     tokio::task::spawn_blocking(work)
         .await
         .expect("reading a series does not panic")
 }
 
-/// What an import did.
+/// The result of an import.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Imported {
-    /// The scan it became.
+    /// The new scan.
     pub scan_id: i64,
-    /// The sample it is of.
+    /// Its sample.
     pub sample_id: i64,
     /// Frames kept.
     pub n_frames: usize,
     /// Frames left out, with the reason.
     pub skipped: Vec<String>,
-    /// The newest scan that holds the same series already.
+    /// The newest earlier scan of the same series.
     pub same_as: Option<i64>,
-    /// Where none does: the one that holds the same frames and differs least, and what the series says otherwise of them.
-    pub like: Option<Alike>,
+    /// If there is none: the earlier scan of the same frames whose facts differ least.
+    pub like: Option<ImportDuplicate>,
 }
 
 impl Lab {
-    /// Takes a recorded series into the store as a completed scan: PNG frames bit for bit, TIFF frames count for count.
-    /// `progress` is told how many of how many frames are in.
+    /// Imports a recorded series as a completed scan: PNG frames bit for bit, TIFF frames count for count. `progress` gets
+    /// the number of imported frames and the total.
     ///
     /// # Errors
-    /// [`LabError::Series`] for a folder that is none, [`LabError::NoRoomToImport`] where it would
-    /// use up the reserve, [`LabError::Frame`] for a frame that cannot be read,
-    /// [`LabError::BrokenOff`]; then nothing is imported, and no file of it stays.
+    /// [`LabError::Series`] for a folder that is not a series, [`LabError::NoRoomToImport`] if it would use up the
+    /// reserve, [`LabError::Frame`] for an unreadable frame, [`LabError::BrokenOff`]; then nothing is imported.
     pub async fn import(
         &self,
         folder: &Path,
@@ -218,7 +217,7 @@ impl Lab {
         imported
     }
 
-    /// What goes in has to leave the reserve free.
+    /// Refuses an import that would use up the reserve.
     fn check_room(&self, needed: u64) -> Result<(), LabError> {
         let reserve = self.reserve_bytes();
         let free = self.store().free_bytes()?;
@@ -232,7 +231,7 @@ impl Lab {
         })
     }
 
-    /// The same; `frames` are those that were kept until it failed.
+    /// Imports a series; `frames` has the frames that were stored before an error.
     async fn import_into(
         &self,
         frames: &mut Vec<ImportedFrame>,
@@ -252,7 +251,7 @@ impl Lab {
             if options.cancel.load(Ordering::Relaxed) {
                 return Err(LabError::BrokenOff);
             }
-            // Others write too while a long series comes in.
+            // Other tasks also write during a long import.
             self.check_room(given.bytes[i])?;
             let source = Arc::clone(series);
             let kept = match reading(move || source.read_bytes(i)).await {
@@ -291,7 +290,7 @@ impl Lab {
                 line: None,
                 key: "kind: ".into(),
                 cause: format!(
-                    "none of the {} frames shows the sample, so nothing can be reduced",
+                    "none of the {} frames has the kind sample, so nothing can be reduced",
                     frames.len()
                 ),
                 remedy: "give frames of the sample the kind `sample`".into(),
@@ -313,13 +312,13 @@ impl Lab {
             name,
             plan: None,
             manifest: series.manifest_text().to_owned(),
-            // A list with lines left out, or of files that have other names now, is not the series' own any more.
+            // The original list is stored only if it still matches: no lines left out, no file renamed.
             frames_csv: own_list.then(|| series.list_text().to_owned()),
             calibration_ids: vec![],
         };
         let before = self.imported_before(series.manifest(), frames).await?;
         let (scan_id, event) = self.store().import_scan(&new, frames).await?;
-        self.tell(event);
+        self.publish(event);
         Ok(Imported {
             scan_id,
             sample_id,
@@ -333,7 +332,7 @@ impl Lab {
         })
     }
 
-    /// The newest sample of this name and material, or a new one.
+    /// Returns the newest sample of this name and material, or adds one.
     async fn sample_named(&self, name: &str, material: Material) -> Result<i64, LabError> {
         let store = self.store();
         let same = store.newest_sample(Some(name), |s| s.material == material);
@@ -350,7 +349,7 @@ impl Lab {
     }
 }
 
-/// What an export wrote.
+/// The result of an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Exported {
     /// Frames written.
@@ -359,12 +358,12 @@ pub struct Exported {
     pub skipped: Vec<String>,
 }
 
-/// Writes a scan of the store as a series into a new or empty folder; an imported series comes out as
-/// it came in, byte for byte. Returns the number of frames. A new folder appears whole or not at all.
+/// Exports a stored scan as a series into a new or empty folder and returns the number of frames. An imported series is
+/// written byte for byte as it was. A new folder appears complete or not at all.
 ///
 /// # Errors
-/// An unknown scan, a damaged frame, a folder that is not empty, [`LabError::BrokenOff`] once `cancel`
-/// is raised, or what the disk says; then nothing of it stays.
+/// An unknown scan, a damaged frame, a folder that is not empty, [`LabError::BrokenOff`] once `cancel` is raised, or an
+/// I/O error; then nothing of it stays.
 pub async fn export(
     store: &Store,
     scan_id: i64,
@@ -375,7 +374,7 @@ pub async fn export(
     write_export(store, scan_id, series, folder, cancel).await
 }
 
-/// The same, less the frames that are damaged or missing; the list of frames is then written anew.
+/// Does the same without the damaged and missing frames; the list of frames is then rewritten.
 ///
 /// # Errors
 /// As [`export`]; [`LabError::Export`] where no frame is left.
@@ -408,7 +407,7 @@ async fn write_export(
     folder: &Path,
     cancel: Arc<AtomicBool>,
 ) -> Result<usize, LabError> {
-    // A list that names what is left out is not the series' own any more.
+    // The original list would name the frames that are left out.
     let frames_csv = match series.is_whole {
         true => store.frames_csv(scan_id).await?,
         false => None,
@@ -417,7 +416,7 @@ async fn write_export(
         Origin::Import => Some(store.manifest(scan_id).await?),
         Origin::Rig => None,
     };
-    // The series' own texts, comments and all.
+    // The original texts, including comments.
     let texts = [
         (series.manifest.frames.clone(), frames_csv),
         ("manifest.toml".to_owned(), manifest),
@@ -441,11 +440,11 @@ fn unwritten(file: &Path, error: std::io::Error) -> LabError {
     LabError::Store(StoreError::file("the export", file, error))
 }
 
-/// Where an export grows.
+/// The folder in which an export is written.
 enum Place {
-    /// Beside the folder that is asked for, to become it at the end.
+    /// Beside the requested folder; renamed to it at the end.
     Beside(PathBuf),
-    /// In the empty folder that is there already: it may be a disk of its own, which takes no other's place.
+    /// The existing empty folder: it may be a mount point, which cannot be replaced.
     Inside(PathBuf),
 }
 
@@ -487,7 +486,7 @@ impl Place {
         moved
     }
 
-    /// Best effort: what stays is seen by the next export, which takes no folder with something in it.
+    /// Best effort: the next export refuses a folder that is not empty.
     fn clear(self) {
         match self {
             Place::Beside(path) => drop(std::fs::remove_dir_all(path)),
@@ -530,16 +529,16 @@ fn write_whole(
 }
 
 impl Lab {
-    /// The poses, exposures and repeats that an imported series has, in the form of a plan.
+    /// Returns the poses, exposures and repeats of an imported series as a plan.
     ///
     /// # Errors
-    /// What the store says.
+    /// A store error.
     pub async fn plan_of_import(&self, scan_id: i64) -> Result<Plan, LabError> {
         let frames = self.store().frames_for_reduction(scan_id).await?;
         let values = |kind: FrameKind, of: &dyn Fn(&FrameRecord) -> f64| {
             let mut all: Vec<f64> = frames.iter().filter(|f| f.kind == kind).map(of).collect();
             all.sort_by(f64::total_cmp);
-            // A recorded stage never stands twice at the very same angle.
+            // Recorded positions of the same pose differ slightly.
             all.dedup_by(|a, b| (*a - *b).abs() < 0.005);
             all
         };
@@ -577,16 +576,16 @@ impl Lab {
         })
     }
 
-    /// What the manifest of a scan says.
+    /// Returns the manifest of a scan.
     ///
     /// # Errors
-    /// An unknown scan, or what the store says.
+    /// An unknown scan, or a store error.
     pub async fn manifest(&self, scan_id: i64) -> Result<Manifest, LabError> {
         let text = self.store().manifest(scan_id).await?;
         Ok(Manifest::from_toml(&text, "manifest.toml")?)
     }
 
-    /// Names of the regions of a sample with patches; empty for any other.
+    /// Returns the regions of a sample with patches; empty for any other sample.
     #[must_use]
     pub fn regions(manifest: &Manifest) -> Vec<String> {
         let Some(layout) = &manifest.sample.layout else {
@@ -600,7 +599,7 @@ impl Lab {
             .collect()
     }
 
-    /// Whether more frames of the scan may come.
+    /// Returns whether a scan in this state may get more frames.
     pub(super) fn more_frames_may_come(state: ScanState) -> bool {
         !state.is_end() && state != ScanState::Interrupted
     }

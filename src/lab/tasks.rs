@@ -1,20 +1,20 @@
-//! Work on threads and tasks of its own.
+//! Work on its own threads and tasks.
 //!
-//! [`blocking`] computes away from the runtime's threads, [`to_the_end`] goes on where whoever asked is gone.
-//! A panic in either is [`LabError::Panicked`], so that what waits for an end is told one.
+//! [`blocking`] computes on a thread for blocking work; [`to_the_end`] continues when its caller is dropped. A panic in
+//! either becomes [`LabError::Panicked`], so that a waiting caller gets an answer.
 
 use tokio::task::JoinError;
 
 use super::LabError;
 
-/// Computes on a thread for that.
+/// Runs a computation on a thread for blocking work.
 pub(super) async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, LabError> {
     tokio::task::spawn_blocking(work).await.map_err(panicked)
 }
 
-/// Does what must not be left half done: a client that goes away drops the request it sent, at any `.await`.
+/// Completes work that must not stop half-way: a client that disconnects drops its request's future at any `.await`.
 pub(super) async fn to_the_end<T: Send + 'static>(
     work: impl Future<Output = Result<T, LabError>> + Send + 'static,
 ) -> Result<T, LabError> {
@@ -22,7 +22,7 @@ pub(super) async fn to_the_end<T: Send + 'static>(
 }
 
 fn panicked(error: JoinError) -> LabError {
-    tracing::error!(%error, "work broke off: {error}; the message is above");
+    tracing::error!(%error, "work panicked: {error}; the message is above");
     LabError::Panicked
 }
 
@@ -33,7 +33,7 @@ mod tests {
     use tokio::sync::oneshot;
 
     #[tokio::test]
-    async fn a_panic_is_an_error_with_a_name_and_the_task_that_waits_lives_on() {
+    async fn a_panic_becomes_an_error_and_the_waiting_task_survives() {
         let broken = blocking::<()>(|| panic!("a matrix without rows")).await;
         let error = broken.unwrap_err();
         assert_eq!(error.code(), "internal");
@@ -43,7 +43,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_was_begun_is_done_although_nobody_waits() {
+    async fn work_is_completed_after_its_caller_has_gone() {
         let (go, gone) = oneshot::channel::<()>();
         let (done, is_done) = oneshot::channel();
         let work = to_the_end(async move {

@@ -1,8 +1,8 @@
-//! Traces of scenes: what may be asked for, and what is kept of one.
+//! Traces: light through a scene by Monte Carlo.
 //!
-//! A trace leaves its energies and errors as a result and its direction bins as files, so that a page can draw any of
-//! their numbers. With `compare` every path is followed with and without polarisation; where a material depends on the
-//! wavelength, at those of Wang et al. 2017.
+//! The result of a trace has energies and errors; its files have the direction bins, so that the page can draw any of
+//! them. With `compare` every path is traced with and without polarisation; if a material depends on the wavelength, at
+//! the wavelengths of Wang et al. 2017.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,10 +12,12 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use super::LabError;
-use super::attached::Content;
 use super::failure::Failure;
-use super::headway::Headway;
-use super::request_checks::positive;
+use super::job_progress::ProgressMeter;
+use super::job_work::{Finished, Work};
+use super::request_checks::{invalid, positive};
+use super::tasks::blocking;
+use super::uploads::Content;
 use crate::accuracy::trace_forecast::{Asked, Patience, of_runs};
 use crate::clock::elapsed_s;
 use crate::forecast::Forecast;
@@ -35,47 +37,47 @@ use crate::trace::tally::Totals;
 use crate::wording::refusals::plain;
 use crate::wording::significant;
 
-/// Direction bins per side beyond which the files of a trace were too large for a page: 0.5° by 0.5°.
+/// Largest number of direction bins per side, 0.5° by 0.5°: more make the files too large for the page.
 const BINS_MAX: usize = 180 * 720;
 
-/// Surfaces of the same statistics that a trace may be asked for.
+/// Allowed numbers of surfaces with the same statistics.
 const SURFACES: std::ops::RangeInclusive<u32> = 2..=1000;
 
-/// A trace that is asked for: light through a scene.
+/// A request for a trace.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TraceRequest {
-    /// The scene, as the text of its TOML or as an object of the same keys.
+    /// The scene, as TOML text or as an object with the same keys.
     pub scene: serde_json::Value,
-    /// Files that the scene names: content by `path`.
+    /// Files that the scene names, by `path`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub files: BTreeMap<String, Content>,
-    /// Photons instead of the scene's.
+    /// Number of photons instead of the scene's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub photons: Option<u64>,
-    /// Stop after this time, s; what is finished by then counts.
+    /// Stop after this time, s; the result has what is finished until then.
     #[serde(default)]
     pub max_seconds: Option<f64>,
     /// Stop once the relative error of the reflected bins (root mean square) is below this.
     #[serde(default)]
     pub target_error: Option<f64>,
-    /// Follow every path with and without polarisation, and say where the latter is wrong.
+    /// Trace every path with and without polarisation, and report where the latter is wrong.
     #[serde(default)]
     pub compare: bool,
-    /// Trace so many surfaces of the same statistics in all, and tell how much they differ.
+    /// Trace this number of surfaces with the same statistics, and report how much they differ.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub surfaces: Option<u32>,
 }
 
-/// A trace that was checked, its surfaces made.
-pub(super) struct TraceToDo {
+/// A checked trace with its surfaces.
+pub(super) struct TraceWork {
     request: TraceRequest,
     scene: Scene,
     shapes: Shapes,
     prepared: Prepared,
 }
 
-/// The whole result of a trace.
+/// The result of a trace.
 #[derive(Debug, Serialize)]
 struct TraceResult {
     #[serde(flatten)]
@@ -94,11 +96,11 @@ struct Light {
     theta_i_deg: f64,
     phi_i_deg: f64,
     wavelength_nm: f64,
-    /// For intensity 1.
+    /// Normalised to intensity 1.
     stokes: [f64; 4],
 }
 
-/// What is in `bins.f32`.
+/// The layout of `bins.f32`.
 #[derive(Debug, Serialize)]
 struct Bins {
     n_theta: usize,
@@ -107,7 +109,7 @@ struct Bins {
     numbers: Vec<String>,
 }
 
-/// Polarised against scalar, in numbers.
+/// Differences between polarised and scalar light.
 #[derive(Debug, Serialize)]
 struct Comparison {
     wavelengths_nm: Vec<f64>,
@@ -130,25 +132,28 @@ struct State {
 /// The file `plane.json`.
 #[derive(Debug, Serialize)]
 struct Plane {
-    /// The lamp's states, the scene's own first; in the order of each point's readings.
+    /// States of the lamp, the scene's first, in the order of each point's readings.
     states: Vec<State>,
-    /// What the camera's columns are.
+    /// Settings of the camera's columns.
     settings: [Setting; 6],
     points: Option<Vec<Point>>,
     lobe: Option<Vec<LobePoint>>,
 }
 
 impl TraceRequest {
-    /// Checks everything and makes the surfaces, which takes a while.
-    pub(super) fn prepare(&self) -> Result<TraceToDo, LabError> {
+    pub(super) async fn prepare(&self) -> Result<TraceWork, LabError> {
+        let request = self.clone();
+        // Building the surfaces takes a while.
+        blocking(move || request.build()).await?
+    }
+
+    /// Checks everything and builds the surfaces.
+    fn build(&self) -> Result<TraceWork, LabError> {
         positive([
             ("max_seconds", self.max_seconds),
             ("target_error", self.target_error),
         ])?;
-        let wrong = |problem: String| LabError::Invalid {
-            field: "scene".into(),
-            problem,
-        };
+        let wrong = |problem: String| invalid("scene", problem);
         let mut scene = match &self.scene {
             serde_json::Value::String(text) => {
                 Scene::parse(text).map_err(|e| wrong(e.to_string()))?
@@ -168,29 +173,27 @@ impl TraceRequest {
         }
         self.check_files(&scene)?;
         if self.surfaces.is_some_and(|n| !SURFACES.contains(&n)) {
-            return Err(LabError::Invalid {
-                field: "surfaces".into(),
-                problem: format!("must be {} to {}", SURFACES.start(), SURFACES.end()),
-            });
+            return Err(invalid(
+                "surfaces",
+                format!("must be {} to {}", SURFACES.start(), SURFACES.end()),
+            ));
         }
         let shapes = self.shapes(&scene).map_err(|e| wrong(e.to_string()))?;
         let prepared = scene.prepare_on(&shapes);
         let prepared = prepared.map_err(|e| wrong(e.to_string()))?;
         if self.compare && !prepared.polarised {
-            return Err(LabError::Invalid {
-                field: "compare".into(),
-                problem: "needs run.polarised = true or \"auto\" in the scene".into(),
-            });
+            return Err(invalid(
+                "compare",
+                "needs run.polarised = true or \"auto\" in the scene",
+            ));
         }
         if self.surfaces.is_some() && !prepared.is_drawn {
-            return Err(LabError::Invalid {
-                field: "surfaces".into(),
-                problem: "no interface of the scene is drawn at random (beckmann, crystals, burrs), so there are no \
-                          others"
-                    .into(),
-            });
+            return Err(invalid(
+                "surfaces",
+                "no interface of the scene is random (beckmann, crystals, burrs), so all surfaces would be the same",
+            ));
         }
-        Ok(TraceToDo {
+        Ok(TraceWork {
             request: self.clone(),
             scene,
             shapes,
@@ -198,14 +201,9 @@ impl TraceRequest {
         })
     }
 
-    /// Refuses files whose names lead elsewhere, and such as no interface asks for.
+    /// Refuses file names that are not plain, and files that no interface names.
     fn check_files(&self, scene: &Scene) -> Result<(), LabError> {
-        let wrong = |problem: String| {
-            Err(LabError::Invalid {
-                field: "files".into(),
-                problem,
-            })
-        };
+        let wrong = |problem: String| Err(invalid("files", problem));
         for name in self.files.keys() {
             let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | '_');
             if name.len() > FILE_NAME_MAX || !name.chars().all(plain) {
@@ -225,30 +223,28 @@ impl TraceRequest {
         scene.shapes(&|name| match self.files.get(name) {
             Some(content) => content.heights(name),
             None => Err(format!(
-                "is not there: send it as `files`: {{{name:?}: content in base64}}"
+                "is missing: send it as `files`: {{{name:?}: content in base64}}"
             )),
         })
     }
 }
 
-/// A value of a scene that is none, by its path.
+/// The error of an invalid value of the scene, by its path.
 fn at_path(path: &str, message: &str) -> LabError {
-    LabError::Invalid {
-        field: match path {
-            "." => "scene".to_owned(),
-            path => format!("scene.{path}"),
-        },
-        problem: plain(message),
-    }
+    let field = match path {
+        "." => "scene".to_owned(),
+        path => format!("scene.{path}"),
+    };
+    invalid(field, plain(message))
 }
 
-/// Longest name of a file that comes with a request.
+/// Longest file name in a request.
 const FILE_NAME_MAX: usize = 100;
-/// What stands before the names of such files among those of the result.
+/// Prefix of these files' names among the files of the result.
 const GIVEN: &str = "given-";
 
-impl TraceToDo {
-    /// Wavelengths that are traced, the scene's own first: energies and bins are of it.
+impl TraceWork {
+    /// Wavelengths to trace, the scene's first: energies and bins belong to it.
     fn wavelengths(&self) -> Vec<f64> {
         let mut wavelengths = vec![self.scene.light.wavelength_nm];
         if self.request.compare && self.scene.depends_on_wavelength() {
@@ -265,38 +261,20 @@ impl TraceToDo {
         }
     }
 
-    /// The scene at another wavelength.
+    /// Returns the scene at another wavelength.
     fn at(&self, wavelength_nm: f64) -> Result<Prepared, SceneError> {
         let mut scene = self.scene.clone();
         scene.light.wavelength_nm = wavelength_nm;
         scene.prepare_on(&self.shapes)
     }
 
-    /// What it will take, from short runs of it.
-    pub(super) fn forecast(&self, cancel: &AtomicBool) -> Option<Forecast> {
-        let request = &self.request;
-        let patience = Patience::usual(request.max_seconds, cancel);
-        let asked = Asked {
-            follow: self.follow(),
-            target_error: request.target_error,
-        };
-        let wavelengths = self.wavelengths();
-        let made = |n: usize| match n {
-            0 => Some(self.prepared.clone()),
-            _ => self.at(wavelengths[n]).ok(),
-        };
-        let told = of_runs(wavelengths.len(), &made, asked, patience)?;
-        let told = told.times(request.surfaces.unwrap_or(1));
-        Some(told.drawn_within(request.max_seconds))
-    }
-
-    /// Energies on other surfaces of the same statistics; none where time was over.
+    /// Traces energies on other surfaces with the same statistics; none if the time is over.
     fn surfaces(
         &self,
         own: &Totals,
         count: u32,
         started: Instant,
-        told: &Headway,
+        progress: &ProgressMeter,
         cancel: &AtomicBool,
     ) -> Result<Option<Surfaces>, Failure> {
         let again = |scene: &Scene| scene.prepare_on(&self.request.shapes(scene)?);
@@ -305,120 +283,17 @@ impl TraceToDo {
             limit.is_some_and(|limit| started.elapsed().as_secs_f64() >= limit)
         };
         let go_on = |done: usize| {
-            told.tell("tracing other surfaces", done as u64, u64::from(count));
+            progress.report("tracing other surfaces", done as u64, u64::from(count));
             !cancel.load(Ordering::Relaxed) && !late()
         };
         let found = over_surfaces(&self.scene, own, count as usize, &again, &go_on);
         if cancel.load(Ordering::Relaxed) {
             return Err(Failure::Cancelled);
         }
-        found.map_err(|e| Failure::Because {
-            code: "no-trace",
-            detail: e.to_string(),
-        })
+        found.map_err(|e| Failure::because("no-trace", e))
     }
 
-    /// Traces and writes the files; the result as JSON.
-    pub(super) fn run(
-        &self,
-        folder: &Path,
-        told: &Headway,
-        cancel: &AtomicBool,
-    ) -> Result<String, Failure> {
-        let started = Instant::now();
-        let wavelengths = self.wavelengths();
-        let mut runs: Vec<Totals> = Vec::new();
-        let (mut traced, mut own_seconds) = (Vec::new(), 0.0);
-        for (done, &wavelength) in wavelengths.iter().enumerate() {
-            let other = (done > 0).then(|| self.at(wavelength));
-            let other = other.transpose().map_err(|e| Failure::Because {
-                code: "no-trace",
-                detail: format!("at {wavelength} nm: {e}"),
-            })?;
-            let prepared = other.as_ref().unwrap_or(&self.prepared);
-            let left = wavelengths.len() - done;
-            let totals = self.one_run(prepared, started, left, &|photons| {
-                let each = prepared.photons;
-                let all = each.saturating_mul(wavelengths.len() as u64);
-                let so_far = each.saturating_mul(done as u64);
-                told.tell("tracing photons", so_far.saturating_add(photons), all);
-                !cancel.load(Ordering::Relaxed)
-            });
-            if cancel.load(Ordering::Relaxed) {
-                return Err(Failure::Cancelled);
-            }
-            if done == 0 {
-                own_seconds = started.elapsed().as_secs_f64();
-            }
-            if totals.photons() > 0 {
-                traced.push(wavelength);
-                runs.push(totals);
-            } else if done == 0 {
-                return Err(Failure::Because {
-                    code: "no-trace",
-                    detail:
-                        "nothing was finished in time: allow more seconds or ask for fewer photons"
-                            .to_owned(),
-                });
-            }
-        }
-        let own = &runs[0];
-        let mut report = Report::of(&self.prepared, own);
-        if let Some(count) = self.request.surfaces {
-            report.spread_over(self.surfaces(own, count, started, told, cancel)?);
-        }
-        told.tell("writing the bins", 0, 1);
-        let seconds = started.elapsed().as_secs_f64();
-        report.seconds = Some(seconds);
-        report.run_seconds = Some(own_seconds);
-        let difference = self.request.compare.then(|| {
-            let compared = if runs.len() > 1 {
-                &runs[1..]
-            } else {
-                &runs[..]
-            };
-            Difference::of(compared, &Mask::default())
-        });
-        let difference = difference.flatten();
-        let files = self.write(folder, own, difference.as_ref())?;
-        let mut warnings = self.warnings(&report, started);
-        if traced.len() < wavelengths.len() {
-            let missing = wavelengths.iter().filter(|w| !traced.contains(w));
-            let missing: Vec<String> = missing.map(|w| format!("{w}")).collect();
-            warnings.push(format!(
-                "nothing was finished in time at {} nm: the comparison leaves this wavelength out",
-                missing.join(", ")
-            ));
-        }
-        let result = TraceResult {
-            light: Light {
-                theta_i_deg: self.scene.light.theta_i_deg,
-                phi_i_deg: self.scene.light.phi_i_deg,
-                wavelength_nm: self.scene.light.wavelength_nm,
-                stokes: self.lamp(),
-            },
-            bins: bins_of(own),
-            comparison: difference.map(|d| Comparison {
-                wavelengths_nm: match &traced[..] {
-                    [_, others @ ..] if !others.is_empty() => others.to_vec(),
-                    one => one.to_vec(),
-                },
-                mask: Mask::default(),
-                adm: d.adm(),
-                mdm: d.mdm(),
-                worst: d.worst().copied(),
-                directions: d.directions.len(),
-                too_dark: d.too_dark,
-                not_settled: d.not_settled,
-            }),
-            files,
-            warnings,
-            report,
-        };
-        serde_json::to_string(&result).map_err(Failure::internal)
-    }
-
-    /// One wavelength, within its share of the time: `left` runs are to come, this one included.
+    /// Traces one wavelength within its share of the time; `left` counts the remaining runs, including this one.
     fn one_run(
         &self,
         prepared: &Prepared,
@@ -455,9 +330,9 @@ impl TraceToDo {
             && !self.is_reached(report.relative_error)
         {
             let got = match report.relative_error {
-                None => "no light was reflected, or no more than its own noise".to_owned(),
+                None => "no light was reflected beyond its own noise".to_owned(),
                 Some(e) => format!(
-                    "{} photons gave {}; about {} would be needed",
+                    "{} photons gave {}; about {} photons are needed",
                     report.photons,
                     significant(e),
                     significant(report.photons as f64 * (e / target).powi(2))
@@ -499,7 +374,7 @@ impl TraceToDo {
                 .collect(),
             lobe: lobe(totals, phi_i_deg),
         };
-        let plane = serde_json::to_vec(&plane).map_err(Failure::internal)?;
+        let plane = serde_json::to_vec(&plane).map_err(Failure::not_json)?;
         let table = bins::csv(totals, &self.lamp(), "", |_, _| String::new());
         let mut files = vec![
             ("bins.csv", table.into_bytes()),
@@ -522,12 +397,126 @@ impl TraceToDo {
             .collect();
         for (name, content) in &files {
             let path = folder.join(name);
-            std::fs::write(&path, content).map_err(|e| Failure::Because {
-                code: "trace-not-written",
-                detail: StoreError::file("a trace", &path, e).to_string(),
+            std::fs::write(&path, content).map_err(|e| {
+                Failure::because("trace-not-written", StoreError::file("a trace", &path, e))
             })?;
         }
         Ok(files.iter().map(|(name, _)| (*name).to_owned()).collect())
+    }
+}
+
+impl Work for TraceWork {
+    fn forecast(&self, cancel: &AtomicBool) -> Option<Forecast> {
+        let request = &self.request;
+        let patience = Patience::usual(request.max_seconds, cancel);
+        let asked = Asked {
+            follow: self.follow(),
+            target_error: request.target_error,
+        };
+        let wavelengths = self.wavelengths();
+        let made = |n: usize| match n {
+            0 => Some(self.prepared.clone()),
+            _ => self.at(wavelengths[n]).ok(),
+        };
+        let forecast = of_runs(wavelengths.len(), &made, asked, patience)?;
+        let forecast = forecast.times(request.surfaces.unwrap_or(1));
+        Some(forecast.drawn_within(request.max_seconds))
+    }
+
+    fn run(
+        &self,
+        folder: &Path,
+        progress: &ProgressMeter,
+        cancel: &AtomicBool,
+    ) -> Result<Finished, Failure> {
+        let started = Instant::now();
+        let wavelengths = self.wavelengths();
+        let mut runs: Vec<Totals> = Vec::new();
+        let (mut traced, mut own_seconds) = (Vec::new(), 0.0);
+        for (done, &wavelength) in wavelengths.iter().enumerate() {
+            let other = (done > 0).then(|| self.at(wavelength));
+            let other = other.transpose().map_err(|e| {
+                Failure::because("no-trace", format_args!("at {wavelength} nm: {e}"))
+            })?;
+            let prepared = other.as_ref().unwrap_or(&self.prepared);
+            let left = wavelengths.len() - done;
+            let totals = self.one_run(prepared, started, left, &|photons| {
+                let each = prepared.photons;
+                let all = each.saturating_mul(wavelengths.len() as u64);
+                let so_far = each.saturating_mul(done as u64);
+                progress.report("tracing photons", so_far.saturating_add(photons), all);
+                !cancel.load(Ordering::Relaxed)
+            });
+            if cancel.load(Ordering::Relaxed) {
+                return Err(Failure::Cancelled);
+            }
+            if done == 0 {
+                own_seconds = started.elapsed().as_secs_f64();
+            }
+            if totals.photons() > 0 {
+                traced.push(wavelength);
+                runs.push(totals);
+            } else if done == 0 {
+                return Err(Failure::because(
+                    "no-trace",
+                    "nothing was finished within the time limit: raise max_seconds or lower photons",
+                ));
+            }
+        }
+        let own = &runs[0];
+        let mut report = Report::of(&self.prepared, own);
+        if let Some(count) = self.request.surfaces {
+            report.spread_over(self.surfaces(own, count, started, progress, cancel)?);
+        }
+        progress.report("writing the bins", 0, 1);
+        let seconds = started.elapsed().as_secs_f64();
+        report.seconds = Some(seconds);
+        report.run_seconds = Some(own_seconds);
+        let difference = self.request.compare.then(|| {
+            let compared = if runs.len() > 1 {
+                &runs[1..]
+            } else {
+                &runs[..]
+            };
+            Difference::of(compared, &Mask::default())
+        });
+        let difference = difference.flatten();
+        let files = self.write(folder, own, difference.as_ref())?;
+        let mut warnings = self.warnings(&report, started);
+        if traced.len() < wavelengths.len() {
+            let missing = wavelengths.iter().filter(|w| !traced.contains(w));
+            let missing: Vec<String> = missing.map(|w| format!("{w}")).collect();
+            warnings.push(format!(
+                "nothing was finished within the time limit at {} nm: the comparison omits this wavelength",
+                missing.join(", ")
+            ));
+        }
+        let result = TraceResult {
+            light: Light {
+                theta_i_deg: self.scene.light.theta_i_deg,
+                phi_i_deg: self.scene.light.phi_i_deg,
+                wavelength_nm: self.scene.light.wavelength_nm,
+                stokes: self.lamp(),
+            },
+            bins: bins_of(own),
+            comparison: difference.map(|d| Comparison {
+                wavelengths_nm: match &traced[..] {
+                    [_, others @ ..] if !others.is_empty() => others.to_vec(),
+                    one => one.to_vec(),
+                },
+                mask: Mask::default(),
+                adm: d.adm(),
+                mdm: d.mdm(),
+                worst: d.worst().copied(),
+                directions: d.directions.len(),
+                too_dark: d.too_dark,
+                not_settled: d.not_settled,
+            }),
+            files,
+            warnings,
+            report,
+        };
+        Finished::new(&result)
     }
 }
 
@@ -552,7 +541,7 @@ fn bins_of(totals: &Totals) -> Bins {
     }
 }
 
-/// Per bin of the upper side: d, its standard error, ADM and MDM; NaN for directions that do not count.
+/// Returns d, its standard error, ADM and MDM for each bin of the upper side; NaN for directions outside the mask.
 fn block_of(difference: &Difference) -> Vec<u8> {
     let mut values = vec![[f64::NAN; 4]; difference.grid.per_side()];
     for d in &difference.directions {

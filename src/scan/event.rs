@@ -9,6 +9,7 @@ use time::OffsetDateTime;
 use super::state::ScanState;
 use crate::forecast::Forecast;
 use crate::frame::FrameKind;
+use crate::job::{JobId, JobKind, JobState};
 
 /// What a person has to do at the rig before the scan can go on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -198,112 +199,6 @@ pub struct Certainty {
     pub parameters: std::collections::BTreeMap<String, UncertainValue>,
 }
 
-/// What is worked out beside fits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum CalculationKind {
-    /// Parameters per pixel.
-    Map,
-    /// The paper's contrast table.
-    Contrast,
-    /// A judgement against a specification.
-    Verdict,
-    /// Light through a scene by Monte Carlo.
-    Trace,
-}
-
-impl CalculationKind {
-    /// The word used in requests and the database.
-    #[must_use]
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            CalculationKind::Map => "map",
-            CalculationKind::Contrast => "contrast",
-            CalculationKind::Verdict => "verdict",
-            CalculationKind::Trace => "trace",
-        }
-    }
-
-    /// The kind of a word, if it is one.
-    #[must_use]
-    pub fn from_word(word: &str) -> Option<Self> {
-        [
-            CalculationKind::Map,
-            CalculationKind::Contrast,
-            CalculationKind::Verdict,
-            CalculationKind::Trace,
-        ]
-        .into_iter()
-        .find(|kind| kind.as_str() == word)
-    }
-}
-
-impl std::fmt::Display for CalculationKind {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.as_str())
-    }
-}
-
-/// Where a fit, map, contrast, verdict or trace stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum TaskState {
-    /// Under way.
-    Running,
-    /// There is a result, whatever it says.
-    Completed,
-    /// There is none.
-    Failed,
-    /// A person ended it.
-    Cancelled,
-    /// The daemon ended while it ran.
-    Interrupted,
-}
-
-impl TaskState {
-    /// All states.
-    pub const ALL: [TaskState; 5] = [
-        TaskState::Running,
-        TaskState::Completed,
-        TaskState::Failed,
-        TaskState::Cancelled,
-        TaskState::Interrupted,
-    ];
-
-    /// The word used in requests and the database.
-    #[must_use]
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            TaskState::Running => "running",
-            TaskState::Completed => "completed",
-            TaskState::Failed => "failed",
-            TaskState::Cancelled => "cancelled",
-            TaskState::Interrupted => "interrupted",
-        }
-    }
-
-    /// The state of a word, if it is one.
-    #[must_use]
-    pub fn from_word(word: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|state| state.as_str() == word)
-    }
-}
-
-impl TryFrom<String> for TaskState {
-    type Error = String;
-
-    fn try_from(word: String) -> Result<Self, String> {
-        TaskState::from_word(&word)
-            .ok_or_else(|| format!("`{word}` is no state of a fit or another calculation"))
-    }
-}
-
-impl std::fmt::Display for TaskState {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.as_str())
-    }
-}
-
 /// Something that happened.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "lowercase")]
@@ -365,12 +260,12 @@ pub enum Event {
     Fit {
         /// Which.
         fit_id: i64,
-        /// Scan it is of.
-        scan_id: i64,
-        /// Where it stands now.
-        state: TaskState,
-        /// Variant asked for or found.
-        variant: String,
+        /// Scan that it reads.
+        scan_id: Option<i64>,
+        /// State now.
+        state: JobState,
+        /// Chosen variant, or the requested one while there is none.
+        variant: Option<String>,
         /// How the fit ended.
         status: Option<String>,
         /// The ridge angle in degrees, where the data can tell it.
@@ -387,13 +282,13 @@ pub enum Event {
     /// A map, contrast, verdict or trace began or ended.
     Calculation {
         /// Of what.
-        kind: CalculationKind,
+        kind: JobKind,
         /// Which.
         calculation_id: i64,
         /// Scan it is of.
         scan_id: Option<i64>,
         /// Where it stands now.
-        state: TaskState,
+        state: JobState,
     },
     /// It is known how long something that runs will take.
     Forecast {
@@ -433,6 +328,21 @@ impl Event {
         }
     }
 
+    /// The job whose state changed, and its state now.
+    #[must_use]
+    pub const fn job(&self) -> Option<(JobId, JobState)> {
+        match self {
+            Event::Fit { fit_id, state, .. } => Some((JobId::new(JobKind::Fit, *fit_id), *state)),
+            Event::Calculation {
+                kind,
+                calculation_id,
+                state,
+                ..
+            } => Some((JobId::new(*kind, *calculation_id), *state)),
+            _ => None,
+        }
+    }
+
     /// Scan it belongs to.
     #[must_use]
     pub const fn scan_id(&self) -> Option<i64> {
@@ -440,9 +350,9 @@ impl Event {
             Event::Rig { .. } => None,
             Event::Scan { scan_id, .. }
             | Event::Frame { scan_id, .. }
-            | Event::Fit { scan_id, .. }
             | Event::Uncertainty { scan_id, .. } => Some(*scan_id),
-            Event::Calculation { scan_id, .. }
+            Event::Fit { scan_id, .. }
+            | Event::Calculation { scan_id, .. }
             | Event::Forecast { scan_id, .. }
             | Event::Alarm { scan_id, .. } => *scan_id,
         }

@@ -5,14 +5,14 @@ use sqlx::FromRow;
 use super::{Page, PageRequest, Store, StoreError};
 use crate::frame::FrameKind;
 
-/// A calibration to be added once its frames are committed.
+/// A calibration to add once its frames are committed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewCalibration {
     /// Dark or flat.
     pub kind: FrameKind,
     /// Scan that took the frames.
     pub scan_id: i64,
-    /// Rig and camera settings they hold for.
+    /// Rig and camera settings they are valid for.
     pub rig_id: i64,
     /// Exposures.
     pub exposures_s: Vec<f64>,
@@ -22,16 +22,16 @@ pub struct NewCalibration {
     pub n_frames: u32,
 }
 
-/// A calibration as it is kept.
+/// A stored calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibration {
-    /// Its number.
+    /// Number.
     pub id: i64,
     /// What its frames show, dark or flat.
     pub kind: FrameKind,
     /// Scan that took the frames.
     pub scan_id: i64,
-    /// Rig and camera settings they hold for.
+    /// Rig and camera settings they are valid for.
     pub rig_id: i64,
     /// Exposures, ascending.
     pub exposures_s: Vec<f64>,
@@ -76,7 +76,7 @@ impl TryFrom<Row> for Calibration {
     }
 }
 
-/// Which calibrations are wanted.
+/// Selects calibrations.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CalibrationFilter {
     /// Taken or used by this scan.
@@ -88,11 +88,11 @@ pub struct CalibrationFilter {
 }
 
 impl Store {
-    /// Adds a calibration and makes its scan a user of it; a scan has one of each kind, and adding it again changes
-    /// nothing. It is as old as its oldest frame: a scan that was resumed may tell of it days later.
+    /// Adds a calibration and links it to its scan. A scan has one of each kind; adding it again has no effect. The
+    /// calibration is dated by its oldest frame, because a resumed scan may add it days later.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn add_calibration(&self, new: &NewCalibration) -> Result<i64, StoreError> {
         let list = |values: &[f64]| {
             let mut values = values.to_vec();
@@ -139,10 +139,10 @@ impl Store {
         Ok(id)
     }
 
-    /// Calibrations, newest first.
+    /// Returns calibrations, newest first.
     ///
     /// # Errors
-    /// What the database says; a row that cannot be read is told of beside the others.
+    /// A database error; a row that cannot be read is listed beside the others.
     pub async fn calibrations(
         &self,
         filter: &CalibrationFilter,
@@ -164,10 +164,10 @@ impl Store {
         Ok(Page::read(rows, page.limit, |row: &Row| row.id))
     }
 
-    /// One calibration.
+    /// Returns one calibration.
     ///
     /// # Errors
-    /// [`StoreError::NotFound`], or what the database says.
+    /// [`StoreError::NotFound`], or a database error.
     pub async fn calibration(&self, id: i64) -> Result<Calibration, StoreError> {
         sqlx::query_as::<_, Row>("SELECT * FROM calibrations WHERE id = ?")
             .bind(id)
@@ -180,11 +180,11 @@ impl Store {
             .try_into()
     }
 
-    /// Calibrations of a kind for a rig that were made from `since` to `until` (RFC 3339 UTC) and have all these
-    /// exposures and tilts, newest first.
+    /// Returns the calibrations of a kind for a rig that were made between `since` and `until` (RFC 3339 UTC) and have
+    /// all these exposures and tilts, newest first.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn usable_calibrations(
         &self,
         kind: FrameKind,
@@ -219,10 +219,10 @@ impl Store {
         Ok(usable)
     }
 
-    /// Numbers of the calibrations that a scan uses, its own included.
+    /// Returns the numbers of the calibrations that a scan uses, including its own.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn calibrations_of_scan(&self, scan_id: i64) -> Result<Vec<i64>, StoreError> {
         Ok(sqlx::query_scalar(
             "SELECT calibration_id FROM scan_calibrations WHERE scan_id = ? ORDER BY calibration_id",
@@ -309,7 +309,7 @@ mod tests {
             let until = "2100-01-02T00:00:00.000Z";
             finds_until(rig_id, exposures, tilts, since, until).await
         };
-        // One that is not made yet was dated by a clock that was wrong.
+        // A date in the future comes from a wrong clock.
         assert!(!finds_until(rig_id, &[0.02], &[0.0], past, past).await);
         assert!(finds(rig_id, &[0.02], &[0.0, 10.0], past).await);
         assert!(!finds(rig_id + 1, &[0.02], &[0.0], past).await);

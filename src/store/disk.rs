@@ -1,4 +1,4 @@
-//! The one seam between the store and a disk, so that tests can fill it or break it.
+//! The only interface between the store and a disk, so that tests can fill the disk or make it fail.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
@@ -6,19 +6,19 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// What the store asks of a disk for its frame files.
+/// The disk operations that the store needs for its frame files.
 pub trait Disk: Send + Sync + 'static {
-    /// Writes `bytes` to `path` so that after success the whole file survives a power cut, and
-    /// after a failure or a kill `path` does not exist. Folders are made as needed.
+    /// Writes `bytes` to `path`. After success the whole file survives a power cut; after a failure or a kill `path`
+    /// does not exist. Creates missing folders.
     ///
     /// # Errors
-    /// What the operating system says; a full disk is [`io::ErrorKind::StorageFull`].
+    /// An I/O error; a full disk is [`io::ErrorKind::StorageFull`].
     fn write_durably(&self, path: &Path, bytes: &[u8]) -> io::Result<()>;
 
-    /// Bytes that this process may still write below `folder`.
+    /// Returns the bytes that this process may still write below `folder`.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// An I/O error.
     fn free_bytes(&self, folder: &Path) -> io::Result<u64>;
 }
 
@@ -26,18 +26,18 @@ pub trait Disk: Send + Sync + 'static {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct RealDisk;
 
-/// Name ending of a file that is being written; one that is left over is a half frame.
+/// Extension of a file that is being written; a leftover file is half a frame.
 pub const PART_SUFFIX: &str = "part";
 
-/// A name that no other write of this process has: two frames of the same content (a stuck camera)
-/// may be on their way to one `path` at the same time.
+/// Returns a temporary name that no other write of this process uses: two frames of the same content (a stuck camera)
+/// may be written to the same `path` at the same time.
 fn part_of(path: &Path) -> PathBuf {
     static WRITES: AtomicU64 = AtomicU64::new(0);
     let number = WRITES.fetch_add(1, Ordering::Relaxed);
     path.with_extension(format!("{number}.{PART_SUFFIX}"))
 }
 
-/// Makes `folder` durable if it is not there. Nobody gets past while another still makes it.
+/// Creates `folder` durably if it is missing. Concurrent callers wait until it exists.
 fn make_folder(folder: &Path) -> io::Result<()> {
     static MAKING: Mutex<()> = Mutex::new(());
     let _alone = MAKING.lock().unwrap_or_else(PoisonError::into_inner);
@@ -70,7 +70,7 @@ impl Disk for RealDisk {
             File::open(folder)?.sync_all()
         })();
         if written.is_err() {
-            // Best effort: what cannot be removed now is quarantined at the next start.
+            // Best effort: the next start moves a leftover file to quarantine.
             fs::remove_file(&part).ok();
         }
         written

@@ -1,4 +1,4 @@
-//! What can go wrong in the store, as situations that a caller can tell apart.
+//! Errors of the store, one variant per situation that a caller can distinguish.
 
 use std::io;
 use std::path::PathBuf;
@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use crate::frame::FrameError;
 use crate::scan::ScanState;
 
-/// Why the store could not do what was asked.
+/// Why an operation of the store failed.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// Another process has the folder.
@@ -22,17 +22,17 @@ pub enum StoreError {
     },
     /// There is no store in the folder.
     #[error(
-        "there is no store in {}; `ridged serve`, `scan` or `import` makes one, --data names another folder",
+        "there is no store in {}; `ridged serve`, `scan` or `import` creates one, --data names another folder",
         folder.display()
     )]
     Missing {
         /// The folder.
         folder: PathBuf,
     },
-    /// SQLite takes names in UTF-8 alone.
+    /// SQLite accepts only UTF-8 paths.
     #[error(
-        "the path of the data folder, {}, is not valid UTF-8, and the database takes no other; rename it, or give \
-         another folder with --data",
+        "the path of the data folder, {}, is not valid UTF-8, which the database needs; rename it, or give another \
+         folder with --data",
         folder.display()
     )]
     FolderName {
@@ -44,20 +44,20 @@ pub enum StoreError {
     File {
         /// What it is.
         what: &'static str,
-        /// Where it is.
+        /// Its path.
         path: PathBuf,
-        /// What the operating system says.
+        /// The I/O error.
         why: io::Error,
     },
-    /// No space is left.
+    /// The disk is full.
     #[error(
-        "the disk is full: {detail}; free some space, then go on; nothing that was committed is lost"
+        "the disk is full: {detail}; free some space, then try again; nothing that was committed is lost"
     )]
     DiskFull {
-        /// What was to be written.
+        /// What could not be written.
         detail: String,
     },
-    /// The database does not pass its own check.
+    /// The database fails its integrity check.
     #[error(
         "the database is damaged ({detail}); nothing was changed: keep the folder as it is and restore a copy of it"
     )]
@@ -65,10 +65,10 @@ pub enum StoreError {
         /// What the check found.
         detail: String,
     },
-    /// There are frames and no rows that name them.
+    /// There are frames but no database.
     #[error(
         "the database {} is missing or empty, but {} beside it holds frames; nothing was changed: restore the \
-         database from a copy of the data folder, or move the folder of frames away to begin anew",
+         database from a copy of the data folder, or move the folder of frames away to start an empty store",
         database.display(), frames.display()
     )]
     RowsMissing {
@@ -77,7 +77,7 @@ pub enum StoreError {
         /// The folder of frames.
         frames: PathBuf,
     },
-    /// The disk is too full for the database's log.
+    /// The disk has no room for the database's log.
     #[error(
         "the disk is full: {} has {free_kb} kB free, and the database needs {needed_kb} kB for its log; free some \
          space, then start again; {what}; until then `ridged export --scan` and `ridged fit --scan` read the folder",
@@ -86,14 +86,14 @@ pub enum StoreError {
     NoRoomToOpen {
         /// The data folder.
         folder: PathBuf,
-        /// What is there.
+        /// Free space.
         free_kb: u64,
-        /// What is needed.
+        /// Needed space.
         needed_kb: u64,
         /// What may be deleted.
         what: String,
     },
-    /// The folder cannot be written, and the database is not whole without it.
+    /// The folder cannot be written, and the database is incomplete without its log.
     #[error(
         "the data folder {} cannot be written, and its database was not closed properly (ridged.sqlite-wal holds \
          rows): open it once where it can be written, with any `ridged serve --data`, or read a copy of it",
@@ -106,25 +106,25 @@ pub enum StoreError {
     /// The database was made by a newer program, or a migration failed.
     #[error("the database does not fit this program; use the ridged that made it or a newer one")]
     Migration(#[from] sqlx::migrate::MigrateError),
-    /// There is no such row.
+    /// The row does not exist.
     #[error("there is no {noun} {id}")]
     NotFound {
-        /// What was looked for.
+        /// Kind of the row.
         noun: &'static str,
-        /// Its number.
+        /// Number.
         id: i64,
     },
-    /// The state table does not permit it.
+    /// The state table forbids the change.
     #[error("scan {scan_id} is {current}; it cannot become {asked}")]
     StateConflict {
-        /// Which scan.
+        /// The scan.
         scan_id: i64,
-        /// Where it stands.
+        /// Its state.
         current: ScanState,
-        /// What was asked.
+        /// The requested state.
         asked: ScanState,
     },
-    /// A frame's file is not what was kept.
+    /// A frame's file is missing or has changed.
     #[error("the file of frame {sha256} {problem}; restore it from a copy of the data folder")]
     FrameDamaged {
         /// Content hash and name of the file.
@@ -135,10 +135,10 @@ pub enum StoreError {
     /// The frame could not be encoded or decoded.
     #[error(transparent)]
     Frame(#[from] FrameError),
-    /// The same Idempotency-Key came with a different request.
-    #[error("the Idempotency-Key was used for a different request; take a new key")]
+    /// An Idempotency-Key was sent with a different request.
+    #[error("the Idempotency-Key was used for a different request; use a new key")]
     KeyReused,
-    /// A row does not hold what this program wrote into it.
+    /// A row that this program cannot read.
     #[error("a row of {table} cannot be read: {detail}; was the database changed by hand?")]
     BadRow {
         /// Which table.
@@ -146,10 +146,10 @@ pub enum StoreError {
         /// What is wrong.
         detail: String,
     },
-    /// The database told of commits that it did not keep.
+    /// The database reported commits that it did not keep.
     #[error(
-        "events {} to {written} were written and not kept, and what was told with them may be lost; what is \
-         written from now on is kept again: see what is missing",
+        "events {} to {written} were written but not kept, and what they reported may be lost; later writes are kept: \
+         check what is missing",
         kept + 1
     )]
     NotKept {
@@ -158,7 +158,7 @@ pub enum StoreError {
         /// Number of the last event that the writer saw.
         written: i64,
     },
-    /// Anything else the database says.
+    /// Any other database error.
     #[error("the database refused: {0}")]
     Database(sqlx::Error),
 }
@@ -169,7 +169,7 @@ impl From<sqlx::Error> for StoreError {
         const CORRUPT: i32 = 11;
         const FULL: i32 = 13;
         const NOT_A_DATABASE: i32 = 26;
-        /// The index of the log, made anew when the database is opened, found no room.
+        /// SQLite could not create the index of its log when it opened the database.
         const NO_ROOM_FOR_INDEX: i32 = 10 | (19 << 8);
         let code = error
             .as_database_error()
@@ -177,7 +177,7 @@ impl From<sqlx::Error> for StoreError {
             .and_then(|code| code.parse::<i32>().ok());
         if code == Some(NO_ROOM_FOR_INDEX) {
             return StoreError::DiskFull {
-                detail: "the index of the database's log could not be made".into(),
+                detail: "the index of the database's log could not be created".into(),
             };
         }
         match code.map(|code| code & 0xff) {
@@ -193,7 +193,7 @@ impl From<sqlx::Error> for StoreError {
 }
 
 impl StoreError {
-    /// An I/O error on a file of the store; a full disk keeps its own name.
+    /// Converts an I/O error on a file of the store; a full disk becomes [`StoreError::DiskFull`].
     pub(crate) fn file(what: &'static str, path: impl Into<PathBuf>, source: io::Error) -> Self {
         let path = path.into();
         match source.kind() {

@@ -1,4 +1,4 @@
-//! Events: numbered when they are committed, told afterwards.
+//! Events: numbered when they are committed, sent to listeners afterwards.
 
 use sqlx::{FromRow, Sqlite, Transaction};
 
@@ -25,10 +25,10 @@ impl TryFrom<Row> for RecordedEvent {
 }
 
 impl Store {
-    /// Commits one event by itself.
+    /// Commits one event in a transaction of its own.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn record(&self, event: Event) -> Result<RecordedEvent, StoreError> {
         let mut transaction = self.writing().await?;
         let recorded = self.record_in(&mut transaction, event).await?;
@@ -36,7 +36,7 @@ impl Store {
         Ok(recorded)
     }
 
-    /// Adds an event to a transaction: it is durable together with what it tells.
+    /// Adds an event to the transaction of the change that it reports.
     pub(super) async fn record_in(
         &self,
         transaction: &mut Transaction<'_, Sqlite>,
@@ -63,10 +63,10 @@ impl Store {
         Ok(RecordedEvent { id, at, event })
     }
 
-    /// Events with numbers above `after`, oldest first, at most `limit`.
+    /// Returns events with numbers above `after`, oldest first, at most `limit`.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn events_after(
         &self,
         after: i64,
@@ -82,10 +82,10 @@ impl Store {
             .collect()
     }
 
-    /// How far a scan was when something was last told of it; all zero before that.
+    /// Returns the progress in a scan's newest event; all zero before the first.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn last_progress(&self, scan_id: i64) -> Result<Progress, StoreError> {
         let body: Option<String> = sqlx::query_scalar(
             "SELECT body FROM events WHERE scan_id = ? AND kind IN ('scan', 'frame') ORDER BY id DESC LIMIT 1",
@@ -107,11 +107,11 @@ impl Store {
         }
     }
 
-    /// What the fit that ran along with a scan said of its uncertainty, oldest first, at most `limit`
-    /// after event number `after`.
+    /// Returns the uncertainties that a scan's live fit reported, oldest first, at most `limit` after event number
+    /// `after`.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn uncertainties(
         &self,
         scan_id: i64,
@@ -131,10 +131,10 @@ impl Store {
         .collect()
     }
 
-    /// Number of the newest event; 0 if there is none.
+    /// Returns the number of the newest event; 0 if there is none.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn last_event_id(&self) -> Result<i64, StoreError> {
         Ok(
             sqlx::query_scalar("SELECT COALESCE(MAX(id), 0) FROM events")
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_listener_that_comes_back_gets_what_it_missed_once() {
+    async fn a_listener_that_reconnects_gets_what_it_missed_once() {
         let folder = tempfile::tempdir().unwrap();
         let (store, _) = open(folder.path()).await.unwrap();
         let first = store.record(alarm("a")).await.unwrap();

@@ -1,4 +1,4 @@
-//! Frames: the file first, durable and named by its content; then the row.
+//! Frames: first the file, durable and named by its content; then the row.
 
 mod files;
 
@@ -14,24 +14,24 @@ use crate::scan::{Event, Progress, RecordedEvent, ScanState};
 pub(super) use files::relative_path;
 pub use files::{KeptFile, sha256_hex};
 
-/// A visit to a point of the plan, to be committed with its frames.
+/// A visit to a point of the plan, to commit with its frames.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewShot {
     /// Scan it belongs to.
     pub scan_id: i64,
-    /// Place in the plan.
+    /// Index in the plan.
     pub plan_index: u32,
-    /// 0, then one more for each retake.
+    /// 0 for the first visit, 1 more for each retake.
     pub attempt: u32,
-    /// What the frames show.
+    /// Kind of the frames.
     pub kind: FrameKind,
-    /// Pose of the plan; `None` where it does not matter.
+    /// Pose of the plan; `None` where any pose will do.
     pub asked: Option<Pose>,
     /// Position read back.
     pub pose: Pose,
-    /// Why it does not count; `None` if it does.
+    /// Reason for its rejection; `None` if it was accepted.
     pub rejected: Option<String>,
-    /// When the first exposure began.
+    /// Start of the first exposure.
     pub taken_at: OffsetDateTime,
 }
 
@@ -57,7 +57,7 @@ pub struct ImportedFrame {
     pub file: KeptFile,
     /// File name in the series.
     pub name: String,
-    /// What it shows.
+    /// Kind.
     pub kind: FrameKind,
     /// Tilt as recorded.
     pub theta_c_deg: f64,
@@ -69,20 +69,20 @@ pub struct ImportedFrame {
     pub repeat: u32,
     /// As recorded.
     pub timestamp: String,
-    /// Content hash of the file as it came, where that is not the kept PNG.
+    /// Content hash of the imported file, where it is not the stored PNG.
     pub original_sha256: Option<String>,
 }
 
-/// A frame as it is kept.
+/// A stored frame.
 #[derive(Debug, Clone, PartialEq, FromRow)]
 pub struct FrameRecord {
-    /// Its number.
+    /// Number.
     pub id: i64,
     /// Scan it belongs to.
     pub scan_id: i64,
     /// File name in a series.
     pub name: String,
-    /// What it shows.
+    /// Kind.
     #[sqlx(try_from = "String")]
     pub kind: FrameKind,
     /// Tilt read back.
@@ -109,11 +109,11 @@ pub struct FrameRecord {
     pub max_dn: u16,
     /// Pixels at or above the saturation level.
     pub saturated_px: u32,
-    /// Whether it counts.
+    /// Whether it was accepted.
     pub accepted: bool,
-    /// Why it does not.
+    /// Reason for its rejection.
     pub reason: Option<String>,
-    /// Content hash of the file as it came, where that was another than the kept PNG.
+    /// Content hash of the imported file, where it is not the stored PNG.
     pub original_sha256: Option<String>,
 }
 
@@ -123,10 +123,10 @@ const COLUMNS: &str =
     original_sha256";
 
 impl Store {
-    /// Commits a visit to a point: shot, frames and the events that tell of them, all or nothing.
+    /// Commits a visit to a point in one transaction: shot, frames and their events.
     ///
     /// # Errors
-    /// [`StoreError::DiskFull`], or what the database says.
+    /// [`StoreError::DiskFull`], or a database error.
     pub async fn commit_shot(
         &self,
         shot: &NewShot,
@@ -201,10 +201,10 @@ impl Store {
         Ok(events)
     }
 
-    /// Commits a recorded series as a completed scan; its files must be durable already.
+    /// Commits a recorded series as a completed scan. Its files must already be durable.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn import_scan(
         &self,
         new: &NewScan,
@@ -236,10 +236,10 @@ impl Store {
         Ok((scan_id, event))
     }
 
-    /// One frame.
+    /// Returns one frame.
     ///
     /// # Errors
-    /// [`StoreError::NotFound`], or what the database says.
+    /// [`StoreError::NotFound`], or a database error.
     pub async fn frame(&self, id: i64) -> Result<FrameRecord, StoreError> {
         sqlx::query_as(sqlx::AssertSqlSafe(format!(
             "SELECT {COLUMNS} FROM frames WHERE id = ?"
@@ -250,10 +250,10 @@ impl Store {
         .ok_or(StoreError::NotFound { noun: "frame", id })
     }
 
-    /// Frames of a scan in the order taken, optionally of one kind.
+    /// Returns the frames of a scan in the order taken, optionally of one kind.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn frames_of_scan(
         &self,
         scan_id: i64,
@@ -273,11 +273,11 @@ impl Store {
         Ok(Page::cut(rows, page.limit, |row: &FrameRecord| row.id))
     }
 
-    /// Every accepted frame that a reduction of the scan reads: its own, and those of the
-    /// calibrations it uses; own frames first, in the order taken.
+    /// Returns every accepted frame that a reduction of the scan reads: its own in the order taken, then those of the
+    /// calibrations that it uses.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn frames_for_reduction(&self, scan_id: i64) -> Result<Vec<FrameRecord>, StoreError> {
         Ok(sqlx::query_as(sqlx::AssertSqlSafe(format!(
             "SELECT {COLUMNS} FROM frames f WHERE accepted = 1 AND (scan_id = ?1 OR EXISTS (
@@ -290,10 +290,10 @@ impl Store {
         .await?)
     }
 
-    /// Imported scans that hold a frame, newest first.
+    /// Returns the imported scans that have a frame, newest first.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn imports_with(&self, sha256: &str) -> Result<Vec<i64>, StoreError> {
         Ok(sqlx::query_scalar(
             "SELECT DISTINCT f.scan_id FROM frames f JOIN scans s ON s.id = f.scan_id
@@ -304,10 +304,10 @@ impl Store {
         .await?)
     }
 
-    /// Places of the plan that have an accepted shot.
+    /// Returns the plan indices that have an accepted shot.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn shots_done(&self, scan_id: i64) -> Result<Vec<u32>, StoreError> {
         Ok(sqlx::query_scalar(
             "SELECT DISTINCT plan_index FROM shots WHERE scan_id = ? AND accepted = 1 ORDER BY plan_index",
@@ -317,11 +317,11 @@ impl Store {
         .await?)
     }
 
-    /// Places of the plan whose accepted shot shows the sample and is full: most pixels of its first frame of the
+    /// Returns the plan indices whose accepted shot of the sample is saturated: most pixels of its first frame of the
     /// shortest exposure.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn shots_full(&self, scan_id: i64) -> Result<Vec<u32>, StoreError> {
         Ok(sqlx::query_scalar(
             "SELECT DISTINCT s.plan_index FROM shots s JOIN frames f ON f.shot_id = s.id
@@ -335,10 +335,10 @@ impl Store {
         .await?)
     }
 
-    /// Frames of rejected visits.
+    /// Returns the number of frames of rejected visits.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn frames_rejected(&self, scan_id: i64) -> Result<u32, StoreError> {
         Ok(
             sqlx::query_scalar("SELECT COUNT(*) FROM frames WHERE scan_id = ? AND accepted = 0")
@@ -445,7 +445,7 @@ pub(crate) mod tests {
     }
 
     #[tokio::test]
-    async fn a_file_that_rotted_is_found_when_it_is_read() {
+    async fn a_corrupted_file_is_detected_when_it_is_read() {
         let folder = tempfile::tempdir().unwrap();
         let (store, _) = open(folder.path()).await.unwrap();
         let scan = planned(&store).await;
@@ -472,7 +472,7 @@ pub(crate) mod tests {
     }
 
     #[tokio::test]
-    async fn a_full_disk_has_its_own_name() {
+    async fn a_full_disk_has_its_own_error() {
         let folder = tempfile::tempdir().unwrap();
         let clock = Arc::new(crate::clock::SteppedClock::new());
         let (store, _) = Store::open(folder.path(), Arc::new(FullDisk), clock)

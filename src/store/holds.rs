@@ -1,12 +1,12 @@
-//! Who is about to name a frame file in a row, so that nobody deletes it meanwhile.
+//! Holds on frame files that a row is about to name, so that no other task deletes them.
 //!
-//! Two imports may bring the same content: one file. If one of them fails, it may delete the file
-//! only where the other neither has named it in a row nor is about to.
+//! Two imports may bring the same content, which is one file. An import that fails may delete the file only if the other
+//! has not named it in a row and is not about to.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Files that are held, by their content hash.
+/// Held files by content hash.
 #[derive(Debug, Default)]
 pub(super) struct Holds {
     held: Mutex<HashMap<String, Held>>,
@@ -15,7 +15,7 @@ pub(super) struct Holds {
 #[derive(Debug, Default)]
 struct Held {
     holders: usize,
-    /// Whether somebody took hold of it after [`Holds::watch`].
+    /// Whether another task took a hold after [`Holds::watch`].
     taken_since: bool,
 }
 
@@ -24,7 +24,7 @@ impl Holds {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Holds a file; to be taken before looking whether it is there.
+    /// Takes a hold on a file. Take it before checking whether the file exists.
     pub fn take(self: &Arc<Self>, sha256: &str) -> Hold {
         let mut all = self.held();
         let held = all.entry(sha256.to_owned()).or_default();
@@ -36,7 +36,7 @@ impl Holds {
         }
     }
 
-    /// Whether nobody but the `own` holds has the file; from now on it is noticed who takes it.
+    /// Returns whether only the `own` holds are left on the file, and starts to watch for new holds.
     pub fn watch(&self, sha256: &str, own: usize) -> bool {
         match self.held().get_mut(sha256) {
             Some(held) if held.holders == own => {
@@ -47,7 +47,7 @@ impl Holds {
         }
     }
 
-    /// Does `delete` if nobody took hold of the file since it was watched; nobody can meanwhile.
+    /// Calls `delete` if no task took a hold since [`Holds::watch`]; no task can take one meanwhile.
     pub fn if_untouched(&self, sha256: &str, delete: impl FnOnce()) {
         let all = self.held();
         if all.get(sha256).is_some_and(|held| !held.taken_since) {
@@ -56,7 +56,7 @@ impl Holds {
     }
 }
 
-/// Keeps a file from being deleted by others, as long as it is there.
+/// A hold on a file: while it exists, other tasks do not delete the file.
 #[derive(Debug)]
 pub(super) struct Hold {
     holds: Arc<Holds>,

@@ -1,10 +1,10 @@
-//! Answers kept by Idempotency-Key, so that a request sent twice acts once.
+//! Answers stored by Idempotency-Key, so that a request that is sent twice acts once.
 
 use sqlx::FromRow;
 
 use super::{Store, StoreError};
 
-/// An answer as it was given the first time.
+/// The first answer to a request.
 #[derive(Debug, Clone, PartialEq, Eq, FromRow)]
 pub struct KeptAnswer {
     /// HTTP status.
@@ -16,7 +16,7 @@ pub struct KeptAnswer {
 }
 
 impl Store {
-    /// The answer kept under `key` for this very request (`request` is a hash of it).
+    /// Returns the answer stored under `key` for this request (`request` is its hash).
     ///
     /// # Errors
     /// [`StoreError::KeyReused`] if the key belongs to another request.
@@ -42,10 +42,10 @@ impl Store {
         }
     }
 
-    /// Keeps an answer; the first one under a key stays.
+    /// Stores an answer; the first one under a key stays.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn keep_answer(
         &self,
         key: &str,

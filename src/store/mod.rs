@@ -1,11 +1,8 @@
-//! Keeps everything: SQLite beside content-addressed frame files, in one folder that is its own
-//! backup when copied.
+//! The store: SQLite beside content-addressed frame files, in one folder. A copy of the folder is a backup.
 //!
-//! [`Store::open`] takes the folder for one process, checks it, and puts right what a kill left
-//! behind. The order is always: frame file durable, then its row committed, then the event told;
-//! no row points to a file that could be missing. Rows are added, never changed or deleted (the
-//! database itself refuses it). The store knows no hardware, no HTTP, and does no arithmetic on
-//! what it keeps.
+//! [`Store::open`] locks the folder for one process, checks it and recovers from a kill. The order is always: make the
+//! frame file durable, commit its row, send the event. So no row names a missing file. Rows are only added; triggers of
+//! the database refuse changes and deletions. The store does not know hardware or HTTP and does not compute with its data.
 //!
 //! ```text
 //! ridged-data/
@@ -13,19 +10,18 @@
 //!   frames/ab/cd….png  frames, named by the SHA-256 of the file
 //!   maps/ID/           pictures and tables of a finished map
 //!   traces/ID/         direction bins of a finished trace
-//!   quarantine/        files that no row names, found at a start; taken back when a row does
+//!   quarantine/        files that no row names, found at a start; restored when a row names them
 //!   lock               held by the process that writes
 //! ```
 
-pub mod calculations;
 pub mod calibrations;
 pub mod disk;
 mod error;
 pub mod events;
-pub mod fits;
 pub mod frames;
 mod holds;
 pub mod idempotency;
+pub mod jobs;
 pub mod observations;
 mod page;
 mod recovery;
@@ -59,7 +55,7 @@ static MIGRATIONS: Migrator = sqlx::migrate!("./migrations");
 /// Name and version written into every scan, reduction and fit.
 pub const PROGRAM: &str = concat!("ridged ", env!("CARGO_PKG_VERSION"));
 
-/// A handle to the store; cheap to clone. The folder is free again when the last one is gone.
+/// A handle to the store; cheap to clone. The folder is unlocked when the last handle is dropped.
 #[derive(Clone)]
 pub struct Store {
     inner: Arc<Inner>,
@@ -67,7 +63,7 @@ pub struct Store {
 
 struct Inner {
     folder: PathBuf,
-    /// One connection: SQLite has one writer, and waiting for it here keeps the order of events.
+    /// One connection: SQLite has one writer, and waiting for it here preserves the order of events.
     writer: SqlitePool,
     readers: SqlitePool,
     disk: Arc<dyn Disk>,
@@ -84,13 +80,13 @@ impl std::fmt::Debug for Store {
 }
 
 impl Store {
-    /// Opens or makes the store in `folder` for writing, checks it, and puts right what a kill left
-    /// behind: half frames go to quarantine, scans, fits and calculations that were running become interrupted.
+    /// Opens or creates the store in `folder` for writing, checks it, and recovers from a kill: half-written frames go to
+    /// quarantine; running scans and jobs become interrupted.
     ///
     /// # Errors
     /// [`StoreError::FolderName`], [`StoreError::InUse`] if another process has it, [`StoreError::Damaged`] if the database
     /// fails its check, [`StoreError::RowsMissing`] if there are frames and no database,
-    /// [`StoreError::NoRoomToOpen`] on a full disk, else what the disk or the database says.
+    /// [`StoreError::NoRoomToOpen`] on a full disk, or an I/O or database error.
     pub async fn open(
         folder: &Path,
         disk: Arc<dyn Disk>,
@@ -107,7 +103,7 @@ impl Store {
             database: folder.join(DATABASE),
             frames: folder.join("frames"),
         };
-        // Before a new one is made in its place: SQLite makes one of an empty file too.
+        // Checked before SQLite creates one, which it also does in an empty file.
         if has_frames && !fs::metadata(folder.join(DATABASE)).is_ok_and(|file| file.len() > 0) {
             return Err(rows_missing());
         }
@@ -133,12 +129,11 @@ impl Store {
         Ok((store, recovery))
     }
 
-    /// Opens an existing store for reading only, also beside a running daemon, and where nothing can
-    /// be written: a copy on a read-only disk, a full disk.
+    /// Opens an existing store for reading, also beside a running daemon, on a read-only disk and on a full disk.
     ///
     /// # Errors
-    /// [`StoreError::Missing`] if there is none, [`StoreError::UnreadLog`] where nothing can be
-    /// written and rows wait in the log, else what the disk or the database says.
+    /// [`StoreError::Missing`] if there is no store, [`StoreError::UnreadLog`] if the folder cannot be written and the
+    /// log has rows, or an I/O or database error.
     pub async fn open_for_reading(
         folder: &Path,
         disk: Arc<dyn Disk>,
@@ -150,7 +145,7 @@ impl Store {
                 folder: folder.into(),
             });
         }
-        // Beside a daemon the log and its index are there to be read; without one SQLite makes them.
+        // A daemon has the log and its index open; without a daemon SQLite creates them.
         if Store::is_in_use(folder) || takes_files(folder) {
             let options = writing(folder).create_if_missing(false);
             return Store::connect(folder, disk, clock, None, options).await;
@@ -159,7 +154,7 @@ impl Store {
         Store::connect(folder, disk, clock, None, options).await
     }
 
-    /// Whether a process has the store in `folder` open for writing now.
+    /// Returns whether a process has the store in `folder` open for writing.
     #[must_use]
     pub fn is_in_use(folder: &Path) -> bool {
         File::open(folder.join("lock"))
@@ -195,11 +190,11 @@ impl Store {
         })
     }
 
-    /// Writes what is still in the log into the database file, closes it, and lets others open it.
+    /// Writes the log into the database file, closes it, and unlocks the folder.
     pub async fn close(&self) {
         self.inner.readers.close().await;
         self.inner.writer.close().await;
-        // Nothing can be written any more, whoever still has a handle: the next one may open.
+        // Remaining handles can no longer write, so another process may open the folder.
         let lock = self
             .inner
             .lock
@@ -209,16 +204,16 @@ impl Store {
         drop(lock);
     }
 
-    /// The folder of the store.
+    /// Returns the folder of the store.
     #[must_use]
     pub fn folder(&self) -> &Path {
         &self.inner.folder
     }
 
-    /// Bytes that may still be written.
+    /// Returns the bytes that may still be written.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// An I/O error.
     pub fn free_bytes(&self) -> Result<u64, StoreError> {
         self.inner
             .disk
@@ -226,11 +221,10 @@ impl Store {
             .map_err(|e| StoreError::file("the data folder", &self.inner.folder, e))
     }
 
-    /// Whether what is written can be read: a reader finds the newest event that the writer sees. A writer that is
-    /// at work is left alone.
+    /// Checks that a reader sees the newest event that the writer sees. Skips a busy writer.
     ///
     /// # Errors
-    /// [`StoreError::NotKept`] if it cannot, else what the database says.
+    /// [`StoreError::NotKept`] if it does not, or a database error.
     pub async fn check_commits(&self) -> Result<(), StoreError> {
         const NEWEST: &str = "SELECT COALESCE(MAX(id), 0) FROM events";
         let mut writer = self.writer().try_acquire();
@@ -243,18 +237,18 @@ impl Store {
             return Ok(());
         };
         tracing::error!("events {} to {written} were not kept", kept + 1);
-        // What is written from now on is.
+        // A new connection commits again.
         writer.close().await?;
         Err(StoreError::NotKept { kept, written })
     }
 
-    /// Whether [`Store::close`] was called.
+    /// Returns whether [`Store::close`] was called.
     pub(crate) fn is_closed(&self) -> bool {
         self.inner.writer.is_closed()
     }
 
-    /// A transaction that is the only writer from its beginning. One that reads first and writes then is refused at once
-    /// where another program writes in between, however long it is ready to wait.
+    /// Begins a transaction that has the write lock from its start. SQLite fails a transaction that reads before it writes
+    /// as soon as another program writes in between, whatever its busy timeout.
     async fn writing(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
         Ok(self.writer().begin_with("BEGIN IMMEDIATE").await?)
     }
@@ -271,44 +265,44 @@ impl Store {
         utc_text(self.inner.clock.utc())
     }
 
-    /// The same for what is not the rig's: samples and calculations.
+    /// The wall-clock time, for what is not the rig's: samples and jobs.
     fn wall_text(&self) -> String {
         utc_text(self.inner.clock.wall())
     }
 }
 
-/// Whether a connection may be used again; if not, the pool closes it and opens another.
+/// Returns whether a connection may be used again; if not, the pool closes it and opens another.
 ///
-/// A COMMIT that fails on a full disk is rolled back by SQLite itself. The ROLLBACK after it fails then, sqlx goes on
-/// counting the transaction as open, and makes a savepoint of the next one. When that fails too, SQLite keeps the
-/// savepoint: whatever is committed on the connection from then on lies within it and is never written.
+/// SQLite itself rolls back a COMMIT that fails on a full disk. The ROLLBACK after it then fails, sqlx still counts the
+/// transaction as open and turns the next one into a savepoint. When that fails too, SQLite keeps the savepoint: all
+/// later commits on this connection are inside it and are never written.
 async fn is_out_of_transactions(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
-    // A rollback that waits its turn has had it once this is answered.
+    // A pending rollback is done once this is answered.
     connection.ping().await?;
     let is_out = !connection.is_in_transaction();
-    if !is_out && told_again() {
+    if !is_out && may_warn() {
         tracing::warn!(
             "a write could neither be committed nor rolled back (a full disk does that); \
-             the database is opened anew"
+             the database is reopened"
         );
     }
     Ok(is_out)
 }
 
-/// Whether a minute has passed since this was told: on a full disk it happens several times a second.
-fn told_again() -> bool {
+/// Returns whether a minute has passed since the last warning: on a full disk this happens several times a second.
+fn may_warn() -> bool {
     const QUIET: Duration = Duration::from_secs(60);
-    static TOLD: Mutex<Option<Instant>> = Mutex::new(None);
-    let mut told = TOLD.lock().expect("no holder of this lock panics");
-    let again = told.is_none_or(|at| at.elapsed() > QUIET);
-    if again {
-        *told = Some(Instant::now());
+    static WARNED: Mutex<Option<Instant>> = Mutex::new(None);
+    let mut warned = WARNED.lock().expect("no holder of this lock panics");
+    let may_warn = warned.is_none_or(|at| at.elapsed() > QUIET);
+    if may_warn {
+        *warned = Some(Instant::now());
     }
-    again
+    may_warn
 }
 
 const DATABASE: &str = "ridged.sqlite";
-/// The database's log and its index, and room for the rows of a start.
+/// Space that a start needs: the database's log, its index, and some rows.
 pub const ROOM_TO_OPEN_KB: u64 = 512;
 
 fn check_name(folder: &Path) -> Result<(), StoreError> {
@@ -325,13 +319,13 @@ fn writing(folder: &Path) -> SqliteConnectOptions {
         .filename(folder.join(DATABASE))
         .create_if_missing(true)
         .journal_mode(SqliteJournalMode::Wal)
-        // FULL: a committed point survives a power cut, not only a kill.
+        // FULL: a commit survives a power cut, not only a kill.
         .synchronous(SqliteSynchronous::Full)
         .foreign_keys(true)
         .busy_timeout(Duration::from_secs(10))
 }
 
-/// For a file that nobody writes and that is all there is.
+/// Options for a complete database file that no process writes.
 fn immutable(folder: &Path) -> Result<SqliteConnectOptions, StoreError> {
     let log = folder.join(format!("{DATABASE}-wal"));
     if fs::metadata(log).is_ok_and(|log| log.len() > 0) {
@@ -345,7 +339,7 @@ fn immutable(folder: &Path) -> Result<SqliteConnectOptions, StoreError> {
         .immutable(true))
 }
 
-/// Whether files of the size of SQLite's index of its log can be written into a folder.
+/// Returns whether a file of the size of SQLite's log index can be written into a folder.
 fn takes_files(folder: &Path) -> bool {
     let probe = folder.join(format!(".ridged-{}", std::process::id()));
     let written = fs::write(&probe, [0; 1 << 16]).is_ok();
@@ -353,7 +347,7 @@ fn takes_files(folder: &Path) -> bool {
     written
 }
 
-/// Asked first, because SQLite says no more than "disk I/O error".
+/// Checks the free space first, because SQLite only reports "disk I/O error".
 fn check_room(folder: &Path, disk: &dyn Disk) -> Result<(), StoreError> {
     let free = disk
         .free_bytes(folder)
@@ -368,7 +362,7 @@ fn check_room(folder: &Path, disk: &dyn Disk) -> Result<(), StoreError> {
         .filter_map(|file| Some(file.ok()?.metadata().ok()?.len()))
         .sum();
     let what = match idle {
-        0 => "nothing in the folder can be spared".to_owned(),
+        0 => "no file in the folder can be deleted".to_owned(),
         bytes => format!(
             "{} holds {:.1} MB that no row names and can be moved away",
             quarantine.display(),
@@ -383,7 +377,7 @@ fn check_room(folder: &Path, disk: &dyn Disk) -> Result<(), StoreError> {
     })
 }
 
-/// Whether there is any frame below `frames/`.
+/// Returns whether `frames/` has any frame.
 fn has_frames(folder: &Path) -> std::io::Result<bool> {
     for folder in fs::read_dir(folder.join("frames"))? {
         let folder = folder?.path();
@@ -421,15 +415,15 @@ fn take_lock(folder: &Path) -> Result<File, StoreError> {
         }
         Err(TryLockError::Error(e)) => return Err(error(e)),
     }
-    // The lock is the operating system's; the text only tells people who has it.
+    // The operating system holds the lock; the text is for people.
     lock.set_len(0).map_err(error)?;
     lock.rewind().map_err(error)?;
-    // On a full disk it stays empty; what is wrong there is told by who needs the room.
+    // On a full disk the text stays empty; the check for room reports it.
     writeln!(lock, "process {}", std::process::id()).ok();
     Ok(lock)
 }
 
-/// RFC 3339 UTC with milliseconds, as everywhere in the store.
+/// Formats a time as RFC 3339 UTC with milliseconds, as everywhere in the store.
 #[must_use]
 pub fn utc_text(at: OffsetDateTime) -> String {
     let at = at.to_offset(time::UtcOffset::UTC);
@@ -441,7 +435,7 @@ pub fn utc_text(at: OffsetDateTime) -> String {
     )
 }
 
-/// Reads what [`utc_text`] wrote.
+/// Parses what [`utc_text`] wrote.
 pub(crate) fn utc_of(text: &str) -> Option<OffsetDateTime> {
     OffsetDateTime::parse(text, &Rfc3339).ok()
 }

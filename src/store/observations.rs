@@ -1,4 +1,4 @@
-//! Reductions: the observations of a scan with everything a fit reads beside them.
+//! Reductions: the observations of a scan with everything else that a fit reads.
 
 use serde::{Deserialize, Serialize};
 use sqlx::FromRow;
@@ -26,12 +26,12 @@ struct Context {
     flats: Vec<(f64, f64, f64)>,
     /// Reflectance and its standard uncertainty.
     white_reference: Option<(f64, f64)>,
-    /// Near camera or lamp: per observation, views as lamp x, y, z, camera x, y, z, weight.
+    /// For a near camera or lamp: per observation, views as lamp x, y, z, camera x, y, z, weight.
     #[serde(default)]
     views: Vec<Vec<[f64; 7]>>,
     /// Mean and standard uncertainty.
     background: (f64, f64),
-    /// Per observation; empty in what was kept before times were.
+    /// Per observation; empty in older rows, which have no times.
     #[serde(default)]
     taken_s: Vec<Option<f64>>,
     #[serde(default)]
@@ -49,7 +49,7 @@ struct Context {
     flat_times_s: Vec<f64>,
     #[serde(default)]
     detector: Option<DetectorCurve>,
-    /// Per observation; empty in what was kept before it was.
+    /// Per observation; empty in older rows.
     #[serde(default)]
     detector_errors: Vec<f64>,
     region_azimuth_deg: f64,
@@ -72,10 +72,10 @@ struct Row {
 }
 
 impl Store {
-    /// Keeps a reduction. `last_frame_id` is the newest frame it knows of.
+    /// Stores a reduction. `last_frame_id` is the newest frame in it.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn add_observations(
         &self,
         scan_id: i64,
@@ -157,11 +157,11 @@ impl Store {
         Ok(id)
     }
 
-    /// Number of the newest reduction of a scan's region by this program that knows every frame up
-    /// to `last_frame_id`; `None` if it has to be done anew.
+    /// Returns the number of the newest reduction of a scan's region by this program that includes every frame up to
+    /// `last_frame_id`; `None` if the scan must be reduced again.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn current_observations(
         &self,
         scan_id: i64,
@@ -180,10 +180,10 @@ impl Store {
         .await?)
     }
 
-    /// A reduction as it was kept.
+    /// Returns a stored reduction.
     ///
     /// # Errors
-    /// [`StoreError::NotFound`], or what the database says.
+    /// [`StoreError::NotFound`], or a database error.
     pub async fn observations(&self, set_id: i64) -> Result<ObservationSet, StoreError> {
         let (region, context): (Option<String>, String) =
             sqlx::query_as("SELECT region, context FROM observation_sets WHERE id = ?")
@@ -376,7 +376,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn kept_observations_come_back_to_the_last_bit_of_their_degrees() {
+    async fn stored_observations_return_with_every_bit_of_their_degrees() {
         let folder = tempfile::tempdir().unwrap();
         let (store, _) = open(folder.path()).await.unwrap();
         let scan = planned(&store).await;
@@ -387,7 +387,7 @@ mod tests {
             assert_eq!(kept.signal, given.signal);
             assert_eq!(kept.sigma, given.sigma);
             assert_eq!(kept.shared.detector, given.shared.detector);
-            // Degrees are kept, radians computed: a rounding of 1 ulp each way.
+            // Degrees are stored and radians computed: 1 ulp of rounding each way.
             assert!((kept.pose.theta_c - given.pose.theta_c).abs().rad() < 1e-15);
         }
         assert_eq!(kept.white_reference, set(0).white_reference);
@@ -397,7 +397,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_later_frame_puts_a_reduction_out_of_date() {
+    async fn a_later_frame_makes_a_reduction_out_of_date() {
         let folder = tempfile::tempdir().unwrap();
         let (store, _) = open(folder.path()).await.unwrap();
         let scan = planned(&store).await;

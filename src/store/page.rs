@@ -1,4 +1,4 @@
-//! Lists page by page, the newest first, with the rows that cannot be read told beside the others.
+//! Pages of lists, newest first; rows that cannot be read are listed beside the others.
 
 use super::StoreError;
 
@@ -7,23 +7,23 @@ use super::StoreError;
 pub struct Page<T> {
     /// The rows.
     pub items: Vec<T>,
-    /// Hand it back to get the rows after these; `None` at the end.
+    /// Cursor of the next page; `None` at the end.
     pub next_cursor: Option<i64>,
-    /// Rows between these that cannot be read.
+    /// Rows of this page that cannot be read.
     pub damaged: Vec<DamagedRow>,
 }
 
-/// A row that does not hold what this program wrote into it.
+/// A row that this program cannot read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DamagedRow {
-    /// Its number.
+    /// Number.
     pub id: i64,
     /// What is wrong with it.
     pub detail: String,
 }
 
 impl<T> Page<T> {
-    /// Cuts `rows`, which were asked for with one more than `limit`, to a page.
+    /// Cuts `rows`, which were queried with `limit` + 1, to a page.
     pub(super) fn cut(mut rows: Vec<T>, limit: u32, id_of: impl Fn(&T) -> i64) -> Self {
         let more = rows.len() > limit as usize;
         rows.truncate(limit as usize);
@@ -35,7 +35,7 @@ impl<T> Page<T> {
         }
     }
 
-    /// The same of rows as the database has them: one that is damaged hides no other.
+    /// Does the same with raw rows: a damaged row does not hide the others.
     pub(super) fn read<R>(rows: Vec<R>, limit: u32, id_of: impl Fn(&R) -> i64) -> Self
     where
         T: TryFrom<R, Error = StoreError>,
@@ -60,12 +60,12 @@ impl<T> Page<T> {
     }
 }
 
-/// Which part of a list is wanted.
+/// Selects a page of a list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PageRequest {
-    /// Rows at most.
+    /// Largest number of rows.
     pub limit: u32,
-    /// From the page before.
+    /// Cursor of the previous page.
     pub cursor: Option<i64>,
 }
 

@@ -1,4 +1,4 @@
-//! What a start puts right after a kill: nothing committed is touched.
+//! Recovery at a start after a kill; committed data are not touched.
 
 use std::collections::HashMap;
 use std::fs;
@@ -7,24 +7,23 @@ use std::path::Path;
 
 use super::frames::{relative_path, sha256_hex};
 use super::{Store, StoreError};
+use crate::job::JobId;
 use crate::scan::{RecordedEvent, ScanState};
 
-/// What was found and done at a start.
+/// What a start found and did.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Recovery {
-    /// Files that no row names, moved to `quarantine/`: half frames and frames without a commit.
+    /// Files that no row names, moved to `quarantine/`: half-written frames and frames without a commit.
     pub quarantined: Vec<String>,
     /// Frames that were in `quarantine/` although a row names them, moved back.
     pub restored: Vec<String>,
     /// Frames whose file is missing or has another size than the row says.
     pub damaged: Vec<String>,
-    /// Scans that were under way and are now marked interrupted.
+    /// Scans that were running and are now marked interrupted.
     pub interrupted_scans: Vec<i64>,
-    /// Fits that were under way and are now marked interrupted.
-    pub interrupted_fits: Vec<i64>,
-    /// Maps, contrasts, verdicts and traces likewise.
-    pub interrupted_calculations: Vec<i64>,
-    /// The events that tell of it.
+    /// Jobs that were running and are now marked interrupted.
+    pub interrupted_jobs: Vec<JobId>,
+    /// The events of these changes.
     pub events: Vec<RecordedEvent>,
 }
 
@@ -59,7 +58,7 @@ impl Store {
         .await?;
         for scan_id in open {
             let progress = self.last_progress(scan_id).await?;
-            let reason = "the daemon ended while the scan was under way";
+            let reason = "the daemon ended during the scan";
             let event = self
                 .change_state(
                     scan_id,
@@ -72,17 +71,13 @@ impl Store {
             found.events.push(event);
             found.interrupted_scans.push(scan_id);
         }
-        for fit in self.open_fits().await? {
-            found.events.push(self.interrupt_fit(fit).await?);
-            found.interrupted_fits.push(fit);
-        }
-        let (calculations, events) = self.interrupt_calculations().await?;
-        found.interrupted_calculations = calculations;
+        let (jobs, events) = self.interrupt_jobs().await?;
+        found.interrupted_jobs = jobs;
         found.events.extend(events);
         Ok(found)
     }
 
-    /// Looks at every file below `frames/`; those that no row names go to quarantine.
+    /// Lists every file below `frames/` and moves those that no row names to quarantine.
     fn sweep(
         &self,
         rows: &HashMap<String, u64>,
@@ -114,8 +109,8 @@ impl Store {
         Ok(())
     }
 
-    /// A start with an older database sends the frames of a newer one to quarantine: when that is
-    /// restored they come back.
+    /// Moves frames back from quarantine if a row names them. A start with an older copy of the database quarantines the
+    /// frames of the newer one; a start with the newer one brings them back.
     fn take_back(
         &self,
         rows: &HashMap<String, u64>,
@@ -168,7 +163,7 @@ mod tests {
     use crate::store::tests::open;
 
     #[tokio::test]
-    async fn a_kill_loses_nothing_committed_and_keeps_nothing_half_done() {
+    async fn a_kill_loses_nothing_committed_and_leaves_nothing_half_written() {
         let folder = tempfile::tempdir().unwrap();
         let (store, _) = open(folder.path()).await.unwrap();
         let scan = planned(&store).await;
@@ -177,7 +172,7 @@ mod tests {
             .await
             .unwrap();
         let committed = commit(&store, scan.id, 0).await;
-        // A frame whose row never came, and one that was still being written.
+        // A frame without a row, and a half-written one.
         let orphan = store
             .keep_frame(Frame::new(1, 1, vec![7]).unwrap(), 65535)
             .await
@@ -236,7 +231,7 @@ mod tests {
             assert_eq!(database.exists(), made);
             assert!(folder.path().join(relative_path(&sha256)).is_file());
         }
-        // The way out that it names.
+        // The remedy that the message names.
         fs::rename(&copy, &database).unwrap();
         let (_, found) = open(folder.path()).await.unwrap();
         assert_eq!((found.damaged.len(), found.quarantined.len()), (0, 0));
@@ -270,7 +265,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_frame_whose_file_is_gone_is_named() {
+    async fn a_frame_without_its_file_is_reported() {
         let folder = tempfile::tempdir().unwrap();
         let (store, _) = open(folder.path()).await.unwrap();
         let scan = planned(&store).await;

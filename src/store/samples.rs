@@ -1,4 +1,4 @@
-//! Samples: what lies on the table and what it is made of.
+//! Samples: what is measured and its material.
 
 use serde::{Deserialize, Serialize};
 use sqlx::FromRow;
@@ -7,7 +7,7 @@ use super::{Page, PageRequest, Store, StoreError};
 use crate::limits;
 use crate::material::Material;
 
-/// How a simulated rig paints a sample; a real rig ignores it.
+/// The surface that a simulated rig renders for a sample; a real rig ignores it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "surface", rename_all = "lowercase", deny_unknown_fields)]
 pub enum SimulatedSurface {
@@ -26,21 +26,21 @@ pub enum SimulatedSurface {
     },
 }
 
-/// A sample to be added.
+/// A sample to add.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewSample {
-    /// What people call it.
+    /// Name; need not be unique.
     pub name: String,
     /// Index of refraction with uncertainty.
     pub material: Material,
     /// Free text.
     pub note: Option<String>,
-    /// For a simulated rig.
+    /// Rendered surface, for a simulated rig.
     pub simulated: Option<SimulatedSurface>,
 }
 
 impl NewSample {
-    /// The first value that makes no sense: its field, and what is wrong with it.
+    /// Returns the field of the first invalid value, and what is wrong with it.
     #[must_use]
     pub fn fault(&self) -> Option<(&'static str, String)> {
         if self.name.trim().is_empty() || self.name.chars().count() > 200 {
@@ -87,18 +87,18 @@ impl NewSample {
     }
 }
 
-/// A sample as it is kept.
+/// A stored sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
-    /// Its number.
+    /// Number.
     pub id: i64,
-    /// What people call it.
+    /// Name; need not be unique.
     pub name: String,
     /// Index of refraction with uncertainty.
     pub material: Material,
     /// Free text.
     pub note: Option<String>,
-    /// For a simulated rig.
+    /// Rendered surface, for a simulated rig.
     pub simulated: Option<SimulatedSurface>,
     /// RFC 3339 UTC.
     pub created_at: String,
@@ -139,7 +139,7 @@ impl Store {
     /// Adds a sample.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn add_sample(&self, new: &NewSample) -> Result<Sample, StoreError> {
         let bad = |e| StoreError::bad_row("samples", e);
         let simulated = new
@@ -161,10 +161,10 @@ impl Store {
         self.sample(id).await
     }
 
-    /// One sample.
+    /// Returns one sample.
     ///
     /// # Errors
-    /// [`StoreError::NotFound`], or what the database says.
+    /// [`StoreError::NotFound`], or a database error.
     pub async fn sample(&self, id: i64) -> Result<Sample, StoreError> {
         sqlx::query_as::<_, Row>("SELECT * FROM samples WHERE id = ?")
             .bind(id)
@@ -174,10 +174,10 @@ impl Store {
             .try_into()
     }
 
-    /// Samples, newest first; those of a name where one is given.
+    /// Returns samples, newest first; with `name`, only samples of this name.
     ///
     /// # Errors
-    /// What the database says; a row that cannot be read is told of beside the others.
+    /// A database error; a row that cannot be read is listed beside the others.
     pub async fn samples(
         &self,
         name: Option<&str>,
@@ -194,10 +194,10 @@ impl Store {
         Ok(Page::read(rows, page.limit, |row: &Row| row.id))
     }
 
-    /// The newest sample that is `like` what is wanted, of a name where one is given.
+    /// Returns the newest sample for which `like` is true; with `name`, only of this name.
     ///
     /// # Errors
-    /// What the database says; rows that cannot be read are passed over.
+    /// A database error; rows that cannot be read are skipped.
     pub async fn newest_sample(
         &self,
         name: Option<&str>,
@@ -238,7 +238,7 @@ pub(crate) mod tests {
     }
 
     #[tokio::test]
-    async fn a_damaged_row_hides_no_other() {
+    async fn a_damaged_row_does_not_hide_the_others() {
         let folder = tempfile::tempdir().unwrap();
         let (store, _) = open(folder.path()).await.unwrap();
         for _ in 0..3 {
@@ -251,7 +251,7 @@ pub(crate) mod tests {
         assert_eq!(page.damaged.len(), 1);
         assert_eq!(page.damaged[0].id, 2);
         assert!(page.damaged[0].detail.contains("row of samples"));
-        // By itself it is what it is, and a page of which it is the last goes on after it.
+        // Read by itself it is an error; a page that ends with it has a cursor beyond it.
         assert!(matches!(
             store.sample(2).await,
             Err(StoreError::BadRow { .. })

@@ -5,7 +5,7 @@ use sqlx::{FromRow, Sqlite, Transaction};
 use super::{PROGRAM, Page, PageRequest, Store, StoreError};
 use crate::scan::{Event, OperatorAction, Plan, Progress, RecordedEvent, ScanState};
 
-/// Where a scan came from.
+/// The origin of a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Origin {
     /// Taken by a rig of this daemon.
@@ -25,14 +25,14 @@ impl Origin {
     }
 }
 
-/// A scan to be added.
+/// A scan to add.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewScan {
-    /// What is scanned.
+    /// Sample.
     pub sample_id: i64,
-    /// Rig it is made with; `None` for an import.
+    /// Rig; `None` for an import.
     pub rig_id: Option<i64>,
-    /// Series name in an export.
+    /// Name of the series in an export.
     pub name: String,
     /// The whole plan; `None` for an import.
     pub plan: Option<Plan>,
@@ -44,46 +44,46 @@ pub struct NewScan {
     pub calibration_ids: Vec<i64>,
 }
 
-/// A scan as it is kept, with its latest state.
+/// A stored scan with its latest state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scan {
-    /// Its number.
+    /// Number.
     pub id: i64,
     /// Sample.
     pub sample_id: i64,
     /// The sample's name.
     pub sample_name: String,
-    /// Rig it was made with.
+    /// Rig; `None` for an import.
     pub rig_id: Option<i64>,
     /// Rig or import.
     pub origin: Origin,
-    /// Series name in an export.
+    /// Name of the series in an export.
     pub name: String,
     /// The plan; `None` for an import.
     pub plan: Option<Plan>,
-    /// Where it stands.
+    /// State.
     pub state: ScanState,
-    /// Why it stands there.
+    /// Reason for this state, unless it is the plan's own course.
     pub reason: Option<String>,
-    /// What a person has to do.
+    /// Step that the operator has to do.
     pub operator: Option<OperatorAction>,
     /// RFC 3339 UTC.
     pub created_at: String,
-    /// When it first did something.
+    /// Time of its first action.
     pub started_at: Option<String>,
-    /// When it came to its present state.
+    /// Time of its present state.
     pub state_at: String,
 }
 
 impl Scan {
-    /// When it came to its end, if it did.
+    /// Time of its end, if it has ended.
     #[must_use]
     pub fn ended_at(&self) -> Option<&str> {
         self.state.is_end().then_some(self.state_at.as_str())
     }
 }
 
-/// Which scans are wanted.
+/// Selects scans.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ScanFilter {
     /// Of this sample.
@@ -153,10 +153,10 @@ const SELECT: &str =
      JOIN scan_states t ON t.id = (SELECT MAX(id) FROM scan_states WHERE scan_id = s.id)";
 
 impl Store {
-    /// Number of the rig with these settings (canonical JSON); a new row if they are new.
+    /// Returns the number of the rig with these settings (canonical JSON); adds a row for new settings.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn rig(&self, settings: &str) -> Result<i64, StoreError> {
         let mut transaction = self.writing().await?;
         sqlx::query("INSERT OR IGNORE INTO rigs (settings, created_at) VALUES (?, ?)")
@@ -172,10 +172,10 @@ impl Store {
         Ok(id)
     }
 
-    /// Settings of a rig, as [`Store::rig`] was given them.
+    /// Returns the settings of a rig as they were passed to [`Store::rig`].
     ///
     /// # Errors
-    /// [`StoreError::NotFound`], or what the database says.
+    /// [`StoreError::NotFound`], or a database error.
     pub async fn rig_settings(&self, id: i64) -> Result<String, StoreError> {
         sqlx::query_scalar("SELECT settings FROM rigs WHERE id = ?")
             .bind(id)
@@ -187,7 +187,7 @@ impl Store {
     /// Adds a scan in state planned.
     ///
     /// # Errors
-    /// What the database says.
+    /// A database error.
     pub async fn add_scan(&self, new: &NewScan) -> Result<(Scan, RecordedEvent), StoreError> {
         let mut transaction = self.writing().await?;
         let id = self
@@ -272,10 +272,10 @@ impl Store {
         Ok(())
     }
 
-    /// Takes a scan to its next state, if the state table permits it.
+    /// Moves a scan to its next state, if the state table permits it.
     ///
     /// # Errors
-    /// [`StoreError::StateConflict`], [`StoreError::NotFound`], or what the database says.
+    /// [`StoreError::StateConflict`], [`StoreError::NotFound`], or a database error.
     pub async fn change_state(
         &self,
         scan_id: i64,
@@ -322,10 +322,10 @@ impl Store {
         Ok(event)
     }
 
-    /// One scan.
+    /// Returns one scan.
     ///
     /// # Errors
-    /// [`StoreError::NotFound`], or what the database says.
+    /// [`StoreError::NotFound`], or a database error.
     pub async fn scan(&self, id: i64) -> Result<Scan, StoreError> {
         sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(format!("{SELECT} WHERE s.id = ?")))
             .bind(id)
@@ -335,10 +335,10 @@ impl Store {
             .try_into()
     }
 
-    /// Scans, newest first.
+    /// Returns scans, newest first.
     ///
     /// # Errors
-    /// What the database says; a row that cannot be read is told of beside the others.
+    /// A database error; a row that cannot be read is listed beside the others.
     pub async fn scans(
         &self,
         filter: ScanFilter,
@@ -357,10 +357,10 @@ impl Store {
         Ok(Page::read(rows, page.limit, |row: &Row| row.id))
     }
 
-    /// `manifest.toml` of a scan, as a reduction reads it.
+    /// Returns the `manifest.toml` of a scan, as a reduction reads it.
     ///
     /// # Errors
-    /// [`StoreError::NotFound`], or what the database says.
+    /// [`StoreError::NotFound`], or a database error.
     pub async fn manifest(&self, scan_id: i64) -> Result<String, StoreError> {
         sqlx::query_scalar("SELECT manifest FROM scans WHERE id = ?")
             .bind(scan_id)
@@ -372,10 +372,10 @@ impl Store {
             })
     }
 
-    /// `frames.csv` of an imported series, byte for byte; `None` for a scan of a rig.
+    /// Returns the `frames.csv` of an imported series, byte for byte; `None` for a scan of a rig.
     ///
     /// # Errors
-    /// [`StoreError::NotFound`], or what the database says.
+    /// [`StoreError::NotFound`], or a database error.
     pub async fn frames_csv(&self, scan_id: i64) -> Result<Option<String>, StoreError> {
         sqlx::query_scalar("SELECT frames_csv FROM scans WHERE id = ?")
             .bind(scan_id)
@@ -409,7 +409,7 @@ pub(crate) mod tests {
     }
 
     #[tokio::test]
-    async fn a_state_that_the_table_forbids_is_refused_and_nothing_is_told() {
+    async fn a_forbidden_state_is_refused_without_an_event() {
         let folder = tempfile::tempdir().unwrap();
         let (store, _) = open(folder.path()).await.unwrap();
         let scan = planned(&store).await;

@@ -1,4 +1,4 @@
-//! The folder, its lock, its guard against changes, and commits that fail.
+//! The folder, its lock, the triggers against changes, and commits that fail.
 
 use super::*;
 use crate::clock::SteppedClock;
@@ -8,7 +8,7 @@ pub(crate) async fn open(folder: &Path) -> Result<(Store, Recovery), StoreError>
     Store::open(folder, Arc::new(RealDisk), Arc::new(SteppedClock::new())).await
 }
 
-/// Changes a row as nobody may who does not take the database's own guard away.
+/// Changes a row after dropping the triggers that forbid it, and restores them.
 pub(crate) async fn damage(store: &Store, table: &str, set: &str, id: i64) {
     let guards: Vec<(String, String)> = sqlx::query_as(
         "SELECT name, sql FROM sqlite_master WHERE type = 'trigger' AND tbl_name = ?",
@@ -37,7 +37,7 @@ async fn a_second_process_is_refused_until_the_first_is_gone() {
     assert!(!Store::is_in_use(folder.path()));
     let (first, _) = open(folder.path()).await.unwrap();
     assert!(Store::is_in_use(folder.path()));
-    // A lock belongs to the open file, so a second opening stands for a second process.
+    // A lock belongs to the open file, so opening twice behaves like two processes.
     let second = open(folder.path()).await;
     assert!(
         matches!(second, Err(StoreError::InUse { .. })),
@@ -50,7 +50,7 @@ async fn a_second_process_is_refused_until_the_first_is_gone() {
 }
 
 #[tokio::test]
-async fn a_folder_whose_name_the_database_cannot_take_is_refused_before_anything_is_made() {
+async fn a_folder_name_that_is_not_utf_8_is_refused_before_anything_is_created() {
     use std::os::unix::ffi::OsStrExt;
     let parent = tempfile::tempdir().unwrap();
     let folder = parent.path().join(std::ffi::OsStr::from_bytes(b"d\xff"));
@@ -76,7 +76,7 @@ async fn every_table_of_records_refuses_changes_and_deletions() {
     let tables = of("table").await.unwrap();
     assert!(tables.len() > 10, "{tables:?}");
     for (table, _) in tables {
-        // Answers to repeated requests and the database's own books are no records.
+        // Stored answers and SQLite's own tables may change.
         if table == "idempotency_keys" || table.starts_with('_') || table.starts_with("sqlite_") {
             continue;
         }
@@ -108,7 +108,7 @@ async fn a_damaged_database_is_refused_and_left_as_it_is() {
     assert_eq!(fs::read(&path).unwrap(), bytes);
 }
 
-/// Has commits refused the way a full disk has them refused: SQLite rolls back by itself.
+/// Makes commits fail as on a full disk: SQLite rolls back by itself.
 async fn refuse_commits(store: &Store) {
     let mut connection = store.writer().acquire().await.unwrap();
     let mut handle = connection.lock_handle().await.unwrap();
@@ -129,7 +129,7 @@ fn alarm(code: &str) -> crate::scan::Event {
 }
 
 #[tokio::test]
-async fn what_is_written_after_failed_commits_is_kept() {
+async fn rows_written_after_failed_commits_are_kept() {
     let folder = tempfile::tempdir().unwrap();
     let (store, _) = open(folder.path()).await.unwrap();
     for _ in 0..3 {
@@ -140,7 +140,7 @@ async fn what_is_written_after_failed_commits_is_kept() {
     let event = store.record(alarm("kept")).await.unwrap();
     let sample = samples::tests::polymer(&store).await;
     store.check_commits().await.unwrap();
-    // A connection that was opened anew is set as the first one was.
+    // A reopened connection has the same settings as the first.
     let mut writer = store.writer().acquire().await.unwrap();
     for (pragma, wanted) in [
         ("PRAGMA synchronous", "2"),
@@ -169,7 +169,7 @@ async fn what_is_written_after_failed_commits_is_kept() {
 }
 
 #[tokio::test]
-async fn a_writer_whose_commits_nobody_sees_is_told_and_replaced() {
+async fn a_writer_whose_commits_are_invisible_is_reported_and_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let (store, _) = open(folder.path()).await.unwrap();
     store.record(alarm("kept")).await.unwrap();
@@ -181,7 +181,7 @@ async fn a_writer_whose_commits_nobody_sees_is_told_and_replaced() {
         let done = sqlx::query(statement).execute(store.writer()).await;
         done.unwrap();
     }
-    // Until the pool has the writer back it counts as at work.
+    // The writer counts as busy until the pool has it back.
     let mut told = store.check_commits().await;
     for _ in 0..1000 {
         if told.is_err() {
@@ -206,7 +206,7 @@ async fn a_writer_whose_commits_nobody_sees_is_told_and_replaced() {
     assert_eq!(store.last_event_id().await.unwrap(), event.id);
 }
 
-/// A disk with so many bytes left.
+/// A disk with this many bytes left.
 struct Left(u64);
 
 impl Disk for Left {
@@ -220,7 +220,7 @@ impl Disk for Left {
 }
 
 #[tokio::test]
-async fn a_full_disk_is_told_at_the_start_with_what_may_go() {
+async fn a_start_on_a_full_disk_reports_what_can_be_deleted() {
     let folder = tempfile::tempdir().unwrap();
     fs::create_dir_all(folder.path().join("quarantine")).unwrap();
     fs::write(folder.path().join("quarantine/a.png"), [0; 200_000]).unwrap();
@@ -234,14 +234,13 @@ async fn a_full_disk_is_told_at_the_start_with_what_may_go() {
 }
 
 #[tokio::test]
-async fn a_folder_that_cannot_be_written_is_read() {
+async fn a_read_only_folder_can_be_read() {
     let folder = tempfile::tempdir().unwrap();
     let (store, _) = open(folder.path()).await.unwrap();
     let sample = samples::tests::polymer(&store).await;
     store.close().await;
     drop(store);
-    // Who may do everything, as in many containers, is not kept out by permissions: what tells
-    // is that nothing was written.
+    // Permissions do not stop root, as in many containers: the proof is that nothing was written.
     let options = immutable(folder.path()).unwrap();
     let (disk, clock) = (Arc::new(RealDisk), Arc::new(SteppedClock::new()));
     let store = Store::connect(folder.path(), disk.clone(), clock.clone(), None, options)
@@ -251,7 +250,7 @@ async fn a_folder_that_cannot_be_written_is_read() {
     assert!(!folder.path().join("ridged.sqlite-wal").exists());
     assert!(!folder.path().join("ridged.sqlite-shm").exists());
     store.close().await;
-    // Rows in a log that nobody can write back are not passed over in silence.
+    // Rows in a log that cannot be written back cause an error.
     fs::write(folder.path().join("ridged.sqlite-wal"), b"rows").unwrap();
     let refused = immutable(folder.path()).unwrap_err();
     assert!(matches!(refused, StoreError::UnreadLog { .. }), "{refused}");

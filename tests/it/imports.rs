@@ -19,6 +19,7 @@ const RULES: &[(&str, &[&str])] = &[
     ("clock", &[]),
     ("jackknife", &["units", "geometry"]),
     ("forecast", &[]),
+    ("job", &[]),
     ("limits", &[]),
     ("robust", &[]),
     ("wording", &[]),
@@ -171,7 +172,7 @@ const RULES: &[(&str, &[&str])] = &[
     (
         "scan",
         &[
-            "units", "geometry", "frame", "clock", "series", "bench", "forecast", "wording",
+            "units", "geometry", "frame", "clock", "series", "bench", "forecast", "job", "wording",
         ],
     ),
     (
@@ -193,6 +194,7 @@ const RULES: &[(&str, &[&str])] = &[
             "series",
             "reduction",
             "fit",
+            "job",
             "scan",
             "wording",
         ],
@@ -212,6 +214,7 @@ const RULES: &[(&str, &[&str])] = &[
             "model",
             "fit",
             "bench",
+            "job",
             "scan",
             "store",
             "contrast",
@@ -239,6 +242,7 @@ const RULES: &[(&str, &[&str])] = &[
             "analysis",
             "model",
             "fit",
+            "job",
             "scan",
             "store",
             "judge",

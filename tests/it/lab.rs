@@ -8,11 +8,12 @@ use std::time::Duration;
 
 use ridged::analysis;
 use ridged::bench::AxisName;
+use ridged::job::JobState;
 use ridged::lab::{
     FitRequest, ImportOptions, LabError, ScanRequest, StoredSeries, export, export_readable,
 };
 use ridged::reduction::FrameSource;
-use ridged::scan::event::{RigActivity, TaskState};
+use ridged::scan::event::RigActivity;
 use ridged::scan::plan::Preset;
 use ridged::scan::runner::Order;
 use ridged::scan::{Event, OperatorAction, PlanRequest, ScanState};
@@ -88,8 +89,8 @@ async fn a_scan_is_planned_run_kept_told_and_fitted() {
     assert_eq!(frames, 48);
 
     // The fit finds the sample's ridge angle within what it says of itself.
-    let fit_id = lab
-        .start_fit(&FitRequest {
+    let id = lab
+        .start_job(FitRequest {
             scan_id: scan.id,
             variant: ridged::fit::VariantChoice::Auto,
             ..FitRequest::default()
@@ -98,14 +99,14 @@ async fn a_scan_is_planned_run_kept_told_and_fitted() {
         .unwrap();
     let mut events = lab.events();
     let fit = loop {
-        let fit = lab.store().fit(fit_id).await.unwrap();
-        if fit.state != TaskState::Running {
+        let fit = lab.store().job(id).await.unwrap();
+        if fit.state != JobState::Running {
             break fit;
         }
         events.recv().await.unwrap();
     };
-    assert_eq!(fit.state, TaskState::Completed, "{:?}", fit.error_detail);
-    let report = fit.report.unwrap();
+    assert_eq!(fit.state, JobState::Completed, "{:?}", fit.error_detail);
+    let report = fit.result.unwrap();
     // What the HTTP interface says of a report is what it is.
     let whole: serde_json::Value = serde_json::from_str(&report).unwrap();
     let theta_r = &whole["parameters"]["theta_r_deg"];
@@ -133,7 +134,7 @@ async fn a_scan_is_planned_run_kept_told_and_fitted() {
     );
 
     // The observations it was made of are kept, and drawn they lie on their curve.
-    let curves = lab.curves(fit_id, 10.0).await.unwrap();
+    let curves = lab.curves(id.number, 10.0).await.unwrap();
     assert_eq!(curves.observations.len(), 15);
     assert_eq!(curves.curves.len(), 5);
     bench.end().await;

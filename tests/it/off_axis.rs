@@ -100,11 +100,11 @@ async fn a_simulated_rig_with_the_same_errors_is_measured_right() {
         variant: VariantChoice::Sawtooth,
         ..FitRequest::default()
     };
-    let id = lab.start_fit(&request).await.unwrap();
+    let id = lab.start_job(request).await.unwrap();
     let mut events = lab.events();
     let report = loop {
-        let fit = lab.store().fit(id).await.unwrap();
-        if let Some(report) = fit.report {
+        let fit = lab.store().job(id).await.unwrap();
+        if let Some(report) = fit.result {
             break report;
         }
         assert!(fit.error_detail.is_none(), "{:?}", fit.error_detail);

@@ -209,7 +209,7 @@ fn ctrl_c_at_the_prompt_pauses_the_scan_and_then_says_how_it_is_left() {
     let detail = refused["detail"].as_str().unwrap();
     assert_eq!(status, 409, "{refused}");
     assert!(
-        detail.contains("scan 1 is paused and holds it; resume it"),
+        detail.contains("scan 1 is paused and holds the rig; resume it"),
         "{detail}"
     );
     rig.end();

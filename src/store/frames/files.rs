@@ -10,7 +10,7 @@ use crate::store::holds::Hold;
 use crate::store::{Store, StoreError};
 use crate::wording::hex;
 
-/// A frame file that is durable but not yet named by a row.
+/// A durable frame file that no row names yet.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KeptFile {
     /// Content hash, in hex; the file's name.
@@ -30,24 +30,23 @@ pub struct KeptFile {
     hold: Hold,
 }
 
-/// Hex of the SHA-256 of `bytes`.
+/// Returns the SHA-256 of `bytes` in hex.
 #[must_use]
 pub fn sha256_hex(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
 }
 
-/// Where the file of a content hash lies below the store's folder.
+/// Returns the path of a content hash's file, relative to the store's folder.
 pub(in crate::store) fn relative_path(sha256: &str) -> PathBuf {
     let (folder, name) = sha256.split_at(sha256.len().min(2));
     Path::new("frames").join(folder).join(format!("{name}.png"))
 }
 
 impl Store {
-    /// Makes a frame durable and says what a row needs to know of it. Encoding and writing happen
-    /// on a thread for blocking work.
+    /// Makes a frame durable and returns what its row needs. Encodes and writes on a thread for blocking work.
     ///
     /// # Errors
-    /// [`StoreError::DiskFull`], or what the encoder or the disk says.
+    /// [`StoreError::DiskFull`], [`StoreError::Frame`] or [`StoreError::File`].
     pub async fn keep_frame(
         &self,
         frame: Frame,
@@ -61,11 +60,11 @@ impl Store {
         .await
     }
 
-    /// Makes a recorded frame durable after reading it: a PNG byte for byte, a TIFF as the PNG of the same counts, with
-    /// the content hash of the TIFF beside it.
+    /// Checks a recorded frame and makes it durable: a PNG byte for byte, a TIFF as the PNG of the same counts. Also
+    /// returns the content hash of a TIFF.
     ///
     /// # Errors
-    /// [`StoreError::Frame`] if it is none, [`StoreError::DiskFull`], or what the disk says.
+    /// [`StoreError::Frame`] if it is not a 16-bit grey image, [`StoreError::DiskFull`] or [`StoreError::File`].
     pub async fn keep_recorded(
         &self,
         file: Vec<u8>,
@@ -92,9 +91,9 @@ impl Store {
         let sha256 = sha256_hex(png);
         let path = self.folder().join(relative_path(&sha256));
         let hold = self.inner.holds.take(&sha256);
-        // A file of that name is that content, unless the disk has lost some: then it is renewed.
+        // A file of this name has this content, unless the disk lost some of it: then it is written again.
         if std::fs::read(&path).is_ok_and(|kept| kept == png) {
-            tracing::debug!(sha256, "frame {sha256} was kept before");
+            tracing::debug!(sha256, "frame {sha256} is already stored");
         } else {
             self.inner
                 .disk
@@ -115,11 +114,11 @@ impl Store {
         })
     }
 
-    /// Deletes files whose rows will not come, unless another row names them or another writer is
-    /// about to. What cannot be deleted goes to quarantine at the next start.
+    /// Deletes files that will get no row, unless another row names them or another writer is about to. The next start
+    /// moves files that could not be deleted to quarantine.
     ///
     /// # Errors
-    /// What the database says; then nothing is deleted.
+    /// A database error; then nothing is deleted.
     pub async fn discard(&self, kept: Vec<KeptFile>) -> Result<(), StoreError> {
         let mut own: HashMap<&str, usize> = HashMap::new();
         for file in &kept {
@@ -142,10 +141,10 @@ impl Store {
         Ok(())
     }
 
-    /// Bytes of a frame file, checked against its hash. Blocking.
+    /// Reads a frame file and checks its hash. Blocks.
     ///
     /// # Errors
-    /// [`StoreError::FrameDamaged`] if the file is missing or not what was kept.
+    /// [`StoreError::FrameDamaged`] if the file is missing or has changed.
     pub fn read_png(&self, sha256: &str) -> Result<Vec<u8>, StoreError> {
         let path = self.folder().join(relative_path(sha256));
         let damaged = |problem: String| StoreError::FrameDamaged {
@@ -154,7 +153,7 @@ impl Store {
         };
         let bytes = std::fs::read(&path).map_err(|e| damaged(format!("cannot be read ({e})")))?;
         if sha256_hex(&bytes) != sha256 {
-            return Err(damaged("is not what was kept (its hash differs)".into()));
+            return Err(damaged("has changed (its hash differs)".into()));
         }
         Ok(bytes)
     }

@@ -3,6 +3,7 @@
 mod calculations;
 mod calibrations;
 pub(crate) mod document;
+mod old_folder;
 mod refusals;
 mod samples;
 mod scans;

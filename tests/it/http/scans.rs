@@ -81,7 +81,7 @@ async fn a_step_that_is_done_counts_for_that_step_alone() {
     let proceed = "/api/v1/scans/1/continue";
     let other = post(&router, proceed, r#"{"action": "place-sample"}"#).await;
     is_problem(&other, 409, "other-step");
-    let says = "waits for cap-lens, not for place-sample, and waits on: Put the cap on the lens";
+    let says = "waits for cap-lens, not for place-sample: Put the cap on the lens";
     assert!(other.detail().contains(says), "{}", other.detail());
     let none = post(&router, proceed, r#"{"action": "dance"}"#).await;
     is_problem(&none, 422, "invalid-value");
@@ -121,12 +121,12 @@ async fn who_finds_the_rig_taken_is_told_what_frees_it() {
         (
             "pause",
             "paused",
-            "scan 1 is paused and holds it; resume it",
+            "scan 1 is paused and holds the rig; resume it",
         ),
         (
             "resume",
             "waiting-for-operator",
-            "scan 1 waits for a person and holds it; do that step",
+            "scan 1 waits for an operator step and holds the rig; do the step",
         ),
     ] {
         let path = format!("/api/v1/scans/1/{order}");

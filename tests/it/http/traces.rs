@@ -132,12 +132,13 @@ async fn a_third_trace_waits_for_its_turn_and_is_cancelled_while_it_waits() {
     let location = |k: usize| begun[k].location.clone().unwrap();
     let waiting = loop {
         let trace = get(&router, &location(2)).await.body;
-        match trace["progress"]["stage"].as_str() {
-            Some(stage) => break stage.to_owned(),
-            None => tokio::task::yield_now().await,
+        match trace["progress"].is_object() {
+            true => break trace["progress"].clone(),
+            false => tokio::task::yield_now().await,
         }
     };
-    assert_eq!(waiting, "waiting for its turn");
+    assert_eq!(waiting["stage"], "waiting for its turn");
+    assert_eq!(waiting["queued_position"], 1);
     for k in [2, 0, 1] {
         let cancel = format!("{}/cancel", location(k));
         assert_eq!(post(&router, &cancel, "").await.status, 202);

@@ -7,8 +7,6 @@ import type { ShapeRequest } from './shape';
 import type {
   Accuracy,
   AxisName,
-  Calculation,
-  CalculationKind,
   Calibration,
   Certainty,
   Curves,
@@ -16,11 +14,13 @@ import type {
   Estimate,
   Fit,
   FrameRow,
+  JobKind,
   OperatorStep,
   Page,
   Rig,
   Sample,
   Scan,
+  ScanJob,
   Trace,
   TracePlane,
 } from './types';
@@ -188,16 +188,13 @@ export const api = {
     get(`/fits?limit=${FITS_PER_PAGE}${of.scan_id === undefined ? '' : `&scan_id=${of.scan_id}`}${of.cursor === undefined ? '' : `&cursor=${encodeURIComponent(of.cursor)}`}`),
   fit: (id: number): Promise<Fit> => get(`/fits/${id}`),
   startFit: (request: FitRequest): Promise<{ id: number }> => post('/fits', request),
-  cancelFit: (id: number): Promise<unknown> => post(`/fits/${id}/cancel`),
-  fitUrl: (id: number): string => `${PREFIX}/fits/${id}`,
   curves: (id: number, signal?: AbortSignal): Promise<Curves> => get(`/fits/${id}/curve?step_deg=2`, signal),
 
-  /** Of one scan, newest first. */
-  calculations: (kind: CalculationKind, scan_id: number, signal?: AbortSignal): Promise<Calculation[]> =>
-    getAll(`/${kind}?scan_id=${scan_id}`, signal),
-  startCalculation: (kind: CalculationKind, request: Record<string, unknown>): Promise<{ id: number }> => post(`/${kind}`, request),
-  cancelCalculation: (kind: CalculationKind, id: number): Promise<unknown> => post(`/${kind}/${id}/cancel`),
-  calculationUrl: (kind: CalculationKind, id: number): string => `${PREFIX}/${kind}/${id}`,
+  /** Jobs of a kind of one scan, newest first. */
+  jobsOf: (kind: JobKind, scan_id: number, signal?: AbortSignal): Promise<ScanJob[]> => getAll(`/${kind}?scan_id=${scan_id}`, signal),
+  startJob: (kind: JobKind, request: Record<string, unknown>): Promise<{ id: number }> => post(`/${kind}`, request),
+  cancelJob: (kind: JobKind, id: number): Promise<unknown> => post(`/${kind}/${id}/cancel`),
+  jobUrl: (kind: JobKind, id: number): string => `${PREFIX}/${kind}/${id}`,
   mapFileUrl: (id: number, name: string): string => `${PREFIX}/maps/${id}/files/${name}`,
 
   /** Newest first; what is not asked for stays where it is. */

@@ -54,8 +54,8 @@ class Live {
   freshFrames = $state.raw<readonly FrameRow[]>([]);
   /** What fits that run along with scans said since the page was opened, by scan. */
   freshCertainties = $state.raw<readonly (Certainty & { readonly scan_id: number })[]>([]);
-  /** Grows whenever a map, contrast or verdict begins or ends. */
-  calculationsChanged = $state(0);
+  /** Grows whenever a job other than a fit starts, has a forecast or ends. */
+  jobsChanged = $state(0);
   /** Failures of what the person asked for. */
   notices = $state.raw<readonly Notice[]>([]);
   /** True once scans and fits have been read at least once. */
@@ -248,10 +248,10 @@ class Live {
     on<Certainty & { readonly scan_id: number }>('uncertainty', (row) => {
       if (!this.freshCertainties.some((c) => c.id === row.id)) this.freshCertainties = [...this.freshCertainties, row].slice(-2000);
     });
-    on('calculation', () => (this.calculationsChanged += 1));
+    on('calculation', () => (this.jobsChanged += 1));
     on<{ of: string; number: number }>('forecast', (told) => {
       if (told.of === 'fit') void this.reloadFit(told.number).catch(() => undefined);
-      else this.calculationsChanged += 1;
+      else this.jobsChanged += 1;
     });
     on<Alarm>('alarm', (alarm) => {
       if (!this.alarms.some((a) => a.id === alarm.id)) this.alarms = [...this.alarms, alarm].slice(-5);

@@ -234,12 +234,33 @@ export interface Forecast {
   readonly at_limit?: { readonly count?: number; readonly error?: number };
 }
 
-/** How far a calculation has come. */
-export interface Headway {
+/** Kinds of jobs, as they appear in paths. */
+export type JobKind = 'fits' | 'maps' | 'contrasts' | 'verdicts' | 'traces';
+
+export type JobState = 'running' | 'completed' | 'failed' | 'cancelled' | 'interrupted';
+
+/** Progress of a running job. */
+export interface JobProgress {
   readonly stage: string;
   readonly fraction: number;
   readonly elapsed_s: number;
   readonly time_left_s: number | null;
+  /** 1 for the next to start; only while the job waits. */
+  readonly queued_position?: number;
+}
+
+/** What jobs of all kinds have in common. */
+export interface Job {
+  readonly id: number;
+  readonly scan_id: number | null;
+  readonly state: JobState;
+  readonly created_at: string;
+  readonly progress?: JobProgress;
+  readonly forecast?: Forecast;
+  /** Run time. */
+  readonly seconds?: number;
+  readonly error?: { readonly code: string; readonly detail: string } | null;
+  readonly left_out?: readonly LeftOut[];
 }
 
 /** What was asked of a fit; older ones kept less of it. */
@@ -259,18 +280,11 @@ export interface FitAsked {
   readonly shape?: { readonly name?: string } | null;
 }
 
-export interface Fit extends Partial<FitResult> {
-  readonly id: number;
+export interface Fit extends Job, Partial<FitResult> {
   readonly scan_id: number;
   readonly request?: FitAsked;
   readonly sample_id?: number;
   readonly sample_name?: string;
-  readonly state: 'running' | 'completed' | 'failed' | 'cancelled' | 'interrupted';
-  readonly created_at?: string;
-  readonly error?: { readonly code: string; readonly detail: string } | null;
-  readonly progress?: Headway;
-  readonly forecast?: Forecast;
-  readonly seconds?: number;
 }
 
 /** What the fit that runs along with a scan says of the frames so far. */
@@ -310,19 +324,9 @@ export interface Curves {
   }[];
 }
 
-export type CalculationKind = 'maps' | 'contrasts' | 'verdicts' | 'traces';
-
-/** What a map, a contrast table and a verdict have in common while they run and when they have ended. */
-export interface Calculation {
-  readonly id: number;
+/** A map, a contrast table or a verdict. */
+export interface ScanJob extends Job {
   readonly scan_id: number;
-  readonly state: 'running' | 'completed' | 'failed' | 'cancelled' | 'interrupted';
-  readonly created_at: string;
-  readonly progress?: Headway;
-  readonly forecast?: Forecast;
-  /** What it took. */
-  readonly seconds?: number;
-  readonly error?: { readonly code: string; readonly detail: string };
   readonly request: { readonly specification?: Specification; readonly region?: string | null };
   readonly left_out?: readonly LeftOut[];
 }
@@ -336,7 +340,7 @@ interface Spread {
 }
 
 /** The object of `ridged map --json`. */
-export interface MapResult extends Calculation {
+export interface MapResult extends ScanJob {
   /** That were fitted. */
   readonly pixels: number;
   /** That were not reached within the time allowed. */
@@ -364,7 +368,7 @@ interface ContrastPair {
 }
 
 /** The object of `ridged contrast --json`. */
-export interface ContrastResult extends Calculation {
+export interface ContrastResult extends ScanJob {
   readonly lines: readonly {
     readonly theta_c_deg: number;
     readonly radiance: Readonly<Record<string, number>>;
@@ -382,7 +386,7 @@ export interface Specification {
 export type VerdictWord = 'pass' | 'fail' | 'cannot-tell';
 
 /** The object of `ridged judge --json`. */
-export interface VerdictResult extends Calculation {
+export interface VerdictResult extends ScanJob {
   readonly verdict: VerdictWord;
   readonly specification: string;
   readonly decision_rule: string;
@@ -413,7 +417,7 @@ interface DirectionsSummary {
 }
 
 /** The object of `ridged trace --json` with what the daemon adds; a trace that has no result yet lacks most of it. */
-export interface Trace extends Omit<Calculation, 'request'>, Partial<Omit<TraceResult, keyof Calculation>> {
+export interface Trace extends Job, Partial<Omit<TraceResult, keyof Job>> {
   readonly request: {
     readonly scene: unknown;
     readonly photons?: number;

@@ -1,7 +1,7 @@
 // What codes, flags and names mean, in words.
 
 import { plain, significant } from './format';
-import type { Fit, Parameter, Scan, ScanState } from './types';
+import type { Fit, JobKind, JobProgress, JobState, Parameter, Scan, ScanState } from './types';
 
 export interface ParameterWords {
   /** Symbol as written in text; the part after `_` is set as a subscript. */
@@ -142,6 +142,25 @@ export const SCAN_STATES: Readonly<Record<ScanState, { word: string; tone: 'busy
   aborted: { word: 'aborted', tone: 'plain' },
   failed: { word: 'failed', tone: 'bad' },
 };
+
+/** What one job of a kind is called. */
+export const JOB_NAMES: Readonly<Record<JobKind, string>> = { fits: 'Fit', maps: 'Map', contrasts: 'Contrast', verdicts: 'Verdict', traces: 'Trace' };
+
+/** States of jobs as chips show them. */
+export const JOB_STATES: Readonly<Record<JobState, { readonly word: string; readonly tone: '' | 'good' | 'warn' | 'bad' | 'busy' }>> = {
+  running: { word: 'running', tone: 'busy' },
+  completed: { word: 'done', tone: 'good' },
+  failed: { word: 'failed', tone: 'bad' },
+  cancelled: { word: 'cancelled', tone: '' },
+  interrupted: { word: 'interrupted', tone: 'warn' },
+};
+
+/** The stage of a running job, or its place in the queue. */
+export function stageWords(progress: JobProgress | undefined): string {
+  const position = progress?.queued_position;
+  if (position !== undefined) return position === 1 ? 'waiting, next to start' : `waiting, number ${position} in the queue`;
+  return progress?.stage ?? 'starting';
+}
 
 /** A scan that holds the rig. */
 export function isActive(scan: Scan): boolean {

@@ -435,7 +435,7 @@ export class MockDaemon {
       if (verb === 'continue') {
         if (scan.body.state !== 'waiting-for-operator') return problem(409, 'state-conflict', `scan ${scan.body.id} is ${scan.body.state}: there is no step to continue`);
         const step = (scan.body['operator'] as { action: string } | null)?.action;
-        if (body['action'] !== step) return problem(409, 'other-step', `scan ${scan.body.id} waits for ${step}, not for ${String(body['action'])}, and waits on`);
+        if (body['action'] !== step) return problem(409, 'other-step', `scan ${scan.body.id} waits for ${step}, not for ${String(body['action'])}`);
         scan.steps.shift();
         scan.body['operator'] = null;
       }

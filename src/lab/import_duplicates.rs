@@ -1,7 +1,7 @@
-//! A series that was imported before: the same, or with other facts.
+//! Detects a series that was imported before, with the same or with other facts.
 //!
-//! Frames are told by their content. What manifest and list of frames say of them decides what a fit makes of them, so a
-//! series of the same frames and other facts is another one: both are kept, and what differs is named.
+//! Frames are identified by their content. Manifest and list of frames decide the result of a fit, so a series of the
+//! same frames with other facts is a different series: both are stored, and the differences are listed.
 
 use std::collections::HashMap;
 
@@ -12,26 +12,26 @@ use crate::store::frames::{FrameRecord, ImportedFrame};
 use crate::wording::counted;
 use crate::wording::differences::{self, Difference};
 
-/// A scan that holds the same frames.
+/// An earlier scan of the same frames.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Alike {
-    /// Which.
+pub struct ImportDuplicate {
+    /// The scan.
     pub scan_id: i64,
-    /// What it says of them, and what the new series says, in words; empty where that is the same.
+    /// Differences between its facts and those of the new series, as sentences; empty if they are the same.
     pub differences: Vec<String>,
 }
 
 impl Lab {
-    /// The newest import that is the same as this series, or else the one of the same frames that differs least.
+    /// Returns the newest import of this series, or else the import of the same frames whose facts differ least.
     pub(super) async fn imported_before(
         &self,
         manifest: &Manifest,
         frames: &[ImportedFrame],
-    ) -> Result<Option<Alike>, LabError> {
+    ) -> Result<Option<ImportDuplicate>, LabError> {
         let Some(first) = frames.first() else {
             return Ok(None);
         };
-        let mut alike: Option<Alike> = None;
+        let mut alike: Option<ImportDuplicate> = None;
         for scan_id in self.store().imports_with(&first.file.sha256).await? {
             let mut kept = self.store().frames_for_reduction(scan_id).await?;
             kept.retain(|frame| frame.scan_id == scan_id);
@@ -39,14 +39,14 @@ impl Lab {
                 continue;
             };
             differences.extend(of_manifests(&self.manifest(scan_id).await?, manifest)?);
-            let found = Alike {
+            let found = ImportDuplicate {
                 scan_id,
                 differences,
             };
             if found.differences.is_empty() {
                 return Ok(Some(found));
             }
-            // The one that it is a correction of, most likely; the newest of equals.
+            // Most likely the one that this series corrects; the newest of equals.
             let n = found.differences.len();
             if alike.as_ref().is_none_or(|best| n < best.differences.len()) {
                 alike = Some(found);
@@ -56,7 +56,7 @@ impl Lab {
     }
 }
 
-/// What two manifests say otherwise.
+/// Lists the differences between two manifests.
 fn of_manifests(before: &Manifest, now: &Manifest) -> Result<Vec<String>, StoreError> {
     let value = |manifest: &Manifest| {
         serde_json::to_value(manifest).map_err(|e| StoreError::bad_row("scans", e))
@@ -65,7 +65,7 @@ fn of_manifests(before: &Manifest, now: &Manifest) -> Result<Vec<String>, StoreE
     Ok(differences.iter().map(Difference::to_string).collect())
 }
 
-/// What two lists say otherwise of the same frames, by column; `None` where the frames are others.
+/// Lists the differences between two lists of the same frames, by column; `None` if the frames differ.
 fn of_frames(before: &[FrameRecord], now: &[ImportedFrame]) -> Option<Vec<String>> {
     if before.len() != now.len() {
         return None;

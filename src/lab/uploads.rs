@@ -1,4 +1,4 @@
-//! Files that come with a request: their content as base64, and what is kept of it in the request's row.
+//! Files in a request: base64 content, and what the request's row stores of it.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -10,15 +10,15 @@ use crate::heights::ridges::{self, Shape, Units};
 use crate::store::frames::sha256_hex;
 use crate::trace::scene::HeightMap;
 
-/// Heights in a file at most, 2048 × 2048: the daemon drives a rig, and no request may take the memory for that away.
+/// Largest number of heights in a file, 2048 × 2048: no request may exhaust the memory of a daemon that drives a rig.
 const HEIGHTS_MAX: usize = 1 << 22;
 
-/// A file's content: base64 in a request; in what is kept of the request its size and fingerprint.
+/// A file's content: base64 in a request; its size and hash in the stored request.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(try_from = "String", into = "Fingerprint")]
 pub struct Content(pub(super) Vec<u8>);
 
-/// What tells a file from any other.
+/// Size and hash of a file.
 #[derive(Debug, Serialize)]
 struct Fingerprint {
     bytes: usize,
@@ -46,7 +46,7 @@ impl From<Content> for Fingerprint {
 }
 
 impl Content {
-    /// The heights in it; `name` tells by its ending how they are written.
+    /// Reads the heights; the extension of `name` states the format.
     pub(super) fn heights(&self, name: &str) -> Result<HeightMap, String> {
         heights::read_within(name, &self.0, HEIGHTS_MAX)
     }
@@ -66,23 +66,23 @@ pub enum Pitch {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ShapeFile {
-    /// Its name: the ending tells how the heights are written (csv, png, tif, x3p, sdf).
+    /// Name; the extension states the format (csv, png, tif, x3p, sdf).
     pub name: String,
-    /// What is in it, base64.
+    /// Content, base64.
     pub content: Content,
-    /// Spacing of samples, µm, where the file does not say it.
+    /// Spacing of samples, µm, if the file does not state it.
     #[serde(default)]
     pub pitch_um: Option<Pitch>,
-    /// Micrometres per unit of the heights, where the file does not say it.
+    /// Micrometres per unit of height, if the file does not state it.
     #[serde(default)]
     pub height_unit_um: Option<f64>,
 }
 
 impl ShapeFile {
-    /// The ridges in it, and what they were made of where it is a map.
+    /// Reads the ridges; for a map also the facts they come from.
     ///
     /// # Errors
-    /// [`LabError::Invalid`] of `shape`: what is wrong with it.
+    /// [`LabError::Invalid`] of `shape`.
     pub(super) fn read(&self) -> Result<Shape, LabError> {
         let units = Units {
             pitch_um: match self.pitch_um {
@@ -106,7 +106,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn content_comes_as_base64_and_is_kept_by_its_fingerprint() {
+    fn content_is_sent_as_base64_and_stored_as_size_and_hash() {
         let content: Content = serde_json::from_str("\"MSwyCg==\"").unwrap();
         assert_eq!(content.0, b"1,2\n");
         assert_eq!(content.heights("a.csv").unwrap().columns, 2);
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shape_that_does_not_say_its_units_is_told_how_to() {
+    fn an_error_names_the_fields_that_state_missing_units() {
         let shape = ShapeFile {
             name: "map.csv".to_owned(),
             content: Content(b"0,1,2\n0,1,2\n0,1,2\n".to_vec()),

@@ -1,10 +1,10 @@
-//! What watches a lab from outside: the log and the counters for monitors see the same events as everybody else.
+//! Telemetry: writes every event to the log and counts it for monitors.
 
 use metrics::counter;
 
 use crate::scan::{Event, RecordedEvent};
 
-/// Counts what monitors want to know of. States are counted as they are entered.
+/// Counts an event; a state is counted when it is entered.
 pub(super) fn count(event: &Event) {
     match event {
         Event::Scan { state, .. } => {
@@ -14,13 +14,11 @@ pub(super) fn count(event: &Event) {
             let accepted = if *accepted { "true" } else { "false" };
             counter!("ridged_frames_total", "accepted" => accepted).increment(1);
         }
-        Event::Fit { state, .. } => {
-            counter!("ridged_task_states_total", "task" => "fit", "state" => state.as_str())
-                .increment(1);
-        }
-        Event::Calculation { kind, state, .. } => {
-            let (task, state) = (kind.as_str(), state.as_str());
-            counter!("ridged_task_states_total", "task" => task, "state" => state).increment(1);
+        Event::Fit { .. } | Event::Calculation { .. } => {
+            if let Some((id, state)) = event.job() {
+                let (task, state) = (id.kind.as_str(), state.as_str());
+                counter!("ridged_task_states_total", "task" => task, "state" => state).increment(1);
+            }
         }
         Event::Alarm { code, .. } => {
             counter!("ridged_alarms_total", "code" => code.clone()).increment(1);
@@ -57,8 +55,10 @@ pub(super) fn log(event: &RecordedEvent) {
             frame_id,
             "scan {scan_id}: frame {frame_id} at θc {theta_c_deg:.3}°, φs {phi_s_deg:.3}°"
         ),
-        Event::Fit { fit_id, state, .. } => {
-            tracing::info!(id, fit_id, "fit {fit_id} is {state}");
+        Event::Fit { .. } | Event::Calculation { .. } => {
+            if let Some((job, state)) = event.event.job() {
+                tracing::info!(id, %job, "{job} is {state}");
+            }
         }
         Event::Uncertainty { scan_id, certainty } => tracing::debug!(
             id,
@@ -68,12 +68,6 @@ pub(super) fn log(event: &RecordedEvent) {
             certainty.n_observations,
             certainty.elapsed_s
         ),
-        Event::Calculation {
-            kind,
-            calculation_id,
-            state,
-            ..
-        } => tracing::info!(id, calculation_id, "{kind} {calculation_id} is {state}"),
         Event::Forecast {
             of,
             number,

@@ -1,46 +1,50 @@
-//! `/maps`, `/contrasts`, `/verdicts` and `/traces`: begin, look, search, cancel, and the files of maps and traces.
+//! Jobs: one shape for `/fits`, `/maps`, `/contrasts`, `/verdicts` and `/traces`, and the routes of all but fits.
 
 use axum::Json;
 use axum::extract::State;
 use axum::http::{StatusCode, header};
-use axum::response::IntoResponse;
+use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, IdAndName, Params, page, since};
 use super::{App, Begun, List, words};
-use crate::lab::{
-    CalculationRequest, ContrastRequest, LabError, MapRequest, TraceRequest, VerdictRequest,
-};
-use crate::scan::event::{CalculationKind, TaskState};
-use crate::store::StoreError;
-use crate::store::calculations::{Calculation, CalculationFilter};
+use crate::job::{JobId, JobKind, JobState};
+use crate::lab::{ContrastRequest, JobRequest, LabError, MapRequest, TraceRequest, VerdictRequest};
+use crate::store::jobs::{Job, JobFilter};
+use crate::store::{PageRequest, StoreError};
 
-/// The object of the command of that name, once there is one, with what the store adds; before, how
-/// far it has come (`progress`: stage, fraction of it, elapsed_s, time_left_s) and what it was said to take
-/// (`forecast`, which stays with the result).
-fn body(app: &App, calculation: Calculation) -> Result<Value, StoreError> {
+/// The body of a job: the object of the command of that name, once there is one, with what the store adds. Before, the
+/// progress (`progress`) and the forecast (`forecast`, which stays with the result).
+fn body(app: &App, job: Job) -> Result<Value, StoreError> {
     let parsed = |text: &str, table| -> Result<Value, StoreError> {
         serde_json::from_str(text).map_err(|e| StoreError::bad_row(table, e))
     };
-    let mut object = match &calculation.result {
-        Some(result) => parsed(result, "calculation_ends")?,
-        None => json!({}),
+    let request = parsed(&job.request, "jobs")?;
+    let mut object = match (&job.result, job.kind) {
+        (Some(result), _) => parsed(result, "job_ends")?,
+        (None, JobKind::Fit) => {
+            json!({ "variant": request["variant"], "region": request["region"] })
+        }
+        (None, _) => json!({}),
     };
-    object["id"] = json!(calculation.id);
-    object["scan_id"] = json!(calculation.scan_id);
-    object["state"] = json!(calculation.state);
-    object["request"] = parsed(&calculation.request, "calculations")?;
-    object["created_at"] = json!(calculation.created_at);
-    object["ended_at"] = json!(calculation.ended_at);
-    if let Some(progress) = app.lab.calculation_progress(calculation.id) {
+    object["id"] = json!(job.number);
+    object["scan_id"] = json!(job.scan_id);
+    object["sample_id"] = json!(job.sample_id);
+    object["sample_name"] = json!(job.sample_name);
+    object["state"] = json!(job.state);
+    object["request"] = request;
+    object["created_at"] = json!(job.created_at);
+    object["ended_at"] = json!(job.ended_at);
+    let (progress, forecast) = app.lab.job_progress(job.id());
+    if let Some(progress) = progress {
         object["progress"] = json!(progress);
     }
-    if let Some(forecast) = app.lab.calculation_forecast(calculation.id) {
+    if let Some(forecast) = forecast {
         object["forecast"] = json!(forecast);
     }
-    if let (Some(code), Some(detail)) = (calculation.error_code, calculation.error_detail) {
+    if let (Some(code), Some(detail)) = (job.error_code, job.error_detail) {
         object["error"] = json!({ "code": code, "detail": detail });
     }
     Ok(object)
@@ -50,7 +54,7 @@ fn body(app: &App, calculation: Calculation) -> Result<Value, StoreError> {
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-pub struct CalculationParams {
+pub struct JobParams {
     /// Of any scan of this sample.
     sample_id: Option<i64>,
     /// Of this scan.
@@ -67,63 +71,67 @@ pub struct CalculationParams {
     cursor: Option<String>,
 }
 
-async fn list(
+/// A page of jobs of a kind.
+pub(super) async fn found(
     app: &App,
-    kind: CalculationKind,
-    params: CalculationParams,
+    kind: JobKind,
+    filter: &JobFilter,
+    page: PageRequest,
 ) -> Result<Json<List<Value>>, ApiError> {
-    let page = page(params.limit, params.cursor.as_deref())?;
-    let state = match params.state.as_deref() {
-        Some(word) => Some(TaskState::from_word(word).ok_or_else(|| {
-            let known = TaskState::ALL.map(TaskState::as_str).join(", ");
-            ApiError::invalid("state", format!("`{word}` is none of {known}"))
-        })?),
-        None => None,
-    };
-    let filter = CalculationFilter {
-        sample_id: params.sample_id,
-        scan_id: params.scan_id,
-        state,
-        since: since(params.since)?,
-    };
-    let found = app.lab.store().calculations(kind, &filter, page).await?;
+    let found = app.lab.store().jobs(kind, filter, page).await?;
     let mut list = List::after(&found);
-    for calculation in found.items {
-        let (id, answer) = (calculation.id, body(app, calculation));
+    for job in found.items {
+        let (id, answer) = (job.number, body(app, job));
         list.take(id, answer.map_err(LabError::from))?;
     }
     Ok(Json(list))
 }
 
-async fn begin(
-    app: &App,
-    request: CalculationRequest,
-    route: &str,
-) -> Result<impl IntoResponse + use<>, ApiError> {
-    let id = app.lab.start_calculation(&request).await?;
-    let body = Begun {
-        id: Some(id),
-        state: TaskState::Running.to_string(),
+async fn list(app: &App, kind: JobKind, params: JobParams) -> Result<Json<List<Value>>, ApiError> {
+    let page = page(params.limit, params.cursor.as_deref())?;
+    let state = match params.state.as_deref() {
+        Some(word) => Some(JobState::from_word(word).ok_or_else(|| {
+            let known = JobState::ALL.map(JobState::as_str).join(", ");
+            ApiError::invalid("state", format!("`{word}` is none of {known}"))
+        })?),
+        None => None,
     };
-    let location = [(header::LOCATION, format!("/api/v1/{route}/{id}"))];
-    Ok((StatusCode::ACCEPTED, location, Json(body)))
+    let filter = JobFilter {
+        sample_id: params.sample_id,
+        scan_id: params.scan_id,
+        state,
+        since: since(params.since)?,
+        ..JobFilter::default()
+    };
+    found(app, kind, &filter, page).await
 }
 
-async fn one(app: &App, kind: CalculationKind, id: i64) -> Result<Json<Value>, ApiError> {
-    let found = app.lab.store().calculation(kind, id).await?;
-    Ok(Json(body(app, found)?))
+pub(super) async fn begin(app: &App, request: impl Into<JobRequest>) -> Result<Response, ApiError> {
+    let id = app.lab.start_job(request).await?;
+    let body = Begun {
+        id: Some(id.number),
+        state: JobState::Running.to_string(),
+    };
+    let path = format!("/api/v1/{}/{}", id.kind.plural(), id.number);
+    let location = [(header::LOCATION, path)];
+    Ok((StatusCode::ACCEPTED, location, Json(body)).into_response())
+}
+
+pub(super) async fn one(app: &App, kind: JobKind, number: i64) -> Result<Json<Value>, ApiError> {
+    let job = app.lab.store().job(JobId::new(kind, number)).await?;
+    Ok(Json(body(app, job)?))
 }
 
 async fn file(
     app: &App,
-    kind: CalculationKind,
-    id: i64,
+    kind: JobKind,
+    number: i64,
     name: &str,
 ) -> Result<impl IntoResponse + use<>, ApiError> {
-    let path = app.lab.calculation_file(kind, id, name).await?;
+    let path = app.lab.job_file(JobId::new(kind, number), name).await?;
     let bytes = tokio::fs::read(&path)
         .await
-        .map_err(|e| StoreError::file("a file of a calculation", &path, e))?;
+        .map_err(|e| StoreError::file("a file of a job", &path, e))?;
     let kind = match path.extension().and_then(|e| e.to_str()) {
         Some("png") => "image/png",
         Some("tif") => "image/tiff",
@@ -131,7 +139,7 @@ async fn file(
         Some("json") => "application/json",
         _ => "application/octet-stream",
     };
-    // The files of a calculation never change.
+    // The files of a job never change.
     let headers = [
         (header::CONTENT_TYPE, kind),
         (
@@ -142,29 +150,29 @@ async fn file(
     Ok((headers, bytes))
 }
 
-async fn cancel(
+pub(super) async fn cancel(
     app: &App,
-    kind: CalculationKind,
-    id: i64,
+    kind: JobKind,
+    number: i64,
 ) -> Result<impl IntoResponse + use<>, ApiError> {
-    app.lab.cancel_calculation(kind, id).await?;
+    app.lab.cancel_job(JobId::new(kind, number)).await?;
     let body = Begun {
-        id: Some(id),
-        state: TaskState::Cancelled.to_string(),
+        id: Some(number),
+        state: JobState::Cancelled.to_string(),
     };
     Ok((StatusCode::ACCEPTED, Json(body)))
 }
 
 /// Maps, newest first.
-#[utoipa::path(get, path = "/api/v1/maps", tag = "maps", params(CalculationParams), responses(
+#[utoipa::path(get, path = "/api/v1/maps", tag = "maps", params(JobParams), responses(
     (status = 200, description = "A page of maps", body = List<Object>),
     (status = 422, description = "A value makes no sense", body = Problem),
 ))]
 pub(super) async fn maps(
     State(app): State<App>,
-    Params(params): Params<CalculationParams>,
+    Params(params): Params<JobParams>,
 ) -> Result<Json<List<Value>>, ApiError> {
-    list(&app, CalculationKind::Map, params).await
+    list(&app, JobKind::Map, params).await
 }
 
 /// Begin a map: every pixel of a scan fitted.
@@ -179,7 +187,7 @@ pub(super) async fn begin_map(
     State(app): State<App>,
     Body(request): Body<MapRequest>,
 ) -> Result<impl IntoResponse, ApiError> {
-    begin(&app, CalculationRequest::Map(request), "maps").await
+    begin(&app, request).await
 }
 
 /// One map: the object of `map --json` plus id, scan_id and state; its `files` lie below `files/`.
@@ -188,7 +196,7 @@ pub(super) async fn begin_map(
     (status = 404, description = "There is none", body = Problem),
 ))]
 pub(super) async fn map(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {
-    one(&app, CalculationKind::Map, id).await
+    one(&app, JobKind::Map, id).await
 }
 
 /// Cancel a map that runs.
@@ -201,7 +209,7 @@ pub(super) async fn cancel_map(
     State(app): State<App>,
     Id(id): Id,
 ) -> Result<impl IntoResponse, ApiError> {
-    cancel(&app, CalculationKind::Map, id).await
+    cancel(&app, JobKind::Map, id).await
 }
 
 /// A file of a map: float32 TIFF, PNG picture, CSV or JSON.
@@ -219,19 +227,19 @@ pub(super) async fn map_file(
     State(app): State<App>,
     IdAndName(id, name): IdAndName,
 ) -> Result<impl IntoResponse, ApiError> {
-    file(&app, CalculationKind::Map, id, &name).await
+    file(&app, JobKind::Map, id, &name).await
 }
 
 /// Contrasts, newest first.
-#[utoipa::path(get, path = "/api/v1/contrasts", tag = "contrasts", params(CalculationParams), responses(
+#[utoipa::path(get, path = "/api/v1/contrasts", tag = "contrasts", params(JobParams), responses(
     (status = 200, description = "A page of contrasts", body = List<Object>),
     (status = 422, description = "A value makes no sense", body = Problem),
 ))]
 pub(super) async fn contrasts(
     State(app): State<App>,
-    Params(params): Params<CalculationParams>,
+    Params(params): Params<JobParams>,
 ) -> Result<Json<List<Value>>, ApiError> {
-    list(&app, CalculationKind::Contrast, params).await
+    list(&app, JobKind::Contrast, params).await
 }
 
 /// Begin a contrast table of a scan.
@@ -245,7 +253,7 @@ pub(super) async fn begin_contrast(
     State(app): State<App>,
     Body(request): Body<ContrastRequest>,
 ) -> Result<impl IntoResponse, ApiError> {
-    begin(&app, CalculationRequest::Contrast(request), "contrasts").await
+    begin(&app, request).await
 }
 
 /// One contrast table: the object of `contrast --json` plus id, scan_id and state.
@@ -254,7 +262,7 @@ pub(super) async fn begin_contrast(
     (status = 404, description = "There is none", body = Problem),
 ))]
 pub(super) async fn contrast(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {
-    one(&app, CalculationKind::Contrast, id).await
+    one(&app, JobKind::Contrast, id).await
 }
 
 /// Cancel a contrast that runs.
@@ -267,19 +275,19 @@ pub(super) async fn cancel_contrast(
     State(app): State<App>,
     Id(id): Id,
 ) -> Result<impl IntoResponse, ApiError> {
-    cancel(&app, CalculationKind::Contrast, id).await
+    cancel(&app, JobKind::Contrast, id).await
 }
 
 /// Verdicts, newest first.
-#[utoipa::path(get, path = "/api/v1/verdicts", tag = "verdicts", params(CalculationParams), responses(
+#[utoipa::path(get, path = "/api/v1/verdicts", tag = "verdicts", params(JobParams), responses(
     (status = 200, description = "A page of verdicts", body = List<Object>),
     (status = 422, description = "A value makes no sense", body = Problem),
 ))]
 pub(super) async fn verdicts(
     State(app): State<App>,
-    Params(params): Params<CalculationParams>,
+    Params(params): Params<JobParams>,
 ) -> Result<Json<List<Value>>, ApiError> {
-    list(&app, CalculationKind::Verdict, params).await
+    list(&app, JobKind::Verdict, params).await
 }
 
 /// Begin a verdict: a scan judged against a specification.
@@ -294,7 +302,7 @@ pub(super) async fn begin_verdict(
     State(app): State<App>,
     Body(request): Body<VerdictRequest>,
 ) -> Result<impl IntoResponse, ApiError> {
-    begin(&app, CalculationRequest::Verdict(request), "verdicts").await
+    begin(&app, request).await
 }
 
 /// One verdict: the object of `judge --json` plus id, scan_id and state.
@@ -303,7 +311,7 @@ pub(super) async fn begin_verdict(
     (status = 404, description = "There is none", body = Problem),
 ))]
 pub(super) async fn verdict(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {
-    one(&app, CalculationKind::Verdict, id).await
+    one(&app, JobKind::Verdict, id).await
 }
 
 /// Cancel a verdict that runs.
@@ -316,19 +324,19 @@ pub(super) async fn cancel_verdict(
     State(app): State<App>,
     Id(id): Id,
 ) -> Result<impl IntoResponse, ApiError> {
-    cancel(&app, CalculationKind::Verdict, id).await
+    cancel(&app, JobKind::Verdict, id).await
 }
 
 /// Traces, newest first.
-#[utoipa::path(get, path = "/api/v1/traces", tag = "traces", params(CalculationParams), responses(
+#[utoipa::path(get, path = "/api/v1/traces", tag = "traces", params(JobParams), responses(
     (status = 200, description = "A page of traces", body = List<Object>),
     (status = 422, description = "A value makes no sense", body = Problem),
 ))]
 pub(super) async fn traces(
     State(app): State<App>,
-    Params(params): Params<CalculationParams>,
+    Params(params): Params<JobParams>,
 ) -> Result<Json<List<Value>>, ApiError> {
-    list(&app, CalculationKind::Trace, params).await
+    list(&app, JobKind::Trace, params).await
 }
 
 /// Begin a trace: polarised light through a scene.
@@ -342,7 +350,7 @@ pub(super) async fn begin_trace(
     State(app): State<App>,
     Body(request): Body<TraceRequest>,
 ) -> Result<impl IntoResponse, ApiError> {
-    begin(&app, CalculationRequest::Trace(request), "traces").await
+    begin(&app, request).await
 }
 
 /// One trace: the object of `trace --json` plus id and state, `light`, `bins` (what is in its files), `comparison` (with
@@ -352,7 +360,7 @@ pub(super) async fn begin_trace(
     (status = 404, description = "There is none", body = Problem),
 ))]
 pub(super) async fn trace(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {
-    one(&app, CalculationKind::Trace, id).await
+    one(&app, JobKind::Trace, id).await
 }
 
 /// Cancel a trace that runs.
@@ -365,7 +373,7 @@ pub(super) async fn cancel_trace(
     State(app): State<App>,
     Id(id): Id,
 ) -> Result<impl IntoResponse, ApiError> {
-    cancel(&app, CalculationKind::Trace, id).await
+    cancel(&app, JobKind::Trace, id).await
 }
 
 /// A file of a trace: `bins.csv` (the table of `trace --out`), `plane.json` (the plane of incidence: the virtual ellipsometer's
@@ -387,5 +395,5 @@ pub(super) async fn trace_file(
     State(app): State<App>,
     IdAndName(id, name): IdAndName,
 ) -> Result<impl IntoResponse, ApiError> {
-    file(&app, CalculationKind::Trace, id, &name).await
+    file(&app, JobKind::Trace, id, &name).await
 }

@@ -1,4 +1,4 @@
-//! What `ridged accuracy` left in the data folder.
+//! Results of `ridged accuracy` in the data folder.
 
 use std::time::SystemTime;
 
@@ -7,16 +7,16 @@ use serde_json::{Value, json};
 use super::{Lab, LabError};
 use crate::store::{StoreError, utc_text};
 
-/// Folder of the last measurement, below the data folder.
+/// Folder of the results, below the data folder.
 pub const ACCURACY_FOLDER: &str = "accuracy";
-/// Its object, in that folder.
+/// File of the results in that folder.
 pub const ACCURACY_FILE: &str = "accuracy.json";
 
 impl Lab {
-    /// The object that `ridged accuracy` wrote last, and when (`written_at`).
+    /// Returns the last result of `ridged accuracy`, with its time as `written_at`.
     ///
     /// # Errors
-    /// [`LabError::Store`] where none is there, or it cannot be read.
+    /// [`LabError::NothingMeasured`] if there is no result; [`LabError::Store`] if it cannot be read.
     pub async fn accuracy(&self) -> Result<Value, LabError> {
         let path = self
             .store()

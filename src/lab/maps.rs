@@ -1,0 +1,76 @@
+//! Maps: the model fitted to every pixel of a scan.
+
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use serde::{Deserialize, Serialize};
+
+use super::failure::Failure;
+use super::job_progress::ProgressMeter;
+use super::job_work::{Finished, Work};
+use super::request_checks::{positive, share};
+use super::{LabError, StoredSeries};
+use crate::accuracy::map_forecast::of_map;
+use crate::forecast::Forecast;
+use crate::map::folder::map_into;
+use crate::map::{self, MapOptions};
+use crate::store::Store;
+
+/// A request for a map.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MapRequest {
+    /// Scan to map.
+    pub scan_id: i64,
+    /// Start no further pixels after this time, s; pixels that were not reached have no value.
+    #[serde(default)]
+    pub max_seconds: Option<f64>,
+    /// Largest share of the brightest radiance that a pixel's model may neglect.
+    #[serde(default)]
+    pub target_error: Option<f64>,
+}
+
+impl MapRequest {
+    pub(super) async fn prepare(&self, store: &Store) -> Result<MapWork, LabError> {
+        positive([
+            ("max_seconds", self.max_seconds),
+            ("target_error", self.target_error),
+        ])?;
+        share("target_error", self.target_error)?;
+        Ok(MapWork {
+            series: StoredSeries::open(store, self.scan_id).await?,
+            options: MapOptions {
+                max_seconds: self.max_seconds,
+                target_error: self.target_error,
+                ..MapOptions::default()
+            },
+        })
+    }
+}
+
+/// A checked map.
+pub(super) struct MapWork {
+    series: StoredSeries,
+    options: MapOptions,
+}
+
+impl Work for MapWork {
+    fn forecast(&self, cancel: &AtomicBool) -> Option<Forecast> {
+        of_map(&self.series, &self.options, cancel)
+    }
+
+    fn run(
+        &self,
+        folder: &Path,
+        progress: &ProgressMeter,
+        cancel: &AtomicBool,
+    ) -> Result<Finished, Failure> {
+        let options = MapOptions {
+            scratch: folder.to_owned(),
+            ..self.options.clone()
+        };
+        let report =
+            |p: map::Progress| progress.report(p.stage.words(), p.done as u64, p.total as u64);
+        Finished::new(&map_into(&self.series, &options, folder, &report, cancel)?)
+    }
+}
