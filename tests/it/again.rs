@@ -174,7 +174,7 @@ async fn a_scan_of_other_settings_is_not_resumed_and_they_are_named() {
     for part in [
         "scan 1 cannot be resumed",
         "camera.gain_dn_per_electron was 2.0 and is 0.25",
-        "put them back",
+        "restore them",
     ] {
         assert!(words.contains(part), "{part} is not in: {words}");
     }

@@ -256,7 +256,7 @@ async fn a_series_that_is_there_already_says_so_and_one_without_a_sample_is_refu
     let refused = post(&router, "/api/v1/imports", &body).await;
     is_problem(&refused, 422, "series-invalid");
     assert!(
-        refused.detail().contains("shows the sample"),
+        refused.detail().contains("has the kind sample"),
         "{}",
         refused.detail()
     );

@@ -28,7 +28,7 @@ async fn a_scene_is_traced_compared_and_looked_at() {
     let several = json!({ "scene": scene, "surfaces": 3 }).to_string();
     let refused = post(&router, "/api/v1/traces", &several).await;
     is_problem(&refused, 422, "invalid-value");
-    assert!(refused.detail().contains("drawn at random"));
+    assert!(refused.detail().contains("is random"));
     let rough = json!({ "shape": "beckmann", "alpha_u": 0.4, "alpha_v": 0.4, "cells": 32, "below": { "n": 1.5 } });
     let several = json!({
         "scene": { "light": { "theta_i_deg": 45.0 }, "interface": [rough], "run": { "photons": 20_000 } },
