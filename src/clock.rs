@@ -1,8 +1,8 @@
 //! Time as an argument: the daemon, the simulated rig and the tests each get the clock they need.
 //!
-//! Monotonic time orders and waits; UTC only labels. [`SystemClock`] is real time, [`ScaledClock`]
-//! runs a simulated rig faster than life, [`SteppedClock`] moves only when somebody sleeps on it, so
-//! a whole scan runs in a test without waiting and always the same way.
+//! Monotonic time is used to order and wait; UTC is only a label. [`SystemClock`] is real time,
+//! [`ScaledClock`] runs a simulated rig faster than real time, and [`SteppedClock`] advances only
+//! when a task sleeps on it, so a whole scan runs in a test without waiting and reproducibly.
 
 use std::sync::{LazyLock, Mutex};
 use std::time::{Duration, Instant};
@@ -10,7 +10,8 @@ use std::time::{Duration, Instant};
 use futures::future::BoxFuture;
 use time::OffsetDateTime;
 
-/// Real time in seconds, from the first call on: for calculations, which neither wait nor name the time of day.
+/// Real time in seconds since the first call, for calculations, which neither wait nor need the
+/// time of day.
 #[must_use]
 pub fn elapsed_s() -> f64 {
     static STARTED: LazyLock<Instant> = LazyLock::new(Instant::now);
@@ -19,16 +20,16 @@ pub fn elapsed_s() -> f64 {
 
 /// A source of time and the only way to wait.
 pub trait Clock: Send + Sync + 'static {
-    /// Monotonic time since the clock was made.
+    /// Monotonic time since the clock was created.
     fn now(&self) -> Duration;
-    /// Wall-clock time, a label only: it may jump.
+    /// Wall-clock time, only a label: it may jump.
     fn utc(&self) -> OffsetDateTime;
-    /// The machine's own wall-clock time, for what is not the rig's: calculations take as long as they take,
-    /// however fast a simulated rig runs.
+    /// The machine's own wall-clock time, for everything that is not part of the rig: a calculation
+    /// takes real time, however fast a simulated rig runs.
     fn wall(&self) -> OffsetDateTime {
         self.utc()
     }
-    /// Completes when `duration` has passed on this clock.
+    /// Completes after `duration` on this clock.
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()>;
 }
 
@@ -39,7 +40,7 @@ pub struct SystemClock {
 }
 
 impl SystemClock {
-    /// A clock that starts now.
+    /// Makes a clock that starts now.
     #[must_use]
     pub fn new() -> Self {
         SystemClock {
@@ -68,7 +69,7 @@ impl Clock for SystemClock {
     }
 }
 
-/// Real time run faster (or slower) by a fixed factor, for a simulated rig.
+/// Real time multiplied by a constant factor, for a simulated rig.
 #[derive(Debug)]
 pub struct ScaledClock {
     started: Instant,
@@ -77,8 +78,8 @@ pub struct ScaledClock {
 }
 
 impl ScaledClock {
-    /// A clock on which `scale` seconds pass in one real second. `scale` must be finite and
-    /// positive; anything else counts as 1.
+    /// Makes a clock on which `scale` seconds pass per real second. If `scale` is not finite and
+    /// positive, 1 is used.
     #[must_use]
     pub fn new(scale: f64) -> Self {
         let scale = if scale.is_finite() && scale > 0.0 {
@@ -112,7 +113,7 @@ impl Clock for ScaledClock {
     }
 }
 
-/// Time that stands still until somebody sleeps: each sleep moves it on at once.
+/// Time that stands still until a task sleeps: each sleep advances it at once.
 #[derive(Debug)]
 pub struct SteppedClock {
     now: Mutex<Duration>,
@@ -120,7 +121,7 @@ pub struct SteppedClock {
 }
 
 impl SteppedClock {
-    /// A clock at zero, labelled with a fixed date so that tests repeat.
+    /// Makes a clock at zero, labelled with a fixed date so that tests are reproducible.
     #[must_use]
     pub fn new() -> Self {
         SteppedClock {
@@ -129,7 +130,7 @@ impl SteppedClock {
         }
     }
 
-    /// Moves time on by `duration`.
+    /// Advances the time by `duration`.
     pub fn advance(&self, duration: Duration) {
         *self.now.lock().expect("no holder of this lock panics") += duration;
     }
@@ -156,14 +157,15 @@ impl Clock for SteppedClock {
     }
 }
 
-/// Compares the time of day with the time that passed: it is set by hand, by NTP, and jumps where a machine slept.
+/// Compares the time of day with the elapsed time: the time of day is set by hand or by NTP, and
+/// jumps when a machine was suspended.
 #[derive(Debug, Default)]
 pub struct WallWatch {
     last: Option<(Duration, OffsetDateTime)>,
 }
 
 impl WallWatch {
-    /// How far the time of day went wrong since the last look, if by more than a second.
+    /// Returns the deviation of the time of day since the last call, if it exceeds a second.
     pub fn step(&mut self, now: Duration, wall: OffsetDateTime) -> Option<time::Duration> {
         let (last_now, last_wall) = self.last.replace((now, wall))?;
         let step = (wall - last_wall) - (now.saturating_sub(last_now));
@@ -176,7 +178,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_step_of_the_time_of_day_is_noticed_once_and_drift_is_not() {
+    fn a_step_of_the_time_of_day_is_reported_once_and_drift_is_not() {
         let mut watch = WallWatch::default();
         let start = time::macros::datetime!(2026-01-01 00:00 UTC);
         let mut look = |now_s: u64, wall_s: f64| {
@@ -193,10 +195,10 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_runs_fast_still_knows_the_time_of_day() {
+    fn a_scaled_clock_still_returns_the_real_time_of_day() {
         let fast = ScaledClock::new(1e9);
         let began = OffsetDateTime::now_utc();
-        // A microsecond of the machine is a quarter of an hour on this clock.
+        // A microsecond of real time is a quarter of an hour on this clock.
         while fast.now() < Duration::from_secs(7200) {}
         assert!(fast.utc() - fast.wall() > time::Duration::HOUR);
         assert!(fast.wall() - began < time::Duration::HOUR);

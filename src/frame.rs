@@ -1,4 +1,4 @@
-//! A camera frame: 16-bit grey counts, the PNG that keeps them bit for bit, and the TIFF that cameras' programs write.
+//! A camera frame of 16-bit grey counts, its lossless PNG, and the TIFF that camera programs write.
 
 mod tiff;
 
@@ -7,13 +7,13 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-/// What a frame shows.
+/// Kind of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FrameKind {
     /// The sample.
     Sample,
-    /// Nothing: the lens is capped.
+    /// No light: the lens is capped.
     Dark,
     /// The white reference.
     Flat,
@@ -48,9 +48,9 @@ impl TryFrom<String> for FrameKind {
     }
 }
 
-/// A word that is no kind of frame.
+/// A word that is not a kind of frame.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is none of sample, dark, flat")]
+#[error("`{0}` is not a kind of frame: expected sample, dark or flat")]
 pub struct UnknownKind(pub String);
 
 impl FromStr for FrameKind {
@@ -78,34 +78,34 @@ pub enum FrameError {
     /// A damaged or truncated PNG.
     #[error("the file is not a readable PNG: {0}")]
     Unreadable(#[from] png::DecodingError),
-    /// A damaged or truncated TIFF, or one of a kind that is not read.
+    /// A damaged or truncated TIFF, or an unsupported one.
     #[error("the file is not a readable TIFF: {0}")]
     UnreadableTiff(String),
     /// Neither PNG nor TIFF.
     #[error(
-        "the file is {found}; frames are PNG or TIFF files of 16-bit grey: let the camera's program save them so, without \
+        "the file is {found}, but frames are 16-bit grey PNG or TIFF files: set the camera's program to save them so, without \
          scaling the counts"
     )]
     OtherFile {
-        /// What it seems to be, with its article.
+        /// The kind of file, with its article.
         found: &'static str,
     },
     /// PNG or TIFF, but not 16-bit grey.
-    #[error("the file is {found}; frames are 16-bit grey: {way_out}")]
+    #[error("the file is {found}, but frames are 16-bit grey: {way_out}")]
     WrongFormat {
         /// Colour type, depth and kind of file, with an article.
         found: String,
         /// What to do.
         way_out: &'static str,
     },
-    /// Pixel count and size disagree, or the size is zero or beyond 2²⁸ pixels.
-    #[error("{pixels} pixels do not make a frame of {width_px} × {height_px}")]
+    /// Pixel count and size disagree, or the size is zero or above 2²⁸ pixels.
+    #[error("{pixels} pixels are not a valid frame of {width_px} × {height_px}")]
     WrongSize {
-        /// Width asked for.
+        /// The stated width.
         width_px: u32,
-        /// Height asked for.
+        /// The stated height.
         height_px: u32,
-        /// Pixels given.
+        /// Number of pixels given.
         pixels: usize,
     },
     /// The encoder failed.
@@ -113,19 +113,19 @@ pub enum FrameError {
     Encoding(#[from] png::EncodingError),
 }
 
-/// What the first bytes of a file say that it is.
+/// Kind of a file, from its first bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FileKind {
     /// PNG.
     Png,
-    /// TIFF, BigTIFF among them.
+    /// TIFF, including BigTIFF.
     Tiff,
-    /// Something else, named with its article.
+    /// Another kind, named with its article.
     Other(&'static str),
 }
 
 impl FileKind {
-    /// Of a file's bytes; the first dozen is enough.
+    /// Returns the kind of a file from its bytes; the first dozen suffices.
     #[must_use]
     pub fn of(bytes: &[u8]) -> FileKind {
         const STARTS: [(&[u8], FileKind); 13] = [
@@ -136,13 +136,13 @@ impl FileKind {
             (b"MM\0+", FileKind::Tiff),
             (
                 b"\xff\xd8\xff",
-                FileKind::Other("a JPEG, which does not keep counts"),
+                FileKind::Other("a JPEG, which does not preserve counts"),
             ),
             (
                 b"BM",
-                FileKind::Other("a Windows bitmap (BMP), which has 8 bits"),
+                FileKind::Other("a Windows bitmap (BMP), which has only 8 bits"),
             ),
-            (b"GIF8", FileKind::Other("a GIF, which has 8 bits")),
+            (b"GIF8", FileKind::Other("a GIF, which has only 8 bits")),
             (b"SIMPLE  =", FileKind::Other("a FITS file")),
             (b"P5", FileKind::Other("a PGM")),
             (b"\x93NUMPY", FileKind::Other("a NumPy array")),
@@ -159,7 +159,7 @@ impl FileKind {
     }
 }
 
-/// The article of a number of bits.
+/// The indefinite article of a number of bits.
 fn article(bits: u8) -> &'static str {
     match bits {
         8 => "an",
@@ -167,25 +167,25 @@ fn article(bits: u8) -> &'static str {
     }
 }
 
-/// What to do about a picture of another kind.
+/// The remedy for an image of another kind.
 fn way_out(coloured: bool) -> &'static str {
     match coloured {
         true => {
-            "let the camera's program save the raw counts of one grey channel; a picture in colours, with a palette or with \
+            "set the camera's program to save the raw counts of one grey channel; an image with colours, a palette or \
              transparency has been processed"
         }
-        false => "let the camera's program save all its bits, right-aligned in 16",
+        false => "set the camera's program to save all its bits, right-aligned in 16",
     }
 }
 
-/// Frames beyond this are refused before memory is taken for them.
+/// Larger frames are refused before memory is allocated for them.
 const PIXELS_MAX: u64 = 1 << 28;
 
 impl Frame {
-    /// A frame of `width_px` × `height_px` counts, row by row from the top left.
+    /// Makes a frame of `width_px` × `height_px` counts, row by row from the top left.
     ///
     /// # Errors
-    /// [`FrameError::WrongSize`] if the count of pixels does not fit the size.
+    /// [`FrameError::WrongSize`] if the number of pixels does not match the size.
     pub fn new(width_px: u32, height_px: u32, pixels_dn: Vec<u16>) -> Result<Self, FrameError> {
         let pixels = u64::from(width_px) * u64::from(height_px);
         if pixels == 0 || pixels > PIXELS_MAX || pixels != pixels_dn.len() as u64 {
@@ -220,10 +220,11 @@ impl Frame {
         &self.pixels_dn
     }
 
-    /// Reads a 16-bit grey PNG or TIFF, told apart by their first bytes. Untrusted input: anything else is an error.
+    /// Reads a 16-bit grey PNG or TIFF, distinguished by the first bytes. The input is untrusted:
+    /// all other content is an error.
     ///
     /// # Errors
-    /// [`FrameError`] says what is wrong with the bytes.
+    /// [`FrameError`] describes the fault.
     pub fn read(bytes: &[u8]) -> Result<Self, FrameError> {
         match FileKind::of(bytes) {
             FileKind::Png => Frame::from_png(bytes),
@@ -232,10 +233,10 @@ impl Frame {
         }
     }
 
-    /// Reads a 16-bit grey PNG. Untrusted input: a wrong or truncated file is an error.
+    /// Reads a 16-bit grey PNG. The input is untrusted: a wrong or truncated file is an error.
     ///
     /// # Errors
-    /// [`FrameError`] says what is wrong with the bytes.
+    /// [`FrameError`] describes the fault.
     pub fn from_png(bytes: &[u8]) -> Result<Self, FrameError> {
         let limits = png::Limits { bytes: 1 << 30 };
         let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), limits);
@@ -278,10 +279,10 @@ impl Frame {
         Frame::new(width_px, height_px, pixels_dn)
     }
 
-    /// The frame as a 16-bit grey PNG; the same frame gives the same bytes.
+    /// Encodes the frame as a 16-bit grey PNG; equal frames give equal bytes.
     ///
     /// # Errors
-    /// [`FrameError::Encoding`] if the encoder fails, which takes a lack of memory.
+    /// [`FrameError::Encoding`] if the encoder fails, which only a lack of memory causes.
     pub fn to_png(&self) -> Result<Vec<u8>, FrameError> {
         let mut out = Vec::with_capacity(self.pixels_dn.len() * 2 + 128);
         let mut encoder = png::Encoder::new(&mut out, self.width_px, self.height_px);
@@ -305,7 +306,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_frame_survives_its_file_bit_for_bit() {
+    fn a_frame_round_trips_through_png_bit_for_bit() {
         let pixels = (0..7 * 5).map(|i| (i * 1999 % 65536) as u16).collect();
         let frame = Frame::new(7, 5, pixels).unwrap();
         assert_eq!(Frame::from_png(&frame.to_png().unwrap()).unwrap(), frame);

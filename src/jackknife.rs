@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::geometry::{Pose, alike, alike_around};
+use crate::geometry::{Pose, group_angles, group_directions};
 use crate::units::Angle;
 
 /// Share of the strongest direction, with all columns of derivatives scaled to 1, below which a direction is null.
@@ -28,7 +28,7 @@ const SAME: Angle = Angle::from_deg(0.1);
 #[must_use]
 pub fn axes(poses: impl Iterator<Item = Pose>) -> [Labels; 2] {
     let (tilts, turns): (Vec<Angle>, Vec<Angle>) = poses.map(|p| (p.theta_c, p.phi_s)).unzip();
-    [alike(&tilts, SAME), alike_around(&turns, SAME)]
+    [group_angles(&tilts, SAME), group_directions(&turns, SAME)]
         .map(|groups| groups.into_iter().map(|group| Some(group as i64)).collect())
 }
 

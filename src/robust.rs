@@ -1,14 +1,14 @@
-//! Medians and spreads, which a few wild values do not move, and what they are of normal scatter.
+//! Medians and robust spreads, with their values for normal scatter.
 
-/// Median of |x| for normal x of standard deviation 1; its quartiles lie that far from 0.
+/// Median of |x| for normal x of standard deviation 1; its quartiles are at this distance from 0.
 pub const MEDIAN_OF_ABS: f64 = 0.674_489_750_196_081_7;
-/// Median of x², that is of χ² with one degree of freedom.
+/// Median of x², that is, of χ² with one degree of freedom.
 pub const MEDIAN_OF_SQUARE: f64 = MEDIAN_OF_ABS * MEDIAN_OF_ABS;
-/// Standard deviation of normal scatter over its median absolute deviation.
+/// Ratio of standard deviation to median absolute deviation for normal scatter.
 pub const STD_PER_DEVIATION: f64 = 1.0 / MEDIAN_OF_ABS;
 
-/// Median of some numbers, whose order changes, the mean of the two in the middle where they are even in number;
-/// `None` of none. A NaN counts as the largest.
+/// Median of the values (the mean of the two middle ones for an even number); `None` if there are
+/// none. A NaN counts as the largest. Reorders `values`.
 #[must_use]
 pub fn median(values: &mut [f64]) -> Option<f64> {
     if values.is_empty() {
@@ -24,7 +24,8 @@ pub fn median(values: &mut [f64]) -> Option<f64> {
     Some(0.5 * (lower + upper))
 }
 
-/// Median, and standard deviation from the median absolute deviation; `None` of none. The order of `values` changes.
+/// Median, and standard deviation from the median absolute deviation; `None` if there are no
+/// values. Reorders `values`.
 #[must_use]
 pub fn spread(values: &mut [f64]) -> Option<(f64, f64)> {
     let centre = median(values)?;
@@ -37,7 +38,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_median_ignores_a_wild_value() {
+    fn an_outlier_does_not_move_the_median() {
         assert_eq!(median(&mut [3.0, 1.0, 1e9]), Some(3.0));
         assert_eq!(median(&mut [2.0, 1.0, 1.5, 9.0]), Some(1.75));
         assert_eq!(median(&mut [4.0, 1.0, 2.0, 1e9]), Some(3.0));
@@ -46,7 +47,7 @@ mod tests {
     }
 
     #[test]
-    fn the_spread_is_that_of_normal_scatter() {
+    fn the_spread_of_normal_scatter_is_its_standard_deviation() {
         let (centre, std) = spread(&mut [1.0, 2.0, 3.0, 4.0, 1e9]).unwrap();
         assert!((centre - 3.0).abs() < 1e-12 && (std - STD_PER_DEVIATION).abs() < 1e-12);
         assert!((STD_PER_DEVIATION - 1.4826).abs() < 1e-5);

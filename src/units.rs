@@ -1,11 +1,11 @@
-//! Angles are a type, because the stage speaks degrees and the mathematics radians.
+//! Angles are a type, because stages use degrees and the mathematics uses radians.
 //!
-//! Everything else is an `f64` whose name ends in its unit (`exposure_s`, `pixel_um`).
+//! All other quantities are an `f64` whose name ends in its unit (`exposure_s`, `pixel_um`).
 
 use std::fmt;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
-/// A plane angle. Built and read by unit name; radians inside.
+/// A plane angle, stored in radians and accessed by the name of the unit.
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Default)]
 pub struct Angle {
     rad: f64,
@@ -15,7 +15,7 @@ impl Angle {
     /// The zero angle.
     pub const ZERO: Angle = Angle { rad: 0.0 };
 
-    /// An angle given in degrees.
+    /// Makes an angle from degrees.
     #[must_use]
     pub const fn from_deg(deg: f64) -> Self {
         Angle {
@@ -23,7 +23,7 @@ impl Angle {
         }
     }
 
-    /// An angle given in radians.
+    /// Makes an angle from radians.
     #[must_use]
     pub const fn from_rad(rad: f64) -> Self {
         Angle { rad }
@@ -35,8 +35,8 @@ impl Angle {
         self.rad.to_degrees()
     }
 
-    /// The angle in degrees as tables and reports write it: rounded to a nanodegree, so that the
-    /// conversion's own last bit does not show (−20 and not −20.000000000000004).
+    /// The angle in degrees for tables and reports: rounded to a nanodegree, so that the rounding
+    /// error of the conversion does not appear (−20 instead of −20.000000000000004).
     #[must_use]
     pub fn deg_for_tables(self) -> f64 {
         (self.deg() * 1e9).round() / 1e9
@@ -144,14 +144,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tables_show_the_degrees_that_were_given() {
+    fn tables_show_the_exact_degrees() {
         for deg in [-20.0, 0.1, 330.0, 7.25] {
             assert_eq!(Angle::from_deg(deg).deg_for_tables(), deg);
         }
     }
 
     #[test]
-    fn wrapping_keeps_the_upper_end_and_drops_the_lower() {
+    fn wrapping_includes_the_upper_end_and_excludes_the_lower() {
         assert!((Angle::from_deg(180.0).wrapped().deg() - 180.0).abs() < 1e-12);
         assert!((Angle::from_deg(-180.0).wrapped().deg() - 180.0).abs() < 1e-12);
         assert!((Angle::from_deg(359.0).wrapped().deg() + 1.0).abs() < 1e-12);

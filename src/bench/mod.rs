@@ -1,13 +1,14 @@
-//! Real devices: what a stage and a camera are to the rest of the program.
+//! Real devices: the stage and the camera as the rest of the program uses them.
 //!
-//! [`stage::Stage`] moves the two axes and proves where they stand; whatever implements [`Camera`]
-//! turns a [`CaptureRequest`] into a frame. From the bytes up: `wire` (a protocol, pure) · `port`
-//! (bytes, and the seam for faults) · `line` (the one thread that owns a port) · `stage` (limits,
-//! homing, arrival); a camera's `program` beside them. Knows no scan, no store and no simulation.
+//! [`stage::Stage`] moves the two axes and verifies their positions; an implementation of
+//! [`Camera`] turns a [`CaptureRequest`] into a frame. From the bytes up: `wire` (pure codec of a
+//! protocol) · `port` (bytes; the place where tests inject faults) · `line` (the thread that owns a
+//! port) · `stage` (limits, homing, arrival). `capture_program` runs the camera's program. Knows no scan,
+//! no store and no simulation.
 
+mod capture_program;
 pub mod line;
 pub mod port;
-mod program;
 pub mod stage;
 pub mod watched_folder;
 pub mod wire;
@@ -22,7 +23,7 @@ use serde::{Deserialize, Serialize};
 use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
 
-/// The two axes of a rig, by the names that people, files and requests use.
+/// The two axes of a rig, by the names used in files, requests and messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AxisName {
@@ -54,7 +55,7 @@ impl fmt::Display for AxisName {
 
 /// A name that is neither `theta_c` nor `phi_s`.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("no axis is called {0:?}; the axes are theta_c and phi_s")]
+#[error("unknown axis {0:?}: the axes are theta_c and phi_s")]
 pub struct UnknownAxis(pub String);
 
 impl FromStr for AxisName {
@@ -68,33 +69,33 @@ impl FromStr for AxisName {
     }
 }
 
-/// What a camera is asked for.
+/// The frame that a camera should take.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CaptureRequest {
-    /// What the frame will show.
+    /// Kind of the frame.
     pub kind: FrameKind,
-    /// Position read back from the stages.
+    /// Position read back from the stage.
     pub pose: Pose,
     /// Exposure time.
     pub exposure_s: f64,
-    /// Number of the repeat, from 0.
+    /// Index of the repeat, from 0.
     pub repeat: u32,
 }
 
-/// A frame with what the camera knows about its making.
+/// A frame with its time stamps.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Captured {
     /// The counts.
     pub frame: Frame,
-    /// When the exposure began, on the injected clock's monotonic time.
+    /// Start of the exposure, in the injected clock's monotonic time.
     pub started_at: Duration,
-    /// The same moment as a UTC label.
+    /// Start of the exposure in UTC.
     pub started_utc: time::OffsetDateTime,
 }
 
-/// Anything that turns a request into a frame.
+/// A device that takes frames.
 pub trait Camera: Send {
-    /// One line for people and logs: make, model, serial number.
+    /// One line for the user and the log: make, model, serial number.
     fn describe(&self) -> String;
 
     /// Takes one frame. The future may be dropped to cancel; the next capture must still work.
@@ -104,19 +105,19 @@ pub trait Camera: Send {
     ) -> BoxFuture<'a, Result<Captured, CameraError>>;
 }
 
-/// Why there is no frame.
+/// Why the camera returned no frame.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
-    /// Nothing came in time.
+    /// No frame came within the time limit.
     #[error("no frame came within {waited_s:.1} s: {hint}")]
     TimedOut {
-        /// How long was waited.
+        /// Time waited, in seconds.
         waited_s: f64,
-        /// What to look at.
+        /// What to check.
         hint: String,
     },
-    /// A file or buffer came that is no frame.
-    #[error("what the camera delivered is not a frame: {0}")]
+    /// The camera delivered a file or buffer that is not a frame.
+    #[error("the camera's output is not a frame: {0}")]
     NotAFrame(#[from] crate::frame::FrameError),
     /// The camera's program or device failed.
     #[error("the camera failed: {0}")]

@@ -1,6 +1,6 @@
-//! Ports: a serial line or a TCP connection, opened for one owner, and the seam where faults go in.
+//! Ports: a serial line or a TCP connection, used by one owner. Tests inject faults here.
 //!
-//! [`open`] is the one function to call; only [`super::line`] does. Knows bytes, no protocol.
+//! [`open`] is the function to call; only [`super::line`] calls it. Knows bytes, no protocol.
 
 use std::fmt;
 use std::io::{self, Read, Write};
@@ -13,30 +13,30 @@ use std::time::Duration;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde::{Deserialize, Serialize};
 
-/// How long a TCP connection may take.
+/// Time limit for opening a TCP connection.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
-/// A line that takes no bytes for this long is broken.
+/// A port that accepts no bytes for this long counts as broken.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Where a controller is plugged in: `/dev/ttyUSB0`, or `tcp://host:55550`.
+/// Address of the controller's port: `/dev/ttyUSB0`, or `tcp://host:55550`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum PortAddress {
-    /// A serial device; a pseudo-terminal is one.
+    /// A serial device or a pseudo-terminal.
     Serial {
         /// Its path.
         path: PathBuf,
     },
-    /// A TCP port that carries the same bytes.
+    /// A TCP connection that carries the same bytes.
     Tcp {
         /// Host and port number.
         address: String,
     },
 }
 
-/// A text that names no port.
+/// A text that is not a port address.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} is not a port; write a path like /dev/ttyUSB0, or tcp://host:55550")]
+#[error("{0:?} is not a port: expected a path like /dev/ttyUSB0, or tcp://host:55550")]
 pub struct NotAnAddress(pub String);
 
 impl FromStr for PortAddress {
@@ -88,26 +88,26 @@ impl fmt::Display for PortAddress {
 
 /// Bytes to and from a controller.
 pub trait Port: Send {
-    /// Waits at most `wait` for bytes and gives how many came; 0 says that none did.
+    /// Waits at most `wait` for bytes and returns how many arrived; 0 means none.
     ///
     /// # Errors
-    /// The line is gone; every later call fails too.
+    /// The connection is lost; every later call fails too.
     fn read(&mut self, buffer: &mut [u8], wait: Duration) -> io::Result<usize>;
 
     /// Sends all of `bytes`.
     ///
     /// # Errors
-    /// The line is gone or takes no bytes.
+    /// The connection is lost, or the port accepts no bytes.
     fn write(&mut self, bytes: &[u8]) -> io::Result<()>;
 }
 
-/// The one seam at which faults can be put into a line: every port that is opened passes through.
+/// The place at which tests inject faults: every port that is opened passes through it.
 pub trait PortSeam: Send + Sync {
-    /// Gives the port to use in the place of `port`.
+    /// Returns the port to use instead of `port`.
     fn wrap(&self, port: Box<dyn Port>) -> Box<dyn Port>;
 }
 
-/// The seam of real life: ports are used as they are.
+/// The seam without faults: returns the port unchanged.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct NoFaults;
 
@@ -117,26 +117,28 @@ impl PortSeam for NoFaults {
     }
 }
 
-/// Why a port cannot be had, and what to do about it.
+/// Why a port cannot be opened, with the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum PortError {
-    /// Nothing is there.
-    #[error("there is no port {address}: plug the controller in and switch it on ({present})")]
+    /// The port does not exist.
+    #[error(
+        "the port {address} does not exist ({present}): connect the controller and switch it on"
+    )]
     Missing {
         /// The port asked for.
         address: PortAddress,
-        /// What is there instead, for people.
+        /// The ports that exist, as text.
         present: String,
     },
-    /// Another program has it.
+    /// Another program has the port open.
     #[error(
-        "the port {address} is in use by another program: close that one first ('fuser {address}' names it)"
+        "the port {address} is in use by another program: close that program first ('fuser {address}' names it)"
     )]
     InUse {
         /// The port asked for.
         address: PortAddress,
     },
-    /// The user may not open it.
+    /// The user lacks the permission.
     #[error(
         "no permission to open {address}: run 'sudo usermod -aG dialout $USER', then log out and in again"
     )]
@@ -144,41 +146,41 @@ pub enum PortError {
         /// The port asked for.
         address: PortAddress,
     },
-    /// A file that is no serial line, or a line that refuses its settings.
+    /// A file that is not a serial line, or a line that refuses its settings.
     #[error("{address} cannot be used as a serial line ({reason})")]
     NotASerialLine {
         /// The port asked for.
         address: PortAddress,
-        /// What the system says.
+        /// Message of the operating system.
         reason: String,
     },
-    /// No TCP connection.
+    /// The TCP connection could not be opened.
     #[error(
-        "no connection to {address}: check the address, and that the controller is on and reachable"
+        "cannot connect to {address}: check the address, and that the controller is switched on and reachable"
     )]
     Unreachable {
         /// The port asked for.
         address: PortAddress,
-        /// What the system says.
+        /// Error of the operating system.
         #[source]
         source: io::Error,
     },
-    /// The thread that would own the port could not be started.
+    /// The port's thread could not be started.
     #[error("the thread for the port {address} could not be started")]
     NoThread {
         /// The port asked for.
         address: PortAddress,
-        /// What the system says.
+        /// Error of the operating system.
         #[source]
         source: io::Error,
     },
 }
 
-/// Opens a port for this program alone. Serial lines get `baud`, 8 data bits, no parity, one stop
+/// Opens a port for exclusive use. Serial lines are set to `baud`, 8 data bits, no parity, one stop
 /// bit, no flow control.
 ///
 /// # Errors
-/// [`PortError`] names cause and remedy.
+/// [`PortError`] names the cause and the remedy.
 pub fn open(address: &PortAddress, baud: u32) -> Result<Box<dyn Port>, PortError> {
     match address {
         PortAddress::Serial { path } => serialport::new(path.to_string_lossy(), baud)
@@ -203,7 +205,7 @@ fn serial_error(address: &PortAddress, error: &serialport::Error) -> PortError {
             address,
             present: ports_present(),
         },
-        // The crate's word for a lock that somebody else holds.
+        // The serialport crate reports a lock held by another process this way.
         ErrorKind::NoDevice => PortError::InUse { address },
         ErrorKind::Io(io::ErrorKind::PermissionDenied) => PortError::Permission { address },
         _ => PortError::NotASerialLine {
@@ -234,7 +236,7 @@ impl Port for SerialLine {
         self.0.set_timeout(wait)?;
         match self.0.read(buffer) {
             Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
-            Err(e) if is_a_pause(&e) => Ok(0),
+            Err(e) if is_timeout(&e) => Ok(0),
             other => other,
         }
     }
@@ -249,7 +251,7 @@ impl Port for SerialLine {
 struct TcpLine(TcpStream);
 
 fn connect(host: &str) -> io::Result<TcpStream> {
-    let mut last = io::Error::new(io::ErrorKind::NotFound, "the name has no address");
+    let mut last = io::Error::new(io::ErrorKind::NotFound, "the host name has no address");
     for address in host.to_socket_addrs()? {
         match TcpStream::connect_timeout(&address, CONNECT_TIMEOUT) {
             Ok(stream) => {
@@ -277,7 +279,7 @@ impl Port for TcpLine {
         }
         match self.0.read(buffer) {
             Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
-            Err(e) if is_a_pause(&e) => Ok(0),
+            Err(e) if is_timeout(&e) => Ok(0),
             other => other,
         }
     }
@@ -287,7 +289,7 @@ impl Port for TcpLine {
     }
 }
 
-fn is_a_pause(error: &io::Error) -> bool {
+fn is_timeout(error: &io::Error) -> bool {
     matches!(
         error.kind(),
         io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted
@@ -315,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_port_and_a_file_are_told_apart() {
+    fn a_missing_port_and_a_file_give_different_errors() {
         let missing = "/dev/there-is-no-such-port".parse().unwrap();
         assert!(matches!(
             open(&missing, 115_200),
@@ -344,8 +346,8 @@ mod tests {
     }
 
     #[test]
-    fn a_tcp_port_that_nobody_serves_is_unreachable() {
-        // Bound and dropped, so it is free and nobody listens.
+    fn a_tcp_port_without_a_server_is_unreachable() {
+        // Bound and dropped, so the port is free and has no listener.
         let free = std::net::TcpListener::bind("127.0.0.1:0")
             .unwrap()
             .local_addr()

@@ -1,11 +1,17 @@
-//! A camera that is any program which writes frames into a folder.
+//! A camera made of any program that writes frames into a folder.
 //!
-//! For each frame the program is started from a command template, without a shell:
-//! `["vendor-snap", "--ms", "{exposure_ms}", "--out", "{file}"]`. With `{file}` in the template the
-//! frame is awaited under exactly that name, which no earlier frame has; without it the newest PNG or TIFF
-//! that was not in the folder before (or has changed since) counts, and with an empty template a
-//! person or another program is trusted to deliver. A frame is complete when it decodes as a whole
-//! 16-bit grey PNG, or as a TIFF that has not changed between two looks; until then it is looked at again. The program has until the frame's time limit to end. Knows nothing of poses but to print them.
+//! For each frame the program is started from a command template, without a shell: `["vendor-snap",
+//! "--ms", "{exposure_ms}", "--out", "{file}"]`.
+//!
+//! - With `{file}` in the template, the frame is expected under exactly that name, which no earlier
+//!   frame had.
+//! - Without it, the newest PNG or TIFF that is new or changed counts.
+//! - With an empty template, no program is started; the operator or another program delivers the
+//!   frames.
+//!
+//! A frame is complete when it decodes as a whole 16-bit grey PNG, or as a TIFF that has not
+//! changed between two reads of the folder; until then it is read again. The program must end
+//! within the frame's time limit. Poses are only printed into the template.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -15,15 +21,15 @@ use std::time::{Duration, SystemTime};
 use futures::future::BoxFuture;
 use serde::{Deserialize, Serialize};
 
-use super::program::Program;
+use super::capture_program::CaptureProgram;
 use super::{Camera, CameraError, CaptureRequest, Captured};
 use crate::clock::Clock;
 use crate::frame::{FileKind, Frame, FrameError};
 
-/// Between two looks into the folder.
+/// Interval between two reads of the folder.
 const LOOK_EVERY: Duration = Duration::from_millis(25);
 
-/// Words in braces that the template may have.
+/// Placeholders that the template may contain.
 const PLACEHOLDERS: [&str; 7] = [
     "theta_c_deg",
     "phi_s_deg",
@@ -34,7 +40,7 @@ const PLACEHOLDERS: [&str; 7] = [
     "file",
 ];
 
-/// Where frames come from.
+/// Settings of the camera's folder and program.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WatchedFolderSettings {
@@ -44,10 +50,10 @@ pub struct WatchedFolderSettings {
     /// `{kind}` (sample, dark, flat), `{repeat}` and `{file}` replaced. Empty: nothing is started.
     #[serde(default)]
     pub command: Vec<String>,
-    /// How long a frame may take beyond its exposure time.
+    /// Time limit for a frame beyond its exposure time, in seconds.
     #[serde(default = "default_timeout_s")]
     pub timeout_s: f64,
-    /// Whether a frame's file is deleted once it is read.
+    /// Whether a frame's file is deleted after it is read.
     #[serde(default)]
     pub delete_read_frames: bool,
 }
@@ -56,41 +62,41 @@ fn default_timeout_s() -> f64 {
     30.0
 }
 
-/// Why settings make no camera.
+/// Why settings are invalid.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum WatchedFolderError {
-    /// The folder is not there.
-    #[error("the camera's folder {0} is not there; make it or correct `folder`")]
+    /// The folder does not exist.
+    #[error("the camera's folder {0} does not exist: create it or correct `folder`")]
     NoFolder(PathBuf),
-    /// The template has a word that is not known.
-    #[error("`{{{word}}}` in the camera's command is unknown; known are {}", PLACEHOLDERS.map(|p| format!("{{{p}}}")).join(", "))]
+    /// The template contains an unknown placeholder.
+    #[error("unknown placeholder `{{{word}}}` in the camera's command: the known ones are {}", PLACEHOLDERS.map(|p| format!("{{{p}}}")).join(", "))]
     UnknownPlaceholder {
-        /// The word without its braces.
+        /// The placeholder without its braces.
         word: String,
     },
     /// The first word of the template is empty.
-    #[error("the camera's command has no program; its first word is the program to start")]
+    #[error("the camera's command names no program: its first word must be the program to start")]
     NoProgram,
-    /// The time limit is no time.
-    #[error("the camera's timeout_s is {0}; give seconds above 0")]
+    /// The time limit is not a positive number.
+    #[error("the camera's timeout_s is {0}: set it to a number of seconds above 0")]
     BadTimeout(String),
 }
 
-/// A camera behind a folder.
+/// A camera that reads frames from a folder.
 pub struct WatchedFolder {
     settings: WatchedFolderSettings,
     clock: Arc<dyn Clock>,
     captures: u64,
 }
 
-/// What a file was like when it was last looked at.
+/// Size and modification time of a file when it was last read.
 type Stamp = (u64, Option<SystemTime>);
 
 impl WatchedFolder {
-    /// A camera as the settings say, once they make sense.
+    /// Makes a camera after checking its settings.
     ///
     /// # Errors
-    /// [`WatchedFolderError`] says what to correct.
+    /// [`WatchedFolderError`] names the setting to correct.
     pub fn new(
         settings: WatchedFolderSettings,
         clock: Arc<dyn Clock>,
@@ -129,7 +135,7 @@ impl WatchedFolder {
         words.any(|word| word == "file")
     }
 
-    /// A name in the folder that nothing has yet.
+    /// Returns a file name in the folder that is not in use.
     fn fresh_name(&mut self, request: &CaptureRequest) -> PathBuf {
         loop {
             self.captures += 1;
@@ -156,7 +162,7 @@ impl WatchedFolder {
         let started_at = self.clock.now();
         let started_utc = self.clock.utc();
         let words = self.settings.command.iter();
-        let mut program = Program::start(words.map(|word| filled(word, request, &file)))?;
+        let mut program = CaptureProgram::start(words.map(|word| filled(word, request, &file)))?;
         let limit_s = request.exposure_s.max(0.0) + self.settings.timeout_s;
         let mut ended = program.is_none();
         let mut looked: Option<(PathBuf, Stamp, FrameError)> = None;
@@ -172,7 +178,8 @@ impl WatchedFolder {
             } else {
                 newest(&self.settings.folder, &before)?
             };
-            // A PNG tells its end by a checksum; a TIFF has none, and counts once it rests.
+            // A PNG proves its end by a checksum. A TIFF has none, so it counts once it stops
+            // changing.
             let rests = candidate.is_some() && candidate == last;
             last.clone_from(&candidate);
             if let Some((path, stamp)) = candidate {
@@ -191,7 +198,7 @@ impl WatchedFolder {
                                 program.let_end(left, &*self.clock).await?;
                             }
                             if self.settings.delete_read_frames {
-                                // A file that stays is a nuisance, not a reason to lose the frame.
+                                // A file that cannot be deleted must not cost the frame.
                                 let _ = std::fs::remove_file(&path);
                             }
                             return Ok(Captured {
@@ -228,12 +235,14 @@ impl WatchedFolder {
             )
         };
         match (self.settings.command.first(), ended) {
-            (None, _) => format!("{what}; is the program that delivers frames running?"),
+            (None, _) => format!("{what}; check that the program that delivers frames is running"),
             (Some(program), true) => format!(
-                "{what} although `{program}` ended without an error; does it write 16-bit PNG or TIFF to that place?"
+                "{what} although `{program}` ended without an error; check that it writes 16-bit PNG or TIFF to that place"
             ),
             (Some(program), false) => {
-                format!("{what} and `{program}` was still running; is the camera connected?")
+                format!(
+                    "{what} and `{program}` was still running; check that the camera is connected"
+                )
             }
         }
     }
@@ -260,7 +269,8 @@ impl Camera for WatchedFolder {
     }
 }
 
-/// Words in braces: `{name}` of small letters and underscores; other braces are left alone.
+/// Returns the words in braces: `{name}` of small letters and underscores; other braces are
+/// ignored.
 fn placeholders(word: &str) -> Vec<&str> {
     let mut found = Vec::new();
     let mut rest = word;
@@ -280,7 +290,7 @@ fn filled(word: &str, request: &CaptureRequest, file: &Path) -> String {
         ("theta_c_deg", format!("{:.4}", request.pose.theta_c.deg())),
         ("phi_s_deg", format!("{:.4}", request.pose.phi_s.deg())),
         ("exposure_s", request.exposure_s.to_string()),
-        // To the picosecond: 0.07 s is 70 ms, not 70.00000000000001.
+        // Rounded to the picosecond: 0.07 s is 70 ms, not 70.00000000000001 ms.
         (
             "exposure_ms",
             ((request.exposure_s * 1e12).round() / 1e9).to_string(),
@@ -299,11 +309,11 @@ fn stamp_of(path: &Path) -> Option<Stamp> {
     meta.is_file().then(|| (meta.len(), meta.modified().ok()))
 }
 
-/// PNG and TIFF files of a folder with their stamps.
+/// Lists the PNG and TIFF files of a folder with their stamps.
 fn listing(folder: &Path) -> Result<HashMap<PathBuf, Stamp>, CameraError> {
     let unreadable = |error: std::io::Error| {
         CameraError::Failed(format!(
-            "the camera's folder {} cannot be read: {error}",
+            "cannot read the camera's folder {}: {error}",
             folder.display()
         ))
     };
@@ -323,7 +333,7 @@ fn listing(folder: &Path) -> Result<HashMap<PathBuf, Stamp>, CameraError> {
     Ok(files)
 }
 
-/// The newest frame that is new or changed since `before`.
+/// Returns the newest frame that is new or changed since `before`.
 fn newest(
     folder: &Path,
     before: &HashMap<PathBuf, Stamp>,
@@ -335,7 +345,7 @@ fn newest(
         .max_by(|a, b| (a.1.1, &a.0).cmp(&(b.1.1, &b.0))))
 }
 
-/// Reads and decodes off the runtime's own threads. A file that vanished is an unreadable one.
+/// Reads and decodes a file on a blocking thread. A file that has vanished counts as unreadable.
 async fn decoded(path: &Path) -> Result<Result<(Frame, FileKind), FrameError>, CameraError> {
     let path = path.to_owned();
     tokio::task::spawn_blocking(move || {
@@ -403,7 +413,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn without_a_name_the_new_file_counts_and_the_old_one_does_not() {
+    async fn without_a_file_name_only_a_new_file_counts() {
         let place = tempfile::tempdir().unwrap();
         let folder = place.path().join("box");
         std::fs::create_dir(&folder).unwrap();
@@ -451,7 +461,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_frame_that_does_not_come_ends_at_the_deadline_with_a_hint() {
+    async fn a_missing_frame_times_out_with_a_hint() {
         let place = tempfile::tempdir().unwrap();
         std::fs::write(place.path().join("old.png"), picture(7).to_png().unwrap()).unwrap();
         let mut camera = camera(place.path(), &[], Arc::new(SteppedClock::new())).unwrap();
@@ -465,7 +475,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn half_a_frame_is_no_frame() {
+    async fn an_incomplete_frame_is_not_accepted() {
         let place = tempfile::tempdir().unwrap();
         let folder = place.path().join("box");
         std::fs::create_dir(&folder).unwrap();
@@ -475,7 +485,7 @@ mod tests {
         let shot = folder.join("shot.png");
         let capture = camera.capture(&asked);
         let writer = async {
-            // The camera has looked once before this task runs.
+            // The camera has read the folder once before this task runs.
             std::fs::write(&shot, &png[..png.len() - 5]).unwrap();
         };
         let (outcome, ()) = tokio::join!(capture, writer);
@@ -484,7 +494,7 @@ mod tests {
             "{outcome:?}"
         );
         std::fs::remove_file(&shot).unwrap();
-        // And the camera works on.
+        // The camera still works after the failure.
         let asked = request();
         let capture = camera.capture(&asked);
         let writer = async { std::fs::write(&shot, &png).unwrap() };
@@ -493,13 +503,13 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_program_that_talks_at_length_is_heard_out_and_ends_by_itself() {
+    async fn a_program_with_long_output_is_not_blocked_and_ends_by_itself() {
         let place = tempfile::tempdir().unwrap();
         let source = place.path().join("source.raw");
         std::fs::write(&source, picture(1000).to_png().unwrap()).unwrap();
         let folder = place.path().join("box");
         std::fs::create_dir(&folder).unwrap();
-        // More than a pipe holds, before the frame and after it.
+        // More than a pipe holds, both before and after the frame.
         let script = "head -c 200000 /dev/zero >&2; cp \"$0\" \"$1\"; head -c 200000 /dev/zero >&2; touch \"$0.closed\"";
         let source = source.display().to_string();
         let command = ["sh", "-c", script, &source, "{file}"];
@@ -510,7 +520,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_program_that_fails_after_its_frame_has_failed_and_its_last_words_count() {
+    async fn a_program_that_fails_after_its_frame_fails_the_capture_with_the_end_of_its_stderr() {
         let place = tempfile::tempdir().unwrap();
         let source = place.path().join("source.raw");
         std::fs::write(&source, picture(1000).to_png().unwrap()).unwrap();
@@ -526,12 +536,12 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_program_that_never_ends_does_not_keep_its_frame() {
+    async fn a_program_that_never_ends_does_not_lose_its_frame() {
         let place = tempfile::tempdir().unwrap();
         let pipe = place.path().join("never");
         let script = "mkfifo \"$0\"; exec cat \"$0\"";
         let words = ["sh", "-c", script, &pipe.display().to_string()].map(str::to_owned);
-        let program = Program::start(words).unwrap().unwrap();
+        let program = CaptureProgram::start(words).unwrap().unwrap();
         let clock = SteppedClock::new();
         program
             .let_end(Duration::from_secs(30), &clock)
@@ -541,7 +551,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_program_that_fails_or_is_missing_is_quoted() {
+    async fn a_failed_or_missing_program_is_named_in_the_error() {
         let place = tempfile::tempdir().unwrap();
         let clock = Arc::new(SystemClock::new());
         let mut failing = camera(
@@ -561,7 +571,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_that_make_no_sense_are_refused() {
+    fn invalid_settings_are_refused() {
         let place = tempfile::tempdir().unwrap();
         let clock = || Arc::new(SteppedClock::new());
         let refusal = |command: &[&str]| camera(place.path(), command, clock()).err();
@@ -577,7 +587,7 @@ mod tests {
     }
 
     #[test]
-    fn the_template_is_filled_with_what_was_asked() {
+    fn the_template_is_filled_from_the_request() {
         let word = "{kind}-{theta_c_deg}-{phi_s_deg}-{exposure_s}-{exposure_ms}-{repeat}:{file}{x}";
         assert_eq!(
             filled(word, &request(), Path::new("/a b/c.png")),

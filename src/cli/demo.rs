@@ -18,7 +18,7 @@ use crate::job::JobState;
 use crate::lab::{FitRequest, Lab, ScanRequest};
 use crate::scan::plan::Preset;
 use crate::scan::{PlanRequest, ScanState};
-use crate::sim::sample::{Sample, Truth};
+use crate::sim::sample::{SimulatedSample, Truth};
 use crate::units::Angle;
 
 /// A simulated rig on a pseudo-terminal scans a sample; the fit is printed beside the truth.
@@ -159,7 +159,7 @@ async fn show(daemon: &Daemon, args: &Args) -> Result<Value, CliError> {
         alpha_u,
         alpha_v,
         rho_d,
-    } = Sample::polymer_10().truth();
+    } = SimulatedSample::polymer_10().truth();
     // To the turntable, which is what a fit finds.
     let (steeper, turned) = args.built.wedge_on(Angle::from_deg(theta_r_deg));
     let truth = json!({

@@ -23,7 +23,7 @@ use crate::scan::runner::Order;
 use crate::scan::{OperatorAction, Rig, StageLink};
 use crate::sim::camera::{SampleHandle, SimulatedCamera, SimulatedCameraSettings};
 use crate::sim::controller::Controller;
-use crate::sim::sample::Sample;
+use crate::sim::sample::SimulatedSample;
 use crate::sim::server::{PtyServer, serve_pty};
 use crate::sim::world::{Mounting, OnTable, World, WorldSettings};
 use crate::store::samples::{NewSample, SimulatedSurface};
@@ -259,7 +259,7 @@ impl SimulatedRig {
                 seed,
                 ..SimulatedCameraSettings::default()
             },
-            Sample::polymer_10(),
+            SimulatedSample::polymer_10(),
             Arc::clone(&clock),
         );
         let on_table = camera.sample_handle();
@@ -365,15 +365,15 @@ async fn act(
 }
 
 /// What a sample of the store looks like to the simulated camera.
-fn painted(surface: Option<SimulatedSurface>, material: Material) -> Sample {
+fn painted(surface: Option<SimulatedSurface>, material: Material) -> SimulatedSample {
     match surface {
-        None | Some(SimulatedSurface::Traced) => Sample::polymer_10(),
+        None | Some(SimulatedSurface::Traced) => SimulatedSample::polymer_10(),
         Some(SimulatedSurface::Model {
             theta_r_deg,
             alpha_u,
             alpha_v,
             rho_d,
-        }) => Sample::Model {
+        }) => SimulatedSample::Model {
             variant: Variant::Sawtooth,
             surface: Surface {
                 theta_r: theta_r_deg.to_radians(),

@@ -8,7 +8,7 @@
 //! *Conditioning.* Nodes closer than [`SEPARATE`] are one, so no weight is above a few over that.
 
 use super::turns::{SAME_ANGLE, SAME_TILT};
-use crate::geometry::{Pose, alike};
+use crate::geometry::{Pose, group_angles};
 use crate::units::Angle;
 
 /// Neighbours farther than this in tilt say nothing of a slope.
@@ -41,7 +41,7 @@ impl Slopes {
     #[must_use]
     pub fn of_neighbours(poses: &[Pose], radiances: &[f64]) -> Self {
         let tilts: Vec<Angle> = poses.iter().map(|p| p.theta_c).collect();
-        let tilts = alike(&tilts, SAME_TILT);
+        let tilts = group_angles(&tilts, SAME_TILT);
         let each = |reach: Angle, away: &dyn Fn(usize, usize) -> Option<Angle>| {
             let of = |n: usize| {
                 let others = (0..poses.len()).filter_map(|m| {

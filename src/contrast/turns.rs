@@ -3,7 +3,7 @@
 //! A tilt that lacks one is no part of a table nor of a mean: a mean over all pairs that happen to be there would be
 //! another quantity from scan to scan.
 
-use crate::geometry::{Pose, alike};
+use crate::geometry::{Pose, group_angles};
 use crate::model::contrast::PAPER_AZIMUTHS_DEG;
 use crate::units::Angle;
 
@@ -37,7 +37,7 @@ impl Turns {
     #[must_use]
     pub fn of(poses: &[Pose]) -> Self {
         let tilts: Vec<Angle> = poses.iter().map(|p| p.theta_c).collect();
-        let tilts = alike(&tilts, SAME_TILT);
+        let tilts = group_angles(&tilts, SAME_TILT);
         let groups = tilts.iter().max().map_or(0, |last| last + 1);
         let mut turns = Turns::default();
         for group in 0..groups {

@@ -1,4 +1,4 @@
-//! The TIFF of a camera's program: one picture of 16-bit grey counts, in either byte order.
+//! The TIFF of a camera's program: one image of 16-bit grey counts, in either byte order.
 
 use std::io::Cursor;
 
@@ -8,7 +8,7 @@ use tiff::{ColorType, TiffError};
 
 use super::{Frame, FrameError, PIXELS_MAX, article, way_out};
 
-/// Bytes that a frame may take while it is decoded.
+/// Limit of the memory used to decode a frame, in bytes.
 const BYTES_MAX: usize = 1 << 30;
 /// Values of PhotometricInterpretation and Orientation.
 const WHITE_IS_ZERO: u32 = 0;
@@ -16,7 +16,7 @@ const PALETTE: u32 = 3;
 const COLOUR_FILTER: u32 = 32_803;
 const UPRIGHT: u32 = 1;
 
-/// Reads the one picture of a TIFF. Untrusted input: a wrong or truncated file is an error.
+/// Reads the image of a TIFF. The input is untrusted: a wrong or truncated file is an error.
 pub(super) fn read(bytes: &[u8]) -> Result<Frame, FrameError> {
     let mut limits = Limits::default();
     limits.decoding_buffer_size = BYTES_MAX;
@@ -30,8 +30,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Frame, FrameError> {
     match polarity {
         Some(PALETTE) => return Err(wrong("a palette TIFF".to_owned(), way_out(true))),
         Some(COLOUR_FILTER) => {
-            let found = "the raw picture of a camera with a colour filter";
-            let way_out = "use a monochrome camera, or save the green pixels as a grey picture of half the size";
+            let found = "the raw image of a camera with a colour filter";
+            let way_out = "use a monochrome camera, or save the green pixels as a grey image of half the size";
             return Err(wrong(found.to_owned(), way_out));
         }
         _ => {}
@@ -48,13 +48,13 @@ pub(super) fn read(bytes: &[u8]) -> Result<Frame, FrameError> {
     if polarity == Some(WHITE_IS_ZERO) {
         return Err(wrong(
             "a TIFF in which white is zero (PhotometricInterpretation 0)".to_owned(),
-            "save them with black as zero",
+            "save it with black as zero",
         ));
     }
     if orientation != UPRIGHT {
         return Err(wrong(
-            format!("a TIFF that is to be shown turned or mirrored (Orientation {orientation})"),
-            "save them as the sensor sees them, with Orientation 1",
+            format!("a TIFF to be shown rotated or mirrored (Orientation {orientation})"),
+            "save it in the sensor's orientation, with Orientation 1",
         ));
     }
     let (width_px, height_px) = decoder.dimensions().map_err(unreadable)?;
@@ -68,8 +68,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Frame, FrameError> {
     }
     if decoder.more_images() {
         return Err(wrong(
-            "a TIFF of several pictures".to_owned(),
-            "save one picture per file, and list each file with its own pose and exposure",
+            "a TIFF of several images".to_owned(),
+            "save one image per file, and list each file with its own pose and exposure",
         ));
     }
     let kind = match decoder.read_image().map_err(unreadable)? {
@@ -90,7 +90,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Frame, FrameError> {
     let way_out = match (kind, bits) {
         ("grey", 0..16) => way_out(false),
         _ => {
-            "let the camera's program save the counts themselves, as whole numbers from 0 to 65535"
+            "set the camera's program to save the counts themselves, as whole numbers from 0 to 65535"
         }
     };
     Err(wrong(found, way_out))
@@ -111,7 +111,7 @@ mod tests {
 
     use super::*;
 
-    /// A TIFF with one picture of 3 × 2 pixels for each list of values.
+    /// A TIFF with one image of 3 × 2 pixels for each list of values.
     fn file<C: ColorType>(pictures: &[&[C::Inner]], packing: Compression) -> Vec<u8>
     where
         [C::Inner]: TiffValue,
@@ -129,7 +129,7 @@ mod tests {
     const COUNTS: [u16; 6] = [0, 1, 256, 40_000, 65_535, 7];
 
     #[test]
-    fn a_grey_tiff_is_the_frame_that_its_png_is() {
+    fn a_grey_tiff_gives_the_same_frame_as_the_png() {
         let frame = Frame::new(3, 2, COUNTS.to_vec()).unwrap();
         for packing in [
             Compression::Uncompressed,
@@ -143,9 +143,9 @@ mod tests {
         assert_eq!(Frame::read(&frame.to_png().unwrap()).unwrap(), frame);
     }
 
-    /// The same counts with the most significant byte first, as other machines write them.
+    /// The same counts in big-endian byte order.
     #[test]
-    fn a_tiff_of_the_other_byte_order_holds_the_same_counts() {
+    fn a_big_endian_tiff_gives_the_same_counts() {
         let entries: [(u16, u16, u32); 8] = [
             (256, 3, 3),
             (257, 3, 2),
@@ -161,7 +161,7 @@ mod tests {
             bytes.extend(tag.to_be_bytes());
             bytes.extend(kind.to_be_bytes());
             bytes.extend(1_u32.to_be_bytes());
-            // A short stands at the left of its four bytes.
+            // A short is left-aligned in its four bytes.
             bytes.extend(if kind == 3 {
                 (value << 16).to_be_bytes()
             } else {
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_frame_is_named_with_the_way_out() {
+    fn another_kind_of_file_is_named_with_the_remedy() {
         let plain = Compression::Uncompressed;
         let turned = {
             let mut bytes = Cursor::new(Vec::new());
@@ -208,9 +208,9 @@ mod tests {
             ),
             (
                 file::<colortype::Gray16>(&[&COUNTS, &COUNTS], plain),
-                ["several pictures", "one picture per file"],
+                ["several images", "one image per file"],
             ),
-            (turned, ["Orientation 3", "as the sensor sees"]),
+            (turned, ["Orientation 3", "the sensor's orientation"]),
             (b"\xff\xd8\xff\xe0JFIF".to_vec(), ["a JPEG", "PNG or TIFF"]),
             (
                 b"SIMPLE  =                    T".to_vec(),

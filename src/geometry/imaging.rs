@@ -1,4 +1,4 @@
-//! Which place of the sample a pixel sees, and from where that place is lit and seen.
+//! The mapping between pixels and places of the sample, and the directions of light at each place.
 //!
 //! ```text
 //!    camera's pupil P = C + Dc ω_o          lamp Λ = C + Dl ω_i
@@ -9,45 +9,50 @@
 //!      principal point   centre of tilt   rotation axis (along z)
 //! ```
 //!
-//! Rig frame, millimetres from the centre of tilt C: the point of the sample on which camera and lamp are centred while they
-//! tilt. Distances, directions and irradiance hang on C alone. Q is where the rotation axis meets the sample: what is known
-//! of a place *on the sample* (patches, maps) turns about Q. The principal point c0 is the foot of the optical axis: it is C
-//! where the camera is aimed at C, and matters to a near camera alone, whose scale is that of the plane through C across the
-//! optical axis. A lens shifted against its sensor needs nothing: the image plane stays across P − C.
+//! Rig frame, in millimetres from the centre of tilt C. Camera and lamp are aimed at C and tilt
+//! about it; distances, directions and irradiance depend on C only. Q is where the rotation axis
+//! meets the sample; positions *on the sample* (patches, maps) rotate about Q. The principal point
+//! c0 is the foot of the optical axis. It equals C if the camera is aimed at C. It matters only for
+//! a near camera, whose scale is defined in the plane through C perpendicular to the optical axis.
+//! A lens shifted against its sensor needs no parameter: the image plane stays perpendicular to P −
+//! C.
 //!
-//! A far camera sees along (sin θc, 0, cos θc), its columns follow a = (cos θc, 0, −sin θc), its rows −y. Columns and rows are
-//! those of corners: (0, 0) is the outer corner of the first pixel.
+//! A distant camera looks along (sin θc, 0, cos θc). Its columns run along a = (cos θc, 0, −sin
+//! θc), its rows along −y. Columns and rows count from corners: (0, 0) is the outer corner of the
+//! first pixel.
 //!
-//! *Conditioning.* One division by the depth of a ray, which [`Imaging::is_aimed`] and the limits of tilts keep away from 0.
+//! *Conditioning.* One division by the depth of a ray; [`Imaging::is_aimed`] and the tilt limits
+//! keep it away from 0.
 
 use nalgebra::Vector3;
 
 use super::{Directions, RigGeometry};
 use crate::units::Angle;
 
-/// The camera is aimed past the centre of tilt by less than the arc sine of this.
+/// Largest sine of the angle by which the camera may be aimed past the centre of tilt.
 pub const AIM_MAX: f64 = 0.9;
 
-/// Where camera, lamp and turntable stand to one another, and where in the frame.
+/// Positions of camera, lamp and turntable relative to each other, and their images in the frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Imaging {
     /// Directions at the centre of tilt.
     pub rig: RigGeometry,
-    /// Millimetres per column and per row in the plane through the centre of tilt, across the optical axis.
+    /// Millimetres per column and per row in the plane through the centre of tilt perpendicular to
+    /// the optical axis.
     pub pixel_mm: [f64; 2],
     /// Column and row of the centre of tilt.
     pub tilt_centre_px: [f64; 2],
     /// Column and row of the foot of the optical axis.
     pub principal_point_px: [f64; 2],
-    /// Column and row at which the rotation axis meets the sample at θc = 0.
+    /// Column and row of the foot of the rotation axis at θc = 0.
     pub rotation_axis_px: [f64; 2],
-    /// From the centre of tilt to the camera's pupil; `None` for a telecentric lens.
+    /// Distance from the centre of tilt to the entrance pupil; `None` for a telecentric lens.
     pub camera_mm: Option<f64>,
-    /// From the centre of tilt to the lamp; `None` for a collimated one.
+    /// Distance from the centre of tilt to the lamp; `None` for collimated light.
     pub light_mm: Option<f64>,
 }
 
-/// Columns' direction, rows' upward direction and the camera's at a tilt.
+/// Directions of the columns, of the upward rows and of the camera at a tilt.
 struct Axes([Vector3<f64>; 3]);
 
 impl Axes {
@@ -72,7 +77,7 @@ impl Axes {
 }
 
 impl Imaging {
-    /// A far camera and a far lamp centred on one pixel.
+    /// Makes a distant camera and a distant lamp centred on one pixel.
     #[must_use]
     pub fn far(rig: RigGeometry) -> Imaging {
         Imaging {
@@ -92,8 +97,8 @@ impl Imaging {
         self.camera_mm.is_none() && self.light_mm.is_none()
     }
 
-    /// Whether a near camera can be aimed as the points say: past the centre of tilt by less than [`AIM_MAX`] of its
-    /// distance.
+    /// Whether a near camera can be aimed as the points state: past the centre of tilt by less than
+    /// [`AIM_MAX`] of its distance.
     #[must_use]
     pub fn is_aimed(&self) -> bool {
         let [x, y] = self.centre_from_principal();
@@ -101,7 +106,7 @@ impl Imaging {
             .is_none_or(|distance| x.hypot(y) < AIM_MAX * distance)
     }
 
-    /// The centre of tilt from the principal point, mm along columns and up.
+    /// The centre of tilt relative to the principal point, in mm along columns and upwards.
     fn centre_from_principal(&self) -> [f64; 2] {
         self.millimetres(self.tilt_centre_px, self.principal_point_px)
     }
@@ -113,20 +118,20 @@ impl Imaging {
         ]
     }
 
-    /// Along the optical axis from the plane through the centre of tilt to the pupil.
+    /// Distance along the optical axis from the plane through the centre of tilt to the pupil.
     fn depth(&self, distance: f64) -> f64 {
         let [x, y] = self.centre_from_principal();
         (distance * distance - x * x - y * y).sqrt()
     }
 
-    /// From the axes of an aimed camera (columns, up, optical axis) to those of one that looks at the centre of tilt, by the
-    /// shortest turn; `back` turns the other way.
+    /// Converts from the axes of an aimed camera (columns, up, optical axis) to those of one aimed
+    /// at the centre of tilt, by the shortest rotation; `back` converts the other way.
     fn turned(&self, distance: f64, w: Vector3<f64>, back: bool) -> Vector3<f64> {
         let [x, y] = self.centre_from_principal();
         if x == 0.0 && y == 0.0 {
             return w;
         }
-        // The pupil from the centre of tilt, in the aimed camera's axes.
+        // The pupil relative to the centre of tilt, in the aimed camera's axes.
         let pupil = Vector3::new(-x, -y, self.depth(distance)) / distance;
         let straight = Vector3::z();
         let (from, to) = match back {
@@ -137,7 +142,7 @@ impl Imaging {
         w + axis.cross(&w) + axis.cross(&axis.cross(&w)) / (1.0 + from.dot(&to))
     }
 
-    /// The ray on which a pixel looks at a true tilt: a point of it and its direction, downwards.
+    /// The ray of a pixel at a true tilt: a point on it and its downward direction.
     #[must_use]
     pub fn ray(&self, column: f64, row: f64, theta_c: Angle) -> (Vector3<f64>, Vector3<f64>) {
         let axes = Axes::at(theta_c);
@@ -156,7 +161,7 @@ impl Imaging {
         }
     }
 
-    /// The place of the sample's plane that shows at a column and row, mm from the centre of tilt.
+    /// The place of the sample's plane imaged at a column and row, in mm from the centre of tilt.
     #[must_use]
     pub fn place(&self, column: f64, row: f64, theta_c: Angle) -> [f64; 2] {
         let (from, ray) = self.ray(column, row, theta_c);
@@ -164,7 +169,7 @@ impl Imaging {
         [from.x + along * ray.x, from.y + along * ray.y]
     }
 
-    /// Column and row at which a place of the sample's plane shows.
+    /// The column and row at which a place of the sample's plane is imaged.
     #[must_use]
     pub fn pixel(&self, place: [f64; 2], theta_c: Angle) -> [f64; 2] {
         let axes = Axes::at(theta_c);
@@ -187,14 +192,15 @@ impl Imaging {
         ]
     }
 
-    /// Where the rotation axis meets the sample, mm from the centre of tilt.
+    /// The foot of the rotation axis, in mm from the centre of tilt.
     #[must_use]
     pub fn axis_mm(&self) -> [f64; 2] {
         let [column, row] = self.rotation_axis_px;
         self.place(column, row, Angle::ZERO)
     }
 
-    /// A place of the sample, mm from the rotation axis along its own axes, in the rig's frame once it is turned to `azimuth`.
+    /// Converts a place of the sample, in mm from the rotation axis along the sample's own axes, to
+    /// the rig's frame at `azimuth`.
     #[must_use]
     pub fn on_rig(&self, [x, y]: [f64; 2], azimuth: Angle) -> [f64; 2] {
         let (sin, cos) = azimuth.sin_cos();
@@ -202,14 +208,14 @@ impl Imaging {
         [ax + x * cos - y * sin, ay + x * sin + y * cos]
     }
 
-    /// Directions towards lamp and camera in the rig's frame at a place, and the irradiance there on a surface facing the
-    /// lamp, relative to the centre of tilt's.
+    /// Directions towards lamp and camera in the rig's frame at a place, and the irradiance there
+    /// on a surface facing the lamp, relative to the centre of tilt.
     #[must_use]
     pub fn at(&self, place: [f64; 2], theta_c: Angle) -> (Directions, f64) {
         self.at_point(Vector3::new(place[0], place[1], 0.0), theta_c)
     }
 
-    /// The same at a place that need not lie in the sample's plane.
+    /// As [`Imaging::at`], for a place that need not be in the sample's plane.
     #[must_use]
     pub fn at_point(&self, place: Vector3<f64>, theta_c: Angle) -> (Directions, f64) {
         let far = self.rig.rig_directions(theta_c);
@@ -226,8 +232,8 @@ impl Imaging {
         (Directions { incident, outgoing }, irradiance)
     }
 
-    /// Pixels per area of the sample at a place, relative to other places: the solid angle of the area, and the stretch of a
-    /// plane sensor away from its principal point.
+    /// Pixels per area of the sample at a place, relative to other places: the solid angle of the
+    /// area times the stretch of a plane sensor away from its principal point.
     #[must_use]
     pub fn pixels_per_area(&self, place: [f64; 2], theta_c: Angle) -> f64 {
         let Some(distance) = self.camera_mm else {
@@ -246,7 +252,7 @@ impl Imaging {
 mod tests {
     use super::*;
 
-    /// 128 × 100 pixels of 0.4 mm; centre of tilt, principal point and axis where given.
+    /// 128 × 100 pixels of 0.4 mm; the centre of tilt and the rotation axis are off centre.
     fn imaging(camera_mm: Option<f64>, principal: [f64; 2]) -> Imaging {
         Imaging {
             rig: RigGeometry::IN_PLANE,
@@ -268,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_shows_at_the_pixel_that_sees_it() {
+    fn a_place_is_imaged_at_the_pixel_whose_ray_meets_it() {
         for imaging in all() {
             for tilt in [-40.0, 0.0, 25.0] {
                 let theta_c = Angle::from_deg(tilt);
@@ -282,7 +288,8 @@ mod tests {
     }
 
     #[test]
-    fn the_centre_of_tilt_shows_at_its_own_pixel_at_every_tilt_and_the_axis_at_its_own_at_none() {
+    fn the_centre_of_tilt_is_imaged_at_its_pixel_at_every_tilt_and_the_axis_at_its_pixel_at_tilt_0()
+    {
         for imaging in all() {
             for tilt in [-30.0, 0.0, 30.0] {
                 let [x, y] = imaging.place(60.0, 55.0, Angle::from_deg(tilt));
@@ -304,7 +311,8 @@ mod tests {
             straight.ray(85.0, 20.0, theta_c),
         );
         assert!((pupil - other).norm() < 1e-12);
-        // The scale is that of the plane through C across the optical axis: one column there is 0.4 mm.
+        // The scale is defined in the plane through C perpendicular to the optical axis: one column
+        // there is 0.4 mm.
         let depth = -pupil.dot(&along.normalize());
         let there = |column: f64, row: f64| {
             let (_, ray) = aimed.ray(column, row, theta_c);
@@ -315,14 +323,14 @@ mod tests {
         assert!((step - 0.4).abs() < 1e-9 && (down - 0.5).abs() < 1e-9);
         let centre = there(60.0, 55.0);
         assert!(centre.norm() < 1e-9, "{centre}");
-        // And a pixel far off sees another place than through a camera aimed at C.
+        // A pixel far from the centre images another place than with a camera aimed at C.
         let far = |imaging: &Imaging| imaging.place(5.0, 95.0, theta_c);
         let (a, b) = (far(&straight), far(&aimed));
         assert!((a[0] - b[0]).hypot(a[1] - b[1]) > 0.2, "{a:?} {b:?}");
     }
 
     #[test]
-    fn pixels_lie_as_densely_on_the_sample_as_their_corners_say() {
+    fn pixels_per_area_agrees_with_the_area_of_a_pixel() {
         let theta_c = Angle::from_deg(20.0);
         for near in all() {
             let share = |column: f64, row: f64| {
@@ -339,13 +347,13 @@ mod tests {
                 assert!((there / middle - 1.0).abs() < 1e-6, "{column} {row}");
             }
         }
-        // And not because it is even.
+        // The density is not constant.
         let density = |at: [f64; 2]| all()[1].pixels_per_area(at, theta_c);
         assert!((density([20.0, 0.0]) / density([-20.0, 0.0]) - 1.0).abs() > 0.05);
     }
 
     #[test]
-    fn far_is_the_limit_of_near() {
+    fn a_distant_camera_is_the_limit_of_a_near_one() {
         let theta = Angle::from_deg(-12.0);
         let far = Imaging {
             light_mm: None,

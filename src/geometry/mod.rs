@@ -1,4 +1,4 @@
-//! The one drawing of the axes: where camera and lamp stand for a pose, seen from the sample.
+//! The axes of the rig: directions of camera and lamp for a pose, seen from the sample.
 //!
 //! ```text
 //!            z = n (macro-surface normal)
@@ -12,27 +12,28 @@
 //! ```
 //!
 //! All directions are unit vectors that point away from the surface. In the sample frame their
-//! components are (u, v, n). Source: Luongo et al. 2017, Figs. 3, 6 and 7; the figure does not fix
+//! components are (u, v, n). Source: Luongo et al. 2017, Figs. 3, 6 and 7. The figure fixes neither
 //! φl nor the zero of φs, so both belong to the rig ([`RigGeometry`]).
 //!
-//! *Conditioning.* Components are rounded to 1e-16 of 1, whatever the angle. Of two opposite directions ε above the
-//! horizon the half vector has the length 2ε, and its slopes are known to 1e-16/ε: enough for lobes of α = 1e-6 down to
-//! ε = 1e-8, not below, whatever is computed from these vectors later. Where angles are at hand at such ends,
-//! `model::brdf::evaluate` takes them instead. cos θi = cos θl cos θc − sin θl cos φl sin θc cancels towards grazing in
-//! the same way: to 1e-16/cos θi.
+//! *Conditioning.* Components are rounded to 1e-16 of 1 at any angle. For two opposite directions ε
+//! above the horizon, the half vector has the length 2ε, and its slopes are known to 1e-16/ε:
+//! enough for lobes of α = 1e-6 down to ε = 1e-8, but not below, however these vectors are used.
+//! Where the angles themselves are available, `model::brdf::evaluate` uses them instead. cos θi =
+//! cos θl cos θc − sin θl cos φl sin θc has the same cancellation towards grazing: an error of
+//! 1e-16/cos θi.
 
-mod alike;
+mod angle_groups;
 mod cones;
 mod imaging;
 
 use nalgebra::Vector3;
 
 use crate::units::Angle;
-pub use alike::{alike, alike_around};
+pub use angle_groups::{group_angles, group_directions};
 pub use cones::Cones;
 pub use imaging::{AIM_MAX, Imaging};
 
-/// Where the two stages stand: camera tilt θc and sample azimuth φs, as read from the stages.
+/// Positions of the two stages: camera tilt θc and sample azimuth φs, as read from the stages.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
     /// Tilt of the camera in the rig's xz-plane; positive towards +x.
@@ -42,7 +43,7 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// A pose from the degrees that stages, files and requests speak.
+    /// Makes a pose from degrees, the unit of stages, files and requests.
     #[must_use]
     pub const fn from_deg(theta_c_deg: f64, phi_s_deg: f64) -> Self {
         Pose {
@@ -52,28 +53,31 @@ impl Pose {
     }
 }
 
-/// The facts of a rig that turn a recorded pose into directions.
+/// Properties of a rig that convert a recorded pose to directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RigGeometry {
     /// Angle θl between lamp and camera.
     pub theta_l: Angle,
-    /// Azimuth φl of the lamp about the camera's axis; 0 in the tilt plane, 90° beside it.
+    /// Azimuth φl of the lamp about the camera's axis; 0 in the tilt plane, 90° perpendicular to
+    /// it.
     pub light_azimuth: Angle,
-    /// Added to the recorded φs it gives the azimuth of v.
+    /// Offset to add to the recorded φs to get the azimuth of v.
     pub azimuth_zero: Angle,
-    /// The cones in which light comes and goes.
+    /// Cones of the incident and the detected light.
     pub cones: Cones,
 }
 
 impl RigGeometry {
-    /// The rig of the recorded series: lamp in the tilt plane, 10° from the camera, 1° in radius.
+    /// The rig of the recorded series: lamp in the tilt plane, 10° from the camera, angular radius
+    /// 1°.
     pub const IN_PLANE: RigGeometry = RigGeometry {
         theta_l: Angle::from_deg(10.0),
         light_azimuth: Angle::ZERO,
         azimuth_zero: Angle::ZERO,
         cones: Cones::of_lamp(Angle::from_deg(1.0)),
     };
-    /// The rig of the first paper's experiment: the same lamp beside the tilt plane, v at azimuth 90°.
+    /// The rig of the first paper's experiment: the same lamp, perpendicular to the tilt plane, and
+    /// v at azimuth 90°.
     pub const BESIDE: RigGeometry = RigGeometry {
         light_azimuth: Angle::from_deg(90.0),
         azimuth_zero: Angle::from_deg(90.0),
@@ -94,7 +98,7 @@ impl RigGeometry {
     }
 
     /// Directions in the sample frame (u, v, n) for a true pose. The rig's azimuth zero is added
-    /// here; mounting offsets are the caller's to add to `pose` first.
+    /// here; the caller adds mounting offsets to `pose` first.
     #[must_use]
     pub fn directions(&self, pose: Pose) -> Directions {
         let rig = self.rig_directions(pose.theta_c);
@@ -113,8 +117,8 @@ impl RigGeometry {
         self.rig_directions(theta_c).incident.z
     }
 
-    /// The same with its derivative with respect to the tilt: tilting turns a direction (x, y, z) of the rig about +y at
-    /// the rate (z, 0, −x).
+    /// The same with its derivative with respect to the tilt: tilting rotates a direction (x, y, z)
+    /// of the rig about +y at the rate (z, 0, −x).
     #[must_use]
     pub fn cos_incidence_and_slope(&self, theta_c: Angle) -> (f64, f64) {
         let incident = self.rig_directions(theta_c).incident;
@@ -132,7 +136,7 @@ pub struct Directions {
 }
 
 impl Directions {
-    /// The same in the rig's frame once its stage has tilted both by an angle, about +y towards +x.
+    /// Returns both directions in the rig's frame after a tilt by an angle, about +y towards +x.
     #[must_use]
     pub fn tilted(&self, by: Angle) -> Directions {
         let (sin, cos) = by.sin_cos();
@@ -145,8 +149,9 @@ impl Directions {
     }
 }
 
-/// By how much a wedge of the sample along u turns the lean direction of ridges of an angle. It turns with the turntable as
-/// they do, so along v it is ridge angle, one to one. Half a turn at most: flat ridges lean wherever the wedge does.
+/// Rotation of the ridges' apparent lean direction by a wedge of the sample along u. The wedge
+/// turns with the turntable as the ridges do, so a wedge along v adds to the ridge angle one to
+/// one. At most half a turn: flat ridges lean in the wedge's direction.
 #[must_use]
 pub fn turn_by_wedge(wedge: Angle, theta_r: Angle) -> Angle {
     if wedge == Angle::ZERO {
@@ -161,7 +166,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_lamp_in_the_tilt_plane_stands_at_theta_c_plus_theta_l() {
+    fn a_lamp_in_the_tilt_plane_is_at_theta_c_plus_theta_l() {
         let d = RigGeometry::IN_PLANE.rig_directions(Angle::from_deg(-17.0));
         let expected = Angle::from_deg(-7.0);
         assert!(
@@ -171,23 +176,23 @@ mod tests {
     }
 
     #[test]
-    fn a_wedge_turns_flat_ridges_farther_and_none_turns_nothing() {
+    fn a_wedge_turns_flat_ridges_farther_and_a_zero_wedge_turns_nothing() {
         let turn =
             |wedge, theta_r| turn_by_wedge(Angle::from_deg(wedge), Angle::from_deg(theta_r)).deg();
-        // 0.5° along u looks like 2.8° of azimuth where ridges have 10°.
+        // 0.5° along u appears as 2.8° of azimuth on ridges of 10°.
         assert!((turn(0.5, 10.0) - 2.836).abs() < 1e-3);
         assert_eq!(turn(0.5, -10.0), turn(0.5, 10.0));
         assert_eq!((turn(0.0, 0.0), turn(0.1, 0.0)), (0.0, 180.0));
     }
 
     #[test]
-    fn turning_the_sample_by_ninety_degrees_carries_v_to_y() {
+    fn rotating_the_sample_by_ninety_degrees_takes_v_to_y() {
         let rig = RigGeometry {
             theta_l: Angle::ZERO,
             ..RigGeometry::IN_PLANE
         };
         let d = rig.directions(Pose::from_deg(30.0, 90.0));
-        // The camera stands at +x; v points to +y, so the camera is at −u × ... = +u (u = v × n = +x).
+        // The camera is at +x and v points to +y; u = v × n = +x, so the camera is on the +u side.
         assert!((d.outgoing - Vector3::new(0.5, 0.0, 0.75f64.sqrt())).norm() < 1e-15);
     }
 

@@ -1,4 +1,4 @@
-//! What a surface is made of, as optics sees it: a complex index with its uncertainty.
+//! Optical material of a surface: a complex refractive index with its uncertainty.
 
 pub mod tables;
 
@@ -8,14 +8,14 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "lowercase")]
 pub enum Material {
-    /// Transparent below the surface; light that enters may come back diffusely.
+    /// Transparent below the surface; light that enters may return diffusely.
     Dielectric {
         /// Index of refraction n.
         eta: f64,
         /// Standard uncertainty of n.
         eta_std: f64,
     },
-    /// Opaque: what enters is lost.
+    /// Opaque: light that enters is absorbed.
     Conductor {
         /// Real part n.
         eta: f64,
@@ -29,7 +29,7 @@ pub enum Material {
 }
 
 impl Material {
-    /// A material whose index n + ik is known without uncertainty; transparent where k is 0.
+    /// Makes a material whose index n + ik has no uncertainty; transparent if k is 0.
     #[must_use]
     pub const fn exactly(eta: f64, k: f64) -> Self {
         if k == 0.0 {

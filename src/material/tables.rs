@@ -1,21 +1,21 @@
 //! Materials by name: n and k over wavelength from the tables in `assets/optical-constants`.
 //!
-//! Call [`index_of`], or [`metal`] for a sample's nominal material. `Au`, `Al`, `Cu`, `Ag`, `Cr`, `W` are interpolated linearly at a wavelength; `Au550`,
-//! `Al550`, `Cu550` are fixed numbers. Other published tables differ, gold by up to 0.7 in k, so a
-//! result names its table.
+//! Call [`index_of`], or [`metal`] for a sample's nominal material. `Au`, `Al`, `Cu`, `Ag`, `Cr`,
+//! `W` are interpolated linearly in wavelength; `Au550`, `Al550`, `Cu550` are fixed numbers. Other
+//! published tables differ, for gold by up to 0.7 in k, so a result names its table.
 
 use nalgebra::Complex;
 
 use super::Material;
 
-/// Metals under names that stand for fixed numbers, exactly (their tables at 550 nm, four decimals).
+/// Names with fixed indices: their tables at 550 nm, rounded to four decimals.
 pub const FIXED_METALS: [(&str, f64, f64); 3] = [
     ("Au550", 0.3504, 2.7141),
     ("Al550", 0.9586, 6.6870),
     ("Cu550", 0.9582, 2.5771),
 ];
 
-/// Name and table (`wavelength_nm,n,k`).
+/// Names and tables (`wavelength_nm,n,k`).
 const TABLES: [(&str, &str); 6] = [
     ("Ag", include_str!("../../assets/optical-constants/Ag.csv")),
     ("Al", include_str!("../../assets/optical-constants/Al.csv")),
@@ -25,21 +25,23 @@ const TABLES: [(&str, &str); 6] = [
     ("W", include_str!("../../assets/optical-constants/W.csv")),
 ];
 
-/// Why a name gives no index.
+/// Why a name has no index.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum MediaError {
-    /// No such material.
-    #[error("no material named {name:?}; known are Ag, Al, Au, Cr, Cu, W and Au550, Al550, Cu550")]
+pub enum MaterialError {
+    /// The material is unknown.
+    #[error(
+        "unknown material {name:?}: the known ones are Ag, Al, Au, Cr, Cu, W and Au550, Al550, Cu550"
+    )]
     Unknown {
-        /// What was asked for.
+        /// The requested name.
         name: String,
     },
-    /// The table does not reach there.
-    #[error("the table of {name} reaches from {from} nm to {to} nm, not to {asked} nm")]
+    /// The wavelength is outside the table.
+    #[error("{asked} nm is outside the table of {name}, which covers {from} nm to {to} nm")]
     OutOfTable {
         /// The material.
         name: String,
-        /// What was asked for, nm.
+        /// The requested wavelength, nm.
         asked: f64,
         /// First wavelength, nm.
         from: f64,
@@ -54,23 +56,23 @@ pub fn is_dispersive(name: &str) -> bool {
     TABLES.iter().any(|t| t.0 == name)
 }
 
-/// Complex index n + ik of a named material at a wavelength in nm.
+/// Returns the complex index n + ik of a named material at a wavelength in nm.
 ///
 /// # Errors
-/// A name that is not known, or a wavelength outside its table.
-pub fn index_of(name: &str, wavelength_nm: f64) -> Result<Complex<f64>, MediaError> {
+/// The name is unknown, or the wavelength is outside its table.
+pub fn index_of(name: &str, wavelength_nm: f64) -> Result<Complex<f64>, MaterialError> {
     if let Some(metal) = FIXED_METALS.iter().find(|m| m.0 == name) {
         return Ok(Complex::new(metal.1, metal.2));
     }
     let Some((_, table)) = TABLES.iter().find(|t| t.0 == name) else {
-        return Err(MediaError::Unknown {
+        return Err(MaterialError::Unknown {
             name: name.to_owned(),
         });
     };
     let rows: Vec<[f64; 3]> = table.lines().filter_map(row).collect();
     let (from, to) = (rows[0][0], rows[rows.len() - 1][0]);
     if !(from..=to).contains(&wavelength_nm) {
-        return Err(MediaError::OutOfTable {
+        return Err(MaterialError::OutOfTable {
             name: name.to_owned(),
             asked: wavelength_nm,
             from,
@@ -86,15 +88,16 @@ pub fn index_of(name: &str, wavelength_nm: f64) -> Result<Complex<f64>, MediaErr
     Ok(Complex::new(between(1), between(2)))
 }
 
-/// Published tables of one metal differ by so much of n and of k (gold near 550 nm, see the README beside the
-/// tables): the standard uncertainty of a sample's index that nobody measured.
+/// Relative difference of n and of k between published tables of one metal (gold near 550 nm, see
+/// the README beside the tables): the standard uncertainty of an index that was not measured.
 pub const RELATIVE_STD: f64 = 0.1;
 
-/// A named metal at a wavelength in nm as a sample's nominal material, with [`RELATIVE_STD`].
+/// Returns a named metal at a wavelength in nm as a sample's nominal material, with
+/// [`RELATIVE_STD`].
 ///
 /// # Errors
 /// As [`index_of`].
-pub fn metal(name: &str, wavelength_nm: f64) -> Result<Material, MediaError> {
+pub fn metal(name: &str, wavelength_nm: f64) -> Result<Material, MaterialError> {
     let index = index_of(name, wavelength_nm)?;
     Ok(Material::Conductor {
         eta: index.re,
@@ -114,7 +117,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_fixed_names_are_their_tables_at_550_nm() {
+    fn the_fixed_indices_are_their_tables_at_550_nm() {
         for (name, fixed) in [("Au", "Au550"), ("Al", "Al550"), ("Cu", "Cu550")] {
             let difference = index_of(name, 550.0).unwrap() - index_of(fixed, 0.0).unwrap();
             assert!(difference.norm() < 1e-4, "{name}: {difference}");
@@ -122,35 +125,35 @@ mod tests {
     }
 
     #[test]
-    fn every_table_is_read_and_ends_where_it_ends() {
+    fn every_table_is_read_to_both_ends_and_not_beyond() {
         for (name, _) in TABLES {
             let index = index_of(name, 633.0).unwrap();
             assert!(index.re > 0.0 && index.im > 1.0, "{name}");
             assert!(matches!(
                 index_of(name, 5000.0),
-                Err(MediaError::OutOfTable { .. })
+                Err(MaterialError::OutOfTable { .. })
             ));
         }
         assert!(matches!(
             index_of("Gold", 550.0),
-            Err(MediaError::Unknown { .. })
+            Err(MaterialError::Unknown { .. })
         ));
     }
 
     #[test]
-    fn a_wavelength_just_outside_is_told_beside_where_the_table_ends() {
+    fn a_wavelength_just_outside_is_shown_beside_the_ends_of_the_table() {
         for (name, _) in TABLES {
-            let Err(MediaError::OutOfTable { from, to, .. }) = index_of(name, 1e6) else {
+            let Err(MaterialError::OutOfTable { from, to, .. }) = index_of(name, 1e6) else {
                 panic!("no table reaches a millimetre");
             };
             assert!(index_of(name, from).is_ok() && index_of(name, to).is_ok());
             for near in [from.floor() - 1.0, to.ceil()] {
                 if let Err(refused) = index_of(name, near) {
-                    let told = refused.to_string();
-                    assert!(told.contains(&format!(" to {to} nm,")), "{told}");
+                    let message = refused.to_string();
+                    assert!(message.starts_with(&format!("{near} nm")), "{message}");
                     assert!(
-                        !told.contains(&format!("to {near} nm, not to {near} nm")),
-                        "{told}"
+                        message.ends_with(&format!("{from} nm to {to} nm")),
+                        "{message}"
                     );
                 }
             }

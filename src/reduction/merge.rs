@@ -15,7 +15,7 @@ use super::flats::SAME_ANGLE_DEG;
 use super::journal::{Journal, Rejection};
 use super::measure::{Ground, Measured};
 use super::sensor::median;
-use crate::geometry::{Pose, alike, alike_around};
+use crate::geometry::{Pose, group_angles, group_directions};
 use crate::material::Material;
 use crate::robust::MEDIAN_OF_SQUARE;
 use crate::series::FrameRow;
@@ -154,8 +154,8 @@ fn by_pose(ground: &Ground<'_>, measured: Vec<Measured>) -> Vec<Group> {
     let poses: Vec<Pose> = measured.iter().map(|m| rows[m.index].pose()).collect();
     let of = |axis: fn(&Pose) -> Angle| poses.iter().map(axis).collect::<Vec<_>>();
     let within = Angle::from_deg(SAME_ANGLE_DEG);
-    let tilts = alike(&of(|pose| pose.theta_c), within);
-    let turns = alike_around(&of(|pose| pose.phi_s), within);
+    let tilts = group_angles(&of(|pose| pose.theta_c), within);
+    let turns = group_directions(&of(|pose| pose.phi_s), within);
     let places = tilts.into_iter().zip(turns);
     let mut placed: Vec<((usize, usize), Measured)> = places.zip(measured).collect();
     placed.sort_by(|(place_a, a), (place_b, b)| {

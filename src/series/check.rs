@@ -420,7 +420,7 @@ mod tests {
         let stated = Manifest::from_toml(&stated, "").unwrap().material();
         assert_eq!(stated.index(), (table.index().0, 4.4));
 
-        assert!(refusal(&named("metal = \"Unobtainium\"")).contains("known are Ag, Al"));
+        assert!(refusal(&named("metal = \"Unobtainium\"")).contains("known ones are Ag, Al"));
         let infrared =
             named("metal = \"Cr\"").replacen("wavelength_nm = 550", "wavelength_nm = 5000", 1);
         assert!(refusal(&infrared).contains("reaches from"));

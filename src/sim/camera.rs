@@ -1,11 +1,11 @@
-//! The simulated camera: a 16-bit frame painted at the true pose of the shared world.
+//! The simulated camera: paints a 16-bit frame at the true pose of the shared world.
 //!
 //! Electrons are Poisson distributed about (radiance + stray light) · response · exposure + dark
-//! current; counts are black level + fixed offset + gain · (electrons + read noise), rounded and
-//! clipped. Response is vignetting × pixel response. What is in front of the lens decides what is
-//! seen (a cap, the white reference, the sample), not what was asked for: a frame asked for as a
-//! dark shows the sample if nobody capped the lens. If the stage moves, the radiance is
-//! averaged over the exposure. With camera or lamp near, each pixel has its own ([`super::light`]).
+//! current. Counts are black level + fixed offset + gain · (electrons + read noise), rounded and
+//! clipped. Response is vignetting × pixel response. The frame shows what is in front of the lens
+//! (a cap, the white reference, the sample), whatever kind was requested: a dark frame taken
+//! without the cap shows the sample. While the stage moves, the radiance is averaged over the
+//! exposure. With a near camera or lamp, each pixel has its own radiance ([`super::light`]).
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -16,8 +16,8 @@ use rand_distr::{Distribution, Poisson, StandardNormal};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
-use super::light::{Light, Scene};
-use super::sample::Sample;
+use super::light::{PixelLight, SimulatedScene};
+use super::sample::SimulatedSample;
 use super::world::{OnTable, World};
 use crate::bench::{Camera, CameraError, CaptureRequest, Captured};
 use crate::clock::Clock;
@@ -28,13 +28,13 @@ use crate::series::{
     CameraFacts, DarkFacts, FlatFacts, Manifest, RigFacts, SCHEMA, SampleFacts, SampleKind,
 };
 
-/// Poses looked at during one exposure.
+/// Number of poses sampled during one exposure.
 const GLANCES: u32 = 4;
-/// Above this expectation a Poisson number is drawn from the normal distribution; its skewness is
+/// Expectation from which a Poisson number is drawn from the normal distribution; the skewness is
 /// then below 1/50.
 const NORMAL_FROM: f64 = 2500.0;
 
-/// What the simulated camera is made of; the defaults are those of the recorded series.
+/// Properties of the simulated camera; the defaults are those of the recorded series.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SimulatedCameraSettings {
@@ -44,43 +44,43 @@ pub struct SimulatedCameraSettings {
     pub height_px: u32,
     /// Edge length of the square field along the columns.
     pub field_width_mm: f64,
-    /// From the centre of tilt to the pupil; `None` for a telecentric lens.
+    /// Distance from the centre of tilt to the entrance pupil; `None` for a telecentric lens.
     pub camera_distance_mm: Option<f64>,
-    /// From the centre of tilt to the lamp; `None` for a collimated one.
+    /// Distance from the centre of tilt to the lamp; `None` for collimated light.
     pub light_distance_mm: Option<f64>,
     /// Columns and rows from the frame's centre to the centre of tilt.
     pub tilt_centre_offset_px: [f64; 2],
-    /// Columns and rows from the frame's centre to where the rotation axis meets the sample at θc = 0.
+    /// Columns and rows from the frame's centre to the foot of the rotation axis at θc = 0.
     pub axis_offset_px: [f64; 2],
-    /// Bits of the converter; the full count is 2^bits − 1.
+    /// Bits of the converter; the largest count is 2^bits − 1.
     pub bit_depth: u32,
     /// Counts per electron.
     pub gain_dn_per_electron: f64,
     /// Count without light.
     pub black_level_dn: f64,
-    /// Read noise.
+    /// Read noise, rms electrons.
     pub read_noise_electrons_rms: f64,
     /// Electrons per unit radiance and second in a pixel of response 1.
     pub electrons_per_radiance_second: f64,
     /// Dark current.
     pub dark_current_electrons_per_s: f64,
-    /// Spread of the pixels' response.
+    /// Relative spread of the pixels' response.
     pub prnu_rms: f64,
-    /// Spread of the pixels' offset.
+    /// Spread of the pixels' offset, in counts.
     pub dsnu_dn_rms: f64,
-    /// Loss of light at the middle of an edge of the field.
+    /// Relative loss of light at the middle of an edge of the field.
     pub vignetting_at_edge: f64,
-    /// Radiance that reaches the sensor from elsewhere, in sample and flat frames alike.
+    /// Stray radiance that reaches the sensor, the same in sample and flat frames.
     pub stray_radiance: f64,
-    /// Share of pixels that are hot or dead.
+    /// Fraction of pixels that are hot or dead.
     pub defect_fraction: f64,
     /// Reflectance of the white reference.
     pub reflectance: f64,
-    /// Standard uncertainty that its certificate states.
+    /// Standard uncertainty of the reflectance in its certificate.
     pub reflectance_std: f64,
     /// Exposure times that suit the lamp.
     pub exposures_s: Vec<f64>,
-    /// Seed of fixed pattern and noise.
+    /// Seed of the fixed pattern and the noise.
     pub seed: u64,
 }
 
@@ -113,39 +113,39 @@ impl Default for SimulatedCameraSettings {
     }
 }
 
-/// What one pixel does to light.
+/// Response and offset of one pixel.
 #[derive(Debug, Clone, Copy)]
 struct Pixel {
     response: f64,
     offset_dn: f64,
-    /// A defect counts this, whatever it sees.
+    /// Constant count of a defective pixel.
     stuck_dn: Option<u16>,
 }
 
-/// Changes what lies on the table while the bench owns the camera.
+/// Changes the sample on the table while the bench owns the camera.
 #[derive(Debug, Clone)]
 pub struct SampleHandle {
-    sample: Arc<Mutex<Sample>>,
+    sample: Arc<Mutex<SimulatedSample>>,
 }
 
 impl SampleHandle {
-    /// Puts another sample there.
-    pub fn set(&self, sample: Sample) {
+    /// Replaces the sample.
+    pub fn set(&self, sample: SimulatedSample) {
         *self.lock() = sample;
     }
 
-    /// The sample there now.
+    /// Returns the present sample.
     #[must_use]
-    pub fn get(&self) -> Sample {
+    pub fn get(&self) -> SimulatedSample {
         self.lock().clone()
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, Sample> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, SimulatedSample> {
         self.sample.lock().expect("no holder of this lock panics")
     }
 }
 
-/// A camera that looks at a [`World`].
+/// A camera above a [`World`].
 pub struct SimulatedCamera {
     world: Arc<World>,
     clock: Arc<dyn Clock>,
@@ -157,12 +157,12 @@ pub struct SimulatedCamera {
 }
 
 impl SimulatedCamera {
-    /// A camera on the rig of the recorded series ([`RigGeometry::IN_PLANE`]), above `world`.
+    /// Makes a camera on the rig of the recorded series ([`RigGeometry::IN_PLANE`]), above `world`.
     #[must_use]
     pub fn new(
         world: Arc<World>,
         settings: SimulatedCameraSettings,
-        sample: Sample,
+        sample: SimulatedSample,
         clock: Arc<dyn Clock>,
     ) -> Self {
         SimulatedCamera {
@@ -178,30 +178,30 @@ impl SimulatedCamera {
         }
     }
 
-    /// A handle to change the sample by.
+    /// Returns a handle that can change the sample.
     #[must_use]
     pub fn sample_handle(&self) -> SampleHandle {
         self.sample.clone()
     }
 
-    /// What a recorded series of this rig and the present sample would state. The mounting offsets
-    /// of the world are not in it: finding them is the fit's work.
+    /// The manifest of a recorded series of this rig and the present sample. It omits the world's
+    /// mounting offsets: the fit has to find them.
     #[must_use]
     pub fn manifest(&self) -> Manifest {
         manifest(&self.settings, &self.rig, &self.sample.get())
     }
 
-    /// What is in front of the lens: how the world stands, and nothing under the cap.
+    /// The pose and the object in front of the lens; `None` with the cap on.
     fn seen_now(&self) -> Option<(Pose, OnTable)> {
         let open = !self.world.lens_capped();
         open.then(|| (self.world.true_pose_now(), self.world.on_table()))
     }
 
-    /// Radiance in front of the lens, the mean of several moments.
-    fn radiance(&self, moments: &[Option<(Pose, OnTable)>]) -> Light {
+    /// Radiance in front of the lens, averaged over several moments.
+    fn radiance(&self, moments: &[Option<(Pose, OnTable)>]) -> PixelLight {
         let sample = self.sample.get();
         let settings = &self.settings;
-        let scene = Scene {
+        let scene = SimulatedScene {
             imaging: imaging(settings, &self.rig),
             width: settings.width_px as usize,
             height: settings.height_px as usize,
@@ -213,17 +213,17 @@ impl SimulatedCamera {
             Some((pose, on_table)) => scene
                 .radiance(*on_table, *pose)
                 .and(settings.stray_radiance),
-            None => Light::Even(0.0),
+            None => PixelLight::Even(0.0),
         };
-        // A rig that stands still looks the same all the time.
+        // All moments of a rig at rest are equal.
         match moments.windows(2).all(|two| two[0] == two[1]) {
-            true => moments.first().map_or(Light::Even(0.0), at),
-            false => Light::mean(&moments.iter().map(at).collect::<Vec<_>>()),
+            true => moments.first().map_or(PixelLight::Even(0.0), at),
+            false => PixelLight::mean(&moments.iter().map(at).collect::<Vec<_>>()),
         }
     }
 }
 
-/// Where each pixel looks.
+/// The mapping from pixels to places of the sample.
 fn imaging(settings: &SimulatedCameraSettings, rig: &RigGeometry) -> Imaging {
     let (width, height) = (f64::from(settings.width_px), f64::from(settings.height_px));
     let from_centre = |[column, row]: [f64; 2]| [0.5 * width + column, 0.5 * height + row];
@@ -276,7 +276,7 @@ impl Camera for SimulatedCamera {
             }
             let radiance = self.radiance(&moments);
             self.captures += 1;
-            // Exposures shorter than painting takes would leave everybody else no turn.
+            // Without this, exposures shorter than the painting would starve all other tasks.
             tokio::task::yield_now().await;
             let frame = paint(
                 &self.settings,
@@ -294,7 +294,7 @@ impl Camera for SimulatedCamera {
     }
 }
 
-/// The camera's own flaws, the same in every frame.
+/// The camera's fixed pattern, equal in all frames.
 fn fixed_pattern(settings: &SimulatedCameraSettings) -> Arc<[Pixel]> {
     let mut rng = Pcg64::seed_from_u64(settings.seed ^ 0x70A7_7E12);
     let (width, height) = (settings.width_px as usize, settings.height_px as usize);
@@ -330,7 +330,7 @@ fn full_dn(settings: &SimulatedCameraSettings) -> u16 {
 fn paint(
     settings: &SimulatedCameraSettings,
     pixels: &[Pixel],
-    radiance: &Light,
+    radiance: &PixelLight,
     exposure_s: f64,
     capture: u64,
 ) -> Result<Frame, CameraError> {
@@ -353,7 +353,7 @@ fn paint(
                 let shot: f64 = StandardNormal.sample(&mut rng);
                 due + due.sqrt() * shot
             } else {
-                // An expectation of 0 has no distribution, and no electrons.
+                // An expectation of 0 has no distribution and gives no electrons.
                 Poisson::new(due).map_or(0.0, |p| p.sample(&mut rng))
             };
             let dn = settings.black_level_dn
@@ -368,12 +368,12 @@ fn paint(
     Ok(Frame::new(settings.width_px, settings.height_px, counts)?)
 }
 
-/// What the manifest of a series taken with such a camera, rig and sample states.
+/// The manifest of a series taken with such a camera, rig and sample.
 #[must_use]
 pub fn manifest(
     settings: &SimulatedCameraSettings,
     rig: &RigGeometry,
-    sample: &Sample,
+    sample: &SimulatedSample,
 ) -> Manifest {
     let material = sample.material();
     let (kind, index, eta, k) = match material {
@@ -503,7 +503,7 @@ mod tests {
                 seed,
                 ..SimulatedCameraSettings::default()
             },
-            Sample::polymer_10(),
+            SimulatedSample::polymer_10(),
             clock,
         );
         (world, camera)
@@ -525,7 +525,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_frame_shows_the_true_pose_not_the_one_asked_for() {
+    async fn a_frame_shows_the_true_pose_not_the_requested_one() {
         let (world, mut camera) = bench(Mounting::default(), 1);
         let straight = mean_above_dark(&mut camera, &world, Pose::from_deg(10.4, 7.0)).await;
         let mounting = Mounting {
@@ -536,7 +536,7 @@ mod tests {
         let (world, mut camera) = bench(mounting, 1);
         let offset = mean_above_dark(&mut camera, &world, Pose::from_deg(10.0, 0.0)).await;
         let plain = mean_above_dark(&mut camera, &world, Pose::from_deg(10.4, 7.0)).await;
-        // 128² pixels of ~8,000 electrons: the mean is good to 1e-4.
+        // 128² pixels of ~8,000 electrons: the mean is accurate to 1e-4.
         assert!(
             (offset / straight - 1.0).abs() < 5e-4,
             "{offset} {straight}"
@@ -545,7 +545,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_is_in_front_of_the_lens_decides() {
+    async fn a_frame_shows_what_is_in_front_of_the_lens() {
         let (world, mut camera) = bench(Mounting::default(), 1);
         let pose = Pose::from_deg(0.0, 180.0);
         let sample = mean_above_dark(&mut camera, &world, pose).await;
@@ -560,13 +560,13 @@ mod tests {
         let ratio = (due + stray) / (seen + stray);
         assert!((white / sample / ratio - 1.0).abs() < 1e-3);
         world.place(OnTable::Sample);
-        camera.sample_handle().set(Sample::steel_15());
+        camera.sample_handle().set(SimulatedSample::steel_15());
         let steel = mean_above_dark(&mut camera, &world, pose).await;
         assert!((steel / sample - 1.0).abs() > 0.1);
     }
 
     #[tokio::test]
-    async fn the_same_seed_paints_the_same_frames_and_another_does_not() {
+    async fn equal_seeds_paint_equal_frames_and_different_seeds_do_not() {
         let mut frames = Vec::new();
         for seed in [1, 1, 2] {
             let (world, mut camera) = bench(Mounting::default(), seed);
@@ -584,7 +584,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn an_exposure_takes_its_time_and_a_nonsense_one_is_refused() {
+    async fn an_exposure_takes_its_time_and_an_invalid_one_is_refused() {
         let (_, mut camera) = bench(Mounting::default(), 1);
         let pose = Pose::from_deg(0.0, 0.0);
         let first = camera.capture(&request(FrameKind::Sample, pose, 0.5)).await;
@@ -603,7 +603,7 @@ mod tests {
     #[test]
     fn its_manifest_is_a_series_manifest() {
         for name in super::super::sample::NAMES {
-            let sample = Sample::by_name(name).unwrap();
+            let sample = SimulatedSample::by_name(name).unwrap();
             let stated = manifest(
                 &SimulatedCameraSettings::default(),
                 &RigGeometry::IN_PLANE,

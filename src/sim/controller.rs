@@ -1,38 +1,38 @@
 //! The chain of simulated controllers: bytes in, bytes out.
 //!
-//! Address 1 turns θc, address 2 φs, one axis each; or address 1 turns both, as its axes 1 and 2.
-//! [`Controller::receive`] is the one function to call; [`Controller::poll`] gives the alerts that are due. Both are pure but for the world's
-//! clock. Knows no port.
+//! Address 1 turns θc and address 2 φs, one axis each; or address 1 turns both, as its axes 1 and
+//! 2. [`Controller::receive`] is the function to call; [`Controller::poll`] returns the alerts that
+//! are due. Both depend only on their input and the world's clock. Knows no port.
 
 use std::sync::Arc;
 
 use super::device::settings::COMMAND_PACKETS_MAX;
-use super::device::{Answer, Reject};
+use super::device::{CommandResult, Reject};
 use super::unit::Unit;
 use super::world::World;
 use crate::bench::AxisName;
 use crate::bench::wire::zaber::{
-    Activity, Alert, Command, Info, PACKET_BYTES_MAX, Reply, decode_command,
+    Activity, Alert, DeviceCommand, Info, PACKET_BYTES_MAX, Reply, decode_command,
 };
-use crate::bench::wire::zaber_stream::{Assembled, CommandAssembler, Lines};
+use crate::bench::wire::zaber_stream::{Assembled, CommandAssembler, LineSplitter};
 
 /// The controllers on one line.
 #[derive(Debug)]
 pub struct Controller {
     units: Vec<Unit>,
-    lines: Lines,
+    lines: LineSplitter,
     assembler: CommandAssembler,
 }
 
 impl Controller {
-    /// The two controllers of a world, just powered up.
+    /// Makes the two controllers of a world, just powered up.
     #[must_use]
     pub fn new(world: &Arc<World>) -> Self {
         let units = AxisName::ALL.map(|axis| Unit::new(world, &[axis]));
         Controller::of(units.into())
     }
 
-    /// The same with both axes on one controller.
+    /// Makes one controller with both axes.
     #[must_use]
     pub fn with_both_axes(world: &Arc<World>) -> Self {
         Controller::of(vec![Unit::new(world, &AxisName::ALL)])
@@ -41,22 +41,22 @@ impl Controller {
     fn of(units: Vec<Unit>) -> Self {
         Controller {
             units,
-            lines: Lines::of_commands(),
+            lines: LineSplitter::of_commands(),
             assembler: CommandAssembler::default(),
         }
     }
 
-    /// Takes bytes from the host and gives what goes back, alerts that became due included.
+    /// Takes bytes from the host and returns the reply bytes, with the alerts that became due.
     pub fn receive(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut out = Vec::new();
         for line in self.lines.push(bytes) {
             out.extend(self.poll());
-            // A garbled command is not executed, and nobody answers it.
+            // A garbled command is neither executed nor answered.
             let Ok(packet) = decode_command(&line) else {
                 continue;
             };
             let checked = packet.checked;
-            // The line feed is off, and it counts.
+            // The line feed has been removed but counts for the length.
             let too_long = line.len() + 1 > PACKET_BYTES_MAX;
             match self.assembler.accept(packet, COMMAND_PACKETS_MAX) {
                 Assembled::Pending if !too_long => {}
@@ -70,7 +70,7 @@ impl Controller {
         out
     }
 
-    /// Alerts that are due.
+    /// Returns the alerts that are due.
     pub fn poll(&mut self) -> Vec<u8> {
         let mut out = Vec::new();
         for unit in &mut self.units {
@@ -99,13 +99,13 @@ impl Controller {
         self.units.iter().any(due)
     }
 
-    /// A new client is on the line: what the last one left unfinished is forgotten.
+    /// Drops an unfinished command of the previous client.
     pub fn new_client(&mut self) {
         self.lines.clear();
         self.assembler = CommandAssembler::default();
     }
 
-    fn answer(&mut self, command: &Command, checked: bool, out: &mut Vec<u8>) {
+    fn answer(&mut self, command: &DeviceCommand, checked: bool, out: &mut Vec<u8>) {
         let renumbered = renumbering(command);
         for (position, unit) in self.units.iter_mut().enumerate() {
             let addressed = command.address == 0 || command.address == unit.address();
@@ -130,7 +130,7 @@ impl Controller {
         }
     }
 
-    fn refuse(&mut self, command: &Command, checked: bool, out: &mut Vec<u8>) {
+    fn refuse(&mut self, command: &DeviceCommand, checked: bool, out: &mut Vec<u8>) {
         for unit in &self.units {
             let addressed = command.address == 0 || command.address == unit.address();
             if addressed && unit.powered() {
@@ -140,8 +140,9 @@ impl Controller {
     }
 }
 
-/// `renumber [N]`: the first new address, or why not. `None` for every other command.
-fn renumbering(command: &Command) -> Option<Result<u8, Reject>> {
+/// `renumber [N]`: the first new address, or the reason of a refusal. `None` for all other
+/// commands.
+fn renumbering(command: &DeviceCommand) -> Option<Result<u8, Reject>> {
     let rest = command.words.strip_prefix("renumber")?;
     if command.axis != 0 {
         return Some(Err(Reject::DeviceOnly));
@@ -156,8 +157,14 @@ fn renumbering(command: &Command) -> Option<Result<u8, Reject>> {
     Some(Ok(first))
 }
 
-fn reply(unit: &Unit, command: &Command, checked: bool, answer: Answer, out: &mut Vec<u8>) {
-    // A host that sends checksums can read them.
+fn reply(
+    unit: &Unit,
+    command: &DeviceCommand,
+    checked: bool,
+    answer: CommandResult,
+    out: &mut Vec<u8>,
+) {
+    // A host that sends checksums can also check them.
     let with_checksum = checked || unit.checksum();
     let (accepted, data) = match answer.data {
         Ok(data) => (true, data),

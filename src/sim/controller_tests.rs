@@ -2,7 +2,7 @@ use std::time::Duration;
 
 use super::*;
 use crate::clock::SteppedClock;
-use crate::sim::world::{Mishap, WorldSettings};
+use crate::sim::world::{AxisFault, WorldSettings};
 use crate::units::Angle;
 use proptest::prelude::*;
 
@@ -59,7 +59,7 @@ fn a_broadcast_is_answered_by_both_devices() {
 }
 
 #[test]
-fn two_axes_of_one_controller_answer_each_for_itself_and_together() {
+fn two_axes_of_one_controller_answer_separately_and_together() {
     let mut rig = Rig::of_one_controller();
     assert_eq!(rig.ask("/"), "@01 0 OK IDLE WR 0|");
     assert_eq!(rig.ask("/1 get system.axiscount"), "@01 0 OK IDLE WR 2|");
@@ -76,7 +76,7 @@ fn two_axes_of_one_controller_answer_each_for_itself_and_together() {
     rig.wait_s(60.0);
     assert_eq!(rig.ask("/1 get pos"), "@01 0 OK IDLE -- 0 5000|");
     assert_eq!(rig.ask("/1 get 2 pos 1 pos"), "@01 0 OK IDLE -- 5000; 0|");
-    // Settings of the controller are asked of it alone, those of an axis may differ.
+    // Controller settings are refused on an axis; settings of the axes may differ.
     assert_eq!(
         rig.ask("/1 2 get system.serial"),
         "@01 2 RJ IDLE -- DEVICEONLY|"
@@ -88,14 +88,14 @@ fn two_axes_of_one_controller_answer_each_for_itself_and_together() {
         "{speeds}"
     );
     assert_eq!(rig.ask("/1 3 home"), "@01 3 RJ IDLE -- BADAXIS|");
-    // An alert names the axis whose motion has ended.
+    // An alert states the axis whose motion has ended.
     rig.ask("/1 set comm.alert 1");
     rig.ask("/1 2 move abs 0");
     rig.wait_s(60.0);
     let alerts = String::from_utf8(rig.controller.poll()).unwrap();
     assert_eq!(alerts, "!01 2 IDLE --\r\n");
-    // A controller restarts as a whole.
-    rig.world.cause(AxisName::PhiS, Mishap::PowerCycle);
+    // A restart affects the whole controller.
+    rig.world.cause(AxisName::PhiS, AxisFault::PowerCycle);
     rig.ask("/");
     assert_eq!(rig.ask("/1 1"), "@01 1 OK IDLE WR 0|");
     assert_eq!(rig.ask("/1 renumber 7"), "@07 0 OK IDLE WR 0|");
@@ -103,7 +103,7 @@ fn two_axes_of_one_controller_answer_each_for_itself_and_together() {
 }
 
 #[test]
-fn homing_gives_the_reference_and_takes_the_flags_down() {
+fn homing_sets_the_reference_and_clears_the_flags() {
     let mut rig = Rig::new();
     assert_eq!(rig.ask("/1 1 10 warnings"), "@01 1 10 OK IDLE WR 02 WR WH|");
     assert_eq!(rig.ask("/1 1 move abs 1000"), "@01 1 RJ IDLE WR BADDATA|");
@@ -135,7 +135,7 @@ fn a_move_takes_the_time_of_its_trapezoid() {
 }
 
 #[test]
-fn beyond_the_limits_is_bad_data_and_nothing_moves() {
+fn a_target_beyond_the_limits_is_refused_and_nothing_moves() {
     let mut rig = Rig::homed();
     for command in [
         "move abs 99999999",
@@ -164,7 +164,7 @@ fn a_velocity_move_ends_at_the_limit() {
 }
 
 #[test]
-fn a_stop_interrupts_and_the_next_move_from_idle_forgives() {
+fn a_stop_raises_a_flag_that_the_next_move_from_rest_clears() {
     let mut rig = Rig::homed();
     rig.ask("/1 1 move abs 200000");
     rig.wait_s(1.0);
@@ -177,22 +177,22 @@ fn a_stop_interrupts_and_the_next_move_from_idle_forgives() {
 }
 
 #[test]
-fn mishaps_raise_their_flags() {
-    for (mishap, flag) in [
-        (Mishap::Stall, "FS"),
-        (Mishap::LimitSensor, "WL"),
-        (Mishap::Knob(Angle::from_deg(1.0)), "NC"),
-        (Mishap::EmergencyStop, "FH"),
-        (Mishap::PowerCycle, "WR"),
+fn faults_raise_their_flags() {
+    for (fault, flag) in [
+        (AxisFault::Stall, "FS"),
+        (AxisFault::LimitSensor, "WL"),
+        (AxisFault::Knob(Angle::from_deg(1.0)), "NC"),
+        (AxisFault::EmergencyStop, "FH"),
+        (AxisFault::PowerCycle, "WR"),
     ] {
         let mut rig = Rig::homed();
         rig.ask("/1 1 move abs 200000");
         rig.wait_s(1.0);
-        rig.world.cause(AxisName::ThetaC, mishap);
+        rig.world.cause(AxisName::ThetaC, fault);
         assert_eq!(
             rig.ask("/1 1"),
             format!("@01 1 OK IDLE {flag} 0|"),
-            "{mishap:?}"
+            "{fault:?}"
         );
     }
 }
@@ -203,7 +203,7 @@ fn a_power_cycle_resets_counter_and_uptime() {
     rig.ask("/2 1 move abs 1000");
     rig.wait_s(5.0);
     assert_eq!(rig.ask("/2 1 get pos"), "@02 1 OK IDLE -- 1000|");
-    rig.world.cause(AxisName::PhiS, Mishap::PowerCycle);
+    rig.world.cause(AxisName::PhiS, AxisFault::PowerCycle);
     rig.wait_s(1.5);
     assert_eq!(rig.ask("/2 0 get system.uptime"), "@02 0 OK IDLE WR 1500|");
     assert_eq!(rig.ask("/2 1 get pos"), "@02 1 OK IDLE WR 0|");
@@ -214,12 +214,12 @@ fn a_power_cycle_resets_counter_and_uptime() {
 }
 
 #[test]
-fn a_slip_is_not_noticed_by_the_controller() {
+fn the_controller_does_not_detect_a_slip() {
     let mut rig = Rig::homed();
     rig.ask("/1 1 move abs 208000");
     rig.wait_s(9.0);
     rig.world
-        .cause(AxisName::ThetaC, Mishap::Slip(Angle::from_deg(0.5)));
+        .cause(AxisName::ThetaC, AxisFault::Slip(Angle::from_deg(0.5)));
     assert_eq!(rig.ask("/1 1 get pos"), "@01 1 OK IDLE -- 208000|");
     assert!((rig.world.pose_now().theta_c.deg() - 0.5).abs() < 1e-9);
 }
@@ -240,14 +240,14 @@ fn checksums_follow_the_command_or_the_setting() {
 }
 
 #[test]
-fn a_garbled_command_is_not_executed_and_not_answered() {
+fn a_garbled_command_is_neither_executed_nor_answered() {
     let mut rig = Rig::homed();
     assert_eq!(rig.ask("/1 1 40 move abs 200001:8B"), "");
     assert!(!rig.world.is_moving());
 }
 
 #[test]
-fn an_alert_tells_the_end_of_a_motion_once() {
+fn the_end_of_a_motion_sends_one_alert() {
     let mut rig = Rig::homed();
     rig.ask("/0 0 set comm.alert 1");
     rig.ask("/1 1 move abs 100");
@@ -332,7 +332,7 @@ proptest! {
     #![proptest_config(crate::extremes::cases(256))]
 
     #[test]
-    fn no_bytes_make_the_controller_panic(chunks in proptest::collection::vec(any::<Vec<u8>>(), 0..8)) {
+    fn no_bytes_cause_a_panic(chunks in proptest::collection::vec(any::<Vec<u8>>(), 0..8)) {
         let mut rig = Rig::homed();
         for chunk in chunks {
             rig.controller.receive(&chunk);
@@ -341,7 +341,7 @@ proptest! {
     }
 
     #[test]
-    fn no_command_makes_the_controller_panic(
+    fn no_command_causes_a_panic(
         lines in proptest::collection::vec(
             "/[0-2]( [01])? (move (abs|rel|vel|min|max|index)|set (pos|maxspeed|accel|limit.min|limit.max|comm.address)|stop|home|get|renumber)( -?[0-9]{1,19}){0,3}",
             0..12,

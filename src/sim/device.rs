@@ -1,9 +1,9 @@
-//! One axis of a simulated Zaber controller, with what its controller keeps: commands, motion, reference and warning
-//! flags.
+//! One axis of a simulated Zaber controller: commands, motion, reference, warning flags and stored
+//! settings.
 //!
-//! [`Device::execute`] runs one command's words, [`Device::get`] reads a setting. What the device believes lives here
-//! (its counter, flags, settings); what really moves is the [`World`]'s. Knows no bytes, addresses only its own, and
-//! nothing of other axes: those of one controller are put together in `unit`.
+//! [`Device::execute`] runs one command, [`Device::get`] reads a setting. This module holds what
+//! the controller assumes (counter, flags, settings); the [`World`] holds the true motion. Knows no
+//! bytes and no other axes; `unit` combines the axes of one controller.
 
 pub mod settings;
 
@@ -11,9 +11,9 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
-use self::settings::Settings;
+use self::settings::DeviceSettings;
 use super::motion::Ramps;
-use super::world::{Mishap, World};
+use super::world::{AxisFault, World};
 use crate::bench::AxisName;
 use crate::bench::wire::zaber::Activity;
 use crate::bench::wire::zaber_flags::Flag;
@@ -23,18 +23,18 @@ pub(super) const SPEED_UNIT: f64 = 1.6384;
 /// Acceleration settings are microsteps per second squared times this.
 pub(super) const ACCELERATION_UNIT: f64 = 1.6384 / 10_000.0;
 
-/// Why a command is refused; the word that the device answers.
+/// Why a command is refused; also the code that the device replies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reject {
     /// No such axis.
     BadAxis,
-    /// No such command or setting, or none that can be written.
+    /// No such command or setting, or a read-only one.
     BadCommand,
     /// A value that is malformed, out of range or beyond the travel.
     BadData,
     /// The packets of a long command do not fit together.
     BadSplit,
-    /// For the device alone, not for an axis.
+    /// The command addresses the device, not an axis.
     DeviceOnly,
     /// The driver is off.
     DriverDisabled,
@@ -42,12 +42,12 @@ pub enum Reject {
     LongWord,
     /// The axis is parked.
     Parked,
-    /// Not while the axis moves.
+    /// Not possible while the axis moves.
     StatusBusy,
 }
 
 impl Reject {
-    /// The word on the wire.
+    /// The code in the protocol.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -64,7 +64,7 @@ impl Reject {
     }
 }
 
-/// Whom a command is for.
+/// What a command addresses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scope {
     /// The controller, with all its axes.
@@ -73,18 +73,18 @@ pub enum Scope {
     Axis,
 }
 
-/// What a command's execution gives back.
+/// Result of a command.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Answer {
-    /// Data of the reply, or why the command was refused.
+pub struct CommandResult {
+    /// Data of the reply, or the reason of a refusal.
     pub data: Result<String, Reject>,
     /// Texts that follow as info messages.
     pub infos: Vec<&'static str>,
 }
 
-impl From<Result<String, Reject>> for Answer {
+impl From<Result<String, Reject>> for CommandResult {
     fn from(data: Result<String, Reject>) -> Self {
-        Answer {
+        CommandResult {
             data,
             infos: Vec::new(),
         }
@@ -95,19 +95,19 @@ impl From<Result<String, Reject>> for Answer {
 enum Motion {
     None,
     Move,
-    /// Moves and will stall: the way leads beyond the mechanical end.
+    /// Moves until it stalls: the target is beyond the mechanical end.
     IntoTheEnd,
     Home,
 }
 
-/// One axis and what its controller keeps.
+/// One axis with its controller's stored state.
 #[derive(Debug)]
 pub struct Device {
     pub(super) world: Arc<World>,
     pub(super) axis: AxisName,
-    pub(super) settings: Settings,
+    pub(super) settings: DeviceSettings,
     pub(super) parked: bool,
-    /// The counter shows motor position plus this.
+    /// The counter shows the motor position plus this.
     pub(super) counter_offset: f64,
     flags: BTreeSet<Flag>,
     motion: Motion,
@@ -115,10 +115,10 @@ pub struct Device {
 }
 
 impl Device {
-    /// A controller that was just powered up: its counter is 0 wherever the axis stands.
+    /// Makes a controller that was just powered up: its counter is 0 at any axis position.
     #[must_use]
     pub fn new(world: Arc<World>, axis: AxisName) -> Self {
-        let settings = Settings::factory(axis, &world.mechanics(axis));
+        let settings = DeviceSettings::factory(axis, &world.mechanics(axis));
         let mut device = Device {
             settings,
             parked: false,
@@ -134,7 +134,7 @@ impl Device {
         device
     }
 
-    /// Whether it has power; without, it neither hears nor speaks.
+    /// Whether it has power; without power it neither receives nor sends.
     #[must_use]
     pub fn powered(&self) -> bool {
         self.world.powered(self.axis)
@@ -150,17 +150,17 @@ impl Device {
         }
     }
 
-    /// All flags that are up, the highest first.
+    /// All raised flags, the highest first.
     #[must_use]
     pub fn flags(&self) -> &BTreeSet<Flag> {
         &self.flags
     }
 
-    /// Learns what happened since the last look. True if a motion has ended.
+    /// Applies what happened since the last call. Returns true if a motion has ended.
     pub fn refresh(&mut self) -> bool {
         let was_moving = self.motion != Motion::None;
-        for (moment, mishap) in self.world.take_mishaps(self.axis) {
-            self.suffer(moment, mishap);
+        for (moment, fault) in self.world.take_faults(self.axis) {
+            self.apply_fault(moment, fault);
         }
         if self.motion != Motion::None && !self.world.motor(self.axis).moving {
             match self.motion {
@@ -179,32 +179,32 @@ impl Device {
         was_moving && self.motion == Motion::None
     }
 
-    fn suffer(&mut self, moment: Duration, mishap: Mishap) {
-        match mishap {
-            Mishap::Stall => {
+    fn apply_fault(&mut self, moment: Duration, fault: AxisFault) {
+        match fault {
+            AxisFault::Stall => {
                 self.flags.insert(Flag::Stalled);
                 self.motion = Motion::None;
             }
-            Mishap::LimitSensor => {
+            AxisFault::LimitSensor => {
                 self.flags.insert(Flag::UnexpectedLimit);
                 self.motion = Motion::None;
             }
-            Mishap::ForeignStop => {
+            AxisFault::ForeignStop => {
                 if self.motion != Motion::None {
                     self.flags.insert(Flag::MovementInterrupted);
                     self.motion = Motion::Move;
                 }
             }
-            Mishap::Knob(_) => {
+            AxisFault::Knob(_) => {
                 self.flags.insert(Flag::ManualControl);
                 self.motion = Motion::None;
             }
-            Mishap::ForeignMove(_) => self.motion = Motion::None,
-            Mishap::Slip(by) => {
+            AxisFault::ForeignMove(_) => self.motion = Motion::None,
+            AxisFault::Slip(by) => {
                 self.counter_offset -= self.world.mechanics(self.axis).counts_in(by).round();
             }
-            Mishap::PowerCycle => self.boot(moment),
-            Mishap::EmergencyStop => {
+            AxisFault::PowerCycle => self.boot(moment),
+            AxisFault::EmergencyStop => {
                 self.flags.insert(Flag::EmergencyStop);
                 self.settings.driver_enabled = false;
                 self.motion = Motion::None;
@@ -212,7 +212,7 @@ impl Device {
         }
     }
 
-    /// Starts anew: the reference is lost, and whatever moved stands.
+    /// Restarts: the reference is lost and any motion stops.
     pub(super) fn boot(&mut self, moment: Duration) {
         self.booted = moment;
         self.counter_offset = -self.world.motor(self.axis).position.round();
@@ -226,19 +226,19 @@ impl Device {
         self.world.now().saturating_sub(self.booted).as_millis()
     }
 
-    /// What the counter shows.
+    /// The counter's value.
     pub(super) fn counter(&self) -> f64 {
         (self.world.motor(self.axis).position + self.counter_offset).round()
     }
 
-    /// Sets the counter: the reference is known again, though the axis was not homed.
+    /// Sets the counter; the reference then counts as known although the axis was not homed.
     pub(super) fn set_counter(&mut self, counts: f64) {
         self.counter_offset = counts - self.world.motor(self.axis).position.round();
         self.flags.remove(&Flag::NoReference);
     }
 
-    /// Runs the words of one command, but for those that only ask: for the device or for its axis.
-    pub fn execute(&mut self, scope: Scope, words: &[&str]) -> Answer {
+    /// Runs one command other than a query, for the device or for its axis.
+    pub fn execute(&mut self, scope: Scope, words: &[&str]) -> CommandResult {
         let done = || Ok("0".to_owned());
         match words {
             [] => done(),
@@ -269,7 +269,7 @@ impl Device {
             }
             ["system", "reset"] => Err(Reject::DeviceOnly),
             ["help", ..] => {
-                return Answer {
+                return CommandResult {
                     data: done(),
                     infos: HELP.to_vec(),
                 };
@@ -320,7 +320,7 @@ impl Device {
             ("vel", Some(0)) => return self.stop(true),
             ("vel", Some(v)) => {
                 let ramps = self.ramps(Some(v.saturating_abs()), acceleration)?;
-                // Without a reference the limits mean nothing: on to the mechanical end.
+                // Without a reference the limits are meaningless: move on to the mechanical end.
                 let far = if referenced { 0.0 } else { 1e12 };
                 let target = if v > 0 { high + far } else { low - far };
                 return self.begin(target - self.counter_offset, ramps, Motion::Move);
@@ -352,7 +352,7 @@ impl Device {
         })
     }
 
-    /// Starts a motion to `target`, counts from the home sensor.
+    /// Starts a motion to `target`, in counts from the home sensor.
     fn begin(&mut self, target: f64, ramps: Ramps, motion: Motion) -> Result<(), Reject> {
         if self.parked {
             return Err(Reject::Parked);
@@ -373,7 +373,7 @@ impl Device {
             mechanics.counts(mechanics.travel_max),
         );
         let reachable = target.clamp(ends.0, ends.1);
-        // Half a count: limits are whole counts, mechanical ends are not.
+        // Half a count of tolerance: limits are whole counts, mechanical ends are not.
         self.motion = if (reachable - target).abs() > 0.5 {
             Motion::IntoTheEnd
         } else {
@@ -420,7 +420,7 @@ const HELP: [&str; 4] = [
     "renumber, system reset, io info, activate, help",
 ];
 
-/// Whether `warnings clear` takes this flag down.
+/// Whether `warnings clear` clears this flag.
 fn clears(flag: Flag) -> bool {
     matches!(
         flag,

@@ -1,7 +1,7 @@
-//! Faults on a line: bytes lost, garbled, late, twice, or the plug pulled.
+//! Faults on a line: bytes lost, garbled, late or duplicated, or the plug pulled.
 //!
-//! [`ScriptedFaults`] is the seam to hand to whoever opens a port. A rule names the command whose
-//! reply suffers, so a test says what happens and never when.
+//! [`ScriptedFaults`] is the seam to pass when a port is opened. A rule names the command whose
+//! reply is affected, so a test states what happens and does not depend on time.
 
 use std::collections::VecDeque;
 use std::io;
@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use crate::bench::port::{Port, PortSeam};
 
-/// What happens to one exchange.
+/// The fault of one exchange.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum LineFault {
     /// The command never reaches the device.
@@ -23,13 +23,13 @@ pub enum LineFault {
     GarbleReply,
     /// One byte of the reply is missing.
     DropByte,
-    /// The reply comes only after the host has written again.
+    /// The reply comes only after the host's next command.
     LateReply,
     /// The reply comes twice.
     DoubleReply,
-    /// These bytes come ahead of the reply.
+    /// These bytes precede the reply.
     Before(Vec<u8>),
-    /// The last word of the reply is this one, and no checksum tells of it.
+    /// The reply's last word is replaced by this one, with a valid checksum.
     Says(String),
     /// The plug is pulled before the reply comes.
     Unplug,
@@ -49,20 +49,20 @@ struct Script {
     happened: u32,
 }
 
-/// Faults by script; clones share one script.
+/// Scripted faults; clones share one script.
 #[derive(Debug, Clone, Default)]
 pub struct ScriptedFaults {
     script: Arc<Mutex<Script>>,
 }
 
 impl ScriptedFaults {
-    /// A line without faults, until rules are added.
+    /// Makes a line without faults, until rules are added.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Lets `fault` befall the next `times` exchanges whose command contains these words.
+    /// Applies `fault` to the next `times` exchanges whose command contains these words.
     pub fn on(&self, command_contains: &str, fault: LineFault, times: u32) {
         self.script().rules.push(Rule {
             command_contains: command_contains.to_owned(),
@@ -71,17 +71,17 @@ impl ScriptedFaults {
         });
     }
 
-    /// Pulls the plug: ports opened so far are gone for good.
+    /// Pulls the plug: all ports opened so far fail permanently.
     pub fn unplug(&self) {
         self.script().unplugged = true;
     }
 
-    /// Puts the plug back in: ports opened from now on work.
+    /// Inserts the plug again: ports opened from now on work.
     pub fn plug_in(&self) {
         self.script().unplugged = false;
     }
 
-    /// How many faults have happened.
+    /// Number of faults so far.
     #[must_use]
     pub fn happened(&self) -> u32 {
         self.script().happened
@@ -128,7 +128,7 @@ impl FaultyPort {
         Ok(())
     }
 
-    /// Passes one whole line from the device on, with what befalls it.
+    /// Passes on one whole line from the device, with its fault.
     fn pass_on(&mut self, mut line: Vec<u8>) {
         match self.pending.take() {
             None | Some(LineFault::LoseCommand | LineFault::GarbleCommand) => {}

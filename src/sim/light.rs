@@ -1,76 +1,76 @@
-//! The light that comes to each pixel of the simulated camera: with camera or lamp near, every pixel has its own directions
-//! and its own irradiance, and what lies on the turntable may be inclined to it.
+//! The radiance at each pixel of the simulated camera. With a near camera or lamp, every pixel has
+//! its own directions and irradiance, and the sample may be inclined to the turntable.
 //!
-//! Call [`Scene::radiance`]. Where camera and lamp are far the whole field has one radiance.
+//! Call [`SimulatedScene::radiance`]. With a distant camera and lamp the whole field has one radiance.
 
 use nalgebra::{Rotation3, Vector3};
 
-use super::sample::Sample;
+use super::sample::SimulatedSample;
 use super::world::{Mounting, OnTable};
 use crate::geometry::{Directions, Imaging, Pose};
 
 /// Radiance in front of the lens.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Light {
+pub(super) enum PixelLight {
     /// The same in all pixels.
     Even(f64),
-    /// Pixel by pixel, row after row.
+    /// One value per pixel, row by row.
     Uneven(Vec<f64>),
 }
 
-impl Light {
+impl PixelLight {
     pub(super) fn at(&self, pixel: usize) -> f64 {
         match self {
-            Light::Even(radiance) => *radiance,
-            Light::Uneven(pixels) => pixels[pixel],
+            PixelLight::Even(radiance) => *radiance,
+            PixelLight::Uneven(pixels) => pixels[pixel],
         }
     }
 
-    /// With as much more in every pixel.
-    pub(super) fn and(self, stray: f64) -> Light {
+    /// Adds `stray` to every pixel.
+    pub(super) fn and(self, stray: f64) -> PixelLight {
         match self {
-            Light::Even(radiance) => Light::Even(radiance + stray),
-            Light::Uneven(mut pixels) => {
+            PixelLight::Even(radiance) => PixelLight::Even(radiance + stray),
+            PixelLight::Uneven(mut pixels) => {
                 pixels.iter_mut().for_each(|pixel| *pixel += stray);
-                Light::Uneven(pixels)
+                PixelLight::Uneven(pixels)
             }
         }
     }
 
     /// The mean of several moments.
-    pub(super) fn mean(moments: &[Light]) -> Light {
+    pub(super) fn mean(moments: &[PixelLight]) -> PixelLight {
         let share = 1.0 / moments.len().max(1) as f64;
         let at = |pixel| moments.iter().map(|l| l.at(pixel)).sum::<f64>() * share;
-        // Under the cap all is even.
+        // With the cap on, the field is uniform.
         let pixels = moments.iter().find_map(|light| match light {
-            Light::Even(_) => None,
-            Light::Uneven(pixels) => Some(pixels.len()),
+            PixelLight::Even(_) => None,
+            PixelLight::Uneven(pixels) => Some(pixels.len()),
         });
         match pixels {
-            Some(pixels) => Light::Uneven((0..pixels).map(at).collect()),
-            None => Light::Even(at(0)),
+            Some(pixels) => PixelLight::Uneven((0..pixels).map(at).collect()),
+            None => PixelLight::Even(at(0)),
         }
     }
 }
 
-/// What stands before the camera.
-pub(super) struct Scene<'a> {
+/// The sample, the white reference and the rig in front of the camera.
+pub(super) struct SimulatedScene<'a> {
     pub(super) imaging: Imaging,
     pub(super) width: usize,
     pub(super) height: usize,
     pub(super) mounting: Mounting,
-    pub(super) sample: &'a Sample,
+    pub(super) sample: &'a SimulatedSample,
     /// Diffuse reflectance of the white reference.
     pub(super) reflectance: f64,
 }
 
-impl Scene<'_> {
+impl SimulatedScene<'_> {
     /// Radiance at a true pose, for an irradiance of 1 on a surface facing the lamp at the centre of tilt.
-    pub(super) fn radiance(&self, on_table: OnTable, pose: Pose) -> Light {
+    pub(super) fn radiance(&self, on_table: OnTable, pose: Pose) -> PixelLight {
         match on_table {
             OnTable::WhiteReference => {
                 let white = self.reflectance / std::f64::consts::PI;
-                // It lies flat.
+                // The white reference lies flat.
                 self.over_the_field(pose, Vector3::z(), &|d| white * d.incident.z.max(0.0))
             }
             OnTable::Sample => {
@@ -88,14 +88,14 @@ impl Scene<'_> {
         }
     }
 
-    /// How the sample's plane is turned out of the turntable's, the short way.
+    /// The rotation from the turntable's plane to the sample's, by the shortest way.
     fn inclined(&self, pose: Pose) -> Rotation3<f64> {
         let towards = pose.phi_s + self.imaging.rig.azimuth_zero + self.mounting.wedge_azimuth;
         let (sin, cos) = towards.sin_cos();
         Rotation3::new(Vector3::new(-sin, cos, 0.0) * self.mounting.wedge.rad())
     }
 
-    /// u, v and n of the sample in the rig's frame.
+    /// Returns u, v and n of the sample in the rig's frame.
     fn axes(&self, inclined: &Rotation3<f64>, pose: Pose) -> [Vector3<f64>; 3] {
         let (s, c) = (pose.phi_s + self.imaging.rig.azimuth_zero).sin_cos();
         let flat = [
@@ -106,15 +106,15 @@ impl Scene<'_> {
         flat.map(|axis| inclined * axis)
     }
 
-    /// Radiance of a plane through the foot of the rotation axis, which stays there whatever is turned.
+    /// Radiance of a plane through the foot of the rotation axis, a point that no rotation moves.
     fn over_the_field(
         &self,
         pose: Pose,
         normal: Vector3<f64>,
         radiance: &dyn Fn(&Directions) -> f64,
-    ) -> Light {
+    ) -> PixelLight {
         if self.imaging.is_far() {
-            return Light::Even(radiance(&self.imaging.rig.rig_directions(pose.theta_c)));
+            return PixelLight::Even(radiance(&self.imaging.rig.rig_directions(pose.theta_c)));
         }
         let [x, y] = self.imaging.axis_mm();
         let foot = Vector3::new(x, y, 0.0);
@@ -126,7 +126,7 @@ impl Scene<'_> {
             let (directions, irradiance) = self.imaging.at_point(place, pose.theta_c);
             irradiance * radiance(&directions)
         };
-        Light::Uneven((0..self.width * self.height).map(seen).collect())
+        PixelLight::Uneven((0..self.width * self.height).map(seen).collect())
     }
 }
 
@@ -136,8 +136,12 @@ mod tests {
     use crate::geometry::RigGeometry;
     use crate::units::Angle;
 
-    fn scene(sample: &Sample, near_mm: Option<f64>, mounting: Mounting) -> Scene<'_> {
-        Scene {
+    fn scene(
+        sample: &SimulatedSample,
+        near_mm: Option<f64>,
+        mounting: Mounting,
+    ) -> SimulatedScene<'_> {
+        SimulatedScene {
             imaging: Imaging {
                 rig: RigGeometry::IN_PLANE,
                 pixel_mm: [3.2; 2],
@@ -156,13 +160,13 @@ mod tests {
     }
 
     #[test]
-    fn far_is_the_limit_of_near_and_near_is_not_even() {
-        let sample = Sample::by_name("polymer-20").unwrap();
+    fn a_distant_lamp_is_the_limit_of_a_near_one_whose_field_is_not_uniform() {
+        let sample = SimulatedSample::by_name("polymer-20").unwrap();
         let pose = Pose::from_deg(8.0, 30.0);
         for on_table in [OnTable::Sample, OnTable::WhiteReference] {
             let of = |near| scene(&sample, near, Mounting::default()).radiance(on_table, pose);
             let far = of(None);
-            assert_eq!(far, Light::Even(far.at(0)));
+            assert_eq!(far, PixelLight::Even(far.at(0)));
             let (limit, near) = (of(Some(1e8)), of(Some(300.0)));
             assert!((limit.at(0) / far.at(0) - 1.0).abs() < 1e-5);
             assert!((near.at(0) / near.at(255) - 1.0).abs() > 0.05);
@@ -173,15 +177,15 @@ mod tests {
     }
 
     #[test]
-    fn a_wedge_along_v_is_ridge_angle_and_turns_with_the_sample() {
+    fn a_wedge_along_v_adds_to_the_ridge_angle_and_turns_with_the_sample() {
         let model = |theta_r: f64| {
-            let sample = Sample::by_name("polymer-20").unwrap();
+            let sample = SimulatedSample::by_name("polymer-20").unwrap();
             match sample {
-                Sample::Model {
+                SimulatedSample::Model {
                     variant,
                     surface,
                     material,
-                } => Sample::Model {
+                } => SimulatedSample::Model {
                     variant,
                     surface: crate::model::Surface {
                         theta_r: theta_r.to_radians(),
@@ -200,7 +204,7 @@ mod tests {
         let (plain, steeper) = (model(20.0), model(20.2));
         for phi in [0.0, 180.0] {
             let pose = Pose::from_deg(if phi == 0.0 { 11.0 } else { -21.0 }, phi);
-            let at = |sample: &Sample, mounting| {
+            let at = |sample: &SimulatedSample, mounting| {
                 scene(sample, None, mounting)
                     .radiance(OnTable::Sample, pose)
                     .at(0)
@@ -211,7 +215,7 @@ mod tests {
                 at(&steeper, Mounting::default()),
             );
             let (moved, expected) = (tilted / flat - 1.0, due / flat - 1.0);
-            // To first order; shares of facets and risers are the sample's own.
+            // To first order; the fractions of facets and risers are the sample's own.
             assert!(expected.abs() > 0.005, "{expected}");
             assert!(
                 (moved - expected).abs() < 0.25 * expected.abs(),

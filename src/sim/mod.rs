@@ -1,8 +1,8 @@
-//! The simulated rig: one world, seen by a controller that speaks the real protocol and by a camera.
+//! The simulated rig: a controller that speaks the real protocol and a camera, both in one world.
 //!
-//! [`server::serve_pty`] puts the controller on a pseudo-terminal, where the real driver finds it:
-//! nothing reaches the stages but bytes. The simulated camera shares the same [`world::World`], so
-//! moving a stage changes the picture, as on a bench. Knows nothing of scans, store or fit.
+//! [`server::serve_pty`] puts the controller on a pseudo-terminal, which the real driver opens: the
+//! stages are reached only by bytes. The simulated camera shares the same [`world::World`], so
+//! moving a stage changes the frame, as on a bench. Knows no scan, store or fit.
 
 pub mod camera;
 pub mod controller;

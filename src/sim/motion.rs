@@ -1,21 +1,21 @@
-//! How a motor moves: piecewise constant acceleration, as a pure function of time.
+//! The motion of a motor: piecewise constant acceleration, as a pure function of time.
 //!
-//! [`Trajectory::to`] is the one function to call. Positions are counts, times seconds since the
-//! trajectory began; what a count means is the axis's business.
+//! [`Trajectory::to`] is the function to call. Positions are counts; times are seconds since the
+//! start of the trajectory. The axis defines what a count means.
 
-/// Speed and ramps of a move; all positive.
+/// Cruising speed and ramps of a move; all positive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ramps {
     /// Cruising speed, counts/s.
     pub speed: f64,
-    /// Speeding up, counts/s².
+    /// Acceleration, counts/s².
     pub acceleration: f64,
-    /// Slowing down, counts/s².
+    /// Deceleration, counts/s².
     pub deceleration: f64,
 }
 
-/// A stretch of constant acceleration. No stretch changes the sign of the velocity, so the motor
-/// moves one way only within it.
+/// An interval of constant acceleration. The velocity does not change its sign within it, so the
+/// motor moves in one direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Stretch {
     duration_s: f64,
@@ -33,7 +33,7 @@ impl Stretch {
     }
 }
 
-/// Where a motor is at every time from the start of a move on. Ends at rest.
+/// Position of a motor as a function of the time since the start of a move. Ends at rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trajectory {
     stretches: Vec<Stretch>,
@@ -42,7 +42,7 @@ pub struct Trajectory {
 }
 
 impl Trajectory {
-    /// A motor that stands at `position`.
+    /// Makes the trajectory of a motor at rest at `position`.
     #[must_use]
     pub fn rest(position: f64) -> Self {
         Trajectory {
@@ -52,9 +52,9 @@ impl Trajectory {
         }
     }
 
-    /// A move from `position`, passed with `velocity` (counts/s), to rest at `target`: trapezoid or
-    /// triangle. A motor that moves the wrong way, or too fast to stop in time, brakes to rest first
-    /// and then comes back.
+    /// Makes a move from `position`, with initial `velocity` (counts/s), to rest at `target`:
+    /// trapezoidal or triangular. A motor that moves away from the target, or too fast to stop in
+    /// time, brakes to rest first and then returns.
     #[must_use]
     pub fn to(position: f64, velocity: f64, target: f64, ramps: Ramps) -> Self {
         let mut path = Builder::new(position, velocity);
@@ -69,7 +69,7 @@ impl Trajectory {
         path.finish(target)
     }
 
-    /// The shortest way to rest from `position`, passed with `velocity`. It ends at a whole count.
+    /// Brakes from `position` and `velocity` to rest on the shortest way. It ends at a whole count.
     #[must_use]
     pub fn brake(position: f64, velocity: f64, deceleration: f64) -> Self {
         let mut path = Builder::new(position, velocity);
@@ -106,7 +106,7 @@ impl Trajectory {
         self.end
     }
 
-    /// The first time at which the motor passes or reaches `position`, if it does after the start.
+    /// First time after the start at which the motor passes or reaches `position`, if it does.
     #[must_use]
     pub fn time_at(&self, position: f64) -> Option<f64> {
         let mut began = 0.0;
@@ -129,8 +129,8 @@ impl Trajectory {
         None
     }
 
-    /// Play in the gear `t` seconds after the start: the output stands `gap` above the motor, where
-    /// 0 ≤ gap ≤ `play`; going up closes it, going down opens it.
+    /// Play in the gear `t` seconds after the start: the output is `gap` above the motor, with 0 ≤
+    /// gap ≤ `play`. Upward motion closes the gap, downward motion opens it.
     #[must_use]
     pub fn gap(&self, gap_at_start: f64, play: f64, t: f64) -> f64 {
         let mut gap = gap_at_start;
@@ -182,8 +182,8 @@ impl Builder {
         self.push(change.abs() / rate, rate.copysign(change), velocity);
     }
 
-    /// Trapezoid or triangle to `target`; the present velocity points there, or is zero, and leaves
-    /// room to brake.
+    /// Trapezoid or triangle to `target`. The present velocity must point there or be zero, and
+    /// leave room to brake.
     fn travel(&mut self, target: f64, ramps: Ramps) {
         let way = (target - self.position).signum();
         if self.velocity.abs() > ramps.speed {
@@ -236,8 +236,9 @@ mod tests {
     }
 
     #[test]
-    fn a_motor_that_is_too_fast_to_stop_comes_back() {
-        // Braking takes 25 counts; the target is 5 ahead, so 20 back: 0.5 s + 2 √(20/200) s.
+    fn a_motor_too_fast_to_stop_overshoots_and_returns() {
+        // Braking takes 25 counts; the target is 5 ahead, so it returns by 20: 0.5 s + 2 √(20/200)
+        // s.
         let path = Trajectory::to(0.0, 100.0, 5.0, RAMPS);
         assert!((path.duration_s() - (0.5 + 2.0 * 0.1f64.sqrt())).abs() < 1e-9);
         assert!((path.at(0.5).0 - 25.0).abs() < 1e-9);
@@ -245,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn play_opens_going_down_and_closes_going_up() {
+    fn play_opens_downwards_and_closes_upwards() {
         let down = Trajectory::to(100.0, 0.0, 50.0, RAMPS);
         assert_eq!(down.gap(0.0, 3.0, 9.0), 3.0);
         let up = Trajectory::to(50.0, 0.0, 52.0, RAMPS);
@@ -258,7 +259,7 @@ mod tests {
         #![proptest_config(crate::extremes::cases(256))]
 
         #[test]
-        fn position_and_velocity_are_continuous_and_end_on_target(
+        fn position_and_velocity_are_continuous_and_end_at_the_target(
             from in -1e5..1e5f64, v0 in -500.0..500.0f64, to in -1e5..1e5f64,
             speed in 1.0..1000.0f64, a in 1.0..5000.0f64, d in 1.0..5000.0f64,
         ) {
@@ -279,7 +280,7 @@ mod tests {
         }
 
         #[test]
-        fn a_position_is_passed_at_the_time_said(to in 1.0..1e4f64, share in 0.01..0.99f64) {
+        fn time_at_is_the_time_of_passing(to in 1.0..1e4f64, share in 0.01..0.99f64) {
             let path = Trajectory::to(0.0, 0.0, to, RAMPS);
             let t = path.time_at(to * share).unwrap();
             prop_assert!((path.at(t).0 - to * share).abs() < 1e-6);

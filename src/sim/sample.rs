@@ -1,9 +1,10 @@
-//! What lies on the simulated table: how much light it sends to the camera at a true pose.
+//! The samples of the simulated rig: their radiance towards the camera at a true pose.
 //!
-//! A [`Sample::Model`] is painted from a closed form. A [`Sample::Traced`] is painted from
-//! path-traced radiances, so that a fit of the closed form meets the model's true error: at the
-//! poses of the table it has the table's values exactly, between them and a little beyond the
-//! closed form at the true parameters times the smoothly interpolated ratio traced / closed.
+//! A [`SimulatedSample::Model`] is painted from a closed form. A [`SimulatedSample::Traced`] is
+//! painted from path-traced radiances, so that a fit of the closed form meets the true model error.
+//! At the poses of the table it has exactly the table's values. Between them and slightly beyond,
+//! it is the closed form at the true parameters times the smoothly interpolated ratio traced /
+//! closed.
 
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
@@ -29,14 +30,14 @@ pub struct Truth {
     pub rho_d: f64,
 }
 
-/// A sample that fills the field evenly.
+/// A sample that is uniform over the field.
 #[derive(Debug, Clone)]
-pub enum Sample {
+pub enum SimulatedSample {
     /// Painted from path-traced radiances.
-    Traced(Arc<Table>),
+    Traced(Arc<TracedTable>),
     /// Painted from a closed form.
     Model {
-        /// Which closed form.
+        /// The closed form.
         variant: Variant,
         /// The surface.
         surface: Surface,
@@ -45,24 +46,24 @@ pub enum Sample {
     },
 }
 
-/// Path-traced radiances over a grid of poses and the closed form they are interpolated with.
+/// Path-traced radiances over a grid of poses, with the closed form used to interpolate them.
 #[derive(Debug)]
-pub struct Table {
+pub struct TracedTable {
     name: &'static str,
     surface: Surface,
     material: Material,
     rig: RigGeometry,
     /// Camera tilts in degrees, ascending.
     tilts: Vec<f64>,
-    /// Azimuths of the sample: this many over the turn, from 0.
+    /// Number of azimuths of the sample, evenly spaced over the turn from 0.
     azimuths: usize,
     /// (traced + floor) / (closed + floor), tilt by tilt.
     ratio: Vec<f64>,
-    /// Keeps the ratio tame where next to no light comes; 0 for a sample that is bright everywhere.
+    /// Bounds the ratio where there is almost no light; 0 for a sample that is bright at all poses.
     floor: f64,
 }
 
-/// Names of the samples that come with the program; [`Sample::by_name`] makes them.
+/// Names of the built-in samples; [`SimulatedSample::by_name`] makes them.
 pub const NAMES: [&str; 4] = ["polymer-10", "polymer-20", "polymer-05", "steel-15"];
 
 const POLYMER: Material = Material::Dielectric {
@@ -77,13 +78,13 @@ const STEEL: Material = Material::Conductor {
     k_std: 0.02,
 };
 
-impl Sample {
-    /// The demo's sample: rough plastic, θr 10°, traced on the full grid.
+impl SimulatedSample {
+    /// The sample of `ridged demo`: rough plastic, θr 10°, traced on the full grid.
     #[must_use]
-    pub fn polymer_10() -> Sample {
-        static TABLE: OnceLock<Arc<Table>> = OnceLock::new();
+    pub fn polymer_10() -> SimulatedSample {
+        static TABLE: OnceLock<Arc<TracedTable>> = OnceLock::new();
         let table = TABLE.get_or_init(|| {
-            Arc::new(Table::read(
+            Arc::new(TracedTable::read(
                 "polymer-10",
                 include_str!("../../tests/data/series/polymer-10/radiance.csv"),
                 surface(10.0, 0.12, 0.12, 0.33725),
@@ -91,15 +92,15 @@ impl Sample {
                 0.0,
             ))
         });
-        Sample::Traced(Arc::clone(table))
+        SimulatedSample::Traced(Arc::clone(table))
     }
 
     /// Rough steel, θr 15°, traced with polarisation.
     #[must_use]
-    pub fn steel_15() -> Sample {
-        static TABLE: OnceLock<Arc<Table>> = OnceLock::new();
+    pub fn steel_15() -> SimulatedSample {
+        static TABLE: OnceLock<Arc<TracedTable>> = OnceLock::new();
         let table = TABLE.get_or_init(|| {
-            Arc::new(Table::read(
+            Arc::new(TracedTable::read(
                 "steel-15",
                 include_str!("../../tests/data/series/steel-15/radiance.csv"),
                 surface(15.0, 0.06, 0.18, 0.0),
@@ -107,27 +108,27 @@ impl Sample {
                 0.01,
             ))
         });
-        Sample::Traced(Arc::clone(table))
+        SimulatedSample::Traced(Arc::clone(table))
     }
 
-    /// A sample by one of [`NAMES`].
+    /// Returns a sample by one of [`NAMES`].
     #[must_use]
-    pub fn by_name(name: &str) -> Option<Sample> {
-        let plastic = |theta_r_deg, alpha| Sample::Model {
+    pub fn by_name(name: &str) -> Option<SimulatedSample> {
+        let plastic = |theta_r_deg, alpha| SimulatedSample::Model {
             variant: Variant::Sawtooth,
             surface: surface(theta_r_deg, alpha, alpha, 0.33),
             material: POLYMER,
         };
         match name {
-            "polymer-10" => Some(Sample::polymer_10()),
+            "polymer-10" => Some(SimulatedSample::polymer_10()),
             "polymer-20" => Some(plastic(20.0, 0.12)),
             "polymer-05" => Some(plastic(5.0, 0.08)),
-            "steel-15" => Some(Sample::steel_15()),
+            "steel-15" => Some(SimulatedSample::steel_15()),
             _ => None,
         }
     }
 
-    /// What a fit should find.
+    /// The values that a fit should find.
     #[must_use]
     pub fn truth(&self) -> Truth {
         let surface = self.surface();
@@ -143,8 +144,8 @@ impl Sample {
     #[must_use]
     pub fn surface(&self) -> &Surface {
         match self {
-            Sample::Traced(table) => &table.surface,
-            Sample::Model { surface, .. } => surface,
+            SimulatedSample::Traced(table) => &table.surface,
+            SimulatedSample::Model { surface, .. } => surface,
         }
     }
 
@@ -152,17 +153,17 @@ impl Sample {
     #[must_use]
     pub fn material(&self) -> Material {
         match self {
-            Sample::Traced(table) => table.material,
-            Sample::Model { material, .. } => *material,
+            SimulatedSample::Traced(table) => table.material,
+            SimulatedSample::Model { material, .. } => *material,
         }
     }
 
-    /// Name for people.
+    /// Name as text.
     #[must_use]
     pub fn name(&self) -> String {
         match self {
-            Sample::Traced(table) => table.name.to_owned(),
-            Sample::Model {
+            SimulatedSample::Traced(table) => table.name.to_owned(),
+            SimulatedSample::Model {
                 surface, material, ..
             } => {
                 let kind = match material {
@@ -174,23 +175,23 @@ impl Sample {
         }
     }
 
-    /// Radiance towards the camera at a true pose, for irradiance 1 on a surface facing the lamp.
-    /// A traced sample knows the light of its own rig only ([`RigGeometry::IN_PLANE`]) and is
-    /// carried to another one by the closed form.
+    /// Radiance towards the camera at a true pose, for irradiance 1 on a surface facing the lamp. A
+    /// traced sample is tabulated for its own rig ([`RigGeometry::IN_PLANE`]); the closed form
+    /// converts it to another rig.
     #[must_use]
     pub fn radiance(&self, rig: &RigGeometry, pose: Pose) -> f64 {
         self.radiance_towards(rig, pose)(&rig.directions(pose))
     }
 
-    /// The same as a function of directions in the sample frame, for pixels that have their own: a traced sample's light is
-    /// carried from the pose's directions to others by the closed form.
+    /// The radiance as a function of directions in the sample frame, for pixels with their own
+    /// directions: the closed form converts a traced sample from the pose's directions to others.
     pub(super) fn radiance_towards<'s>(
         &'s self,
         rig: &RigGeometry,
         pose: Pose,
     ) -> Box<dyn Fn(&Directions) -> f64 + 's> {
         match self {
-            Sample::Traced(table) => {
+            SimulatedSample::Traced(table) => {
                 let optics = Optics::new(rig, &table.material);
                 let ratio = if *rig == table.rig {
                     table.ratio_at(pose)
@@ -202,7 +203,7 @@ impl Sample {
                     ((closed + table.floor) * ratio - table.floor).max(0.0)
                 })
             }
-            Sample::Model {
+            SimulatedSample::Model {
                 variant,
                 surface,
                 material,
@@ -224,16 +225,16 @@ fn surface(theta_r_deg: f64, alpha_u: f64, alpha_v: f64, rho_d: f64) -> Surface 
     }
 }
 
-impl Table {
+impl TracedTable {
     /// Reads the columns `theta_c_deg, phi_s_deg, region, radiance, …` of a full grid whose
-    /// azimuths are evenly spaced from 0. `floor_share` is a share of the largest radiance.
+    /// azimuths are evenly spaced from 0. `floor_share` is a fraction of the largest radiance.
     fn read(
         name: &'static str,
         csv: &str,
         surface: Surface,
         material: Material,
         floor_share: f64,
-    ) -> Table {
+    ) -> TracedTable {
         let rig = RigGeometry::IN_PLANE;
         let mut cells: BTreeMap<(i64, i64), f64> = BTreeMap::new();
         for line in csv.lines().skip(1) {
@@ -268,7 +269,7 @@ impl Table {
                 (traced + floor) / (closed + floor)
             })
             .collect();
-        Table {
+        TracedTable {
             name,
             surface,
             material,
@@ -280,8 +281,8 @@ impl Table {
         }
     }
 
-    /// The ratio at a true pose: trigonometric interpolation over the turn, a natural cubic
-    /// spline over the tilts, continued straight for half a step and level from there.
+    /// The ratio at a true pose: trigonometric interpolation over the turn and a natural cubic
+    /// spline over the tilts, extrapolated linearly for half a step and constant beyond.
     fn ratio_at(&self, pose: Pose) -> f64 {
         let weights: Vec<f64> = (0..self.azimuths)
             .map(|j| {
@@ -304,7 +305,8 @@ impl Table {
     }
 }
 
-/// Weight of a node `x` away in the trigonometric interpolation over `n` (even) nodes of a turn.
+/// Weight of a node at distance `x` in the trigonometric interpolation over `n` (even) nodes of a
+/// turn.
 fn dirichlet(x: f64, n: usize) -> f64 {
     let half = 0.5 * Angle::from_rad(x).wrapped().rad();
     if half.abs() < 1e-9 {
@@ -317,10 +319,10 @@ fn dirichlet(x: f64, n: usize) -> f64 {
     (n * half).sin() / (n * half.tan())
 }
 
-/// Natural cubic spline through (`xs`, `ys`) at `x`, straight beyond its ends.
+/// Natural cubic spline through (`xs`, `ys`) at `x`, linear beyond its ends.
 fn natural_spline(xs: &[f64], ys: &[f64], x: f64) -> f64 {
     let n = xs.len();
-    // Second derivatives by the tridiagonal sweep; zero at both ends.
+    // Second derivatives by the tridiagonal algorithm; zero at both ends.
     let mut second = vec![0.0; n];
     let mut upper = vec![0.0; n];
     for i in 1..n - 1 {
@@ -376,11 +378,11 @@ mod tests {
     }
 
     #[test]
-    fn a_traced_sample_has_its_tables_values_at_its_poses() {
+    fn a_traced_sample_equals_its_table_at_the_tables_poses() {
         let rig = RigGeometry::IN_PLANE;
         for (name, sample) in [
-            ("polymer-10", Sample::polymer_10()),
-            ("steel-15", Sample::steel_15()),
+            ("polymer-10", SimulatedSample::polymer_10()),
+            ("steel-15", SimulatedSample::steel_15()),
         ] {
             let table = table(name);
             let peak = table.iter().map(|t| t.2).fold(0.0, f64::max);
@@ -398,12 +400,12 @@ mod tests {
     }
 
     #[test]
-    fn between_its_poses_a_traced_sample_stays_near_the_closed_form() {
-        // The closed form leaves at most 1.5 % of the peak at the table's poses; the interpolated
-        // ratio may not add to that in between, nor just beyond.
+    fn between_the_tables_poses_a_traced_sample_stays_near_the_closed_form() {
+        // The closed form deviates by at most 1.5 % of the peak at the table's poses; the
+        // interpolated ratio must not add to that between them or slightly beyond.
         let rig = RigGeometry::IN_PLANE;
-        let sample = Sample::polymer_10();
-        let model = Sample::Model {
+        let sample = SimulatedSample::polymer_10();
+        let model = SimulatedSample::Model {
             variant: Variant::Sawtooth,
             surface: *sample.surface(),
             material: sample.material(),
@@ -421,7 +423,7 @@ mod tests {
     }
 
     #[test]
-    fn interpolation_is_exact_for_what_it_can_represent() {
+    fn interpolation_is_exact_for_functions_in_its_space() {
         let wave = |x: f64| 1.0 + 0.3 * x.cos() - 0.2 * (3.0 * x).sin();
         for x in [0.1, 1.0, 2.5, 5.9] {
             let sum: f64 = (0..12)
@@ -440,13 +442,13 @@ mod tests {
     }
 
     #[test]
-    fn every_named_sample_exists_and_reflects_no_more_than_it_gets() {
+    fn every_named_sample_exists_and_conserves_energy() {
         for name in NAMES {
-            let sample = Sample::by_name(name).unwrap();
+            let sample = SimulatedSample::by_name(name).unwrap();
             assert_eq!(sample.name(), name);
             let bright = sample.radiance(&RigGeometry::IN_PLANE, Pose::from_deg(5.0, 0.0));
             assert!(bright.is_finite() && bright > 0.0);
         }
-        assert!(Sample::by_name("gold").is_none());
+        assert!(SimulatedSample::by_name("gold").is_none());
     }
 }

@@ -1,7 +1,7 @@
-//! The simulated controller on a line: a pseudo-terminal or a TCP port.
+//! Serves the simulated controller on a pseudo-terminal or a TCP port.
 //!
-//! [`serve_pty`] and [`serve_tcp`] each start one named thread that ends when the server is dropped.
-//! One world has one server: two would be two chains of controllers on the same motors.
+//! [`serve_pty`] and [`serve_tcp`] each start one named thread that ends when the server is
+//! dropped. Start one server per world: two would be two chains of controllers on the same motors.
 
 use std::fs::File;
 use std::io::{self, Read, Write};
@@ -15,13 +15,14 @@ use rustix::termios::{OptionalActions, ioctl_tiocnxcl, tcgetattr, tcsetattr};
 
 use super::controller::Controller;
 
-/// While an alert may become due the controller is looked at this often.
+/// Interval at which the controller is polled while an alert may become due.
 const ALERT_TICK: Timespec = Timespec {
     tv_sec: 0,
     tv_nsec: 2_000_000,
 };
 
-/// The controller on a pseudo-terminal; stops when dropped, and a client then sees the line gone.
+/// The controller on a pseudo-terminal. It stops when dropped, and the client then sees a lost
+/// connection.
 #[derive(Debug)]
 pub struct PtyServer {
     path: PathBuf,
@@ -29,7 +30,7 @@ pub struct PtyServer {
 }
 
 impl PtyServer {
-    /// What to open as serial port.
+    /// The path to open as a serial port.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
@@ -44,14 +45,14 @@ pub struct TcpServer {
 }
 
 impl TcpServer {
-    /// Where it listens; the port is never 0.
+    /// The address on which it listens; the port is never 0.
     #[must_use]
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 }
 
-/// A thread that ends when this is dropped: the pipe's other end hangs up.
+/// A thread that ends when this is dropped: the other end of the pipe closes.
 #[derive(Debug)]
 struct ServerThread {
     alive: Option<OwnedFd>,
@@ -75,16 +76,16 @@ impl Drop for ServerThread {
     fn drop(&mut self) {
         drop(self.alive.take());
         if let Some(thread) = self.thread.take() {
-            // A panic of the thread has been printed already.
+            // A panic of the thread has already been printed.
             let _ = thread.join();
         }
     }
 }
 
-/// Puts controllers on a new pseudo-terminal.
+/// Serves controllers on a new pseudo-terminal.
 ///
 /// # Errors
-/// If the system gives no pseudo-terminal or no thread.
+/// The system provides no pseudo-terminal or no thread.
 pub fn serve_pty(mut controller: Controller) -> io::Result<PtyServer> {
     let master = rustix::pty::openpt(
         rustix::pty::OpenptFlags::RDWR
@@ -95,7 +96,7 @@ pub fn serve_pty(mut controller: Controller) -> io::Result<PtyServer> {
     rustix::pty::unlockpt(&master)?;
     let name = rustix::pty::ptsname(&master, Vec::new())?;
     let path = PathBuf::from(name.to_string_lossy().into_owned());
-    // Held open so that the line's settings and the line itself outlive each client.
+    // Held open so that the line and its settings outlive each client.
     let slave = rustix::fs::open(
         &path,
         rustix::fs::OFlags::RDWR | rustix::fs::OFlags::NOCTTY | rustix::fs::OFlags::CLOEXEC,
@@ -104,7 +105,8 @@ pub fn serve_pty(mut controller: Controller) -> io::Result<PtyServer> {
     let mut settings = tcgetattr(&slave)?;
     settings.make_raw();
     tcsetattr(&slave, OptionalActions::Now, &settings)?;
-    // A client that does not read loses bytes, as on a real line, instead of stopping the controller.
+    // A client that does not read loses bytes, as on a real line, and does not block the
+    // controller.
     rustix::fs::fcntl_setfl(&master, rustix::fs::OFlags::NONBLOCK)?;
 
     let mut master = File::from(master);
@@ -117,8 +119,9 @@ pub fn serve_pty(mut controller: Controller) -> io::Result<PtyServer> {
                 Ready::Bytes => match master.read(&mut buffer) {
                     Ok(n) => {
                         send(&mut master, &controller.receive(&buffer[..n]));
-                        // Clients claim the line for themselves, and the claim would outlive one that
-                        // was killed. Their file locks go with them and still keep others out.
+                        // Clients open the line exclusively, and this flag would outlive a client
+                        // that was killed. File locks end with their client and still keep other
+                        // programs out.
                         let _ = ioctl_tiocnxcl(&slave);
                     }
                     Err(e) if e.kind() == io::ErrorKind::WouldBlock => {}
@@ -133,10 +136,10 @@ pub fn serve_pty(mut controller: Controller) -> io::Result<PtyServer> {
     })
 }
 
-/// Puts controllers on a TCP port; clients are served one after the other.
+/// Serves controllers on a TCP port, one client after the other.
 ///
 /// # Errors
-/// If the address cannot be bound or there is no thread.
+/// The address cannot be bound, or there is no thread.
 pub fn serve_tcp(mut controller: Controller, address: SocketAddr) -> io::Result<TcpServer> {
     let listener = TcpListener::bind(address)?;
     let address = listener.local_addr()?;
@@ -184,7 +187,7 @@ fn wait(wake: &OwnedFd, line: &impl AsFd, ticking: bool) -> Ready {
 }
 
 fn serve_client(wake: &OwnedFd, mut client: TcpStream, controller: &mut Controller) -> Ready {
-    // Without these two it still works, only slower or with less protection.
+    // If these two fail, the server still works, only slower or with less protection.
     let _ = client.set_nodelay(true);
     let _ = client.set_nonblocking(true);
     let mut buffer = [0; 1024];
@@ -201,7 +204,7 @@ fn serve_client(wake: &OwnedFd, mut client: TcpStream, controller: &mut Controll
     }
 }
 
-/// Sends what the line takes. A client that has gone or does not read loses the rest.
+/// Sends as much as the line accepts; the rest is lost if the client has gone or does not read.
 fn send(line: &mut impl Write, bytes: &[u8]) {
     if !bytes.is_empty() {
         let _ = line.write_all(bytes);
@@ -249,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_sees_the_line_gone_when_the_server_is_dropped() {
+    fn a_client_loses_its_connection_when_the_server_is_dropped() {
         let server = serve_pty(controller()).unwrap();
         let mut port = open(server.path());
         ask(&mut port, "/1 1\n", "@01 1 OK IDLE WR 0\r\n");
@@ -263,7 +266,7 @@ mod tests {
         let server = serve_tcp(controller(), "127.0.0.1:0".parse().unwrap()).unwrap();
         for _ in 0..3 {
             let mut client = TcpStream::connect(server.address()).unwrap();
-            // Half a command left behind does not reach the next client.
+            // An unfinished command of one client does not reach the next.
             ask(&mut client, "/2 1\n/1 1 move", "@02 1 OK IDLE WR 0\r\n");
         }
         let waiting = TcpStream::connect(server.address()).unwrap();

@@ -1,14 +1,14 @@
-//! One simulated controller at one address, with the axes that are plugged into it.
+//! One simulated controller at one address, with the axes connected to it.
 //!
-//! [`Unit::execute`] runs one command for the whole controller (axis 0) or for one of its axes (1, 2 …). What each axis
-//! believes is in its [`Device`]; here is what several of them say together. A command for all axes goes to one after
-//! the other, and ends at the first that refuses it.
+//! [`Unit::execute`] runs one command for the whole controller (axis 0) or for one of its axes (1,
+//! 2 …). The state of each axis is in its [`Device`]; this module combines their replies. A command
+//! for all axes runs on one after the other and ends at the first refusal.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::device::settings::{GET_SETTINGS_MAX, is_of_the_axis};
-use super::device::{Answer, Device, Reject, Scope};
+use super::device::{CommandResult, Device, Reject, Scope};
 use super::world::World;
 use crate::bench::AxisName;
 use crate::bench::wire::zaber::{Activity, WORD_BYTES_MAX};
@@ -21,8 +21,8 @@ pub(super) struct Unit {
 }
 
 impl Unit {
-    /// A controller that was just powered up, with these axes in the order of their numbers. Address and serial number
-    /// are those that the first one's own controller would have.
+    /// Makes a controller that was just powered up, with these axes in the order of their numbers.
+    /// Address and serial number are those of the first axis.
     pub fn new(world: &Arc<World>, axes: &[AxisName]) -> Self {
         let mut axes: Vec<Device> = axes
             .iter()
@@ -61,12 +61,12 @@ impl Unit {
         self.first().settings.alert && self.powered()
     }
 
-    /// Without power it neither hears nor speaks.
+    /// Whether it has power; without power it neither receives nor sends.
     pub fn powered(&self) -> bool {
         self.axes.iter().all(Device::powered)
     }
 
-    /// The axes in scope; none where there is no such axis.
+    /// The axes in scope; empty for an unknown axis.
     fn scope(&self, axis: u8) -> &[Device] {
         match usize::from(axis) {
             0 => &self.axes,
@@ -75,8 +75,8 @@ impl Unit {
         }
     }
 
-    /// The axes of which a reply tells: of an axis that there is not, all.
-    fn told_of(&self, axis: u8) -> &[Device] {
+    /// The axes that a reply describes; all of them for an unknown axis.
+    fn described(&self, axis: u8) -> &[Device] {
         match self.scope(axis) {
             [] => &self.axes,
             scope => scope,
@@ -85,29 +85,30 @@ impl Unit {
 
     /// Whether any axis in scope moves.
     pub fn activity(&self, axis: u8) -> Activity {
-        let mut told_of = self.told_of(axis).iter();
-        match told_of.any(|d| d.activity() == Activity::Busy) {
+        let mut described = self.described(axis).iter();
+        match described.any(|d| d.activity() == Activity::Busy) {
             true => Activity::Busy,
             false => Activity::Idle,
         }
     }
 
     fn flags(&self, axis: u8) -> BTreeSet<Flag> {
-        let all = self.told_of(axis).iter().flat_map(Device::flags);
+        let all = self.described(axis).iter().flat_map(Device::flags);
         all.copied().collect()
     }
 
-    /// The highest-priority flag that is up on any axis in scope.
+    /// The highest-priority flag raised on any axis in scope.
     pub fn flag(&self, axis: u8) -> Option<Flag> {
         self.flags(axis).first().copied()
     }
 
-    /// Learns what happened since the last look, and gives the numbers of the axes whose motion has ended.
+    /// Applies what happened since the last call; returns the numbers of the axes whose motion has
+    /// ended.
     pub fn refresh(&mut self) -> Vec<u8> {
         let devices = self.axes.iter_mut().zip(1..);
         let ended = devices.filter_map(|(device, number)| device.refresh().then_some(number));
         let ended = ended.collect();
-        // One of them restarts with the whole controller.
+        // The restart of one axis restarts the whole controller.
         if let Some(booted) = self.axes.iter().map(|device| device.booted).max() {
             for device in self.axes.iter_mut().filter(|d| d.booted < booted) {
                 device.world.brake(device.axis, None);
@@ -117,8 +118,8 @@ impl Unit {
         ended
     }
 
-    /// Runs the words of one command for the whole (`axis` 0) or one axis.
-    pub fn execute(&mut self, axis: u8, words: &str) -> Answer {
+    /// Runs one command for the whole controller (`axis` 0) or for one axis.
+    pub fn execute(&mut self, axis: u8, words: &str) -> CommandResult {
         if self.scope(axis).is_empty() {
             return Err(Reject::BadAxis).into();
         }
@@ -138,7 +139,7 @@ impl Unit {
         }
     }
 
-    fn execute_each(&mut self, axis: u8, words: &[&str]) -> Answer {
+    fn execute_each(&mut self, axis: u8, words: &[&str]) -> CommandResult {
         let (scope, devices) = match usize::from(axis) {
             0 => (Scope::Device, &mut self.axes[..]),
             n => (Scope::Axis, &mut self.axes[n - 1..n]),
@@ -154,8 +155,8 @@ impl Unit {
         answer.unwrap_or_else(|| Err(Reject::BadAxis).into())
     }
 
-    /// Reads settings at one moment: `get [axis] name [[axis] name …]`. An axis number holds for the names behind it; the
-    /// values are separated by semicolons.
+    /// Reads settings at one moment: `get [axis] name [[axis] name …]`. An axis number applies to
+    /// the names after it; values are separated by semicolons.
     fn get(&self, axis: u8, words: &[&str]) -> Result<String, Reject> {
         let mut scope = axis;
         let mut values = Vec::new();
@@ -174,7 +175,7 @@ impl Unit {
         Ok(values.join("; "))
     }
 
-    /// One setting; that of an axis asked of the whole gives one value per axis.
+    /// Reads one setting; an axis setting read from the whole controller gives one value per axis.
     fn value(&self, axis: u8, name: &str) -> Result<String, Reject> {
         if (axis, name) == (0, "system.axiscount") {
             return Ok(self.axes.len().to_string());
@@ -187,7 +188,7 @@ impl Unit {
     }
 }
 
-/// What `warnings` answers.
+/// The reply to `warnings`.
 fn listed(flags: &BTreeSet<Flag>) -> String {
     let mut list = format!("{:02}", flags.len());
     for flag in flags {

@@ -1,9 +1,9 @@
-//! The bench as it physically is: where the two axes stand, what lies on the table, what goes wrong.
+//! The simulated bench: true positions of the two axes, the object on the table, and faults.
 //!
-//! [`World::new`] makes one; the controller drives its motors, the camera looks at
-//! [`World::true_pose_now`]. Everything is a function of the injected clock. Knows no protocol:
-//! what a controller believes (its counter, its flags) is the controller's, and the two differ
-//! after a slip or a power cycle, as on a real bench.
+//! [`World::new`] makes one; the controller drives its motors, and the camera reads
+//! [`World::true_pose_now`]. Everything is a function of the injected clock. Knows no protocol: the
+//! controller's assumptions (its counter, its flags) belong to the controller and differ from the
+//! truth after a slip or a power cycle, as on a real bench.
 
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
@@ -14,7 +14,7 @@ use crate::clock::Clock;
 use crate::geometry::Pose;
 use crate::units::Angle;
 
-/// What the camera looks at.
+/// The object in front of the camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OnTable {
     /// The sample.
@@ -23,16 +23,16 @@ pub enum OnTable {
     WhiteReference,
 }
 
-/// How sample and camera were screwed on: what to add to a recorded angle to get the true one.
+/// How the sample and the camera are mounted: what to add to a recorded angle to get the true one.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Mounting {
     /// Added to φs.
     pub azimuth_offset: Angle,
-    /// Added to θc; the lamp moves along.
+    /// Added to θc; the lamp moves with the camera.
     pub tilt_offset: Angle,
     /// Inclination of the sample's plane to the turntable; the white reference lies flat.
     pub wedge: Angle,
-    /// Where its normal is inclined to, from the lean direction v; it turns with the sample.
+    /// Direction of that inclination, from the lean direction v; it turns with the sample.
     pub wedge_azimuth: Angle,
 }
 
@@ -43,11 +43,11 @@ pub struct Mechanics {
     pub counts_per_turn: f64,
     /// Output angle, counted from the home sensor, at which the recorded angle is zero.
     pub zero: Angle,
-    /// Mechanical end of travel, recorded angle. The home sensor sits here, at count 0.
+    /// Mechanical end of travel, as a recorded angle. The home sensor is there, at count 0.
     pub travel_min: Angle,
     /// The other end.
     pub travel_max: Angle,
-    /// Play of the gear: coming from above, the output stops this much too high.
+    /// Play of the gear: approached from above, the output stops too high by this angle.
     pub backlash: Angle,
     /// Speed after power-up, degrees per second.
     pub speed_deg_s: f64,
@@ -62,7 +62,7 @@ impl Mechanics {
         self.counts_in(recorded + self.zero)
     }
 
-    /// Counts in an angle.
+    /// Number of counts in an angle.
     #[must_use]
     pub fn counts_in(&self, angle: Angle) -> f64 {
         angle.deg() / 360.0 * self.counts_per_turn
@@ -75,7 +75,7 @@ impl Mechanics {
     }
 }
 
-/// What a world is built from.
+/// Settings of a world.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WorldSettings {
     /// The tilt axis.
@@ -84,14 +84,15 @@ pub struct WorldSettings {
     pub phi_s: Mechanics,
     /// Mounting offsets.
     pub mounting: Mounting,
-    /// Seed of everything random in this world.
+    /// Seed of all random numbers of this world.
     pub seed: u64,
 }
 
 impl Default for WorldSettings {
     fn default() -> Self {
         WorldSettings {
-            // A 90:1 and a 120:1 worm on a 200 × 64 motor: 3200 counts per degree, and 128 000 in 30°.
+            // A 90:1 and a 120:1 worm on a 200 × 64 motor: 3200 counts per degree, and 128 000 in
+            // 30°.
             theta_c: Mechanics {
                 counts_per_turn: 1_152_000.0,
                 zero: Angle::from_deg(65.0),
@@ -116,44 +117,43 @@ impl Default for WorldSettings {
     }
 }
 
-/// Something that goes wrong with an axis.
+/// A fault of an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Mishap {
-    /// The motor stalls and stands.
+pub enum AxisFault {
+    /// The motor stalls.
     Stall,
-    /// It runs into a limit sensor where none should be.
+    /// The axis hits a limit sensor inside its range.
     LimitSensor,
     /// Another program sends `stop`.
     ForeignStop,
-    /// Somebody turns the knob by this much; a move in progress ends.
+    /// The manual knob is turned by this angle; a move in progress ends.
     Knob(Angle),
-    /// Another program moves the axis by this much and takes its flags down; a move in progress
-    /// ends.
+    /// Another program moves the axis by this angle and clears its flags; a move in progress ends.
     ForeignMove(Angle),
-    /// The output slips by this much and the controller does not notice.
+    /// The output slips by this angle; the controller does not detect it.
     Slip(Angle),
     /// The controller restarts: reference and counter are lost.
     PowerCycle,
-    /// The emergency-stop button cuts the driver.
+    /// The emergency-stop button switches the driver off.
     EmergencyStop,
 }
 
-/// What an axis's motor does at this moment.
+/// State of an axis's motor at one moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotorNow {
     /// Counts from the home sensor.
     pub position: f64,
     /// Counts per second.
     pub velocity: f64,
-    /// Whether a move is under way.
+    /// Whether a move is running.
     pub moving: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Trap {
+struct ArmedFault {
     set: Duration,
     at: Angle,
-    mishap: Mishap,
+    fault: AxisFault,
 }
 
 #[derive(Debug)]
@@ -163,8 +163,8 @@ struct Axis {
     trajectory: Trajectory,
     gap_at_start: f64,
     powered: bool,
-    armed: Option<Trap>,
-    happened: Vec<(Duration, Mishap)>,
+    armed: Option<ArmedFault>,
+    happened: Vec<(Duration, AxisFault)>,
 }
 
 #[derive(Debug)]
@@ -174,7 +174,7 @@ struct Bench {
     lens_capped: bool,
 }
 
-/// The one simulated bench that controller and camera share.
+/// The simulated bench that controller and camera share.
 pub struct World {
     clock: Arc<dyn Clock>,
     settings: WorldSettings,
@@ -191,8 +191,8 @@ impl std::fmt::Debug for World {
 }
 
 impl World {
-    /// A bench with the sample on the table, the lens open and both axes at recorded zero, not yet
-    /// homed.
+    /// Makes a bench with the sample on the table, the lens open, and both axes at recorded zero,
+    /// not homed.
     #[must_use]
     pub fn new(clock: Arc<dyn Clock>, settings: WorldSettings) -> Self {
         let began = clock.now();
@@ -216,7 +216,7 @@ impl World {
         }
     }
 
-    /// Where the two stages really stand, as their own angles: what a perfect encoder on the output
+    /// True positions of the two stages, as their own angles: what a perfect encoder on the output
     /// would record.
     #[must_use]
     pub fn pose_now(&self) -> Pose {
@@ -227,7 +227,7 @@ impl World {
         }
     }
 
-    /// Where camera and sample really stand, mounting offsets included: the pose light sees.
+    /// True pose of camera and sample, mounting offsets included.
     #[must_use]
     pub fn true_pose_now(&self) -> Pose {
         let pose = self.pose_now();
@@ -244,13 +244,13 @@ impl World {
         bench.axes.iter().any(|a| a.motor(now).moving)
     }
 
-    /// What lies on the table.
+    /// The object on the table.
     #[must_use]
     pub fn on_table(&self) -> OnTable {
         self.bench().1.on_table
     }
 
-    /// Puts something on the table.
+    /// Places an object on the table.
     pub fn place(&self, what: OnTable) {
         self.bench().1.on_table = what;
     }
@@ -266,7 +266,7 @@ impl World {
         self.bench().1.lens_capped = capped;
     }
 
-    /// Puts both axes at a pose by hand, at rest and without play; no controller notices.
+    /// Sets both axes to a pose, at rest and without play; no controller detects it.
     pub fn set_pose(&self, pose: Pose) {
         let (now, mut bench) = self.bench();
         for (axis, angle) in bench.axes.iter_mut().zip([pose.theta_c, pose.phi_s]) {
@@ -276,13 +276,13 @@ impl World {
         }
     }
 
-    /// The seed this world was made with.
+    /// The seed of this world.
     #[must_use]
     pub fn seed(&self) -> u64 {
         self.settings.seed
     }
 
-    /// How sample and camera are mounted.
+    /// The mounting of sample and camera.
     #[must_use]
     pub fn mounting(&self) -> Mounting {
         self.settings.mounting
@@ -310,7 +310,7 @@ impl World {
         bench.axes[index(axis)].motor(now)
     }
 
-    /// Drives a motor towards `target` (counts from the home sensor) from whatever it does now.
+    /// Drives a motor from its present state towards `target` (counts from the home sensor).
     pub fn drive_to(&self, axis: AxisName, target: f64, ramps: Ramps) {
         let (now, mut bench) = self.bench();
         let axis = &mut bench.axes[index(axis)];
@@ -321,7 +321,7 @@ impl World {
         );
     }
 
-    /// Brings a motor to rest with a ramp (counts/s²), or at once where `deceleration` is `None`.
+    /// Stops a motor with a ramp (counts/s²), or at once if `deceleration` is `None`.
     pub fn brake(&self, axis: AxisName, deceleration: Option<f64>) {
         let (now, mut bench) = self.bench();
         bench.axes[index(axis)].brake(now, deceleration);
@@ -333,42 +333,43 @@ impl World {
         self.bench().1.axes[index(axis)].powered
     }
 
-    /// Cuts or restores the power of one controller. Cutting stops its motor; restoring restarts it.
+    /// Cuts or restores the power of one controller. Cutting stops its motor; restoring restarts
+    /// the controller.
     pub fn set_powered(&self, axis: AxisName, powered: bool) {
         let (now, mut bench) = self.bench();
         let axis = &mut bench.axes[index(axis)];
         if axis.powered && !powered {
             axis.brake(now, None);
         } else if !axis.powered && powered {
-            axis.happened.push((now, Mishap::PowerCycle));
+            axis.happened.push((now, AxisFault::PowerCycle));
         }
         axis.powered = powered;
     }
 
-    /// Lets something go wrong now.
-    pub fn cause(&self, axis: AxisName, mishap: Mishap) {
+    /// Causes a fault now.
+    pub fn cause(&self, axis: AxisName, fault: AxisFault) {
         let (now, mut bench) = self.bench();
-        bench.axes[index(axis)].befall(now, mishap);
+        bench.axes[index(axis)].apply_fault(now, fault);
     }
 
-    /// Lets something go wrong, once, when the axis next passes the recorded angle `at`.
-    pub fn arm(&self, axis: AxisName, at: Angle, mishap: Mishap) {
+    /// Causes a fault once, when the axis next passes the recorded angle `at`.
+    pub fn arm(&self, axis: AxisName, at: Angle, fault: AxisFault) {
         let (set, mut bench) = self.bench();
-        bench.axes[index(axis)].armed = Some(Trap { set, at, mishap });
+        bench.axes[index(axis)].armed = Some(ArmedFault { set, at, fault });
     }
 
-    /// What went wrong since this was last asked, and when; for the axis's controller.
-    pub fn take_mishaps(&self, axis: AxisName) -> Vec<(Duration, Mishap)> {
+    /// Returns the faults since the last call with their times, for the axis's controller.
+    pub fn take_faults(&self, axis: AxisName) -> Vec<(Duration, AxisFault)> {
         let (_, mut bench) = self.bench();
         std::mem::take(&mut bench.axes[index(axis)].happened)
     }
 
-    /// The bench, brought up to this moment.
+    /// The bench, advanced to the present time.
     fn bench(&self) -> (Duration, MutexGuard<'_, Bench>) {
         let now = self.clock.now();
         let mut bench = self.bench.lock().expect("no holder of this lock panics");
         for axis in &mut bench.axes {
-            axis.spring_trap(now);
+            axis.trigger_armed_fault(now);
         }
         (now, bench)
     }
@@ -422,37 +423,40 @@ impl Axis {
         self.begin(now, trajectory);
     }
 
-    /// Lets the armed mishap happen if the motor has passed its place.
-    fn spring_trap(&mut self, now: Duration) {
-        let Some(trap) = self.armed else {
+    /// Causes the armed fault if the motor has passed its position.
+    fn trigger_armed_fault(&mut self, now: Duration) {
+        let Some(armed) = self.armed else {
             return;
         };
-        let Some(t) = self.trajectory.time_at(self.mechanics.counts(trap.at)) else {
+        let Some(t) = self.trajectory.time_at(self.mechanics.counts(armed.at)) else {
             return;
         };
         let moment = self.began + Duration::from_secs_f64(t);
-        // What the present trajectory passed before the trap was set does not count.
-        if (trap.set..=now).contains(&moment) {
+        // Positions that the present trajectory passed before the fault was armed do not count.
+        if (armed.set..=now).contains(&moment) {
             self.armed = None;
-            self.befall(moment, trap.mishap);
+            self.apply_fault(moment, armed.fault);
         }
     }
 
-    fn befall(&mut self, now: Duration, mishap: Mishap) {
+    fn apply_fault(&mut self, now: Duration, fault: AxisFault) {
         let ramp = self
             .mechanics
             .counts_in(Angle::from_deg(self.mechanics.acceleration_deg_s2));
-        match mishap {
-            Mishap::Stall | Mishap::LimitSensor | Mishap::PowerCycle | Mishap::EmergencyStop => {
+        match fault {
+            AxisFault::Stall
+            | AxisFault::LimitSensor
+            | AxisFault::PowerCycle
+            | AxisFault::EmergencyStop => {
                 self.brake(now, None);
             }
-            Mishap::ForeignStop => self.brake(now, Some(ramp)),
-            Mishap::Knob(by) | Mishap::ForeignMove(by) | Mishap::Slip(by) => {
+            AxisFault::ForeignStop => self.brake(now, Some(ramp)),
+            AxisFault::Knob(by) | AxisFault::ForeignMove(by) | AxisFault::Slip(by) => {
                 let to = (self.motor(now).position + self.mechanics.counts_in(by)).round();
                 self.begin(now, Trajectory::rest(to));
             }
         }
-        self.happened.push((now, mishap));
+        self.happened.push((now, fault));
     }
 }
 
@@ -495,7 +499,7 @@ mod tests {
     }
 
     #[test]
-    fn the_true_pose_has_the_mounting_in_it() {
+    fn the_true_pose_includes_the_mounting() {
         let clock = Arc::new(SteppedClock::new());
         let mounting = Mounting {
             azimuth_offset: Angle::from_deg(7.0),
@@ -521,7 +525,7 @@ mod tests {
     }
 
     #[test]
-    fn coming_from_above_leaves_the_play_of_the_gear() {
+    fn a_position_reached_from_above_is_off_by_the_play() {
         let (clock, world) = world();
         let mechanics = world.mechanics(AxisName::PhiS);
         world.set_pose(Pose::from_deg(0.0, 50.0));
@@ -534,16 +538,16 @@ mod tests {
     }
 
     #[test]
-    fn an_armed_stall_stops_the_axis_where_it_was_set() {
+    fn an_armed_stall_stops_the_axis_at_its_position() {
         let (clock, world) = world();
         let mechanics = world.mechanics(AxisName::ThetaC);
-        world.arm(AxisName::ThetaC, Angle::from_deg(5.0), Mishap::Stall);
+        world.arm(AxisName::ThetaC, Angle::from_deg(5.0), AxisFault::Stall);
         let target = mechanics.counts(Angle::from_deg(20.0));
         world.drive_to(AxisName::ThetaC, target, ramps(mechanics));
         clock.advance(Duration::from_secs(9));
         assert!((world.pose_now().theta_c.deg() - 5.0).abs() < 1e-3);
-        let mishaps = world.take_mishaps(AxisName::ThetaC);
-        assert!(matches!(mishaps[..], [(_, Mishap::Stall)]), "{mishaps:?}");
+        let faults = world.take_faults(AxisName::ThetaC);
+        assert!(matches!(faults[..], [(_, AxisFault::Stall)]), "{faults:?}");
         world.drive_to(AxisName::ThetaC, target, ramps(mechanics));
         clock.advance(Duration::from_secs(9));
         assert!(

@@ -14,7 +14,7 @@ use ridged::lab::{LabError, ScanRequest};
 use ridged::scan::event::RigActivity;
 use ridged::scan::runner::Order;
 use ridged::scan::{Event, PlanRequest, ScanState};
-use ridged::sim::world::Mishap;
+use ridged::sim::world::AxisFault;
 use ridged::store::PageRequest;
 use ridged::store::disk::{Disk, RealDisk};
 use ridged::units::Angle;
@@ -200,7 +200,7 @@ async fn an_axis_that_did_not_find_its_reference_says_why_until_it_moves_again()
     bench.rig.world.arm(
         AxisName::ThetaC,
         Angle::from_deg(-40.0),
-        Mishap::ForeignStop,
+        AxisFault::ForeignStop,
     );
     let rig = home().await;
     let (code, why) = rig.failure.expect("it failed");

@@ -17,7 +17,7 @@ use ridged::scan::event::RigActivity;
 use ridged::scan::plan::Preset;
 use ridged::scan::runner::Order;
 use ridged::scan::{Event, OperatorAction, PlanRequest, ScanState};
-use ridged::sim::world::Mishap;
+use ridged::sim::world::AxisFault;
 use ridged::store::PageRequest;
 use ridged::store::disk::{Disk, RealDisk};
 use ridged::units::Angle;
@@ -285,16 +285,16 @@ async fn a_scan_waits_for_its_operator_pauses_and_goes_on() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn what_was_put_right_is_homed_and_the_scan_goes_on() {
-    for (mishap, code) in [
-        (Mishap::Stall, "stalled"),
-        (Mishap::LimitSensor, "limit sensor"),
-        (Mishap::EmergencyStop, "emergency stop"),
+    for (fault, code) in [
+        (AxisFault::Stall, "stalled"),
+        (AxisFault::LimitSensor, "limit sensor"),
+        (AxisFault::EmergencyStop, "emergency stop"),
     ] {
         let bench = BenchInABox::new().await;
         bench
             .rig
             .world
-            .arm(AxisName::ThetaC, Angle::from_deg(5.0), mishap);
+            .arm(AxisName::ThetaC, Angle::from_deg(5.0), fault);
         let scan = bench.start(small(&[0.0, 10.0], &[0.0, 90.0])).await;
         bench.until(scan.id, ScanState::Paused).await;
         let reason = bench.lab.store().scan(scan.id).await.unwrap().reason;

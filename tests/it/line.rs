@@ -4,9 +4,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ridged::bench::AxisName;
-use ridged::bench::line::{Line, LineError, LineSettings};
+use ridged::bench::line::{LineError, LineSettings, PortLine};
 use ridged::bench::port::{NoFaults, PortAddress, PortError};
-use ridged::bench::wire::zaber::Command;
+use ridged::bench::wire::zaber::DeviceCommand;
 use ridged::clock::SteppedClock;
 use ridged::sim::controller::Controller;
 use ridged::sim::faults::{LineFault, ScriptedFaults};
@@ -36,17 +36,17 @@ impl Rig {
         }
     }
 
-    fn line(&self, attempts: u32) -> Line {
+    fn line(&self, attempts: u32) -> PortLine {
         let settings = LineSettings {
             reply_timeout: Duration::from_millis(250),
             attempts,
         };
-        Line::open(&self.address(), 115_200, settings, &self.faults).unwrap()
+        PortLine::open(&self.address(), 115_200, settings, &self.faults).unwrap()
     }
 }
 
-async fn ask(line: &Line, address: u8, words: &str) -> String {
-    let command = Command::new(address, 0, words);
+async fn ask(line: &PortLine, address: u8, words: &str) -> String {
+    let command = DeviceCommand::new(address, 0, words);
     line.ask(&command).await.unwrap().data
 }
 
@@ -55,7 +55,7 @@ async fn a_late_reply_never_answers_the_next_question() {
     let rig = Rig::new();
     let line = rig.line(1);
     rig.faults.on("get device.id", LineFault::LateReply, 1);
-    let command = Command::new(1, 0, "get device.id");
+    let command = DeviceCommand::new(1, 0, "get device.id");
     assert!(matches!(
         line.ask(&command).await,
         Err(LineError::NoReply { address: 1, .. })
@@ -137,9 +137,9 @@ async fn nothing_asked_before_a_stop_is_sent_after_it() {
     let before = line.stops();
     let replies = line.stop(&[1, 2]).await.unwrap();
     assert_eq!(replies.len(), 2);
-    let home = Command::new(1, 1, "home");
-    let overtaken = line.command_once(&home, before).await;
-    assert!(matches!(overtaken, Err(LineError::Overtaken)));
+    let home = DeviceCommand::new(1, 1, "home");
+    let cancelled = line.command_once(&home, before).await;
+    assert!(matches!(cancelled, Err(LineError::CancelledByStop)));
     assert!(!rig.world.is_moving());
     assert!(
         line.command_once(&home, line.stops())
@@ -176,7 +176,7 @@ async fn a_pulled_plug_is_said_at_once_and_for_good() {
     let rig = Rig::new();
     let line = rig.line(3);
     assert_eq!(ask(&line, 1, "get version").await, "7.38");
-    let command = Command::new(1, 0, "get version");
+    let command = DeviceCommand::new(1, 0, "get version");
     drop(rig.server);
     for _ in 0..2 {
         let gone = line.ask(&command).await;
@@ -191,7 +191,7 @@ async fn a_pulled_plug_is_said_at_once_and_for_good() {
 async fn a_port_has_one_owner_until_its_last_handle_is_dropped() {
     let rig = Rig::new();
     let line = rig.line(1);
-    let again = || Line::open(&rig.address(), 115_200, LineSettings::default(), &NoFaults);
+    let again = || PortLine::open(&rig.address(), 115_200, LineSettings::default(), &NoFaults);
     let error = again().unwrap_err();
     assert!(matches!(error, PortError::InUse { .. }), "{error}");
     assert!(error.to_string().contains("in use by another program"));
@@ -214,12 +214,12 @@ async fn tcp_carries_the_same_bytes() {
     let server = serve_tcp(Controller::new(&world), "127.0.0.1:0".parse().unwrap()).unwrap();
     let address: PortAddress = format!("tcp://{}", server.address()).parse().unwrap();
     for _ in 0..2 {
-        let line = Line::open(&address, 0, LineSettings::default(), &NoFaults).unwrap();
+        let line = PortLine::open(&address, 0, LineSettings::default(), &NoFaults).unwrap();
         assert_eq!(ask(&line, 2, "get system.serial").await, "90002");
     }
-    let line = Line::open(&address, 0, LineSettings::default(), &NoFaults).unwrap();
+    let line = PortLine::open(&address, 0, LineSettings::default(), &NoFaults).unwrap();
     drop(server);
-    let gone = line.ask(&Command::new(1, 0, "get version")).await;
+    let gone = line.ask(&DeviceCommand::new(1, 0, "get version")).await;
     assert!(
         matches!(gone, Err(LineError::Disconnected { .. })),
         "{gone:?}"

@@ -32,7 +32,7 @@ enum Cue {
     Stop,
 }
 
-/// The simulated camera, with mishaps by the number of the frame.
+/// The simulated camera, with faults by the number of the frame.
 struct CuedCamera {
     camera: Box<dyn Camera>,
     /// What all pixels have from now on.

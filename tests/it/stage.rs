@@ -16,7 +16,7 @@ use ridged::geometry::Pose;
 use ridged::sim::controller::Controller;
 use ridged::sim::faults::{LineFault, ScriptedFaults};
 use ridged::sim::server::{PtyServer, serve_pty};
-use ridged::sim::world::{Mishap, World, WorldSettings};
+use ridged::sim::world::{AxisFault, World, WorldSettings};
 use ridged::units::Angle;
 use tokio::sync::Notify;
 
@@ -285,7 +285,7 @@ async fn a_silent_device_and_a_missing_port_are_told_apart() {
         .await
         .err()
         .unwrap();
-    assert!(error.to_string().contains("there is no port"), "{error}");
+    assert!(error.to_string().contains("does not exist"), "{error}");
 }
 
 #[tokio::test]
@@ -382,19 +382,19 @@ async fn a_spurious_idle_alert_is_no_arrival() {
     arrives_in_spite_of("/", LineFault::Before(alert), 1000).await;
 }
 
-/// A mishap in mid-move: the error, and whether the next move works at once.
-async fn fails_with(mishap: Mishap, expected: fn(&StageError) -> bool, next_works: bool) {
+/// A fault in mid-move: the error, and whether the next move works at once.
+async fn fails_with(fault: AxisFault, expected: fn(&StageError) -> bool, next_works: bool) {
     let rig = Rig::new();
     let stage = rig.homed().await;
-    rig.world.arm(ThetaC, Angle::from_deg(-40.0), mishap);
+    rig.world.arm(ThetaC, Angle::from_deg(-40.0), fault);
     let target = Pose::from_deg(0.0, 300.0);
     let error = stage.move_pose(target).await.unwrap_err();
-    assert!(expected(&error), "{mishap:?}: {error:?}");
+    assert!(expected(&error), "{fault:?}: {error:?}");
     assert!(!rig.world.is_moving(), "the other axis stops too");
     assert!(rig.world.pose_now().phi_s.deg() < 299.0);
     let again = stage.move_pose(target).await;
-    assert_eq!(again.is_ok(), next_works, "{mishap:?}: {again:?}");
-    if mishap != Mishap::EmergencyStop {
+    assert_eq!(again.is_ok(), next_works, "{fault:?}: {again:?}");
+    if fault != AxisFault::EmergencyStop {
         stage.home_all().await.unwrap();
         assert_at(stage.move_pose(target).await.unwrap(), 0.0, 300.0);
         assert_at(rig.world.pose_now(), 0.0, 300.0);
@@ -412,7 +412,7 @@ async fn a_foreign_stop_is_not_an_arrival() {
             }
         )
     };
-    fails_with(Mishap::ForeignStop, ni, true).await;
+    fails_with(AxisFault::ForeignStop, ni, true).await;
 }
 
 #[tokio::test]
@@ -426,31 +426,31 @@ async fn a_hand_on_the_knob_is_not_an_arrival() {
             }
         )
     };
-    fails_with(Mishap::Knob(Angle::from_deg(3.0)), nc, true).await;
+    fails_with(AxisFault::Knob(Angle::from_deg(3.0)), nc, true).await;
 }
 
 #[tokio::test]
 async fn a_stall_asks_for_homing() {
     let stalled = |e: &StageError| matches!(e, StageError::Stalled { axis: ThetaC, position } if (position.deg() + 40.0).abs() < 0.01);
-    fails_with(Mishap::Stall, stalled, false).await;
+    fails_with(AxisFault::Stall, stalled, false).await;
 }
 
 #[tokio::test]
 async fn a_limit_sensor_in_mid_travel_asks_for_homing() {
     let wl = |e: &StageError| matches!(e, StageError::Fault { flag, .. } if *flag == Flag::UnexpectedLimit);
-    fails_with(Mishap::LimitSensor, wl, false).await;
+    fails_with(AxisFault::LimitSensor, wl, false).await;
 }
 
 #[tokio::test]
 async fn an_emergency_stop_is_told_and_stays() {
     let fh = |e: &StageError| matches!(e, StageError::Fault { flag, .. } if *flag == Flag::EmergencyStop);
-    fails_with(Mishap::EmergencyStop, fh, false).await;
+    fails_with(AxisFault::EmergencyStop, fh, false).await;
 }
 
 #[tokio::test]
 async fn a_power_cycle_in_mid_move_is_noticed() {
     let cycled = |e: &StageError| matches!(e, StageError::PowerCycled { axis: ThetaC });
-    fails_with(Mishap::PowerCycle, cycled, false).await;
+    fails_with(AxisFault::PowerCycle, cycled, false).await;
 }
 
 #[tokio::test]
@@ -458,7 +458,7 @@ async fn a_power_cycle_between_moves_is_noticed_and_told_once() {
     let rig = Rig::new();
     let stage = rig.homed().await;
     stage.move_pose(Pose::from_deg(0.0, 0.0)).await.unwrap();
-    rig.world.cause(PhiS, Mishap::PowerCycle);
+    rig.world.cause(PhiS, AxisFault::PowerCycle);
     let error = stage
         .move_pose(Pose::from_deg(0.0, 10.0))
         .await
@@ -490,7 +490,7 @@ async fn a_restart_that_a_foreign_program_hides_shows_in_the_uptime() {
     stage.move_pose(Pose::from_deg(0.0, 0.0)).await.unwrap();
     rig.clock.inner.advance(Duration::from_secs(1000));
     stage.move_pose(Pose::from_deg(0.0, 5.0)).await.unwrap();
-    rig.world.cause(PhiS, Mishap::PowerCycle);
+    rig.world.cause(PhiS, AxisFault::PowerCycle);
     // `set pos` takes WR down, homing takes WH down: no flag tells any more.
     rig.foreign("/2 1 home");
     stage.status().await.unwrap();
@@ -511,7 +511,7 @@ async fn an_axis_that_stands_elsewhere_without_a_flag_is_sent_again() {
     let stage = rig.homed().await;
     let by = Angle::from_deg(-2.0);
     rig.world
-        .arm(ThetaC, Angle::from_deg(-40.0), Mishap::ForeignMove(by));
+        .arm(ThetaC, Angle::from_deg(-40.0), AxisFault::ForeignMove(by));
     let pose = stage.move_pose(Pose::from_deg(0.0, 0.0)).await.unwrap();
     assert_at(pose, 0.0, 0.0);
     assert_at(rig.world.pose_now(), 0.0, 0.0);
@@ -611,7 +611,8 @@ async fn two_axes_of_one_controller_move_stop_and_fail_each_on_its_own() {
     assert_at(rig.world.pose_now(), 20.0, 300.0);
 
     // What befalls one is told of that one, and the other goes on.
-    rig.world.arm(PhiS, Angle::from_deg(200.0), Mishap::Stall);
+    rig.world
+        .arm(PhiS, Angle::from_deg(200.0), AxisFault::Stall);
     let error = stage.move_to(PhiS, Angle::ZERO).await.unwrap_err();
     assert!(
         matches!(error, StageError::Stalled { axis: PhiS, .. }),
@@ -636,7 +637,7 @@ async fn two_axes_of_one_controller_move_stop_and_fail_each_on_its_own() {
     assert!(!rig.world.is_moving());
 
     // It has one power supply.
-    rig.world.cause(ThetaC, Mishap::PowerCycle);
+    rig.world.cause(ThetaC, AxisFault::PowerCycle);
     let status = stage.status().await.unwrap();
     assert!(!status.theta_c.homed && !status.phi_s.homed);
     let error = stage.move_to(PhiS, Angle::ZERO).await.unwrap_err();

@@ -123,7 +123,7 @@ async fn a_stop_without_a_port_says_that_it_reached_nothing() {
     let answer = send(&router, stop.unwrap()).await;
     is_problem(&answer, 503, "port-missing");
     assert!(
-        answer.detail().contains("there is no port"),
+        answer.detail().contains("does not exist"),
         "{}",
         answer.detail()
     );

@@ -1,4 +1,4 @@
-//! Why a stage did not do what was asked, and what to do about it.
+//! Why a stage did not execute a request, with the remedy.
 
 use crate::bench::AxisName;
 use crate::bench::line::LineError;
@@ -6,39 +6,41 @@ use crate::bench::port::PortError;
 use crate::bench::wire::zaber_flags::Flag;
 use crate::units::Angle;
 
-/// Why a stage did not do what was asked. The axes stand still, as far as they can be reached.
+/// Why a stage did not execute a request. The axes have been stopped as far as they can be reached.
 #[derive(Debug, thiserror::Error)]
 pub enum StageError {
     /// The port could not be opened: missing, in use, no permission.
     #[error(transparent)]
     Port(#[from] PortError),
-    /// A setting that cannot be meant.
-    #[error("the stage setting {key} is {found}, allowed is {allowed}")]
+    /// A setting is out of range.
+    #[error("the stage setting {key} is {found}; allowed: {allowed}")]
     BadSetting {
-        /// Which one.
+        /// Key of the setting.
         key: String,
-        /// What it is.
+        /// The value found.
         found: String,
-        /// What it may be.
+        /// The allowed values.
         allowed: String,
     },
     /// The device does not answer.
     #[error("{0}")]
     NoReply(LineError),
-    /// The line is gone.
+    /// The connection is lost.
     #[error("{0}")]
     Disconnected(LineError),
-    /// The command cannot be sent.
+    /// The command cannot be encoded.
     #[error("{0}")]
     Unsendable(LineError),
-    /// The device answered what nobody can read.
-    #[error("the {axis} controller answered {command:?} with {answer:?}, which cannot be read")]
+    /// The device's answer cannot be parsed.
+    #[error(
+        "the {axis} controller answered {command:?} with {answer:?}, which is not a valid answer"
+    )]
     Unreadable {
         /// Which axis.
         axis: AxisName,
-        /// What was asked.
+        /// The command sent.
         command: String,
-        /// What came.
+        /// The answer received.
         answer: String,
     },
     /// The device refused a command.
@@ -46,17 +48,17 @@ pub enum StageError {
     Refused {
         /// Which axis.
         axis: AxisName,
-        /// What was asked.
+        /// The command sent.
         command: String,
-        /// The device's own word.
+        /// The device's own error code.
         code: String,
-        /// What that means, for people.
+        /// The meaning of the code, as text.
         meaning: &'static str,
     },
-    /// Another device than the one configured.
+    /// A device other than the configured one answers.
     #[error(
-        "address {address} should be the {axis} axis with serial number {expected}, but serial number {found} \
-         answers: the cables may be swapped; put them right, or correct the settings"
+        "address {address}: expected the {axis} axis with serial number {expected}, but serial number {found} \
+         answers: the cables may be swapped; swap them back, or correct the settings"
     )]
     WrongDevice {
         /// Which axis.
@@ -70,13 +72,13 @@ pub enum StageError {
     },
     /// Two devices answer to one address.
     #[error(
-        "two devices answer to address {address}: take one off the chain and give it another ('renumber')"
+        "two devices answer to address {address}: disconnect one of them and give it another address ('renumber')"
     )]
     AddressConflict {
         /// The address.
         address: u8,
     },
-    /// Nobody knows how many microsteps a turn has.
+    /// The number of microsteps per turn is unknown.
     #[error(
         "the {axis} device does not report its microsteps per turn (limit.cycle.dist): set counts_per_turn for it"
     )]
@@ -86,67 +88,68 @@ pub enum StageError {
     },
     /// Device and settings disagree.
     #[error(
-        "the {axis} device says {name} = {found}, the settings say {expected}: correct the one that is wrong"
+        "the {axis} device reports {name} = {found}, but the settings say {expected}: correct the wrong one"
     )]
     Disagreement {
         /// Which axis.
         axis: AxisName,
-        /// What they disagree on.
+        /// The quantity they disagree on.
         name: &'static str,
         /// In the settings.
         expected: f64,
         /// On the device.
         found: f64,
     },
-    /// The settings' range, with the room for the approach, is not within what the device can reach.
+    /// The device cannot reach the settings' range, widened by the backlash approach.
     #[error(
-        "the limits of {axis} with its backlash need the device angles {needed_min} … {needed_max}, the device goes from {travel_min} to {travel_max}: set zero_deg (the device angle where {axis} reads 0), or narrow limit_min_deg and limit_max_deg"
+        "the limits of {axis} with its backlash need the device angles {needed_min} … {needed_max}, but the device travels from {travel_min} to {travel_max}: set zero_deg (the device angle where {axis} reads 0), or narrow limit_min_deg and limit_max_deg"
     )]
     BeyondTravel {
         /// Which axis.
         axis: AxisName,
-        /// Lowest device angle that the settings ask for.
+        /// Lowest device angle that the settings need.
         needed_min: Angle,
-        /// Highest device angle that the settings ask for.
+        /// Highest device angle that the settings need.
         needed_max: Angle,
         /// Lowest angle of the device, its `limit.min`.
         travel_min: Angle,
         /// Highest angle of the device, its `limit.max`.
         travel_max: Angle,
     },
-    /// A target that is no number.
+    /// The target is not a finite number.
     #[error("the target of {axis} is not a number")]
     NotANumber {
         /// Which axis.
         axis: AxisName,
     },
-    /// A target beyond the limits; nothing moved.
+    /// The target is outside the limits; nothing moved.
     #[error("{axis} = {target} is outside its limits {min} … {max}")]
     OutsideLimits {
         /// Which axis.
         axis: AxisName,
-        /// What was asked for.
+        /// The requested target.
         target: Angle,
         /// Lower limit.
         min: Angle,
         /// Upper limit.
         max: Angle,
     },
-    /// The axis does not know where it is.
+    /// The axis has no reference position.
     #[error("{axis} has no reference position: home it first")]
     NotReferenced {
         /// Which axis.
         axis: AxisName,
     },
-    /// The controller restarted and lost its reference; points since the last good check are in doubt.
+    /// The controller restarted and lost its reference; points measured since the last good check
+    /// are doubtful.
     #[error(
-        "the {axis} controller was restarted and lost its reference: home it, then redo the points since the last good one"
+        "the {axis} controller was restarted and lost its reference: home the axis, then repeat the points since the last good one"
     )]
     PowerCycled {
         /// Which axis.
         axis: AxisName,
     },
-    /// The move ended early: another command, or a hand on the knob.
+    /// The move ended early: another command, or the manual knob.
     #[error("the move of {axis} was interrupted ({flag}: {})", flag.meaning())]
     Interrupted {
         /// Which axis.
@@ -159,7 +162,7 @@ pub enum StageError {
     Stalled {
         /// Which axis.
         axis: AxisName,
-        /// Where, by its counter.
+        /// Position of the stall, by the counter.
         position: Angle,
     },
     /// The device reports a fault.
@@ -178,40 +181,40 @@ pub enum StageError {
         /// The flag that says so.
         flag: Flag,
     },
-    /// The axis stands still elsewhere, and nothing says why.
+    /// The axis is at rest at a wrong position, and no flag is raised.
     #[error(
-        "{axis} stands at {found} instead of {target}, and no flag says why: check for slip, then home it"
+        "{axis} stopped at {found} instead of {target} without a flag: check for slip, then home it"
     )]
     Missed {
         /// Which axis.
         axis: AxisName,
-        /// Where it should be.
+        /// The target.
         target: Angle,
-        /// Where it is.
+        /// The position found.
         found: Angle,
     },
-    /// The axis still moves when it should long have stopped; it has been stopped.
+    /// The axis still moved after its time limit, and was stopped.
     #[error(
-        "{axis} still moved after {} (it should have taken {}) and was stopped",
+        "{axis} still moved after {} (expected: {}) and was stopped",
         in_seconds(*.waited_s), in_seconds(*.predicted_s)
     )]
     TimedOut {
         /// Which axis.
         axis: AxisName,
-        /// How long was waited.
+        /// Time waited.
         waited_s: f64,
-        /// How long it should have taken.
+        /// Predicted duration.
         predicted_s: f64,
     },
-    /// Homing took longer than the settings allow; the axis has been stopped.
+    /// Homing exceeded its time limit, and the axis was stopped.
     #[error(
-        "homing {axis} had not ended after {home_timeout_s} s (home_timeout_s in [stage.{axis}]), and the axis was \
-         stopped: if it moved all the while, allow more time there; if not, look at its drive; then home it again"
+        "homing {axis} did not end within {home_timeout_s} s (home_timeout_s in [stage.{axis}]), and the axis was \
+         stopped: if it was moving, raise home_timeout_s; if not, check its drive; then home it again"
     )]
     HomingTimedOut {
         /// Which axis.
         axis: AxisName,
-        /// How long it may take.
+        /// The time limit.
         home_timeout_s: f64,
     },
     /// The controller at the address has no such axis.
@@ -224,14 +227,14 @@ pub enum StageError {
         axis: AxisName,
         /// Address of the controller.
         address: u8,
-        /// The axis that it does not have.
+        /// The missing axis number.
         number: u8,
     },
-    /// Somebody stopped the stage.
+    /// The stage was stopped by a request.
     #[error("the stage was stopped")]
     Stopped,
-    /// Another move or homing of this axis is under way.
-    #[error("{axis} is busy with another move: wait for it, or stop the stage")]
+    /// Another move or homing of this axis is running.
+    #[error("{axis} is busy with another move: wait until it ends, or stop the stage")]
     Busy {
         /// Which axis.
         axis: AxisName,
@@ -243,14 +246,14 @@ impl From<LineError> for StageError {
         match error {
             LineError::NoReply { .. } => StageError::NoReply(error),
             LineError::Disconnected { .. } => StageError::Disconnected(error),
-            LineError::Overtaken => StageError::Stopped,
+            LineError::CancelledByStop => StageError::Stopped,
             LineError::Encoding(_) => StageError::Unsendable(error),
         }
     }
 }
 
 impl StageError {
-    /// Whether the stage has to be connected again before anything else.
+    /// Whether the stage must be connected again before any other command.
     #[must_use]
     pub fn is_disconnect(&self) -> bool {
         matches!(
@@ -259,7 +262,7 @@ impl StageError {
         )
     }
 
-    /// The axis that has to be homed before its position can be trusted again.
+    /// The axis that must be homed before its position can be trusted.
     #[must_use]
     pub fn axis_to_home(&self) -> Option<AxisName> {
         match *self {
@@ -275,7 +278,7 @@ impl StageError {
     }
 }
 
-/// A time that is never told as none.
+/// Renders a duration; a short one does not become zero.
 fn in_seconds(seconds: f64) -> String {
     match seconds < 0.1 {
         true => "less than 0.1 s".to_owned(),
@@ -283,26 +286,24 @@ fn in_seconds(seconds: f64) -> String {
     }
 }
 
-/// What a refusal means, for people.
+/// Returns the meaning of a refusal's code, as text.
 pub(super) fn refusal_meaning(code: &str) -> &'static str {
     match code {
-        "AGAIN" => "it has no room now; try again",
-        "BADAXIS" => "there is no such axis; check address and axis in the settings",
-        "BADCOMMAND" => {
-            "it does not know the command; it may be another kind of device or older firmware"
-        }
-        "BADDATA" => "the value is beyond the device's own limits, or the axis is not homed",
+        "AGAIN" => "its buffer is full; try again",
+        "BADAXIS" => "it has no such axis; check address and axis in the settings",
+        "BADCOMMAND" => "unknown command; it may be another kind of device or older firmware",
+        "BADDATA" => "the value is outside the device's own limits, or the axis is not homed",
         "DRIVERDISABLED" => {
-            "the motor driver is off; check the emergency stop, then home the axis, which switches the driver on"
+            "the motor driver is off; check the emergency stop, then home the axis, which enables the driver"
         }
         "INACTIVE" => {
-            "the stage plugged in is not active yet; send 'activate' with the stage maker's program"
+            "the connected stage is not active yet; send 'activate' with the manufacturer's program"
         }
         "PARKED" => {
             "the axis is parked (its position is kept for the next power-up); once it may move again, unpark it with \
              `ridged rig unpark`, or home it, which unparks it too"
         }
-        "STATUSBUSY" => "not while the axis moves",
+        "STATUSBUSY" => "not possible while the axis moves",
         "REMOTE" => "the device is set to remote operation",
         _ => "see the controller's manual",
     }

@@ -1,10 +1,10 @@
-//! The stage: two axes on one line, spoken to in recorded angles.
+//! The stage: two axes on one line, addressed in recorded angles.
 //!
-//! [`Stage::connect`] opens the port and makes sure that the right devices are there;
-//! [`Stage::move_pose`] is the one function that a scan calls. A move has happened when the position
-//! read back says so, not before. A stop is never refused: it goes ahead of everything that waits,
-//! and what was asked before it is not sent after it. Knows no scan, no camera, no sample.
-//! How one axis comes from state to state is drawn at the head of `axis.rs`.
+//! [`Stage::connect`] opens the port and verifies the devices; [`Stage::move_pose`] is the function
+//! that a scan calls. A move has succeeded only when the position read back is within tolerance. A
+//! stop is never refused: it is sent before all waiting commands, and commands issued before it are
+//! not sent after it. Knows no scan, camera or sample. The head of `axis.rs` draws the states of an
+//! axis.
 
 mod axis;
 mod error;
@@ -23,7 +23,7 @@ pub use super::AxisName;
 pub use super::port::{NoFaults, PortAddress, PortSeam};
 
 use self::axis::Axis;
-use super::line::{Line, LineSettings};
+use super::line::{LineSettings, PortLine};
 use super::wire::zaber::Activity;
 use super::wire::zaber_flags::{Flag, FlagClass};
 use crate::clock::Clock;
@@ -40,12 +40,12 @@ struct Inner {
     address: PortAddress,
     settings: StageSettings,
     clock: Arc<dyn Clock>,
-    line: Line,
+    line: PortLine,
     theta_c: Axis,
     phi_s: Axis,
 }
 
-/// Where both axes are and what they report.
+/// Positions and flags of both axes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StageStatus {
     /// The tilt axis.
@@ -54,17 +54,17 @@ pub struct StageStatus {
     pub phi_s: AxisStatus,
 }
 
-/// Where an axis is and what it reports.
+/// Position and flags of an axis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AxisStatus {
-    /// Position read from the device, as recorded angle.
+    /// Position read from the device, as a recorded angle.
     #[serde(rename = "position_deg", serialize_with = "degrees")]
     pub position: Angle,
-    /// Whether it moves.
+    /// Whether the axis is moving.
     pub moving: bool,
-    /// Whether it has been homed since power-up.
+    /// Whether the axis has been homed since power-up.
     pub homed: bool,
-    /// Its flags, each with what it means.
+    /// Raised flags, each with its meaning.
     pub warnings: Vec<String>,
     /// Serial number of its controller.
     pub serial: u32,
@@ -84,7 +84,7 @@ impl StageStatus {
         }
     }
 
-    /// One axis.
+    /// The status of one axis.
     #[must_use]
     pub fn axis(&self, axis: AxisName) -> &AxisStatus {
         match axis {
@@ -100,7 +100,7 @@ impl StageStatus {
     }
 }
 
-/// What is plugged in.
+/// Identity of the connected devices.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct StageIdentity {
     /// The tilt axis's device.
@@ -109,23 +109,23 @@ pub struct StageIdentity {
     pub phi_s: DeviceIdentity,
 }
 
-/// One device.
+/// Identity of one device.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct DeviceIdentity {
     /// Serial number.
     pub serial: u32,
-    /// The maker's number of the product.
+    /// The manufacturer's product number.
     pub device_id: u32,
     /// Firmware version.
     pub firmware: String,
 }
 
 impl Stage {
-    /// Opens the port, stops whatever moves, makes sure that the devices are those of the settings,
-    /// applies the settings and reads them back. Moves nothing.
+    /// Opens the port, stops all motion, verifies the devices against the settings, applies the
+    /// settings and reads them back. Moves nothing.
     ///
     /// # Errors
-    /// [`StageError`] names cause and remedy; the port is closed again.
+    /// [`StageError`] names the cause and the remedy; the port is closed again.
     pub async fn connect(
         port: PortAddress,
         settings: StageSettings,
@@ -138,15 +138,15 @@ impl Stage {
             attempts: settings.attempts,
         };
         let (address, baud) = (port.clone(), settings.baud);
-        // Opening can take seconds: a TCP connection, or a port that is just being plugged in.
+        // Opening can take seconds: a TCP connection, or a port that has just been plugged in.
         let line = tokio::task::spawn_blocking(move || {
-            Line::open(&address, baud, line_settings, seam.as_ref())
+            PortLine::open(&address, baud, line_settings, seam.as_ref())
         })
         .await
         .expect("opening a port does not panic")?;
 
         let addresses = settings.addresses();
-        // A host that died left its move going; nobody has asked for it here.
+        // A program that died may have left a move running that this session did not request.
         line.stop(&addresses).await?;
         find_conflicts(&line).await?;
         let connect = |name: AxisName| {
@@ -188,22 +188,22 @@ impl Stage {
         }
     }
 
-    /// Where both axes are. Can be asked while another clone moves them.
+    /// Reads the state of both axes, also while another clone moves them.
     ///
     /// # Errors
     /// [`StageError`] if a device does not answer.
     pub async fn status(&self) -> Result<StageStatus, StageError> {
         let read = async |axis: &Axis| -> Result<AxisStatus, StageError> {
-            let look = axis.look().await?;
-            let flags = match look.flag {
+            let reading = axis.read().await?;
+            let flags = match reading.flag {
                 Some(_) => axis.flags().await?,
                 None => Vec::new(),
             };
             Ok(AxisStatus {
-                position: axis.recorded(look.counts),
-                moving: look.activity == Activity::Busy,
+                position: axis.recorded(reading.counts),
+                moving: reading.activity == Activity::Busy,
                 homed: !flags.iter().any(|f| f.class() == FlagClass::ReferenceLost),
-                warnings: flags.iter().map(in_words).collect(),
+                warnings: flags.iter().map(flag_text).collect(),
                 serial: axis.identity.serial,
             })
         };
@@ -213,17 +213,17 @@ impl Stage {
         })
     }
 
-    /// Lets an axis move again: switches its motor driver on where its flags say that it is off (an emergency stop, a
-    /// power failure), and unparks it where it is parked. Moves nothing. For who was asked by a person: a driver that
-    /// is off, or an axis that is parked, may protect somebody's hands.
+    /// Makes an axis ready to move: enables its motor driver if its flags show that it is off
+    /// (emergency stop, power failure), and unparks it. Moves nothing. Call this only at an
+    /// operator's request: a driver that is off, or a parked axis, may protect a person's hands.
     ///
     /// # Errors
-    /// [`StageError::Refused`] while the cause is still there, or a device that does not answer.
+    /// [`StageError::Refused`] while the cause persists, or if the device does not answer.
     pub async fn release(&self, axis: AxisName) -> Result<(), StageError> {
         self.axis(axis).release().await
     }
 
-    /// Unparks an axis and nothing else: it keeps its position. Moves nothing.
+    /// Unparks an axis; it keeps its position. Moves nothing.
     ///
     /// # Errors
     /// [`StageError`] if the device refuses or does not answer.
@@ -231,24 +231,24 @@ impl Stage {
         self.axis(axis).unpark().await
     }
 
-    /// Lets an axis find its reference position. It moves to the end of its travel.
+    /// Homes an axis. It moves to the end of its travel.
     ///
     /// # Errors
-    /// [`StageError`]; both axes then stand still, as far as they can be reached.
+    /// [`StageError`]; both axes have then been stopped as far as they can be reached.
     pub async fn home(&self, axis: AxisName) -> Result<(), StageError> {
         self.home_since(axis, self.stops()).await
     }
 
-    /// The same, unless there has been a stop since [`Stage::stops`] gave `stops`.
+    /// Homes an axis, unless there has been a stop since [`Stage::stops`] returned `stops`.
     ///
     /// # Errors
-    /// As [`Stage::home`]; [`StageError::Stopped`], and nothing has moved, where a stop came first.
+    /// As [`Stage::home`]; [`StageError::Stopped`] without motion if there was a stop.
     pub async fn home_since(&self, axis: AxisName, stops: u64) -> Result<(), StageError> {
         let outcome = self.axis(axis).home(stops).await;
         self.or_stop(outcome).await
     }
 
-    /// Homes both axes at once.
+    /// Homes both axes concurrently.
     ///
     /// # Errors
     /// As [`Stage::home`].
@@ -256,7 +256,7 @@ impl Stage {
         self.home_all_since(self.stops()).await
     }
 
-    /// The same, unless there has been a stop since [`Stage::stops`] gave `stops`.
+    /// Homes both axes, unless there has been a stop since [`Stage::stops`] returned `stops`.
     ///
     /// # Errors
     /// As [`Stage::home_since`].
@@ -266,18 +266,18 @@ impl Stage {
         self.or_stop(outcome).await
     }
 
-    /// Moves one axis to a recorded angle, lets it settle, and gives the angle read back.
+    /// Moves one axis to a recorded angle, waits for it to settle, and returns the angle read back.
     ///
     /// # Errors
-    /// [`StageError`]; both axes then stand still, as far as they can be reached.
+    /// [`StageError`]; both axes have then been stopped as far as they can be reached.
     pub async fn move_to(&self, axis: AxisName, target: Angle) -> Result<Angle, StageError> {
         self.move_since(axis, target, self.stops()).await
     }
 
-    /// The same, unless there has been a stop since [`Stage::stops`] gave `stops`.
+    /// As [`Stage::move_to`], unless there has been a stop since [`Stage::stops`] returned `stops`.
     ///
     /// # Errors
-    /// As [`Stage::move_to`]; [`StageError::Stopped`] where a stop came first.
+    /// As [`Stage::move_to`]; [`StageError::Stopped`] if there was a stop.
     pub async fn move_since(
         &self,
         axis: AxisName,
@@ -296,10 +296,10 @@ impl Stage {
         self.or_stop(outcome).await
     }
 
-    /// Moves both axes at once, lets them settle, and gives the pose read back.
+    /// Moves both axes concurrently, waits for them to settle, and returns the pose read back.
     ///
     /// # Errors
-    /// [`StageError`]; both axes then stand still, as far as they can be reached.
+    /// [`StageError`]; both axes have then been stopped as far as they can be reached.
     pub async fn move_pose(&self, target: Pose) -> Result<Pose, StageError> {
         self.inner.settings.check_limits(target)?;
         let stops = self.stops();
@@ -339,21 +339,21 @@ impl Stage {
         Arc::ptr_eq(&self.inner, &other.inner)
     }
 
-    /// How many stops there have been: for who begins a motion later than it was asked for.
+    /// Number of stops so far, for a motion that starts later than it was requested.
     #[must_use]
     pub fn stops(&self) -> u64 {
         self.inner.line.stops()
     }
 
-    /// Stops both axes, ahead of everything that waits, and waits until they stand. Never refused;
-    /// a move in progress ends with [`StageError::Stopped`].
+    /// Stops both axes before all waiting commands, and waits until they are at rest. Never
+    /// refused; a move in progress ends with [`StageError::Stopped`].
     ///
     /// # Errors
     /// [`StageError`] if a device does not answer, or does not come to rest.
     pub async fn stop(&self) -> Result<(), StageError> {
         let addresses = self.inner.settings.addresses();
         let heard = self.inner.line.stop(&addresses).await;
-        // Also if one did not answer: the other one may have to come to rest.
+        // Wait even if one axis did not answer: the other one may still come to rest.
         let rest = futures::join!(
             self.inner.theta_c.await_rest(),
             self.inner.phi_s.await_rest()
@@ -363,7 +363,7 @@ impl Stage {
         rest.1
     }
 
-    /// What could not be done is not left half done: the other axis stops too.
+    /// If an operation on one axis fails, stops the other axis too.
     async fn or_stop<T>(&self, outcome: Result<T, StageError>) -> Result<T, StageError> {
         if let Err(error) = &outcome {
             let nothing_moves = matches!(
@@ -371,7 +371,7 @@ impl Stage {
                 StageError::Stopped | StageError::Disconnected(_) | StageError::Busy { .. }
             );
             if !nothing_moves && let Err(second) = self.stop().await {
-                warn!("after \"{error}\" the stage could not be stopped: {second}");
+                warn!("after the error \"{error}\" the stage could not be stopped: {second}");
             }
         }
         outcome
@@ -385,27 +385,27 @@ impl Stage {
         self.inner.settings.check_limits(pose)
     }
 
-    /// Time that a move will take, detours against backlash and settling included, with the speeds
-    /// that the devices have.
+    /// Predicts the duration of a move with the speeds read from the devices, including backlash
+    /// detours and settling.
     #[must_use]
     pub fn predicted_move(&self, from: Pose, to: Pose) -> Duration {
         let (tilt, turn) = (&self.inner.theta_c, &self.inner.phi_s);
         settings::predicted_move(&self.inner.settings, tilt.rates, turn.rates, from, to)
     }
 
-    /// The settings it was connected with.
+    /// The settings used for the connection.
     #[must_use]
     pub fn settings(&self) -> &StageSettings {
         &self.inner.settings
     }
 
-    /// Where it is plugged in.
+    /// The port's address.
     #[must_use]
     pub fn address(&self) -> &PortAddress {
         &self.inner.address
     }
 
-    /// Which devices it found.
+    /// The devices found.
     #[must_use]
     pub fn identity(&self) -> StageIdentity {
         let of = |axis: &Axis| DeviceIdentity {
@@ -420,12 +420,12 @@ impl Stage {
     }
 }
 
-fn in_words(flag: &Flag) -> String {
+fn flag_text(flag: &Flag) -> String {
     format!("{flag}: {}", flag.meaning())
 }
 
-/// Two devices with one address would both carry out every command.
-async fn find_conflicts(line: &Line) -> Result<(), StageError> {
+/// Refuses two devices with one address, which would both execute every command.
+async fn find_conflicts(line: &PortLine) -> Result<(), StageError> {
     let mut serials: BTreeMap<u8, String> = BTreeMap::new();
     for reply in line.ask_everyone("get system.serial").await? {
         let other = serials.insert(reply.address, reply.data.clone());
@@ -437,14 +437,14 @@ async fn find_conflicts(line: &Line) -> Result<(), StageError> {
     Ok(())
 }
 
-/// Asks for checksums on every reply; alerts are not needed and only fill the line.
-async fn set_up_line(line: &Line, axes: [&Axis; 2]) -> Result<(), StageError> {
+/// Enables checksums on every reply and disables alerts, which would only fill the line.
+async fn set_up_line(line: &PortLine, axes: [&Axis; 2]) -> Result<(), StageError> {
     let mut all_checked = true;
     for axis in axes {
         for setting in ["comm.checksum 1", "comm.alert 0"] {
             match axis.ask_controller(&format!("set {setting}")).await {
                 Ok(_) => {}
-                // Older firmware has no such setting.
+                // Older firmware lacks this setting.
                 Err(StageError::Refused { .. }) => all_checked &= !setting.contains("checksum"),
                 Err(error) => return Err(error),
             }

@@ -1,4 +1,4 @@
-//! What a lab tells about its stage, and what follows from it without any hardware.
+//! The settings of a stage, and the checks and predictions that need no hardware.
 
 use std::fmt::Display;
 use std::time::Duration;
@@ -10,24 +10,24 @@ use crate::bench::AxisName;
 use crate::geometry::Pose;
 use crate::units::Angle;
 
-/// Speed assumed for an estimate where neither settings nor device tell one.
+/// Assumed speed if neither the settings nor the device state one.
 const SPEED_GUESS_DEG_S: f64 = 20.0;
-/// Acceleration assumed likewise.
+/// Assumed acceleration if neither states one.
 const ACCELERATION_GUESS_DEG_S2: f64 = 60.0;
-/// No motion is predicted to take longer, whatever speed a device says it has.
+/// Upper bound of a predicted duration, for any reported speed.
 const LONGEST_S: f64 = 1e9;
 
 /// Both axes and the line to them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StageSettings {
-    /// Speed of a serial line; firmware 7 comes with 115200. TCP does not care.
+    /// Speed of a serial line in baud; firmware 7 defaults to 115200. Ignored for TCP.
     #[serde(default = "default_baud")]
     pub baud: u32,
-    /// How long a reply may take, 10 to 10 000 ms of real time.
+    /// Time-out of a reply, 10 to 10 000 ms of real time.
     #[serde(default = "default_reply_timeout_ms")]
     pub reply_timeout_ms: u64,
-    /// How often a question is asked before the device counts as silent, 1 to 10.
+    /// Attempts until the device counts as silent, 1 to 10.
     #[serde(default = "default_attempts")]
     pub attempts: u32,
     /// The tilt axis.
@@ -40,53 +40,54 @@ pub struct StageSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AxisSettings {
-    /// Its controller's address on the chain, 1 to 99.
+    /// Address of its controller on the chain, 1 to 99.
     pub address: u8,
-    /// Its number on a controller with several axes, 1 to 9.
+    /// Number of the axis on a controller with several axes, 1 to 9.
     #[serde(default = "default_axis", skip_serializing_if = "is_default_axis")]
     pub axis: u8,
-    /// Its controller's serial number; another one at the address is then refused.
+    /// Serial number of its controller; a controller with another one is refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub serial: Option<u32>,
-    /// Smallest recorded angle that may be asked for. Approaches start up to `backlash_deg` below.
+    /// Smallest allowed recorded angle. An approach starts up to `backlash_deg` below it.
     #[serde(rename = "limit_min_deg", with = "degrees")]
     pub limit_min: Angle,
-    /// Largest recorded angle that may be asked for.
+    /// Largest allowed recorded angle.
     #[serde(rename = "limit_max_deg", with = "degrees")]
     pub limit_max: Angle,
-    /// Angle of the device, from its own zero, at recorded angle 0.
+    /// Device angle, from the device's own zero, at recorded angle 0.
     #[serde(rename = "zero_deg", with = "degrees", default)]
     pub zero: Angle,
-    /// Whether the device counts down where the recorded angle goes up.
+    /// Whether the device's counts decrease while the recorded angle increases.
     #[serde(default)]
     pub reversed: bool,
-    /// Every target is approached from below, from at least this far; 0 switches that off.
+    /// Every target is approached from at least this far below; 0 disables this.
     #[serde(
         rename = "backlash_deg",
         with = "degrees",
         default = "default_backlash"
     )]
     pub backlash: Angle,
-    /// How far from the target still counts as there.
+    /// Largest deviation from the target that counts as arrived.
     #[serde(
         rename = "tolerance_deg",
         with = "degrees",
         default = "default_tolerance"
     )]
     pub tolerance: Angle,
-    /// Wait between arrival and exposure.
+    /// Wait between arrival and exposure, in milliseconds.
     #[serde(default = "default_settle_ms")]
     pub settle_ms: u64,
-    /// Microsteps per turn of the output, for a device that does not tell (`limit.cycle.dist`).
+    /// Microsteps per turn of the output, for a device that does not report them
+    /// (`limit.cycle.dist`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub counts_per_turn: Option<f64>,
-    /// Speed to set on the device; as it is if not given.
+    /// Speed to set on the device; unchanged if omitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_speed_deg_s: Option<f64>,
-    /// Acceleration to set on the device; as it is if not given.
+    /// Acceleration to set on the device; unchanged if omitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub acceleration_deg_s2: Option<f64>,
-    /// Homing that takes longer has failed.
+    /// Time limit for homing, in seconds.
     #[serde(default = "default_home_timeout_s")]
     pub home_timeout_s: f64,
 }
@@ -103,7 +104,7 @@ fn default_attempts() -> u32 {
 fn default_axis() -> u8 {
     1
 }
-/// Not written: the settings of a rig that never had a second axis on a controller stay what they were.
+/// The default is not written, so that settings files without this key stay unchanged.
 fn is_default_axis(axis: &u8) -> bool {
     *axis == default_axis()
 }
@@ -120,7 +121,7 @@ fn default_home_timeout_s() -> f64 {
     120.0
 }
 
-/// Angles in files are degrees; the last digits that the conversion makes are not written.
+/// Angles in files are in degrees, without the rounding errors of the conversion.
 mod degrees {
     use crate::units::Angle;
     use serde::{Deserialize, Deserializer, Serializer};
@@ -135,7 +136,7 @@ mod degrees {
 }
 
 impl StageSettings {
-    /// The settings that fit the simulated rig as it comes.
+    /// The settings of the simulated rig's defaults.
     #[must_use]
     pub fn simulated() -> Self {
         let axis = |address: u8, serial: u32, min: f64, max: f64, zero: f64| AxisSettings {
@@ -163,7 +164,7 @@ impl StageSettings {
         }
     }
 
-    /// The addresses of the controllers, each once.
+    /// Addresses of the controllers, each once.
     #[must_use]
     pub fn addresses(&self) -> Vec<u8> {
         let mut all = vec![self.theta_c.address, self.phi_s.address];
@@ -180,10 +181,10 @@ impl StageSettings {
         }
     }
 
-    /// Checks the whole before any of it is used.
+    /// Checks all settings.
     ///
     /// # Errors
-    /// [`StageError::BadSetting`] names the first key that is wrong, and what it may be.
+    /// [`StageError::BadSetting`] names the first invalid key and its allowed values.
     pub fn validate(&self) -> Result<(), StageError> {
         let bad = |key: &str, found: &dyn Display, allowed: &str| {
             Err(StageError::BadSetting {
@@ -209,7 +210,7 @@ impl StageSettings {
         let (tilt, turn) = (&self.theta_c, &self.phi_s);
         let one_controller = tilt.address == turn.address;
         if one_controller && tilt.axis == turn.axis {
-            let allowed = "another address than that of theta_c, or, on a controller with several axes, that one with \
+            let allowed = "an address other than that of theta_c, or, on a controller with several axes, the same one with \
                            another phi_s.axis";
             return bad("phi_s.address", &turn.address, allowed);
         }
@@ -218,7 +219,7 @@ impl StageSettings {
         {
             let allowed = match one_controller {
                 true => "that of theta_c, which is on the same controller",
-                false => "another serial number than that of theta_c",
+                false => "a serial number other than that of theta_c",
             };
             return bad("phi_s.serial", &other, allowed);
         }
@@ -243,7 +244,7 @@ impl StageSettings {
         if !target.is_finite() {
             return Err(StageError::NotANumber { axis });
         }
-        // Degrees that went through radians may be off in their last digits.
+        // The conversion through radians may change the last digits.
         let slack = Angle::from_deg(1e-9);
         if target < settings.limit_min - slack || target > settings.limit_max + slack {
             return Err(StageError::OutsideLimits {
@@ -256,8 +257,8 @@ impl StageSettings {
         Ok(())
     }
 
-    /// Estimated time of a move, settling included, with the speeds of the settings or, where they
-    /// tell none, usual ones. A connected stage knows better: [`super::Stage::predicted_move`].
+    /// Estimates the duration of a move with the speeds of the settings, or usual ones. A connected
+    /// stage gives a better value: [`super::Stage::predicted_move`].
     #[must_use]
     pub fn predicted_move(&self, from: Pose, to: Pose) -> Duration {
         let rates = |axis: &AxisSettings| Rates {
@@ -271,7 +272,7 @@ impl StageSettings {
 }
 
 impl AxisSettings {
-    /// The first key that is wrong, what it is and what it may be.
+    /// Returns the first invalid key, its value and the allowed values.
     fn check(&self) -> Result<(), (&'static str, String, String)> {
         let bad = |key: &'static str, found: &dyn Display, allowed: &str| {
             Err((key, found.to_string(), allowed.to_owned()))
@@ -312,7 +313,7 @@ impl AxisSettings {
         if self.settle_ms > 60_000 {
             return bad("settle_ms", &self.settle_ms, "at most 60 000");
         }
-        for (key, value, max, told) in [
+        for (key, value, max, allowed) in [
             ("counts_per_turn", self.counts_per_turn, 1e9, "1e9"),
             ("max_speed_deg_s", self.max_speed_deg_s, 1e4, "10 000"),
             (
@@ -324,28 +325,28 @@ impl AxisSettings {
             ("home_timeout_s", Some(self.home_timeout_s), 3600.0, "3600"),
         ] {
             if let Some(value) = value.filter(|v| !(*v > 0.0 && *v <= max)) {
-                return bad(key, &value, &format!("above 0, and at most {told}"));
+                return bad(key, &value, &format!("above 0, and at most {allowed}"));
             }
         }
         Ok(())
     }
 
-    /// Whether a target must be approached by way of a point below it. `engaged`: the last move
-    /// ended going up, so the gear's play is taken up already.
+    /// Returns whether a target must be approached by way of a point below it. `engaged`: the last
+    /// move ended upwards, so the play of the gear is already taken up.
     pub(super) fn needs_detour(&self, from: Angle, target: Angle, engaged: bool) -> bool {
         let direct = (engaged && target >= from) || target - from >= self.backlash;
         !direct && self.backlash > Angle::ZERO
     }
 }
 
-/// Degrees as they were written: what went through radians may be off in its last digits.
+/// Degrees without the rounding errors of the conversion through radians.
 fn in_degrees(angle: Angle) -> f64 {
     let deg = angle.deg();
     let rounded = (deg * 1e9).round() / 1e9;
     if rounded.is_finite() { rounded } else { deg }
 }
 
-/// How fast an axis goes.
+/// Speed and acceleration of an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rates {
     pub speed_deg_s: f64,
@@ -353,7 +354,8 @@ pub(super) struct Rates {
 }
 
 impl Rates {
-    /// Time from rest to rest: trapezoid, or triangle where the way is short.
+    /// Duration from rest to rest: a trapezoidal speed profile, or a triangular one for short
+    /// moves.
     pub fn duration(&self, way: Angle) -> Duration {
         let (d, v, a) = (way.abs().deg(), self.speed_deg_s, self.acceleration_deg_s2);
         let seconds = if d * a > v * v {
@@ -361,7 +363,7 @@ impl Rates {
         } else {
             2.0 * (d / a).sqrt()
         };
-        // Also where that is no number; sums and multiples of it do not overflow.
+        // Clamped also where the value is not a number; sums and multiples of it do not overflow.
         Duration::from_secs_f64(seconds.min(LONGEST_S))
     }
 }
@@ -395,7 +397,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn settings_survive_their_file() {
+    fn settings_are_unchanged_by_writing_and_reading() {
         let settings = StageSettings::simulated();
         let text = toml::to_string(&settings).unwrap();
         assert!(text.contains("limit_min_deg = -60.0"), "{text}");
@@ -403,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn a_short_file_is_enough_and_a_wrong_key_is_named() {
+    fn a_minimal_file_suffices_and_an_unknown_key_is_named() {
         let text = "[theta_c]\naddress = 1\nlimit_min_deg = -30\nlimit_max_deg = 30\n\
                     [phi_s]\naddress = 2\nlimit_min_deg = 0\nlimit_max_deg = 360\n";
         let settings: StageSettings = toml::from_str(text).unwrap();
@@ -414,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_values_are_refused_by_name() {
+    fn an_invalid_value_is_refused_with_its_key() {
         type Change = fn(&mut StageSettings);
         let cases: [(&str, Change); 12] = [
             ("theta_c.limit_min_deg", |s| {
@@ -454,7 +456,7 @@ mod tests {
     }
 
     #[test]
-    fn two_axes_of_one_controller_are_told_apart_by_their_number() {
+    fn two_axes_of_one_controller_differ_by_their_number() {
         let mut settings = StageSettings::simulated();
         settings.phi_s.serial = settings.theta_c.serial;
         settings.phi_s.address = settings.theta_c.address;
@@ -467,7 +469,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_hold_at_their_ends_and_not_beyond() {
+    fn the_limits_themselves_are_allowed_and_values_beyond_are_not() {
         let settings = StageSettings::simulated();
         assert!(settings.check_limits(Pose::from_deg(-60.0, 390.0)).is_ok());
         assert!(matches!(
@@ -486,10 +488,10 @@ mod tests {
     }
 
     #[test]
-    fn a_move_down_takes_the_detour_too() {
+    fn a_downward_move_includes_the_detour() {
         let settings = StageSettings::simulated();
         let (low, high) = (Pose::from_deg(0.0, 0.0), Pose::from_deg(10.0, 0.0));
-        // 20°/s, 60°/s²: 10/20 + 20/60 s, and 100 ms to settle.
+        // 20°/s, 60°/s²: 10/20 + 20/60 s, plus 100 ms to settle.
         let up = settings.predicted_move(low, high).as_secs_f64();
         assert!((up - (0.5 + 1.0 / 3.0 + 0.1)).abs() < 1e-9);
         let down = settings.predicted_move(high, low).as_secs_f64();

@@ -1,7 +1,7 @@
-//! Stage protocols, one file each: pure encode and decode.
+//! Stage protocols, one file each: pure encoding and decoding.
 //!
-//! A protocol's file knows bytes and their meaning, for both ends of the line: the host reads
-//! messages, the simulated device reads commands. It knows no port, no clock and no axis.
+//! A protocol file serves both ends of the line: the host decodes messages, the simulated device
+//! decodes commands. It knows no port, clock or axis.
 
 pub mod zaber;
 pub mod zaber_flags;

@@ -7,12 +7,12 @@
 //! alert    !DD A SSSS WW[ data][:CC]CRLF            unasked for
 //! ```
 //!
-//! [`Command::encode`] and [`decode_message`] are the host's two functions; [`decode_command`] and
-//! [`Reply::encode`] are the simulated device's. Streams of bytes and commands in several packets are
-//! put together in [`super::zaber_stream`]. Nothing here can panic, whatever the bytes.
+//! [`DeviceCommand::encode`] and [`decode_message`] serve the host; [`decode_command`] and
+//! [`Reply::encode`] serve the simulated device. [`super::zaber_stream`] assembles byte streams
+//! into lines and packets into commands. No input can cause a panic.
 //!
-//! The checksum is 8 bits of a plain sum: it misses swapped bytes and one in 256 double errors, so
-//! who reads a position still has to ask whether it is plausible.
+//! The checksum is an 8-bit sum. It misses swapped bytes and one in 256 double errors, so the
+//! caller still has to check that a position is plausible.
 
 use super::zaber_flags::Flag;
 
@@ -20,72 +20,72 @@ use super::zaber_flags::Flag;
 pub const PACKET_BYTES_MAX: usize = 80;
 /// Longest word in bytes (`comm.word.size.max`).
 pub const WORD_BYTES_MAX: usize = 50;
-/// How an info message begins that goes on with a reply. Commands count their packets, replies do
-/// not (observed: the vendor's client takes off this word alone).
+/// Prefix of an info message that continues a reply. Commands number their packets, replies do not
+/// (observed: the vendor's client strips only this prefix).
 pub const CONTINUED: &str = "cont ";
 /// Message ids run from 0 to this.
 pub const ID_MAX: u8 = 99;
-/// `\`, `:CC` and CR LF at most follow the text of a packet.
+/// Bytes that may follow a packet's text: `\`, `:CC` and CR LF.
 const TAIL_BYTES: usize = 1 + 3 + 2;
 
-/// What a host asks of a device.
+/// A command from the host to a device.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Command {
-    /// Device 1 to 99; 0 speaks to all.
+pub struct DeviceCommand {
+    /// Device 1 to 99; 0 addresses all devices.
     pub address: u8,
-    /// Axis 1 to 9; 0 is the device itself or all its axes.
+    /// Axis 1 to 9; 0 addresses the device itself or all its axes.
     pub axis: u8,
-    /// 0 to 99; the reply carries it back.
+    /// 0 to 99; the reply carries the same id.
     pub id: Option<u8>,
-    /// Words with single blanks between them; empty asks for the status.
+    /// Words separated by single blanks; an empty text asks for the status.
     pub words: String,
 }
 
-/// One packet of a command as a device reads it.
+/// One packet of a command, as the device receives it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CommandPacket {
     /// Address, axis, id and the words of this packet.
-    pub command: Command,
-    /// Whether the command goes on in the next packet.
+    pub command: DeviceCommand,
+    /// Whether the command continues in the next packet.
     pub more: bool,
-    /// Whether it carried a checksum.
+    /// Whether the packet carried a checksum.
     pub checked: bool,
 }
 
-/// Whether any axis in scope moves.
+/// Whether any addressed axis is moving.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Activity {
-    /// None does.
+    /// No axis moves.
     Idle,
-    /// At least one does.
+    /// At least one axis moves.
     Busy,
 }
 
-/// The answer to a command.
+/// The reply to a command.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Reply {
-    /// Device that answers.
+    /// The device that replies.
     pub address: u8,
-    /// Axis the command was for.
+    /// The axis that the command addressed.
     pub axis: u8,
     /// The command's id, if it had one.
     pub id: Option<u8>,
-    /// False: the command was refused and `data` is the reason.
+    /// False if the command was refused; `data` is then the reason.
     pub accepted: bool,
     /// Whether an axis in scope moves.
     pub activity: Activity,
-    /// The highest-priority warning flag that is up.
+    /// The raised warning flag of highest priority.
     pub flag: Option<Flag>,
-    /// What was asked for, the reason of a refusal, or `0`.
+    /// The requested value, the reason of a refusal, or `0`.
     pub data: String,
 }
 
 /// Text that follows a reply.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Info {
-    /// Device that speaks.
+    /// The device that sends it.
     pub address: u8,
-    /// Axis it speaks of.
+    /// The axis concerned.
     pub axis: u8,
     /// The command's id, if it had one.
     pub id: Option<u8>,
@@ -93,89 +93,88 @@ pub struct Info {
     pub text: String,
 }
 
-/// News nobody asked for. A hint, never a proof: alerts come late, twice or out of noise.
+/// An unrequested message. It proves nothing: alerts arrive late, twice, or from noise.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Alert {
-    /// Device that speaks.
+    /// The device that sends it.
     pub address: u8,
-    /// Axis it speaks of.
+    /// The axis concerned.
     pub axis: u8,
     /// Whether the axis moves.
     pub activity: Activity,
-    /// The highest-priority warning flag that is up.
+    /// The raised warning flag of highest priority.
     pub flag: Option<Flag>,
-    /// Whatever else the device says; often empty.
+    /// Further data of the device; often empty.
     pub data: String,
 }
 
-/// What a line from a device is.
+/// Content of a line from a device.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Body {
+pub enum MessageBody {
     /// The answer to a command.
     Reply(Reply),
     /// Text that follows a reply.
     Info(Info),
-    /// News nobody asked for.
+    /// An unrequested message.
     Alert(Alert),
 }
 
 /// A line from a device.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Message {
-    /// What it says.
-    pub body: Body,
-    /// Whether the next info message goes on with it.
+    /// The content.
+    pub body: MessageBody,
+    /// Whether the next info message continues it.
     pub more: bool,
     /// Whether it carried a checksum (a wrong one is an error).
     pub checked: bool,
 }
 
-/// Why something cannot be put on the line.
+/// Why a command or message cannot be encoded.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum EncodeError {
-    /// A character that the protocol keeps for itself, or that is no printable ASCII.
-    #[error(
-        "the character {0:?} cannot be sent: / @ # ! : \\ and all but printable ASCII are reserved"
-    )]
+    /// A character that the protocol reserves, or that is not printable ASCII.
+    #[error("the character {0:?} cannot be sent: use printable ASCII without / @ # ! : and \\")]
     ReservedCharacter(char),
-    /// A word does not fit into a packet.
+    /// A word is longer than allowed.
     #[error("the word {0:?} is longer than {WORD_BYTES_MAX} bytes")]
     WordTooLong(String),
     /// An address above 99, an axis above 9 or an id above 99.
     #[error("the {what} {value} is above {max}")]
     OutOfRange {
-        /// Which number.
+        /// Name of the number.
         what: &'static str,
-        /// What it is.
+        /// Its value.
         value: u8,
-        /// What it may be at most.
+        /// Its maximum.
         max: u8,
     },
 }
 
-/// Why a line is not a message, or not a command.
+/// Why a line is not a valid message or command.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
-    /// The line does not start like one.
+    /// The line lacks a start character.
     #[error("the line does not start with a start character")]
     NoStart,
-    /// A byte that is no printable ASCII, or a reserved character inside.
-    #[error("the line holds the byte 0x{0:02X}, which the protocol does not allow there")]
+    /// A byte that is not printable ASCII, or a reserved character inside the line.
+    #[error("the line contains the byte 0x{0:02X}, which the protocol does not allow there")]
     ForbiddenByte(u8),
-    /// The checksum does not fit: the line was garbled on its way.
-    #[error("the checksum is {found:02X} and should be {expected:02X}: the line was garbled")]
+    /// The checksum is wrong: the line was garbled in transmission.
+    #[error("expected the checksum {expected:02X}, got {found:02X}: the line was garbled")]
     BadChecksum {
-        /// What the bytes sum up to.
+        /// The checksum of the bytes received.
         expected: u8,
-        /// What the line says.
+        /// The checksum in the line.
         found: u8,
     },
-    /// A field is missing or is not what it has to be.
+    /// A field is missing or malformed.
     #[error("the {0} is missing or malformed")]
     BadField(&'static str),
 }
 
-/// The checksum (LRC) of the bytes between start character and colon: with it they sum up to 0.
+/// Returns the checksum (LRC) of the bytes between start character and colon: with it, they sum to
+/// 0.
 #[must_use]
 pub fn checksum(bytes: &[u8]) -> u8 {
     bytes
@@ -184,11 +183,11 @@ pub fn checksum(bytes: &[u8]) -> u8 {
         .wrapping_neg()
 }
 
-impl Command {
-    /// A command without an id; whoever sends it gives it one.
+impl DeviceCommand {
+    /// A command without an id; the sender assigns one.
     #[must_use]
     pub fn new(address: u8, axis: u8, words: impl Into<String>) -> Self {
-        Command {
+        DeviceCommand {
             address,
             axis,
             id: None,
@@ -196,11 +195,11 @@ impl Command {
         }
     }
 
-    /// The packets to send, one line each, ended by a line feed. A command that is too long for one
-    /// goes on in packets that begin with `cont 1`, `cont 2` …
+    /// Returns the packets to send, one line each, ended by a line feed. A command too long for one
+    /// packet continues in packets that begin with `cont 1`, `cont 2` …
     ///
     /// # Errors
-    /// [`EncodeError`] for reserved characters, over-long words and numbers out of range.
+    /// [`EncodeError`] for reserved characters, words that are too long, and numbers out of range.
     pub fn encode(&self, with_checksum: bool) -> Result<Vec<Vec<u8>>, EncodeError> {
         check_numbers(self.address, self.axis, self.id)?;
         let prefix = match self.id {
@@ -218,7 +217,8 @@ impl Command {
 }
 
 impl Reply {
-    /// The reply's lines, CR LF included; what does not fit into one follows as info messages.
+    /// Returns the reply's lines, CR LF included; data too long for one line continue in info
+    /// messages.
     ///
     /// # Errors
     /// [`EncodeError`] if the data cannot be sent.
@@ -243,7 +243,7 @@ impl Reply {
 }
 
 impl Info {
-    /// The info line, CR LF included.
+    /// Returns the info line, CR LF included.
     ///
     /// # Errors
     /// [`EncodeError`] if the text cannot be sent.
@@ -256,7 +256,7 @@ impl Info {
 }
 
 impl Alert {
-    /// The alert line, CR LF included.
+    /// Returns the alert line, CR LF included.
     ///
     /// # Errors
     /// [`EncodeError`] if the data cannot be sent.
@@ -300,7 +300,7 @@ fn check_text(text: &str) -> Result<(), EncodeError> {
     }
 }
 
-/// Cuts words into texts that fit behind a prefix; the later ones begin with `continuation(1, 2 …)`.
+/// Splits words into texts that fit behind a prefix; later ones begin with `continuation(1, 2 …)`.
 fn split(
     words: &str,
     prefix_bytes: usize,
@@ -373,7 +373,7 @@ fn seal(
     line
 }
 
-/// A line without its start character, its tail looked at and taken off.
+/// A line without its start character and tail, both checked.
 struct Opened<'a> {
     text: &'a str,
     more: bool,
@@ -412,7 +412,7 @@ fn open(line: &[u8]) -> Result<Opened<'_>, DecodeError> {
     })
 }
 
-/// Takes the next word off the front.
+/// Removes the next word from the front and returns it.
 fn word<'a>(rest: &mut &'a str) -> Option<&'a str> {
     *rest = rest.trim_start();
     if rest.is_empty() {
@@ -430,7 +430,7 @@ fn digits(word: Option<&str>, width: usize, what: &'static str) -> Result<u8, De
         .ok_or(DecodeError::BadField(what))
 }
 
-/// Takes a two-digit id off the front if one is there (`--` counts as none).
+/// Removes a two-digit id from the front if there is one (`--` counts as none).
 fn maybe_id(rest: &mut &str) -> Option<u8> {
     let mut ahead = *rest;
     let next = word(&mut ahead)?;
@@ -457,10 +457,10 @@ fn state(rest: &mut &str) -> Result<(Activity, Option<Flag>), DecodeError> {
     Ok((activity, flag))
 }
 
-/// Reads a line from a device, its line end already taken off.
+/// Decodes a line from a device, without its line end.
 ///
 /// # Errors
-/// [`DecodeError`]: the line is to be treated as never received.
+/// [`DecodeError`]: treat the line as never received.
 pub fn decode_message(line: &[u8]) -> Result<Message, DecodeError> {
     let (start, rest) = line.split_first().ok_or(DecodeError::NoStart)?;
     if !b"@#!".contains(start) {
@@ -483,7 +483,7 @@ pub fn decode_message(line: &[u8]) -> Result<Message, DecodeError> {
             if data.is_empty() {
                 return Err(DecodeError::BadField("data"));
             }
-            Body::Reply(Reply {
+            MessageBody::Reply(Reply {
                 address,
                 axis,
                 id,
@@ -493,7 +493,7 @@ pub fn decode_message(line: &[u8]) -> Result<Message, DecodeError> {
                 data: data.to_owned(),
             })
         }
-        b'#' => Body::Info(Info {
+        b'#' => MessageBody::Info(Info {
             address,
             axis,
             id: maybe_id(&mut rest),
@@ -501,7 +501,7 @@ pub fn decode_message(line: &[u8]) -> Result<Message, DecodeError> {
         }),
         _ => {
             let (activity, flag) = state(&mut rest)?;
-            Body::Alert(Alert {
+            MessageBody::Alert(Alert {
                 address,
                 axis,
                 activity,
@@ -517,11 +517,11 @@ pub fn decode_message(line: &[u8]) -> Result<Message, DecodeError> {
     })
 }
 
-/// Reads a line from a host, its line end already taken off. Up to three leading numbers are
-/// address, axis and id.
+/// Decodes a line from a host, without its line end. Up to three leading numbers are address, axis
+/// and id.
 ///
 /// # Errors
-/// [`DecodeError`]: a device executes nothing and stays silent.
+/// [`DecodeError`]: the device executes nothing and stays silent.
 pub fn decode_command(line: &[u8]) -> Result<CommandPacket, DecodeError> {
     let Some((b'/', rest)) = line.split_first() else {
         return Err(DecodeError::NoStart);
@@ -552,7 +552,7 @@ pub fn decode_command(line: &[u8]) -> Result<CommandPacket, DecodeError> {
         None => None,
     };
     Ok(CommandPacket {
-        command: Command {
+        command: DeviceCommand {
             address: address.unwrap_or(0),
             axis: axis.unwrap_or(0),
             id,
@@ -563,7 +563,7 @@ pub fn decode_command(line: &[u8]) -> Result<CommandPacket, DecodeError> {
     })
 }
 
-/// Reads the answer to `warnings`: a count of two digits, then that many flags.
+/// Decodes the reply to `warnings`: a count of two digits, then that many flags.
 ///
 /// # Errors
 /// [`DecodeError::BadField`] if count and flags disagree.

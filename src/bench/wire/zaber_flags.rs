@@ -1,27 +1,28 @@
-//! Warning flags of the Zaber ASCII protocol (firmware 7): what they mean and what they do to a move.
+//! Warning flags of the Zaber ASCII protocol (firmware 7): their meaning and their effect on a
+//! move.
 
 use std::fmt;
 
-/// What a flag does to a move that was under way, or to the next one.
+/// Effect of a flag on the running or next move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum FlagClass {
     /// The move failed and the position may be wrong.
     Fault,
-    /// Another command or a hand on the knob ended the move early.
+    /// Another command or the manual knob ended the move early.
     Interrupted,
-    /// The axis does not know where it is, or only from before the last power-up.
+    /// The axis has no reference position, or only one from before the last power-up.
     ReferenceLost,
-    /// Worth telling, no reason to distrust the position.
+    /// Worth reporting; the position can still be trusted.
     Informational,
 }
 
 macro_rules! flags {
     ($($name:ident = $code:literal, $class:ident, $meaning:literal;)*) => {
-        /// A warning flag, in the order of priority in which a device shows them.
+        /// A warning flag, in the order of priority in which a device reports them.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
         pub enum Flag {
             $(#[doc = $meaning] $name,)*
-            /// A flag that this table does not know: two printable characters.
+            /// A flag that is not in this table: two printable characters.
             Other([u8; 2]),
         }
 
@@ -29,8 +30,8 @@ macro_rules! flags {
             /// Every flag of the table, highest priority first.
             pub const ALL: &'static [Flag] = &[$(Flag::$name,)*];
 
-            /// The flag written with these two characters. Unknown capitals are [`Flag::Other`];
-            /// anything else is no flag.
+            /// Returns the flag with these two characters. Unknown capitals are [`Flag::Other`];
+            /// other characters are not a flag.
             #[must_use]
             pub fn from_code(code: &str) -> Option<Self> {
                 match code {
@@ -44,7 +45,7 @@ macro_rules! flags {
                 }
             }
 
-            /// The two characters on the wire.
+            /// The two characters in the protocol.
             #[must_use]
             pub fn code(self) -> [char; 2] {
                 let bytes = match self {
@@ -54,16 +55,16 @@ macro_rules! flags {
                 bytes.map(char::from)
             }
 
-            /// What it means, for people: a cause and, where there is one, the way out.
+            /// Its meaning as text: the cause and, if there is one, the remedy.
             #[must_use]
             pub fn meaning(self) -> &'static str {
                 match self {
                     $(Flag::$name => $meaning,)*
-                    Flag::Other(_) => "a flag this program does not know; see the controller's manual",
+                    Flag::Other(_) => "a flag unknown to this program; see the controller's manual",
                 }
             }
 
-            /// What it does to a move.
+            /// Its effect on a move.
             #[must_use]
             pub fn class(self) -> FlagClass {
                 match self {
@@ -77,7 +78,7 @@ macro_rules! flags {
 }
 
 impl Flag {
-    /// Whether it says that the motor's driver is off and stays off until it is enabled.
+    /// Whether it means that the motor's driver is off until it is enabled.
     #[must_use]
     pub fn is_driver_off(self) -> bool {
         matches!(
@@ -94,37 +95,37 @@ impl Flag {
 
 flags! {
     CriticalSystemError = "FF", Fault, "critical system error; the controller needs service";
-    PeripheralNotSupported = "FN", Fault, "the stage plugged in is not supported by this controller";
-    PeripheralInactive = "FZ", Fault, "the stage was exchanged and is not active yet; send 'activate'";
+    PeripheralNotSupported = "FN", Fault, "the connected stage is not supported by this controller";
+    PeripheralInactive = "FZ", Fault, "the stage was replaced and is not active yet; send 'activate'";
     EmergencyStop = "FH", Fault, "hardware emergency stop: release the button, then enable the driver";
     SupplyVoltage = "FV", Fault, "supply voltage out of range, driver off; check the power supply";
     DriverOff = "FO", Fault, "the driver is disabled; enable it";
     InrushCurrent = "FC", Fault, "current inrush error; enable the driver again";
     MotorTemperature = "FM", Fault, "the motor is too hot; let it cool, then enable the driver";
-    DriverDisabled = "FD", Fault, "the driver switched itself off, likely too hot";
+    DriverDisabled = "FD", Fault, "the driver switched itself off, probably too hot";
     EncoderError = "FQ", Fault, "encoder error: the position may be wrong; home the axis";
     IndexError = "FI", Fault, "encoder index error; home the axis";
-    EncoderSync = "FA", Fault, "analogue encoder out of step; home the axis";
+    EncoderSync = "FA", Fault, "analogue encoder out of sync; home the axis";
     Overdrive = "FR", Fault, "overdrive limit exceeded";
     Stalled = "FS", Fault, "stalled and stopped: remove what blocks the axis, then home it";
     Twisted = "FT", Fault, "lockstep axes twisted against each other";
     OutOfBounds = "FB", Fault, "a stream left the travel range";
-    PathDeviation = "FP", Fault, "left the interpolated path";
+    PathDeviation = "FP", Fault, "the axis left the interpolated path";
     LimitError = "FE", Fault, "a limit sensor was not reached or is faulty";
     UnexpectedLimit = "WL", Fault, "ran into a limit sensor unexpectedly: steps were lost or the limits are wrong; home the axis";
     SupplyVoltageLow = "WV", Informational, "supply voltage near its limits";
     ControllerHot = "WT", Informational, "the controller is hot";
     StallRecovered = "WS", Informational, "stalled and recovered by itself";
-    Displaced = "WM", Informational, "was pushed while standing";
-    InvalidCalibration = "WP", Informational, "the calibration stored does not fit the stage";
+    Displaced = "WM", Informational, "the axis was displaced while at rest";
+    InvalidCalibration = "WP", Informational, "the stored calibration does not match the stage";
     NoReference = "WR", ReferenceLost, "no reference position; home the axis";
     NotHomed = "WH", ReferenceLost, "not homed since power-up; home the axis";
-    ManualControl = "NC", Interrupted, "somebody turns the knob";
+    ManualControl = "NC", Interrupted, "the manual knob is being turned";
     MovementInterrupted = "NI", Interrupted, "another movement command ended the move early";
     StreamDiscontinuity = "ND", Informational, "a stream ran out of points";
     ValueRounded = "NR", Informational, "a value was rounded";
     ValueTruncated = "NT", Informational, "a value was cut to its range";
-    UpdatePending = "NU", Informational, "a setting waits to take effect";
+    UpdatePending = "NU", Informational, "a setting has not taken effect yet";
     JoystickCalibrating = "NJ", Informational, "the joystick is being calibrated";
     FirmwareUpdate = "NB", Informational, "the controller is in firmware update mode";
 }
@@ -141,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_flag_is_written_and_read_back() {
+    fn every_flag_round_trips() {
         for flag in Flag::ALL {
             assert_eq!(Flag::from_code(&flag.to_string()), Some(*flag));
         }
@@ -152,8 +153,8 @@ mod tests {
     }
 
     #[test]
-    fn the_flags_that_end_a_move_are_those_of_the_vendors_client() {
-        // zaber-motion: ^(F\w|WL)$ fails a wait, NI and NC interrupt it, nothing else does.
+    fn the_vendors_client_ends_a_move_at_the_same_flags() {
+        // zaber-motion: ^(F\w|WL)$ fails a wait, NI and NC interrupt it, no other flag does.
         for flag in Flag::ALL {
             let code = flag.to_string();
             let class = flag.class();

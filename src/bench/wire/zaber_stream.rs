@@ -1,35 +1,36 @@
-//! From a stream of bytes to lines, and from packets to whole commands (Zaber ASCII protocol).
+//! Assembles byte streams into lines, and packets into whole commands (Zaber ASCII protocol).
 
-use super::zaber::{Command, CommandPacket, PACKET_BYTES_MAX};
+use super::zaber::{CommandPacket, DeviceCommand, PACKET_BYTES_MAX};
 
-/// A line longer than this is noise: thrice the longest packet.
+/// A longer line is noise: three times the longest packet.
 const LINE_BYTES_MAX: usize = 3 * PACKET_BYTES_MAX;
 
-/// Puts the packets of a long command together again, on the device's side.
+/// Assembles the packets of a long command, on the device's side.
 #[derive(Debug, Default)]
 pub struct CommandAssembler {
-    pending: Option<(Command, u32)>,
+    pending: Option<(DeviceCommand, u32)>,
 }
 
-/// What a packet made of a command.
+/// Result of adding a packet to a command.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Assembled {
-    /// The command is whole.
-    Whole(Command),
-    /// More packets have to come.
+    /// The command is complete.
+    Whole(DeviceCommand),
+    /// More packets must follow.
     Pending,
-    /// The packet does not fit to those before: `BADSPLIT`.
-    BadSplit(Command),
+    /// The packet does not continue the previous ones: `BADSPLIT`.
+    BadSplit(DeviceCommand),
 }
 
 impl CommandAssembler {
-    /// Takes the next packet; `packets_max` is how many one command may have.
+    /// Adds the next packet; `packets_max` is the largest number of packets of a command.
     pub fn accept(&mut self, packet: CommandPacket, packets_max: u32) -> Assembled {
         let CommandPacket { command, more, .. } = packet;
         let continuation = command.words.strip_prefix("cont ").map(str::to_owned);
         let (whole, packets) = match (self.pending.take(), continuation) {
             (None, None) => (command, 1),
-            // A command that does not continue begins anew; the one left unfinished is forgotten.
+            // A command without a continuation prefix starts a new one; an unfinished one is
+            // dropped.
             (Some(_), None) => (command, 1),
             (None, Some(_)) => return Assembled::BadSplit(command),
             (Some((mut whole, packets)), Some(text)) => {
@@ -55,31 +56,31 @@ impl CommandAssembler {
     }
 }
 
-/// Cuts a stream of bytes into lines. A start character inside a line begins a new one: no text
-/// holds one, so a lost line end costs one message and not two.
+/// Splits a byte stream into lines. A start character inside a line begins a new one: no text
+/// contains one, so a lost line end costs one message instead of two.
 #[derive(Debug)]
-pub struct Lines {
+pub struct LineSplitter {
     starts: &'static [u8],
     line: Vec<u8>,
     in_line: bool,
     fragments: u64,
 }
 
-impl Lines {
-    /// Lines that devices send.
+impl LineSplitter {
+    /// For lines sent by devices.
     #[must_use]
     pub fn of_messages() -> Self {
         Self::starting_with(b"@#!")
     }
 
-    /// Lines that hosts send.
+    /// For lines sent by hosts.
     #[must_use]
     pub fn of_commands() -> Self {
         Self::starting_with(b"/")
     }
 
     fn starting_with(starts: &'static [u8]) -> Self {
-        Lines {
+        LineSplitter {
             starts,
             line: Vec::new(),
             in_line: false,
@@ -87,7 +88,7 @@ impl Lines {
         }
     }
 
-    /// Takes bytes; gives the lines they complete, without line ends.
+    /// Adds bytes and returns the lines that they complete, without line ends.
     pub fn push(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
         let mut whole = Vec::new();
         for &byte in bytes {
@@ -113,14 +114,14 @@ impl Lines {
         whole
     }
 
-    /// Forgets an unfinished line.
+    /// Drops an unfinished line.
     pub fn clear(&mut self) {
         self.fragments += u64::from(self.in_line);
         self.in_line = false;
         self.line.clear();
     }
 
-    /// How many lines were begun and never ended.
+    /// Number of lines that began and never ended.
     #[must_use]
     pub fn fragments(&self) -> u64 {
         self.fragments
@@ -150,7 +151,7 @@ mod tests {
 
     #[test]
     fn a_lost_line_end_costs_one_message() {
-        let mut lines = Lines::of_messages();
+        let mut lines = LineSplitter::of_messages();
         let whole =
             lines.push(b"noise\r\n@01 1 09 OK IDLE -- 5@01 1 10 OK IDLE -- 6\r\n\r\n!01 1 ID");
         assert_eq!(whole, [b"@01 1 10 OK IDLE -- 6"]);
@@ -160,7 +161,7 @@ mod tests {
 
     #[test]
     fn endless_noise_takes_no_memory() {
-        let mut lines = Lines::of_messages();
+        let mut lines = LineSplitter::of_messages();
         for _ in 0..100 {
             assert!(lines.push(&[b'@'; 3]).is_empty());
             assert!(lines.push(&[b'x'; 1000]).is_empty());

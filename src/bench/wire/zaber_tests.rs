@@ -1,11 +1,12 @@
-//! Golden bytes (recorded between the vendor's client zaber-motion 10.2.0 and a device) and laws.
+//! Golden bytes, recorded between the vendor's client zaber-motion 10.2.0 and a device, and
+//! property tests.
 
 use super::*;
-use crate::bench::wire::zaber_stream::{Assembled, CommandAssembler, Lines};
+use crate::bench::wire::zaber_stream::{Assembled, CommandAssembler, LineSplitter};
 use proptest::prelude::*;
 
-fn command(address: u8, axis: u8, id: Option<u8>, words: &str) -> Command {
-    Command {
+fn command(address: u8, axis: u8, id: Option<u8>, words: &str) -> DeviceCommand {
+    DeviceCommand {
         address,
         axis,
         id,
@@ -13,7 +14,7 @@ fn command(address: u8, axis: u8, id: Option<u8>, words: &str) -> Command {
     }
 }
 
-/// What the vendor's client sends, byte for byte.
+/// Commands of the vendor's client, byte for byte.
 const COMMANDS: &[(u8, u8, Option<u8>, &str, &str)] = &[
     (0, 0, Some(0), "", "/0 0 00:00\n"),
     (
@@ -62,7 +63,7 @@ const COMMANDS: &[(u8, u8, Option<u8>, &str, &str)] = &[
     (0, 0, None, "set comm.alert 1", "/0 0 set comm.alert 1:B1\n"),
 ];
 
-/// What a device answers, byte for byte.
+/// A device's reply, byte for byte.
 type Recorded = (
     u8,
     u8,
@@ -209,20 +210,21 @@ fn replies_are_the_recorded_bytes_both_ways() {
         };
         assert_eq!(reply.encode(true).unwrap(), bytes.as_bytes(), "{bytes:?}");
         let message = decode_message(bytes.trim_end().as_bytes()).unwrap();
-        assert_eq!(message.body, Body::Reply(reply));
+        assert_eq!(message.body, MessageBody::Reply(reply));
         assert!(message.checked && !message.more);
     }
 }
 
 #[test]
-fn an_alert_and_a_refusal_are_read() {
+fn an_alert_and_a_refusal_are_decoded() {
     let message = decode_message(b"!01 1 IDLE --").unwrap();
-    let Body::Alert(alert) = message.body else {
+    let MessageBody::Alert(alert) = message.body else {
         panic!("not an alert")
     };
     assert_eq!((alert.address, alert.axis), (1, 1));
     assert_eq!(alert.encode(false).unwrap(), b"!01 1 IDLE --\r\n");
-    let Body::Reply(reply) = decode_message(b"@02 1 33 RJ IDLE -- BADDATA").unwrap().body else {
+    let MessageBody::Reply(reply) = decode_message(b"@02 1 33 RJ IDLE -- BADDATA").unwrap().body
+    else {
         panic!("not a reply")
     };
     assert!(!reply.accepted);
@@ -230,12 +232,12 @@ fn an_alert_and_a_refusal_are_read() {
 }
 
 #[test]
-fn the_checksum_of_the_manual_holds() {
+fn the_checksum_matches_the_manuals_example() {
     assert_eq!(checksum(b"01 tools echo"), 0x8F);
 }
 
 #[test]
-fn broken_lines_are_errors_that_say_what_is_wrong() {
+fn an_invalid_line_gives_an_error_that_names_the_fault() {
     for (line, expected) in [
         (
             &b"@01 1 09 OK IDLE WR 51201:EC"[..],
@@ -303,7 +305,7 @@ fn what_cannot_be_sent_is_refused() {
 }
 
 #[test]
-fn a_long_command_is_continued_and_put_together_again() {
+fn a_long_command_is_split_and_reassembled() {
     let words = format!(
         "tools echo {}",
         (0..30)
@@ -328,7 +330,7 @@ fn a_long_command_is_continued_and_put_together_again() {
 }
 
 #[test]
-fn warnings_are_counted() {
+fn the_count_of_warnings_is_checked() {
     assert_eq!(decode_warnings("00"), Ok(vec![]));
     assert_eq!(
         decode_warnings("02 WR WH"),
@@ -355,15 +357,16 @@ proptest! {
     #![proptest_config(crate::extremes::cases(256))]
 
     #[test]
-    fn any_command_survives_the_line(
+    fn any_command_round_trips(
         address in 0..=99u8, axis in 0..=9u8, id in id(), words in text(), with_checksum: bool,
     ) {
-        // A leading number would be read as the id, and "cont" as a continuation: neither is a command.
+        // A leading number would be read as the id and "cont" as a continuation; no command starts
+        // so.
         prop_assume!(!words.starts_with(|c: char| c.is_ascii_digit()) && !words.starts_with("cont"));
-        let sent = Command { address, axis, id, words };
+        let sent = DeviceCommand { address, axis, id, words };
         let packets = sent.encode(with_checksum).unwrap();
         let mut assembler = CommandAssembler::default();
-        let mut lines = Lines::of_commands();
+        let mut lines = LineSplitter::of_commands();
         let mut received = Vec::new();
         for packet in &packets {
             prop_assert!(packet.len() <= PACKET_BYTES_MAX);
@@ -378,7 +381,7 @@ proptest! {
     }
 
     #[test]
-    fn any_reply_survives_the_line(
+    fn any_reply_round_trips(
         address in 0..=99u8, axis in 0..=9u8, id in id(), accepted: bool, busy: bool, flag in flag(),
         data in text(), with_checksum: bool,
     ) {
@@ -386,12 +389,12 @@ proptest! {
         let activity = if busy { Activity::Busy } else { Activity::Idle };
         let sent = Reply { address, axis, id, accepted, activity, flag, data };
         let bytes = sent.encode(with_checksum).unwrap();
-        let lines = Lines::of_messages().push(&bytes);
+        let lines = LineSplitter::of_messages().push(&bytes);
         let mut messages = lines.iter().map(|line| decode_message(line).unwrap());
         let first = messages.next().unwrap();
-        let Body::Reply(mut received) = first.body else { panic!("not a reply") };
+        let MessageBody::Reply(mut received) = first.body else { panic!("not a reply") };
         for message in messages {
-            let Body::Info(info) = message.body else { panic!("not an info") };
+            let MessageBody::Info(info) = message.body else { panic!("not an info") };
             received.data.push(' ');
             received.data.push_str(info.text.strip_prefix(CONTINUED).unwrap());
         }
@@ -399,14 +402,14 @@ proptest! {
     }
 
     #[test]
-    fn no_bytes_make_the_codec_panic(bytes: Vec<u8>) {
+    fn no_bytes_cause_a_panic(bytes: Vec<u8>) {
         let _ = decode_message(&bytes);
         let _ = decode_command(&bytes);
-        for line in Lines::of_messages().push(&bytes) {
+        for line in LineSplitter::of_messages().push(&bytes) {
             let _ = decode_message(&line);
         }
         let mut assembler = CommandAssembler::default();
-        for line in Lines::of_commands().push(&bytes) {
+        for line in LineSplitter::of_commands().push(&bytes) {
             if let Ok(packet) = decode_command(&line) {
                 assembler.accept(packet, 3);
             }
@@ -414,15 +417,15 @@ proptest! {
     }
 
     #[test]
-    fn no_line_of_protocol_characters_makes_the_codec_panic(line in "[@#!/][0-9 A-Z:\\\\.-]{0,90}") {
-        if let Ok(Message { body: Body::Reply(reply), .. }) = decode_message(line.as_bytes()) {
+    fn no_line_of_protocol_characters_causes_a_panic(line in "[@#!/][0-9 A-Z:\\\\.-]{0,90}") {
+        if let Ok(Message { body: MessageBody::Reply(reply), .. }) = decode_message(line.as_bytes()) {
             let _ = decode_warnings(&reply.data);
         }
         let _ = decode_command(line.as_bytes());
     }
 
     #[test]
-    fn any_single_changed_byte_is_noticed(at in 1..24usize, by in 1..=255u8) {
+    fn any_single_changed_byte_is_detected(at in 1..24usize, by in 1..=255u8) {
         let mut line = b"@01 1 09 OK IDLE WR 51200:EC".to_vec();
         line[at] = line[at].wrapping_add(by);
         prop_assert!(decode_message(&line).is_err());

@@ -1,4 +1,4 @@
-//! The settings of a simulated controller: names, scopes, ranges.
+//! The settings of a simulated controller: names, scopes and ranges.
 
 use super::super::world::Mechanics;
 use super::{ACCELERATION_UNIT, Device, Reject, SPEED_UNIT, Scope};
@@ -6,15 +6,15 @@ use crate::bench::AxisName;
 use crate::bench::wire::zaber::{Activity, PACKET_BYTES_MAX, WORD_BYTES_MAX};
 use crate::units::Angle;
 
-/// Packets that one command may have (`comm.command.packets.max`).
+/// Largest number of packets of one command (`comm.command.packets.max`).
 pub const COMMAND_PACKETS_MAX: u32 = 10;
 
-/// Settings that one `get` may ask for (`get.settings.max`).
+/// Largest number of settings in one `get` (`get.settings.max`).
 pub(in crate::sim) const GET_SETTINGS_MAX: usize = 10;
 
-/// What a controller keeps, also without power; in the units of the wire.
+/// The settings that a controller stores, also without power, in the protocol's units.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::sim) struct Settings {
+pub(in crate::sim) struct DeviceSettings {
     pub address: u8,
     pub serial: u32,
     pub device_id: u32,
@@ -33,8 +33,8 @@ pub(in crate::sim) struct Settings {
     pub user_data: [u32; 16],
 }
 
-impl Settings {
-    /// As delivered: speeds, ramps and limits of the mechanics.
+impl DeviceSettings {
+    /// The settings as delivered: speeds, ramps and limits of the mechanics.
     pub fn factory(axis: AxisName, mechanics: &Mechanics) -> Self {
         let counts = |deg: f64| mechanics.counts_in(Angle::from_deg(deg));
         let max_speed = (counts(mechanics.speed_deg_s) * SPEED_UNIT).round() as i64;
@@ -44,7 +44,7 @@ impl Settings {
             AxisName::ThetaC => (1, 90_001, 50_105),
             AxisName::PhiS => (2, 90_002, 50_106),
         };
-        Settings {
+        DeviceSettings {
             address,
             serial,
             device_id,
@@ -65,7 +65,7 @@ impl Settings {
     }
 }
 
-/// Which of the two a setting belongs to.
+/// Whether a setting belongs to the axis rather than to the controller.
 pub(in crate::sim) fn is_of_the_axis(name: &str) -> bool {
     const AXIS: [&str; 13] = [
         "pos",
@@ -91,7 +91,7 @@ fn user_slot(name: &str) -> Option<usize> {
 }
 
 impl Device {
-    /// Reads a setting. A device setting is refused on the axis.
+    /// Reads a setting. A controller setting is refused on an axis.
     pub(in crate::sim) fn get(&self, scope: Scope, name: &str) -> Result<String, Reject> {
         let settings = &self.settings;
         let mechanics = self.world.mechanics(self.axis);
@@ -159,7 +159,7 @@ impl Device {
         name: &str,
         value: &str,
     ) -> Result<(), Reject> {
-        // Tells unknown names and wrong scopes from what can only be read.
+        // Refuses unknown names and wrong scopes before the check for read-only settings.
         self.get(scope, name)?;
         let value: i64 = value.parse().map_err(|_| Reject::BadData)?;
         let within = |range: std::ops::RangeInclusive<i64>| {

@@ -1,6 +1,6 @@
 //! Why a scene cannot be traced, in words that name the key.
 
-use crate::material::tables::MediaError;
+use crate::material::tables::MaterialError;
 use crate::trace::profile::ProfileError;
 use crate::wording::significant;
 
@@ -49,7 +49,7 @@ pub enum SceneError {
         /// 1 for the topmost.
         number: usize,
         /// Why.
-        source: MediaError,
+        source: MaterialError,
     },
     /// A profile.
     #[error("interface {number}: {source}")]

@@ -53,6 +53,6 @@ async fn a_sample_may_name_its_metal() {
     let unknown = add(r#"{"name": "Mithril"}"#).await;
     assert_eq!(unknown.status, 422);
     let detail = unknown.detail();
-    assert!(detail.contains("known are Ag, Al"), "{detail}");
+    assert!(detail.contains("known ones are Ag, Al"), "{detail}");
     bench.end().await;
 }

@@ -1,8 +1,9 @@
-//! The program that was started for one frame: when it has ended, how, and the last that it said.
+//! The program that the camera starts for one frame: whether it has ended, its exit status, and the
+//! end of its stderr.
 //!
-//! It is listened to all the while, so that one which complains at length is not held up by a full pipe; and it is
-//! left to end by itself, since what it does after the frame (closing the camera) is part of its work. Dropped while
-//! it runs, it is killed.
+//! Its stderr is read continuously, so that a program that writes much is not blocked by a full
+//! pipe. The program may finish by itself after the frame, because closing the camera is part of
+//! its work. It is killed when the [`CaptureProgram`] is dropped.
 
 use std::process::{ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -16,49 +17,50 @@ use tracing::warn;
 use super::CameraError;
 use crate::clock::Clock;
 
-/// Of what a failed program wrote to stderr, this much is shown: its end, where the reason is.
+/// Bytes of a failed program's stderr that an error quotes: the end, which holds the reason.
 const STDERR_BYTES_MAX: usize = 2000;
-/// How long the last words of a program that has ended are waited for: a child of its own may hold the pipe for ever.
+/// Time limit for reading stderr after the program has ended; a child process may hold the pipe
+/// open for ever.
 const LAST_WORDS_MAX: Duration = Duration::from_secs(1);
-/// Least time to end by itself after the frame.
+/// Least time that a program gets to end by itself after the frame.
 const ENDING_MIN: Duration = Duration::from_secs(1);
 
-/// A running program.
-pub(super) struct Program {
+/// A running capture program.
+pub(super) struct CaptureProgram {
     name: String,
     child: Child,
-    said: Said,
+    stderr_tail: StderrTail,
     listener: JoinHandle<()>,
 }
 
 #[derive(Clone, Default)]
-struct Said(Arc<Mutex<Vec<u8>>>);
+struct StderrTail(Arc<Mutex<Vec<u8>>>);
 
-impl Said {
+impl StderrTail {
     fn lock(&self) -> MutexGuard<'_, Vec<u8>> {
         self.0.lock().expect("no holder of this lock panics")
     }
 
     async fn listen(self, mut to: impl AsyncRead + Unpin) {
         let mut bytes = [0; 4096];
-        // What cannot be read is not shown; the status is the message.
+        // Output that cannot be read is not quoted; the exit status remains.
         while let Ok(n @ 1..) = to.read(&mut bytes).await {
-            let mut said = self.lock();
-            said.extend_from_slice(&bytes[..n]);
-            let over = said.len().saturating_sub(STDERR_BYTES_MAX);
-            said.drain(..over);
+            let mut stderr_tail = self.lock();
+            stderr_tail.extend_from_slice(&bytes[..n]);
+            let over = stderr_tail.len().saturating_sub(STDERR_BYTES_MAX);
+            stderr_tail.drain(..over);
         }
     }
 }
 
-impl Program {
-    /// Starts a program with its arguments, without a shell; `None` for no words.
+impl CaptureProgram {
+    /// Starts a program with its arguments, without a shell; returns `None` for an empty command.
     ///
     /// # Errors
-    /// The system cannot start it.
+    /// The operating system cannot start the program.
     pub(super) fn start(
         words: impl IntoIterator<Item = String>,
-    ) -> Result<Option<Program>, CameraError> {
+    ) -> Result<Option<CaptureProgram>, CameraError> {
         let mut words = words.into_iter();
         let Some(name) = words.next() else {
             return Ok(None);
@@ -72,23 +74,23 @@ impl Program {
             .spawn()
             .map_err(|error| {
                 CameraError::Failed(format!(
-                    "the camera's program `{name}` could not be started: {error}; check the camera's command in the configuration"
+                    "the camera's program `{name}` could not be started ({error}): check the camera's command in the configuration"
                 ))
             })?;
-        let said = Said::default();
+        let stderr_tail = StderrTail::default();
         let stderr = child.stderr.take().expect("it was piped");
-        Ok(Some(Program {
+        Ok(Some(CaptureProgram {
             name,
             child,
-            listener: tokio::spawn(said.clone().listen(stderr)),
-            said,
+            listener: tokio::spawn(stderr_tail.clone().listen(stderr)),
+            stderr_tail,
         }))
     }
 
-    /// Whether it has ended well.
+    /// Returns whether the program has ended successfully.
     ///
     /// # Errors
-    /// It has failed.
+    /// The program failed.
     pub(super) async fn has_ended(&mut self, clock: &dyn Clock) -> Result<bool, CameraError> {
         match self.child.try_wait().map_err(unwatched)? {
             None => Ok(false),
@@ -96,10 +98,11 @@ impl Program {
         }
     }
 
-    /// Waits for its end once the frame is there, for `left` at most. One that goes on is killed, and the frame counts.
+    /// Waits for the program's end after the frame has arrived, for `left` at most, then kills the
+    /// program; the frame stays valid.
     ///
     /// # Errors
-    /// It has failed after all.
+    /// The program failed after the frame.
     pub(super) async fn let_end(
         mut self,
         left: Duration,
@@ -114,7 +117,7 @@ impl Program {
             }
             () = clock.sleep(left) => {
                 let (name, left_s) = (&self.name, left.as_secs_f64());
-                warn!("`{name}` was still running {left_s:.1} s after its frame was there and is killed; a camera's program should end by itself");
+                warn!("`{name}` was still running {left_s:.1} s after its frame arrived and was killed; a camera's program should end by itself");
                 Ok(())
             }
         }
@@ -129,23 +132,25 @@ impl Program {
             _ = &mut self.listener => {}
             () = clock.sleep(LAST_WORDS_MAX) => {}
         }
-        let said = String::from_utf8_lossy(&self.said.lock()).into_owned();
-        let said = match said.trim() {
+        let stderr_tail = String::from_utf8_lossy(&self.stderr_tail.lock()).into_owned();
+        let stderr_tail = match stderr_tail.trim() {
             "" => String::new(),
-            said => format!(": {said}"),
+            stderr_tail => format!(": {stderr_tail}"),
         };
         Err(CameraError::Failed(format!(
-            "the camera's program ended with {status}{said}"
+            "the camera's program ended with {status}{stderr_tail}"
         )))
     }
 }
 
-impl Drop for Program {
+impl Drop for CaptureProgram {
     fn drop(&mut self) {
         self.listener.abort();
     }
 }
 
 fn unwatched(error: std::io::Error) -> CameraError {
-    CameraError::Failed(format!("the camera's program cannot be watched: {error}"))
+    CameraError::Failed(format!(
+        "cannot read the status of the camera's program: {error}"
+    ))
 }
