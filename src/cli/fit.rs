@@ -22,7 +22,7 @@ use crate::fit::told::agree;
 use crate::fit::traced::TracingOptions;
 use crate::fit::{FitOptions, Loss, Told, VariantChoice, text};
 use crate::heights;
-use crate::heights::ridges::{self, Shape, Units};
+use crate::heights::ridges::{self, MeasuredShape, Units};
 use crate::material::Material;
 use crate::reduction::{FrameSource, ReductionError};
 use crate::series::Series;
@@ -238,7 +238,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
 }
 
 /// Reads a shape from a file.
-fn shape_in(path: &Path, units: &Units) -> Result<Shape, CliError> {
+fn shape_in(path: &Path, units: &Units) -> Result<MeasuredShape, CliError> {
     let name = path.display().to_string();
     let content = heights::bytes_of(path)
         .map_err(anyhow::Error::msg)

@@ -1,12 +1,13 @@
-//! What stands above the numbers of a table of heights: its size, its steps, its units, as programs write them.
+//! Reads the header above a table of heights: size, steps and units, as programs write them.
 //!
-//! Lines are `key: value unit` or `key = value unit` (`# Width: 400.0 µm`, `Breite = 400,0 µm`, `dx [nm]; 500`), in the
-//! languages that Gwyddion and makers of microscopes write. A line that is none of them says nothing.
+//! Lines are `key: value unit` or `key = value unit` (`# Width: 400.0 µm`, `Breite = 400,0 µm`, `dx
+//! [nm]; 500`), in the languages that Gwyddion and microscope makers use. All other lines are
+//! ignored.
 
-use super::stated::{is_foreign, known, unknown};
+use super::column_units::{is_foreign, known, unknown};
 use super::text::number;
 
-/// Size of the map along its rows.
+/// Keys of the size of the map along its rows.
 const WIDTH: &[&str] = &[
     "width",
     "breite",
@@ -34,7 +35,7 @@ const WIDTH: &[&str] = &[
     "physical width",
     "total width",
 ];
-/// The same along its columns.
+/// Keys of the size along its columns.
 const HEIGHT: &[&str] = &[
     "height",
     "höhe",
@@ -61,7 +62,7 @@ const HEIGHT: &[&str] = &[
     "physical height",
     "total height",
 ];
-/// From sample to sample along the rows.
+/// Keys of the spacing of the samples along the rows.
 const STEP_X: &[&str] = &[
     "dx",
     "delta x",
@@ -92,7 +93,7 @@ const STEP_X: &[&str] = &[
     "xscale",
     "x scale",
 ];
-/// The same along the columns.
+/// Keys of the spacing along the columns.
 const STEP_Y: &[&str] = &[
     "dy",
     "delta y",
@@ -123,7 +124,7 @@ const STEP_Y: &[&str] = &[
     "yscale",
     "y scale",
 ];
-/// The same along both.
+/// Keys of the spacing in both directions.
 const STEP: &[&str] = &[
     "pitch",
     "pixel pitch",
@@ -150,7 +151,7 @@ const STEP: &[&str] = &[
     "cell size",
     "taille du pixel",
 ];
-/// Unit of the heights.
+/// Keys of the unit of the heights.
 const VALUE: &[&str] = &[
     "value units",
     "value unit",
@@ -189,7 +190,7 @@ const VALUE: &[&str] = &[
     "eenheid",
     "eenheden",
 ];
-/// Unit of places, where sizes have none of their own.
+/// Keys of the unit of lengths, for sizes without a unit of their own.
 const LATERAL: &[&str] = &[
     "xy unit",
     "xy units",
@@ -205,7 +206,7 @@ const LATERAL: &[&str] = &[
     "einheit xy",
     "laterale einheit",
 ];
-/// A number that stands for a missing point.
+/// Keys of a number that marks a missing point.
 const MARK: &[&str] = &[
     "nodata value",
     "nodata",
@@ -224,7 +225,7 @@ const MARK: &[&str] = &[
     "missing data value",
     "not measured",
 ];
-/// Keys of grids that say nothing of units.
+/// Keys of grids that do not state units.
 const OTHER: &[&str] = &[
     "ncols",
     "nrows",
@@ -237,21 +238,22 @@ const OTHER: &[&str] = &[
 /// Sizes and units above a table.
 #[derive(Debug, Default)]
 pub(super) struct Header {
-    /// Size along rows and columns: a number and µm per unit of it, where it has one.
+    /// Size along rows and columns: a number, and the micrometres per unit of it if a unit is
+    /// stated.
     size: [Option<(f64, Option<f64>)>; 2],
-    /// From sample to sample, likewise.
+    /// Spacing of the samples, in the same form.
     step: [Option<(f64, Option<f64>)>; 2],
     value_um: Option<f64>,
     lateral_um: Option<f64>,
-    /// Numbers that stand for missing points.
+    /// Numbers that mark missing points.
     pub marks: Vec<f64>,
 }
 
 impl Header {
-    /// Takes a line (without a mark of comments before it) for what it says; whether it says something that is known.
+    /// Reads a line (without its comment mark). Returns whether it states something known.
     ///
     /// # Errors
-    /// A size or unit in a unit that is not ours.
+    /// A size or unit in an unsupported unit.
     pub fn take(&mut self, line: &str) -> Result<bool, String> {
         let Some((key, value)) = key_and_value(line) else {
             return Ok(false);
@@ -267,7 +269,7 @@ impl Header {
             return Ok(quantity.is_some());
         }
         if is(VALUE) || is(LATERAL) {
-            // A unit alone, or how much one of the numbers is.
+            // Either a unit alone, or the size of one step of the numbers.
             let (times, unit) = quantity.unwrap_or((1.0, bare(value)));
             let unit = if unit.is_empty() {
                 unit_of_key.as_str()
@@ -292,7 +294,7 @@ impl Header {
             () if is(STEP) => (0..2, &mut self.step),
             () => return Ok(false),
         };
-        // Names of columns may be such words as well.
+        // The names of columns may be the same words.
         let Some((number, unit)) = quantity.filter(|q| q.0 > 0.0) else {
             return Ok(false);
         };
@@ -301,7 +303,7 @@ impl Header {
         } else {
             unit
         };
-        // So many samples say nothing of how far they are apart.
+        // A number of samples does not state their spacing.
         let lower = unit.to_lowercase();
         if lower.starts_with("pix") || ["px", "points", "pts", "samples"].contains(&lower.as_str())
         {
@@ -317,7 +319,7 @@ impl Header {
         Ok(true)
     }
 
-    /// Spacing of samples of a map of so many columns and rows, µm.
+    /// Spacing of the samples of a map with these numbers of columns and rows, µm.
     pub fn pitch_um(&self, columns: usize, rows: usize) -> Option<[f64; 2]> {
         let um = |(number, um): (f64, Option<f64>)| Some(number * um.or(self.lateral_um)?);
         let side = |n: usize, count: usize| {
@@ -331,7 +333,7 @@ impl Header {
         }
     }
 
-    /// Micrometres per unit of places.
+    /// Micrometres per unit of length.
     pub fn lateral_um(&self) -> Option<f64> {
         self.lateral_um
     }
@@ -342,18 +344,19 @@ impl Header {
     }
 }
 
-/// The two sides of a line's colon or equals sign, else of its first separator.
+/// Splits a line at its colon or equals sign, otherwise at its first separator.
 fn key_and_value(line: &str) -> Option<(&str, &str)> {
     let line = line.trim_matches(|c: char| c.is_whitespace() || c == '"');
     let marks = [':', '=', '\t', ';', ','];
     let split = marks.iter().find_map(|mark| line.split_once(*mark));
-    // Of a word and a number the first is the key.
+    // Of a word and a number, the first is the key.
     let split = split.or_else(|| line.split_once(' '))?;
     let starts_as_key = line.chars().next().is_some_and(char::is_alphabetic);
     starts_as_key.then_some(split)
 }
 
-/// A key in small letters with single spaces, and the unit at its end: `Pixel size [µm]`, `dx_um`, `dx (nm)`.
+/// A key in lower case with single spaces, and the unit at its end: `Pixel size [µm]`, `dx_um`, `dx
+/// (nm)`.
 fn without_unit(key: &str) -> (String, String) {
     let mut unit = String::new();
     let mut key = key.trim().trim_matches('"').trim();
@@ -376,22 +379,22 @@ fn without_unit(key: &str) -> (String, String) {
     (words.join(" "), unit)
 }
 
-/// A number and the unit behind it.
+/// A number and the unit after it.
 fn quantity(value: &str) -> Option<(f64, &str)> {
     let value = value.trim_matches(|c: char| c.is_whitespace() || ";,\"".contains(c));
     let end = value
         .find(|c: char| !(c.is_ascii_digit() || "+-.,eE\u{2212}".contains(c)))
         .unwrap_or(value.len());
-    // "400 eV" ends in no exponent.
+    // "400 eV" does not end in an exponent.
     let digits = value[..end].trim_end_matches([',', 'e', 'E', '+', '-']);
     let rest = bare(&value[digits.len()..]);
     Some((number(digits)?, rest))
 }
 
-/// A unit without what stands around it.
+/// A unit without the surrounding brackets and marks.
 fn bare(unit: &str) -> &str {
     let unit = unit.trim_matches(|c: char| c.is_whitespace() || ";,\"[]()".contains(c));
-    // What follows a second word is no unit.
+    // A second word means that the text is not a unit.
     match unit.split_once(char::is_whitespace) {
         Some((first, _)) if known(first).is_some() || is_foreign(first) => first,
         _ => unit,
@@ -411,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn sizes_steps_and_units_are_found_in_the_forms_that_programs_write() {
+    fn sizes_steps_and_units_are_read_in_the_forms_that_programs_write() {
         for lines in [
             &["Width: 400.0 µm", "Height: 64.00 µm", "Value units: m"][..],
             &["Breite: 400,0 µm", "Höhe: 64,00 µm", "Werteeinheiten: m"],
@@ -446,7 +449,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_header_says_nothing_and_units_of_others_are_named() {
+    fn other_lines_are_ignored_and_unsupported_units_are_named() {
         let mut header = Header::default();
         for line in [
             "Channel: Height",

@@ -1,8 +1,9 @@
-//! Points that an instrument did not see, in every form that programs write them: words, numbers that stand for nothing.
+//! Missing points, in all forms in which programs write them: words, and numbers that are not
+//! heights.
 
 use crate::wording::{counted, significant};
 
-/// Words for a missing point, in small letters.
+/// Words for a missing point, in lower case.
 const WORDS: [&str; 34] = [
     "",
     "nan",
@@ -58,18 +59,18 @@ const NUMBERS: [f64; 16] = [
     16_777_215.0,
     -1e10,
 ];
-/// No height is as large, whatever its unit.
+/// Larger values are not heights, whatever the unit.
 const BEYOND: f64 = 1e30;
-/// Such a number lies off all others by more than this, in their range.
+/// Least distance of such a number from all others, as a fraction of their range.
 const OFF: f64 = 0.3;
-/// Any other number that is there more than once, by more than this.
+/// The same for any other number, which must also occur more than once.
 const FAR_OFF: f64 = 10.0;
-/// At most this share of the points is missing: what more of them have is a height.
+/// Largest fraction of missing points: a value of more points is a height.
 const SHARE_MAX: f64 = 1.0 / 3.0;
-/// The same of zeros, which a plane between towers has as well.
+/// The same for zeros, which a plane between towers also has.
 const ZEROS_MAX: f64 = 0.1;
 
-/// Whether a word stands for a missing point.
+/// Whether a word marks a missing point.
 pub(super) fn is_mark(word: &str) -> bool {
     let word = word.trim().to_lowercase();
     WORDS.contains(&word.as_str()) || word.parse().is_ok_and(|x: f64| !x.is_finite())
@@ -83,8 +84,9 @@ struct End {
     next: f64,
 }
 
-/// Makes numbers that stand for missing points NaN: such as `marks` (which the file states), those beyond all heights, and
-/// lowest or highest ones that lie far off all others. Says which were taken for such.
+/// Replaces numbers that mark missing points by NaN: `marks` (stated in the file), numbers larger
+/// than any height, and lowest or highest numbers far from all others. Returns notes that name
+/// them.
 pub(super) fn mark(heights: &mut [f64], marks: &[f64]) -> Vec<String> {
     let mut notes = Vec::new();
     for h in heights.iter_mut() {
@@ -93,7 +95,7 @@ pub(super) fn mark(heights: &mut [f64], marks: &[f64]) -> Vec<String> {
             *h = f64::NAN;
         }
     }
-    // Both ends may have one, and another behind it.
+    // Both ends may have one mark, and another one behind it.
     for _ in 0..4 {
         let count = heights.len();
         let (low, high) = (end(heights, 1.0), end(heights, -1.0));
@@ -117,7 +119,7 @@ pub(super) fn mark(heights: &mut [f64], marks: &[f64]) -> Vec<String> {
             _ => break,
         };
         notes.push(format!(
-            "{} of {} {} taken as missing: all others are from {} to {} in the file's unit",
+            "{} of {} {} taken as missing: all others range from {} to {} in the file's unit",
             counted(end.count, "height"),
             end.value,
             if end.count == 1 { "is" } else { "are" },
@@ -155,7 +157,7 @@ fn end(heights: &[f64], sign: f64) -> Option<End> {
 mod tests {
     use super::*;
 
-    /// A sawtooth from 0 to 17 with such numbers here and there.
+    /// A sawtooth from 0 to 17 with some of these numbers.
     fn with(numbers: &[f64], scale: f64, offset: f64) -> Vec<f64> {
         let mut heights: Vec<f64> = (0..3000)
             .map(|n| offset + scale * f64::from(n % 101))
@@ -169,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_stand_for_nothing_are_missing_and_heights_are_not() {
+    fn numbers_that_mark_missing_points_are_missing_and_heights_are_not() {
         for numbers in [
             &[-9999.0][..],
             &[1e38],
@@ -185,7 +187,7 @@ mod tests {
             let missing = heights.iter().filter(|h| h.is_nan()).count();
             assert_eq!(missing, 31, "{numbers:?}");
         }
-        // In nanometres a mark lies among numbers as large, zeros lie off an offset.
+        // In nanometres a mark is among numbers of its size; zeros are away from an offset.
         for (number, scale, offset) in [
             (-9999.0, 170.0, 0.0),
             (65535.0, 170.0, 100.0),
@@ -203,11 +205,11 @@ mod tests {
                 "{notes:?}"
             );
         }
-        // What the file itself states counts wherever it lies.
+        // A mark stated in the file applies at any value.
         let mut heights = with(&[], 1.0, 0.0);
         assert!(mark(&mut heights, &[50.0]).is_empty());
         assert!(heights[50].is_nan() && heights[51] == 51.0);
-        // Spikes of their own, a step of two heights, towers on a plane.
+        // Isolated spikes, a step between two heights, and towers on a plane are heights.
         let mut spike = with(&[], 0.17, 0.0);
         spike[7] = 300.0;
         let steps: Vec<f64> = (0..100)
@@ -230,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn words_for_nothing_are_told_from_numbers_and_names() {
+    fn words_for_missing_points_are_distinguished_from_numbers_and_names() {
         for word in [
             "", "NaN", "Bad", "BAD", "#N/A", "-1.#IND", "inf", "-", "***", "No Data",
         ] {

@@ -1,17 +1,18 @@
-//! Files of heights: tables, 16-bit grey PNG and TIFF, float TIFF, and what microscopes export: X3P (ISO 25178-72) and SDF
-//! (ISO 25178-71).
+//! Files of heights: tables, 16-bit grey PNG and TIFF, float TIFF, and the microscope formats X3P
+//! (ISO 25178-72) and SDF (ISO 25178-71).
 //!
-//! Call [`read`] for the heights of a file's content ([`read_within`] where a stranger sent it), [`ridges::of`] for the
-//! ridges in them. It opens no files and does not know what the heights are for; what a file says of its own units is handed
-//! on, points that nobody saw are NaN, and what could have been read otherwise is noted.
+//! Call [`read`] for the heights in a file's content ([`read_within`] for untrusted input) and
+//! [`ridges::of`] for the ridges in them. This module opens no files except in [`bytes_of`] and
+//! does not know the purpose of the heights. It passes on the units stated in the file, returns
+//! missing points as NaN, and notes ambiguities of the file.
 
+mod archive;
+mod column_units;
 mod header;
 mod missing;
-mod packed;
 mod points;
 pub mod ridges;
 mod sdf;
-mod stated;
 mod table;
 mod text;
 mod tiff;
@@ -19,43 +20,44 @@ mod x3p;
 
 use crate::trace::scene::HeightMap;
 
-/// More heights than this are refused before they are read.
+/// Larger maps are refused before they are read.
 const HEIGHTS_MAX: usize = 1 << 26;
 
-/// Bytes of a file of heights at most.
+/// Largest size of a file of heights, in bytes.
 const BYTES_MAX: u64 = 1 << 32;
 
-/// What a file of heights holds; a device or a pipe that never ends is no such file.
+/// Reads a file of heights; a device or an endless pipe is refused.
 ///
 /// # Errors
-/// The file cannot be read, is none, or is too large.
+/// The file cannot be read, is not a regular file, or is too large.
 pub fn bytes_of(path: &std::path::Path) -> Result<Vec<u8>, String> {
     let facts = std::fs::metadata(path).map_err(|e| e.to_string())?;
     if !facts.is_file() {
-        return Err("it is no regular file".to_owned());
+        return Err("it is not a regular file".to_owned());
     }
     if facts.len() > BYTES_MAX {
         let gigabytes = facts.len() as f64 / 1e9;
         return Err(format!(
-            "it has {gigabytes:.1} GB, and at most 4.3 are read"
+            "it has {gigabytes:.1} GB, but at most 4.3 GB are read"
         ));
     }
     std::fs::read(path).map_err(|e| e.to_string())
 }
 
-/// Reads a file's content, by its first letters, a table by the ending of its name.
+/// Reads a file's content. The first bytes determine the format; a table is recognised by the
+/// extension of its name.
 ///
 /// # Errors
-/// What is wrong with the file and what would be right.
+/// The fault of the file and the remedy.
 pub fn read(name: &str, content: &[u8]) -> Result<HeightMap, String> {
     read_within(name, content, HEIGHTS_MAX)
 }
 
-/// The same with no more than `most` heights. A small file may unpack to a large map: what it takes is bounded by
-/// `most`, not by the file.
+/// As [`read`], with at most `most` heights. A small file may unpack to a large map; `most` bounds
+/// the memory, not the size of the file.
 ///
 /// # Errors
-/// See [`read`].
+/// As [`read`].
 pub fn read_within(name: &str, content: &[u8], most: usize) -> Result<HeightMap, String> {
     match content {
         [b'P', b'K', 3, 4, ..] => return x3p::read(content, most),
@@ -81,12 +83,12 @@ pub fn read_within(name: &str, content: &[u8], most: usize) -> Result<HeightMap,
     }
 }
 
-/// Refuses maps of more heights than `most`.
+/// Refuses maps of more than `most` heights.
 fn check_size(columns: usize, rows: usize, most: usize) -> Result<(), String> {
     match columns.checked_mul(rows) {
         Some(count) if (1..=most).contains(&count) => Ok(()),
         _ => Err(format!(
-            "{columns} × {rows} heights are none or more than {most}: cut the map"
+            "{columns} × {rows} heights are out of the range of 1 to {most}: crop the map"
         )),
     }
 }
@@ -98,12 +100,12 @@ fn png(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let info = reader.info();
     let (columns, rows) = (info.width as usize, info.height as usize);
     if info.color_type != png::ColorType::Grayscale || info.bit_depth != png::BitDepth::Sixteen {
-        return Err("heights need a 16-bit grey PNG".to_owned());
+        return Err("expected a 16-bit grey PNG".to_owned());
     }
     check_size(columns, rows, most)?;
     let size = reader
         .output_buffer_size()
-        .ok_or_else(|| "the picture is too large".to_owned())?;
+        .ok_or_else(|| "the image is too large".to_owned())?;
     let mut bytes = vec![0; size];
     reader.next_frame(&mut bytes).map_err(|e| e.to_string())?;
     let heights = bytes.chunks_exact(2);
@@ -122,16 +124,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_never_ends_is_no_file_of_heights() {
+    fn an_endless_file_is_refused() {
         for path in ["/dev/zero", "/dev"] {
             let refused = bytes_of(path.as_ref()).unwrap_err();
-            assert!(refused.contains("no regular file"), "{refused}");
+            assert!(refused.contains("not a regular file"), "{refused}");
         }
         assert!(bytes_of("/nowhere.csv".as_ref()).is_err());
     }
 
     #[test]
-    fn a_table_is_read_with_or_without_names_and_a_ragged_one_refused_by_line() {
+    fn a_table_is_read_with_or_without_names_and_a_ragged_one_is_refused_with_its_line() {
         let map = read("a.csv", b"1, 2, 3\n4, 5, 6\n").unwrap();
         assert_eq!((map.columns, map.rows), (3, 2));
         assert_eq!(map.heights[3], 4.0);
@@ -146,12 +148,12 @@ mod tests {
         );
         assert!(read("a.csv", b"").is_err());
         assert_eq!(read("a.csv", b"1,2,\n3,4,\n").unwrap().columns, 2);
-        assert!(read("a.png", b"no picture").is_err());
+        assert!(read("a.png", b"no image").is_err());
         assert!(read("a.doc", b"").is_err());
     }
 
     #[test]
-    fn decimal_commas_are_read_where_they_can_be_nothing_else_and_refused_where_they_could() {
+    fn decimal_commas_are_read_if_unambiguous_and_refused_if_ambiguous() {
         for text in [
             "0,5;-1,25\n2;3,5e-1\n",
             "0,5\t-1,25\n2\t3,5e-1\n",
@@ -172,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_file_of_a_large_map_is_refused_before_it_is_unpacked() {
+    fn a_small_file_with_a_large_map_is_refused_before_it_is_unpacked() {
         let mut file = Vec::new();
         let mut encoder = png::Encoder::new(&mut file, 1000, 1000);
         encoder.set_color(png::ColorType::Grayscale);
@@ -182,7 +184,7 @@ mod tests {
         writer.finish().unwrap();
         assert!(file.len() < 20_000);
         let refused = read_within("a.png", &file, 999_999).unwrap_err();
-        assert!(refused.contains("more than 999999"), "{refused}");
+        assert!(refused.contains("1 to 999999"), "{refused}");
         assert_eq!(read_within("a.png", &file, 1_000_000).unwrap().rows, 1000);
     }
 }

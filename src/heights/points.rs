@@ -1,21 +1,21 @@
-//! Points x, y, z told from rows of heights, and put on the regular grid that they lie on.
+//! Distinguishes points x, y, z from rows of heights, and puts them on their regular grid.
 
 use super::check_size;
+use super::column_units::of_points;
 use super::header::Header;
-use super::stated::of_points;
 use crate::trace::scene::HeightMap;
 use crate::wording::significant;
 
-/// Rows of three numbers from which on they may be points: fewer are a small map.
+/// Least number of rows of three numbers that may be points; fewer are a small map.
 const POINTS_MIN: usize = 9;
-/// Rows of three numbers that can be nothing else, whether they lie on a grid or not.
+/// Number of rows of three numbers that must be points, whether they are on a grid or not.
 const POINTS_SURE: usize = 32;
-/// Share of a grid's places that have a point at least.
+/// Least fraction of grid positions with a point.
 const COVERED_MIN: f64 = 0.5;
-/// A place may be off its grid by this, in steps: programs round them.
+/// Largest deviation of a position from its grid, in steps: programs round positions.
 const OFF_MAX: f64 = 0.25;
 
-/// Places on a line, evenly spaced.
+/// Evenly spaced positions on a line.
 struct Places {
     first: f64,
     step: f64,
@@ -23,7 +23,7 @@ struct Places {
 }
 
 impl Places {
-    /// Those of points in any order; `None` where they are not even.
+    /// Finds the positions of points in any order; `None` if they are not evenly spaced.
     fn of(all: impl Iterator<Item = f64>) -> Option<Self> {
         let mut all: Vec<f64> = all.collect();
         all.sort_by(f64::total_cmp);
@@ -39,7 +39,8 @@ impl Places {
                 count: 1,
             });
         }
-        // Steps between rounded places of one column are far smaller than those between columns.
+        // Differences of rounded positions within a column are much smaller than the spacing of the
+        // columns.
         let steps = all.windows(2).map(|pair| pair[1] - pair[0]);
         let widest = steps.clone().fold(0.0, f64::max);
         let mut wide: Vec<f64> = steps.filter(|step| *step > 0.1 * widest).collect();
@@ -66,10 +67,11 @@ impl Places {
     }
 }
 
-/// The map of a table of three columns that are points x, y, z; `None` where they are three heights a row.
+/// Converts a table of three columns of points x, y, z to a map; `None` if they are three heights
+/// per row.
 ///
 /// # Errors
-/// Points on no regular grid, or two at one place; units that are not ours.
+/// The points are not on a regular grid, two points have one position, or a unit is unsupported.
 pub(super) fn gridded(
     numbers: &[f64],
     names: &[String],
@@ -90,8 +92,8 @@ pub(super) fn gridded(
         (Some(x), Some(y)) if covers(&x, &y) => (x, y),
         _ if count >= POINTS_SURE => {
             return Err(format!(
-                "{count} rows of three numbers look like points x, y, z, and they do not lie on a regular grid along x and y: \
-                 put them on one (interpolate) and save rows of heights, an X3P or points on that grid"
+                "{count} rows of three numbers look like points x, y, z, but are not on a regular grid along x and y: \
+                 interpolate them on one and save rows of heights, an X3P file or points on that grid"
             ));
         }
         _ => return Ok(None),
@@ -103,14 +105,14 @@ pub(super) fn gridded(
         let at = y.index(point[1]) * x.count + x.index(point[0]);
         if taken[at] && (heights[at] - point[2]).abs() > 0.0 {
             return Err(format!(
-                "point {} lies where another one does and has another height: points must be those of one surface",
+                "point {} has the position of another point but a different height: all points must be on one surface",
                 n + 1
             ));
         }
         (heights[at], taken[at]) = (point[2], true);
     }
     let [unit_x, unit_y, unit_z] = of_points(names)?;
-    // A line of points is one row, whichever way it goes.
+    // A single line of points becomes one row, in either direction.
     let is_column = x.count == 1;
     let steps = match (is_column, y.count) {
         (true, _) => [y.step; 2],
@@ -126,7 +128,7 @@ pub(super) fn gridded(
         _ => None,
     };
     let note = format!(
-        "its three columns are taken as points x, y, z on a regular grid of {} × {}, {} × {} of its unit of length apart",
+        "the three columns are read as points x, y, z on a regular grid of {} × {}, spaced {} × {} in the file's unit of length",
         x.count,
         y.count,
         significant(steps[0]),
@@ -146,7 +148,8 @@ pub(super) fn gridded(
 mod tests {
     use super::super::read;
 
-    /// Points of a plane on 12 × 9 places, 0.333 and 0.5 apart, in an order of their own, without some.
+    /// Points of a plane on 12 × 9 positions, 0.333 and 0.5 apart, in shuffled order, with some
+    /// left out.
     fn text(head: &str, keep: fn(usize) -> bool) -> String {
         let mut text = head.to_owned();
         for k in (0..108).map(|k| k * 35 % 108).filter(|k| keep(*k)) {
@@ -162,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn points_on_a_grid_are_its_heights_in_any_order_and_what_lacks_is_missing() {
+    fn points_on_a_grid_become_its_heights_in_any_order_and_absent_ones_are_missing() {
         let map = read("a.xyz", text("", |_| true).as_bytes()).unwrap();
         assert_eq!((map.columns, map.rows, map.missing()), (12, 9, 0));
         for (n, h) in map.heights.iter().enumerate() {
@@ -175,14 +178,14 @@ mod tests {
         assert_eq!((some.columns, some.rows, some.missing()), (12, 9, 15));
         assert!((some.pitch_um.unwrap()[1] - 500.0).abs() < 1e-6);
         assert_eq!((some.height_unit_um, some.spacing), (Some(1e-3), None));
-        // A line of points is a profile.
+        // A single line of points is a profile.
         let line: String = (0..40).map(|n| format!("1 {n} {}\n", n % 10)).collect();
         let map = read("a.txt", line.as_bytes()).unwrap();
         assert_eq!((map.columns, map.rows), (40, 1));
     }
 
     #[test]
-    fn points_on_no_grid_are_called_points_and_small_maps_stay_maps() {
+    fn points_off_a_grid_are_refused_as_points_and_small_maps_stay_maps() {
         let scattered: String = (0..60)
             .map(|n| {
                 let n = f64::from(n);

@@ -1,30 +1,30 @@
-//! The sample's own shape, measured: a profile across the ridges or a height map of them.
+//! The measured shape of a sample: a profile across the ridges, or a height map of them.
 
 use crate::trace::profile::{Profile, ProfileError};
 use crate::trace::ridge_map::{RidgeFacts, RidgeMap, RidgeMapError};
 use crate::trace::scene::{HeightMap, MapUnits};
 
-/// What a user says of a map's units, µm; counts more than what the file says.
+/// Units of a map stated by the user, µm; they override those of the file.
 #[derive(Debug, Clone, Default)]
 pub struct Units {
-    /// Spacing of samples, one number or one along the rows and one along the columns.
+    /// Spacing of the samples: one number, or two (along the rows, along the columns).
     pub pitch_um: Vec<f64>,
     /// Micrometres per unit of the heights.
     pub height_unit_um: Option<f64>,
 }
 
 impl Units {
-    /// Whether nothing was said.
+    /// Whether the user stated no unit.
     #[must_use]
     pub fn are_left_open(&self) -> bool {
         self.pitch_um.is_empty() && self.height_unit_um.is_none()
     }
 
-    /// Those of a map.
+    /// Completes the units with those stated in a map.
     fn of(&self, map: &HeightMap) -> Result<MapUnits, ShapeError> {
         let pitch_um = match (&self.pitch_um[..], map.pitch_um) {
             ([both], _) => match map.spacing {
-                // One number does not say which of two it is.
+                // A single number is ambiguous for two different spacings.
                 Some([u, v]) if (u / v - 1.0).abs() > 0.01 => {
                     return Err(ShapeError::TwoSpacings { u, v });
                 }
@@ -50,29 +50,29 @@ impl Units {
     }
 }
 
-/// A sample's shape, ready to be traced.
+/// A sample's shape, ready for the ray tracer.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Shape {
+pub struct MeasuredShape {
     /// The profile across the ridges, µm.
     pub profile: Profile,
-    /// What it was made of, where it comes from a height map.
+    /// Facts about the ridges of a height map; `None` for a profile.
     pub facts: Option<RidgeFacts>,
-    /// How its file was read, where it could have been read otherwise.
+    /// Notes on how an ambiguous file was read.
     pub notes: Vec<String>,
 }
 
-/// Why heights are no shape of ridges. Options are named as on the command line; the keys of a request are the same
-/// words without dashes.
+/// Why heights are not a shape of ridges. Options have the names of the command line; the keys of a
+/// request are the same words without dashes.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum ShapeError {
-    /// Spacing unknown.
+    /// The spacing is unknown.
     #[error(
-        "the file does not say how far its samples are apart in nm, µm, mm or m: add --pitch-um (pitch_um)"
+        "the file does not state the spacing of its samples in nm, µm, mm or m: add --pitch-um (pitch_um)"
     )]
     NoPitch,
-    /// Two spacings in a unit that the file does not say, and one number for both.
+    /// Two spacings without a known unit, and a single number from the user.
     #[error(
-        "the points of the file are {u} apart along x and {v} along y: --pitch-um (pitch_um) takes two numbers then"
+        "the points of the file are spaced {u} along x and {v} along y: give two numbers to --pitch-um (pitch_um)"
     )]
     TwoSpacings {
         /// Along x.
@@ -80,40 +80,40 @@ pub enum ShapeError {
         /// Along y.
         v: f64,
     },
-    /// Unit of heights unknown.
+    /// The unit of the heights is unknown.
     #[error(
-        "the file does not say if its heights are in nm, µm, mm or m: add --height-unit-um (height_unit_um)"
+        "the file does not state the unit of its heights (nm, µm, mm or m): add --height-unit-um (height_unit_um)"
     )]
     NoUnit,
-    /// Neither one nor two spacings.
+    /// Neither one nor two spacings were given.
     #[error("--pitch-um (pitch_um) takes one number or two")]
     PitchCount,
-    /// Units said of a profile, which has its own.
+    /// Units were given for a profile, which has fixed units.
     #[error(
         "a table of two columns is a profile in µm: leave out --pitch-um and --height-unit-um (pitch_um, height_unit_um)"
     )]
     ProfileHasUnits,
-    /// No closed profile.
+    /// The heights are not a closed profile.
     #[error(transparent)]
     Profile(#[from] ProfileError),
-    /// No map of parallel ridges.
+    /// The heights are not a map of parallel ridges.
     #[error(transparent)]
     Map(#[from] RidgeMapError),
 }
 
-/// The shape in some heights: of a table of two columns a profile, of anything else a map. Either is turned so that the
-/// facets lean to +v.
+/// Returns the shape of heights: a table of two columns is a profile, everything else a map. Both
+/// are oriented so that the facets lean towards +v.
 ///
 /// # Errors
 /// [`ShapeError`].
-pub fn of(map: &HeightMap, units: &Units) -> Result<Shape, ShapeError> {
+pub fn of(map: &HeightMap, units: &Units) -> Result<MeasuredShape, ShapeError> {
     let notes = map.notes.clone();
-    let of_profile = |profile: Profile, notes| Shape {
+    let of_profile = |profile: Profile, notes| MeasuredShape {
         profile: profile.facets_to_v(),
         facts: None,
         notes,
     };
-    // Only tables have two columns: of a picture two pixels wide nobody would read ridges.
+    // Only tables have two columns; an image two pixels wide cannot contain ridges.
     if map.is_profile_table() {
         if units.are_left_open() {
             return Ok(of_profile(map.profile()?, notes));
@@ -125,7 +125,7 @@ pub fn of(map: &HeightMap, units: &Units) -> Result<Shape, ShapeError> {
         return Ok(of_profile(map.row_profile(units)?, notes));
     }
     let found = RidgeMap::of(map, units)?;
-    Ok(Shape {
+    Ok(MeasuredShape {
         profile: found.profile,
         facts: Some(found.facts),
         notes,
@@ -141,10 +141,10 @@ mod tests {
     }
 
     #[test]
-    fn tables_of_two_columns_and_single_rows_are_profiles_and_maps_need_their_units() {
+    fn tables_of_two_columns_and_single_rows_are_profiles_and_maps_need_units() {
         let corners = vec![0.0, 0.0, 9.0, -1.0, 10.0, 0.0];
         let open = Units::default();
-        let Shape { profile, facts, .. } = of(&map(2, corners.clone()), &open).unwrap();
+        let MeasuredShape { profile, facts, .. } = of(&map(2, corners.clone()), &open).unwrap();
         assert_eq!((profile.period(), facts), (10.0, None));
         let said = Units {
             pitch_um: vec![2.0],
@@ -182,7 +182,7 @@ mod tests {
             let error = of(&square, units).unwrap_err().to_string();
             assert!(error.contains(word), "{error}");
         }
-        // What the command line says counts more than what the file says.
+        // The command line overrides the file.
         let own = MapUnits {
             pitch_um: [1.0, 1.0],
             height_unit_um: 1.0,

@@ -1,6 +1,6 @@
-//! Surface data files of ISO 25178-71 (SDF, also BCR): a header of names and values, then heights as text (`aISO-1.0`,
-//! `aBCR-1.0`) or as little-endian numbers (`bISO-1.0`, `bBCR-1.0`). Scales are in metres; a missing point is `BAD`, or the
-//! lowest whole number of its type.
+//! Surface data files of ISO 25178-71 (SDF, also BCR): a header of names and values, then heights
+//! as text (`aISO-1.0`, `aBCR-1.0`) or as little-endian numbers (`bISO-1.0`, `bBCR-1.0`). Scales
+//! are in metres. A missing point is `BAD`, or the lowest integer of its type.
 
 use super::check_size;
 use super::missing::{is_mark, mark};
@@ -9,20 +9,20 @@ use crate::trace::scene::{HeightMap, MapUnits};
 
 /// First letters of the four kinds.
 const KINDS: [&[u8; 4]; 4] = [b"aISO", b"aBCR", b"bISO", b"bBCR"];
-/// Bytes of the binary header: 8 of the version, 10, 12 and 12 of maker and dates, two whole numbers of 2, four doubles,
-/// three bytes of compression, type and checksum.
+/// Size of the binary header in bytes: version 8, maker and dates 10, 12 and 12, two integers of 2,
+/// four doubles, and three bytes for compression, type and checksum.
 const BINARY: usize = 81;
 
-/// Whether a file is one, by its first letters.
+/// Whether a file is an SDF file, by its first letters.
 pub(super) fn is_one(content: &[u8]) -> bool {
     let content = content.strip_prefix(b"\xef\xbb\xbf").unwrap_or(content);
     let start = content.trim_ascii_start();
     KINDS.iter().any(|kind| start.starts_with(&kind[..]))
 }
 
-/// What a header says.
+/// The header's contents.
 #[derive(Debug)]
-struct Header {
+struct SdfHeader {
     columns: usize,
     rows: usize,
     x_um: f64,
@@ -30,13 +30,13 @@ struct Header {
     z_um: f64,
 }
 
-impl Header {
-    /// Of counts and scales in metres.
+impl SdfHeader {
+    /// Makes a header from the counts and the scales in metres.
     fn of(counts: [f64; 2], metres: [f64; 3], most: usize) -> Result<Self, String> {
         for (name, count) in ["NumPoints", "NumProfiles"].into_iter().zip(counts) {
             if !(count >= 1.0 && count.fract() == 0.0) {
                 return Err(format!(
-                    "the header of this SDF has {name} = {count}, which is no number of points"
+                    "the header of this SDF file has {name} = {count}, which is not a valid number of points"
                 ));
             }
         }
@@ -47,12 +47,12 @@ impl Header {
             let is_needed = name != "Yscale" || rows > 1;
             if is_needed && !(scale > 0.0 && scale.is_finite()) {
                 return Err(format!(
-                    "the header of this SDF has {name} = {scale}, and it must be above 0 m"
+                    "the header of this SDF file has {name} = {scale}, but it must be above 0 m"
                 ));
             }
         }
         let [x_um, y_um, z_um] = metres.map(|m| m * 1e6);
-        Ok(Header {
+        Ok(SdfHeader {
             columns,
             rows,
             x_um,
@@ -71,7 +71,7 @@ impl Header {
     }
 }
 
-/// Reads one.
+/// Reads an SDF file.
 pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let content = content.strip_prefix(b"\xef\xbb\xbf").unwrap_or(content);
     let content = content.trim_ascii_start();
@@ -79,7 +79,7 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
         Some(b'a') => text(content, most),
         Some(b'b') => binary(content, most),
         _ => Err(
-            "this is no SDF of ISO 25178-71: it begins with none of aISO, aBCR, bISO and bBCR"
+            "this is not an SDF file of ISO 25178-71: it must begin with aISO, aBCR, bISO or bBCR"
                 .to_owned(),
         ),
     }
@@ -90,16 +90,16 @@ fn text(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let mut sections = text.splitn(3, '*');
     let (head, data) = (sections.next().unwrap_or_default(), sections.next());
     let data =
-        data.ok_or("the header of this SDF does not end: a line with * alone stands behind it")?;
+        data.ok_or("the header of this SDF file does not end: a line with only * must follow it")?;
     let value = |name: &str| -> Result<f64, String> {
         let lines = head.lines().filter_map(|line| line.split_once('='));
         let found = lines.filter(|(key, _)| key.trim().eq_ignore_ascii_case(name));
         let mut words = found.map(|(_, value)| value.split(';').next().unwrap_or_default().trim());
         let word = words
             .next_back()
-            .ok_or_else(|| format!("the header of this SDF has no {name}"))?;
+            .ok_or_else(|| format!("the header of this SDF file lacks {name}"))?;
         number(word).ok_or_else(|| {
-            format!("the header of this SDF has {name} = {word:?}, which is not a number")
+            format!("the header of this SDF file has {name} = {word:?}, which is not a number")
         })
     };
     let y_scale = value("Yscale").or_else(|why| {
@@ -109,7 +109,7 @@ fn text(content: &[u8], most: usize) -> Result<HeightMap, String> {
             Ok(1.0)
         }
     })?;
-    let header = Header::of(
+    let header = SdfHeader::of(
         [value("NumPoints")?, value("NumProfiles")?],
         [value("Xscale")?, y_scale, value("Zscale")?],
         most,
@@ -122,7 +122,7 @@ fn text(content: &[u8], most: usize) -> Result<HeightMap, String> {
             None if is_mark(word) => f64::NAN,
             None => {
                 return Err(format!(
-                    "height {} of this SDF is {word:?}: neither a number nor BAD",
+                    "height {} of this SDF file is {word:?}: expected a number or BAD",
                     heights.len() + 1
                 ));
             }
@@ -133,7 +133,7 @@ fn text(content: &[u8], most: usize) -> Result<HeightMap, String> {
     }
     if heights.len() != count {
         return Err(format!(
-            "this SDF holds {} heights than the {count} of its header ({} × {}): the file is damaged",
+            "this SDF file contains {} heights than the {count} of its header ({} × {}): the file is damaged",
             if heights.len() > count {
                 "more"
             } else {
@@ -148,7 +148,7 @@ fn text(content: &[u8], most: usize) -> Result<HeightMap, String> {
 
 fn binary(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let Some((head, data)) = content.split_at_checked(BINARY) else {
-        return Err("the header of this SDF is cut short: it has 81 bytes".to_owned());
+        return Err("the header of this SDF file is truncated: expected 81 bytes".to_owned());
     };
     let u16_at = |at: usize| f64::from(u16::from_le_bytes([head[at], head[at + 1]]));
     let f64_at = |at: usize| {
@@ -156,14 +156,14 @@ fn binary(content: &[u8], most: usize) -> Result<HeightMap, String> {
         bytes.copy_from_slice(&head[at..at + 8]);
         f64::from_le_bytes(bytes)
     };
-    let header = Header::of(
+    let header = SdfHeader::of(
         [u16_at(42), u16_at(44)],
         [f64_at(46), f64_at(54), f64_at(62)],
         most,
     )?;
     let (compression, kind) = (head[78], head[79]);
     if compression != 0 {
-        return Err("this SDF is compressed: save it without".to_owned());
+        return Err("this SDF file is compressed: save it without compression".to_owned());
     }
     let width = match kind {
         0 | 4 => 1,
@@ -172,19 +172,19 @@ fn binary(content: &[u8], most: usize) -> Result<HeightMap, String> {
         7 => 8,
         _ => {
             return Err(format!(
-                "this SDF has the data type {kind}; known are 0 to 7"
+                "this SDF file has the data type {kind}: expected 0 to 7"
             ));
         }
     };
     let count = header.columns * header.rows;
     if data.len() < width * count {
         return Err(format!(
-            "the heights of this SDF take {} bytes instead of {width} × {count}: the file is damaged",
+            "the heights of this SDF file take {} bytes instead of {width} × {count}: the file is damaged",
             data.len()
         ));
     }
     let value = |b: &[u8]| -> f64 {
-        // The lowest whole number with a sign stands for nothing.
+        // The lowest signed integer marks a missing point.
         let signed = |x: i32, lowest: i32| if x == lowest { f64::NAN } else { f64::from(x) };
         match (kind, b) {
             (0, &[a]) => f64::from(a),
@@ -215,14 +215,14 @@ mod tests {
                         DataType = 7\nCheckType = 0\n*\n1 2 3 4\n5 BAD 7 8\n9 10\n11 12\n*\nOperator = nobody\n*\n";
 
     #[test]
-    fn heights_as_text_come_with_their_scales_and_what_is_bad_is_missing() {
+    fn heights_as_text_have_their_scales_and_bad_points_are_missing() {
         for text in [
             TEXT.to_owned(),
             TEXT.replace("aBCR", "aISO").replace('\n', "\r\n"),
             TEXT.replace(".0e", ",0e"),
             TEXT.replace(" = ", "="),
         ] {
-            // Whatever its name ends in.
+            // The name's extension is irrelevant.
             let map = read("map.sdf", text.as_bytes()).unwrap();
             assert_eq!((map.columns, map.rows, map.missing()), (4, 3, 1));
             assert!(map.heights[5].is_nan() && map.heights[11] == 12.0);
@@ -235,7 +235,7 @@ mod tests {
             ("11 12", "11 12 13", "more"),
             ("BAD", "x", "height 6"),
             ("Xscale = 1.0e-6", "Xscale = 0", "above 0 m"),
-            ("Zscale = 1.0e-9\n", "", "no Zscale"),
+            ("Zscale = 1.0e-9\n", "", "lacks Zscale"),
             ("*", "", "does not end"),
         ] {
             let why = read("map.sdf", TEXT.replace(from, to).as_bytes()).unwrap_err();
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn heights_as_numbers_come_in_any_of_their_types() {
+    fn heights_as_numbers_are_read_in_all_types() {
         let file = |kind: u8, data: &[u8]| {
             let mut file = b"bISO-1.0".to_vec();
             file.extend([b' '; 34]);
@@ -280,8 +280,12 @@ mod tests {
         assert!(
             read("map.sdf", b"bISO-1.0")
                 .unwrap_err()
-                .contains("cut short")
+                .contains("truncated")
         );
-        assert!(read("map.sdf", b"nothing").unwrap_err().contains("no SDF"));
+        assert!(
+            read("map.sdf", b"nothing")
+                .unwrap_err()
+                .contains("not an SDF file")
+        );
     }
 }

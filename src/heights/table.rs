@@ -1,14 +1,15 @@
-//! Tables: rows of heights, two columns of a profile, or three of points x, y, z, with what stands above them.
+//! Tables: rows of heights, two columns of a profile, or three columns of points x, y, z, with
+//! their header.
 
 use std::borrow::Cow;
 
 use super::header::Header;
 use super::missing::{is_mark, mark};
 use super::text::{number, text_of};
-use super::{check_size, points, stated};
+use super::{check_size, column_units, points};
 use crate::trace::scene::HeightMap;
 
-/// What marks a line as a remark.
+/// Marks of a comment line.
 const REMARKS: [&str; 4] = ["#", "%", "//", "!"];
 
 /// The rows of numbers read so far.
@@ -16,17 +17,17 @@ const REMARKS: [&str; 4] = ["#", "%", "//", "!"];
 struct Rows {
     columns: usize,
     numbers: Vec<f64>,
-    /// Whether each row had a separator at its end.
+    /// Whether every row ended with a separator.
     all_trail: bool,
 }
 
-/// A line's fields, and whether a separator stood behind the last.
+/// A line's fields, and whether a separator followed the last one.
 struct Fields<'l> {
     words: Vec<Cow<'l, str>>,
     trails: bool,
 }
 
-/// What may still come above the numbers.
+/// The state of the lines above the numbers.
 struct Above {
     names_may_come: bool,
     units_may_come: bool,
@@ -36,7 +37,7 @@ struct Above {
     header: Header,
 }
 
-/// Reads a table of no more than `most` numbers.
+/// Reads a table of at most `most` numbers.
 pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let text = text_of(content)?;
     let mut above = Above {
@@ -53,7 +54,7 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     for (n, line) in text.lines().enumerate() {
         let at_line = |cause: String| format!("line {}: {cause}", n + 1);
         let begun = rows.columns > 0;
-        // A tab at an end is a separator.
+        // A tab at the end is a separator.
         let line = line.trim_matches(|c: char| c.is_whitespace() && c != '\t');
         let is_blank = line.trim().is_empty();
         if is_blank && !(begun && line.contains('\t')) {
@@ -69,7 +70,7 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
             }
             continue;
         }
-        // Excel's word for the separator that it wrote.
+        // Excel's line that names its separator.
         if !begun && line.to_lowercase().starts_with("sep=") {
             continue;
         }
@@ -81,7 +82,7 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
             Some(x) => Ok(x),
             None if is_mark(word) => Ok(f64::NAN),
             None => Err(at_line(format!(
-                "{word:?} is not a number; a point without a height is blank, NaN, Bad or another usual word"
+                "{word:?} is not a number: write a missing point as blank, NaN, Bad or another usual word"
             ))),
         };
         let row = fields
@@ -92,7 +93,7 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
         let own = row.len();
         rows.add(row, fields.trails).map_err(|columns| {
             format!(
-                "line {} has another number of heights than the lines before it: {own}, not {columns}",
+                "line {}: expected {columns} heights as in the lines before it, got {own}",
                 n + 1
             )
         })?;
@@ -108,16 +109,16 @@ impl Rows {
     /// Adds a row.
     ///
     /// # Errors
-    /// The number of columns before it, where it has another.
+    /// The expected number of columns, if the row has another one.
     fn add(&mut self, mut row: Vec<f64>, trails: bool) -> Result<(), usize> {
         if self.columns == 0 {
             self.columns = row.len();
         }
         if row.len() + 1 == self.columns && trails {
-            // The separator at its end stands before a blank.
+            // The separator at its end precedes a blank field.
             row.push(f64::NAN);
         } else if row.len() == self.columns + 1 && self.all_trail {
-            // So it did in all rows before.
+            // So did all rows before.
             let rows = self.numbers.chunks_exact(self.columns);
             self.numbers = rows
                 .flat_map(|row| row.iter().copied().chain([f64::NAN]))
@@ -134,29 +135,30 @@ impl Rows {
 }
 
 impl Above {
-    /// Takes what a remark says of sizes and units.
+    /// Reads sizes and units from a comment.
     fn take_remark(&mut self, remark: &str) -> Result<(), String> {
         if self.header.take(remark)? {
             return Ok(());
         }
         if let Ok(fields) = fields_of(remark) {
-            self.units = stated::of_comment(&fields.words)?.or(self.units);
+            self.units = column_units::of_comment(&fields.words)?.or(self.units);
             let names = names_of(&fields.words);
-            if matches!(stated::of_points(&names), Ok([Some(_), Some(_), _])) {
+            if matches!(column_units::of_points(&names), Ok([Some(_), Some(_), _])) {
                 self.names = names;
             }
         }
         Ok(())
     }
 
-    /// Whether a line is none of numbers but says what they are: sizes and units, names, units alone.
+    /// Whether a line contains no numbers but describes them: sizes and units, names, or only
+    /// units.
     fn take(&mut self, line: &str, words: &[Cow<'_, str>]) -> Result<bool, String> {
         let is_number = |word: &Cow<'_, str>| number(word).is_some();
         let first = words.first();
         if first.is_none_or(is_number) || words.iter().all(|w| w.is_empty()) {
             return Ok(first.is_none_or(|w| w.is_empty()));
         }
-        // Rows that begin with a missing point; of a name and a value the name may be such a word.
+        // Rows may begin with a missing point; in a name and a value, the name may be such a word.
         let begins = first.is_some_and(|w| is_mark(w)) && words.len() > 2;
         if begins || words.iter().all(|w| is_mark(w)) {
             return Ok(false);
@@ -165,12 +167,12 @@ impl Above {
             return Ok(true);
         }
         if words.iter().any(is_number) {
-            // What else programs tell of a measurement.
+            // Other information about the measurement.
             return Ok(line.contains([':', '=']));
         }
-        // One line of column names above the numbers is no error, nor is one of their units.
+        // One line of column names above the numbers is allowed, and one of their units.
         if self.units_may_come
-            && let Some(own) = stated::of_units(words)?
+            && let Some(own) = column_units::of_units(words)?
         {
             (self.names_may_come, self.units_may_come) = (false, false);
             self.units = Some(own);
@@ -178,12 +180,13 @@ impl Above {
         }
         if self.names_may_come {
             self.names_may_come = false;
-            self.units = stated::of_names(words)?.or(self.units);
+            self.units = column_units::of_names(words)?.or(self.units);
             self.names = names_of(words);
             return Ok(true);
         }
         if self.units_may_come && words.len() == self.names.len() {
-            let units: Option<Vec<&str>> = words.iter().map(|w| stated::unit_alone(w)).collect();
+            let units: Option<Vec<&str>> =
+                words.iter().map(|w| column_units::unit_alone(w)).collect();
             if let Some(units) = units {
                 self.units_may_come = false;
                 for (name, unit) in self.names.iter_mut().zip(units) {
@@ -203,11 +206,11 @@ impl Above {
             ..
         } = rows;
         if columns == 0 {
-            return Err("the file holds no heights".to_owned());
+            return Err("the file contains no heights".to_owned());
         }
         let marks = &self.header.marks;
         if columns == 2 || columns == 3 {
-            // Places are no heights, nor do they stand for nothing.
+            // Positions are neither heights nor marks of missing points.
             let mut heights: Vec<f64> = numbers
                 .iter()
                 .copied()
@@ -220,7 +223,7 @@ impl Above {
                 row[columns - 1] = z;
             }
             if columns == 2 {
-                // A table of two columns is a profile, and those are in µm.
+                // A table of two columns is a profile, in µm by default.
                 let [v_um, z_um] = self.units.unwrap_or([1.0; 2]);
                 for row in marked.chunks_exact_mut(2) {
                     (row[0], row[1]) = (row[0] * v_um, row[1] * z_um);
@@ -258,8 +261,8 @@ fn names_of(words: &[Cow<'_, str>]) -> Vec<String> {
     names
 }
 
-/// The fields of a line. Where semicolons or tabs separate them a comma is a decimal mark, as programs write numbers in
-/// many countries; nothing is guessed where it could be either.
+/// The fields of a line. If semicolons or tabs separate them, a comma is a decimal mark, as in many
+/// countries; an ambiguous line is refused.
 fn fields_of(line: &str) -> Result<Fields<'_>, &'static str> {
     let separator = [';', '\t', ','].into_iter().find(|s| line.contains(*s));
     let mut words: Vec<Cow<'_, str>> = match separator {
@@ -277,8 +280,8 @@ fn fields_of(line: &str) -> Result<Fields<'_>, &'static str> {
         }
         if word.contains(' ') && word.split(' ').all(|w| number(w).is_some()) {
             return Err(
-                "spaces and other marks both stand between its numbers: separate them by one of comma, semicolon, tab \
-                 and space (where a comma is the decimal mark, by semicolon or tab)",
+                "spaces and other marks both separate its numbers: use only one of comma, semicolon, tab \
+                 and space (semicolon or tab if the comma is the decimal mark)",
             );
         }
     }
@@ -290,7 +293,7 @@ mod tests {
     use super::super::read;
 
     #[test]
-    fn missing_points_may_be_blank_or_a_word_at_any_place_of_a_row() {
+    fn missing_points_may_be_blank_or_a_word_anywhere_in_a_row() {
         for text in [
             "1,2,3,4\n5,,7,8\n9,10,11,\n",
             "1;2;3;4\n5;Bad;7;8\n9;10;11;NaN\n",
@@ -309,7 +312,7 @@ mod tests {
         // The first rows end in a missing point.
         let map = read("a.csv", b"1,2,\n3,4,\n5,6,7\n").unwrap();
         assert_eq!((map.columns, map.missing()), (3, 2));
-        // A row of which nothing was seen, and a profile's gap.
+        // A row without any measured point, and a gap in a profile.
         assert_eq!(read("a.csv", b"Bad,Bad,Bad\n1,2,3\n").unwrap().missing(), 3);
         let profile = read("a.csv", b"0,0\n4,-0.7\n9,Bad\n9.5,-1.7\n10,0\n").unwrap();
         assert_eq!(profile.profile().unwrap().pieces().len(), 3);

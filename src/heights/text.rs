@@ -1,19 +1,19 @@
-//! The text of a file, in whatever encoding a program wrote it.
+//! Decodes the text of a file in the encodings that programs write.
 
 use std::borrow::Cow;
 
-/// The text of a file: UTF-8, UTF-16 (with its mark, or told by its zeros), or Latin-1, which programs of some countries
-/// write a µ in.
+/// Decodes a text: UTF-8, UTF-16 (by its byte order mark or its zeros), or Latin-1, in which some
+/// programs write µ.
 ///
 /// # Errors
-/// What is no text, or UTF-16 that cannot be read.
+/// The content is not text, or is invalid UTF-16.
 pub(super) fn text_of(content: &[u8]) -> Result<Cow<'_, str>, String> {
     let wide = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
         let (pairs, rest) = bytes.as_chunks::<2>();
         let units: Vec<u16> = pairs.iter().map(|pair| unit(*pair)).collect();
         match String::from_utf16(&units) {
             Ok(text) if rest.is_empty() && !text.contains('\0') => Ok(text.into()),
-            _ => Err("the file is UTF-16 text that is damaged: save it as UTF-8".to_owned()),
+            _ => Err("the file is damaged UTF-16 text: save it as UTF-8".to_owned()),
         }
     };
     match content {
@@ -24,7 +24,7 @@ pub(super) fn text_of(content: &[u8]) -> Result<Cow<'_, str>, String> {
         _ => {}
     }
     if content.contains(&0) {
-        return Err("the file is not text: it holds zeros".to_owned());
+        return Err("the file is not text: it contains zero bytes".to_owned());
     }
     match std::str::from_utf8(content) {
         Ok(text) => Ok(text.trim_start_matches('\u{feff}').into()),
@@ -39,7 +39,7 @@ pub(super) fn text_of(content: &[u8]) -> Result<Cow<'_, str>, String> {
     }
 }
 
-/// A number with a decimal point or a decimal comma; of thousands and decimals the later mark is the decimal one.
+/// A number with a decimal point or comma; if both occur, the later one is the decimal mark.
 pub(super) fn number(word: &str) -> Option<f64> {
     let word = word.trim();
     let plain = match (word.rfind(','), word.rfind('.')) {
@@ -52,7 +52,7 @@ pub(super) fn number(word: &str) -> Option<f64> {
 }
 
 fn finite(word: &str) -> Option<f64> {
-    // A minus as typographers set it.
+    // A typographic minus.
     let plain = word.replace('\u{2212}', "-");
     plain.parse().ok().filter(|x: &f64| x.is_finite())
 }

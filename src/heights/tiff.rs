@@ -1,7 +1,8 @@
-//! Heights in a TIFF: one grey channel of 16-bit or 32-bit integers or of floats.
+//! Heights in a TIFF: one grey channel of 16-bit or 32-bit integers or floats.
 //!
-//! A file of several pictures is read where one of them alone can be the heights: the only one of that kind, the only one
-//! named so, or the only one of floats. Which it was is told; where nothing tells, the file is refused.
+//! A file of several images is read if exactly one can be the heights: the only grey one of
+//! suitable depth, the only one with a suitable name, or the only one of floats. A note states the
+//! choice; an ambiguous file is refused.
 
 use tiff::ColorType;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
@@ -12,9 +13,9 @@ use super::missing::mark;
 use super::text::number;
 use crate::trace::scene::HeightMap;
 
-/// Pictures that are looked at, at most.
-const PICTURES_MAX: usize = 1000;
-/// Letters in the name of a picture of heights.
+/// Largest number of images that are examined.
+const IMAGES_MAX: usize = 1000;
+/// Words in the name of an image of heights.
 const NAMES: [&str; 8] = [
     "height",
     "topo",
@@ -26,29 +27,29 @@ const NAMES: [&str; 8] = [
     "zmap",
 ];
 
-type Pictures<'c> = Decoder<std::io::Cursor<&'c [u8]>>;
+type TiffDecoder<'c> = Decoder<std::io::Cursor<&'c [u8]>>;
 
-/// What tells a picture of a file from the others.
-struct Picture {
+/// Properties that distinguish an image of a file from the others.
+struct TiffImage {
     index: usize,
     size: (u32, u32),
     colour: ColorType,
     is_float: bool,
-    /// A smaller copy of another one, or a mask.
+    /// A reduced copy of another image, or a mask.
     is_aside: bool,
     is_named: bool,
 }
 
-impl Picture {
-    fn of(decoder: &mut Pictures<'_>, index: usize) -> Result<Self, String> {
+impl TiffImage {
+    fn of(decoder: &mut TiffDecoder<'_>, index: usize) -> Result<Self, String> {
         /// The sample format of floats.
         const FLOAT: u16 = 3;
-        let told = |e: tiff::TiffError| e.to_string();
+        let message = |e: tiff::TiffError| e.to_string();
         let format = decoder.find_tag_unsigned_vec::<u16>(Tag::SampleFormat);
         let aside = decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType);
-        let name = |decoder: &mut Pictures<'_>, tag| {
+        let name = |decoder: &mut TiffDecoder<'_>, tag| {
             let name = decoder.get_tag_ascii_string(tag).unwrap_or_default();
-            // Structured descriptions are of the whole file.
+            // Structured descriptions apply to the whole file.
             let is_plain = name.len() < 200 && !name.trim_start().starts_with(['{', '<']);
             if is_plain {
                 name.to_lowercase()
@@ -56,13 +57,13 @@ impl Picture {
                 String::new()
             }
         };
-        /// The name of a page.
+        /// The tag of a page's name.
         const PAGE_NAME: Tag = Tag::Unknown(285);
         let names = [Tag::ImageDescription, PAGE_NAME].map(|tag| name(decoder, tag));
-        Ok(Picture {
+        Ok(TiffImage {
             index,
-            size: decoder.dimensions().map_err(told)?,
-            colour: decoder.colortype().map_err(told)?,
+            size: decoder.dimensions().map_err(message)?,
+            colour: decoder.colortype().map_err(message)?,
             is_float: matches!(format, Ok(Some(f)) if f.first() == Some(&FLOAT)),
             is_aside: matches!(aside, Ok(Some(kind)) if kind & 0b101 != 0),
             is_named: names
@@ -76,50 +77,52 @@ impl Picture {
     }
 }
 
-/// The picture that holds the heights, and what tells it from the others where there are others.
-fn heights_of(decoder: &mut Pictures<'_>) -> Result<(usize, Option<String>), String> {
-    let mut pictures = Vec::new();
+/// Returns the image that contains the heights, and the reason of the choice if there are others.
+fn heights_of(decoder: &mut TiffDecoder<'_>) -> Result<(usize, Option<String>), String> {
+    let mut images = Vec::new();
     loop {
-        pictures.push(Picture::of(decoder, pictures.len())?);
-        if !decoder.more_images() || pictures.len() == PICTURES_MAX {
+        images.push(TiffImage::of(decoder, images.len())?);
+        if !decoder.more_images() || images.len() == IMAGES_MAX {
             break;
         }
         let next = decoder.next_image();
         next.map_err(|e| {
             format!(
-                "picture {} of this TIFF cannot be read: {e}",
-                pictures.len() + 1
+                "image {} of this TIFF cannot be read: {e}",
+                images.len() + 1
             )
         })?;
     }
-    let may: Vec<&Picture> = pictures.iter().filter(|p| p.may_be_heights()).collect();
-    let only = |which: fn(&Picture) -> bool| {
+    let may: Vec<&TiffImage> = images.iter().filter(|p| p.may_be_heights()).collect();
+    let only = |which: fn(&TiffImage) -> bool| {
         let mut those = may.iter().filter(|p| which(p));
         those.next().filter(|_| those.next().is_none())
     };
     let found = only(|_| true)
-        .map(|p| (p, "the only one of 16-bit integers or floats in grey"))
-        .or_else(|| only(|p| p.is_named).map(|p| (p, "the only one whose name says heights")))
-        .or_else(|| only(|p| p.is_float).map(|p| (p, "the only one of floats")));
-    match (found, &pictures[..]) {
-        (Some((picture, _)), [_]) => Ok((picture.index, None)),
-        (Some((picture, why)), all) => Ok((
-            picture.index,
+        .map(|p| (p, "it is the only grey one of 16-bit integers or floats"))
+        .or_else(|| {
+            only(|p| p.is_named).map(|p| (p, "it is the only one whose name indicates heights"))
+        })
+        .or_else(|| only(|p| p.is_float).map(|p| (p, "it is the only one of floats")));
+    match (found, &images[..]) {
+        (Some((image, _)), [_]) => Ok((image.index, None)),
+        (Some((image, why)), all) => Ok((
+            image.index,
             Some(format!(
-                "the TIFF has {} pictures; number {} ({} × {}) is read as the heights, being {why}",
+                "the TIFF has {} images; number {} ({} × {}) is read as the heights because {why}",
                 all.len(),
-                picture.index + 1,
-                picture.size.0,
-                picture.size.1
+                image.index + 1,
+                image.size.0,
+                image.size.1
             )),
         )),
         (None, all) if may.is_empty() => Err(format!(
-            "heights need a grey TIFF of 16-bit integers or 32-bit floats, this one is {:?}",
+            "expected a grey TIFF of 16-bit integers or 32-bit floats, got {:?}",
             all[0].colour
         )),
         (None, all) => Err(format!(
-            "the TIFF has {} pictures, and {} of them could be the heights ({}): nothing tells which; save the heights alone \
-             in a file, as floats, or name the picture's page so",
+            "the TIFF has {} images, and {} of them could be the heights ({}): save only the heights \
+             in a file, as floats, or name their page accordingly",
             all.len(),
             may.len(),
             may.iter()
@@ -140,20 +143,20 @@ fn heights_of(decoder: &mut Pictures<'_>) -> Result<(usize, Option<String>), Str
 /// Reads the heights of a TIFF.
 pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let mut decoder = Decoder::new(std::io::Cursor::new(content))
-        .map_err(|e| format!("this is not a readable TIFF: {e}"))?
+        .map_err(|e| format!("the TIFF cannot be read: {e}"))?
         .with_limits(Limits::default());
     let (index, note) = heights_of(&mut decoder)?;
     decoder.seek_to_image(index).map_err(|e| e.to_string())?;
     let (columns, rows) = decoder.dimensions().map_err(|e| e.to_string())?;
     let (columns, rows) = (columns as usize, rows as usize);
     check_size(columns, rows, most)?;
-    // Which way is up then, writers do not agree on.
+    // Programs differ in which direction is up in such a file.
     const WHITE_IS_ZERO: u32 = 0;
     let polarity = decoder.find_tag_unsigned::<u32>(Tag::PhotometricInterpretation);
     if polarity.map_err(|e| e.to_string())? == Some(WHITE_IS_ZERO) {
         return Err(
-            "in this TIFF white is zero (PhotometricInterpretation 0), so it does not say if its numbers count \
-             upwards: write it with black as zero"
+            "white is zero in this TIFF (PhotometricInterpretation 0), so it is ambiguous whether larger numbers \
+             are higher: save it with black as zero"
                 .to_owned(),
         );
     }
@@ -166,11 +169,11 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
         DecodingResult::I32(v) => v.into_iter().map(f64::from).collect(),
         DecodingResult::F32(v) => v.into_iter().map(f64::from).collect(),
         DecodingResult::F64(v) => v,
-        _ => return Err("heights need 16-bit integers or floats".to_owned()),
+        _ => return Err("expected 16-bit integers or floats".to_owned()),
     };
     if heights.len() != columns * rows {
         return Err(format!(
-            "the TIFF holds {} heights instead of {columns} × {rows}",
+            "the TIFF contains {} heights instead of {columns} × {rows}",
             heights.len()
         ));
     }
@@ -191,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn compressed_heights_are_those_that_were_compressed() {
+    fn compressed_heights_round_trip() {
         for compression in [
             Compression::Lzw,
             Compression::Deflate(tiff::encoder::DeflateLevel::Balanced),
@@ -215,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn integers_and_floats_come_back_as_written_and_colours_are_refused() {
+    fn integers_and_floats_round_trip_and_colours_are_refused() {
         let write = |what: u8| {
             let mut file = std::io::Cursor::new(Vec::new());
             let mut encoder = TiffEncoder::new(&mut file).unwrap();
@@ -244,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn of_several_pictures_the_one_that_can_be_heights_is_read_and_told_and_none_is_guessed() {
+    fn of_several_images_the_only_candidate_is_read_and_noted_and_ambiguity_is_refused() {
         let (whole, light) = ([0.5f32, 1.0, 2.0, 3.0], [10u16, 20, 30, 40]);
         let write = |kinds: &str| {
             let mut file = std::io::Cursor::new(Vec::new());
@@ -285,12 +288,12 @@ mod tests {
         assert!(read(&write("f")).unwrap().notes.is_empty());
         for kinds in ["ii", "ff", "iic"] {
             let why = read(&write(kinds)).unwrap_err();
-            assert!(why.contains("nothing tells which"), "{kinds}: {why}");
+            assert!(why.contains("save only the heights"), "{kinds}: {why}");
         }
     }
 
     #[test]
-    fn what_a_tag_says_of_points_without_data_is_missing() {
+    fn points_equal_to_the_no_data_tag_are_missing() {
         let mut file = std::io::Cursor::new(Vec::new());
         let mut encoder = TiffEncoder::new(&mut file).unwrap();
         let mut image = encoder.new_image::<colortype::Gray32Float>(2, 2).unwrap();

@@ -1,24 +1,24 @@
 //! Surface maps of ISO 25178-72 (X3P, "OpenGPS"): a zip archive of `main.xml` and the heights, in
 //! metres, as a binary member or as a list in the XML.
 //!
-//! Read are surfaces (feature type SUR) with incremental x and y axes and one layer, and profiles
-//! (PRF) as maps of one row. Points that the instrument did not see are NaN, or 0 in the file of valid points, which
-//! whole numbers need. Checksums are looked at where the file has them.
+//! Supported are surfaces (feature type SUR) with incremental x and y axes and one layer, and
+//! profiles (PRF) as maps of one row. Missing points are NaN, or 0 in the file of valid points,
+//! which integers need. Checksums are verified if the file has them.
 
 use roxmltree::{Document, Node};
 
+use super::archive::{Archive, note};
 use super::missing::mark;
-use super::packed::{Packed, note};
 use super::{check_size, text as encoded};
 use crate::trace::scene::{HeightMap, MapUnits};
 
-/// Longest main.xml that is read, bytes (a list of heights may be in it): this many, and these for each height that
-/// a map may have.
+/// Largest size of main.xml in bytes (it may contain a list of heights): the first number plus the
+/// second for each height that the map may have.
 const XML_MAX: (u64, u64) = (1 << 16, 4);
 
-/// Reads an X3P file; heights come in metres, which [`HeightMap::units`] tells.
+/// Reads an X3P file; the heights are in metres, as stated in [`HeightMap::units`].
 pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
-    let mut archive = Packed::open(content)?;
+    let mut archive = Archive::open(content)?;
     let main = archive.main(XML_MAX.0 + XML_MAX.1 * most as u64)?;
     let xml = encoded::text_of(&main).map_err(|why| format!("main.xml: {why}"))?;
     let document = Document::parse(&xml).map_err(|e| format!("main.xml: {e}"))?;
@@ -38,12 +38,12 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
             })
             .filter(|n| *n >= 1.0 && n.fract() == 0.0)
             .map(|n| n as usize)
-            .ok_or_else(|| format!("main.xml states no {name} of the map"))
+            .ok_or_else(|| format!("main.xml does not state {name} of the map"))
     };
     let (columns, rows, layers) = (size("SizeX")?, size("SizeY")?, size("SizeZ")?);
     check_size(columns, rows, most)?;
     if layers != 1 {
-        return Err(format!("the file holds {layers} layers; one is needed"));
+        return Err(format!("the file has {layers} layers: expected one"));
     }
     let count = columns * rows;
     let mut notes = Vec::new();
@@ -71,7 +71,7 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
         }
         None => listed(root, count)?,
     };
-    // Numbers that stand for nothing are those of the file, before they are scaled.
+    // Marks of missing points are numbers of the file, before scaling.
     notes.extend(mark(&mut values, &[]));
     for value in &mut values {
         *value = if z.scales() {
@@ -89,8 +89,8 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     Ok(HeightMap { notes, ..map })
 }
 
-/// Whether the file of valid points has point `n` of `count`: a bit each, the lowest of a byte first; some programs
-/// write a byte each.
+/// Whether the file of valid points contains point `n` of `count`: one bit per point, lowest bit
+/// first; some programs write one byte per point.
 fn is_valid(mask: &[u8], n: usize, count: usize) -> Result<bool, String> {
     if mask.len() == count.div_ceil(8) {
         Ok(mask[n / 8] >> (n % 8) & 1 == 1)
@@ -98,7 +98,7 @@ fn is_valid(mask: &[u8], n: usize, count: usize) -> Result<bool, String> {
         Ok(mask[n] != 0)
     } else {
         Err(format!(
-            "the file of valid points (ValidPointsLink) has {} bytes instead of {}, a bit for each of {count} points: \
+            "the file of valid points (ValidPointsLink) has {} bytes instead of {}, one bit for each of {count} points: \
              the file is damaged",
             mask.len(),
             count.div_ceil(8)
@@ -110,17 +110,17 @@ struct Axis {
     incremental: bool,
     increment: f64,
     offset: f64,
-    /// I, L, F or D: 16 and 32-bit integers, floats, doubles.
+    /// I, L, F or D: 16- and 32-bit integers, floats, doubles.
     kind: char,
 }
 
 impl Axis {
-    /// Whether its numbers count increments: of an incremental axis, and whole numbers of any.
+    /// Whether its numbers count increments: on an incremental axis, and for integers on any axis.
     fn scales(&self) -> bool {
         self.incremental || matches!(self.kind, 'I' | 'L')
     }
 
-    /// Little-endian numbers of the axis's type.
+    /// Decodes little-endian numbers of the axis's type.
     fn decode(&self, bytes: &[u8], count: usize) -> Result<Vec<f64>, String> {
         let width = match self.kind {
             'I' => 2,
@@ -157,12 +157,16 @@ fn axis(root: Node<'_, '_>, name: &str) -> Result<Axis, String> {
     let incremental = match of("AxisType").and_then(|t| t.chars().next()) {
         Some('I' | 'i') => true,
         Some('A' | 'a') => false,
-        _ => return Err(format!("main.xml has no AxisType of {name} (I or A)")),
+        _ => {
+            return Err(format!(
+                "main.xml does not state the AxisType of {name} (I or A)"
+            ));
+        }
     };
     let increment = number_of("Increment", 1.0)?;
     if incremental && name != "CZ" && !(increment > 0.0 && increment < 1.0) {
         return Err(format!(
-            "main.xml: {name}/Increment = {increment} m is not a spacing of points"
+            "main.xml: {name}/Increment = {increment} m is not a valid spacing of points"
         ));
     }
     let kind = of("DataType").and_then(|kind| kind.chars().next());
@@ -198,13 +202,13 @@ trait LocalName {
 }
 
 impl LocalName for Node<'_, '_> {
-    /// Whatever the namespace: files differ in it.
+    /// Ignores the namespace, which differs between files.
     fn has_tag_name_of(&self, name: &str) -> bool {
         self.is_element() && self.tag_name().name() == name
     }
 }
 
-/// Heights as `DataList/Datum` elements: the last number of each, or nothing where unseen.
+/// Reads heights from `DataList/Datum` elements: the last number of each, or missing if empty.
 fn listed(root: Node<'_, '_>, count: usize) -> Result<Vec<f64>, String> {
     let list = root
         .descendants()
@@ -273,7 +277,7 @@ mod tests {
     const ABSOLUTE: &str = "<AxisType>A</AxisType><DataType>D</DataType>";
 
     #[test]
-    fn binary_doubles_and_scaled_integers_come_back_in_metres() {
+    fn binary_doubles_and_scaled_integers_are_read_in_metres() {
         let doubles: Vec<u8> = [1e-6f64, 2e-6, f64::NAN, 4e-6, 5e-6, 6e-6]
             .iter()
             .flat_map(|h| h.to_le_bytes())
@@ -286,7 +290,7 @@ mod tests {
             .collect();
         let scaled = "<AxisType>I</AxisType><DataType>I</DataType><Increment>1e-7</Increment>";
         let map = read(&archive(&xml(scaled, SIZE, LINK), Some(&integers))).unwrap();
-        // Whole numbers of an absolute axis count increments, too.
+        // Integers of an absolute axis count increments too.
         let absolute = scaled.replace("<AxisType>I", "<AxisType>A");
         let again = read(&archive(&xml(&absolute, SIZE, LINK), Some(&integers))).unwrap();
         assert_eq!(again.heights, map.heights);
@@ -298,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn a_list_in_the_xml_is_read_with_its_gaps() {
+    fn a_list_in_the_xml_is_read_with_missing_points() {
         let size = "<SizeX>11</SizeX><SizeY>1</SizeY><SizeZ>1</SizeZ>";
         let mut list: String = (0..10)
             .map(|i| format!("<Datum>0;0;{}</Datum>", f64::from(i)))
@@ -314,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn points_that_the_mask_of_valid_ones_lacks_are_missing() {
+    fn points_outside_the_mask_of_valid_points_are_missing() {
         let size = "<SizeX>7</SizeX><SizeY>3</SizeY><SizeZ>1</SizeZ>";
         let link = LINK.replace(
             "</DataLink>",
@@ -322,7 +326,7 @@ mod tests {
         );
         let z = "<AxisType>I</AxisType><DataType>I</DataType><Increment>1e-7</Increment>";
         let xml = xml(z, size, &link);
-        // Slopes along the rows, with spikes where nothing was seen.
+        // Slopes along the rows, with spikes at the missing points.
         let unseen = [9, 18];
         let height = |n: usize| {
             if unseen.contains(&n) {
@@ -354,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn a_profile_is_one_along_v_and_links_may_be_written_as_on_windows() {
+    fn a_profile_runs_along_v_and_links_may_have_backslashes() {
         let size = "<SizeX>4</SizeX><SizeY>1</SizeY><SizeZ>1</SizeZ>";
         let link = LINK.replace("bindata/data.bin", ".\\bindata\\data.bin");
         let heights: Vec<u8> = [0.0f64, -1e-6, -2e-6, 0.0]
@@ -375,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_files_are_refused_with_their_reason() {
+    fn invalid_files_are_refused_with_the_reason() {
         let fine = [0u8; 48];
         for (xml, data, part) in [
             (xml(ABSOLUTE, SIZE, LINK), Some(&fine[..40]), "damaged"),
@@ -389,7 +393,7 @@ mod tests {
             (
                 xml(ABSOLUTE, &SIZE.replace('3', "99999999999"), LINK),
                 Some(&fine[..]),
-                "cut the map",
+                "crop the map",
             ),
             (xml("", SIZE, LINK), Some(&fine[..]), "CZ"),
             (

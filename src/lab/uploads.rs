@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::LabError;
 use crate::heights;
-use crate::heights::ridges::{self, Shape, Units};
+use crate::heights::ridges::{self, MeasuredShape, Units};
 use crate::store::frames::sha256_hex;
 use crate::trace::scene::HeightMap;
 
@@ -83,7 +83,7 @@ impl ShapeFile {
     ///
     /// # Errors
     /// [`LabError::Invalid`] of `shape`.
-    pub(super) fn read(&self) -> Result<Shape, LabError> {
+    pub(super) fn read(&self) -> Result<MeasuredShape, LabError> {
         let units = Units {
             pitch_um: match self.pitch_um {
                 None => Vec::new(),

@@ -1,15 +1,16 @@
 //! The universal BRDF format of the BiRD project, version 1.0 (JSON).
 //!
-//! `data` holds lists of equal length: `theta_i`, `phi_i`, `theta_r`, `phi_r`, `BRDF`, and where the uncertainty differs from
-//! reading to reading `uBRDF`. Uncertainties are taken as standard ones. Of several wavelengths the manifest's counts, of
-//! several polarisations the unpolarised.
+//! `data` contains lists of equal length: `theta_i`, `phi_i`, `theta_r`, `phi_r`, `BRDF`, and
+//! `uBRDF` if the uncertainty differs between readings. Uncertainties are taken as standard
+//! uncertainties. Of several wavelengths, the one in the manifest is read; of several
+//! polarisations, the unpolarised one.
 
 use serde::Deserialize;
 use serde_json::Value as Json;
 
 use super::TableError;
-use super::manifest::{Facts, Value};
-use super::rows::{Read, Reading, check};
+use super::manifest::{Goniometer, Quantity};
+use super::rows::{TableContents, TableReading, check};
 use crate::wording::counted;
 use crate::wording::refusals::plain;
 
@@ -42,7 +43,7 @@ struct Angles {
 #[derive(Debug, Deserialize)]
 struct Values {
     unit: String,
-    /// JSON has no word for a reading that was not taken but null.
+    /// JSON writes a missing reading as null.
     values: Vec<Option<f64>>,
     uncertainty: Option<Constant>,
 }
@@ -53,13 +54,13 @@ struct Constant {
     unit: String,
 }
 
-/// Polarisation per reading: a word, or a Stokes vector.
+/// Polarisation of each reading: a word, or a Stokes vector.
 #[derive(Debug, Deserialize)]
 struct States {
     values: Vec<Json>,
 }
 
-/// Whether a state is unpolarised: `u`, or a Stokes vector of intensity alone.
+/// Whether a state is unpolarised: `u`, or a Stokes vector with intensity only.
 fn is_unpolarised(state: &Json) -> bool {
     match state {
         Json::String(word) => word == "u",
@@ -77,25 +78,29 @@ impl Angles {
     }
 }
 
-/// A wavelength this near to the one asked for is it, nm.
+/// Largest difference of a wavelength from the requested one, nm.
 const SAME_NM: f64 = 0.5;
 
-pub(super) fn read(text: &str, file: &str, facts: &Facts) -> Result<Read, TableError> {
+pub(super) fn read(
+    text: &str,
+    file: &str,
+    facts: &Goniometer,
+) -> Result<TableContents, TableError> {
     let wrong = |cause: String| TableError::new(file, None, cause);
     let text = text.trim_start_matches('\u{feff}');
     let mut from = serde_json::Deserializer::from_str(text);
     let File { data } = serde_path_to_error::deserialize(&mut from).map_err(|error| {
         let line = error.inner().line();
         let cause = format!(
-            "{}: {}; a BiRD file of version 1.0 is needed",
+            "{}: {}; expected a BiRD file of version 1.0",
             error.path(),
             plain(&error.inner().to_string())
         );
         TableError::new(file, Some(line), cause)
     })?;
-    if facts.value != Value::Brdf {
+    if facts.value != Quantity::Brdf {
         return Err(wrong(
-            "a BiRD file holds BRDF; write value = \"brdf\" into the manifest's [goniometer]"
+            "a BiRD file contains BRDF: set value = \"brdf\" in the manifest's [goniometer]"
                 .to_owned(),
         ));
     }
@@ -109,7 +114,7 @@ pub(super) fn read(text: &str, file: &str, facts: &Facts) -> Result<Read, TableE
         if !known.contains(&unit.as_str()) {
             let known = known.join(" or ");
             return Err(wrong(format!(
-                "data.{name}.unit is `{unit}`; a BiRD file has {known}"
+                "data.{name}.unit: expected {known}, got `{unit}`"
             )));
         }
     }
@@ -136,7 +141,7 @@ pub(super) fn read(text: &str, file: &str, facts: &Facts) -> Result<Read, TableE
     for (name, length) in lengths {
         if let Some(length) = length.filter(|length| *length != count) {
             return Err(wrong(format!(
-                "data.{name} has {} and data.BRDF {count}; each reading needs all of them",
+                "data.{name} has {} but data.BRDF has {count}: every reading needs all of them",
                 counted(length, "value")
             )));
         }
@@ -144,7 +149,7 @@ pub(super) fn read(text: &str, file: &str, facts: &Facts) -> Result<Read, TableE
     let wavelength = wavelength(&data, facts).map_err(wrong)?;
     let u_brdf = data.u_brdf.as_ref();
     let constant = data.brdf.uncertainty.as_ref();
-    let mut read = Read {
+    let mut read = TableContents {
         readings: Vec::new(),
         left_out: Vec::new(),
     };
@@ -177,7 +182,7 @@ pub(super) fn read(text: &str, file: &str, facts: &Facts) -> Result<Read, TableE
         };
         let own = u_brdf.and_then(|u| Some(share(u.values[index]?, &u.unit)));
         let sigma = own.or_else(|| constant.map(|c| share(c.value, &c.unit)));
-        let reading = Reading {
+        let reading = TableReading {
             theta_i_deg: data.theta_i.in_degrees(index),
             phi_i_deg: data.phi_i.in_degrees(index),
             theta_o_deg: data.theta_r.in_degrees(index),
@@ -191,7 +196,10 @@ pub(super) fn read(text: &str, file: &str, facts: &Facts) -> Result<Read, TableE
     for (n, why) in [
         (missing, "without a value"),
         (other, "at other wavelengths"),
-        (polarised, "with a polariser (unpolarised light is fitted)"),
+        (
+            polarised,
+            "with a polariser (only unpolarised light is fitted)",
+        ),
     ] {
         if n > 0 {
             read.left_out
@@ -200,7 +208,7 @@ pub(super) fn read(text: &str, file: &str, facts: &Facts) -> Result<Read, TableE
     }
     if read.readings.is_empty() && polarised > 0 {
         return Err(wrong(
-            "all readings are with a polariser, and a fit needs unpolarised light: average those of s and p".to_owned(),
+            "all readings are polarised, but a fit needs unpolarised light: average those of s and p".to_owned(),
         ));
     }
     Ok(read)
@@ -217,8 +225,8 @@ impl Values {
     }
 }
 
-/// The wavelength that counts, nm; `None` where the file has only one.
-fn wavelength(data: &Data, facts: &Facts) -> Result<Option<f64>, String> {
+/// The wavelength to read, nm; `None` if the file has only one.
+fn wavelength(data: &Data, facts: &Goniometer) -> Result<Option<f64>, String> {
     let Some(all) = &data.wavelength_i else {
         return Ok(None);
     };
@@ -236,12 +244,12 @@ fn wavelength(data: &Data, facts: &Facts) -> Result<Option<f64>, String> {
     };
     match facts.wavelength_nm {
         None => Err(format!(
-            "it has {} wavelengths ({} nm); write the one to fit as wavelength_nm into the manifest's [goniometer]",
+            "the file has {} wavelengths ({} nm): set wavelength_nm in the manifest's [goniometer] to the one to fit",
             found.len(),
             listed()
         )),
         Some(wanted) if found.iter().all(|w| (w - wanted).abs() > SAME_NM) => Err(format!(
-            "no reading is at wavelength_nm = {wanted}; it has {} nm",
+            "no reading is at wavelength_nm = {wanted}: the file has {} nm",
             listed()
         )),
         wanted => Ok(wanted),

@@ -1,4 +1,5 @@
-//! The manifest of a table: what its values are, how its angles count, and the nominal material.
+//! The manifest of a table: the quantity of its values, the convention of its angles, and the
+//! nominal material.
 
 use serde::Deserialize;
 
@@ -8,13 +9,13 @@ use crate::material::Material;
 use crate::series::{Manifest, SeriesError, TABLE_SCHEMA as SCHEMA};
 use crate::wording::toml_text;
 
-/// What a value of the table is.
+/// Quantity of a table's values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Value {
+pub enum Quantity {
     /// f, sr⁻¹.
     Brdf,
-    /// π f: relative to a perfect diffuser that is lit and seen alike.
+    /// π f: relative to a perfect diffuser in the same geometry.
     RadianceFactor,
     /// f cos θo, sr⁻¹: scattered power per solid angle (ARS, cosine-corrected BSDF).
     CosineCorrected,
@@ -22,16 +23,16 @@ pub enum Value {
     Radiance,
 }
 
-impl Value {
-    /// Radiance for a lamp irradiance of 1 on a surface facing it, per unit of the value. `directions` are the rig's, z along
-    /// the normal.
+impl Quantity {
+    /// Radiance for a lamp irradiance of 1 on a surface facing it, per unit of the value.
+    /// `directions` are in the rig's frame, z along the normal.
     pub(super) fn radiance_per_value(self, directions: &Directions) -> f64 {
         let (cos_i, cos_o) = (directions.incident.z, directions.outgoing.z);
         match self {
-            Value::Brdf => cos_i,
-            Value::RadianceFactor => cos_i / std::f64::consts::PI,
-            Value::CosineCorrected => cos_i / cos_o,
-            Value::Radiance => 1.0,
+            Quantity::Brdf => cos_i,
+            Quantity::RadianceFactor => cos_i / std::f64::consts::PI,
+            Quantity::CosineCorrected => cos_i / cos_o,
+            Quantity::Radiance => 1.0,
         }
     }
 }
@@ -39,61 +40,62 @@ impl Value {
 /// Whether the values are absolute.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Scale {
-    /// In the unit that is stated, within `scale_rel_std`.
+pub enum ValueScale {
+    /// In the stated unit, within `scale_rel_std`.
     #[default]
     Absolute,
-    /// All in one arbitrary unit.
+    /// In one arbitrary unit.
     Relative,
 }
 
-/// Which way azimuths count, seen from above the sample.
+/// AzimuthSense of the azimuths, seen from above the sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Sense {
+pub enum AzimuthSense {
     /// From u towards v.
     #[default]
     CounterClockwise,
-    /// The other way.
+    /// From v towards u.
     Clockwise,
 }
 
 /// `[goniometer]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Facts {
-    /// What the values are.
-    pub value: Value,
-    /// Whether they are absolute.
+pub struct Goniometer {
+    /// Quantity of the values.
+    pub value: Quantity,
+    /// Whether the values are absolute.
     #[serde(default)]
-    pub scale: Scale,
+    pub scale: ValueScale,
     /// Relative standard uncertainty of an absolute scale.
     pub scale_rel_std: Option<f64>,
-    /// Relative standard uncertainty of values without one of their own, independent from reading to reading.
+    /// Relative standard uncertainty of values without their own, independent between readings.
     pub value_rel_std: Option<f64>,
-    /// Standard uncertainty of them that does not grow with the value, in its unit.
+    /// Constant part of that standard uncertainty, in the unit of the values.
     pub value_std: Option<f64>,
-    /// Standard uncertainty of light that all readings have alike: radiance for an irradiance of 1, sr⁻¹.
+    /// Standard uncertainty of stray light common to all readings: radiance for an irradiance of 1,
+    /// sr⁻¹.
     pub stray_std: Option<f64>,
-    /// Azimuth at which the lean direction v lies.
+    /// Azimuth of the lean direction v.
     #[serde(default = "quarter")]
     pub azimuth_of_v_deg: f64,
-    /// Which way azimuths count.
+    /// AzimuthSense of the azimuths.
     #[serde(default)]
-    pub azimuth_sense: Sense,
-    /// Standard uncertainty of θi and of θo, each an error that all readings share.
+    pub azimuth_sense: AzimuthSense,
+    /// Standard uncertainty of θi and of θo, each as an error common to all readings.
     pub theta_std_deg: Option<f64>,
-    /// The same of azimuths.
+    /// Standard uncertainty of the azimuths, in the same sense.
     pub phi_std_deg: Option<f64>,
     /// Standard uncertainty of the inclination of the sample's mean plane to the goniometer's.
     pub sample_tilt_std_deg: Option<f64>,
-    /// Half angle of the lamp seen from the sample.
+    /// Half angle of the lamp, seen from the sample.
     #[serde(default)]
     pub light_angular_radius_deg: f64,
-    /// Half angle of the detector's aperture seen from the sample.
+    /// Half angle of the detector's aperture, seen from the sample.
     #[serde(default)]
     pub detector_angular_radius_deg: f64,
-    /// Wavelength, for a metal by name, and to choose among those of a BiRD file.
+    /// Wavelength: for a metal by name, and to select one from a BiRD file.
     pub wavelength_nm: Option<f64>,
 }
 
@@ -108,43 +110,37 @@ struct Text {
     #[serde(default)]
     name: String,
     table: String,
-    goniometer: Facts,
+    goniometer: Goniometer,
     sample: toml::Table,
     #[serde(default, rename = "notes")]
     _notes: toml::Table,
 }
 
-/// A manifest that was read.
-pub(super) struct Told {
+/// The contents of a manifest.
+pub(super) struct TableManifest {
     pub(super) name: String,
     pub(super) table: String,
-    pub(super) facts: Facts,
+    pub(super) facts: Goniometer,
     pub(super) material: Material,
 }
 
-pub(super) fn read(text: &str, file: &str) -> Result<Told, TableError> {
+pub(super) fn read(text: &str, file: &str) -> Result<TableManifest, TableError> {
     let text: Text = toml_text::read(text).map_err(|refused| {
         let key = match refused.key.as_str() {
             "" => String::new(),
             key => format!("{key}: "),
         };
-        let cause = format!(
-            "{key}{}; docs/brdf-tables.md lists every key",
-            refused.words
-        );
+        let cause = format!("{key}{}; docs/brdf-tables.md lists all keys", refused.words);
         TableError::new(file, refused.line, cause)
     })?;
     let wrong = |cause: String| Err(TableError::new(file, None, cause));
     if text.schema != SCHEMA {
-        return wrong(format!(
-            "schema: `{}` is another form than {SCHEMA}",
-            text.schema
-        ));
+        return wrong(format!("schema: expected {SCHEMA}, got `{}`", text.schema));
     }
     let f = &text.goniometer;
     let at_most = |key: &str, value: Option<f64>, most: f64, unit: &str| match value {
         Some(x) if !(0.0..=most).contains(&x) => Some(format!(
-            "goniometer.{key}: {x} is out of range; write a number from 0 to {most}{unit}"
+            "goniometer.{key}: {x} is out of range: set it to a number from 0 to {most}{unit}"
         )),
         _ => None,
     };
@@ -153,13 +149,13 @@ pub(super) fn read(text: &str, file: &str) -> Result<Told, TableError> {
             "scale_rel_std",
             f.scale_rel_std,
             1.0,
-            ", a share of the value",
+            ", a fraction of the value",
         ),
         at_most(
             "value_rel_std",
             f.value_rel_std,
             1.0,
-            ", a share of the value",
+            ", a fraction of the value",
         ),
         at_most("value_std", f.value_std, f64::MAX, ""),
         at_most("stray_std", f.stray_std, f64::MAX, ""),
@@ -190,12 +186,12 @@ pub(super) fn read(text: &str, file: &str) -> Result<Told, TableError> {
     }
     if (f.value_rel_std, f.value_std) == (Some(0.0), Some(0.0)) {
         return wrong(
-            "goniometer.value_rel_std and value_std: values without uncertainty cannot be weighed; write one above 0"
+            "goniometer.value_rel_std and value_std: values without uncertainty cannot be weighted: set one above 0"
                 .to_owned(),
         );
     }
     if text.sample.contains_key("layout") {
-        return wrong("sample.layout: a table is of one surface; leave it out".to_owned());
+        return wrong("sample.layout: a table describes one surface: leave it out".to_owned());
     }
     let material =
         Manifest::material_alone(&text.sample, f.wavelength_nm, file).map_err(|error| {
@@ -207,7 +203,7 @@ pub(super) fn read(text: &str, file: &str) -> Result<Told, TableError> {
             };
             TableError::new(file, None, cause)
         })?;
-    Ok(Told {
+    Ok(TableManifest {
         name: text.name,
         table: text.table,
         facts: text.goniometer,

@@ -1,8 +1,10 @@
-//! Tables of BRDF as goniometers write them (`brdf-table-1`): a folder with `manifest.toml` and a CSV or a BiRD JSON.
+//! BRDF tables from goniometers (`brdf-table-1`): a folder with `manifest.toml` and a CSV or a BiRD
+//! JSON file.
 //!
-//! Call [`is_table`] to tell such a folder from a recorded series, [`Table::open`] to read it, and [`Table::observations`]
-//! for what a fit reads. Lamp and detector move freely, so every observation has directions of its own. The scale is the
-//! table's, and there are no flats.
+//! Call [`is_table`] to distinguish such a folder from a recorded series, [`BrdfTable::open`] to
+//! read it, and [`BrdfTable::observations`] for the input of a fit. Lamp and detector move freely,
+//! so every observation has its own directions. The scale is that of the table, and there are no
+//! flats.
 
 mod bird;
 mod manifest;
@@ -12,8 +14,8 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 
-pub use self::manifest::{Facts, Scale, Sense, Value};
-pub use self::rows::Reading;
+pub use self::manifest::{AzimuthSense, Goniometer, Quantity, ValueScale};
+pub use self::rows::TableReading;
 use crate::geometry::{Cones, Directions, Pose, RigGeometry};
 use crate::material::Material;
 use crate::observation::{Observation, ObservationSet, Prior, SharedErrors, View, WhiteReference};
@@ -23,27 +25,29 @@ use crate::units::Angle;
 use crate::wording::sheet::decoded;
 use crate::wording::{counted, significant};
 
-/// A file of more bytes than this is no table.
+/// Largest size of a file, in bytes.
 const BYTES_MAX: u64 = 256 << 20;
-/// Standard uncertainty of goniometer angles and of how the sample lies, where the manifest states none.
+/// Standard uncertainty of the goniometer's angles and of the sample's inclination, if the manifest
+/// does not state one.
 const ANGLE_STD_DEFAULT_DEG: f64 = 0.05;
-/// Relative standard uncertainty of the absolute scale, where the manifest states none.
+/// Relative standard uncertainty of the absolute scale, if the manifest does not state one.
 const SCALE_STD_DEFAULT: f64 = 0.01;
-/// Standard uncertainty of a value, where neither table nor manifest states one: a share of it, and of the largest.
+/// Standard uncertainty of a value, if neither table nor manifest state one: a fraction of the
+/// value, and of the largest value.
 const VALUE_STD_DEFAULT: f64 = 0.01;
 const FLOOR_DEFAULT: f64 = 1e-4;
-/// Standard uncertainty of stray light, where none is stated, as a share of the median signal.
+/// Standard uncertainty of stray light, if not stated, as a fraction of the median signal.
 const STRAY_SHARE: f64 = 0.01;
 
-/// Why a folder gives no table.
+/// Why a folder is not a valid table.
 #[derive(Debug, thiserror::Error)]
 #[error("{file}{}: {cause}", .line.map(|l| format!(" line {l}")).unwrap_or_default())]
 pub struct TableError {
     /// The file.
     pub file: String,
-    /// Line, from 1, where one is known.
+    /// Line number from 1, if known.
     pub line: Option<usize>,
-    /// What is wrong, and what to do.
+    /// The fault and the remedy.
     pub cause: String,
 }
 
@@ -59,20 +63,20 @@ impl TableError {
 
 /// A table that was read.
 #[derive(Debug, Clone)]
-pub struct Table {
+pub struct BrdfTable {
     /// Name of the sample or series; may be empty.
     pub name: String,
-    /// What the manifest says of the goniometer.
-    pub facts: Facts,
+    /// Properties of the goniometer from the manifest.
+    pub facts: Goniometer,
     /// Nominal material.
     pub material: Material,
     /// The readings, in the order of the file.
-    pub readings: Vec<Reading>,
-    /// What was left out, in words.
+    pub readings: Vec<TableReading>,
+    /// Notes on the readings left out.
     pub left_out: Vec<String>,
 }
 
-/// Whether a folder's manifest is that of a table.
+/// Whether a folder contains the manifest of a table.
 #[must_use]
 pub fn is_table(folder: &Path) -> bool {
     let text = text_of(folder, "manifest.toml").ok();
@@ -81,40 +85,41 @@ pub fn is_table(folder: &Path) -> bool {
     table.is_some_and(|t| t.get("schema").and_then(toml::Value::as_str) == Some(TABLE_SCHEMA))
 }
 
-impl Table {
+impl BrdfTable {
     /// Reads the manifest and the table in a folder.
     ///
     /// # Errors
     /// [`TableError`] names file, line, cause and remedy.
-    pub fn open(folder: &Path) -> Result<Table, TableError> {
-        let told = manifest::read(&text_of(folder, "manifest.toml")?, "manifest.toml")?;
-        let file = &told.table;
+    pub fn open(folder: &Path) -> Result<BrdfTable, TableError> {
+        let manifest = manifest::read(&text_of(folder, "manifest.toml")?, "manifest.toml")?;
+        let file = &manifest.table;
         let text = text_of(folder, file)?;
         let is_json = text
             .trim_start_matches('\u{feff}')
             .trim_start()
             .starts_with('{');
         let read = match is_json {
-            true => bird::read(&text, file, &told.facts)?,
+            true => bird::read(&text, file, &manifest.facts)?,
             false => rows::read(&text, file)?,
         };
         if read.readings.is_empty() {
             return Err(TableError::new(
                 file,
                 None,
-                "it holds no reading with a value",
+                "the file contains no reading with a value",
             ));
         }
-        Ok(Table {
-            name: told.name,
-            facts: told.facts,
-            material: told.material,
+        Ok(BrdfTable {
+            name: manifest.name,
+            facts: manifest.facts,
+            material: manifest.material,
             readings: read.readings,
             left_out: read.left_out,
         })
     }
 
-    /// What a fit reads. Azimuths count from u towards v, on from where the manifest says that v is.
+    /// The input of a fit. Azimuths are converted to count from u towards v, relative to the
+    /// manifest's azimuth of v.
     #[must_use]
     pub fn observations(&self) -> ObservationSet {
         let facts = &self.facts;
@@ -134,7 +139,7 @@ impl Table {
             "sample_tilt_std_deg",
             &mut assumed,
         );
-        let absolute = facts.scale == Scale::Absolute;
+        let absolute = facts.scale == ValueScale::Absolute;
         let scale_std = facts.scale_rel_std.unwrap_or(SCALE_STD_DEFAULT);
         if absolute && facts.scale_rel_std.is_none() {
             assumed.push(format!("scale_rel_std = {SCALE_STD_DEFAULT}"));
@@ -162,13 +167,13 @@ impl Table {
         }
         if !assumed.is_empty() {
             warnings.push(format!(
-                "the manifest states no standard uncertainties of these, so [goniometer] {} are assumed",
+                "the manifest does not state these standard uncertainties; assumed in [goniometer]: {}",
                 assumed.join(", ")
             ));
         }
         let mut observations = Vec::with_capacity(self.readings.len());
         let mut views = Vec::with_capacity(self.readings.len());
-        // A sigma of 0 would outweigh all others.
+        // A sigma of 0 would outweigh all other readings.
         let least = f64::EPSILON * largest;
         for reading in &self.readings {
             let placed = Placed::new(reading, facts);
@@ -214,7 +219,8 @@ impl Table {
                 reflectance: 1.0,
                 reflectance_std: scale_std,
             }),
-            // An error that both arms have in common is an inclination of the sample; what is left turns them apart.
+            // An error common to both arms acts as an inclination of the sample; the rest rotates
+            // them relative to each other.
             wedge_std: Some(Angle::from_rad(
                 tilt_std
                     .rad()
@@ -227,19 +233,19 @@ impl Table {
     }
 }
 
-/// A reading as an observation of a rig whose x axis lies at the detector's azimuth.
+/// A reading as an observation of a rig whose x axis is at the detector's azimuth.
 struct Placed {
     pose: Pose,
     directions: Directions,
 }
 
 impl Placed {
-    fn new(reading: &Reading, facts: &Facts) -> Placed {
+    fn new(reading: &TableReading, facts: &Goniometer) -> Placed {
         let sense = match facts.azimuth_sense {
-            Sense::CounterClockwise => 1.0,
-            Sense::Clockwise => -1.0,
+            AzimuthSense::CounterClockwise => 1.0,
+            AzimuthSense::Clockwise => -1.0,
         };
-        // An angle from the normal to the other side is one with the opposite azimuth.
+        // A negative angle from the normal is a positive one at the opposite azimuth.
         let upright = |theta_deg: f64, phi_deg: f64| match theta_deg < 0.0 {
             true => (Angle::from_deg(-theta_deg), sense * (phi_deg + 180.0)),
             false => (Angle::from_deg(theta_deg), sense * phi_deg),
@@ -262,18 +268,25 @@ impl Placed {
     }
 }
 
-/// The text of a file in the folder.
+/// Reads a text file of the folder.
 fn text_of(folder: &Path, file: &str) -> Result<String, TableError> {
     let path = folder.join(file);
     let unread = |cause: String| TableError::new(file, None, cause);
-    let facts = std::fs::metadata(&path)
-        .map_err(|e| unread(format!("it cannot be read from {}: {e}", folder.display())))?;
+    let facts = std::fs::metadata(&path).map_err(|e| {
+        unread(format!(
+            "the file cannot be read from {}: {e}",
+            folder.display()
+        ))
+    })?;
     if !facts.is_file() || facts.len() > BYTES_MAX {
-        return Err(unread("it is no regular file of at most 256 MB".to_owned()));
+        return Err(unread(
+            "it is not a regular file of at most 256 MB".to_owned(),
+        ));
     }
-    let bytes = std::fs::read(&path).map_err(|e| unread(format!("it cannot be read: {e}")))?;
+    let bytes =
+        std::fs::read(&path).map_err(|e| unread(format!("the file cannot be read: {e}")))?;
     decoded(bytes).map_err(|(line, byte)| {
-        let cause = format!("the byte 0x{byte:02X} is no UTF-8 text; save the file as UTF-8");
+        let cause = format!("the byte 0x{byte:02X} is not valid UTF-8: save the file as UTF-8");
         TableError::new(file, Some(line), cause)
     })
 }

@@ -1,33 +1,34 @@
-//! The rows of a table in CSV.
+//! The rows of a CSV table.
 
 use super::TableError;
 use crate::wording::counted;
 use crate::wording::sheet::Sheet;
 
-/// One reading. Directions point away from the sample; θ from its normal, of either sign, φ as the manifest says.
+/// One reading. Directions point away from the sample; θ counts from its normal, with either sign,
+/// φ as stated in the manifest.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reading {
-    /// Towards the lamp.
+pub struct TableReading {
+    /// Polar angle of the lamp.
     pub theta_i_deg: f64,
-    /// Its azimuth.
+    /// Azimuth of the lamp.
     pub phi_i_deg: f64,
-    /// Towards the detector.
+    /// Polar angle of the detector.
     pub theta_o_deg: f64,
-    /// Its azimuth.
+    /// Azimuth of the detector.
     pub phi_o_deg: f64,
     /// The value, in the unit of the manifest.
     pub value: f64,
-    /// Its own standard uncertainty, if the table states one.
+    /// Its standard uncertainty, if stated in the table.
     pub sigma: Option<f64>,
 }
 
-/// What a file holds.
-pub(super) struct Read {
-    pub(super) readings: Vec<Reading>,
+/// The contents of a file.
+pub(super) struct TableContents {
+    pub(super) readings: Vec<TableReading>,
     pub(super) left_out: Vec<String>,
 }
 
-/// The columns, and the names that they go by, without case, unit and separators.
+/// The columns with their accepted names, without case, unit and separators.
 const COLUMNS: [(&str, &[&str]); 6] = [
     ("theta_i_deg", &["thetai", "thetain", "thetaincident"]),
     ("phi_i_deg", &["phii", "phiin", "phiincident"]),
@@ -51,7 +52,7 @@ const COLUMNS: [(&str, &[&str]); 6] = [
         &["sigma", "std", "valuestd", "brdfstd", "ubrdf", "stdbrdf"],
     ),
 ];
-/// Fields of a reading that was not taken.
+/// Texts of a missing reading.
 const MISSING: [&str; 6] = ["", "nan", "na", "n/a", "-", "null"];
 
 /// A column's name without case, unit and separators, and whether its unit is the radian.
@@ -69,17 +70,17 @@ fn plain(name: &str) -> (String, bool) {
     (words.concat(), radian)
 }
 
-pub(super) fn read(text: &str, file: &str) -> Result<Read, TableError> {
+pub(super) fn read(text: &str, file: &str) -> Result<TableContents, TableError> {
     let mut sheet = Sheet::open(text);
     let no_csv = |error: csv::Error, sheet: &Sheet<'_>| {
         let cause = match error.kind() {
             csv::ErrorKind::UnequalLengths {
                 expected_len, len, ..
             } => format!(
-                "the line has {}, the header {expected_len}; with commas between the columns, decimals follow a point",
+                "the line has {}, but the header has {expected_len}; if commas separate the columns, write decimals with a point",
                 counted(*len as usize, "field")
             ),
-            _ => format!("the line cannot be read as CSV: {error}"),
+            _ => format!("the line is not valid CSV: {error}"),
         };
         TableError::new(file, sheet.line(error.position()), cause)
     };
@@ -91,7 +92,7 @@ pub(super) fn read(text: &str, file: &str) -> Result<Read, TableError> {
         *place = found.next();
         let wrong = match (*place, found.next()) {
             (None, _) if column != "sigma" => format!(
-                "no column {column}: the header needs {}, and may have sigma",
+                "the column {column} is missing: the header needs {}, and may have sigma",
                 COLUMNS[..5]
                     .iter()
                     .map(|c| c.0)
@@ -99,14 +100,14 @@ pub(super) fn read(text: &str, file: &str) -> Result<Read, TableError> {
                     .join(",")
             ),
             (Some(a), Some(b)) => format!(
-                "the columns `{}` and `{}` both stand for {column}; remove one",
+                "the columns `{}` and `{}` both mean {column}: remove one",
                 &headers[a], &headers[b]
             ),
             _ => continue,
         };
         return Err(TableError::new(file, Some(sheet.header_line()), wrong));
     }
-    let mut read = Read {
+    let mut read = TableContents {
         readings: Vec::new(),
         left_out: Vec::new(),
     };
@@ -128,7 +129,7 @@ pub(super) fn read(text: &str, file: &str) -> Result<Read, TableError> {
             missing += 1;
             continue;
         }
-        let reading = Reading {
+        let reading = TableReading {
             theta_i_deg: number(0)?,
             phi_i_deg: number(1)?,
             theta_o_deg: number(2)?,
@@ -152,24 +153,24 @@ pub(super) fn read(text: &str, file: &str) -> Result<Read, TableError> {
     Ok(read)
 }
 
-/// Refuses a reading that no goniometer takes in reflection.
-pub(super) fn check(reading: &Reading) -> Result<(), String> {
+/// Refuses a reading that is not one of a goniometer in reflection.
+pub(super) fn check(reading: &TableReading) -> Result<(), String> {
     for (name, theta) in [
         ("theta_i", reading.theta_i_deg),
         ("theta_o", reading.theta_o_deg),
     ] {
         if theta.abs() >= 90.0 {
             return Err(format!(
-                "{name} = {theta}° is not above the surface; leave out readings in transmission and at 90° (are these degrees?)"
+                "{name} = {theta}° is not above the surface: leave out readings in transmission and at 90°, and check that the unit is the degree"
             ));
         }
     }
     if reading.phi_i_deg.abs().max(reading.phi_o_deg.abs()) > 3600.0 {
-        return Err("an azimuth is more than ten turns (are these degrees?)".to_owned());
+        return Err("an azimuth exceeds ten turns: check that the unit is the degree".to_owned());
     }
     match reading.sigma {
         Some(sigma) if sigma <= 0.0 => Err(format!(
-            "sigma = {sigma}: a standard uncertainty is above 0; leave the field empty for that of the manifest"
+            "sigma = {sigma}: a standard uncertainty must be above 0; leave the field empty to use that of the manifest"
         )),
         _ => Ok(()),
     }

@@ -1,27 +1,30 @@
-//! Whether all light that leaves a triangle in one direction is free: certain, not just likely.
+//! Whether all light that leaves a triangle in one direction is certainly free.
 //!
-//! Call [`is_free`]. The triangle swept along the direction is a beam, as wide as the edges by which light leaves the
-//! triangle: over each of those the lowest light has come from the edge itself, so its height is a linear function
-//! of the place. Other triangles lie on one side of an edge's line, as all of them lie between lines of the same
-//! grid. So what of a triangle lies in the beam of an edge is free where that light clears its corners, those
-//! by which it is cut off at the sides of the beam among them: a handful of comparisons instead of many rays.
-//! Columns of cells that lie below the beam as a whole are passed by one comparison.
+//! Call [`is_free`]. The triangle swept along the direction is a swept volume bounded by the edges
+//! through which light leaves the triangle. Above each of these edges the lowest light has come
+//! from the edge itself, so its height is a linear function of the position. Other triangles are on
+//! one side of an edge's line, because all triangles are between lines of the same grid. The part
+//! of a triangle inside the volume of an edge is therefore clear if that light clears its corners,
+//! including those cut by the sides of the volume: a handful of comparisons instead of many rays.
+//! Columns of cells that are entirely below the volume are skipped with one comparison.
 //!
-//! *Conditioning.* Times are quotients by the rate at which the beam leaves an edge. An edge along the beam, but for 1e-9, has no
-//! width and is left out; nearly along it light gains height without end, so that is counted from the edge's own line, on
-//! which corners lie exactly. Heights come from single precision and are
-//! compared in double with a slack of 1e-9 of the field's relief: a beam that touches may be called free by that
-//! much, which is a share of 1e-9 of its light.
+//! *Conditioning.* Times are quotients by the rate at which the light leaves an edge. An edge
+//! parallel to the direction within 1e-9 has no width and is left out. Along an almost parallel
+//! edge light gains height without bound, so height is counted from the edge's own line, on which
+//! corners are exact. Heights are single precision and are compared in double precision with a
+//! tolerance of 1e-9 of the field's relief: light that only touches the surface may be called free,
+//! an error of 1e-9 of its light.
 
 use super::height_field::{HeightField, Side, WINDOW};
 use super::vec3::V3;
 
-/// Columns of cells that are looked at before it stays undecided.
+/// Number of columns of cells that are tested before the result stays undecided.
 const COLUMNS_MAX: i64 = 96;
-/// Rounding of heights over the steepest triangles, in units of the heights' spread.
+/// Rounding error of heights over the steepest triangles, in units of the heights' spread.
 const ROUNDING: f64 = 1e-9;
 
-/// Rate of leaving an edge, over that of passing cells, below which no more of the light leaves by it than that.
+/// Rate of leaving an edge, relative to that of passing cells, below which the edge's share of the
+/// light is negligible.
 const NO_WIDTH: f64 = 1e-9;
 
 /// Corners of a cell, in the order of the field's heights.
@@ -54,17 +57,19 @@ const EDGES: [[Edge; 3]; 2] = [
     ],
 ];
 
-/// The light that leaves by one edge, in cells from its own; heights count away from the surface.
+/// The light that leaves through one edge, in cells from its own; heights count away from the
+/// surface.
 #[derive(Clone, Copy)]
 struct Sheet {
     /// Height of the triangle's plane at (0, 0), and its slopes.
     at_origin: f64,
     slopes: [f64; 2],
-    /// The edge's line: light is where n · x > b.
+    /// The edge's line: the light is where n · x > b.
     n: [f64; 2],
     b: f64,
-    /// What its lowest gains over the plane per unit of n · x − b. Very much where the light goes along the edge; but
-    /// n · x − b is a whole number at the corners, and 0 where the edge is.
+    /// Height that its lowest ray gains over the plane per unit of n · x − b. Very large if the
+    /// light is parallel to the edge; but n · x − b is an integer at the corners, and 0 on the
+    /// edge.
     gain: f64,
     /// Range of x dy − y dx.
     strip: [f64; 2],
@@ -80,7 +85,7 @@ impl Sheet {
         strip: [0.0; 2],
     };
 
-    /// How far it is over the corners of a cell at (x, y).
+    /// Height of the light over the corners of a cell at (x, y).
     #[inline(always)]
     fn over(&self, h: &[f64; 4], x: f64, y: f64) -> [f64; 4] {
         let ([sx, sy], [nx, ny]) = (self.slopes, self.n);
@@ -94,7 +99,8 @@ impl Sheet {
         ]
     }
 
-    /// Whether it clears what of a triangle lies within its sides: of the corners x dy − y dx, and how far it is over them.
+    /// Whether it clears the part of a triangle inside its sides: `w` is x dy − y dx at the
+    /// corners, `over` the height above them.
     #[inline(always)]
     fn clears(&self, w: &[f64; 3], over: &[f64; 3]) -> bool {
         let [from, to] = self.strip;
@@ -103,7 +109,7 @@ impl Sheet {
             let b = if a == 2 { 0 } else { a + 1 };
             clear &= w[a] < from || w[a] > to || over[a] >= 0.0;
             for limit in self.strip {
-                // Without a quotient: the mean of the ends at the limit, times their distance.
+                // Without a division: the mean of the ends at the limit, times their distance.
                 let (after, before) = (w[b] - limit, limit - w[a]);
                 let mean = over[a] * after + over[b] * before;
                 clear &= after * before <= 0.0
@@ -129,11 +135,11 @@ fn wrapped(index: usize, shift: i64, n: usize) -> usize {
     }
 }
 
-/// Whether everything that leaves the triangle on a side along `k` is free. `k` must lead away from the
-/// triangle and from the surface as a whole.
+/// Whether all light that leaves the triangle on a side along `k` is free. `k` must point away from
+/// the triangle and from the surface as a whole.
 #[must_use]
 pub fn is_free(field: &HeightField, i: usize, j: usize, upper: bool, side: Side, k: &V3) -> bool {
-    // Compiled for each set of vector instructions; the bits are the same with all of them.
+    // Compiled for each vector instruction set; the bits are the same with all of them.
     field.arch().dispatch(Look {
         field,
         i,
@@ -144,8 +150,8 @@ pub fn is_free(field: &HeightField, i: usize, j: usize, upper: bool, side: Side,
     })
 }
 
-/// One question, as a type and not a closure: a closure of this size is not inlined, and what is not inlined
-/// is not compiled for the wider instructions.
+/// The arguments of one test. A type instead of a closure, because a closure of this size is not
+/// inlined and would not be compiled for the wider instructions.
 struct Look<'a> {
     field: &'a HeightField,
     i: usize,
@@ -201,7 +207,8 @@ fn looked_at(look: Look<'_>) -> bool {
     let outermost = if sign > 0.0 { high } else { -low };
     let forward = if ahead > 0.0 { 1 } else { -1 };
     let climb = rise / ahead.abs();
-    // Light by the edges that face forward; where its lowest would have come from at the near side of the own column.
+    // Light through the edges that face forward, and where its lowest ray would have come from at
+    // the near side of its own column.
     let mut sheets = [Sheet::NONE; 2];
     let (mut count, mut lowest) = (0, f64::INFINITY);
     let near_side = if forward > 0 { 0.0 } else { 1.0 };
@@ -218,7 +225,7 @@ fn looked_at(look: Look<'_>) -> bool {
             slopes,
             n: edge.n,
             b: edge.b,
-            // Over a place that was (n · x − b)/(n · d) ago.
+            // Light at a position left the edge (n · x − b)/(n · d) ago.
             gain: gain / rate,
             strip: [lesser(w[0], w[1]), greater(w[0], w[1])],
         };
@@ -236,11 +243,11 @@ fn looked_at(look: Look<'_>) -> bool {
             greater(strip[1], sheet.strip[1]),
         ];
     }
-    // Across at an ahead position a and strip coordinate w: (a across ∓ w)/ahead.
+    // The position across at a position ahead a and a strip coordinate w: (a across ∓ w)/ahead.
     let turn = if along_x { -1.0 } else { 1.0 };
     let (drift, rims) = (across / ahead, strip.map(|w| turn * w / ahead));
     let (rim_from, rim_to) = (lesser(rims[0], rims[1]), greater(rims[0], rims[1]));
-    // Rows that the beam crosses between two positions ahead.
+    // Rows that the light crosses between two positions ahead.
     let rows = |first: i64, last: i64| {
         let (a, b) = (drift * first as f64, drift * last as f64);
         (
@@ -265,7 +272,7 @@ fn looked_at(look: Look<'_>) -> bool {
             if lowest_here >= outermost {
                 return true;
             }
-            // Many columns at once, as soon as the beam is over all that is there.
+            // Many columns at once, as soon as the light is above all heights there.
             let first = if forward > 0 {
                 column
             } else {
@@ -290,7 +297,8 @@ fn looked_at(look: Look<'_>) -> bool {
                 }
             }
         }
-        // In its own column nothing is clear by the cells' escape slopes, or it would not be looked at.
+        // In its own column the horizon slopes decide nothing, or this function would not be
+        // called.
         let (mut under, mut clear) = (step > 0, step > 0);
         for row in from..=to {
             let (cx, cy) = place(column, row);
@@ -320,7 +328,8 @@ fn looked_at(look: Look<'_>) -> bool {
     false
 }
 
-/// Whether the beam passes over a cell at a place from its own, whose triangle `skip` is its start.
+/// Whether the light passes over a cell at a position from its own; `skip` is the triangle at which
+/// it starts.
 #[inline(always)]
 fn clears_cell(
     sheets: &[Sheet],
@@ -333,7 +342,7 @@ fn clears_cell(
     let mut clear = [skip == Some(0), skip == Some(1)];
     for (over, sheet) in over.iter_mut().zip(sheets) {
         *over = sheet.over(h, at[0], at[1]);
-        // Light by the other edge is no lower than that by this one would be.
+        // Light through the other edge is at least as high as light through this one.
         let diagonal = lesser(over[0], over[3]);
         clear[0] |= lesser(diagonal, over[1]) >= 0.0;
         clear[1] |= lesser(diagonal, over[2]) >= 0.0;
@@ -366,20 +375,20 @@ fn clears_cell(
     true
 }
 
-/// The smaller of two numbers that are numbers.
+/// The smaller of two numbers, neither of them NaN.
 #[inline(always)]
 fn lesser(a: f64, b: f64) -> f64 {
     if b < a { b } else { a }
 }
 
-/// The greater of two numbers that are numbers.
+/// The larger of two numbers, neither of them NaN.
 #[inline(always)]
 fn greater(a: f64, b: f64) -> f64 {
     if b > a { b } else { a }
 }
 
-/// Rounded down; without the library's function, which is slow where the machine's instruction is not
-/// counted on.
+/// Rounds down, without the library's function, which is slow unless the machine's instruction is
+/// enabled.
 #[inline(always)]
 fn floor(x: f64) -> i64 {
     let whole = x as i64;
@@ -395,7 +404,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn steep_light_over_a_field_as_good_as_flat_is_free_along_any_edge() {
+    fn steep_light_over_an_almost_flat_field_is_free_along_any_edge() {
         let field = beckmann(32, 1e-6, 1e-6, 1);
         for across in [0.0, 1e-16, 2.6e-7, -2.6e-7, 1e-3] {
             for k in [
@@ -414,7 +423,7 @@ mod tests {
     }
 
     #[test]
-    fn every_ray_of_a_free_beam_is_free_and_hardly_a_free_beam_is_missed() {
+    fn every_ray_of_free_light_is_free_and_free_light_is_rarely_missed() {
         let field = beckmann(64, 0.5, 0.35, 3);
         let mut random = Stream::new(5, Purpose::Photon, 0);
         let (mut found, mut missed, mut blocked) = (0, 0, 0);
@@ -445,13 +454,13 @@ mod tests {
             });
             match (says_free, all_free) {
                 (true, true) => found += 1,
-                (true, false) => panic!("a ray of a free beam hits"),
+                (true, false) => panic!("a ray of free light hits"),
                 (false, true) => missed += 1,
                 (false, false) => blocked += 1,
             }
         }
         assert!(found > 500 && blocked > 200, "{found} {blocked}");
-        // Forty rays may miss an obstacle at a triangle's rim, so some of these are no misses.
+        // Forty rays may miss an obstacle at a triangle's rim, so some of these are not missed.
         assert!(missed * 50 < found, "{missed} of {found}");
     }
 }

@@ -1,14 +1,15 @@
-//! Beckmann height fields: Gaussian surfaces whose slopes have exactly the roughness asked for.
+//! Beckmann height fields: Gaussian surfaces whose slopes have exactly the requested roughness.
 //!
 //! Call [`beckmann`]. After Heitz 2015, "Generating procedural Beckmann surfaces": h = √(2/N) Σ
-//! cos(φ + f·x) with f = √(−ln(1 − U)) (cos ψ, sin ψ). Two changes make a tile of it: the wave
-//! vectors are rounded to the tile's lattice, so that it repeats without seams, and they are drawn
-//! in strata. What is left of the realisation's error in the slope variance is taken out by the
-//! cell sizes, one per axis: the variance of the triangles' slopes is α²/2 on both axes exactly.
+//! cos(φ + f·x) with f = √(−ln(1 − U)) (cos ψ, sin ψ). Two changes make it a tile: the wave vectors
+//! are rounded to the tile's lattice, so that it repeats without seams, and they are drawn in
+//! strata. The remaining error of a realisation's slope variance is compensated by the cell sizes,
+//! one per axis: the variance of the triangles' slopes is exactly α²/2 on both axes.
 //!
-//! *Conditioning.* A height is a sum of 4096 cosines of either sign: 45 on average in units of one, known to 1e-13 of that, then
-//! rounded to f32. The roughness does not hang on it: cell sizes are solved for from the slopes' own sum of squares
-//! (positive terms), so α is exact to rounding for any number of cells.
+//! *Conditioning.* A height is a sum of 4096 cosines of either sign: 45 on average in units of one,
+//! accurate to 1e-13 of that, then rounded to f32. The roughness does not depend on it: cell sizes
+//! are computed from the sum of squared slopes (positive terms), so α is exact except for rounding
+//! for any number of cells.
 
 use pulp::Arch;
 use rayon::prelude::*;
@@ -17,35 +18,36 @@ use super::height_field::HeightField;
 use super::rng::{Purpose, Stream};
 use crate::model::LeftOut;
 
-/// Cells along each side of a tile unless a scene says otherwise.
+/// Default number of cells along each side of a tile.
 pub const CELLS: usize = 400;
 /// Strata of wave vectors per axis: N = 64² waves.
 const STRATA: usize = 64;
-/// Largest |f| in units of α (the tail beyond holds 5e-6 of the waves).
+/// Largest |f| in units of α (5e-6 of the waves are beyond).
 const CUT: f64 = 3.5;
-/// Phase per cell of the shortest wave, rad: six samples per wave and more.
+/// Phase per cell of the shortest wave, rad: at least six samples per wave.
 const SHORTEST: f64 = 1.0;
 
-/// Fewer cells along a side than this hold too few waves for the statistics of many.
+/// With fewer cells along a side, there are too few waves for Gaussian statistics.
 const CELLS_MANY: usize = 100;
 
-/// What a tile of few cells does without: its waves fall on few places of the lattice, so slopes are no longer normal.
+/// The effect of few cells: the waves fall on few points of the lattice, so slopes are no longer
+/// normally distributed.
 #[must_use]
 pub fn few_cells(cells: usize, interface: usize) -> Option<LeftOut> {
     (cells < CELLS_MANY).then(|| {
         LeftOut::new(
             format!("normal slopes of interface {interface}"),
             format!(
-                "a tile of {cells} cells holds few waves: the variance of its slopes is α²/2, but their distribution, \
-                 steep ones above all, is not Beckmann's; {CELLS_MANY} cells or more have it"
+                "a tile of {cells} cells contains few waves: the variance of its slopes is α²/2, but their distribution, \
+                 especially of steep ones, is not Beckmann's; use {CELLS_MANY} cells or more"
             ),
             None,
         )
     })
 }
 
-/// A tile of `cells` × `cells` with Beckmann roughness `alpha_u` along x and `alpha_v` along y
-/// (tangent of slope; the slopes are N(0, α²/2) per axis). Heights have unit variance.
+/// Makes a tile of `cells` × `cells` with Beckmann roughness `alpha_u` along x and `alpha_v` along
+/// y (tangent of slope; the slopes are N(0, α²/2) per axis). Heights have unit variance.
 #[must_use]
 pub fn beckmann(cells: usize, alpha_u: f64, alpha_v: f64, seed: u64) -> HeightField {
     let heights = heights(cells, seed);
@@ -70,7 +72,7 @@ pub fn beckmann(cells: usize, alpha_u: f64, alpha_v: f64, seed: u64) -> HeightFi
     )
 }
 
-/// The isotropic field before its cells get a size.
+/// The isotropic field before its cells get their sizes.
 fn heights(cells: usize, seed: u64) -> Vec<f64> {
     let waves = waves(cells, seed);
     let reach = waves.iter().map(|w| w.kx.unsigned_abs()).max().unwrap_or(0);
@@ -114,15 +116,15 @@ fn heights(cells: usize, seed: u64) -> Vec<f64> {
         .for_each(|(x, row)| {
             for (k, part) in parts.iter().enumerate() {
                 let turn = table[(k * x) % cells];
-                // Compiled for each set of vector instructions; the bits are the same with all of them.
+                // Compiled for each vector instruction set; the bits are the same with all of them.
                 arch.dispatch(Sum { row, part, turn });
             }
         });
     heights
 }
 
-/// Adds the waves of one |kx| to a row, as a type and not a closure: those are not inlined, and what is not inlined is
-/// not compiled for the wider instructions.
+/// Adds the waves of one |kx| to a row. A type instead of a closure, because closures are not
+/// inlined and would not be compiled for the wider instructions.
 struct Sum<'a> {
     row: &'a mut [f64],
     /// Cosine and sine parts.
@@ -151,7 +153,7 @@ struct Wave {
 
 fn waves(cells: usize, seed: u64) -> Vec<Wave> {
     let mut random = Stream::new(seed, Purpose::Surface, 0);
-    // Lattice steps per unit of f/α; small tiles hold at least a few waves.
+    // Lattice steps per unit of f/α; small tiles contain at least a few waves.
     let per_unit = cells as f64 * SHORTEST / (std::f64::consts::TAU * CUT);
     let inside = 1.0 - (-CUT * CUT).exp();
     let mut waves = Vec::with_capacity(STRATA * STRATA);
@@ -206,10 +208,11 @@ mod tests {
     }
 
     #[test]
-    fn slopes_have_the_roughness_asked_for_on_both_axes() {
+    fn slopes_have_the_requested_roughness_on_both_axes() {
         for (alpha_u, alpha_v, seed) in [(0.1, 0.1, 1), (0.4, 0.4, 2), (0.06, 0.18, 3)] {
             let m = moments(&beckmann(CELLS, alpha_u, alpha_v, seed));
-            // α within 0.5 % asked; the cells make it exact up to the f32 of the heights.
+            // α within 0.5 % is required; the cell sizes make it exact up to the f32 of the
+            // heights.
             assert!(((2.0 * m.variance_x).sqrt() / alpha_u - 1.0).abs() < 1e-5);
             assert!(((2.0 * m.variance_y).sqrt() / alpha_v - 1.0).abs() < 1e-5);
             // About 1200 independent patches of slope: 5 standard errors of a Gaussian's moments.
@@ -220,8 +223,8 @@ mod tests {
     }
 
     #[test]
-    fn the_slopes_distribution_is_beckmann_s() {
-        // Share of normals steeper than tan θ: exp(−tan²θ/α²). Averaged over 4 fields.
+    fn the_slopes_distribution_is_beckmanns() {
+        // Fraction of normals steeper than tan θ: exp(−tan²θ/α²). Averaged over 4 fields.
         let alpha = 0.3;
         let mut steeper = [0.0; 3];
         let mut count = 0.0;
@@ -248,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_seed_gives_the_same_field_and_another_another() {
+    fn equal_seeds_give_equal_fields_and_different_seeds_do_not() {
         let range = |seed| beckmann(64, 0.2, 0.2, seed).range();
         assert_eq!(range(5), range(5));
         assert_ne!(range(5), range(6));

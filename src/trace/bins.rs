@@ -1,6 +1,7 @@
 //! Direction bins as text and as bytes, for files that other programs read.
 //!
-//! Call [`csv`] for a table, [`float32`] for a block that a page can draw from. It does not know where they are kept.
+//! Call [`csv`] for a table, [`float32`] for a block that the page can draw. This module does not
+//! know where they are stored.
 
 use std::fmt::Write as _;
 
@@ -9,9 +10,10 @@ use super::grid::{Grid, Layout};
 use super::height_field::Side;
 use super::tally::Totals;
 
-/// The table of bins: limits in degrees, Mueller elements and their standard errors in sr⁻¹, hits, DOLP and AOP for the
-/// lamp's `stokes`. Elements that were not computed (all but m00 of a scalar run) are empty; where no light arrived
-/// all are 0. `also` adds columns: their names, each after a comma, and what a row has in them, likewise.
+/// The table of bins: limits in degrees, Mueller elements and their standard errors in sr⁻¹, hits,
+/// and DOLP and AOP for the lamp's `stokes`. Elements that were not computed (all but m00 in a
+/// scalar run) are empty; without light all are 0. `also` adds columns: their names, and each row's
+/// values, every one preceded by a comma.
 #[must_use]
 pub fn csv(
     totals: &Totals,
@@ -28,7 +30,7 @@ pub fn csv(
         }
     }
     let _ = writeln!(text, ",hits,dolp,aop_deg{also}");
-    // Of a million bins most are dark, and what their rows have is known before.
+    // Of a million bins most are dark, so their row is prepared once.
     let dark = {
         let each: String = (0..16)
             .map(|i| if i < totals.elements() { ",0" } else { "," })
@@ -78,14 +80,14 @@ pub fn csv(
     text
 }
 
-/// What the first five columns of a table say of each bin.
+/// The first five columns of each bin's row.
 pub struct Places {
     polar: Vec<[String; 2]>,
     azimuths: Vec<[String; 2]>,
 }
 
 impl Places {
-    /// Of these bins.
+    /// Makes the columns of a grid's bins.
     #[must_use]
     pub fn of(grid: Grid) -> Self {
         let limits = |bin: usize| grid.limits_deg(bin).map(|limit| limit.to_string());
@@ -103,7 +105,7 @@ impl Places {
         }
     }
 
-    /// Side and limits of a bin, as they are written.
+    /// Side and limits of a bin, as written in the table.
     pub fn of_bin(&self, side: Side, bin: usize) -> impl Iterator<Item = &str> {
         let name = match side {
             Side::Above => "R",
@@ -115,7 +117,7 @@ impl Places {
     }
 }
 
-/// The upper side, and the lower one where light reached it.
+/// The upper side, and the lower one if light reached it.
 #[must_use]
 pub fn sides(totals: &Totals) -> Vec<Side> {
     let transmits = (0..totals.grid().per_side()).any(|bin| !totals.is_empty(Side::Below, bin));
@@ -123,8 +125,8 @@ pub fn sides(totals: &Totals) -> Vec<Side> {
     std::iter::once(Side::Above).chain(below).collect()
 }
 
-/// Side by side ([`sides`]), bin by bin, number by number of a bin: value and standard error, sr⁻¹, as little-endian
-/// 32-bit floats. NaN where no light arrived.
+/// Side by side ([`sides`]), bin by bin, number by number: value and standard error, sr⁻¹, as
+/// little-endian 32-bit floats. NaN without light.
 #[must_use]
 pub fn float32(totals: &Totals) -> Vec<u8> {
     let (bins, numbers) = (totals.grid().per_side(), totals.elements());
@@ -176,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn table_and_block_hold_the_same_numbers_of_both_sides() {
+    fn table_and_block_contain_the_same_numbers_of_both_sides() {
         let text = "[light]\ntheta_i_deg = 40.0\n[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n\
                     [run]\nphotons = 500\ntheta_bins = 6\nphi_bins = 8\n";
         let prepared = Scene::parse(text).unwrap().prepare(&|_| Err(String::new()));

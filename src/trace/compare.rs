@@ -1,11 +1,12 @@
-//! Where a computation without polarisation goes wrong: difference maps over the directions of exit.
+//! The error of a computation without polarisation: difference maps over the outgoing directions.
 //!
-//! Call [`Difference::of`] on runs that follow both ([`super::run::Follow`]), one per wavelength, all with the
-//! same bins. As Wang et al. 2017 (Sec. 5) have it, per direction d = (I_pol − I_scalar)/I_scalar of an
-//! unpolarised lamp; ADM is the mean of |d| over the wavelengths, MDM the greatest. Directions
-//! darker than the mean of the lit ones over a divisor are left out, and so are those that the run has
-//! not settled: whose d has a large standard error, or which light from within layers reached in too few of its replicates
-//! to tell one. Bin size and mask move the numbers: a result is told with both.
+//! Call [`PolarisationDifference::of`] on runs that follow both ([`super::run::Follow`]), one per
+//! wavelength, all with the same bins. As in Wang et al. 2017 (Sec. 5), for each direction d =
+//! (I_pol − I_scalar)/I_scalar for unpolarised light; ADM is the mean of |d| over the wavelengths,
+//! MDM the largest. Directions darker than the mean of the lit ones divided by a divisor are left
+//! out. So are unresolved ones: those whose d has a large standard error, or that light from inside
+//! layers reached in too few replicates to estimate d. Bin size and mask affect the numbers: a
+//! result is reported with both.
 
 use serde::Serialize;
 
@@ -19,9 +20,9 @@ use super::tally::{Estimate, Totals};
 /// The wavelengths of Wang et al. 2017, nm.
 pub const WAVELENGTHS_NM: [f64; 8] = [380.0, 420.0, 460.0, 500.0, 540.0, 580.0, 620.0, 660.0];
 
-/// Seed of the photons at one of several wavelengths, by its number from 0 on. With the same photons at all of them the
-/// noise would be the same as well, and a mean over the wavelengths no surer than one of them; the surfaces are those of
-/// the run.
+/// Seed of the photons at one of several wavelengths, by its index from 0. With equal photons at
+/// all wavelengths the noise would be equal too, and a mean over the wavelengths would be no more
+/// accurate than one of them. The surfaces are those of the run.
 #[must_use]
 pub fn seed_at(run_seed: u64, wavelength: usize) -> u64 {
     match wavelength {
@@ -30,21 +31,21 @@ pub fn seed_at(run_seed: u64, wavelength: usize) -> u64 {
     }
 }
 
-/// Which directions count.
+/// The directions that count.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Mask {
-    /// Directions darker than the mean of the lit ones over this are left out.
+    /// Directions darker than the mean of the lit ones divided by this are left out.
     pub divisor: f64,
-    /// So are those whose relative difference has a standard error above this.
+    /// Directions whose relative difference has a larger standard error are left out.
     pub error_max: f64,
 }
 
-/// Replicates with a difference in a direction above layers that tell it with an error: light that is reflected once has
-/// none, and where nothing else was met yet d = 0 ± 0 is no result.
+/// Least number of replicates with a difference in a direction above layers: light reflected once
+/// has none, and d = 0 ± 0 before any other light arrived is not a result.
 const DIFFERING_MIN: u32 = 5;
 
 impl Default for Mask {
-    /// The mean over 10, as Wang et al. 2017 take it for dielectrics, and 2 %.
+    /// The mean divided by 10, as Wang et al. 2017 use it for dielectrics, and 2 %.
     fn default() -> Self {
         Mask {
             divisor: 10.0,
@@ -67,11 +68,11 @@ pub struct Direction {
     pub scalar: f64,
     /// Signed mean of d over the wavelengths.
     pub mean: f64,
-    /// Standard error of it.
+    /// Its standard error.
     pub std: f64,
     /// Mean of |d|.
     pub adm: f64,
-    /// Greatest |d|.
+    /// Largest |d|.
     pub mdm: f64,
 }
 
@@ -82,26 +83,26 @@ pub struct Difference {
     pub grid: Grid,
     /// Directions that count, in the order of the bins.
     pub directions: Vec<Direction>,
-    /// Lit directions left out as too dark.
+    /// Number of lit directions left out as too dark.
     pub too_dark: usize,
-    /// Directions left out as not settled.
+    /// Number of directions left out as unresolved.
     pub not_settled: usize,
 }
 
-/// A map in a few numbers.
+/// Statistics of a map.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Summary {
-    /// Greatest over the directions.
+    /// Largest value.
     pub greatest: f64,
-    /// 99 % of the directions are below it.
+    /// 99th percentile over the directions.
     pub percentile_99: f64,
     /// Mean over the directions.
     pub mean: f64,
 }
 
 impl Difference {
-    /// From runs of one scene at one or more wavelengths, independent of each other ([`seed_at`]); `None` where the runs do not fit together or
-    /// were not paired.
+    /// Computes the difference from runs of one scene at one or more wavelengths, independent of
+    /// each other ([`seed_at`]); `None` if the runs do not match or were not paired.
     #[must_use]
     pub fn of(runs: &[Totals], mask: &Mask) -> Option<Difference> {
         let grid = runs.first()?.grid();
@@ -118,7 +119,7 @@ impl Difference {
                 lit.map(|r| scalar(r, bin)).sum::<f64>() / runs.len() as f64
             })
             .collect();
-        // Where polarisation makes no difference at all there is none to be met.
+        // If polarisation makes no difference at all, no direction is unresolved.
         let differ = |r: &Totals| {
             (0..grid.per_side()).any(|bin| r.differing(bin).is_some_and(|batches| batches > 0))
         };
@@ -141,7 +142,7 @@ impl Difference {
             let of: Vec<Estimate> = runs.iter().map(|r| relative(r, bin)).collect();
             let n = of.len() as f64;
             let std = of.iter().map(|d| d.std * d.std).sum::<f64>().sqrt() / n;
-            // A bin that one photon alone reached has no error to speak of.
+            // A bin reached by a single photon has no usable error.
             if met(bin) && of.iter().all(|d| d.std <= mask.error_max) {
                 let [t0, t1, p0, p1] = grid.limits_deg(bin);
                 directions.push(Direction {
@@ -166,19 +167,19 @@ impl Difference {
         })
     }
 
-    /// The ADM map in numbers; `None` where no direction counts.
+    /// Statistics of the ADM map; `None` if no direction counts.
     #[must_use]
     pub fn adm(&self) -> Option<Summary> {
         summary(self.directions.iter().map(|d| d.adm).collect())
     }
 
-    /// The MDM map in numbers; `None` where no direction counts.
+    /// Statistics of the MDM map; `None` if no direction counts.
     #[must_use]
     pub fn mdm(&self) -> Option<Summary> {
         summary(self.directions.iter().map(|d| d.mdm).collect())
     }
 
-    /// The direction where the scalar computation is most wrong.
+    /// The direction with the largest scalar error.
     #[must_use]
     pub fn worst(&self) -> Option<&Direction> {
         self.directions
@@ -192,16 +193,16 @@ impl Difference {
 pub struct LobePoint {
     /// Angle of reflection, degrees; positive on the side of the mirror direction.
     pub theta_s_deg: f64,
-    /// BRDF of an unpolarised lamp, sr⁻¹.
+    /// BRDF for unpolarised light, sr⁻¹.
     pub polarised: Estimate,
-    /// The same as computed without polarisation, sr⁻¹.
+    /// The same computed without polarisation, sr⁻¹.
     pub scalar: Estimate,
-    /// The first less the second, sr⁻¹, known better than either.
+    /// The first minus the second, sr⁻¹; more accurate than either.
     pub difference: Estimate,
 }
 
-/// The plane of incidence of a paired run whose lamp stands at the azimuth `phi_i_deg`. `None` for other runs and
-/// pixel bins.
+/// The plane of incidence of a paired run with the lamp at the azimuth `phi_i_deg`. `None` for
+/// other runs and for pixel bins.
 #[must_use]
 pub fn lobe(totals: &Totals, phi_i_deg: f64) -> Option<Vec<LobePoint>> {
     if totals.elements() <= DIFFERENCE {
@@ -260,12 +261,12 @@ mod tests {
     }
 
     #[test]
-    fn flat_layers_differ_as_the_exact_recursion_says() {
+    fn flat_layers_differ_as_in_the_exact_recursion() {
         let layers = "[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n\
                       [[interface]]\nshape = \"flat\"\nbelow = { n = 2.4 }";
         let difference = Difference::of(&[traced(65.0, layers, 60_000)], &Mask::default()).unwrap();
         let [only] = difference.directions[..] else {
-            panic!("a mirror sends light in one direction")
+            panic!("a mirror reflects in one direction")
         };
         let exact = FlatStack::parse("1.5/2.4")
             .unwrap()
@@ -281,8 +282,9 @@ mod tests {
     }
 
     #[test]
-    fn a_direction_that_light_from_within_the_layers_hardly_met_is_not_settled() {
-        // The glass is bright all over and the layer below it dark, so most directions are lit from the glass alone.
+    fn a_direction_with_little_light_from_inside_the_layers_is_unresolved() {
+        // The glass is bright in all directions and the layer below it dark, so most directions
+        // receive light only from the glass.
         let layers = "[[interface]]\nshape = \"smith\"\nalpha_u = 0.3\nalpha_v = 0.3\nbelow = { n = 1.5 }\n\
                       [[interface]]\nshape = \"smith\"\nalpha_u = 0.3\nalpha_v = 0.3\nbelow = { n = 1.49 }";
         let wide = Mask {
@@ -296,7 +298,7 @@ mod tests {
         assert!(lit.filter(|bin| unmet(*bin)).count() > 10);
         assert!(difference.directions.iter().all(|d| !unmet(d.bin)));
         assert!(difference.not_settled > 0);
-        // A facet alone has nothing below it to wait for.
+        // A single facet has no layer whose light could be missed.
         let facet = layers.split_once("\n[[").unwrap().0;
         let alone = traced(65.0, facet, 2_000);
         assert_eq!(alone.differing(0), None);
@@ -305,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn means_over_wavelengths_scatter_over_seeds_as_their_errors_say() {
+    fn means_over_wavelengths_scatter_over_seeds_by_their_errors() {
         const SEEDS: u64 = 20;
         let text = "[light]\ntheta_i_deg = 50.0\n[[interface]]\nshape = \"smith\"\nalpha_u = 0.3\nalpha_v = 0.3\n\
                     below = { n = 1.5 }\n[[interface]]\nshape = \"smith\"\nalpha_u = 0.3\nalpha_v = 0.3\n\
@@ -343,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lobe_is_that_of_its_bins_and_only_paired_runs_have_one() {
+    fn a_lobe_equals_its_bins_and_only_paired_runs_have_one() {
         let text = "[light]\ntheta_i_deg = 40.0\nphi_i_deg = 180.0\n[[interface]]\nshape = \"flat\"\n\
                     below = { n = 1.5 }\n[run]\nphotons = 500\ntheta_bins = 9\nphi_bins = 9\n";
         let scene = Scene::parse(text).unwrap();
@@ -351,7 +353,7 @@ mod tests {
         let totals = both_ways(&prepared);
         let points = lobe(&totals, 180.0).unwrap();
         let [only] = &points[..] else {
-            panic!("a mirror sends light in one direction: {points:?}")
+            panic!("a mirror reflects in one direction: {points:?}")
         };
         assert_eq!(only.theta_s_deg, 45.0);
         let expected = only.polarised.value - only.scalar.value;

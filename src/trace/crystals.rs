@@ -1,8 +1,9 @@
-//! Sandpaper: many simulated crystals on a plane (Wang et al. 2017, Fig. 6), as a height field.
+//! Sandpaper: simulated crystals on a plane (Wang et al. 2017, Fig. 6), as a height field.
 //!
-//! Call [`crystals`]. A crystal is a cuboid of random proportions in a random orientation whose centre lies
-//! at a random height around the plane; the surface is the highest of all that stand at a place, the
-//! plane where none does. A height field has no overhangs: faces that lean over are vertical here.
+//! Call [`crystals`]. A crystal is a cuboid of random proportions and random orientation, with its
+//! centre at a random height around the plane. The surface is the highest crystal at each position,
+//! or the plane where there is none. A height field has no overhangs: overhanging faces become
+//! vertical.
 
 use super::height_field::HeightField;
 use super::rng::{Purpose, Stream};
@@ -12,7 +13,7 @@ use crate::model::LeftOut;
 /// Cells per mean diameter of a crystal.
 pub const CELLS_PER_SIZE: f64 = 16.0;
 
-/// Edges of a crystal over its mean size lie between these.
+/// Range of the edges of a crystal, divided by its mean size.
 const EDGE: (f64, f64) = (0.5, 1.3);
 
 struct Crystal {
@@ -54,7 +55,7 @@ impl Crystal {
         }
     }
 
-    /// Height of its upper side at an offset from its centre; `None` beside it.
+    /// Height of its upper side at an offset from its centre; `None` outside it.
     fn top(&self, x: f64, y: f64) -> Option<f64> {
         let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
         for (axis, half) in self.axes.iter().zip(self.halves) {
@@ -73,13 +74,13 @@ impl Crystal {
     }
 }
 
-/// Crystals on a tile of `cells` × `cells` with `cover` of them per size².
+/// Number of crystals on a tile of `cells` × `cells` with `cover` crystals per size².
 #[must_use]
 pub fn count(cells: usize, cover: f64) -> u64 {
     (cover * (cells as f64 / CELLS_PER_SIZE).powi(2)).round() as u64
 }
 
-/// What is told where the whole number of crystals is not the cover asked for.
+/// Reported if the integer number of crystals deviates from the requested cover.
 #[must_use]
 pub fn rounded(cells: usize, cover: f64, interface: usize) -> Option<LeftOut> {
     const TOLD: f64 = 0.01;
@@ -89,7 +90,7 @@ pub fn rounded(cells: usize, cover: f64, interface: usize) -> Option<LeftOut> {
         LeftOut::new(
             format!("the fraction of a crystal in the cover of interface {interface}"),
             format!(
-                "there are {} crystals on the tile, which is a cover of {of:.4}; more cells come nearer",
+                "there are {} crystals on the tile, which is a cover of {of:.4}; more cells approximate it better",
                 count(cells, cover)
             ),
             None,
@@ -97,8 +98,8 @@ pub fn rounded(cells: usize, cover: f64, interface: usize) -> Option<LeftOut> {
     })
 }
 
-/// A tile of `cells` × `cells` on which crystals of mean size `size` (a length) stand, `cover` of them per
-/// size². Same seed, same tile.
+/// A tile of `cells` × `cells` with crystals of mean size `size` (a length), `cover` of them per
+/// size². Equal seeds give equal tiles.
 #[must_use]
 pub fn crystals(cells: usize, size: f64, cover: f64, seed: u64) -> HeightField {
     let cell = size / CELLS_PER_SIZE;
@@ -131,11 +132,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn crystals_stand_on_the_plane_and_no_higher_than_they_are() {
+    fn crystals_are_above_the_plane_and_not_above_their_size() {
         let field = crystals(128, 10.0, 1.0, 4);
         let (lowest, highest) = field.range();
         assert_eq!(lowest, 0.0);
-        // Half a space diagonal of the largest crystal above the highest centre.
+        // Half the space diagonal of the largest crystal above the highest centre.
         let largest = 0.25 * 10.0 + 0.5 * 10.0 * EDGE.1 * 3f64.sqrt();
         assert!(highest > 3.0 && highest <= largest, "{highest}");
         assert_eq!(field.range(), crystals(128, 10.0, 1.0, 4).range());

@@ -1,11 +1,14 @@
-//! What a camera records of a traced surface with a filter and a compensator before lamp and camera.
+//! A virtual ellipsometer: the images of a traced surface with a filter and a compensator in front
+//! of lamp and camera.
 //!
-//! Call [`curve`] for the plane of incidence: for six states of the lamp's light and six settings of the
-//! camera's optics the intensities, and from the Stokes vector degree and angle of linear polarisation
-//! (Wang et al. 2017, Sec. 4.4 and Figs. 7–9). Filter angles count from s to p of a beam, in the frame
-//! (z × k, k × s) of [`crate::model::polarisation`]; the compensator is an ideal quarter-wave plate
-//! behind the lamp's filter and before the camera's, its angle that of the fast axis. A setting of the camera lets through
-//! the state that the lamp's of the same name makes: linear-0 (I + Q)/2, left (I + V)/2, with V = I_left − I_right.
+//! Call [`curve`] for the plane of incidence. For six states of the lamp's light and six settings
+//! of the camera's optics it returns the intensities, and from the Stokes vector the degree and
+//! angle of linear polarisation (Wang et al. 2017, Sec. 4.4 and Figs. 7–9). Filter angles count
+//! from s to p of a ray, in the frame (z × k, k × s) of [`crate::model::polarisation`]. The
+//! compensator is an ideal quarter-wave plate after the lamp's filter and before the camera's; its
+//! angle is that of the fast axis. A setting of the camera transmits the state that the lamp's
+//! setting of the same name produces: linear-0 (I + Q)/2, left (I + V)/2, with V = I_left −
+//! I_right.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
@@ -19,13 +22,14 @@ use crate::model::polarisation::{Channel, Mueller, Stokes};
 /// A setting of filter and compensator.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Setting {
-    /// What it makes, or lets through.
+    /// The state that it produces or transmits.
     pub name: &'static str,
     /// Transmission axis of the filter, degrees from s to p.
     pub filter_deg: f64,
-    /// Fast axis of the lamp's quarter-wave plate, degrees from s to p; along the filter it does nothing.
+    /// Fast axis of the lamp's quarter-wave plate, degrees from s to p; parallel to the filter it
+    /// has no effect.
     pub compensator_deg: f64,
-    /// The same of the camera's, which light passes before the filter.
+    /// Fast axis of the camera's quarter-wave plate, which light passes before the filter.
     pub camera_compensator_deg: f64,
 }
 
@@ -34,13 +38,13 @@ const fn setting(name: &'static str, filter_deg: f64, compensator_deg: f64) -> S
         name,
         filter_deg,
         compensator_deg,
-        // Circular light keeps its hand when it goes the other way through plate and filter: what lets a state through
-        // is its maker mirrored in the filter's axis.
+        // Circular light keeps its handedness when it passes plate and filter in the other
+        // direction: the analyser of a state is its generator mirrored in the filter's axis.
         camera_compensator_deg: (2.0 * filter_deg - compensator_deg + 180.0) % 180.0,
     }
 }
 
-/// The canonical inputs, and the settings of the camera.
+/// The canonical input states, which are also the camera's settings.
 pub const SETTINGS: [Setting; 6] = [
     setting("linear-0", 0.0, 0.0),
     setting("linear-45", 45.0, 45.0),
@@ -75,14 +79,14 @@ fn quarter_wave(degrees: f64) -> Mueller {
 }
 
 impl Setting {
-    /// The lamp's light behind its optics, with intensity 1.
+    /// Stokes vector of the lamp's light after its optics, with intensity 1.
     #[must_use]
     pub fn lamp(&self) -> Stokes {
         let behind = quarter_wave(self.compensator_deg) * filter(self.filter_deg);
         2.0 * behind.0 * Vector4::new(1.0, 0.0, 0.0, 0.0)
     }
 
-    /// What the camera records per Stokes component of the light before its optics.
+    /// The camera's signal per Stokes component of the light before its optics.
     #[must_use]
     pub fn camera(&self) -> RowVector4<f64> {
         let through = filter(self.filter_deg) * quarter_wave(self.camera_compensator_deg);
@@ -90,44 +94,46 @@ impl Setting {
     }
 }
 
-/// What is known of one direction for one state of the lamp.
+/// The results in one direction for one state of the lamp.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Reading {
     /// The lamp's state.
     pub input: &'static str,
     /// Stokes vector per irradiance, sr⁻¹.
     pub stokes: [f64; 4],
-    /// Standard errors of it.
+    /// Standard errors of the Stokes vector.
     pub stokes_std: [f64; 4],
-    /// What the camera records for each of [`SETTINGS`], sr⁻¹.
+    /// The camera's signal for each of [`SETTINGS`], sr⁻¹.
     pub camera: [f64; 6],
-    /// Standard errors of that.
+    /// Standard errors of the signals.
     pub camera_std: [f64; 6],
     /// Degree of linear polarisation.
     pub dolp: f64,
-    /// Its standard error; `None` where [too little light](ERROR_UNKNOWN) tells none.
+    /// Its standard error; `None` with [too little light](ERROR_UNKNOWN).
     pub dolp_std: Option<f64>,
     /// Angle of polarisation, degrees from s to p, in (−90, 90].
     pub aop_deg: f64,
-    /// Its standard error; `None` likewise, and that of any angle where the light is hardly polarised.
+    /// Its standard error; `None` with too little light; for almost unpolarised light that of an
+    /// arbitrary angle.
     pub aop_std_deg: Option<f64>,
 }
 
-/// What to know of readings without an error of degree and angle of polarisation.
-pub const ERROR_UNKNOWN: &str = "where fewer than 10 replicates brought light, or its intensity is known to no better than 30 %, degree and \
-     angle of polarisation have no standard error: light of one photon has one state, however far it is from the mean; \
-     more photons would tell";
+/// Note on readings without errors of the degree and angle of polarisation.
+pub const ERROR_UNKNOWN: &str = "directions that fewer than 10 replicates reached, or whose intensity has an error above 30 %, have no standard \
+     error of the degree and angle of polarisation: the light of one photon has one state, however far from the mean; \
+     trace more photons";
 
-/// Replicates with light in a direction that tell how its numbers scatter together: of one alone every ratio of two of
-/// them is certain.
+/// Least number of replicates with light in a direction for the covariance of its numbers: from a
+/// single one, every ratio would seem exact.
 const REPLICATES_MIN: u64 = 10;
-/// Relative error of the intensity below which even few replicates do no harm: the rest is known without them.
+/// Relative error of the intensity below which few replicates suffice: the rest is known without
+/// them.
 const HARMLESS: f64 = 0.01;
-/// Relative error of the intensity above which ratios to it are no straight lines.
+/// Relative error of the intensity above which ratios to it are not linear.
 const INTENSITY_ERROR_MAX: f64 = 0.3;
 
 impl Reading {
-    /// Whether degree and angle of polarisation have standard errors.
+    /// Whether the degree and angle of polarisation have standard errors.
     #[must_use]
     pub fn has_errors(&self) -> bool {
         self.dolp_std.is_some()
@@ -139,10 +145,10 @@ impl Reading {
 pub struct Point {
     /// Angle of reflection, degrees; positive on the side of the mirror direction.
     pub theta_s_deg: f64,
-    /// For each state of the lamp, such as [`SETTINGS`] make.
+    /// One reading for each state of the lamp, for example [`SETTINGS`].
     pub readings: Vec<Reading>,
-    /// Whether the errors take the Mueller elements as independent, which makes some too large and others too small:
-    /// what the elements have in common was not kept ([`Totals::with_directions`]).
+    /// Whether the errors treat the Mueller elements as independent, which makes some too large and
+    /// others too small: their covariance was not recorded ([`Totals::with_directions`]).
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub errors_as_independent: bool,
 }
@@ -156,18 +162,18 @@ pub fn dolp(stokes: &[f64; 4]) -> f64 {
 /// Angle of polarisation, degrees from s to p, in (−90, 90].
 #[must_use]
 pub fn aop_deg(stokes: &[f64; 4]) -> f64 {
-    // A U of −0 is none: without a sign, p is 90° and not −90°.
+    // Removes the sign of U = −0: p is 90°, not −90°.
     0.5 * (stokes[2] + 0.0).atan2(stokes[1]).to_degrees()
 }
 
-/// The plane of incidence of a polarised run whose lamp stands at the azimuth `phi_i_deg`, by the
-/// angle of reflection; directions that no light reached are left out. `None` for scalar runs and pixel bins.
+/// The plane of incidence of a polarised run with the lamp at the azimuth `phi_i_deg`, by the angle
+/// of reflection; directions without light are left out. `None` for scalar runs and pixel bins.
 #[must_use]
 pub fn curve(totals: &Totals, phi_i_deg: f64) -> Option<Vec<Point>> {
     curve_of(totals, phi_i_deg, &SETTINGS.map(|s| (s.name, s.lamp())))
 }
 
-/// The same for other states of the lamp's light, each of intensity 1 and with a name.
+/// The same for other named states of the lamp's light, each of intensity 1.
 #[must_use]
 pub fn curve_of(
     totals: &Totals,
@@ -196,8 +202,8 @@ pub fn curve_of(
     Some(directions.into_iter().map(point).collect())
 }
 
-/// Standard deviation (rad) of the angle of a vector that stands so many standard errors out of its own noise: 1/r of one that
-/// stands far out, π/√3 of one that may point anywhere.
+/// Standard deviation (rad) of the angle of a vector whose length is `r` standard errors of its
+/// components: 1/r for large r, π/√3 for a uniformly random angle.
 fn angle_std(r: f64) -> f64 {
     const FAR: f64 = 30.0;
     const STEPS: usize = 256;
@@ -207,7 +213,7 @@ fn angle_std(r: f64) -> f64 {
     if r > FAR {
         return 1.0 / r;
     }
-    // The density of the angle φ of (r + n₁, n₂), n normal; the middle of each step of (0, π).
+    // Density of the angle φ of (r + n₁, n₂), n normal; at the middle of each step of (0, π).
     let density = |phi: f64| {
         let along = r * phi.cos();
         let tail = 0.5 * libm::erfc(-along * FRAC_1_SQRT_2);
@@ -231,7 +237,7 @@ fn reading(
 ) -> Reading {
     let stokes: [f64; 4] =
         std::array::from_fn(|i| (0..4).map(|j| mueller[4 * i + j].value * lamp[j]).sum());
-    // Of so much of each Stokes component.
+    // Standard error of this combination of the Stokes components.
     let std_of = |parts: [f64; 4]| {
         let weights: [f64; NUMBERS] = std::array::from_fn(|n| parts[n / 4] * lamp[n % 4]);
         covariance.std(&weights)
@@ -253,7 +259,7 @@ fn reading(
             (0.5 * angle_std(linear / turn)).to_degrees(),
         )
     } else {
-        // Unpolarised to the last bit: no slope, but the noise of both.
+        // Exactly unpolarised: no slope, but the noise of both components.
         (
             stokes_std[1].hypot(stokes_std[2]) / i,
             (0.5 * angle_std(0.0)).to_degrees(),
@@ -299,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn the_camera_lets_its_own_state_through_and_stops_the_opposite_one() {
+    fn the_camera_transmits_its_own_state_and_blocks_the_opposite_one() {
         let seen =
             |camera: usize, lamp: usize| (SETTINGS[camera].camera() * SETTINGS[lamp].lamp())[0];
         for (camera, lamp, share) in [
@@ -319,7 +325,7 @@ mod tests {
                 "{camera} {lamp}"
             );
         }
-        // What a name says by the convention of V.
+        // The meaning of a name in the convention of V.
         let left = SETTINGS[4].camera();
         assert!((left[0] - 0.5).abs() < 1e-15 && (left[3] - 0.5).abs() < 1e-15);
         let plates = SETTINGS.map(|s| s.camera_compensator_deg);
@@ -327,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn light_along_p_has_one_angle_whatever_the_sign_of_no_u() {
+    fn light_along_p_has_one_angle_for_either_sign_of_zero_u() {
         for u in [0.0, -0.0] {
             assert_eq!(aop_deg(&[1.0, -0.5, u, 0.0]), 90.0);
             assert!(aop_deg(&[1.0, 0.5, u, 0.0]).is_sign_positive());
@@ -335,10 +341,10 @@ mod tests {
     }
 
     #[test]
-    fn the_angle_of_a_vector_within_its_noise_is_any_angle() {
+    fn the_angle_of_a_vector_within_its_noise_is_uniform() {
         assert!((angle_std(0.0) - PI / 3f64.sqrt()).abs() < 1e-4);
         assert_eq!(angle_std(f64::NAN), angle_std(0.0));
-        // Continuous where the formula changes, and never below the slope's.
+        // Continuous where the formula changes, and never below the linearised value.
         assert!((angle_std(30.0) * 30.0 - 1.0).abs() < 2e-3);
         for r in [0.1, 0.5, 1.0, 3.0, 10.0, 29.0] {
             assert!(angle_std(r) > angle_std(r + 0.5), "{r}");
@@ -359,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn gold_turns_linear_light_as_fresnel_says() {
+    fn gold_changes_linear_light_by_fresnels_equations() {
         let theta = 61f64.to_radians();
         let text = "[light]\ntheta_i_deg = 61.0\nphi_i_deg = 90.0\n[[interface]]\nshape = \"flat\"\n\
                     below = \"Au550\"\n[run]\nphotons = 64\n";
@@ -368,10 +374,10 @@ mod tests {
         let totals = trace(&prepared, Shard::WHOLE, &|_| true);
         let points = curve(&totals, 90.0).unwrap();
         let [only] = &points[..] else {
-            panic!("a mirror sends light in one direction: {points:?}")
+            panic!("a mirror reflects in one direction: {points:?}")
         };
         assert!((only.theta_s_deg - 61.0).abs() < 1e-9);
-        // Nobody asked what the elements have in common, and that is told.
+        // The covariance was not requested, and the point states that.
         assert!(only.errors_as_independent);
         let fresnel = Boundary::new(1.0, 0.3504, 2.7141).at(theta.cos()).reflected;
         let at_45 = &only.readings[1];
@@ -381,17 +387,17 @@ mod tests {
             assert!((found / at_45.stokes[0] - e).abs() < 1e-12, "{at_45:?}");
         }
         assert!((at_45.dolp - expected[1].hypot(expected[2])).abs() < 1e-12);
-        // s light stays s light: full polarisation at 0°.
+        // s light remains s light: full polarisation at 0°.
         assert!((only.readings[0].dolp - 1.0).abs() < 1e-12);
         assert!(only.readings[0].aop_deg.abs() < 1e-9);
         assert!((only.readings[2].aop_deg.abs() - 90.0).abs() < 1e-9);
-        // Filters along s and along p share all of the light between them.
+        // Filters along s and along p together transmit all light.
         let camera = &at_45.camera;
         assert!((camera[0] + camera[2] - at_45.stokes[0]).abs() < 1e-12 * camera[0]);
     }
 
     #[test]
-    fn a_direction_of_a_few_photons_has_no_error_of_polarisation_and_one_of_many_has() {
+    fn the_error_of_polarisation_needs_enough_photons_in_a_direction() {
         let text = "[light]\ntheta_i_deg = 45.0\nphi_i_deg = 180.0\n[[interface]]\nshape = \"smith\"\nalpha_u = 0.2\n\
                     alpha_v = 0.2\nbelow = { n = 1.5 }\n[run]\nphotons = 3000\ntheta_bins = 18\nphi_bins = 36\n";
         let points = |photons: u64| {
@@ -416,7 +422,8 @@ mod tests {
                     silent += 1;
                     continue;
                 };
-                // Linear light stays all but linear, and where DOLP ends there is no error to both sides.
+                // Linear light stays almost linear, and at the end of the range of DOLP the error
+                // is one-sided.
                 if lamp >= 4 {
                     let off = r.dolp - truth.dolp;
                     squares += (off / std.hypot(truth.dolp_std.unwrap())).powi(2);
@@ -425,13 +432,13 @@ mod tests {
             }
         }
         assert!(silent > 0 && told > 8, "{silent} {told}");
-        // Both hands share their photons: some ten directions are independent.
+        // Both hands share their photons: about ten directions are independent.
         let rms = (squares / f64::from(told)).sqrt();
         assert!((0.4..1.8).contains(&rms), "{rms}");
     }
 
     #[test]
-    fn readings_scatter_over_seeds_as_their_errors_say() {
+    fn readings_scatter_over_seeds_by_their_errors() {
         const SEEDS: usize = 40;
         let readings = |seed: usize| {
             let text = format!(
@@ -445,20 +452,21 @@ mod tests {
             let (follow, ending) = (Follow::Scene, Ending::AtLast);
             let totals = trace_following(&prepared.unwrap(), follow, ending, &|_| true);
             let mut points = curve(&totals, 180.0).unwrap();
-            // The bright half: degrees of polarisation are no straight lines of few photons.
+            // The bright half: degrees of polarisation from few photons are not linear.
             points.retain(|p| (10.0..80.0).contains(&p.theta_s_deg));
             points
         };
         let runs: Vec<Vec<Point>> = (1..=SEEDS).map(readings).collect();
         assert!(runs[0].len() == 7 && !runs[0][0].errors_as_independent);
-        // Directions of 39 degrees of freedom each: of all 7 a ratio is known to 4.3 %, and 14 % are more than three of that.
+        // Directions with 39 degrees of freedom each: for all 7 a ratio is known to 4.3 %, and 14 %
+        // is more than three times that.
         let close = |name: &str, (ratio, directions): (f64, usize)| {
             let within = 0.14 * (7.0 / directions as f64).sqrt();
             assert!((ratio - 1.0).abs() < within, "{name}: {ratio} {directions}");
             directions
         };
-        // Mean over directions of (scatter over seeds / stated error)², per lamp and number, and how many directions have a
-        // stated error at every seed.
+        // Mean over directions of (scatter over seeds / stated error)², per lamp and number, and
+        // the number of directions with a stated error at every seed.
         let ratio = |lamp: usize, number: &dyn Fn(&Reading) -> Option<(f64, f64)>| {
             let n = SEEDS as f64;
             let of = |point: usize| {
@@ -467,7 +475,8 @@ mod tests {
                 let mean = each.iter().map(|e| e.0).sum::<f64>() / n;
                 let scatter = each.iter().map(|e| (e.0 - mean).powi(2)).sum::<f64>() / (n - 1.0);
                 let stated = each.iter().map(|e| e.1 * e.1).sum::<f64>() / n;
-                // What is certainly nothing, such as circular light from light along s off glass.
+                // Numbers that are exactly zero, for example circular light from light along s
+                // reflected off glass.
                 Some(if scatter == 0.0 && stated == 0.0 {
                     1.0
                 } else {
@@ -489,7 +498,7 @@ mod tests {
             });
             close(&format!("{lamp} camera"), crossed);
             let dolp = ratio(lamp, &|r| Some((r.dolp, r.dolp_std?)));
-            // Off Brewster's angle comes next to nothing along p.
+            // At Brewster's angle almost no light along p is reflected.
             if dolp.1 > 0 || lamp != 2 {
                 close(&format!("{lamp} DOLP"), dolp);
             }

@@ -1,31 +1,34 @@
-//! Escape slopes: how steeply a ray must rise from a cell to be free for certain.
+//! Horizon slopes: how steeply a ray must rise from a cell to be certainly free.
 //!
-//! For every cell and each of eight parts of the horizon a slope E that no other point of the periodic surface
-//! exceeds as seen that way from any point on that cell. Conservative: a ray above it is free; one below may
-//! be free too.
+//! For every cell and each of eight sectors of the horizon, the slope E that no other point of the
+//! periodic surface exceeds, seen in that sector from any point of the cell. The bound is
+//! conservative: a ray above it is free; one below it may be free too.
 //!
-//! A ray that is already high over the cell need not rise as steeply. From a point at height h nothing is higher than h + E D
-//! at a distance D, nor than the highest point H, which that line reaches at D = (H − h)/E. A ray at z ≥ h with a slope
-//! of E (H − z)/(H − h) is at H there as well, so it stays above both. What is kept is E/(H − h) for the highest h of the
-//! cell: one multiplication tells a ray's slope what it needs.
+//! A ray that is already high above the cell may rise less steeply. From a point at height h, no
+//! point at distance D is higher than h + E D, nor than the highest point H, which that line
+//! reaches at D = (H − h)/E. A ray at z ≥ h with a slope of E (H − z)/(H − h) reaches H there too,
+//! so it stays above both. The value E/(H − h) is stored for the highest h of the cell: one
+//! multiplication gives the required slope of a ray.
 //!
-//! Near by (three cells ahead) the triangle that rises most steeply that way bounds it, since the straight line between
-//! two points of a continuous surface is no steeper than the surface between them. Farther away blocks
-//! of 2^l cells are compared by highest and lowest point over the gap between them, level by level,
-//! and beyond the coarsest level everything is as high as the highest point.
+//! In the near range (three cells ahead), the steepest triangle in the sector is the bound, because
+//! the straight line between two points of a continuous surface is no steeper than the surface
+//! between them. Farther away, blocks of 2^l cells are compared by highest and lowest point over
+//! the gap between them, level by level. Beyond the coarsest level everything counts as high as the
+//! highest point.
 //!
-//! *Conditioning.* Differences of heights in single precision are right to 6e-8 of the heights, slopes and their squares to a
-//! few of those; a margin of 1e-5 on every slope is more. Squares are compared, so nothing is divided by a horizontal part that may be
-//! 0: straight up clears everything. Over a cell that has the highest point itself H − h is 0, E/0 infinite and ∞ · 0 no
-//! number, which no slope exceeds.
+//! *Conditioning.* Differences of heights in single precision are accurate to 6e-8 of the heights,
+//! slopes and their squares to a few times that; a margin of 1e-5 on every slope covers it. Squares
+//! are compared, so there is no division by a horizontal component that may be 0: a vertical ray
+//! clears everything. Above a cell that contains the highest point H − h is 0, E/0 infinite and ∞ ·
+//! 0 NaN, which no slope exceeds.
 
 use pulp::Arch;
 use rayon::prelude::*;
 
 use super::vec3::V3;
 
-/// Escape slopes of one side per height that is left to the highest point: for each octant one per cell. (A ray
-/// stays in its octant, so what it asks for lies together.)
+/// Horizon slopes of one side, divided by the height below the highest point: for each octant one
+/// per cell. (A ray stays in its octant, so the values that it needs are adjacent in memory.)
 #[derive(Debug, Clone)]
 pub struct EscapeSlopes {
     per_height: Vec<Vec<f32>>,
@@ -35,13 +38,13 @@ pub struct EscapeSlopes {
     highest: f64,
 }
 
-/// Escape slopes as one direction meets them.
+/// Horizon slopes for rays in one direction.
 #[derive(Debug, Clone, Copy)]
 pub struct Towards<'a> {
     per_height: &'a [f32],
     high: &'a [f32],
     highest: f64,
-    /// Squares of the direction's part away from the surface and along it.
+    /// Squares of the direction's components away from the surface and along it.
     rise: f64,
     run: f64,
 }
@@ -54,29 +57,29 @@ impl Towards<'_> {
         f64::from(self.high[cell])
     }
 
-    /// Whether a ray that way is free from over this cell on, where it is nowhere lower than `z` (counted away from
-    /// the surface).
+    /// Whether a ray in this direction is free from this cell on, if it is nowhere lower than `z`
+    /// (counted away from the surface).
     #[inline(always)]
     #[must_use]
     pub fn clears(&self, cell: usize, z: f64) -> bool {
         let high = self.outermost(cell);
         let left = self.highest - if z > high { z } else { high };
         let needed = f64::from(self.per_height[cell]) * left;
-        // What is no number stays none.
+        // NaN is kept.
         let needed = if needed < 0.0 { 0.0 } else { needed };
         self.rise > needed * needed * self.run
     }
 }
 
-/// Cells ahead of a cell that are bounded by their steepest triangle.
+/// Number of cells ahead that are bounded by their steepest triangle.
 const NEAR: usize = 3;
-/// Blocks ahead of a block that one level compares; the next level takes over from there.
+/// Number of blocks ahead that one level compares; the next level continues from there.
 const FAR: usize = 2 * NEAR + 1;
-/// Added to every slope against rounding to f32.
+/// Factor on every slope that covers rounding to f32.
 const MARGIN: f32 = 1.000_01;
 
-/// An eighth of the horizon: whether x falls that way, whether y does, and whether more cells are passed along y than
-/// along x.
+/// An eighth of the horizon: whether x decreases, whether y does, and whether more cells are
+/// crossed along y than along x.
 #[derive(Debug, Clone, Copy)]
 struct Octant {
     back_x: bool,
@@ -85,7 +88,7 @@ struct Octant {
 }
 
 impl Octant {
-    /// In the order of their numbers.
+    /// All octants in the order of their numbers.
     fn all() -> impl IndexedParallelIterator<Item = Octant> {
         (0..8).into_par_iter().map(|number| Octant {
             back_x: number & 1 != 0,
@@ -94,15 +97,16 @@ impl Octant {
         })
     }
 
-    /// Number of the octant in which a ray goes.
+    /// Index of the octant of a ray.
     #[inline(always)]
     fn of(k: &V3, (cell_x, cell_y): (f64, f64)) -> usize {
         let along_y = k[1].abs() * cell_x > k[0].abs() * cell_y;
         usize::from(k[0] < 0.0) + 2 * usize::from(k[1] < 0.0) + 4 * usize::from(along_y)
     }
 
-    /// Whether rays that way from somewhere in one cell can meet another, `ahead_x` and `ahead_y` cells away: the
-    /// shorter of the two ways is at most a cell longer than the longer one.
+    /// Whether rays in this octant from some point of one cell can hit another, `ahead_x` and
+    /// `ahead_y` cells away: the shorter of the two distances is at most one cell longer than the
+    /// longer one.
     #[inline(always)]
     fn meets(self, ahead_x: usize, ahead_y: usize) -> bool {
         if self.along_y {
@@ -113,17 +117,17 @@ impl Octant {
     }
 }
 
-/// Where `ahead` steps from `index` lead on a ring of `n`.
+/// The index `ahead` steps from `index` on a ring of `n`.
 #[inline(always)]
 fn ahead(index: usize, ahead: usize, back: bool, n: usize) -> usize {
-    // Division is for narrow tiles only: it takes longer than many a row.
+    // Division only for narrow tiles: it takes longer than a whole row.
     let step = if ahead < n { ahead } else { ahead % n };
     let at = if back { index + n - step } else { index + step };
     if at < n { at } else { at - n }
 }
 
 impl EscapeSlopes {
-    /// As a ray along `k`, which moves away from the surface, meets them.
+    /// The slopes for a ray along `k`, which moves away from the surface.
     #[inline(always)]
     #[must_use]
     pub fn towards(&self, k: &V3) -> Towards<'_> {
@@ -136,8 +140,8 @@ impl EscapeSlopes {
         }
     }
 
-    /// For rays above and below the field with these corners, of which each cell's highest and lowest are given too
-    /// (see `HeightField`).
+    /// Computes both sides of the field with these corners; each cell's highest and lowest corners
+    /// are given too (see `HeightField`).
     pub(super) fn of_both_sides(
         arch: Arch,
         cells: (usize, usize),
@@ -151,7 +155,7 @@ impl EscapeSlopes {
             let highest = high.iter().copied().fold(f32::NEG_INFINITY, greater);
             let mut levels = Level::all(cells, cell_size, high, low);
             let ahead = |octant| {
-                // Compiled for each set of vector instructions; the bits are the same with all of them.
+                // Compiled for each vector instruction set; the bits are the same with all of them.
                 arch.dispatch(Ahead {
                     cells,
                     cell_size,
@@ -176,17 +180,17 @@ impl EscapeSlopes {
     }
 }
 
-/// Blocks of cells, of each the highest and the lowest point.
+/// Blocks of cells with their highest and lowest points.
 struct Level {
     blocks: (usize, usize),
-    /// Of one block.
+    /// Size of one block.
     size: (f64, f64),
     high: Vec<f32>,
     low: Vec<f32>,
 }
 
 impl Level {
-    /// The cells, and blocks of 2 × 2, 4 × 4 … of them as long as they are many.
+    /// The cells, and blocks of 2 × 2, 4 × 4 … cells while there are several.
     fn all(
         cells: (usize, usize),
         cell_size: (f64, f64),
@@ -219,7 +223,7 @@ impl Level {
     }
 }
 
-/// Of every 2 × 2 numbers in rows of `by`, what `pick` picks.
+/// For every 2 × 2 numbers in rows of `by`, the value that `pick` selects.
 fn coarser(by: usize, fine: &[f32], pick: impl Fn(f32, f32) -> f32) -> Vec<f32> {
     let mut coarse = Vec::with_capacity(fine.len() / 4);
     for rows in fine.chunks(2 * by) {
@@ -230,8 +234,9 @@ fn coarser(by: usize, fine: &[f32], pick: impl Fn(f32, f32) -> f32) -> Vec<f32> 
     coarse
 }
 
-/// What lies ahead of every cell in one octant, as a type and not a closure: a closure of this size
-/// is not inlined, and what is not inlined is not compiled for the wider instructions. Loops for the same reason.
+/// The surface ahead of every cell in one octant. A type instead of a closure, because a closure of
+/// this size is not inlined and would not be compiled for the wider instructions; loops for the
+/// same reason.
 struct Ahead<'a> {
     cells: (usize, usize),
     cell_size: (f64, f64),
@@ -239,7 +244,7 @@ struct Ahead<'a> {
     /// −1 for the field seen from below.
     sign: f32,
     corners: &'a [[f32; 4]],
-    /// From the cells on; of the side that is looked at.
+    /// All levels, from the cells on; for the side concerned.
     levels: &'a [Level],
     highest: f32,
 }
@@ -252,7 +257,7 @@ impl pulp::WithSimd for Ahead<'_> {
         let mut slopes = self.steepest_triangles();
         raise(&mut slopes, &self.beyond());
         for (s, h) in slopes.iter_mut().zip(&self.levels[0].high) {
-            // Where nothing rises at all not even 0/0 of height needs a slope.
+            // If no surface rises, no slope is needed, not even where the height difference is 0.
             *s = if *s > 0.0 {
                 *s * MARGIN / (self.highest - h)
             } else {
@@ -263,19 +268,19 @@ impl pulp::WithSimd for Ahead<'_> {
     }
 }
 
-/// The greater of two numbers that are numbers, as heights are: `f32::max` looks out for others.
+/// The larger of two numbers, neither of them NaN; `f32::max` would test for NaN.
 #[inline(always)]
 pub(super) fn greater(a: f32, b: f32) -> f32 {
     if b > a { b } else { a }
 }
 
-/// The smaller of two numbers that are numbers.
+/// The smaller of two numbers, neither of them NaN.
 #[inline(always)]
 pub(super) fn lesser(a: f32, b: f32) -> f32 {
     if b < a { b } else { a }
 }
 
-/// Each of `to` raised to its counterpart.
+/// Raises each element of `to` to its counterpart.
 #[inline(always)]
 fn raise(to: &mut [f32], by: &[f32]) {
     for (to, by) in to.iter_mut().zip(by) {
@@ -284,7 +289,7 @@ fn raise(to: &mut [f32], by: &[f32]) {
 }
 
 impl Ahead<'_> {
-    /// How steeply the steepest triangle within [`NEAR`] cells rises.
+    /// Slope of the steepest triangle within [`NEAR`] cells.
     #[inline(always)]
     fn steepest_triangles(&self) -> Vec<f32> {
         let ((nx, ny), (cell_x, cell_y), octant) = (self.cells, self.cell_size, self.octant);
@@ -295,7 +300,8 @@ impl Ahead<'_> {
             [inverse[0], inverse[1], cell_x * diagonal, cell_y * diagonal].map(|x| x as f32);
         ix *= self.sign * if octant.back_x { -1.0 } else { 1.0 };
         iy *= self.sign * if octant.back_y { -1.0 } else { 1.0 };
-        // Along the gradient where that lies in the octant, else along one of its sides: an axis or the cells' diagonal.
+        // Along the gradient if it is in the octant, otherwise along one of the octant's sides: an
+        // axis or the cells' diagonal.
         let steepest = |x: f32, y: f32| {
             let along_diagonal = dx * x + dy * y;
             let (axis, other, turn) = if octant.along_y {
@@ -333,7 +339,7 @@ impl Ahead<'_> {
         all
     }
 
-    /// How steeply everything farther ahead rises.
+    /// Slope to everything farther ahead.
     #[inline(always)]
     fn beyond(&self) -> Vec<f32> {
         let mut bound: Vec<f32> = Vec::new();
@@ -341,7 +347,7 @@ impl Ahead<'_> {
             let mut finer = ring(self.octant, level);
             let (_, by) = level.blocks;
             if bound.is_empty() {
-                // Everything beyond the coarsest level's reach.
+                // Everything beyond the range of the coarsest level.
                 let gap = FAR as f64 * level.size.0.min(level.size.1);
                 #[expect(clippy::cast_possible_truncation, reason = "a margin is added")]
                 let inverse = (1.0 / gap) as f32;
@@ -369,7 +375,7 @@ impl Ahead<'_> {
 #[inline(always)]
 fn ring(octant: Octant, level: &Level) -> Vec<f32> {
     let ((bx, by), (wide, deep)) = (level.blocks, level.size);
-    // Rows with a wrapped margin on the side ahead, so that the inner loop runs straight.
+    // Rows with a wrapped margin on the side ahead, so that the inner loop has no branches.
     let padded_row = by + FAR;
     let mut padded = Vec::with_capacity(bx * padded_row);
     for (i, row) in level.high.chunks(by).enumerate() {
@@ -384,7 +390,7 @@ fn ring(octant: Octant, level: &Level) -> Vec<f32> {
             from = 0;
         }
     }
-    // Of each block that is compared: how far along x, where its row begins, and one over the gap.
+    // For each compared block: its offset along x, the start of its row, and one over the gap.
     let mut compared = Vec::new();
     for ahead_x in 0..=FAR {
         for ahead_y in 0..=FAR {
@@ -417,8 +423,9 @@ fn ring(octant: Octant, level: &Level) -> Vec<f32> {
     bound
 }
 
-/// From `done` on, `N` places at a time as long as there are as many, the steepest slope from each of `low` to its
-/// counterpart in the rows, which come with one over their distance; and how many places are done then.
+/// From `done` on, `N` elements at a time while that many are left, the steepest slope from each of
+/// `low` to its counterpart in the rows, which come with one over their distance. Returns the
+/// number of elements done.
 #[inline(always)]
 fn steepest_of<'a, const N: usize>(
     out: &mut [f32],
@@ -448,7 +455,7 @@ mod tests {
     use super::super::height_field::{Flight, HeightField, Side};
     use super::super::rng::{Purpose, Stream};
 
-    /// Height of the periodic surface over a place in cells.
+    /// Height of the periodic surface at a position in cells.
     fn height(field: &HeightField, x: f64, y: f64) -> f64 {
         let (nx, ny) = field.cells();
         let (i, j) = (x.floor(), y.floor());
@@ -466,9 +473,9 @@ mod tests {
     }
 
     #[test]
-    fn rays_leave_what_is_flat_and_the_highest_points() {
+    fn rays_leave_flat_surfaces_and_the_highest_points() {
         let flat = HeightField::new(4, 3, 1.0, 1.0, &[0.5; 12]);
-        // One cell's corners and a ridge are as high as anything.
+        // One cell's corners and a ridge are the highest points.
         let mut heights = [0.0; 64];
         for at in [9, 10, 17, 18, 40, 41, 42, 43, 44, 45, 46, 47] {
             heights[at] = 1.0;
@@ -487,8 +494,8 @@ mod tests {
     }
 
     #[test]
-    fn what_clears_a_cell_meets_nothing() {
-        // Hills of all sizes, on tiles that split into blocks and on such that do not.
+    fn a_ray_that_clears_a_cell_is_free() {
+        // Hills of all sizes, on tiles that split into blocks and on tiles that do not.
         for (nx, ny, cell_y) in [(64, 56, 0.6), (9, 31, 1.0), (3, 2, 2.0)] {
             let mut random = Stream::new(5, Purpose::Surface, nx as u64);
             let heights: Vec<f64> = (0..nx * ny)
@@ -505,7 +512,7 @@ mod tests {
                 let (i, j) = (random.uniform() * nx as f64, random.uniform() * ny as f64);
                 let azimuth = std::f64::consts::TAU * random.uniform();
                 let rise = 2.5 * random.uniform();
-                // Half of the rays are already over the surface.
+                // Half of the rays are already above the surface.
                 let lift = (3.0 * random.uniform() - 1.5).max(0.0);
                 for (side, sign) in [(Side::Above, 1.0), (Side::Below, -1.0)] {
                     let k = [azimuth.cos(), azimuth.sin(), sign * rise];

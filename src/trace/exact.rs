@@ -1,14 +1,14 @@
-//! Sums in fixed point, whose order does not matter, and their text in files.
+//! Order-independent sums in fixed point, and their text in files.
 //!
-//! What goes in is rounded once ([`to_fixed`]); adding is exact from there on, so threads, shards and stops
-//! give the same bits.
+//! Each summand is rounded once ([`to_fixed`]); additions are exact after that, so threads, shards
+//! and stops give the same bits.
 
 use std::fmt::Write;
 
-/// 2^-82 as the unit: sums below 2^43 fit and rounding is far below an f64's.
+/// The unit is 2^-82: sums below 2^43 fit, and rounding is far below that of an f64.
 const UNIT_BITS: (i32, i32) = (20, 62);
 
-/// Rounded towards zero.
+/// Rounds towards zero.
 #[inline]
 pub(super) fn to_fixed(x: f64) -> i128 {
     let scaled = x * f64::from(1u32 << UNIT_BITS.0);
@@ -23,22 +23,22 @@ pub(super) fn from_fixed(x: i128) -> f64 {
     x as f64 * 2f64.powi(-(UNIT_BITS.0 + UNIT_BITS.1))
 }
 
-/// A sum in the same unit, below 2^108, as a two's complement: squares and products of a batch's million photons, over
-/// any number of batches, pass what an `i128` holds.
+/// A sum in the same unit, below 2^108, in two's complement: squares and products of a batch's
+/// million photons over any number of batches exceed an `i128`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Wide([u64; 3]);
 
-/// A [`Wide`] at rest: many of them that are 0 take no time and no memory, since a machine has zeroed pages at hand.
+/// A stored [`Wide`]: zeroed memory needs neither time nor memory pages until it is used.
 pub(super) type Resting = [u64; 3];
 
 impl Wide {
-    /// Back from rest.
+    /// Converts from the stored form.
     #[inline]
     pub fn of(words: Resting) -> Self {
         Wide(words)
     }
 
-    /// At rest.
+    /// Converts to the stored form.
     #[inline]
     pub fn resting(self) -> Resting {
         self.0
@@ -63,7 +63,7 @@ impl Wide {
         }
     }
 
-    /// The nearest f64, or its neighbour.
+    /// The nearest f64 or its neighbour.
     #[inline]
     pub fn value(&self) -> f64 {
         let (negative, Wide([low, middle, high])) = self.magnitude();
@@ -72,7 +72,7 @@ impl Wide {
         if negative { -size } else { size }
     }
 
-    /// Whether it is below 0, and its size.
+    /// Whether it is negative, and its magnitude.
     #[inline]
     fn magnitude(self) -> (bool, Wide) {
         let negative = self.0[2] >> 63 == 1;
@@ -86,7 +86,7 @@ impl Wide {
     }
 }
 
-/// A count and exact sums in words: the count decimal, the sums hexadecimal.
+/// A count and exact sums as words: the count in decimal, the sums in hexadecimal.
 pub(super) struct Text(String);
 
 impl Text {
@@ -95,7 +95,7 @@ impl Text {
         Text(count.to_string())
     }
 
-    /// Sums of either sign.
+    /// Appends signed sums.
     pub fn sums<'a>(mut self, numbers: impl Iterator<Item = &'a i128>) -> Self {
         for x in numbers {
             let sign = if *x < 0 { "-" } else { "" };
@@ -104,7 +104,7 @@ impl Text {
         self
     }
 
-    /// Wide sums.
+    /// Appends wide sums.
     pub fn wide<'a>(mut self, numbers: impl IntoIterator<Item = &'a Wide>) -> Self {
         for sum in numbers {
             let (negative, Wide([low, middle, high])) = sum.magnitude();
@@ -119,33 +119,33 @@ impl Text {
         self
     }
 
-    /// All words.
+    /// Returns the text.
     pub fn finish(self) -> String {
         self.0
     }
 }
 
-const ANY: &str = "a String takes everything";
+const ANY: &str = "writing to a String cannot fail";
 
-/// Reads back what [`Text`] wrote, in its order; `None` where it did not.
+/// Reads the words that [`Text`] wrote, in order; `None` if they are invalid.
 pub(super) struct Words<'a>(std::str::Split<'a, char>);
 
 impl<'a> Words<'a> {
-    /// The count, and the words behind it.
+    /// Reads the count and returns the remaining words.
     pub fn of(text: &'a str) -> Option<(u64, Self)> {
         let mut words = text.split(' ');
         let count = words.next()?.parse().ok()?;
         Some((count, Words(words)))
     }
 
-    /// So many sums.
+    /// Reads `count` sums.
     pub fn sums(&mut self, count: usize) -> Option<Vec<i128>> {
         (0..count)
             .map(|_| i128::from_str_radix(self.0.next()?, 16).ok())
             .collect()
     }
 
-    /// So many wide sums.
+    /// Reads `count` wide sums.
     pub fn wide(&mut self, count: usize) -> Option<Vec<Wide>> {
         (0..count)
             .map(|_| {
@@ -166,7 +166,7 @@ impl<'a> Words<'a> {
             .collect()
     }
 
-    /// No word is left.
+    /// Checks that no word is left.
     pub fn end(mut self) -> Option<()> {
         self.0.next().is_none().then_some(())
     }
@@ -177,14 +177,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fixed_point_keeps_what_an_f64_has() {
+    fn fixed_point_keeps_the_digits_of_an_f64() {
         for x in [0.0, 1.0, -1.0, 1e-9, 0.1, -123_456.789, 3e10] {
             assert!((from_fixed(to_fixed(x)) - x).abs() <= 2f64.powi(-80) + x.abs() * 1e-15);
         }
     }
 
     #[test]
-    fn wide_sums_hold_squares_of_any_run_and_come_back_from_text() {
+    fn wide_sums_hold_squares_of_any_run_and_round_trip_as_text() {
         // A hundred million million photons in batches of a million, all their light in one bin.
         let (batch, batches) = (2f64.powi(20), 10_000_000u64);
         let mut one = Wide::default();
@@ -204,7 +204,7 @@ mod tests {
             few.add(x);
         }
         assert!((few.value() - 3.250_000_001).abs() < 1e-15);
-        // Products may be negative, and their sum far below what 128 bits hold.
+        // Products may be negative, and their sum far below the range of 128 bits.
         let mut below = all.negated();
         below.add(-2.5);
         assert_eq!(below.value(), -all.value());

@@ -1,4 +1,5 @@
-//! The tracer's kernels at the ends of their domain: finite in, then finite or a named end out.
+//! The tracer's kernels at the limits of their domain: finite input gives finite output or a named
+//! end.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -17,7 +18,7 @@ use crate::geometry::{Cones, Directions};
 use crate::model::polarisation::Boundary;
 use crate::units::Angle;
 
-/// An angle from n: anywhere above the surface, upright, or as good as level.
+/// An angle from n: anywhere above the surface, vertical, or almost horizontal.
 fn polar() -> impl Strategy<Value = f64> {
     prop_oneof![
         0.0..FRAC_PI_2,
@@ -27,14 +28,14 @@ fn polar() -> impl Strategy<Value = f64> {
 }
 
 prop_compose! {
-    /// A unit vector upwards.
+    /// A unit vector pointing upwards.
     fn upwards()(theta in polar(), phi in prop_oneof![0.0..TAU, prop::sample::select(vec![0.0, 0.25 * TAU, 0.5 * TAU, 0.75 * TAU])]) -> V3 {
         [theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()]
     }
 }
 
 prop_compose! {
-    /// A unit vector anywhere.
+    /// A unit vector in any direction.
     fn anywhere()(w in upwards(), down in any::<bool>()) -> V3 {
         if down { w.map(|x| -x) } else { w }
     }
@@ -48,12 +49,12 @@ proptest! {
     #![proptest_config(cases(400))]
 
     #[test]
-    fn light_on_a_rough_facet_leaves_or_meets_a_normal_that_faces_it(k in anywhere(), alpha_u in wide(1e-12, 1e12), alpha_v in wide(1e-12, 1e12), height in 0.0..=1.0f64, seed in any::<u64>()) {
+    fn light_on_a_rough_facet_leaves_or_hits_a_normal_that_faces_it(k in anywhere(), alpha_u in wide(1e-12, 1e12), alpha_v in wide(1e-12, 1e12), height in 0.0..=1.0f64, seed in any::<u64>()) {
         let rough = Roughness { alpha_u, alpha_v };
         let mut random = Stream::new(seed, Purpose::Photon, 0);
         prop_assert!(!rough.lambda(&k).is_nan());
         if let Some(next) = rough.next_height(&k, height, &mut random) {
-            // What is no height ends the walk by name (see `walk`); what is one meets a normal.
+            // An invalid height ends the walk by name (see `walk`); a valid one meets a normal.
             prop_assert!(next >= 0.0 && !next.is_nan(), "{next}");
             let m = rough.visible_normal(&k, &mut random);
             prop_assert!(is_unit(&m) && m[2] >= 0.0, "{m:?}");
@@ -63,7 +64,7 @@ proptest! {
     }
 
     #[test]
-    fn a_boundary_met_from_either_side_shares_all_light_out(cos in polar().prop_map(f64::cos), n in wide(1e-6, 1e6), k in prop_oneof![Just(0.0), wide(1e-15, 1e6)]) {
+    fn a_boundary_conserves_energy_from_both_sides(cos in polar().prop_map(f64::cos), n in wide(1e-6, 1e6), k in prop_oneof![Just(0.0), wide(1e-15, 1e6)]) {
         let boundary = Boundary::new(1.0, n, k);
         let split = boundary.at(cos.max(1e-12));
         let (r, t) = (split.reflected.unpolarised(), split.refracted.unpolarised());
@@ -113,7 +114,7 @@ proptest! {
     }
 
     #[test]
-    fn a_measured_profile_is_one_or_refused(rows in prop::collection::vec((any_double(), any_double()), 0..6)) {
+    fn a_measured_profile_is_valid_or_refused(rows in prop::collection::vec((any_double(), any_double()), 0..6)) {
         if let Ok(profile) = Profile::measured(&rows) {
             prop_assert!(profile.period() > 0.0 && profile.period().is_finite());
             prop_assert!(profile.pieces().iter().all(|p| p.normal.iter().all(|x| x.is_finite())));

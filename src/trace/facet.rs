@@ -1,17 +1,19 @@
-//! What a facet does that is not a smooth mirror: sub-facet roughness and diffuse light from below.
+//! Scattering by a facet that is not a smooth mirror: sub-facet roughness and diffuse light from
+//! below.
 //!
-//! [`Roughness`] is a Smith surface of Beckmann slopes on which light takes the random walk of Heitz
-//! et al. 2016 ("Multiple-scattering microfacet BSDFs with the Smith model"): the height of the
-//! next encounter is drawn, then the normal from those visible, until the light leaves. Energy is
-//! kept; all orders of scattering are there.
+//! [`Roughness`] is a Smith surface with Beckmann slopes, on which light takes the random walk of
+//! Heitz et al. 2016 ("Multiple-scattering microfacet BSDFs with the Smith model"): the height of
+//! the next interaction is drawn, then the normal from the visible ones, until the light leaves.
+//! Energy is conserved, and all orders of scattering are included.
 //!
-//! *Conditioning.* With a = ω_z/|(αu ω_x, αv ω_y)| Λ is a difference of two terms of which 1/(2a²) is left: it loses 2a²
-//! roundings, a thousand of them where Λ has fallen to 1e-160, and is 0 beyond, where light leaves for certain.
-//! `hypot` keeps the denominator from under- and overflow at any α. Towards the horizon (a → 0) Λ grows without bound
-//! and the next encounter is where light is.
+//! *Conditioning.* With a = ω_z/|(αu ω_x, αv ω_y)|, Λ is the difference of two terms that leaves
+//! 1/(2a²): it loses 2a² roundings, a thousand of them where Λ has fallen to 1e-160, and is 0
+//! beyond, where light certainly leaves. `hypot` keeps the denominator from under- and overflow at
+//! any α. Towards the horizon (a → 0) Λ grows without bound, and the next interaction is at the
+//! light's own position.
 //!
-//! [`Diffuse`] is a Lambert body under the Fresnel boundary: what enters comes out unpolarised at
-//! all angles, weighted by the boundary's transmittance.
+//! [`Diffuse`] is a Lambert body under the Fresnel boundary: light that enters leaves unpolarised
+//! in all directions, weighted by the boundary's transmittance.
 
 use super::rng::Stream;
 use super::vec3::V3;
@@ -28,7 +30,7 @@ pub struct Roughness {
 }
 
 impl Roughness {
-    /// The same slopes, all steeper by a factor.
+    /// Scales all slopes by a factor.
     #[must_use]
     pub fn times(&self, factor: f64) -> Self {
         Roughness {
@@ -37,8 +39,8 @@ impl Roughness {
         }
     }
 
-    /// Smith's Λ for a direction in the facet's frame (z: outwards); below −1 for directions into the
-    /// surface.
+    /// Smith's Λ for a direction in the facet's frame (z: outwards); below −1 for directions into
+    /// the surface.
     #[must_use]
     pub fn lambda(&self, w: &V3) -> f64 {
         let spread = (self.alpha_u * w[0]).hypot(self.alpha_v * w[1]);
@@ -49,11 +51,11 @@ impl Roughness {
         0.5 * ((-a * a).exp() / (a * std::f64::consts::PI.sqrt()) - libm::erfc(a))
     }
 
-    /// A normal (unit, in the facet's frame) from those that a beam along `k` meets: density
-    /// ∝ D(m) max(0, −k·m). Works for beams from below too.
+    /// Draws a normal (unit, in the facet's frame) from those that a ray along `k` meets: density ∝
+    /// D(m) max(0, −k·m). Rays from below are allowed.
     pub fn visible_normal(&self, k: &V3, random: &mut Stream) -> V3 {
-        // In slopes stretched to Gaussian density exp(−x² − y²)/π the weight is linear in the slope
-        // along the beam: (−k_z + k_h a)⁺ with the slope a along k's horizontal part.
+        // In slopes scaled to the Gaussian density exp(−x² − y²)/π, the weight is linear in the
+        // slope along the ray: (−k_z + k_h a)⁺ with the slope a along k's horizontal part.
         let (hu, hv) = (self.alpha_u * k[0], self.alpha_v * k[1]);
         let horizontal = hu.hypot(hv);
         let (c, s) = (-k[2], horizontal);
@@ -65,7 +67,7 @@ impl Roughness {
         let c_weight = c * std::f64::consts::PI.sqrt();
         let a = loop {
             if c < 0.0 {
-                // Light that rises meets only slopes beyond t = |c|/s: proposal ∝ a exp(−a²) there.
+                // Upward light meets only slopes beyond t = |c|/s: proposal ∝ a exp(−a²) there.
                 let t = -c / s;
                 let a = (t * t - (1.0 - random.uniform()).ln()).sqrt();
                 if random.uniform() * a < a - t {
@@ -85,13 +87,13 @@ impl Roughness {
             }
         };
         let b = gauss(random).0;
-        // The normal of slope (p, q) is (−p, −q, 1); `a` is the slope that faces the beam.
+        // The normal of slope (p, q) is (−p, −q, 1); `a` is the slope towards the ray.
         let (x, y) = (-(a * du - b * dv), -(a * dv + b * du));
         super::vec3::unit(&[self.alpha_u * x, self.alpha_v * y, 1.0])
     }
 
-    /// Height (as its cumulative share, 1 at the top) of the next encounter of light that is at
-    /// `height` and moves along `w`; `None` where it leaves.
+    /// Height (as its cumulative probability, 1 at the top) of the next interaction of light at
+    /// `height` that moves along `w`; `None` if it leaves.
     pub fn next_height(&self, w: &V3, height: f64, random: &mut Stream) -> Option<f64> {
         let u = random.uniform();
         let lambda = self.lambda(w);
@@ -104,7 +106,7 @@ impl Roughness {
         Some(height / u_power(1.0 - u, 1.0 / lambda))
     }
 
-    /// Beckmann density of normals at slopes seen in the facet's frame, per solid angle; m unit.
+    /// Beckmann density of normals in the facet's frame, per solid angle; m unit.
     #[must_use]
     pub fn density(&self, m: &V3) -> f64 {
         if m[2] <= 0.0 {
@@ -130,17 +132,19 @@ fn gauss(random: &mut Stream) -> (f64, f64) {
 /// A Lambert body under a Fresnel boundary.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Diffuse {
-    /// π c_d: what of the light that entered leaves per unit of the outer transmittance T(o).
+    /// π c_d: the fraction of the light entered that leaves, per unit of the outer transmittance
+    /// T(o).
     pub strength: f64,
-    /// Cosines of the angles of incidence and exit at which its flat piece looks like a Lambertian.
+    /// Cosines of the angles of incidence and exit at which a flat piece matches a Lambertian.
     pub cosines: [f64; 2],
-    /// Share τ of its light that leaves evenly over the ridges, 0 to 1; the rest leaves where it entered.
+    /// Fraction τ of its light that leaves uniformly over the ridges, 0 to 1; the rest leaves where
+    /// it entered.
     pub translucency: f64,
 }
 
 impl Diffuse {
-    /// A body whose flat piece looks like a Lambertian of reflectance `rho_d` at the angles of incidence and
-    /// exit with cosines `cos_i`, `cos_o` (index `n` under the medium above).
+    /// Makes a body whose flat piece matches a Lambertian of reflectance `rho_d` at the angles of
+    /// incidence and exit with cosines `cos_i`, `cos_o` (index `n` under the medium above).
     #[must_use]
     pub fn new(rho_d: f64, n: f64, cos_i: f64, cos_o: f64) -> Self {
         let t = |cos| fresnel::transmittance(cos, n, 0.0);
@@ -151,7 +155,7 @@ impl Diffuse {
         }
     }
 
-    /// The same body with a share of its light that leaves evenly.
+    /// Returns the body with a fraction of its light that leaves uniformly.
     #[must_use]
     pub fn with_translucency(self, translucency: f64) -> Self {
         Diffuse {
@@ -160,7 +164,7 @@ impl Diffuse {
         }
     }
 
-    /// The same body under a rough boundary, of the same look.
+    /// Returns the body under a rough boundary with the same appearance.
     #[must_use]
     pub fn under(self, boundary: &RoughBoundary, n: f64) -> Self {
         let ratio = |cos: f64| fresnel::transmittance(cos, n, 0.0) / boundary.transmittance(cos, n);
@@ -171,7 +175,7 @@ impl Diffuse {
         }
     }
 
-    /// A direction of exit with density cos/π in the facet's frame.
+    /// Draws a direction of exit with density cos/π in the facet's frame.
     pub fn direction(random: &mut Stream) -> V3 {
         let (r2, phi) = (random.uniform(), std::f64::consts::TAU * random.uniform());
         let (s, c) = phi.sin_cos();
@@ -188,8 +192,9 @@ mod tests {
 
     #[test]
     fn visible_normals_have_the_projected_area_of_smith_s_surface() {
-        // E[1/(−k·m)] under the visible density is 1/projected area = 1/(cos (1 + Λ)) ... times ∫D = the
-        // mean of D over normals facing the beam; check the mean of m_z/(−k·m) = P(facing)/(area).
+        // E[1/(−k·m)] under the visible density is 1/projected area = 1/(cos (1 + Λ)) times ∫D =
+        // the mean of D over normals facing the ray; check the mean of m_z/(−k·m) =
+        // P(facing)/(area).
         let rough = Roughness {
             alpha_u: 0.5,
             alpha_v: 0.2,
@@ -208,12 +213,12 @@ mod tests {
             for _ in 0..n {
                 let m = rough.visible_normal(&k, &mut random);
                 assert!(dot(&m, &w) >= 0.0);
-                // A bounded function of the normal whose expectation is known: m_z > 0 slopes.
+                // A bounded function of the normal with known expectation: m_z > 0 slopes.
                 let f = (w[2] + 1.5).min(dot(&m, &w) / m[2]).recip().min(5.0);
                 sum += f;
                 square += f * f;
             }
-            // The same by plain sampling of all normals, weighted by the projected area.
+            // The same by direct sampling of all normals, weighted by the projected area.
             let (mut top, mut bottom, mut top2) = (0.0, 0.0, 0.0);
             for _ in 0..n {
                 let (x, y) = gauss(&mut random);
@@ -246,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn lambda_of_opposite_directions_adds_up_to_minus_one() {
+    fn lambda_of_opposite_directions_sums_to_minus_one() {
         let rough = Roughness {
             alpha_u: 0.3,
             alpha_v: 0.6,
@@ -257,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rough_boundary_lets_in_what_its_visible_normals_do_not_send_back() {
+    fn a_rough_boundary_transmits_what_its_visible_normals_do_not_reflect() {
         let (alpha, eta) = (0.3, 1.54);
         let rough = Roughness {
             alpha_u: alpha,
@@ -289,7 +294,7 @@ mod tests {
             let mean = sum / f64::from(n);
             let std = ((square / f64::from(n) - mean * mean) / f64::from(n)).sqrt();
             let expected = fresnel::transmittance(cos, eta, 0.0) + table.excess(sin, 0.0, cos);
-            // Beside the noise, what the table's steps and Smith's rational form leave open.
+            // In addition to the noise, the table's steps and Smith's rational form.
             let allowed = 4.0 * std + 2e-4;
             assert!(
                 (1.0 - mean - expected).abs() < allowed,

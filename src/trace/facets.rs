@@ -1,9 +1,11 @@
-//! Smooth facets by the register: what [`super::first_hit`] says of one triangle, for both triangles of [`CELLS`] cells.
+//! Smooth facets in SIMD lanes: computes [`super::facet_response`] for both triangles of [`CELLS`]
+//! cells at once.
 //!
-//! Call [`Facets::of`]. The same operations in the same order, none of them fused, so that the numbers have the same bits whatever
-//! the machine's registers, and the same as one by one.
+//! Call [`FacetLanes::of`]. The operations have the same order as for a single facet and none is
+//! fused, so that the bits are the same with all register widths and for single facets.
 //!
-//! *Conditioning.* As in [`super::light`] and [`crate::model::polarisation`]; a lane that looks away from the lamp holds anything.
+//! *Conditioning.* As in [`super::light`] and [`crate::model::polarisation`]; lanes that face away
+//! from the lamp hold arbitrary values.
 
 use pulp::Simd;
 
@@ -15,7 +17,7 @@ use super::vec3::{V3, cross, dot};
 use super::walk::Walk;
 use crate::model::lanes::Lane;
 
-/// Cells that are looked at together: as many as the widest register has numbers.
+/// Cells processed together: the number of lanes of the widest register.
 pub(super) const CELLS: usize = 8;
 
 /// One number per cell.
@@ -25,7 +27,7 @@ struct Row([f64; CELLS]);
 
 const NOTHING: Row = Row([0.0; CELLS]);
 
-/// Light that goes one way on from some triangles.
+/// Light that leaves some triangles towards one side.
 #[derive(Debug)]
 struct Way {
     k: [Row; 3],
@@ -49,7 +51,7 @@ impl Way {
     }
 }
 
-/// What the lamp's light does on one of the two triangles of some cells.
+/// The lamp's light on one of the two triangles of some cells.
 #[derive(Debug)]
 pub(super) struct Facets {
     facing: Row,
@@ -58,7 +60,7 @@ pub(super) struct Facets {
     below: Way,
 }
 
-/// What is asked of facets.
+/// The options of the computation.
 #[derive(Clone, Copy)]
 pub(super) struct Question<'a> {
     pub(super) walk: &'a Walk<'a>,
@@ -70,7 +72,7 @@ pub(super) struct Question<'a> {
 }
 
 impl Facets {
-    /// Room for some.
+    /// Uninitialised storage.
     pub(super) const ROOM: Facets = Facets {
         facing: NOTHING,
         cos_refracted: NOTHING,
@@ -78,7 +80,8 @@ impl Facets {
         below: Way::NONE,
     };
 
-    /// Looks at the lower and the upper triangles of the cells from `first` on; beyond the last cell that is repeated.
+    /// Processes the lower and the upper triangles of the cells from `first` on; beyond the last
+    /// cell, the last one is repeated.
     #[inline(always)]
     pub(super) fn of<L: Light, S: Simd>(
         simd: S,
@@ -121,7 +124,7 @@ impl Facets {
         }
     }
 
-    /// One register of facets with these slopes, whose `facing` is known.
+    /// Processes one register of facets with these slopes, whose `facing` is known.
     #[inline(always)]
     fn divide<L: Light, S: Simd>(
         &mut self,
@@ -191,12 +194,12 @@ impl Facets {
         }
     }
 
-    /// A triangle's area projected along the light over that of a horizontal one's cell.
+    /// A triangle's area projected along the light, divided by its horizontal cell's area.
     pub(super) fn facing(&self, lane: usize) -> f64 {
         self.facing.0[lane]
     }
 
-    /// Whether light is refracted: not into a metal, nor under total reflection.
+    /// Whether light is refracted: not into a metal, and not under total reflection.
     pub(super) fn enters(&self, lane: usize) -> bool {
         self.cos_refracted.0[lane] > 0.0
     }
@@ -208,22 +211,22 @@ impl Facets {
         }
     }
 
-    /// Direction of the light that goes to a side.
+    /// Direction of the light towards a side.
     pub(super) fn direction(&self, side: Side, lane: usize) -> V3 {
         self.way(side).direction(lane)
     }
 
-    /// Power of the light that goes to a side, of 1 per cell.
+    /// Power of the light towards a side, for power 1 per cell.
     pub(super) fn power(&self, side: Side, lane: usize) -> f64 {
         self.way(side).power.0[lane]
     }
 
-    /// The numbers of the light that goes to a side, where it leaves at once.
+    /// The bin contents of the light towards a side, if it leaves at once.
     pub(super) fn numbers(&self, side: Side, lane: usize) -> impl Iterator<Item = f64> {
         self.way(side).numbers.iter().map(move |row| row.0[lane])
     }
 
-    /// The bin of the direction to a side.
+    /// The bin of the direction towards a side.
     pub(super) fn bin(&self, side: Side, lane: usize, bins: &Finder) -> usize {
         let way = self.way(side);
         let bearing = Bearing {
@@ -324,7 +327,7 @@ mod tests {
     struct All<'a, L>(Question<'a>, &'a Finder, std::marker::PhantomData<L>);
 
     impl<L: Light> WithSimd for All<'_, L> {
-        /// Facets that face the lamp.
+        /// Number of facets that face the lamp.
         type Output = usize;
 
         #[inline(always)]
@@ -397,14 +400,14 @@ mod tests {
             let all = All::<L>(question, &bins, std::marker::PhantomData);
             let seen = Arch::new().dispatch(all);
             assert!(seen > 1000, "{seen}");
-            // With the narrowest register too.
+            // Also with the narrowest register.
             let all = All::<L>(question, &bins, std::marker::PhantomData);
             all.with_simd(pulp::Scalar::new());
         }
     }
 
     #[test]
-    fn every_lane_has_the_bits_of_a_facet_alone() {
+    fn every_lane_has_the_bits_of_a_single_facet() {
         let stain = "{ n = 0.9, k = 0.02 }\nthickness_um = 3.0\n[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }";
         for below in ["{ n = 1.5 }", "{ n = 0.7 }", "{ n = 0.35, k = 2.7 }", stain] {
             for azimuth_deg in [0.0, 205.0] {

@@ -1,8 +1,10 @@
-//! What a smooth facet does to the lamp's light, all but chance: directions, shares, Mueller matrices, bins.
+//! The response of a smooth facet to the lamp's light: directions, fractions, Mueller matrices and
+//! bins, without random numbers.
 //!
-//! All photons that come from the lamp onto one triangle meet the same facet in the same direction: an [`Incidence`].
-//! Of those that go one way each, and weigh 1 on it, a [`Facet`] is kept per triangle: enough to count light that leaves
-//! at once without looking at the triangle again.
+//! All photons from the lamp onto one triangle hit the same facet in the same direction: an
+//! [`Incidence`]. For photons that take one branch each with weight 1, a [`FacetResponse`] is
+//! stored per triangle: enough to count light that leaves at once without visiting the triangle
+//! again.
 
 use super::grid::Finder;
 use super::height_field::Side;
@@ -11,7 +13,7 @@ use super::vec3::{V3, combine, dot};
 use super::walk::Walk;
 use crate::model::polarisation::{Boundary, Channel, Split};
 
-/// Least cosine of incidence: rounding at grazing must not turn light away.
+/// Smallest cosine of incidence: rounding at grazing incidence must not reverse the light.
 pub(super) const GRAZING: f64 = 1e-12;
 
 /// The lamp's light on a smooth facet of the first interface.
@@ -32,42 +34,42 @@ pub struct Incidence<'a> {
 pub struct Exit<L> {
     /// In the frame of its exit.
     pub light: L,
-    /// Power of the lamp's light that it is.
+    /// Fraction of the lamp's power.
     pub power: f64,
     /// The bin of its direction.
     pub bin: usize,
 }
 
-/// One way on from a facet, for light that leaves at once.
+/// One branch of light from a facet that leaves at once.
 #[derive(Debug, Clone, Copy)]
 pub struct Passage {
-    /// What the boundary does, over the chance of this way.
+    /// The boundary's matrix divided by the probability of this branch.
     pub channel: Channel,
-    /// From the frame of the hit to that of the exit.
+    /// Rotation from the frame of the hit to that of the exit.
     pub leave: Turn,
-    /// Power of the lamp's light that goes this way.
+    /// Fraction of the lamp's power in this branch.
     pub power: f64,
-    /// The bin of the direction of exit.
+    /// The bin of the exit direction.
     pub bin: u32,
 }
 
-/// Both ways on from a facet.
+/// Both branches of a facet.
 #[derive(Debug, Clone, Copy)]
 pub struct Facet {
-    /// From the frame of launch to that of the hit.
+    /// Rotation from the frame of launch to that of the hit.
     pub turn: Turn,
-    /// Chance of a photon to be reflected: what unpolarised light would be.
+    /// Probability that a photon is reflected: the reflected fraction of unpolarised light.
     pub share: f64,
     /// Whether light is refracted.
     pub enters: bool,
-    /// Reflection.
+    /// The reflected branch.
     pub reflected: Passage,
-    /// Refraction.
+    /// The refracted branch.
     pub refracted: Passage,
 }
 
 impl<'a> Incidence<'a> {
-    /// On a facet with upward normal `m` that faces the lamp.
+    /// Light on a facet with the upward normal `m` that faces the lamp.
     #[inline(always)]
     #[must_use]
     pub fn of<L: Light>(walk: &'a Walk<'a>, m: &V3) -> Self {
@@ -95,7 +97,7 @@ impl<'a> Incidence<'a> {
         combine(1.0, &self.walk.k, 2.0 * self.cos, &self.m)
     }
 
-    /// Direction of the refracted light, where there is any.
+    /// Direction of the refracted light, if there is any.
     #[inline(always)]
     fn refracted(&self) -> V3 {
         let ratio = self.split.ratio;
@@ -103,14 +105,14 @@ impl<'a> Incidence<'a> {
         combine(ratio, &self.walk.k, along, &self.m)
     }
 
-    /// Whether light is refracted: not into a metal, nor under total reflection.
+    /// Whether light is refracted: not into a metal, and not under total reflection.
     #[inline(always)]
     #[must_use]
     pub fn enters(&self) -> bool {
         self.split.cos_refracted > 0.0
     }
 
-    /// Channel and direction of the way on to a side.
+    /// Channel and direction of the branch to a side.
     #[inline(always)]
     #[must_use]
     pub fn way(&self, side: Side) -> (&Channel, V3) {
@@ -120,14 +122,14 @@ impl<'a> Incidence<'a> {
         }
     }
 
-    /// Light that has just gone a way.
+    /// Light just after the hit, in a branch.
     #[inline(always)]
     #[must_use]
     pub fn after<L: Light>(&self, channel: &Channel) -> L {
         L::after_hit(&self.turn, &self.s, channel, 1.0)
     }
 
-    /// `factor` of the light that goes to a side, where it leaves at once.
+    /// `factor` of the light to a side that leaves at once.
     #[inline(always)]
     #[must_use]
     pub fn leaves<L: Light>(&self, side: Side, factor: f64, bins: &Finder) -> Exit<L> {
@@ -144,14 +146,14 @@ impl<'a> Incidence<'a> {
         }
     }
 
-    /// Whether what is not reflected is absorbed.
+    /// Whether the light that is not reflected is absorbed.
     #[inline(always)]
     #[must_use]
     pub fn absorbs(&self) -> bool {
         self.boundary.is_metal()
     }
 
-    /// The way on to a side, of `factor` times what its channel lets pass.
+    /// The branch to a side, with `factor` times its channel's transmission.
     #[inline(always)]
     fn passage<L: Light>(&self, side: Side, factor: f64, bins: &Finder) -> Passage {
         let (channel, k) = self.way(side);
@@ -174,7 +176,7 @@ impl<'a> Incidence<'a> {
         }
     }
 
-    /// What is kept of it for photons that go one way each.
+    /// The stored response for photons that take one branch each.
     #[inline(always)]
     #[must_use]
     pub fn facet<L: Light>(&self, bins: &Finder) -> Facet {
@@ -205,11 +207,11 @@ impl<'a> Incidence<'a> {
 }
 
 impl Facet {
-    /// Light that has just gone a way and leaves at once, in the frame of its exit.
+    /// Light in a branch that leaves at once, in the frame of its exit.
     #[inline(always)]
     #[must_use]
     pub fn leaving<L: Light>(&self, way: &Passage) -> L {
-        // Of what leaves, the frame of the hit is no longer asked for.
+        // The frame of the hit is not needed for light that leaves.
         let mut light = L::after_hit(&self.turn, &super::vec3::UP, &way.channel, 1.0);
         light.turn(&way.leave);
         light

@@ -1,7 +1,7 @@
-//! Direction bins of both hemispheres: which one a ray falls into, and how much light it could hold.
+//! Direction bins of both hemispheres: the bin of a direction, and its projected solid angle.
 //!
-//! Call [`Grid::bin`] with a direction of exit, or a [`Finder`]'s for many. Bins know nothing of what is counted in them
-//! ([`super::tally`]).
+//! Call [`DirectionGrid::bin`] with a direction, or [`BinFinder`] for many. Bins do not know what
+//! is counted in them ([`super::tally`]).
 
 use pulp::Simd;
 
@@ -9,31 +9,31 @@ use super::height_field::Side;
 use super::vec3::V3;
 use crate::model::lanes::Lane;
 
-/// How the directions of a hemisphere fall into bins.
+/// Arrangement of the directions of a hemisphere in bins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {
-    /// Rows are equal steps of the polar angle from ±n, columns of the azimuth.
+    /// Rows are equal steps of the polar angle from ±n, columns are equal steps of the azimuth.
     Polar,
-    /// Square pixels of the direction cosines: rows along v, columns along u, both from −1 to 1; the
-    /// hemisphere seen from above.
+    /// Square pixels of the direction cosines: rows along v, columns along u, both from −1 to 1;
+    /// the hemisphere seen from above.
     Disc,
 }
 
 /// Direction bins of both hemispheres.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Grid {
-    /// What rows and columns are.
+    /// Meaning of rows and columns.
     pub layout: Layout,
     /// Rows: over 0 to 90° of polar angle, or along v.
     pub n_theta: usize,
     /// Columns: over 0 to 360° of azimuth, or along u.
     pub n_phi: usize,
-    /// Column of light along ±n, which has no azimuth ([`Grid::straight_at`]).
+    /// Column of light along ±n, which has no azimuth ([`DirectionGrid::straight_at`]).
     pub straight: usize,
 }
 
 impl Grid {
-    /// Steps of polar angle and azimuth.
+    /// Makes bins of equal steps of polar angle and azimuth.
     #[must_use]
     pub const fn polar(n_theta: usize, n_phi: usize) -> Self {
         Grid {
@@ -44,7 +44,8 @@ impl Grid {
         }
     }
 
-    /// The same with light along ±n counted at an azimuth, such as that of the lamp: it is in every plane of incidence.
+    /// Counts light along ±n at an azimuth, for example that of the lamp: it is in every plane of
+    /// incidence.
     #[must_use]
     pub fn straight_at(self, phi_deg: f64) -> Self {
         let turn = (phi_deg / 360.0).rem_euclid(1.0);
@@ -55,7 +56,7 @@ impl Grid {
         Grid { straight, ..self }
     }
 
-    /// `n` × `n` pixels over the direction cosines.
+    /// Makes `n` × `n` pixels over the direction cosines.
     #[must_use]
     pub const fn disc(n: usize) -> Self {
         Grid {
@@ -66,14 +67,15 @@ impl Grid {
         }
     }
 
-    /// Bins of one side.
+    /// Number of bins of one side.
     #[must_use]
     pub fn per_side(&self) -> usize {
         self.n_theta * self.n_phi
     }
 
-    /// The bin of a direction of exit; those of the upper side come first. A direction on the edge of two, but for rounding,
-    /// is in the later one, on whatever way light came to it. Many are found by [`Grid::finder`].
+    /// The bin of a direction; bins of the upper side come first. A direction on the edge of two
+    /// bins, except for rounding, is in the later one, whatever path the light took. For many
+    /// directions use [`DirectionGrid::finder`].
     #[must_use]
     pub fn bin(&self, side: Side, k: &V3) -> usize {
         let (row, column) = match self.layout {
@@ -82,7 +84,7 @@ impl Grid {
                 let theta = sin.atan2(k[2].abs());
                 let turn = k[1].atan2(k[0]) * (0.5 * std::f64::consts::FRAC_1_PI);
                 let turn = if turn < 0.0 { turn + 1.0 } else { turn };
-                // What is left of an azimuth along ±n is the sign of a zero.
+                // The azimuth along ±n is only the sign of a zero.
                 let column = if sin < STRAIGHT {
                     self.straight
                 } else {
@@ -102,7 +104,7 @@ impl Grid {
         bin + self.first_of(side)
     }
 
-    /// Finds the bins of many directions.
+    /// Makes a finder for the bins of many directions.
     #[must_use]
     pub fn finder(&self) -> Finder {
         let turns = match self.layout {
@@ -115,7 +117,7 @@ impl Grid {
         Finder { grid: *self, turns }
     }
 
-    /// The first bin of a side.
+    /// Index of the first bin of a side.
     #[inline(always)]
     fn first_of(&self, side: Side) -> usize {
         match side {
@@ -124,8 +126,8 @@ impl Grid {
         }
     }
 
-    /// Limits (θ_lo, θ_hi, φ_lo, φ_hi) of a bin of one side, degrees. A pixel of a disc has none: its
-    /// centre's angles stand for both limits.
+    /// Limits (θ_lo, θ_hi, φ_lo, φ_hi) of a bin of one side, degrees. For a pixel of a disc both
+    /// limits are its centre.
     #[must_use]
     pub fn limits_deg(&self, bin: usize) -> [f64; 4] {
         let (row, column) = (bin / self.n_phi, bin % self.n_phi);
@@ -152,7 +154,7 @@ impl Grid {
         )
     }
 
-    /// ∫ cos θ dω over a bin, sr: what a share of the light is divided by to be a BRDF.
+    /// ∫ cos θ dω over a bin, sr: the divisor that converts a fraction of the light to a BRDF.
     #[must_use]
     pub fn projected_solid_angle(&self, bin: usize) -> f64 {
         match self.layout {
@@ -185,12 +187,13 @@ impl Grid {
     }
 }
 
-/// A direction nearer than this to ±n has no azimuth.
+/// A direction closer than this to ±n has no azimuth.
 const STRAIGHT: f64 = 1e-12;
-/// Nearer to an edge than this share of a bin a direction is on it: rounding, which differs from way to way, is far less.
+/// A direction closer than this fraction of a bin to an edge is on it; rounding, which differs
+/// between paths, is much smaller.
 const ON_EDGE: f64 = 1e-9;
 
-/// The step that holds a position counted in steps.
+/// The step that contains a position counted in steps.
 #[inline]
 fn step(position: f64) -> usize {
     let nearest = position.round();
@@ -198,8 +201,9 @@ fn step(position: f64) -> usize {
     (if on_edge { nearest } else { position }) as usize
 }
 
-/// [`Grid::bin`], for many directions: without an angle. Instead of it there is what rises with it,
-/// y/(|x| + |y|) and its like in the other quarters, and a table of where the edges of the bins are in that.
+/// As [`DirectionGrid::bin`], for many directions and without computing angles: it uses a monotonic
+/// function of the angle, y/(|x| + |y|) and its equivalents in the other quadrants, and a table of
+/// the bins' edges in that function.
 #[derive(Debug)]
 pub struct Finder {
     grid: Grid,
@@ -208,7 +212,7 @@ pub struct Finder {
 }
 
 impl Finder {
-    /// The bin of a direction of exit, as [`Grid::bin`] has it.
+    /// The bin of a direction, equal to [`DirectionGrid::bin`].
     #[inline(always)]
     #[must_use]
     pub fn bin(&self, side: Side, k: &V3) -> usize {
@@ -224,7 +228,7 @@ impl Finder {
             .unwrap_or_else(|| self.grid.bin(side, k))
     }
 
-    /// The same where it is known already what a polar grid goes by ([`Bearing::of_each`]).
+    /// The same for a known [`Bearing`] ([`Bearing::of_each`]).
     #[inline(always)]
     #[must_use]
     pub(super) fn bin_of(&self, side: Side, k: &V3, place: Bearing) -> usize {
@@ -242,7 +246,8 @@ impl Finder {
     }
 }
 
-/// What rises with a direction's polar angle and azimuth: both in quarters of a turn, but not evenly.
+/// Monotonic functions of a direction's polar angle and azimuth: in quarters of a turn, but not
+/// linear.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bearing<T = f64> {
     pub(super) tilt: T,
@@ -250,7 +255,7 @@ pub(super) struct Bearing<T = f64> {
 }
 
 impl<S: Simd> Bearing<Lane<S>> {
-    /// Of a register of directions; the same bits as of each alone.
+    /// The bearings of a register of directions; the bits equal those of single directions.
     #[inline(always)]
     pub(super) fn of_each(simd: S, k: &[Lane<S>; 3]) -> Self {
         macro_rules! k {
@@ -271,8 +276,8 @@ impl<S: Simd> Bearing<Lane<S>> {
     }
 }
 
-/// How many quarters of a turn a point lies from (1, 0), counted so that they rise with the angle; not a number where it
-/// is nowhere.
+/// Number of quarters of a turn from (1, 0) to a point, increasing with the angle; NaN at the
+/// origin.
 #[inline(always)]
 fn quarters(x: f64, y: f64) -> f64 {
     let (ax, ay) = (x.abs(), y.abs());
@@ -290,18 +295,18 @@ fn quarters(x: f64, y: f64) -> f64 {
 /// Equal steps of an angle in [`quarters`].
 #[derive(Debug)]
 struct Steps {
-    /// Where each begins, and where the last one ends; beyond, nothing.
+    /// Start of each step, and the end of the last one.
     edges: Vec<f64>,
-    /// The step at the beginning of each of equal parts.
+    /// The step at the start of each of equal parts.
     first: Vec<u32>,
     parts_per_quarter: f64,
 }
 
-/// Nearer to an edge than this the angle itself decides: wider than [`ON_EDGE`] on any grid.
+/// Closer to an edge than this the angle itself decides: wider than [`ON_EDGE`] on any grid.
 const EDGE: f64 = 1e-8;
 
 impl Steps {
-    /// `count` steps, `per_turn` of them a full turn.
+    /// Makes `count` steps, `per_turn` of them a full turn.
     fn of(count: usize, per_turn: usize) -> Self {
         let mut edges: Vec<f64> = (0..=count)
             .map(|n| {
@@ -312,7 +317,8 @@ impl Steps {
             .collect();
         let span = 4.0 * count as f64 / per_turn as f64;
         edges.push(f64::INFINITY);
-        // Steps differ by a factor of two, so none of these holds two edges; and few enough to stay in the nearest cache.
+        // Steps differ by at most a factor of two, so no part contains two edges; the table still
+        // fits into the first cache.
         let parts = (4 * count).next_power_of_two();
         let mut step = 0;
         let first = (0..=parts).map(|part| {
@@ -329,14 +335,14 @@ impl Steps {
         }
     }
 
-    /// The step of a number of quarters; `None` where rounding could decide.
+    /// The step of a number of quarters; `None` if rounding could matter.
     #[inline(always)]
     fn at(&self, quarters: f64) -> Option<usize> {
         let part = (quarters * self.parts_per_quarter) as usize;
         let step = self.first[part.min(self.first.len() - 1)] as usize;
         let step = step + usize::from(self.edges[step + 1] <= quarters);
         let inside = quarters - self.edges[step] > EDGE && self.edges[step + 1] - quarters > EDGE;
-        // At the very end edges are those of nothing.
+        // The last edges have no step.
         (inside && step + 2 < self.edges.len()).then_some(step)
     }
 }
@@ -365,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn the_short_way_to_a_bin_is_the_long_one() {
+    fn a_finder_gives_the_same_bins_as_the_angles() {
         for grid in [
             GRID,
             Grid::polar(1, 1),
@@ -375,7 +381,7 @@ mod tests {
             let finder = grid.finder();
             let mut short = 0;
             for n in 0..200_000 {
-                // Points all around, at the edges of bins too.
+                // Points all around, also at the edges of bins.
                 let angle = f64::from(n) * 0.002f64.to_radians() - std::f64::consts::PI;
                 let (y, x) = angle.sin_cos();
                 let z = f64::from(n % 9001) / 9000.0;
@@ -406,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn directions_that_differ_by_rounding_alone_fall_into_one_bin_at_its_edge_too() {
+    fn directions_that_differ_by_rounding_are_in_one_bin_even_at_its_edge() {
         let ulps = |x: f64, n: i32| x + f64::from(n) * x.abs() * f64::EPSILON;
         for grid in [
             GRID,
@@ -446,7 +452,7 @@ mod tests {
         let total: f64 = (0..disc.per_side())
             .map(|b| disc.projected_solid_angle(b))
             .sum();
-        // 64 strips per pixel: the rim's error is of the order of a strip's width squared.
+        // 64 strips per pixel: the error at the rim is of the order of a strip's width squared.
         assert!((total - std::f64::consts::PI).abs() < 1e-5, "{total}");
         let k = unit(&[0.5, -0.7, 0.2]);
         let [theta, _, phi, _] = disc.limits_deg(disc.bin(Side::Above, &k));

@@ -1,20 +1,22 @@
 //! A periodic height field of flat triangles, and rays on it.
 //!
-//! Call [`HeightField::enter`] for a ray that comes from far away and [`HeightField::onward`] for
-//! one that starts on the surface. Two triangles per cell share the diagonal from (i, j) to
-//! (i+1, j+1). The tile repeats without end; nothing special happens at its rim.
+//! Call [`HeightField::enter`] for a ray from far away and [`HeightField::onward`] for one that
+//! starts on the surface. The two triangles of a cell share the diagonal from (i, j) to (i+1, j+1).
+//! The tile repeats without end, and its rim is not special.
 //!
 //! A ray is followed from cell to cell by its clearance: the height above the surface (or below it,
-//! for light inside), linear along the ray within a triangle. The clearance at a shared edge is
-//! computed once and carried over, so no ray slips between two triangles, and a ray that starts on
-//! a triangle cannot hit it again: no epsilon anywhere. Where its slope exceeds everything that
-//! can stand in its way ([`super::escape`]) it is known to be free.
+//! for light inside), which is linear along the ray within a triangle. The clearance at a shared
+//! edge is computed once and carried over, so no ray passes between two triangles, and a ray that
+//! starts on a triangle cannot hit it again: there is no epsilon anywhere. A ray steeper than the
+//! horizon in its direction ([`super::horizon_slopes`]) is known to be free.
 //!
-//! *Conditioning.* Heights are rounded to f32 once; from then on corners are exact numbers. Positions along a ray are
-//! start + d t − offset, so they lose t·1e-16 cells: after the million cells at which a ray is given up still 1e-10 of a
-//! cell. A hit is where the clearance, linear between two sides of a cell, passes through 0: t_in + Δt c_in/(c_in − c_out) with
-//! c_out < 0 ≤ c_in is a sum of two positive numbers below, never a difference. Walls are as steep as a cell is narrow (slopes to
-//! 1e6 and more are met); a normal's vertical part is then small but keeps its digits, as 1/√(1 + s²).
+//! *Conditioning.* Heights are rounded to f32 once; after that, corners are exact numbers.
+//! Positions along a ray are start + d t − offset, so they lose t·1e-16 cells: after the million
+//! cells at which a ray is given up, 1e-10 of a cell. A hit is where the clearance, linear between
+//! two sides of a cell, passes through 0: t_in + Δt c_in/(c_in − c_out) with c_out < 0 ≤ c_in has a
+//! sum of two positive numbers in the denominator, never a difference. Walls are as steep as a cell
+//! is narrow (slopes to 1e6 and more occur); the vertical part of a normal is then small but keeps
+//! its digits, as 1/√(1 + s²).
 
 use pulp::Arch;
 use rayon::prelude::*;
@@ -22,7 +24,7 @@ use rayon::prelude::*;
 use super::escape::{EscapeSlopes, greater, lesser};
 use super::vec3::{V3, unit};
 
-/// On which side of an interface light is.
+/// The side of an interface on which light is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
     /// On the side of +n.
@@ -60,31 +62,31 @@ pub struct Spot {
     pub i: usize,
     /// Cell along y.
     pub j: usize,
-    /// The triangle at (0, 1) of the cell rather than that at (1, 0).
+    /// The triangle at (0, 1) of the cell instead of the one at (1, 0).
     pub upper: bool,
-    /// Position along x as a share of the cell, 0 to 1.
+    /// Position along x as a fraction of the cell, 0 to 1.
     pub x: f64,
-    /// Position along y as a share of the cell, 0 to 1.
+    /// Position along y as a fraction of the cell, 0 to 1.
     pub y: f64,
     /// Height, in the field's unit of length.
     pub z: f64,
 }
 
-/// Where a ray ends.
+/// The end of a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Flight {
     /// On the surface.
     Hit(Spot),
-    /// Away from the surface for good.
+    /// The ray leaves the surface.
     Free,
-    /// Not decided within [`CELLS_MAX`] cells: a ray all but horizontal.
+    /// Undecided within [`CELLS_MAX`] cells: an almost horizontal ray.
     Lost,
 }
 
 /// Cells along each side of the windows of [`HeightField::outermost_around`].
 pub const WINDOW: i64 = 4;
 
-/// A ray that crosses more cells than this is given up (and booked as truncated).
+/// Number of crossed cells after which a ray is given up (and counted as truncated).
 pub const CELLS_MAX: usize = 1_000_000;
 
 /// Heights at the corners of `nx` × `ny` cells, periodic.
@@ -94,12 +96,12 @@ pub struct HeightField {
     ny: usize,
     cell_x: f64,
     cell_y: f64,
-    /// h00, h10, h01, h11 of each cell; the first index is along x. Rounded to f32 once, here.
+    /// h00, h10, h01, h11 of each cell; the first index is along x. Rounded to f32 here.
     corners: Vec<[f32; 4]>,
-    /// The highest and the lowest of the corners of the [`WINDOW`] × [`WINDOW`] cells from each cell on.
+    /// The highest and the lowest corner of the [`WINDOW`] × [`WINDOW`] cells from each cell on.
     high_around: Vec<f32>,
     low_around: Vec<f32>,
-    /// The instructions that this machine has.
+    /// The machine's instruction set.
     arch: Arch,
     lowest: f64,
     highest: f64,
@@ -108,8 +110,9 @@ pub struct HeightField {
 }
 
 impl HeightField {
-    /// From `nx` × `ny` heights (index i·ny + j, i along x) on cells of `cell_x` × `cell_y`, all in one
-    /// unit of length. At least one cell; finite heights; positive cells.
+    /// Makes a field from `nx` × `ny` heights (index i·ny + j, i along x) on cells of `cell_x` ×
+    /// `cell_y`, all in one unit of length. Needs at least one cell, finite heights and positive
+    /// cell sizes.
     #[must_use]
     pub fn new(nx: usize, ny: usize, cell_x: f64, cell_y: f64, heights: &[f64]) -> Self {
         assert!(
@@ -204,7 +207,7 @@ impl HeightField {
         }
     }
 
-    /// The instructions that this machine has.
+    /// The machine's instruction set.
     #[inline]
     #[must_use]
     pub(super) fn arch(&self) -> Arch {
@@ -219,14 +222,14 @@ impl HeightField {
         unit(&[-sx, -sy, 1.0])
     }
 
-    /// Effective ridge angle, rad: the median inclination, by area, towards +y and against the
-    /// turntable's axis, of the triangles whose normal leans to +y; `None` where none does. To a
+    /// Effective ridge angle, rad: the area-weighted median inclination, towards +y about the x
+    /// axis, of the triangles whose normal leans to +y; `None` if none does. Accurate to a
     /// thousandth of a degree.
     #[must_use]
     pub fn effective_ridge_angle(&self) -> Option<f64> {
         const PER_DEGREE: f64 = 1000.0;
         const COUNT: usize = 90 * PER_DEGREE as usize + 1;
-        // In a fixed number of parts, so that the sum is the same on any number of threads.
+        // A fixed number of parts, so that the sum is the same on any number of threads.
         const PARTS: usize = 4;
         let parts: Vec<Vec<f64>> = (0..PARTS)
             .into_par_iter()
@@ -259,8 +262,8 @@ impl HeightField {
         None
     }
 
-    /// The outermost point on a side of the [`WINDOW`] × [`WINDOW`] cells from (i, j) on, counted away from the
-    /// surface (so below, of the negative heights).
+    /// The outermost point on a side of the [`WINDOW`] × [`WINDOW`] cells from (i, j) on, counted
+    /// away from the surface (for the lower side, of the negated heights).
     #[inline]
     #[must_use]
     pub fn outermost_around(&self, side: Side, i: usize, j: usize) -> f64 {
@@ -271,7 +274,7 @@ impl HeightField {
         }
     }
 
-    /// The escape slopes of one side.
+    /// The horizon slopes of one side.
     #[inline]
     #[must_use]
     pub fn escape(&self, side: Side) -> &EscapeSlopes {
@@ -281,8 +284,9 @@ impl HeightField {
         }
     }
 
-    /// A ray from far away on a side, along `k` towards the surface, that crosses the level of the
-    /// outermost point at the fractions `x`, `y` (0 to 1) of the tile. The cells on its way are added to `crossed`.
+    /// A ray from far away on one side, along `k` towards the surface, that crosses the level of
+    /// the outermost point at the fractions `x`, `y` (0 to 1) of the tile. The number of crossed
+    /// cells is added to `crossed`.
     #[must_use]
     pub fn enter(&self, side: Side, k: &V3, x: f64, y: f64, crossed: &mut u64) -> Flight {
         let (px, py) = (x * self.nx as f64, y * self.ny as f64);
@@ -303,7 +307,8 @@ impl HeightField {
         self.march(&spot, false, side.sign(), k, crossed)
     }
 
-    /// A ray that leaves a spot of the surface on a side, along `k`. The cells on its way are added to `crossed`.
+    /// A ray that leaves a spot of the surface on one side, along `k`. The number of crossed cells
+    /// is added to `crossed`.
     #[inline]
     #[must_use]
     pub fn onward(&self, spot: &Spot, side: Side, k: &V3, crossed: &mut u64) -> Flight {
@@ -318,7 +323,7 @@ impl HeightField {
         self.march(spot, true, side.sign(), k, crossed)
     }
 
-    /// Height of a triangle's plane at a place in its cell.
+    /// Height of a triangle's plane at a position in its cell.
     #[inline]
     fn plane(h: &[f64; 4], upper: bool, x: f64, y: f64) -> f64 {
         let [h00, h10, h01, h11] = *h;
@@ -357,7 +362,7 @@ impl HeightField {
         };
         let (mut tx, mut ty) = (first_crossing(x0, dx), first_crossing(y0, dy));
         if tx.min(ty) == f64::INFINITY {
-            // Straight up or down: this cell decides.
+            // A vertical ray is decided in this cell.
             return self.vertical(start, on_surface, leaving);
         }
         let (step_x, step_y) = (1.0 / dx.abs(), 1.0 / dy.abs());
@@ -365,7 +370,7 @@ impl HeightField {
             if dx > 0.0 { -1.0 } else { 1.0 },
             if dy > 0.0 { -1.0 } else { 1.0 },
         );
-        // One step back over the rim wraps to the largest number.
+        // A step back over the rim wraps to the largest number.
         let (step_i, step_j) = (
             if dx > 0.0 { 1 } else { usize::MAX },
             if dy > 0.0 { 1 } else { usize::MAX },
@@ -377,7 +382,7 @@ impl HeightField {
         let mut known = on_surface.then_some(0.0);
         let mut cell = i * self.ny + j;
         for n in 1..=CELLS_MAX as u64 {
-            // Whichever side comes first: chosen without a branch, which nothing could predict.
+            // The nearer side, selected without a branch, which could not be predicted.
             let along_x = tx <= ty;
             let t_out = if along_x { tx } else { ty };
             let z_out = start_z + dz * t_out;
@@ -462,7 +467,7 @@ impl HeightField {
         Flight::Hit(self.spot_at(start.i, start.j, upper, start.x, start.y))
     }
 
-    /// A place of a triangle as a spot.
+    /// Makes a spot from a position on a triangle.
     #[inline]
     #[must_use]
     pub fn spot_at(&self, i: usize, j: usize, upper: bool, x: f64, y: f64) -> Spot {
@@ -479,7 +484,8 @@ impl HeightField {
     }
 }
 
-/// Of every cell and the [`WINDOW`] − 1 after it along both axes, what `pick` picks.
+/// For every cell and the [`WINDOW`] − 1 cells after it along both axes, the value that `pick`
+/// selects.
 fn over_windows(nx: usize, ny: usize, cells: &[f32], pick: impl Fn(f32, f32) -> f32) -> Vec<f32> {
     let mut picked = cells.to_vec();
     let mut reach = 1;

@@ -1,4 +1,4 @@
-//! Rays on a rough tile against the nearest of all its triangles.
+//! Rays on a rough tile, compared with the nearest hit over all triangles.
 
 use super::super::rng::{Purpose, Stream};
 use super::super::vec3::dot;
@@ -17,7 +17,7 @@ fn direction(random: &mut Stream) -> V3 {
     [r * phi.cos(), r * phi.sin(), z]
 }
 
-/// Nearest hit by testing every triangle of the tile and its images around.
+/// Nearest hit by testing every triangle of the tile and its periodic images.
 fn brute_force(field: &HeightField, origin: &V3, k: &V3, reach: i64) -> Option<f64> {
     let mut best: Option<f64> = None;
     for ci in -reach..=reach {
@@ -50,7 +50,7 @@ fn brute_force(field: &HeightField, origin: &V3, k: &V3, reach: i64) -> Option<f
 }
 
 #[test]
-fn marching_finds_what_brute_force_finds() {
+fn marching_agrees_with_brute_force() {
     let field = rough(6, 5, 1.5, 3);
     let mut random = Stream::new(11, Purpose::Photon, 0);
     let (mut hits, mut free) = (0, 0);
@@ -73,7 +73,7 @@ fn marching_finds_what_brute_force_finds() {
         let origin = [x * 6.0, y * 5.0 * 0.7, level];
         let t = brute_force(&field, &origin, &k, 18).unwrap();
         assert!((origin[2] + t * k[2] - spot.z).abs() < 1e-9);
-        // Onward in a random direction on the same side.
+        // Continue in a random direction on the same side.
         let m = field.normal(&spot);
         let mut out = direction(&mut random);
         if side.sign() * dot(&out, &m) < 0.0 {
@@ -103,7 +103,7 @@ fn marching_finds_what_brute_force_finds() {
 }
 
 #[test]
-fn no_ray_slips_through_along_edges_and_corners() {
+fn no_ray_passes_through_edges_and_corners() {
     let field = rough(4, 4, 0.5, 5);
     for (dx, dy) in [
         (1.0, 0.0),

@@ -1,15 +1,17 @@
-//! First hits on a height field: where the lamp's light falls, evenly, and what follows without chance.
+//! Primary hits on a height field: where the lamp's light falls, evenly sampled, and the part of
+//! the result that is known without sampling.
 //!
-//! [`FirstHits::new`] looks at every triangle once. Photons start on the triangles themselves, spaced evenly in
-//! their area projected along the light, so that none is spent on finding the surface; a start in
-//! the shadow is dropped. All lit area together is the tile's, whatever the relief, so the number of
-//! photons that this stands for is known exactly.
+//! [`PrimaryHits::new`] analyses every triangle once. Photons start on the triangles themselves,
+//! evenly spaced in their area projected along the light, so that none is spent on finding the
+//! surface; a start in the shadow is dropped. The total lit area is that of the tile, whatever the
+//! relief, so the number of photons that it represents is known exactly.
 //!
-//! Of a smooth triangle all light is reflected one way and refracted one way ([`super::first_hit`]). Where the
-//! lamp lights it wholly and what leaves is free for certain ([`super::escape`], [`super::beam`]), nothing
-//! is left to chance but, with [`Method::Analog`], which way a photon goes: it is counted without being
-//! followed. With [`Method::Split`] such light needs no photons at all: it is counted once and for all, and photons
-//! start only where something is left to chance.
+//! A smooth triangle reflects all light in one direction and refracts all in one direction
+//! ([`super::facet_response`]). If the lamp illuminates it completely and the outgoing light is
+//! certainly free ([`super::horizon_slopes`], [`super::swept_visibility`]), the only random choice
+//! is which branch a photon takes with [`Method::Analog`]: it is counted without being followed.
+//! With [`Method::Split`] such light needs no photons: it is counted once, and photons start only
+//! where the result depends on sampling.
 
 use std::marker::PhantomData;
 use std::ops::Range;
@@ -35,63 +37,63 @@ use super::walk::{Method, Waiting, Walk};
 struct Start {
     cell: u32,
     upper: bool,
-    /// Wholly, for certain.
+    /// Completely and certainly lit.
     lit: bool,
     reflected: Fate,
     refracted: Fate,
 }
 
-/// What is known of light that leaves a triangle one way.
+/// Knowledge of the light that leaves a triangle in one branch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Fate {
     /// All of it is free.
     Free,
-    /// It has to be followed.
+    /// It must be followed.
     Open,
-    /// There is none, or it is counted already.
+    /// There is none, or it has already been counted.
     Done,
 }
 
-/// Where photons start on a field, for one direction of light.
+/// The starts of photons on a field for one direction of light.
 #[derive(Debug)]
 pub struct FirstHits<'a> {
     field: &'a HeightField,
     bins: Finder,
     to_lamp: V3,
-    /// Whether facets are mirrors: a triangle then sends all light the same ways.
+    /// Whether facets are mirrors: a triangle then sends all light in the same directions.
     smooth: bool,
     starts: Vec<Start>,
-    /// What the starts do to light, where photons go one way each and are many enough to make it worth keeping.
+    /// Responses of the starts, if photons take one branch each and are numerous enough.
     facets: Vec<Facet>,
-    /// Projected areas of the starts up to and including each, in cells.
+    /// Cumulative projected areas of the starts, in cells.
     until: Vec<f64>,
-    /// What needs no photon, per photon of the whole run.
+    /// The part of the result that needs no photons, per photon of the whole run.
     pub known: Known,
 }
 
-/// The look at the triangles was stopped before it was over.
+/// The analysis of the triangles was stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stopped;
 
-/// Cells whose known light one thread adds up.
+/// Cells whose analytic light one thread sums.
 const CHUNK: usize = 1 << 14;
-/// Cells after which it is asked whether to go on; chunks are multiples of it.
+/// Cells between two calls of the callback; chunks are multiples of it.
 const ASKED: usize = 1 << 10;
-/// Photons per triangle from which on it pays to find out which light of theirs is free for certain, where they
-/// are followed one by one.
+/// Least number of photons per triangle for which it is worth finding the light that is certainly
+/// free, if photons are followed one by one.
 const WORTH_A_LOOK: u64 = 8;
-/// Photons per start from which on what the start does to light is kept.
+/// Least number of photons per start for which its response is stored.
 const WORTH_KEEPING: u64 = 2;
-/// Most starts that are kept (200 bytes each).
+/// Largest number of stored responses (200 bytes each).
 const KEPT_MAX: usize = 1 << 20;
 
 impl<'a> FirstHits<'a> {
-    /// Looks at all triangles of the first interface for a run of so many photons; `None` where it is not a height
-    /// field, or where light falls so flat that most starts would lie in the shadow. `go_on` is asked from time to
-    /// time, from any thread, with the share that is done.
+    /// Analyses all triangles of the first interface for a run with this number of photons; `None`
+    /// if it is not a height field, or if the light is so grazing that most starts would be in the
+    /// shadow. `go_on` is called from time to time, from any thread, with the finished fraction.
     ///
     /// # Errors
-    /// [`Stopped`] where it was told to.
+    /// [`Stopped`] if `go_on` returned false.
     pub fn new<L: Light>(
         walk: &'a Walk<'a>,
         grid: Grid,
@@ -127,7 +129,8 @@ impl<'a> FirstHits<'a> {
                         if !go_on(done as f64 / cells as f64) {
                             return Err(Stopped);
                         }
-                        // Compiled for each set of vector instructions; the bits are the same with all of them.
+                        // Compiled for each vector instruction set; the bits are the same with all
+                        // of them.
                         field.arch().dispatch(Cells {
                             look: &look,
                             cells: first..(first + ASKED).min(cells),
@@ -154,7 +157,7 @@ impl<'a> FirstHits<'a> {
             until.push(area);
             starts.push(start);
         }
-        // Lit area is the tile's; what lies in the shadow is spent in vain.
+        // The lit area is that of the tile; starts in the shadow are wasted.
         if area > 4.0 * cells as f64 {
             return Ok(None);
         }
@@ -184,18 +187,18 @@ impl<'a> FirstHits<'a> {
         Ok(Some(first_hits))
     }
 
-    /// Share of the light that is left to chance (a little more where starts lie in the shadow).
+    /// Fraction of the light that is sampled (slightly more if starts are in the shadow).
     #[must_use]
     pub fn share(&self) -> f64 {
         let (nx, ny) = self.field.cells();
         self.until.last().copied().unwrap_or(0.0) / (nx * ny) as f64
     }
 
-    /// Starts the photons of a batch that stands for `photons` of them: one at random in each of so many equal
-    /// strata of the projected area. (Evenly spaced ones would do a little better, but a batch then has two
-    /// degrees of freedom, and batches that fall on each other by chance spoil the errors of all bins at
-    /// once.) `stream` gives each start its random numbers; `go_on` is asked before each. `false` where it
-    /// was told to stop.
+    /// Starts the photons of a batch that represents `photons` of them: one at random in each of
+    /// this number of equal strata of the projected area. (Evenly spaced starts would be slightly
+    /// better, but a batch would then have two degrees of freedom, and batches that coincide by
+    /// chance spoil the errors of all bins at once.) `stream` gives each start its random numbers;
+    /// `go_on` is called before each. Returns `false` if it was stopped.
     pub fn batch<L: Light>(
         &self,
         walk: &Walk<'_>,
@@ -249,7 +252,7 @@ impl<'a> FirstHits<'a> {
         !batch.given_up
     }
 
-    /// What a triangle does to the lamp's light: from the table, or worked out into `room`.
+    /// The response of a triangle: from the table, or computed into `room`.
     #[inline(always)]
     fn facet_at<'r, L: Light>(
         &'r self,
@@ -266,8 +269,8 @@ impl<'a> FirstHits<'a> {
         }
     }
 
-    /// A photon that is reflected, refracted or absorbed; its place on the triangle is asked for only where it
-    /// matters.
+    /// A photon that is reflected, refracted or absorbed; its position on the triangle is computed
+    /// only if needed.
     #[inline(always)]
     fn one_way<L: Light>(
         &self,
@@ -286,7 +289,8 @@ impl<'a> FirstHits<'a> {
         } else if facet.enters {
             (&facet.refracted, start.refracted, Side::Below)
         } else {
-            // The draw goes by unpolarised light, what is lost by the lamp's: so both are right on average.
+            // The branch is drawn by unpolarised light, the loss is that of the lamp's: both are
+            // correct on average.
             let reflected = facet.reflected.power * facet.share;
             return batch.absorb((1.0 - reflected) / (1.0 - facet.share));
         };
@@ -301,7 +305,7 @@ impl<'a> FirstHits<'a> {
         self.follow(walk, light, k, side, spot, random, waiting, batch);
     }
 
-    /// A photon of which both ways are followed as far as they are open.
+    /// A photon whose two branches are both followed if they are open.
     fn both_ways<L: Light>(
         &self,
         walk: &Walk<'_>,
@@ -337,7 +341,7 @@ impl<'a> FirstHits<'a> {
         }
     }
 
-    /// Follows light on its way from a start.
+    /// Follows light from its start.
     #[expect(clippy::too_many_arguments, reason = "a photon's state and its tools")]
     fn follow<L: Light>(
         &self,
@@ -350,7 +354,7 @@ impl<'a> FirstHits<'a> {
         waiting: &mut Waiting<L>,
         batch: &mut Batch,
     ) {
-        // A reflection so weak that it is nothing (index 1, or Brewster's angle exactly).
+        // The reflection is negligible (index 1, or exactly Brewster's angle).
         if light.weight() > f64::MIN_POSITIVE {
             walk.go_on(light, k, side, Place::Field(spot), random, waiting, batch);
         }
@@ -363,7 +367,7 @@ impl<'a> FirstHits<'a> {
         Incidence::of::<L>(walk, &unit(&[-sx, -sy, 1.0]))
     }
 
-    /// A uniform point of a triangle from two numbers in [0, 1].
+    /// A uniformly distributed point of a triangle from two numbers in [0, 1].
     fn spot(&self, start: &Start, a: f64, b: f64) -> Spot {
         let (_, ny) = self.field.cells();
         let r = a.sqrt();
@@ -380,7 +384,7 @@ impl<'a> FirstHits<'a> {
     }
 }
 
-/// The first of rising sums from `at` on that passes a position; the last where none does.
+/// Index from `at` on of the first cumulative sum above a position; the last one if there is none.
 #[inline(always)]
 fn first_beyond(sums: &[f64], at: usize, position: f64) -> usize {
     let last = sums.len() - 1;
@@ -388,7 +392,7 @@ fn first_beyond(sums: &[f64], at: usize, position: f64) -> usize {
     if sums[below] > position {
         return below;
     }
-    // In growing steps, since the next start is near by.
+    // In growing steps, because the next start is close.
     loop {
         let next = (below + step).min(last);
         if sums[next] > position || next == last {
@@ -398,7 +402,7 @@ fn first_beyond(sums: &[f64], at: usize, position: f64) -> usize {
     }
 }
 
-/// What is looked at, of every triangle.
+/// The analysis of every triangle.
 struct Look<'a> {
     walk: &'a Walk<'a>,
     field: &'a HeightField,
@@ -406,14 +410,14 @@ struct Look<'a> {
     to_lamp: V3,
     single: bool,
     smooth: bool,
-    /// Whether what is not reflected is absorbed.
+    /// Whether the light that is not reflected is absorbed.
     absorbs: bool,
-    /// Whether it is worth finding out what is free, beyond what is plain.
+    /// Whether it is worth finding more free light than the horizon slopes do.
     thorough: bool,
 }
 
-/// Some cells to look at, as a type and not a closure: a closure of this size is not inlined, and what is not inlined
-/// is not compiled for the wider instructions.
+/// Some cells to analyse. A type instead of a closure, because a closure of this size is not
+/// inlined and would not be compiled for the wider instructions.
 struct Cells<'a, L> {
     look: &'a Look<'a>,
     cells: Range<usize>,
@@ -451,8 +455,9 @@ impl<L: Light> pulp::WithSimd for Cells<'_, L> {
 }
 
 impl Look<'_> {
-    /// A triangle as a start, and its area projected along the light over that of a horizontal one's cell;
-    /// `None` where it faces away or nothing of it is left to chance. What is known of it is counted.
+    /// A triangle as a start, and its area projected along the light divided by its horizontal
+    /// cell's area; `None` if it faces away or nothing of it is sampled. The known part of its
+    /// light is counted.
     #[inline(always)]
     fn at<L: Light>(
         &self,
@@ -469,7 +474,8 @@ impl Look<'_> {
         }
         let (i, j) = (cell / ny, cell % ny);
         let lit = self.is_free(i, j, upper, Side::Above, &self.to_lamp, self.thorough);
-        // What is not lit wholly needs photons in any case: split ones are followed both ways then.
+        // A triangle that is not completely lit needs photons in any case; split photons then
+        // follow both branches.
         let thorough = self.thorough && (lit || self.walk.method == Method::Analog);
         let free = |side: Side, k: &V3| self.is_free(i, j, upper, side, k, thorough);
         let mut start = Start {
@@ -486,7 +492,7 @@ impl Look<'_> {
         if away[2] > 0.0 && free(Side::Above, &away) {
             start.reflected = Fate::Free;
         }
-        // Nothing is refracted into a metal or under total reflection.
+        // No light is refracted into a metal or under total reflection.
         let into = facets.direction(Side::Below, lane);
         if !facets.enters(lane) {
             start.refracted = Fate::Done;
@@ -516,7 +522,7 @@ impl Look<'_> {
         Some((start, facing))
     }
 
-    /// By the cell's escape slope, or else, where that is worth it, by a look at what lies in its way.
+    /// By the cell's horizon slope, or if worthwhile by a test of everything in the light's way.
     #[inline(always)]
     fn is_free(&self, i: usize, j: usize, upper: bool, side: Side, k: &V3, thorough: bool) -> bool {
         let (_, ny) = self.field.cells();

@@ -1,5 +1,6 @@
-//! Laws that the tracer as a whole must keep: energy, reciprocity, errors that are true, the same bits.
-//! Beside them, what it is compared with ([`references`]) and what it refuses ([`refusals`]).
+//! Laws of the tracer as a whole: energy conservation, reciprocity, correct errors, reproducible
+//! bits. Also its comparison with references ([`references`]) and the scenes that it refuses
+//! ([`refusals`]).
 
 mod absorbing;
 mod analog;
@@ -75,7 +76,7 @@ fn energy_adds_up_to_rounding() {
 }
 
 #[test]
-fn light_that_crosses_walls_by_the_hundred_is_split_a_few_times_and_none_is_lost_or_made() {
+fn light_that_crosses_hundreds_of_walls_is_split_a_few_times_and_conserved() {
     let shape = "shape = \"beckmann\"\nalpha_u = 8.0\nalpha_v = 8.0\ncells = 32\nseed = 2";
     let run = |method: &str, photons: u32| {
         let run =
@@ -130,9 +131,10 @@ fn variance_reduction_does_not_move_the_result() {
 }
 
 #[test]
-fn facets_that_are_rough_or_bright_inside_are_the_same_by_either_method() {
+fn rough_and_diffuse_facets_agree_between_the_methods() {
     use super::scene::HeightMap;
-    // Such a facet sends light everywhere: none of it is certain, on a height field either.
+    // Such a facet scatters in all directions: none of its light is known without sampling, not
+    // even on a height field.
     let waves = |path: &str| {
         let height =
             |n: usize| 0.6 * ((n % 32) as f64 * 0.59).sin() + 0.5 * ((n / 32) as f64 * 0.39).cos();
@@ -165,7 +167,7 @@ fn facets_that_are_rough_or_bright_inside_are_the_same_by_either_method() {
     }
 }
 
-/// Of all bins that light reached.
+/// The minimum over all bins that light reached.
 fn smallest_cloude_share(totals: &Totals) -> f64 {
     let mut smallest = f64::INFINITY;
     for side in [Side::Above, Side::Below] {
@@ -194,10 +196,11 @@ impl Chi {
     }
 }
 
-/// Σ (a − b)²/(σa² + σb²)/n over m00 of the reflected bins with so many hits or more in each run.
+/// Σ (a − b)²/(σa² + σb²)/n over m00 of the reflected bins with at least `hits` hits in each run.
 ///
-/// For bins much wider than that limit asks: the smaller of two numbers prefers bins where both happen to
-/// agree, so where many are near the limit the mean comes out too low (0.9 at 50 hits of 40 on average).
+/// For bins much wider than this limit requires: selecting by the smaller of two numbers prefers
+/// bins in which both happen to agree, so if many bins are near the limit the mean is too low (0.9
+/// at 50 hits for an average of 40).
 fn chi_square(a: &Totals, b: &Totals, hits: u64) -> Chi {
     let (mut sum, mut n) = (0.0, 0.0);
     for bin in 0..a.grid().per_side() {
@@ -238,7 +241,7 @@ fn two_seeds_differ_by_their_errors_and_every_matrix_is_physical() {
 
 #[test]
 fn all_orders_of_reflection_off_flat_layers_leave_in_one_direction() {
-    // 20°, 30° and 50° are edges of the bins of 2°.
+    // 20°, 30° and 50° are edges of the 2° bins.
     let stack =
         interface("shape = \"flat\"", "{ n = 1.5 }") + &interface("shape = \"flat\"", "\"Au550\"");
     for method in ["analog", "split"] {
@@ -253,7 +256,7 @@ fn all_orders_of_reflection_off_flat_layers_leave_in_one_direction() {
 }
 
 #[test]
-fn rounded_edges_reflect_as_those_of_thousands_of_pieces() {
+fn rounded_edges_reflect_like_thousands_of_flat_pieces() {
     use super::scene::HeightMap;
     const PIECES: usize = 2400;
     let (sin, cos) = 15f64.to_radians().sin_cos();
@@ -264,7 +267,7 @@ fn rounded_edges_reflect_as_those_of_thousands_of_pieces() {
         ((10.0 * cos, -10.0 * sin), down, up),
         ((10.0 / cos, 0.0), up, down),
     ] {
-        // A period ends where it began.
+        // A period ends at the height of its start.
         let last = if corner.0 > 10.0 { 0 } else { PIECES };
         for step in 0..=last {
             let turned = std::f64::consts::FRAC_PI_2 * step as f64 / PIECES as f64;
@@ -293,7 +296,7 @@ fn rounded_edges_reflect_as_those_of_thousands_of_pieces() {
             if a.hits(Side::Above, bin) + b.hits(Side::Above, bin) < 400 {
                 continue;
             }
-            // A bin holds 40 of the fine pieces' reflections, give or take one.
+            // A bin contains the reflections of 40 fine pieces, plus or minus one.
             let sigma = x.std.hypot(y.std) + 0.01 * y.value;
             assert!(
                 (x.value - y.value).abs() < 4.5 * sigma,
@@ -307,7 +310,7 @@ fn rounded_edges_reflect_as_those_of_thousands_of_pieces() {
 
 #[test]
 fn the_error_falls_with_the_square_root_of_the_photons() {
-    // Also where most bins are nearly empty: 5000 photons for the light of 8100 bins.
+    // Also if most bins are almost empty: 5000 photons in 8100 bins.
     for (method, bins) in [
         ("analog", "theta_bins = 9\nphi_bins = 12"),
         ("split", "theta_bins = 9\nphi_bins = 12"),
@@ -325,14 +328,14 @@ fn the_error_falls_with_the_square_root_of_the_photons() {
         };
         let slope = (error(160_000) / error(5_000)).ln() / 32f64.ln();
         assert!(slope < -0.45, "{method} {bins}: {slope}");
-        // Strata make it steeper, never shallower; a variance from 64 replicates is known to 18 %, shared by
-        // few bins at worst: each error to 9 %, the slope to 0.04.
+        // Strata can only make it steeper. A variance from 64 replicates is known to 18 %, in the
+        // worst case common to few bins: each error to 9 %, the slope to 0.04.
         assert!(slope > -0.75, "{method} {bins}: {slope}");
     }
 }
 
 #[test]
-fn unpolarised_light_scattered_once_does_not_know_about_polarisation() {
+fn polarisation_does_not_change_singly_scattered_unpolarised_light() {
     let run = |polarised: bool| {
         single(
             60.0,
@@ -342,15 +345,15 @@ fn unpolarised_light_scattered_once_does_not_know_about_polarisation() {
         )
     };
     let (a, b) = (run(true), run(false));
-    // The same photons, and at the first hit both ways are followed: R1 is the same number.
+    // The same photons, and both branches are followed at the first hit: R1 is the same number.
     let (r, s) = (a.energies().reflected[0], b.energies().reflected[0]);
     assert!((r.value - s.value).abs() < 1e-12, "{r:?} {s:?}");
 }
 
 #[test]
-fn there_and_back_are_reciprocal() {
-    // M(i → o) = O M(o → i)ᵀ O on one and the same surface. Both directions are bin centres; what
-    // the bin's size does is second order and far below the errors at α = 0.4.
+fn exchanging_lamp_and_camera_gives_the_reciprocal_matrix() {
+    // M(i → o) = O M(o → i)ᵀ O on the same surface. Both directions are bin centres; the effect of
+    // the bin's size is of second order and far below the errors at α = 0.4.
     let bins = "theta_bins = 18\nphi_bins = 36\nphotons = 150000";
     let layers = interface(ROUGH_GLASS, "{ n = 1.5 }")
         + &interface(

@@ -1,12 +1,13 @@
-//! What a photon carries: a Mueller matrix, or one number in the scalar mode.
+//! The state of light that a photon carries: a Mueller matrix, or one number in the scalar mode.
 //!
-//! [`Light`] is implemented twice so that each mode compiles to its own loop: [`Polarised`] holds the
-//! Mueller matrix from the frame of launch to the current frame and that frame's s; [`Scalar`] a
-//! weight. The signs are those of [`crate::model::polarisation`].
+//! [`PhotonState`] is implemented for each mode, so that each compiles to its own loop:
+//! [`Polarised`] holds the Mueller matrix from the frame of launch to the current frame, and that
+//! frame's s; [`ScalarState`] holds a weight. The signs are those of
+//! [`crate::model::polarisation`].
 //!
-//! *Conditioning.* Turns are made of the cosine and sine of twice an angle, as (c² − d²)/(c² + d²) and 2cd/(c² + d²): no angle
-//! is formed and none is halved. Where a beam meets its normal to within 1e-12 rad the frame of a hit is whatever it was: r_p = −r_s
-//! there to 1e-24, so the choice cannot be seen.
+//! *Conditioning.* Rotations use the cosine and sine of twice an angle, as (c² − d²)/(c² + d²) and
+//! 2cd/(c² + d²): no angle is computed or halved. If a ray meets its normal within 1e-12 rad, the
+//! frame of the hit is left unchanged: r_p = −r_s there to 1e-24, so the choice has no effect.
 
 use pulp::Simd;
 
@@ -14,22 +15,22 @@ use super::vec3::{V3, cross, dot, scaled};
 use crate::model::lanes::Lane;
 use crate::model::polarisation::Channel;
 
-/// A turn of a beam's frame about the beam: cos and sin of twice its angle.
+/// A rotation of a ray's frame about the ray: cos and sin of twice its angle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Turn<T = f64> {
     pub(super) cos: T,
     pub(super) sin: T,
 }
 
-/// Below this sin² of the angle between beam and normal every frame is one of the hit: the two
-/// channels differ by less than rounding there.
+/// Below this sin² of the angle between ray and normal, every frame is a frame of the hit: the two
+/// channels differ by less than rounding.
 pub(super) const STRAIGHT: f64 = 1e-24;
 
 impl Turn {
-    /// None at all.
+    /// No rotation.
     pub const NONE: Turn = Turn { cos: 1.0, sin: 0.0 };
 
-    /// To the frame with s' = c s + d p, for c² + d² = `square`.
+    /// The rotation to the frame with s' = c s + d p, for c² + d² = `square`.
     #[inline(always)]
     fn new(c: f64, d: f64, square: f64) -> Self {
         let inverse = 1.0 / square;
@@ -39,8 +40,8 @@ impl Turn {
         }
     }
 
-    /// Of a beam along `k` whose frame has the given `s`, to the frame of a hit with normal `m`; and the s of
-    /// that.
+    /// The rotation of a ray along `k`, whose frame has the given `s`, to the frame of a hit with
+    /// normal `m`; also returns the s of that frame.
     #[inline(always)]
     #[must_use]
     pub fn to_hit(k: &V3, m: &V3, s: &V3) -> (Self, V3) {
@@ -56,12 +57,12 @@ impl Turn {
         }
     }
 
-    /// Of a beam along `k` whose frame has the given `s`, to the frame (z × k, k × s) of a direction of exit;
-    /// straight up or down, to that with s = `straight`.
+    /// The rotation of a ray along `k`, whose frame has the given `s`, to the frame (z × k, k × s)
+    /// of an exit direction; for a vertical direction, to the frame with s = `straight`.
     #[inline(always)]
     #[must_use]
     pub fn to_exit(k: &V3, s: &V3, straight: &V3) -> Self {
-        // s_out = z × k; its sign does not matter to a Stokes vector.
+        // s_out = z × k; its sign has no effect on a Stokes vector.
         let s_out = [-k[1], k[0], 0.0];
         let square = s_out[0] * s_out[0] + s_out[1] * s_out[1];
         let (s_out, square) = if square > STRAIGHT {
@@ -72,46 +73,47 @@ impl Turn {
         Turn::new(dot(&s_out, s), dot(&s_out, &cross(k, s)), square)
     }
 
-    /// Turns a Q and a U.
+    /// Rotates a Q and a U.
     #[inline(always)]
     pub(super) fn apply(&self, q: &mut f64, u: &mut f64) {
         (*q, *u) = (self.cos * *q + self.sin * *u, self.cos * *u - self.sin * *q);
     }
 }
 
-/// What the walk does to the light that a photon carries.
+/// The operations of the walk on the light that a photon carries.
 pub trait Light: Copy + Send + Sync {
-    /// How many numbers a direction bin holds: 16 or 1.
+    /// Number of elements of a direction bin: 16 or 1.
     const ELEMENTS: usize;
-    /// Whether it has a frame that turns mean something to.
+    /// Whether it has a frame that rotations affect.
     const HAS_FRAME: bool = true;
 
-    /// Unit light along a direction whose frame has this s (unit, perpendicular to it).
+    /// Makes unit light in a direction whose frame has this s (unit, perpendicular to it).
     fn launch(s: &V3) -> Self;
-    /// Share that unpolarised light at launch has now: m00.
+    /// Present weight of light that was unpolarised at launch: m00.
     fn weight(&self) -> f64;
-    /// Power now for a Stokes vector at launch.
+    /// Present power for a Stokes vector at launch.
     fn power(&self, stokes: &[f64; 4]) -> f64;
-    /// Turns to the frame of a hit with normal `m` of a beam along `k`.
+    /// Rotates to the frame of a hit with normal `m` of a ray along `k`.
     fn meet(&mut self, k: &V3, m: &V3);
-    /// Power that a channel passes on, of unpolarised light at launch; after [`Light::meet`].
+    /// Power that a channel transmits, for unpolarised light at launch; after
+    /// [`PhotonState::meet`].
     fn share(&self, channel: &Channel) -> f64;
-    /// Goes through a channel times `factor`; after [`Light::meet`].
+    /// Applies a channel times `factor`; after [`PhotonState::meet`].
     fn pass(&mut self, channel: &Channel, factor: f64);
-    /// Forgets its polarisation: diffuse light.
+    /// Removes the polarisation: diffuse light.
     fn depolarise(&mut self, s: &V3);
-    /// Multiplies everything.
+    /// Multiplies all elements.
     fn scale(&mut self, factor: f64);
-    /// Turns to the frame (z × k, k × s) of a direction of exit; straight up or down, to that with
-    /// s = `straight`.
+    /// Rotates to the frame (z × k, k × s) of an exit direction; for a vertical one, to the frame
+    /// with s = `straight`.
     fn leave(&mut self, k: &V3, straight: &V3);
-    /// Turns its frame; what the frame's s is afterwards it is not told.
+    /// Rotates its frame; the caller keeps track of the frame's s.
     fn turn(&mut self, turn: &Turn);
     /// Adds itself to a bin of `ELEMENTS` numbers, row by row.
     fn add_to(&self, bin: &mut [f64]);
 
-    /// What unit light is after its first hit: turned from the frame of launch to that of the hit, whose s is
-    /// given, and gone through a channel times `factor`.
+    /// Unit light after its first hit: rotated from the frame of launch to that of the hit, whose s
+    /// is given, then through a channel times `factor`.
     #[inline(always)]
     fn after_hit(turn: &Turn, s: &V3, channel: &Channel, factor: f64) -> Self {
         let mut light = Self::launch(s);
@@ -120,26 +122,27 @@ pub trait Light: Copy + Send + Sync {
         light
     }
 
-    /// The same for a register of hits, turned on to the frame of exit: the power, and in the first
-    /// [`Light::ELEMENTS`] of `numbers` what [`Light::add_to`] would add.
+    /// The same for a register of hits, rotated further to the frame of exit: returns the power,
+    /// and in the first [`PhotonState::ELEMENTS`] of `numbers` the values that
+    /// [`PhotonState::add_to`] would add.
     fn leaves_each<S: Simd>(hits: &Leaving<S>, numbers: &mut [Lane<S>; ELEMENTS_MAX]) -> Lane<S>;
 }
 
-/// Most numbers of any kind of light.
+/// Largest number of elements of all kinds of light.
 pub const ELEMENTS_MAX: usize = 18;
 
-/// A register of hits that light leaves one way.
+/// A register of hits whose light leaves in one branch.
 #[derive(Clone, Copy)]
 pub struct Leaving<S: Simd> {
     pub(super) zero: Lane<S>,
     pub(super) half: Lane<S>,
-    /// Turns from the frame of launch to that of the hit.
+    /// Rotations from the frame of launch to that of the hit.
     pub(super) turn: Turn<Lane<S>>,
-    /// Turns from the frame of the hit to that of the exit.
+    /// Rotations from the frame of the hit to that of the exit.
     pub(super) leave: Turn<Lane<S>>,
     pub(super) channel: Channel<Lane<S>>,
     pub(super) factor: Lane<S>,
-    /// The lamp's.
+    /// Stokes vector of the lamp.
     pub(super) stokes: [Lane<S>; 4],
 }
 
@@ -231,7 +234,7 @@ impl Light for Polarised {
         }
     }
 
-    /// Of the turned identity, half the elements are nothing.
+    /// Half of the elements of the rotated identity are zero.
     #[inline(always)]
     fn after_hit(turn: &Turn, s: &V3, channel: &Channel, factor: f64) -> Self {
         let half = 0.5 * factor;
@@ -362,9 +365,10 @@ mod tests {
     use crate::model::polarisation::{Boundary, Mueller};
     use crate::model::single_bounce::{Scattering, mueller_brdf};
 
-    /// One reflection off a facet, from frame to frame, against the closed form of the single bounce.
+    /// One reflection off a facet, from frame to frame, compared with the closed form of the single
+    /// bounce.
     #[test]
-    fn frames_turn_as_in_the_closed_form_of_the_single_bounce() {
+    fn frames_rotate_as_in_the_closed_form_of_the_single_bounce() {
         for (theta_i, theta_s, phi_s) in [(0.5, 0.9, 0.8), (1.2, 0.3, -2.0), (0.7, 0.7, 0.0)] {
             let k_in = [f64::sin(theta_i), 0.0, -f64::cos(theta_i)];
             let k_out = [
@@ -395,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_hit_in_one_step_is_the_first_hit_in_three() {
+    fn a_hit_in_one_step_equals_a_hit_in_three_steps() {
         let s = [0.0, 1.0, 0.0];
         let k = [-0.6, 0.0, -0.8];
         let m = unit(&[0.2, -0.3, 1.0]);
@@ -411,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn straight_down_and_up_again_the_frame_is_the_one_that_was_given() {
+    fn a_vertical_exit_has_the_given_frame() {
         let s = [0.0, 1.0, 0.0];
         let mut light = Polarised::launch(&s);
         let split = Boundary::new(1.0, 1.5, 0.0).at(1.0);

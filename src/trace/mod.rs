@@ -1,13 +1,13 @@
-//! PHYSICS by Monte Carlo: polarised light on explicit micro-geometry, single or layered.
+//! Monte Carlo light transport: polarised light on explicit micro-geometry, single or layered.
 //!
-//! The one function to call: [`run::trace`] on a scene from [`scene::Scene`]. Photons carry Mueller
-//! matrices (or one number in the scalar mode), meet facets by the full Fresnel matrices, and are
-//! counted in direction bins with standard errors (Wang et al. 2017, Opt. Express 25, 22971).
-//! Results depend on the seed alone. This room knows no files, no clock and no terminal: heights are
-//! handed in, and a caller says when to stop.
+//! The function to call is [`run::trace`] on a scene from [`scene::Scene`]. Photons carry Mueller
+//! matrices (or one number in the scalar mode), are reflected and refracted by the full Fresnel
+//! matrices, and are counted in direction bins with standard errors (Wang et al. 2017, Opt. Express
+//! 25, 22971). Results depend only on the seed. This module knows no files, clock or terminal: the
+//! caller passes heights in and decides when to stop.
 //!
-//! Directions are in the sample frame x = u, y = v, z = n; sources of the conventions are in
-//! [`crate::model::polarisation`].
+//! Directions are in the sample frame x = u, y = v, z = n; the sources of the conventions are
+//! listed in [`crate::model::polarisation`].
 
 pub mod beam;
 pub mod beckmann;

@@ -1,9 +1,9 @@
-//! Light whose polarisation is followed and, on the very same path, light whose is not.
+//! Polarised light and scalar light on the same path.
 //!
-//! The difference of a polarised and a scalar computation is small where it matters; two runs would bury
-//! it in the noise of both. [`Paired`] carries both through one path: what the paths have in common
-//! drops out of the difference. Ways are drawn by the mean of both shares, so neither weight
-//! can grow beyond twice its share: each of the two is an unbiased result of its own.
+//! The difference of a polarised and a scalar computation is small where it matters; the noise of
+//! two separate runs would hide it. [`Paired`] carries both on one path, so that their common noise
+//! cancels in the difference. Branches are drawn by the mean of both probabilities, so that neither
+//! weight can exceed twice its fraction: each of the two results is unbiased.
 
 use pulp::Simd;
 
@@ -12,17 +12,17 @@ use super::vec3::V3;
 use crate::model::lanes::Lane;
 use crate::model::polarisation::Channel;
 
-/// A Mueller matrix and a scalar weight. A bin holds the matrix, the scalar, and m00 less the scalar (whose
-/// standard error is thus known, though both are strongly correlated).
+/// A Mueller matrix and a scalar weight. A bin holds the matrix, the scalar, and m00 minus the
+/// scalar (which gives its standard error although both are strongly correlated).
 #[derive(Debug, Clone, Copy)]
 pub struct Paired {
     polarised: Polarised,
     scalar: Scalar,
 }
 
-/// The place of the scalar weight in a bin.
+/// Index of the scalar weight in a bin.
 pub const SCALAR: usize = Polarised::ELEMENTS;
-/// The place of m00 less the scalar weight.
+/// Index of m00 minus the scalar weight.
 pub const DIFFERENCE: usize = SCALAR + 1;
 
 impl Light for Paired {

@@ -1,7 +1,7 @@
-//! A short run that carries both kinds of light along the same paths, to see what may be left out.
+//! A short run that carries both kinds of light along the same paths, to find what may be left out.
 //!
-//! Call [`pilot`]. Polarised and scalar light meet the same facets with the same random numbers, so
-//! their difference is known far better than either of them, from few photons.
+//! Call [`pilot`]. Polarised and scalar light hit the same facets with the same random numbers, so
+//! their difference is much more accurate than either, with few photons.
 
 use pulp::Simd;
 
@@ -16,7 +16,7 @@ use super::vec3::V3;
 use crate::model::lanes::Lane;
 use crate::model::polarisation::Channel;
 
-/// Scalar light, and beside it polarised light of the same lamp.
+/// Scalar light accompanied by polarised light of the same lamp.
 #[derive(Debug, Clone, Copy)]
 struct Accompanied {
     scalar: Scalar,
@@ -24,7 +24,7 @@ struct Accompanied {
 }
 
 impl Light for Accompanied {
-    /// The scalar weight and by how much the polarised one differs.
+    /// The scalar weight, and the difference of the polarised one from it.
     const ELEMENTS: usize = 2;
 
     fn launch(s: &V3) -> Self {
@@ -42,7 +42,7 @@ impl Light for Accompanied {
     fn meet(&mut self, k: &V3, m: &V3) {
         self.polarised.meet(k, m);
     }
-    /// Both go the way that scalar light would: any share is right for both.
+    /// Both take the path of scalar light: any probability is correct for both.
     fn share(&self, channel: &Channel) -> f64 {
         self.scalar.share(channel)
     }
@@ -77,30 +77,31 @@ impl Light for Accompanied {
     }
 }
 
-/// What a pilot saw of an unpolarised lamp's light.
+/// Results of a pilot for unpolarised light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pilot {
-    /// Photons spent.
+    /// Photons traced.
     pub photons: u64,
-    /// Share reflected, without polarisation.
+    /// Fraction reflected, without polarisation.
     pub reflected: Estimate,
-    /// By how much the share reflected is greater with polarisation.
+    /// Fraction reflected with polarisation minus without.
     pub reflected_difference: Estimate,
-    /// The same of the light that goes through.
+    /// The same for the transmitted light.
     pub transmitted_difference: Estimate,
-    /// Share that goes through.
+    /// Fraction transmitted.
     pub transmitted: Estimate,
-    /// Shares reflected and shares that go through, after 1, 2, … interactions; the last place holds
-    /// "and more".
+    /// Fractions reflected and transmitted after 1, 2, … interactions; the last element means "or
+    /// more".
     pub by_interactions: [[Estimate; ORDERS]; 2],
 }
 
-/// Work of a pilot's batch ([`super::tally::Batch::work`]) up to which it is worth its time: 64 of them are a second's or two.
+/// Largest work of a pilot's batch ([`super::tally::TallyBatch::work`]): 64 of them take one or two
+/// seconds.
 const WORK_MAX: u64 = 1 << 22;
 
-/// Traces `photons` both ways. What it says holds for an unpolarised lamp and a camera that is blind to
-/// polarisation. Pilots of another `number` are independent and may be taken together ([`Pilot::and`]). `None` where a
-/// photon takes as long as thousands do elsewhere.
+/// Traces `photons` with both kinds of light. The result holds for an unpolarised lamp and a camera
+/// without polarisation sensitivity. Pilots of different `number` are independent and can be
+/// combined ([`Pilot::and`]). `None` if a photon takes as long as thousands usually do.
 #[must_use]
 pub fn pilot(prepared: &Prepared, photons: u64, number: u64) -> Option<Pilot> {
     let grid = Grid::polar(1, 1);
@@ -110,7 +111,7 @@ pub fn pilot(prepared: &Prepared, photons: u64, number: u64) -> Option<Pilot> {
         return None;
     }
     let whole = std::f64::consts::PI;
-    // One bin per side: its value times the projected solid angle π is the share of the light.
+    // One bin per side: its value times the projected solid angle π is the fraction of the light.
     let of = |side: Side, i: usize| {
         let e = totals.element(side, 0, i);
         Estimate {
@@ -121,7 +122,7 @@ pub fn pilot(prepared: &Prepared, photons: u64, number: u64) -> Option<Pilot> {
     let energies = totals.energies();
     Some(Pilot {
         photons: totals.photons(),
-        // As runs report it: a share of what was counted, which scatters less than the count.
+        // As in reports: a fraction of the counted light, which scatters less than the count.
         reflected: energies.reflected_all,
         reflected_difference: of(Side::Above, 1),
         transmitted_difference: of(Side::Below, 1),
@@ -131,7 +132,7 @@ pub fn pilot(prepared: &Prepared, photons: u64, number: u64) -> Option<Pilot> {
 }
 
 impl Pilot {
-    /// Both together.
+    /// Combines two pilots.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         let photons = self.photons + other.photons;
@@ -154,8 +155,8 @@ impl Pilot {
     }
 }
 
-/// What a run takes in all, in photons: before its first one it looks at every cell of the topmost height
-/// field, each half a photon's time.
+/// The work of a run in photons: before its first photon it visits every cell of the topmost height
+/// field, each for half a photon's time.
 #[must_use]
 pub fn effort(prepared: &Prepared) -> u64 {
     let look = match &prepared.stack.interfaces[0].relief {
@@ -183,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn the_difference_is_that_of_the_two_modes_and_known_better_than_either() {
+    fn the_difference_equals_that_of_the_two_modes_and_is_more_accurate_than_either() {
         let pilot = pilot(&prepared(true), 4000, 0).unwrap();
         let both = [true, false].map(|p| {
             let totals = trace(&prepared(p), Shard::WHOLE, &|_| true);
@@ -197,21 +198,21 @@ mod tests {
     }
 
     #[test]
-    fn two_pilots_together_are_one_of_both_their_photons() {
+    fn two_combined_pilots_equal_one_with_all_photons() {
         let parts = [0, 1].map(|number| pilot(&prepared(true), 2000, number).unwrap());
         assert_ne!(parts[0].reflected, parts[1].reflected);
         let both = parts[0].and(parts[1]);
         assert_eq!(both.photons, 4000);
         let mean = 0.5 * (parts[0].reflected.value + parts[1].reflected.value);
         assert!((both.reflected.value - mean).abs() < 1e-15);
-        // Half of either's variance: the errors are known to a tenth each.
+        // Half the variance of either; the errors are known to a tenth each.
         let ratio = both.reflected_difference.std / parts[0].reflected_difference.std;
         assert!((ratio - 0.5f64.sqrt()).abs() < 0.3 * ratio, "{ratio}");
     }
 
     #[test]
-    fn photons_that_take_as_long_as_thousands_are_stopped_on_their_way() {
-        // Needles: light goes from one to the next for millions of cells.
+    fn photons_that_take_as_long_as_thousands_are_abandoned() {
+        // Needles: light passes from one to the next for millions of cells.
         let needles = |alpha: f64| {
             let scene = format!(
                 "[light]\ntheta_i_deg = 45.0\n[[interface]]\nshape = \"beckmann\"\nalpha_u = {alpha:?}\nalpha_v = {alpha:?}\n\
@@ -220,7 +221,7 @@ mod tests {
             let scene = Scene::parse(&scene).unwrap();
             scene.prepare(&|_| Err(String::new())).unwrap()
         };
-        // Split at every needle without end, photons would take too long here already.
+        // If paths split at every needle without end, photons would already take too long here.
         assert_eq!(pilot(&needles(1e3), 500, 0).unwrap().photons, 500);
         let needles = needles(1e7);
         assert_eq!(pilot(&needles, 500, 0), None);
@@ -229,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_single_interface_and_single_reflections_polarisation_makes_no_difference() {
+    fn polarisation_makes_no_difference_to_a_single_reflection() {
         let scene =
             "[light]\ntheta_i_deg = 60.0\n[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n";
         let ready = Scene::parse(scene)

@@ -1,23 +1,25 @@
-//! The plane of incidence of polar bins: directions of reflection from the lamp's side to the mirror's.
+//! The plane of incidence in polar bins: directions of reflection from the lamp's side to the
+//! mirror's.
 //!
-//! Call [`plane`]; what is read off it is [`super::ellipsometer`]'s and [`super::compare`]'s affair.
+//! Call [`plane`]; [`super::ellipsometer`] and [`super::compare`] evaluate it.
 
 use super::grid::{Grid, Layout};
 use super::height_field::Side;
 use super::tally::{Covariance, Estimate, Totals};
 
-/// A direction of the plane.
+/// One direction of the plane.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Direction {
     /// Angle of reflection, degrees; positive on the side of the mirror direction.
     pub theta_s_deg: f64,
-    /// The numbers of its bins, sr⁻¹: means, where the plane is the border of two.
+    /// The contents of its bins, sr⁻¹; means if the plane is the border of two columns.
     pub numbers: Vec<Estimate>,
-    /// How they scatter together, where that was kept.
+    /// Their covariance, if recorded.
     pub covariance: Option<Covariance>,
 }
 
-/// Angles of reflection, degrees, and bins of the directions of the plane; `None` where bins are pixels.
+/// Angles of reflection, degrees, and bins of the directions of the plane; `None` if bins are
+/// pixels.
 #[must_use]
 pub fn directions(grid: Grid, phi_i_deg: f64) -> Option<Vec<(f64, Vec<usize>)>> {
     if grid.layout != Layout::Polar {
@@ -36,12 +38,12 @@ pub fn directions(grid: Grid, phi_i_deg: f64) -> Option<Vec<(f64, Vec<usize>)>> 
     Some(directions)
 }
 
-/// The directions by rising angle, for a lamp at the azimuth `phi_i_deg`; those that no light reached are left out.
-/// `None` where bins are pixels, which have no such rows.
+/// The directions by ascending angle, for a lamp at the azimuth `phi_i_deg`; those without light
+/// are left out. `None` if bins are pixels, which have no such rows.
 #[must_use]
 pub fn plane(totals: &Totals, phi_i_deg: f64) -> Option<Vec<Direction>> {
     let seen = |(theta_s_deg, bins): (f64, Vec<usize>)| {
-        // Of two, one without light is dark, not unknown.
+        // If one of two bins has light, the other is dark, not unknown.
         if bins.iter().all(|&bin| totals.is_empty(Side::Above, bin)) {
             return None;
         }
@@ -68,7 +70,7 @@ pub fn plane(totals: &Totals, phi_i_deg: f64) -> Option<Vec<Direction>> {
     Some(directions.into_iter().filter_map(seen).collect())
 }
 
-/// The columns of bins at an azimuth: that which holds it, or both where it is their border.
+/// The columns of bins at an azimuth: the one that contains it, or both at a border.
 fn beside(n_phi: usize, phi_deg: f64) -> impl Iterator<Item = usize> {
     let at = (phi_deg / 360.0).rem_euclid(1.0) * n_phi as f64;
     let nearest = at.round();
@@ -91,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_mirror_under_the_lamp_sends_its_light_into_the_plane_of_incidence_wherever_that_stands() {
+    fn a_mirror_reflects_into_the_plane_of_incidence_at_every_azimuth() {
         for (phi_i_deg, phi_bins) in [(0.0, 8), (90.0, 8), (90.0, 7), (200.0, 180), (-17.0, 9)] {
             let text = format!(
                 "[light]\nphi_i_deg = {phi_i_deg:?}\n[[interface]]\nshape = \"flat\"\nbelow = \"Au550\"\n\
@@ -114,7 +116,7 @@ mod tests {
         let mut totals = Totals::new(grid, 1);
         for _ in 0..2 {
             let mut batch = Batch::new::<Scalar>(grid);
-            // Light on one side of the plane alone.
+            // Light only on one side of the plane.
             let k = [0.5, 0.1, 0.8];
             batch.exit(&Scalar::launch(&k), 1.0, Side::Above, &k, 1);
             totals.take(&mut batch, 10);

@@ -1,17 +1,19 @@
-//! A surface that is the same all along u: a periodic profile of straight pieces, and rays on it.
+//! A surface that is constant along u: a periodic profile of straight pieces, and rays on it.
 //!
-//! [`Profile::sawtooth`] makes the ridged surface of Luongo et al. 2017 (pitch facet of length p
-//! that leans to +v by θr, riser of length p tan θr at a right angle to it), with rounded crests and
-//! valleys if asked. The method is that of [`super::height_field`] in one dimension less: the
-//! clearance above the profile is carried from piece to piece.
+//! [`SurfaceProfile::sawtooth`] makes the ridged surface of Luongo et al. 2017 (pitch facet of
+//! length p that leans to +v by θr, riser of length p tan θr perpendicular to it), optionally with
+//! rounded crests and valleys. The method is that of [`super::height_field`] with one dimension
+//! less: the clearance above the profile is carried from piece to piece.
 //!
-//! Pieces that stand for a curve ([`Corner::bowed`]) are straight for what a ray meets, but a ray's place on one is moved to
-//! where it meets the curve's bow, and the normal there is the bow's: it turns evenly from end to end. A rounded edge thus
-//! reflects without gaps between its pieces, whatever their number.
+//! Pieces that approximate a curve ([`Corner::bowed`]) are straight for the search of a hit. The
+//! hit is then moved to the curve's bow, and the normal there is that of the bow, which turns
+//! evenly from end to end. A rounded edge thus reflects without gaps between its pieces, whatever
+//! their number.
 //!
-//! *Conditioning.* As there: the clearance at a corner is computed once and handed on, a hit divides it by a sum of two
-//! positive numbers. A piece's direction comes from the differences of its corners, so a profile far from v = 0 loses the
-//! digits of its offset (v = 1e6 steps: ten digits are left); `measured` refuses rows whose steps vanish in that.
+//! *Conditioning.* As in `height_field`: the clearance at a corner is computed once and carried on,
+//! and a hit divides it by a sum of two positive numbers. A piece's direction comes from
+//! differences of its corners, so a profile far from v = 0 loses the digits of its offset (at v =
+//! 1e6 steps ten digits are left); `measured` refuses rows whose steps vanish in rounding.
 
 mod bow;
 mod error;
@@ -26,8 +28,8 @@ pub use error::ProfileError;
 use rays::free_slopes;
 pub use rays::{ProfileFlight, ProfileSpot};
 
-/// A straight piece of the profile, from `from` to `to` along v with heights `z_from` and `z_to` at its ends, all in
-/// the one unit of length of the profile.
+/// A straight piece of the profile, from `from` to `to` along v with heights `z_from` and `z_to` at
+/// its ends, all in the profile's unit of length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Piece {
     /// v at the start, in the unit of the profile.
@@ -42,56 +44,57 @@ pub struct Piece {
     pub normal: V3,
     /// Unit vector along the piece towards +v.
     pub along: V3,
-    /// Of a piece that stands for a curve the curve's unit tangents (v, z) at both ends.
+    /// For a piece that approximates a curve: the curve's unit tangents (v, z) at both ends.
     pub tangents: Option<[(f64, f64); 2]>,
 }
 
 /// A corner of a profile.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Corner {
-    /// Place along v.
+    /// Position along v.
     pub v: f64,
     /// Height.
     pub z: f64,
-    /// Whether the piece from here on stands for a curve.
+    /// Whether the piece that starts here approximates a curve.
     pub bowed: bool,
 }
 
-/// A periodic profile of pieces that follow each other along v.
+/// A periodic profile of consecutive pieces along v.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
     pieces: Vec<Piece>,
-    /// Per piece: slopes towards −v and +v above which a ray that leaves it upwards meets nothing.
+    /// Per piece: slopes towards −v and +v above which an upward ray that leaves it is free.
     free_above: Vec<[f64; 2]>,
     period: f64,
     lowest: f64,
     highest: f64,
     turned: bool,
-    /// Standard uncertainty of the angle that light follows, rad.
+    /// Standard uncertainty of the angle of the lobe, rad.
     lobe_error: f64,
-    /// Another profile that was measured as well.
+    /// Another profile that agrees with the measurement.
     alternative: Option<Arc<Profile>>,
 }
 
-/// Corners nearer to each other than this share of the period are one.
+/// Corners closer than this fraction of the period are one.
 const SAME_PLACE: f64 = 1e-13;
 /// Pieces per rounded corner.
 pub(super) const ARC: usize = 24;
 
 impl Profile {
-    /// The sawtooth: ridge angle `theta_r` (rad, 0 < θr < π/2), facet length `pitch`, radius `round` of
-    /// crests and valleys (0: sharp), in one unit of length.
+    /// Makes the sawtooth: ridge angle `theta_r` (rad, 0 < θr < π/2), facet length `pitch`, radius
+    /// `round` of crests and valleys (0: sharp), in one unit of length.
     ///
     /// # Errors
-    /// A radius so large that the roundings of one facet meet.
+    /// The radius is so large that the roundings of one facet meet.
     pub fn sawtooth(theta_r: f64, pitch: f64, round: f64) -> Result<Self, ProfileError> {
         Profile::rounded(theta_r, pitch, [round, round])
     }
 
-    /// The sawtooth with radii of crests and of valleys (0: sharp), in the unit of `pitch`.
+    /// Makes the sawtooth with separate radii of crests and valleys (0: sharp), in the unit of
+    /// `pitch`.
     ///
     /// # Errors
-    /// Radii so large that the roundings of one facet meet.
+    /// The radii are so large that the roundings of one facet meet.
     pub fn rounded(
         theta_r: f64,
         pitch: f64,
@@ -102,7 +105,7 @@ impl Profile {
         let foot = (pitch * cos, -pitch * sin);
         let period = pitch / cos;
         let mut corners = Vec::new();
-        // A right-angled corner loses its radius of both its sides.
+        // A rounding removes its radius from both sides of a right-angled corner.
         let riser = pitch * theta_r.tan();
         let (round, largest) = (0.5 * (crest + valley), 0.5 * pitch.min(riser));
         if round > largest {
@@ -129,24 +132,25 @@ impl Profile {
         Ok(Profile::with_bows(&corners, period))
     }
 
-    /// Straight pieces through (v, z) corners of increasing v, closed by the first one a period on.
+    /// Makes straight pieces through (v, z) corners of increasing v, closed by the first corner one
+    /// period later.
     ///
-    /// Corners that are the same place but for rounding count once. Panics where others do not increase or do not fit the
-    /// period: an error of the caller.
+    /// Corners that coincide except for rounding count once. Panics if other corners do not
+    /// increase or do not fit into the period, which is an error of the caller.
     #[must_use]
     pub fn of_corners(corners: &[(f64, f64)], period: f64) -> Self {
         let corners: Vec<Corner> = corners.iter().copied().map(Corner::sharp).collect();
         Self::with_bows(&corners, period)
     }
 
-    /// The same where some pieces stand for curves.
+    /// As [`SurfaceProfile::of_corners`], where some pieces approximate curves.
     #[must_use]
     pub fn with_bows(corners: &[Corner], period: f64) -> Self {
         let same = |to: f64, from: f64| (to - from).abs() <= SAME_PLACE * period;
         let mut corners = corners.to_vec();
         corners.dedup_by(|next, kept| {
             let one = same(next.v, kept.v);
-            // Of the two it is the later one that a piece begins at.
+            // Of two coincident corners, the later one starts a piece.
             kept.bowed = if one { next.bowed } else { kept.bowed };
             one
         });
@@ -192,11 +196,12 @@ impl Profile {
         }
     }
 
-    /// A measured profile: rows of v and height in one unit, the last one closing the period at the
-    /// height of the first (within a tenth of the profile's height, which is closed over).
+    /// Makes a measured profile from rows of v and height in one unit; the last row closes the
+    /// period at the height of the first (a difference up to a tenth of the profile's height is
+    /// levelled).
     ///
     /// # Errors
-    /// Rows that are no closed profile of ridges.
+    /// The rows are not a closed profile of ridges.
     pub fn measured(rows: &[(f64, f64)]) -> Result<Self, ProfileError> {
         for (n, (v, z)) in rows.iter().enumerate() {
             let row = n + 1;
@@ -220,8 +225,8 @@ impl Profile {
                 last: last.1,
             });
         }
-        // The period is a difference: where the rows' own step is below its rounding the last corner would close
-        // before it.
+        // The period is a difference: if the rows' step is below its rounding, the last corner
+        // would come after the period's end.
         let period = last.0 - first.0;
         if first.0 + period <= rows[rows.len() - 2].0 {
             return Err(ProfileError::NotIncreasing {
@@ -229,7 +234,8 @@ impl Profile {
                 v: last.0,
             });
         }
-        // Heights are counted from their middle, whatever their file counts them from: rays keep their digits.
+        // Heights are counted from their middle, whatever the zero of the file, to keep the digits
+        // of rays.
         let middle = 0.5 * (low + high);
         let corners = rows[..rows.len() - 1].iter().map(|(v, z)| (*v, z - middle));
         let profile = Profile::of_corners(&corners.collect::<Vec<_>>(), period);
@@ -239,7 +245,8 @@ impl Profile {
         }
     }
 
-    /// The profile with +v where its longer flanks lean, as facets do: turned round if they lean the other way.
+    /// Returns the profile with +v towards the lean of its longer flanks, the facets: reversed if
+    /// they lean the other way.
     #[must_use]
     pub fn facets_to_v(self) -> Self {
         let across = |side: f64| -> f64 {
@@ -263,7 +270,7 @@ impl Profile {
         }
     }
 
-    /// Whether [`Profile::facets_to_v`] turned it round.
+    /// Whether [`SurfaceProfile::facets_to_v`] reversed it.
     #[must_use]
     pub fn is_turned(&self) -> bool {
         self.turned
@@ -287,8 +294,8 @@ impl Profile {
         &self.pieces
     }
 
-    /// Effective ridge angle, rad: the median inclination, by area, of the parts whose normal leans
-    /// to +v; `None` where nothing does.
+    /// Effective ridge angle, rad: the area-weighted median inclination of the parts whose normal
+    /// leans to +v; `None` if no part does.
     #[must_use]
     pub fn effective_ridge_angle(&self) -> Option<f64> {
         let mut leaning: Vec<(f64, f64)> = self
@@ -312,7 +319,7 @@ impl Profile {
         None
     }
 
-    /// The same where the measurement leaves room for another shape as well, the limit of what it may be.
+    /// Adds another shape that also agrees with the measurement, as the limit of the possible ones.
     #[must_use]
     pub fn with_alternative(self, alternative: Profile) -> Self {
         Profile {
@@ -321,18 +328,18 @@ impl Profile {
         }
     }
 
-    /// What [`Profile::with_alternative`] was told.
+    /// The shape added by [`SurfaceProfile::with_alternative`].
     #[must_use]
     pub fn alternative(&self) -> Option<&Profile> {
         self.alternative.as_deref()
     }
 
-    /// How many ridges it has: flanks that fall towards +v by more than half its height.
+    /// Number of ridges: flanks that fall towards +v by more than half the profile's height.
     #[must_use]
     pub fn ridges(&self) -> usize {
         let half = 0.5 * (self.highest - self.lowest);
         let (mut count, mut is_down) = (0, false);
-        // A second time round, so that what is cut at the start counts once.
+        // Passed twice, so that a ridge that is cut at the start counts once.
         let (mut top, mut bottom) = (f64::NEG_INFINITY, f64::INFINITY);
         for (n, piece) in self.pieces.iter().chain(&self.pieces).enumerate() {
             (top, bottom) = (top.max(piece.z_from), bottom.min(piece.z_from));
@@ -346,13 +353,13 @@ impl Profile {
         count
     }
 
-    /// The same shape with its heights scaled so that its effective ridge angle is `theta_r` (rad, from
-    /// 0 to π/2); `None` where nothing of it leans to +v.
+    /// Scales the heights so that the effective ridge angle becomes `theta_r` (rad, from 0 to π/2);
+    /// `None` if no part leans to +v.
     #[must_use]
     pub fn with_ridge_angle(&self, theta_r: f64) -> Option<Self> {
         let mut scaled = self.clone();
         let mut factor = 1.0;
-        // Areas, by which the median weighs, change a little with the scale: a second step settles it.
+        // The areas that weight the median change slightly with the scale; repeated steps converge.
         for _ in 0..3 {
             factor *= theta_r.tan() / scaled.effective_ridge_angle()?.tan();
             let corners = self.pieces.iter().map(|p| Corner {
@@ -377,7 +384,7 @@ pub(super) fn lowest_and_highest(heights: impl Iterator<Item = f64>) -> (f64, f6
 }
 
 impl Corner {
-    /// Where straight pieces meet.
+    /// Makes a corner between straight pieces.
     #[must_use]
     pub fn sharp((v, z): (f64, f64)) -> Self {
         let bowed = false;
@@ -398,7 +405,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_sawtooth_has_the_drawn_facets() {
+    fn the_sawtooth_has_the_facets_of_the_drawing() {
         let theta = 0.3f64;
         let profile = Profile::sawtooth(theta, 2.0, 0.0).unwrap();
         assert!((profile.period() - 2.0 / theta.cos()).abs() < 1e-15);
@@ -437,7 +444,7 @@ mod tests {
     }
 
     #[test]
-    fn a_profile_measured_the_other_way_round_is_turned_to_where_its_facets_lean() {
+    fn a_profile_measured_in_reverse_is_oriented_by_its_facets_lean() {
         let mirrored = Profile::measured(&[(0.0, 0.0), (3.06, -17.36), (101.54, 0.0)]).unwrap();
         assert!(mirrored.effective_ridge_angle().unwrap() > 1.0);
         let turned = mirrored.facets_to_v();
@@ -451,7 +458,7 @@ mod tests {
     }
 
     #[test]
-    fn a_measured_profile_is_taken_or_refused_with_its_row() {
+    fn a_measured_profile_is_accepted_or_refused_with_its_row() {
         let good = Profile::measured(&[(0.0, 0.0), (9.7, -1.7), (10.0, 0.0)]).unwrap();
         let angle = good.effective_ridge_angle().unwrap();
         assert!((angle.tan() - 1.7 / 9.7).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! A run in one object: what `ridged trace --json` prints and `/traces` answers.
+//! The report of a run: the output of `ridged trace --json` and of `/traces`.
 
 use serde::{Deserialize, Serialize, Serializer};
 
@@ -8,57 +8,58 @@ use super::surface::Interface;
 use super::tally::{Energies, Estimate, ORDERS, Totals};
 use crate::wording::{percent, significant};
 
-/// Energies, errors and what was left out.
+/// Energies, errors and effects left out.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
     /// Photons launched.
     pub photons: u64,
-    /// Time of the run, s, where it is known.
+    /// Duration of the run, s, if known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
-    /// Part of `seconds` for the photons alone, set-up included.
+    /// Part of `seconds` spent on the photons, set-up included.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run_seconds: Option<f64>,
-    /// Part of `run_seconds` before the first photon: where the light falls, and what is certain of it.
+    /// Part of `run_seconds` before the first photon: finding the illuminated parts and the
+    /// analytic part of the result.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub setup_seconds: Option<f64>,
-    /// Before `seconds`: making or reading the surfaces.
+    /// Time before `seconds` spent building or reading the surfaces.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface_seconds: Option<f64>,
     /// Whether polarisation was followed.
     pub polarised: bool,
-    /// Shares of the light.
+    /// Fractions of the light.
     pub energy: Energy,
     /// Relative error of the reflected bins, root mean square ([`Totals::relative_error`]).
     pub relative_error: Option<f64>,
-    /// Independent replicates behind the standard errors.
+    /// Number of independent replicates behind the standard errors.
     pub batches: u64,
     /// Effective ridge angles of the interfaces that have one.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ridge_angles: Vec<RidgeAngle>,
-    /// Other surfaces of the same statistics, where they were asked for.
+    /// Other realisations of the surfaces, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surfaces: Option<Surfaces>,
-    /// What the standard errors are of, and what they are not.
+    /// Scope and limits of the standard errors.
     pub notes: Vec<String>,
-    /// What was left out, why, and what that may cost.
+    /// Effects left out, with reason and cost.
     pub left_out: Vec<LeftOut>,
-    /// Who computed it.
+    /// Program and version.
     pub program: String,
 }
 
-/// Shares of the light; the first four add up to 1.
+/// Fractions of the light; the first four sum to 1.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Energy {
-    /// Back to the upper side.
+    /// Reflected to the upper side.
     pub reflected: Estimate,
-    /// Through the last interface.
+    /// Transmitted through the last interface.
     pub transmitted: Estimate,
-    /// By metals, layers and diffuse bodies.
+    /// Absorbed by metals, layers and diffuse bodies.
     pub absorbed: Estimate,
     /// Given up.
     pub truncated: Estimate,
-    /// R1, R2, … and T1, T2, …: by the number of interactions.
+    /// R1, R2, … and T1, T2, …: by number of interactions.
     #[serde(serialize_with = "as_map")]
     pub by_interactions: Vec<(String, Estimate)>,
 }
@@ -67,25 +68,25 @@ fn as_map<S: Serializer>(list: &[(String, Estimate)], serializer: S) -> Result<S
     serializer.collect_map(list.iter().map(|(name, x)| (name, x)))
 }
 
-/// What a report tells of the scene besides what was counted. The files of shards carry it.
+/// Facts about the scene in a report. The files of shards contain them.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct About {
-    /// What is left out.
+    /// Effects left out.
     pub left_out: Vec<LeftOut>,
     /// Effective ridge angles of the interfaces that have one.
     pub ridge_angles: Vec<RidgeAngle>,
-    /// Whether a surface is drawn at random.
+    /// Whether a surface is random.
     pub is_drawn: bool,
-    /// Whether light can come out below.
+    /// Whether light can leave on the lower side.
     #[serde(default)]
     pub is_open_below: bool,
-    /// Whether the media are alike all the way, so that nothing is reflected anywhere.
+    /// Whether all media are equal, so that nothing is reflected.
     #[serde(default)]
     pub is_clear: bool,
 }
 
 impl About {
-    /// Of a scene that is ready to trace.
+    /// Takes the facts from a prepared scene.
     #[must_use]
     pub fn of(prepared: &Prepared) -> Self {
         let clear = |interface: &Interface| {
@@ -106,19 +107,19 @@ impl About {
     }
 }
 
-/// Share of the light that is given up from which on that is said.
+/// Least fraction of light given up that is reported.
 const MUCH_TRUNCATED: f64 = 1e-3;
 
-/// What a reader of the standard errors should know of them.
+/// Notes on the standard errors.
 fn notes(totals: &Totals, e: &Energies<Estimate>) -> Vec<String> {
     let all = [&e.reflected_all, &e.transmitted_all, &e.absorbed];
     let mut notes = Vec::new();
     if totals.batches() < 2 {
-        notes.push("a single replicate gives no error: launch more photons".to_owned());
+        notes.push("a single replicate gives no error: trace more photons".to_owned());
     } else if all.iter().all(|x| x.std == 0.0) && e.truncated.value < MUCH_TRUNCATED {
         notes.push(
-            "nothing was left to chance: where all light goes is known from the surface, so the standard errors \
-             are 0 but for rounding"
+            "the result is exact: the surface determines all directions of the light, so the standard errors \
+             are 0 except for rounding"
                 .to_owned(),
         );
     }
@@ -126,56 +127,57 @@ fn notes(totals: &Totals, e: &Energies<Estimate>) -> Vec<String> {
     notes
 }
 
-/// Photons that none of a kind was among leave it a share of this over their number, with a probability of 95 %.
+/// If no photon was of a kind, its fraction is below this over the number of photons, with a
+/// probability of 95 %.
 const UNMET: f64 = 3.0;
 
-/// What an end of light that no photon met says, and does not say.
+/// Explains what an outcome without photons implies.
 fn unmet(photons: u64, what: &str, other: &str) -> String {
     format!(
-        "no photon of {photons} was {what}: that leaves up to {} of the light, and the error of what is {other} is no \
-         smaller; more photons would show it",
+        "no photon of {photons} was {what}: up to {} of the light may be, and the error of the {other} light is at least \
+         as large; trace more photons to find it",
         significant(UNMET / photons.max(1) as f64)
     )
 }
 
-/// Relative error up to which nothing was left to chance: that of rounding is 4e-9 and less.
+/// Relative error below which the result counts as exact: rounding errors are at most 4e-9.
 const DECIDED: f64 = 1e-7;
 
-/// A reflectance that is rounding.
+/// Reflectances below this are rounding errors.
 const NOTHING: f64 = 1e-30;
 
-/// Whether anything was left to chance: light by its interactions, since where all goes the same way the sum is certain
-/// even if other ways are open.
+/// Whether the result is random: tested on the light by interactions, because the sum is exact if
+/// all light goes the same way, even if others were possible.
 fn is_chance(energy: &Energy) -> bool {
     let mut all = energy.by_interactions.iter();
     all.any(|(_, x)| x.std > DECIDED * x.value)
 }
 
-/// What to know of light that was given up, where that is much.
+/// A note on light that was given up, if it is significant.
 fn given_up(share: f64) -> Option<String> {
     (share > MUCH_TRUNCATED).then(|| {
         format!(
-            "{} of the light was given up on its way (after run.interactions_max interactions, or all but level \
-             with the surface): all other shares may lack as much",
+            "{} of the light was given up (after run.interactions_max interactions, or almost parallel to \
+             the surface): every other fraction may be too small by as much",
             percent(share)
         )
     })
 }
 
 impl Report {
-    /// Several surfaces were asked for: what they say, or that none but the first was traced in time.
+    /// Adds the results of several realisations, or a note that only the first was traced in time.
     pub fn spread_over(&mut self, surfaces: Option<Surfaces>) {
         if surfaces.is_some() {
-            // The errors over surfaces need no warning; what was given up does.
+            // The errors over realisations need no warning, but light given up does.
             self.notes = given_up(self.energy.truncated.value).into_iter().collect();
         } else {
-            let none = "no other surface was traced in the time: allow more seconds, or ask for fewer photons";
+            let none = "no other surface was traced within the time limit: allow more seconds or trace fewer photons";
             self.notes.push(none.to_owned());
         }
         self.surfaces = surfaces;
     }
 
-    /// Of what was counted; times, and what belongs to the scene, are for the caller to fill in.
+    /// Makes a report of the counted light; the caller fills in times and facts about the scene.
     #[must_use]
     pub fn new(totals: &Totals, polarised: bool) -> Self {
         let e: Energies<Estimate> = totals.energies();
@@ -214,25 +216,25 @@ impl Report {
         }
     }
 
-    /// Of a run of a scene.
+    /// Makes a report of a run of a scene.
     #[must_use]
     pub fn of(prepared: &Prepared, totals: &Totals) -> Self {
         Report::new(totals, prepared.polarised).about(About::of(prepared))
     }
 
-    /// With what is to be told of the scene.
+    /// Adds facts about the scene.
     #[must_use]
     pub fn about(mut self, scene: About) -> Self {
         if scene.is_drawn {
             self.notes.push(
-                "the errors are the photons' on this one surface; others of the same statistics may differ from it by \
+                "the errors are those of the photons on this one surface; other surfaces of the same statistics may differ by \
                  more: `--surfaces N` shows by how much"
                     .to_owned(),
             );
         }
         let (up, down) = (self.energy.reflected, self.energy.transmitted);
         let is_chance = is_chance(&self.energy);
-        // Equal media, Brewster's angle and total reflection leave nothing to be met.
+        // Equal media, Brewster's angle and total reflection leave no outcome to be missed.
         if up.value == 0.0 && down.value > 0.0 && is_chance && !scene.is_clear {
             self.notes
                 .push(unmet(self.photons, "reflected", "transmitted"));
@@ -254,7 +256,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_end_that_no_photon_met_is_no_proof_that_there_is_none() {
+    fn an_outcome_without_photons_is_noted_as_possible() {
         let told = |below: &str| {
             let scene = format!(
                 "[[interface]]\nshape = \"smith\"\nalpha_u = 5.0\nalpha_v = 5.0\nbelow = {below}\n\
@@ -272,12 +274,12 @@ mod tests {
         let (unmet, energy) = told("{ n = 1.5 }");
         assert_eq!(unmet, energy.reflected.value == 0.0, "{energy:?}");
         assert!(unmet);
-        // Nothing comes out under a metal.
+        // No light leaves below a metal.
         assert!(!told("{ n = 0.2, k = 3.0 }").0);
     }
 
     #[test]
-    fn a_boundary_that_decides_where_all_light_goes_leaves_nothing_unmet() {
+    fn an_outcome_that_the_boundary_excludes_is_not_noted() {
         let told = |n_top: f64, theta_i_deg: f64, stokes: &str, method: &str, shape: &str| {
             let scene = format!(
                 "n_top = {n_top:?}\n[light]\ntheta_i_deg = {theta_i_deg:?}\nstokes = {stokes}\n[[interface]]\n{shape}\n\
@@ -306,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn light_that_was_given_up_is_told_whatever_else_is() {
+    fn light_that_was_given_up_is_always_noted() {
         let scene = "[light]\ntheta_i_deg = 60.0\n[[interface]]\nshape = \"beckmann\"\nalpha_u = 0.5\nalpha_v = 0.5\n\
                      cells = 32\nbelow = { n = 1.5 }\n[run]\nphotons = 4000\ninteractions_max = 1\n";
         let ready = Scene::parse(scene)

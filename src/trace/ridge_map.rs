@@ -1,9 +1,10 @@
-//! A measured height map of parallel ridges as a profile across them.
+//! Converts a measured height map of parallel ridges to a profile across them.
 //!
-//! Call [`RidgeMap::of`]. It finds the ridges' direction and period by their strongest waves, levels the map by the rule that
-//! a ridge is as high as its neighbours, and takes the mean along the ridges; every ridge of the map stays as it is, so that
-//! wear and burrs which differ from ridge to ridge are traced. What varies along the ridges is left out and told. A map
-//! without one direction of ridges is refused. It knows no files: heights are handed in.
+//! Call [`RidgeMap::of`]. It finds the direction and period of the ridges from their strongest
+//! waves, levels the map by the rule that neighbouring ridges have equal height, and averages along
+//! the ridges. Every ridge of the map is kept, so that wear and burrs that differ between ridges
+//! are traced. Variations along the ridges are left out and reported. A map without a single
+//! direction of ridges is refused. This module knows no files: the caller passes the heights in.
 
 mod field;
 mod gaps;
@@ -22,70 +23,75 @@ use lines::Lines;
 #[cfg(test)]
 pub(crate) use tests::map_of as height_map_of;
 
-/// Ridges that a map shows at least: two could be anything.
+/// Least number of ridges in a map: two could be a coincidence.
 const RIDGES_MIN: f64 = 3.0;
-/// Samples per ridge at least: fewer do not show its shape.
+/// Least number of samples per ridge: fewer do not resolve its shape.
 const SAMPLES_MIN: f64 = 8.0;
-/// Share of the heights' variance that ridges explain at least.
+/// Least fraction of the variance of the heights that the ridges explain.
 const EXPLAINED_MIN: f64 = 0.75;
-/// Share of points without a height up to which a map is read.
+/// Largest fraction of missing points of a map.
 const MISSING_MAX: f64 = 1.0 / 3.0;
-/// Heights that stand off all around them by this share of the map's height are no part of a ridge.
+/// Heights that differ from all neighbours by this fraction of the map's height are not part of a
+/// ridge.
 const SPIKE: f64 = 0.3;
-/// Share of such heights beyond which they are the map's noise.
+/// Largest fraction of such heights; more are the noise of the map.
 const SPIKES_MAX: f64 = 0.05;
-/// Directions that explain the variance as well as another within this may be the same.
+/// Directions whose explained variances differ by less than this may be the same.
 const ALIKE: f64 = 0.05;
 
-/// What was found in a height map; lengths in µm.
+/// Properties of a height map; lengths in µm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RidgeFacts {
-    /// Direction in the map, from along its rows of samples (u) to along its columns (v), in which the facets lean.
+    /// Azimuth in the map towards which the facets lean, from its rows of samples (u) towards its
+    /// columns (v).
     pub lean_azimuth_deg: f64,
-    /// Length of a ridge across, mean plane.
+    /// Length of a ridge across, in the mean plane.
     pub period_um: f64,
     /// Width of a sample across the ridges.
     pub sample_um: f64,
-    /// Whole ridges that are traced.
+    /// Number of whole ridges that are traced.
     pub ridges: usize,
-    /// From the lowest to the highest point of the mean along the ridges.
+    /// Height between the lowest and the highest point of the mean along the ridges.
     pub height_um: f64,
-    /// Root mean square of what varies along a ridge (of the median line along them), the instrument's noise included.
+    /// Root mean square of the variation along a ridge (on the median line), including the
+    /// instrument's noise.
     pub unevenness_um: f64,
-    /// Share of the heights' variance that the mean along the ridges explains.
+    /// Fraction of the variance of the heights that the mean along the ridges explains.
     pub explained: f64,
-    /// Effective ridge angle: the median inclination, by area, of what leans to the facets' side.
+    /// Effective ridge angle: the area-weighted median inclination of the surface on the facets'
+    /// side.
     pub theta_r_deg: f64,
-    /// How far the angle that light follows may be off at that angle: samples have a width, and heights noise (standard
-    /// uncertainty).
+    /// Standard uncertainty of the angle of the lobe at that ridge angle, because of the samples'
+    /// width and the heights' noise.
     #[serde(default)]
     pub lobe_error_deg: f64,
-    /// Share of the heights that are missing or stand off all around them (spikes): they take no part in the mean.
+    /// Fraction of the heights that are missing or spikes; the mean does not use them.
     #[serde(default)]
     pub filled_share: f64,
-    /// Share of a ridge that no line along it shows, as where steep walls were not seen: bridged along the flanks beside it.
+    /// Fraction of a ridge that was not measured on any line along it, for example on steep walls:
+    /// bridged by extending the adjacent flanks.
     #[serde(default, skip_serializing_if = "is_nothing")]
     pub unseen_share: f64,
 }
 
-/// Whether a share is 0.
+/// Whether a fraction is 0.
 fn is_nothing(share: &f64) -> bool {
     *share == 0.0
 }
 
-/// A profile across ridges, and what it was made of.
+/// A profile across ridges, with its origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RidgeMap {
-    /// All ridges of the map, the mean along them, µm.
+    /// All ridges of the map, averaged along them, µm.
     pub profile: Profile,
-    /// What was found.
+    /// Properties of the map.
     pub facts: RidgeFacts,
 }
 
-/// Why a height map is none of ridges.
+/// Why a height map is not a map of ridges.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RidgeMapError {
-    /// Units that are none.
+    /// Invalid units.
     #[error("pitch and height unit of a map must be greater than 0 µm")]
     Units,
     /// Too few samples.
@@ -98,66 +104,66 @@ pub enum RidgeMapError {
         /// Along its columns.
         rows: usize,
     },
-    /// Heights are missing.
-    #[error("{missing} of {count} points have no height: fill them or cut them off first")]
+    /// Too many heights are missing.
+    #[error("{missing} of {count} points have no height: fill them or crop the map first")]
     Missing {
-        /// How many of them.
+        /// Number of missing points.
         missing: usize,
-        /// How many points there are.
+        /// Number of points.
         count: usize,
     },
-    /// A height that is none.
+    /// A height is out of range.
     #[error("row {row}, column {column}: the height is beyond 1e12 µm")]
     NotFinite {
-        /// 1 for the first.
+        /// From 1.
         row: usize,
-        /// 1 for the first.
+        /// From 1.
         column: usize,
     },
-    /// The same height everywhere.
-    #[error("the map is flat: there are no ridges on it")]
+    /// All heights are equal.
+    #[error("the map is flat: it has no ridges")]
     Flat,
     /// No direction explains the heights.
     #[error(
-        "the map is not made of parallel ridges: along the best direction found ({azimuth_deg:.1}° from its rows) they explain {:.0} % of its variance, {:.0} % are needed; take off form and waviness, cut it to the ridged part, or give a profile (two columns, v and height) instead",
+        "the map is not made of parallel ridges: in the best direction ({azimuth_deg:.1}° from its rows) they explain {:.0} % of its variance, but {:.0} % are needed; remove form and waviness, crop the map to the ridged part, or give a profile (two columns, v and height) instead",
         100.0 * .explained, 100.0 * EXPLAINED_MIN
     )]
     NotRidged {
         /// Direction across the ridges.
         azimuth_deg: f64,
-        /// Share of the variance.
+        /// Fraction of the variance.
         explained: f64,
     },
-    /// Hardly any ridge.
+    /// Too few ridges.
     #[error(
-        "the map shows {ridges:.1} ridges of {period_um:.4} µm; {RIDGES_MIN} are needed: measure a wider piece, or give a profile (two columns, v and height) of one period instead"
+        "the map contains {ridges:.1} ridges of {period_um:.4} µm, but {RIDGES_MIN} are needed: measure a wider area, or give a profile (two columns, v and height) of one period instead"
     )]
     FewRidges {
-        /// How many.
+        /// Number of ridges.
         ridges: f64,
-        /// How long.
+        /// Length of a ridge.
         period_um: f64,
     },
-    /// Ridges of a few pixels.
+    /// Too few samples per ridge.
     #[error(
-        "a ridge of {period_um:.4} µm has {samples:.1} samples; {SAMPLES_MIN} are needed: measure with a finer pitch"
+        "a ridge of {period_um:.4} µm has {samples:.1} samples, but {SAMPLES_MIN} are needed: measure with a finer pitch"
     )]
     Coarse {
-        /// How long.
+        /// Length of a ridge.
         period_um: f64,
-        /// How many.
+        /// Number of samples.
         samples: f64,
     },
-    /// No side of the facets.
+    /// The side of the facets is ambiguous.
     #[error(
-        "the ridges lean to both sides alike ({:.0} % to one of them), so they are not a sawtooth and the direction of +v is not known; give a profile (two columns, v and height) instead",
+        "the ridges lean about equally to both sides ({:.0} % to one of them), so they are not a sawtooth and the direction of +v is ambiguous; give a profile (two columns, v and height) instead",
         100.0 * .share
     )]
     BothSides {
-        /// Share of the length across that leans to the side of the facets.
+        /// Fraction of the length across that leans to the facets' side.
         share: f64,
     },
-    /// What the profile says.
+    /// The resulting profile is invalid.
     #[error("the mean along the ridges: {0}")]
     Profile(#[from] ProfileError),
 }
@@ -197,7 +203,7 @@ impl RidgeMap {
         if missing as f64 > MISSING_MAX * count as f64 {
             return Err(RidgeMapError::Missing { missing, count });
         }
-        // The direction is found on heights that are everywhere, the mean is that of those seen.
+        // The direction is found from interpolated heights, the mean from the measured ones only.
         let unseen: Vec<bool> = match missing {
             0 => Vec::new(),
             _ => seen.heights.iter().map(|h| h.is_nan()).collect(),
@@ -217,7 +223,7 @@ impl RidgeMap {
         let variance = heights.iter().map(|h| h * h).sum::<f64>() / heights.len() as f64;
         let span = heights.iter().fold(0.0f64, |a, h| a.max(h.abs()));
         let given = seen.heights.iter().fold(0.0f64, |a, h| a.max(h.abs())) * units.height_unit_um;
-        // A plane leaves the rounding of its own numbers.
+        // A plane leaves only the rounding errors of its heights.
         if span <= 1e-12 * given || variance <= 0.0 {
             return Err(RidgeMapError::Flat);
         }
@@ -246,7 +252,7 @@ impl RidgeMap {
         let across = wave[1].atan2(wave[0]);
         let period = 1.0 / wave[0].hypot(wave[1]);
         if lines.explained < EXPLAINED_MIN {
-            // Of ridges of a few samples most lies between the samples.
+            // With few samples per ridge, most of the shape is between the samples.
             let samples = period / lines.width;
             if samples < SAMPLES_MIN && lines.explained > 0.4 * EXPLAINED_MIN {
                 return Err(RidgeMapError::Coarse {
@@ -266,23 +272,23 @@ impl RidgeMap {
 }
 
 impl RidgeFacts {
-    /// What tracing on the mean along the ridges does without.
+    /// Effects that tracing on the mean along the ridges leaves out.
     #[must_use]
     pub fn left_out(&self) -> Vec<LeftOut> {
         let mut list = vec![
             LeftOut::new(
                 "unevenness along the ridges of the height map",
                 format!(
-                    "the map is traced as the mean along its {} ridges: {:.3} µm root mean square are left of {:.3} µm of \
-                     height, by which share of a ridge the edges of shadows move at most; its slopes are in the fitted roughness",
+                    "the map is traced as the mean along its {} ridges: {:.3} µm root mean square are left out of {:.3} µm of \
+                     height, which is the fraction of a ridge by which the edges of shadows move at most; the slopes are part of the fitted roughness",
                     self.ridges, self.unevenness_um, self.height_um
                 ),
                 Some((self.unevenness_um / self.height_um).min(1.0)),
             ),
             LeftOut::new(
-                "corners of the ridges that are sharper than a sample of the height map",
+                "corners of the ridges sharper than a sample of the height map",
                 format!(
-                    "samples of {:.4} µm on ridges of {:.4} µm: no more of a ridge than one of them",
+                    "samples of {:.4} µm on ridges of {:.4} µm: at most one sample per ridge is affected",
                     self.sample_um, self.period_um
                 ),
                 Some((self.sample_um / self.period_um).min(1.0)),
@@ -291,17 +297,17 @@ impl RidgeFacts {
         if self.filled_share > 0.0 {
             let bridged = match self.unseen_share > 0.0 {
                 true => format!(
-                    "; {} of a ridge is seen nowhere along it, mostly on steep walls: the flanks beside it go on into it until \
-                     half of it is left, and how far the answer moves if they go on until nothing is left is in the line \
+                    "; {} of a ridge is not measured anywhere along it, mostly on steep walls: the adjacent flanks are extended until \
+                     half of the gap is left, and the change of the result if they are extended over the whole gap is in the line \
                      `model` of the budget",
                     percent(self.unseen_share)
                 ),
                 false => String::new(),
             };
             list.push(LeftOut::new(
-                "points of the height map that the instrument did not see",
+                "missing points of the height map",
                 format!(
-                    "{} of its heights are missing or spikes and take no part in the mean along the ridges{bridged}",
+                    "{} of its heights are missing or spikes and are not used for the mean along the ridges{bridged}",
                     percent(self.filled_share)
                 ),
                 Some(self.filled_share),

@@ -1,16 +1,18 @@
-//! Radiance of a ridged surface for one pose of the rig, by tracing: the judge of the closed forms.
+//! Radiance of a ridged surface for one pose of the rig, by path tracing: the reference for the
+//! closed forms.
 //!
-//! The function to call: [`RidgedSurface::radiance`]. Paths start at the camera and are joined to the lamp
-//! at every hit; by reciprocity that is the light that reaches the camera. Light that a narrow
-//! lobe throws from the lamp on a diffuse wall would be found that way only by rare luck: it is
-//! traced from the lamp instead, and each path is counted by one of the two ways alone. All orders of scattering
-//! between facets and risers are there: Beckmann roughness below the profile (one microfacet per
-//! hit, Smith's masking), and on dielectrics a Lambert body under the Fresnel boundary. With
-//! polarisation the lamp is unpolarised and the camera blind to it; only what the first bounces
-//! polarise changes the next ones.
+//! The function to call is [`RidgedSurface::radiance`]. Paths start at the camera and are connected
+//! to the lamp at every hit; by reciprocity this is the light that reaches the camera. Light that a
+//! narrow lobe reflects from the lamp onto a diffuse wall would rarely be found that way, so it is
+//! traced from the lamp; each path is counted by exactly one of the two methods. All orders of
+//! scattering between facets and risers are included: Beckmann roughness below the profile (one
+//! microfacet per hit, Smith's masking), and on dielectrics a Lambert body under the Fresnel
+//! boundary. With polarisation, the lamp is unpolarised and the camera insensitive to polarisation;
+//! each bounce polarises the light for the next ones.
 //!
-//! *Conditioning.* Contributions are positive and added up by replicates, so nothing cancels: what is left of narrow lobes (α to
-//! 1e-6) and grazing poses is noise that the standard error knows, not rounding.
+//! *Conditioning.* Contributions are positive and are summed by replicates, so there is no
+//! cancellation: narrow lobes (α down to 1e-6) and grazing poses give noise, which the standard
+//! error covers, not rounding errors.
 
 use rayon::prelude::*;
 
@@ -27,20 +29,20 @@ use crate::geometry::{Cones, Directions};
 use crate::model::polarisation::{Boundary, Channel};
 use crate::model::rough_boundary::RoughBoundary;
 
-/// A ridged sample as the tracer sees it.
+/// A ridged sample as the tracer uses it.
 #[derive(Debug, Clone)]
 pub struct RidgedSurface {
     /// Its profile across the ridges.
     pub profile: Profile,
     /// Roughness of the facets below the profile.
     pub roughness: Roughness,
-    /// Index under air, seen from above.
+    /// Refractive index, for light from air.
     pub boundary: Boundary,
-    /// Light from inside.
+    /// Diffuse light from the body.
     pub diffuse: Option<Diffuse>,
-    /// What that light passes, beside Fresnel's transmittance.
+    /// Transmission of that light through the rough boundary, relative to Fresnel's transmittance.
     entrance: RoughBoundary,
-    /// Where the light of a translucent body leaves.
+    /// Points at which the light of a translucent body leaves.
     evenly: Evenly,
     /// The slopes of the facets.
     slopes: Tailed,
@@ -48,7 +50,7 @@ pub struct RidgedSurface {
     index: f64,
 }
 
-/// Places on a profile that are spread evenly over its surface.
+/// Points that are uniformly distributed over the surface of a profile.
 #[derive(Debug, Clone)]
 struct Evenly {
     /// Length of the profile up to the end of each piece.
@@ -76,7 +78,7 @@ impl Evenly {
         }
     }
 
-    /// The place that a number from 0 to 1 names.
+    /// The point for a number from 0 to 1.
     fn at(&self, profile: &Profile, share: f64) -> ProfileSpot {
         let last = self.up_to.len() - 1;
         let length = share * self.up_to[last];
@@ -97,31 +99,32 @@ impl Evenly {
     }
 }
 
-/// How a radiance is traced.
+/// Options of a traced radiance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RadianceOptions {
     /// Paths from the camera.
     pub paths: u64,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// The cones of lamp and lens, both averaged over.
+    /// The cones of lamp and lens, over which the radiance is averaged.
     pub cones: Cones,
-    /// Whether polarisation is followed from bounce to bounce.
+    /// Whether polarisation is followed between bounces.
     pub polarised: bool,
 }
 
-/// Replicates whose spread is the standard error.
+/// Number of replicates, whose spread gives the standard error.
 const BATCHES: u64 = 64;
-/// Steps of the evenly spread points on the lamp: powers of the reciprocal plastic number (M. Roberts,
-/// "The unreasonable effectiveness of quasirandom sequences", 2018).
+/// Steps of the low-discrepancy points on the lamp: powers of the reciprocal plastic number (M.
+/// Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018).
 const SPREAD: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
-/// A path ends after so many bounces (each loses most of its light on plastic, a third on steel).
+/// Largest number of bounces of a path (each loses most of its light on plastic, a third on steel).
 const BOUNCES_MAX: u32 = 32;
-/// Below this weight a path plays roulette.
+/// Weight below which a path undergoes Russian roulette.
 const WEAK: f64 = 0.05;
 
 impl RidgedSurface {
-    /// A sample with facets of a roughness under a boundary of index n + ik, with light from inside or without.
+    /// Makes a sample with rough facets under a boundary of index n + ik, with or without diffuse
+    /// light.
     #[must_use]
     pub fn new(
         profile: Profile,
@@ -148,7 +151,8 @@ impl RidgedSurface {
         }
     }
 
-    /// The same sample with a tail ι of its slopes ([`crate::model::extended::slopes`]), 0 for Beckmann's.
+    /// Returns the sample with a tail ι of its slopes ([`crate::model::extended::slopes`]); 0 is
+    /// Beckmann.
     #[must_use]
     pub fn with_tail(mut self, tail: f64) -> Self {
         let n = self.index;
@@ -164,8 +168,8 @@ impl RidgedSurface {
         self
     }
 
-    /// What passes the boundary along a direction in the facet's frame: as through a smooth one, and by how much
-    /// more through the rough one.
+    /// Transmission of the boundary along a direction in the facet's frame: that of a smooth
+    /// boundary, and the factor of the rough one.
     fn passing(&self, w: &V3) -> (Channel, f64) {
         let smooth = self.boundary.at(w[2].clamp(1e-12, 1.0)).refracted;
         let share = smooth.unpolarised().max(f64::MIN_POSITIVE);
@@ -174,7 +178,7 @@ impl RidgedSurface {
     }
 
     /// Radiance towards `directions.outgoing` for irradiance 1 on a surface facing the lamp, in
-    /// sr⁻¹, with its standard error; 0 where lamp or camera is not above the surface.
+    /// sr⁻¹, with its standard error; 0 if lamp or camera is below the surface.
     #[must_use]
     pub fn radiance(&self, directions: &Directions, options: &RadianceOptions) -> Estimate {
         let incident: V3 = directions.incident.into();
@@ -220,26 +224,26 @@ impl RidgedSurface {
     }
 }
 
-/// Where a path starts; it is joined to the other end.
+/// Start of a path, which is connected to the other end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum End {
     Camera,
     Lamp,
 }
 
-/// What a path takes the body for. Of a translucent one's light that has left, what enters again is in the body's strength: it is how
-/// much leaves for good.
+/// The body's behaviour on a path. If the light of a translucent body enters again after leaving,
+/// its loss is already in the body's strength, which counts the light that leaves for good.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Body {
     /// Light leaves the facet that it entered.
     Opaque,
-    /// Light leaves anywhere on the profile …
+    /// Light leaves anywhere on the profile.
     Translucent,
-    /// … and has done so.
+    /// Light of a translucent body that has left.
     Left,
 }
 
-/// What a facet does to a path.
+/// Interaction of a path with a facet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Event {
     Mirrored,
@@ -254,7 +258,7 @@ struct Task<'a> {
     options: &'a RadianceOptions,
 }
 
-/// The hit's facet: frame, and the direction back along the path in it.
+/// The facet of a hit: its frame, and the direction back along the path in it.
 struct Facet {
     frame: [V3; 3],
     back: V3,
@@ -273,7 +277,7 @@ impl Facet {
 
 impl Task<'_> {
     fn batch<L: Light>(&self, batch: u64, paths: u64) -> f64 {
-        // Where a path starts and which point of the lamp it sees first: evenly spread points, all
+        // The starts of the paths and their first points on the lamp are low-discrepancy points,
         // shifted by one random step per batch.
         let mut shifts = Stream::new(self.options.seed, Purpose::Batch, batch);
         let shift = [(); 3].map(|()| shifts.uniform());
@@ -290,7 +294,7 @@ impl Task<'_> {
         sum / paths as f64
     }
 
-    /// One path: the light that it joins.
+    /// Traces one path; returns the light connected to it.
     fn path<L: Light>(&self, at: f64, first_lamp: [f64; 2], random: &mut Stream) -> f64 {
         let profile = &self.surface.profile;
         let (start, share) = match self.start {
@@ -301,7 +305,7 @@ impl Task<'_> {
                 (lamp, lamp[2] / self.outgoing[2])
             }
         };
-        // A cone's rim may dip below the surface.
+        // The rim of a cone may be below the surface.
         if start[2] <= 0.0 || self.outgoing[2] <= 0.0 {
             return 0.0;
         }
@@ -348,7 +352,8 @@ impl Task<'_> {
         gathered * share
     }
 
-    /// What a path takes the body for: translucent by its share. An opaque one takes no random numbers.
+    /// The body's behaviour on this path: translucent with its probability. An opaque body uses no
+    /// random numbers.
     fn body(&self, random: &mut Stream) -> Body {
         let share = self.surface.diffuse.map_or(0.0, |body| body.translucency);
         match share > 0.0 && random.uniform() < share {
@@ -357,7 +362,7 @@ impl Task<'_> {
         }
     }
 
-    /// The same task for one point of the lens's pupil. A lens that is a point takes no random numbers.
+    /// The same task for one point of the lens's pupil. A point-like lens uses no random numbers.
     fn through_the_lens(&self, random: &mut Stream) -> Self {
         let radius = self.options.cones.lens.rad();
         let outgoing = if radius == 0.0 {
@@ -368,12 +373,12 @@ impl Task<'_> {
         Task { outgoing, ..*self }
     }
 
-    /// A direction to the point of the lamp's disc that two numbers from 0 to 1 name.
+    /// A direction to the point of the lamp's disc for two numbers from 0 to 1.
     fn lamp(&self, point: [f64; 2]) -> V3 {
         within(&self.incident, self.options.cones.lamp.rad(), point)
     }
 
-    /// Light that comes straight from the other end and is scattered here along the path.
+    /// Light that comes directly from the other end and is scattered here into the path.
     fn joined<L: Light>(
         &self,
         light: &L,
@@ -421,8 +426,9 @@ impl Task<'_> {
         gathered
     }
 
-    /// Whether light that is mirrored last is counted on this path, and light that is diffused last: paths that are diffused
-    /// next to the camera and mirrored next to the lamp are counted from the lamp, all others from the camera.
+    /// Whether light whose last interaction is specular or diffuse is counted on this path. Paths
+    /// that are diffuse next to the camera and specular next to the lamp are counted from the lamp,
+    /// all others from the camera.
     fn counted(&self, first: Option<Event>) -> (bool, bool) {
         match self.start {
             End::Camera => (first != Some(Event::Diffused), true),
@@ -430,7 +436,7 @@ impl Task<'_> {
         }
     }
 
-    /// A direction to where the path does not start.
+    /// A direction to the other end of the path.
     fn other_end(&self, lamp: [f64; 2]) -> V3 {
         match self.start {
             End::Camera => self.lamp(lamp),
@@ -438,7 +444,7 @@ impl Task<'_> {
         }
     }
 
-    /// The same of light that entered anywhere and leaves here, out of a translucent body.
+    /// As `joined`, for light that entered anywhere and leaves a translucent body here.
     fn joined_evenly<L: Light>(
         &self,
         light: &L,
@@ -452,7 +458,7 @@ impl Task<'_> {
         let Some(diffuse) = surface.diffuse.filter(|_| body == Body::Translucent) else {
             return 0.0;
         };
-        // Drawn whether it counts or not, so that the random numbers of a path do not depend on that.
+        // Drawn even if unused, so that a path's random numbers do not depend on it.
         let spot = surface.evenly.at(&surface.profile, random.uniform());
         if !self.counted(first).1 || dot(&facet.back, &facet.frame[2]) <= 0.0 {
             return 0.0;
@@ -482,7 +488,7 @@ impl Task<'_> {
         self.surface.slopes.seen(w)
     }
 
-    /// A normal that a beam along `k` meets, in the facet's frame.
+    /// A normal that a ray along `k` meets, in the facet's frame.
     fn normal(&self, k: &V3, random: &mut Stream) -> V3 {
         match self.surface.slopes.tail {
             0.0 => self.surface.roughness.visible_normal(k, random),
@@ -490,7 +496,7 @@ impl Task<'_> {
         }
     }
 
-    /// The next direction of the path and, where that is elsewhere, the place that it leaves from; `None` where it ends.
+    /// The path's next direction and, if it leaves elsewhere, its new point; `None` at its end.
     fn scattered<L: Light>(
         &self,
         light: &mut L,
@@ -502,7 +508,7 @@ impl Task<'_> {
         let k = scaled(-1.0, &facet.back);
         let normal = facet.frame[2];
         if let Some(diffuse) = surface.diffuse.filter(|_| body != Body::Left) {
-            // Half of the paths go on inside: on plastic most of the light does.
+            // Half of the paths continue in the body: on plastic most of the light does.
             if random.bits() & 1 == 0 {
                 let local = Diffuse::direction(random);
                 let from = (body == Body::Translucent)
@@ -545,7 +551,7 @@ impl Task<'_> {
     }
 }
 
-/// A unit vector perpendicular to `k`, and horizontal unless `k` is vertical.
+/// A unit vector perpendicular to `k`, horizontal unless `k` is vertical.
 fn perpendicular(k: &V3) -> V3 {
     let square = k[0] * k[0] + k[1] * k[1];
     if square < 1e-24 {
@@ -555,7 +561,8 @@ fn perpendicular(k: &V3) -> V3 {
     }
 }
 
-/// A direction within `radius` (rad) of `w`, evenly spread as the two numbers from 0 to 1 are.
+/// A direction within `radius` (rad) of `w`, uniformly distributed if the two numbers are uniform
+/// from 0 to 1.
 fn within(w: &V3, radius: f64, [area, turn]: [f64; 2]) -> V3 {
     if radius == 0.0 {
         return *w;
@@ -581,7 +588,7 @@ mod tests {
         rho_d: Option<f64>,
         rig: RigGeometry,
         polarised: bool,
-        /// Where to compare: every how many rows.
+        /// Compare every n-th row.
         every: usize,
     }
 
@@ -600,8 +607,8 @@ mod tests {
         )
     }
 
-    /// Deviations from the series' noise-free radiances, in standard errors of both and 3e-4
-    /// of the peak (what the series' finite number of phases leaves open).
+    /// Deviations from the series' noise-free radiances, in units of both standard errors combined
+    /// with 3e-4 of the peak (the series' finite number of phases).
     fn deviations(sample: &Sample) -> Vec<f64> {
         let path = format!("tests/data/series/{}/radiance.csv", sample.series);
         let mut reader = csv::Reader::from_path(path).unwrap();
@@ -639,7 +646,7 @@ mod tests {
     }
 
     #[test]
-    fn plastic_ridges_have_the_radiances_of_an_independent_path_tracer() {
+    fn plastic_ridges_agree_with_an_independent_path_tracer() {
         check(&Sample {
             series: "polymer-10",
             theta_r_deg: 10.0,
@@ -663,7 +670,7 @@ mod tests {
     }
 
     #[test]
-    fn steel_ridges_have_them_too_and_their_polarisation_shows() {
+    fn steel_ridges_agree_too_but_not_without_polarisation() {
         check(&Sample {
             series: "steel-15",
             theta_r_deg: 15.0,
@@ -677,7 +684,7 @@ mod tests {
     }
 
     #[test]
-    fn translucent_bodies_tails_and_crests_are_those_of_the_closed_form() {
+    fn translucent_bodies_tails_and_crests_agree_with_the_closed_form() {
         use crate::model::extended::{Real, Terms, Walls, partials};
         use crate::model::prepared::OpticsTable;
         use crate::model::{Optics, Surface};
@@ -763,7 +770,8 @@ mod tests {
                 .collect();
             let peak = found.iter().map(|(closed, _)| *closed).fold(0.0, f64::max);
             for (closed, traced) in found {
-                // Beside the noise, what the closed form misses: of two bounces, and the second order of a crest.
+                // In addition to the noise, the terms that the closed form omits: double
+                // reflections and the second order of a crest.
                 let allowed = 4.0 * traced.std + 0.006 * peak;
                 assert!(
                     (closed - traced.value).abs() < allowed,

@@ -1,16 +1,17 @@
-//! Ridges as they are made and as they wear: sawtooth profiles with rounded edges, a draft angle of
-//! the risers, and burrs on the crests.
+//! Manufactured and worn ridges: sawtooth profiles with rounded edges, a draft angle of the risers,
+//! and burrs on the crests.
 //!
-//! The one function to call: [`Ridges::profile`]. Edges are rounded as a disc would that rolls along
-//! the surface: valleys as deep as a tool of that radius reaches, crests worn until the disc fits
-//! below them. Where the radius is small against the riser these are arcs tangent to facet and
-//! riser; where it is large they run into each other and the ridge loses height and inclination
-//! (morphological closing and opening, as in the morphological filters of ISO 16610-41).
+//! The function to call is [`WornRidges::profile`]. Edges are rounded as by a disc that rolls along
+//! the surface: valleys down to where a tool of that radius reaches, crests worn until the disc
+//! fits below them. If the radius is small compared with the riser, these are arcs tangent to facet
+//! and riser. If it is large, they merge and the ridge loses height and inclination (morphological
+//! closing and opening, as in the morphological filters of ISO 16610-41).
 
 use super::profile::{ARC, Corner, Profile, ProfileError};
 use super::rng::{Purpose, Stream};
 
-/// A sawtooth surface with what making and wear do to it. Lengths in one unit, angles in radians.
+/// A sawtooth surface with the effects of manufacture and wear. Lengths in one unit, angles in
+/// radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ridges {
     /// Ridge angle of the facets before rounding, rad, 0 < θr < π/2.
@@ -19,7 +20,7 @@ pub struct Ridges {
     pub pitch: f64,
     /// Radius of crests and valleys, same unit; 0 for sharp ones.
     pub round: f64,
-    /// By how much the riser is flatter than a right angle to the facet, rad.
+    /// Angle by which the riser is flatter than perpendicular to the facet, rad.
     pub draft: f64,
     /// Mean height of the burrs on the crests (exponentially distributed), same unit; 0 for none.
     pub burr: f64,
@@ -27,20 +28,20 @@ pub struct Ridges {
     pub seed: u64,
 }
 
-/// Ridges in the tile where burrs make every one different.
+/// Number of ridges in a tile if burrs make each one different.
 const BURRED_RIDGES: usize = 48;
-/// Samples of a period at least where the rolling disc is computed numerically,
+/// Least number of samples per period if the rolling disc is computed numerically,
 const SAMPLES: usize = 1024;
-/// samples to its radius at least, so that few samples turn far,
+/// least number of samples per disc radius, so that the turn at each sample is small,
 const SAMPLES_TO_RADIUS: f64 = 64.0;
-/// and samples of a period at most.
+/// and largest number of samples per period.
 const SAMPLES_MAX: usize = 1 << 16;
-/// Height, as a share of the period, by which the disc must lift a sample to count: far below a
-/// wavelength on any ridge that rays can describe.
+/// Least lift of a sample by the disc that counts, as a fraction of the period: far below a
+/// wavelength on any ridge to which ray optics applies.
 const TOUCHES: f64 = 1e-5;
-/// A burr covers no more of its facet than this: taller ones are cut.
+/// Largest fraction of its facet that a burr covers: taller burrs are truncated.
 const BURR_SHARE_MAX: f64 = 0.4;
-/// Share of the burrs' mean height that the cut may take untold.
+/// Relative loss of the burrs' mean height by truncation that is not reported.
 const CUT_TOLD: f64 = 1e-3;
 
 impl Ridges {
@@ -57,11 +58,11 @@ impl Ridges {
         }
     }
 
-    /// Its profile: one period, or a tile of many ridges where there are burrs.
+    /// The profile: one period, or a tile of many ridges with burrs.
     ///
     /// # Errors
-    /// A draft with which the riser would lie flatter than 1° above the horizontal; burrs on edges so
-    /// round that they meet.
+    /// The draft makes the riser flatter than 1° above the horizontal, or there are burrs on edges
+    /// whose roundings meet.
     pub fn profile(&self) -> Result<Profile, ProfileError> {
         let riser_lean = self.theta_r + self.draft;
         if riser_lean >= 89f64.to_radians() {
@@ -91,18 +92,18 @@ impl Ridges {
         }
     }
 
-    /// Where burrs are cut, and their mean height with that, where it is told: less than [`Ridges::burr`] by more than a
-    /// thousandth.
+    /// Height at which burrs are truncated and their resulting mean height, if the mean falls below
+    /// [`WornRidges::burr`] by more than a thousandth.
     #[must_use]
     pub fn burr_cut(&self) -> Option<(f64, f64)> {
         let most = Edges::of(self).burr_max();
-        // Of exponentially distributed heights exp(−most/mean) are taller.
+        // The fraction exp(−most/mean) of exponentially distributed heights is larger.
         let share = (-most / self.burr).exp();
         (self.burr > 0.0 && share > CUT_TOLD).then_some((most, self.burr * (1.0 - share)))
     }
 
-    /// Many ridges, each crest with a burr of its own: the riser goes on beyond the crest, and the
-    /// burr falls back to the facet at half a right angle.
+    /// Many ridges, each crest with its own burr: the riser continues beyond the crest, and the
+    /// burr returns to the facet at 45°.
     fn burred(&self, edges: &Edges) -> Profile {
         let mut corners = Vec::new();
         let mut random = Stream::new(self.seed, Purpose::Surface, 0);
@@ -149,8 +150,8 @@ impl Ridges {
     }
 }
 
-/// Closing of a periodic row of heights by a disc (`sign` 1), or opening (−1, heights turned over).
-/// Where the disc's change is less than `touches`, heights stay as they were.
+/// Closing of a periodic row of heights by a disc (`sign` 1), or opening (−1, heights inverted).
+/// Heights that the disc changes by less than `touches` are unchanged.
 fn lifted(heights: &[f64], radius: f64, step: f64, sign: f64, touches: f64) -> Vec<f64> {
     let n = heights.len();
     let reach = ((radius / step) as usize).min(n);
@@ -163,7 +164,8 @@ fn lifted(heights: &[f64], radius: f64, step: f64, sign: f64, touches: f64) -> V
         .collect();
     let around =
         |i: usize| (0..=2 * reach).map(move |k| ((i + n * 2 + k - reach) % n, k.abs_diff(reach)));
-    // Lowest centre of a disc above i that touches nothing, then the lowest disc over each place.
+    // Lowest centre of a disc above i that does not touch the heights, then the lowest disc over
+    // each position.
     let centres: Vec<f64> = (0..n)
         .map(|i| {
             around(i)
@@ -185,7 +187,7 @@ fn lifted(heights: &[f64], radius: f64, step: f64, sign: f64, touches: f64) -> V
         .collect()
 }
 
-/// Corners of a sampled period; samples on a straight line between others are left out.
+/// Corners of a sampled period; samples on a straight line between others are removed.
 fn without_needless(samples: &[Corner], step: f64) -> Vec<Corner> {
     let n = samples.len();
     (0..n)
@@ -221,7 +223,7 @@ impl Edges {
         let (lean, height) = (ridges.theta_r + ridges.draft).sin_cos();
         let riser = ridges.pitch * sin / height;
         let turn = std::f64::consts::FRAC_PI_2 - ridges.draft;
-        // An edge takes R tan(turn/2) of both its sides.
+        // A rounding removes R tan(turn/2) from both sides of its edge.
         let largest_round = 0.5 * ridges.pitch.min(riser) / (0.5 * turn).tan();
         Edges {
             down: (cos, -sin),
@@ -233,12 +235,12 @@ impl Edges {
         }
     }
 
-    /// Width of a burr over its height: its flank must come down beyond the tip.
+    /// Width of a burr divided by its height: its flank must end beyond the tip.
     fn slant(&self) -> f64 {
         (1.05 * self.up.0 / self.down.0).max(1.0)
     }
 
-    /// The tallest burr that leaves room on its facet.
+    /// Height of the tallest burr that fits on its facet.
     fn burr_max(&self) -> f64 {
         BURR_SHARE_MAX * self.pitch / self.slant()
     }
@@ -282,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn without_wear_it_is_the_sawtooth() {
+    fn without_wear_the_profile_is_the_sawtooth() {
         let plain = ridges().profile().unwrap();
         let sawtooth = Profile::sawtooth(15f64.to_radians(), 10.0, 0.0).unwrap();
         assert!((plain.period() - sawtooth.period()).abs() < 1e-12);
@@ -303,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn a_draft_tilts_the_riser_and_nothing_else() {
+    fn a_draft_only_tilts_the_riser() {
         let draft = 6f64.to_radians();
         let profile = Ridges { draft, ..ridges() }.profile().unwrap();
         let [facet, riser] = profile.pieces() else {
@@ -311,7 +313,7 @@ mod tests {
         };
         let angle = facet.normal[1].atan2(facet.normal[2]);
         assert!((angle - 15f64.to_radians()).abs() < 1e-12);
-        // The riser's normal leans back by a right angle less θr and draft.
+        // The riser's normal leans back by 90° minus θr and draft.
         let lean = -riser.normal[1].atan2(riser.normal[2]);
         assert!((lean - (75f64 - 6.0).to_radians()).abs() < 1e-12);
         let too_much = 80f64.to_radians();
@@ -332,7 +334,7 @@ mod tests {
                 |q: &super::super::profile::Piece| 0.5 * (q.z_from + q.z_to) * (q.to - q.from);
             p.pieces().iter().map(under).sum::<f64>() / p.period()
         };
-        // Just below and above where the arcs meet, the two ways agree.
+        // Just below and above the radius at which the arcs meet, both methods agree.
         let limit = 0.5 * 10.0 * 15f64.to_radians().tan();
         let arcs = Ridges {
             round: 0.999 * limit,
@@ -361,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_small_to_be_told_apart_is_left_out() {
+    fn points_below_the_resolution_are_left_out() {
         for tiny in [1e-300, 1e-18, 1e-14, 1e-11, 1e-8] {
             let all = [
                 Ridges {
@@ -397,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn burrs_stand_on_the_crests_and_follow_their_seed() {
+    fn burrs_are_on_the_crests_and_depend_on_their_seed() {
         let with = |seed| {
             Ridges {
                 burr: 0.2,
@@ -412,7 +414,7 @@ mod tests {
         assert_ne!(a, b);
         let plain = ridges().profile().unwrap();
         assert!(a.range().1 > plain.range().1 + 0.2);
-        // Exponential heights along the riser, capped: mean 0.2 within 5 standard errors.
+        // Exponential heights along the riser, truncated: mean 0.2 within 5 standard errors.
         let n = BURRED_RIDGES as f64;
         let tips = a
             .pieces()

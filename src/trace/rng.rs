@@ -1,21 +1,21 @@
-//! Counter-based random numbers: every photon has a stream of its own, named by numbers.
+//! Counter-based random numbers: every photon has its own stream, identified by numbers.
 //!
 //! A [`Stream`] is SplitMix64 (Steele, Lea, Flood 2014) on a key mixed from the run's seed, a
-//! purpose and an index; its n-th number is a function of the key and n alone. So a result depends
-//! on the seed and never on threads, shards or the order in which photons are traced.
+//! purpose and an index; its n-th number is a function of the key and n only. A result therefore
+//! depends on the seed, and never on threads, shards or the order in which photons are traced.
 
 use rand::TryRng;
 
-/// What a stream is drawn for; streams of different purposes never meet.
+/// Use of a stream; streams of different purposes are independent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
     /// The path of one photon.
     Photon,
-    /// What the photons of one batch share.
+    /// Values shared by the photons of one batch.
     Batch,
     /// The shape of a surface.
     Surface,
-    /// The path of one photon of a sketch, which is no part of the run.
+    /// The path of one photon of a preview, which is not part of the run.
     Sketch,
 }
 
@@ -35,7 +35,7 @@ fn mix(mut z: u64) -> u64 {
 }
 
 impl Stream {
-    /// The stream number `index` of a purpose.
+    /// Makes stream number `index` of a purpose.
     #[inline]
     #[must_use]
     pub fn new(seed: u64, purpose: Purpose, index: u64) -> Self {
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stream_is_a_function_of_its_name() {
+    fn a_stream_depends_only_on_its_key() {
         let draw = |seed, index| Stream::new(seed, Purpose::Photon, index).bits();
         assert_eq!(draw(1, 2), draw(1, 2));
         assert_ne!(draw(1, 2), draw(2, 1));

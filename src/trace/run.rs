@@ -1,7 +1,8 @@
-//! A run: photons in batches over all cores, until enough.
+//! A run: traces photons in batches on all cores, until a stop condition is met.
 //!
-//! Call [`trace`], or [`resume`] to go on with what was traced before. Batches are as large as pays for strata;
-//! who may stop before several of them are finished gets a sketch (`sketch`).
+//! Call [`trace`], or [`resume`] to continue an earlier run. Batches are large, so that strata are
+//! effective; a run that may stop before several batches are finished also produces a preview of
+//! small replicates (`preview`).
 
 mod sketch;
 
@@ -21,12 +22,12 @@ use super::tally::{Batch, Totals};
 use super::walk::{Method, Waiting, Walk, worth_splitting};
 use sketch::Sketch;
 
-/// Which part of a run.
+/// Part of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
     /// 1 to `of`.
     pub number: u64,
-    /// How many parts.
+    /// Number of parts.
     pub of: u64,
 }
 
@@ -34,45 +35,45 @@ impl Shard {
     /// The whole run.
     pub const WHOLE: Shard = Shard { number: 1, of: 1 };
 
-    /// Whether every part of a run of so many photons has photons; else, how many parts there may be.
+    /// Checks that every part of a run with this number of photons has photons.
     ///
     /// # Errors
-    /// The most parts that the run has.
+    /// The largest number of parts of the run.
     pub fn check(self, photons: u64) -> Result<(), u64> {
         let most = batches(photons);
         if self.of <= most { Ok(()) } else { Err(most) }
     }
 
-    /// Numbers of its batches, of a run of so many photons.
+    /// Numbers of its batches in a run with this number of photons.
     fn batches(self, photons: u64) -> impl Iterator<Item = u64> {
         (0..batches(photons)).filter(move |batch| batch % self.of == self.number - 1)
     }
 }
 
-/// Time that a run has, on a clock of the caller's.
+/// Time limit of a run, on the caller's clock.
 #[derive(Debug, Clone, Copy)]
 pub struct TimeLimit {
-    /// Seconds from the start of the run on.
+    /// Seconds from the start of the run.
     pub seconds: f64,
     /// Seconds since a fixed moment.
     pub now_s: fn() -> f64,
 }
 
-/// Whether somebody waits for a good enough answer, or for the last photon.
+/// Whether a run may end before its last photon.
 #[derive(Debug, Clone, Copy)]
 pub enum Ending {
-    /// A limit on error or time may end the run at any moment. What was traced by then is to be an answer, and
-    /// some of the first photons may be traced for that alone.
+    /// A limit on error or time may end the run at any moment. The photons traced until then must
+    /// be a result, so some of the first photons may be traced only for that.
     AnyTime,
-    /// The same, and it is known how long the run has: a look at the surface that would take most of that is given up
-    /// for photons that do without.
+    /// As `AnyTime`, with a known time limit: a surface analysis that would take most of the time
+    /// is abandoned in favour of photons that do not need it.
     Within(TimeLimit),
-    /// All photons are wanted; a stop is an accident.
+    /// All photons are wanted; a stop is exceptional.
     AtLast,
 }
 
 impl Ending {
-    /// Of a run with so many seconds left on a clock, and an error at which it may end.
+    /// The policy of a run with an optional time limit on a clock and an optional target error.
     #[must_use]
     pub fn of(seconds: Option<f64>, now_s: fn() -> f64, target_error: Option<f64>) -> Self {
         match (seconds, target_error) {
@@ -83,32 +84,33 @@ impl Ending {
     }
 }
 
-/// What every path of a run carries.
+/// The light that every path of a run carries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Follow {
-    /// Polarised light or not, as the scene says.
+    /// Polarised or scalar light, as the scene requires.
     Scene,
     /// Both, for their difference ([`Paired`]).
     Both,
 }
 
-/// What was done of a run: all that is needed to go on with it. Where a whole run was stopped before its batches
-/// say more, it holds a sketch: photons of their own in smaller replicates, which are no part of the run.
+/// The finished part of a run: everything needed to continue it. If a whole run was stopped before
+/// its batches are more accurate, it contains the preview instead: separate photons in smaller
+/// replicates, which are not part of the run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SoFar {
-    /// What was counted.
+    /// The counted light.
     pub totals: Totals,
-    /// Numbers of the finished batches, rising; none of a sketch.
+    /// Numbers of the finished batches, ascending; empty for a preview.
     pub batches: Vec<u64>,
 }
 
 impl SoFar {
-    /// What was kept of a shard of a run of so many photons; `None` where it cannot be that: batches that the
-    /// shard does not have, or other photons than theirs.
+    /// Restores a stored shard of a run with this number of photons; `None` if it does not match:
+    /// batches that the shard does not have, or another number of photons.
     #[must_use]
     pub fn kept(totals: Totals, batches: Vec<u64>, photons: u64, shard: Shard) -> Option<Self> {
         if batches.is_empty() {
-            // A sketch is a result, but no part of the run.
+            // A preview is a result, but not part of the run.
             let totals = Totals::new(totals.grid(), totals.elements());
             return Some(SoFar { totals, batches });
         }
@@ -122,58 +124,60 @@ impl SoFar {
         (traced == totals.photons()).then_some(SoFar { totals, batches })
     }
 
-    /// Whether nothing is left to trace of a shard of a run of so many photons.
+    /// Whether a shard of a run with this number of photons is finished.
     #[must_use]
     pub fn is_complete(&self, photons: u64, shard: Shard) -> bool {
         self.batches.len() == shard.batches(photons).count()
     }
 }
 
-/// How far a run is.
+/// Progress of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Progress {
-    /// Share done of the look at the surface that comes before the first photon; `None` once photons are traced.
+    /// Finished fraction of the surface analysis that precedes the first photon; `None` once
+    /// photons are traced.
     pub look: Option<f64>,
     /// Photons traced so far.
     pub photons: u64,
-    /// Photons that will be traced if nothing stops it.
+    /// Photons that will be traced unless the run is stopped.
     pub photons_planned: u64,
-    /// [`Totals::relative_error`] of these photons, looked at from time to time.
+    /// [`Totals::relative_error`] of these photons, updated from time to time.
     pub relative_error: Option<f64>,
 }
 
-/// Photons are dealt out in this many batches at least: as many independent replicates, so that standard errors are
-/// known to 9 %. More of them would each be smaller, and strata pay only where there are several to a triangle.
+/// Least number of batches: independent replicates, so that standard errors are known to 9 %. More
+/// batches would be smaller, and strata are effective only if there are several per triangle.
 const BATCHES_MIN: u64 = 64;
-/// Largest batch: what is lost at most per thread when a run is stopped.
+/// Largest batch: the photons that each thread loses at most when a run is stopped.
 const BATCH_MAX: u64 = 1 << 20;
-/// Share of a limited time that the look at the surface may take in all.
+/// Largest fraction of a limited time for the surface analysis.
 const LOOK_LIMIT_SHARE: f64 = 0.5;
-/// Share of that time which the start of the look may take.
+/// Largest fraction of that time for the first part of the analysis.
 const LOOK_START: f64 = 0.1;
-/// Photons between two looks at the stop conditions, and before the first look at the error.
+/// Photons between two checks of the stop conditions, and before the first estimate of the error.
 pub const LOOK: u64 = 1 << 13;
-/// Batches between two looks at the error, if a target error may end the run.
+/// Batches between two estimates of the error, if a target error may end the run.
 const LOOK_BATCHES: usize = 4;
-/// Batches between two looks at the error, if it is only reported.
+/// Batches between two estimates of the error, if it is only reported.
 const LOOK_BATCHES_TOLD: usize = 16;
 
-/// In how many batches a run of so many photons is dealt out.
+/// Number of batches of a run with this number of photons.
 fn batches(photons: u64) -> u64 {
     BATCHES_MIN.max(photons.div_ceil(BATCH_MAX)).min(photons)
 }
 
-/// Photons of one batch.
+/// Number of photons in one batch.
 fn share(photons: u64, batches: u64, number: u64) -> u64 {
-    // 128 bits: photons × batches may pass 64.
+    // 128 bits, because photons × batches may exceed 64.
     let until = |n: u64| (u128::from(photons) * u128::from(n) / u128::from(batches)) as u64;
     until(number + 1) - until(number)
 }
 
-/// Traces a shard of a scene. `proceed` is asked from time to time, from any thread, whether to go
-/// on; the batches that are finished by then count, and before they do a sketch of smaller ones ([`SoFar`]). The
-/// result depends on the scene and on how much was finished, never on threads. What [`Prepared::plane`] asks for is left
-/// to [`resume`] and [`trace_following`]: it takes its time.
+/// Traces a shard of a scene. `proceed` is called from time to time, from any thread, and returns
+/// whether to continue. After a stop, the finished batches count, or a preview of smaller ones if
+/// they are too few ([`PartialRun`]). The result depends on the scene and on the finished work,
+/// never on threads. [`PreparedScene::plane`] is ignored here because it takes time; use [`resume`]
+/// or [`trace_following`].
 pub fn trace(
     prepared: &Prepared,
     shard: Shard,
@@ -182,11 +186,11 @@ pub fn trace(
     trace_photons(prepared, Follow::Scene, prepared.photons, shard, proceed)
 }
 
-/// [`trace`], going on from what was done `before`. Whatever the stops, the result of all batches is that of one
-/// run, bit by bit.
+/// As [`trace`], continuing from `before`. The result of all batches equals that of an
+/// uninterrupted run bit for bit, whatever the stops.
 ///
 /// # Panics
-/// Where `before` has other bins than the scene.
+/// `before` has other bins than the scene.
 pub fn resume(
     prepared: &Prepared,
     shard: Shard,
@@ -208,7 +212,7 @@ pub fn resume(
     }
 }
 
-/// [`trace`] with another number of photons than the scene's.
+/// As [`trace`], with another number of photons than the scene's.
 pub fn trace_photons(
     prepared: &Prepared,
     follow: Follow,
@@ -226,7 +230,7 @@ pub fn trace_photons(
     }
 }
 
-/// A whole run of paths that carry what is asked; [`trace`] with an [`Ending`].
+/// Traces a whole run whose paths carry the given light; [`trace`] with a [`StopPolicy`].
 pub fn trace_following(
     prepared: &Prepared,
     follow: Follow,
@@ -261,12 +265,12 @@ pub(super) fn trace_as<L: Light>(
     resume_as::<L>(prepared, grid, photons, part, proceed).totals
 }
 
-/// What of a run is to be traced.
+/// The part of a run to trace.
 struct Part {
     shard: Shard,
     before: Option<SoFar>,
     ending: Ending,
-    /// Whether [`Prepared::plane`] is heeded.
+    /// Whether [`PreparedScene::plane`] applies.
     plane: bool,
 }
 
@@ -278,7 +282,7 @@ impl Part {
         plane: false,
     };
 
-    /// Time that the look at the surface may take; `None` where it is to be done in any case.
+    /// Time limit of the surface analysis; `None` if it must be finished in any case.
     fn look_limit(&self) -> Option<TimeLimit> {
         let whole = self.before.is_none() && self.shard.of == 1;
         match self.ending {
@@ -290,7 +294,7 @@ impl Part {
         }
     }
 
-    /// Its photons of a run of so many.
+    /// Number of its photons in a run with this number of photons.
     fn planned(&self, photons: u64) -> u64 {
         let of = self.shard.batches(photons);
         of.map(|b| share(photons, batches(photons), b)).sum()
@@ -304,7 +308,7 @@ fn resume_as<L: Light>(
     part: Part,
     proceed: &(dyn Fn(&Progress) -> bool + Sync),
 ) -> SoFar {
-    // Nobody goes on with a sketch.
+    // A preview is never continued.
     let before = part.before.filter(|b| !b.batches.is_empty());
     let part = Part { before, ..part };
     let before = part.before.as_ref();
@@ -339,9 +343,10 @@ fn resume_as<L: Light>(
     task.trace::<L>(part, &asked)
 }
 
-/// A short run in bins of its own that does without the look at every triangle, which pays for thousands of
-/// photons only. Runs of another `number` have random numbers of their own. Batches that `go_on` ends, by the work
-/// that they took so far ([`Batch::work`]), are left out.
+/// Traces a short run in its own bins without the analysis of every triangle, which is worth its
+/// time only for thousands of photons. Runs with different `number` have independent random
+/// numbers. Batches that `go_on` ends, given their work so far ([`TallyBatch::work`]), are left
+/// out.
 pub(super) fn trace_briefly<L: Light>(
     prepared: &Prepared,
     grid: Grid,
@@ -349,7 +354,7 @@ pub(super) fn trace_briefly<L: Light>(
     number: u64,
     go_on: &(dyn Fn(u64) -> bool + Sync),
 ) -> Totals {
-    // An odd multiplier: no two numbers share a seed.
+    // The multiplier is odd, so different numbers give different seeds.
     let apart = number.wrapping_mul(0x9E37_79B9_7F4A_7C15);
     let task = Task {
         walk: &walk_of(prepared, go_on),
@@ -369,9 +374,10 @@ pub(super) fn trace_briefly<L: Light>(
     task.trace::<L>(Part::ALL, &asked).totals
 }
 
-/// A short run for whoever wants to know what a photon costs, without the look at every triangle: its photons cost
-/// somewhat more than those of a run that had it. What a surface computes once and keeps is there afterwards. `go_on`
-/// is asked from time to time; fewer photons, or none, are counted where it says no.
+/// Traces a short run to measure the cost of a photon, without the analysis of every triangle: its
+/// photons cost slightly more than those of a run with it. Values that a surface computes once and
+/// caches are available afterwards. `go_on` is called from time to time; if it returns false, fewer
+/// photons, or none, are counted.
 #[must_use]
 pub fn trace_few(
     prepared: &Prepared,
@@ -390,13 +396,14 @@ pub fn trace_few(
     }
 }
 
-/// Photons that a run of `photons` traces in all where its error is small enough once `needed` of them are counted: those
-/// of its sketch are no part of the run, and the error is looked at from time to time only.
+/// Number of photons that a run of `photons` traces in all if its error is small enough after
+/// `needed` counted photons: photons of the preview are not part of the run, and the error is
+/// estimated only from time to time.
 #[must_use]
 pub fn traced_until(photons: u64, needed: u64) -> u64 {
     let sketch = sketch::most(photons, Ending::AnyTime);
     if needed <= sketch {
-        // Half of what is traced between two looks.
+        // Half of the photons traced between two estimates.
         return (needed + needed / (2 * sketch::LOOK_SHARE)).min(sketch);
     }
     let count = batches(photons);
@@ -420,7 +427,7 @@ pub(super) fn walk_of<'a>(
     }
 }
 
-/// Who is asked whether to go on, and whether that was denied.
+/// The callback that decides whether to continue, and whether it refused.
 struct Asked<'a> {
     proceed: &'a (dyn Fn(&Progress) -> bool + Sync),
     photons: AtomicU64,
@@ -433,7 +440,7 @@ impl Asked<'_> {
         self.stopped.load(Ordering::Relaxed)
     }
 
-    /// Tells of the photons so far, with what is known beside that; `false` from the first denial on.
+    /// Reports the photons so far and further progress; returns `false` from the first refusal on.
     fn tell(&self, look: Option<f64>, relative_error: Option<f64>) -> bool {
         let progress = Progress {
             look,
@@ -447,12 +454,12 @@ impl Asked<'_> {
         !self.is_stopped()
     }
 
-    /// Asks while photons are on their way.
+    /// Asks while photons are being traced.
     fn go_on(&self) -> bool {
         !self.is_stopped() && self.tell(None, None)
     }
 
-    /// More photons are counted.
+    /// Adds counted photons.
     fn counted(&self, photons: u64) {
         self.photons.fetch_max(photons, Ordering::Relaxed);
     }
@@ -462,17 +469,17 @@ impl Asked<'_> {
 struct Task<'a> {
     walk: &'a Walk<'a>,
     first_hits: Option<FirstHits<'a>>,
-    /// Whether the look at the surface was not finished: photons without it are no part of the run.
+    /// Whether the surface analysis was abandoned: photons without it are not part of the run.
     sketch_only: bool,
     seed: u64,
     grid: Grid,
-    /// Bins of the directions whose numbers' products are kept.
+    /// Bins of the directions for which products are accumulated.
     plane: Option<Vec<Vec<usize>>>,
     photons: u64,
 }
 
 impl Task<'_> {
-    /// Where nothing is counted yet.
+    /// Totals without photons.
     fn empty(&self, elements: usize) -> Totals {
         Totals::new(self.grid, elements)
             .with_directions(self.plane.clone())
@@ -493,7 +500,7 @@ impl Task<'_> {
             sketch.go_on(self, asked);
             sketch
         });
-        // Stopped already: of many bins empty totals alone take seconds.
+        // Stopped already: with many bins, empty totals alone take seconds.
         if let Some(sketch) = sketch.as_ref().filter(|s| s.photons() > 0)
             && asked.is_stopped()
         {
@@ -519,11 +526,12 @@ impl Task<'_> {
             Ending::AtLast => LOOK_BATCHES_TOLD,
             Ending::AnyTime | Ending::Within(_) => LOOK_BATCHES,
         };
-        // What is known is still to be added for later ones: that takes as long for one as for all, so once.
+        // The analytic part must still be added: that takes as long for one batch as for all, so it
+        // is done once.
         let with_known = before.totals.photons();
         let counted = Mutex::new(before);
         let lock = || counted.lock().expect("no thread panics while it adds");
-        // Empty batches are kept: one per thread is made, since megabytes take their time.
+        // Empty batches are reused, one per thread, because allocating megabytes takes time.
         let spare = Mutex::new(Vec::new());
         let spare = || spare.lock().expect("no thread panics while it takes one");
         left.par_iter().with_max_len(1).for_each(|&number| {
@@ -546,7 +554,7 @@ impl Task<'_> {
             let totals = &so_far.totals;
             let known = self.first_hits.as_ref().map(|f| &f.known);
             let known = known.map(|known| (known, totals.photons() - with_known));
-            // Until the batches say more it is the sketch's photons that count.
+            // Until the batches are more accurate, the preview's photons count.
             asked.counted(totals.photons());
             let relative_error = look.then(|| totals.relative_error_with(known)).flatten();
             drop(so_far);
@@ -571,8 +579,8 @@ impl Task<'_> {
         }
     }
 
-    /// One batch with random numbers of its own name; `go_on` is asked before each photon. `false` where it was
-    /// told to stop: what is in the batch then is of no use.
+    /// Traces one batch with its own random numbers; `go_on` is called before each photon. Returns
+    /// `false` if stopped; the batch is then invalid.
     fn batch<L: Light>(
         &self,
         (purpose, number): (Purpose, u64),
@@ -581,7 +589,8 @@ impl Task<'_> {
         waiting: &mut Waiting<L>,
         batch: &mut Batch,
     ) -> bool {
-        // A batch's photons are numbered within it: 2^20 at most, and four times as many starts.
+        // A batch's photons are numbered within it: at most 2^20, with up to four times as many
+        // starts.
         let stream = |n: u64| Stream::new(self.seed, purpose, (number << 24) + n);
         if let Some(first_hits) = &self.first_hits {
             return first_hits.batch::<L>(self.walk, photons, stream, go_on, waiting, batch);
@@ -593,7 +602,7 @@ impl Task<'_> {
             let mut random = stream(n);
             let (x, y) = match self.walk.method {
                 Method::Analog => (random.uniform(), random.uniform()),
-                // A profile is the same all along x.
+                // A profile is constant along x.
                 Method::Split => {
                     let y = (n as f64 + random.uniform()) / photons as f64;
                     (random.uniform(), y)

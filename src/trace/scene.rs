@@ -1,8 +1,8 @@
-//! Scenes: a TOML text, checked as a whole, made ready to trace.
+//! Scenes: parses a TOML text, checks it, and prepares it for tracing.
 //!
-//! Call [`Scene::parse`], then [`Scene::prepare`]. Unknown keys are errors, so are keys that a shape
-//! does not have; every message names the key, what is wrong and what would be right. Files are
-//! read by the caller and handed in as heights: this room does no I/O.
+//! Call [`Scene::parse`], then [`Scene::prepare`]. Unknown keys are errors, and so are keys that a
+//! shape does not have; every message names the key, the fault and the expected value. The caller
+//! reads the files and passes the heights in: this module does no I/O.
 
 mod error;
 mod height_map;
@@ -44,22 +44,22 @@ pub struct Scene {
     /// Interfaces, top first.
     #[serde(default)]
     pub interface: Vec<Shape>,
-    /// How much of it.
+    /// Number of photons, seed and method.
     #[serde(default)]
     pub run: Run,
 }
 
-/// Where light comes from.
+/// The direction and state of the incident light.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Lamp {
     /// Polar angle of the direction to the lamp, degrees from n.
     pub theta_i_deg: f64,
-    /// Its azimuth, degrees from u to v.
+    /// Azimuth of that direction, degrees from u towards v.
     pub phi_i_deg: f64,
-    /// Wavelength, nm: picks n and k of named materials.
+    /// Wavelength, nm; selects n and k of named materials.
     pub wavelength_nm: f64,
-    /// Stokes vector of the lamp in the frame (z × k, k × s); only its direction counts.
+    /// Stokes vector of the lamp in the frame (z × k, k × s); only its ratios matter.
     pub stokes: [f64; 4],
 }
 
@@ -80,13 +80,13 @@ impl Default for Lamp {
 pub struct Run {
     /// Photons to launch.
     pub photons: u64,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
     /// "auto", true or false.
     pub polarised: toml::Value,
-    /// How chance is used.
+    /// How random numbers are used.
     pub method: Method,
-    /// A photon is given up after so many interactions.
+    /// Interactions after which a photon is given up.
     pub interactions_max: u32,
     /// Direction bins over the polar angle.
     pub theta_bins: usize,
@@ -112,7 +112,8 @@ fn one() -> f64 {
     1.0
 }
 
-/// The shapes of a scene's interfaces, built. They are the same whatever light falls on them, and cheap to clone.
+/// The built shapes of a scene's interfaces. They do not depend on the light and are cheap to
+/// clone.
 #[derive(Debug, Clone)]
 pub struct Shapes {
     reliefs: Vec<(Relief, Option<Roughness>)>,
@@ -121,14 +122,15 @@ pub struct Shapes {
 }
 
 impl Scene {
-    /// Reads a scene's text.
+    /// Parses a scene.
     ///
     /// # Errors
-    /// Text that is not TOML, unknown keys, values of the wrong type.
+    /// The text is not TOML, a key is unknown, or a value has the wrong type.
     pub fn parse(text: &str) -> Result<Self, SceneError> {
         toml::from_str(text)
             .map_err(|e: toml::de::Error| {
-                // Only what stands there and what is wanted is put in other words, not where, nor which keys there are.
+                // Only the found and the expected value are reworded, not the place or the list of
+                // keys.
                 let (told, said) = (e.to_string(), e.message());
                 let told = match said.starts_with("invalid ") {
                     true => told.replace(said, &in_plain_words(said)),
@@ -139,7 +141,7 @@ impl Scene {
             .and_then(Scene::with_seeds_in_range)
     }
 
-    /// Refuses seeds that TOML has no whole numbers for, which other programs do not read.
+    /// Refuses seeds above TOML's largest integer, which other programs cannot read.
     fn with_seeds_in_range(self) -> Result<Self, SceneError> {
         let shapes = self.interface.iter().enumerate();
         let shapes = shapes.map(|(i, shape)| (format!("interface {}: seed", i + 1), shape.seed));
@@ -153,7 +155,7 @@ impl Scene {
         Ok(self)
     }
 
-    /// Checks everything and builds the surfaces. `load` reads a file of heights.
+    /// Checks the scene and builds its surfaces. `load` reads a file of heights.
     ///
     /// # Errors
     /// See [`SceneError`].
@@ -161,12 +163,13 @@ impl Scene {
         &self,
         load: &dyn Fn(&str) -> Result<HeightMap, String>,
     ) -> Result<Prepared, SceneError> {
-        // What is wrong with lamp or media is told before a surface takes its time.
+        // Checked first, because building a surface may take long.
         self.checked()?;
         self.prepare_on(&self.shapes(load)?)
     }
 
-    /// Builds the shapes of the interfaces alone, to be lit in several ways ([`Scene::prepare_on`]).
+    /// Builds only the shapes of the interfaces, to light them in several ways
+    /// ([`Scene::prepare_on`]).
     ///
     /// # Errors
     /// See [`SceneError`].
@@ -192,13 +195,13 @@ impl Scene {
         Ok(shapes)
     }
 
-    /// The scene with the shapes of one that differs in lamp and run only.
+    /// Prepares the scene with the shapes of another scene that differs only in lamp and run.
     ///
     /// # Errors
     /// See [`SceneError`].
     ///
     /// # Panics
-    /// Where the shapes are those of another number of interfaces.
+    /// The shapes belong to a scene with another number of interfaces.
     pub fn prepare_on(&self, shapes: &Shapes) -> Result<Prepared, SceneError> {
         assert_eq!(
             shapes.reliefs.len(),
@@ -210,7 +213,7 @@ impl Scene {
         let mut layers = Vec::new();
         for ((relief, roughness), step) in shapes.reliefs.iter().zip(optics.steps) {
             let Step { above, below, .. } = step;
-            // What absorbs below the last interface is a metal.
+            // An absorbing medium below the last interface is treated as a metal.
             let enters = interfaces.len() + 1 < self.interface.len();
             interfaces.push(Interface {
                 relief: relief.clone(),
@@ -232,7 +235,7 @@ impl Scene {
         if self.interface.len() > 1 {
             left_out.push(LeftOut {
                 what: REGISTRATION.to_owned(),
-                why: "layers are taken as thick against their relief: the place of entry is drawn afresh"
+                why: "layers are assumed thick compared with their relief: the point of entry is drawn independently"
                     .to_owned(),
                 cost: None,
             });
@@ -258,7 +261,8 @@ impl Scene {
         })
     }
 
-    /// Everything but the shapes, checked: whether polarisation is followed, the lamp's Stokes vector, the media.
+    /// Checks everything except the shapes; returns whether polarisation is followed, the lamp's
+    /// Stokes vector, and the media.
     fn checked(&self) -> Result<(bool, [f64; 4], Optics), SceneError> {
         let polarised = match &self.run.polarised {
             toml::Value::Boolean(b) => *b,
@@ -267,7 +271,7 @@ impl Scene {
                 return Err(value(
                     "run.polarised",
                     other,
-                    "write \"auto\", true or false",
+                    "must be \"auto\", true or false",
                 ));
             }
         };
@@ -279,14 +283,14 @@ impl Scene {
         Ok((polarised, stokes, self.optics()?))
     }
 
-    /// The same scene with another draw of every surface that is drawn, the `number`th.
+    /// The scene with the `number`th other realisation of each random surface.
     #[must_use]
     pub fn redrawn(&self, number: u64) -> Scene {
         let mut scene = self.clone();
         for (k, shape) in scene.interface.iter_mut().enumerate() {
             if shape.is_drawn() {
                 let seed = shape.seed.unwrap_or(self.run.seed);
-                // Away from the numbers that interfaces without a seed of their own have.
+                // Different from the indices of interfaces without a seed of their own.
                 let index = (number << 16) + k as u64;
                 shape.seed = Some(Stream::new(seed, Purpose::Surface, index).bits());
             }
@@ -294,7 +298,7 @@ impl Scene {
         scene
     }
 
-    /// Checks lamp, run and media, without building surfaces.
+    /// Checks lamp, run and media without building surfaces.
     ///
     /// # Errors
     /// See [`SceneError`].
@@ -302,7 +306,7 @@ impl Scene {
         self.checked().map(|_| ())
     }
 
-    /// Whether a material comes from a table over the wavelength.
+    /// Whether a material is tabulated over the wavelength.
     #[must_use]
     pub fn depends_on_wavelength(&self) -> bool {
         let named = |shape: &Shape| match &shape.below {
@@ -358,10 +362,11 @@ impl Scene {
     }
 }
 
-/// The largest whole number that TOML has.
+/// The largest integer of TOML.
 const WHOLE_MAX: u64 = i64::MAX as u64;
 
-/// Says a message of the parser in plain words; of a number that is too large it tells the type that would hold it.
+/// Rewords a message of the parser; for an integer that is too large, the parser only names the
+/// type that would hold it.
 fn in_plain_words(said: &str) -> String {
     let large = said.split_once("integer `").and_then(|(_, rest)| {
         let (number, rest) = rest.split_once('`')?;
@@ -370,7 +375,7 @@ fn in_plain_words(said: &str) -> String {
     });
     match large {
         Some(number) => {
-            format!("{number} stands where a whole number up to {WHOLE_MAX} is expected")
+            format!("expected an integer up to {WHOLE_MAX}, got {number}")
         }
         None => plain(said),
     }
@@ -379,7 +384,7 @@ fn in_plain_words(said: &str) -> String {
 fn wave_optics() -> LeftOut {
     LeftOut {
         what: "interference and diffraction".to_owned(),
-        why: "rays: structures and layers are taken as large against the wavelength".to_owned(),
+        why: "light is traced as rays: structures and layers are assumed large compared with the wavelength".to_owned(),
         cost: None,
     }
 }

@@ -1,7 +1,8 @@
-//! Surfaces of the same statistics differ: the part of an answer's doubt that no number of photons takes away.
+//! Differences between surfaces of the same statistics: the part of the uncertainty that more
+//! photons do not reduce.
 //!
-//! Call [`over_surfaces`] with a run on the scene's own surface; it traces others, drawn by other seeds, with as many
-//! photons each, and tells the error of the photons and the spread between surfaces apart.
+//! Call [`over_surfaces`] with a run on the scene's own surface. It traces other realisations with
+//! as many photons each, and separates the photons' error from the spread between surfaces.
 
 use serde::Serialize;
 
@@ -9,21 +10,21 @@ use super::run::{self, Follow, Progress, Shard};
 use super::scene::{Prepared, Scene};
 use super::tally::{Estimate, Totals};
 
-/// A share of the light over several surfaces.
+/// A fraction of the light over several surfaces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Between {
     /// Mean over the surfaces.
     pub value: f64,
-    /// Standard error of the mean, as an answer for all surfaces of these statistics.
+    /// Standard error of the mean, as an estimate for all surfaces of these statistics.
     pub std: f64,
-    /// Part of it that more photons would take away.
+    /// Part of it that more photons would reduce.
     pub std_by_sampling: f64,
-    /// Standard deviation from surface to surface, the photons' own error taken out.
+    /// Standard deviation between surfaces, without the photons' own error.
     pub std_between_surfaces: f64,
 }
 
 impl Between {
-    /// Of one estimate per surface; two at least.
+    /// From one estimate per surface; at least two.
     fn of(each: &[Estimate]) -> Self {
         let n = each.len() as f64;
         let value = each.iter().map(|x| x.value).sum::<f64>() / n;
@@ -32,10 +33,10 @@ impl Between {
         let sampling = each.iter().map(|x| x.std * x.std).sum::<f64>() / n;
         Between {
             value,
-            // Not less than the photons' own, however alike a few surfaces happen to be.
+            // At least the photons' own, however similar a few surfaces happen to be.
             std: (seen.max(sampling) / n).sqrt(),
             std_by_sampling: (sampling / n).sqrt(),
-            // What photons without an error of their own add is not known: then nothing can be told apart.
+            // Without an error of the photons, the two parts cannot be separated.
             std_between_surfaces: match sampling.is_nan() {
                 true => f64::NAN,
                 false => (seen - sampling).max(0.0).sqrt(),
@@ -47,21 +48,22 @@ impl Between {
 /// Energies over several surfaces.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Surfaces {
-    /// How many; fewer than asked for where time was over.
+    /// Number of surfaces; fewer than requested if time ran out.
     pub count: usize,
-    /// Back to the upper side.
+    /// Reflected to the upper side.
     pub reflected: Between,
-    /// Through the last interface.
+    /// Transmitted through the last interface.
     pub transmitted: Between,
-    /// By metals, layers and diffuse bodies.
+    /// Absorbed by metals, layers and diffuse bodies.
     pub absorbed: Between,
 }
 
-/// Traces the scene on so many surfaces in all, the first being that of `own`. `prepare` makes a scene ready as the
-/// first was; `go_on` is asked with the surfaces that are done. `None` where time was over before the second.
+/// Traces the scene on this number of surfaces in all; `own` is the run on the first. `prepare`
+/// prepares a scene as the first was; `go_on` is called with the number of finished surfaces.
+/// `None` if time ran out before the second.
 ///
 /// # Errors
-/// What `prepare` says.
+/// The error of `prepare`.
 pub fn over_surfaces<E>(
     scene: &Scene,
     own: &Totals,
@@ -78,7 +80,7 @@ pub fn over_surfaces<E>(
         let proceed = |_: &Progress| go_on(n);
         let (photons, all) = (own.photons(), Shard::WHOLE);
         let totals = run::trace_photons(&prepared, Follow::Scene, photons, all, &proceed);
-        // A surface with few photons would count as one with many.
+        // A surface with few photons would count as much as one with many.
         if totals.photons() < photons {
             break;
         }
@@ -106,7 +108,7 @@ mod tests {
     const ROUGH: &str = "[light]\ntheta_i_deg = 45.0\n[[interface]]\nshape = \"beckmann\"\ncells = 32\nalpha_u = 0.4\nalpha_v = 0.4\nbelow = { n = 1.5 }\n[run]\nphotons = 20000\n";
 
     #[test]
-    fn photons_and_surfaces_are_told_apart() {
+    fn the_errors_of_photons_and_surfaces_are_separated() {
         let alike = |value: f64| Estimate { value, std: 0.1 };
         let b = Between::of(&[alike(1.0), alike(1.0), alike(1.0), alike(1.0)]);
         assert_eq!((b.std_between_surfaces, b.std), (0.0, 0.05));
@@ -119,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn small_fields_differ_by_more_than_their_photons_do() {
+    fn small_fields_differ_by_more_than_the_photons_error() {
         let scene = Scene::parse(ROUGH).unwrap();
         let prepare = |scene: &Scene| scene.prepare(&|_| Err(String::new()));
         let own = run::trace(&prepare(&scene).unwrap(), Shard::WHOLE, &|_| true);

@@ -1,7 +1,7 @@
-//! Light of a lamp that is not polarised: one Stokes vector instead of a Mueller matrix.
+//! Light of an unpolarised lamp: one Stokes vector instead of a Mueller matrix.
 //!
-//! Where the lamp is unpolarised and the camera blind to polarisation, the first column of the
-//! Mueller matrix is all that the next bounces need, at a quarter of the work.
+//! If the lamp is unpolarised and the camera insensitive to polarisation, the next bounces need
+//! only the first column of the Mueller matrix, at a quarter of the work.
 
 use pulp::Simd;
 
@@ -110,7 +110,7 @@ mod tests {
     use crate::model::polarisation::Boundary;
 
     #[test]
-    fn it_is_the_first_column_of_the_mueller_matrix_all_along_a_path() {
+    fn it_equals_the_first_column_of_the_mueller_matrix_along_a_path() {
         let mut random = Stream::new(3, Purpose::Photon, 0);
         let metal = Boundary::new(1.0, 2.9, 3.1);
         let s = [1.0, 0.0, 0.0];

@@ -1,8 +1,8 @@
-//! Interfaces as the walk meets them: a shape, the two media, and what the facets do to light.
+//! Interfaces as the walk uses them: a shape, the two media, and the scattering by the facets.
 //!
-//! An [`Interface`] has a [`Relief`] (where a ray meets it), a boundary seen from each side, and
-//! optionally a [`super::facet::Roughness`] of its facets and diffuse light from below. A [`Stack`]
-//! is interfaces, top first, with the layers between them.
+//! An [`Interface`] has a [`Relief`] (where a ray hits it), a boundary seen from each side, and
+//! optionally the [`super::facet_scattering::Roughness`] of its facets and diffuse light from
+//! below. A [`Stack`] is a list of interfaces, top first, with the layers between them.
 
 use std::sync::Arc;
 
@@ -22,14 +22,14 @@ pub enum Relief {
     Flat,
     /// A periodic field of heights.
     Field(Arc<HeightField>),
-    /// The same all along u.
+    /// A profile that is constant along u.
     Profile(Arc<Profile>),
 }
 
-/// A place on a relief.
+/// A point on a relief.
 #[derive(Debug, Clone, Copy)]
 pub enum Place {
-    /// Anywhere on a plane.
+    /// Any point of a plane.
     Flat,
     /// On a height field.
     Field(Spot),
@@ -37,20 +37,20 @@ pub enum Place {
     Profile(ProfileSpot),
 }
 
-/// Where a ray goes.
+/// The end of a ray.
 #[derive(Debug, Clone, Copy)]
 pub enum Way {
-    /// To a place on the same relief.
+    /// At a point on the same relief.
     Hit(Place),
-    /// Away from it.
+    /// The ray leaves the relief.
     Free,
-    /// Not decided: booked as truncated.
+    /// Undecided: counted as truncated.
     Lost,
 }
 
 impl Relief {
-    /// First hit of a ray that comes from far away and crosses the outermost level at fractions `x`,
-    /// `y` of the tile. What is crossed on the way (cells, pieces) is added to `crossed`.
+    /// First hit of a ray from far away that crosses the outermost level at fractions `x`, `y` of
+    /// the tile. The number of cells or pieces that it crosses is added to `crossed`.
     #[inline]
     #[must_use]
     pub fn enter(&self, side: Side, k: &V3, x: f64, y: f64, crossed: &mut u64) -> Way {
@@ -65,7 +65,8 @@ impl Relief {
         }
     }
 
-    /// What a ray meets that leaves `place` on a side. What is crossed on the way is added to `crossed`.
+    /// The end of a ray that leaves `place` on one side. The number of cells or pieces that it
+    /// crosses is added to `crossed`.
     #[inline]
     #[must_use]
     pub fn onward(&self, place: &Place, side: Side, k: &V3, crossed: &mut u64) -> Way {
@@ -84,7 +85,7 @@ impl Relief {
         }
     }
 
-    /// Facet frame at a place: unit vectors along u, across it, and the normal (upwards).
+    /// Facet frame at a point: unit vectors along u, across it, and the normal (upwards).
     #[inline]
     #[must_use]
     pub fn frame(&self, place: &Place) -> [V3; 3] {
@@ -103,8 +104,8 @@ impl Relief {
         }
     }
 
-    /// Effective ridge angle, rad: the median inclination, by area, of the parts whose normal leans
-    /// to +v; `None` where nothing does.
+    /// Effective ridge angle, rad: the area-weighted median inclination of the parts whose normal
+    /// leans to +v; `None` if no part does.
     #[must_use]
     pub fn ridge_angle(&self) -> Option<f64> {
         match self {
@@ -114,7 +115,7 @@ impl Relief {
         }
     }
 
-    /// Facet normal at a place, upwards.
+    /// Facet normal at a point, upwards.
     #[inline]
     #[must_use]
     pub fn normal(&self, place: &Place) -> V3 {
@@ -145,14 +146,14 @@ pub struct Interface {
     pub from_above: Boundary,
     /// The boundary as seen from below.
     pub from_below: Boundary,
-    /// Roughness of the facets, below what the shape resolves.
+    /// Roughness of the facets, below the resolution of the shape.
     pub roughness: Option<Roughness>,
-    /// Light that enters comes back diffusely.
+    /// Diffuse return of the light that enters.
     pub diffuse: Option<Diffuse>,
 }
 
 impl Interface {
-    /// The boundary as light on a side sees it.
+    /// The boundary as seen from a side.
     #[inline]
     #[must_use]
     pub fn boundary(&self, side: Side) -> &Boundary {
@@ -163,26 +164,27 @@ impl Interface {
     }
 }
 
-/// Interfaces over each other, top first.
+/// A stack of interfaces, top first.
 #[derive(Debug, Clone)]
 pub struct Stack {
     /// At least one.
     pub interfaces: Vec<Interface>,
-    /// What is below each interface.
+    /// The medium below each interface.
     pub layers: Vec<Layer>,
 }
 
 /// A medium between two interfaces, or below the last.
 #[derive(Debug, Clone, Copy)]
 pub struct Layer {
-    /// 4πkd/λ, the optical depth straight through; 0 below the last interface.
+    /// 4πkd/λ, the optical depth at normal incidence; 0 below the last interface.
     pub optical_depth: f64,
     /// n + ik.
     pub index: Complex<f64>,
 }
 
 impl Stack {
-    /// Whether all interfaces are smooth planes: then chance decides only at which of them light turns back.
+    /// Whether all interfaces are smooth planes: then the only random choice is at which of them
+    /// light turns back.
     #[inline]
     #[must_use]
     pub fn is_flat(&self) -> bool {
@@ -193,7 +195,8 @@ impl Stack {
         })
     }
 
-    /// Share of light that a straight crossing of the layer below `interface` leaves at |cos θ|.
+    /// Fraction of the light that a straight crossing of the layer below `interface` leaves at |cos
+    /// θ|.
     #[inline]
     #[must_use]
     pub fn kept_in_layer(&self, interface: usize, cos: f64) -> f64 {
@@ -208,8 +211,8 @@ impl Stack {
         }
     }
 
-    /// First hit on an interface by light from the neighbouring layer: the lateral position is drawn
-    /// afresh, since layers are taken as thick against their relief.
+    /// First hit on an interface by light from the adjacent layer: the lateral position is drawn
+    /// independently, because layers are assumed thick compared with their relief.
     #[inline]
     #[must_use]
     pub fn enter(

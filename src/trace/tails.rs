@@ -1,10 +1,13 @@
 //! Facets whose slopes have tails: Student's t as a mixture of Beckmann slopes of all scales.
 //!
-//! With g of the gamma distribution of shape 1/ι and scale 1, Beckmann slopes of roughness α λ, λ² = 1/(g ι), are slopes of Student's
-//! t with the tail ι ([`crate::model::extended::slopes`]). So a visible normal is a Beckmann one after the scale has been drawn by how
-//! much of it the beam meets. Smith's Λ is interpolated in ι between Beckmann and GGX, as the closed form's walls are.
+//! With g of the gamma distribution of shape 1/ι and scale 1, Beckmann slopes of roughness α λ, λ²
+//! = 1/(g ι), are Student's t slopes with the tail ι ([`crate::model::extended::slopes`]). A
+//! visible normal is therefore a Beckmann one after the scale has been drawn in proportion to the
+//! area that the ray meets. Smith's Λ is interpolated in ι between Beckmann and GGX, as for the
+//! walls of the closed form.
 //!
-//! *Conditioning.* Scales are drawn by ratios of positive numbers; without a tail nothing but [`Roughness`] is asked.
+//! *Conditioning.* Scales are drawn by ratios of positive numbers; without a tail only
+//! [`Roughness`] is used.
 
 use rand_distr::{Distribution, Gamma};
 
@@ -21,7 +24,7 @@ pub struct Tailed {
     pub tail: f64,
 }
 
-/// Draws after which a scale of 1 is taken: a beam meets one within a few.
+/// Draws after which a scale of 1 is used; a ray normally accepts one within a few.
 const DRAWS_MAX: u32 = 1000;
 
 impl Tailed {
@@ -54,14 +57,14 @@ impl Tailed {
         1.0 / (1.0 + (1.0 - share) * beckmann + share * ggx)
     }
 
-    /// A normal from those that a beam along `k`, which falls on the facet, meets.
+    /// Draws a normal from those that a ray along `k` meets on the facet.
     pub fn visible_normal(&self, k: &V3, random: &mut Stream) -> V3 {
         self.roughness
             .times(self.scale(k, random))
             .visible_normal(k, random)
     }
 
-    /// A scale of the slopes, by its share in what the beam meets.
+    /// Draws a scale of the slopes in proportion to the area that the ray meets.
     fn scale(&self, k: &V3, random: &mut Stream) -> f64 {
         let shape = 1.0 / self.tail;
         let (Ok(plain), Ok(wide)) = (Gamma::new(shape, 1.0), Gamma::new(shape - 0.5, 1.0)) else {
@@ -69,7 +72,8 @@ impl Tailed {
         };
         let steep = (self.roughness.alpha_u * k[0]).hypot(self.roughness.alpha_v * k[1]);
         let cos = (-k[2]).max(0.0);
-        // What a beam meets of slopes of scale λ is at most cos + λ s/(2√π); the mean of λ is ι^−½ Γ(1/ι − ½)/Γ(1/ι).
+        // The projected area of slopes of scale λ is at most cos + λ s/(2√π); the mean of λ is ι^−½
+        // Γ(1/ι − ½)/Γ(1/ι).
         let per_scale = 0.5 * steep / std::f64::consts::PI.sqrt();
         let mean = (libm::lgamma(shape - 0.5) - libm::lgamma(shape)).exp() / self.tail.sqrt();
         let of_wide = per_scale * mean / (cos + per_scale * mean);
@@ -97,8 +101,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn visible_normals_are_those_of_the_density() {
-        // The mean of a bounded function over visible normals is that over all slopes, weighted by how they face the beam.
+    fn visible_normals_follow_the_density() {
+        // The mean of a bounded function over visible normals equals that over all slopes, weighted
+        // by their projected area.
         let rough = Roughness {
             alpha_u: 0.3,
             alpha_v: 0.15,
@@ -121,11 +126,11 @@ mod tests {
                 }
                 let mean = sum / f64::from(n);
                 let std = ((square / f64::from(n) - mean * mean) / f64::from(n)).sqrt();
-                // Rings of equal share: 1 − (1 + ι q)^(−1/ι) = share.
+                // Rings of equal probability: 1 − (1 + ι q)^(−1/ι) = share.
                 let (mut top, mut bottom) = (0.0, 0.0);
                 for i in 0..600 {
                     let s = (f64::from(i) + 0.5) / 600.0;
-                    // Evenly in (1 − s)³ towards the tail.
+                    // Uniform in (1 − s)³ towards the tail.
                     let left = (1.0 - s).powi(3);
                     let radius = ((left.powf(-tail) - 1.0) / tail).sqrt();
                     for j in 0..60 {
@@ -154,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_tail_they_are_beckmann_s() {
+    fn without_a_tail_they_are_beckmanns() {
         let rough = Roughness {
             alpha_u: 0.3,
             alpha_v: 0.15,

@@ -1,13 +1,13 @@
-//! Counting light in bins and energies, with standard errors that hold for any sampling.
+//! Counts light in bins and energies, with standard errors that hold for any sampling.
 //!
-//! A [`Batch`] counts the photons of one independent replicate; the spread of the batches' sums per photon is the
-//! standard error, so stratified starts, splitting and roulette need no theory of their own.
-//! [`Totals`] add up batches in fixed-point integers, whose sum does not depend on the order: threads, shards and
-//! stops give the same bits.
+//! A [`TallyBatch`] counts the photons of one independent replicate. The spread of the batches'
+//! sums per photon is the standard error, so stratified starts, splitting and roulette need no
+//! theory of their own. [`Totals`] adds up batches in fixed-point integers, whose sum does not
+//! depend on the order: threads, shards and stops give the same bits.
 //!
-//! *Conditioning.* Sums are integers, exact to 2⁻⁸² of a photon, those of squares in 192 bits. A variance is a
-//! difference of two sums of squares and means nothing below 4 ε of them; that is its floor, so what is certain has an
-//! error of rounding, not of 0.
+//! *Conditioning.* Sums are integers, exact to 2⁻⁸² of a photon, those of squares in 192 bits. A
+//! variance is a difference of two sums of squares and is meaningless below 4 ε of them; this is
+//! its floor, so an exact result has the error of rounding instead of 0.
 
 mod batch;
 mod energies;
@@ -25,15 +25,16 @@ pub use known::Known;
 use products::{Counted, Products};
 pub use products::{Covariance, NUMBERS};
 
-/// Photons of a full batch: squares of a bin are kept over their batch's photons, in units of this, since batches differ in
-/// size and what one counts more for its size is no noise.
+/// Photons of a full batch. Squares of a bin are divided by their batch's photons and stored in
+/// units of this, because batches differ in size and that difference is not noise.
 const FULL: f64 = (1u64 << 20) as f64;
-/// Brightness squared that is left of noise by rounding: differences of thousands of bins, each to some 1e-16.
+/// Squared brightness below which, after subtracting the noise, only rounding is left: differences
+/// of thousands of bins, each to about 1e-16.
 const ROUNDING: f64 = 1e-10;
-/// A difference below this share of the light is rounding.
+/// A difference below this fraction of the light is rounding.
 const NO_DIFFERENCE: f64 = 1e-12;
 
-/// Sums over any number of batches; adding is exact, so its order does not matter.
+/// Sums over any number of batches; adding is exact, so the order does not matter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Totals {
     grid: Grid,
@@ -43,17 +44,18 @@ pub struct Totals {
     /// and as many sums of squares, each times [`FULL`] over its batch's photons.
     squares: Vec<Resting>,
     hits: Vec<u64>,
-    /// Per bin of layers that are followed both ways: in how many batches polarisation made a difference.
+    /// Per bin, for layers followed in both modes: the number of batches in which polarisation made
+    /// a difference.
     differing: Option<Vec<u32>>,
-    /// Of some directions: what their numbers have in common.
+    /// Products of the numbers of some directions.
     products: Option<Products>,
-    /// Per bin: what is known without sampling, times the photons,
+    /// Per bin: the analytic part times the photons,
     known: Vec<i128>,
-    /// and whether that is anything.
+    /// and whether there is any.
     lit: Vec<bool>,
     energy_sums: Energies<i128>,
     energy_squares: Energies<Wide>,
-    /// Sums of each energy times the batch's energy in all.
+    /// Sums of each energy times the total energy of the batch.
     energy_products: Energies<Wide>,
     energy_known: Energies<i128>,
     batches: u64,
@@ -70,7 +72,7 @@ pub struct Estimate {
 }
 
 impl Totals {
-    /// Nothing yet; `elements` is 16 with polarisation, 1 without.
+    /// Makes empty totals; `elements` is 16 with polarisation, 1 without.
     #[must_use]
     pub fn new(grid: Grid, elements: usize) -> Self {
         let bins = 2 * grid.per_side();
@@ -93,8 +95,8 @@ impl Totals {
         }
     }
 
-    /// Keeps what [`Totals::covariance`] needs of directions above, each of some bins. Of numbers that are no Mueller
-    /// matrix nothing is kept.
+    /// Records the products that [`Totals::covariance`] needs, for directions above that consist of
+    /// some bins each. Ignored if the numbers are not a Mueller matrix.
     #[must_use]
     pub fn with_directions(mut self, directions: Option<Vec<Vec<usize>>>) -> Self {
         let kept = directions.filter(|_| self.stride >= NUMBERS);
@@ -102,13 +104,13 @@ impl Totals {
         self
     }
 
-    /// What [`Totals::with_directions`] was told.
+    /// The directions passed to [`Totals::with_directions`].
     #[must_use]
     pub fn directions(&self) -> Option<Vec<Vec<usize>>> {
         self.products.as_ref().map(Products::directions)
     }
 
-    /// Keeps what [`Totals::differing`] needs, of light that is followed both ways through layers.
+    /// Records what [`Totals::differing`] needs, for light followed in both modes through layers.
     #[must_use]
     pub fn of_layers(mut self, layered: bool) -> Self {
         let bins = self.hits.len();
@@ -116,14 +118,14 @@ impl Totals {
         self
     }
 
-    /// In how many batches light above came to a bin with another brightness than without polarisation; `None` where
-    /// that was not kept.
+    /// Number of batches in which light above reached a bin with a different brightness with
+    /// polarisation than without; `None` if not recorded.
     #[must_use]
     pub fn differing(&self, bin: usize) -> Option<u32> {
         self.differing.as_ref().map(|all| all[bin])
     }
 
-    /// Adds what is known per photon, for `photons` of those counted.
+    /// Adds the analytic part per photon, for `photons` of the counted photons.
     pub fn include(&mut self, known: &Known, photons: u64) {
         if photons == 0 {
             return;
@@ -142,13 +144,14 @@ impl Totals {
         }
     }
 
-    /// Takes a batch of `photons` launched over and leaves it empty.
+    /// Adds a batch of `photons` launched photons and clears it.
     pub fn take(&mut self, batch: &mut Batch, photons: u64) {
         self.count(batch, photons);
         batch.clear();
     }
 
-    /// The same of a batch that goes on. Totals of one element count m00 alone, whatever the batch has.
+    /// Adds a batch that continues. Totals of one element count only m00, whatever the batch
+    /// contains.
     pub fn count(&mut self, batch: &Batch, photons: u64) {
         let n = self.stride;
         let per_photon = FULL / photons.max(1) as f64;
@@ -191,12 +194,12 @@ impl Totals {
     /// Adds the totals of another shard of the same run.
     ///
     /// # Errors
-    /// `Err` where the bins differ.
+    /// The bins differ.
     pub fn merge(&mut self, other: &Totals) -> Result<(), DifferentRuns> {
         if self.grid != other.grid || self.stride != other.stride {
             return Err(DifferentRuns);
         }
-        // Of many bins most are empty: those are not even looked at.
+        // Most of many bins are empty and are skipped.
         for bin in 0..other.hits.len() {
             let numbers = bin * self.stride..(bin + 1) * self.stride;
             if other.hits[bin] > 0 {
@@ -223,7 +226,7 @@ impl Totals {
         if self.batches == 0 {
             self.products.clone_from(&other.products);
         } else if other.batches > 0 {
-            // Those of a part tell nothing of the whole.
+            // Products of one part do not describe the whole.
             let products = self.products.take().zip(other.products.as_ref());
             self.products = products.and_then(|(own, other)| own.merged(other));
         }
@@ -254,25 +257,25 @@ impl Totals {
         self.photons
     }
 
-    /// Independent replicates.
+    /// Number of independent replicates.
     #[must_use]
     pub fn batches(&self) -> u64 {
         self.batches
     }
 
-    /// Whether no light at all ended in a bin.
+    /// Whether no light ended in a bin.
     #[must_use]
     pub fn is_empty(&self, side: Side, bin: usize) -> bool {
         let index = self.index(side, bin);
         self.hits[index] == 0 && !self.is_lit(index)
     }
 
-    /// Whether light is known to be in a bin.
+    /// Whether the analytic part of a bin is not zero.
     fn is_lit(&self, index: usize) -> bool {
         self.lit[index] && self.known[index * self.stride] != 0
     }
 
-    /// Light that ended in a bin by chance, counted in pieces.
+    /// Number of sampled contributions to a bin.
     #[must_use]
     pub fn hits(&self, side: Side, bin: usize) -> u64 {
         self.hits[self.index(side, bin)]
@@ -288,9 +291,10 @@ impl Totals {
     fn estimate(&self, sum: i128, square: Wide, known: i128, norm: f64) -> Estimate {
         let (s, q) = (from_fixed(sum), square.value() / FULL);
         let (b, photons) = (self.batches as f64, self.photons as f64);
-        // Variance of the sum of B independent batches of n of all N photons: N/(B−1) (Σ x²/n − (Σ x)²/N). Both terms
-        // are rounded to an f64, so their difference says nothing below that: what is certain but for rounding
-        // (Brewster's angle takes the chance out of m22) has an error of 4e-9 of itself, not none.
+        // Variance of the sum of B independent batches of n of all N photons: N/(B−1) (Σ x²/n − (Σ
+        // x)²/N). Both terms are rounded to an f64, so their difference is meaningless below that:
+        // a result that is exact except for rounding (at Brewster's angle, m22) has an error of
+        // 4e-9 of itself, not 0.
         let variance = if self.batches > 1 {
             let left = (q - s * s / photons) * photons / (b - 1.0);
             left.max(4.0 * f64::EPSILON * s * s / b)
@@ -312,8 +316,8 @@ impl Totals {
         self.estimate(self.bins[at], square, self.known[at], norm)
     }
 
-    /// How the mean Mueller matrix of bins above scatters, element with element; `None` where they are not together one
-    /// of the [`Totals::with_directions`].
+    /// Covariance of the elements of the mean Mueller matrix of bins above; `None` if they are not
+    /// one of the [`Totals::with_directions`].
     #[must_use]
     pub fn covariance(&self, bins: &[usize]) -> Option<Covariance> {
         let (products, lit) = self.products.as_ref()?.sums(bins)?;
@@ -322,7 +326,7 @@ impl Totals {
             let sum = bins.iter().map(|bin| self.bins[bin * self.stride + i]);
             from_fixed(sum.sum())
         });
-        // Bins of a direction lie in one row: they are of one size.
+        // The bins of a direction are in one row, so they have equal size.
         let solid_angle = self.grid.projected_solid_angle(first);
         let norm = bins.len() as f64 * solid_angle * self.photons as f64;
         let counted = Counted {
@@ -333,20 +337,21 @@ impl Totals {
         Some(Covariance::new(&products, &sums, counted, norm))
     }
 
-    /// Root mean square error of m00 over its own root mean square, both over the reflected bins and by
-    /// the bins' projected solid angles: the relative error of a bin that is as bright as most of the
-    /// light's are. `None` where nothing was reflected, or not yet more than its own noise.
+    /// Root mean square error of m00 divided by its own root mean square, both over the reflected
+    /// bins and weighted by the bins' projected solid angles: the relative error of a bin of
+    /// typical brightness. `None` if no light was reflected, or not more than its own noise.
     ///
-    /// Sums of squares, because a variance estimated from few photons is right on average and a
-    /// standard error is not: a bin hit once says "100 %" whatever the truth, so a mean of relative errors
-    /// is too small, and falls too slowly, as long as many bins are nearly empty. The brightness squared has its
-    /// own noise taken off for the same reason; where what is left of it is rounding, nothing is known.
+    /// Sums of squares are used because a variance estimated from few photons is correct on average
+    /// and a standard error is not: a bin hit once has an estimated error of 100 % whatever the
+    /// truth, so a mean of relative errors is too small, and decreases too slowly, while many bins
+    /// are almost empty. The squared brightness has its own noise subtracted for the same reason;
+    /// if only rounding remains, the result is unknown.
     #[must_use]
     pub fn relative_error(&self) -> Option<f64> {
         self.relative_error_with(None)
     }
 
-    /// The same, with what is known of so many of the photons before it is [`Totals::include`]d.
+    /// The same including the analytic part for these photons, before it is [`Totals::include`]d.
     #[must_use]
     pub fn relative_error_with(&self, known: Option<(&Known, u64)>) -> Option<f64> {
         let n = self.stride;
@@ -359,7 +364,7 @@ impl Totals {
             let further = further.map_or(0, |(k, photons)| k.bins[bin * n] * i128::from(photons));
             let known = self.known[bin * n] + further;
             let (sum, square) = (self.bins[bin * n], Wide::of(self.squares[bin * n]));
-            // Shares of the light: what makes them a BRDF is taken off again by the weights.
+            // Fractions of the light: the weights cancel the conversion to a BRDF.
             let e = self.estimate(sum, square, known, self.photons as f64);
             let variance = e.std * e.std;
             noise += variance;
@@ -384,7 +389,7 @@ mod tests {
     const GRID: Grid = Grid::polar(45, 180);
 
     #[test]
-    fn the_order_of_batches_does_not_matter_and_text_brings_them_back() {
+    fn the_order_of_batches_does_not_matter_and_totals_round_trip_as_text() {
         let batch = |seed: u64| {
             let mut batch = Batch::new::<Scalar>(GRID);
             let mut random = Stream::new(seed, Purpose::Photon, 0);
@@ -417,9 +422,9 @@ mod tests {
     }
 
     #[test]
-    fn batches_that_differ_in_size_alone_are_no_noise() {
+    fn batches_that_differ_only_in_size_have_no_noise() {
         let k = unit(&[0.1, 0.1, 1.0]);
-        // As 65 and 1000 photons are dealt out to 64 batches.
+        // As 65 and 1000 photons are divided into 64 batches.
         for (few, larger) in [(1u32, 1), (15, 40)] {
             let mut totals = Totals::new(GRID, 1);
             for n in 0..64 {
@@ -433,7 +438,7 @@ mod tests {
             let told = totals.relative_error().unwrap();
             assert!(told < 1e-7, "{few}: {told}");
         }
-        // One photon in four comes back, in batches of one and of two: the error is that of counting.
+        // One photon in four returns, in batches of one and of two: the error is that of counting.
         let mut totals = Totals::new(GRID, 1);
         let mut random = Stream::new(5, Purpose::Photon, 0);
         for n in 0..40_000u64 {
@@ -452,8 +457,8 @@ mod tests {
     }
 
     #[test]
-    fn a_handful_of_photons_in_bins_of_their_own_has_no_error() {
-        // Each bin is met once: its square is its noise, and rounding alone is left.
+    fn a_few_photons_in_separate_bins_have_no_error() {
+        // Each bin is hit once: its square equals its noise, and only rounding remains.
         for seed in 0..20 {
             let mut totals = Totals::new(GRID, 1);
             let mut random = Stream::new(seed, Purpose::Photon, 0);
@@ -471,7 +476,7 @@ mod tests {
     }
 
     #[test]
-    fn millions_of_dark_bins_take_next_to_no_time() {
+    fn millions_of_dark_bins_take_almost_no_time() {
         let grid = Grid::polar(1440, 1440);
         let k = unit(&[0.1, 0.1, 1.0]);
         let seconds = || {
@@ -494,15 +499,16 @@ mod tests {
             assert_eq!(both.photons(), 4);
             started.elapsed().as_secs_f64()
         };
-        // To write all of their numbers once takes seconds. Whatever else the machine does only adds.
+        // Writing all of their numbers once takes seconds. The minimum of several runs removes the
+        // load of the machine.
         let least = (0..3).map(|_| seconds()).fold(f64::INFINITY, f64::min);
         assert!(least < 0.5, "{least} s");
     }
 
     #[test]
     fn errors_hold_over_any_number_of_full_batches() {
-        // Batches of a million photons and of a thousand more by turns, all reflected into one bin: their squares
-        // pass 128 bits in units of 2^-82 from 32 batches on.
+        // Batches of alternately a million and a thousand photons more, all reflected into one bin:
+        // their squares exceed 128 bits in units of 2^-82 from 32 batches on.
         let k = unit(&[0.1, 0.1, 1.0]);
         let large = f64::from(1u32 << 20);
         let batch = |photons: f64| {
@@ -521,7 +527,8 @@ mod tests {
         let mut twice = totals.clone();
         twice.merge(&totals).unwrap();
         for (totals, batches) in [(&totals, 2000.0), (&twice, 4000.0)] {
-            // Standard deviation of a batch's share, over the root of their number.
+            // Standard deviation of a batch's fraction, divided by the root of the number of
+            // batches.
             let expected = 1000.0 / (2.0 * large) / f64::sqrt(batches - 1.0);
             let reflected = totals.energies().reflected_all;
             assert!((reflected.value - 0.5).abs() < 1e-12);

@@ -1,11 +1,12 @@
-//! Three numbers and the few products that a hot loop needs, plain enough to be fast unoptimised.
+//! Three-component vectors with the few products that hot loops need, fast even without
+//! optimisation.
 
 use std::ops::{Add, Mul, Sub};
 
 /// A vector in the sample frame (u, v, n).
 pub type V3 = [f64; 3];
 
-/// A number, or a register of them.
+/// A number, or a register of numbers.
 pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {}
 
 impl<T: Copy + Add<Output = T> + Sub<Output = T> + Mul<Output = T>> Number for T {}
@@ -49,7 +50,7 @@ pub fn scaled(a: f64, x: &V3) -> V3 {
     [a * x[0], a * x[1], a * x[2]]
 }
 
-/// x at length 1.
+/// x normalised to length 1.
 #[inline]
 #[must_use]
 pub fn unit(x: &V3) -> V3 {

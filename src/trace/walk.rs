@@ -1,9 +1,9 @@
-//! The path of one photon through a stack: hits, Fresnel, ways between interfaces, exits.
+//! The path of one photon through a stack: hits, Fresnel, transport between interfaces, exits.
 //!
-//! Call [`Walk::photon`]. Every photon is unit light; what becomes of it goes to a [`Batch`].
-//! Reflection or refraction is drawn by the share of unpolarised light that each gets, so the Mueller
-//! matrix holds for every lamp; with [`Method::Split`] both are followed as long as they carry enough,
-//! metals and layers take their part of every photon, and weak photons play roulette.
+//! Call [`Walk::photon`]. Every photon is unit light and is counted in a [`TallyBatch`]. Reflection
+//! or refraction is drawn by the fractions for unpolarised light, so the Mueller matrix is valid
+//! for every lamp. With [`Method::Split`] both branches are followed while they carry enough,
+//! metals and layers absorb their part of every photon, and weak photons undergo roulette.
 
 mod emerge;
 
@@ -15,63 +15,67 @@ use super::tally::Batch;
 use super::vec3::{V3, combine, dot};
 use crate::model::polarisation::Channel;
 
-/// How chance is used.
+/// How random numbers are used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// As nature does: every photon goes one way and ends in one place, with weight 1.
+    /// As in nature: every photon takes one branch and ends in one place, with weight 1.
     Analog,
-    /// The same on average, with less noise: stratified starts, both ways at a hit as long as both carry
-    /// enough, absorption by weight, roulette for weak photons.
+    /// The same on average, with less noise: stratified starts, both branches at a hit while both
+    /// carry enough, absorption by weight, roulette for weak photons.
     Split,
 }
 
-/// A photon weaker than this plays roulette.
+/// Weight below which a photon undergoes roulette.
 const WEAK: f64 = 1e-3;
-/// What it weighs when it survives.
+/// Weight of a photon that survives roulette.
 const REVIVED: f64 = 1e-2;
 
-/// Share of the light that the weaker way must carry for both ways to be followed after the first hit; in a stack
-/// this holds for as many hits as there are interfaces, that is on the way down. Later each part goes a long way, and
-/// leaving the choice to chance adds less variance than following both would take time.
+/// Least fraction of the light in the weaker branch for following both branches after the first
+/// hit. In a stack this applies to as many hits as there are interfaces, that is, on the way down.
+/// After that each part has a long path, and a random choice adds less variance than following both
+/// would cost.
 const WORTH_SPLITTING: f64 = 1e-3;
-/// The same in a stack of [`LAYERED`] rough interfaces or more: it is greater for the same reason.
+/// The same in a stack of at least [`LAYERED`] rough interfaces: it is larger for the same reason.
 const WORTH_SPLITTING_LAYERED: f64 = 3e-2;
-/// Rough interfaces from which on a stack counts as layered.
+/// Least number of rough interfaces of a layered stack.
 const LAYERED: usize = 3;
-/// Rough interfaces beyond which both ways are followed from the first hit alone: a photon of twenty layers would have
-/// hundreds of parts, and more noise than photons that find their way by chance in the same time.
+/// Number of rough interfaces beyond which both branches are followed only at the first hit: a
+/// photon in twenty layers would have hundreds of parts, and more noise than photons with random
+/// branches in the same time.
 const SPLIT_ROUGH_MAX: usize = 5;
-/// Smooth interfaces beyond which both ways are followed from the first hit alone.
+/// Number of smooth interfaces beyond which both branches are followed only at the first hit.
 const SPLIT_FLAT_MAX: usize = 16;
-/// Ways of one photon that wait at most; beyond it one way is drawn.
+/// Largest number of pending branches of one photon; beyond it one branch is drawn.
 const WAITING: usize = 12;
-/// Times that a photon is split on rough interfaces; beyond it one way is drawn. On ordinary roughness a photon splits
-/// a few times; between walls that light crosses by the hundred its parts would be as many, each with a long way to go.
+/// Largest number of splits of a photon on rough interfaces; beyond it one branch is drawn. On
+/// ordinary roughness a photon splits a few times. Between walls that light crosses hundreds of
+/// times there would be as many parts, each with a long path.
 const SPLITS_MAX: u32 = 16;
-/// Between smooth planes nothing but the draw itself makes noise, and each further reflection is
-/// fainter: a way drawn as seldom as its share says (two per cent, then two per cent of those) would be
-/// missed altogether by many a run, whose standard error then knows nothing of it. So neither way is drawn more
-/// seldom than this; the weights make up for it.
+/// Smallest probability of a branch between smooth planes. There only the draw itself makes noise,
+/// and each further reflection is fainter: a branch drawn with its small probability (two per cent,
+/// then two per cent of those) would be missed by many runs, whose standard error would not show
+/// it. The weights compensate for the higher probability.
 const FLAT_CHANCE_MIN: f64 = 0.25;
-/// Weight up to which that makes the likelier way's photons heavier. Without an end a path of a thousand
-/// reflections multiplied its weight a thousand times: a few photons then hold most of the light, and most runs,
-/// their standard errors included, know nothing of them.
+/// Largest weight up to which this makes the photons of the likelier branch heavier. Without a
+/// limit, a path of a thousand reflections would multiply its weight a thousand times: a few
+/// photons would hold most of the light, and most runs, including their standard errors, would miss
+/// them.
 const HEAVIEST: f64 = 2.0;
-/// Work of one interaction, in cells crossed.
+/// Work of one interaction, in crossed cells.
 const INTERACTION: u64 = 16;
 
-/// Parts of a photon that are still to be followed. One serves all photons of a thread in turn.
+/// Pending branches of a photon. One instance serves all photons of a thread in turn.
 #[derive(Debug)]
 pub struct Waiting<L> {
     states: [Option<State<L>>; WAITING],
     count: usize,
-    /// Times that the photon was split so far.
+    /// Number of splits of the photon so far.
     splits: u32,
 }
 
 impl<L: Light> Waiting<L> {
-    /// Nothing waits.
+    /// Makes an empty list.
     #[must_use]
     pub fn none() -> Self {
         Waiting {
@@ -100,28 +104,29 @@ impl<L: Light> Waiting<L> {
     }
 }
 
-/// What all photons of a run share.
+/// The common parameters of all photons of a run.
 pub struct Walk<'a> {
-    /// Where they walk.
+    /// The interfaces.
     pub stack: &'a Stack,
-    /// How chance is used.
+    /// How random numbers are used.
     pub method: Method,
-    /// The lamp's Stokes vector over its I; energies are of this light.
+    /// The lamp's Stokes vector divided by its I; energies are for this light.
     pub stokes: [f64; 4],
     /// Direction of travel of the lamp's light.
     pub k: V3,
-    /// s of the lamp's frame, which also serves exits along ±n.
+    /// s of the lamp's frame, also used for exits along ±n.
     pub s: V3,
-    /// A photon is given up after so many interactions.
+    /// Interactions after which a photon is given up.
     pub interactions_max: u32,
-    /// What the weaker of two ways carries at least where both are followed after the first hit ([`worth_splitting`]).
+    /// Least fraction in the weaker branch for following both after the first hit
+    /// ([`worth_splitting`]).
     pub worth_splitting: f64,
-    /// Whether to go on with a batch that took so much work ([`Batch::work`]); asked on the way of a photon, too,
-    /// since one may take as long as thousands of others.
+    /// Whether to continue a batch with this amount of work ([`TallyBatch::work`]); also called
+    /// during a photon, because one may take as long as thousands of others.
     pub go_on: &'a (dyn Fn(u64) -> bool + Sync),
 }
 
-/// A photon that has just left a place.
+/// A photon that has just left a point.
 #[derive(Debug, Clone, Copy)]
 struct State<L> {
     light: L,
@@ -137,8 +142,8 @@ enum Event {
     Ends,
 }
 
-/// What the weaker of two ways carries at least where both are followed after the first hit. What pays best was measured
-/// in stacks of 2 to 60 interfaces of smooth and rough glass.
+/// Least fraction in the weaker branch for following both after the first hit. The optimum was
+/// measured in stacks of 2 to 60 interfaces of smooth and rough glass.
 #[must_use]
 pub fn worth_splitting(stack: &Stack) -> f64 {
     const NEVER: f64 = 2.0;
@@ -150,7 +155,8 @@ pub fn worth_splitting(stack: &Stack) -> f64 {
 }
 
 impl Walk<'_> {
-    /// One photon whose first interface is crossed at the fractions `x`, `y` of its tile.
+    /// Traces a photon that crosses the first interface's outermost level at the fractions `x`, `y`
+    /// of its tile.
     pub fn photon<L: Light>(
         &self,
         x: f64,
@@ -163,7 +169,7 @@ impl Walk<'_> {
         let place = match relief.enter(Side::Above, &self.k, x, y, &mut batch.work) {
             Way::Hit(place) => place,
             Way::Free | Way::Lost => {
-                // Light that falls all but level is long on its way and meets nothing.
+                // Almost horizontal light travels far without a hit.
                 batch.given_up |= batch.take_due() && !(self.go_on)(batch.work);
                 return batch.truncate(1.0);
             }
@@ -171,7 +177,7 @@ impl Walk<'_> {
         self.photon_at(place, random, waiting, batch);
     }
 
-    /// One photon that meets the first interface at `place`.
+    /// Traces a photon that hits the first interface at `place`.
     pub fn photon_at<L: Light>(
         &self,
         place: Place,
@@ -192,7 +198,7 @@ impl Walk<'_> {
         self.follow_waiting(waiting, random, batch);
     }
 
-    /// What becomes of light that goes from its first hit, at `place`, along `k` on a side.
+    /// Continues light from its first hit, at `place`, along `k` on a side.
     #[expect(clippy::too_many_arguments, reason = "a photon's state and its tools")]
     pub fn go_on<L: Light>(
         &self,
@@ -286,7 +292,7 @@ impl Walk<'_> {
                 Side::Above => state.interface.checked_sub(1),
                 Side::Below => Some(state.interface),
             };
-            // `below` is the interface over the layer that the light is in now.
+            // `below` is the interface above the layer in which the light is.
             let last = self.stack.interfaces.len() - 1;
             let Some(over) = below.filter(|&i| i < last || state.side == Side::Above) else {
                 self.exit(state, batch);
@@ -329,7 +335,7 @@ impl Walk<'_> {
         );
     }
 
-    /// Absorption of all but `kept`; `false` where the photon ended.
+    /// Absorbs all but `kept`; returns `false` if the photon ended.
     fn survive<L: Light>(
         &self,
         state: &mut State<L>,
@@ -350,7 +356,7 @@ impl Walk<'_> {
         self.roulette(&mut state.light, random)
     }
 
-    /// `false` where a weak photon lost.
+    /// Returns `false` if a weak photon ended.
     pub fn roulette<L: Light>(&self, light: &mut L, random: &mut Stream) -> bool {
         let weight = light.weight();
         if weight >= WEAK {
@@ -364,8 +370,8 @@ impl Walk<'_> {
         false
     }
 
-    /// A hit on a smooth facet: both ways are followed, from the first hit always, later on where both are
-    /// worth it.
+    /// A hit on a smooth facet: both branches are followed, always at the first hit, later if both
+    /// carry enough.
     fn split_smooth<L: Light>(
         &self,
         state: &mut State<L>,
@@ -381,12 +387,13 @@ impl Walk<'_> {
             return self.meet_smooth(state, interface, m, random, batch);
         }
         let split = boundary.at(cos);
-        // Total reflection off an absorbing layer's inside takes a part of the light.
+        // Total reflection inside, at an absorbing layer, absorbs part of the light.
         if split.cos_refracted <= 0.0 && !boundary.is_transparent() {
             return self.meet_smooth(state, interface, m, random, batch);
         }
         if state.interactions > 0 {
-            // The frame of the hit is not set yet: what unpolarised light does is near enough.
+            // The frame of the hit is not set yet: the fraction for unpolarised light is accurate
+            // enough.
             let weight = state.light.weight();
             let weaker = split
                 .reflected
@@ -420,14 +427,14 @@ impl Walk<'_> {
         }
         state.light.pass(&split.reflected, 1.0);
         reflect(&mut state.k, m, state.side, cos);
-        // A reflection so weak that it is nothing (index 1, or Brewster's angle exactly).
+        // The reflection is negligible (index 1, or exactly Brewster's angle).
         if state.light.weight() <= f64::MIN_POSITIVE {
             return Event::Ends;
         }
         Event::Goes
     }
 
-    /// A hit on a mirror with normal `m` (upwards): one way is drawn.
+    /// A hit on a mirror with normal `m` (upwards): one branch is drawn.
     #[inline]
     fn meet_smooth<L: Light>(
         &self,
@@ -438,7 +445,7 @@ impl Walk<'_> {
         batch: &mut Batch,
     ) -> Event {
         let boundary = interface.boundary(state.side);
-        // A facet is hit from its own side; rounding at grazing must not turn that round.
+        // A facet is hit from its own side; rounding at grazing incidence must not reverse that.
         let cos = (-state.side.sign() * dot(&state.k, m)).max(1e-12);
         let split = boundary.at(cos);
         state.light.meet(&state.k, m);
@@ -447,7 +454,7 @@ impl Walk<'_> {
         let share = state.light.share(&split.reflected) / weight;
         if split.cos_refracted > 0.0 {
             let mut chance = share;
-            // A way that carries nothing, or as good as nothing, is left to its share.
+            // A branch that carries almost nothing keeps its probability.
             if share > 1e-9 && self.method == Method::Split && self.stack.is_flat() {
                 let fairer = share.clamp(FLAT_CHANCE_MIN, 1.0 - FLAT_CHANCE_MIN);
                 let gain = (share / fairer).max((1.0 - share) / (1.0 - fairer));
@@ -493,7 +500,8 @@ impl Walk<'_> {
                 state.light.pass(reflected, 1.0 / share);
                 return true;
             }
-            // The draw goes by unpolarised light, what is lost by the light that comes: so both are right on average.
+            // The branch is drawn by unpolarised light, the loss is that of the incident light:
+            // both are correct on average.
             state.light.pass(reflected, 1.0);
             batch.absorb((before - state.light.power(&self.stokes)) / (1.0 - share));
             return false;
@@ -503,8 +511,8 @@ impl Walk<'_> {
         self.roulette(&mut state.light, random)
     }
 
-    /// A hit on a facet that is rough below what the relief resolves, or bright inside: the light
-    /// walks on Smith's surface until it leaves the facet.
+    /// A hit on a facet that is rough below the resolution of the relief, or has a diffuse body:
+    /// the light walks on Smith's surface until it leaves the facet.
     fn meet_rough<L: Light>(
         &self,
         state: &mut State<L>,
@@ -513,7 +521,7 @@ impl Walk<'_> {
         batch: &mut Batch,
     ) -> Event {
         let [u, v, n] = interface.relief.frame(&state.place);
-        // Local z points to the side where the light is, so below everything is mirrored in the facet.
+        // Local z points to the side of the light, so below everything is mirrored in the facet.
         let local = |k: &V3, side: Side| [dot(k, &u), dot(k, &v), side.sign() * dot(k, &n)];
         let world = |m: &V3, side: Side| {
             let flat = combine(m[0], &u, m[1], &v);
@@ -527,7 +535,7 @@ impl Walk<'_> {
                     Some(next) => height = next,
                     None => return Event::Goes,
                 }
-                // Numbers that rounding or an underflow left without a meaning.
+                // Heights that rounding or underflow made meaningless.
                 if height.is_nan() || height <= 0.0 {
                     batch.truncate(state.light.power(&self.stokes));
                     return Event::Ends;

@@ -76,7 +76,7 @@ fn scenes_are_traced_on_the_heights_that_a_file_means_and_say_what_they_took_for
 }
 
 #[test]
-fn pictures_of_which_nothing_tells_the_heights_are_refused() {
+fn a_tiff_of_several_candidates_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let mut file = std::io::Cursor::new(Vec::new());
     let mut encoder = tiff::encoder::TiffEncoder::new(&mut file).unwrap();
@@ -87,7 +87,7 @@ fn pictures_of_which_nothing_tells_the_heights_are_refused() {
     }
     std::fs::write(folder.path().join("two.tif"), file.into_inner()).unwrap();
     std::fs::write(folder.path().join("scene.toml"), scene("two.tif")).unwrap();
-    let words = ["two.tif", "2 pictures", "save the heights alone"];
+    let words = ["two.tif", "2 images", "save only the heights"];
     refuses(folder.path(), &["trace", "scene.toml"], 2, &words);
 }
 

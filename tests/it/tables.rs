@@ -18,7 +18,7 @@ use ridged::model::quadrature::Quadrature;
 use ridged::model::{Optics, Surface};
 use ridged::observation::ObservationSet;
 use ridged::series::Series;
-use ridged::tables::{Table, is_table};
+use ridged::tables::{BrdfTable, is_table};
 
 /// θi, φi, θo, φo in degrees, φ from u towards v.
 type Angles = [f64; 4];
@@ -139,13 +139,13 @@ fn folder(manifest: &str, table: &str) -> TempDir {
 }
 
 fn observed(manifest: &str, table: &str) -> ObservationSet {
-    Table::open(folder(manifest, table).path())
+    BrdfTable::open(folder(manifest, table).path())
         .unwrap()
         .observations()
 }
 
 fn refused(manifest: &str, table: &str) -> String {
-    Table::open(folder(manifest, table).path())
+    BrdfTable::open(folder(manifest, table).path())
         .unwrap_err()
         .to_string()
 }
@@ -526,8 +526,8 @@ fn what_is_wrong_with_a_table_is_named_with_its_place() {
         set.warnings
     );
     for (from, to, words) in [
-        ("theta_o", "theta", ["line 1", "no column theta_o_deg"]),
-        ("sigma", "brdf", ["line 1", "both stand for value"]),
+        ("theta_o", "theta", ["line 1", "theta_o_deg is missing"]),
+        ("sigma", "brdf", ["line 1", "both mean value"]),
         ("10,0,20", "10,0,120", ["line 2", "not above the surface"]),
         ("0.4,0.01", "0.4,0", ["line 4", "sigma = 0"]),
         ("0.4,", "0.4°,", ["line 4", "U+00B0"]),

@@ -9,7 +9,7 @@ use super::{print, refusal, suits, with_bar};
 use crate::analysis::{AnalysisOptions, analyse_observations};
 use crate::cli::CliError;
 use crate::fit::{Quantity, Told};
-use crate::tables::Table;
+use crate::tables::BrdfTable;
 
 /// Reads, fits and prints.
 ///
@@ -21,7 +21,7 @@ pub(super) fn run(
     json: bool,
     cancel: &AtomicBool,
 ) -> Result<(), CliError> {
-    let table = Table::open(dir).map_err(CliError::bad_input)?;
+    let table = BrdfTable::open(dir).map_err(CliError::bad_input)?;
     if options.region.is_some() {
         return Err(CliError::bad_input(anyhow!(
             "--region: a table of BRDF is of one surface and has no regions"

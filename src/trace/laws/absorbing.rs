@@ -1,4 +1,5 @@
-//! Absorbing layers against the exact recursion of flat ones, by the complex indices on both sides of each boundary.
+//! Absorbing layers compared with the exact recursion for flat ones, which uses the complex indices
+//! on both sides of each boundary.
 
 use nalgebra::Complex;
 
@@ -8,8 +9,8 @@ use crate::trace::run::{Shard, trace};
 
 type C = Complex<f64>;
 
-/// Powers of s and p and the factor z that a stack reflects: the coherent answer averaged over the phase of each layer.
-/// Layers are (index, thickness in µm), the last one the substrate.
+/// Reflected powers of s and p and the factor z of a stack: the coherent result averaged over the
+/// phase of each layer. Layers are (index, thickness in µm); the last one is the substrate.
 fn recursion(above: f64, layers: &[(C, f64)], theta_deg: f64) -> (f64, f64, C) {
     let along = above * theta_deg.to_radians().sin();
     let media: Vec<C> = std::iter::once(C::new(above, 0.0))
@@ -24,7 +25,7 @@ fn recursion(above: f64, layers: &[(C, f64)], theta_deg: f64) -> (f64, f64, C) {
         let (a, b, qa, qb) = (media[j], media[j + 1], across[j], across[j + 1]);
         let r_s = (qa - qb) / (qa + qb);
         let r_p = (b * b * qa - a * a * qb) / (b * b * qa + a * a * qb);
-        // Both ways through the layer below, as powers.
+        // Two passes through the layer below, as a power.
         let fades = if j + 1 < layers.len() {
             let phase = 2.0 * std::f64::consts::TAU / 0.55 * layers[j].1;
             (-2.0 * phase * qb.im).exp()
@@ -41,16 +42,16 @@ fn recursion(above: f64, layers: &[(C, f64)], theta_deg: f64) -> (f64, f64, C) {
 }
 
 #[test]
-fn absorbing_layers_agree_with_the_exact_recursion_up_to_what_the_scene_says_of_them() {
+fn absorbing_layers_agree_with_the_exact_recursion_within_the_stated_cost() {
     let n = C::new;
     let gold = (n(0.3504, 2.7141), 0.0);
     let mut deviations = Vec::new();
     for (above, layers) in [
         (1.0, vec![(n(1.5, 2e-3), 8.0), gold]),
         (1.0, vec![(n(1.5, 0.05), 1.0), gold]),
-        // Attenuated total reflection: without k all light beyond 60.07° would come back.
+        // Attenuated total reflection: without k all light beyond 60.07° would return.
         (1.5, vec![(n(1.3, 0.013), 5.0), gold]),
-        // Nothing but k differs.
+        // Only k differs.
         (1.0, vec![(n(1.0, 0.01), 5.0), gold]),
         (
             1.0,
@@ -100,7 +101,7 @@ fn absorbing_layers_agree_with_the_exact_recursion_up_to_what_the_scene_says_of_
                 let beyond = deviation(&found, expected);
                 assert!(
                     off < told || beyond < 5.0,
-                    "{above} {layers:?} {theta_deg}° m{i}: {found:?}, not {expected}; {told} was told"
+                    "{above} {layers:?} {theta_deg}° m{i}: {found:?}, not {expected}; {stated} was stated"
                 );
                 deviations.push(off);
             }
@@ -109,14 +110,16 @@ fn absorbing_layers_agree_with_the_exact_recursion_up_to_what_the_scene_says_of_
             assert!((parts.iter().map(|p| p.value).sum::<f64>() - 1.0).abs() < 1e-13);
         }
     }
-    // Real indices at the boundaries miss by up to 0.4 at 61° in glass, and by all of it where only k differs.
+    // Real indices at the boundaries would be wrong by up to 0.4 at 61° in glass, and completely
+    // where only k differs.
     let worst = deviations.iter().copied().fold(0.0, f64::max);
     assert!(worst < 5e-3, "{worst}");
 }
 
 #[test]
-fn light_within_rough_absorbing_layers_is_neither_lost_nor_made_by_chance() {
-    // Light under total reflection from inside, steep facets, thin layers: analog and split photons agree.
+fn light_in_rough_absorbing_layers_is_conserved_by_both_methods() {
+    // Light under total reflection from inside, steep facets, thin layers: analog and split photons
+    // agree.
     let layers = interface(
         "shape = \"beckmann\"\nalpha_u = 0.5\nalpha_v = 0.5\ncells = 64\nthickness_um = 0.3",
         "{ n = 1.6, k = 0.02 }",

@@ -1,4 +1,4 @@
-//! One way per photon: the energies are those of splitting, whatever the lamp's light.
+//! With one branch per photon, the energies equal those of splitting for any light of the lamp.
 
 use crate::trace::run::{Shard, trace};
 use crate::trace::scene::Scene;
@@ -18,7 +18,7 @@ fn energies(
 }
 
 #[test]
-fn metals_take_from_polarised_light_what_splitting_says() {
+fn metals_absorb_polarised_light_as_with_splitting() {
     let metal = "below = { n = 2.3, k = 2.66 }\n";
     let flat = format!("[[interface]]\nshape = \"flat\"\n{metal}");
     let rough = "shape = \"beckmann\"\nalpha_u = 0.3\nalpha_v = 0.3\ncells = 64\nseed = 3\n";

@@ -1,4 +1,4 @@
-//! The tracer against closed forms and tables of other programs.
+//! The tracer compared with closed forms and with tables of other programs.
 
 use super::super::height_field::Side;
 use super::super::tally::{Estimate, Totals};
@@ -6,7 +6,8 @@ use super::{interface, scene, single, traced};
 use crate::model::flat_stack::FlatStack;
 use crate::model::single_bounce::{Scattering, mueller_brdf};
 
-/// An element summed over all directions of reflection (a mirror direction may fall on the edge of bins).
+/// A Mueller element summed over all directions of reflection (a mirror direction may be on the
+/// edge of bins).
 pub(super) fn all_reflected(totals: &Totals, i: usize) -> Estimate {
     let mut sum = Estimate {
         value: 0.0,
@@ -23,7 +24,7 @@ pub(super) fn all_reflected(totals: &Totals, i: usize) -> Estimate {
     sum
 }
 
-/// Standard errors between an estimate and a value known to 1e-12.
+/// Deviation of an estimate from a value known to 1e-12, in standard errors.
 pub(super) fn deviation(estimate: &Estimate, expected: f64) -> f64 {
     let difference = (estimate.value - expected).abs();
     if difference < 1e-12 {
@@ -72,15 +73,17 @@ fn flat_stacks_agree_with_the_exact_recursion() {
     let beyond_three = deviations.iter().filter(|d| **d > 3.0).count();
     assert_eq!(deviations.len(), 16 * 102);
     assert!(worst < 5.0, "{worst}");
-    // With 64 replicates 0.4 % of runs are beyond 3, and their eight elements deviate together: 3 elements of
-    // the 16 allowed on average, more than 16 only where three runs of 102 are (once in 130 tables).
+    // With 64 replicates 0.4 % of runs are beyond 3, and their eight elements deviate together: 3
+    // elements on average of the 16 allowed, more than 16 only if three of 102 runs are (once in
+    // 130 tables).
     assert!(beyond_three * 100 <= deviations.len(), "{beyond_three}");
 }
 
-/// Energies of flat layers say how wrong they are: where faint reflections are drawn more often than their share,
-/// and where light stays so long that no weight may grow with every draw.
+/// The stated errors of the energies of flat layers are correct even if faint reflections are drawn
+/// more often than their probability, and if light stays so long that weights must not grow with
+/// every draw.
 #[test]
-fn energies_of_flat_layers_are_within_what_they_say_of_themselves() {
+fn energies_of_flat_layers_are_within_their_stated_errors() {
     for (indices, theta_deg, photons) in [
         (&[2.111_4, 1.989_8][..], 0.0, 4096),
         (&[2.5, 2.4, 2.3, 2.1, 1.8, 1.5, 1.2], 55.0, 4096),
@@ -111,7 +114,7 @@ fn energies_of_flat_layers_are_within_what_they_say_of_themselves() {
 }
 
 #[test]
-fn brewster_s_angle_on_a_flat_surface() {
+fn brewsters_angle_on_a_flat_surface() {
     let totals = single(
         1.5f64.atan().to_degrees(),
         "shape = \"flat\"",
@@ -123,7 +126,7 @@ fn brewster_s_angle_on_a_flat_surface() {
     let bins = totals.grid().per_side();
     for bin in 0..bins {
         if !totals.is_empty(Side::Above, bin) {
-            // Rp = 0: m00 = m01 = m10 = m11 = Rs/2 and nothing in U, V.
+            // Rp = 0: m00 = m01 = m10 = m11 = Rs/2, and U and V are zero.
             let m = |i| totals.element(Side::Above, bin, i).value;
             for i in [1, 4, 5] {
                 assert!((m(i) / m(0) - 1.0).abs() < 1e-12);
@@ -146,7 +149,7 @@ fn an_ever_denser_medium_becomes_a_mirror() {
 }
 
 #[test]
-fn fields_of_little_roughness_approach_flat_layers() {
+fn slightly_rough_fields_approach_flat_layers() {
     let run = |layers: &str, theta: f64, alpha: f64| {
         let interfaces: String = layers
             .split('/')
@@ -188,19 +191,20 @@ fn fields_of_little_roughness_approach_flat_layers() {
         ("1.3/1.5/Au550", 40.0),
     ] {
         let [m00, m01, m22] = run(layers, theta, 0.01);
-        // Frames z × k of neighbouring directions are turned by α/tan θ: second order in m22.
+        // Frames z × k of neighbouring directions differ by α/tan θ: second order in m22.
         assert!(
             m00 < 5e-4 && m01 < 1e-3 && m22 < 4e-3,
             "{layers}: {m00} {m01} {m22}"
         );
     }
-    // At 75° light inside is 2° from total reflection: there it takes less roughness to come near.
+    // At 75° light inside is 2° from total reflection: there less roughness is needed to approach
+    // the limit.
     let ([far, ..], [near, ..]) = (run("1.5/Al550", 75.0, 0.01), run("1.5/Al550", 75.0, 0.001));
     assert!(far > 0.01 && near < 0.1 * far, "{far} {near}");
 }
 
 #[test]
-fn little_masking_leaves_scatmech_s_single_bounce() {
+fn with_little_masking_the_single_bounce_is_that_of_scatmech() {
     let alpha = 0.1;
     let totals = single(
         30.0,
@@ -236,7 +240,7 @@ fn little_masking_leaves_scatmech_s_single_bounce() {
         for i in 0..4 {
             for j in 0..4 {
                 let e = totals.element(Side::Above, bin, 4 * i + j);
-                // The midpoint rule's own error is below 3e-4 of m00.
+                // The error of the midpoint rule is below 3e-4 of m00.
                 let z = (e.value - mean[(i, j)]) / (e.std + 3e-4 * mean[(0, 0)]);
                 deviations.push(z.abs());
             }
@@ -276,9 +280,9 @@ pub(super) fn heitz() -> Vec<Heitz> {
         .collect()
 }
 
-/// Smith's surface walked by us against Smith's surface walked by its inventors' method.
+/// This tracer on Smith's surface, compared with the method of the walk's authors.
 #[test]
-fn the_smith_walk_has_heitz_s_energies() {
+fn the_smith_walk_has_the_energies_of_heitz() {
     let mut deviations = Vec::new();
     for (n, row) in heitz().iter().enumerate().filter(|(n, _)| n % 8 == 0) {
         let photons = 40_000;
@@ -296,7 +300,7 @@ fn the_smith_walk_has_heitz_s_energies() {
             (e.reflected[1], row.R2),
             (e.transmitted[0], row.T1),
         ] {
-            // Our sampling error and the table's (2 million samples, six decimals).
+            // The sampling errors of this run and of the table (2 million samples, six decimals).
             let p = expected.clamp(1e-6, 1.0 - 1e-6);
             let sigma = (p * (1.0 - p) / f64::from(photons) * (1.0 + 40_000.0 / 2e6)).sqrt() + 1e-6;
             let z = (found.value - expected) / sigma;
@@ -312,7 +316,7 @@ fn the_smith_walk_has_heitz_s_energies() {
 }
 
 #[test]
-fn traced_fields_have_smith_s_energies_within_what_a_real_surface_differs() {
+fn traced_fields_have_smiths_energies_within_the_difference_of_a_real_surface() {
     let mut rows = 0;
     for row in heitz() {
         if row.alpha > 0.4 + 1e-9 || row.theta_i_deg > 60.0 + 1e-9 {
@@ -329,7 +333,7 @@ fn traced_fields_have_smith_s_energies_within_what_a_real_surface_differs() {
         )
         .energies();
         rows += 1;
-        // The limit is for the surface: sampling takes no more than a sixth of it.
+        // The limit concerns the surface: sampling contributes at most a sixth of it.
         assert!(e.reflected_all.std < 5e-4, "{row:?} {:?}", e.reflected_all);
         assert!(
             (e.reflected_all.value - row.R).abs() < 0.003,
@@ -348,8 +352,8 @@ fn traced_fields_have_smith_s_energies_within_what_a_real_surface_differs() {
 }
 
 #[test]
-fn ridges_that_shine_from_inside_keep_the_energy_and_a_flat_one_its_reflectance() {
-    // Nearly flat ridges with ρd: R = F + the diffuse part, seen as ρd at normal incidence.
+fn diffuse_ridges_conserve_energy_and_a_flat_one_has_its_reflectance() {
+    // Nearly flat ridges with ρd: R = F + the diffuse part, which is ρd at normal incidence.
     let rho = 0.3;
     let totals = single(
         0.0,
@@ -357,7 +361,7 @@ fn ridges_that_shine_from_inside_keep_the_energy_and_a_flat_one_its_reflectance(
         &format!("{{ n = 1.5, rho_d = {rho} }}"),
         "photons = 200000\ntheta_bins = 30\nphi_bins = 1",
     );
-    // Straight up the diffuse part is ρd/π; bin 1 (3° to 6°) holds nothing else.
+    // At normal exit the diffuse part is ρd/π; bin 1 (3° to 6°) contains nothing else.
     let e = totals.element(Side::Above, 1, 0);
     let expected = rho / std::f64::consts::PI;
     assert!(

@@ -1,10 +1,10 @@
-//! Scenes that make no sense, and the key that each message names.
+//! Invalid scenes, and the key that each message names.
 
 use super::super::scene::Scene;
 use super::{interface, scene};
 
 #[test]
-fn bad_scenes_get_a_message_that_names_the_key() {
+fn an_invalid_scene_is_refused_with_the_key() {
     let flat = interface("shape = \"flat\"", "{ n = 1.5 }");
     let beckmann = |keys: &str| interface(&format!("shape = \"beckmann\"\n{keys}"), "{ n = 1.5 }");
     let cases = [
@@ -181,7 +181,7 @@ fn bad_scenes_get_a_message_that_names_the_key() {
 }
 
 #[test]
-fn every_key_that_the_parser_knows_stands_in_the_document() {
+fn every_key_of_the_parser_is_documented() {
     let document = include_str!("../../../docs/scenes.md");
     let flat = interface("shape = \"flat\"", "{ n = 1.5 }");
     let mut known = 0;
@@ -194,7 +194,7 @@ fn every_key_that_the_parser_knows_stands_in_the_document() {
     ] {
         let told = Scene::parse(&text).unwrap_err().to_string();
         let (_, keys) = told.split_once("expected").unwrap();
-        // What follows stands between backticks.
+        // The names between backticks.
         for key in keys.split('`').skip(1).step_by(2) {
             let told =
                 document.contains(&format!("`{key}`")) || document.contains(&format!("\"{key}\""));
@@ -229,7 +229,7 @@ fn every_key_that_the_parser_knows_stands_in_the_document() {
 }
 
 #[test]
-fn burrs_that_are_cut_are_told_with_the_height_that_is_left() {
+fn truncated_burrs_are_reported_with_their_resulting_height() {
     let told = |burr_um: f64| {
         let keys =
             format!("shape = \"ridges\"\ntheta_r_deg = 10.0\npitch_um = 50.0\nburr_um = {burr_um}");
@@ -241,7 +241,7 @@ fn burrs_that_are_cut_are_told_with_the_height_that_is_left() {
         notes.find(|l| l.what.contains("tall burrs")).map(|l| l.why)
     };
     assert_eq!((told(0.0), told(2.0)), (None, None));
-    // Of a mean of 10 µm, cut at 20 µm: 10 (1 − e⁻²).
+    // For a mean of 10 µm, truncated at 20 µm: 10 (1 − e⁻²).
     let why = told(10.0).unwrap();
     assert!(
         why.contains("is 8.65 µm") && why.contains("the 10 µm"),
@@ -250,7 +250,7 @@ fn burrs_that_are_cut_are_told_with_the_height_that_is_left() {
 }
 
 #[test]
-fn a_cover_of_less_than_a_crystal_is_refused_and_a_rounded_one_told() {
+fn a_cover_of_less_than_a_crystal_is_refused_and_a_rounded_one_is_reported() {
     let crystals = |cover: &str| {
         let keys = format!("shape = \"crystals\"\nsize_um = 10.0\ncells = 32\ncover = {cover}");
         let text = scene(45.0, &interface(&keys, "\"Au550\""), "");
@@ -265,12 +265,12 @@ fn a_cover_of_less_than_a_crystal_is_refused_and_a_rounded_one_told() {
         let notes = ready.left_out.into_iter().map(|l| l.what);
         notes.filter(|what| what.contains("cover")).count()
     };
-    // Four sizes²: one and a half crystals are two.
+    // Four sizes²: one and a half crystals become two.
     assert_eq!((told("0.375"), told("0.5")), (1, 0));
 }
 
 #[test]
-fn a_tile_too_small_for_beckmann_s_slopes_is_told() {
+fn a_tile_too_small_for_beckmann_slopes_is_reported() {
     let notes = |cells: usize| {
         let keys = format!("shape = \"beckmann\"\nalpha_u = 0.1\nalpha_v = 0.1\ncells = {cells}");
         let text = scene(45.0, &interface(&keys, "\"Au550\""), "");
@@ -284,7 +284,7 @@ fn a_tile_too_small_for_beckmann_s_slopes_is_told() {
 }
 
 #[test]
-fn a_diffuse_body_is_bounded_by_the_medium_above_it_not_by_that_on_top() {
+fn the_limit_of_rho_d_depends_on_the_medium_directly_above() {
     let body = |rho_d: f64| {
         let layer = interface("shape = \"flat\"", "{ n = 1.5 }");
         let below = format!("{{ n = 1.5, rho_d = {rho_d} }}");
@@ -293,7 +293,7 @@ fn a_diffuse_body_is_bounded_by_the_medium_above_it_not_by_that_on_top() {
             .unwrap()
             .prepare(&|_| Err(String::new()))
     };
-    // Through nothing all passes; from air into it 92 % would there and back.
+    // Without a boundary everything is transmitted; from air it would be 92 % in both directions.
     assert!(body(0.99).is_ok());
     assert!(body(1.01).unwrap_err().to_string().contains("rho_d"));
 }

@@ -1,6 +1,7 @@
-//! What remains between the tracer and Smith's masking is the surface's: on the very same surface, the light that is
-//! reflected once is found again by looking along rays in small steps, with nothing of the tracer but the
-//! heights; and it is not what Smith's theory says, which knows nothing of neighbouring points.
+//! The remaining difference between the tracer and Smith's masking is a property of the surface. On
+//! the same surface, the singly reflected light is computed again by stepping along rays, using
+//! only the heights; and it differs from Smith's theory, which ignores the correlation of
+//! neighbouring points.
 
 use super::references::heitz;
 use super::*;
@@ -13,7 +14,7 @@ use crate::trace::vec3::{V3, combine, dot, unit};
 /// Steps per cell.
 const STEPS: f64 = 24.0;
 
-/// Cell, triangle and height under a place.
+/// Cell, triangle and height at a position.
 fn under(field: &HeightField, x: f64, y: f64) -> (usize, usize, bool, f64) {
     let (nx, ny) = field.cells();
     let (dx, dy) = field.cell_size();
@@ -33,7 +34,8 @@ fn under(field: &HeightField, x: f64, y: f64) -> (usize, usize, bool, f64) {
     (i, j, upper, height)
 }
 
-/// The first place in steps along a ray that is below the surface; `None` where it rises over all of it.
+/// The first position in steps along a ray that is below the surface; `None` if it rises above all
+/// of it.
 fn below(field: &HeightField, from: &V3, k: &V3) -> Option<V3> {
     let step = field.cell_size().0 / STEPS / (k[0] * k[0] + k[1] * k[1]).sqrt().max(0.05);
     let mut n = 0.5;
@@ -43,7 +45,7 @@ fn below(field: &HeightField, from: &V3, k: &V3) -> Option<V3> {
             return None;
         }
         if at[2] < under(field, at[0], at[1]).3 {
-            // Halfway back again and again: to the surface.
+            // Bisection to the surface.
             let (mut over, mut under_it) = (n - 1.0, n);
             for _ in 0..20 {
                 let middle = 0.5 * (over + under_it);
@@ -60,7 +62,7 @@ fn below(field: &HeightField, from: &V3, k: &V3) -> Option<V3> {
     }
 }
 
-/// Share of the light reflected once, and its standard error.
+/// Fraction of the light reflected once, with its standard error.
 fn reflected_once(field: &HeightField, boundary: &Boundary, theta: f64, rays: usize) -> Estimate {
     let (nx, ny) = field.cells();
     let (dx, dy) = field.cell_size();
@@ -73,7 +75,7 @@ fn reflected_once(field: &HeightField, boundary: &Boundary, theta: f64, rays: us
             random.uniform() * ny as f64 * dy,
             field.range().1,
         ];
-        let at = below(field, &from, &k).expect("a ray that falls meets the surface");
+        let at = below(field, &from, &k).expect("a downward ray hits the surface");
         let (i, j, upper, _) = under(field, at[0], at[1]);
         let (sx, sy) = field.slopes(i, j, upper);
         let m = unit(&[-sx, -sy, 1.0]);
@@ -94,7 +96,7 @@ fn reflected_once(field: &HeightField, boundary: &Boundary, theta: f64, rays: us
 }
 
 #[test]
-fn the_rest_of_the_difference_to_smith_s_energies_is_the_surface_s() {
+fn the_remaining_difference_from_smiths_energies_is_the_surfaces() {
     let mut differ = 0;
     for (alpha, theta_deg) in [(0.6, 20.0), (0.8, 40.0), (1.0, 60.0)] {
         let row = heitz()
@@ -129,5 +131,5 @@ fn the_rest_of_the_difference_to_smith_s_energies_is_the_surface_s() {
         );
         differ += usize::from((traced.value - row.R1).abs() > 5.0 * std);
     }
-    assert!(differ > 0, "this surface would be Smith's");
+    assert!(differ > 0, "this surface would agree with Smith's theory");
 }

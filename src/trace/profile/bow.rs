@@ -1,20 +1,21 @@
-//! Pieces that stand for curves: the tangents at their ends, and the frame that turns from one to the other.
+//! Pieces that approximate curves: the tangents at their ends, and the frame that turns from one to
+//! the other.
 
 use super::super::vec3::V3;
 use super::Piece;
 
-/// Cosine of the angle up to which neighbours of which one is bowed have one tangent where they meet; beyond it they meet at
-/// an edge.
+/// Cosine of the largest angle between neighbours, at least one of them bowed, that share a
+/// tangent; a larger angle is an edge.
 const TANGENT: f64 = 0.966;
 
-/// Tangents at both ends of the pieces that stand for curves, with their numbers.
+/// Tangents at both ends of the pieces that approximate curves, with the indices of the pieces.
 pub(super) fn bows(pieces: &[Piece], bowed: &[bool]) -> Vec<(usize, [(f64, f64); 2])> {
     let n = pieces.len();
     let direction = |i: usize| (pieces[i].along[1], pieces[i].along[2]);
     let length =
         |i: usize| (pieces[i].to - pieces[i].from).hypot(pieces[i].z_to - pieces[i].z_from);
     let dot = |a: (f64, f64), b: (f64, f64)| a.0 * b.0 + a.1 * b.1;
-    // At the corner before piece i; none at an edge.
+    // At the corner before piece i; `None` at an edge.
     let tangent = |i: usize| -> Option<(f64, f64)> {
         let (before, i) = ((i + n - 1) % n, i % n);
         let (a, b) = (direction(before), direction(i));
@@ -24,7 +25,7 @@ pub(super) fn bows(pieces: &[Piece], bowed: &[bool]) -> Vec<(usize, [(f64, f64);
         Some(match (bowed[before], bowed[i]) {
             (false, _) => a,
             (_, false) => b,
-            // That of the circle through both pieces.
+            // The tangent of the circle through both pieces.
             _ => {
                 let (wa, wb) = (length(i), length(before));
                 let sum = (wa * a.0 + wb * b.0, wa * a.1 + wb * b.1);
@@ -53,7 +54,8 @@ pub(super) fn bows(pieces: &[Piece], bowed: &[bool]) -> Vec<(usize, [(f64, f64);
 }
 
 impl Piece {
-    /// Unit vector along the surface towards +v, and the unit normal, upwards, at a v within the piece.
+    /// Unit vector along the surface towards +v, and the unit normal, upwards, at a v within the
+    /// piece.
     #[inline]
     #[must_use]
     pub fn frame(&self, v: f64) -> (V3, V3) {

@@ -1,6 +1,6 @@
-//! Why a profile cannot be made, in words for who wrote it.
+//! Why a profile is invalid; the messages are for its author.
 
-/// Why a profile cannot be made.
+/// Why a profile is invalid.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ProfileError {
     /// The roundings meet each other.
@@ -8,48 +8,48 @@ pub enum ProfileError {
         "round_um = {round} is too large: the roundings of crest and valley would meet (largest: {largest:.3})"
     )]
     TooRound {
-        /// What was asked.
+        /// The requested radius.
         round: f64,
-        /// What would still go.
+        /// The largest possible radius.
         largest: f64,
     },
-    /// A table that is no profile.
-    #[error("a profile has two columns, v and height, not {columns}")]
+    /// The table is not a profile.
+    #[error("expected a profile of two columns, v and height, got {columns} columns")]
     NotTwoColumns {
-        /// What it has.
+        /// Number of columns.
         columns: usize,
     },
-    /// A map that is no profile.
+    /// The heights are a map.
     #[error(
         "this is a map of {rows} rows of heights, not a profile: give one row, or shape = \"file\""
     )]
     Map {
-        /// Rows that it has.
+        /// Number of rows.
         rows: usize,
     },
     /// Too few rows for a period.
     #[error("a profile needs three rows or more, v and height each; there are {rows}")]
     TooShort {
-        /// How many there are.
+        /// Number of rows.
         rows: usize,
     },
-    /// A position that does not come after the one before it.
+    /// A position does not increase.
     #[error("row {row}: v = {v} does not increase; overhanging walls are not traced")]
     NotIncreasing {
-        /// 1 for the first row of numbers.
+        /// From 1, for the first row of numbers.
         row: usize,
         /// Its position.
         v: f64,
     },
-    /// A row without a number.
+    /// A row without a finite number.
     #[error("row {row}: position or height is not a finite number")]
     NotFinite {
-        /// 1 for the first row of numbers.
+        /// From 1, for the first row of numbers.
         row: usize,
     },
     /// The two ends do not meet.
     #[error(
-        "the last row closes the period, but its height {last} is not the first one's {first}: level the profile and cut it to whole periods"
+        "the last row must close the period, but its height {last} differs from the first height {first}: level the profile and crop it to whole periods"
     )]
     Open {
         /// First height.
@@ -57,17 +57,17 @@ pub enum ProfileError {
         /// Last height.
         last: f64,
     },
-    /// No facets.
-    #[error("no part of the profile leans towards +v; is it flat or reversed?")]
+    /// The profile has no facets.
+    #[error("no part of the profile leans towards +v: check that it is neither flat nor reversed")]
     LeansNowhere,
-    /// The riser would not rise.
+    /// The riser would be too flat.
     #[error(
-        "draft_deg = {draft_deg} is too large: the riser would lie flat (it must be below {limit_deg:.1})"
+        "draft_deg = {draft_deg} is too large: the riser would be flat (it must be below {limit_deg:.1})"
     )]
     TooFlat {
-        /// What was asked.
+        /// The requested draft.
         draft_deg: f64,
-        /// What it must be below.
+        /// The upper limit.
         limit_deg: f64,
     },
 }

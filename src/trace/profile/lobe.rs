@@ -1,28 +1,29 @@
-//! The angle that a rough profile's lobe follows, beside the median inclination that names the profile.
+//! The angle that the lobe of a rough profile follows, relative to the profile's median
+//! inclination.
 
 use super::Profile;
 
-/// Roughness α from narrow to broad: of a broad lobe, edges move the middle more.
+/// Roughness α from narrow to broad: the broader a lobe, the more edges shift its centre.
 const ALPHAS: [f64; 2] = [0.06, 0.18];
-/// Steps to the middle of a lobe: each takes off most of what is left.
+/// Iterations to the centre of a lobe: each removes most of the remaining error.
 const STEPS: usize = 40;
 
 impl Profile {
-    /// The same, measured so that the angle that light follows is off by `error` (rad, standard uncertainty) at its effective
-    /// ridge angle.
+    /// Sets the standard uncertainty `error` (rad) of the lobe's angle of a measured profile at its
+    /// effective ridge angle.
     #[must_use]
     pub fn with_lobe_error(self, lobe_error: f64) -> Self {
         Profile { lobe_error, ..self }
     }
 
-    /// What [`Profile::with_lobe_error`] was told; 0 of a profile that is known.
+    /// The value set by [`SurfaceProfile::with_lobe_error`]; 0 for an exactly known profile.
     #[must_use]
     pub fn lobe_error(&self) -> f64 {
         self.lobe_error
     }
 
-    /// How far the lobes of a narrow and a broad roughness lie beside the effective ridge angle, rad; `None` where nothing
-    /// leans to +v.
+    /// Offsets of the lobes of a narrow and a broad roughness from the effective ridge angle, rad;
+    /// `None` if no part leans to +v.
     #[must_use]
     pub fn lobe_offsets(&self) -> Option<[f64; 2]> {
         let median = self.effective_ridge_angle()?;
@@ -35,7 +36,7 @@ impl Profile {
             })
             .collect();
         Some(ALPHAS.map(|alpha| {
-            // The mean inclination by area and by the lobe about it.
+            // The mean inclination, weighted by area and by the lobe about it.
             let mut middle = median;
             for _ in 0..STEPS {
                 let (mut sum, mut weights) = (0.0, 0.0);
@@ -59,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lobe_follows_the_facets_and_the_more_of_the_edges_the_broader_it_is() {
+    fn a_lobe_follows_the_facets_and_a_broad_one_also_the_edges() {
         let sharp = Profile::sawtooth(0.2, 10.0, 0.0).unwrap();
         let [narrow, broad] = sharp.lobe_offsets().unwrap();
         assert!(narrow.abs() < 1e-12 && broad.abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! Rays on a profile: where they enter, where they go on to, and when they are free.
+//! Rays on a profile: where they enter, what they hit next, and when they are free.
 
 use super::super::height_field::Side;
 use super::super::vec3::V3;
@@ -7,7 +7,7 @@ use super::{Piece, Profile};
 /// A point of the profile.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProfileSpot {
-    /// Which piece.
+    /// Index of the piece.
     pub piece: usize,
     /// v within the period.
     pub v: f64,
@@ -15,23 +15,23 @@ pub struct ProfileSpot {
     pub z: f64,
 }
 
-/// Where a ray ends.
+/// The end of a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ProfileFlight {
     /// On the profile.
     Hit(ProfileSpot),
-    /// Away for good.
+    /// The ray leaves the surface.
     Free,
-    /// Undecided after very many periods: all but horizontal.
+    /// Undecided after very many periods: almost horizontal.
     Lost,
 }
 
-/// Pieces that a ray crosses before it is given up.
+/// Number of pieces that a ray crosses before it is given up.
 const PIECES_MAX: usize = 100_000;
 
 impl Profile {
-    /// A ray from far away on a side that crosses the outermost level at the fraction `at` of the
-    /// period. The pieces on its way are added to `crossed`.
+    /// A ray from far away on one side that crosses the outermost level at the fraction `at` of the
+    /// period. The number of pieces that it crosses is added to `crossed`.
     #[must_use]
     pub fn enter(&self, side: Side, k: &V3, at: f64, crossed: &mut u64) -> ProfileFlight {
         let v = self.pieces[0].from + at * self.period;
@@ -47,7 +47,8 @@ impl Profile {
         self.march(&start, false, side.sign(), k, crossed)
     }
 
-    /// A ray that leaves a spot on a side along `k`. The pieces on its way are added to `crossed`.
+    /// A ray that leaves a spot on one side along `k`. The number of pieces that it crosses is
+    /// added to `crossed`.
     #[must_use]
     pub fn onward(
         &self,
@@ -138,7 +139,8 @@ impl Profile {
         ProfileFlight::Lost
     }
 
-    /// Where a ray along (`dv`, `dz`) that meets a piece at `v` meets what the piece stands for.
+    /// The point at which a ray along (`dv`, `dz`), which meets a piece at `v`, meets the curve
+    /// that the piece approximates.
     #[inline]
     fn spot(&self, piece: usize, v: f64, dv: f64, dz: f64) -> ProfileSpot {
         let p = &self.pieces[piece];
@@ -146,11 +148,11 @@ impl Profile {
             None => v,
             Some([a, b]) => {
                 let at = (v - p.from) / (p.to - p.from);
-                // How far the bow stands above the piece, in its lengths; greatest in the middle.
+                // Height of the bow above the piece, in its lengths; largest in the middle.
                 let above = -0.5 * (a.0 * b.1 - a.1 * b.0) * at * (1.0 - at);
                 let [_, c, s] = p.along;
                 let moved = above * (dv * c + dz * s) / (dz * c - dv * s);
-                // A ray along the piece meets it nowhere for certain.
+                // The hit of a ray parallel to the piece is undefined.
                 let at = if moved.is_finite() { at + moved } else { at };
                 p.from + at.clamp(0.0, 1.0) * (p.to - p.from)
             }
@@ -160,16 +162,17 @@ impl Profile {
     }
 }
 
-/// Per piece the steepest slope at which any corner stands above any of its points, towards −v and
-/// +v. Seen from the points of a straight piece the slope towards a corner is steepest from one of
-/// its ends; what stands there stands again a period on, at a flatter slope.
+/// Per piece, the steepest slope from any of its points to any corner above, towards −v and +v.
+/// From a straight piece the slope to a corner is steepest at one of its ends; the corner's
+/// repetition a period further has a smaller slope.
 pub(super) fn free_slopes(pieces: &[Piece], period: f64) -> Vec<[f64; 2]> {
     let n = pieces.len();
     let corner = |i: usize| {
         let p = &pieces[i % n];
         (p.from + (i / n) as f64 * period, p.z_from)
     };
-    // Steepest slope from corner i to those up to a period beyond, by the hull of what lies beyond.
+    // Steepest slope from corner i to those up to a period beyond, by the hull of the points
+    // beyond.
     let seen = |rightwards: bool| -> Vec<f64> {
         let at = |i: usize| {
             let (v, z) = corner(if rightwards { i } else { 2 * n - i });
@@ -204,8 +207,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn visibility_of_the_facet_is_the_exact_one() {
-        // The exact visibility g(a) = 1 − tan θr max(0, tan(a − θr)): the share of the facet
+    fn the_visibility_of_the_facet_is_exact() {
+        // The exact visibility g(a) = 1 − tan θr max(0, tan(a − θr)): the fraction of the facet
         // from which a ray at the projected angle a is free.
         let theta = 15f64.to_radians();
         let profile = Profile::sawtooth(theta, 1.0, 0.0).unwrap();
@@ -239,12 +242,12 @@ mod tests {
     }
 
     #[test]
-    fn rays_meet_a_rounded_edge_where_its_circle_has_their_normal() {
+    fn rays_hit_a_rounded_edge_at_the_point_of_its_circle_with_the_same_normal() {
         let (theta, round) = (15f64.to_radians(), 0.8);
         let profile = Profile::sawtooth(theta, 10.0, round).unwrap();
         let (sin, cos) = theta.sin_cos();
         let (down, up, foot) = ((cos, -sin), (sin, cos), (10.0 * cos, -10.0 * sin));
-        // Crest and valley: both centres lie on the side of the piece between their edges.
+        // Crest and valley: both centres are on the side of the piece between their edges.
         let crest = (round * (down.0 - up.0), round * (down.1 - up.1));
         let valley = (foot.0 - crest.0, foot.1 - crest.1);
         let (_, top) = profile.range();
@@ -260,7 +263,7 @@ mod tests {
                 };
                 let piece = &profile.pieces()[spot.piece];
                 let (_, [_, normal_v, normal_z]) = piece.frame(spot.v);
-                // Nearly along the surface a ray's place says little.
+                // For rays almost along the surface the position is inaccurate.
                 if piece.tangents.is_none() || -(dv * normal_v + dz * normal_z) < 0.3 {
                     continue;
                 }
@@ -272,7 +275,7 @@ mod tests {
                     let z = top - centre.1;
                     let half = v * dv + z * dz;
                     let root = (half * half - (v * v + z * z - round * round)).sqrt();
-                    // From above the crest's circle is met from without, the valley's from within.
+                    // From above, the crest's circle is met from outside, the valley's from inside.
                     let way = -half - side * root;
                     let normal = (side * (v + way * dv) / round, side * (z + way * dz) / round);
                     let off = (normal.0 - normal_v).hypot(normal.1 - normal_z);
@@ -287,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn every_ray_from_outside_hits_and_none_slips_through_a_crest() {
+    fn every_ray_from_outside_hits_and_none_passes_through_a_crest() {
         let profile = Profile::sawtooth(0.2, 1.0, 0.0).unwrap();
         for n in 0..=1000 {
             let at = f64::from(n) / 1000.0;

@@ -1,44 +1,44 @@
-//! Which way ridges go in a map, and how long they are: by their strongest wave.
+//! The direction and length of the ridges in a map, from their strongest wave.
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::super::rng::{Purpose, Stream};
 use super::lines::{Line, Lines};
 
-/// Pixels along a side of a window whose waves are looked at.
+/// Largest side of a window in which waves are searched, in pixels.
 const WINDOW: usize = 96;
-/// Pixels along a side of a window at least.
+/// Smallest side of a window, in pixels.
 const SIDE_MIN: usize = 8;
 /// Waves with fewer periods than this within their window are its tilt and bow.
 const PERIODS_MIN: f64 = 2.0;
-/// Places at which a direction is tried.
+/// Number of positions at which a direction is tested.
 const POINTS: usize = 6_000;
-/// Heights that a direction is turned by at most.
+/// Largest number of heights used to refine a direction.
 const LOOKED_AT: usize = 1 << 20;
-/// Width of a fine line in samples.
+/// Width of a fine line, in samples.
 const FINE: f64 = 0.25;
-/// Samples by which ridges lean from rows or columns over the map for such lines at least.
+/// Least shear of the ridges against rows or columns over the map for such lines, in samples.
 const CROSSED: f64 = 4.0;
-/// Turns that are tried to either side, and their distance in samples over the ridges' length.
+/// Number of rotations tried to either side, and their spacing in samples over the ridges' length.
 const TURNS: i32 = 12;
 const TURN_STEP: f64 = 0.25;
-/// Overtones that sharpen it.
+/// Number of overtones used to refine a wave.
 const OVERTONES: usize = 6;
-/// A line across the ridges counts where it is this share of the longest lines, or more.
+/// A line across the ridges counts if its length is at least this fraction of the longest lines.
 const LINE_MIN: f64 = 0.3;
 
-/// Heights with their places.
+/// Heights with their positions.
 pub(super) struct Field<'a> {
     pub columns: usize,
     pub rows: usize,
     pub pitch: [f64; 2],
-    /// µm, the plane taken off; row by row; everywhere a number.
+    /// Heights in µm, the plane subtracted, row by row, without gaps.
     pub heights: &'a [f64],
-    /// Which of them nobody saw; empty where all were seen.
+    /// The points that were not measured; empty if all were.
     pub unseen: &'a [bool],
 }
 
-/// Takes the plane of least squares off.
+/// Subtracts the least-squares plane.
 pub(super) fn take_off_plane(heights: &mut [f64], columns: usize, pitch: [f64; 2]) {
     let rows = heights.len() / columns;
     let centre = [0.5 * (columns - 1) as f64, 0.5 * (rows - 1) as f64];
@@ -68,8 +68,8 @@ pub(super) fn take_off_plane(heights: &mut [f64], columns: usize, pitch: [f64; 2
 pub(super) type Wave = [f64; 2];
 
 impl Field<'_> {
-    /// The strongest wave of each of several windows about the middle: the finest of single heights, the coarsest of the
-    /// means of so many that it spans the map.
+    /// The strongest wave of each of several windows about the centre, from windows of single
+    /// heights to windows of block means that span the map.
     pub fn strongest_waves(&self) -> Vec<Wave> {
         let longest = self.columns.max(self.rows);
         let mut block = 1;
@@ -83,9 +83,10 @@ impl Field<'_> {
         }
     }
 
-    /// The wave that holds most of the variance of a window of means over `block` × `block` heights.
+    /// The wave with the largest variance in a window of means over `block` × `block` heights.
     fn strongest_wave(&self, block: usize) -> Option<Wave> {
-        // Along the short side of a strip fewer heights make a mean, so that it is not looked at in parts only.
+        // Along the short side of a strip smaller blocks are used, so that the window has enough of
+        // them.
         let [bx, by] = [self.columns, self.rows].map(|n| block.min((n / SIDE_MIN).max(1)));
         let (nx, ny) = (
             (self.columns / bx).min(WINDOW),
@@ -109,7 +110,7 @@ impl Field<'_> {
         for (n, mean) in means.iter_mut().enumerate() {
             *mean = (*mean - middle) * (hann(n % nx, nx) * hann(n / nx, ny)).powi(2);
         }
-        // By rows first: (wave along u, row) → (re, im).
+        // First by rows: (wave along u, row) → (re, im).
         let turn = |k: f64, n: usize, of: usize| {
             (-std::f64::consts::TAU * k * n as f64 / of as f64).sin_cos()
         };
@@ -150,8 +151,8 @@ impl Field<'_> {
         best.map(|(_, wave)| wave)
     }
 
-    /// The same wave, found to a small part of a period over the whole map: in windows that grow, then by its overtones;
-    /// and its power.
+    /// Refines a wave to a small fraction of a period over the whole map, in growing windows and
+    /// then by its overtones; also returns its power.
     pub fn sharpened(&self, wave: Wave) -> (Wave, f64) {
         let size = [
             self.columns as f64 * self.pitch[0],
@@ -174,14 +175,14 @@ impl Field<'_> {
         }
     }
 
-    /// Whether two waves are one: nowhere in the map a tenth of a period apart.
+    /// Whether two waves are the same: nowhere in the map a tenth of a period apart.
     pub fn is_one(&self, a: Wave, b: Wave) -> bool {
         let across =
             |side: usize, count: usize| (a[side] - b[side]).abs() * count as f64 * self.pitch[side];
         across(0, self.columns) + across(1, self.rows) < 0.1
     }
 
-    /// Places drawn within a window about the middle: x, y and weighted height.
+    /// Random positions in a window about the centre: x, y and weighted height.
     fn places(&self, window: f64) -> Vec<[f64; 3]> {
         let mut random = Stream::new(1, Purpose::Surface, 0);
         let counts = [
@@ -208,9 +209,10 @@ impl Field<'_> {
             .collect()
     }
 
-    /// The same wave turned so that the means along its ridges explain the most: places drawn by chance leave it askew by
-    /// about a sample over the ridges' length in the map. Samples make hills of their own on the way, so all turns within
-    /// a few samples are tried before the best is refined.
+    /// Rotates a wave so that the means along its ridges explain the most variance: random
+    /// positions leave an error of about a sample over the ridges' length in the map. The samples
+    /// cause local maxima, so all rotations within a few samples are tried before the best one is
+    /// refined.
     pub fn aligned(&self, wave: Wave) -> Wave {
         let turned = |by: f64| {
             let (s, c) = by.sin_cos();
@@ -218,7 +220,7 @@ impl Field<'_> {
         };
         let explained = |by: f64, stride: usize| self.lines(turned(by), stride).explained;
         let (scan, refine) = (self.stride(LOOKED_AT / 4), self.stride(LOOKED_AT));
-        // A turn by this shears the ends of a ridge by a sample.
+        // A rotation by this shears the ends of a ridge by one sample.
         let sample = self.sample(wave) / self.along(wave);
         let tried = (-TURNS..=TURNS).map(|n| TURN_STEP * f64::from(n) * sample);
         let scanned = tried.map(|by| (by, explained(by, scan)));
@@ -238,7 +240,7 @@ impl Field<'_> {
         turned(at)
     }
 
-    /// So many heights apart are looked at that about `most` are, but never a column of them.
+    /// A stride by which about `most` heights are visited, without visiting only whole columns.
     fn stride(&self, most: usize) -> usize {
         let mut stride = self.heights.len().div_ceil(most);
         while stride > 1 && gcd(stride, self.columns) > 1 {
@@ -247,13 +249,13 @@ impl Field<'_> {
         stride
     }
 
-    /// Width of a sample across the ridges of a wave: as wide as the pitch is there, µm.
+    /// Width of a sample across the ridges of a wave: the pitch in that direction, µm.
     fn sample(&self, wave: Wave) -> f64 {
         let f = wave[0].hypot(wave[1]);
         (wave[0].abs() * self.pitch[0] + wave[1].abs() * self.pitch[1]) / f
     }
 
-    /// How far a ridge of a wave goes on within the map, µm.
+    /// Length of a ridge of a wave within the map, µm.
     fn along(&self, wave: Wave) -> f64 {
         let f = wave[0].hypot(wave[1]);
         let [width, height] = [
@@ -263,21 +265,23 @@ impl Field<'_> {
         (width * f / wave[1].abs()).min(height * f / wave[0].abs())
     }
 
-    /// By how many samples the ridges of a wave lean from rows or columns over their length in the map.
+    /// Shear of the ridges of a wave against rows or columns over their length in the map, in
+    /// samples.
     fn sheared(&self, wave: Wave) -> f64 {
         let f = wave[0].hypot(wave[1]);
         let lean = (wave[0].abs()).min(wave[1].abs()) / f;
         lean * self.along(wave) / self.sample(wave)
     }
 
-    /// Means along the ridges of a wave, of one in `stride` heights.
+    /// Means along the ridges of a wave, from one in `stride` heights.
     pub fn lines(&self, wave: Wave, stride: usize) -> Lines {
         self.lines_as_wide(wave, stride, 1.0)
     }
 
-    /// The same, as fine as samples that the ridges cross askew allow: corners are cut by a fraction of a sample. Where they
-    /// hardly cross, lines beside each other would be of other rows each, and what their direction is off by would be steps
-    /// between them: those are a sample wide.
+    /// As `lines`, with the finest width that the shear of the ridges allows: corners are then
+    /// blurred by only a fraction of a sample. With too little shear, adjacent lines would come
+    /// from different rows, and errors of their direction would become steps between them; lines
+    /// are then one sample wide.
     pub fn fine_lines(&self, wave: Wave) -> Lines {
         let share = match self.sheared(wave) < CROSSED {
             true => 1.0,
@@ -286,7 +290,7 @@ impl Field<'_> {
         self.lines_as_wide(wave, 1, share)
     }
 
-    /// Lines whose width is this share of a sample's.
+    /// Lines whose width is this fraction of a sample's.
     fn lines_as_wide(&self, wave: Wave, stride: usize, share: f64) -> Lines {
         let f = wave[0].hypot(wave[1]);
         let (c, s) = (wave[0] / f, wave[1] / f);
@@ -330,7 +334,7 @@ impl Field<'_> {
         }
         let heights = || all().filter(|(n, _)| is_seen(*n));
         let longest = points.iter().copied().fold(0.0, f64::max);
-        // Near the rim lines are short; of the others enough must be seen.
+        // Close to the rim lines are short; of the others, enough points must be measured.
         let belongs = |number: usize| points[number] >= LINE_MIN * longest;
         let is_kept: Vec<bool> = (0..count)
             .map(|n| belongs(n) && sums[n][0] > 0.0 && sums[n][0] >= LINE_MIN * points[n])
@@ -339,10 +343,10 @@ impl Field<'_> {
             .filter(|n| belongs(*n) && !is_kept[*n] && points[*n] > 0.0)
             .map(|n| first + (n as f64 + 0.5) * width)
             .collect();
-        // What a map lies askew along its ridges is no unevenness.
+        // A tilt of the map along its ridges is not unevenness.
         let (mut squares, mut slope) = ([0.0; 2], [0.0; 3]);
         let mean = |sum: &[f64; 3]| sum[2] / sum[0];
-        // A line is as steep as the lines beside it say.
+        // The slope of a line is that of its neighbours.
         let steepness: Vec<f64> = (0..count)
             .map(|n| {
                 let (before, after) = (n.saturating_sub(1), (n + 1).min(count - 1));
@@ -389,10 +393,10 @@ impl Field<'_> {
                 count: sum[0],
             })
             .collect();
-        // A mean takes its own share of the noise with it.
+        // A mean removes its own share of the noise.
         let freedom = (used - lines.len() as f64).max(1.0);
         let rest = (squares[1] - askew).max(0.0) / freedom;
-        // Where a riser crosses a line its height is no unevenness: the median line tells.
+        // If a riser crosses a line, its height is not unevenness, so the median line is used.
         let of_lines = sums.iter().zip(&uneven).zip(&is_kept);
         let mut of_lines: Vec<f64> = of_lines
             .filter(|((sum, _), is_kept)| **is_kept && sum[0] > 1.0)
@@ -417,7 +421,7 @@ fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-/// Climbs to the wave whose first overtones together are strongest; with their power.
+/// Climbs to the wave whose first overtones together are strongest; also returns their power.
 fn climb(points: &[[f64; 3]], start: Wave, steps: [f64; 2], overtones: usize) -> (Wave, f64) {
     let power = |wave: Wave| -> f64 {
         let mut sums = [(0.0, 0.0); OVERTONES];

@@ -1,20 +1,20 @@
-//! Stretches across the ridges where nothing was seen: what stands for them.
+//! Bridges gaps across the ridges in which nothing was measured.
 //!
-//! Instruments miss what is steep and some of what is beside it, so that a gap holds a wall: as wide as the gap at most, upright
-//! at least. [`Reach::Half`] lets the flanks beside a gap go on into it until half of it is left for the wall,
-//! [`Reach::Whole`] to its middle (or to where they meet). How far the answer differs between the two is a limit of what is
-//! not known, to either side.
+//! Instruments miss steep parts and some of their surroundings, so a gap contains a wall that is at
+//! least vertical and at most as wide as the gap. [`FlankExtension::Half`] extends the flanks
+//! beside a gap until half of it is left for the wall, [`FlankExtension::Whole`] to its middle (or
+//! to where they meet). The difference of the results bounds the unknown to either side.
 
 use super::lines::{Line, Lines, Reach};
 
-/// Lines further apart than usual by this, in samples, have a gap between them.
+/// Lines whose spacing exceeds the usual one by this, in samples, have a gap between them.
 const WIDE: f64 = 0.45;
-/// How far a corner may lie beside a gap's end, in the same unit.
+/// Largest distance of a corner from a gap's end, in the same unit.
 const BESIDE: f64 = 2.5;
-/// Share of half a gap that a flank goes on by at most: walls have a width.
+/// Largest fraction of half a gap by which a flank is extended: walls have a width.
 const HALF: f64 = 0.98;
 
-/// A gap between two lines, places across.
+/// A gap between two lines, as positions across.
 #[derive(Debug, Clone, Copy)]
 struct Gap {
     from: f64,
@@ -22,7 +22,7 @@ struct Gap {
 }
 
 impl Lines {
-    /// Usual distance of lines.
+    /// Usual spacing of lines.
     fn apart(&self) -> f64 {
         let mut apart: Vec<f64> = self.lines.windows(2).map(|l| l[1].v - l[0].v).collect();
         let middle = apart.len() / 2;
@@ -32,7 +32,7 @@ impl Lines {
         }
     }
 
-    /// Where lines are missing; nowhere in a map that was seen whole.
+    /// The gaps; empty for a completely measured map.
     fn gaps(&self) -> Vec<Gap> {
         if self.holes.is_empty() {
             return Vec::new();
@@ -51,16 +51,16 @@ impl Lines {
         .collect()
     }
 
-    /// Share of the length that lies in gaps, without the half lines that belong to its ends.
+    /// Fraction of the length in gaps, without the half lines that belong to their ends.
     pub fn unseen(&self) -> f64 {
         let usual = self.apart();
         let gaps = self.gaps();
         let within: f64 = gaps.iter().map(|gap| gap.to - gap.from - usual).sum();
-        // The sum of nothing is −0.
+        // The sum of an empty list is −0.
         (within / self.length()).max(0.0)
     }
 
-    /// Straight pieces that these lines lie on, the flanks beside gaps gone on.
+    /// The straight pieces of these lines, with the flanks beside gaps extended.
     pub fn bridged_by(&self, straight: &Lines, reach: Reach) -> Lines {
         let (gaps, usual) = (self.gaps(), self.apart());
         let corners = &straight.lines;
@@ -94,7 +94,7 @@ impl Lines {
     }
 }
 
-/// The flanks on both sides of a gap, straight on into it, or to where they meet.
+/// Extends the flanks on both sides of a gap straight into it, or to where they meet.
 fn gone_on([before, a, b, after]: [&Line; 4], gap: &Gap, reach: Reach) -> Vec<Line> {
     let slope = |from: &Line, to: &Line| (to.z - from.z) / (to.v - from.v);
     let (left, right) = (slope(before, a), slope(b, after));
@@ -127,7 +127,7 @@ mod tests {
         height_unit_um: 1.0,
     };
 
-    /// Width of what rises steeply, µm a ridge.
+    /// Total width of steeply rising parts per ridge, µm.
     fn wall_um(profile: &Profile, ridges: usize) -> f64 {
         let steep = profile
             .pieces()
@@ -137,10 +137,10 @@ mod tests {
     }
 
     #[test]
-    fn walls_that_were_not_seen_are_as_wide_as_they_may_be_on_the_average_and_the_steepest_is_kept_beside()
+    fn unmeasured_walls_have_their_expected_width_and_the_steepest_is_the_alternative()
      {
         let sawtooth = Profile::sawtooth(10f64.to_radians(), 60.0, 0.0).unwrap();
-        // sin² of the angle is the wall's share of a ridge.
+        // sin² of the angle is the wall's fraction of a ridge.
         let wall = sawtooth.period() * 10f64.to_radians().sin().powi(2);
         for (azimuth_deg, size) in [(0.0, [400, 60]), (90.0, [60, 400]), (17.0, [300, 200])] {
             let mut map = map_of(&sawtooth, azimuth_deg, size, [1.0, 1.0], 0.02);
@@ -168,14 +168,14 @@ mod tests {
             assert!(wall_um(steepest, made.facts.ridges) < 0.3 * wall, "{case}");
             let told = made.facts.left_out();
             assert!(
-                told.iter().any(|l| l.why.contains("seen nowhere")),
+                told.iter().any(|l| l.why.contains("not measured anywhere")),
                 "{told:?}"
             );
         }
     }
 
     #[test]
-    fn points_that_are_missing_here_and_there_change_nothing_and_spikes_are_such() {
+    fn scattered_missing_points_and_spikes_have_no_effect() {
         let sawtooth = Profile::sawtooth(10f64.to_radians(), 40.0, 0.0).unwrap();
         let whole = map_of(&sawtooth, 33.0, [260, 220], [1.0, 1.0], 0.02);
         let (mut holed, mut spiked) = (whole.clone(), whole.clone());

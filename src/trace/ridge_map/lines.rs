@@ -1,56 +1,57 @@
-//! The mean along ridges: made level, cut to whole periods, turned to where its facets lean.
+//! The mean along ridges: levelled, cropped to whole periods, oriented towards the facets' lean.
 
 use super::super::profile::{Profile, ProfileError};
 use super::{RIDGES_MIN, RidgeFacts, RidgeMap, RidgeMapError, SAMPLES_MIN};
 
-/// The share of a ridge that leans to its facets' side differs from a half by this at least.
+/// Least difference from one half of the fraction of a ridge that leans to its facets' side.
 const LEAN_MIN: f64 = 0.05;
 
-/// Standard errors by which a line may be off a straight facet.
+/// Standard errors by which a line may deviate from a straight facet.
 const NOISE: f64 = 3.0;
-/// Share of the ridges' height below which a deviation does not count as their shape.
+/// Deviations below this fraction of the ridges' height are not part of their shape.
 const LEAST: f64 = 2e-4;
 
-/// Means along the ridges, by their place across.
+/// Means along the ridges, by their position across.
 #[derive(Debug, Clone)]
 pub(super) struct Lines {
-    /// How wide a line is, µm.
+    /// Width of a line, µm.
     pub width: f64,
-    /// How wide a sample is across the ridges, µm.
+    /// Width of a sample across the ridges, µm.
     pub sample: f64,
-    /// Share of the variance that the lines explain.
+    /// Fraction of the variance that the lines explain.
     pub explained: f64,
-    /// Root mean square of what is left along a line, of the median line, µm.
+    /// Root mean square of the residuals along the median line, µm.
     pub unevenness: f64,
-    /// Places of lines of which too few heights were seen to have a mean.
+    /// Positions of lines with too few measured heights for a mean.
     pub holes: Vec<f64>,
-    /// By rising place.
+    /// Sorted by position.
     pub lines: Vec<Line>,
 }
 
 /// The mean of the heights along a line.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Line {
-    /// Place across, µm.
+    /// Position across, µm.
     pub v: f64,
     /// Mean height, µm.
     pub z: f64,
-    /// How many heights it is the mean of.
+    /// Number of heights averaged.
     pub count: f64,
 }
 
-/// How far flanks go on into a gap beside them.
+/// How far flanks are extended into a gap beside them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Reach {
     /// Until half of it is left.
     Half,
-    /// Until nothing is left but an upright wall.
+    /// Until only a vertical wall is left.
     Whole,
 }
 
 impl Lines {
-    /// Whole periods, levelled, straight where they are within their noise, +v where the facets lean. `wide` are the
-    /// lines a sample wide, which tell what is left along them.
+    /// The profile: whole periods, levelled, straight where deviations are within the noise, +v
+    /// towards the facets' lean. `wide` are lines one sample wide, used for the residuals along
+    /// them.
     pub fn profile(
         mut self,
         wide: &Lines,
@@ -65,7 +66,8 @@ impl Lines {
             });
         }
         let length = self.length();
-        // A wave may be an overtone of ridges that differ by turns: the shortest that repeats as well as any.
+        // A wave may be an overtone of ridges that alternate: the shortest period that repeats as
+        // well as any is used.
         let (times, _) = (1..=4)
             .filter(|times| f64::from(*times) * period * RIDGES_MIN <= length)
             .map(|times| (times, self.repeats(f64::from(times) * period)))
@@ -131,7 +133,7 @@ impl Lines {
         })
     }
 
-    /// From the first line to the last.
+    /// Length from the first line to the last.
     pub fn length(&self) -> f64 {
         match (self.lines.first(), self.lines.last()) {
             (Some(first), Some(last)) => last.v - first.v,
@@ -139,7 +141,7 @@ impl Lines {
         }
     }
 
-    /// Height at a place, between the lines beside it.
+    /// Height at a position, interpolated between the adjacent lines.
     fn at(&self, v: f64) -> f64 {
         let n = self.lines.partition_point(|l| l.v < v);
         let (a, b) = (
@@ -153,7 +155,7 @@ impl Lines {
         }
     }
 
-    /// Pairs of heights that are so far apart.
+    /// Pairs of heights at this distance.
     fn pairs(&self, distance: f64) -> impl Iterator<Item = (f64, f64)> {
         let end = self.lines.last().map_or(0.0, |l| l.v);
         self.lines
@@ -162,7 +164,7 @@ impl Lines {
             .map(move |l| (l.z, self.at(l.v + distance)))
     }
 
-    /// Correlation of the profile with itself a distance on.
+    /// Correlation of the profile with itself, shifted by a distance.
     fn repeats(&self, distance: f64) -> f64 {
         let (mut n, mut a, mut b, mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         for (x, y) in self.pairs(distance) {
@@ -178,7 +180,7 @@ impl Lines {
         }
     }
 
-    /// The same period as far as ridges half the map apart tell it.
+    /// Refines the period with ridges up to half the map apart.
     fn sharpened(&self, period: f64) -> f64 {
         let times = (0.5 * self.length() / period).floor().max(1.0);
         let (mut at, mut step) = (period, 0.02 * period);
@@ -198,8 +200,8 @@ impl Lines {
         at
     }
 
-    /// Takes the tilt off by which a ridge is higher than another: a plane of least squares follows the ridges that are
-    /// cut off at the map's ends.
+    /// Subtracts the tilt that makes one ridge higher than another. A least-squares plane would
+    /// follow the ridges that are cut off at the map's ends.
     fn level(&mut self, period: f64) {
         let apart = (0.5 * self.length() / period).floor().max(1.0) * period;
         let (mut rise, mut n) = (0.0, 0.0);
@@ -213,20 +215,21 @@ impl Lines {
         }
     }
 
-    /// What is left when facets are straight.
+    /// The lines with straight facets.
     fn straight(&self) -> Lines {
         let mut lines = self.clone();
         lines.settle(&self.corners());
         lines
     }
 
-    /// Whole periods of that, gaps bridged.
+    /// Whole periods of the straight lines, with gaps bridged.
     fn straightened(&self, period: f64, reach: Reach) -> Result<Profile, ProfileError> {
         let straight = self.bridged_by(&self.straight(), reach);
         Profile::measured(&straight.whole_periods(period))
     }
 
-    /// The ends of straight pieces that all lines lie on within their noise (Ramer 1972, Douglas and Peucker 1973).
+    /// The ends of straight pieces that contain all lines within their noise (Ramer 1972, Douglas
+    /// and Peucker 1973).
     fn corners(&self) -> Vec<usize> {
         let heights = self.lines.iter().map(|l| l.z);
         let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| {
@@ -240,7 +243,7 @@ impl Lines {
             (kept[from], kept[to]) = (true, true);
             let (a, b) = (self.lines[from], self.lines[to]);
             let (dx, dz) = (b.v - a.v, b.z - a.z);
-            // In units of what each line may be off.
+            // In units of the allowed deviation of each line.
             let off = |n: usize| {
                 let line = self.lines[n];
                 let noise = NOISE * self.unevenness / line.count.sqrt();
@@ -257,16 +260,16 @@ impl Lines {
         (0..=last).filter(|n| kept[*n]).collect()
     }
 
-    /// Leaves out all lines but these, whose heights become those of the straight pieces between them that fit all lines best:
-    /// a corner is chosen for being far off, so its own height is a biased one.
+    /// Removes all lines but these, whose heights become those of the best-fitting straight pieces
+    /// between them: a corner is chosen because it deviates most, so its own height is biased.
     fn settle(&mut self, kept: &[usize]) {
-        // Heights at the corners by least squares: each line lies between two of them.
+        // Heights at the corners by least squares: each line is between two of them.
         let count = kept.len();
         let (mut diagonal, mut beside, mut right) =
             (vec![0.0; count], vec![0.0; count], vec![0.0; count]);
         for (n, ends) in kept.windows(2).enumerate() {
             let (a, b) = (self.lines[ends[0]].v, self.lines[ends[1]].v);
-            // The last line of all belongs to the last piece.
+            // The last line belongs to the last piece.
             let until = ends[1] + usize::from(n + 2 == count);
             for line in &self.lines[ends[0]..until] {
                 let t = (line.v - a) / (b - a);
@@ -278,7 +281,7 @@ impl Lines {
                 right[n + 1] += w * t * line.z;
             }
         }
-        // Positive definite and tridiagonal: elimination without pivots.
+        // Positive definite and tridiagonal: elimination without pivoting.
         for n in 1..count {
             let factor = beside[n - 1] / diagonal[n - 1];
             diagonal[n] -= factor * beside[n - 1];
@@ -298,9 +301,9 @@ impl Lines {
             .collect();
     }
 
-    /// How far the angle that light follows may be off at the effective ridge angle of the profile (rad, standard
-    /// uncertainty): of every second line alone, or every fourth, a profile has samples that are wider and heights that are
-    /// fewer. What such profiles have in common is the samples' width, in which they differ is noise.
+    /// Standard uncertainty (rad) of the lobe's angle at the profile's effective ridge angle.
+    /// Profiles from only every second or fourth line have wider samples and fewer heights: their
+    /// common change is the effect of the samples' width, their differences are noise.
     fn lobe_error(&self, profile: &Profile, period: f64) -> f64 {
         let Some(whole) = profile.lobe_offsets() else {
             return 0.0;
@@ -317,21 +320,21 @@ impl Lines {
         let mut most = 0.0f64;
         for step in [2, 4] {
             let parts: Option<Vec<_>> = (0..step).map(|first| thinned(first, step)).collect();
-            // Too few lines to do without some: what two of them say is all there is.
+            // Too few lines to leave some out: the comparison uses those that exist.
             let Some(parts) = parts else { continue };
             let (count, further) = (step as f64, step as f64 - 1.0);
             for (n, whole) in whole.iter().enumerate() {
                 let mean = parts.iter().map(|part| part[n]).sum::<f64>() / count;
                 let squares = parts.iter().map(|part| (part[n] - mean).powi(2));
                 let noise = (squares.sum::<f64>() / count / further).sqrt();
-                // The width's share grows with it.
+                // The width's contribution grows with it.
                 most = most.max(noise.hypot((mean - whole) / further));
             }
         }
         most
     }
 
-    /// Share of the length that leans to +v.
+    /// Fraction of the length that leans to +v.
     fn leaning(&self) -> f64 {
         let pairs = self.lines.windows(2);
         let down: f64 = pairs
@@ -341,7 +344,8 @@ impl Lines {
         down / self.length()
     }
 
-    /// As many whole periods as there are, from the middle of a flank where both ends meet best; the last row closes them.
+    /// As many whole periods as possible, from the middle of the flank at which both ends match
+    /// best; the last row closes them.
     fn whole_periods(&self, period: f64) -> Vec<(f64, f64)> {
         let length = (self.length() / period).floor() * period;
         let end = self.lines.last().map_or(0.0, |l| l.v);
@@ -356,7 +360,7 @@ impl Lines {
             .min_by(|a, b| a.1.total_cmp(&b.1))
             .or(self.lines.first().map(|l| (l.v, 0.0)))
             .map_or(0.0, |(v, _)| v);
-        // A row beside the ends may all but touch them.
+        // A row beside the ends may almost coincide with them.
         let near = 0.25 * self.width;
         let between = |v: f64| v > v0 + near && v < v0 + length - near;
         let mut rows = vec![(v0, self.at(v0))];

@@ -1,10 +1,11 @@
-//! Maps of sawteeth whose direction, period and noise are known.
+//! Sawtooth maps with known direction, period and noise.
 
 use super::super::ridges::Ridges;
 use super::super::rng::{Purpose, Stream};
 use super::*;
 
-/// A map of a profile across whose +v points to `azimuth_deg`, with a tilt, and noise of so many µm (rms).
+/// A map of a profile whose +v points to `azimuth_deg`, with a tilt, and noise of this many µm
+/// (rms).
 pub(crate) fn map_of(
     profile: &Profile,
     azimuth_deg: f64,
@@ -26,7 +27,7 @@ pub(crate) fn map_of(
             (n % size[0]) as f64 * pitch[0],
             (n / size[0]) as f64 * pitch[1],
         );
-        // Uniform noise of that standard deviation.
+        // Uniform noise of this standard deviation.
         let noise = noise * 12f64.sqrt() * (random.uniform() - 0.5);
         5.0 + height(x * c + y * s) + 0.01 * x - 0.02 * y + noise
     });
@@ -45,7 +46,7 @@ fn found(map: &HeightMap, pitch: [f64; 2]) -> Result<RidgeFacts, RidgeMapError> 
 }
 
 #[test]
-fn direction_period_and_angle_come_back_from_rotated_noisy_maps() {
+fn direction_period_and_angle_are_recovered_from_rotated_noisy_maps() {
     let theta_r = 10f64.to_radians();
     let sawtooth = Profile::sawtooth(theta_r, 25.0, 0.0).unwrap();
     for (azimuth_deg, pitch) in [
@@ -60,12 +61,12 @@ fn direction_period_and_angle_come_back_from_rotated_noisy_maps() {
         let map = map_of(&sawtooth, azimuth_deg, [230, 190], pitch, noise);
         let f = found(&map, pitch).unwrap();
         let off = (f.lean_azimuth_deg - azimuth_deg + 180.0).rem_euclid(360.0) - 180.0;
-        // A turn by this shears a ridge by a third of a pixel over the map.
+        // A rotation by this shears a ridge by a third of a pixel over the map.
         assert!(off.abs() < 0.1, "{azimuth_deg}: {f:?}");
         let period = sawtooth.period();
         assert!((f.period_um / period - 1.0).abs() < 1e-3, "{f:?}");
         assert!((f.theta_r_deg - 10.0).abs() < 0.25, "{azimuth_deg}: {f:?}");
-        // What lies within a line that a riser crosses is not explained: a pixel of 25.
+        // The part of a line that a riser crosses is not explained: one pixel of 25.
         assert!(f.ridges >= 5 && f.explained > 0.93, "{f:?}");
         assert!((f.unevenness_um / noise - 1.0).abs() < 0.1, "{f:?}");
         let (low, high) = sawtooth.range();
@@ -74,7 +75,7 @@ fn direction_period_and_angle_come_back_from_rotated_noisy_maps() {
 }
 
 #[test]
-fn the_mean_along_the_ridges_is_the_profile_that_the_map_was_made_of() {
+fn the_mean_along_the_ridges_recovers_the_profile_of_the_map() {
     let worn = Ridges {
         round: 1.5,
         ..Ridges::ideal(0.2, 40.0)
@@ -88,7 +89,7 @@ fn the_mean_along_the_ridges_is_the_profile_that_the_map_was_made_of() {
         "{:?}",
         made.facts
     );
-    // Where the facets lean the slopes are those of the sawtooth, by nine tenths of the length.
+    // On the facets the slopes are those of the sawtooth, for nine tenths of the length.
     let pieces = made.profile.pieces();
     let slope = |p: &&super::super::profile::Piece| (p.z_to - p.z_from) / (p.to - p.from);
     let close = pieces
@@ -99,7 +100,7 @@ fn the_mean_along_the_ridges_is_the_profile_that_the_map_was_made_of() {
 }
 
 #[test]
-fn ridges_that_are_large_in_pixels_or_many_are_found_alike() {
+fn large_ridges_and_many_ridges_are_found_equally() {
     for (pitch_um, size) in [(160.0, [600, 520]), (10.0, [420, 300])] {
         let sawtooth = Profile::sawtooth(0.15, pitch_um, 0.0).unwrap();
         let map = map_of(&sawtooth, 75.0, size, [1.0, 1.0], 0.02);
@@ -113,7 +114,7 @@ fn ridges_that_are_large_in_pixels_or_many_are_found_alike() {
 }
 
 #[test]
-fn what_is_no_map_of_ridges_is_refused_with_the_way_out() {
+fn other_maps_are_refused_with_the_remedy() {
     let unit = [1.0, 1.0];
     let sawtooth = Profile::sawtooth(0.2, 30.0, 0.0).unwrap();
     let refused = |map: &HeightMap| found(map, unit).unwrap_err().to_string();
@@ -129,14 +130,14 @@ fn what_is_no_map_of_ridges_is_refused_with_the_way_out() {
     let plane = of((0..400).map(|n| 0.3 * f64::from(n % 20)).collect(), 20);
     assert!(refused(&plane).contains("flat"));
     let few = map_of(&sawtooth, 0.0, [75, 75], unit, 0.0);
-    assert!(refused(&few).contains("are needed: measure a wider piece"));
+    assert!(refused(&few).contains("are needed: measure a wider area"));
     let fine = Profile::sawtooth(0.2, 5.0, 0.0).unwrap();
     let coarse = map_of(&fine, 20.0, [100, 100], unit, 0.0);
     let why = refused(&coarse);
     assert!(why.contains("finer pitch"), "{why}");
     let groove = Profile::of_corners(&[(0.0, 0.0), (15.0, -3.0)], 30.0);
     let grooves = map_of(&groove, 40.0, [200, 200], unit, 0.01);
-    assert!(refused(&grooves).contains("to both sides alike"));
+    assert!(refused(&grooves).contains("about equally to both sides"));
     let mut hole = map_of(&sawtooth, 0.0, [150, 150], unit, 0.0);
     hole.heights[151] = f64::INFINITY;
     assert!(refused(&hole).contains("row 2, column 2"));
@@ -145,7 +146,7 @@ fn what_is_no_map_of_ridges_is_refused_with_the_way_out() {
 }
 
 #[test]
-fn what_noise_and_samples_do_to_the_angle_that_light_follows_is_told() {
+fn the_lobe_error_covers_the_effects_of_noise_and_samples() {
     let (mut worst, mut beyond, mut all) = (0.0f64, 0, 0);
     for (theta_deg, round) in [(5.0f64, 1.0), (10.0, 2.0), (15.0, 0.0), (15.0, 2.0)] {
         for (azimuth_deg, noise, pitch) in [
@@ -167,7 +168,8 @@ fn what_noise_and_samples_do_to_the_angle_that_light_follows_is_told() {
                 "{theta_deg} {round} {azimuth_deg} {noise} {pitch}: {:?}",
                 made.facts
             );
-            // Corners that were taken as they were found had the noise of the farthest line: off by up to 0.3°.
+            // Corners at their measured heights would have the noise of the most deviating line: up
+            // to 0.3°.
             let theta_r = truth.effective_ridge_angle().unwrap();
             let off = made.facts.theta_r_deg - theta_r.to_degrees();
             assert!(off.abs() < 0.06, "{case}");
@@ -190,7 +192,7 @@ fn what_noise_and_samples_do_to_the_angle_that_light_follows_is_told() {
             assert!(made.facts.lobe_error_deg < 0.15, "{case}");
         }
     }
-    // One in twenty of them, and as many again for what all maps of one kind share.
+    // One in twenty, and as many again for errors common to all maps of one kind.
     assert!(
         worst < 0.08 && 10 * beyond <= all,
         "{worst} {beyond} of {all}"
@@ -198,7 +200,7 @@ fn what_noise_and_samples_do_to_the_angle_that_light_follows_is_told() {
 }
 
 #[test]
-fn strips_along_which_the_ridges_hardly_lean_are_given_no_lean() {
+fn strips_with_little_shear_get_no_spurious_lean() {
     let sawtooth = Profile::sawtooth(10f64.to_radians(), 100.0, 0.0).unwrap();
     for (azimuth_deg, size, pitch, noise) in [
         (0.0, [512, 32], 1.0, 0.0),

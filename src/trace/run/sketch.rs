@@ -1,9 +1,10 @@
-//! An answer for whoever stops early: photons of their own in small equal replicates.
+//! An early result for runs that may be stopped: separate photons in small equal replicates.
 //!
-//! A batch of a run may take many seconds, and the error is known once there are several. A sketch is an answer
-//! after its first round already, and all its photons so far count. They are none of the run's, so what a whole
-//! run counts does not depend on it. Rounds are few photons at first, as much as was traced before, and later an eighth
-//! of that; what a stop leaves of one is dropped.
+//! A batch of a run may take many seconds, and the error is known only after several. A preview is
+//! a result after its first round, and all its photons so far count. They are not part of the run,
+//! so the result of a whole run does not depend on it. Rounds have few photons at first, then as
+//! many as were traced before, later an eighth of that; the part of a round that a stop interrupts
+//! is dropped.
 
 use rayon::prelude::*;
 
@@ -13,25 +14,26 @@ use super::super::tally::{Batch, Totals};
 use super::super::walk::Waiting;
 use super::{Asked, BATCH_MAX, Ending, LOOK, SoFar, Task, batches, share};
 
-/// Replicates of a sketch.
+/// Number of replicates of a preview.
 const REPLICATES: u64 = 16;
-/// Photons of each in the first round: of some scenes each takes a second.
+/// Photons of each replicate in the first round: in some scenes each takes a second.
 const FIRST: u64 = 1 << 2;
-/// Photons of each in a round up to which rounds double.
+/// Photons of each replicate up to which rounds double.
 const DOUBLING: u64 = 1 << 6;
-/// One round adds one in so many of the photons that each has had so far.
+/// After that, a round adds this fraction (one over) of the photons so far.
 const GROWTH: u64 = 8;
-/// Most photons that each gets in one round.
+/// Largest number of photons of each replicate in one round.
 const ROUND_MAX: u64 = 1 << 12;
-/// Share of the photons by which there are more of them at the next look at the error.
+/// Fraction (one over) of the photons by which their number grows until the next estimate of the
+/// error.
 pub(super) const LOOK_SHARE: u64 = 4;
-/// Share of a batch that a sketch takes where a stop is an accident.
+/// Fraction (one over) of a batch for a preview if a stop is exceptional.
 const SHARE: u64 = 8;
-/// Share of the run that it takes where a stop is likely, and largest batches: from there on whole batches soon
-/// say more.
+/// Fraction (one over) of the run for a preview if a stop is likely, and the number of largest
+/// batches that bounds it: after these, whole batches soon are more accurate.
 const SHARE_ANY_TIME: (u64, u64) = (16, 16);
 
-/// Photons that the sketch of a run of so many may have.
+/// Largest number of photons of the preview of a run.
 pub(super) fn most(photons: u64, ending: Ending) -> u64 {
     match ending {
         Ending::AtLast => share(photons, batches(photons), 0) / SHARE,
@@ -42,21 +44,21 @@ pub(super) fn most(photons: u64, ending: Ending) -> u64 {
     }
 }
 
-/// A sketch under way.
+/// A preview in progress.
 pub(super) struct Sketch<L: Light> {
     replicates: Vec<Replicate<L>>,
     /// Photons of each replicate so far.
     each: u64,
-    /// Photons that all may have.
+    /// Largest number of photons in all.
     most: u64,
     /// Whether the error decides when it ends.
     looks: bool,
 }
 
-/// One of the equal parts of a sketch.
+/// One of the equal parts of a preview.
 struct Replicate<L: Light> {
     batch: Batch,
-    /// The round under way.
+    /// The round in progress.
     round: Batch,
     waiting: Waiting<L>,
 }
@@ -86,7 +88,7 @@ impl<L: Light> Sketch<L> {
         }
     }
 
-    /// Rounds until it has all its photons or is told to stop.
+    /// Traces rounds until all photons are traced or the run is stopped.
     pub(super) fn go_on(&mut self, task: &Task<'_>, asked: &Asked<'_>) {
         let (mut round, mut next_look) = (0, LOOK);
         loop {
@@ -111,7 +113,7 @@ impl<L: Light> Sketch<L> {
             let photons = self.photons();
             let relative_error = (self.looks && photons >= next_look).then(|| {
                 next_look = photons + photons / LOOK_SHARE;
-                // m00 alone is looked at.
+                // Only m00 is needed.
                 self.counted(task, 1).relative_error()
             });
             asked.counted(photons);
@@ -126,12 +128,12 @@ impl<L: Light> Sketch<L> {
         self.each * self.replicates.len() as u64
     }
 
-    /// Whether what a run has counted is less, or of so few batches that nobody knows its error.
+    /// Whether the run has counted fewer photons, or too few batches to estimate its error.
     pub(super) fn says_more_than(&self, run: &SoFar) -> bool {
         self.each > 0 && (run.batches.len() < 2 || run.totals.photons() < self.photons())
     }
 
-    /// What was counted so far.
+    /// The counted light so far.
     pub(super) fn totals(&self, task: &Task<'_>) -> Totals {
         self.counted(task, L::ELEMENTS)
     }
@@ -163,12 +165,12 @@ mod tests {
         );
         let scene = Scene::parse(&text).unwrap();
         let mut prepared = scene.prepare(&|_| Err(String::new())).unwrap();
-        // As `trace` has it, with which these runs are compared.
+        // As in `trace`, with which these runs are compared.
         prepared.plane = false;
         prepared
     }
 
-    /// Batches of 2^18 photons for 2^24 of them: far more than a test traces.
+    /// Batches of 2^18 photons for 2^24 photons: far more than a test traces.
     fn ridges(photons: u64) -> Prepared {
         scene(
             "shape = \"ridges\"\ntheta_r_deg = 20.0\npitch_um = 50.0",
@@ -188,19 +190,19 @@ mod tests {
     }
 
     #[test]
-    fn a_run_without_time_for_the_look_at_its_surface_is_a_sketch_that_agrees_with_the_whole() {
+    fn a_run_without_time_for_the_surface_analysis_is_a_preview_that_agrees_with_the_whole() {
         let run = rough(60_000);
         let sketched =
             |ending, until: u64| resume(&run, Shard::WHOLE, None, ending, &|p| p.photons < until);
         let within = |seconds| {
-            // A second passes at each look at this clock.
+            // A second passes at each reading of this clock.
             fn now_s() -> f64 {
                 static NOW_S: AtomicU64 = AtomicU64::new(0);
                 NOW_S.fetch_add(1, Ordering::Relaxed) as f64
             }
             Ending::Within(TimeLimit { seconds, now_s })
         };
-        // Given up for the limit, and stopped by the user.
+        // One run abandoned by the time limit, one stopped by the user.
         let hurried = sketched(within(1.0), 1 << 15);
         let stopped = sketched(Ending::AtLast, 0);
         assert_eq!(hurried.batches.len() + stopped.batches.len(), 0);
@@ -217,13 +219,13 @@ mod tests {
                 "{a:?} {b:?}"
             );
         }
-        // With time enough it is the whole run, bit by bit.
+        // With enough time it is the whole run, bit for bit.
         let whole = resume(&run, Shard::WHOLE, None, within(1e6), &|_| true);
         assert_eq!(whole.totals.energies(), all);
     }
 
     #[test]
-    fn a_run_stopped_at_once_has_a_sketch_that_agrees_with_the_whole() {
+    fn a_run_stopped_at_once_has_a_preview_that_agrees_with_the_whole() {
         let long = ridges(1 << 24);
         let resume = |before| {
             let until = 1 << 13;
@@ -236,7 +238,7 @@ mod tests {
         assert!(!stopped.is_complete(1 << 24, Shard::WHOLE));
         let totals = &stopped.totals;
         assert_eq!(totals.batches(), REPLICATES);
-        // All rounds that were traced count, and a stop comes an eighth late at most.
+        // All traced rounds count, and a stop is at most an eighth late.
         let photons = totals.photons();
         assert!(
             ((1 << 13)..=(1 << 13) * 9 / 8).contains(&photons),
@@ -258,24 +260,25 @@ mod tests {
         }
         let sum = few.reflected_all.value + few.transmitted_all.value + few.truncated.value;
         assert!((sum - 1.0).abs() < 1e-9, "{sum}");
-        // Nothing of it is carried on, from memory or from what a file kept.
+        // A preview is not continued, neither from memory nor from a file.
         assert_eq!(resume(Some(stopped.clone())), stopped);
         let kept = SoFar::kept(stopped.totals, Vec::new(), 1 << 24, Shard::WHOLE).unwrap();
         assert_eq!(kept.totals.photons(), 0);
-        // A shard is no result of its own, so it has none.
+        // A shard is not a result by itself, so it has no preview.
         let shard = Shard { number: 1, of: 2 };
         let part = super::super::resume(&long, shard, None, Ending::AtLast, &|_| false);
         assert_eq!(part.totals.photons(), 0);
     }
 
     #[test]
-    fn where_a_stop_is_an_accident_a_sketch_takes_an_eighth_of_a_batch_at_most() {
+    fn if_a_stop_is_exceptional_a_preview_takes_at_most_an_eighth_of_a_batch() {
         let long = rough(1 << 24);
         let last = AtomicU64::new(0);
         let most = (1 << 24) / 64 / SHARE;
         let run = resume(&long, Shard::WHOLE, None, Ending::AtLast, &|p| {
             let before = last.swap(p.photons, Ordering::Relaxed);
-            // In the first batch the number stands still, as it does in a round; no round begins that would be too much.
+            // In the first batch the number does not change, nor within a round; no round begins
+            // that would exceed the limit.
             before != p.photons || 9 * p.photons < 8 * most
         });
         let photons = run.totals.photons();
@@ -283,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_that_may_stop_at_any_time_ends_soon_after_its_error_is_small_enough() {
+    fn a_run_that_may_stop_ends_soon_after_its_error_is_small_enough() {
         let long = rough(1 << 26);
         let until = |goal: f64| {
             let large = |p: &Progress| p.relative_error.is_none_or(|e| e > goal);
@@ -295,14 +298,14 @@ mod tests {
         let totals = until(goal);
         let reached = totals.relative_error().unwrap();
         assert!(reached <= goal && reached > 0.8 * goal, "{reached}");
-        // Four times as many, and far from a batch of 2^20.
+        // Four times as many photons, and far fewer than a batch of 2^20.
         let times = totals.photons() as f64 / first.photons() as f64;
         assert!((2.0..8.0).contains(&times), "{times}");
         assert_eq!(totals, until(goal));
     }
 
     #[test]
-    fn the_batches_count_once_they_say_more_than_the_sketch_and_alone_when_all_are_done() {
+    fn batches_replace_the_preview_once_they_are_more_accurate() {
         let run = ridges(1 << 16);
         let whole = trace(&run, Shard::WHOLE, &|_| true);
         assert_eq!(trace_anytime(&run, &|_| true), whole);

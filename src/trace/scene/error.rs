@@ -1,4 +1,4 @@
-//! Why a scene cannot be traced, in words that name the key.
+//! Why a scene cannot be traced; the messages name the key.
 
 use crate::material::tables::MaterialError;
 use crate::trace::profile::ProfileError;
@@ -8,22 +8,22 @@ use crate::wording::significant;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SceneError {
     /// Not TOML, an unknown key, or a value of the wrong type.
-    #[error("the scene cannot be read: {0}")]
+    #[error("the scene is invalid: {0}")]
     Text(String),
-    /// Nothing to trace.
+    /// The scene has no interface.
     #[error("the scene has no interface: add at least one [[interface]]")]
     NoInterface,
-    /// A value that makes no sense.
+    /// A value is invalid.
     #[error("{key} = {value}: {expected}")]
     Value {
         /// The key with its place.
         key: String,
-        /// What it is.
+        /// The value.
         value: String,
-        /// What it should be.
+        /// The expected values.
         expected: &'static str,
     },
-    /// A key that the shape needs.
+    /// A key that the shape requires is missing.
     #[error("interface {number} ({shape}) needs the key {key}")]
     Missing {
         /// 1 for the topmost.
@@ -43,35 +43,35 @@ pub enum SceneError {
         /// The key.
         key: &'static str,
     },
-    /// A material.
+    /// The material is invalid.
     #[error("interface {number}: {source}")]
     Material {
         /// 1 for the topmost.
         number: usize,
-        /// Why.
+        /// The cause.
         source: MaterialError,
     },
-    /// A profile.
+    /// The profile is invalid.
     #[error("interface {number}: {source}")]
     Profile {
         /// 1 for the topmost.
         number: usize,
-        /// Why.
+        /// The cause.
         source: ProfileError,
     },
-    /// A file of heights.
+    /// The file of heights cannot be used.
     #[error("interface {number}: {path}: {reason}")]
     File {
         /// 1 for the topmost.
         number: usize,
         /// The file.
         path: String,
-        /// Why it cannot be used.
+        /// The cause.
         reason: String,
     },
-    /// A layer that lets nothing through.
+    /// A layer absorbs too strongly.
     #[error(
-        "interface {number}: below.k = {k} is more than a tenth of n = {n}: a layer keeps k to {} (0.1 n) at most, and a medium that \
+        "interface {number}: below.k = {k} is more than a tenth of n = {n}: a layer's k must be at most {} (0.1 n); a medium that \
          is opaque within a wavelength must be the last",
         significant(*.limit)
     )]
@@ -85,9 +85,9 @@ pub enum SceneError {
         /// The largest imaginary part of a layer.
         limit: f64,
     },
-    /// Layers below a metal are never reached.
+    /// Layers below a metal cannot be reached.
     #[error(
-        "interface {number} is a metal or a diffuse body: nothing gets through, so it must be the last"
+        "interface {number} is a metal or a diffuse body: it transmits no light, so it must be the last"
     )]
     Unreachable {
         /// 1 for the topmost.
@@ -95,7 +95,7 @@ pub enum SceneError {
     },
 }
 
-/// A value that the key may not have, and what it may be.
+/// The error of an invalid value, with the expected values.
 pub(super) fn value(
     key: &str,
     value: impl std::fmt::Display,
@@ -108,7 +108,7 @@ pub(super) fn value(
     }
 }
 
-/// Refuses what is not above 0.
+/// Refuses values that are not above 0.
 pub(super) fn positive(key: &str, x: f64) -> Result<(), SceneError> {
     if x > 0.0 && x.is_finite() {
         Ok(())

@@ -1,57 +1,57 @@
-//! Heights as a file has them: what it says of their units, and points that nobody saw.
+//! Heights as read from a file, with the units stated in it and missing points.
 //!
-//! A height that is missing is NaN. [`HeightMap::filled`] bridges such points for whoever needs a height everywhere,
-//! [`HeightMap::spikes`] finds heights that stand off all around them.
+//! A missing height is NaN. [`HeightMap::filled`] interpolates missing points,
+//! [`HeightMap::spikes`] finds heights that differ from all their neighbours.
 
 use crate::trace::profile::{Profile, ProfileError};
 
-/// Heights read from a file, in the file's own unit; index row·columns + column, rows along v.
+/// Heights read from a file, in the file's unit; index row·columns + column, rows along v.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct HeightMap {
     /// Samples along u.
     pub columns: usize,
     /// Samples along v.
     pub rows: usize,
-    /// Heights; NaN where the instrument saw nothing.
+    /// Heights; NaN if missing.
     pub heights: Vec<f64>,
-    /// Spacing of samples along u and v that the file states, µm.
+    /// Spacing of the samples along u and v as stated in the file, µm.
     pub pitch_um: Option<[f64; 2]>,
-    /// The same in a unit that the file does not say, of points with places.
+    /// The same in an unstated unit, for points with positions.
     pub spacing: Option<[f64; 2]>,
-    /// Micrometres per unit of the heights that the file states.
+    /// Micrometres per unit of the heights as stated in the file.
     pub height_unit_um: Option<f64>,
-    /// How the file was read, where it could have been read otherwise: sentences for the user.
+    /// Notes on how an ambiguous file was read, as sentences.
     pub notes: Vec<String>,
 }
 
 /// Units of a height map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapUnits {
-    /// Spacing of samples along u and v, µm.
+    /// Spacing of the samples along u and v, µm.
     pub pitch_um: [f64; 2],
     /// Micrometres per unit of the heights.
     pub height_unit_um: f64,
 }
 
-/// What bridges a point without a height.
+/// A linear interpolation across missing points.
 #[derive(Clone, Copy)]
 struct Bridge {
-    /// How many of its ends have a height: one at the rim.
+    /// Number of ends with a height; one at the rim.
     ends: usize,
-    /// Points that it spans.
+    /// Number of points that it spans.
     span: usize,
     value: f64,
 }
 
 impl Bridge {
-    /// From both sides rather than from one, then the shorter.
+    /// Prefers two ends to one, then the shorter span.
     fn is_better_than(&self, other: &Bridge) -> bool {
         (self.ends, other.span) > (other.ends, self.span)
     }
 }
 
 impl HeightMap {
-    /// Rows of so many heights, of which nothing more is known.
+    /// Makes a map of rows of heights without units.
     #[must_use]
     pub fn new(columns: usize, heights: Vec<f64>) -> Self {
         HeightMap {
@@ -62,7 +62,7 @@ impl HeightMap {
         }
     }
 
-    /// The same of a file that states its units.
+    /// Adds stated units.
     #[must_use]
     pub fn stating(self, units: MapUnits) -> Self {
         HeightMap {
@@ -72,26 +72,27 @@ impl HeightMap {
         }
     }
 
-    /// Whether the file states something of its units.
+    /// Whether the file states any unit.
     #[must_use]
     pub fn states_units(&self) -> bool {
         self.pitch_um.is_some() || self.height_unit_um.is_some() || self.spacing.is_some()
     }
 
-    /// How many points have no height.
+    /// Number of missing points.
     #[must_use]
     pub fn missing(&self) -> usize {
         self.heights.iter().filter(|h| h.is_nan()).count()
     }
 
-    /// Share of the points that have no height.
+    /// Fraction of missing points.
     #[must_use]
     pub fn missing_share(&self) -> f64 {
         self.missing() as f64 / self.heights.len().max(1) as f64
     }
 
-    /// The heights with missing ones bridged in a straight line along their row or column, whichever gap is shorter; at the
-    /// rim they are those of the nearest point. NaN only where no point has a height.
+    /// Fills missing points by linear interpolation along their row or column, whichever gap is
+    /// shorter; at the rim the nearest height is repeated. NaN remains only if all points are
+    /// missing.
     #[must_use]
     pub fn filled(&self) -> Vec<f64> {
         let mut heights = self.heights.clone();
@@ -103,7 +104,8 @@ impl HeightMap {
                 return heights;
             }
             let mut best: Vec<Option<Bridge>> = vec![None; holes.len()];
-            // Along the rows, then along the columns; lines, their length, from line to line, from point to point.
+            // Along the rows, then along the columns: number of lines, their length, stride between
+            // lines, stride between points.
             let (columns, rows) = (self.columns, self.rows);
             for (lines, length, apart, step) in
                 [(rows, columns, columns, 1), (columns, rows, 1, columns)]
@@ -124,8 +126,8 @@ impl HeightMap {
         }
     }
 
-    /// Points that stand off the median of their neighbours by more than `share` of the map's height (that of nine
-    /// tenths of its points), as no ridge, wall or edge does.
+    /// Points that differ from the median of their neighbours by more than `share` of the map's
+    /// height (the range of nine tenths of its points), which ridges, walls and edges do not.
     #[must_use]
     pub fn spikes(&self, share: f64) -> Vec<usize> {
         let Some(height) = self.robust_height() else {
@@ -143,8 +145,8 @@ impl HeightMap {
         };
         let stands_off = |n: usize| {
             let (column, row) = (n as isize % columns, n as isize / columns);
-            // Of two neighbours opposite to each other an edge leaves one on the point's own side: the median of such pairs
-            // and the point is there, too.
+            // At an edge, one of two opposite neighbours is on the point's own side: the median of
+            // each pair and the point is, too.
             let h = self.heights[n];
             let mut around = [h; 9];
             let mut count = 1;
@@ -155,7 +157,7 @@ impl HeightMap {
                 }
             }
             let around = &mut around[..count];
-            // Most points are near most of their neighbours: no need to sort.
+            // Most points are close to most of their neighbours, so sorting is rarely needed.
             let near = around.iter().filter(|other| (h - **other).abs() <= limit);
             if near.count() > count / 2 {
                 return false;
@@ -168,7 +170,7 @@ impl HeightMap {
             .collect()
     }
 
-    /// Height of nine tenths of the points; `None` where there are none or it is nothing.
+    /// Height range of nine tenths of the points; `None` if there are no points or the range is 0.
     fn robust_height(&self) -> Option<f64> {
         let mut seen: Vec<f64> = self
             .heights
@@ -187,7 +189,7 @@ impl HeightMap {
 }
 
 impl HeightMap {
-    /// The last digit of its largest height, in the file's own unit.
+    /// Value of the last digit of the largest height, in the file's unit.
     pub(super) fn last_digit(&self) -> f64 {
         let largest = |all: &mut dyn Iterator<Item = &f64>| all.fold(0.0f64, |a, h| a.max(h.abs()));
         f64::EPSILON
@@ -197,18 +199,20 @@ impl HeightMap {
             }
     }
 
-    /// Whether it is a table of two columns, places and heights: of a map the file would say its units, or it has more.
+    /// Whether it is a table of two columns, positions and heights: a map would state its units or
+    /// have more columns.
     #[must_use]
     pub fn is_profile_table(&self) -> bool {
         self.columns == 2 && !self.states_units()
     }
 
-    /// The profile whose corners are the rows: v and height in one unit, the last row closing the
-    /// period. Of a single row with units of its own, as instruments measure profiles, the samples are the corners, µm.
-    /// Points without a height are no corners.
+    /// The profile whose corners are the rows: v and height in one unit; the last row closes the
+    /// period. For a single row with units, as instruments measure profiles, the samples are the
+    /// corners, in µm. Missing points are skipped.
     ///
     /// # Errors
-    /// Rows that are not two numbers, a map, or no closed profile that leans to +v.
+    /// The rows are not two numbers, the heights are a map, or the profile is not closed or does
+    /// not lean to +v.
     pub fn profile(&self) -> Result<Profile, ProfileError> {
         if let (Some(pitch_um), Some(height_unit_um)) = (self.pitch_um, self.height_unit_um) {
             if self.rows != 1 {
@@ -231,7 +235,7 @@ impl HeightMap {
     /// The profile of a single row of samples.
     ///
     /// # Errors
-    /// No closed profile that leans to +v.
+    /// The profile is not closed or does not lean to +v.
     pub fn row_profile(&self, units: MapUnits) -> Result<Profile, ProfileError> {
         let samples = self.heights.iter().enumerate();
         let samples =
@@ -240,7 +244,7 @@ impl HeightMap {
     }
 }
 
-/// What bridges the points of a line that have no height, with their place in the map.
+/// Returns the interpolations across the missing points of a line, with their indices in the map.
 fn bridges(heights: &[f64], points: &[usize]) -> Vec<(usize, Bridge)> {
     let mut found = Vec::new();
     let mut i = 0;
@@ -283,8 +287,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gaps_are_bridged_the_short_way_and_the_rim_keeps_its_neighbour() {
-        // Heights rise along the columns only; a whole row, a stretch of a row and a corner are missing.
+    fn gaps_are_filled_along_the_shorter_way_and_the_rim_repeats_its_neighbour() {
+        // Heights rise along the columns only; a whole row, a part of a row and a corner are
+        // missing.
         let (columns, rows) = (8, 7);
         let height = |n: usize| (n / columns) as f64;
         let mut map = HeightMap::new(columns, (0..columns * rows).map(height).collect());
@@ -300,9 +305,9 @@ mod tests {
             };
             assert!((h - expected).abs() < 1e-12, "{n}: {h}");
         }
-        // Nothing was seen: nothing is made up.
+        // If no height is known, none is invented.
         assert!(HeightMap::new(2, vec![f64::NAN; 4]).filled()[0].is_nan());
-        // A row and a column that miss all but their ends.
+        // A row and a column with heights only at their ends.
         let lone = HeightMap::new(
             3,
             vec![1.0, f64::NAN, f64::NAN, f64::NAN, f64::NAN, f64::NAN],
@@ -311,8 +316,8 @@ mod tests {
     }
 
     #[test]
-    fn spikes_stand_off_all_around_them_and_edges_do_not() {
-        // A sawtooth of 9 samples whose walls stand askew to the samples.
+    fn spikes_differ_from_all_neighbours_and_edges_do_not() {
+        // A sawtooth of 9 samples whose walls are oblique to the samples.
         let (columns, rows) = (60, 50);
         let height = |n: usize| {
             let v = (n % columns) as f64 + 0.37 * (n / columns) as f64;

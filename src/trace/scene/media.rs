@@ -1,4 +1,4 @@
-//! The media of a scene: what each boundary reflects with and what each layer takes.
+//! The media of a scene: refractive indices at each boundary and absorption in each layer.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -10,22 +10,22 @@ use crate::material::tables;
 use crate::model::fresnel;
 use crate::model::polarisation::{Boundary, excess, slant};
 
-/// What the media of a scene do to its light.
+/// The media of a scene.
 pub(super) struct Optics {
-    /// Of each interface, top first.
+    /// One per interface, top first.
     pub(super) steps: Vec<Step>,
     pub(super) left_out: Vec<LeftOut>,
 }
 
-/// From one medium to the next.
+/// The transition from one medium to the next.
 pub(super) struct Step {
     /// n + ik above.
     pub(super) above: Complex<f64>,
     /// n + ik below.
     pub(super) below: Complex<f64>,
-    /// Of the layer below, straight through.
+    /// Optical depth of the layer below, at normal incidence.
     pub(super) optical_depth: f64,
-    /// What comes back from a diffuse body.
+    /// Diffuse reflectance of a diffuse body below.
     pub(super) rho_d: Option<f64>,
 }
 
@@ -35,7 +35,7 @@ struct Medium {
 }
 
 impl Scene {
-    /// The media of all interfaces, from above.
+    /// Returns the media of all interfaces, top first.
     pub(super) fn optics(&self) -> Result<Optics, SceneError> {
         let mut optics = Optics {
             steps: Vec::new(),
@@ -84,7 +84,7 @@ impl Scene {
                     return Err(value(
                         &key(unknown),
                         &table[unknown],
-                        "unknown key; known are n, k, rho_d",
+                        "unknown key; the known ones are n, k and rho_d",
                     ));
                 }
                 let n = number_of("n")?.ok_or(SceneError::Missing {
@@ -95,7 +95,7 @@ impl Scene {
                 index(&key("n"), n)?;
                 let k = number_of("k")?.unwrap_or(0.0);
                 if !(0.0..=*INDEX_RANGE.end()).contains(&k) {
-                    return Err(value(&key("k"), k, "must lie from 0 to 1e30"));
+                    return Err(value(&key("k"), k, "must be from 0 to 1e30"));
                 }
                 let rho_d = number_of("rho_d")?;
                 if let Some(rho) = rho_d {
@@ -104,7 +104,7 @@ impl Scene {
                         return Err(value(
                             &key("rho_d"),
                             rho,
-                            "needs k = 0 and must be from 0 to what the boundary lets through",
+                            "needs k = 0 and must be from 0 to the boundary's transmittance",
                         ));
                     }
                 }
@@ -116,7 +116,7 @@ impl Scene {
             other => Err(value(
                 &format!("interface {number}: below"),
                 other,
-                "write { n = 1.5 }, { n = 0.35, k = 2.7 } or a material's name",
+                "must be { n = 1.5 }, { n = 0.35, k = 2.7 } or a material's name",
             )),
         }
     }
@@ -138,7 +138,7 @@ impl Scene {
         if last && shape.thickness_um.is_some() {
             left_out.push(LeftOut {
                 what: format!("thickness_um of interface {number}"),
-                why: "what lies below the last interface has no other side: light that enters it does not come back"
+                why: "the medium below the last interface has no lower boundary: light that enters it does not return"
                     .to_owned(),
                 cost: None,
             });
@@ -146,7 +146,8 @@ impl Scene {
         if last || k == 0.0 {
             return Ok(0.0);
         }
-        // Beyond this the layer is opaque within a wavelength: not a layer but a substrate.
+        // With stronger absorption the layer is opaque within a wavelength: it is a substrate, not
+        // a layer.
         let (n, limit) = (medium.index.re, 0.1 * medium.index.re);
         if k > limit {
             let named = matches!(shape.below, toml::Value::String(_));
@@ -177,8 +178,8 @@ impl Scene {
         left_out.push(LeftOut {
             what: format!("interference next to the boundary within layer {number}"),
             why: format!(
-                "of light in an absorbing layer the boundary's two ways together would carry a little more than all of it; \
-                 the cost is what that brings back to the medium above at the worst angle, θ = {:.1}° there",
+                "in an absorbing layer the reflected and transmitted light at the boundary sum to slightly more than 1; \
+                 the cost is the light that this returns to the medium above at the worst angle, θ = {:.1}° there",
                 theta.to_degrees()
             ),
             cost: Some(cost),
@@ -187,11 +188,12 @@ impl Scene {
     }
 }
 
-/// The greatest share of the light above an absorbing layer that [`excess`] would add to it after both ways through the
-/// layer, were all of it mirrored below, and the angle (rad) of that above it.
+/// Largest fraction of the light above an absorbing layer that [`excess`] would add after two
+/// passes through the layer, with total reflection below, and the angle (rad) above the layer at
+/// which it occurs.
 fn interference(above: f64, layer: Complex<f64>, depth: f64) -> (f64, f64) {
     const ANGLES: u32 = 2000;
-    // Next to the critical angle it is greatest.
+    // It is largest close to the critical angle.
     let critical = (layer.re / above).min(1.0).asin();
     let evenly = (0..ANGLES).map(|j| f64::from(j) / f64::from(ANGLES) * FRAC_PI_2);
     let boundary = Boundary::between(Complex::new(above, 0.0), layer, true);
@@ -208,16 +210,16 @@ fn interference(above: f64, layer: Complex<f64>, depth: f64) -> (f64, f64) {
         )
 }
 
-/// Indices beyond any medium's, whose powers numbers do not hold.
+/// Range of plausible indices; powers of others would overflow.
 const INDEX_RANGE: std::ops::RangeInclusive<f64> = 1e-30..=1e30;
 
-/// Refuses what no medium's index is.
+/// Refuses values that are not an index of a medium.
 pub(super) fn index(key: &str, x: f64) -> Result<(), SceneError> {
     positive(key, x)?;
     if INDEX_RANGE.contains(&x) {
         Ok(())
     } else {
-        Err(value(key, x, "a refractive index lies from 1e-30 to 1e30"))
+        Err(value(key, x, "must be from 1e-30 to 1e30"))
     }
 }
 
@@ -226,7 +228,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_an_absorbing_layer_goes_without_is_little_where_it_is_thicker_than_a_wavelength() {
+    fn the_term_omitted_in_an_absorbing_layer_is_small_if_it_is_thicker_than_a_wavelength() {
         let cost = |above: f64, layer: Complex<f64>, thickness_um: f64| {
             let depth = 4e3 * std::f64::consts::PI * layer.im * thickness_um / 550.0;
             interference(above, layer, depth).0

@@ -1,4 +1,4 @@
-//! A scene ready to trace, and what may still be changed of it.
+//! A scene ready to trace, and the changes that are still possible.
 
 use serde::{Deserialize, Serialize};
 
@@ -19,18 +19,19 @@ pub struct Prepared {
     pub(in crate::trace) interactions_max: u32,
     pub(in crate::trace) grid: Grid,
     pub(in crate::trace) seed: u64,
-    /// Whether what the elements of a Mueller matrix have in common is kept in the plane of incidence, for the errors of
-    /// Stokes vectors and of degree and angle of polarisation there; some ten microseconds per batch.
+    /// Whether the products of Mueller elements are accumulated in the plane of incidence, for the
+    /// errors of Stokes vectors and of the degree and angle of polarisation there; costs about ten
+    /// microseconds per batch.
     pub plane: bool,
     /// Photons to launch.
     pub photons: u64,
     /// Whether polarisation is followed.
     pub polarised: bool,
-    /// What is left out.
+    /// Effects left out.
     pub left_out: Vec<LeftOut>,
-    /// Effective ridge angles of the interfaces that lean to +v (median inclination by area).
+    /// Effective ridge angles of the interfaces that lean to +v (area-weighted median inclination).
     pub ridge_angles: Vec<RidgeAngle>,
-    /// Whether a surface is drawn at random: one of many of the same statistics.
+    /// Whether a surface is random: one realisation of its statistics.
     pub is_drawn: bool,
 }
 
@@ -39,12 +40,12 @@ pub struct Prepared {
 pub struct RidgeAngle {
     /// 1 for the topmost.
     pub interface: usize,
-    /// Median inclination, by area, of the parts whose normal leans to +v, degrees.
+    /// Area-weighted median inclination of the parts whose normal leans to +v, degrees.
     pub theta_r_deg: f64,
 }
 
 impl Prepared {
-    /// How chance is used.
+    /// How random numbers are used.
     #[must_use]
     pub fn method(&self) -> Method {
         self.method
@@ -56,21 +57,21 @@ impl Prepared {
         sin.atan2(-minus_cos).to_degrees()
     }
 
-    /// Gives photons up after `limit` interactions, if the scene does not do so earlier.
+    /// Gives photons up after `limit` interactions, unless the scene does so earlier.
     pub fn give_up_after(&mut self, limit: u32) {
         self.interactions_max = self.interactions_max.min(limit);
     }
 }
 
-/// What several interfaces go without.
+/// An effect left out for several interfaces.
 pub(super) const REGISTRATION: &str = "lateral registration of the layers";
 
 impl Prepared {
-    /// Goes without interfaces of the `scene` that do nothing to light (1 for the topmost): the media on both sides are
-    /// the same. The others keep their numbers.
+    /// Removes interfaces of `scene` that do not affect light (1 for the topmost): both media are
+    /// equal. The other interfaces keep their numbers.
     ///
     /// # Panics
-    /// Where nothing would be left.
+    /// No interface would remain.
     pub fn leave_out(&mut self, idle: &[usize], scene: &Scene) {
         let is_idle = |number: usize| idle.contains(&number);
         let mut number = 0;
@@ -93,14 +94,14 @@ impl Prepared {
         self.is_drawn = all.filter(|(n, _)| !is_idle(*n)).any(|(_, s)| s.is_drawn());
     }
 
-    /// The same surfaces, met by other photons.
+    /// The same surfaces with other photons.
     #[must_use]
     pub fn with_seed(mut self, seed: u64) -> Self {
         self.seed = seed;
         self
     }
 
-    /// The same scene, counted in other direction bins.
+    /// The same scene with other direction bins.
     #[must_use]
     pub fn with_grid(mut self, grid: Grid) -> Self {
         self.grid = grid.straight_at(self.phi_i_deg());

@@ -1,6 +1,6 @@
-//! Shapes of interfaces: which keys each has, and the surface that it makes of them.
+//! Shapes of interfaces: the keys of each shape, and the surface that it builds.
 //!
-//! A key that a shape does not have is an error, so is one that it needs and does not get. Called by
+//! A key that a shape does not have is an error, and so is a missing required key. Called by
 //! [`Scene::prepare`] for each interface.
 
 use std::sync::Arc;
@@ -18,15 +18,15 @@ use super::super::surface::Relief;
 use super::{HeightMap, LeftOut, Scene, SceneError, positive, value};
 use crate::wording::{percent, significant};
 
-/// One interface as written; which keys it may have depends on `shape`.
+/// One interface as written; the allowed keys depend on `shape`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shape {
     /// `flat`, `beckmann`, `smith`, `ridges`, `profile`, `crystals` or `file`.
     pub shape: String,
-    /// What is below: `{ n, k, rho_d }` or a material's name.
+    /// The medium below: `{ n, k, rho_d }` or a material's name.
     pub below: toml::Value,
-    /// Thickness of the layer below, µm; needed where it absorbs.
+    /// Thickness of the layer below, µm; required if it absorbs.
     pub thickness_um: Option<f64>,
     /// Beckmann α along u.
     pub alpha_u: Option<f64>,
@@ -38,19 +38,19 @@ pub struct Shape {
     pub cells: Option<usize>,
     /// Ridge angle, degrees.
     pub theta_r_deg: Option<f64>,
-    /// Facet length of ridges, or the pixel pitch of a file, µm.
+    /// Facet length of ridges, or the spacing of a file's samples, µm.
     pub pitch_um: Option<f64>,
     /// Radius of crests and valleys, µm.
     pub round_um: Option<f64>,
-    /// The same as a share of the pitch.
+    /// The same as a fraction of the pitch.
     pub round: Option<f64>,
-    /// By how much risers are flatter than a right angle to their facets, degrees.
+    /// Angle by which the risers are flatter than perpendicular to their facets, degrees.
     pub draft_deg: Option<f64>,
     /// Mean height of burrs on the crests, µm.
     pub burr_um: Option<f64>,
-    /// Mean size of a crystal, µm.
+    /// Mean size of the crystals, µm.
     pub size_um: Option<f64>,
-    /// Crystals per size².
+    /// Number of crystals per size².
     pub cover: Option<f64>,
     /// A file of heights.
     pub path: Option<String>,
@@ -59,14 +59,14 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// Whether it is drawn at random, one of many of the same statistics.
+    /// Whether the surface is random: one realisation of its statistics.
     pub(super) fn is_drawn(&self) -> bool {
         matches!(self.shape.as_str(), "beckmann" | "crystals")
             || self.burr_um.is_some_and(|burr| burr > 0.0)
     }
 }
 
-/// Crystals per size² unless a scene says otherwise: hardly any of the plane is left.
+/// Default number of crystals per size²: almost the whole plane is covered.
 const COVER: f64 = 3.0;
 
 impl Scene {
@@ -76,14 +76,14 @@ impl Scene {
         if !(16..=4096).contains(&cells) {
             return Err(value(&keys.name("cells"), cells, "must be from 16 to 4096"));
         }
-        // Without a seed of its own each interface gets another one from the run's.
+        // Without a seed of its own, each interface derives a different one from the run's.
         let seed = keys.shape.seed.unwrap_or_else(|| {
             Stream::new(self.run.seed, Purpose::Surface, keys.number as u64).bits()
         });
         Ok((cells, seed))
     }
 
-    /// The relief of an interface and the roughness of its facets.
+    /// Builds the relief of an interface and the roughness of its facets.
     pub(super) fn relief(
         &self,
         shape: &Shape,
@@ -103,12 +103,12 @@ impl Scene {
             other => Err(value(
                 &keys.name("shape"),
                 format!("{other:?}"),
-                "known shapes are flat, beckmann, smith, ridges, profile, crystals, file",
+                "must be flat, beckmann, smith, ridges, profile, crystals or file",
             )),
         }
     }
 
-    /// A height field of normal slopes.
+    /// A height field with normally distributed slopes.
     fn beckmann(&self, keys: &Keys<'_>, left_out: &mut Vec<LeftOut>) -> Result<Made, SceneError> {
         keys.only(&["alpha_u", "alpha_v", "seed", "cells"])?;
         let Roughness { alpha_u, alpha_v } = keys.roughness()?;
@@ -131,20 +131,20 @@ impl Scene {
             return Err(value(
                 &keys.name("cover"),
                 cover,
-                "is less than half a crystal on the tile of (cells / 16)² sizes: give more cover or cells",
+                "is less than half a crystal on the tile of (cells / 16)² sizes: raise cover or cells",
             ));
         }
         left_out.extend(crystals::rounded(cells, cover, keys.number));
         left_out.push(LeftOut {
             what: format!("overhangs of the crystals of interface {}", keys.number),
-            why: "a height field has none: faces that lean over stand upright".to_owned(),
+            why: "a height field has none: overhanging faces become vertical".to_owned(),
             cost: None,
         });
         let field = crystals(cells, size, cover, seed);
         Ok((Relief::Field(Arc::new(field)), None))
     }
 
-    /// A sawtooth, worn or burred.
+    /// A sawtooth, possibly worn or with burrs.
     fn ridges(&self, keys: &Keys<'_>, left_out: &mut Vec<LeftOut>) -> Result<Made, SceneError> {
         keys.only(&[
             "theta_r_deg",
@@ -167,7 +167,7 @@ impl Scene {
         }
         let pitch = keys.need("pitch_um", keys.shape.pitch_um)?;
         if keys.shape.round.is_some() && keys.shape.round_um.is_some() {
-            let expected = "is round_um in units of the pitch: give one of them";
+            let expected = "is round_um in units of the pitch: give only one of them";
             return Err(value(
                 &keys.name("round"),
                 keys.shape.round.unwrap_or(0.0),
@@ -179,7 +179,7 @@ impl Scene {
             None => keys.none_or_more("round_um", keys.shape.round_um.unwrap_or(0.0))?,
         };
         if round > 100.0 * pitch {
-            let expected = "is more than 100 pitches: nothing of the ridges would be left";
+            let expected = "is more than 100 pitches: the ridges would vanish";
             return Err(value(&keys.name("round_um"), round, expected));
         }
         let draft = keys.none_or_more("draft_deg", keys.shape.draft_deg.unwrap_or(0.0))?;
@@ -199,7 +199,7 @@ impl Scene {
         left_out.extend(ridges.burr_cut().map(|(most, mean)| LeftOut {
             what: format!("the tops of tall burrs of interface {}", keys.number),
             why: format!(
-                "a burr leaves room on its facet: those of more than {} µm are cut there, so their mean height is {} µm, not \
+                "a burr must fit on its facet: burrs above {} µm are truncated, so their mean height is {} µm, not \
                  the {burr} µm of burr_um",
                 significant(most),
                 significant(mean)
@@ -219,7 +219,7 @@ fn smith(keys: &Keys<'_>) -> Result<Made, SceneError> {
     Ok((Relief::Flat, Some(keys.roughness()?)))
 }
 
-/// The profile of a file.
+/// The profile in a file.
 fn profile(
     keys: &Keys<'_>,
     load: &dyn Fn(&str) -> Result<HeightMap, String>,
@@ -249,7 +249,7 @@ fn profile(
     ))
 }
 
-/// The height map of a file.
+/// The height map in a file.
 fn file(
     keys: &Keys<'_>,
     load: &dyn Fn(&str) -> Result<HeightMap, String>,
@@ -267,7 +267,7 @@ fn file(
         reason,
     };
     let map = load(path).map_err(failed)?;
-    // What the scene says counts more than what the file says.
+    // The scene overrides the file.
     let pitch = match (keys.shape.pitch_um, map.pitch_um) {
         (None, Some(pitch_um)) => pitch_um,
         _ => [keys.need("pitch_um", keys.shape.pitch_um)?; 2],
@@ -276,8 +276,8 @@ fn file(
         && (u / v - 1.0).abs() > 0.01
     {
         return Err(failed(format!(
-            "its points are {} apart along x and {} along y, which one pitch_um does not say: name the columns with \
-             their units, such as x_um y_um z_um",
+            "its points are spaced {} along x and {} along y, which one pitch_um cannot state: name the columns with \
+             their units, for example x_um y_um z_um",
             significant(u),
             significant(v)
         )));
@@ -288,7 +288,7 @@ fn file(
     };
     if map.missing_share() > MISSING_MAX {
         return Err(failed(format!(
-            "{} of {} points have no height: fill them or cut them off first",
+            "{} of {} points have no height: fill them or crop the map first",
             map.missing(),
             map.heights.len()
         )));
@@ -308,28 +308,28 @@ fn file(
         left_out.push(LeftOut {
             what: format!("whether spikes of the map of interface {} are real", keys.number),
             why: format!(
-                "{} off all around by more than the map's height and traced as they are: where an instrument made them, \
-                 take them out or mark them as missing (NaN)",
+                "{} from all neighbours by more than the map's height; they are traced as they are: if they are artefacts, \
+                 remove them or mark them as missing (NaN)",
                 match spikes {
-                    1 => "1 height stands".to_owned(),
-                    n => format!("{n} heights stand"),
+                    1 => "1 height differs".to_owned(),
+                    n => format!("{n} heights differ"),
                 }
             ),
             cost: Some(spikes as f64 / map.heights.len() as f64),
         });
     }
     left_out.push(LeftOut {
-        what: format!("what lies beyond the map of interface {}", keys.number),
-        why: "the map is repeated as it is; where its rims differ there is a wall".to_owned(),
+        what: format!("the surface beyond the map of interface {}", keys.number),
+        why: "the map is repeated; a wall arises where its opposite rims differ".to_owned(),
         cost: None,
     });
     Ok((Relief::Field(Arc::new(field)), keys.optional_roughness()?))
 }
 
-/// Share of points without a height up to which a map is filled and traced.
+/// Largest fraction of missing points up to which a map is filled and traced.
 const MISSING_MAX: f64 = 0.1;
 
-/// How a file was read, where it could have been read otherwise.
+/// Notes on how an ambiguous file was read.
 fn reading(map: &HeightMap, number: usize) -> impl Iterator<Item = LeftOut> {
     let what = format!("another reading of the file of interface {number}");
     map.notes.iter().map(move |note| LeftOut {
@@ -339,12 +339,12 @@ fn reading(map: &HeightMap, number: usize) -> impl Iterator<Item = LeftOut> {
     })
 }
 
-/// What points without a height cost that were filled from their neighbours; `share` is that of the heights.
+/// The effect of missing points that were interpolated; `share` is their fraction.
 fn filled_gaps(share: f64) -> Option<LeftOut> {
     (share > 0.0).then(|| LeftOut {
-        what: "points of the height map that the instrument did not see".to_owned(),
+        what: "missing points of the height map".to_owned(),
         why: format!(
-            "{} of its heights are missing and were filled in a straight line along their row or column; instruments miss \
+            "{} of its heights are missing and were interpolated linearly along their row or column; instruments miss \
              the steepest parts first",
             percent(share)
         ),
@@ -352,17 +352,18 @@ fn filled_gaps(share: f64) -> Option<LeftOut> {
     })
 }
 
-/// Slope that heights may have of their last digits alone, untold: six thousandths of a degree.
+/// Slope by the last digits of the heights that is not reported: six thousandths of a degree.
 const LOST_SLOPE: f64 = 1e-4;
 
-/// What is told where heights are known to `digit_um` only, which is a slope between samples `step_um` apart.
+/// Reports heights that are known only to `digit_um`, which is a slope between samples `step_um`
+/// apart.
 fn lost_digits(digit_um: f64, step_um: f64, number: usize) -> Option<LeftOut> {
     let slope = digit_um / step_um;
     (slope > LOST_SLOPE).then(|| LeftOut {
         what: format!("the last digits of the heights of interface {number}"),
         why: format!(
-            "they are {} µm in numbers so large, which between two samples is a slope of up to {}°: take a constant off the \
-             heights, or cut off what stands far above or below the rest",
+            "the heights are so large that their last digit is {} µm, a slope of up to {}° between two samples: subtract a \
+             constant from the heights, or remove points far above or below the rest",
             significant(digit_um),
             significant(slope.atan().to_degrees())
         ),
@@ -380,12 +381,12 @@ fn field_of(map: &HeightMap, pitch: [f64; 2], unit: f64) -> Result<HeightField, 
     }
     let filled = map.filled();
     if filled.iter().any(|h| h.is_nan()) {
-        return Err("the map holds no height at all");
+        return Err("the map contains no heights");
     }
     if !filled.iter().all(|h| (h * unit).abs() < 1e12) {
-        return Err("the map holds a height beyond 1e12 in the scene's unit");
+        return Err("the map contains a height beyond 1e12 in the scene's unit");
     }
-    // A field keeps seven digits: those are the relief's, wherever its file counts heights from.
+    // A field keeps seven digits of the relief, whatever the zero of its file.
     let (low, high) = lowest_and_highest(filled.iter().copied());
     let middle = 0.5 * (low + high);
     let mut heights = vec![0.0; columns * rows];
@@ -400,13 +401,14 @@ fn field_of(map: &HeightMap, pitch: [f64; 2], unit: f64) -> Result<HeightField, 
 /// The relief of an interface and the roughness of its facets.
 type Made = (Relief, Option<Roughness>);
 
-/// The keys of one interface, by number from above.
+/// The keys of one interface, with its number from the top.
 struct Keys<'a> {
     shape: &'a Shape,
     number: usize,
 }
 
-/// Light goes from needle to needle of such a surface until it is given up; squares of slopes far above are no numbers.
+/// On a rougher surface light passes from needle to needle until it is given up, and squares of
+/// larger slopes overflow.
 const ALPHA_MAX: f64 = 1e8;
 
 impl Keys<'_> {
@@ -439,7 +441,7 @@ impl Keys<'_> {
         })
     }
 
-    /// The roughness where there is one; half of it is none.
+    /// The roughness, if given; only one of the two keys is an error.
     fn optional_roughness(&self) -> Result<Option<Roughness>, SceneError> {
         match (self.shape.alpha_u, self.shape.alpha_v) {
             (None, None) => Ok(None),
@@ -489,7 +491,7 @@ impl Keys<'_> {
 mod tests {
     use super::*;
 
-    /// Ridges of 20 steps of 1 µm that fall by 10°, in µm from wherever they are counted.
+    /// Ridges of 20 steps of 1 µm that fall by 10°, in µm above `offset_um`.
     fn sawtooth(offset_um: f64) -> Vec<f64> {
         let fall = 10f64.to_radians().tan();
         let ridge = (0..20).map(|n| offset_um - fall * f64::from(n));
@@ -506,7 +508,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_file_counts_its_heights_from_does_not_matter_until_its_digits_run_out() {
+    fn the_zero_of_a_files_heights_has_no_effect_until_digits_are_lost() {
         let field = |offset_um: f64, tower_um: f64| {
             let mut heights: Vec<f64> = sawtooth(offset_um).repeat(5);
             heights[0] += tower_um;
@@ -531,7 +533,8 @@ mod tests {
                 assert!(lost.is_empty(), "{offset_um}: {lost:?}");
             }
         }
-        // 9e11 has steps of 1e-4 µm; a tower of 10 mm leaves the field's seven digits 5e-4 µm.
+        // 9e11 has steps of 1e-4 µm; with a tower of 10 mm, the field's seven digits resolve 5e-4
+        // µm.
         for (_, lost) in [field(9e11, 0.0), profile(9e11), field(0.0, 1e4)] {
             assert_eq!(lost.len(), 1);
         }

@@ -1,4 +1,4 @@
-//! What the photons of one independent replicate left, bin by bin; hot code, emptied and used again.
+//! The counts of one independent replicate, bin by bin; hot code, cleared and reused.
 
 use super::energies::{Energies, ORDERS};
 use crate::trace::grid::{Finder, Grid};
@@ -6,16 +6,16 @@ use crate::trace::height_field::Side;
 use crate::trace::light::Light;
 use crate::trace::vec3::V3;
 
-/// Work after which it is asked again whether to go on with a batch: a millisecond's.
+/// Work between two calls of the stop callback: about a millisecond.
 const ASKED: u64 = 1 << 16;
 
-/// What the photons of one replicate left.
+/// The counts of the photons of one replicate.
 #[derive(Debug)]
 pub struct Batch {
-    /// Work that they took: cells crossed, and what else was done in units of that.
+    /// Work of its photons: cells crossed, and other work in the same unit.
     pub work: u64,
     asked_at: u64,
-    /// Its photons were told to stop on their way: what is counted is of no use.
+    /// Its photons were stopped on their way: the counts are invalid.
     pub given_up: bool,
     finder: Finder,
     pub(super) stride: usize,
@@ -26,7 +26,7 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// An empty batch for light of `L`'s kind.
+    /// Makes an empty batch for light of kind `L`.
     #[must_use]
     pub fn new<L: Light>(grid: Grid) -> Self {
         let bins = 2 * grid.per_side();
@@ -43,13 +43,14 @@ impl Batch {
         }
     }
 
-    /// Light leaves along `k` on a side after `interactions` (≥ 1), already in the frame of exit.
+    /// Counts light that leaves along `k` on a side after `interactions` (≥ 1), already in the
+    /// frame of exit.
     #[inline]
     pub fn exit<L: Light>(&mut self, light: &L, power: f64, side: Side, k: &V3, interactions: u32) {
         self.count(light, power, self.finder.bin(side, k), side, interactions);
     }
 
-    /// The same where the bin is known.
+    /// The same for a known bin.
     #[inline(always)]
     pub fn count<L: Light>(
         &mut self,
@@ -63,7 +64,7 @@ impl Batch {
         self.book(power, side, interactions);
     }
 
-    /// The same of light after one interaction, whose numbers are given.
+    /// The same for light after one interaction with given numbers.
     #[inline(always)]
     pub(in crate::trace) fn count_numbers<L: Light>(
         &mut self,
@@ -78,7 +79,7 @@ impl Batch {
         self.book(power, side, 1);
     }
 
-    /// The numbers of a bin in which something is counted.
+    /// The numbers of a bin that is being counted.
     #[inline(always)]
     fn slot<L: Light>(&mut self, bin: usize) -> &mut [f64] {
         if self.hits[bin] == 0 {
@@ -103,13 +104,13 @@ impl Batch {
         }
     }
 
-    /// Power that a metal or a layer took.
+    /// Counts power absorbed by a metal or a layer.
     #[inline]
     pub fn absorb(&mut self, power: f64) {
         self.energies.absorbed += power;
     }
 
-    /// Whether it is time to ask if its photons go on; the next time is so much work later.
+    /// Whether the stop callback is due; the next time is the same amount of work later.
     #[inline(always)]
     pub fn take_due(&mut self) -> bool {
         let due = self.work >= self.asked_at;
@@ -119,7 +120,7 @@ impl Batch {
         due
     }
 
-    /// Takes what another of the same bins counted, and leaves that empty.
+    /// Adds the counts of another batch with the same bins, and clears that.
     pub fn take(&mut self, other: &mut Batch) {
         for &bin in &other.touched {
             let at = bin as usize;
@@ -138,7 +139,7 @@ impl Batch {
         other.clear();
     }
 
-    /// Empties it for its next use.
+    /// Clears it for its next use.
     pub fn clear(&mut self) {
         (self.work, self.asked_at, self.given_up) = (0, ASKED, false);
         for bin in self.touched.drain(..) {
@@ -149,7 +150,7 @@ impl Batch {
         self.energies = Energies::filled(0.0);
     }
 
-    /// Power that was given up.
+    /// Counts power that was given up.
     #[inline]
     pub fn truncate(&mut self, power: f64) {
         self.energies.truncated += power;

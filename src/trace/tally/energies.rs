@@ -1,36 +1,37 @@
-//! Energies by where the light ended, and their shares of what was launched with standard errors.
+//! Energies by the light's end, and their fractions of the launched light with standard errors.
 //!
-//! *Conditioning.* Slopes of an energy over all of it are taken only where that scatters by more than 3e-5 of
-//! itself from batch to batch.
+//! *Conditioning.* Regression slopes of an energy on the total energy are used only if the total
+//! scatters between batches by more than 3e-5 of itself.
 
 use super::{Estimate, Totals};
 use crate::trace::exact::{Wide, from_fixed, to_fixed};
 
-/// Energies are told apart up to this number of interactions; the last place holds "and more".
+/// Energies are distinguished up to this number of interactions; the last element means "or more".
 pub const ORDERS: usize = 16;
 
-/// Batches from which a slope over them is told well enough: with 16 its own noise adds 3 % to a standard error.
+/// Least number of batches for a regression slope: with 16 its own noise adds 3 % to a standard
+/// error.
 const BATCHES_FOR_SLOPE: u64 = 16;
 
-/// Power shares by where the light ended.
+/// Fractions of the power by the light's end.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Energies<T> {
     /// Reflected after 1, 2, … interactions.
     pub reflected: [T; ORDERS],
     /// Transmitted after 1, 2, … interactions.
     pub transmitted: [T; ORDERS],
-    /// All that was reflected.
+    /// All reflected light.
     pub reflected_all: T,
-    /// All that was transmitted.
+    /// All transmitted light.
     pub transmitted_all: T,
     /// Absorbed.
     pub absorbed: T,
-    /// Given up: too many interactions, or a ray all but horizontal.
+    /// Given up: too many interactions, or an almost horizontal ray.
     pub truncated: T,
 }
 
 impl<T: Copy + std::ops::Add<Output = T>> Energies<T> {
-    /// All the light, wherever it ended.
+    /// All light, whatever its end.
     pub(super) fn total(&self) -> T {
         self.reflected_all + self.transmitted_all + self.absorbed + self.truncated
     }
@@ -57,7 +58,7 @@ impl<T: Copy> Energies<T> {
         ])
     }
 
-    /// Puts the numbers in the order of [`Energies::all`] in place of its own.
+    /// Replaces its numbers by these, in the order of [`Energies::all`].
     pub(super) fn set(&mut self, numbers: &[T]) {
         for (own, x) in self.all_mut().zip(numbers) {
             *own = *x;
@@ -96,15 +97,16 @@ impl Energies<Wide> {
 }
 
 impl Totals {
-    /// Energies as shares of all the light that was launched; they add up to 1.
+    /// Energies as fractions of all launched light; they sum to 1.
     ///
-    /// Where photons carry weights other than 1 (polarised lamp, roulette, ways drawn more often than their share)
-    /// what a batch counts is not the number of its photons exactly, though on average it is. That is known
-    /// of every batch, and what goes with it is taken off each share: x − β (a − n) with a the energy counted and
-    /// n the photons. Shares of a have β = x/a; where draws make most of the noise, β = cov(x, a)/var(a) over the
-    /// batches leaves what every photon leaves the same part in (the first reflection off a plane) its exact
-    /// value, which dividing by a spoils. Either β add up to 1, so the shares do too, and the standard
-    /// error is that of the remainder.
+    /// If photons have weights other than 1 (polarised lamp, roulette, branches drawn more often
+    /// than their probability), the count of a batch equals the number of its photons only on
+    /// average. The deviation is known for every batch, and its correlated part is subtracted from
+    /// each fraction: x − β (a − n) with a the counted energy and n the photons. Fractions of a
+    /// have β = x/a. If draws make most of the noise, β = cov(x, a)/var(a) over the batches keeps
+    /// the exact value of a contribution that is equal for every photon (the first reflection off a
+    /// plane), which a division by a spoils. Both choices of β sum to 1, so the fractions do too,
+    /// and the standard error is that of the remainder.
     #[must_use]
     pub fn energies(&self) -> Energies<Estimate> {
         let e = &self.energy_sums;
@@ -118,7 +120,7 @@ impl Totals {
         }
         let of = |e: &Energies<i128>| ends(e, from_fixed);
         let wide = |e: &Energies<Wide>| ends(e, |x| x.value());
-        // As the sum of its parts, so that the slopes add up to 1 to the last digit.
+        // As the sum of its parts, so that the slopes sum to 1 to the last digit.
         let parts = of(e).into_iter().zip(wide(&self.energy_products));
         let var_a: f64 = parts.map(|(s, p)| with_all(s, p)).sum();
         let variance = |s: f64, q: f64, p: f64, slope: f64| {
@@ -140,9 +142,9 @@ impl Totals {
             all.map(|((s, (q, p)), slope)| variance(s, q, p, slope))
                 .sum()
         };
-        // Few batches tell no slope, nor do such as count their photons all but exactly (three roundings of
-        // 1e-16 in a difference that shall keep six digits); and where slopes bring little they are not
-        // worth a share that comes out below nothing.
+        // Few batches give no slope, and neither do batches that count their photons almost exactly
+        // (three roundings of 1e-16 in a difference that needs six digits). If slopes bring little,
+        // they are not worth a negative fraction.
         let told = self.batches >= BATCHES_FOR_SLOPE
             && var_a > 1e-9 * a * a / b
             && scatter(&mut { slopes }) < 0.5 * scatter(&mut { shares });

@@ -1,22 +1,22 @@
-//! Light whose way is known without chance.
+//! The analytic part of a result: light whose path is known without sampling.
 
 use super::Batch;
 use super::energies::Energies;
 use crate::trace::exact::to_fixed;
 use crate::trace::grid::Grid;
 
-/// Light whose way is known without chance, per photon launched.
+/// Light whose path is known without sampling, per launched photon.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Known {
     pub(super) stride: usize,
     pub(super) bins: Vec<i128>,
-    /// Which bins have any of it.
+    /// The bins that have any.
     pub(super) lit: Vec<bool>,
     pub(super) energies: Energies<i128>,
 }
 
 impl Known {
-    /// Nothing known.
+    /// Makes an empty part.
     #[must_use]
     pub fn new(grid: Grid, elements: usize) -> Self {
         Known {
@@ -27,7 +27,7 @@ impl Known {
         }
     }
 
-    /// Takes what a batch counted as known, and leaves the batch empty. The order does not matter.
+    /// Adds the counts of a batch and clears it. The order does not matter.
     pub fn take(&mut self, batch: &mut Batch) {
         for &bin in &batch.touched {
             let bin = bin as usize;

@@ -1,18 +1,19 @@
-//! Products of the numbers of a direction over batches: errors of what is made of several of them.
+//! Products of the numbers of a direction over batches, for the errors of quantities computed from
+//! several of them.
 //!
-//! A Stokes vector is a sum of Mueller elements that the same photons made, and a degree of polarisation a ratio
-//! of such sums: errors of single elements do not tell theirs. [`Products`] are kept of some directions alone, since
-//! sixteen numbers have 136 of them.
+//! A Stokes vector is a sum of Mueller elements of the same photons, and a degree of polarisation a
+//! ratio of such sums: errors of single elements do not determine theirs. [`Products`] are recorded
+//! only for some directions, because sixteen numbers have 136 of them.
 
 use super::{Batch, FULL};
 use crate::trace::exact::{Text, Wide, Words};
 
-/// Numbers of a direction whose products are kept: a Mueller matrix, row by row.
+/// Numbers of a direction whose products are recorded: a Mueller matrix, row by row.
 pub const NUMBERS: usize = 16;
 /// Their products, squares included.
 const PAIRS: usize = NUMBERS * (NUMBERS + 1) / 2;
 
-/// Place of a pair of numbers, the first no greater than the second.
+/// Index of a pair of numbers, the first no larger than the second.
 const fn place(i: usize, j: usize) -> usize {
     i * (2 * NUMBERS - 1 - i) / 2 + j
 }
@@ -21,22 +22,22 @@ const fn place(i: usize, j: usize) -> usize {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Products(Vec<Direction>);
 
-/// Bins that are looked at as one.
+/// Bins that are combined into one direction.
 #[derive(Debug, Clone, PartialEq)]
 struct Direction {
     bins: Vec<usize>,
-    /// Each product times [`FULL`] over its batch's photons; none before light arrives.
+    /// Each product times [`FULL`] over its batch's photons; empty before light arrives.
     sums: Vec<Wide>,
-    /// Batches that brought light.
+    /// Number of batches with light.
     lit: u64,
 }
 
 impl Products {
-    /// Of directions above, by their bins.
+    /// Makes empty products for directions above, given by their bins.
     pub fn new(directions: Vec<Vec<usize>>) -> Self {
         let mut all: Vec<Direction> = Vec::with_capacity(directions.len());
         for bins in directions {
-            // Both sides of a plane may lie in one bin.
+            // Both sides of a plane may be in one bin.
             if all.iter().all(|d| d.bins != bins) {
                 all.push(Direction {
                     bins,
@@ -48,7 +49,7 @@ impl Products {
         Products(all)
     }
 
-    /// Takes what a batch counted, `per_photon` of which is [`FULL`] over its photons.
+    /// Adds the counts of a batch; `per_photon` is [`FULL`] over its photons.
     pub fn count(&mut self, batch: &Batch, per_photon: f64) {
         for direction in &mut self.0 {
             let lit = direction.bins.iter().filter(|bin| batch.hits[**bin] > 0);
@@ -75,7 +76,7 @@ impl Products {
         }
     }
 
-    /// Adds those of another part of the run; `None` where that kept other ones.
+    /// Adds those of another part of the run; `None` if that recorded other directions.
     pub fn merged(mut self, other: &Products) -> Option<Self> {
         let same = self.0.len() == other.0.len()
             && self.0.iter().zip(&other.0).all(|(a, b)| a.bins == b.bins);
@@ -103,8 +104,8 @@ impl Products {
         self.0.iter().find(|d| d.bins == bins)
     }
 
-    /// Sums of a direction over their batches' photons, by [`place`], and how many batches brought light; `None` where it
-    /// is none of those kept.
+    /// Sums of a direction over their batches' photons, by [`place`], and the number of batches
+    /// with light; `None` if it is not a recorded direction.
     pub fn sums(&self, bins: &[usize]) -> Option<(Vec<f64>, u64)> {
         let direction = self.of(bins)?;
         let mut values: Vec<f64> = direction.sums.iter().map(|x| x.value() / FULL).collect();
@@ -119,7 +120,7 @@ impl Products {
         lit.then(|| Text::of(direction.lit).wide(direction.sums.iter()).finish())
     }
 
-    /// Reads back what [`Products::exact`] wrote.
+    /// Reads the text of [`Products::exact`].
     pub fn set_exact(&mut self, first: usize, text: &str) -> Option<()> {
         let mut directions = self.0.iter_mut();
         let direction = directions.find(|d| d.bins.first() == Some(&first))?;
@@ -129,28 +130,29 @@ impl Products {
     }
 }
 
-/// What sums are of.
+/// The samples behind the sums.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Counted {
     pub batches: u64,
     pub photons: u64,
-    /// Batches that brought light to the direction.
+    /// Number of batches with light in the direction.
     pub lit: u64,
 }
 
-/// How the numbers of a direction scatter together, sr⁻².
+/// Covariance of the numbers of a direction, sr⁻².
 #[derive(Debug, Clone, PartialEq)]
 pub struct Covariance {
     pairs: Vec<f64>,
-    /// Independent replicates that brought light; `None` where nobody counted them.
+    /// Independent replicates with light; `None` if not counted.
     pub replicates: Option<u64>,
-    /// Below `floor` times the square of these sizes a variance is rounding.
+    /// A variance below `floor` times the square of these sizes is rounding.
     sizes: [f64; NUMBERS],
     floor: f64,
 }
 
 impl Covariance {
-    /// Of the sums over batches: `products` over their batches' photons and sums, in photons; `norm` makes them sr⁻¹.
+    /// Makes it from the sums over batches: `products` over their batches' photons, and sums in
+    /// photons; `norm` converts to sr⁻¹.
     pub(super) fn new(
         products: &[f64],
         sums: &[f64; NUMBERS],
@@ -173,7 +175,7 @@ impl Covariance {
         }
     }
 
-    /// Of numbers with these standard errors that know nothing of one another.
+    /// Makes it for independent numbers with these standard errors.
     #[must_use]
     pub fn independent(std: &[f64]) -> Self {
         let mut pairs = vec![0.0; PAIRS];
@@ -200,7 +202,7 @@ impl Covariance {
                 variance += twice * w * weights[j] * pair;
             }
         }
-        // NaN where a single replicate tells nothing.
+        // NaN if there is only one replicate.
         if variance.is_nan() {
             return variance;
         }
@@ -213,7 +215,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pairs_have_places_of_their_own() {
+    fn every_pair_has_its_own_index() {
         let mut next = 0;
         for i in 0..NUMBERS {
             for j in i..NUMBERS {
@@ -225,8 +227,8 @@ mod tests {
     }
 
     #[test]
-    fn what_two_numbers_have_in_common_goes_out_of_their_difference() {
-        // Two replicates: the first two numbers alike but for their level.
+    fn the_common_part_of_two_numbers_cancels_in_their_difference() {
+        // Two replicates: the first two numbers differ only by a constant.
         let batches = [[3.0, 1.0], [5.0, 3.0]];
         let mut numbers = [0.0; NUMBERS];
         let mut products = vec![0.0; PAIRS];
@@ -250,7 +252,7 @@ mod tests {
         };
         assert!((std(1.0, 0.0) - 2.0).abs() < 1e-12);
         assert!((std(1.0, 1.0) - 4.0).abs() < 1e-12);
-        // Nothing but rounding.
+        // Only rounding.
         assert!(std(1.0, -1.0) < 1e-6);
         let apart = Covariance::independent(&[2.0, 2.0]);
         let mut weights = [0.0; NUMBERS];

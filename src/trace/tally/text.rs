@@ -1,4 +1,4 @@
-//! Totals as text and back, to the last bit: what a shard's file has of them.
+//! Totals as text and back, exact to the last bit, for the file of a shard.
 
 use super::Totals;
 use crate::trace::exact::{Text, Wide, Words};
@@ -24,18 +24,18 @@ impl Totals {
         Some(text.finish())
     }
 
-    /// The exact products of the direction that begins with a bin above, likewise.
+    /// The exact products of the direction that begins with a bin above, in the same form.
     #[must_use]
     pub fn exact_direction(&self, first: usize) -> Option<String> {
         self.products.as_ref()?.exact(first)
     }
 
-    /// Reads back what [`Totals::exact_direction`] wrote.
+    /// Reads the text of [`Totals::exact_direction`].
     pub fn set_exact_direction(&mut self, first: usize, text: &str) -> Option<()> {
         self.products.as_mut()?.set_exact(first, text)
     }
 
-    /// The exact sums of the energies, likewise.
+    /// The exact sums of the energies, in the same form.
     #[must_use]
     pub fn exact_energies(&self) -> String {
         let batches = i128::from(self.batches);
@@ -47,7 +47,7 @@ impl Totals {
             .finish()
     }
 
-    /// Reads back what [`Totals::exact_bin`] wrote.
+    /// Reads the text of [`Totals::exact_bin`].
     pub fn set_exact_bin(&mut self, side: Side, bin: usize, text: &str) -> Option<()> {
         let (hits, mut words) = Words::of(text)?;
         let (index, n) = (self.index(side, bin), self.stride);
@@ -67,7 +67,7 @@ impl Totals {
         Some(())
     }
 
-    /// Reads back what [`Totals::exact_energies`] wrote.
+    /// Reads the text of [`Totals::exact_energies`].
     pub fn set_exact_energies(&mut self, text: &str) -> Option<()> {
         let (photons, mut words) = Words::of(text)?;
         let count = self.energy_sums.all().count();

@@ -1,7 +1,8 @@
-//! Light that entered a diffuse body and comes out again.
+//! Light that entered a diffuse body and leaves it again.
 //!
-//! *Conditioning.* Chances of slopes are Fresnel's shares, between 0 and 1 but for total reflection, where the beam
-//! is mirrored for certain; nothing is divided by a chance that was not drawn.
+//! *Conditioning.* Probabilities at slopes are Fresnel's fractions, between 0 and 1 except under
+//! total reflection, where the ray is certainly reflected; there is no division by a probability
+//! that was not drawn.
 
 use super::super::facet::{Diffuse, Roughness};
 use super::super::height_field::Side;
@@ -14,10 +15,11 @@ use super::{Event, Method, State, Walk};
 use crate::model::polarisation::Boundary;
 
 impl Walk<'_> {
-    /// Light that entered a diffuse body comes out of the same facet, or is absorbed.
+    /// Light that entered a diffuse body leaves through the same facet, or is absorbed.
     ///
-    /// It leaves by the way on which light from there comes in, so that lamp and camera may change places: through
-    /// a smooth boundary straight, through a rough one by a walk on its slopes that is drawn backwards.
+    /// It leaves along the path by which light from that direction would enter, so that lamp and
+    /// camera are interchangeable: straight through a smooth boundary, and through a rough one by a
+    /// walk on its slopes that is drawn backwards.
     pub(super) fn re_emerge<L: Light>(
         &self,
         state: &mut State<L>,
@@ -59,12 +61,13 @@ impl Walk<'_> {
         }
         state.side = Side::Above;
         for (nth, hit) in way_in.hits().iter().rev().enumerate() {
-            // Forwards the light comes along what the hit turned the backward beam to.
+            // Forwards, the light comes along the direction to which the hit turned the backward
+            // ray.
             let m = world(&hit.normal);
             let passed = interface.from_above.at(hit.cos);
             if nth == 0 {
                 let leaves = world(&hit.k.map(|x| -x));
-                // Any frame will do for unpolarised light; the hit's is set by `meet`.
+                // Any frame is valid for unpolarised light; `meet` sets that of the hit.
                 let horizontal = unit(&combine(1.0, &u, -dot(&u, &leaves), &leaves));
                 state.light.depolarise(&horizontal);
                 state.light.meet(&leaves, &m);
@@ -88,24 +91,24 @@ impl Walk<'_> {
     }
 }
 
-/// The way in of a beam through the slopes of a facet: mirrored by some, refracted at the last.
+/// The path of a ray into a facet through its slopes: reflected by some, refracted at the last.
 struct WayIn {
     hits: [Meeting; MEETINGS],
     count: usize,
 }
 
-/// A slope that a beam meets on its way in; directions in the facet's frame.
+/// A slope that a ray meets on its way in; directions in the facet's frame.
 #[derive(Clone, Copy)]
 struct Meeting {
-    /// Of the beam before.
+    /// Direction of the ray before it.
     k: V3,
     normal: V3,
     cos: f64,
-    /// With which what it does was drawn.
+    /// Probability with which its branch was drawn.
     chance: f64,
 }
 
-/// Slopes on a way in at most; that more mirror it in turn happens to 1e-8 of the light.
+/// Largest number of slopes on a way in; only 1e-8 of the light is reflected by more.
 const MEETINGS: usize = 8;
 
 impl WayIn {
@@ -119,14 +122,15 @@ impl WayIn {
         count: 0,
     };
 
-    /// Of a beam from the direction `out` through a smooth facet.
+    /// The path of a ray from the direction `out` through a smooth facet.
     fn straight(out: &V3) -> Self {
         let mut way = Self::NONE;
         way.push(out.map(|x| -x), [0.0, 0.0, 1.0], 1.0);
         way
     }
 
-    /// Of a beam from the direction `out` through a rough one, drawn; `None` where it does not get in.
+    /// A random path of a ray from the direction `out` through a rough facet; `None` if it does not
+    /// get in.
     fn drawn(
         roughness: &Roughness,
         out: &V3,
@@ -176,8 +180,8 @@ mod tests {
     use crate::trace::run::{Shard, trace};
     use crate::trace::scene::Scene;
 
-    /// Light of 12.5° seen at 77.5° and the other way round, straight across: the Mueller elements m00 and m10 of one
-    /// and m00 and m01 of the other.
+    /// Light from 12.5° seen at 77.5° and vice versa, in the plane of incidence: the Mueller
+    /// elements m00 and m10 of one and m00 and m01 of the other.
     fn both_ways(facet: &str) -> [[(f64, f64); 2]; 2] {
         let of = |theta_i: f64, theta_o: f64, element: usize| {
             let text = format!(
@@ -189,7 +193,7 @@ mod tests {
             let grid = Grid::polar(18, 36);
             let totals = trace(&ready, Shard::WHOLE, &|_| true);
             let (sin, cos) = f64::to_radians(theta_o).sin_cos();
-            // All azimuths are alike: the sum over them has the least noise.
+            // All azimuths are equivalent: the sum over them has the least noise.
             let mut sums = [(0.0, 0.0); 2];
             for bin in 0..36 {
                 let phi = f64::to_radians(5.0 + 10.0 * f64::from(bin));
@@ -206,8 +210,9 @@ mod tests {
     }
 
     #[test]
-    fn lamp_and_camera_may_change_places_over_rough_diffuse_facets() {
-        // The lobe of the rough boundary is reciprocal anyhow; what comes from the body must be as well.
+    fn lamp_and_camera_are_interchangeable_over_rough_diffuse_facets() {
+        // The lobe of the rough boundary is reciprocal by itself; the light from the body must be
+        // reciprocal too.
         let facet =
             "shape = \"smith\"\nalpha_u = 0.4\nalpha_v = 0.4\nbelow = { n = 1.5, rho_d = 0.6 }";
         let [there, back] = both_ways(facet);

@@ -123,12 +123,12 @@ describe('a lab’s day', () => {
     await form.getByLabel('Model').selectOption('traced');
     await form.getByLabel('File of heights').setInputFiles({ name: 'map.csv', mimeType: 'text/csv', buffer: Buffer.from('0,1,2\n0,1,2\n0,1,2\n') });
     await form.getByRole('button', { name: /^Fit/ }).click();
-    await form.getByRole('alert').filter({ hasText: 'map.csv: the file does not say how far its samples are apart' }).waitFor();
+    await form.getByRole('alert').filter({ hasText: 'map.csv: the file does not state the spacing of its samples' }).waitFor();
     await form.getByLabel('Samples apart, µm').fill('1');
     await form.getByLabel('µm per unit of height').fill('1');
     await form.getByRole('button', { name: /^Fit/ }).click();
     // Both units came through: what is wrong now is the map itself.
-    await form.getByRole('alert').filter({ hasText: /map\.csv: (?!the file does not say)/ }).waitFor();
+    await form.getByRole('alert').filter({ hasText: /map\.csv: (?!the file does not state)/ }).waitFor();
   });
 
   it('stops at once by the big button, in the middle of a scan, and goes on', async () => {

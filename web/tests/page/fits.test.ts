@@ -223,11 +223,11 @@ describe('a fit on the sample’s own shape', () => {
   });
 
   it('says beside the file what the daemon has against it, and fits without it', async () => {
-    daemon.refusals.set('POST /fits', { status: 422, body: { code: 'invalid-value', title: 'a value makes no sense', detail: 'shape: map.csv: the file does not say how far its samples are apart: add --pitch-um (pitch_um)' } });
+    daemon.refusals.set('POST /fits', { status: 422, body: { code: 'invalid-value', title: 'a value makes no sense', detail: 'shape: map.csv: the file does not state the spacing of its samples: add --pitch-um (pitch_um)' } });
     const form = page.getByTestId('fit-form');
     await form.getByLabel('File of heights').setInputFiles(map);
     await form.getByRole('button', { name: 'Fit', exact: true }).click();
-    await form.getByRole('alert').filter({ hasText: 'map.csv: the file does not say how far its samples are apart' }).waitFor();
+    await form.getByRole('alert').filter({ hasText: 'map.csv: the file does not state the spacing of its samples' }).waitFor();
     daemon.refusals.clear();
     await form.getByRole('button', { name: 'Without' }).click();
     expect(await form.getByRole('alert').count()).toBe(0);

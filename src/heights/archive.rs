@@ -1,4 +1,5 @@
-//! The archive of an X3P as programs pack it: at top or in a folder, with either slash, in letters of either size.
+//! The zip archive of an X3P file: main.xml at the top or in a folder, either kind of slash, upper
+//! or lower case.
 
 use std::io::{Cursor, Read};
 
@@ -8,20 +9,20 @@ use zip::ZipArchive;
 use crate::wording::hex;
 
 /// An opened archive.
-pub(super) struct Packed<'c> {
+pub(super) struct Archive<'c> {
     archive: ZipArchive<Cursor<&'c [u8]>>,
-    /// Number and path of each file, with plain slashes.
+    /// Index and path of each file, with forward slashes.
     members: Vec<(usize, String)>,
-    /// What stands before the names of main.xml and all that it links to.
+    /// The path before the names of main.xml and its linked files.
     folder: String,
     main: usize,
 }
 
-impl<'c> Packed<'c> {
+impl<'c> Archive<'c> {
     /// Opens an archive and finds its main.xml.
     pub fn open(content: &'c [u8]) -> Result<Self, String> {
         let archive = ZipArchive::new(Cursor::new(content))
-            .map_err(|e| format!("an X3P file is a zip archive, and this is not one: {e}"))?;
+            .map_err(|e| format!("an X3P file is a zip archive, but this file is not: {e}"))?;
         let name = |n: usize| archive.name_for_index(n)?.ok().map(|name| plain(&name));
         let members: Vec<(usize, String)> = (0..archive.len())
             .filter_map(|n| Some((n, name(n)?)))
@@ -36,18 +37,19 @@ impl<'c> Packed<'c> {
         let (main, folder) = match &mains[..] {
             [] => {
                 return Err(
-                    "the archive holds no main.xml, neither at top nor in a folder: it is no X3P (ISO 25178-72)".to_owned(),
+                    "the archive contains no main.xml: it is not an X3P file (ISO 25178-72)"
+                        .to_owned(),
                 );
             }
             [a, b, ..] if depth(&a.1) == depth(&b.1) => {
                 return Err(format!(
-                    "the archive holds more than one map ({}, {}): pack each in a file of its own",
+                    "the archive contains more than one map ({}, {}): pack each map in a separate file",
                     a.1, b.1
                 ));
             }
             [(number, path), ..] => (*number, path[..path.len() - last_of(path).len()].to_owned()),
         };
-        Ok(Packed {
+        Ok(Archive {
             archive,
             members,
             folder,
@@ -55,22 +57,22 @@ impl<'c> Packed<'c> {
         })
     }
 
-    /// The content of main.xml.
+    /// Reads main.xml.
     pub fn main(&mut self, limit: u64) -> Result<Vec<u8>, String> {
         self.content(self.main, "main.xml", limit)
     }
 
-    /// The content of a file that main.xml links to.
+    /// Reads a file that main.xml links to.
     pub fn linked(&mut self, link: &str, limit: u64) -> Result<Vec<u8>, String> {
         let number = self.find(link).ok_or_else(|| {
             format!(
-                "the archive's member {link}: main.xml links to it, and it is not in the archive"
+                "the archive's member {link}: main.xml links to it, but it is not in the archive"
             )
         })?;
         self.content(number, link, limit)
     }
 
-    /// The number of a linked file: beside main.xml, at top, or the only one of that name.
+    /// The index of a linked file: beside main.xml, at the top, or the only one of that name.
     fn find(&self, link: &str) -> Option<usize> {
         let link = plain(&link.replace("%20", " "));
         let beside = format!("{}{link}", self.folder);
@@ -93,21 +95,21 @@ impl<'c> Packed<'c> {
     }
 
     fn content(&mut self, number: usize, name: &str, limit: u64) -> Result<Vec<u8>, String> {
-        let told = |e: &dyn std::fmt::Display| format!("the archive's member {name}: {e}");
-        let file = self.archive.by_index(number).map_err(|e| told(&e))?;
+        let message = |e: &dyn std::fmt::Display| format!("the archive's member {name}: {e}");
+        let file = self.archive.by_index(number).map_err(|e| message(&e))?;
         let mut bytes = Vec::new();
         file.take(limit + 1)
             .read_to_end(&mut bytes)
-            .map_err(|e| told(&e))?;
+            .map_err(|e| message(&e))?;
         match bytes.len() as u64 > limit {
             true => Err(format!("the archive's member {name} is too large")),
             false => Ok(bytes),
         }
     }
 
-    /// What is wrong with main.xml by the checksum beside it, if there is one.
+    /// Returns a note if main.xml does not match the checksum beside it.
     pub fn main_note(&mut self, main: &[u8], link: Option<&str>) -> Option<String> {
-        /// Longest file of a checksum, bytes.
+        /// Largest size of a checksum file, in bytes.
         const LIMIT: u64 = 4096;
         let number = self.find(link.unwrap_or("md5checksum.hex"))?;
         let stated = self.content(number, "md5checksum.hex", LIMIT).ok()?;
@@ -115,12 +117,13 @@ impl<'c> Packed<'c> {
             "main.xml",
             main,
             &String::from_utf8_lossy(&stated),
-            "the archive's file of checksums",
+            "the archive's checksum file",
         )
     }
 }
 
-/// That a content is not the one that a checksum was made of; nothing where none is stated, or only zeros.
+/// Returns a note if a content does not match its checksum; `None` if no checksum, or only zeros,
+/// is stated.
 pub(super) fn note(name: &str, content: &[u8], stated: &str, by: &str) -> Option<String> {
     let is_digest = |word: &&str| word.len() == 32 && word.chars().all(|c| c.is_ascii_hexdigit());
     let words = stated.split(|c: char| !c.is_ascii_alphanumeric());
@@ -129,13 +132,13 @@ pub(super) fn note(name: &str, content: &[u8], stated: &str, by: &str) -> Option
     let is_same = hex(&Md5::digest(content)).eq_ignore_ascii_case(stated);
     (!is_left_open && !is_same).then(|| {
         format!(
-            "the MD5 checksum of {name} is not the one that {by} states: it was changed after the file was written, or \
-             belongs to another map; export the file anew where that is not meant"
+            "{name} does not match the MD5 checksum in {by}: it was changed after the file was written, or \
+             belongs to another map; export the file again unless this is intended"
         )
     })
 }
 
-/// A path with plain slashes and nothing before its first name.
+/// A path with forward slashes and without a prefix before its first name.
 fn plain(path: &str) -> String {
     let path = path.trim().replace('\\', "/");
     let mut rest = path.as_str();
@@ -145,7 +148,7 @@ fn plain(path: &str) -> String {
     rest.to_owned()
 }
 
-/// Whether a member is a folder, or what a system keeps of its own.
+/// Whether a member is a folder or a file of the operating system.
 fn is_aside(path: &str) -> bool {
     path.ends_with('/')
         || path
@@ -185,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn an_archive_is_looked_into_however_it_was_packed() {
+    fn an_archive_is_read_in_all_forms_of_packing() {
         let (xml, heights) = (XML.as_bytes(), heights());
         for names in [
             ["main.xml", "bindata/data.bin"],
@@ -246,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn checksums_that_are_not_right_are_told() {
+    fn wrong_checksums_are_noted() {
         // `printf abc | md5sum`
         let of_abc = "900150983cd24fb0d6963f7d28e17f72";
         assert_eq!(super::note("a", b"abc", of_abc, "b"), None);

@@ -1,12 +1,12 @@
-//! The units that a table's columns have by their names.
+//! Units stated in the names of a table's columns.
 //!
-//! Call [`of_names`] for a row of column names, [`of_points`] for that of points x, y, z and [`of_units`] for a row of units
-//! alone.
+//! Call [`of_names`] for a row of column names, [`of_points`] for the names of points x, y, z, and
+//! [`of_units`] for a row that contains only units.
 
 use std::borrow::Cow;
 
-/// Micrometres per unit; the third and the fourth are two characters that look alike, the fifth is one of them read in a
-/// wrong encoding.
+/// Micrometres per unit. The third and fourth are two characters that look alike; the fifth is one
+/// of them read in a wrong encoding.
 const KNOWN: [(&str, f64); 21] = [
     ("nm", 1e-3),
     ("nanometer", 1e-3),
@@ -30,13 +30,13 @@ const KNOWN: [(&str, f64); 21] = [
     ("meters", 1e6),
     ("metres", 1e6),
 ];
-/// Words at the end of a name that are units as well, but none of ours.
+/// Unsupported units that occur at the end of a name.
 const FOREIGN: [&str; 18] = [
     "pm", "å", "angstrom", "cm", "dm", "km", "in", "inch", "inches", "mil", "mils", "thou", "ft",
     "px", "pixel", "pixels", "deg", "rad",
 ];
 
-/// The unit that a column's name states, µm: `v_mm`, `z [nm]`, `height (µm)`, `z / nm`, `z in nm`.
+/// The unit stated in a column's name, µm: `v_mm`, `z [nm]`, `height (µm)`, `z / nm`, `z in nm`.
 fn of_name(name: &str) -> Result<Option<f64>, String> {
     let name = name.trim();
     let marked = [("[", "]"), ("(", ")"), ("/", ""), (" in ", "")];
@@ -48,7 +48,7 @@ fn of_name(name: &str) -> Result<Option<f64>, String> {
     }
     let mut words = name.split(|c: char| !c.is_alphanumeric());
     let last = words.next_back().unwrap_or_default();
-    // A name of one word is no unit, whatever it is.
+    // A name of a single word is not a unit.
     if words.next().is_none() {
         return Ok(None);
     }
@@ -58,30 +58,30 @@ fn of_name(name: &str) -> Result<Option<f64>, String> {
     Ok(known(last))
 }
 
-/// Micrometres per unit of ours.
+/// Micrometres per supported unit.
 pub(super) fn known(word: &str) -> Option<f64> {
     let word = word.trim().to_lowercase();
     KNOWN.iter().find(|k| k.0 == word).map(|k| k.1)
 }
 
-/// Whether a word is a unit, but none of ours.
+/// Whether a word is an unsupported unit.
 pub(super) fn is_foreign(word: &str) -> bool {
     FOREIGN.contains(&word.trim().to_lowercase().as_str())
 }
 
-/// That a unit is none of ours.
+/// The message about an unsupported unit.
 pub(super) fn unknown(word: &str) -> String {
     format!(
-        "the unit {:?} is not known: give lengths and heights in nm, µm (um), mm or m",
+        "unknown unit {:?}: give lengths and heights in nm, µm (um), mm or m",
         word.trim()
     )
 }
 
-/// The units, µm, in a row of two column names; `None` where no column states one, and of other rows: of a map units are
-/// said elsewhere.
+/// The units, µm, in a row of two column names; `None` if no column states one, and for other rows:
+/// the units of a map are stated elsewhere.
 ///
 /// # Errors
-/// A unit that is none of ours, or one that only one column states.
+/// A unit is unsupported, or only one column states a unit.
 pub(super) fn of_names(names: &[Cow<'_, str>]) -> Result<Option<[f64; 2]>, String> {
     let [a, b] = names else {
         return Ok(None);
@@ -89,14 +89,17 @@ pub(super) fn of_names(names: &[Cow<'_, str>]) -> Result<Option<[f64; 2]>, Strin
     match (of_name(a)?, of_name(b)?) {
         (None, None) => Ok(None),
         (Some(a), Some(b)) => Ok(Some([a, b])),
-        _ => Err("one of two columns states its unit: state both, such as v_mm, z_um".to_owned()),
+        _ => Err(
+            "only one of two columns states its unit: state both, for example v_mm, z_um"
+                .to_owned(),
+        ),
     }
 }
 
-/// The units, µm, in the names of points' columns x, y, z; `None` of a column that states none.
+/// The units, µm, in the column names of points x, y, z; `None` for a column that states none.
 ///
 /// # Errors
-/// A unit that is none of ours, or places whose two columns do not state one both.
+/// A unit is unsupported, or only one of the columns x and y states a unit.
 pub(super) fn of_points(names: &[String]) -> Result<[Option<f64>; 3], String> {
     let [x, y, z] = names else {
         return Ok([None; 3]);
@@ -104,14 +107,14 @@ pub(super) fn of_points(names: &[String]) -> Result<[Option<f64>; 3], String> {
     let units = [of_name(x)?, of_name(y)?, of_name(z)?];
     match units {
         [Some(_), None, _] | [None, Some(_), _] => Err(
-            "one of the columns x and y states its unit: state both, such as x_um, y_um, z_nm"
+            "only one of the columns x and y states its unit: state both, for example x_um, y_um, z_nm"
                 .to_owned(),
         ),
         units => Ok(units),
     }
 }
 
-/// The unit that a word is and nothing else, bare or in brackets.
+/// The unit in a word that contains only a unit, bare or in brackets.
 pub(super) fn unit_alone(word: &str) -> Option<&str> {
     let inner = |a, b| word.strip_prefix(a).and_then(|w| w.strip_suffix(b));
     let is_unit = |w: &str| known(w).is_some() || is_foreign(w);
@@ -119,10 +122,11 @@ pub(super) fn unit_alone(word: &str) -> Option<&str> {
     inner.or_else(|| is_unit(word).then_some(word))
 }
 
-/// The units, µm, in a row of two that holds nothing else, bare or in brackets; `None` where it is no such row.
+/// The units, µm, in a row of two that contains only units, bare or in brackets; `None` for other
+/// rows.
 ///
 /// # Errors
-/// A unit that is none of ours.
+/// A unit is unsupported.
 pub(super) fn of_units(words: &[Cow<'_, str>]) -> Result<Option<[f64; 2]>, String> {
     let [a, b] = words else {
         return Ok(None);
@@ -134,10 +138,10 @@ pub(super) fn of_units(words: &[Cow<'_, str>]) -> Result<Option<[f64; 2]>, Strin
     Ok(Some([known(a)?, known(b)?]))
 }
 
-/// The units in a comment above the numbers that names two columns and nothing else.
+/// The units in a comment above the numbers that consists of two column names.
 ///
 /// # Errors
-/// Where both columns state one and not both are ours.
+/// Both columns state a unit, and at least one is unsupported.
 pub(super) fn of_comment(names: &[Cow<'_, str>]) -> Result<Option<[f64; 2]>, String> {
     let short = |n: &Cow<'_, str>| n.split(|c: char| !c.is_alphanumeric()).count() <= 4;
     let [a, b] = names else {
@@ -163,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn a_profile_comes_in_micrometres_whatever_units_its_names_state() {
+    fn a_profile_is_converted_to_micrometres_from_the_units_in_its_names() {
         for head in [
             "v_mm,z_nm",
             "v [mm],z [nm]",
@@ -192,7 +196,7 @@ mod tests {
                 "{head}"
             );
         }
-        // Of a map the units are said elsewhere, whatever its names are.
+        // The units of a map are stated elsewhere, whatever its column names.
         for head in ["a_nm,b_nm,c_nm", "x_px,y_px,z_px", "px,px,px"] {
             assert_eq!(
                 heights(&format!("{head}\n1,2,3\n")).unwrap(),
@@ -203,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn units_that_are_unknown_or_stated_by_half_are_refused() {
+    fn unknown_units_and_units_of_one_column_are_refused() {
         for (head, word) in [
             ("v_inch,z_inch", "inch"),
             ("v [furlong],z [mm]", "furlong"),
