@@ -83,7 +83,7 @@ fn absorbing_layers_agree_with_the_exact_recursion_within_the_stated_cost() {
             let text = format!("n_top = {above:?}\n{}", scene(theta_deg, &interfaces, run));
             let totals = traced(&text);
             let prepared = super::prepared(&text);
-            let told: f64 = prepared
+            let stated: f64 = prepared
                 .left_out
                 .iter()
                 .filter(|l| l.what.contains("interference next to"))
@@ -100,7 +100,7 @@ fn absorbing_layers_agree_with_the_exact_recursion_within_the_stated_cost() {
                 let off = (found.value - expected).abs();
                 let beyond = deviation(&found, expected);
                 assert!(
-                    off < told || beyond < 5.0,
+                    off < stated || beyond < 5.0,
                     "{above} {layers:?} {theta_deg}° m{i}: {found:?}, not {expected}; {stated} was stated"
                 );
                 deviations.push(off);

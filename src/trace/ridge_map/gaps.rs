@@ -137,8 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn unmeasured_walls_have_their_expected_width_and_the_steepest_is_the_alternative()
-     {
+    fn unmeasured_walls_have_their_expected_width_and_the_steepest_is_the_alternative() {
         let sawtooth = Profile::sawtooth(10f64.to_radians(), 60.0, 0.0).unwrap();
         // sin² of the angle is the wall's fraction of a ridge.
         let wall = sawtooth.period() * 10f64.to_radians().sin().powi(2);
