@@ -468,11 +468,11 @@ fn what_is_read_as_bird_is_valid_by_birds_own_schema() {
     assert_eq!(read.observations.len(), 2);
     // The schema is looked at in earnest, and what it refuses is refused.
     for (path, bad, words) in [
-        ("/data/BRDF/unit", json!("sr"), "data.BRDF.unit is `sr`"),
+        ("/data/BRDF/unit", json!("sr"), "got `sr`"),
         (
             "/data/theta_i/unit",
             json!("grad"),
-            "data.theta_i.unit is `grad`",
+            "got `grad`",
         ),
         (
             "/data/theta_i/values",
@@ -501,7 +501,7 @@ fn what_is_read_as_bird_is_valid_by_birds_own_schema() {
         &short.to_string(),
     );
     assert!(
-        said.contains("data.phi_r has 1 value and data.BRDF 2"),
+        said.contains("data.phi_r has 1 value but data.BRDF has 2"),
         "{said}"
     );
     let mut polarised = good;
