@@ -24,7 +24,7 @@ use crate::fit::told::{agree, held, known};
 use crate::fit::traced::TracingOptions;
 use crate::fit::{FitOptions, FitReport, Loss, Told, VariantChoice};
 use crate::forecast::Forecast;
-use crate::heights::ridges::Shape;
+use crate::heights::ridges::MeasuredShape;
 use crate::job::{JobId, JobKind};
 use crate::material::Material;
 use crate::observation::ObservationSet;
@@ -157,7 +157,7 @@ impl FitRequest {
     pub(super) fn options(
         &self,
         material: &Material,
-        shape: Option<Shape>,
+        shape: Option<MeasuredShape>,
     ) -> Result<AnalysisOptions, LabError> {
         let standard = FitOptions::default();
         Ok(AnalysisOptions {

@@ -469,11 +469,7 @@ fn what_is_read_as_bird_is_valid_by_birds_own_schema() {
     // The schema is looked at in earnest, and what it refuses is refused.
     for (path, bad, words) in [
         ("/data/BRDF/unit", json!("sr"), "got `sr`"),
-        (
-            "/data/theta_i/unit",
-            json!("grad"),
-            "got `grad`",
-        ),
+        ("/data/theta_i/unit", json!("grad"), "got `grad`"),
         (
             "/data/theta_i/values",
             json!(["a", 0.1]),
