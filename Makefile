@@ -3,7 +3,7 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 
 help:  ## What can be made
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 16
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 20
 
 demo: setup-build web  ## A simulated rig scans a sample, fits it, and the page shows it (Ctrl-C ends)
 	cargo run --release --quiet -- demo $(ARGS)
@@ -11,8 +11,14 @@ demo: setup-build web  ## A simulated rig scans a sample, fits it, and the page 
 build: setup-build web  ## The program with its page, in target/release/ridged
 	cargo build --release
 
-test: setup-build setup-test web check test-rust test-vendor test-web  ## Everything that must hold
+# The tests of the page that need no program run beside the build of the Rust tests.
+test: setup-build setup-test web  ## Everything that must hold
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target build-tests test-page
+	@$(MAKE) --no-print-directory test-rust test-vendor test-e2e
 	@echo "all tests passed"
+
+build-tests: check
+	cargo test --no-run
 
 check: web  ## Formatting and lints
 	cargo fmt --check
@@ -21,13 +27,21 @@ check: web  ## Formatting and lints
 test-rust: web  ## Rust tests
 	cargo test
 
+test-times: web  ## The slowest Rust tests
+	@tools/test_times.py $(ARGS)
+
 test-vendor: web  ## The stage maker's own client against the simulated controller, GTC against the budgets
 	cargo test --no-run
 	tests/vendor/run target/debug/ridged
 
-test-web: web  ## The page's unit tests, and the page in a real browser against the real daemon
+test-web: test-page test-e2e  ## The page's unit tests, and the page in a real browser against the real daemon
+
+test-page: web
+	cd web && npm run check && npm test && npm run page-test
+
+test-e2e: web
 	cargo test --no-run
-	cd web && npm run check && npm test && npm run page-test && RIDGED_BIN=../target/debug/ridged npm run e2e
+	cd web && RIDGED_BIN=../target/debug/ridged npm run e2e
 
 web: web/dist/index.html  ## The page, built into web/dist
 
@@ -60,4 +74,4 @@ setup-build:
 setup-test:
 	@tools/setup build browser python
 
-.PHONY: bench-peers bench-peers-fit bench-peers-trace help demo build test check test-rust test-vendor test-web web screenshot setup-build setup-test
+.PHONY: bench-peers bench-peers-fit bench-peers-trace help demo build build-tests test check test-e2e test-page test-rust test-times test-vendor test-web web screenshot setup-build setup-test
